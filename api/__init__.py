@@ -1,0 +1,51 @@
+"""moteslam: simulate a robot in a corridor, run particle-filter SLAM on what it saw, score the estimate.
+
+The public names below are imported when first used, so that ``import moteslam`` costs nothing.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from importlib.metadata import PackageNotFoundError, version
+from typing import Any
+
+try:
+    __version__ = version("moteslam")
+except PackageNotFoundError:  # pragma: no cover - a source tree that was never installed
+    __version__ = "0+unknown"
+
+_WHERE = {
+    "BackendError": "moteslam.errors",
+    "ConfigError": "moteslam.errors",
+    "InputError": "moteslam.errors",
+    "MoteslamError": "moteslam.errors",
+    "OutputError": "moteslam.errors",
+    "Platform": "moteslam.robot.platform",
+    "Recording": "moteslam.robot.recording",
+    "Trajectory": "moteslam.robot.trajectory",
+    "open_recording": "moteslam.robot.formats",
+    "Scenario": "moteslam.sim.scenario",
+    "Simulation": "moteslam.sim.simulate",
+    "load_scenario": "moteslam.sim.scenario",
+    "simulate": "moteslam.sim.simulate",
+    "Estimate": "moteslam.slam.estimate",
+    "SlamConfig": "moteslam.slam.config",
+    "load_preset": "moteslam.slam.config",
+    "run_slam": "moteslam.slam.run",
+    "absolute_trajectory_error": "moteslam.eval.metrics.ate",
+    "relative_pose_error": "moteslam.eval.metrics.rpe",
+}
+
+__all__ = ["__version__", *_WHERE]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _WHERE:
+        raise AttributeError(f"module 'moteslam' has no attribute {name!r}")
+    value = getattr(import_module(_WHERE[name]), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

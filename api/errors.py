@@ -1,0 +1,52 @@
+"""The exceptions of moteslam: each names the file, the field and what was expected.
+
+The command line prints ``str(error)`` as one line and exits with code 2; no traceback reaches a user.
+"""
+
+from __future__ import annotations
+
+from os import PathLike
+
+
+class MoteslamError(Exception):
+    """What went wrong with an input, told in one line.
+
+    Args:
+        problem: what was found and what was expected, without a full stop.
+        file: the file or folder concerned, if there is one.
+        field: the field, array, key or option within it, if there is one.
+        line: the line of a text file, counted from 1.
+    """
+
+    def __init__(
+        self,
+        problem: str,
+        *,
+        file: str | PathLike[str] | None = None,
+        field: str | None = None,
+        line: int | None = None,
+    ) -> None:
+        self.problem = problem
+        self.file = None if file is None else str(file)
+        self.field = field
+        self.line = line
+        place = self.file or ""
+        if line is not None:
+            place += f":{line}" if place else f"line {line}"
+        super().__init__(": ".join(part for part in (place, field, problem) if part))
+
+
+class InputError(MoteslamError):
+    """A recording, map, trajectory or folder that cannot be read as what it should be."""
+
+
+class ConfigError(MoteslamError):
+    """A configuration, scenario or platform with an unknown key or a value out of bounds."""
+
+
+class OutputError(MoteslamError):
+    """A result that cannot be written: the folder exists, is read-only, or the disk is full."""
+
+
+class BackendError(MoteslamError):
+    """Taichi cannot run on the backend asked for."""

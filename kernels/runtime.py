@@ -1,0 +1,171 @@
+"""The one seam to Taichi: quiet, offline, initialised once a process.
+
+Every kernel file imports ``ti`` from here, so that another implementation of Taichi is a change of one line.
+Importing this module imports Taichi (0.3 s); nothing that must start at once does so before it needs a kernel.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import os
+import sys
+import tempfile
+import time
+import warnings
+from dataclasses import dataclass
+from pathlib import Path
+
+from moteslam.errors import BackendError
+
+# before the import: no banner, no query of the newest version over the network
+os.environ["ENABLE_TAICHI_HEADER_PRINT"] = "0"
+os.environ["TI_SKIP_VERSION_CHECK"] = "ON"
+with warnings.catch_warnings():
+    warnings.simplefilter("ignore")
+    import taichi as ti
+
+__all__ = ["ARCHES", "Runtime", "init", "runtime", "ti"]
+
+ARCHES = ("cpu", "cuda")
+
+
+@dataclass(frozen=True)
+class Runtime:
+    """What Taichi was initialised with: backend, threads (of the CPU backend), bounds checks, cache folder."""
+
+    arch: str
+    threads: int
+    debug: bool
+    cache: Path | None
+
+
+_runtime: Runtime | None = None
+
+
+def runtime() -> Runtime:
+    """The runtime of this process, initialised with the defaults if it was not yet."""
+    return _runtime if _runtime is not None else init()
+
+
+def init(arch: str = "cpu", threads: int | None = None, *, debug: bool = False) -> Runtime:
+    """Initialise Taichi for this process; a second call with the same settings does nothing.
+
+    Args:
+        arch: ``cpu`` or ``cuda``.
+        threads: of the CPU backend; all the cores this process may use by default.
+        debug: bounds checks in every kernel (slow), for tests.
+
+    Raises:
+        BackendError: the backend is not there, the settings are out of bounds, or Taichi already runs with others
+            (initialising twice would leave every array of the first dangling).
+    """
+    global _runtime
+    if arch not in ARCHES:
+        raise BackendError(f"backend {arch!r}, expected one of {', '.join(ARCHES)}", field="arch")
+    available = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    if threads is not None and not 1 <= threads <= 1024:
+        raise BackendError(f"{threads} threads, expected 1 to 1024", field="threads")
+    wanted = (arch, threads or (_runtime.threads if _runtime else available), debug)
+    if _runtime is not None:
+        if (_runtime.arch, _runtime.threads, _runtime.debug) != wanted:
+            raise BackendError(
+                f"Taichi runs on {_runtime.arch} with {_runtime.threads} threads in this process, "
+                f"expected the same settings again, not {wanted[0]} with {wanted[1]}; start a new process"
+            )
+        return _runtime
+    if arch == "cuda" and not _cuda_present():
+        raise BackendError("no NVIDIA driver (libcuda) on this machine, expected a CUDA device", field="arch")
+    cache = _cache_folder()
+    if cache is not None:
+        _remove_stale_lock(cache)
+    said = io.StringIO()
+    try:
+        with contextlib.redirect_stdout(said):  # "[Taichi] Starting on arch=" is a bare print
+            ti.init(
+                arch=ti.cuda if arch == "cuda" else ti.cpu,
+                cpu_max_num_threads=wanted[1],
+                debug=debug,
+                fast_math=False,  # the same bits whatever the vectoriser does; integer kernels lose nothing
+                default_fp=ti.f32,
+                default_ip=ti.i32,
+                log_level=ti.ERROR,
+                offline_cache=cache is not None and not debug,
+                offline_cache_file_path=str(cache or ""),
+                enable_fallback=False,
+            )
+    except Exception as error:  # Taichi raises bare RuntimeErrors of several kinds here
+        raise BackendError(f"Taichi cannot start on {arch}: {str(error).splitlines()[0]}", field="arch") from error
+    _runtime = Runtime(arch, wanted[1], debug, cache)
+    return _runtime
+
+
+def _cuda_present() -> bool:
+    import ctypes.util
+
+    names = ("nvcuda.dll",) if sys.platform == "win32" else ("libcuda.so.1", ctypes.util.find_library("cuda"))
+    for name in filter(None, names):
+        with contextlib.suppress(OSError):
+            driver = ctypes.CDLL(name)
+            count = ctypes.c_int(0)
+            return driver.cuInit(0) == 0 and driver.cuDeviceGetCount(ctypes.byref(count)) == 0 and count.value > 0
+    return False
+
+
+def _cache_folder() -> Path | None:
+    """The user's own folder for compiled kernels (mode 0700), or None where none can be had."""
+    if os.environ.get("MOTESLAM_CACHE"):
+        root = Path(os.environ["MOTESLAM_CACHE"])
+    elif os.environ.get("XDG_CACHE_HOME"):
+        root = Path(os.environ["XDG_CACHE_HOME"]) / "moteslam"
+    else:
+        try:
+            root = Path.home() / ".cache" / "moteslam"
+        except RuntimeError:
+            return None
+    folder = root / f"taichi-{'.'.join(map(str, ti.__version__))}"
+    try:
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        status = folder.stat()
+        if hasattr(os, "getuid") and status.st_uid != os.getuid():
+            return None  # another user's folder could hold another user's code
+        if status.st_mode & 0o077:
+            folder.chmod(0o700)
+        with tempfile.TemporaryFile(dir=folder):
+            return folder
+    except OSError:
+        return None
+
+
+def _remove_stale_lock(cache: Path) -> None:
+    """Remove Taichi's cache lock if the process that took it was killed; with it in place nothing is cached again.
+
+    Taichi holds the lock for moments, while it reads or writes its metadata, and does not write who holds it. So
+    every process of ours notes its number in the folder, and a lock is stale when it is older than a few seconds and
+    no other process of that list is alive.
+    """
+    owners = cache / "owners"
+    with contextlib.suppress(OSError):
+        owners.mkdir(mode=0o700, exist_ok=True)
+        for owner in owners.iterdir():
+            if not owner.name.isdigit() or not _alive(int(owner.name)):
+                owner.unlink(missing_ok=True)
+        others = [owner for owner in owners.iterdir() if owner.name != str(os.getpid())]
+        for lock in cache.rglob("ticache.lock"):
+            if not others and time.time() - lock.stat().st_mtime > 5:
+                lock.unlink(missing_ok=True)
+        mine = owners / str(os.getpid())
+        mine.touch()
+        import atexit
+
+        atexit.register(mine.unlink, missing_ok=True)
+
+
+def _alive(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    except OSError:
+        return True
+    return True

@@ -1,0 +1,87 @@
+"""Writing files so that nothing is ever half written: a temporary name beside the target, then a rename."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from os import PathLike
+from pathlib import Path
+from typing import IO
+
+from moteslam.errors import OutputError
+
+
+def write_atomically(path: str | PathLike[str], content: str | bytes | Callable[[IO[bytes]], None]) -> None:
+    """Write a file whole or not at all.
+
+    Args:
+        path: the target; its folder must exist.
+        content: text (UTF-8), bytes, or a function that writes into the open binary file.
+
+    Raises:
+        OutputError: the folder is missing or read-only, or the disk is full. Nothing is left behind.
+    """
+    path = Path(path)
+    temporary = None
+    try:
+        handle, temporary = tempfile.mkstemp(prefix=".moteslam-", dir=path.parent)
+        with os.fdopen(handle, "wb") as file:
+            if callable(content):
+                content(file)
+            else:
+                file.write(content.encode() if isinstance(content, str) else content)
+        Path(temporary).chmod(0o666 & ~_umask())
+        Path(temporary).replace(path)
+    except OSError as error:
+        raise OutputError(f"cannot be written: {error.strerror or error}", file=path) from error
+    finally:
+        if temporary is not None:
+            Path(temporary).unlink(missing_ok=True)
+
+
+@contextmanager
+def result_folder(path: str | PathLike[str], *, force: bool = False) -> Iterator[Path]:
+    """A new folder that appears whole under its name when the block ends, and not at all when it fails.
+
+    The block writes into a temporary sibling. An existing folder is refused unless ``force``, and then replaced
+    whole at the end; an interrupt or error leaves it as it was.
+
+    Raises:
+        OutputError: the target exists (without ``force``), is not a folder, or cannot be written.
+    """
+    path = Path(path)
+    if path.is_symlink() or path.exists():
+        if not force:
+            raise OutputError("exists already; name a new folder, or replace it with --force", file=path)
+        if path.is_symlink() or not path.is_dir():
+            raise OutputError("is not a folder, expected a folder to replace", file=path)
+    target = path.absolute()
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        work = Path(tempfile.mkdtemp(prefix=f".{target.name}.", suffix=".partial", dir=target.parent))
+        work.chmod(0o777 & ~_umask())
+    except OSError as error:
+        raise OutputError(f"cannot be made: {error.strerror or error}", file=path) from error
+    try:
+        try:
+            yield work
+            old = None
+            if target.exists():
+                old = work.with_suffix(".old")
+                target.rename(old)
+            work.rename(target)
+            if old is not None:
+                shutil.rmtree(old)
+        except OSError as error:
+            raise OutputError(f"cannot be written: {error.strerror or error}", file=path) from error
+    finally:
+        shutil.rmtree(work, ignore_errors=True)
+
+
+def _umask() -> int:
+    mask = os.umask(0o022)
+    os.umask(mask)
+    return mask

@@ -1,0 +1,125 @@
+"""The robot's body: wheels, lidar, IMU and camera, where they are and what they measure.
+
+A platform comes with a recording (its file, the log's own parameters, or the built-in robot of the format) and can
+be overridden by a ``platform.toml``. Facts and sources: ``docs/formats.md``.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from os import PathLike
+from pathlib import Path
+from typing import Annotated
+
+import tomli_w
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
+
+from moteslam.errors import ConfigError
+from moteslam.robot.files import write_atomically
+
+Positive = Annotated[FiniteFloat, Field(gt=0)]
+
+
+class Part(BaseModel):
+    """A frozen description that refuses unknown keys, as every configuration here does."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class Wheels(Part):
+    """The differential drive of two or four wheels.
+
+    Attributes:
+        metres_per_count: travel of a wheel for one encoder count [m].
+        diameter: of a wheel [m].
+        wheel_base: distance between the axles [m].
+        track: distance between the left and right wheel centres [m].
+        effective_track: the track that explains how it turns [m]; a skid-steered robot's is larger than the drawn.
+    """
+
+    metres_per_count: Positive = 0.0022
+    diameter: Positive = 0.254
+    wheel_base: Positive = 0.3302
+    track: Positive = 0.31115
+    effective_track: Positive = 0.73
+
+
+class LidarMount(Part):
+    """Where the lidar is, in the robot's frame: x forward [m], y left [m], yaw [rad], height z [m]."""
+
+    x: FiniteFloat = 0.0
+    y: FiniteFloat = 0.0
+    yaw: FiniteFloat = 0.0
+    z: FiniteFloat = 0.0
+
+    @property
+    def pose(self) -> tuple[float, float, float]:
+        """The mount as a planar pose (x, y, yaw)."""
+        return (self.x, self.y, self.yaw)
+
+
+class CameraMount(Part):
+    """Where the RGB-D camera is: position [m], roll, pitch (down positive) and yaw [rad], in the robot's frame."""
+
+    x: FiniteFloat = 0.18
+    y: FiniteFloat = 0.005
+    z: FiniteFloat = 0.36
+    roll: FiniteFloat = 0.0
+    pitch: FiniteFloat = 0.36
+    yaw: FiniteFloat = 0.021
+
+
+class Platform(Part):
+    """A robot: its name, body and sensors.
+
+    Attributes:
+        name: what the robot is called.
+        length, width: of the body [m].
+        wheels: None where only odometry poses are known.
+        lidar: where it stands.
+        camera: None where there is none.
+    """
+
+    name: str = "robot"
+    length: Positive = 0.5
+    width: Positive = 0.5
+    wheels: Wheels | None = None
+    lidar: LidarMount = LidarMount()
+    camera: CameraMount | None = None
+
+
+UCSD = Platform(
+    name="ucsd",
+    length=0.5842,
+    width=0.47625,
+    wheels=Wheels(),
+    lidar=LidarMount(x=0.30183 - 0.3302 / 2, z=0.51435),
+    camera=CameraMount(),
+)
+"""The robot of the UCSD sequences, its origin midway between the axles."""
+
+CARMEN = Platform(name="carmen")
+"""A robot of which a CARMEN log tells nothing else: odometry poses and a lidar at its centre."""
+
+
+def read_platform(path: str | PathLike[str]) -> Platform:
+    """Read a ``platform.toml``.
+
+    Raises:
+        ConfigError: not readable, not TOML, an unknown key, or a value out of bounds; file and key are named.
+    """
+    path = Path(path)
+    try:
+        return Platform.model_validate(tomllib.loads(path.read_text(encoding="utf-8")))
+    except OSError as error:
+        raise ConfigError(f"{error.strerror}, expected a platform.toml", file=path) from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ConfigError(f"not TOML: {error}", file=path) from error
+    except ValidationError as error:
+        first = error.errors()[0]
+        raise ConfigError(first["msg"], file=path, field=".".join(map(str, first["loc"]))) from error
+
+
+def write_platform(path: str | PathLike[str], platform: Platform) -> None:
+    """Write a platform as TOML; it reads back equal, bit for bit."""
+    write_atomically(path, tomli_w.dumps(platform.model_dump(exclude_none=True)))

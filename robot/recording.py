@@ -1,0 +1,161 @@
+"""A recording: what a robot's sensors saw, each stream with its own stamps. There is no truth in it.
+
+Streams are immutable; stamps are float64 seconds and do not decrease. Distinct readings may share a stamp: they are
+kept in file order, and nothing may divide by the time between them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from moteslam.errors import InputError
+from moteslam.robot.platform import Platform
+
+
+class _Frozen:
+    """Makes every array of a dataclass contiguous and read-only, and checks its first axis against the stamps."""
+
+    def __post_init__(self) -> None:
+        for field in fields(self):  # type: ignore[arg-type]
+            value = getattr(self, field.name)
+            if isinstance(value, np.ndarray):
+                value = np.ascontiguousarray(value)
+                value.setflags(write=False)
+                object.__setattr__(self, field.name, value)
+        stamps: NDArray[np.float64] = self.stamps  # type: ignore[attr-defined]
+        if stamps.ndim != 1 or stamps.dtype != np.float64:
+            raise InputError(f"stamps of {stamps.dtype} {stamps.shape}, expected float64 [n]")
+        if not np.isfinite(stamps).all() or (np.diff(stamps) < 0).any():
+            raise InputError("stamps go back or are not finite, expected rising seconds", field="stamps")
+
+
+@dataclass(frozen=True, eq=False)
+class LidarStream(_Frozen):
+    """Planar scans.
+
+    Attributes:
+        stamps: [n] [s], of the first beam.
+        ranges: [n, beams] float32 [m]; ``inf`` is no return (nothing within reach), ``nan`` a reading that says
+            nothing (below the minimum, an error code). Only finite ranges are endpoints.
+        angle_min: of the first beam, in the lidar's frame [rad].
+        angle_increment: between beams [rad], counterclockwise positive.
+        range_min, range_max: what the sensor can measure [m].
+        time_increment: between beams [s]; 0 where it is not known.
+        odometry: [n, 3] the robot's odometry pose logged with each scan, where the format logs one.
+    """
+
+    stamps: NDArray[np.float64]
+    ranges: NDArray[np.float32]
+    angle_min: float
+    angle_increment: float
+    range_min: float
+    range_max: float
+    time_increment: float = 0.0
+    odometry: NDArray[np.float64] | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.ranges.dtype != np.float32 or self.ranges.ndim != 2 or len(self.ranges) != len(self.stamps):
+            raise InputError(
+                f"ranges of {self.ranges.dtype} {self.ranges.shape}, expected float32 [{len(self.stamps)}, beams]"
+            )
+        if self.odometry is not None and self.odometry.shape != (len(self.stamps), 3):
+            raise InputError(f"odometry {self.odometry.shape}, expected [{len(self.stamps)}, 3]")
+
+    def __len__(self) -> int:
+        return len(self.stamps)
+
+    @property
+    def angles(self) -> NDArray[np.float64]:
+        """The beams' angles [beams] in the lidar's frame [rad]."""
+        return self.angle_min + self.angle_increment * np.arange(self.ranges.shape[1])
+
+
+@dataclass(frozen=True, eq=False)
+class EncoderStream(_Frozen):
+    """Wheel counters that reset when read.
+
+    Attributes:
+        stamps: [n] [s].
+        counts: [n, 4] int: change since the last reading of the front right, front left, rear right, rear left wheel.
+    """
+
+    stamps: NDArray[np.float64]
+    counts: NDArray[np.int64]
+
+    def __len__(self) -> int:
+        return len(self.stamps)
+
+
+@dataclass(frozen=True, eq=False)
+class OdometryStream(_Frozen):
+    """The poses that the robot's own odometry gave: stamps [n] [s], poses [n, 3]."""
+
+    stamps: NDArray[np.float64]
+    poses: NDArray[np.float64]
+
+    def __len__(self) -> int:
+        return len(self.stamps)
+
+
+@dataclass(frozen=True, eq=False)
+class ImuStream(_Frozen):
+    """Inertial readings.
+
+    Attributes:
+        stamps: [n] [s].
+        angular_velocity: [n, 3] [rad/s]; column 2 is the yaw rate.
+        linear_acceleration_g: [n, 3] in g, as the sensor tells it (9.80665 m/s^2 each).
+    """
+
+    stamps: NDArray[np.float64]
+    angular_velocity: NDArray[np.float64]
+    linear_acceleration_g: NDArray[np.float64]
+
+    def __len__(self) -> int:
+        return len(self.stamps)
+
+
+@dataclass(frozen=True, eq=False)
+class RgbdStream:
+    """Camera frames: stamps of the two cameras, which do not fire together, and where their images are.
+
+    Attributes:
+        rgb_stamps: [m] [s]; disparity_stamps: [n] [s].
+        rgb_files, disparity_files: the images in the order of the stamps; empty where they are not there.
+    """
+
+    rgb_stamps: NDArray[np.float64]
+    disparity_stamps: NDArray[np.float64]
+    rgb_files: tuple[Path, ...] = ()
+    disparity_files: tuple[Path, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """What the sensors of one run saw.
+
+    Attributes:
+        name: what the recording is called (a file's or scenario's name).
+        platform: the robot that carried the sensors.
+        lidar, encoders, odometry, imu, rgbd: the streams; None where there is none.
+        warnings: what was dropped or mended on reading, a line each, with counts.
+    """
+
+    name: str
+    platform: Platform
+    lidar: LidarStream | None = None
+    encoders: EncoderStream | None = None
+    odometry: OdometryStream | None = None
+    imu: ImuStream | None = None
+    rgbd: RgbdStream | None = None
+    warnings: tuple[str, ...] = ()
+
+    def replace(self, **changes: Any) -> Recording:
+        """A copy with some of its attributes changed."""
+        return replace(self, **changes)

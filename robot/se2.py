@@ -1,0 +1,100 @@
+"""SE(2) arithmetic in NumPy: the reference that the kernels are tested against.
+
+A pose is ``(x, y, theta)`` [m, m, rad]; arrays of poses are float64, shape [..., 3], and broadcast.
+Angles are wrapped to (-pi, pi]. Frames as in ROS REP 103: x forward, y left, theta counterclockwise.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Poses = NDArray[np.float64]
+"""float64, shape [..., 3]: x [m], y [m], theta [rad]."""
+
+IDENTITY: Poses = np.zeros(3)
+IDENTITY.setflags(write=False)
+
+
+def wrap(angle: ArrayLike) -> NDArray[np.float64]:
+    """The angle [rad] wrapped to (-pi, pi]."""
+    angle = np.asarray(angle, np.float64)
+    return np.asarray(np.pi - np.mod(np.pi - angle, 2 * np.pi))
+
+
+def compose(a: ArrayLike, b: ArrayLike) -> Poses:
+    """The pose ``b``, given in the frame of ``a``, expressed where ``a`` is: a (+) b, shape [..., 3]."""
+    a, b = np.asarray(a, np.float64), np.asarray(b, np.float64)
+    cos, sin = np.cos(a[..., 2]), np.sin(a[..., 2])
+    return np.stack(
+        np.broadcast_arrays(
+            a[..., 0] + cos * b[..., 0] - sin * b[..., 1],
+            a[..., 1] + sin * b[..., 0] + cos * b[..., 1],
+            wrap(a[..., 2] + b[..., 2]),
+        ),
+        axis=-1,
+    )
+
+
+def inverse(a: ArrayLike) -> Poses:
+    """The pose that undoes ``a``: compose(a, inverse(a)) is the identity, shape [..., 3]."""
+    a = np.asarray(a, np.float64)
+    cos, sin = np.cos(a[..., 2]), np.sin(a[..., 2])
+    return np.stack(
+        (-cos * a[..., 0] - sin * a[..., 1], sin * a[..., 0] - cos * a[..., 1], wrap(-a[..., 2])), axis=-1
+    )
+
+
+def between(a: ArrayLike, b: ArrayLike) -> Poses:
+    """The pose of ``b`` in the frame of ``a``: b (-) a, shape [..., 3]."""
+    return compose(inverse(a), b)
+
+
+def transform_points(pose: ArrayLike, points: ArrayLike) -> NDArray[np.float64]:
+    """Points [..., 2] [m], given in the frame of one pose [3], expressed where the pose is."""
+    x, y, theta = np.asarray(pose, np.float64)
+    points = np.asarray(points, np.float64)
+    cos, sin = np.cos(theta), np.sin(theta)
+    return np.stack(
+        (x + cos * points[..., 0] - sin * points[..., 1], y + sin * points[..., 0] + cos * points[..., 1]),
+        axis=-1,
+    )
+
+
+def accumulate(increments: ArrayLike, start: ArrayLike = IDENTITY) -> Poses:
+    """The path that follows from increments [n, 3], each in the frame of the pose before it.
+
+    Returns:
+        poses [n, 3]; the first is start (+) increments[0].
+    """
+    increments = np.asarray(increments, np.float64)
+    start = np.asarray(start, np.float64)
+    heading = start[2] + np.cumsum(increments[:, 2])
+    before = np.concatenate(([start[2]], heading[:-1]))
+    cos, sin = np.cos(before), np.sin(before)
+    x = start[0] + np.cumsum(cos * increments[:, 0] - sin * increments[:, 1])
+    y = start[1] + np.cumsum(sin * increments[:, 0] + cos * increments[:, 1])
+    return np.stack((x, y, wrap(heading)), axis=-1)
+
+
+def interpolate(stamps: ArrayLike, poses: ArrayLike, at: ArrayLike) -> Poses:
+    """The poses at the times ``at`` [m], linear in x, y and the unwrapped heading, held beyond the ends.
+
+    Args:
+        stamps: [n] [s], not decreasing.
+        poses: [n, 3].
+        at: [m] [s].
+
+    Returns:
+        poses [m, 3].
+    """
+    stamps, poses, at = (np.asarray(a, np.float64) for a in (stamps, poses, at))
+    heading = np.unwrap(poses[:, 2])
+    return np.stack(
+        (
+            np.interp(at, stamps, poses[:, 0]),
+            np.interp(at, stamps, poses[:, 1]),
+            wrap(np.interp(at, stamps, heading)),
+        ),
+        axis=-1,
+    )
