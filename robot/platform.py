@@ -45,12 +45,19 @@ class Wheels(Part):
 
 
 class LidarMount(Part):
-    """Where the lidar is, in the robot's frame: x forward [m], y left [m], yaw [rad], height z [m]."""
+    """Where the lidar is, in the robot's frame, and how fast it sweeps.
+
+    Attributes:
+        x, y, z: forward, left, up [m].
+        yaw: of its forward axis [rad].
+        time_increment: between beams [s]; 0 where it is not known and a scan counts as taken at once.
+    """
 
     x: FiniteFloat = 0.0
     y: FiniteFloat = 0.0
     yaw: FiniteFloat = 0.0
     z: FiniteFloat = 0.0
+    time_increment: Annotated[FiniteFloat, Field(ge=0)] = 0.0
 
     @property
     def pose(self) -> tuple[float, float, float]:
@@ -93,7 +100,7 @@ UCSD = Platform(
     length=0.5842,
     width=0.47625,
     wheels=Wheels(),
-    lidar=LidarMount(x=0.30183 - 0.3302 / 2, z=0.51435),
+    lidar=LidarMount(x=0.30183 - 0.3302 / 2, z=0.51435, time_increment=0.025 / 1440),
     camera=CameraMount(),
 )
 """The robot of the UCSD sequences, its origin midway between the axles."""

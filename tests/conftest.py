@@ -1,0 +1,35 @@
+"""What every test may use: the real recordings, and Taichi set up once a process."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+
+
+@pytest.fixture(scope="session")
+def data_folder() -> Path:
+    """The folder of real recordings: MOTESLAM_DATA, else ../shared/data; skips with a reason where absent."""
+    folder = Path(os.environ.get("MOTESLAM_DATA", ROOT.parent / "shared" / "data"))
+    if not folder.is_dir():
+        pytest.skip(f"no real recordings at {folder}: set MOTESLAM_DATA")
+    return folder
+
+
+@pytest.fixture(scope="session")
+def taichi() -> None:
+    """Taichi on the CPU with two threads; with MOTESLAM_TEST_DEBUG=1 with bounds checks in every kernel."""
+    from moteslam.kernels import runtime
+
+    runtime.init("cpu", 2, debug=os.environ.get("MOTESLAM_TEST_DEBUG") == "1")
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Skip the tests marked `gpu` where there is no GPU."""
+    gpu = [item for item in items if "gpu" in item.keywords]
+    if gpu and not Path("/dev/nvidia0").exists():
+        for item in gpu:
+            item.add_marker(pytest.mark.skip(reason="no NVIDIA GPU on this machine"))
