@@ -1,0 +1,245 @@
+"""The configuration of a SLAM run: frozen, unknown keys refused, named presets in TOML.
+
+A flag goes over a file, a file over the preset; the resolved configuration is saved with the result.
+"""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from importlib import resources
+from itertools import pairwise
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import tomli_w
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError, field_validator
+
+from moteslam.errors import ConfigError
+
+NotNegative = Annotated[FiniteFloat, Field(ge=0)]
+Positive = Annotated[FiniteFloat, Field(gt=0)]
+Offsets = Annotated[tuple[FiniteFloat, ...], Field(min_length=1, max_length=41)]
+
+DEFAULT_PRESET = "paper"
+"""The best preset that exists."""
+
+
+class _Section(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class SyncConfig(_Section):
+    """How streams with their own clocks become one motion between scans (section III.A of the paper).
+
+    Attributes:
+        method: ``nearest`` takes the reading nearest in time, as the paper does; ``interpolate`` the value between
+            the two readings around it.
+        low_pass_hz: cut-off of the causal low-pass on the yaw rate [Hz]; 0 turns it off.
+        kinematics: ``euler`` is equation III.1, ``arc`` the exact arc.
+    """
+
+    method: Literal["nearest", "interpolate"] = "interpolate"
+    low_pass_hz: NotNegative = 0.0
+    kinematics: Literal["euler", "arc"] = "arc"
+
+
+class MotionNoise(_Section):
+    """Standard deviations of the Gaussian noise that prediction adds to the control (epsilon in II.6, III.3).
+
+    The paper's noise is constant in (v, omega): the first two. The others grow with the motion itself, so that logs
+    whose stamps say nothing (equal ones, one a second) spread too (alpha 1 to 4 of Probabilistic Robotics, 5.3).
+
+    Attributes:
+        velocity: [m/s].
+        yaw_rate: [rad/s].
+        translation_from_translation: [m/m].
+        translation_from_rotation: [m/rad].
+        rotation_from_translation: [rad/m].
+        rotation_from_rotation: [rad/rad].
+    """
+
+    velocity: NotNegative = 0.0
+    yaw_rate: NotNegative = 0.0
+    translation_from_translation: NotNegative = 0.0
+    translation_from_rotation: NotNegative = 0.0
+    rotation_from_translation: NotNegative = 0.0
+    rotation_from_rotation: NotNegative = 0.0
+
+
+class SearchConfig(_Section):
+    """The neighbourhood searched around each particle (section III.D.2): the Cartesian product of the offsets.
+
+    Attributes:
+        offsets_xy: in x and in y [m].
+        offsets_theta: in the heading [rad].
+    """
+
+    offsets_xy: Offsets = (-0.1, -0.05, 0.0, 0.05, 0.1)
+    offsets_theta: Offsets = (-0.1, -0.05, 0.0, 0.05, 0.1)
+
+    @field_validator("offsets_xy", "offsets_theta")
+    @classmethod
+    def _rising_through_zero(cls, offsets: tuple[float, ...]) -> tuple[float, ...]:
+        if 0.0 not in offsets or any(a >= b for a, b in pairwise(offsets)):
+            raise ValueError("expected rising offsets, zero among them")
+        return offsets
+
+
+class UpdateConfig(_Section):
+    """Which scans the filter works on; the poses of those between follow the odometry.
+
+    A scan is worked on when the robot has moved this far, or turned this much, since the last that was, or when this
+    time has passed.
+
+    Attributes:
+        distance: [m]; rotation: [rad]; interval: [s].
+    """
+
+    distance: NotNegative = 0.0
+    rotation: NotNegative = 0.0
+    interval: Positive = 1e9
+
+
+class MapConfig(_Section):
+    """The occupancy grid (sections II.A and III.C).
+
+    Attributes:
+        cell_size: [m].
+        hit_probability: how often the lidar is right; a cell changes by its log-odds, log 4 at 0.8 (III.2).
+        limit: log-odds are kept within (-limit, limit).
+        occupied_threshold: log-odds above which a cell counts as occupied in the score.
+        count: ``scan`` changes a cell at most once a scan, an endpoint going over a passing ray; ``ray`` once for
+            every ray that meets it.
+    """
+
+    cell_size: Annotated[FiniteFloat, Field(ge=0.005, le=1.0)] = 0.05
+    hit_probability: Annotated[FiniteFloat, Field(gt=0.5, lt=1)] = 0.8
+    limit: Annotated[FiniteFloat, Field(gt=0, le=64)] = 50.0
+    occupied_threshold: FiniteFloat = 0.0
+    count: Literal["scan", "ray"] = "scan"
+
+    @property
+    def log_odds_step(self) -> float:
+        """The change of a cell [log-odds]: log(p / (1 - p))."""
+        return math.log(self.hit_probability / (1 - self.hit_probability))
+
+
+class SlamConfig(_Section):
+    """Everything that a SLAM run can be told.
+
+    Attributes:
+        method: which filter.
+        particles: how many.
+        resample_below: resample when the effective number falls under this share of the particles (section III.D.3).
+        max_range: endpoints beyond it are not used [m].
+        sync, motion, search, update, map: the parts.
+    """
+
+    method: Literal["paper"] = "paper"
+    particles: Annotated[int, Field(ge=1, le=1_000_000)] = 100
+    resample_below: Annotated[FiniteFloat, Field(ge=0, le=1)] = 0.5
+    max_range: Positive = 1000.0
+    sync: SyncConfig = SyncConfig()
+    motion: MotionNoise = MotionNoise()
+    search: SearchConfig = SearchConfig()
+    update: UpdateConfig = UpdateConfig()
+    map: MapConfig = MapConfig()
+
+    def to_toml(self) -> str:
+        """The configuration as TOML; it reads back equal."""
+        return tomli_w.dumps(self.model_dump(mode="json"))
+
+
+def preset_names() -> list[str]:
+    """The names of the bundled presets, sorted."""
+    folder = resources.files("moteslam.slam.presets")
+    return sorted(entry.name[:-5] for entry in folder.iterdir() if entry.name.endswith(".toml"))
+
+
+def load_preset(name: str = DEFAULT_PRESET) -> SlamConfig:
+    """The preset of that name.
+
+    Raises:
+        ConfigError: there is no such preset; the names are listed.
+    """
+    return resolve_config(name)
+
+
+def resolve_config(
+    preset: str = DEFAULT_PRESET, settings: list[str] | tuple[str, ...] = (), file: Path | None = None
+) -> SlamConfig:
+    """The configuration that follows from a preset, a file over it, and settings over both.
+
+    Args:
+        preset: name of a bundled preset.
+        settings: ``key=value`` with dotted keys, ``map.cell_size=0.1``; the value is TOML, a bare word a string.
+        file: a TOML file with any of the keys.
+
+    Raises:
+        ConfigError: an unknown preset, key, or a value out of bounds; what was expected is named.
+    """
+    if preset not in preset_names():
+        raise ConfigError(f"no such preset, expected one of {', '.join(preset_names())}", field=repr(preset)[1:-1])
+    text = resources.files("moteslam.slam.presets").joinpath(f"{preset}.toml").read_text(encoding="utf-8")
+    values = tomllib.loads(text)
+    if file is not None:
+        _merge(values, _read_toml(file))
+        _validate(values, file)
+    for setting in settings:
+        key, equals, value = setting.partition("=")
+        if not equals or not key.strip():
+            raise ConfigError(f"expected key=value, found {setting!r}", field="--set")
+        tree: Any = _toml_value(value.strip())
+        for part in reversed(key.strip().split(".")):
+            tree = {part: tree}
+        _merge(values, tree)
+    return _validate(values, None)
+
+
+def _validate(values: dict[str, Any], file: Path | None) -> SlamConfig:
+    try:
+        return SlamConfig.model_validate(values)
+    except ValidationError as error:
+        first = error.errors()[0]
+        field = ".".join(map(str, first["loc"]))
+        problem = first["msg"].removeprefix("Value error, ")
+        if first["type"] == "extra_forbidden":
+            problem = f"unknown key, expected one of {', '.join(_known_keys(first['loc'][:-1]))}"
+        elif first["type"] not in ("missing", "value_error"):
+            problem += f", found {first['input']!r}"
+        raise ConfigError(problem, file=file, field=field) from error
+
+
+def _known_keys(path: tuple[int | str, ...]) -> list[str]:
+    model: type[BaseModel] = SlamConfig
+    for part in path:
+        annotation = model.model_fields[str(part)].annotation
+        assert isinstance(annotation, type)
+        assert issubclass(annotation, BaseModel)
+        model = annotation
+    return list(model.model_fields)
+
+
+def _read_toml(file: Path) -> dict[str, Any]:
+    try:
+        return tomllib.loads(file.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ConfigError(f"{error.strerror}, expected a TOML file", file=file) from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ConfigError(f"not TOML: {error}", file=file) from error
+
+
+def _toml_value(text: str) -> Any:
+    try:
+        return tomllib.loads(f"value = {text}")["value"]
+    except tomllib.TOMLDecodeError:
+        return text
+
+
+def _merge(under: dict[str, Any], over: dict[str, Any]) -> None:
+    for key, value in over.items():
+        if isinstance(value, dict) and isinstance(under.get(key), dict):
+            _merge(under[key], value)
+        else:
+            under[key] = value

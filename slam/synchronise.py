@@ -1,0 +1,159 @@
+"""From streams with their own clocks to steps: the motion between scans, settled here once and for all.
+
+Distances are integrated from wheel counts, never from velocities: the real robot's encoder intervals run from 3 to
+68 ms at a constant speed, so a count divided by its interval spikes to ten times the truth (docs/formats.md).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from moteslam.errors import InputError
+from moteslam.robot import se2
+from moteslam.robot.kinematics import arc_increment, euler_increment, wheel_motion
+from moteslam.robot.platform import Wheels
+from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream, Recording
+from moteslam.slam.config import SyncConfig
+from moteslam.slam.step import Step
+
+Array = NDArray[np.float64]
+
+
+def odometry_path(recording: Recording, config: SyncConfig) -> tuple[Array, Array]:
+    """The robot's path by its own odometry alone, at the stamps the odometry has.
+
+    Wheel encoders with the gyro's yaw rate where there are encoders (wheels alone before the gyro starts, after it
+    ends, or without one), else the odometry poses of the log.
+
+    Returns:
+        stamps [n] [s] and poses [n, 3]; the first encoder path starts at the identity.
+
+    Raises:
+        InputError: the recording has neither.
+    """
+    if recording.encoders is not None and len(recording.encoders):
+        wheels = recording.platform.wheels
+        if wheels is None:
+            raise InputError("encoders without wheels, expected a platform with [wheels]", file=recording.name)
+        return _drive(recording.encoders, recording.imu, wheels, config)
+    if recording.odometry is not None and len(recording.odometry):
+        return recording.odometry.stamps, recording.odometry.poses
+    if recording.lidar is not None and recording.lidar.odometry is not None:
+        return recording.lidar.stamps, recording.lidar.odometry
+    raise InputError("neither encoders nor odometry, expected one of them", file=recording.name)
+
+
+def odometry_at_scans(recording: Recording, config: SyncConfig) -> Array:
+    """The odometry's pose at every scan, [n, 3]; the pose logged with a scan where the log has one."""
+    lidar = require_lidar(recording)
+    if lidar.odometry is not None:
+        return lidar.odometry
+    stamps, poses = odometry_path(recording, config)
+    if config.method == "interpolate":
+        return se2.interpolate(stamps, poses, lidar.stamps)
+    return poses[nearest(stamps, lidar.stamps)]
+
+
+def steps(recording: Recording, config: SyncConfig, *, max_range: float = np.inf) -> Iterator[Step]:
+    """One step a scan: the motion since the scan before and the scan's endpoints in the robot's frame.
+
+    Args:
+        recording: needs a lidar.
+        config: how motion is synchronised with scans.
+        max_range: endpoints beyond it are left out [m].
+
+    Raises:
+        InputError: there is no lidar, or no odometry of any kind.
+    """
+    lidar = require_lidar(recording)
+    odometry = odometry_at_scans(recording, config)
+    motions = np.vstack((np.zeros(3), se2.between(odometry[:-1], odometry[1:])))
+    x, y, yaw = recording.platform.lidar.pose
+    angles = lidar.angles + yaw
+    directions = np.stack((np.cos(angles), np.sin(angles)), axis=-1)
+    origin = np.array([x, y])
+    for index, (stamp, ranges) in enumerate(zip(lidar.stamps, lidar.ranges, strict=True)):
+        good = np.isfinite(ranges) & (ranges <= max_range)
+        points = origin + ranges[good, None] * directions[good]
+        dt = float(stamp - lidar.stamps[index - 1]) if index else 0.0
+        yield Step(index, float(stamp), dt, motions[index], points.astype(np.float32), origin)
+
+
+def warnings(recording: Recording) -> list[str]:
+    """What SLAM has to make do with in this recording, a line each: scans that no odometry covers."""
+    lines = []
+    lidar, encoders = recording.lidar, recording.encoders
+    if lidar is not None and encoders is not None and len(encoders) and lidar.odometry is None:
+        for what, outside in (
+            ("before the first", (lidar.stamps < encoders.stamps[0] - 0.1).sum()),
+            ("after the last", (lidar.stamps > encoders.stamps[-1] + 0.1).sum()),
+        ):
+            if outside:
+                lines.append(f"{outside} scans {what} encoder reading: the robot is taken to stand still")
+    return lines
+
+
+def nearest(stamps: Array, at: Array) -> NDArray[np.intp]:
+    """The index of the stamp nearest to each time [m]; the earlier one of two equally near."""
+    after = np.clip(np.searchsorted(stamps, at), 1, max(len(stamps) - 1, 1))
+    before = after - 1
+    after = np.minimum(after, len(stamps) - 1)
+    return np.where(at - stamps[before] <= stamps[after] - at, before, after)
+
+
+def low_pass(values: Array, rate: float, cut_off: float) -> Array:
+    """A causal first-order Butterworth low-pass, settled at the first value.
+
+    Args:
+        values: [n], evenly sampled.
+        rate: of the samples [Hz].
+        cut_off: [Hz]; at or above half the rate nothing is filtered.
+    """
+    if not 0 < cut_off < rate / 2 or not len(values):
+        return values
+    from scipy.signal import butter, sosfilt, sosfilt_zi
+
+    sections = butter(1, cut_off, fs=rate, output="sos")
+    filtered, _ = sosfilt(sections, values, zi=sosfilt_zi(sections) * values[0])
+    return np.asarray(filtered, np.float64)
+
+
+def require_lidar(recording: Recording) -> LidarStream:
+    """The recording's lidar stream.
+
+    Raises:
+        InputError: it has none, or one without scans.
+    """
+    if recording.lidar is None or not len(recording.lidar):
+        raise InputError("no lidar scans, expected at least one (dead reckoning needs none)", file=recording.name)
+    return recording.lidar
+
+
+def _drive(encoders: EncoderStream, imu: ImuStream | None, wheels: Wheels, config: SyncConfig) -> tuple[Array, Array]:
+    """The path at the encoder stamps from counts [n, 4] and yaw rates; the first count has no interval before it."""
+    front_right, front_left, rear_right, rear_left = encoders.counts.T.astype(np.float64)
+    left = (front_left + rear_left) / 2 * wheels.metres_per_count
+    right = (front_right + rear_right) / 2 * wheels.metres_per_count
+    distance, wheel_turn = wheel_motion(left, right, wheels.effective_track)
+    turn = wheel_turn
+    if imu is not None and len(imu) > 1:
+        covered = (encoders.stamps >= imu.stamps[0]) & (encoders.stamps <= imu.stamps[-1])
+        turn = np.where(covered, _gyro_turn(encoders.stamps, imu, config), wheel_turn)
+    distance[0], turn[0] = 0.0, 0.0
+    increment = euler_increment if config.kinematics == "euler" else arc_increment
+    return encoders.stamps, se2.accumulate(increment(distance, turn))
+
+
+def _gyro_turn(stamps: Array, imu: ImuStream, config: SyncConfig) -> Array:
+    """The turn [rad] between consecutive stamps [n] by the gyro, [n]; the first is 0."""
+    span = imu.stamps[-1] - imu.stamps[0]
+    rate = (len(imu) - 1) / span if span > 0 else 0.0
+    yaw_rate = low_pass(imu.angular_velocity[:, 2].astype(np.float64), rate, config.low_pass_hz)
+    if config.method == "nearest":
+        return np.asarray(yaw_rate[nearest(imu.stamps, stamps)] * np.diff(stamps, prepend=stamps[0]))
+    steps_ = (yaw_rate[1:] + yaw_rate[:-1]) / 2 * np.diff(imu.stamps)
+    heading = np.concatenate(([0.0], np.cumsum(steps_)))
+    return np.diff(np.interp(stamps, imu.stamps, heading), prepend=0.0)
