@@ -1,0 +1,46 @@
+"""What a SLAM run came to: a value with its configuration, seed and versions in it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from moteslam.robot.trajectory import Trajectory
+from moteslam.slam.config import SlamConfig
+from moteslam.slam.grid import OccupancyMap
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """The result of a run.
+
+    Attributes:
+        name: of the recording.
+        config, seed: that it was run with.
+        versions: of moteslam, taichi, numpy.
+        trajectory: a pose at every scan, as it was known then (online).
+        trajectory_final: a pose at every scan, as known at the end: the best particle's whole path.
+        dead_reckoning: a pose at every scan by odometry alone.
+        map: of the environment.
+        particle_stamps: [u] of the updates of the filter [s].
+        particle_paths: [K, u, 3] paths that end in the particles of the last update.
+        diagnostics: per scan [n]: ``n_eff``, ``score``, ``updated``, ``resampled``, ``seconds``.
+        warnings: what SLAM had to make do with.
+        seconds: time spent in the filter [s].
+    """
+
+    name: str
+    config: SlamConfig
+    seed: int
+    versions: dict[str, str]
+    trajectory: Trajectory
+    trajectory_final: Trajectory
+    dead_reckoning: Trajectory
+    map: OccupancyMap
+    particle_stamps: NDArray[np.float64]
+    particle_paths: NDArray[np.float64]
+    diagnostics: dict[str, NDArray[np.float64]]
+    warnings: tuple[str, ...]
+    seconds: float

@@ -1,0 +1,38 @@
+"""The paths of the particles: poses and parents at every update, followed back from any particle."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+class History:
+    """Grows by one entry an update; a path is read back through the parents that resampling chose."""
+
+    def __init__(self) -> None:
+        self._poses: list[NDArray[np.float64]] = []
+        self._parents: list[NDArray[np.int64] | None] = []
+
+    def __len__(self) -> int:
+        return len(self._poses)
+
+    def append(self, poses: NDArray[np.float64], parents: NDArray[np.int64] | None) -> None:
+        """Note the poses [N, 3] of an update, and which of them the next update's particles descend from.
+
+        Args:
+            poses: as weighed, before resampling.
+            parents: [N] indices into ``poses``, or None when nothing was resampled.
+        """
+        self._poses.append(poses.copy())
+        self._parents.append(parents)
+
+    def paths(self, particles: NDArray[np.int64]) -> NDArray[np.float64]:
+        """The paths [K, updates, 3] that end in these particles [K] of the last update (before its resampling)."""
+        index = np.asarray(particles)
+        paths = np.empty((len(index), len(self), 3))
+        for update in range(len(self) - 1, -1, -1):
+            parents = self._parents[update]
+            if update < len(self) - 1 and parents is not None:
+                index = parents[index]
+            paths[:, update] = self._poses[update][index]
+        return paths

@@ -1,0 +1,188 @@
+"""Running SLAM over a recording: all at once, or a step at a time for whoever wants to watch."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from importlib.metadata import version
+
+import numpy as np
+from numpy.typing import NDArray
+
+from moteslam.errors import ConfigError
+from moteslam.robot import se2
+from moteslam.robot.recording import Recording
+from moteslam.robot.trajectory import Trajectory
+from moteslam.slam.config import SlamConfig, load_preset
+from moteslam.slam.dead_reckoning import dead_reckon
+from moteslam.slam.estimate import Estimate
+from moteslam.slam.grid import OccupancyMap
+from moteslam.slam.paper_filter import PaperFilter
+from moteslam.slam.synchronise import require_lidar, steps, warnings
+
+
+@dataclass(frozen=True, eq=False)
+class Update:
+    """What is known after a scan.
+
+    Attributes:
+        index, stamp: of the scan; stamp in s.
+        pose: [3] estimate at the scan.
+        poses, weights: [N, 3] and [N] of the particles, at the last scan that the filter worked on.
+        n_eff, score, mapped, resampled: see ``Outcome``; ``mapped`` when the filter worked on this scan.
+        seconds: spent on it.
+    """
+
+    index: int
+    stamp: float
+    pose: NDArray[np.float64]
+    poses: NDArray[np.float64]
+    weights: NDArray[np.float64]
+    n_eff: float
+    score: int
+    mapped: bool
+    resampled: bool
+    seconds: float
+
+
+class SlamSession:
+    """SLAM over one recording, an ``Update`` a scan when iterated; ``estimate()`` at the end.
+
+    Args:
+        recording: with a lidar and some odometry; there is no truth in it.
+        config: the ``DEFAULT_PRESET`` if None.
+        seed: from 0 to 2^63 - 1; the same seed gives the same bytes, on one thread and on many.
+
+    Raises:
+        InputError: the recording has no scans or no odometry.
+        ConfigError: the seed is out of bounds.
+    """
+
+    def __init__(self, recording: Recording, config: SlamConfig | None = None, *, seed: int = 0) -> None:
+        if not 0 <= seed < 2**63:
+            raise ConfigError(f"{seed}, expected 0 to 2^63 - 1", field="seed")
+        self.recording = recording
+        self.config = config or load_preset()
+        self.seed = seed
+        self._lidar = require_lidar(recording)
+        self._dead_reckoning = dead_reckon(recording, self.config.sync)
+        self._filter = PaperFilter(self.config, seed)
+        self._online = np.zeros((len(self._lidar), 3))
+        self._diagnostics = {
+            key: np.zeros(len(self._lidar)) for key in ("n_eff", "score", "updated", "resampled", "seconds")
+        }
+        self._done = 0
+        self._steps = steps(recording, self.config.sync, max_range=self.config.max_range)
+
+    def __len__(self) -> int:
+        return len(self._lidar)
+
+    def __iter__(self) -> Iterator[Update]:
+        for step in self._steps:
+            began = time.perf_counter()
+            outcome = self._filter.step(step)
+            seconds = time.perf_counter() - began
+            self._online[step.index] = outcome.pose
+            for key, value in (
+                ("n_eff", outcome.n_eff),
+                ("score", outcome.score),
+                ("updated", outcome.updated),
+                ("resampled", outcome.resampled),
+                ("seconds", seconds),
+            ):
+                self._diagnostics[key][step.index] = value
+            self._done = step.index + 1
+            yield Update(
+                step.index,
+                step.stamp,
+                outcome.pose,
+                self._filter.poses,
+                self._filter.weights.values,
+                outcome.n_eff,
+                outcome.score,
+                outcome.updated,
+                outcome.resampled,
+                seconds,
+            )
+
+    @property
+    def map(self) -> OccupancyMap:
+        """The map as it stands."""
+        return self._filter.grid.snapshot()
+
+    def estimate(self) -> Estimate:
+        """The result of the scans taken in so far.
+
+        Raises:
+            ConfigError: none was: iterate first.
+        """
+        if not self._done:
+            raise ConfigError("no scan was taken in yet, expected an iteration over the session first")
+        n = self._done
+        stamps = self._lidar.stamps[:n]
+        updates = np.flatnonzero(self._diagnostics["updated"][:n])
+        paths = self._filter.history.paths(np.arange(self.config.particles))
+        odometry = self._dead_reckoning.poses[:n]
+        final = _between_updates(paths[self._filter.best_particle], updates, odometry)
+        return Estimate(
+            name=self.recording.name,
+            config=self.config,
+            seed=self.seed,
+            versions={name: version(name) for name in ("moteslam", "taichi", "numpy")},
+            trajectory=Trajectory(stamps, self._online[:n]),
+            trajectory_final=Trajectory(stamps, final),
+            dead_reckoning=Trajectory(stamps, odometry),
+            map=self.map,
+            particle_stamps=stamps[updates],
+            particle_paths=paths,
+            diagnostics={key: values[:n] for key, values in self._diagnostics.items()},
+            warnings=tuple(warnings(self.recording)),
+            seconds=float(self._diagnostics["seconds"].sum()),
+        )
+
+
+def run_slam(
+    recording: Recording,
+    config: SlamConfig | None = None,
+    seed: int = 0,
+    watch: Callable[[Update], None] | None = None,
+) -> Estimate:
+    """Run SLAM over a recording.
+
+    Args:
+        recording: with a lidar and some odometry.
+        config: the ``DEFAULT_PRESET`` if None.
+        seed: of all randomness.
+        watch: called after every scan.
+
+    Raises:
+        InputError, ConfigError: see ``SlamSession``.
+    """
+    session = SlamSession(recording, config, seed=seed)
+    for update in session:
+        if watch is not None:
+            watch(update)
+    return session.estimate()
+
+
+def _between_updates(
+    path: NDArray[np.float64], updates: NDArray[np.intp], odometry: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Fill the poses between updates [u] of a path [u, 3] along the odometry [n, 3], shape [n, 3].
+
+    Odometry from the update before and back from the update after do not quite meet; the misfit is spread evenly
+    over the scans between.
+    """
+    scans = np.arange(len(odometry))
+    before = np.clip(np.searchsorted(updates, scans, side="right") - 1, 0, len(updates) - 1)
+    after = np.minimum(before + 1, len(updates) - 1)
+    forward = se2.compose(path[before], se2.between(odometry[updates[before]], odometry))
+    backward = se2.compose(path[after], se2.between(odometry[updates[after]], odometry))
+    span = updates[after] - updates[before]
+    share = np.where(span > 0, (scans - updates[before]) / np.maximum(span, 1), 0.0)[:, None]
+    misfit = backward - forward
+    misfit[:, 2] = se2.wrap(misfit[:, 2])
+    poses = forward + share * misfit
+    poses[:, 2] = se2.wrap(poses[:, 2])
+    return np.asarray(poses)

@@ -1,0 +1,78 @@
+"""Presets, overrides, and one-line refusals."""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from moteslam.errors import ConfigError
+from moteslam.slam.config import SlamConfig, load_preset, preset_names, resolve_config
+
+
+def test_the_paper_preset_has_the_papers_parameters():
+    paper = load_preset("paper")
+    assert paper.method == "paper"
+    assert paper.particles == 100
+    assert paper.resample_below == 0.5
+    assert paper.search.offsets_xy == paper.search.offsets_theta == (-0.1, -0.05, 0.0, 0.05, 0.1)
+    assert paper.map.log_odds_step == pytest.approx(math.log(4))
+    assert paper.map.limit == 50
+    assert paper.sync.method == "nearest"
+    assert paper.sync.kinematics == "euler"
+    assert paper.sync.low_pass_hz == 10
+
+
+def test_toml_reads_back_equal():
+    for name in preset_names():
+        config = load_preset(name)
+        assert SlamConfig.model_validate(tomllib.loads(config.to_toml())) == config
+
+
+def test_a_flag_goes_over_the_file_over_the_preset(tmp_path: Path):
+    file = tmp_path / "mine.toml"
+    file.write_text("particles = 50\n[map]\ncell_size = 0.1\n")
+    config = resolve_config("paper", ["particles=30", "sync.method=interpolate"], file)
+    assert (config.particles, config.map.cell_size, config.sync.method) == (30, 0.1, "interpolate")
+    assert config.map.limit == 50
+
+
+@pytest.mark.parametrize(
+    ("setting", "words"),
+    [
+        ("particle=30", "particle: unknown key, expected one of method, particles"),
+        ("map.cells=1", "map.cells: unknown key, expected one of cell_size"),
+        ("particles=0", "particles"),
+        ("particles=many", "particles"),
+        ("particles=nan", "particles"),
+        ("map.cell_size=nan", "map.cell_size"),
+        ("map.hit_probability=0.5", "map.hit_probability"),
+        ("search.offsets_xy=[]", "search.offsets_xy"),
+        ("search.offsets_xy=[0.1, 0.2]", "search.offsets_xy: expected rising offsets, zero among them"),
+        ("map=3", "map"),
+        ("particles", "expected key=value"),
+        ("=3", "expected key=value"),
+    ],
+)
+def test_a_bad_setting_is_refused_in_one_line(setting: str, words: str):
+    with pytest.raises(ConfigError) as caught:
+        resolve_config("paper", [setting])
+    assert words in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_an_unknown_preset_lists_those_there_are():
+    with pytest.raises(ConfigError, match="expected one of .*paper"):
+        load_preset("papre")
+
+
+@pytest.mark.parametrize("text", ["particles = ", "particles = 'x'", "[maps]\n", "\x00"])
+def test_a_bad_file_is_named(tmp_path: Path, text: str):
+    file = tmp_path / "mine.toml"
+    file.write_text(text)
+    with pytest.raises(ConfigError, match=r"mine\.toml"):
+        resolve_config("paper", [], file)
+    with pytest.raises(ConfigError, match=r"none\.toml"):
+        resolve_config("paper", [], tmp_path / "none.toml")
