@@ -1,0 +1,187 @@
+"""The robot as a body in a physics engine, pushed by its wheels; where it goes is what the engine says.
+
+Contact of a wheel with the floor: a force against the slip between rim and floor, proportional to it until the grip
+gives way (Probabilistic Robotics has no such model; this is the usual linear tyre with a friction circle). A
+skid-steered robot slips sideways in every turn. With a sideways stiffness k_y and a lengthwise k_x, base B and track
+T, four wheels turn on the spot as if their track were T + (k_y / k_x) B^2 / T: so k_y / k_x follows from the
+platform's effective track.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from moteslam.robot.trajectory import Trajectory
+from moteslam.sim.pursuit import BlindDriver, Driver, PathDriver
+from moteslam.sim.scenario import Scenario
+from moteslam.sim.wander import wander_path
+from moteslam.sim.world import World
+
+RATE = 400
+"""Physics steps a second."""
+CONTROL_STEPS = 8
+"""Physics steps between two looks of the driver (50 Hz)."""
+STUCK_AFTER = 5.0
+"""A driver that asks for motion and gets under 5 cm and 0.05 rad of it in so many seconds gives up [s]."""
+GRAVITY = 9.80665
+
+
+@dataclass(frozen=True, eq=False)
+class Drive:
+    """What the robot truly did, at 400 Hz.
+
+    Attributes:
+        stamps: [n] [s], from 0.
+        poses: [n, 3] true poses in the world.
+        velocities: [n, 3] true velocity in the world [m/s, m/s] and yaw rate [rad/s].
+        wheel_travel: [n, 4] how far the rims of the FR, FL, RR, RL wheel have turned since the start [m].
+        end: why it ended: ``arrived``, ``stuck`` or ``out of time``.
+    """
+
+    stamps: NDArray[np.float64]
+    poses: NDArray[np.float64]
+    velocities: NDArray[np.float64]
+    wheel_travel: NDArray[np.float64]
+    end: str
+
+    @property
+    def truth(self) -> Trajectory:
+        """The true trajectory."""
+        return Trajectory(self.stamps, self.poses)
+
+
+def drive(
+    scenario: Scenario,
+    world: World,
+    rng: np.random.Generator,
+    progress: Callable[[float], None] | None = None,
+) -> Drive:
+    """Let the robot drive its scenario: rest, drive until its driver has arrived, is stuck or out of time, rest.
+
+    Args:
+        scenario: what to do and the robot's body.
+        world: what to do it in.
+        rng: of the driver's inattention and, for a wander, of its route.
+        progress: told the share of ``scenario.duration`` that has passed.
+    """
+    engine = _Engine(scenario, world)
+    driver = _driver(scenario, world, rng)
+    limits, dt = scenario.drive, 1 / RATE
+    speed = turn_rate = 0.0
+    end, end_step = "out of time", round((scenario.duration - limits.rest_end) * RATE)
+    rest_steps = round(limits.rest_start * RATE)
+    rows = [engine.state()]
+    stuck_check = rest_steps + round(STUCK_AFTER * RATE)
+    stuck_pose = engine.state()
+    for step in range(end_step):
+        if step >= rest_steps and step % CONTROL_STEPS == 0:
+            x, y, theta = rows[-1][:3]
+            wanted = driver.command((step - rest_steps) * dt, x, y, theta)
+            if wanted is None:
+                end = "arrived"
+                break
+            interval = CONTROL_STEPS * dt
+            speed = _approach(speed, wanted[0], limits.acceleration * interval)
+            turn_rate = _approach(turn_rate, wanted[1], limits.turn_acceleration * interval)
+            if step >= stuck_check and scenario.commands is None:
+                moved = math.hypot(x - stuck_pose[0], y - stuck_pose[1])
+                if moved < 0.05 and abs(theta - stuck_pose[2]) < 0.05:
+                    end = "stuck"
+                    break
+                stuck_check, stuck_pose = step + round(STUCK_AFTER * RATE), rows[-1]
+            if progress is not None and step % RATE == 0:
+                progress(step / (scenario.duration * RATE))
+        engine.step(speed, turn_rate)
+        rows.append(engine.state())
+    for _ in range(max(1, round(limits.rest_end * RATE))):
+        speed = _approach(speed, 0.0, 2 * limits.acceleration * dt)
+        turn_rate = _approach(turn_rate, 0.0, 2 * limits.turn_acceleration * dt)
+        engine.step(speed, turn_rate)
+        rows.append(engine.state())
+    table = np.array(rows)
+    return Drive(np.arange(len(table)) * dt, table[:, :3], table[:, 3:6], table[:, 6:], end)
+
+
+def _driver(scenario: Scenario, world: World, rng: np.random.Generator) -> Driver:
+    if scenario.commands is not None:
+        return BlindDriver(scenario.commands)
+    if scenario.route is not None:
+        return PathDriver(scenario.route.path(), scenario.drive, rng)
+    assert scenario.wander is not None
+    return PathDriver(wander_path(scenario.wander, world, rng), scenario.drive, rng)
+
+
+def _approach(value: float, wanted: float, change: float) -> float:
+    return min(max(wanted, value - change), value + change)
+
+
+class _Engine:
+    """The pymunk space with its walls, and the robot's body on four wheels."""
+
+    def __init__(self, scenario: Scenario, world: World) -> None:
+        import pymunk
+
+        platform, self._body_settings = scenario.platform, scenario.body
+        wheels, settings = platform.wheels, scenario.body
+        assert wheels is not None
+        space = pymunk.Space()
+        space.iterations = 20
+        for x0, y0, x1, y1 in world.segments.tolist():
+            wall = pymunk.Segment(space.static_body, (x0, y0), (x1, y1), 0.0)
+            wall.friction = settings.wall_friction
+            space.add(wall)
+        inertia = settings.mass * (platform.length**2 + platform.width**2) / 12
+        body = pymunk.Body(settings.mass, inertia)
+        x, y, theta = scenario.start.tolist()
+        body.position, body.angle = (x, y), theta
+        hull = pymunk.Poly.create_box(body, (platform.length, platform.width))
+        hull.friction = settings.wall_friction
+        space.add(body, hull)
+        self._space, self._body = space, body
+        base, track = wheels.wheel_base / 2, wheels.track / 2
+        self._places = ((base, -track), (base, track), (-base, -track), (-base, track))  # FR, FL, RR, RL
+        self._lengthwise = settings.stiffness
+        ratio = (wheels.effective_track - wheels.track) * wheels.track / wheels.wheel_base**2
+        self._sideways = settings.stiffness * ratio
+        self._half_track = wheels.effective_track / 2
+        self._grip = settings.grip * settings.mass * GRAVITY / 4
+        self._rims = [0.0, 0.0, 0.0, 0.0]
+        self._travel = [0.0, 0.0, 0.0, 0.0]
+
+    def state(self) -> tuple[float, ...]:
+        """x, y, theta, their velocities, and the travel of the four wheels."""
+        body = self._body
+        return (*body.position, body.angle, *body.velocity, body.angular_velocity, *self._travel)
+
+    def step(self, speed: float, turn_rate: float) -> None:
+        """One physics step with the motors asked for a speed [m/s] and turn rate [rad/s]."""
+        body, dt = self._body, 1 / RATE
+        settings = self._body_settings
+        cos, sin = math.cos(body.angle), math.sin(body.angle)
+        vx, vy = body.velocity
+        yaw_rate = body.angular_velocity
+        forward, left = cos * vx + sin * vy, cos * vy - sin * vx
+        total_x = total_y = moment = 0.0
+        for i, (px, py) in enumerate(self._places):
+            rim = self._rims[i]
+            # the floor's force on the wheel, against the slip at its contact
+            fx = self._lengthwise * (rim - (forward - yaw_rate * py))
+            fy = -self._sideways * (left + yaw_rate * px)
+            size = math.hypot(fx, fy)
+            if size > self._grip:
+                fx, fy = fx * self._grip / size, fy * self._grip / size
+            total_x, total_y, moment = total_x + fx, total_y + fy, moment + px * fy - py * fx
+            # a motor that reaches its speed at once if its bounded force can
+            wanted = speed + math.copysign(self._half_track, py) * -turn_rate
+            push = (wanted - rim) * settings.wheel_mass / dt + fx
+            push = min(max(push, -settings.wheel_force), settings.wheel_force)
+            self._rims[i] = rim = rim + (push - fx) * dt / settings.wheel_mass
+            self._travel[i] += rim * dt
+        body.force = (cos * total_x - sin * total_y, sin * total_x + cos * total_y)
+        body.torque = moment
+        self._space.step(dt)

@@ -1,0 +1,169 @@
+"""The pieces a scenario's world is built of, as they stand in its TOML file, and the segments they become."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, FiniteFloat, model_validator
+
+from moteslam.sim.noise import Positive, Settings
+
+Coordinate = Annotated[FiniteFloat, Field(ge=-1000, le=1000)]
+Point = tuple[Coordinate, Coordinate]
+Size = Annotated[FiniteFloat, Field(gt=0, le=1000)]
+Segments = NDArray[np.float64]
+"""float64, shape [m, 4]: x0, y0, x1, y1 [m]."""
+
+
+class Door(Settings):
+    """A gap in a wall: where it begins, in metres along the wall, and how wide it is [m]."""
+
+    at: Annotated[FiniteFloat, Field(ge=0)]
+    width: Positive
+
+
+class Recess(Settings):
+    """A rectangular niche in a wall: where it begins along the wall, its width and depth [m].
+
+    A positive depth goes to the left of the wall's direction, a negative one to the right; seen from the other side a
+    niche is a pilaster that stands out.
+    """
+
+    at: Annotated[FiniteFloat, Field(ge=0)]
+    width: Positive
+    depth: FiniteFloat
+
+
+class Wall(Settings):
+    """A polyline, closed or not, with doors (gaps) and recesses measured along it from its first point."""
+
+    points: Annotated[tuple[Point, ...], Field(min_length=2, max_length=10_000)]
+    closed: bool = False
+    doors: tuple[Door, ...] = ()
+    recesses: tuple[Recess, ...] = ()
+
+    @property
+    def corners(self) -> NDArray[np.float64]:
+        """The polyline's corners [k, 2], the first repeated at the end if it is closed."""
+        points = (*self.points, self.points[0]) if self.closed else self.points
+        return np.asarray(points, np.float64)
+
+    @model_validator(mode="after")
+    def _fits(self) -> Wall:
+        lengths = np.hypot(*np.diff(self.corners, axis=0).T)
+        if (lengths == 0).any():
+            raise ValueError("two successive points are the same, expected them apart")
+        starts = np.concatenate(([0.0], np.cumsum(lengths)))
+        spans = sorted((cut.at, cut.at + cut.width) for cut in (*self.doors, *self.recesses))
+        for begin, end in spans:
+            straight = int(np.searchsorted(starts, begin, "right")) - 1
+            if end > starts[-1] + 1e-9:
+                raise ValueError(f"a door or recess ends at {end:g} m, expected within the wall's {starts[-1]:g} m")
+            if end > starts[straight + 1] + 1e-9:
+                raise ValueError(f"a door or recess at {begin:g} m goes round a corner, expected it on one straight")
+        for (begin, end), (after, _) in zip(spans, spans[1:], strict=False):
+            if after < end:
+                raise ValueError(f"the door or recess at {after:g} m overlaps the one at {begin:g} m")
+        return self
+
+    def segments(self) -> Segments:
+        """The straight pieces left of the doors, with the recesses worked in."""
+        corners = self.corners
+        found: list[tuple[float, float, float, float]] = []
+        start = 0.0
+        for a, b in zip(corners, corners[1:], strict=False):
+            length = math.hypot(*(b - a))
+            along = (b - a) / length
+            left = np.array((-along[1], along[0]))
+            here = start
+
+            def line(*places: tuple[float, float]) -> None:
+                at = [a + (s - start) * along + d * left for s, d in places]  # noqa: B023 - used at once
+                found.extend((*p, *q) for p, q in zip(at, at[1:], strict=False) if not np.array_equal(p, q))
+
+            cuts: list[Door | Recess] = [*self.doors, *self.recesses]
+            for cut in sorted(cuts, key=lambda cut: cut.at):
+                if not start <= cut.at < start + length - 1e-9:
+                    continue
+                line((here, 0.0), (cut.at, 0.0))
+                here = cut.at + cut.width
+                if isinstance(cut, Recess):
+                    line((cut.at, 0.0), (cut.at, cut.depth), (here, cut.depth), (here, 0.0))
+            if here < start + length - 1e-9:
+                line((here, 0.0), (start + length, 0.0))
+            start += length
+        return np.array(found, np.float64).reshape(-1, 4)
+
+
+class RoomDoor(Door):
+    """A door in one side of a room, measured from the side's west or south end."""
+
+    side: Literal["north", "east", "south", "west"]
+
+
+class Room(Settings):
+    """Four walls along the axes: the south-west corner and the size [m], with doors in its sides."""
+
+    corner: Point
+    size: tuple[Size, Size]
+    doors: tuple[RoomDoor, ...] = ()
+
+    @model_validator(mode="after")
+    def _fits(self) -> Room:
+        self.segments()
+        return self
+
+    def segments(self) -> Segments:
+        """The walls left of the doors."""
+        (x, y), (w, h) = self.corner, self.size
+        sides = {
+            "south": ((x, y), (x + w, y)),
+            "east": ((x + w, y), (x + w, y + h)),
+            "north": ((x, y + h), (x + w, y + h)),
+            "west": ((x, y), (x, y + h)),
+        }
+        walls = []
+        for side, points in sides.items():
+            doors = tuple(Door(at=door.at, width=door.width) for door in self.doors if door.side == side)
+            walls.append(Wall(points=points, doors=doors).segments())
+        return np.concatenate(walls)
+
+
+class Box(Settings):
+    """A solid rectangle: its centre and size [m], turned by ``angle`` [rad]."""
+
+    centre: Point
+    size: tuple[Size, Size]
+    angle: FiniteFloat = 0.0
+
+    def polygon(self) -> NDArray[np.float64]:
+        """The corners [4, 2], counterclockwise [m]."""
+        w, h = self.size
+        corners = np.array([(-w, -h), (w, -h), (w, h), (-w, h)]) / 2
+        cos, sin = math.cos(self.angle), math.sin(self.angle)
+        return np.asarray(self.centre + corners @ np.array([(cos, sin), (-sin, cos)]))
+
+
+class Pillar(Settings):
+    """A solid regular polygon in place of a round pillar: its centre and radius [m] and number of sides."""
+
+    centre: Point
+    radius: Size
+    sides: Annotated[int, Field(ge=3, le=256)] = 12
+
+    def polygon(self) -> NDArray[np.float64]:
+        """The corners [sides, 2], counterclockwise [m]."""
+        angle = 2 * np.pi * np.arange(self.sides) / self.sides
+        return self.centre + self.radius * np.stack((np.cos(angle), np.sin(angle)), axis=-1)
+
+
+class Layout(Settings):
+    """Everything that stands in a world."""
+
+    walls: tuple[Wall, ...] = ()
+    rooms: tuple[Room, ...] = ()
+    boxes: tuple[Box, ...] = ()
+    pillars: tuple[Pillar, ...] = ()

@@ -1,0 +1,141 @@
+"""How noisy the simulated sensors are: frozen settings, by default those measured on the UCSD robot.
+
+Every figure here names its source; ``docs/scenarios.md`` tables them beside the measurements.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat
+
+NonNegative = Annotated[FiniteFloat, Field(ge=0)]
+Positive = Annotated[FiniteFloat, Field(gt=0)]
+Probability = Annotated[FiniteFloat, Field(ge=0, le=1)]
+
+
+class Settings(BaseModel):
+    """A frozen part of a scenario that refuses unknown keys, infinities and wrong types."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class ClockNoise(Settings):
+    """How a host stamps the readings of a device that itself ticks steadily.
+
+    On the real robot the counts do not follow the intervals between the stamps: the jitter is in the stamping. So a
+    stamp is the time of the reading plus a delay; readings that were held up come out in a burst.
+
+    Attributes:
+        jitter: scale of the usual, half-normal delay [s].
+        late: probability that a reading is held up.
+        late_delay: longest such delay [s], uniform from 0.
+        burst_interval: shortest interval between two stamps [s].
+        rate_error: standard deviation of the device's rate, relative, drawn once a recording.
+    """
+
+    jitter: NonNegative = 0.0
+    late: Probability = 0.0
+    late_delay: NonNegative = 0.0
+    burst_interval: NonNegative = 0.0
+    rate_error: NonNegative = 0.0
+
+
+class LidarNoise(Settings):
+    """The Hokuyo UTM-30LX: data sheet, repeated accuracy sigma < 10 mm to 10 m, < 30 mm to 30 m, resolution 1 mm.
+
+    Attributes:
+        range_noise: standard deviation of a range at the sensor [m].
+        range_noise_per_metre: how it grows with the range [m/m]: 13 mm at 10 m, 23 mm at 30 m.
+        dropout: probability that a beam gives no usable reading (``nan``).
+        resolution: of a range [m]; 0 for none.
+        clock: of the scans.
+    """
+
+    range_noise: NonNegative = 0.008
+    range_noise_per_metre: NonNegative = 0.0005
+    dropout: Probability = 0.005
+    resolution: NonNegative = 0.001
+    clock: ClockNoise = ClockNoise(jitter=0.0003, late=0.002, late_delay=0.005, burst_interval=0.001, rate_error=2e-4)
+
+
+class EncoderNoise(Settings):
+    """Wheels that are not what the data sheet says, on a floor that is not even.
+
+    Attributes:
+        scale_error: of all the wheels' radius, relative, drawn once a recording.
+        radius_error: of each wheel's radius, relative, drawn once a recording.
+        track_error: of the effective track, relative, drawn once a recording.
+        slip: standard deviation of each side's momentary slip, relative to its travel.
+        slip_time: over which the slip stays alike [s].
+        clock: of the readings (measured: intervals of 25 ms, standard deviation 3.7 to 6.1 ms, 3 to 68 ms).
+    """
+
+    scale_error: NonNegative = 0.004
+    radius_error: NonNegative = 0.0005
+    track_error: NonNegative = 0.01
+    slip: NonNegative = 0.02
+    slip_time: Positive = 0.5
+    clock: ClockNoise = ClockNoise(
+        jitter=0.002, late=0.02, late_delay=0.04, burst_interval=0.0032, rate_error=2e-4
+    )
+
+
+class ImuNoise(Settings):
+    """The gyro and accelerometer of the UCSD robot, measured while it stood still and while it drove.
+
+    Attributes:
+        gyro_noise: standard deviation of an angular velocity at rest [rad/s] (measured 0.0037 to 0.0041).
+        gyro_correlation: of that noise with itself one and two readings later (measured 0.91 and 0.69: the device
+            filters what it tells); a heading integrates this to about 0.05 degrees a root second.
+        gyro_bias: size of the yaw rate's bias [rad/s] (measured 1.0 to 1.3 degrees a minute), either sign.
+        gyro_bias_spread: its standard deviation from one recording to another, relative.
+        gyro_bias_walk: random walk of the bias [rad/s per root second].
+        accelerometer_noise: standard deviation at rest [g] (measured 0.0002 to 0.0013).
+        accelerometer_bias: standard deviation of each axis, drawn once a recording [g] (measured 0.004 to 0.016).
+        vibration: standard deviation of the horizontal accelerations at 1 m/s [g] (measured 0.024 to 0.028).
+        tilting: standard deviation of the roll and pitch rates at 1 m/s [rad/s] (measured 0.03).
+        clock: of the readings (measured: 10 ms, standard deviation 1.9 to 2.2 ms, 0.005 to 37 ms).
+    """
+
+    gyro_noise: NonNegative = 0.004
+    gyro_correlation: tuple[FiniteFloat, FiniteFloat] = (0.905, 0.69)
+    gyro_bias: NonNegative = float(np.radians(1.15) / 60)
+    gyro_bias_spread: NonNegative = 0.1
+    gyro_bias_walk: NonNegative = 5e-6
+    accelerometer_noise: NonNegative = 0.0007
+    accelerometer_bias: NonNegative = 0.01
+    vibration: NonNegative = 0.025
+    tilting: NonNegative = 0.03
+    clock: ClockNoise = ClockNoise(
+        jitter=0.0009, late=0.012, late_delay=0.025, burst_interval=5e-6, rate_error=2e-4
+    )
+
+
+class Noise(Settings):
+    """All the sensors' noise.
+
+    Attributes:
+        odometry_scale: multiplies the encoders' slip, scale, radius and track errors and the gyro's noise and bias.
+    """
+
+    odometry_scale: NonNegative = 1.0
+    lidar: LidarNoise = LidarNoise()
+    encoders: EncoderNoise = EncoderNoise()
+    imu: ImuNoise = ImuNoise()
+
+    @classmethod
+    def none(cls) -> Noise:
+        """Perfect sensors: no noise, no bias, no dropouts, no jitter, ranges as fine as a float32 holds them."""
+        still = ClockNoise()
+        return cls(
+            odometry_scale=0.0,
+            lidar=LidarNoise(
+                range_noise=0.0, range_noise_per_metre=0.0, dropout=0.0, resolution=0.0, clock=still
+            ),
+            encoders=EncoderNoise(clock=still),
+            imu=ImuNoise(
+                accelerometer_noise=0.0, accelerometer_bias=0.0, vibration=0.0, tilting=0.0, clock=still
+            ),
+        )

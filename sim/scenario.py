@@ -1,0 +1,196 @@
+"""A scenario: a world, what the robot does in it, and how noisy its sensors are, as one TOML file."""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from os import PathLike
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydantic import Field, FiniteFloat, ValidationError, field_validator, model_validator
+
+from moteslam.errors import ConfigError
+from moteslam.robot.platform import UCSD, Platform
+from moteslam.sim.driving import MAX_DURATION, Body, Commands, Limits, Route, Wander
+from moteslam.sim.layout import Layout
+from moteslam.sim.noise import Noise, Settings
+from moteslam.sim.world import World
+
+SCENARIOS = Path(__file__).parent / "scenarios"
+MAX_SEGMENTS = 20_000
+MAX_FILE_BYTES = 4_000_000
+
+
+class Scenario(Settings):
+    """A world and a run in it.
+
+    Attributes:
+        name: what it is called: the file's name without ``.toml``, unless the file says otherwise.
+        description: why it is hard, one sentence.
+        seed: of the noise, where ``simulate`` is given none.
+        duration: the run ends after this many seconds at the latest.
+        world: what stands in it.
+        route, wander, commands: what the robot does; exactly one of them.
+        drive: the limits it drives within.
+        body: the robot as a mass on wheels.
+        platform: the robot; a file changes single values of the UCSD robot.
+        noise: of the sensors.
+    """
+
+    name: Annotated[str, Field(min_length=1, max_length=200)] = "scenario"
+    description: str = ""
+    seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
+    duration: Annotated[FiniteFloat, Field(gt=0, le=MAX_DURATION)] = 600.0
+    world: Layout
+    route: Route | None = None
+    wander: Wander | None = None
+    commands: Commands | None = None
+    drive: Limits = Limits()
+    body: Body = Body()
+    platform: Platform = UCSD
+    noise: Noise = Noise()
+
+    @field_validator("platform", mode="before")
+    @classmethod
+    def _from_ucsd(cls, value: Any) -> Any:
+        return _merge(UCSD.model_dump(), value) if isinstance(value, dict) else value
+
+    @model_validator(mode="after")
+    def _makes_sense(self) -> Scenario:
+        given = [key for key in ("route", "wander", "commands") if getattr(self, key) is not None]
+        if len(given) != 1:
+            found = " and ".join(given) or "none"
+            raise ValueError(f"found {found}, expected exactly one of route, wander and commands")
+        wheels = self.platform.wheels
+        if wheels is None:
+            raise ValueError("platform.wheels: a platform without wheels cannot drive")
+        if wheels.effective_track < wheels.track:
+            raise ValueError(
+                f"platform.wheels.effective_track: {wheels.effective_track:g} m, "
+                f"expected at least the track, {wheels.track:g} m"
+            )
+        if wheels.wheel_base > self.platform.length or wheels.track > self.platform.width:
+            raise ValueError("platform: the wheels stand outside the body, expected them within length and width")
+        if self.duration <= self.drive.rest_start + self.drive.rest_end:
+            raise ValueError(
+                f"duration: {self.duration:g} s, expected more than the rests at start and end, "
+                f"{self.drive.rest_start + self.drive.rest_end:g} s"
+            )
+        _check_world(self)
+        return self
+
+    @property
+    def start(self) -> NDArray[np.float64]:
+        """The pose [3] that the robot starts at: x [m], y [m], theta [rad]."""
+        if self.commands is not None:
+            return np.asarray(self.commands.start, np.float64)
+        if self.route is not None:
+            first, second = self.route.corners[:2]
+            return np.array((*first, np.arctan2(*(second - first)[::-1])))
+        assert self.wander is not None
+        return np.array((*self.wander.start, 0.0))
+
+    @property
+    def radius(self) -> float:
+        """The radius of the circle about the robot's body [m]."""
+        return float(np.hypot(self.platform.length, self.platform.width) / 2)
+
+
+def bundled_scenarios() -> dict[str, str]:
+    """The names of the scenarios that come with the package, each with its one-line description."""
+    found = {}
+    for file in sorted(SCENARIOS.glob("*.toml")):
+        found[file.stem] = str(tomllib.loads(file.read_text(encoding="utf-8")).get("description", ""))
+    return found
+
+
+def load_scenario(name_or_path: str | PathLike[str]) -> Scenario:
+    """Read a scenario: the name of a bundled one, or the path of a TOML file (anything with ``.toml`` or a ``/``).
+
+    Raises:
+        ConfigError: no such scenario, not TOML, an unknown key, a value of the wrong type or out of bounds, a world
+            that is empty, or a robot, waypoint or leg that touches a wall. File, key and expectation are named.
+    """
+    path = Path(name_or_path)
+    text = str(name_or_path)
+    if path.suffix != ".toml" and path.name == text:
+        path = SCENARIOS / f"{text}.toml"
+        if text not in bundled_scenarios():
+            names = ", ".join(bundled_scenarios())
+            raise ConfigError(f"no scenario of this name, expected one of {names}, or a .toml file", file=text)
+    try:
+        with path.open("rb") as file:
+            content = file.read(MAX_FILE_BYTES + 1)
+        if len(content) > MAX_FILE_BYTES:
+            raise ConfigError(f"over {MAX_FILE_BYTES} bytes, expected a scenario", file=name_or_path)
+        table = tomllib.loads(content.decode("utf-8"))
+    except OSError as error:
+        raise ConfigError(f"{error.strerror}, expected a scenario's .toml file", file=name_or_path) from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
+        raise ConfigError(f"not TOML: {error}", file=name_or_path) from error
+    return parse_scenario({"name": path.stem, **table}, file=name_or_path)
+
+
+def parse_scenario(table: dict[str, Any], *, file: str | PathLike[str] | None = None) -> Scenario:
+    """A scenario from a table as TOML gives it; ``file`` is named in errors.
+
+    Raises:
+        ConfigError: as ``load_scenario``.
+    """
+    try:
+        # JSON's rules are strict about types, yet take a TOML array for a tuple
+        return Scenario.model_validate_json(json.dumps(table, default=str), strict=True)
+    except ValidationError as error:
+        first = error.errors()[0]
+        problem = first["msg"].removeprefix("Value error, ")
+        if first["type"] == "extra_forbidden":
+            problem = "unknown key, expected one that docs/scenarios.md lists"
+        field = ".".join(map(str, first["loc"]))
+        raise ConfigError(problem, file=file, field=field or None) from error
+
+
+def _merge(base: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
+    """``base`` with the single values of ``changes`` put over it, tables within tables."""
+    merged = dict(base)
+    for key, value in changes.items():
+        below = merged.get(key)
+        merged[key] = _merge(below, value) if isinstance(below, dict) and isinstance(value, dict) else value
+    return merged
+
+
+def _check_world(scenario: Scenario) -> None:
+    """Refuse an empty or outsized world, and a robot, waypoint or leg that touches a wall."""
+    world = World.of(scenario.world)
+    if not len(world.segments):
+        raise ValueError("world: nothing stands in it, expected at least one wall, room, box or pillar")
+    if len(world.segments) > MAX_SEGMENTS:
+        raise ValueError(f"world: {len(world.segments)} segments, expected at most {MAX_SEGMENTS}")
+    start = scenario.start[:2]
+    radius = scenario.radius
+    _check_point(world, start, radius, f"the robot starts at ({start[0]:g}, {start[1]:g})")
+    if scenario.route is None:
+        return
+    corners = scenario.route.corners
+    for i, corner in enumerate(scenario.route.waypoints):
+        _check_point(world, corner, radius, f"route.waypoints.{i}: waypoint ({corner[0]:g}, {corner[1]:g}) is")
+    half_width = scenario.platform.width / 2
+    for i, (a, b) in enumerate(zip(corners, corners[1:], strict=False)):
+        samples = np.linspace(a, b, max(2, int(np.ceil(np.hypot(*(b - a)) / 0.05)) + 1))
+        free = world.is_free(samples, half_width)
+        if not free.all():
+            x, y = samples[np.argmin(free)]
+            raise ValueError(
+                f"route.waypoints.{i}: the leg from waypoint {i} to the next runs into a wall near "
+                f"({x:.2f}, {y:.2f}), expected {half_width:.2f} m clear on both sides"
+            )
+
+
+def _check_point(world: World, point: ArrayLike, radius: float, what: str) -> None:
+    if world.inside_solid(point)[0]:
+        raise ValueError(f"{what} inside a wall (box or pillar), expected free space")
+    away = float(world.distance(point)[0])
+    if away < radius:
+        raise ValueError(f"{what} {away:.2f} m from a wall, expected at least {radius:.2f} m")

@@ -1,0 +1,75 @@
+"""Four wheel counters that reset when read."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from moteslam.robot.platform import Wheels
+from moteslam.robot.recording import EncoderStream
+from moteslam.sim.drive import Drive
+from moteslam.sim.noise import EncoderNoise
+from moteslam.sim.sensors.clock import readings
+
+RATE = 40.0
+"""Readings a second."""
+
+_RIGHT = np.array((True, False, True, False))
+"""Which of FR, FL, RR, RL are on the right."""
+
+
+def simulate_encoders(
+    drive: Drive,
+    wheels: Wheels,
+    noise: EncoderNoise,
+    scale: float,
+    span: tuple[float, float],
+    rng: np.random.Generator,
+) -> EncoderStream:
+    """The counts of the four wheels.
+
+    The counters see the rims' travel, slip in turns and all, as ``drive`` has it; on top of that come what the
+    wheels' radii and the track are wrong by, and momentary slip that differs from side to side.
+
+    Args:
+        drive: what the wheels truly did.
+        wheels: the robot's.
+        noise: of the counters and their clock.
+        scale: multiplies slip, scale, radius and track errors.
+        span: of the first and last reading [s].
+        rng: drawn from, always the same number of times for the same readings.
+
+    Returns:
+        counts int64 [n, 4], order FR, FL, RR, RL; stamps [n] from 0 [s].
+    """
+    times, stamps = readings(RATE, *span, noise.clock, rng)
+    travel = np.stack([np.interp(times, drive.stamps, wheel) for wheel in drive.wheel_travel.T], axis=-1)
+    seen = _with_errors(np.diff(travel, axis=0, prepend=travel[:1]), noise, scale, rng)
+    # the counter counts whole ticks; the rest stays in the wheel, for the next reading
+    ticks = np.floor(np.cumsum(seen, axis=0) / wheels.metres_per_count).astype(np.int64)
+    return EncoderStream(stamps=stamps, counts=np.diff(ticks, axis=0, prepend=ticks[:1]))
+
+
+def _with_errors(
+    steps: NDArray[np.float64], noise: EncoderNoise, scale: float, rng: np.random.Generator
+) -> NDArray[np.float64]:
+    """The travel between readings [n, 4] [m] as the counters get to see it."""
+    common = noise.scale_error * rng.standard_normal()
+    wheel = noise.radius_error * rng.standard_normal(4)
+    track = noise.track_error * rng.standard_normal()
+    # momentary slip: first-order noise, the same for both wheels of a side
+    keep = np.exp(-1 / (RATE * noise.slip_time))
+    white = rng.standard_normal((len(steps), 2))
+    white[1:] *= np.sqrt(1 - keep**2)
+    slip = noise.slip * _first_order(white, keep)
+    right, left = steps[:, _RIGHT].mean(1), steps[:, ~_RIGHT].mean(1)
+    turning = np.where(_RIGHT, 0.5, -0.5) * (right - left)[:, None]
+    factor = 1 + scale * (common + wheel + slip[:, np.where(_RIGHT, 0, 1)])
+    return (steps + scale * track * turning) * factor
+
+
+def _first_order(white: NDArray[np.float64], keep: float) -> NDArray[np.float64]:
+    """The recursion y[i] = keep y[i-1] + white[i] along the first axis."""
+    from scipy.signal import lfilter
+
+    return np.asarray(lfilter([1.0], [1.0, -keep], white, axis=0))

@@ -1,0 +1,152 @@
+"""A scenario in, a recording and its truth out; and both on disk."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from os import PathLike
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+import tomli_w
+
+from moteslam.errors import ConfigError
+from moteslam.robot import se2
+from moteslam.robot.files import write_atomically
+from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream, Recording
+from moteslam.robot.trajectory import Trajectory, write_tum
+from moteslam.sim.drive import RATE, drive
+from moteslam.sim.scenario import Scenario
+from moteslam.sim.sensors.encoders import simulate_encoders
+from moteslam.sim.sensors.imu import simulate_imu
+from moteslam.sim.sensors.lidar import simulate_lidar
+from moteslam.sim.world import World
+
+EPOCH = 1_300_000_000.0
+"""The stamp of the drive's first moment [s since 1970], so that stamps are as coarse as a real robot's."""
+
+TRUTH_RATE = 100
+"""True poses a second that are kept."""
+
+Progress = Callable[[str, float], None]
+"""Told what is being done (``drive``, ``lidar``) and the share of it that is done."""
+
+_Stream = TypeVar("_Stream", LidarStream, EncoderStream, ImuStream)
+
+
+@dataclass(frozen=True, eq=False)
+class Simulation:
+    """What the sensors saw, and what was so.
+
+    Attributes:
+        recording: the sensors' streams; nothing of the truth is in it.
+        truth: the robot's true poses in the world at 100 Hz, over all that the sensors saw.
+        scenario: what was simulated, with the seed that was used.
+        end: why the drive ended: ``arrived``, ``stuck`` or ``out of time``.
+    """
+
+    recording: Recording
+    truth: Trajectory
+    scenario: Scenario
+    end: str
+
+    @property
+    def world(self) -> World:
+        """The true world."""
+        return World.of(self.scenario.world)
+
+
+def simulate(scenario: Scenario, seed: int | None = None, *, progress: Progress | None = None) -> Simulation:
+    """Drive a scenario and record what the sensors see.
+
+    Args:
+        scenario: as `load_scenario` gives it.
+        seed: of all that is random, the scenario's own by default; the same seed gives the same bytes.
+        progress: called now and then.
+
+    Raises:
+        ConfigError: a negative seed, or a robot that gets stuck on its route.
+    """
+    if seed is not None:
+        if not 0 <= seed < 2**63:
+            raise ConfigError(f"{seed}, expected 0 or more", field="seed")
+        scenario = scenario.model_copy(update={"seed": seed})
+    wheels, noise = scenario.platform.wheels, scenario.noise
+    assert wheels is not None  # a scenario without is refused
+    say = progress or (lambda _what, _share: None)
+    # one stream of random numbers a concern: a change to one sensor's noise leaves the others as they were
+    driver, clocks, lidar, encoders, imu = (
+        np.random.default_rng(child) for child in np.random.SeedSequence(scenario.seed).spawn(5)
+    )
+    world = World.of(scenario.world)
+    driven = drive(scenario, world, driver, lambda share: say("drive", share))
+    if driven.end == "stuck":
+        x, y = driven.poses[-1, :2]
+        raise ConfigError(
+            f"the robot got stuck near ({x:.2f}, {y:.2f}) after {driven.stamps[-1]:.0f} s, "
+            "expected a route it can follow: leave more room, or drive slower",
+            field="route",
+        )
+    say("drive", 1.0)
+    spans = _spans(float(driven.stamps[-1]), clocks)
+    recording = Recording(
+        name=scenario.name,
+        platform=scenario.platform,
+        lidar=_at_epoch(
+            simulate_lidar(
+                driven, world, scenario.platform.lidar, noise.lidar, spans["lidar"], lidar, lambda s: say("lidar", s)
+            )
+        ),
+        encoders=_at_epoch(
+            simulate_encoders(driven, wheels, noise.encoders, noise.odometry_scale, spans["encoders"], encoders)
+        ),
+        imu=_at_epoch(simulate_imu(driven, noise.imu, noise.odometry_scale, spans["imu"], imu)),
+    )
+    every = RATE // TRUTH_RATE
+    kept = np.unique(np.append(np.arange(0, len(driven.stamps), every), len(driven.stamps) - 1))
+    poses = driven.poses[kept]
+    poses[:, 2] = se2.wrap(poses[:, 2])
+    truth = Trajectory(EPOCH + driven.stamps[kept], poses)
+    return Simulation(recording, truth, scenario, driven.end)
+
+
+def write_simulation(folder: str | PathLike[str], simulation: Simulation, *, sequence: str = "20") -> None:
+    """Write a simulation as a folder in the UCSD layout, which reads back equal.
+
+    Beside the arrays and ``platform.toml`` go ``truth.tum`` and ``scenario.toml``.
+
+    Args:
+        folder: exists.
+        simulation: what to write.
+        sequence: the number in the file names.
+
+    Raises:
+        OutputError: the folder is missing or read-only, or the disk is full.
+    """
+    from moteslam.robot.formats.ucsd import write_ucsd
+
+    write_ucsd(folder, simulation.recording, sequence=sequence)
+    write_tum(Path(folder) / "truth.tum", simulation.truth)
+    write_atomically(
+        Path(folder) / "scenario.toml", tomli_w.dumps(simulation.scenario.model_dump(exclude_none=True))
+    )
+
+
+def _spans(duration: float, rng: np.random.Generator) -> dict[str, tuple[float, float]]:
+    """When each sensor's first and last reading is taken [s].
+
+    As measured on the real robot: the IMU starts 0.3 to 0.5 s after the encoders, which end 1.4 to 1.6 s after it.
+    """
+    start = 0.1 + rng.uniform(0.0, 0.025)
+    end = duration - 0.1
+    return {
+        "encoders": (start, end),
+        "imu": (start + rng.uniform(0.3, 0.5), end - rng.uniform(1.4, 1.6)),
+        "lidar": (start + rng.uniform(0.05, 0.25), end - rng.uniform(0.2, 1.0)),
+    }
+
+
+def _at_epoch(stream: _Stream) -> _Stream:
+    """The stream with its stamps in Unix seconds."""
+    return replace(stream, stamps=EPOCH + stream.stamps)
