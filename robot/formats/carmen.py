@@ -1,0 +1,241 @@
+"""CARMEN logs, plain or gzip: read and written. Lines, rules and bounds: ``docs/formats.md``."""
+
+from __future__ import annotations
+
+import gzip
+import re
+from os import PathLike
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from moteslam.errors import InputError
+from moteslam.robot import se2
+from moteslam.robot.files import write_atomically
+from moteslam.robot.formats.carmen_lines import CarmenLines, ScanKind, Scans, parse_lines
+from moteslam.robot.formats.no_return import no_return_limit
+from moteslam.robot.formats.ranges import clean_ranges
+from moteslam.robot.formats.stamps import stamp_order
+from moteslam.robot.formats.text import TextLines
+from moteslam.robot.platform import CARMEN, LidarMount, Platform
+from moteslam.robot.recording import LidarStream, OdometryStream, Recording
+
+MAX_BROKEN = 3
+"""So many broken lines are always put up with; more of them only up to a tenth of the log."""
+
+_LINE = re.compile(rb"^(?:FLASER|ROBOTLASER1|ODOM|PARAM)\s", re.MULTILINE)
+_LIMITS = ("robot_front_laser_max", "robot_frontlaser_max", "laser_front_max_range", "front_laser_max")
+_SAME = 0.005
+
+
+def is_carmen(path: Path) -> bool:
+    """Whether a file, plain or gzip, begins like a CARMEN log: with a line of a known kind in its first 256 KiB."""
+    return _LINE.search(TextLines(path).head()) is not None
+
+
+def read_carmen(path: str | PathLike[str], *, platform: Platform | None = None) -> Recording:
+    """Read a CARMEN log.
+
+    Stamps are the ``ipc_timestamp``; the logger's where every ipc stamp of the log is 0. Broken lines are dropped
+    and counted, as long as there are no more than 3 of them or a tenth of the log.
+
+    Args:
+        path: the log.
+        platform: the robot; else what the log's parameters and poses tell.
+
+    Returns:
+        a recording with ``lidar`` (and in it the robot's odometry pose at every scan) and ``odometry``, each where
+        the log has it; ``warnings`` tell what was dropped or mended, with counts.
+
+    Raises:
+        InputError: not a CARMEN log, nothing usable in it, too much broken, or absurd stamps.
+    """
+    path = Path(path)
+    lines = TextLines(path)
+    log = parse_lines(lines)
+    warnings: list[str] = []
+    if lines.damage is not None:
+        warnings.append(f"{path.name}: {lines.damage}; what came before is used")
+    _check_broken(path, log, lines.damage, warnings)
+    chosen = _choose(path, log, warnings)
+    odometry = np.array(log.odometry, np.float64).reshape(-1, 5)
+    rows = np.array(chosen[1].rows if chosen else (), np.float64).reshape(-1, 8)
+    clock = -2 if (rows[:, 6] != 0).any() or (odometry[:, 3] != 0).any() else -1
+    if platform is None:
+        platform = _platform(log, rows)
+    return Recording(
+        name=re.sub(r"(\.log|\.clf)?(\.gz)?$", "", path.name) or path.name,
+        platform=platform,
+        lidar=chosen and _lidar(path, log, chosen, rows=rows, clock=clock, platform=platform, warnings=warnings),
+        odometry=_odometry(path, odometry, clock, warnings),
+        warnings=tuple(warnings),
+    )
+
+
+def _check_broken(path: Path, log: CarmenLines, damage: str | None, warnings: list[str]) -> None:
+    number, problem = log.first_broken or (None, "")
+    if not log.used:
+        if log.first_broken is None:
+            problem = f"no FLASER, ROBOTLASER1 or ODOM line{f'; {damage}' if damage else ''}, expected a CARMEN log"
+        raise InputError(problem, file=path, line=number)
+    if log.broken > max(MAX_BROKEN, log.used // 10):
+        raise InputError(f"{problem} (first of {log.broken} broken lines, {log.used} whole)", file=path, line=number)
+    if log.broken:
+        warnings.append(f"{path.name}: {log.broken} broken lines dropped, the first is line {number}: {problem}")
+
+
+def _choose(path: Path, log: CarmenLines, warnings: list[str]) -> tuple[ScanKind, Scans] | None:
+    """The kind of scan most frequent in the log (of equals, the one that tells its angles); others are left aside.
+
+    Raises:
+        InputError: a tenth of the scans of that kind of line have other beams: the log is two.
+    """
+    if not log.scans:
+        return None
+    kind, scans = max(log.scans.items(), key=lambda item: (len(item[1]), item[0].line == "ROBOTLASER1"))
+    for other, left in log.scans.items():
+        if other == kind:
+            continue
+        text = f"{len(left)} {other.line} scans of {other.beams} beams"
+        if other.line == kind.line and len(left) > max(MAX_BROKEN, len(scans) // 10):
+            raise InputError(
+                f"{text}, expected {kind.beams} beams from {kind.angle_min:.4f} rad as in the other {len(scans)}",
+                file=path,
+                line=left.first_line,
+            )
+        warnings.append(f"{path.name}: {text} left aside, the first is line {left.first_line}")
+    return kind, scans
+
+
+def _platform(log: CarmenLines, rows: NDArray[np.float64]) -> Platform:
+    """The built-in robot, with the size and the lidar's place that the log tells."""
+    size = {key: log.params[f"robot_{key}"] for key in ("length", "width") if log.params.get(f"robot_{key}", 0) > 0}
+    return Platform(**{**CARMEN.model_dump(), **size, "lidar": _mount(log.params, rows)})
+
+
+def _mount(params: dict[str, float], rows: NDArray[np.float64]) -> LidarMount:
+    """The lidar's place: from the parameters; else from the poses, if they say the same at every scan; else 0."""
+    for prefix in ("robot_frontlaser", "frontlaser", "robot_front_laser", "front_laser"):
+        if f"{prefix}_offset" in params:
+            sideways, turned = (params.get(f"{prefix}_{key}_offset", 0.0) for key in ("side", "angular"))
+            return LidarMount(x=params[f"{prefix}_offset"], y=sideways, yaw=float(se2.wrap(turned)))
+    if len(rows):
+        mounts = se2.between(rows[:, 3:6], rows[:, :3])
+        middle = np.median(mounts, axis=0)
+        apart = np.abs(np.column_stack((mounts[:, :2] - middle[:2], se2.wrap(mounts[:, 2] - middle[2]))))
+        if np.quantile(apart.max(axis=1), 0.99) < _SAME:
+            x, y, yaw = np.round(middle, 6).tolist()  # logs have six digits
+            return LidarMount(x=x, y=y, yaw=yaw)
+    return LidarMount()
+
+
+def _lidar(
+    path: Path,
+    log: CarmenLines,
+    chosen: tuple[ScanKind, Scans],
+    *,
+    rows: NDArray[np.float64],
+    clock: int,
+    platform: Platform,
+    warnings: list[str],
+) -> LidarStream:
+    kind, scans = chosen
+    ranges = np.array(scans.ranges, np.float32).reshape(-1, kind.beams)
+    told = next((log.params[key] for key in _LIMITS if log.params.get(key, 0) > 0), scans.told)
+    range_max = no_return_limit(ranges, told)
+    ranges[ranges == 0] = np.nan
+    stamps = rows[:, clock]
+    order, mended = stamp_order(stamps, file=path, field=kind.line)
+    warnings.extend(mended)
+    if order is not None:
+        stamps, rows, ranges = stamps[order], rows[order], ranges[order]
+    ranges, mended = clean_ranges(ranges, 0.0, range_max, file=path, field=kind.line)
+    warnings.extend(mended)
+    return LidarStream(
+        stamps=stamps,
+        ranges=ranges,
+        angle_min=kind.angle_min,
+        angle_increment=kind.angle_increment,
+        range_min=0.0,
+        range_max=range_max,
+        time_increment=platform.lidar.time_increment,
+        odometry=rows[:, 3:6],
+    )
+
+
+def _odometry(path: Path, odometry: NDArray[np.float64], clock: int, warnings: list[str]) -> OdometryStream | None:
+    if not len(odometry):
+        return None
+    order, mended = stamp_order(odometry[:, clock], file=path, field="ODOM")
+    warnings.extend(mended)
+    if order is not None:
+        odometry = odometry[order]
+    return OdometryStream(odometry[:, clock], odometry[:, :3])
+
+
+def write_carmen(path: str | PathLike[str], recording: Recording) -> None:
+    """Write the lidar and odometry of a recording as a CARMEN log (ROBOTLASER1, ODOM and PARAM lines).
+
+    No return is written as the sensor's limit, told as ``robot_front_laser_max``, and a reading that says nothing as
+    0, so that stamps, ranges and poses read back the same, bit for bit. Heights and the lidar's ``time_increment``
+    have no place in a log. The same recording gives the same bytes.
+
+    Args:
+        path: the file; gzip where it ends in ``.gz``.
+        recording: it needs ``odometry``, or a lidar with poses.
+
+    Raises:
+        InputError: no odometry poses.
+        OutputError: the file cannot be written.
+    """
+    lidar, odometry, robot = recording.lidar, recording.odometry, recording.platform
+    mount = robot.lidar
+    entries: list[tuple[float, int, str]] = []
+    head = [
+        "# CARMEN log written by moteslam",
+        f"PARAM robot_length {robot.length!r}",
+        f"PARAM robot_width {robot.width!r}",
+        f"PARAM robot_frontlaser_offset {mount.x!r}",
+        f"PARAM robot_frontlaser_side_offset {mount.y!r}",
+        f"PARAM robot_frontlaser_angular_offset {mount.yaw!r}",
+    ]
+    if odometry is not None:
+        for stamp, (x, y, theta) in zip(odometry.stamps.tolist(), odometry.poses.tolist(), strict=True):
+            entries.append((stamp, 0, f"ODOM {x!r} {y!r} {theta!r} 0 0 0 {_clock(stamp)}"))
+    if lidar is not None:
+        if lidar.odometry is not None:
+            poses = lidar.odometry
+        elif odometry is not None:
+            poses = se2.interpolate(odometry.stamps, odometry.poses, lidar.stamps)
+        else:
+            raise InputError("no odometry poses, expected them for a CARMEN log", field="odometry")
+        head.append(f"PARAM robot_front_laser_max {lidar.range_max!r}")
+        entries += _scan_entries(lidar, poses, mount)
+    if not entries:
+        raise InputError("neither a lidar nor odometry, expected one for a CARMEN log", field="odometry")
+    entries.sort(key=lambda entry: entry[:2])  # stable: equal stamps stay in order
+    text = "\n".join([*head, *(line for _, _, line in entries)]) + "\n"
+    data = text.encode()
+    write_atomically(path, gzip.compress(data, mtime=0) if Path(path).suffix == ".gz" else data)
+
+
+def _scan_entries(lidar: LidarStream, poses: NDArray[np.float64], mount: LidarMount) -> list[tuple[float, int, str]]:
+    beams = lidar.ranges.shape[1]
+    coded = np.where(np.isinf(lidar.ranges), np.float32(lidar.range_max), lidar.ranges)
+    coded = np.where(np.isnan(coded), np.float32(0), coded)
+    kind = (
+        f"ROBOTLASER1 0 {lidar.angle_min!r} {lidar.angle_increment * (beams - 1)!r} "
+        f"{lidar.angle_increment!r} {lidar.range_max!r} 0.01 0 {beams}"
+    )
+    entries = []
+    lasers = se2.compose(poses, mount.pose)
+    for stamp, ranges, laser, pose in zip(lidar.stamps.tolist(), coded, lasers, poses, strict=True):
+        numbers = " ".join(ranges.astype(str).tolist())  # the fewest digits that give the same float32
+        places = " ".join(map(repr, [*laser.tolist(), *pose.tolist()]))
+        entries.append((stamp, 1, f"{kind} {numbers} 0 {places} 0 0 0 0 0 {_clock(stamp)}"))
+    return entries
+
+
+def _clock(stamp: float) -> str:
+    return f"{stamp!r} moteslam {stamp!r}"

@@ -1,0 +1,44 @@
+"""Which ranges of a laser that says nothing about its limit mean 'no return'."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+SICK_REACH = 80.0
+"""A SICK LMS reaches 80 m and tells 'no return' and its errors as 81.83, 81.91 and the like [m]."""
+
+SICK_CODES = 82.0
+"""Its codes end below this [m]."""
+
+_SHARE = 0.002
+_TIMES = 10
+_FEWEST = 10
+
+
+def no_return_limit(ranges: NDArray[np.float32], told: float | None) -> float:
+    """The range from which on a reading is no endpoint [m]. No table of data sets, only what the log itself says.
+
+    1. What the log tells, unless that lies among the codes of a SICK (80 to 82 m), of which it has several: 80 m.
+    2. Else 80 m, if any range is that long.
+    3. Else the longest range, if it is a spike: at least 0.2 % of all beams and 10 of them stand at exactly this
+       value, it is 10 times as frequent as the value next in frequency within the upper half of the ranges, and
+       ranges below it exist. (In the logs we know, 0.5 to 12 % of the beams stand at the limit, and no other long
+       range reaches 0.01 %.)
+    4. Else 80 m: every range is an endpoint.
+
+    Args:
+        ranges: of the whole log, any shape [m]; not finite ones are left aside.
+        told: the limit that the log tells [m], or None.
+    """
+    if told is not None:
+        return SICK_REACH if SICK_REACH < told <= SICK_CODES else told
+    values, counts = np.unique(ranges[np.isfinite(ranges)], return_counts=True)
+    if not len(values) or values[-1] >= SICK_REACH:
+        return SICK_REACH
+    others = counts[:-1][values[:-1] >= values[-1] / 2]
+    common = others.max() if len(others) else 0
+    spike = counts[-1] >= max(_SHARE * counts.sum(), _FEWEST) and counts[-1] >= _TIMES * common
+    if spike and (values[:-1] > 0).any():
+        return float(values[-1])
+    return SICK_REACH

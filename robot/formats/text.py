@@ -1,0 +1,84 @@
+"""Lines of a text file, plain or gzip, that nobody vouches for: read in chunks, bounded, as far as they are whole."""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Iterator
+from pathlib import Path
+
+from moteslam.errors import InputError
+
+MAX_TEXT = 1 << 30
+"""No log may unpack to more than this: 1 GiB, about two days of a 180-beam laser at 5 Hz."""
+
+MAX_LINE = 1 << 20
+"""No line may be longer than this: 1 MiB, over 100 000 ranges."""
+
+_CHUNK = 1 << 18
+_GZIP = b"\x1f\x8b"
+
+
+class TextLines:
+    """The lines of a file, as bytes, without their ends; iterate once.
+
+    A gzip file that ends early or is damaged gives the lines before the damage; ``damage`` tells of it afterwards.
+
+    Raises (on iteration):
+        InputError: the file cannot be read, or passes a bound.
+    """
+
+    def __init__(self, path: Path, *, max_text: int = MAX_TEXT, max_line: int = MAX_LINE) -> None:
+        self.path = path
+        self.damage: str | None = None
+        self._max_text, self._max_line = max_text, max_line
+
+    def __iter__(self) -> Iterator[bytes]:
+        rest, total = b"", 0
+        for chunk in self._chunks():
+            total += len(chunk)
+            if total > self._max_text:
+                raise InputError(f"unpacks to more than the {self._max_text} bytes allowed", file=self.path)
+            *lines, rest = (rest + chunk).split(b"\n")
+            if len(rest) > self._max_line:
+                raise InputError(f"a line longer than {self._max_line} bytes, expected lines of text", file=self.path)
+            yield from lines
+        if rest and self.damage is None:
+            yield rest
+
+    def head(self) -> bytes:
+        """What the file begins with, unpacked, a chunk at most; empty if nothing can be read."""
+        try:
+            return next(self._chunks(), b"")
+        except InputError:
+            return b""
+
+    def _chunks(self) -> Iterator[bytes]:
+        try:
+            with self.path.open("rb") as file:
+                packed = file.read(2) == _GZIP
+                file.seek(0)
+                raw = iter(lambda: file.read(_CHUNK), b"")
+                yield from self._unpacked(raw) if packed else raw
+        except OSError as error:
+            raise InputError(f"{error.strerror or error}, expected a text file", file=self.path) from error
+
+    def _unpacked(self, raw: Iterator[bytes]) -> Iterator[bytes]:
+        """Every member of a gzip file, never more than a chunk at a time."""
+        member = zlib.decompressobj(wbits=31)
+        begun = False
+        for block in raw:
+            while block:
+                try:
+                    chunk = member.decompress(block, _CHUNK)
+                except zlib.error:
+                    self.damage = "the gzip data is damaged"
+                    return
+                begun = True
+                if chunk:
+                    yield chunk
+                block = member.unconsumed_tail
+                if member.eof:
+                    block, begun = member.unused_data.lstrip(b"\0"), False
+                    member = zlib.decompressobj(wbits=31)
+        if begun:
+            self.damage = "the gzip data is cut short"

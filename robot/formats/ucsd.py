@@ -1,0 +1,243 @@
+"""The UCSD layout: ``Encoders20.npz``, ``Hokuyo20.npz``, ``Imu20.npz``, ``Kinect20.npz`` in one folder.
+
+Arrays, units and bounds: ``docs/formats.md``. Any of the four files may be missing, and so is its stream then; what
+is there must be right.
+"""
+
+from __future__ import annotations
+
+import re
+from os import PathLike
+from pathlib import Path
+from typing import IO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from moteslam.errors import ConfigError, InputError
+from moteslam.robot.files import write_atomically
+from moteslam.robot.formats.npz import read_arrays
+from moteslam.robot.formats.ranges import clean_ranges
+from moteslam.robot.formats.stamps import stamp_order
+from moteslam.robot.platform import UCSD, Platform, read_platform, write_platform
+from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream, Recording, RgbdStream
+
+_FILE = re.compile(r"(?:Encoders|Hokuyo|Imu|Kinect)([\w-]+)\.npz", re.ASCII)
+
+NO_ECHO = 0.001
+"""Written for a reading that says nothing [m], as the UTM-30LX does."""
+
+
+def ucsd_sequences(folder: Path) -> tuple[str, ...]:
+    """The sequences that a folder holds, numbers first and in order; empty for any other folder."""
+    try:
+        names = {match[1] for path in folder.iterdir() if (match := _FILE.fullmatch(path.name))}
+    except OSError:
+        return ()
+    return tuple(sorted(names, key=lambda name: (not name.isdigit(), int(name) if name.isdigit() else 0, name)))
+
+
+def read_ucsd(
+    folder: str | PathLike[str], *, sequence: str | int | None = None, platform: Platform | None = None
+) -> Recording:
+    """Read one sequence of a folder in the UCSD layout.
+
+    Args:
+        folder: where the ``.npz`` files lie.
+        sequence: which; may be left out where there is only one.
+        platform: the robot; else the folder's ``platform.toml``, else the built-in UCSD robot.
+
+    Returns:
+        the recording; ``warnings`` tell what was mended, with counts.
+
+    Raises:
+        InputError: no such sequence, or a file that is not what it should be.
+        ConfigError: a ``platform.toml`` that is none.
+    """
+    folder = Path(folder)
+    number = _choose(folder, sequence)
+    if platform is None:
+        beside = folder / "platform.toml"
+        platform = read_platform(beside) if beside.exists() else UCSD
+    warnings: list[str] = []
+    return Recording(
+        name=f"{folder.resolve().name}-{number}",
+        platform=platform,
+        lidar=_lidar(folder / f"Hokuyo{number}.npz", platform, warnings),
+        encoders=_encoders(folder / f"Encoders{number}.npz", warnings),
+        imu=_imu(folder / f"Imu{number}.npz", warnings),
+        rgbd=_rgbd(folder, number, warnings),
+        warnings=tuple(warnings),
+    )
+
+
+def _choose(folder: Path, sequence: str | int | None) -> str:
+    known = ucsd_sequences(folder)
+    if not known:
+        raise InputError("holds no Encoders*.npz, Hokuyo*.npz, Imu*.npz or Kinect*.npz", file=folder)
+    wanted = None if sequence is None else str(sequence)
+    if wanted is None and len(known) == 1:
+        return known[0]
+    if wanted in known:
+        return str(wanted)
+    found = "several sequences" if wanted is None else f"no sequence {wanted}"
+    *most, last = known
+    choice = f"{', '.join(most)} or {last}" if most else last
+    raise InputError(f"{found}, expected --sequence {choice}", file=folder, field="sequence")
+
+
+def _lidar(path: Path, platform: Platform, warnings: list[str]) -> LidarStream | None:
+    if not path.exists():
+        return None
+    scalars = ("angle_min", "angle_max", "angle_increment", "range_min", "range_max")
+    arrays = read_arrays(path, {**dict.fromkeys(scalars, ()), "time_stamps": ("n",), "ranges": ("beams", "n")})
+    angle_min, angle_max, increment, range_min, range_max = (float(arrays[name].item()) for name in scalars)
+    for name, value in zip(scalars, (angle_min, angle_max, increment, range_min, range_max), strict=True):
+        if not np.isfinite(value):
+            raise InputError(f"{value}, expected a finite number", file=path, field=name)
+    if increment <= 0:
+        raise InputError(f"{increment}, expected more than 0 rad", file=path, field="angle_increment")
+    if not 0 <= range_min < range_max:
+        raise InputError(f"{range_min} to {range_max} m, expected 0 <= range_min < range_max", file=path)
+    beams = len(arrays["ranges"])
+    last = angle_min + (beams - 1) * increment
+    if abs(last - angle_max) > increment:
+        warnings.append(
+            f"{path.name}: angle_max: {angle_max:.4f} rad, but {beams} beams end at {last:.4f}; the beams are believed"
+        )
+    stamps, (ranges,) = _sorted(path, "time_stamps", arrays["time_stamps"], warnings, arrays["ranges"].T)
+    ranges, mended = clean_ranges(_float32(ranges), range_min, range_max, file=path, field="ranges")
+    warnings.extend(mended)
+    return LidarStream(stamps, ranges, angle_min, increment, range_min, range_max, platform.lidar.time_increment)
+
+
+def _encoders(path: Path, warnings: list[str]) -> EncoderStream | None:
+    if not path.exists():
+        return None
+    arrays = read_arrays(path, {"time_stamps": ("n",), "counts": (4, "n")})
+    counts = arrays["counts"]
+    if counts.dtype.kind == "f" and not (np.isfinite(counts).all() and (counts == np.round(counts)).all()):
+        raise InputError("not whole numbers, expected encoder counts", file=path, field="counts")
+    if np.abs(counts.astype(np.float64)).max() >= 2**31:
+        raise InputError("beyond 2^31, expected counts since the last reading", file=path, field="counts")
+    stamps, (counts,) = _sorted(path, "time_stamps", arrays["time_stamps"], warnings, counts.T)
+    return EncoderStream(stamps, counts.astype(np.int64))
+
+
+def _imu(path: Path, warnings: list[str]) -> ImuStream | None:
+    if not path.exists():
+        return None
+    names = ("angular_velocity", "linear_acceleration")
+    arrays = read_arrays(path, {"time_stamps": ("n",), **dict.fromkeys(names, (3, "n"))})
+    for name in names:
+        if not np.isfinite(arrays[name]).all():
+            raise InputError("NaN or infinite values, expected finite readings", file=path, field=name)
+    values = (arrays[name].T for name in names)
+    stamps, (angular, linear) = _sorted(path, "time_stamps", arrays["time_stamps"], warnings, *values)
+    return ImuStream(stamps, angular.astype(np.float64), linear.astype(np.float64))
+
+
+def _rgbd(folder: Path, number: str, warnings: list[str]) -> RgbdStream | None:
+    path = folder / f"Kinect{number}.npz"
+    if not path.exists():
+        return None
+    arrays = read_arrays(path, {"disparity_time_stamps": ("d",), "rgb_time_stamps": ("c",)})
+    streams = []
+    for field, name in (("rgb_time_stamps", "RGB"), ("disparity_time_stamps", "Disparity")):
+        images = _images(folder / "dataRGBD" / f"{name}{number}", len(arrays[field]), warnings)
+        indices = np.arange(len(arrays[field]))
+        stamps, (indices,) = _sorted(path, field, arrays[field], warnings, indices)
+        streams.append((stamps, tuple(images[i] for i in indices) if images else ()))
+    (rgb, rgb_files), (disparity, disparity_files) = streams
+    return RgbdStream(rgb, disparity, rgb_files, disparity_files)
+
+
+def _images(folder: Path, count: int, warnings: list[str]) -> tuple[Path, ...]:
+    """The images of a camera in the order of their stamps, or none if they are not the ones that the stamps tell."""
+    if not folder.is_dir():
+        return ()
+    pattern = re.compile(rf"{re.escape(folder.name.lower())}_(\d+)\.png")
+    found = {int(match[1]): path for path in folder.iterdir() if (match := pattern.fullmatch(path.name))}
+    if sorted(found) != list(range(1, count + 1)):
+        warnings.append(f"{folder.name}: {len(found)} images for {count} stamps; the images are left out")
+        return ()
+    return tuple(found[index] for index in range(1, count + 1))
+
+
+def _sorted(
+    path: Path, field: str, stamps: NDArray, warnings: list[str], *values: NDArray
+) -> tuple[NDArray[np.float64], tuple[NDArray, ...]]:
+    stamps = stamps.astype(np.float64)
+    order, told = stamp_order(stamps, file=path, field=field)
+    warnings.extend(told)
+    if order is None:
+        return stamps, values
+    return stamps[order], tuple(value[order] for value in values)
+
+
+def _float32(values: NDArray) -> NDArray[np.float32]:
+    with np.errstate(over="ignore"):  # beyond float32 is infinite: no return
+        return np.ascontiguousarray(values, np.float32)
+
+
+def write_ucsd(folder: str | PathLike[str], recording: Recording, *, sequence: str | int) -> None:
+    """Write the streams of a recording in the UCSD layout, and its platform as ``platform.toml``.
+
+    No return is written as ``range_max + 1`` and a reading that says nothing as 0.001 m (as NaN where that is not
+    below ``range_min``). So ``read_ucsd`` gives the same recording back, bit for bit: float32 ranges, float64
+    stamps. The same recording gives the same bytes. Odometry poses and images have no place in this layout and are
+    left out.
+
+    Args:
+        folder: an existing folder.
+        recording: what to write.
+        sequence: the number (or word) in the file names.
+
+    Raises:
+        OutputError: the folder is missing or read-only, or the disk is full.
+        InputError: encoder counts beyond int16.
+        ConfigError: a sequence that cannot stand in a file name.
+    """
+    folder, number = Path(folder), str(sequence)
+    if not _FILE.fullmatch(f"Imu{number}.npz"):
+        raise ConfigError(f"{number!r}, expected letters, digits, - and _", field="sequence")
+    write_platform(folder / "platform.toml", recording.platform)
+    if (lidar := recording.lidar) is not None:
+        coded = np.where(np.isinf(lidar.ranges), np.float32(lidar.range_max + 1), lidar.ranges)
+        if lidar.range_min > NO_ECHO:
+            coded[np.isnan(coded)] = NO_ECHO
+        _write(
+            folder / f"Hokuyo{number}.npz",
+            angle_min=np.float64(lidar.angle_min),
+            angle_max=np.float64(lidar.angles[-1]),
+            angle_increment=np.float64(lidar.angle_increment),
+            range_min=np.float64(lidar.range_min),
+            range_max=np.float64(lidar.range_max),
+            ranges=coded.T,
+            time_stamps=lidar.stamps,
+        )
+    if (encoders := recording.encoders) is not None:
+        counts = encoders.counts.astype(np.int16)
+        if (counts != encoders.counts).any():
+            raise InputError("beyond int16, expected -32768 to 32767 counts a reading", field="counts")
+        _write(folder / f"Encoders{number}.npz", counts=counts.T, time_stamps=encoders.stamps)
+    if (imu := recording.imu) is not None:
+        _write(
+            folder / f"Imu{number}.npz",
+            angular_velocity=imu.angular_velocity.T,
+            linear_acceleration=imu.linear_acceleration_g.T,
+            time_stamps=imu.stamps,
+        )
+    if (rgbd := recording.rgbd) is not None:
+        _write(
+            folder / f"Kinect{number}.npz",
+            disparity_time_stamps=rgbd.disparity_stamps,
+            rgb_time_stamps=rgbd.rgb_stamps,
+        )
+
+
+def _write(path: Path, **arrays: NDArray | np.float64) -> None:
+    def content(file: IO[bytes]) -> None:
+        np.savez(file, **arrays)
+
+    write_atomically(path, content)
