@@ -36,7 +36,7 @@ _WHERE = {
     "relative_pose_error": "moteslam.eval.metrics.rpe",
 }
 
-__all__ = ["__version__", *_WHERE]
+__all__ = ["__version__", *_WHERE]  # noqa: PLE0604 - the keys are strings
 
 
 def __getattr__(name: str) -> Any:

@@ -60,7 +60,7 @@ def init(arch: str = "cpu", threads: int | None = None, *, debug: bool = False) 
         BackendError: the backend is not there, the settings are out of bounds, or Taichi already runs with others
             (initialising twice would leave every array of the first dangling).
     """
-    global _runtime
+    global _runtime  # noqa: PLW0603 - Taichi is one a process
     if arch not in ARCHES:
         raise BackendError(f"backend {arch!r}, expected one of {', '.join(ARCHES)}", field="arch")
     available = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

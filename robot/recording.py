@@ -73,7 +73,7 @@ class LidarStream(_Frozen):
     @property
     def angles(self) -> NDArray[np.float64]:
         """The beams' angles [beams] in the lidar's frame [rad]."""
-        return self.angle_min + self.angle_increment * np.arange(self.ranges.shape[1])
+        return self.angle_min + self.angle_increment * np.arange(self.ranges.shape[1], dtype=np.float64)
 
 
 @dataclass(frozen=True, eq=False)

@@ -37,7 +37,7 @@ def compose(a: ArrayLike, b: ArrayLike) -> Poses:
 
 
 def inverse(a: ArrayLike) -> Poses:
-    """The pose that undoes ``a``: compose(a, inverse(a)) is the identity, shape [..., 3]."""
+    """The pose that undoes ``a``, shape [..., 3]: composed with ``a`` it gives the identity."""
     a = np.asarray(a, np.float64)
     cos, sin = np.cos(a[..., 2]), np.sin(a[..., 2])
     return np.stack(
