@@ -77,9 +77,7 @@ class EncoderNoise(Settings):
     track_error: NonNegative = 0.01
     slip: NonNegative = 0.02
     slip_time: Positive = 0.5
-    clock: ClockNoise = ClockNoise(
-        jitter=0.002, late=0.02, late_delay=0.04, burst_interval=0.0032, rate_error=2e-4
-    )
+    clock: ClockNoise = ClockNoise(jitter=0.002, late=0.02, late_delay=0.04, burst_interval=0.0032, rate_error=2e-4)
 
 
 class ImuNoise(Settings):
@@ -108,9 +106,7 @@ class ImuNoise(Settings):
     accelerometer_bias: NonNegative = 0.01
     vibration: NonNegative = 0.025
     tilting: NonNegative = 0.03
-    clock: ClockNoise = ClockNoise(
-        jitter=0.0009, late=0.012, late_delay=0.025, burst_interval=5e-6, rate_error=2e-4
-    )
+    clock: ClockNoise = ClockNoise(jitter=0.0009, late=0.012, late_delay=0.025, burst_interval=5e-6, rate_error=2e-4)
 
 
 class Noise(Settings):
@@ -131,11 +127,7 @@ class Noise(Settings):
         still = ClockNoise()
         return cls(
             odometry_scale=0.0,
-            lidar=LidarNoise(
-                range_noise=0.0, range_noise_per_metre=0.0, dropout=0.0, resolution=0.0, clock=still
-            ),
+            lidar=LidarNoise(range_noise=0.0, range_noise_per_metre=0.0, dropout=0.0, resolution=0.0, clock=still),
             encoders=EncoderNoise(clock=still),
-            imu=ImuNoise(
-                accelerometer_noise=0.0, accelerometer_bias=0.0, vibration=0.0, tilting=0.0, clock=still
-            ),
+            imu=ImuNoise(accelerometer_noise=0.0, accelerometer_bias=0.0, vibration=0.0, tilting=0.0, clock=still),
         )

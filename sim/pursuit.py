@@ -57,7 +57,7 @@ class PathDriver:
         dx, dy = self._x[target] - x, self._y[target] - y
         distance = math.hypot(dx, dy)
         bearing = math.remainder(math.atan2(dy, dx) - theta, math.tau)
-        if left < SPACING or distance < SPACING or (target == last and distance < 0.3 and abs(bearing) > 1.5):
+        if left < SPACING or (target == last and distance < 0.3 and abs(bearing) > 1.5):
             return None
         stopping = math.sqrt(2 * limits.acceleration * 0.7 * max(distance if target == last else left, 0.0)) + 0.02
         if abs(bearing) > 1.2:

@@ -128,9 +128,7 @@ def write_simulation(folder: str | PathLike[str], simulation: Simulation, *, seq
 
     write_ucsd(folder, simulation.recording, sequence=sequence)
     write_tum(Path(folder) / "truth.tum", simulation.truth)
-    write_atomically(
-        Path(folder) / "scenario.toml", tomli_w.dumps(simulation.scenario.model_dump(exclude_none=True))
-    )
+    write_atomically(Path(folder) / "scenario.toml", tomli_w.dumps(simulation.scenario.model_dump(exclude_none=True)))
 
 
 def _spans(duration: float, rng: np.random.Generator) -> dict[str, tuple[float, float]]:

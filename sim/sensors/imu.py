@@ -66,9 +66,7 @@ def _bias(count: int, noise: ImuNoise, rng: np.random.Generator) -> NDArray[np.f
     return sign * size + np.cumsum(walk, axis=0)
 
 
-def _coloured(
-    count: int, correlation: tuple[float, float], rng: np.random.Generator
-) -> NDArray[np.float64]:
+def _coloured(count: int, correlation: tuple[float, float], rng: np.random.Generator) -> NDArray[np.float64]:
     """Unit-variance noise [count, 3] with these autocorrelations one and two readings later (Yule-Walker)."""
     from scipy.signal import lfilter
 

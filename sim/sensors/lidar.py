@@ -80,9 +80,7 @@ def simulate_lidar(
     )
 
 
-def measured(
-    exact: NDArray[np.float32], noise: LidarNoise, rng: np.random.Generator
-) -> NDArray[np.float32]:
+def measured(exact: NDArray[np.float32], noise: LidarNoise, rng: np.random.Generator) -> NDArray[np.float32]:
     """Ranges as the sensor tells them: noise that grows with the range, dropouts, limits, resolution.
 
     Args:
@@ -116,5 +114,3 @@ def _poses_at(drive: Drive, times: NDArray[np.float64], mount: LidarMount) -> ND
     robot[..., 1] += sin * mount.x + cos * mount.y
     robot[..., 2] += mount.yaw
     return robot
-
-
