@@ -39,9 +39,7 @@ def arc_increment(distance: ArrayLike, turn: ArrayLike) -> Poses:
     distance, turn = np.asarray(distance, np.float64), np.asarray(turn, np.float64)
     # chord = d sinc(turn / 2), at half the turn: exact, and smooth through zero
     chord = distance * np.sinc(turn / (2 * np.pi))
-    return np.stack(
-        np.broadcast_arrays(chord * np.cos(turn / 2), chord * np.sin(turn / 2), turn), axis=-1
-    )
+    return np.stack(np.broadcast_arrays(chord * np.cos(turn / 2), chord * np.sin(turn / 2), turn), axis=-1)
 
 
 def wheel_motion(left: ArrayLike, right: ArrayLike, track: float) -> tuple[np.ndarray, np.ndarray]:

@@ -40,9 +40,7 @@ def inverse(a: ArrayLike) -> Poses:
     """The pose that undoes ``a``, shape [..., 3]: composed with ``a`` it gives the identity."""
     a = np.asarray(a, np.float64)
     cos, sin = np.cos(a[..., 2]), np.sin(a[..., 2])
-    return np.stack(
-        (-cos * a[..., 0] - sin * a[..., 1], sin * a[..., 0] - cos * a[..., 1], wrap(-a[..., 2])), axis=-1
-    )
+    return np.stack((-cos * a[..., 0] - sin * a[..., 1], sin * a[..., 0] - cos * a[..., 1], wrap(-a[..., 2])), axis=-1)
 
 
 def between(a: ArrayLike, b: ArrayLike) -> Poses:

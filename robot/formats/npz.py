@@ -13,6 +13,7 @@ import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.lib import format as npy
@@ -35,11 +36,11 @@ class _Header:
     member: zipfile.ZipInfo
     shape: tuple[int, ...]
     fortran: bool
-    dtype: np.dtype
+    dtype: np.dtype[Any]
     offset: int
 
 
-def read_arrays(path: Path, shapes: Mapping[str, Shape], *, max_bytes: int = MAX_BYTES) -> dict[str, NDArray]:
+def read_arrays(path: Path, shapes: Mapping[str, Shape], *, max_bytes: int = MAX_BYTES) -> dict[str, NDArray[Any]]:
     """Read the named arrays of real numbers, each of the shape asked for; others in the file are left alone.
 
     Args:
@@ -113,7 +114,7 @@ def _check_shapes(path: Path, shapes: Mapping[str, Shape], headers: Mapping[str,
         sizes.update((size, have) for size, have in zip(wanted, found, strict=True) if isinstance(size, str))
 
 
-def _data(archive: zipfile.ZipFile, path: Path, name: str, header: _Header) -> NDArray:
+def _data(archive: zipfile.ZipFile, path: Path, name: str, header: _Header) -> NDArray[Any]:
     with archive.open(header.member) as stream:
         data = stream.read(header.member.file_size)
     if len(data) != header.member.file_size:

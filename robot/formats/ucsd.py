@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from os import PathLike
 from pathlib import Path
-from typing import IO
+from typing import IO, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,8 @@ from moteslam.robot.formats.ranges import clean_ranges
 from moteslam.robot.formats.stamps import stamp_order
 from moteslam.robot.platform import UCSD, Platform, read_platform, write_platform
 from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream, Recording, RgbdStream
+
+Array = NDArray[Any]
 
 _FILE = re.compile(r"(?:Encoders|Hokuyo|Imu|Kinect)([\w-]+)\.npz", re.ASCII)
 
@@ -165,8 +167,8 @@ def _images(folder: Path, count: int, warnings: list[str]) -> tuple[Path, ...]:
 
 
 def _sorted(
-    path: Path, field: str, stamps: NDArray, warnings: list[str], *values: NDArray
-) -> tuple[NDArray[np.float64], tuple[NDArray, ...]]:
+    path: Path, field: str, stamps: Array, warnings: list[str], *values: Array
+) -> tuple[NDArray[np.float64], tuple[Array, ...]]:
     stamps = stamps.astype(np.float64)
     order, told = stamp_order(stamps, file=path, field=field)
     warnings.extend(told)
@@ -175,7 +177,7 @@ def _sorted(
     return stamps[order], tuple(value[order] for value in values)
 
 
-def _float32(values: NDArray) -> NDArray[np.float32]:
+def _float32(values: Array) -> NDArray[np.float32]:
     with np.errstate(over="ignore"):  # beyond float32 is infinite: no return
         return np.ascontiguousarray(values, np.float32)
 
@@ -236,8 +238,8 @@ def write_ucsd(folder: str | PathLike[str], recording: Recording, *, sequence: s
         )
 
 
-def _write(path: Path, **arrays: NDArray | np.float64) -> None:
+def _write(path: Path, **arrays: Array | np.float64) -> None:
     def content(file: IO[bytes]) -> None:
-        np.savez(file, **arrays)
+        np.savez(file, **arrays)  # type: ignore[arg-type]  # allow_pickle is no array
 
     write_atomically(path, content)

@@ -1,0 +1,263 @@
+"""What a recording holds, and what is wrong with it: rates, gaps, shares of bad readings, streams that do not meet."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream, Recording
+
+GAP = 5.0
+"""A silence of more than so many median intervals is a gap."""
+
+TOLD_GAP = 0.5
+"""A gap is told as a problem from this length on [s]; sensors that send in bursts have many shorter ones."""
+
+ENDS_EARLY = 0.1
+"""Streams that begin later or end earlier than the scans by more than this are told [s]."""
+
+REST = 1.0
+"""Wheels that stand still at least so long are at rest [s]."""
+
+
+@dataclass(frozen=True)
+class StreamReport:
+    """The stamps of one stream.
+
+    Attributes:
+        name: of the stream.
+        readings: how many.
+        start, end: first and last stamp [s]; ``duration`` between them.
+        mean_rate, median_rate: readings a second over the whole, and by the median of the intervals above 0; None
+            where there is no such interval.
+        largest_gap: longest interval [s], and ``largest_gap_at`` the stamp before it; None for one reading.
+        gaps: intervals longer than 5 times the median.
+        equal_stamps: readings that share the stamp of the one before.
+        shortest_interval: the shortest above 0 [s], or None.
+    """
+
+    name: str
+    readings: int
+    start: float
+    end: float
+    duration: float
+    mean_rate: float | None
+    median_rate: float | None
+    largest_gap: float | None
+    largest_gap_at: float | None
+    gaps: int
+    equal_stamps: int
+    shortest_interval: float | None
+
+
+@dataclass(frozen=True)
+class LidarReport:
+    """The scans: beams, field of view [degrees], range limits [m]; shares (0 to 1) of the beams without return and
+    of those that say nothing; scans without a single endpoint; median of the endpoints' ranges [m], if any.
+    """
+
+    beams: int
+    field_of_view: float
+    range_min: float
+    range_max: float
+    no_return: float
+    invalid: float
+    blind_scans: int
+    median_range: float | None
+
+
+@dataclass(frozen=True)
+class WheelReport:
+    """The encoders: distance driven [m] (None without wheels in the platform) and seconds at rest."""
+
+    distance: float | None
+    at_rest: float
+
+
+@dataclass(frozen=True)
+class GyroReport:
+    """The gyro while the wheels stand still: samples, mean and standard deviation of the yaw rate [rad/s]."""
+
+    samples: int
+    mean: float
+    deviation: float
+
+
+@dataclass(frozen=True)
+class Inspection:
+    """All there is to say about a recording.
+
+    Attributes:
+        name, platform: what they are called.
+        streams: in the order lidar, encoders, odometry, imu, rgb, disparity; those that are there.
+        lidar: None where there is none.
+        wheels: None without encoders.
+        gyro_at_rest: None without IMU or encoders, or where the wheels never rest.
+        odometry_distance: length of the odometry's path [m], of the poses logged with the scans if it has no stream
+            of its own; None without either.
+        problems: what is wrong, a line each; the warnings of the reader first.
+    """
+
+    name: str
+    platform: str
+    streams: tuple[StreamReport, ...]
+    lidar: LidarReport | None
+    wheels: WheelReport | None
+    gyro_at_rest: GyroReport | None
+    odometry_distance: float | None
+    problems: tuple[str, ...]
+
+    def to_dict(self) -> dict[str, Any]:
+        """The same as plain values, fit for JSON."""
+        return asdict(self)
+
+
+def inspect_recording(recording: Recording) -> Inspection:
+    """Look a recording over."""
+    streams = tuple(_stream(name, stamps) for name, stamps in _stamps(recording).items() if len(stamps))
+    rest = [] if recording.encoders is None else _rests(recording.encoders)
+    lidar = None if recording.lidar is None else _lidar(recording.lidar)
+    problems = [*recording.warnings, *_missing(recording), *_gaps(streams), *_meetings(streams)]
+    if lidar is not None and lidar.blind_scans:
+        problems.append(f"lidar: {lidar.blind_scans} scans without a single endpoint")
+    return Inspection(
+        name=recording.name,
+        platform=recording.platform.name,
+        streams=streams,
+        lidar=lidar,
+        wheels=_wheels(recording, rest),
+        gyro_at_rest=None if recording.imu is None else _gyro(recording.imu, rest),
+        odometry_distance=_odometry_distance(recording),
+        problems=tuple(problems),
+    )
+
+
+def _stamps(recording: Recording) -> dict[str, NDArray[np.float64]]:
+    streams = {name: getattr(recording, name) for name in ("lidar", "encoders", "odometry", "imu")}
+    found = {name: stream.stamps for name, stream in streams.items() if stream is not None}
+    if recording.rgbd is not None:
+        found["rgb"] = recording.rgbd.rgb_stamps
+        found["disparity"] = recording.rgbd.disparity_stamps
+    return found
+
+
+def _stream(name: str, stamps: NDArray[np.float64]) -> StreamReport:
+    start, end = float(stamps[0]), float(stamps[-1])
+    steps = np.diff(stamps)
+    above = steps[steps > 0]
+    median = float(np.median(above)) if len(above) else None
+    longest = int(np.argmax(steps)) if len(steps) else None
+    return StreamReport(
+        name=name,
+        readings=len(stamps),
+        start=start,
+        end=end,
+        duration=end - start,
+        mean_rate=(len(stamps) - 1) / (end - start) if end > start else None,
+        median_rate=None if median is None else 1 / median,
+        largest_gap=None if longest is None else float(steps[longest]),
+        largest_gap_at=None if longest is None else float(stamps[longest]),
+        gaps=0 if median is None else int((steps > GAP * median).sum()),
+        equal_stamps=int((steps == 0).sum()),
+        shortest_interval=float(above.min()) if len(above) else None,
+    )
+
+
+def _lidar(lidar: LidarStream) -> LidarReport:
+    beams = lidar.ranges.shape[1]
+    finite = np.isfinite(lidar.ranges)
+    return LidarReport(
+        beams=beams,
+        field_of_view=float(np.degrees((beams - 1) * lidar.angle_increment)),
+        range_min=lidar.range_min,
+        range_max=lidar.range_max,
+        no_return=float(np.isinf(lidar.ranges).mean()),
+        invalid=float(np.isnan(lidar.ranges).mean()),
+        blind_scans=int((~finite.any(axis=1)).sum()),
+        median_range=float(np.median(lidar.ranges[finite])) if finite.any() else None,
+    )
+
+
+def _rests(encoders: EncoderStream) -> list[tuple[float, float]]:
+    """From when to when [s] the wheels stood still, each at least a second."""
+    still = np.concatenate(([False], (encoders.counts == 0).all(axis=1), [False]))
+    edges = np.flatnonzero(np.diff(still))
+    spans = ((float(encoders.stamps[a]), float(encoders.stamps[b - 1])) for a, b in edges.reshape(-1, 2))
+    return [(start, end) for start, end in spans if end - start >= REST]
+
+
+def _wheels(recording: Recording, rest: list[tuple[float, float]]) -> WheelReport | None:
+    if recording.encoders is None:
+        return None
+    wheels = recording.platform.wheels
+    travelled = np.abs(recording.encoders.counts.mean(axis=1)).sum()
+    return WheelReport(
+        distance=None if wheels is None else float(travelled * wheels.metres_per_count),
+        at_rest=sum(end - start for start, end in rest),
+    )
+
+
+def _gyro(imu: ImuStream, rest: list[tuple[float, float]]) -> GyroReport | None:
+    inside = np.zeros(len(imu), bool)
+    for start, end in rest:
+        inside |= (imu.stamps >= start) & (imu.stamps <= end)
+    rates = imu.angular_velocity[inside, 2]
+    if not len(rates):
+        return None
+    return GyroReport(len(rates), float(rates.mean()), float(rates.std()))
+
+
+def _odometry_distance(recording: Recording) -> float | None:
+    if recording.odometry is not None:
+        poses = recording.odometry.poses
+    elif recording.lidar is not None and recording.lidar.odometry is not None:
+        poses = recording.lidar.odometry
+    else:
+        return None
+    return float(np.hypot(*np.diff(poses[:, :2], axis=0).T).sum())
+
+
+def _missing(recording: Recording) -> list[str]:
+    problems = []
+    if recording.lidar is None:
+        problems.append("lidar: none, expected scans to make a map of")
+    logged = recording.lidar is not None and recording.lidar.odometry is not None
+    if recording.encoders is None and recording.odometry is None and not logged:
+        problems.append("odometry: none, expected wheel encoders or odometry poses")
+    if recording.encoders is not None and recording.imu is None:
+        problems.append("imu: none; turns come from the wheels alone")
+    return problems
+
+
+def _gaps(streams: tuple[StreamReport, ...]) -> list[str]:
+    problems = []
+    for stream in streams:
+        if stream.gaps and stream.largest_gap is not None and stream.largest_gap > TOLD_GAP:
+            problems.append(
+                f"{stream.name}: {stream.gaps} gaps of more than 5 median intervals, "
+                f"the longest {stream.largest_gap:.2f} s after {stream.largest_gap_at:.6f}"
+            )
+        if stream.equal_stamps:
+            problems.append(f"{stream.name}: {stream.equal_stamps} readings share the stamp of the one before")
+    return problems
+
+
+def _meetings(streams: tuple[StreamReport, ...]) -> list[str]:
+    """Streams of motion that do not cover the scans."""
+    by_name = {stream.name: stream for stream in streams}
+    scans = by_name.get("lidar")
+    if scans is None:
+        return []
+    problems = []
+    for stream in (by_name[name] for name in ("encoders", "odometry", "imu") if name in by_name):
+        if stream.start > scans.end or stream.end < scans.start:
+            problems.append(f"{stream.name}: no stamp within the time of the lidar, expected one clock")
+            continue
+        if scans.end - stream.end > ENDS_EARLY:
+            problems.append(f"{stream.name}: end {scans.end - stream.end:.2f} s before the lidar")
+        if stream.start - scans.start > ENDS_EARLY:
+            problems.append(f"{stream.name}: begin {stream.start - scans.start:.2f} s after the lidar")
+    return problems
