@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from moteslam.robot import se2
 from moteslam.robot.trajectory import Trajectory
 from moteslam.sim.pursuit import BlindDriver, Driver, PathDriver
 from moteslam.sim.scenario import Scenario
@@ -37,7 +38,7 @@ class Drive:
 
     Attributes:
         stamps: [n] [s], from 0.
-        poses: [n, 3] true poses in the world.
+        poses: [n, 3] true poses in the world, the heading not wrapped.
         velocities: [n, 3] true velocity in the world [m/s, m/s] and yaw rate [rad/s].
         wheel_travel: [n, 4] how far the rims of the FR, FL, RR, RL wheel have turned since the start [m].
         end: why it ended: ``arrived``, ``stuck`` or ``out of time``.
@@ -51,14 +52,17 @@ class Drive:
 
     @property
     def truth(self) -> Trajectory:
-        """The true trajectory."""
-        return Trajectory(self.stamps, self.poses)
+        """The true trajectory, headings wrapped."""
+        poses = self.poses.copy()
+        poses[:, 2] = se2.wrap(poses[:, 2])
+        return Trajectory(self.stamps, poses)
 
 
 def drive(
     scenario: Scenario,
     world: World,
     rng: np.random.Generator,
+    *,
     progress: Callable[[float], None] | None = None,
 ) -> Drive:
     """Let the robot drive its scenario: rest, drive until its driver has arrived, is stuck or out of time, rest.

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
+from itertools import pairwise
 from typing import Annotated, Literal
 
 import numpy as np
@@ -16,6 +18,9 @@ Point = tuple[Coordinate, Coordinate]
 Size = Annotated[FiniteFloat, Field(gt=0, le=1000)]
 Segments = NDArray[np.float64]
 """float64, shape [m, 4]: x0, y0, x1, y1 [m]."""
+
+_TINY = 1e-9
+"""Shorter than any piece of wall that is meant [m]."""
 
 
 class Door(Settings):
@@ -60,42 +65,48 @@ class Wall(Settings):
         spans = sorted((cut.at, cut.at + cut.width) for cut in (*self.doors, *self.recesses))
         for begin, end in spans:
             straight = int(np.searchsorted(starts, begin, "right")) - 1
-            if end > starts[-1] + 1e-9:
+            if end > starts[-1] + _TINY:
                 raise ValueError(f"a door or recess ends at {end:g} m, expected within the wall's {starts[-1]:g} m")
-            if end > starts[straight + 1] + 1e-9:
+            if end > starts[straight + 1] + _TINY:
                 raise ValueError(f"a door or recess at {begin:g} m goes round a corner, expected it on one straight")
-        for (begin, end), (after, _) in zip(spans, spans[1:], strict=False):
+        for (begin, end), (after, _) in pairwise(spans):
             if after < end:
                 raise ValueError(f"the door or recess at {after:g} m overlaps the one at {begin:g} m")
         return self
 
     def segments(self) -> Segments:
         """The straight pieces left of the doors, with the recesses worked in."""
-        corners = self.corners
-        found: list[tuple[float, float, float, float]] = []
-        start = 0.0
-        for a, b in zip(corners, corners[1:], strict=False):
-            length = math.hypot(*(b - a))
+        pieces, start = [np.empty((0, 4))], 0.0
+        for a, b in pairwise(self.corners):
+            length = float(np.hypot(*(b - a)))
             along = (b - a) / length
             left = np.array((-along[1], along[0]))
-            here = start
-
-            def line(*places: tuple[float, float]) -> None:
-                at = [a + (s - start) * along + d * left for s, d in places]  # noqa: B023 - used at once
-                found.extend((*p, *q) for p, q in zip(at, at[1:], strict=False) if not np.array_equal(p, q))
-
-            cuts: list[Door | Recess] = [*self.doors, *self.recesses]
-            for cut in sorted(cuts, key=lambda cut: cut.at):
-                if not start <= cut.at < start + length - 1e-9:
-                    continue
-                line((here, 0.0), (cut.at, 0.0))
-                here = cut.at + cut.width
-                if isinstance(cut, Recess):
-                    line((cut.at, 0.0), (cut.at, cut.depth), (here, cut.depth), (here, 0.0))
-            if here < start + length - 1e-9:
-                line((here, 0.0), (start + length, 0.0))
+            cuts = [cut for cut in (*self.doors, *self.recesses) if start <= cut.at < start + length - _TINY]
+            for run in _runs(length, start, cuts):
+                at, depth = np.array(run).T[:, :, None]
+                points = a + at * along + depth * left
+                lines = np.concatenate((points[:-1], points[1:]), axis=1)
+                pieces.append(lines[np.hypot(*(points[1:] - points[:-1]).T) > _TINY])
             start += length
-        return np.array(found, np.float64).reshape(-1, 4)
+        return np.concatenate(pieces)
+
+
+def _runs(length: float, start: float, cuts: list[Door | Recess]) -> Iterator[list[tuple[float, float]]]:
+    """The unbroken runs of a straight wall between its doors, as points (metres along, metres to the left).
+
+    The straight is ``length`` long and begins ``start`` along its wall, from where the cuts are measured.
+    """
+    run = [(0.0, 0.0)]
+    for cut in sorted(cuts, key=lambda cut: cut.at):
+        begin, end = cut.at - start, cut.at - start + cut.width
+        run.append((begin, 0.0))
+        if isinstance(cut, Recess):
+            run += [(begin, cut.depth), (end, cut.depth)]
+        else:
+            yield run
+            run = []
+        run.append((end, 0.0))
+    yield [*run, (length, 0.0)]
 
 
 class RoomDoor(Door):

@@ -8,7 +8,7 @@ from __future__ import annotations
 from typing import Annotated
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, model_validator
 
 NonNegative = Annotated[FiniteFloat, Field(ge=0)]
 Positive = Annotated[FiniteFloat, Field(gt=0)]
@@ -107,6 +107,16 @@ class ImuNoise(Settings):
     vibration: NonNegative = 0.025
     tilting: NonNegative = 0.03
     clock: ClockNoise = ClockNoise(jitter=0.0009, late=0.012, late_delay=0.025, burst_interval=5e-6, rate_error=2e-4)
+
+    @model_validator(mode="after")
+    def _is_a_correlation(self) -> ImuNoise:
+        one, two = self.gyro_correlation
+        if not (-1 < one < 1 and 2 * one**2 - 1 < two < 1):
+            raise ValueError(
+                f"gyro_correlation of {one:g} and {two:g}, expected two numbers between -1 and 1 that some noise has: "
+                "the second above 2 first^2 - 1"
+            )
+        return self
 
 
 class Noise(Settings):

@@ -9,18 +9,17 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from pydantic import Field, FiniteFloat, ValidationError, field_validator, model_validator
 
 from moteslam.errors import ConfigError
 from moteslam.robot.platform import UCSD, Platform
+from moteslam.sim.checks import check_scenario
 from moteslam.sim.driving import MAX_DURATION, Body, Commands, Limits, Route, Wander
 from moteslam.sim.layout import Layout
 from moteslam.sim.noise import Noise, Settings
-from moteslam.sim.world import World
 
 SCENARIOS = Path(__file__).parent / "scenarios"
-MAX_SEGMENTS = 20_000
 MAX_FILE_BYTES = 4_000_000
 
 
@@ -60,26 +59,7 @@ class Scenario(Settings):
 
     @model_validator(mode="after")
     def _makes_sense(self) -> Scenario:
-        given = [key for key in ("route", "wander", "commands") if getattr(self, key) is not None]
-        if len(given) != 1:
-            found = " and ".join(given) or "none"
-            raise ValueError(f"found {found}, expected exactly one of route, wander and commands")
-        wheels = self.platform.wheels
-        if wheels is None:
-            raise ValueError("platform.wheels: a platform without wheels cannot drive")
-        if wheels.effective_track < wheels.track:
-            raise ValueError(
-                f"platform.wheels.effective_track: {wheels.effective_track:g} m, "
-                f"expected at least the track, {wheels.track:g} m"
-            )
-        if wheels.wheel_base > self.platform.length or wheels.track > self.platform.width:
-            raise ValueError("platform: the wheels stand outside the body, expected them within length and width")
-        if self.duration <= self.drive.rest_start + self.drive.rest_end:
-            raise ValueError(
-                f"duration: {self.duration:g} s, expected more than the rests at start and end, "
-                f"{self.drive.rest_start + self.drive.rest_end:g} s"
-            )
-        _check_world(self)
+        check_scenario(self)
         return self
 
     @property
@@ -143,6 +123,8 @@ def parse_scenario(table: dict[str, Any], *, file: str | PathLike[str] | None = 
     try:
         # JSON's rules are strict about types, yet take a TOML array for a tuple
         return Scenario.model_validate_json(json.dumps(table, default=str), strict=True)
+    except ConfigError as error:
+        raise ConfigError(error.problem, file=file, field=error.field) from error
     except ValidationError as error:
         first = error.errors()[0]
         problem = first["msg"].removeprefix("Value error, ")
@@ -159,38 +141,3 @@ def _merge(base: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
         below = merged.get(key)
         merged[key] = _merge(below, value) if isinstance(below, dict) and isinstance(value, dict) else value
     return merged
-
-
-def _check_world(scenario: Scenario) -> None:
-    """Refuse an empty or outsized world, and a robot, waypoint or leg that touches a wall."""
-    world = World.of(scenario.world)
-    if not len(world.segments):
-        raise ValueError("world: nothing stands in it, expected at least one wall, room, box or pillar")
-    if len(world.segments) > MAX_SEGMENTS:
-        raise ValueError(f"world: {len(world.segments)} segments, expected at most {MAX_SEGMENTS}")
-    start = scenario.start[:2]
-    radius = scenario.radius
-    _check_point(world, start, radius, f"the robot starts at ({start[0]:g}, {start[1]:g})")
-    if scenario.route is None:
-        return
-    corners = scenario.route.corners
-    for i, corner in enumerate(scenario.route.waypoints):
-        _check_point(world, corner, radius, f"route.waypoints.{i}: waypoint ({corner[0]:g}, {corner[1]:g}) is")
-    half_width = scenario.platform.width / 2
-    for i, (a, b) in enumerate(zip(corners, corners[1:], strict=False)):
-        samples = np.linspace(a, b, max(2, int(np.ceil(np.hypot(*(b - a)) / 0.05)) + 1))
-        free = world.is_free(samples, half_width)
-        if not free.all():
-            x, y = samples[np.argmin(free)]
-            raise ValueError(
-                f"route.waypoints.{i}: the leg from waypoint {i} to the next runs into a wall near "
-                f"({x:.2f}, {y:.2f}), expected {half_width:.2f} m clear on both sides"
-            )
-
-
-def _check_point(world: World, point: ArrayLike, radius: float, what: str) -> None:
-    if world.inside_solid(point)[0]:
-        raise ValueError(f"{what} inside a wall (box or pillar), expected free space")
-    away = float(world.distance(point)[0])
-    if away < radius:
-        raise ValueError(f"{what} {away:.2f} m from a wall, expected at least {radius:.2f} m")

@@ -12,7 +12,6 @@ import numpy as np
 import tomli_w
 
 from moteslam.errors import ConfigError
-from moteslam.robot import se2
 from moteslam.robot.files import write_atomically
 from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream, Recording
 from moteslam.robot.trajectory import Trajectory, write_tum
@@ -80,7 +79,7 @@ def simulate(scenario: Scenario, seed: int | None = None, *, progress: Progress 
         np.random.default_rng(child) for child in np.random.SeedSequence(scenario.seed).spawn(5)
     )
     world = World.of(scenario.world)
-    driven = drive(scenario, world, driver, lambda share: say("drive", share))
+    driven = drive(scenario, world, driver, progress=lambda share: say("drive", share))
     if driven.end == "stuck":
         x, y = driven.poses[-1, :2]
         raise ConfigError(
@@ -95,7 +94,13 @@ def simulate(scenario: Scenario, seed: int | None = None, *, progress: Progress 
         platform=scenario.platform,
         lidar=_at_epoch(
             simulate_lidar(
-                driven, world, scenario.platform.lidar, noise.lidar, spans["lidar"], lidar, lambda s: say("lidar", s)
+                driven,
+                world,
+                scenario.platform.lidar,
+                noise.lidar,
+                spans["lidar"],
+                lidar,
+                progress=lambda s: say("lidar", s),
             )
         ),
         encoders=_at_epoch(
@@ -105,9 +110,7 @@ def simulate(scenario: Scenario, seed: int | None = None, *, progress: Progress 
     )
     every = RATE // TRUTH_RATE
     kept = np.unique(np.append(np.arange(0, len(driven.stamps), every), len(driven.stamps) - 1))
-    poses = driven.poses[kept]
-    poses[:, 2] = se2.wrap(poses[:, 2])
-    truth = Trajectory(EPOCH + driven.stamps[kept], poses)
+    truth = Trajectory(EPOCH + driven.stamps[kept], driven.truth.poses[kept])
     return Simulation(recording, truth, scenario, driven.end)
 
 

@@ -46,7 +46,7 @@ def simulate_encoders(
     travel = np.stack([np.interp(times, drive.stamps, wheel) for wheel in drive.wheel_travel.T], axis=-1)
     seen = _with_errors(np.diff(travel, axis=0, prepend=travel[:1]), noise, scale, rng)
     # the counter counts whole ticks; the rest stays in the wheel, for the next reading
-    ticks = np.floor(np.cumsum(seen, axis=0) / wheels.metres_per_count).astype(np.int64)
+    ticks = np.floor(rng.random(4) + np.cumsum(seen, axis=0) / wheels.metres_per_count).astype(np.int64)
     return EncoderStream(stamps=stamps, counts=np.diff(ticks, axis=0, prepend=ticks[:1]))
 
 

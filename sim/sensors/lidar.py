@@ -33,6 +33,7 @@ def simulate_lidar(
     noise: LidarNoise,
     span: tuple[float, float],
     rng: np.random.Generator,
+    *,
     progress: Callable[[float], None] | None = None,
 ) -> LidarStream:
     """The scans of a Hokuyo UTM-30LX.

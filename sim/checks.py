@@ -1,0 +1,104 @@
+"""What a scenario's parts must be to each other; each of them alone is checked where it is defined."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from moteslam.errors import ConfigError
+from moteslam.sim.world import World
+
+if TYPE_CHECKING:
+    from moteslam.sim.scenario import Scenario
+
+MAX_SEGMENTS = 20_000
+"""Line segments in a world."""
+
+_SAMPLING = 0.05
+"""Between the points at which a leg is looked at [m]."""
+
+
+def check_scenario(scenario: Scenario) -> None:
+    """Refuse a scenario that contradicts itself.
+
+    Raises:
+        ConfigError: not exactly one thing to do, a platform that cannot drive, rests longer than the run, an empty
+            or outsized world, or a robot, waypoint or leg that touches a wall.
+    """
+    _check_task(scenario)
+    _check_platform(scenario)
+    world = World.of(scenario.world)
+    if not len(world.segments):
+        raise ConfigError("nothing stands in it, expected a wall, room, box or pillar", field="world")
+    if len(world.segments) > MAX_SEGMENTS:
+        raise ConfigError(f"{len(world.segments)} segments, expected at most {MAX_SEGMENTS}", field="world")
+    start = scenario.start[:2]
+    if scenario.commands is not None:
+        _check_place(world, start, scenario.radius, "commands.start", "the robot starts")
+    elif scenario.wander is not None:
+        _check_place(world, start, scenario.radius, "wander.start", "the robot starts")
+    else:
+        _check_route(scenario, world)
+
+
+def _check_task(scenario: Scenario) -> None:
+    tasks = ("route", "wander", "commands")
+    given = [task for task in tasks if getattr(scenario, task) is not None]
+    if len(given) != 1:
+        found = " and ".join(given) if given else "nothing to do"
+        raise ConfigError(
+            f"{found}, expected exactly one of route, wander and commands", field=given[-1] if given else "route"
+        )
+    rests = scenario.drive.rest_start + scenario.drive.rest_end
+    if scenario.duration <= rests:
+        raise ConfigError(
+            f"{scenario.duration:g} s, expected more than the rests at start and end, {rests:g} s", field="duration"
+        )
+
+
+def _check_platform(scenario: Scenario) -> None:
+    platform, wheels = scenario.platform, scenario.platform.wheels
+    if wheels is None:
+        raise ConfigError("none, expected wheels to drive on", field="platform.wheels")
+    if wheels.effective_track < wheels.track:
+        raise ConfigError(
+            f"{wheels.effective_track:g} m, expected at least the track, {wheels.track:g} m",
+            field="platform.wheels.effective_track",
+        )
+    for side, inner, outer in (("length", wheels.wheel_base, platform.length), ("width", wheels.track, platform.width)):
+        if inner > outer:
+            raise ConfigError(
+                f"{outer:g} m, expected the wheels, {inner:g} m apart, within the body", field=f"platform.{side}"
+            )
+
+
+def _check_route(scenario: Scenario, world: World) -> None:
+    assert scenario.route is not None
+    for i, point in enumerate(scenario.route.waypoints):
+        what = "the robot starts" if i == 0 else "the waypoint is"
+        _check_place(world, point, scenario.radius, f"route.waypoints.{i}", what)
+    beside = scenario.platform.width / 2
+    for i, (a, b) in enumerate(pairwise(scenario.route.corners)):
+        samples = np.linspace(a, b, max(2, int(np.ceil(np.hypot(*(b - a)) / _SAMPLING)) + 1))
+        free = world.is_free(samples, beside)
+        if not free.all():
+            x, y = samples[np.argmin(free)]
+            raise ConfigError(
+                f"the leg to the next waypoint runs into a wall near ({x:.2f}, {y:.2f}), "
+                f"expected {beside:.2f} m clear on both sides",
+                field=f"route.waypoints.{i}",
+            )
+
+
+def _check_place(world: World, point: ArrayLike, radius: float, field: str, what: str) -> None:
+    x, y = np.asarray(point, np.float64)
+    if world.inside_solid(point)[0]:
+        raise ConfigError(f"{what} inside a wall at ({x:g}, {y:g}), expected free space", field=field)
+    away = float(world.distance(point)[0])
+    if away < radius:
+        raise ConfigError(
+            f"{what} {away:.2f} m from a wall at ({x:g}, {y:g}), expected at least {radius:.2f} m", field=field
+        )
