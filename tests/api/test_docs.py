@@ -1,0 +1,73 @@
+"""The documentation names what is there: files, links, keys and the values of the paper's preset."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+from pydantic import BaseModel
+
+from moteslam.slam.config import SlamConfig, load_preset
+
+ROOT = Path(__file__).parents[2]
+PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/*.md")])
+PAPER = (ROOT / "docs" / "paper.md").read_text(encoding="utf-8")
+
+
+def keys(model: BaseModel, prefix: str = "") -> set[str]:
+    """The dotted keys of a configuration, those of its sections too."""
+    found = set()
+    for name, value in model:
+        found.add(prefix + name)
+        if isinstance(value, BaseModel):
+            found |= keys(value, f"{prefix}{name}.")
+    return found
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_links_within_the_project_lead_somewhere(page: Path):
+    for target in re.findall(r"\]\((?!https?:|#)([^)#]+)", page.read_text(encoding="utf-8")):
+        assert (page.parent / target).exists(), f"{page.name} links to {target}"
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_keys_given_to_set_exist(page: Path):
+    for key in re.findall(r"--set ([a-z_.]+)=", page.read_text(encoding="utf-8")):
+        assert key in keys(SlamConfig()), f"{page.name} sets {key}"
+
+
+@pytest.mark.parametrize("equation", [*(f"II.{i}" for i in range(1, 8)), *(f"III.{i}" for i in range(1, 9))])
+def test_every_equation_of_the_paper_has_a_row(equation: str):
+    cells = [line.split("|")[1] for line in PAPER.splitlines() if line.startswith("| I")]
+    assert any(re.search(rf"(?<![IV.]){re.escape(equation)}(?!\d)", cell) for cell in cells)
+
+
+def test_files_and_functions_that_the_paper_page_names_exist():
+    named = re.findall(r"`((?:kernels|robot|slam)/[a-z_]+)\.([A-Za-z_]+)", PAPER)
+    assert len(named) > 15
+    for file, name in named:
+        if name != "toml":
+            source = (ROOT / f"{file}.py").read_text(encoding="utf-8")
+            assert re.search(rf"^(?:def|class) {name}\b", source, re.M), f"{file}.{name}"
+
+
+def test_the_paper_page_gives_the_values_of_the_preset():
+    preset = load_preset("paper")
+    for key, value in (
+        ("map.cell_size", f"{preset.map.cell_size:g} m"),
+        ("motion.velocity", f"{preset.motion.velocity:g} m/s"),
+        ("motion.yaw_rate", f"{preset.motion.yaw_rate:g} rad/s"),
+        ("map.occupied_threshold", f"above {preset.map.occupied_threshold:g} "),
+        ("update.distance", f"{preset.update.distance:g} m or {preset.update.rotation:g} rad"),
+        ("motion.translation_from_translation", f"{preset.motion.translation_from_translation:g} m/m"),
+        ("motion.translation_from_translation", f"{preset.motion.translation_from_rotation:g} m/rad"),
+        ("motion.translation_from_translation", f"{preset.motion.rotation_from_translation:g} rad/m"),
+        ("motion.translation_from_translation", f"{preset.motion.rotation_from_rotation:g} rad/rad"),
+        ("search.offsets_xy", ", ".join(f"{offset:g}" for offset in preset.search.offsets_xy)),
+        ("map.count", f'"{preset.map.count}"'),
+        ("sync.method", f'"{preset.sync.method}"'),
+        ("sync.low_pass_hz", f"= {preset.sync.low_pass_hz:g}`"),
+    ):
+        rows = [line for line in PAPER.splitlines() if line.startswith("|") and f"`{key}" in line]
+        assert any(f"{value} ".strip() in row for row in rows), f"{key}: {value}"
