@@ -71,3 +71,25 @@ def test_the_paper_page_gives_the_values_of_the_preset():
     ):
         rows = [line for line in PAPER.splitlines() if line.startswith("|") and f"`{key}" in line]
         assert any(f"{value} ".strip() in row for row in rows), f"{key}: {value}"
+
+
+def test_the_configuration_page_gives_every_key_and_its_values():
+    page = (ROOT / "docs" / "configuration.md").read_text(encoding="utf-8")
+    rows = {
+        cells[1].strip(" `"): cells[2:4] for cells in (line.split("|") for line in page.splitlines()) if len(cells) > 4
+    }
+    sections = {key.partition(".")[0] for key in keys(SlamConfig()) if "." in key}
+    assert set(rows) - {"key", "---"} == keys(SlamConfig()) - sections
+    for config, column in ((SlamConfig(), 0), (load_preset("paper"), 1)):
+        for key in set(rows) - {"key", "---"}:
+            value = config
+            for part in key.split("."):
+                value = getattr(value, part)
+            told = rows[key][column].strip(" `")
+            if isinstance(value, tuple):
+                told_of = f"{value[0]:g} to {value[-1]:g} by {value[1] - value[0]:g}"
+            elif isinstance(value, float) and value >= 1e6:
+                told_of = f"{value:.0e}".replace("e+0", "e")
+            else:
+                told_of = f"{value:g}" if isinstance(value, float) else str(value)
+            assert told == told_of, f"{key}: the page says {told}, it is {told_of}"
