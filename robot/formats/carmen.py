@@ -119,7 +119,7 @@ def _mount(params: dict[str, float], rows: NDArray[np.float64]) -> LidarMount:
     for prefix in ("robot_frontlaser", "frontlaser", "robot_front_laser", "front_laser"):
         if f"{prefix}_offset" in params:
             sideways, turned = (params.get(f"{prefix}_{key}_offset", 0.0) for key in ("side", "angular"))
-            return LidarMount(x=params[f"{prefix}_offset"], y=sideways, yaw=float(se2.wrap(turned)))
+            return LidarMount(x=params[f"{prefix}_offset"], y=sideways, yaw=turned)
     if len(rows):
         mounts = se2.between(rows[:, 3:6], rows[:, :3])
         middle = np.median(mounts, axis=0)
@@ -144,7 +144,6 @@ def _lidar(
     ranges = np.array(scans.ranges, np.float32).reshape(-1, kind.beams)
     told = next((log.params[key] for key in _LIMITS if log.params.get(key, 0) > 0), scans.told)
     range_max = no_return_limit(ranges, told)
-    ranges[ranges == 0] = np.nan
     stamps = rows[:, clock]
     order, mended = stamp_order(stamps, file=path, field=kind.line)
     warnings.extend(mended)
@@ -152,6 +151,7 @@ def _lidar(
         stamps, rows, ranges = stamps[order], rows[order], ranges[order]
     ranges, mended = clean_ranges(ranges, 0.0, range_max, file=path, field=kind.line)
     warnings.extend(mended)
+    ranges[ranges == 0] = np.nan
     return LidarStream(
         stamps=stamps,
         ranges=ranges,

@@ -1,0 +1,332 @@
+"""CARMEN logs: the lines, the rules, what is broken, and the real logs."""
+
+from __future__ import annotations
+
+import gzip
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from robot_logs import flaser, odom, robotlaser, write_log
+
+from moteslam.errors import InputError, OutputError
+from moteslam.robot.formats import open_recording
+from moteslam.robot.formats.carmen import MAX_BROKEN, is_carmen, read_carmen, write_carmen
+from moteslam.robot.formats.text import TextLines
+from moteslam.robot.platform import LidarMount, Platform
+from moteslam.robot.recording import LidarStream, OdometryStream, Recording
+
+GOOD = [flaser([1.0, 2.0, 3.0], stamp=100.0 + k, robot=(0.1 * k, 0, 0)) for k in range(8)]
+
+
+def lidar_of(recording: Recording) -> LidarStream:
+    assert recording.lidar is not None
+    return recording.lidar
+
+
+@pytest.mark.parametrize("name", ["x.log", "x.clf", "x.log.gz", "x", "x.gz", "x.txt"])
+@pytest.mark.parametrize("packed", [False, True])
+def test_the_format_is_known_by_content_not_name(tmp_path: Path, name: str, packed: bool) -> None:
+    path = write_log(tmp_path / name, ["# a comment", *GOOD], packed=packed)
+    assert len(lidar_of(open_recording(path))) == 8
+
+
+@pytest.mark.parametrize(("beams", "step"), [(180, 1.0), (181, 1.0), (360, 0.5), (361, 0.5), (91, 2.0), (1, 180.0)])
+def test_the_beams_of_flaser(tmp_path: Path, beams: int, step: float) -> None:
+    lidar = lidar_of(read_carmen(write_log(tmp_path / "x.log", [flaser([5.0] * beams)])))
+    assert lidar.angle_min == -math.pi / 2
+    assert lidar.angle_increment == pytest.approx(math.radians(step), rel=1e-15)
+    assert lidar.ranges.shape == (1, beams)
+
+
+def test_robotlaser_tells_its_own_angles_limit_and_poses(tmp_path: Path) -> None:
+    line = robotlaser([1.0, 29.9, 30.0], stamp=7.5, angle_min=-1.0, step=0.25, limit=30.0, remissions=[8, 9])
+    recording = read_carmen(write_log(tmp_path / "x.log", [line]))
+    lidar = lidar_of(recording)
+    assert (lidar.angle_min, lidar.angle_increment, lidar.range_max) == (-1.0, 0.25, 30.0)
+    np.testing.assert_array_equal(lidar.ranges, np.float32([[1.0, 29.9, np.inf]]))
+    np.testing.assert_array_equal(lidar.stamps, [7.5])
+    np.testing.assert_array_equal(lidar.odometry, [[1.0, 2.0, 0.5]])
+
+
+def test_odometry_comes_from_odom_lines(tmp_path: Path) -> None:
+    path = write_log(tmp_path / "x.log", [odom((1, 2, 0.5), 10.0), GOOD[0], odom((2, 2, 0.5), 100.5)])
+    recording = read_carmen(path)
+    assert recording.odometry is not None
+    np.testing.assert_array_equal(recording.odometry.poses, [[1, 2, 0.5], [2, 2, 0.5]])
+    np.testing.assert_array_equal(recording.odometry.stamps, [10.0, 100.5])
+    assert read_carmen(write_log(tmp_path / "y.log", GOOD)).odometry is None
+
+
+def test_a_log_of_odometry_alone(tmp_path: Path) -> None:
+    recording = read_carmen(write_log(tmp_path / "x.log", [odom((1, 2, 0.5), 10.0)]))
+    assert recording.lidar is None
+
+
+def test_the_mount_comes_from_the_caller_the_parameters_or_the_poses(tmp_path: Path) -> None:
+    ahead = [flaser([1.0], laser=(k + 0.2, 1.0, 0.0), robot=(k, 1.0, 0.0), stamp=k) for k in range(5)]
+    params = [
+        "PARAM robot_frontlaser_offset 0.3 host 0",
+        "PARAM robot_frontlaser_side_offset 0.1 host 0",
+        "PARAM robot_length 0.7 host 0",
+        "PARAM robot_name frank host 0",
+    ]
+    told = read_carmen(write_log(tmp_path / "told.log", [*params, *ahead])).platform
+    assert told.lidar.pose == (0.3, 0.1, 0.0)
+    assert told.length == 0.7
+    assert read_carmen(write_log(tmp_path / "poses.log", ahead)).platform.lidar.pose == (0.2, 0.0, 0.0)
+    corrected = [flaser([1.0], laser=(k * 1.1, 1.0, 0.0), robot=(k, 1.0, 0.0), stamp=k) for k in range(5)]
+    assert read_carmen(write_log(tmp_path / "moved.log", corrected)).platform.lidar.pose == (0, 0, 0)
+    mine = Platform(lidar=LidarMount(x=-1, time_increment=1e-3))
+    recording = read_carmen(tmp_path / "told.log", platform=mine)
+    assert recording.platform == mine
+    assert lidar_of(recording).time_increment == 1e-3
+
+
+def test_the_stamp_is_the_ipc_one_or_the_loggers_where_all_are_zero(tmp_path: Path) -> None:
+    lines = [flaser([1.0], stamp=0.0, logged=5.0 + k) for k in range(3)]
+    np.testing.assert_array_equal(lidar_of(read_carmen(write_log(tmp_path / "x.log", lines))).stamps, [5, 6, 7])
+    lines = [flaser([1.0], stamp=float(k), logged=50.0) for k in range(3)]
+    np.testing.assert_array_equal(lidar_of(read_carmen(write_log(tmp_path / "y.log", lines))).stamps, [0, 1, 2])
+
+
+def test_equal_stamps_are_distinct_scans_in_file_order(tmp_path: Path) -> None:
+    lines = [flaser([1.0 + k], stamp=float(k // 3), robot=(k, 0, 0)) for k in range(9)]
+    recording = read_carmen(write_log(tmp_path / "x.log", lines))
+    lidar = lidar_of(recording)
+    np.testing.assert_array_equal(lidar.ranges[:, 0], np.arange(1, 10, dtype=np.float32))
+    assert lidar.odometry is not None
+    np.testing.assert_array_equal(lidar.odometry[:, 0], np.arange(9.0))
+    assert recording.warnings == ()
+
+
+def test_stamps_that_go_back_take_their_scan_and_pose_along(tmp_path: Path) -> None:
+    lines = [flaser([1.0 + k], stamp=stamp, robot=(k, 0, 0)) for k, stamp in enumerate([0.0, 2.0, 1.0, 1.0, 3.0])]
+    recording = read_carmen(write_log(tmp_path / "x.log", lines))
+    lidar = lidar_of(recording)
+    assert lidar.odometry is not None
+    np.testing.assert_array_equal(lidar.odometry[:, 0], [0, 2, 3, 1, 4])
+    np.testing.assert_array_equal(lidar.ranges[:, 0], [1, 3, 4, 2, 5])
+    assert recording.warnings == ("x.log: FLASER: 1 stamps go back; the readings were sorted by stamp",)
+
+
+BROKEN = {
+    "cut in the ranges": (" ".join(GOOD[0].split()[:4]), r"4 words, expected 14 for 3 ranges"),
+    "cut in the poses": (" ".join(GOOD[0].split()[:9]), r"9 words, expected 14"),
+    "no number of beams": ("FLASER", "1 words, expected the number of ranges at word 2"),
+    "a word for a number": ("FLASER x 1 2 3", "no number of ranges at word 2"),
+    "too few beams declared": (GOOD[0].replace("FLASER 3", "FLASER 2"), "14 words, expected 13 for 2 ranges"),
+    "too many beams declared": (
+        GOOD[0].replace("FLASER 3", "FLASER 999999999"),
+        "14 words, expected 1000000010 for 999999999 ranges",
+    ),
+    "no beams": ("FLASER 0 0 0 0 0 0 0 5 host 5", "0 ranges, expected at least 1"),
+    "fewer than no beams": (GOOD[0].replace("FLASER 3", "FLASER -3"), "-3 ranges, expected at least 1"),
+    "a pose that is NaN": (flaser([1, 2, 3], robot=(math.nan, 0, 0)), "NaN or infinite pose or stamp"),
+    "a stamp that is infinite": (flaser([1, 2, 3], stamp=math.inf), "NaN or infinite pose or stamp"),
+    "a word for a range": (GOOD[0].replace("2.0", "two"), "could not convert"),
+    "short odometry": ("ODOM 1 2 3", "4 words, expected 10 for odometry"),
+    "short robotlaser": ("ROBOTLASER1 0 -1.5 3.1", "expected the number of ranges at word 9"),
+    "no angles": (robotlaser([1.0], step=0.0), "angular resolution 0.0, expected more than 0 rad"),
+}
+
+
+@pytest.mark.parametrize(("line", "problem"), BROKEN.values(), ids=BROKEN.keys())
+def test_a_broken_line_is_dropped_counted_and_named(tmp_path: Path, line: str, problem: str) -> None:
+    recording = read_carmen(write_log(tmp_path / "x.log", [*GOOD[:4], line, *GOOD[4:], line]))
+    assert len(lidar_of(recording)) == 8
+    (warning,) = recording.warnings
+    assert warning.startswith("x.log: 2 broken lines dropped, the first is line 5: ")
+    assert problem in warning
+
+
+@pytest.mark.parametrize(("line", "problem"), BROKEN.values(), ids=BROKEN.keys())
+def test_a_log_of_broken_lines_alone_is_refused(tmp_path: Path, line: str, problem: str) -> None:
+    with pytest.raises(InputError, match=problem) as caught:
+        read_carmen(write_log(tmp_path / "x.log", ["# head", line]))
+    assert str(caught.value).startswith(f"{tmp_path}/x.log:2: ")
+
+
+def test_a_log_with_much_broken_is_refused(tmp_path: Path) -> None:
+    lines = ["FLASER 3 1 2"] * (MAX_BROKEN + 1)
+    with pytest.raises(InputError, match=rf"x\.log:9: .*first of {MAX_BROKEN + 1} broken lines, 8 whole"):
+        read_carmen(write_log(tmp_path / "x.log", [*GOOD, *lines]))
+
+
+def test_ranges_that_no_sensor_says_are_left_out_and_counted(tmp_path: Path) -> None:
+    lines = [*GOOD[:7], flaser([math.nan, -1.0, 2.0], stamp=200.0)]
+    recording = read_carmen(write_log(tmp_path / "x.log", lines))
+    np.testing.assert_array_equal(lidar_of(recording).ranges[-1], np.float32([np.nan, np.nan, 2.0]))
+    assert recording.warnings == ("x.log: FLASER: 2 ranges in 1 scans are NaN or negative; they are left out",)
+
+
+def test_infinite_is_no_return_and_zero_says_nothing(tmp_path: Path) -> None:
+    recording = read_carmen(write_log(tmp_path / "x.log", [flaser([math.inf, 0.0, 2.0])]))
+    np.testing.assert_array_equal(lidar_of(recording).ranges, np.float32([[np.inf, np.nan, 2.0]]))
+    assert recording.warnings == ()
+
+
+def test_a_change_of_beams_is_refused_with_its_line(tmp_path: Path) -> None:
+    lines = [*GOOD, *(flaser([1.0] * 5, stamp=200.0 + k) for k in range(5))]
+    with pytest.raises(InputError, match=r"x\.log:9: 5 FLASER scans of 5 beams, expected 3 beams"):
+        read_carmen(write_log(tmp_path / "x.log", lines))
+
+
+def test_a_few_scans_of_other_beams_are_left_aside(tmp_path: Path) -> None:
+    recording = read_carmen(write_log(tmp_path / "x.log", [*GOOD, flaser([1.0] * 5, stamp=200.0)]))
+    assert len(lidar_of(recording)) == 8
+    assert recording.warnings == ("x.log: 1 FLASER scans of 5 beams left aside, the first is line 9",)
+
+
+def test_of_two_kinds_of_line_the_one_that_tells_its_angles_is_used(tmp_path: Path) -> None:
+    lines = [line for k in range(3) for line in (flaser([1.0], stamp=k), robotlaser([2.0], stamp=k))]
+    recording = read_carmen(write_log(tmp_path / "x.log", lines))
+    assert (lidar_of(recording).ranges == 2).all()
+    assert recording.warnings == ("x.log: 3 FLASER scans of 1 beams left aside, the first is line 1",)
+
+
+def test_a_last_line_that_is_cut_is_dropped(tmp_path: Path) -> None:
+    path = write_log(tmp_path / "x.log", GOOD)
+    path.write_bytes(path.read_bytes().rstrip()[:-12])
+    recording = read_carmen(path)
+    assert len(lidar_of(recording)) == 7
+    assert "1 broken lines dropped, the first is line 8" in recording.warnings[0]
+
+
+def test_a_truncated_gzip_gives_what_came_before(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    lines = [flaser(rng.uniform(1, 5, 180).round(2).tolist(), stamp=k) for k in range(50)]
+    path = write_log(tmp_path / "x.log.gz", lines, packed=True)
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    recording = read_carmen(path)
+    assert 20 <= len(lidar_of(recording)) <= 30
+    assert recording.warnings == ("x.log.gz: the gzip data is cut short; what came before is used",)
+
+
+def test_a_damaged_gzip_gives_what_came_before(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    lines = [flaser(rng.uniform(1, 5, 180).round(2).tolist(), stamp=k) for k in range(2000)]
+    path = write_log(tmp_path / "x.log.gz", lines, packed=True)
+    data = bytearray(path.read_bytes())
+    data[-6] ^= 0xFF  # the checksum: the last chunk is not to be trusted
+    path.write_bytes(data)
+    recording = read_carmen(path)
+    assert 1000 <= len(lidar_of(recording)) < 2000
+    assert recording.warnings == ("x.log.gz: the gzip data is damaged; what came before is used",)
+
+
+def test_a_gzip_of_several_members(tmp_path: Path) -> None:
+    path = tmp_path / "x.log.gz"
+    path.write_bytes(b"".join(gzip.compress(f"{line}\n".encode()) for line in GOOD))
+    assert len(lidar_of(open_recording(path))) == 8
+
+
+@pytest.mark.parametrize("content", [b"\x1f\x8b", gzip.compress(b"")[:8], gzip.compress(b""), b"hello\n", b"# x"])
+def test_what_is_no_log_is_refused(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "x.log"
+    path.write_bytes(content)
+    assert not is_carmen(path)
+    with pytest.raises(InputError, match="expected a CARMEN log"):
+        read_carmen(path)
+    with pytest.raises(InputError, match=r"x\.log: not a recording known here, expected a UCSD folder .* CARMEN"):
+        open_recording(path)
+
+
+def test_a_gzip_bomb_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "x.log.gz"
+    path.write_bytes(gzip.compress(b"FLASER\n" * 3_000_000))
+    lines = TextLines(path, max_text=1_000_000)
+    with pytest.raises(InputError, match="unpacks to more than the 1000000 bytes allowed"):
+        list(lines)
+    path.write_bytes(gzip.compress(b"FLASER " + b"0" * 30_000_000))
+    with pytest.raises(InputError, match="a line longer than 1048576 bytes"):
+        read_carmen(path)
+
+
+def test_absurd_stamps_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"x\.log: FLASER: jump of .* expected steps of less than a day"):
+        read_carmen(write_log(tmp_path / "x.log", [*GOOD, flaser([1.0, 2.0, 3.0], stamp=976052857.0)]))
+    with pytest.raises(InputError, match=r"ODOM: 1e\+15, expected seconds below 1e11"):
+        read_carmen(write_log(tmp_path / "x.log", [*GOOD, odom((0, 0, 0), 1e15)]))
+
+
+def test_a_log_has_no_sequences(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="expected no --sequence"):
+        open_recording(write_log(tmp_path / "x.log", GOOD), sequence=1)
+
+
+@pytest.mark.parametrize("name", ["x.log", "x.log.gz"])
+def test_round_trip(tmp_path: Path, name: str) -> None:
+    rng = np.random.default_rng(1)
+    ranges = rng.uniform(0.05, 29.9, (20, 9)).astype(np.float32)
+    ranges[3, 4], ranges[5] = np.nan, np.inf
+    stamps = 976052857.0 + np.cumsum(rng.uniform(0, 0.2, 20))
+    stamps[7] = stamps[6]
+    robot = Platform(name="carmen", length=0.6, width=0.4, lidar=LidarMount(x=0.1, y=-0.02, yaw=0.3))
+    recording = Recording(
+        "x",
+        robot,
+        lidar=LidarStream(stamps, ranges, -1.2, 0.3, 0.0, 30.0, odometry=rng.normal(size=(20, 3))),
+        odometry=OdometryStream(stamps - 0.01, rng.normal(size=(20, 3))),
+    )
+    write_carmen(tmp_path / name, recording)
+    assert ((tmp_path / name).read_bytes()[:2] == b"\x1f\x8b") == name.endswith("gz")
+    again = open_recording(tmp_path / name)
+    assert again.warnings == ()
+    assert (again.name, again.platform) == ("x", robot)
+    for stream in ("lidar", "odometry"):
+        for key, value in vars(getattr(recording, stream)).items():
+            other = getattr(getattr(again, stream), key)
+            assert value.tobytes() == other.tobytes() if isinstance(value, np.ndarray) else value == other, key
+    first = (tmp_path / name).read_bytes()
+    write_carmen(tmp_path / name, again)
+    assert (tmp_path / name).read_bytes() == first
+
+
+def test_writing_interpolates_the_odometry_and_needs_one(tmp_path: Path) -> None:
+    lidar = LidarStream(np.array([0.5]), np.ones((1, 3), np.float32), -1.0, 1.0, 0.0, 30.0)
+    odometry = OdometryStream(np.array([0.0, 1.0]), np.array([[0.0, 0, 0], [2.0, 0, 0]]))
+    write_carmen(tmp_path / "x.log", Recording("x", Platform(), lidar=lidar, odometry=odometry))
+    logged = lidar_of(read_carmen(tmp_path / "x.log")).odometry
+    np.testing.assert_array_equal(logged, [[1.0, 0, 0]])
+    with pytest.raises(InputError, match="odometry: no odometry poses"):
+        write_carmen(tmp_path / "y.log", Recording("x", Platform(), lidar=lidar))
+    with pytest.raises(InputError, match="neither a lidar nor odometry"):
+        write_carmen(tmp_path / "y.log", Recording("x", Platform()))
+    with pytest.raises(OutputError, match="cannot be written"):
+        write_carmen(tmp_path / "x.log" / "y.log", Recording("x", Platform(), lidar=lidar, odometry=odometry))
+
+
+@pytest.mark.parametrize(
+    ("path", "shape", "no_return", "equal"),
+    [
+        ("intel/intel_raw_part.log.gz", (5505, 180), 0.0489, 304),
+        ("intel/intel_key_scans.log.gz", (910, 180), 0.0255, 0),
+        ("csail/csail.log.gz", (1051, 361), 0.0281, 0),
+        ("key_scans/freiburg-101.log.gz", (292, 360), 0.1194, 0),
+        ("key_scans/belgioioso.log.gz", (395, 361), 0.0049, 0),
+    ],
+)
+def test_real_logs(data_folder: Path, path: str, shape: tuple[int, int], no_return: float, equal: int) -> None:
+    recording = open_recording(data_folder / path)
+    lidar = lidar_of(recording)
+    assert lidar.ranges.shape == shape
+    assert np.isinf(lidar.ranges).mean() == pytest.approx(no_return, abs=5e-5)
+    assert not np.isnan(lidar.ranges).any()
+    assert lidar.ranges[np.isfinite(lidar.ranges)].max() < 80
+    assert (np.diff(lidar.stamps) == 0).sum() == equal
+    assert recording.odometry is not None
+    assert lidar.odometry is not None
+    np.testing.assert_array_equal(recording.odometry.poses, lidar.odometry)
+    assert recording.platform.lidar.pose == (0, 0, 0)
+    assert recording.warnings == ()
+
+
+def test_a_real_log_written_reads_back_the_same(data_folder: Path, tmp_path: Path) -> None:
+    recording = open_recording(data_folder / "key_scans/freiburg-101.log.gz")
+    write_carmen(tmp_path / "x.log", recording)
+    one, two = lidar_of(recording), lidar_of(open_recording(tmp_path / "x.log"))
+    assert one.ranges.tobytes() == two.ranges.tobytes()
+    assert one.stamps.tobytes() == two.stamps.tobytes()
+    assert (one.angle_min, one.angle_increment) == (two.angle_min, two.angle_increment)

@@ -1,0 +1,306 @@
+"""The UCSD layout: what is written reads back the same, and what is broken is told in one line."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from moteslam.errors import ConfigError, InputError, OutputError
+from moteslam.robot import files, se2
+from moteslam.robot.formats import open_recording
+from moteslam.robot.formats.ucsd import read_ucsd, ucsd_sequences, write_ucsd
+from moteslam.robot.kinematics import arc_increment
+from moteslam.robot.platform import UCSD, LidarMount, Platform
+from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream, Recording, RgbdStream
+
+START = 1298445274.5
+
+
+def make_recording(n: int = 12, beams: int = 7, seed: int = 0) -> Recording:
+    rng = np.random.default_rng(seed)
+    ranges = rng.uniform(0.1, 29.9, (n, beams)).astype(np.float32)
+    ranges[0, 0], ranges[1, 1], ranges[2] = np.inf, np.nan, np.inf
+    stamps = START + np.cumsum(rng.uniform(0.02, 0.03, n))
+    stamps[5] = stamps[4]
+    return Recording(
+        name="made",
+        platform=UCSD,
+        lidar=LidarStream(stamps, ranges, -2.356, 0.7853, 0.1, 30.0, UCSD.lidar.time_increment),
+        encoders=EncoderStream(stamps + 0.001, rng.integers(-50, 50, (n, 4))),
+        imu=ImuStream(stamps - 0.003, rng.normal(size=(n, 3)), rng.normal(size=(n, 3))),
+        rgbd=RgbdStream(stamps[::2].copy(), stamps[1::3].copy()),
+    )
+
+
+def written(folder: Path, **changes: Any) -> Path:
+    """A folder with sequence 20, its arrays changed: ``Hokuyo_ranges=...``; None leaves the array out."""
+    write_ucsd(folder, make_recording(), sequence=20)
+    for name in ("Hokuyo", "Encoders", "Imu", "Kinect"):
+        mine = {key.removeprefix(f"{name}_"): value for key, value in changes.items() if key.startswith(f"{name}_")}
+        if mine:
+            path = folder / f"{name}20.npz"
+            with np.load(path) as file:
+                arrays = {**file, **mine}
+            np.savez(path, **{key: value for key, value in arrays.items() if value is not None})
+    return folder
+
+
+def assert_same(a: Recording, b: Recording) -> None:
+    """Bit for bit: dtypes, NaN and all."""
+    for stream in ("lidar", "encoders", "imu", "rgbd"):
+        one, two = vars(getattr(a, stream)), vars(getattr(b, stream))
+        for key, value in one.items():
+            if isinstance(value, np.ndarray):
+                assert value.dtype == two[key].dtype, key
+                assert value.tobytes() == two[key].tobytes(), key
+            else:
+                assert value == two[key], key
+    assert a.platform == b.platform
+
+
+def test_round_trip_is_the_same_bit_for_bit(tmp_path: Path) -> None:
+    recording = make_recording()
+    write_ucsd(tmp_path, recording, sequence="20")
+    again = open_recording(tmp_path)
+    assert_same(recording, again)
+    assert again.warnings == ()
+    assert again.name == f"{tmp_path.name}-20"
+    write_ucsd(tmp_path, again, sequence=21)
+    for name in ("Hokuyo", "Encoders", "Imu", "Kinect"):
+        assert (tmp_path / f"{name}20.npz").read_bytes() == (tmp_path / f"{name}21.npz").read_bytes()
+
+
+def test_the_layout_is_that_of_the_real_files(tmp_path: Path) -> None:
+    written(tmp_path)
+    with np.load(tmp_path / "Hokuyo20.npz", allow_pickle=False) as file:
+        assert set(file) == {
+            *("angle_min", "angle_max", "angle_increment", "range_min", "range_max"),
+            *("ranges", "time_stamps"),
+        }
+        assert file["ranges"].shape == (7, 12)
+        assert file["ranges"][0, 0] == 31
+        assert file["ranges"][1, 1] == np.float32(0.001)
+    with np.load(tmp_path / "Encoders20.npz", allow_pickle=False) as file:
+        assert (file["counts"].shape, file["counts"].dtype) == ((4, 12), np.dtype(np.int16))
+    with np.load(tmp_path / "Imu20.npz", allow_pickle=False) as file:
+        assert file["angular_velocity"].shape == file["linear_acceleration"].shape == (3, 12)
+
+
+def test_what_ranges_mean(tmp_path: Path) -> None:
+    ranges = np.full((7, 12), 5.0)
+    ranges[:, 0] = [30.0, 29.999, np.inf, 0.1, 0.0999, 0.001, 0.0]
+    ranges[:3, 1] = [np.nan, -1.0, -np.inf]
+    recording = read_ucsd(written(tmp_path, Hokuyo_ranges=ranges))
+    assert recording.lidar is not None
+    row = recording.lidar.ranges[0]
+    np.testing.assert_array_equal(row[[0, 2]], np.inf)
+    np.testing.assert_array_equal(row[[1, 3]], np.float32([29.999, 0.1]))
+    assert np.isnan(row[4:]).all()
+    assert np.isnan(recording.lidar.ranges[1, :3]).all()
+    assert recording.warnings == ("Hokuyo20.npz: ranges: 3 ranges in 1 scans are NaN or negative; they are left out",)
+
+
+@pytest.mark.parametrize("dtype", [np.float16, np.float32, np.float64, np.int16, ">f8"])
+def test_ranges_of_any_real_dtype(tmp_path: Path, dtype: Any) -> None:
+    ranges = np.full((7, 12), 5).astype(dtype)
+    lidar = read_ucsd(written(tmp_path, Hokuyo_ranges=ranges)).lidar
+    assert lidar is not None
+    assert (lidar.ranges == 5).all()
+    assert lidar.ranges.dtype == np.float32
+
+
+def test_angles_as_one_element_arrays(tmp_path: Path) -> None:
+    lidar = read_ucsd(written(tmp_path, Hokuyo_angle_min=np.array([[-2.0]]))).lidar
+    assert lidar is not None
+    assert lidar.angle_min == -2.0
+
+
+BAD = [
+    ("Hokuyo_ranges", np.ones((12, 7)), r"Hokuyo20\.npz: ranges: shape \[12, 7\], expected \[beams, 12\]"),
+    ("Hokuyo_ranges", np.ones((0, 12)), r"ranges: shape \[0, 12\], expected \[beams, 12\], none of them 0"),
+    ("Hokuyo_ranges", None, "ranges: missing"),
+    ("Hokuyo_angle_increment", np.float64(0), "angle_increment: 0.0, expected more than 0 rad"),
+    ("Hokuyo_angle_increment", np.float64(-0.1), "angle_increment: -0.1, expected more than 0 rad"),
+    ("Hokuyo_angle_min", np.float64(np.nan), "angle_min: nan, expected a finite number"),
+    ("Hokuyo_angle_min", np.ones(2), r"angle_min: shape \[2\], expected one number"),
+    ("Hokuyo_range_max", np.float64(0.05), "expected 0 <= range_min < range_max"),
+    ("Hokuyo_range_max", np.float64(np.inf), "range_max: inf, expected a finite number"),
+    ("Hokuyo_time_stamps", np.full(12, np.nan), "time_stamps: nan at reading 0, expected finite seconds"),
+    ("Encoders_time_stamps", np.append(np.arange(11.0), np.inf), "time_stamps: inf at reading 11"),
+    ("Encoders_time_stamps", np.append(0.0, START + np.arange(11)), "time_stamps: jump of"),
+    ("Encoders_time_stamps", np.arange(12) * 1e3 + START * 1e3, "expected seconds below 1e11"),
+    ("Encoders_time_stamps", None, "time_stamps: missing"),
+    ("Encoders_counts", np.full((4, 12), 0.5), "counts: not whole numbers"),
+    ("Encoders_counts", np.full((4, 12), np.nan), "counts: not whole numbers"),
+    ("Encoders_counts", np.full((4, 12), 2**40), "counts: beyond 2"),
+    ("Encoders_counts", np.full((2, 12), 1), r"counts: shape \[2, 12\], expected \[4, 12\]"),
+    ("Encoders_counts", np.full((4, 12), None), "counts: holds pickled objects"),
+    ("Imu_angular_velocity", np.full((3, 12), np.nan), "angular_velocity: NaN or infinite"),
+    ("Imu_angular_velocity", np.ones((12, 3)), r"angular_velocity: shape \[12, 3\], expected \[3, 12\]"),
+    ("Imu_linear_acceleration", None, "linear_acceleration: missing"),
+    ("Kinect_rgb_time_stamps", np.ones((2, 2)), r"rgb_time_stamps: shape \[2, 2\], expected \[c\]"),
+    ("Kinect_disparity_time_stamps", None, "disparity_time_stamps: missing"),
+]
+
+
+@pytest.mark.parametrize(("array", "value", "message"), BAD)
+def test_bad_arrays_are_told_with_file_field_and_expectation(
+    tmp_path: Path, array: str, value: Any, message: str
+) -> None:
+    with pytest.raises(InputError, match=message) as caught:
+        read_ucsd(written(tmp_path, **{array: value}))
+    assert f"{array.split('_')[0]}20.npz" in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("name", ["Hokuyo", "Encoders", "Imu", "Kinect"])
+@pytest.mark.parametrize("size", [0, 100])
+def test_cut_files_are_refused_by_name(tmp_path: Path, name: str, size: int) -> None:
+    path = written(tmp_path) / f"{name}20.npz"
+    path.write_bytes(path.read_bytes()[:size])
+    with pytest.raises(InputError, match=rf"{name}20\.npz: (is empty|not a whole file)"):
+        read_ucsd(tmp_path)
+
+
+def test_swapped_stamps_are_sorted_and_counted(tmp_path: Path) -> None:
+    stamps = np.arange(12.0)
+    stamps[[3, 4]] = stamps[[4, 3]]
+    recording = read_ucsd(written(tmp_path, Encoders_time_stamps=stamps))
+    original = make_recording().encoders
+    assert recording.encoders is not None
+    assert original is not None
+    np.testing.assert_array_equal(recording.encoders.stamps, np.arange(12.0))
+    np.testing.assert_array_equal(recording.encoders.counts, original.counts[[0, 1, 2, 4, 3, 5, 6, 7, 8, 9, 10, 11]])
+    assert recording.warnings == ("Encoders20.npz: time_stamps: 1 stamps go back; the readings were sorted by stamp",)
+
+
+def test_equal_stamps_are_distinct_scans_in_file_order(tmp_path: Path) -> None:
+    stamps = np.repeat(np.arange(4.0), 3)
+    lidar = read_ucsd(written(tmp_path, Hokuyo_time_stamps=stamps)).lidar
+    assert lidar is not None
+    original = make_recording().lidar
+    assert original is not None
+    np.testing.assert_array_equal(lidar.ranges, original.ranges)
+    np.testing.assert_array_equal(lidar.stamps, stamps)
+
+
+def test_an_angle_max_that_disagrees_is_told(tmp_path: Path) -> None:
+    recording = read_ucsd(written(tmp_path, Hokuyo_angle_max=np.float64(1.0)))
+    assert any("angle_max: 1.0000 rad, but 7 beams end at 2.3558" in line for line in recording.warnings)
+
+
+def test_missing_files_are_missing_streams(tmp_path: Path) -> None:
+    written(tmp_path)
+    for name in ("Hokuyo", "Kinect"):
+        (tmp_path / f"{name}20.npz").unlink()
+    recording = read_ucsd(tmp_path)
+    assert recording.lidar is None
+    assert recording.rgbd is None
+    assert recording.encoders is not None
+
+
+def test_sequences_are_listed_and_chosen(tmp_path: Path) -> None:
+    for sequence in (9, 20, 100):
+        write_ucsd(tmp_path, make_recording(), sequence=sequence)
+    (tmp_path / "Hokuyo.npz").touch()
+    assert ucsd_sequences(tmp_path) == ("9", "20", "100")
+    with pytest.raises(InputError, match="several sequences, expected --sequence 9, 20 or 100"):
+        open_recording(tmp_path)
+    with pytest.raises(InputError, match="no sequence 7, expected --sequence 9, 20 or 100"):
+        open_recording(tmp_path, sequence=7)
+    assert open_recording(tmp_path, sequence=100).name.endswith("-100")
+    assert open_recording(tmp_path, sequence="9").name.endswith("-9")
+
+
+def test_the_platform_comes_from_the_caller_then_the_folder_then_the_format(tmp_path: Path) -> None:
+    mine = Platform(name="mine", lidar=LidarMount(x=0.5, time_increment=1e-4))
+    write_ucsd(tmp_path, make_recording().replace(platform=mine), sequence=20)
+    recording = read_ucsd(tmp_path)
+    assert recording.platform == mine
+    assert recording.lidar is not None
+    assert recording.lidar.time_increment == 1e-4
+    assert read_ucsd(tmp_path, platform=UCSD).platform == UCSD
+    (tmp_path / "platform.toml").write_text("nmae = 'x'")
+    with pytest.raises(ConfigError, match=r"platform\.toml: nmae"):
+        read_ucsd(tmp_path)
+    (tmp_path / "platform.toml").unlink()
+    assert read_ucsd(tmp_path).platform == UCSD
+
+
+def test_images_are_listed_in_numeric_order_if_they_match_the_stamps(tmp_path: Path) -> None:
+    written(tmp_path)
+    folder = tmp_path / "dataRGBD" / "Disparity20"
+    folder.mkdir(parents=True)
+    for index in (1, 2, 3, 4):
+        (folder / f"disparity20_{index}.png").touch()
+    rgbd = read_ucsd(tmp_path).rgbd
+    assert rgbd is not None
+    assert [path.name for path in rgbd.disparity_files] == [f"disparity20_{k}.png" for k in (1, 2, 3, 4)]
+    assert rgbd.rgb_files == ()
+    (folder / "disparity20_4.png").rename(folder / "disparity20_5.png")
+    recording = read_ucsd(tmp_path)
+    assert recording.rgbd is not None
+    assert recording.rgbd.disparity_files == ()
+    assert recording.warnings == ("Disparity20: 4 images for 4 stamps; the images are left out",)
+
+
+def test_counts_beyond_int16_are_not_written(tmp_path: Path) -> None:
+    encoders = EncoderStream(np.arange(2.0), np.array([[0, 0, 0, 40000]] * 2))
+    with pytest.raises(InputError, match="counts: beyond int16"):
+        write_ucsd(tmp_path, Recording("x", UCSD, encoders=encoders), sequence=1)
+
+
+@pytest.mark.parametrize("sequence", ["", "../1", "a b", "1\n"])
+def test_a_sequence_that_is_no_file_name_is_refused(tmp_path: Path, sequence: str) -> None:
+    with pytest.raises(ConfigError, match="sequence"):
+        write_ucsd(tmp_path, make_recording(), sequence=sequence)
+
+
+def test_writing_into_no_folder_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    for folder in (tmp_path / "nowhere", tmp_path / "file"):
+        with pytest.raises(OutputError, match=r"platform\.toml: cannot be written"):
+            write_ucsd(folder, make_recording(), sequence=20)
+
+
+def test_a_full_disk_leaves_nothing_half_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    real = files.os.fdopen
+
+    def full(handle: int, mode: str) -> Any:
+        real(handle, mode).close()
+        return Path("/dev/full").open("wb")
+
+    monkeypatch.setattr(files.os, "fdopen", full)
+    monkeypatch.setattr("moteslam.robot.formats.ucsd.write_platform", lambda path, platform: None)
+    with pytest.raises(OutputError, match="cannot be written: No space left on device"):
+        write_ucsd(tmp_path, make_recording(2000, 100), sequence=20)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("sequence", "distance", "end", "heading"),
+    [(20, 95.9, (-2.1, -1.9), 2.4), (21, 91.8, (-2.53, -1.84), -53.0)],
+)
+def test_real_counts_and_gyro_give_the_known_dead_reckoning(
+    data_folder: Path, sequence: int, distance: float, end: tuple[float, float], heading: float
+) -> None:
+    """Gyro integrated by trapezoids and read off at the encoder stamps; wheels averaged a side."""
+    recording = open_recording(data_folder / "ucsd", sequence=sequence)
+    encoders, imu = recording.encoders, recording.imu
+    assert encoders is not None
+    assert imu is not None
+    assert recording.platform.wheels is not None
+    assert recording.lidar is None
+    assert recording.rgbd is not None
+    assert recording.warnings == ()
+    travel = encoders.counts.mean(axis=1) * recording.platform.wheels.metres_per_count
+    rate = imu.angular_velocity[:, 2]
+    yaw = np.append(0.0, np.cumsum(np.diff(imu.stamps) * (rate[1:] + rate[:-1]) / 2))
+    turns = np.diff(np.interp(encoders.stamps, imu.stamps, yaw), prepend=0.0)
+    x, y, theta = se2.accumulate(arc_increment(travel, turns))[-1]
+    assert np.abs(travel).sum() == pytest.approx(distance, abs=0.1)
+    assert (x, y) == pytest.approx(end, abs=0.1)
+    assert np.degrees(theta) == pytest.approx(heading, abs=0.5)
