@@ -108,7 +108,7 @@ def drive(
         engine.step(speed, turn_rate)
         rows.append(engine.state())
     table = np.array(rows)
-    return Drive(np.arange(len(table)) * dt, table[:, :3], table[:, 3:6], table[:, 6:], end)
+    return Drive(np.arange(len(table), dtype=np.float64) / RATE, table[:, :3], table[:, 3:6], table[:, 6:], end)
 
 
 def _driver(scenario: Scenario, world: World, rng: np.random.Generator) -> Driver:

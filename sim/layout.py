@@ -56,13 +56,19 @@ class Wall(Settings):
         points = (*self.points, self.points[0]) if self.closed else self.points
         return np.asarray(points, np.float64)
 
+    @property
+    def cuts(self) -> list[Door | Recess]:
+        """The doors and recesses, as they come along the wall."""
+        cuts: list[Door | Recess] = [*self.doors, *self.recesses]
+        return sorted(cuts, key=lambda cut: cut.at)
+
     @model_validator(mode="after")
     def _fits(self) -> Wall:
         lengths = np.hypot(*np.diff(self.corners, axis=0).T)
         if (lengths == 0).any():
             raise ValueError("two successive points are the same, expected them apart")
         starts = np.concatenate(([0.0], np.cumsum(lengths)))
-        spans = sorted((cut.at, cut.at + cut.width) for cut in (*self.doors, *self.recesses))
+        spans = [(cut.at, cut.at + cut.width) for cut in self.cuts]
         for begin, end in spans:
             straight = int(np.searchsorted(starts, begin, "right")) - 1
             if end > starts[-1] + _TINY:
@@ -81,7 +87,7 @@ class Wall(Settings):
             length = float(np.hypot(*(b - a)))
             along = (b - a) / length
             left = np.array((-along[1], along[0]))
-            cuts = [cut for cut in (*self.doors, *self.recesses) if start <= cut.at < start + length - _TINY]
+            cuts = [cut for cut in self.cuts if start <= cut.at < start + length - _TINY]
             for run in _runs(length, start, cuts):
                 at, depth = np.array(run).T[:, :, None]
                 points = a + at * along + depth * left
@@ -97,7 +103,7 @@ def _runs(length: float, start: float, cuts: list[Door | Recess]) -> Iterator[li
     The straight is ``length`` long and begins ``start`` along its wall, from where the cuts are measured.
     """
     run = [(0.0, 0.0)]
-    for cut in sorted(cuts, key=lambda cut: cut.at):
+    for cut in cuts:
         begin, end = cut.at - start, cut.at - start + cut.width
         run.append((begin, 0.0))
         if isinstance(cut, Recess):

@@ -102,4 +102,5 @@ def _sway(
     sideways = error[i] * (1 - blend) + error[i + 1] * blend
     heading = np.gradient(points, axis=0)
     heading /= np.maximum(np.hypot(*heading.T)[:, None], 1e-12)
-    return np.stack((-heading[:, 1], heading[:, 0]), axis=-1) * sideways[:, None]
+    left = np.stack((-heading[:, 1], heading[:, 0]), axis=-1)
+    return np.asarray(left * sideways[:, None], np.float64)

@@ -10,7 +10,8 @@ from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, FiniteFloat, ValidationError, field_validator, model_validator
+from pydantic import Field, FiniteFloat, ValidationError, ValidationInfo, field_validator, model_validator
+from pydantic_core import ErrorDetails
 
 from moteslam.errors import ConfigError
 from moteslam.robot.platform import UCSD, Platform
@@ -36,7 +37,7 @@ class Scenario(Settings):
         drive: the limits it drives within.
         body: the robot as a mass on wheels.
         platform: the robot; a file changes single values of the UCSD robot.
-        noise: of the sensors.
+        noise: of the sensors; a file changes single values of the measured ones.
     """
 
     name: Annotated[str, Field(min_length=1, max_length=200)] = "scenario"
@@ -52,10 +53,11 @@ class Scenario(Settings):
     platform: Platform = UCSD
     noise: Noise = Noise()
 
-    @field_validator("platform", mode="before")
+    @field_validator("platform", "noise", mode="before")
     @classmethod
-    def _from_ucsd(cls, value: Any) -> Any:
-        return _merge(UCSD.model_dump(), value) if isinstance(value, dict) else value
+    def _over_the_defaults(cls, value: Any, info: ValidationInfo) -> Any:
+        default: Settings | Platform = UCSD if info.field_name == "platform" else Noise()
+        return _merge(default.model_dump(mode="json"), value) if isinstance(value, dict) else value
 
     @model_validator(mode="after")
     def _makes_sense(self) -> Scenario:
@@ -127,11 +129,22 @@ def parse_scenario(table: dict[str, Any], *, file: str | PathLike[str] | None = 
         raise ConfigError(error.problem, file=file, field=error.field) from error
     except ValidationError as error:
         first = error.errors()[0]
-        problem = first["msg"].removeprefix("Value error, ")
-        if first["type"] == "extra_forbidden":
-            problem = "unknown key, expected one that docs/scenarios.md lists"
         field = ".".join(map(str, first["loc"]))
-        raise ConfigError(problem, file=file, field=field or None) from error
+        raise ConfigError(_in_words(first), file=file, field=field or None) from error
+
+
+def _in_words(error: ErrorDetails) -> str:
+    """Pydantic's first complaint as what was found and what was expected."""
+    if error["type"] == "extra_forbidden":
+        return "unknown key, expected one that docs/scenarios.md lists"
+    if error["type"] == "missing":
+        return "missing, expected in every scenario"
+    said = error["msg"].removeprefix("Value error, ")
+    if said.startswith("Input should "):
+        found = repr(error["input"])
+        found = found if len(found) <= 40 else f"{found[:37]}..."
+        return f"{found}, expected {said.removeprefix('Input should ').removeprefix('be ')}"
+    return said
 
 
 def _merge(base: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:

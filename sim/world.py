@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from moteslam.sim.layout import Layout, Segments
+from moteslam.sim.layout import Box, Layout, Pillar, Room, Segments, Wall
 
 _CHUNK = 1_000_000
 """Point-segment pairs held in memory at a time."""
@@ -28,9 +28,11 @@ class World:
     @classmethod
     def of(cls, layout: Layout) -> World:
         """The world that a layout describes."""
-        solids = tuple(piece.polygon() for piece in (*layout.boxes, *layout.pillars))
+        pieces: list[Box | Pillar] = [*layout.boxes, *layout.pillars]
+        solids = tuple(piece.polygon() for piece in pieces)
         outlines = [np.concatenate((polygon, np.roll(polygon, -1, axis=0)), axis=1) for polygon in solids]
-        lines = [piece.segments() for piece in (*layout.walls, *layout.rooms)]
+        around: list[Wall | Room] = [*layout.walls, *layout.rooms]
+        lines = [piece.segments() for piece in around]
         segments = np.concatenate([*lines, *outlines, np.empty((0, 4))])
         segments.setflags(write=False)
         return cls(segments, solids)

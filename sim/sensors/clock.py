@@ -32,4 +32,5 @@ def readings(
     delay += held * rng.uniform(0, noise.late_delay, len(times))
     # s[i] = max(t[i] + delay[i], s[i-1] + gap): a running maximum once the gaps are taken off
     gaps = noise.burst_interval * np.arange(len(times))
-    return times, np.maximum.accumulate(times + delay - gaps) + gaps
+    stamps = np.maximum.accumulate(times + delay - gaps) + gaps
+    return np.asarray(times, np.float64), np.asarray(stamps, np.float64)

@@ -65,7 +65,7 @@ def _with_errors(
     right, left = steps[:, _RIGHT].mean(1), steps[:, ~_RIGHT].mean(1)
     turning = np.where(_RIGHT, 0.5, -0.5) * (right - left)[:, None]
     factor = 1 + scale * (common + wheel + slip[:, np.where(_RIGHT, 0, 1)])
-    return (steps + scale * track * turning) * factor
+    return np.asarray((steps + scale * track * turning) * factor, np.float64)
 
 
 def _first_order(white: NDArray[np.float64], keep: float) -> NDArray[np.float64]:

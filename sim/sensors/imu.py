@@ -55,7 +55,7 @@ def _mean_rate(
 ) -> NDArray[np.float64]:
     """The mean rate of change over the interval before each time: what it sums to is what truly happened."""
     now, before = (np.interp(at, stamps, values) for at in (times, times - 1 / RATE))
-    return (now - before) * RATE
+    return np.asarray((now - before) * RATE, np.float64)
 
 
 def _bias(count: int, noise: ImuNoise, rng: np.random.Generator) -> NDArray[np.float64]:
@@ -63,7 +63,7 @@ def _bias(count: int, noise: ImuNoise, rng: np.random.Generator) -> NDArray[np.f
     size = noise.gyro_bias * (1 + noise.gyro_bias_spread * rng.standard_normal(3)) * np.array((5.0, 5.0, 1.0))
     sign = np.where(rng.random(3) < 0.5, -1.0, 1.0)
     walk = noise.gyro_bias_walk / np.sqrt(RATE) * rng.standard_normal((count, 3))
-    return sign * size + np.cumsum(walk, axis=0)
+    return np.asarray(sign * size + np.cumsum(walk, axis=0), np.float64)
 
 
 def _coloured(count: int, correlation: tuple[float, float], rng: np.random.Generator) -> NDArray[np.float64]:

@@ -114,4 +114,4 @@ def _poses_at(drive: Drive, times: NDArray[np.float64], mount: LidarMount) -> ND
     robot[..., 0] += cos * mount.x - sin * mount.y
     robot[..., 1] += sin * mount.x + cos * mount.y
     robot[..., 2] += mount.yaw
-    return robot
+    return np.asarray(robot, np.float64)

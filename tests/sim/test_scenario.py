@@ -1,0 +1,184 @@
+"""Scenario files: what is read, what is refused, and what the bundled ones promise."""
+
+from __future__ import annotations
+
+import copy
+from typing import Any
+
+import numpy as np
+import pytest
+import tomli_w
+
+from moteslam.errors import ConfigError
+from moteslam.robot.platform import UCSD
+from moteslam.sim.checks import MAX_SEGMENTS
+from moteslam.sim.drive import drive
+from moteslam.sim.noise import ClockNoise
+from moteslam.sim.scenario import bundled_scenarios, load_scenario, parse_scenario
+from moteslam.sim.world import World
+
+
+def changed(table: dict[str, Any], key: str, value: Any) -> dict[str, Any]:
+    """The table with one dotted key set, or taken away where the value is None."""
+    table = copy.deepcopy(table)
+    *path, last = key.split(".")
+    inner = table
+    for part in path:
+        inner = inner.setdefault(part, {})
+    if value is None:
+        del inner[last]
+    else:
+        inner[last] = value
+    return table
+
+
+BOX_ON_START = [{"centre": [2.0, 2.0], "size": [2.0, 2.0]}]
+TOO_MANY = [{"centre": [5.0, 5.0], "radius": 0.1, "sides": 256}] * (MAX_SEGMENTS // 256 + 1)
+WALL = {"points": [[0.0, 0.0], [4.0, 0.0], [4.0, 4.0]]}
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "field", "words"),
+    [
+        ("wrold", {}, "wrold", "unknown key"),
+        ("noise.lidar.sigma", 0.1, "noise.lidar.sigma", "unknown key"),
+        ("drive.speed", "fast", "drive.speed", "'fast', expected a valid number"),
+        ("drive.speed", True, "drive.speed", "expected a valid number"),
+        ("drive.speed", -1.0, "drive.speed", "-1.0, expected greater than 0"),
+        ("drive.speed", float("inf"), "drive.speed", "expected a finite number"),
+        ("route.waypoints", [[2.0, 2.0], [5.0, float("nan")]], "route.waypoints.1.1", "expected a finite number"),
+        ("seed", 1.5, "seed", "expected a valid integer"),
+        ("seed", -1, "seed", "expected greater than or equal to 0"),
+        ("world", None, "world", "missing"),
+        ("world", {}, "world", "nothing stands in it"),
+        ("world", 3, "world", "expected an object"),
+        ("world.pillars", TOO_MANY, "world", f"expected at most {MAX_SEGMENTS}"),
+        ("world.boxes", BOX_ON_START, "route.waypoints.0", "the robot starts inside a wall at (2, 2)"),
+        ("route.waypoints", [[0.2, 2.0], [7.0, 2.0]], "route.waypoints.0", "the robot starts 0.20 m from a wall"),
+        ("route.waypoints", [[2.0, 2.0], [9.9, 2.0]], "route.waypoints.1", "the waypoint is 0.10 m from a wall"),
+        ("route.waypoints", [[2.0, 2.0], [12.0, 2.0]], "route.waypoints.0", "runs into a wall near (9.8"),
+        ("route.waypoints", [[2.0, 2.0]], "route.waypoints", "at least 2"),
+        ("route.waypoints", [[2.0, 2.0], [2.0, 2.0]], "route", "expected them apart"),
+        ("route.laps", 2.0, "route", "laps of an open route"),
+        ("route", None, "route", "nothing to do, expected exactly one"),
+        ("wander", {"start": [2.0, 2.0], "distance": 9.0}, "wander", "route and wander, expected exactly one"),
+        ("duration", 3.0, "duration", "expected more than the rests"),
+        ("duration", 1e6, "duration", "expected less than or equal to 1800"),
+        ("platform.wheels.effective_track", 0.2, "platform.wheels.effective_track", "at least the track"),
+        ("platform.width", 0.1, "platform.width", "within the body"),
+        ("noise.lidar.dropout", 2, "noise.lidar.dropout", "expected less than or equal to 1"),
+        ("noise.imu.gyro_correlation", [0.9, 0.1], "noise.imu", "that some noise has"),
+        ("world.walls", [{**WALL, "doors": [{"at": 7.5, "width": 1.0}]}], "world.walls.0", "within the wall's 8 m"),
+        ("world.walls", [{**WALL, "doors": [{"at": 3.5, "width": 1.0}]}], "world.walls.0", "goes round a corner"),
+    ],
+)
+def test_refused(table: dict[str, Any], key: str, value: Any, field: str, words: str) -> None:
+    with pytest.raises(ConfigError) as caught:
+        parse_scenario(changed(table, key, value), file="my.toml")
+    assert caught.value.file == "my.toml"
+    assert caught.value.field == field
+    assert words in caught.value.problem
+    assert "\n" not in str(caught.value)
+
+
+def test_overlapping_doors_are_refused(table: dict[str, Any]) -> None:
+    doors = [{"at": 0.5, "width": 1.0}, {"at": 1.2, "width": 1.0}]
+    with pytest.raises(ConfigError, match="overlaps"):
+        parse_scenario(changed(table, "world.walls", [{**WALL, "doors": doors}]))
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "words"),
+    [
+        ("nowhere", None, "expected one of corridor, hall, loop, office"),
+        ("nowhere.toml", None, "No such file"),
+        ("", None, "no scenario of this name"),
+        ("broken.toml", b"world = [", "not TOML"),
+        ("binary.toml", b"\xff\xfe\x00", "not TOML"),
+        ("empty.toml", b"", "missing, expected in every scenario"),
+        ("huge.toml", b"#" * 5_000_000, "expected a scenario"),
+    ],
+)
+def test_unreadable_files_are_refused(
+    name: str, content: bytes | None, words: str, tmp_path: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    if content is not None:
+        (tmp_path / name).write_bytes(content)
+    with pytest.raises(ConfigError, match=words):
+        load_scenario(name)
+
+
+def test_a_file_changes_single_values_of_the_platform(table: dict[str, Any]) -> None:
+    scenario = parse_scenario(changed(table, "platform.wheels.effective_track", 0.6))
+    assert scenario.platform.wheels is not None
+    assert scenario.platform.wheels.effective_track == 0.6
+    assert scenario.platform.lidar == UCSD.lidar
+    assert scenario.platform.wheels.metres_per_count == 0.0022
+
+
+def test_a_file_changes_single_values_of_the_bundled_noise(table: dict[str, Any]) -> None:
+    scenario = parse_scenario(changed(table, "noise.imu.clock.jitter", 0.002))
+    imu = type(scenario.noise.imu)()
+    assert scenario.noise.imu.clock.jitter == 0.002
+    assert scenario.noise.imu.clock.late == imu.clock.late  # not that of a clock without noise
+    assert scenario.noise.imu.clock != ClockNoise(jitter=0.002)
+
+
+@pytest.mark.parametrize("name", bundled_scenarios())
+def test_a_scenario_reads_back_as_it_was_written(name: str, tmp_path: Any) -> None:
+    scenario = load_scenario(name)
+    path = tmp_path / "other.toml"
+    path.write_text(tomli_w.dumps(scenario.model_dump(exclude_none=True)), encoding="utf-8")
+    assert load_scenario(path) == scenario
+
+
+def test_bundled_scenarios_say_why_they_are_hard() -> None:
+    bundled = bundled_scenarios()
+    assert {"corridor", "loop", "hall", "office"} <= set(bundled)
+    for name, description in bundled.items():
+        assert len(description) > 40, name
+        assert "\n" not in description, name
+
+
+def test_laps_of_a_closed_route_end_part_of_the_way_round(table: dict[str, Any]) -> None:
+    square = {"waypoints": [[2.0, 2.0], [6.0, 2.0], [6.0, 6.0], [2.0, 6.0]], "closed": True}
+    route = parse_scenario(changed(table, "route", {**square, "laps": 1.5})).route
+    assert route is not None
+    path = route.path()
+    assert np.hypot(*np.diff(path, axis=0).T).sum() == pytest.approx(24.0)
+    np.testing.assert_allclose(path[-1], (6.0, 6.0))
+    half = parse_scenario(changed(table, "route", {**square, "laps": 0.5})).route
+    assert half is not None
+    np.testing.assert_allclose(half.path()[-1], (6.0, 6.0))
+
+
+@pytest.mark.parametrize(
+    ("name", "metres", "seconds", "right_angles"),
+    [("corridor", (80, 105), (100, 140), 4), ("loop", (75, 100), (80, 130), 4), ("hall", (40, 120), (50, 140), 0),
+     ("office", (60, 100), (80, 150), 8)],
+)  # fmt: skip
+def test_bundled_routes(
+    name: str, metres: tuple[float, float], seconds: tuple[float, float], right_angles: int
+) -> None:
+    scenario = load_scenario(name)
+    world = World.of(scenario.world)
+    driven = drive(scenario, world, np.random.default_rng(3))
+    assert driven.end == "arrived"
+    assert metres[0] <= driven.truth.length <= metres[1]
+    assert seconds[0] <= driven.stamps[-1] <= seconds[1]
+    assert np.abs(driven.velocities[:, 2]).max() <= 1.05
+    assert np.hypot(*driven.velocities[:, :2].T).max() <= 1.0
+    # nothing of the body ever touches a wall
+    assert world.is_free(driven.poses[::20, :2], scenario.radius).all()
+    assert _right_angles(driven.poses) >= right_angles
+
+
+def _right_angles(poses: np.ndarray) -> int:
+    """How often the heading over a metre before a place and a metre after it differs by 75 to 105 degrees."""
+    way = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(poses[:, :2], axis=0).T))))
+    places = np.arange(0.0, way[-1], 0.1)
+    heading = np.interp(places, way, poses[:, 2])
+    turn = np.degrees(np.abs(heading[20:] - heading[:-20]))
+    square = (turn > 75) & (turn < 105)
+    return int((np.diff(square.astype(int)) == 1).sum())
