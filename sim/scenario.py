@@ -10,7 +10,7 @@ from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, FiniteFloat, ValidationError, ValidationInfo, field_validator, model_validator
+from pydantic import Field, FiniteFloat, ValidationError, model_validator
 from pydantic_core import ErrorDetails
 
 from moteslam.errors import ConfigError
@@ -52,12 +52,6 @@ class Scenario(Settings):
     body: Body = Body()
     platform: Platform = UCSD
     noise: Noise = Noise()
-
-    @field_validator("platform", "noise", mode="before")
-    @classmethod
-    def _over_the_defaults(cls, value: Any, info: ValidationInfo) -> Any:
-        default: Settings | Platform = UCSD if info.field_name == "platform" else Noise()
-        return _merge(default.model_dump(mode="json"), value) if isinstance(value, dict) else value
 
     @model_validator(mode="after")
     def _makes_sense(self) -> Scenario:
@@ -122,6 +116,9 @@ def parse_scenario(table: dict[str, Any], *, file: str | PathLike[str] | None = 
     Raises:
         ConfigError: as ``load_scenario``.
     """
+    for key, default in (("platform", UCSD), ("noise", Noise())):
+        if isinstance(table.get(key), dict):
+            table = {**table, key: _merge(default.model_dump(mode="json", exclude_none=True), table[key])}
     try:
         # JSON's rules are strict about types, yet take a TOML array for a tuple
         return Scenario.model_validate_json(json.dumps(table, default=str), strict=True)
