@@ -1,0 +1,1 @@
+"""Scores of a trajectory, in NumPy alone: absolute and relative errors, and hand-checked relations."""

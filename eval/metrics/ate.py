@@ -1,0 +1,150 @@
+"""Absolute trajectory error: how far the estimate is from the reference once both are laid on each other."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from moteslam.eval.metrics.association import MAX_DIFFERENCE, match
+from moteslam.eval.metrics.statistics import Statistics
+from moteslam.robot.se2 import IDENTITY, Poses, compose, wrap
+from moteslam.robot.trajectory import Trajectory
+
+
+@dataclass(frozen=True, eq=False)
+class AteResult:
+    """The absolute trajectory error.
+
+    Attributes:
+        stamps: [n] of the poses compared [s].
+        errors: [n] distance to the reference [m].
+        rotation_errors: [n] absolute difference of heading [rad].
+        aligned: [n, 3] the estimate's poses, laid on the reference.
+        reference: [n, 3] the poses they are compared with.
+        transform: [3] what laid them there, a pose of the estimate's frame in the reference's.
+        translation: statistics of ``errors`` [m].
+        rotation: statistics of ``rotation_errors`` [rad].
+    """
+
+    stamps: NDArray[np.float64]
+    errors: NDArray[np.float64]
+    rotation_errors: NDArray[np.float64]
+    aligned: Poses
+    reference: Poses
+    transform: Poses
+    translation: Statistics
+    rotation: Statistics
+
+    @property
+    def rmse(self) -> float:
+        """Root mean square distance [m]."""
+        return self.translation.rmse
+
+    @property
+    def mean(self) -> float:
+        """Mean distance [m]."""
+        return self.translation.mean
+
+    @property
+    def median(self) -> float:
+        """Median distance [m]."""
+        return self.translation.median
+
+    @property
+    def std(self) -> float:
+        """Standard deviation of the distance [m]."""
+        return self.translation.std
+
+    @property
+    def max(self) -> float:
+        """Largest distance [m]."""
+        return self.translation.max
+
+    @property
+    def min(self) -> float:
+        """Smallest distance [m]."""
+        return self.translation.min
+
+    @property
+    def pairs(self) -> int:
+        """How many poses were compared."""
+        return self.translation.count
+
+    def as_dict(self) -> dict[str, Any]:
+        """The statistics as they go into ``metrics.json``: metres, and degrees for the rotation."""
+        in_degrees = Statistics.of(np.rad2deg(self.rotation_errors))
+        return {
+            "translation_m": self.translation.as_dict(),
+            "rotation_deg": in_degrees.as_dict(),
+            "transform": self.transform.tolist(),
+        }
+
+
+def absolute_trajectory_error(
+    estimate: Trajectory,
+    reference: Trajectory,
+    *,
+    align: bool = True,
+    max_difference: float = MAX_DIFFERENCE,
+    interpolate: bool | None = None,
+) -> AteResult:
+    """The absolute trajectory error (Sturm et al. 2012), as evo computes it.
+
+    Args:
+        estimate, reference: the trajectories; equal stamps are distinct poses.
+        align: lay the estimate on the reference first, by the rigid motion of least squares; a SLAM starts at its
+            own origin, so that without it the error says where that origin is.
+        max_difference: between stamps that belong together [s].
+        interpolate: evaluate the reference at the estimate's stamps rather than take its nearest pose; None does
+            so where the reference has more poses than the estimate, as a simulator's truth has.
+
+    Raises:
+        InputError: no poses, or no stamps in common.
+    """
+    matched = match(estimate, reference, max_difference=max_difference, interpolate=interpolate)
+    transform = umeyama(matched.estimate[:, :2], matched.reference[:, :2]) if align else IDENTITY
+    aligned = compose(transform, matched.estimate)
+    errors = np.hypot(*(aligned[:, :2] - matched.reference[:, :2]).T)
+    rotation_errors = np.abs(wrap(aligned[:, 2] - matched.reference[:, 2]))
+    return AteResult(
+        stamps=matched.stamps,
+        errors=errors,
+        rotation_errors=rotation_errors,
+        aligned=aligned,
+        reference=matched.reference,
+        transform=np.array(transform),
+        translation=Statistics.of(errors),
+        rotation=Statistics.of(rotation_errors),
+    )
+
+
+def umeyama(source: NDArray[np.float64], target: NDArray[np.float64]) -> Poses:
+    """The rigid motion that lays points on points with the least squared distance (Umeyama 1991, without scale).
+
+    In the plane its singular value decomposition has a closed form: the angle is that of the summed dot and cross
+    products of the centred points. Where the points leave it open (all in one place) there is no rotation.
+
+    Args:
+        source, target: [n, 2] [m], row by row the same point.
+
+    Returns:
+        pose [3], such that transform_points(pose, source) is near target.
+    """
+    centre, goal = source.mean(axis=0), target.mean(axis=0)
+    a, b = source - centre, target - goal
+    dot = float((a * b).sum())
+    cross = float((a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum())
+    # below this the sums are rounding of coordinates far from the origin, and their angle is noise
+    rounding = len(a) * (np.finfo(float).eps * max(1.0, float(np.abs(source).max()))) ** 2
+    angle = float(np.arctan2(cross, dot)) if np.hypot(dot, cross) > rounding else 0.0
+    cos, sin = np.cos(angle), np.sin(angle)
+    return np.array(
+        [
+            goal[0] - cos * centre[0] + sin * centre[1],
+            goal[1] - sin * centre[0] - cos * centre[1],
+            angle,
+        ]
+    )

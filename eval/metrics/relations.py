@@ -1,0 +1,166 @@
+"""Relations between poses, checked by hand: a truth for real logs that no SLAM has written (Kuemmerle et al. 2009)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from moteslam.errors import InputError
+from moteslam.eval.metrics.statistics import Statistics
+from moteslam.robot.se2 import Poses, between, wrap
+from moteslam.robot.trajectory import Trajectory
+
+TOLERANCE = 1e-4
+"""Stamps of a relation and of a pose that are the same reading differ by less than this [s]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Relations:
+    """Where the robot was at one time, seen from where it was at another.
+
+    Attributes:
+        stamps: [n, 2] the time of the frame and of the pose in it [s].
+        poses: [n, 3] the pose at the second time in the frame of the first.
+    """
+
+    stamps: NDArray[np.float64]
+    poses: Poses
+
+    def __len__(self) -> int:
+        return len(self.stamps)
+
+
+@dataclass(frozen=True)
+class RelationScore:
+    """Errors over a set of relations.
+
+    Attributes:
+        translation: statistics of the distance [m].
+        rotation: statistics of the absolute angle [deg].
+    """
+
+    translation: Statistics
+    rotation: Statistics
+
+    def as_dict(self) -> dict[str, Any]:
+        """The statistics as they go into JSON."""
+        return {"translation_m": self.translation.as_dict(), "rotation_deg": self.rotation.as_dict()}
+
+
+@dataclass(frozen=True)
+class RelationResult:
+    """How well a trajectory keeps the relations.
+
+    Attributes:
+        total: relations in the file.
+        all: over those whose two stamps have a pose.
+        clear: over those whose two stamps each belong to exactly one pose; None where there is none.
+    """
+
+    total: int
+    all: RelationScore
+    clear: RelationScore | None
+
+    @property
+    def matched(self) -> int:
+        """How many relations have a pose at both stamps."""
+        return self.all.translation.count
+
+    def as_dict(self) -> dict[str, Any]:
+        """The statistics as they go into JSON."""
+        return {
+            "total": self.total,
+            "matched": self.matched,
+            "all": self.all.as_dict(),
+            "clear": None if self.clear is None else self.clear.as_dict(),
+        }
+
+
+def read_relations(path: str | PathLike[str]) -> Relations:
+    """Read ``t1 t2 x y z roll pitch yaw`` lines (metres, radians), of which x, y and yaw count.
+
+    Raises:
+        InputError: not readable, a line without eight finite numbers, or no line.
+    """
+    path = Path(path)
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "not a text file"
+        raise InputError(f"{reason}, expected relations", file=path) from error
+    rows: list[list[float]] = []
+    for number, line in enumerate(text.splitlines(), start=1):
+        words = line.split()
+        if not words or words[0].startswith("#"):
+            continue
+        try:
+            row = [float(word) for word in words]
+        except ValueError:
+            row = []
+        if len(row) != 8 or not np.isfinite(row).all():
+            raise InputError("expected 8 finite numbers: t1 t2 x y z roll pitch yaw", file=path, line=number)
+        rows.append(row)
+    if not rows:
+        raise InputError("no relations, expected lines: t1 t2 x y z roll pitch yaw", file=path)
+    table = np.array(rows)
+    return Relations(table[:, :2], np.stack((table[:, 2], table[:, 3], wrap(table[:, 7])), axis=-1))
+
+
+def relation_errors(trajectory: Trajectory, relations: Relations, *, tolerance: float = TOLERANCE) -> RelationResult:
+    """How far the trajectory's relative poses are from the relations'.
+
+    The error of a relation is the pose est (-) ref, where both are the pose at t2 seen from the pose at t1: the
+    length of its translation [m] and its absolute angle [deg].
+
+    A log may repeat a stamp for distinct scans, and then nobody knows which of them a relation meant. The *clear*
+    relations are those whose two stamps each belong to exactly one pose of the trajectory: quote these. In *all*,
+    the tie rule is that the first pose with the stamp stands for it.
+
+    Args:
+        trajectory: a pose at every scan; equal stamps are distinct poses.
+        relations: of the same log, on the same clock.
+        tolerance: between the stamps of a relation and of its pose [s].
+
+    Raises:
+        InputError: no relation has a pose at both of its stamps.
+    """
+    if not len(trajectory):
+        raise InputError("a trajectory without poses, expected one at every scan")
+    position, poses_there = _poses_at(trajectory.stamps, relations.stamps, tolerance)
+    matched = (poses_there > 0).all(axis=1)
+    if not matched.any():
+        raise InputError(
+            f"none of {len(relations)} relations has a pose at both of its stamps, expected the relations of "
+            f"this log: they cover {relations.stamps.min():.3f} to {relations.stamps.max():.3f} s, the trajectory "
+            f"{trajectory.stamps[0]:.3f} to {trajectory.stamps[-1]:.3f} s"
+        )
+    poses = trajectory.poses[position[matched]]
+    errors = between(relations.poses[matched], between(poses[:, 0], poses[:, 1]))
+    distance, angle = np.hypot(errors[:, 0], errors[:, 1]), np.rad2deg(np.abs(errors[:, 2]))
+    clear = (poses_there[matched] == 1).all(axis=1)
+    return RelationResult(
+        total=len(relations),
+        all=RelationScore(Statistics.of(distance), Statistics.of(angle)),
+        clear=(RelationScore(Statistics.of(distance[clear]), Statistics.of(angle[clear])) if clear.any() else None),
+    )
+
+
+def _poses_at(
+    stamps: NDArray[np.float64], wanted: NDArray[np.float64], tolerance: float
+) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """For wanted stamps [...] the first pose with the stamp nearest, and how many poses have that very stamp.
+
+    The count is 0 where no stamp [n] lies within the tolerance.
+    """
+    after = np.searchsorted(stamps, wanted, side="left")
+    last = len(stamps) - 1
+    upper, lower = np.minimum(after, last), np.maximum(after - 1, 0)
+    nearest = np.where(np.abs(stamps[upper] - wanted) < np.abs(wanted - stamps[lower]), upper, lower)
+    first = np.searchsorted(stamps, stamps[nearest], side="left")
+    count = np.searchsorted(stamps, stamps[nearest], side="right") - first
+    return first, np.where(np.abs(stamps[nearest] - wanted) <= tolerance, count, 0)

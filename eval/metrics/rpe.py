@@ -1,0 +1,153 @@
+"""Relative pose error: the drift over a stretch of path, of time, or of poses."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from moteslam.errors import InputError
+from moteslam.eval.metrics.association import MAX_DIFFERENCE, match
+from moteslam.eval.metrics.statistics import Statistics
+from moteslam.robot.se2 import Poses, between
+from moteslam.robot.trajectory import Trajectory
+
+Unit = Literal["m", "s", "frames"]
+Pairs = tuple[NDArray[np.intp], NDArray[np.intp]]
+
+RELATIVE_TOLERANCE = 0.1
+"""With all pairs, a stretch may be longer or shorter than asked for by this share of it, as evo has it."""
+
+
+@dataclass(frozen=True, eq=False)
+class RpeResult:
+    """The relative pose error.
+
+    Attributes:
+        delta, unit: the length of a stretch.
+        start_stamps: [n] where each stretch begins [s].
+        errors: [n] translation error of each stretch [m].
+        rotation_errors: [n] rotation error of each stretch [rad].
+        translation: statistics of ``errors`` [m].
+        rotation: statistics of ``rotation_errors`` [rad].
+    """
+
+    delta: float
+    unit: Unit
+    start_stamps: NDArray[np.float64]
+    errors: NDArray[np.float64]
+    rotation_errors: NDArray[np.float64]
+    translation: Statistics
+    rotation: Statistics
+
+    @property
+    def rmse(self) -> float:
+        """Root mean square translation error [m]."""
+        return self.translation.rmse
+
+    @property
+    def pairs(self) -> int:
+        """How many stretches were compared."""
+        return self.translation.count
+
+    def as_dict(self) -> dict[str, Any]:
+        """The statistics as they go into ``metrics.json``: metres, and degrees for the rotation."""
+        return {
+            "delta": self.delta,
+            "unit": self.unit,
+            "translation_m": self.translation.as_dict(),
+            "rotation_deg": Statistics.of(np.rad2deg(self.rotation_errors)).as_dict(),
+        }
+
+
+def relative_pose_error(
+    estimate: Trajectory,
+    reference: Trajectory,
+    *,
+    delta: float = 1.0,
+    unit: Unit = "m",
+    all_pairs: bool = False,
+    max_difference: float = MAX_DIFFERENCE,
+    interpolate: bool | None = None,
+) -> RpeResult:
+    """The relative pose error (Sturm et al. 2012), with the stretches that evo takes: measured on the estimate.
+
+    The stretches follow each other end to end, each the shortest that reaches ``delta``; with ``all_pairs`` one
+    begins at every pose and ends where its length is nearest to ``delta``, within ten per cent.
+
+    Args:
+        estimate, reference: the trajectories.
+        delta: length of a stretch.
+        unit: of delta: metres of path, seconds, or poses (then a whole number).
+        all_pairs: a stretch from every pose on, rather than one after another.
+        max_difference, interpolate: as in ``absolute_trajectory_error``.
+
+    Raises:
+        InputError: no stamps in common, a delta that is no length, or a trajectory shorter than delta.
+    """
+    if unit not in get_args(Unit):
+        raise InputError(f"unit {unit!r}, expected one of {', '.join(get_args(Unit))}", field="unit")
+    if not (np.isfinite(delta) and delta > 0) or (unit == "frames" and delta != int(delta)):
+        kind = "a whole number of poses from 1 on" if unit == "frames" else "a length above 0"
+        raise InputError(f"{delta:g} {unit}, expected {kind}", field="delta")
+    matched = match(estimate, reference, max_difference=max_difference, interpolate=interpolate)
+    first, last = _pairs(matched.stamps, matched.estimate, delta, unit, all_pairs=all_pairs)
+    if not len(first):
+        raise InputError(
+            f"no stretch of {delta:g} {unit} among {len(matched)} matched poses, expected a shorter delta",
+            field="delta",
+        )
+    errors = between(
+        between(matched.reference[first], matched.reference[last]),
+        between(matched.estimate[first], matched.estimate[last]),
+    )
+    translation, rotation = np.hypot(errors[:, 0], errors[:, 1]), np.abs(errors[:, 2])
+    return RpeResult(
+        delta=delta,
+        unit=unit,
+        start_stamps=matched.stamps[first],
+        errors=translation,
+        rotation_errors=rotation,
+        translation=Statistics.of(translation),
+        rotation=Statistics.of(rotation),
+    )
+
+
+def _pairs(stamps: NDArray[np.float64], poses: Poses, delta: float, unit: Unit, *, all_pairs: bool) -> Pairs:
+    """First and last index [k] of every stretch."""
+    if unit == "frames":
+        step = int(delta)
+        ids = np.arange(0, len(poses), 1 if all_pairs else step)
+        last = ids + step
+        return ids[last < len(poses)], last[last < len(poses)]
+    steps = np.diff(stamps) if unit == "s" else np.sqrt((np.diff(poses[:, :2], axis=0) ** 2).sum(axis=1))
+    choose: Callable[[NDArray[np.float64], float], Pairs] = _every if all_pairs else _end_to_end
+    # Unix stamps are known to a microsecond: ten times 0.1 s is a second, whichever way it rounds
+    return choose(steps, delta - 1e-6 if unit == "s" else delta)
+
+
+def _end_to_end(steps: NDArray[np.float64], delta: float) -> Pairs:
+    ends, travelled = [0], 0.0
+    for index, step in enumerate(steps.tolist(), start=1):
+        travelled += step
+        if travelled >= delta:
+            ends.append(index)
+            travelled = 0.0
+    return np.array(ends[:-1], np.intp), np.array(ends[1:], np.intp)
+
+
+def _every(steps: NDArray[np.float64], delta: float) -> Pairs:
+    travelled = np.concatenate(([0.0], np.cumsum(steps)))
+    first = np.arange(len(travelled) - 1)
+    # the nearest to travelled + delta is on one side of it or the other; of equals the first counts
+    above = np.maximum(np.searchsorted(travelled, travelled[first] + delta), first + 1)
+    above = np.minimum(above, len(travelled) - 1)
+    below = np.maximum(np.searchsorted(travelled, travelled[np.maximum(above - 1, first + 1)]), first + 1)
+    to_above = np.abs(travelled[above] - travelled[first] - delta)
+    to_below = np.abs(travelled[below] - travelled[first] - delta)
+    last = np.where(to_below <= to_above, below, above)
+    good = np.minimum(to_below, to_above) <= delta * RELATIVE_TOLERANCE
+    return first[good], last[good]
