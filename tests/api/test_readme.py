@@ -1,0 +1,44 @@
+"""What the README tells a stranger to do works."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+README = (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
+COMMANDS = re.findall(r"^\| `moteslam ([a-z]+)([^`]*)`", README, re.M)
+
+
+def run_beside_python(program: str, *arguments: str) -> subprocess.CompletedProcess[str]:
+    """Run a program of this environment, its output captured."""
+    path = Path(sys.executable).parent / program
+    return subprocess.run([path, *arguments], check=False, capture_output=True, text=True)
+
+
+def test_the_table_has_the_commands():
+    assert [name for name, _ in COMMANDS] == ["demo", "simulate", "replay", "evaluate", "inspect", "scenarios"]
+
+
+@pytest.mark.parametrize(("command", "usage"), COMMANDS, ids=[name for name, _ in COMMANDS])
+def test_every_command_of_the_table_exists_with_its_options(command: str, usage: str):
+    run = run_beside_python("moteslam", command, "--help")
+    assert run.returncode == 0, run.stderr
+    for word in usage.split():
+        if word.startswith("--") or word.isupper():
+            assert word in run.stdout or word == "DIR"
+
+
+@pytest.mark.slow
+def test_the_example_finds_its_way():
+    example = re.search(r"```python\n(.*?)```", README, re.S)
+    assert example is not None
+    run = run_beside_python(Path(sys.executable).name, "-c", example.group(1))
+    assert run.returncode == 0, run.stderr
+    told = re.fullmatch(r"off by ([0-9.]+) cm over ([0-9]+) m\n", run.stdout)
+    assert told is not None, run.stdout
+    assert float(told.group(1)) < 20
+    assert int(told.group(2)) >= 80
