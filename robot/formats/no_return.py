@@ -12,7 +12,7 @@ SICK_CODES = 82.0
 """Its codes end below this [m]."""
 
 _SHARE = 0.002
-_TIMES = 10
+_TIMES = 5
 _FEWEST = 10
 
 
@@ -22,7 +22,7 @@ def no_return_limit(ranges: NDArray[np.float32], told: float | None) -> float:
     1. What the log tells, unless that lies among the codes of a SICK (80 to 82 m), of which it has several: 80 m.
     2. Else 80 m, if any range is that long.
     3. Else the longest range, if it is a spike: at least 0.2 % of all beams and 10 of them stand at exactly this
-       value, it is 10 times as frequent as the value next in frequency within the upper half of the ranges, and
+       value, it is 5 times as frequent as the value next in frequency within the upper half of the ranges, and
        ranges below it exist. (In the logs we know, 0.5 to 12 % of the beams stand at the limit, and no other long
        range reaches 0.01 %.)
     4. Else 80 m: every range is an endpoint.

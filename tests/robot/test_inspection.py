@@ -1,0 +1,130 @@
+"""What an inspection tells."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from moteslam.robot.formats import open_recording
+from moteslam.robot.inspection import inspect_recording
+from moteslam.robot.platform import CARMEN, UCSD
+from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream, OdometryStream, Recording
+
+
+def scans(stamps: np.ndarray, **changes: object) -> LidarStream:
+    ranges = np.ones((len(stamps), 4), np.float32)
+    return LidarStream(stamps, ranges, -1.5, 1.0, 0.1, 30.0, **changes)  # type: ignore[arg-type]
+
+
+def wheels(stamps: np.ndarray, count: int = 1) -> EncoderStream:
+    return EncoderStream(stamps, np.full((len(stamps), 4), count))
+
+
+def test_rates_gaps_and_equal_stamps() -> None:
+    stamps = np.array([0.0, 0.1, 0.2, 0.2, 0.3, 2.3, 2.4, 2.45])
+    report = inspect_recording(Recording("x", UCSD, lidar=scans(stamps), encoders=wheels(stamps)))
+    lidar = report.streams[0]
+    assert (lidar.name, lidar.readings, lidar.start, lidar.end) == ("lidar", 8, 0.0, 2.45)
+    assert lidar.mean_rate == pytest.approx(7 / 2.45)
+    assert lidar.median_rate == pytest.approx(10)
+    assert (lidar.gaps, lidar.equal_stamps) == (1, 1)
+    assert lidar.largest_gap == pytest.approx(2.0)
+    assert lidar.largest_gap_at == 0.3
+    assert lidar.shortest_interval == pytest.approx(0.05)
+    assert "lidar: 1 gaps of more than 5 median intervals, the longest 2.00 s after 0.300000" in report.problems
+    assert "lidar: 1 readings share the stamp of the one before" in report.problems
+
+
+def test_shares_of_the_beams() -> None:
+    ranges = np.ones((5, 4), np.float32)
+    ranges[0], ranges[1, 0], ranges[1, 1:3] = np.inf, np.inf, np.nan
+    lidar = LidarStream(np.arange(5.0), ranges, -1.5, 1.0, 0.1, 30.0, odometry=np.zeros((5, 3)))
+    report = inspect_recording(Recording("x", CARMEN, lidar=lidar))
+    assert report.lidar is not None
+    assert (report.lidar.no_return, report.lidar.invalid, report.lidar.blind_scans) == (0.25, 0.1, 1)
+    assert report.lidar.field_of_view == pytest.approx(np.degrees(3.0))
+    assert report.lidar.median_range == 1.0
+    assert report.problems == ("lidar: 1 scans without a single endpoint",)
+    assert report.odometry_distance == 0.0
+
+
+@pytest.mark.parametrize("motion", ["encoders", "odometry", "imu"])
+def test_motion_that_does_not_cover_the_scans_is_told(motion: str) -> None:
+    late, early = np.arange(0.5, 10.05, 0.025), np.arange(0.0, 8.525, 0.025)
+    for stamps, problem in (
+        (early, "end 1.50 s before the lidar"),
+        (late, "begin 0.50 s after the lidar"),
+        (early + 100, "no stamp within the time of the lidar, expected one clock"),
+    ):
+        n = len(stamps)
+        stream = {
+            "encoders": wheels(stamps),
+            "odometry": OdometryStream(stamps, np.zeros((n, 3))),
+            "imu": ImuStream(stamps, np.zeros((n, 3)), np.zeros((n, 3))),
+        }[motion]
+        recording = Recording("x", UCSD, lidar=scans(np.arange(0.0, 10.01, 0.025))).replace(**{motion: stream})
+        assert f"{motion}: {problem}" in inspect_recording(recording).problems
+
+
+def test_what_is_missing_is_told() -> None:
+    stamps = np.arange(3.0)
+    assert inspect_recording(Recording("x", UCSD, encoders=wheels(stamps))).problems == (
+        "lidar: none, expected scans to make a map of",
+        "imu: none; turns come from the wheels alone",
+    )
+    assert inspect_recording(Recording("x", UCSD, lidar=scans(stamps))).problems == (
+        "odometry: none, expected wheel encoders or odometry poses",
+    )
+
+
+def test_the_gyro_is_judged_where_the_wheels_rest() -> None:
+    stamps = np.arange(0, 10, 0.025)
+    counts = np.where((stamps > 2) & (stamps < 4), 10, 0)
+    encoders = EncoderStream(stamps, np.repeat(counts[:, None], 4, axis=1))
+    rates = np.zeros((1000, 3))
+    times = np.arange(1000) * 0.01
+    rates[:, 2] = np.where((times > 2) & (times < 4), 1.0, 0.02)
+    imu = ImuStream(times, rates, np.zeros((1000, 3)))
+    report = inspect_recording(Recording("x", UCSD, encoders=encoders, imu=imu))
+    assert report.gyro_at_rest is not None
+    assert report.gyro_at_rest.mean == pytest.approx(0.02)
+    assert report.gyro_at_rest.deviation == pytest.approx(0.0, abs=1e-12)
+    assert report.wheels is not None
+    assert report.wheels.at_rest == pytest.approx(7.95, abs=0.06)
+    assert report.wheels.distance == pytest.approx(counts.sum() * 0.0022)
+
+
+@pytest.mark.parametrize("n", [1, 2])
+def test_the_shortest_recordings_give_valid_json(n: int) -> None:
+    stamps = np.zeros(n)
+    recording = Recording("x", UCSD, lidar=scans(stamps), encoders=wheels(stamps, 0))
+    told = inspect_recording(recording).to_dict()
+    assert json.loads(json.dumps(told, allow_nan=False))["streams"][0]["mean_rate"] is None
+
+
+def test_the_warnings_of_the_reader_come_first() -> None:
+    assert inspect_recording(Recording("x", UCSD, warnings=("a", "b"))).problems[:2] == ("a", "b")
+
+
+def test_the_real_ucsd_recordings(data_folder: Path) -> None:
+    """The figures measured on them: rates, gyro at rest, stamps in bursts."""
+    report = inspect_recording(open_recording(data_folder / "ucsd", sequence=20))
+    streams = {stream.name: stream for stream in report.streams}
+    assert streams["encoders"].median_rate == pytest.approx(40, abs=0.1)
+    assert streams["imu"].mean_rate == pytest.approx(100, abs=0.1)
+    assert streams["imu"].shortest_interval == pytest.approx(5e-6, rel=0.01)
+    assert report.gyro_at_rest is not None
+    assert 0.0038 < report.gyro_at_rest.deviation < 0.0045
+    assert 1.0 < np.degrees(report.gyro_at_rest.mean) * 60 < 1.4
+    assert report.wheels is not None
+    assert report.wheels.distance == pytest.approx(95.9, abs=0.05)
+
+
+def test_a_real_log_with_equal_stamps(data_folder: Path) -> None:
+    report = inspect_recording(open_recording(data_folder / "intel" / "intel_raw_part.log.gz"))
+    assert "lidar: 304 readings share the stamp of the one before" in report.problems
+    assert report.lidar is not None
+    assert report.lidar.no_return == pytest.approx(0.0489, abs=1e-4)

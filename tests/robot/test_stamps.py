@@ -1,0 +1,49 @@
+"""Stamps: what is sorted, what is refused."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from moteslam.errors import InputError
+from moteslam.robot.formats.stamps import stamp_order
+
+FILE = Path("folder/file.npz")
+
+
+@given(st.lists(st.integers(0, 20).map(float), min_size=1, max_size=50))
+def test_sorting_is_stable_and_told(stamps: list[float]) -> None:
+    values = np.array(stamps)
+    order, warnings = stamp_order(values, file=FILE, field="time_stamps")
+    if order is None:
+        assert (np.diff(values) >= 0).all()
+        assert warnings == ()
+    else:
+        assert order.tolist() == sorted(range(len(stamps)), key=lambda k: (stamps[k], k))
+        back = sum(b < a for a, b in pairwise(stamps))
+        assert warnings == (f"file.npz: time_stamps: {back} stamps go back; the readings were sorted by stamp",)
+
+
+@pytest.mark.parametrize(
+    ("stamps", "message"),
+    [
+        ([0.0, np.nan], "nan at reading 1, expected finite seconds"),
+        ([np.inf], "inf at reading 0"),
+        ([-np.inf, 0], "-inf at reading 0"),
+        ([1.3e15, 1.3e15 + 1], r"1\.3e\+15, expected seconds below 1e11"),
+        ([0.0, 1.0, 86402.0], "jump of 86401 s after 1.0, expected steps of less than a day"),
+        (np.arange(0, 4e8, 8e4), "span 3.9992e.08 s, expected less than 10 years"),
+    ],
+)
+def test_absurd_stamps_are_refused_by_name(stamps: list[float], message: str) -> None:
+    with pytest.raises(InputError, match=rf"^folder/file\.npz: time_stamps: {message}"):
+        stamp_order(np.array(stamps, float), file=FILE, field="time_stamps")
+
+
+def test_a_day_is_still_a_gap() -> None:
+    assert stamp_order(np.array([0.0, 86400.0]), file=FILE, field="x") == (None, ())
