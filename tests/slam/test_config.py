@@ -64,7 +64,7 @@ def test_a_bad_setting_is_refused_in_one_line(setting: str, words: str):
 
 
 def test_an_unknown_preset_lists_those_there_are():
-    with pytest.raises(ConfigError, match="expected one of .*paper"):
+    with pytest.raises(ConfigError, match=r"expected one of .*paper"):
         load_preset("papre")
 
 
