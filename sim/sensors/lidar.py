@@ -92,10 +92,9 @@ def measured(exact: NDArray[np.float32], noise: LidarNoise, rng: np.random.Gener
     Returns:
         float32, the same shape.
     """
-    spread = noise.range_noise + noise.range_noise_per_metre * exact
-    with np.errstate(invalid="ignore"):
-        ranges = exact + spread * rng.standard_normal(exact.shape, np.float32)
-    ranges[~np.isfinite(exact)] = np.inf
+    hit = np.isfinite(exact)
+    spread = noise.range_noise + noise.range_noise_per_metre * np.where(hit, exact, 0)
+    ranges = np.where(hit, exact + spread * rng.standard_normal(exact.shape, np.float32), np.inf)
     if noise.resolution > 0:
         ranges = np.round(ranges / noise.resolution) * noise.resolution
     ranges[ranges > RANGE_MAX] = np.inf

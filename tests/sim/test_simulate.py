@@ -1,0 +1,145 @@
+"""Whole simulations: reproducible, consistent with their truth, and the same when read back from disk."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from moteslam.errors import ConfigError, OutputError
+from moteslam.robot import se2
+from moteslam.robot.formats.ucsd import read_ucsd
+from moteslam.robot.recording import Recording
+from moteslam.robot.trajectory import read_tum
+from moteslam.sim.scenario import Scenario, load_scenario, parse_scenario
+from moteslam.sim.simulate import EPOCH, Simulation, simulate, write_simulation
+
+pytestmark = pytest.mark.usefixtures("taichi")
+
+
+def arrays(recording: Recording) -> dict[str, np.ndarray]:
+    """Every array of a recording by its name."""
+    found = {}
+    for stream in ("lidar", "encoders", "imu"):
+        part = getattr(recording, stream)
+        for field in dataclasses.fields(part):
+            if isinstance(value := getattr(part, field.name), np.ndarray):
+                found[f"{stream}.{field.name}"] = value
+    return found
+
+
+def identical(a: Recording, b: Recording) -> bool:
+    first, second = arrays(a), arrays(b)
+    return first.keys() == second.keys() and all(
+        first[name].tobytes() == second[name].tobytes() and first[name].dtype == second[name].dtype for name in first
+    )
+
+
+@pytest.fixture
+def simulation(scenario: Scenario) -> Simulation:
+    return simulate(scenario, seed=4)
+
+
+def test_the_same_seed_gives_the_same_bytes(scenario: Scenario, simulation: Simulation) -> None:
+    again, other = simulate(scenario, seed=4), simulate(scenario, seed=5)
+    assert identical(simulation.recording, again.recording)
+    assert simulation.truth.poses.tobytes() == again.truth.poses.tobytes()
+    ours, others = arrays(simulation.recording), arrays(other.recording)
+    for name in ours:
+        assert ours[name].tobytes() != others[name].tobytes(), name
+
+
+def test_the_seed_is_the_scenarios_where_none_is_given(scenario: Scenario, simulation: Simulation) -> None:
+    assert identical(simulate(scenario.model_copy(update={"seed": 4})).recording, simulation.recording)
+    assert simulation.scenario.seed == 4
+    zero = simulate(scenario.model_copy(update={"seed": 4}), seed=0)
+    assert zero.scenario.seed == 0
+    assert not identical(zero.recording, simulation.recording)
+
+
+def test_a_negative_seed_is_refused(scenario: Scenario) -> None:
+    with pytest.raises(ConfigError) as caught:
+        simulate(scenario, seed=-1)
+    assert caught.value.field == "seed"
+
+
+def test_the_truth_does_not_depend_on_the_sensors_noise(table: dict[str, Any], simulation: Simulation) -> None:
+    noisier = simulate(parse_scenario({**table, "noise": {"odometry_scale": 3.0}}), seed=4)
+    assert noisier.truth.poses.tobytes() == simulation.truth.poses.tobytes()
+    assert noisier.recording.lidar is not None
+    assert simulation.recording.lidar is not None
+    assert noisier.recording.lidar.ranges.tobytes() == simulation.recording.lidar.ranges.tobytes()
+
+
+def test_streams_start_and_end_as_on_the_real_robot(simulation: Simulation) -> None:
+    lidar, encoders, imu = (getattr(simulation.recording, name) for name in ("lidar", "encoders", "imu"))
+    assert simulation.truth.stamps[0] == EPOCH
+    assert 0.28 < imu.stamps[0] - encoders.stamps[0] < 0.52
+    assert 1.3 < encoders.stamps[-1] - imu.stamps[-1] < 1.7
+    assert encoders.stamps[0] < lidar.stamps[0]
+    assert lidar.stamps[-1] < encoders.stamps[-1] < simulation.truth.stamps[-1]
+
+
+def test_scans_seen_from_the_truth_end_on_the_walls(simulation: Simulation) -> None:
+    lidar, platform = simulation.recording.lidar, simulation.recording.platform
+    assert lidar is not None
+    times = lidar.stamps[::20, None] + platform.lidar.time_increment * np.arange(1081)
+    robot = simulation.truth.at(times.ravel()).poses.reshape(*times.shape, 3)
+    mount = se2.compose(robot, platform.lidar.pose)
+    angles = mount[..., 2] + lidar.angles
+    ends = mount[..., :2] + lidar.ranges[::20, :, None] * np.stack((np.cos(angles), np.sin(angles)), axis=-1)
+    finite = np.isfinite(lidar.ranges[::20])
+    away = simulation.world.distance(ends[finite])
+    assert np.sqrt((away**2).mean()) < 0.015
+    assert np.quantile(away, 0.999) < 0.06
+
+
+def test_a_written_recording_reads_back_identical(simulation: Simulation, tmp_path: Path) -> None:
+    write_simulation(tmp_path, simulation, sequence="7")
+    back = read_ucsd(tmp_path)
+    assert identical(back, simulation.recording)
+    assert back.platform == simulation.recording.platform
+    assert back.warnings == ()
+    for name in ("angle_min", "angle_increment", "range_min", "range_max", "time_increment"):
+        assert getattr(back.lidar, name) == getattr(simulation.recording.lidar, name)
+    truth = read_tum(tmp_path / "truth.tum")
+    assert truth.stamps.tobytes() == simulation.truth.stamps.tobytes()
+    np.testing.assert_allclose(truth.poses, simulation.truth.poses, atol=1e-12)
+    assert load_scenario(tmp_path / "scenario.toml") == simulation.scenario
+
+
+def test_writing_into_no_folder_is_told(simulation: Simulation, tmp_path: Path) -> None:
+    with pytest.raises(OutputError):
+        write_simulation(tmp_path / "absent", simulation)
+
+
+def test_progress_is_told_and_ends_at_one(scenario: Scenario) -> None:
+    told: dict[str, list[float]] = {}
+    simulate(scenario, progress=lambda what, share: told.setdefault(what, []).append(share))
+    assert set(told) == {"drive", "lidar"}
+    for shares in told.values():
+        assert shares == sorted(shares)
+        assert shares[-1] == 1.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["corridor", "hall"])
+def test_what_makes_the_bundled_scenarios_hard(name: str) -> None:
+    simulation = simulate(load_scenario(name), seed=0)
+    lidar = simulation.recording.lidar
+    assert lidar is not None
+    finite = np.isfinite(lidar.ranges)
+    if name == "corridor":
+        assert lidar.ranges[finite].max() > 20.0
+        return
+    # in the middle of the hall every endpoint lies on one of two parallel walls
+    robot = simulation.truth.at(lidar.stamps).poses
+    middle = (robot[:, 0] > 35) & (robot[:, 0] < 75)
+    mount = se2.compose(robot[middle], simulation.recording.platform.lidar.pose)
+    angles = mount[:, 2, None] + lidar.angles
+    y = (mount[:, 1, None] + lidar.ranges[middle] * np.sin(angles))[finite[middle]]
+    assert np.minimum(np.abs(y), np.abs(y - 6.0)).max() < 0.2
+    assert np.ptp(robot[middle, 0]) > 39.5
