@@ -24,7 +24,7 @@ def no_return_limit(ranges: NDArray[np.float32], told: float | None) -> float:
     3. Else the longest range, if it is a spike: at least 0.2 % of all beams and 10 of them stand at exactly this
        value, it is 5 times as frequent as the value next in frequency within the upper half of the ranges, and
        ranges below it exist. (In the logs we know, 0.5 to 12 % of the beams stand at the limit, and no other long
-       range reaches 0.01 %.)
+       range reaches 0.02 %.)
     4. Else 80 m: every range is an endpoint.
 
     Args:
