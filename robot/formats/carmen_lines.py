@@ -122,7 +122,7 @@ def _robotlaser(log: CarmenLines, words: Sequence[bytes], number: int) -> None:
 def _add(
     log: CarmenLines, kind: ScanKind, number: int, *, ranges: Sequence[bytes], row: list[float], told: float | None
 ) -> None:
-    values = array("f", map(float, ranges))
+    values = array("f", _numbers(ranges))
     scans = log.scans.setdefault(kind, Scans(number, told))
     scans.ranges.extend(values)
     scans.rows.extend(row)
@@ -159,7 +159,14 @@ def _expect(words: Sequence[bytes], count: int, what: str) -> None:
 
 
 def _finite(words: Sequence[bytes]) -> list[float]:
-    values = [float(word) for word in words]
+    values = _numbers(words)
     if not all(map(math.isfinite, values)):
         raise ValueError("NaN or infinite pose or stamp, expected finite numbers")
     return values
+
+
+def _numbers(words: Sequence[bytes]) -> list[float]:
+    try:
+        return [float(word) for word in words]
+    except ValueError:
+        raise ValueError("a word that is no number, expected numbers") from None

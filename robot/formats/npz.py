@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from moteslam.errors import InputError
 
 MAX_BYTES = 2 << 30
-"""No file may declare more than this for the arrays asked for: 2 GiB, about an hour of a 1081-beam lidar at 40 Hz."""
+"""No file may declare more than this for the arrays asked for: 2 GiB, over an hour of a 1081-beam lidar at 40 Hz."""
 
 _HEADER_BYTES = 16 << 10
 _METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
@@ -72,7 +72,8 @@ def read_arrays(path: Path, shapes: Mapping[str, Shape], *, max_bytes: int = MAX
 def _header(archive: zipfile.ZipFile, members: dict[str, zipfile.ZipInfo], path: Path, name: str) -> _Header:
     member = members.get(f"{name}.npy")
     if member is None:
-        found = ", ".join(sorted(key.removesuffix(".npy") for key in members)[:8]) or "none"
+        names = [key.removesuffix(".npy") for key in sorted(members)]
+        found = ", ".join(key if key.isidentifier() else ascii(key[:40]) for key in names[:8]) or "none"
         raise InputError(f"missing, expected an array of this name (the file has {found})", file=path, field=name)
     if member.compress_type not in _METHODS or member.flag_bits & 1:
         raise InputError("packed in a way not known here, expected stored or deflated", file=path, field=name)

@@ -15,6 +15,7 @@ MAX_LINE = 1 << 20
 """No line may be longer than this: 1 MiB, over 100 000 ranges."""
 
 _CHUNK = 1 << 18
+_PACKED = 1 << 12  # gzip data are fed in small pieces: the piece in which they turn out damaged is lost
 _GZIP = b"\x1f\x8b"
 
 
@@ -46,18 +47,24 @@ class TextLines:
             yield rest
 
     def head(self) -> bytes:
-        """What the file begins with, unpacked, a chunk at most; empty if nothing can be read."""
+        """What the file begins with, unpacked, 256 KiB or a little more; empty if nothing can be read."""
+        start = b""
         try:
-            return next(self._chunks(), b"")
+            for chunk in self._chunks():
+                start += chunk
+                if len(start) >= _CHUNK:
+                    break
         except InputError:
-            return b""
+            pass
+        return start
 
     def _chunks(self) -> Iterator[bytes]:
         try:
             with self.path.open("rb") as file:
                 packed = file.read(2) == _GZIP
                 file.seek(0)
-                raw = iter(lambda: file.read(_CHUNK), b"")
+                size = _PACKED if packed else _CHUNK
+                raw = iter(lambda: file.read(size), b"")
                 yield from self._unpacked(raw) if packed else raw
         except OSError as error:
             raise InputError(f"{error.strerror or error}, expected a text file", file=self.path) from error

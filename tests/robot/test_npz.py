@@ -73,6 +73,13 @@ def test_a_missing_array_is_named_with_what_there_is(tmp_path: Path) -> None:
         read_arrays(tmp_path / "x.npz", SHAPES)
 
 
+def test_escape_codes_in_the_names_of_arrays_are_not_printed(tmp_path: Path) -> None:
+    path = zipped(tmp_path / "x.npz", **{"\x1b[31m\n": b"x"})
+    with pytest.raises(InputError) as caught:
+        read_arrays(path, SHAPES)
+    assert str(caught.value).isprintable()
+
+
 @pytest.mark.parametrize(
     ("counts", "message"),
     [

@@ -304,3 +304,18 @@ def test_real_counts_and_gyro_give_the_known_dead_reckoning(
     assert np.abs(travel).sum() == pytest.approx(distance, abs=0.1)
     assert (x, y) == pytest.approx(end, abs=0.1)
     assert np.degrees(theta) == pytest.approx(heading, abs=0.5)
+
+
+def test_a_real_scan_of_the_utm_30lx(data_folder: Path, tmp_path: Path) -> None:
+    """Five of its beams hold 0.001, the code for no usable echo; the rest are endpoints."""
+    scan = np.load(data_folder / "ucsd" / "one_hokuyo_scan.npy")
+    np.savez(
+        tmp_path / "Hokuyo1.npz",
+        **dict(angle_min=-2.356194, angle_max=2.356194, angle_increment=0.00436332),
+        **dict(range_min=0.1, range_max=30.0, ranges=scan[:, None], time_stamps=np.array([START])),
+    )
+    recording = read_ucsd(tmp_path)
+    assert recording.warnings == ()
+    assert recording.lidar is not None
+    assert np.isnan(recording.lidar.ranges).sum() == 5
+    assert np.isfinite(recording.lidar.ranges).sum() == 1076
