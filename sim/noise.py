@@ -90,6 +90,8 @@ class ImuNoise(Settings):
         gyro_bias: size of the yaw rate's bias [rad/s] (measured 1.0 to 1.3 degrees a minute), either sign.
         gyro_bias_spread: its standard deviation from one recording to another, relative.
         gyro_bias_walk: random walk of the bias [rad/s per root second].
+        gyro_scale_error: of the angular velocities, relative, drawn once a recording (usual for such a gyro; without
+            a reference it cannot be told from the recordings).
         accelerometer_noise: standard deviation at rest [g] (measured 0.0002 to 0.0013).
         accelerometer_bias: standard deviation of each axis, drawn once a recording [g] (measured 0.004 to 0.016).
         vibration: standard deviation of the horizontal accelerations at 1 m/s [g] (measured 0.024 to 0.028).
@@ -102,6 +104,7 @@ class ImuNoise(Settings):
     gyro_bias: NonNegative = float(np.radians(1.15) / 60)
     gyro_bias_spread: NonNegative = 0.1
     gyro_bias_walk: NonNegative = 5e-6
+    gyro_scale_error: NonNegative = 0.005
     accelerometer_noise: NonNegative = 0.0007
     accelerometer_bias: NonNegative = 0.01
     vibration: NonNegative = 0.025
@@ -123,7 +126,8 @@ class Noise(Settings):
     """All the sensors' noise.
 
     Attributes:
-        odometry_scale: multiplies the encoders' slip, scale, radius and track errors and the gyro's noise and bias.
+        odometry_scale: multiplies the slip, scale, radius and track errors of the encoders and the noise, bias and
+            scale error of the gyro.
     """
 
     odometry_scale: NonNegative = 1.0

@@ -25,7 +25,7 @@ def simulate_imu(
     Args:
         drive: what the robot truly did.
         noise: of the readings and their clock.
-        scale: multiplies the gyro's noise and bias.
+        scale: multiplies the gyro's noise, bias and scale error.
         span: of the first and last reading [s].
         rng: drawn from, always the same number of times for the same readings.
     """
@@ -41,12 +41,12 @@ def simulate_imu(
 
     angular = scale * (noise.gyro_noise * _coloured(count, noise.gyro_correlation, rng) + _bias(count, noise, rng))
     shake = rng.standard_normal((count, 5)) * speed[:, None]
-    angular[:, 2] += heading
     angular[:, :2] += noise.tilting * shake[:, :2]
     acceleration = noise.accelerometer_noise * rng.standard_normal((count, 3))
     acceleration += noise.accelerometer_bias * rng.standard_normal(3)
     acceleration += noise.vibration * np.array((1.0, 1.0, 0.1)) * shake[:, 2:]
     acceleration += np.stack((forward, left, np.ones(count)), axis=-1)
+    angular[:, 2] += heading * (1 + scale * noise.gyro_scale_error * rng.standard_normal())
     return ImuStream(stamps=stamps, angular_velocity=angular, linear_acceleration_g=acceleration)
 
 

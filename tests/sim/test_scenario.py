@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import copy
+import re
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,8 +15,10 @@ from moteslam.errors import ConfigError
 from moteslam.robot.platform import UCSD
 from moteslam.sim.checks import MAX_SEGMENTS
 from moteslam.sim.drive import drive
-from moteslam.sim.noise import ClockNoise
-from moteslam.sim.scenario import bundled_scenarios, load_scenario, parse_scenario
+from moteslam.sim.driving import Body, Command, Commands, Limits, Route, Wander
+from moteslam.sim.layout import Box, Layout, Pillar, Recess, Room, RoomDoor, Wall
+from moteslam.sim.noise import ClockNoise, EncoderNoise, ImuNoise, LidarNoise, Noise
+from moteslam.sim.scenario import Scenario, bundled_scenarios, load_scenario, parse_scenario
 from moteslam.sim.world import World
 
 
@@ -182,3 +186,21 @@ def _right_angles(poses: np.ndarray) -> int:
     turn = np.degrees(np.abs(heading[20:] - heading[:-20]))
     square = (turn > 75) & (turn < 105)
     return int((np.diff(square.astype(int)) == 1).sum())
+
+
+def test_every_key_stands_in_the_documentation() -> None:
+    text = (Path(__file__).parents[2] / "docs" / "scenarios.md").read_text(encoding="utf-8")
+    parts = [Scenario, Route, Wander, Commands, Command, Limits, Body, Noise, LidarNoise, EncoderNoise, ImuNoise,
+             ClockNoise, Layout, Wall, Room, RoomDoor, Recess, Box, Pillar]  # fmt: skip
+    for part in parts:
+        for key in part.model_fields:
+            assert re.search(rf"[`\.\[{{, ]{key}[`\.\]}}, ]", text), f"{part.__name__}.{key}"
+
+
+def test_the_example_of_the_documentation_runs(tmp_path: Any) -> None:
+    text = (Path(__file__).parents[2] / "docs" / "scenarios.md").read_text(encoding="utf-8")
+    example = re.search(r"```toml\n(.*?)```", text, re.DOTALL)
+    assert example is not None
+    (tmp_path / "example.toml").write_text(example[1], encoding="utf-8")
+    scenario = load_scenario(tmp_path / "example.toml")
+    assert drive(scenario, World.of(scenario.world), np.random.default_rng(0)).end == "arrived"
