@@ -111,6 +111,8 @@ class MapConfig(_Section):
         occupied_threshold: log-odds above which a cell counts as occupied in the score.
         count: ``scan`` changes a cell at most once a scan, an endpoint going over a passing ray; ``ray`` once for
             every ray that meets it.
+        guard_cells: cells this near to an endpoint are not freed by other rays of the same scan (``scan`` only):
+            beams that graze a wall pass within a cell of where their neighbours end, and would erase it.
     """
 
     cell_size: Annotated[FiniteFloat, Field(ge=0.005, le=1.0)] = 0.05
@@ -118,6 +120,7 @@ class MapConfig(_Section):
     limit: Annotated[FiniteFloat, Field(gt=0, le=64)] = 50.0
     occupied_threshold: FiniteFloat = 0.0
     count: Literal["scan", "ray"] = "scan"
+    guard_cells: Annotated[int, Field(ge=0, le=16)] = 1
 
     @property
     def log_odds_step(self) -> float:
@@ -131,7 +134,8 @@ class SlamConfig(_Section):
     Attributes:
         method: which filter.
         particles: how many.
-        resample_below: resample when the effective number falls under this share of the particles (section III.D.3).
+        resample_below: resample when the effective number falls under this share of the particles (section III.D.3);
+            1 resamples after every update.
         max_range: endpoints beyond it are not used [m].
         sync, motion, search, update, map: the parts.
     """

@@ -77,6 +77,7 @@ class OccupancyGrid:
         self._grow_to(cells.min(axis=0), cells.max(axis=0))
         cells = (cells - self._corner).astype(np.int32)
         self._scan += 1
+        per_ray = self._config.count == "ray"
         update_grid(
             self.log_odds,
             self.occupied,
@@ -88,7 +89,8 @@ class OccupancyGrid:
             limit=self._limit,
             threshold=self._threshold,
             scan=self._scan,
-            per_ray=self._config.count == "ray",
+            guard=0 if per_ray else self._config.guard_cells,
+            per_ray=per_ray,
         )
 
     def snapshot(self) -> OccupancyMap:

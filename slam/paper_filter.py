@@ -13,7 +13,7 @@ from moteslam.robot import se2
 from moteslam.slam.config import SlamConfig
 from moteslam.slam.grid import OccupancyGrid
 from moteslam.slam.history import History
-from moteslam.slam.motion_model import motion_variance
+from moteslam.slam.motion_model import motion_spread
 from moteslam.slam.resampling import generator_for, systematic
 from moteslam.slam.step import Step
 from moteslam.slam.weights import Weights
@@ -59,7 +59,6 @@ class PaperFilter:
         self.best_particle = 0
         self._best = self.poses[0].copy()
         self._motion = np.zeros(3)  # since the last update
-        self._variance = np.zeros(3)
         self._elapsed = self._travelled = self._turned = 0.0
 
     def step(self, step: Step) -> Outcome:
@@ -83,7 +82,6 @@ class PaperFilter:
     def _gather(self, step: Step) -> None:
         """Add a step to the motion that the next update will predict with."""
         self._motion = se2.compose(self._motion, step.motion)
-        self._variance += motion_variance(self._config.motion, step.motion, step.dt)
         self._elapsed += step.dt
         self._travelled += float(np.hypot(step.motion[0], step.motion[1]))
         self._turned += abs(float(step.motion[2]))
@@ -94,9 +92,9 @@ class PaperFilter:
 
     def _predict(self, step: Step) -> None:
         """III.3: every particle moves as the control says, with noise."""
-        sample_motion(self.poses, self._motion, np.sqrt(self._variance), seed=self._seed, step=step.index)
+        spread = motion_spread(self._config.motion, self._travelled, self._turned, self._elapsed)
+        sample_motion(self.poses, self._motion, spread, seed=self._seed, step=step.index)
         self._motion = np.zeros(3)
-        self._variance = np.zeros(3)
         self._elapsed = self._travelled = self._turned = 0.0
 
     def _match(self, step: Step) -> NDArray[np.int32]:

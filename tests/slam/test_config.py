@@ -16,7 +16,7 @@ def test_the_paper_preset_has_the_papers_parameters():
     paper = load_preset("paper")
     assert paper.method == "paper"
     assert paper.particles == 100
-    assert paper.resample_below == 0.5
+    assert paper.resample_below == 1.0  # III.4 as printed: docs/paper.md
     assert paper.search.offsets_xy == paper.search.offsets_theta == (-0.1, -0.05, 0.0, 0.05, 0.1)
     assert paper.map.log_odds_step == pytest.approx(math.log(4))
     assert paper.map.limit == 50

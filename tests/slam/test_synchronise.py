@@ -53,9 +53,7 @@ def test_steps_add_up_to_dead_reckoning():
     from moteslam.robot import se2
 
     motions = [step.motion for step in steps(recording, SyncConfig())]
-    np.testing.assert_allclose(
-        se2.accumulate(np.array(motions)), dead_reckon(recording, SyncConfig()).poses, atol=1e-9
-    )
+    np.testing.assert_allclose(se2.accumulate(np.array(motions)), dead_reckon(recording, SyncConfig()).poses, atol=1e-9)
 
 
 def test_points_are_in_the_robots_frame_and_only_returns_are_points():
@@ -123,7 +121,12 @@ def test_the_low_pass_passes_low_and_stops_high():
 )
 @pytest.mark.parametrize("sync", [SyncConfig(), load_preset("paper").sync], ids=["interpolate", "paper"])
 def test_the_real_sequences_end_where_they_are_known_to(
-    data_folder: Path, sequence: int, travelled: float, end: tuple[float, float] | None, heading: float, sync: SyncConfig
+    data_folder: Path,
+    sequence: int,
+    travelled: float,
+    end: tuple[float, float] | None,
+    heading: float,
+    sync: SyncConfig,
 ):
     from moteslam.robot.formats import open_recording
 
