@@ -9,6 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from moteslam.errors import ConfigError
+from moteslam.sim.driving import sideways_ratio
+from moteslam.sim.rates import BEAMS, LIDAR_RATE, PHYSICS_RATE
 from moteslam.sim.world import World
 
 if TYPE_CHECKING:
@@ -30,6 +32,7 @@ def check_scenario(scenario: Scenario) -> None:
     """
     _check_task(scenario)
     _check_platform(scenario)
+    _check_body(scenario)
     world = World.of(scenario.world)
     if not len(world.segments):
         raise ConfigError("nothing stands in it, expected a wall, room, box or pillar", field="world")
@@ -57,6 +60,16 @@ def _check_task(scenario: Scenario) -> None:
         raise ConfigError(
             f"{scenario.duration:g} s, expected more than the rests at start and end, {rests:g} s", field="duration"
         )
+    way = scenario.wander.distance if scenario.wander is not None else 0.0
+    if scenario.route is not None:
+        way = float(np.hypot(*np.diff(scenario.route.path(), axis=0).T).sum())
+    needed = rests + way / scenario.drive.speed
+    if scenario.duration < needed:
+        raise ConfigError(
+            f"{scenario.duration:g} s, expected at least the {needed:.0f} s that {way:.0f} m at "
+            f"{scenario.drive.speed:g} m/s and the rests take",
+            field="duration",
+        )
 
 
 def _check_platform(scenario: Scenario) -> None:
@@ -73,6 +86,29 @@ def _check_platform(scenario: Scenario) -> None:
             raise ConfigError(
                 f"{outer:g} m, expected the wheels, {inner:g} m apart, within the body", field=f"platform.{side}"
             )
+
+    sweep = platform.lidar.time_increment * (BEAMS - 1)
+    if sweep > 1 / LIDAR_RATE:
+        raise ConfigError(
+            f"{BEAMS} beams take {sweep:g} s, expected at most the {1 / LIDAR_RATE:g} s between two scans",
+            field="platform.lidar.time_increment",
+        )
+
+
+def _check_body(scenario: Scenario) -> None:
+    """Refuse a contact so stiff, for masses so small, that a step of the physics overshoots by more than half."""
+    body, platform, wheels = scenario.body, scenario.platform, scenario.platform.wheels
+    assert wheels is not None
+    ratio = sideways_ratio(wheels)
+    inertia = body.mass * (platform.length**2 + platform.width**2) / 12
+    arm = ratio * wheels.wheel_base**2 + wheels.track**2  # four wheels, half a base and half a track away
+    softest = min(body.wheel_mass, body.mass / 4 / max(ratio, 1.0), inertia / arm)
+    stiffest = softest * PHYSICS_RATE / 2
+    if body.stiffness > stiffest:
+        raise ConfigError(
+            f"{body.stiffness:g} N s/m, expected at most {stiffest:.3g} for these masses and this effective track",
+            field="body.stiffness",
+        )
 
 
 def _check_route(scenario: Scenario, world: World) -> None:

@@ -18,13 +18,13 @@ from numpy.typing import NDArray
 
 from moteslam.robot import se2
 from moteslam.robot.trajectory import Trajectory
+from moteslam.sim.driving import sideways_ratio
 from moteslam.sim.pursuit import BlindDriver, Driver, PathDriver
+from moteslam.sim.rates import PHYSICS_RATE
 from moteslam.sim.scenario import Scenario
 from moteslam.sim.wander import wander_path
 from moteslam.sim.world import World
 
-RATE = 400
-"""Physics steps a second."""
 CONTROL_STEPS = 8
 """Physics steps between two looks of the driver (50 Hz)."""
 STUCK_AFTER = 5.0
@@ -71,16 +71,16 @@ def drive(
         scenario: what to do and the robot's body.
         world: what to do it in.
         rng: of the driver's inattention and, for a wander, of its route.
-        progress: told the share of ``scenario.duration`` that has passed.
+        progress: told the share of the way that lies behind.
     """
     engine = _Engine(scenario, world)
     driver = _driver(scenario, world, rng)
-    limits, dt = scenario.drive, 1 / RATE
+    limits, dt = scenario.drive, 1 / PHYSICS_RATE
     speed = turn_rate = 0.0
-    end, end_step = "out of time", round((scenario.duration - limits.rest_end) * RATE)
-    rest_steps = round(limits.rest_start * RATE)
+    end, end_step = "out of time", round((scenario.duration - limits.rest_end) * PHYSICS_RATE)
+    rest_steps = round(limits.rest_start * PHYSICS_RATE)
     rows = [engine.state()]
-    stuck_check = rest_steps + round(STUCK_AFTER * RATE)
+    stuck_check = rest_steps + round(STUCK_AFTER * PHYSICS_RATE)
     stuck_pose = engine.state()
     for step in range(end_step):
         if step >= rest_steps and step % CONTROL_STEPS == 0:
@@ -97,18 +97,18 @@ def drive(
                 if moved < 0.05 and abs(theta - stuck_pose[2]) < 0.05:
                     end = "stuck"
                     break
-                stuck_check, stuck_pose = step + round(STUCK_AFTER * RATE), rows[-1]
-            if progress is not None and step % RATE == 0:
-                progress(step / (scenario.duration * RATE))
+                stuck_check, stuck_pose = step + round(STUCK_AFTER * PHYSICS_RATE), rows[-1]
+            if progress is not None and step % PHYSICS_RATE == 0:
+                progress(driver.done)
         engine.step(speed, turn_rate)
         rows.append(engine.state())
-    for _ in range(max(1, round(limits.rest_end * RATE))):
+    for _ in range(max(1, round(limits.rest_end * PHYSICS_RATE))):
         speed = _approach(speed, 0.0, 2 * limits.acceleration * dt)
         turn_rate = _approach(turn_rate, 0.0, 2 * limits.turn_acceleration * dt)
         engine.step(speed, turn_rate)
         rows.append(engine.state())
     table = np.array(rows)
-    return Drive(np.arange(len(table), dtype=np.float64) / RATE, table[:, :3], table[:, 3:6], table[:, 6:], end)
+    return Drive(np.arange(len(table), dtype=np.float64) / PHYSICS_RATE, table[:, :3], table[:, 3:6], table[:, 6:], end)
 
 
 def _driver(scenario: Scenario, world: World, rng: np.random.Generator) -> Driver:
@@ -150,8 +150,7 @@ class _Engine:
         base, track = wheels.wheel_base / 2, wheels.track / 2
         self._places = ((base, -track), (base, track), (-base, -track), (-base, track))  # FR, FL, RR, RL
         self._lengthwise = settings.stiffness
-        ratio = (wheels.effective_track - wheels.track) * wheels.track / wheels.wheel_base**2
-        self._sideways = settings.stiffness * ratio
+        self._sideways = settings.stiffness * sideways_ratio(wheels)
         self._half_track = wheels.effective_track / 2
         self._grip = settings.grip * settings.mass * GRAVITY / 4
         self._rims = [0.0, 0.0, 0.0, 0.0]
@@ -164,7 +163,7 @@ class _Engine:
 
     def step(self, speed: float, turn_rate: float) -> None:
         """One physics step with the motors asked for a speed [m/s] and turn rate [rad/s]."""
-        body, dt = self._body, 1 / RATE
+        body, dt = self._body, 1 / PHYSICS_RATE
         settings = self._body_settings
         cos, sin = math.cos(body.angle), math.sin(body.angle)
         vx, vy = body.velocity

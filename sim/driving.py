@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, FiniteFloat, model_validator
 
+from moteslam.robot.platform import Wheels
 from moteslam.sim.layout import Point
 from moteslam.sim.noise import NonNegative, Positive, Settings
 
@@ -135,3 +136,8 @@ class Body(Settings):
     stiffness: Annotated[FiniteFloat, Field(gt=0, le=200)] = 100.0
     wheel_force: Annotated[FiniteFloat, Field(gt=0, le=1000)] = 60.0
     wall_friction: NonNegative = 0.4
+
+
+def sideways_ratio(wheels: Wheels) -> float:
+    """How much stiffer the wheels' contact is sideways than lengthwise, from the effective track (see `drive.py`)."""
+    return (wheels.effective_track - wheels.track) * wheels.track / wheels.wheel_base**2

@@ -24,6 +24,11 @@ class Driver(Protocol):
         """The speed [m/s] and turn rate [rad/s] to ask for at a time [s since the rest ended] and true pose."""
         ...
 
+    @property
+    def done(self) -> float:
+        """The share of the way or time that lies behind."""
+        ...
+
 
 class PathDriver:
     """Pure pursuit (Coulter 1992): aim at the point of the path a look-ahead distance on.
@@ -67,6 +72,11 @@ class PathDriver:
         speed = min(speed, limits.turn_rate / max(abs(curvature), 1e-9))
         return speed, speed * curvature
 
+    @property
+    def done(self) -> float:
+        """See `Driver`."""
+        return self._at / (len(self._x) - 1)
+
 
 class BlindDriver:
     """Follows commands in order, whatever happens."""
@@ -74,11 +84,18 @@ class BlindDriver:
     def __init__(self, commands: Commands) -> None:
         self._steps = commands.steps
         self._ends = np.cumsum([step.duration for step in commands.steps])
+        self._time = 0.0
 
     def command(self, time: float, x: float, y: float, theta: float) -> tuple[float, float] | None:
         """See `Driver`."""
+        self._time = time
         i = int(np.searchsorted(self._ends, time, "right"))
         return None if i == len(self._steps) else (self._steps[i].speed, self._steps[i].turn_rate)
+
+    @property
+    def done(self) -> float:
+        """See `Driver`."""
+        return min(1.0, self._time / float(self._ends[-1]))
 
 
 def _sample(path: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

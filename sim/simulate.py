@@ -15,7 +15,8 @@ from moteslam.errors import ConfigError
 from moteslam.robot.files import write_atomically
 from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream, Recording
 from moteslam.robot.trajectory import Trajectory, write_tum
-from moteslam.sim.drive import RATE, drive
+from moteslam.sim.drive import drive
+from moteslam.sim.rates import PHYSICS_RATE, TRUTH_RATE
 from moteslam.sim.scenario import Scenario
 from moteslam.sim.sensors.encoders import simulate_encoders
 from moteslam.sim.sensors.imu import simulate_imu
@@ -24,9 +25,6 @@ from moteslam.sim.world import World
 
 EPOCH = 1_300_000_000.0
 """The stamp of the drive's first moment [s since 1970], so that stamps are as coarse as a real robot's."""
-
-TRUTH_RATE = 100
-"""True poses a second that are kept."""
 
 Progress = Callable[[str, float], None]
 """Told what is being done (``drive``, ``lidar``) and the share of it that is done."""
@@ -108,7 +106,7 @@ def simulate(scenario: Scenario, seed: int | None = None, *, progress: Progress 
         ),
         imu=_at_epoch(simulate_imu(driven, noise.imu, noise.odometry_scale, spans["imu"], imu)),
     )
-    every = RATE // TRUTH_RATE
+    every = PHYSICS_RATE // TRUTH_RATE
     kept = np.unique(np.append(np.arange(0, len(driven.stamps), every), len(driven.stamps) - 1))
     truth = Trajectory(EPOCH + driven.stamps[kept], driven.truth.poses[kept])
     return Simulation(recording, truth, scenario, driven.end)

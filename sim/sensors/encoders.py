@@ -9,10 +9,8 @@ from moteslam.robot.platform import Wheels
 from moteslam.robot.recording import EncoderStream
 from moteslam.sim.drive import Drive
 from moteslam.sim.noise import EncoderNoise
+from moteslam.sim.rates import ENCODER_RATE
 from moteslam.sim.sensors.clock import readings
-
-RATE = 40.0
-"""Readings a second."""
 
 _RIGHT = np.array((True, False, True, False))
 """Which of FR, FL, RR, RL are on the right."""
@@ -42,7 +40,7 @@ def simulate_encoders(
     Returns:
         counts int64 [n, 4], order FR, FL, RR, RL; stamps [n] from 0 [s].
     """
-    times, stamps = readings(RATE, *span, noise.clock, rng)
+    times, stamps = readings(ENCODER_RATE, *span, noise.clock, rng)
     travel = np.stack([np.interp(times, drive.stamps, wheel) for wheel in drive.wheel_travel.T], axis=-1)
     seen = _with_errors(np.diff(travel, axis=0, prepend=travel[:1]), noise, scale, rng)
     # the counter counts whole ticks; the rest stays in the wheel, for the next reading
@@ -58,7 +56,7 @@ def _with_errors(
     wheel = noise.radius_error * rng.standard_normal(4)
     track = noise.track_error * rng.standard_normal()
     # momentary slip: first-order noise, the same for both wheels of a side
-    keep = np.exp(-1 / (RATE * noise.slip_time))
+    keep = np.exp(-1 / (ENCODER_RATE * noise.slip_time))
     white = rng.standard_normal((len(steps), 2))
     white[1:] *= np.sqrt(1 - keep**2)
     slip = noise.slip * _first_order(white, keep)

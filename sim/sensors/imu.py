@@ -8,10 +8,8 @@ from numpy.typing import NDArray
 from moteslam.robot.recording import ImuStream
 from moteslam.sim.drive import GRAVITY, Drive
 from moteslam.sim.noise import ImuNoise
+from moteslam.sim.rates import IMU_RATE
 from moteslam.sim.sensors.clock import readings
-
-RATE = 100.0
-"""Readings a second."""
 
 
 def simulate_imu(
@@ -29,7 +27,7 @@ def simulate_imu(
         span: of the first and last reading [s].
         rng: drawn from, always the same number of times for the same readings.
     """
-    times, stamps = readings(RATE, *span, noise.clock, rng)
+    times, stamps = readings(IMU_RATE, *span, noise.clock, rng)
     count = len(times)
     heading = _mean_rate(drive.stamps, drive.poses[:, 2], times)
     velocity = np.stack([_mean_rate(drive.stamps, drive.velocities[:, axis], times) for axis in (0, 1)], axis=-1)
@@ -54,15 +52,15 @@ def _mean_rate(
     stamps: NDArray[np.float64], values: NDArray[np.float64], times: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """The mean rate of change over the interval before each time: what it sums to is what truly happened."""
-    now, before = (np.interp(at, stamps, values) for at in (times, times - 1 / RATE))
-    return np.asarray((now - before) * RATE, np.float64)
+    now, before = (np.interp(at, stamps, values) for at in (times, times - 1 / IMU_RATE))
+    return np.asarray((now - before) * IMU_RATE, np.float64)
 
 
 def _bias(count: int, noise: ImuNoise, rng: np.random.Generator) -> NDArray[np.float64]:
     """The biases [count, 3] [rad/s]: yaw as measured; roll and pitch, which nothing integrates, five times that."""
     size = noise.gyro_bias * (1 + noise.gyro_bias_spread * rng.standard_normal(3)) * np.array((5.0, 5.0, 1.0))
     sign = np.where(rng.random(3) < 0.5, -1.0, 1.0)
-    walk = noise.gyro_bias_walk / np.sqrt(RATE) * rng.standard_normal((count, 3))
+    walk = noise.gyro_bias_walk / np.sqrt(IMU_RATE) * rng.standard_normal((count, 3))
     return np.asarray(sign * size + np.cumsum(walk, axis=0), np.float64)
 
 

@@ -11,12 +11,10 @@ from moteslam.robot.platform import LidarMount
 from moteslam.robot.recording import LidarStream
 from moteslam.sim.drive import Drive
 from moteslam.sim.noise import LidarNoise
+from moteslam.sim.rates import BEAMS, LIDAR_RATE
 from moteslam.sim.sensors.clock import readings
 from moteslam.sim.world import World
 
-RATE = 40.0
-"""Scans a second."""
-BEAMS = 1081
 ANGLE_MIN = float(np.radians(-135))
 ANGLE_INCREMENT = float(np.radians(0.25))
 RANGE_MIN = 0.1
@@ -57,7 +55,7 @@ def simulate_lidar(
     except ImportError:
         from moteslam.sim.sensors._casting import build_buckets, cast_rays
 
-    times, stamps = readings(RATE, *span, noise.clock, rng)
+    times, stamps = readings(LIDAR_RATE, *span, noise.clock, rng)
     buckets = build_buckets(world.segments)
     offsets = mount.time_increment * np.arange(BEAMS)
     angles = ANGLE_MIN + ANGLE_INCREMENT * np.arange(BEAMS)

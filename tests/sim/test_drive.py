@@ -97,9 +97,16 @@ def test_a_robot_that_gets_stuck_says_where(table: dict[str, Any]) -> None:
 
 
 def test_out_of_time_is_recorded(table: dict[str, Any]) -> None:
-    run = driven(parse_scenario({**table, "duration": 5.0}))
+    run = driven(parse_scenario({**table, "duration": 12.5}))  # enough for 9 m without corners
     assert run.end == "out of time"
-    assert run.stamps[-1] == pytest.approx(5.0)
+    assert run.stamps[-1] == pytest.approx(12.5)
+
+
+def test_the_softest_masses_that_are_taken_stay_put_and_drive(table: dict[str, Any]) -> None:
+    for body in ({"mass": 3.0, "wheel_mass": 0.6}, {"mass": 1000.0}, {"stiffness": 200.0}):
+        run = driven(parse_scenario({**table, "body": body}))
+        assert run.end == "arrived"
+        assert np.hypot(*run.velocities[:, :2].T).max() < 1.1
 
 
 def test_same_seed_same_drive_other_seed_other_drive(scenario: Scenario) -> None:
