@@ -311,8 +311,13 @@ def test_a_real_scan_of_the_utm_30lx(data_folder: Path, tmp_path: Path) -> None:
     scan = np.load(data_folder / "ucsd" / "one_hokuyo_scan.npy")
     np.savez(
         tmp_path / "Hokuyo1.npz",
-        **dict(angle_min=-2.356194, angle_max=2.356194, angle_increment=0.00436332),
-        **dict(range_min=0.1, range_max=30.0, ranges=scan[:, None], time_stamps=np.array([START])),
+        angle_min=-2.356194,
+        angle_max=2.356194,
+        angle_increment=0.00436332,
+        range_min=0.1,
+        range_max=30.0,
+        ranges=scan[:, None],
+        time_stamps=np.array([START]),
     )
     recording = read_ucsd(tmp_path)
     assert recording.warnings == ()
