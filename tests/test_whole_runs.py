@@ -1,0 +1,100 @@
+"""From a scenario or a real log to scores: what the project is for, end to end."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from moteslam.eval.metrics.ate import absolute_trajectory_error
+from moteslam.eval.metrics.relations import read_relations, relation_errors
+from moteslam.robot.formats import open_recording
+from moteslam.sim.scenario import load_scenario
+from moteslam.sim.simulate import Simulation, simulate, write_simulation
+from moteslam.slam.config import load_preset, resolve_config
+from moteslam.slam.run import run_slam
+
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("taichi")]
+
+
+def short(name: str, seconds: float, seed: int) -> Simulation:
+    return simulate(load_scenario(name).model_copy(update={"duration": seconds}), seed=seed)
+
+
+def moteslam(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "moteslam", *map(str, arguments)], check=True, capture_output=True, text=True
+    )
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_the_paper_preset_drives_the_corridor_without_diverging(seed: int):
+    simulation = simulate(load_scenario("corridor"), seed=seed)
+    estimate = run_slam(simulation.recording, load_preset("paper"), seed=seed)
+    assert absolute_trajectory_error(estimate.trajectory, simulation.truth).translation.rmse < 0.20
+    assert absolute_trajectory_error(estimate.trajectory_final, simulation.truth).translation.rmse < 0.20
+    assert simulation.truth.length > 80
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_the_paper_preset_holds_the_intel_building(data_folder: Path, seed: int):
+    recording = open_recording(data_folder / "intel" / "intel_raw_part.log.gz")
+    estimate = run_slam(recording, load_preset("paper"), seed=seed)
+    clear = relation_errors(estimate.trajectory, read_relations(data_folder / "intel" / "intel_raw_part.relations"))
+    every = relation_errors(estimate.trajectory, read_relations(data_folder / "intel" / "intel.relations"))
+    assert clear.all.translation.mean < 0.06
+    assert every.all.translation.mean < 0.10
+
+
+def test_a_recording_written_and_read_back_gives_the_same_bytes(tmp_path: Path):
+    simulation = short("corridor", 25, seed=4)
+    write_simulation(tmp_path, simulation)
+    from_disk, from_memory = (
+        run_slam(recording, load_preset("paper"), seed=1)
+        for recording in (open_recording(tmp_path), simulation.recording)
+    )
+    assert from_disk.trajectory.poses.tobytes() == from_memory.trajectory.poses.tobytes()
+    assert from_disk.trajectory.stamps.tobytes() == from_memory.trajectory.stamps.tobytes()
+    assert from_disk.trajectory_final.poses.tobytes() == from_memory.trajectory_final.poses.tobytes()
+    assert from_disk.map.log_odds.tobytes() == from_memory.map.log_odds.tobytes()
+
+
+def test_one_thread_and_two_give_the_same_bytes(tmp_path: Path):
+    write_simulation(tmp_path, short("office", 25, seed=2))
+    for threads in (1, 2):
+        out = tmp_path / f"out{threads}"
+        moteslam("replay", tmp_path, "--out", out, "--preset", "paper", "--threads", threads, "--no-figures")
+    for name in ("trajectory.tum", "trajectory_final.tum", "map.pgm", "map.yaml"):
+        one, two = ((tmp_path / f"out{threads}" / name).read_bytes() for threads in (1, 2))
+        assert one == two
+        assert len(one) > 20
+
+
+def test_interpolation_is_no_worse_than_the_nearest_reading():
+    simulation = short("corridor", 40, seed=0)
+    errors = {
+        method: absolute_trajectory_error(
+            run_slam(simulation.recording, resolve_config("paper", [f"sync.method={method}"])).trajectory,
+            simulation.truth,
+        ).translation.rmse
+        for method in ("nearest", "interpolate")
+    }
+    assert errors["interpolate"] < errors["nearest"] + 0.05
+
+
+@pytest.mark.parametrize("sequence", ["20", "21", "23"])
+def test_the_full_ucsd_sequences(sequence: str):
+    folder = os.environ.get("MOTESLAM_UCSD")
+    if not folder:
+        pytest.skip("the full UCSD sequences are not here: name their folder with MOTESLAM_UCSD")
+    if not (Path(folder) / f"Hokuyo{sequence}.npz").exists():
+        pytest.skip(f"no Hokuyo{sequence}.npz in {folder}")
+    recording = open_recording(folder, sequence=sequence)
+    estimate = run_slam(recording, load_preset("paper"))
+    assert len(estimate.trajectory) == len(recording.lidar.stamps)
+    assert np.isfinite(estimate.trajectory.poses).all()
+    assert 50 < estimate.trajectory_final.length < 200  # sequence 20 travels 95.9 m, 21 91.8 m by the wheels
