@@ -1,0 +1,60 @@
+"""What a kernel is given, checked before it runs: a wrong shape or cell would read or write foreign memory."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, DTypeLike, NDArray
+
+from moteslam.errors import InputError
+
+LARGEST = 2**31 - 1
+"""Taichi's indices are 32-bit: no array may have more elements, no launch more threads."""
+
+
+def check_array(
+    name: str,
+    array: object,
+    dtype: DTypeLike,
+    shape: Sequence[int | None],
+    *,
+    written: bool = False,
+) -> NDArray[Any]:
+    """The array as it is, if a kernel can use its memory in place.
+
+    Args:
+        name: of the argument, for the message.
+        array: what was given.
+        dtype: the element type it must have.
+        shape: the shape it must have; None for a length that is free.
+        written: whether the kernel writes to it.
+
+    Raises:
+        InputError: it is no C-contiguous array of that type and shape, or read-only though written to.
+    """
+    expected = f"{np.dtype(dtype)} [{', '.join('*' if n is None else str(n) for n in shape)}]"
+    if not isinstance(array, np.ndarray):
+        raise InputError(f"{type(array).__name__}, expected a NumPy array {expected}", field=name)
+    fits = array.ndim == len(shape) and all(n in (None, m) for n, m in zip(shape, array.shape, strict=True))
+    if array.dtype != np.dtype(dtype) or not fits:
+        raise InputError(f"{array.dtype} {list(array.shape)}, expected {expected}", field=name)
+    if not array.flags.c_contiguous or (written and not array.flags.writeable):
+        raise InputError("a view that is not contiguous or not writable, expected a whole array", field=name)
+    if array.size > LARGEST:
+        raise InputError(f"{array.size} elements, expected at most {LARGEST}", field=name)
+    return array
+
+
+def as_finite(name: str, values: ArrayLike, dtype: DTypeLike, shape: Sequence[int | None]) -> NDArray[Any]:
+    """A contiguous array of that type and shape with every value finite; a copy only where one is needed.
+
+    Raises:
+        InputError: another shape, or a value that is NaN or infinite.
+    """
+    array = np.ascontiguousarray(values, dtype)
+    check_array(name, array, dtype, shape)
+    if not np.isfinite(array).all():
+        raise InputError("a value that is not finite, expected finite numbers", field=name)
+    return array

@@ -1,0 +1,260 @@
+"""Matching by exhaustive search: the best pose of a small lattice around each particle (the paper's 5 x 5 x 5).
+
+Where the offsets in x and y are whole cells, the scan is rotated and looked up once for each heading, and a shift of
+the pose is a shift of the cells. If moreover the cells are 0 or 1 and the shifts span at most 5 x 5 cells, one
+64-bit word holds every cell that a point can meet: the map is first rewritten as overlapping windows of 8 x 8 cells,
+one bit each, every 4 cells; then each point takes one load for all 25 shifts, and the counts of five rows are added
+up side by side in the bytes of five words (measured: benchmarks/).
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from moteslam.errors import InputError
+from moteslam.kernels.checks import LARGEST, as_finite
+from moteslam.kernels.runtime import runtime, ti
+from moteslam.kernels.scoring import cell_along, check_grid, frames_of, scan_of, words_of
+from moteslam.kernels.types import F32_2D, I32, I32_1D, I32_2D, I64_1D, func, kernel
+
+SPAN = 5
+"""Shifts the window search can tell apart along each axis."""
+BLOCK = 255
+"""Points counted before the bytes of a word could run over."""
+ROW_BITS = 0x0101010101
+"""The lowest bit of each of five rows of a window."""
+EVEN_BYTES = 0x00FF00FF00FF00FF
+
+
+class Match(NamedTuple):
+    """What the search found.
+
+    Attributes:
+        scores: int32 [N] of the best pose of each particle.
+        indices: int32 [N, 3] which offset it is, in x, y and theta.
+        poses: float64 [N, 3] the poses moved by it; theta is not wrapped.
+    """
+
+    scores: NDArray[np.int32]
+    indices: NDArray[np.int32]
+    poses: NDArray[np.float64]
+
+
+@kernel
+def _search(  # type: ignore[no-untyped-def]
+    words: I32_1D, width: I32, height: I32, frames: F32_2D, scan: F32_2D, shifts: F32_2D, cells: I32_2D, reach: I32,
+    order: I32_1D, scores: I32_1D, best: I32_1D,
+):  # fmt: skip
+    """Every pose of the lattice by itself, in the order given: the first of the best wins.
+
+    A place shifts the pose by ``shifts`` [cells] before the look-up, and by the whole ``cells`` (at most ``reach``)
+    after it.
+    """
+    first = -ti.cast(reach, ti.f32)
+    last_col, last_row = ti.cast(width - 1 + reach, ti.f32), ti.cast(height - 1 + reach, ti.f32)
+    poses, places = scores.shape[0], cells.shape[0]
+    headings = frames.shape[0] // poses
+    ti.loop_config(block_dim=1)
+    for i in range(poses):
+        top, chosen = -1, 0
+        for v in range(order.shape[0]):
+            place, f = order[v] // headings, i * headings + order[v] % headings
+            c, s = frames[f, 0], frames[f, 1]
+            x, y = frames[f, 2] + shifts[place, 0], frames[f, 3] + shifts[place, 1]
+            total = 0
+            for b in range(scan.shape[1]):
+                col = cell_along(c * scan[0, b], -(s * scan[1, b]), x, first, last_col) + cells[place, 0]
+                row = cell_along(s * scan[0, b], c * scan[1, b], y, first, last_row) + cells[place, 1]
+                cell = ti.min(ti.max(row, 0), height - 1) * width + ti.min(ti.max(col, 0), width - 1)
+                total += (words[cell >> 2] >> ((cell & 3) << 3)) & 255
+            if total > top:
+                top, chosen = total, order[v]
+        scores[i], best[i] = top, chosen
+
+
+@func
+def _nibble(word: I32):  # type: ignore[no-untyped-def]
+    """Four bits of four bytes that are 0 or 1: the multiplication moves each to its place at the top."""
+    return ti.cast(ti.cast(word, ti.u32) * ti.u32(0x10204080) >> ti.u32(28), ti.i64)
+
+
+@kernel
+def _build_windows(words: I32_1D, width: I32, height: I32, row: I32, col: I32, columns: I32, windows: I64_1D, more: I32_1D):  # type: ignore[no-untyped-def]  # fmt: skip
+    """The windows of the box of cells that begins at (col, row), multiples of 4; ``more`` tells of cells above 1."""
+    stride = width // 4
+    for r in range(windows.shape[0] // columns):
+        others = 0
+        for k in range(columns):
+            left = (col >> 2) + k
+            right = left + 1
+            at_left, at_right = ti.min(ti.max(left, 0), stride - 1), ti.min(ti.max(right, 0), stride - 1)
+            bits = ti.i64(0)
+            for j in ti.static(range(8)):
+                start = ti.min(ti.max(row + 4 * r + j, 0), height - 1) * stride  # outside: the zero border
+                a = ti.select(left == at_left, words[start + at_left], 0)
+                b = ti.select(right == at_right, words[start + at_right], 0)
+                others |= a | b
+                bits |= (_nibble(a) | (_nibble(b) << ti.i64(4))) << ti.i64(8 * j)
+            windows[r * columns + k] = bits
+        if others & ~0x01010101:
+            more[0] = 1
+
+
+@kernel
+def _search_windows(  # type: ignore[no-untyped-def]
+    windows: I64_1D, row: I32, col: I32, columns: I32, last_row: I32, last_col: I32, low: I32, frames: F32_2D,
+    scan: F32_2D, corners: I32_1D, rank: I32_1D, scores: I32_1D, best: I32_1D,
+):  # fmt: skip
+    """All shifts of a heading at once; ``low`` is the smallest shift, ``corners`` where a place is in the window."""
+    poses, places, beams = scores.shape[0], corners.shape[0], scan.shape[1]
+    headings = frames.shape[0] // poses
+    low_row, high_row = ti.cast(row - low, ti.f32), ti.cast(last_row - low, ti.f32)
+    low_col, high_col = ti.cast(col - low, ti.f32), ti.cast(last_col - low, ti.f32)
+    ti.loop_config(block_dim=1)
+    for i in range(poses):
+        top = ti.i64(-1)
+        for h in range(headings):
+            f = i * headings + h
+            c, s, x, y = frames[f, 0], frames[f, 1], frames[f, 2], frames[f, 3]
+            even, odd = ti.Vector([0] * SPAN, dt=ti.i64), ti.Vector([0] * SPAN, dt=ti.i64)
+            for block in range((beams + BLOCK - 1) // BLOCK):
+                count = ti.Vector([0] * SPAN, dt=ti.i64)
+                for b in range(block * BLOCK, ti.min((block + 1) * BLOCK, beams)):
+                    across = cell_along(c * scan[0, b], -(s * scan[1, b]), x, low_col, high_col) + low - col
+                    up = cell_along(s * scan[0, b], c * scan[1, b], y, low_row, high_row) + low - row
+                    window = windows[(up >> 2) * columns + (across >> 2)]
+                    window = window >> ti.cast(((up & 3) << 3) + (across & 3), ti.i64)
+                    for j in ti.static(range(SPAN)):
+                        count[j] += (window >> ti.i64(j)) & ti.i64(ROW_BITS)
+                even += count & ti.i64(EVEN_BYTES)
+                odd += (count >> ti.i64(8)) & ti.i64(EVEN_BYTES)
+            total = ti.Vector([0] * (SPAN * SPAN), dt=ti.i64)
+            for j in ti.static(range(SPAN)):
+                for r in ti.static(range(SPAN)):
+                    half = odd[j] if ti.static(r % 2) else even[j]
+                    total[r * SPAN + j] = (half >> ti.i64(16 * (r // 2))) & ti.i64(0xFFFF)
+            for p in range(places):
+                v = p * headings + h
+                top = ti.max(top, total[corners[p]] * rank.shape[0] + (rank.shape[0] - 1 - rank[v]))
+        scores[i] = ti.cast(top // rank.shape[0], ti.i32)
+        best[i] = rank.shape[0] - 1 - ti.cast(top % rank.shape[0], ti.i32)
+
+
+def match_poses(
+    occupied: NDArray[np.uint8],
+    origin: ArrayLike,
+    cell_size: float,
+    poses: ArrayLike,
+    points: ArrayLike,
+    *,
+    offsets_xy: ArrayLike,
+    offsets_theta: ArrayLike,
+) -> Match:
+    """The best of the poses around each, by the score of ``score_poses`` (section III.D.2 of the paper).
+
+    The poses tried are ``(x + offsets_xy[i], y + offsets_xy[j], theta + offsets_theta[k])``, the shift in the frame
+    of the map. Among equal scores the one nearest the centre wins, by (i - ci)^2 + (j - cj)^2 + (k - ck)^2 where
+    c is the offset closest to 0, then the smallest i, j, k. If every shift is a whole number of cells, shifting
+    means that: the cell under each point is found for the pose as it is, and the shift counted in cells from there.
+
+    Args:
+        occupied: uint8 [H, W] with a border of zeros, as for ``score_poses``; fastest if its cells are 0 or 1.
+        origin: [2] (x, y) of the corner of cell [0, 0] [m].
+        cell_size: [m].
+        poses: [N, 3].
+        points: [k, 2] in the frame of each pose [m].
+        offsets_xy: [a] [m], for x and for y.
+        offsets_theta: [b] [rad].
+
+    Raises:
+        InputError: as ``score_poses``, or no offsets, or far too many.
+    """
+    height, width = check_grid(occupied)
+    poses = as_finite("poses", poses, np.float64, (None, 3))
+    xy = as_finite("offsets_xy", offsets_xy, np.float64, (None,))
+    theta = as_finite("offsets_theta", offsets_theta, np.float64, (None,))
+    if not 0 < len(xy) ** 2 * len(theta) <= 1_000_000:
+        raise InputError(f"{len(xy)}, expected 1 or more, and at most a million poses to try", field="offsets_xy")
+    if len(poses) * len(theta) * 4 > LARGEST:
+        raise InputError(f"{len(poses)}, expected fewer", field="poses")
+    turned = np.repeat(poses, len(theta), axis=0)
+    turned[:, 2] += np.tile(theta, len(poses))
+    frames, scan = frames_of(origin, cell_size, turned), scan_of(cell_size, points)
+    runtime()
+    scores, best = np.zeros(len(poses), np.int32), np.zeros(len(poses), np.int32)
+    order = _nearest_first(xy, theta)
+    whole = np.rint(xy / cell_size)
+    is_lattice = bool((np.abs(xy / cell_size - whole) < 1e-6).all() and np.abs(whole).max() < 2**20)
+    if len(poses):
+        words = words_of(occupied)
+        if not (
+            is_lattice
+            and np.ptp(whole) < SPAN
+            and scan.shape[1] < 2**16
+            and _match_windows(words, width, height, frames, scan, whole.astype(np.int32), order, scores, best)
+        ):
+            places = np.stack(np.meshgrid(xy / cell_size, xy / cell_size, indexing="ij"), axis=-1).reshape(-1, 2)
+            zero = np.zeros_like(places)
+            shifts, cells = (zero, np.rint(places)) if is_lattice else (places, zero)
+            _search(
+                words, width, height, frames, scan, shifts.astype(np.float32), cells.astype(np.int32),
+                int(np.abs(cells).max()), order, scores, best,
+            )  # fmt: skip
+        else:
+            best = order[best]
+    indices = np.stack(np.unravel_index(best, (len(xy), len(xy), len(theta))), axis=-1).astype(np.int32)
+    moved = poses + np.stack((xy[indices[:, 0]], xy[indices[:, 1]], theta[indices[:, 2]]), axis=-1)
+    return Match(scores, indices, moved)
+
+
+def _nearest_first(xy: NDArray[np.float64], theta: NDArray[np.float64]) -> NDArray[np.int32]:
+    """The flat indices (i, j, k) of the offsets, nearest the centre first, then in order."""
+    across, turn = np.abs(xy).argmin(), np.abs(theta).argmin()
+    i, j, k = np.indices((len(xy), len(xy), len(theta)))
+    distance = (i - across) ** 2 + (j - across) ** 2 + (k - turn) ** 2
+    return np.argsort(distance.reshape(-1), kind="stable").astype(np.int32)
+
+
+def _match_windows(
+    words: NDArray[np.int32],
+    width: int,
+    height: int,
+    frames: NDArray[np.float32],
+    scan: NDArray[np.float32],
+    whole: NDArray[np.int32],
+    order: NDArray[np.int32],
+    scores: NDArray[np.int32],
+    best: NDArray[np.int32],
+) -> bool:
+    """Search by windows, writing scores and best (positions in order); False where a cell is above 1."""
+    low = int(whole.min())
+    (col, last_col), (row, last_row) = _box(frames, scan, low, width, height)
+    columns, rows = (last_col - col) // 4 + 1, (last_row - row) // 4 + 1
+    windows, more = np.empty(columns * rows, np.int64), np.zeros(1, np.int32)
+    _build_windows(words, width, height, row, col, columns, windows, more)
+    if more[0]:
+        return False
+    rank = np.empty_like(order)
+    rank[order] = np.arange(len(order), dtype=np.int32)
+    corners = ((whole - low)[None, :] * SPAN + (whole - low)[:, None]).reshape(-1).astype(np.int32)
+    _search_windows(windows, row, col, columns, last_row, last_col, low, frames, scan, corners, rank, scores, best)
+    return True
+
+
+def _box(
+    frames: NDArray[np.float32], scan: NDArray[np.float32], low: int, width: int, height: int
+) -> tuple[tuple[int, int], tuple[int, int]]:
+    """First (a multiple of 4) and last window corner along columns and rows that any point of any pose can need."""
+    radius = float(np.sqrt((scan.astype(np.float64) ** 2).sum(axis=0).max(initial=0.0)))
+    c, s = (float(a) for a in frames[0, :2])
+    x, y = c * scan[0] - s * scan[1], s * scan[0] + c * scan[1]
+    spread = radius * float(np.hypot(frames[:, 0] - c, frames[:, 1] - s).max()) + 2 + 1e-6 * radius
+    sides = []
+    for points, place, cells in ((x, frames[:, 2], width), (y, frames[:, 3], height)):
+        first = max(float(points.min(initial=0.0)) - spread, -radius - 2) + float(place.min()) + low
+        last = min(float(points.max(initial=0.0)) + spread, radius + 2) + float(place.max()) + low
+        # corners below -8 hold nothing, nor do those from the border of zeros on
+        begin = int(np.clip(np.floor(first) // 4 * 4, -8, (cells - 1) // 4 * 4))
+        sides.append((begin, int(np.clip(np.ceil(last), begin, cells - 1))))
+    return sides[0], sides[1]

@@ -1,0 +1,49 @@
+"""The types of kernel arguments, and the decorators, in a form that the type checker understands too.
+
+At run time these are Taichi's; to the type checker arrays are NumPy's, since the CPU backend reads NumPy's memory
+as it is. Kernel files do without ``from __future__ import annotations``: Taichi reads the annotations themselves.
+"""
+
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from moteslam.kernels.runtime import ti
+
+__all__ = [
+    "F32", "F32_1D", "F32_2D", "F64", "F64_1D", "F64_2D", "I16_1D", "I32", "I32_1D", "I32_2D", "I64", "I64_1D",
+    "U8_1D", "U32", "U32_2D", "func", "kernel", "template",
+]  # fmt: skip
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    F32, F64, I32, I64, U32, template = float, float, int, int, int, Any
+    F32_1D = F32_2D = NDArray[np.float32]
+    F64_1D = F64_2D = NDArray[np.float64]
+    I16_1D = NDArray[np.int16]
+    I32_1D = I32_2D = NDArray[np.int32]
+    I64_1D = NDArray[np.int64]
+    U8_1D = NDArray[np.uint8]
+    U32_2D = NDArray[np.uint32]
+    _F = TypeVar("_F")
+
+    def kernel(function: _F) -> _F:
+        """Taichi's ``ti.kernel``."""
+        return function
+
+    def func(function: _F) -> _F:
+        """Taichi's ``ti.func``."""
+        return function
+else:
+    kernel, func, template = ti.kernel, ti.func, ti.template()
+    F32, F64, I32, I64, U32 = ti.f32, ti.f64, ti.i32, ti.i64, ti.u32
+    F32_1D = ti.types.ndarray(dtype=ti.f32, ndim=1)
+    F32_2D = ti.types.ndarray(dtype=ti.f32, ndim=2)
+    F64_1D = ti.types.ndarray(dtype=ti.f64, ndim=1)
+    F64_2D = ti.types.ndarray(dtype=ti.f64, ndim=2)
+    I16_1D = ti.types.ndarray(dtype=ti.i16, ndim=1)
+    I32_1D = ti.types.ndarray(dtype=ti.i32, ndim=1)
+    I32_2D = ti.types.ndarray(dtype=ti.i32, ndim=2)
+    I64_1D = ti.types.ndarray(dtype=ti.i64, ndim=1)
+    U8_1D = ti.types.ndarray(dtype=ti.u8, ndim=1)
+    U32_2D = ti.types.ndarray(dtype=ti.u32, ndim=2)
