@@ -37,7 +37,7 @@ def test_log_odds_stop_at_the_limit():
     assert value(grid, 0.55, 0.05) == pytest.approx(-3, abs=UNIT)
 
 
-@pytest.mark.parametrize("target", [(100.0, 3.0), (-100.0, 3.0), (3.0, 100.0), (-7.0, -100.0)])
+@pytest.mark.parametrize("target", [(100.05, 3.05), (-100.05, 3.05), (3.05, 100.05), (-7.05, -100.05)])
 def test_growing_keeps_what_is_there(target: tuple[float, float]):
     grid = OccupancyGrid(MapConfig(cell_size=0.1))
     grid.add_scan((0.05, 0.05), np.array([[1.05, 0.05]]))
