@@ -42,7 +42,7 @@ class Match(NamedTuple):
 
 
 @kernel
-def _search(  # type: ignore[no-untyped-def]
+def _search(
     words: I32_1D, width: I32, height: I32, frames: F32_2D, scan: F32_2D, shifts: F32_2D, cells: I32_2D, reach: I32,
     order: I32_1D, scores: I32_1D, best: I32_1D,
 ):  # fmt: skip
@@ -53,7 +53,7 @@ def _search(  # type: ignore[no-untyped-def]
     """
     first = -ti.cast(reach, ti.f32)
     last_col, last_row = ti.cast(width - 1 + reach, ti.f32), ti.cast(height - 1 + reach, ti.f32)
-    poses, places = scores.shape[0], cells.shape[0]
+    poses = scores.shape[0]
     headings = frames.shape[0] // poses
     ti.loop_config(block_dim=1)
     for i in range(poses):
@@ -74,13 +74,15 @@ def _search(  # type: ignore[no-untyped-def]
 
 
 @func
-def _nibble(word: I32):  # type: ignore[no-untyped-def]
+def _nibble(word: I32):
     """Four bits of four bytes that are 0 or 1: the multiplication moves each to its place at the top."""
     return ti.cast(ti.cast(word, ti.u32) * ti.u32(0x10204080) >> ti.u32(28), ti.i64)
 
 
 @kernel
-def _build_windows(words: I32_1D, width: I32, height: I32, row: I32, col: I32, columns: I32, windows: I64_1D, more: I32_1D):  # type: ignore[no-untyped-def]  # fmt: skip
+def _build_windows(
+    words: I32_1D, width: I32, height: I32, row: I32, col: I32, columns: I32, windows: I64_1D, more: I32_1D
+):
     """The windows of the box of cells that begins at (col, row), multiples of 4; ``more`` tells of cells above 1."""
     stride = width // 4
     for r in range(windows.shape[0] // columns):
@@ -102,7 +104,7 @@ def _build_windows(words: I32_1D, width: I32, height: I32, row: I32, col: I32, c
 
 
 @kernel
-def _search_windows(  # type: ignore[no-untyped-def]
+def _search_windows(
     windows: I64_1D, row: I32, col: I32, columns: I32, last_row: I32, last_col: I32, low: I32, frames: F32_2D,
     scan: F32_2D, corners: I32_1D, rank: I32_1D, scores: I32_1D, best: I32_1D,
 ):  # fmt: skip

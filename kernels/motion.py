@@ -18,7 +18,7 @@ STREAM = 1
 
 
 @kernel
-def _sample_motion(  # type: ignore[no-untyped-def]
+def _sample_motion(
     poses: F64_2D, forward: F64, left: F64, turn: F64, spread_forward: F64, spread_left: F64, spread_turn: F64,
     seed_low: U32, seed_high: U32, step: U32, stream: U32,
 ):  # fmt: skip

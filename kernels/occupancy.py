@@ -15,9 +15,7 @@ from moteslam.kernels.types import I16_1D, I32, I32_1D, I32_2D, U8_1D, func, ker
 
 
 @func
-def _add(  # type: ignore[no-untyped-def]
-    log_odds: template, occupied: template, cell: I32, change: I32, limit: I32, threshold: I32
-):
+def _add(log_odds: template, occupied: template, cell: I32, change: I32, limit: I32, threshold: I32):
     """Add to one cell, saturating, and keep the occupied flag in step."""
     old = ti.cast(log_odds[cell], ti.i32)
     new = ti.min(ti.max(old + change, -limit), limit)
@@ -27,9 +25,9 @@ def _add(  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _update_grid(  # type: ignore[no-untyped-def]
-    log_odds: I16_1D, occupied: U8_1D, seen: I32_1D, fresh: I32_1D, ends: I32_2D, height: I32, width: I32, col: I32, row: I32,
-    hit: I32, miss: I32, limit: I32, threshold: I32, scan: I32, guard: I32, per_ray: template,
+def _update_grid(
+    log_odds: I16_1D, occupied: U8_1D, seen: I32_1D, fresh: I32_1D, ends: I32_2D, height: I32, width: I32,
+    col: I32, row: I32, hit: I32, miss: I32, limit: I32, threshold: I32, scan: I32, guard: I32, per_ray: template,
 ):  # fmt: skip
     beams = ends.shape[0]
     if ti.static(not per_ray):

@@ -21,7 +21,7 @@ TWO_PI = 2 * math.pi
 
 
 @func
-def philox(counter, key):  # type: ignore[no-untyped-def]
+def philox(counter, key):
     """Four random 32-bit words (ti.Vector of u32) of a counter (four u32) and a key (two u32)."""
     c, k = counter, key
     for _ in ti.static(range(ROUNDS)):
@@ -41,20 +41,20 @@ def philox(counter, key):  # type: ignore[no-untyped-def]
 
 
 @func
-def words_of(seed_low: U32, seed_high: U32, step: U32, particle: U32, stream: U32):  # type: ignore[no-untyped-def]
+def words_of(seed_low: U32, seed_high: U32, step: U32, particle: U32, stream: U32):
     """Four random words (ti.Vector of u32) of this seed, step, particle and stream."""
     counter = ti.Vector([step, particle, stream, ti.u32(0)], dt=ti.u32)
     return philox(counter, ti.Vector([seed_low, seed_high], dt=ti.u32))
 
 
 @func
-def uniform(word: U32):  # type: ignore[no-untyped-def]
+def uniform(word: U32):
     """A float64 uniform in (0, 1), never 0 or 1, of a random word: (word + 1/2) / 2^32."""
     return (ti.cast(word, ti.f64) + ti.f64(0.5)) * ti.f64(2.0**-32)
 
 
 @func
-def normals(words):  # type: ignore[no-untyped-def]
+def normals(words):
     """Four independent standard normals (ti.Vector of f64) of four random words, by Box and Muller.
 
     The smallest uniform is 2^-33, so none lies beyond 6.8 standard deviations.
@@ -67,7 +67,7 @@ def normals(words):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _philox_of(blocks: U32_2D, out: U32_2D):  # type: ignore[no-untyped-def]
+def _philox_of(blocks: U32_2D, out: U32_2D):
     for i in range(blocks.shape[0]):
         counter = ti.Vector([blocks[i, 0], blocks[i, 1], blocks[i, 2], blocks[i, 3]], dt=ti.u32)
         words = philox(counter, ti.Vector([blocks[i, 4], blocks[i, 5]], dt=ti.u32))

@@ -16,13 +16,13 @@ from moteslam.kernels.types import F32, F32_2D, I32, I32_1D, func, kernel
 
 
 @func
-def cell_along(a: F32, b: F32, shift: F32, first: F32, last: F32):  # type: ignore[no-untyped-def]
+def cell_along(a: F32, b: F32, shift: F32, first: F32, last: F32):
     """The column (or row) of the point a + b + shift [cells], clamped to first..last (whole numbers)."""
     return ti.cast(ti.floor(ti.min(ti.max(a + b + shift, first), last)), ti.i32)
 
 
 @kernel
-def _score_poses(words: I32_1D, width: I32, height: I32, frames: F32_2D, scan: F32_2D, out: I32_1D):  # type: ignore[no-untyped-def]
+def _score_poses(words: I32_1D, width: I32, height: I32, frames: F32_2D, scan: F32_2D, out: I32_1D):
     last_col, last_row = ti.cast(width - 1, ti.f32), ti.cast(height - 1, ti.f32)
     for i in range(frames.shape[0]):
         c, s, x, y = frames[i, 0], frames[i, 1], frames[i, 2], frames[i, 3]

@@ -4,7 +4,8 @@ At run time these are Taichi's; to the type checker arrays are NumPy's, since th
 as it is. Kernel files do without ``from __future__ import annotations``: Taichi reads the annotations themselves.
 """
 
-from typing import TYPE_CHECKING, Any, TypeVar
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 from moteslam.kernels.runtime import ti
 
@@ -17,21 +18,28 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    F32, F64, I32, I64, U32, template = float, float, int, int, int, Any
-    F32_1D = F32_2D = NDArray[np.float32]
-    F64_1D = F64_2D = NDArray[np.float64]
-    I16_1D = NDArray[np.int16]
-    I32_1D = I32_2D = NDArray[np.int32]
-    I64_1D = NDArray[np.int64]
-    U8_1D = NDArray[np.uint8]
-    U32_2D = NDArray[np.uint32]
-    _F = TypeVar("_F")
+    F32: TypeAlias = float
+    F32_1D: TypeAlias = NDArray[np.float32]
+    F32_2D: TypeAlias = NDArray[np.float32]
+    F64: TypeAlias = float
+    F64_1D: TypeAlias = NDArray[np.float64]
+    F64_2D: TypeAlias = NDArray[np.float64]
+    I16_1D: TypeAlias = NDArray[np.int16]
+    I32: TypeAlias = int
+    I32_1D: TypeAlias = NDArray[np.int32]
+    I32_2D: TypeAlias = NDArray[np.int32]
+    I64: TypeAlias = int
+    I64_1D: TypeAlias = NDArray[np.int64]
+    U8_1D: TypeAlias = NDArray[np.uint8]
+    U32: TypeAlias = int
+    U32_2D: TypeAlias = NDArray[np.uint32]
+    template: TypeAlias = Any
 
-    def kernel(function: _F) -> _F:
+    def kernel(function: Callable[..., Any]) -> Callable[..., Any]:
         """Taichi's ``ti.kernel``."""
         return function
 
-    def func(function: _F) -> _F:
+    def func(function: Callable[..., Any]) -> Callable[..., Any]:
         """Taichi's ``ti.func``."""
         return function
 else:
