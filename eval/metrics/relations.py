@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import islice
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -79,6 +80,23 @@ class RelationResult:
             "all": self.all.as_dict(),
             "clear": None if self.clear is None else self.clear.as_dict(),
         }
+
+
+def is_relations(path: str | PathLike[str]) -> bool:
+    """Whether a file holds relations rather than TUM poses; both are eight numbers a line.
+
+    The last four of a TUM line are a quaternion: of length 1. Of a relation they are 0, 0, 0 (or nearly) and an
+    angle, which is not 1 rad in every line. A file that cannot be read, or has no such lines, holds none.
+    """
+    try:
+        with Path(path).open(encoding="utf-8") as file:
+            lines = [line.split() for line in islice(file, 1000) if line.strip() and not line.startswith("#")]
+        rows = np.array(lines, np.float64)
+    except (OSError, ValueError):
+        return False
+    if rows.ndim != 2 or rows.shape[1] != 8:
+        return False
+    return bool((np.abs(np.linalg.norm(rows[:, 4:], axis=1) - 1) > 0.01).any())
 
 
 def read_relations(path: str | PathLike[str]) -> Relations:

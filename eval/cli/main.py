@@ -1,0 +1,131 @@
+"""The program ``moteslam``: its commands, and what becomes of errors, interrupts and closed pipes."""
+
+from __future__ import annotations
+
+import os
+import sys
+from typing import Annotated, Any
+
+import typer
+
+from moteslam.errors import MoteslamError
+from moteslam.eval.cli import demo, evaluate, inspect, replay, scenarios, simulate
+from moteslam.eval.cli.interrupt import Interrupted, on_interrupt
+from moteslam.eval.cli.text import note, say
+
+BAD_INPUT, INTERNAL_ERROR, CLOSED_PIPE = 2, 1, 141
+
+HELP = """Simulate a robot, run particle-filter SLAM over what its sensors saw, and score the estimate.
+
+\b
+  moteslam demo                                 a corridor, from nothing to a score
+  moteslam replay robot.log.gz --out result     a map of a real building from a real log
+  moteslam evaluate result/trajectory.tum truth.tum
+
+Every command has its own --help, with examples.
+"""
+
+app = typer.Typer(
+    name="moteslam",
+    help=HELP,
+    add_completion=False,
+    rich_markup_mode=None,
+    pretty_exceptions_enable=False,
+    no_args_is_help=True,
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
+)
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        from moteslam import __version__
+
+        say(f"moteslam {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _root(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version and leave.")
+    ] = False,
+) -> None:
+    """The options before the command."""
+
+
+for command in (demo.demo, simulate.simulate, replay.replay, evaluate.evaluate, inspect.inspect, scenarios.scenarios):
+    app.command()(command)
+
+
+def main() -> None:
+    """Run the program and leave with its exit code: 0, 2 for bad input, 130 for Ctrl-C, 1 for a fault of ours."""
+    sys.exit(run(sys.argv[1:]))
+
+
+def run(arguments: list[str]) -> int:
+    """Run one command line and return its exit code; whatever goes wrong is told in one line on stderr."""
+    for stream in (sys.stdout, sys.stderr):
+        if hasattr(stream, "reconfigure"):  # a terminal that knows no such letter gets an escape, not an error
+            stream.reconfigure(errors="backslashreplace")
+    on_interrupt()
+    try:
+        code = app(args=arguments, prog_name="moteslam", standalone_mode=False)
+        sys.stdout.flush()
+    except BrokenPipeError:
+        return _closed_pipe()
+    except (Interrupted, KeyboardInterrupt) as error:
+        note("interrupted, nothing was left behind")
+        return error.exit_code if isinstance(error, Interrupted) else 130
+    except Exception as error:
+        return _told(error)
+    return code if isinstance(code, int) else 0
+
+
+def _told(error: Exception) -> int:
+    """Tell an error in one line; the exit code that goes with it."""
+    if isinstance(error, MoteslamError):
+        note(error)
+    elif hasattr(error, "format_message"):  # a usage error, of Click or of Typer's own copy of it
+        return _usage_error(error)
+    elif isinstance(error, MemoryError):
+        note(f"out of memory ({error}), expected fewer particles, larger cells or a shorter recording")
+    elif isinstance(error, OSError):
+        name = "" if error.filename is None else f"{error.filename}: "
+        note(f"{name}{error.strerror or error}")
+        if error.filename is None:
+            _discard_stdout()  # a full disk behind stdout would be told again at exit
+    else:
+        if os.environ.get("MOTESLAM_TRACEBACK") == "1":
+            raise error
+        where = f"{type(error).__module__}.{type(error).__qualname__}".removeprefix("builtins.")
+        note(f"internal error: {where}: {error}; MOTESLAM_TRACEBACK=1 shows where, please report it")
+        return INTERNAL_ERROR
+    return BAD_INPUT
+
+
+def _usage_error(error: Any) -> int:
+    if type(error).__name__ == "NoArgsIsHelpError":
+        say(error.format_message())
+        return BAD_INPUT
+    context = getattr(error, "ctx", None)
+    hint = f" (see {context.command_path} --help)" if context is not None else ""
+    note(f"{error.format_message()}{hint}")
+    return BAD_INPUT
+
+
+def _closed_pipe() -> int:
+    """Whoever read our output has gone (``| head``): leave without a word."""
+    _discard_stdout()
+    return CLOSED_PIPE
+
+
+def _discard_stdout() -> None:
+    """Send what is still buffered nowhere, so that Python does not complain of it at exit."""
+    try:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    except (OSError, ValueError):
+        sys.stdout = open(os.devnull, "w")  # noqa: PTH123, SIM115
+
+
+if __name__ == "__main__":
+    main()

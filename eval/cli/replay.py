@@ -1,0 +1,163 @@
+"""``moteslam replay``: SLAM, or dead reckoning, over a recording."""
+
+from __future__ import annotations
+
+from math import degrees
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from moteslam.errors import InputError
+from moteslam.eval.cli import options
+from moteslam.eval.cli.text import literal, note, say, say_json
+
+if TYPE_CHECKING:
+    from moteslam.robot.recording import Recording
+    from moteslam.robot.trajectory import Trajectory
+    from moteslam.slam.config import SlamConfig
+
+
+def replay(
+    path: Annotated[
+        Path | None, typer.Argument(metavar="PATH", help="A log file, or a folder of arrays.", show_default=False)
+    ] = None,
+    out: Annotated[Path | None, typer.Option(help=options.OUT)] = None,
+    preset: options.Preset = None,
+    config: options.ConfigFile = None,
+    settings: options.Settings = None,
+    particles: options.Particles = None,
+    seed: options.Seed = 0,
+    threads: options.Threads = None,
+    arch: options.Arch = "cpu",
+    sequence: Annotated[str | None, typer.Option(help="Which of several sequences in a folder.")] = None,
+    platform: Annotated[Path | None, typer.Option(metavar="FILE", help="platform.toml of the robot.")] = None,
+    dead_reckoning: Annotated[
+        bool, typer.Option("--dead-reckoning", help="Odometry alone: no lidar needed, --out optional.")
+    ] = False,
+    no_figures: options.NoFigures = False,
+    force: options.Force = False,
+    print_config: options.PrintConfig = False,
+    as_json: options.Json = False,
+) -> None:
+    """Run SLAM over a recording and fill a result folder.
+
+    A folder with truth.tum in it is scored with it; SLAM does not see it.
+
+    \b
+    Examples:
+      moteslam replay robot.log.gz --out result
+      moteslam replay robot.log.gz --out more --preset paper --set particles=300 --seed 7
+      moteslam replay ucsd --sequence 20 --dead-reckoning
+      moteslam replay --preset paper --print-config > mine.toml
+    """  # noqa: D301
+    resolved = options.resolved_config(preset, config, settings, particles)
+    if print_config:
+        options.print_config(resolved, as_json=as_json)
+        return
+    if path is None:
+        raise typer.BadParameter("missing, expected a recording", param_hint="'PATH'")
+    if out is None and not dead_reckoning:
+        raise typer.BadParameter("missing, expected a folder for the result", param_hint="'--out'")
+
+    from moteslam.robot.formats import open_recording
+    from moteslam.robot.platform import read_platform
+
+    robot = None if platform is None else read_platform(platform)
+    recording = open_recording(path, sequence=sequence, platform=robot)
+    if dead_reckoning:
+        _dead_reckon(recording, resolved, out, force=force, figures=not no_figures, as_json=as_json)
+        return
+
+    from moteslam.eval.cli.running import Backend, run_into, run_summary, score_table
+    from moteslam.robot.files import result_folder
+
+    assert out is not None
+    truth = _truth_beside(path, recording)
+    with result_folder(out, force=force) as folder:
+        estimate, scores = run_into(
+            folder,
+            recording,
+            resolved,
+            seed=seed,
+            backend=Backend(arch, threads),
+            truth=truth,
+            figures=not no_figures,
+            about={"path": str(path)},
+        )
+    if as_json:
+        say_json(run_summary(estimate, scores, out))
+        return
+    stamps = estimate.trajectory.stamps
+    say(
+        f"{literal(recording.name)}: {estimate.trajectory_final.length:.1f} m in {stamps[-1] - stamps[0]:.0f} s, "
+        f"{len(stamps)} scans, {resolved.particles} particles, "
+        f"{1000 * estimate.seconds / len(stamps):.1f} ms a scan"
+    )
+    if scores is not None:
+        say(score_table(scores))
+    say(f"result in {literal(out)}")
+
+
+def _truth_beside(path: Path, recording: Recording) -> Trajectory | None:
+    """The truth in a recording's folder, if there is one on its clock.
+
+    Raises:
+        InputError: a ``truth.tum`` that is none.
+    """
+    import numpy as np
+
+    from moteslam.eval.metrics.association import match
+    from moteslam.robot.trajectory import Trajectory, read_tum
+
+    file = path / "truth.tum"
+    if not path.is_dir() or not file.exists() or recording.lidar is None:
+        return None
+    truth = read_tum(file)
+    stamps = recording.lidar.stamps
+    try:
+        match(Trajectory(stamps, np.zeros((len(stamps), 3))), truth)
+    except InputError as error:
+        note(f"warning: {file}: {error.problem}; not scored")
+        return None
+    return truth
+
+
+def _dead_reckon(
+    recording: Recording, config: SlamConfig, out: Path | None, *, force: bool, figures: bool, as_json: bool
+) -> None:
+    """Dead reckoning alone: what it came to is printed, and written where ``out`` is given."""
+    from moteslam.robot.files import result_folder, write_atomically
+    from moteslam.robot.trajectory import write_tum
+    from moteslam.slam.dead_reckoning import dead_reckon
+
+    trajectory = dead_reckon(recording, config.sync)
+    for warning in recording.warnings:
+        note(f"warning: {warning}")
+    if out is not None:
+        with result_folder(out, force=force) as folder:
+            write_tum(folder / "dead_reckoning.tum", trajectory)
+            write_atomically(folder / "config.toml", config.to_toml())
+            if figures:
+                from moteslam.eval.report.plans import draw_dead_reckoning
+
+                title = f"{recording.name}: dead reckoning"
+                draw_dead_reckoning(folder / "dead_reckoning.png", trajectory, recording=recording, title=title)
+    x, y, theta = trajectory.poses[-1].tolist()
+    duration = float(trajectory.stamps[-1] - trajectory.stamps[0])
+    if as_json:
+        say_json(
+            {
+                "out": None if out is None else str(out),
+                "recording": recording.name,
+                "poses": len(trajectory),
+                "distance_m": trajectory.length,
+                "duration_s": duration,
+                "end": {"x_m": x, "y_m": y, "heading_deg": degrees(theta)},
+            }
+        )
+        return
+    say(f"{literal(recording.name)}: dead reckoning over {trajectory.length:.1f} m in {duration:.1f} s")
+    say(f"ends at x {x:.2f} m, y {y:.2f} m, heading {degrees(theta):.1f} deg")
+    if out is not None:
+        say(f"result in {literal(out)}")

@@ -1,0 +1,124 @@
+"""One SLAM run as the command line does it: kernels started, progress shown, the result folder filled."""
+
+from __future__ import annotations
+
+import sys
+import time
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from math import degrees
+from pathlib import Path
+from typing import Any
+
+from moteslam.eval.cli.progress import progress_bar
+from moteslam.eval.cli.text import note, table
+from moteslam.eval.report.snapshots import Snapshots
+from moteslam.eval.results import write_results
+from moteslam.eval.scores import Scores
+from moteslam.robot.recording import Recording
+from moteslam.robot.trajectory import Trajectory
+from moteslam.slam.config import SlamConfig
+from moteslam.slam.estimate import Estimate
+from moteslam.slam.run import SlamSession
+
+
+@dataclass(frozen=True)
+class Backend:
+    """Where the kernels run: ``cpu`` or ``cuda``, and on how many threads (None: all cores)."""
+
+    arch: str = "cpu"
+    threads: int | None = None
+
+    def start(self) -> dict[str, Any]:
+        """Start it; what it came to, for ``run.json``.
+
+        Raises:
+            BackendError: it is not there.
+        """
+        from moteslam.kernels.runtime import init
+
+        runtime = init(self.arch, self.threads)
+        return {"arch": runtime.arch, "threads": runtime.threads}
+
+
+def run_into(
+    folder: Path,
+    recording: Recording,
+    config: SlamConfig,
+    *,
+    seed: int,
+    backend: Backend,
+    truth: Trajectory | None = None,
+    figures: bool = True,
+    about: dict[str, Any] | None = None,
+) -> tuple[Estimate, Scores | None]:
+    """Run SLAM over a recording and fill a result folder, which exists.
+
+    Args:
+        folder: of the result.
+        recording: what the sensors saw.
+        config, seed, backend: how it is run.
+        truth: what to score it with.
+        figures: draw them.
+        about: more for ``run.json``.
+
+    Raises:
+        MoteslamError: whatever is wrong with the recording, the configuration, the backend or the folder.
+    """
+    began, clock = datetime.now(UTC), time.perf_counter()
+    runs_on = backend.start()
+    session = SlamSession(recording, config, seed=seed)
+    snapshots = Snapshots(session)
+    with progress_bar("SLAM", len(session), "scans") as bar:
+        for update in session:
+            if figures:
+                snapshots.look(update)
+            bar.update(update.index + 1)
+    estimate = session.estimate()
+    for warning in (*recording.warnings, *estimate.warnings):
+        note(f"warning: {warning}")
+    run = {
+        **(about or {}),
+        "command": ["moteslam", *sys.argv[1:]],
+        "started": began.isoformat(timespec="seconds"),
+        "slam_seconds": time.perf_counter() - clock,
+        **runs_on,
+    }
+    scores = write_results(
+        folder, estimate, truth, recording=recording, snapshots=snapshots.kept, figures=figures, run=run
+    )
+    return estimate, scores
+
+
+def score_table(scores: Scores) -> str:
+    """The scores as a small table: ATE in centimetres and degrees, drift in centimetres a metre."""
+    rows = [("", "ATE RMSE", "median", "max", "heading RMSE", "drift")]
+    for name, score in (
+        ("dead reckoning", scores.dead_reckoning),
+        ("SLAM (online)", scores.online),
+        ("SLAM (final)", scores.final),
+    ):
+        ate = score.ate
+        drift = "-" if score.rpe_1m is None else f"{100 * score.rpe_1m.rmse:.2f} cm/m"
+        rows.append(
+            (
+                name,
+                *(f"{100 * value:.1f} cm" for value in (ate.rmse, ate.median, ate.max)),
+                f"{degrees(ate.rotation.rmse):.2f} deg",
+                drift,
+            )
+        )
+    return table(rows, right=(1, 2, 3, 4, 5))
+
+
+def run_summary(estimate: Estimate, scores: Scores | None, folder: Path) -> dict[str, Any]:
+    """What ``--json`` prints of a run."""
+    return {
+        "out": str(folder),
+        "recording": estimate.name,
+        "seed": estimate.seed,
+        "scans": len(estimate.trajectory),
+        "distance_m": estimate.trajectory_final.length,
+        "filter_seconds": estimate.seconds,
+        "scores": None if scores is None else scores.as_dict(),
+    }

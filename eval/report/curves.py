@@ -1,0 +1,76 @@
+"""Figures over time: the error of SLAM and of dead reckoning, and the effective number of particles."""
+
+from __future__ import annotations
+
+from os import PathLike
+
+import numpy as np
+from numpy.typing import NDArray
+
+from moteslam.eval.metrics.ate import AteResult
+from moteslam.eval.report import style
+
+
+def draw_error(
+    path: str | PathLike[str], *, slam: AteResult, dead_reckoning: AteResult | None = None, title: str = ""
+) -> None:
+    """Distance and angle between estimate and truth over time, after alignment.
+
+    Raises:
+        OutputError: it cannot be written.
+    """
+    results = [(style.SLAM, slam)]
+    if dead_reckoning is not None:
+        results.insert(0, (style.DEAD_RECKONING, dead_reckoning))
+    start = min(float(result.stamps[0]) for _, result in results)
+    with style.saved_figure(path, size=(8.0, 5.0)) as figure:
+        distance, angle = figure.subplots(2, 1, sharex=True)
+        for colour, result in results:
+            label = f"{style.LABELS[colour]} (RMSE {100 * result.rmse:.1f} cm)"
+            distance.plot(result.stamps - start, 100 * result.errors, color=colour, lw=1.0, label=label)
+            angle.plot(result.stamps - start, np.rad2deg(result.rotation_errors), color=colour, lw=1.0)
+        for axes, unit in ((distance, "position error [cm]"), (angle, "heading error [deg]")):
+            axes.set_ylabel(unit)
+            axes.set_ylim(bottom=0)
+            axes.margins(x=0.01)
+            axes.grid(axis="y", color="0.9", lw=0.6)
+        angle.set_xlabel("time [s]")
+        style.legend_below(figure, distance)
+        style.heading(figure, title)
+
+
+def draw_effective_particles(
+    path: str | PathLike[str],
+    stamps: NDArray[np.float64],
+    n_eff: NDArray[np.float64],
+    resampled: NDArray[np.float64],
+    *,
+    particles: int,
+    title: str = "",
+) -> None:
+    """The effective number of particles at every scan, and when the filter resampled.
+
+    Args:
+        path: of the PNG.
+        stamps: [n] of the scans [s].
+        n_eff: [n], 1 to ``particles``.
+        resampled: [n], not 0 where it did.
+        particles: how many there are.
+        title: over the figure.
+
+    Raises:
+        OutputError: it cannot be written.
+    """
+    time = stamps - stamps[0]
+    when = np.asarray(resampled, bool)
+    with style.saved_figure(path, size=(8.0, 3.2)) as figure:
+        axes = figure.subplots()
+        axes.plot(time, n_eff, color=style.SLAM, lw=0.8, label="effective particles")
+        axes.plot(time[when], n_eff[when], ".", color=style.DEAD_RECKONING, ms=4, label=f"resampled ({when.sum()})")
+        axes.set_xlabel("time [s]")
+        axes.set_ylabel(f"particles (of {particles})")
+        axes.set_ylim(0, particles * 1.05)
+        axes.margins(x=0.01)
+        axes.grid(axis="y", color="0.9", lw=0.6)
+        style.legend_below(figure, axes)
+        style.heading(figure, title)

@@ -1,0 +1,209 @@
+"""Figures seen from above: paths on the map, the map over time, dead reckoning, the particles' paths."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from os import PathLike
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from moteslam.eval.report import style
+from moteslam.eval.report.snapshots import Snapshot
+from moteslam.robot.recording import Recording
+from moteslam.robot.se2 import compose
+from moteslam.robot.trajectory import Trajectory
+from moteslam.slam.grid import OccupancyMap
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+PARTICLES_DRAWN = 50
+"""Of more particles than these, an even choice is drawn."""
+
+SCANS_DRAWN, BEAMS_DRAWN = 400, 180
+"""Of a recording's scans and their beams at most so many are drawn under dead reckoning."""
+
+
+def draw_trajectories(
+    path: str | PathLike[str],
+    occupancy: OccupancyMap,
+    *,
+    slam: Trajectory,
+    dead_reckoning: Trajectory | None = None,
+    truth: Trajectory | None = None,
+    title: str = "",
+) -> None:
+    """The map, and on it the paths of the truth (laid on the map's frame), SLAM and dead reckoning.
+
+    Raises:
+        OutputError: it cannot be written.
+    """
+    shown = [t.poses[:, :2] for t in (slam, dead_reckoning, truth) if t is not None]
+    points = np.concatenate([*shown, _corners(occupancy)])
+    with style.saved_figure(path, size=style.plan_size(points)) as figure:
+        axes = figure.subplots()
+        _draw_map(axes, occupancy)
+        if truth is not None:
+            _draw_path(axes, truth, style.TRUTH, width=4.0, alpha=0.55)
+        if dead_reckoning is not None:
+            _draw_path(axes, dead_reckoning, style.DEAD_RECKONING, width=1.1, dashes="--")
+        _draw_path(axes, slam, style.SLAM, width=1.3)
+        axes.plot(*slam.poses[0, :2], "o", color="black", ms=4, label="start")
+        style.plan(axes)
+        style.show_everything(axes, points, margin=0.5)
+        style.legend_below(figure, axes)
+        style.heading(figure, title)
+
+
+def draw_over_time(
+    path: str | PathLike[str], snapshots: Sequence[Snapshot], *, trajectory: Trajectory, title: str = ""
+) -> None:
+    """The trajectory and the map at stages of the run (figures 1 and 2 of the paper), all at one scale.
+
+    Args:
+        path: of the PNG.
+        snapshots: of the map, at least one.
+        trajectory: as it was known at each scan.
+        title: over the figure.
+
+    Raises:
+        OutputError: it cannot be written.
+    """
+    points = np.concatenate([trajectory.poses[:, :2], _corners(snapshots[-1].map)])
+    width, height = np.ptp(points, axis=0) + 1.0
+    columns = min(len(snapshots), 3 if height < 2 * width else 6)
+    rows = -(-len(snapshots) // columns)
+    panel_height = min(max(11.0 / columns * height / width, 1.6), 8.0)
+    with style.saved_figure(path, size=(11.0, rows * (panel_height + 0.35) + 1.0)) as figure:
+        grid = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
+        for axes, snapshot in zip(grid.flat, snapshots, strict=False):
+            until = trajectory.poses[: snapshot.index + 1]
+            _draw_map(axes, snapshot.map)
+            axes.plot(until[:, 0], until[:, 1], color=style.SLAM, lw=1.1, label="SLAM, as known then")
+            axes.plot(*until[-1, :2], "o", color=style.DEAD_RECKONING, ms=4, label="robot")
+            axes.set_title(f"{snapshot.stamp - trajectory.stamps[0]:.0f} s")
+            style.plan(axes, labels=False)
+        for axes in list(grid.flat)[len(snapshots) :]:
+            axes.set_visible(False)
+        style.show_everything(grid[0, 0], points, margin=0.5)
+        figure.supxlabel("x [m]", fontsize=9)
+        figure.supylabel("y [m]", fontsize=9)
+        style.legend_below(figure, grid[0, 0])
+        style.heading(figure, title)
+
+
+def draw_dead_reckoning(
+    path: str | PathLike[str], trajectory: Trajectory, *, recording: Recording | None = None, title: str = ""
+) -> None:
+    """Dead reckoning, with the scans where it would put them (figures 5 and 6): their walls drift apart.
+
+    Args:
+        path: of the PNG.
+        trajectory: of dead reckoning; at every scan where there are scans.
+        recording: whose scans are drawn; None, or one without, draws the path alone.
+        title: over the figure.
+
+    Raises:
+        OutputError: it cannot be written.
+    """
+    walls = np.zeros((0, 2))
+    if recording is not None and recording.lidar is not None and len(recording.lidar) == len(trajectory):
+        walls = _endpoints(recording, trajectory)
+    points = np.concatenate([trajectory.poses[:, :2], walls])
+    with style.saved_figure(path, size=style.plan_size(points)) as figure:
+        axes = figure.subplots()
+        if len(walls):
+            axes.plot(
+                walls[:, 0], walls[:, 1], ",", color="0.45", alpha=0.5, rasterized=True, label="endpoints of scans"
+            )
+        _draw_path(axes, trajectory, style.DEAD_RECKONING, width=1.4)
+        axes.plot(*trajectory.poses[0, :2], "o", color="black", ms=4, label="start")
+        axes.plot(*trajectory.poses[-1, :2], "s", color=style.DEAD_RECKONING, ms=5, label="end")
+        style.plan(axes)
+        style.show_everything(axes, points)
+        style.legend_below(figure, axes)
+        style.heading(figure, title)
+
+
+def draw_particles(
+    path: str | PathLike[str], paths: NDArray[np.float64], *, best: Trajectory | None = None, title: str = ""
+) -> None:
+    """The particles' paths, each as its ancestors drove it (figure 8): they spread, and resampling prunes them.
+
+    Args:
+        path: of the PNG.
+        paths: [K, n, 3].
+        best: drawn over them.
+        title: over the figure.
+
+    Raises:
+        OutputError: it cannot be written.
+    """
+    chosen = np.unique(np.linspace(0, len(paths) - 1, min(len(paths), PARTICLES_DRAWN)).round().astype(int))
+    points = paths[chosen, :, :2].reshape(-1, 2)
+    with style.saved_figure(path, size=style.plan_size(points)) as figure:
+        axes = figure.subplots()
+        label = f"{len(chosen)} of {len(paths)} particles" if len(chosen) < len(paths) else f"{len(paths)} particles"
+        for k in chosen:
+            axes.plot(
+                paths[k, :, 0], paths[k, :, 1], color=style.PARTICLE, lw=0.7, alpha=0.6, label=label if k == 0 else None
+            )
+        if best is not None:
+            axes.plot(best.poses[:, 0], best.poses[:, 1], color=style.SLAM, lw=1.0, label="best particle")
+        axes.plot(*paths[0, 0, :2], "o", color="black", ms=4, label="start")
+        style.plan(axes)
+        style.show_everything(axes, points)
+        style.legend_below(figure, axes)
+        style.heading(figure, title)
+
+
+def _draw_map(axes: Axes, occupancy: OccupancyMap) -> None:
+    """The map: white where free, a light grey where unknown, dark where occupied."""
+    belief = np.tanh(occupancy.log_odds / 2)
+    height, width = belief.shape
+    x, y = occupancy.origin
+    extent = (x, x + width * occupancy.cell_size, y, y + height * occupancy.cell_size)
+    grey = 0.88 + np.where(belief < 0, -0.12 * belief, -0.73 * belief)
+    axes.set_facecolor("0.88")
+    axes.imshow(grey, cmap="gray", vmin=0, vmax=1, origin="lower", extent=extent, interpolation="antialiased", zorder=0)
+
+
+def _draw_path(
+    axes: Axes, trajectory: Trajectory, colour: str, *, width: float, dashes: str = "-", alpha: float = 1.0
+) -> None:
+    axes.plot(
+        trajectory.poses[:, 0],
+        trajectory.poses[:, 1],
+        dashes,
+        color=colour,
+        lw=width,
+        alpha=alpha,
+        label=style.LABELS[colour],
+    )
+
+
+def _corners(occupancy: OccupancyMap) -> NDArray[np.float64]:
+    """Lower left and upper right corner [2, 2] of what the map knows [m]."""
+    known = occupancy.log_odds != 0
+    rows, columns = np.flatnonzero(known.any(axis=1)), np.flatnonzero(known.any(axis=0))
+    if not len(rows):
+        return np.zeros((0, 2))
+    cells = np.array([[columns[0], rows[0]], [columns[-1] + 1, rows[-1] + 1]])
+    return np.asarray(np.array(occupancy.origin) + cells * occupancy.cell_size)
+
+
+def _endpoints(recording: Recording, trajectory: Trajectory) -> NDArray[np.float64]:
+    """Endpoints [k, 2] of an even choice of scans and beams, where the trajectory puts them [m]."""
+    lidar = recording.lidar
+    assert lidar is not None
+    scans = np.unique(np.linspace(0, len(lidar) - 1, min(len(lidar), SCANS_DRAWN)).round().astype(int))
+    beams = slice(None, None, max(1, -(-lidar.ranges.shape[1] // BEAMS_DRAWN)))
+    ranges, angles = lidar.ranges[scans, beams].astype(np.float64), lidar.angles[beams]
+    mounts = compose(trajectory.poses[scans], recording.platform.lidar.pose)
+    directions = mounts[:, 2:] + angles
+    points = np.stack(
+        (mounts[:, :1] + ranges * np.cos(directions), mounts[:, 1:2] + ranges * np.sin(directions)), axis=-1
+    )
+    return np.asarray(points[np.isfinite(ranges)])

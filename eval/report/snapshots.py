@@ -1,0 +1,44 @@
+"""The map at stages of a run, kept for the figure that shows how it grew."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from moteslam.slam.grid import OccupancyMap
+from moteslam.slam.run import SlamSession, Update
+
+STAGES = 6
+"""So many panels has the figure."""
+
+
+@dataclass(frozen=True, eq=False)
+class Snapshot:
+    """The map after the scan of this index and stamp [s]."""
+
+    index: int
+    stamp: float
+    map: OccupancyMap
+
+
+@dataclass(eq=False)
+class Snapshots:
+    """Watches a session and keeps its map after each sixth of the scans.
+
+    Attributes:
+        session: what is watched.
+        kept: the maps so far.
+    """
+
+    session: SlamSession
+    kept: list[Snapshot] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        total = len(self.session)
+        self._due = set((np.arange(1, STAGES + 1) * total // STAGES - 1).tolist())
+
+    def look(self, update: Update) -> None:
+        """Keep the map if this scan ends a stage."""
+        if update.index in self._due:
+            self.kept.append(Snapshot(update.index, update.stamp, self.session.map))

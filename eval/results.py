@@ -1,0 +1,179 @@
+"""The result folder: trajectories, map, figures, scores, and all that is needed to run it again."""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+import sys
+from collections.abc import Mapping, Sequence
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+from moteslam.eval.report.maps import write_map_png, write_map_server
+from moteslam.eval.report.snapshots import Snapshot
+from moteslam.eval.scores import Scores, score_estimate
+from moteslam.robot.files import write_atomically
+from moteslam.robot.recording import Recording
+from moteslam.robot.se2 import compose, inverse
+from moteslam.robot.trajectory import Trajectory, write_tum
+from moteslam.slam.estimate import Estimate
+
+
+def write_results(
+    folder: str | PathLike[str],
+    estimate: Estimate,
+    truth: Trajectory | None = None,
+    *,
+    recording: Recording | None = None,
+    snapshots: Sequence[Snapshot] = (),
+    figures: bool = True,
+    run: Mapping[str, Any] | None = None,
+) -> Scores | None:
+    """Fill a result folder (its files: ``docs/formats.md``).
+
+    Args:
+        folder: exists; files in it are replaced.
+        estimate: what to write.
+        truth: what to score it with, on the clock of the recording; it is written too.
+        recording: whose scans are drawn along dead reckoning.
+        snapshots: of the map over time, for the figure that shows it.
+        figures: draw them.
+        run: more about the run for ``run.json``: the command, threads, times.
+
+    Returns:
+        the scores, None without truth.
+
+    Raises:
+        OutputError: a file cannot be written.
+        InputError: the truth has no stamps in common with the run.
+    """
+    folder = Path(folder)
+    scores = None if truth is None else score_estimate(estimate, truth)
+    write_tum(folder / "trajectory.tum", estimate.trajectory)
+    write_tum(folder / "trajectory_final.tum", estimate.trajectory_final)
+    write_tum(folder / "dead_reckoning.tum", estimate.dead_reckoning)
+    if truth is not None:
+        write_tum(folder / "truth.tum", truth)
+    write_map_png(folder / "map.png", estimate.map)
+    write_map_server(folder / "map.pgm", estimate.map)
+    write_json(folder / "metrics.json", _metrics(estimate, scores))
+    write_atomically(folder / "config.toml", estimate.config.to_toml())
+    if figures:
+        draw_figures(folder, estimate, truth, scores, recording=recording, snapshots=snapshots)
+    about = {"recording": estimate.name, "seed": estimate.seed, "filter_seconds": estimate.seconds}
+    versions = {"python": platform.python_version(), **estimate.versions}
+    write_json(folder / "run.json", {**about, **(run or {}), "versions": versions, "hardware": hardware()})
+    return scores
+
+
+def draw_figures(
+    folder: Path,
+    estimate: Estimate,
+    truth: Trajectory | None,
+    scores: Scores | None,
+    *,
+    recording: Recording | None = None,
+    snapshots: Sequence[Snapshot] = (),
+) -> None:
+    """Draw the figures of a run into a folder.
+
+    Raises:
+        OutputError: one cannot be written.
+    """
+    from moteslam.eval.report import curves, plans
+
+    name = estimate.name
+    in_map = None
+    if truth is not None and scores is not None:
+        in_map = Trajectory(truth.stamps, compose(inverse(scores.final.ate.transform), truth.poses))
+    plans.draw_trajectories(
+        folder / "trajectories.png",
+        estimate.map,
+        slam=estimate.trajectory_final,
+        dead_reckoning=estimate.dead_reckoning,
+        truth=in_map,
+        title=f"{name}: the map and the paths on it",
+    )
+    if snapshots:
+        plans.draw_over_time(
+            folder / "over_time.png",
+            snapshots,
+            trajectory=estimate.trajectory,
+            title=f"{name}: trajectory and map over time",
+        )
+    plans.draw_dead_reckoning(
+        folder / "dead_reckoning.png", estimate.dead_reckoning, recording=recording, title=f"{name}: dead reckoning"
+    )
+    if len(estimate.particle_stamps):
+        plans.draw_particles(
+            folder / "particles.png",
+            estimate.particle_paths,
+            best=estimate.trajectory_final,
+            title=f"{name}: paths of the particles",
+        )
+    if scores is not None:
+        curves.draw_error(
+            folder / "error.png",
+            slam=scores.online.ate,
+            dead_reckoning=scores.dead_reckoning.ate,
+            title=f"{name}: error over time",
+        )
+    curves.draw_effective_particles(
+        folder / "effective_particles.png",
+        estimate.trajectory.stamps,
+        estimate.diagnostics["n_eff"],
+        estimate.diagnostics["resampled"],
+        particles=estimate.config.particles,
+        title=f"{name}: effective number of particles",
+    )
+
+
+def hardware() -> dict[str, Any]:
+    """What this runs on: processor, cores that may be used, memory [GiB], system."""
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    return {
+        "cpu": _processor(),
+        "cores": cores,
+        "memory_gib": _memory(),
+        "system": f"{platform.system()} {platform.release()} {platform.machine()}",
+    }
+
+
+def write_json(path: Path, value: Mapping[str, Any]) -> None:
+    """Write JSON that any reader takes.
+
+    Raises:
+        OutputError: it cannot be written.
+    """
+    write_atomically(path, json.dumps(value, indent=2, allow_nan=False) + "\n")
+
+
+def _metrics(estimate: Estimate, scores: Scores | None) -> dict[str, Any]:
+    stamps = estimate.trajectory.stamps
+    return {
+        "scans": len(stamps),
+        "duration_s": float(stamps[-1] - stamps[0]),
+        "distance_m": estimate.trajectory_final.length,
+        "updates": int(estimate.diagnostics["updated"].sum()),
+        "resampled": int(estimate.diagnostics["resampled"].sum()),
+        "mean_effective_particles": float(estimate.diagnostics["n_eff"].mean()),
+        "scores": None if scores is None else scores.as_dict(),
+    }
+
+
+def _processor() -> str:
+    try:
+        for line in Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines():
+            if line.startswith("model name"):
+                return line.partition(":")[2].strip()
+    except OSError:
+        pass
+    return platform.processor() or platform.machine()
+
+
+def _memory() -> float | None:
+    if sys.platform == "win32":
+        return None
+    return round(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 2**30, 1)
