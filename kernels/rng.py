@@ -36,7 +36,9 @@ def philox(counter, key):
             ],
             dt=ti.u32,
         )
-        k = ti.Vector([k[0] + ti.u32(WEYL[0]), k[1] + ti.u32(WEYL[1])], dt=ti.u32)
+        # summed in 64 bits, cut to 32: the generator's own overflow is none to the bounds checks
+        low, high = ti.cast(k[0], ti.u64) + ti.u64(WEYL[0]), ti.cast(k[1], ti.u64) + ti.u64(WEYL[1])
+        k = ti.Vector([ti.cast(low, ti.u32), ti.cast(high, ti.u32)], dt=ti.u32)
     return c
 
 

@@ -1,0 +1,199 @@
+"""Exact ray casting against the walls of a world.
+
+A ray walks through the buckets along it and meets the walls of each, until what it has hit lies within the bucket.
+Whether it hits is decided by the sides on which a wall's two ends lie; two walls that share an end see the very same
+number there, so that a ray passes on one side of it or the other, and never between.
+
+Coordinates are float32, relative to the world's corner. They are off by at most half of 2^-23 of the extent E, and
+so is each intermediate; a range is off by at most 4 E 2^-23 / |sin a| + 2^-21 r, a the angle between ray and wall:
+0.05 mm in a world of 100 m, square on.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from moteslam.errors import InputError
+from moteslam.kernels.buckets import SegmentBuckets, build_buckets
+from moteslam.kernels.checks import LARGEST, as_finite
+from moteslam.kernels.runtime import runtime, ti
+from moteslam.kernels.types import F32, F32_1D, F32_2D, F64, F64_2D, I32, I32_1D, func, kernel, template
+
+__all__ = ["SegmentBuckets", "build_buckets", "cast_rays", "cast_scans"]
+
+
+@func
+def _wall_range(x0: F32, y0: F32, x1: F32, y1: F32, c: F32, s: F32, slack: F32):  # type: ignore[no-untyped-def]
+    """How far along (c, s) from (0, 0) the wall from (x0, y0) to (x1, y1) is hit, infinity if it is not [m]."""
+    side0, side1 = c * y0 - s * x0, c * y1 - s * x1
+    along0, along1 = c * x0 + s * y0, c * x1 + s * y1
+    found = ti.f32(math.inf)
+    if ti.min(side0, side1) <= slack and ti.max(side0, side1) >= -slack and ti.max(along0, along1) >= ti.f32(0.0):
+        apart = side0 - side1
+        if ti.max(abs(side0), abs(side1)) <= slack:  # the ray runs along the wall
+            found = ti.max(ti.min(along0, along1), ti.f32(0.0))
+        else:
+            share = ti.min(ti.max(side0 / apart, ti.f32(0.0)), ti.f32(1.0))
+            distance = along0 + share * (along1 - along0)
+            if distance >= ti.f32(0.0):
+                found = distance
+    return found
+
+
+@func
+def _cast(  # type: ignore[no-untyped-def]
+    starts: template, walls: template, size: F32, columns: I32, rows: I32, slack: F32, x: F64, y: F64, c: F32, s: F32,
+    max_range: F32,
+):  # fmt: skip
+    """How far a ray gets from (x, y), relative to the world's corner, along (c, s)."""
+    tiny = ti.f32(1e-12)  # a ray along an axis crosses the other after 1e12 m
+    inverse_x = ti.f32(1.0) / (c if abs(c) > tiny else tiny)
+    inverse_y = ti.f32(1.0) / (s if abs(s) > tiny else tiny)
+    width, height = size * ti.cast(columns, ti.f32), size * ti.cast(rows, ti.f32)
+    skipped = ti.f64(0.0)
+    inside = x >= 0.0 and y >= 0.0 and x <= ti.cast(width, ti.f64) and y <= ti.cast(height, ti.f64)
+    if not inside:  # begin where the ray enters the world, in float64: from far away float32 would miss it
+        wide, high = ti.cast(width, ti.f64), ti.cast(height, ti.f64)
+        per_x, per_y = ti.cast(inverse_x, ti.f64), ti.cast(inverse_y, ti.f64)
+        enter_x, leave_x = ti.min(-x * per_x, (wide - x) * per_x), ti.max(-x * per_x, (wide - x) * per_x)
+        enter_y, leave_y = ti.min(-y * per_y, (high - y) * per_y), ti.max(-y * per_y, (high - y) * per_y)
+        skipped = ti.max(ti.max(enter_x, enter_y), ti.f64(0.0))
+        if skipped > ti.min(leave_x, leave_y) or skipped > ti.cast(max_range, ti.f64):
+            skipped = ti.f64(math.inf)
+    found = ti.f32(math.inf)
+    if skipped < ti.f64(math.inf):
+        ox = ti.cast(x + skipped * ti.cast(c, ti.f64), ti.f32)
+        oy = ti.cast(y + skipped * ti.cast(s, ti.f64), ti.f32)
+        col = ti.min(ti.max(ti.cast(ox / size, ti.i32), 0), columns - 1)
+        row = ti.min(ti.max(ti.cast(oy / size, ti.i32), 0), rows - 1)
+        step_col, step_row = (1 if c > 0 else -1), (1 if s > 0 else -1)
+        next_x = (ti.cast(col + (1 if c > 0 else 0), ti.f32) * size - ox) * inverse_x
+        next_y = (ti.cast(row + (1 if s > 0 else 0), ti.f32) * size - oy) * inverse_y
+        if abs(c) <= tiny:
+            next_x = ti.f32(math.inf)
+        if abs(s) <= tiny:
+            next_y = ti.f32(math.inf)
+        across, up = abs(size * inverse_x), abs(size * inverse_y)
+        reach = max_range - ti.cast(skipped, ti.f32)
+        walking = True
+        while walking:
+            bucket = row * columns + col
+            for w in range(starts[bucket], starts[bucket + 1]):
+                distance = _wall_range(
+                    walls[w, 0] - ox, walls[w, 1] - oy, walls[w, 2] - ox, walls[w, 3] - oy, c, s, slack
+                )
+                found = ti.min(found, distance)
+            leave = ti.min(next_x, next_y)
+            if next_x < next_y:
+                col += step_col
+                next_x += across
+            else:
+                row += step_row
+                next_y += up
+            walking = found > leave and leave <= reach and 0 <= col and col < columns and 0 <= row and row < rows
+    total = ti.cast(skipped, ti.f32) + found
+    return total if total <= max_range else ti.f32(math.inf)
+
+
+@kernel
+def _cast_rays(  # type: ignore[no-untyped-def]
+    starts: I32_1D, walls: F32_2D, size: F32, columns: I32, rows: I32, slack: F32, x0: F64, y0: F64,
+    origins: F64_2D, directions: F32_2D, max_range: F32, out: F32_1D,
+):  # fmt: skip
+    for i in range(out.shape[0]):
+        out[i] = _cast(
+            starts, walls, size, columns, rows, slack, origins[i, 0] - x0, origins[i, 1] - y0,
+            directions[0, i], directions[1, i], max_range,
+        )  # fmt: skip
+
+
+@kernel
+def _cast_scans(  # type: ignore[no-untyped-def]
+    starts: I32_1D, walls: F32_2D, size: F32, columns: I32, rows: I32, slack: F32, x0: F64, y0: F64,
+    origins: F64_2D, headings: F32_2D, beams: F32_2D, max_range: F32, out: F32_2D,
+):  # fmt: skip
+    for i, b in ti.ndrange(out.shape[0], out.shape[1]):
+        c = headings[0, i] * beams[0, b] - headings[1, i] * beams[1, b]
+        s = headings[1, i] * beams[0, b] + headings[0, i] * beams[1, b]
+        out[i, b] = _cast(
+            starts, walls, size, columns, rows, slack, origins[i, 0] - x0, origins[i, 1] - y0, c, s, max_range
+        )
+
+
+def cast_rays(
+    buckets: SegmentBuckets, origins: ArrayLike, angles: ArrayLike, *, max_range: float
+) -> NDArray[np.float32]:
+    """The distance to the first wall along each ray.
+
+    Args:
+        buckets: of the world.
+        origins: [n, 2] where each begins [m], inside the world or not.
+        angles: [n] its direction [rad].
+        max_range: beyond which nothing is seen [m].
+
+    Returns:
+        float32 [n] [m], ``inf`` where no wall is within max_range.
+
+    Raises:
+        InputError: shapes that do not fit, values that are not finite, a max_range not positive, too many rays.
+    """
+    origins = as_finite("origins", origins, np.float64, (None, 2))
+    angles = as_finite("angles", angles, np.float64, (len(origins),))
+    _check_range(max_range)
+    out = np.empty(len(origins), np.float32)
+    runtime()
+    if len(out):
+        _cast_rays(*_arguments(buckets), origins, directions_of(angles), max_range, out)
+    return out
+
+
+def cast_scans(
+    buckets: SegmentBuckets, poses: ArrayLike, beam_angles: ArrayLike, *, max_range: float
+) -> NDArray[np.float32]:
+    """The distance to the first wall along each beam of a scan, from each pose: ``cast_rays`` for whole scans.
+
+    Args:
+        buckets: of the world.
+        poses: [n, 3] of the sensor.
+        beam_angles: [b] of the beams, in its frame [rad].
+        max_range: beyond which nothing is seen [m].
+
+    Returns:
+        float32 [n, b] [m], ``inf`` where no wall is within max_range.
+
+    Raises:
+        InputError: as ``cast_rays``.
+    """
+    poses = as_finite("poses", poses, np.float64, (None, 3))
+    beams = as_finite("beam_angles", beam_angles, np.float64, (None,))
+    _check_range(max_range)
+    if len(poses) * len(beams) > LARGEST:
+        raise InputError(f"{len(poses)} x {len(beams)} rays, expected at most {LARGEST}", field="poses")
+    out = np.empty((len(poses), len(beams)), np.float32)
+    runtime()
+    if out.size:
+        origins = np.ascontiguousarray(poses[:, :2])
+        _cast_scans(
+            *_arguments(buckets), origins, directions_of(poses[:, 2]), directions_of(beams), max_range, out
+        )
+    return out
+
+
+def directions_of(angles: NDArray[np.float64]) -> NDArray[np.float32]:
+    """Float32 [2, n] cosines and sines."""
+    out = np.empty((2, len(angles)), np.float32)
+    out[0], out[1] = np.cos(angles), np.sin(angles)
+    return out
+
+
+def _arguments(buckets: SegmentBuckets) -> tuple[object, ...]:
+    x0, y0 = (float(v) for v in buckets.corner)
+    return (
+        buckets.starts, buckets.walls, buckets.size, buckets.columns, buckets.rows, buckets.slack, x0, y0
+    )  # fmt: skip
+
+
+def _check_range(max_range: float) -> None:
+    if not 0 < max_range < 1e30:
+        raise InputError(f"{max_range}, expected a positive distance [m]", field="max_range")
