@@ -1,0 +1,254 @@
+"""The speed of the kernels beside a NumPy twin and a plain C loop, in one run; a dated result file.
+
+    python benchmarks/kernels.py [--out benchmarks/results/kernels-YYYY-MM-DD.json]
+
+Threads are fixed for a process, so each count is measured in a process of its own, in turns; within one, the
+contenders take turns too, and the median of all turns counts. Compilation is told apart.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ctypes
+import json
+import os
+import platform
+import shutil
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from datetime import date
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+BEAMS = 1081
+CELLS, CELL = 2000, 0.05
+REPEATS = 9
+ROUNDS = 3
+FLAGS = ["-O3", "-march=native", "-ffast-math", "-fopenmp", "-shared", "-fPIC", "-lm"]
+
+
+def compile_loops(folder: Path) -> ctypes.CDLL | None:
+    """The plain C loops, or None where there is no compiler."""
+    if shutil.which("gcc") is None:
+        return None
+    library = folder / "loops.so"
+    subprocess.run(["gcc", str(Path(__file__).with_name("loops.c")), *FLAGS, "-o", str(library)], check=True)
+    return ctypes.CDLL(str(library))
+
+
+def in_turns(contenders: dict[str, Callable[[], Any]], repeats: int = REPEATS) -> dict[str, float]:
+    """The median wall time [s] of each, taking turns after one call that is not counted."""
+    times: dict[str, list[float]] = {name: [] for name in contenders}
+    for call in contenders.values():
+        call()
+    for _ in range(repeats):
+        for name, call in contenders.items():
+            began = time.perf_counter()
+            call()
+            times[name].append(time.perf_counter() - began)
+    return {name: statistics.median(seconds) for name, seconds in times.items()}
+
+
+def world(segments: int = 500, *, size: float = 90.0, seed: int = 1) -> np.ndarray:
+    """Rooms on a grid with gaps for doors, cut to so many segments [m, 4] [m]: an office of mean range 3 to 4 m."""
+    generator = np.random.default_rng(seed)
+    room, rows = 6.0, []
+    for i in range(int(size / room) + 1):
+        for j in range(int(size / room)):
+            a, b = sorted(generator.uniform(0.5, room - 0.5, 2))
+            at, low = i * room, j * room
+            rows += [(at, low, at, low + a), (at, low + b, at, low + room)]
+            rows += [(low, at, low + a, at), (low + b, at, low + room, at)]
+    return np.array(rows)[generator.permutation(len(rows))[:segments]]
+
+
+def scan_and_map(seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
+    """A grid of walls [CELLS, CELLS] uint8 with a border of zeros, and a scan's points [BEAMS, 2] [m] on them."""
+    grid = np.zeros((CELLS, CELLS), np.uint8)
+    grid[600:1400:160, 400:1600] = 1
+    grid[600:1400, 400:1600:200] = 1
+    angles = np.linspace(np.radians(-135), np.radians(135), BEAMS)
+    ranges = np.minimum(4.0 / np.maximum(np.abs(np.cos(angles)), 1e-3), 4.9 / np.maximum(np.abs(np.sin(angles)), 1e-3))
+    ranges += np.random.default_rng(seed).normal(0, 0.01, BEAMS)
+    return grid, np.stack((ranges * np.cos(angles), ranges * np.sin(angles)), axis=-1)
+
+
+def measure(threads: int) -> dict[str, Any]:
+    """All the measurements of one process."""
+    os.environ["OMP_NUM_THREADS"] = str(threads)
+    from moteslam.kernels import runtime
+
+    runtime.init("cpu", threads)
+    with tempfile.TemporaryDirectory() as folder:
+        loops = compile_loops(Path(folder))
+        return {**scoring(loops, threads), **matching(), **raycasting(loops, threads)}
+
+
+def scoring(loops: ctypes.CDLL | None, threads: int) -> dict[str, Any]:
+    """Lookups a second of ``score_poses``, the C loop and NumPy."""
+    from moteslam.kernels.scoring import score_poses
+
+    grid, points = scan_and_map()
+    floats = grid.astype(np.float32)
+    px, py = (np.ascontiguousarray(points[:, axis] / CELL, np.float32) for axis in (0, 1))
+    results: dict[str, Any] = {}
+    for n in (1000, 10_000):
+        generator = np.random.default_rng(n)
+        poses = generator.normal((50.0, 48.0, 0.0), (0.3, 0.3, 0.1), (n, 3))
+        cells = np.ascontiguousarray(poses / (CELL, CELL, 1), np.float32)
+        out, scores = np.empty(n, np.float32), np.empty(n, np.int32)
+
+        def kernel(poses: np.ndarray = poses, scores: np.ndarray = scores) -> np.ndarray:
+            return score_poses(grid, (0.0, 0.0), CELL, poses, points, out=scores)
+
+        def plain(cells: np.ndarray = cells, out: np.ndarray = out, n: int = n) -> np.ndarray:
+            assert loops is not None
+            loops.score(*pointers(floats), CELLS, CELLS, *pointers(cells), n, *pointers(px, py), BEAMS, *pointers(out))
+            return out
+
+        def twin(cells: np.ndarray = cells) -> np.ndarray:
+            c, s = np.cos(cells[:, 2:]), np.sin(cells[:, 2:])
+            col = np.clip((c * px - s * py + cells[:, :1]).astype(np.int32), 0, CELLS - 1)
+            row = np.clip((s * px + c * py + cells[:, 1:2]).astype(np.int32), 0, CELLS - 1)
+            return grid[row, col].sum(axis=1, dtype=np.int32)
+
+        contenders: dict[str, Callable[[], np.ndarray]] = {"moteslam": kernel}
+        if loops is not None:
+            contenders["c"] = plain
+        if threads == 1 and n == 1000:
+            contenders["numpy"] = twin
+        rates = {name: n * BEAMS / seconds / 1e6 for name, seconds in in_turns(contenders).items()}
+        hits = {name: float(np.mean(call())) / BEAMS for name, call in contenders.items()}
+        assert max(hits.values()) - min(hits.values()) < 1e-3, hits  # the same work: float32 rounds a few beams apart
+        results[f"scoring {n} x {BEAMS} [M lookups/s]"] = rates
+    return results
+
+
+def matching() -> dict[str, Any]:
+    """Time of ``match_poses``, 100 particles x 1081 beams x 5 x 5 x 5."""
+    from moteslam.kernels.matching import match_poses
+
+    grid, points = scan_and_map()
+    poses = np.random.default_rng(5).normal((50.0, 48.0, 0.0), (0.1, 0.1, 0.05), (400, 3))
+    offsets = np.array((-0.1, -0.05, 0.0, 0.05, 0.1))
+    seconds = in_turns(
+        {
+            "moteslam": lambda: match_poses(
+                grid, (0.0, 0.0), CELL, poses, points, offsets_xy=offsets, offsets_theta=offsets
+            )
+        }
+    )["moteslam"]
+    return {f"matching 5x5x5, {BEAMS} beams [thousand particles/s]": {"moteslam": len(poses) / seconds / 1e3}}
+
+
+def raycasting(loops: ctypes.CDLL | None, threads: int) -> dict[str, Any]:
+    """Exact rays a second in a world of 500 segments, from 200 poses of 1081 beams."""
+    from moteslam.kernels.raycast import build_buckets, cast_scans
+
+    segments = world()
+    buckets = build_buckets(segments)
+    generator = np.random.default_rng(3)
+    poses = np.column_stack((generator.uniform(10, 80, (200, 2)), generator.uniform(-np.pi, np.pi, 200)))
+    beams = np.linspace(np.radians(-135), np.radians(135), BEAMS)
+    rays = np.empty((len(poses), BEAMS, 3), np.float32)
+    rays[..., :2], rays[..., 2] = poses[:, None, :2], poses[:, 2:] + beams
+    flat = np.ascontiguousarray(segments, np.float32)
+    out = np.empty(rays.shape[:2], np.float32)
+
+    def kernel() -> np.ndarray:
+        return cast_scans(buckets, poses, beams, max_range=30.0)
+
+    def plain() -> np.ndarray:
+        assert loops is not None
+        loops.cast_all(*pointers(flat), len(flat), *pointers(rays), out.size, ctypes.c_float(30.0), *pointers(out))
+        return out
+
+    contenders: dict[str, Callable[[], np.ndarray]] = {"moteslam": kernel}
+    if loops is not None and threads == 1:
+        contenders["c, every segment"] = plain
+    rates = {name: out.size / seconds / 1e6 for name, seconds in in_turns(contenders, 5).items()}
+    exact = kernel()
+    hit = np.isfinite(exact)
+    return {
+        "raycasting, 500 segments [M rays/s]": rates,
+        "raycasting world": {"mean range of hits [m]": float(exact[hit].mean()), "hits": float(hit.mean())},
+    }
+
+
+def pointers(*arrays: np.ndarray) -> list[ctypes.c_void_p]:
+    """The addresses of arrays."""
+    return [ctypes.c_void_p(array.ctypes.data) for array in arrays]
+
+
+def main() -> None:
+    """Measure in processes of their own, print, and write the result file."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n", maxsplit=1)[0])
+    parser.add_argument("--out", type=Path)
+    parser.add_argument("--threads", type=int, help="measure in this process and print JSON")
+    options = parser.parse_args()
+    if options.threads:
+        print(json.dumps(measure(options.threads)))
+        return
+    runs: dict[int, list[dict[str, Any]]] = {1: [], 2: []}
+    for _ in range(ROUNDS):
+        for threads, kept in runs.items():
+            command = [sys.executable, __file__, "--threads", str(threads)]
+            kept.append(json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout))
+    figures = {
+        str(threads): {
+            task: {name: statistics.median(run[task][name] for run in kept) for name in kept[0][task]}
+            for task in kept[0]
+        }
+        for threads, kept in runs.items()
+    }
+    one, two = figures["1"], figures["2"]
+    ratios = {f"{task}: two threads / one": two[task]["moteslam"] / one[task]["moteslam"] for task in one
+              if "moteslam" in one[task]}  # fmt: skip
+    for threads, table in figures.items():
+        for task, rates in table.items():
+            if "c" in rates:
+                ratios[f"{task}, {threads} threads: moteslam / C loop"] = rates["moteslam"] / rates["c"]
+    for threads, table in figures.items():
+        for task, rates in table.items():
+            print(f"{threads} threads  {task}: " + ", ".join(f"{name} {rate:.4g}" for name, rate in rates.items()))
+    for what, ratio in ratios.items():
+        print(f"{what}: {ratio:.2f}")
+    if options.out:
+        result = {
+            "date": date.today().isoformat(),
+            "hardware": {"machine": platform.machine(), "cpu": cpu_name(), "cores": os.cpu_count()},
+            "compiler": compiler(),
+            "versions": {name: version(name) for name in ("moteslam", "taichi", "numpy")},
+            "figures by threads": figures,
+            "ratios": ratios,
+        }
+        options.out.parent.mkdir(parents=True, exist_ok=True)
+        options.out.write_text(json.dumps(result, indent=1) + "\n")
+
+
+def cpu_name() -> str:
+    """What the processor calls itself."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        return platform.processor()
+    return next((line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")), "")
+
+
+def compiler() -> str:
+    """The C compiler and its flags, or that there is none."""
+    if shutil.which("gcc") is None:
+        return "none"
+    name = subprocess.run(["gcc", "--version"], check=True, capture_output=True, text=True).stdout.splitlines()[0]
+    return f"{name} {' '.join(FLAGS)}"
+
+
+if __name__ == "__main__":
+    main()
