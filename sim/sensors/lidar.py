@@ -50,10 +50,7 @@ def simulate_lidar(
     Returns:
         ranges float32 [n, 1081]: ``inf`` beyond 30 m, ``nan`` below 0.1 m and where a beam was lost.
     """
-    try:
-        from moteslam.kernels.raycast import build_buckets, cast_rays
-    except ImportError:
-        from moteslam.sim.sensors._casting import build_buckets, cast_rays
+    from moteslam.kernels.raycast import build_buckets, cast_rays  # imports Taichi
 
     times, stamps = readings(LIDAR_RATE, *span, noise.clock, rng)
     buckets = build_buckets(world.segments)
