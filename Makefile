@@ -64,7 +64,7 @@ lint: .venv-lint/.stamp .venv-lint/.links ## style, types and floors
 	$(LINT)/lint-imports --no-logo
 
 bench: .venv/.stamp ## the benchmarks, ratios measured side by side in one run
-	@set -e; for script in benchmarks/bench_*.py; do echo "== $$script"; .venv/bin/python $$script; done
+	@set -e; for script in benchmarks/*.py; do echo "== $$script"; .venv/bin/python $$script; done
 
 clean: ## remove what the targets made: environments, caches, builds, demo/
 	rm -rf .venv .venv-lint build dist moteslam.egg-info demo

@@ -24,7 +24,7 @@ __all__ = ["SegmentBuckets", "build_buckets", "cast_rays", "cast_scans"]
 
 
 @func
-def _wall_range(x0: F32, y0: F32, x1: F32, y1: F32, c: F32, s: F32, slack: F32):  # type: ignore[no-untyped-def]
+def _wall_range(x0: F32, y0: F32, x1: F32, y1: F32, c: F32, s: F32, slack: F32):
     """How far along (c, s) from (0, 0) the wall from (x0, y0) to (x1, y1) is hit, infinity if it is not [m]."""
     side0, side1 = c * y0 - s * x0, c * y1 - s * x1
     along0, along1 = c * x0 + s * y0, c * x1 + s * y1
@@ -42,7 +42,7 @@ def _wall_range(x0: F32, y0: F32, x1: F32, y1: F32, c: F32, s: F32, slack: F32):
 
 
 @func
-def _cast(  # type: ignore[no-untyped-def]
+def _cast(
     starts: template, walls: template, size: F32, columns: I32, rows: I32, slack: F32, x: F64, y: F64, c: F32, s: F32,
     max_range: F32,
 ):  # fmt: skip
@@ -97,7 +97,7 @@ def _cast(  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _cast_rays(  # type: ignore[no-untyped-def]
+def _cast_rays(
     starts: I32_1D, walls: F32_2D, size: F32, columns: I32, rows: I32, slack: F32, x0: F64, y0: F64,
     origins: F64_2D, directions: F32_2D, max_range: F32, out: F32_1D,
 ):  # fmt: skip
@@ -109,7 +109,7 @@ def _cast_rays(  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _cast_scans(  # type: ignore[no-untyped-def]
+def _cast_scans(
     starts: I32_1D, walls: F32_2D, size: F32, columns: I32, rows: I32, slack: F32, x0: F64, y0: F64,
     origins: F64_2D, headings: F32_2D, beams: F32_2D, max_range: F32, out: F32_2D,
 ):  # fmt: skip
@@ -174,9 +174,7 @@ def cast_scans(
     runtime()
     if out.size:
         origins = np.ascontiguousarray(poses[:, :2])
-        _cast_scans(
-            *_arguments(buckets), origins, directions_of(poses[:, 2]), directions_of(beams), max_range, out
-        )
+        _cast_scans(*_arguments(buckets), origins, directions_of(poses[:, 2]), directions_of(beams), max_range, out)
     return out
 
 

@@ -124,7 +124,7 @@ def _against_trajectory(
         all_pairs=all_pairs,
         max_difference=apart,
     )
-    rows = [("error", "count", "RMSE", "mean", "median", "std", "max")]
+    rows: list[tuple[str, ...]] = [("error", "count", "RMSE", "mean", "median", "std", "max")]
     for name, along, turn in (
         ("ATE" if align else "ATE, not aligned", ate.translation, ate.rotation),
         (f"RPE over {delta:g} {unit}", rpe.translation, rpe.rotation),

@@ -92,7 +92,7 @@ def run_into(
 
 def score_table(scores: Scores) -> str:
     """The scores as a small table: ATE in centimetres and degrees, drift in centimetres a metre."""
-    rows = [("", "ATE RMSE", "median", "max", "heading RMSE", "drift")]
+    rows: list[tuple[str, ...]] = [("", "ATE RMSE", "median", "max", "heading RMSE", "drift")]
     for name, score in (
         ("dead reckoning", scores.dead_reckoning),
         ("SLAM (online)", scores.online),

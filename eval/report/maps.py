@@ -32,7 +32,7 @@ def map_image(log_odds: NDArray[np.float32]) -> NDArray[np.uint8]:
     """
     belief = np.tanh(np.asarray(log_odds, np.float64)[::-1] / 2)  # 2 p - 1: -1 free, 0 unknown, 1 occupied
     grey = UNKNOWN + np.where(belief < 0, (UNKNOWN - FREE) * belief, (OCCUPIED - UNKNOWN) * belief)
-    return np.rint(grey).astype(np.uint8)
+    return np.asarray(np.rint(grey), np.uint8)
 
 
 def trinary_image(log_odds: NDArray[np.float32]) -> NDArray[np.uint8]:

@@ -76,20 +76,22 @@ def draw_over_time(
     columns = min(len(snapshots), 3 if height < 2 * width else 6)
     rows = -(-len(snapshots) // columns)
     panel_height = min(max(11.0 / columns * height / width, 1.6), 8.0)
-    with style.saved_figure(path, size=(11.0, rows * (panel_height + 0.35) + 1.0)) as figure:
+    with style.saved_figure(path, size=(11.0, rows * (panel_height + 0.25) + 0.9)) as figure:
         grid = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
         for axes, snapshot in zip(grid.flat, snapshots, strict=False):
             until = trajectory.poses[: snapshot.index + 1]
             _draw_map(axes, snapshot.map)
             axes.plot(until[:, 0], until[:, 1], color=style.SLAM, lw=1.1, label="SLAM, as known then")
-            axes.plot(*until[-1, :2], "o", color=style.DEAD_RECKONING, ms=4, label="robot")
+            axes.plot(*until[-1, :2], "o", color="black", ms=4, label="robot")
             axes.set_title(f"{snapshot.stamp - trajectory.stamps[0]:.0f} s")
             style.plan(axes, labels=False)
         for axes in list(grid.flat)[len(snapshots) :]:
             axes.set_visible(False)
         style.show_everything(grid[0, 0], points, margin=0.5)
-        figure.supxlabel("x [m]", fontsize=9)
-        figure.supylabel("y [m]", fontsize=9)
+        for axes in grid[-1]:
+            axes.set_xlabel("x [m]")
+        for axes in grid[:, 0]:
+            axes.set_ylabel("y [m]")
         style.legend_below(figure, grid[0, 0])
         style.heading(figure, title)
 
@@ -115,9 +117,8 @@ def draw_dead_reckoning(
     with style.saved_figure(path, size=style.plan_size(points)) as figure:
         axes = figure.subplots()
         if len(walls):
-            axes.plot(
-                walls[:, 0], walls[:, 1], ",", color="0.45", alpha=0.5, rasterized=True, label="endpoints of scans"
-            )
+            axes.plot(walls[:, 0], walls[:, 1], ",", color="0.45", alpha=0.5)
+            axes.plot([], [], ".", color="0.45", label="endpoints of scans")
         _draw_path(axes, trajectory, style.DEAD_RECKONING, width=1.4)
         axes.plot(*trajectory.poses[0, :2], "o", color="black", ms=4, label="start")
         axes.plot(*trajectory.poses[-1, :2], "s", color=style.DEAD_RECKONING, ms=5, label="end")
@@ -128,12 +129,18 @@ def draw_dead_reckoning(
 
 
 def draw_particles(
-    path: str | PathLike[str], paths: NDArray[np.float64], *, best: Trajectory | None = None, title: str = ""
+    path: str | PathLike[str],
+    stamps: NDArray[np.float64],
+    paths: NDArray[np.float64],
+    *,
+    best: Trajectory | None = None,
+    title: str = "",
 ) -> None:
     """The particles' paths, each as its ancestors drove it (figure 8): they spread, and resampling prunes them.
 
     Args:
         path: of the PNG.
+        stamps: [n] of the paths' poses [s].
         paths: [K, n, 3].
         best: drawn over them.
         title: over the figure.
@@ -142,20 +149,27 @@ def draw_particles(
         OutputError: it cannot be written.
     """
     chosen = np.unique(np.linspace(0, len(paths) - 1, min(len(paths), PARTICLES_DRAWN)).round().astype(int))
-    points = paths[chosen, :, :2].reshape(-1, 2)
-    with style.saved_figure(path, size=style.plan_size(points)) as figure:
-        axes = figure.subplots()
-        label = f"{len(chosen)} of {len(paths)} particles" if len(chosen) < len(paths) else f"{len(paths)} particles"
-        for k in chosen:
-            axes.plot(
-                paths[k, :, 0], paths[k, :, 1], color=style.PARTICLE, lw=0.7, alpha=0.6, label=label if k == 0 else None
-            )
-        if best is not None:
-            axes.plot(best.poses[:, 0], best.poses[:, 1], color=style.SLAM, lw=1.0, label="best particle")
-        axes.plot(*paths[0, 0, :2], "o", color="black", ms=4, label="start")
-        style.plan(axes)
-        style.show_everything(axes, points)
-        style.legend_below(figure, axes)
+    apart = np.flatnonzero((paths != paths[:1]).any(axis=(0, 2)))
+    parted = max(int(apart[0]) - 1, 0) if len(apart) else 0
+    parts = [(0, "the whole run")]
+    if parted:
+        parts.append((parted, "since their last common ancestor"))
+    label = f"{len(chosen)} of {len(paths)} particles" if len(chosen) < len(paths) else f"{len(paths)} particles"
+    width, height = style.plan_size(paths[chosen, :, :2], longest=6.0)
+    with style.saved_figure(path, size=(len(parts) * width, height)) as figure:
+        panels = figure.subplots(1, len(parts), squeeze=False)[0]
+        for axes, (first, name) in zip(panels, parts, strict=True):
+            for k in chosen:
+                along = paths[k, first:]
+                axes.plot(along[:, 0], along[:, 1], color=style.PARTICLE, lw=0.8, label=label if k == 0 else None)
+            if best is not None:
+                whole = best.poses if first == 0 else best.poses[np.searchsorted(best.stamps, stamps[first]) :]
+                axes.plot(whole[:, 0], whole[:, 1], color=style.SLAM, lw=1.0, label="best particle")
+            axes.plot(*paths[0, first, :2], "o", color="black", ms=4, label="start")
+            axes.set_title(name)
+            style.plan(axes)
+            style.show_everything(axes, paths[chosen, first:, :2], margin=0.3)
+        style.legend_below(figure, panels[0])
         style.heading(figure, title)
 
 

@@ -8,7 +8,7 @@ import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from os import PathLike
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +24,7 @@ SLAM, TRUTH, DEAD_RECKONING, PARTICLE = "#0072B2", "#009E73", "#D55E00", "#56B4E
 
 LABELS = {SLAM: "SLAM", TRUTH: "truth", DEAD_RECKONING: "dead reckoning"}
 
-_SETTINGS = {
+_SETTINGS: dict[Any, Any] = {
     "font.size": 9,
     "axes.titlesize": 9,
     "axes.grid": False,
