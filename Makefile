@@ -73,12 +73,12 @@ clean: ## remove what the targets made: environments, caches, builds, demo/
 
 .venv/.stamp: pyproject.toml constraints.txt
 	$(call environment,.venv)
-	@.venv/bin/python -m pip install $(PIP_FLAGS) --no-build-isolation --editable '.[test]'
+	@PYTHONWARNINGS=ignore .venv/bin/python -m pip install $(PIP_FLAGS) --no-build-isolation --editable '.[test]'
 	@touch $@
 
 .venv-lint/.stamp: pyproject.toml constraints.txt
 	$(call environment,.venv-lint)
-	@$(LINT)/python -m pip install $(PIP_FLAGS) --no-build-isolation --editable '.[dev]' \
+	@PYTHONWARNINGS=ignore $(LINT)/python -m pip install $(PIP_FLAGS) --no-build-isolation --editable '.[dev]' \
 	    --config-settings editable_mode=strict
 	@rm -f .venv-lint/.links .venv-lint/.files
 	@touch $@
@@ -86,7 +86,7 @@ clean: ## remove what the targets made: environments, caches, builds, demo/
 # mypy and import-linter see the modules through a tree of links to the files, which knows the files that were
 # there when it was made: made anew when the list of files changes
 .venv-lint/.links: .venv-lint/.files
-	@$(LINT)/python -m pip install $(PIP_FLAGS) --no-build-isolation --no-deps --editable . \
+	@PYTHONWARNINGS=ignore $(LINT)/python -m pip install $(PIP_FLAGS) --no-build-isolation --no-deps --editable . \
 	    --config-settings editable_mode=strict
 	@touch $@
 
