@@ -16,7 +16,7 @@ from moteslam.errors import InputError
 from moteslam.kernels.checks import LARGEST, as_finite
 from moteslam.kernels.runtime import runtime, ti
 from moteslam.kernels.scoring import cell_along, check_grid, frames_of, scan_of, words_of
-from moteslam.kernels.types import F32_2D, I32, I32_1D, I32_2D, I64_1D, func, kernel
+from moteslam.kernels.types import F32_2D, I32, I32_1D, I32_2D, U64_1D, func, kernel
 
 SPAN = 5
 """Shifts the window search can tell apart along each axis."""
@@ -74,14 +74,14 @@ def _search(
 
 
 @func
-def _nibble(word: I32):
-    """Four bits of four bytes that are 0 or 1: the multiplication moves each to its place at the top."""
-    return ti.cast(ti.cast(word, ti.u32) * ti.u32(0x10204080) >> ti.u32(28), ti.i64)
+def _nibble(word: I32):  # type: ignore[no-untyped-def]
+    """Four bits of four bytes that are 0 or 1."""
+    return ti.cast((word | (word >> 7) | (word >> 14) | (word >> 21)) & 15, ti.u64)
 
 
 @kernel
 def _build_windows(
-    words: I32_1D, width: I32, height: I32, row: I32, col: I32, columns: I32, windows: I64_1D, more: I32_1D
+    words: I32_1D, width: I32, height: I32, row: I32, col: I32, columns: I32, windows: U64_1D, more: I32_1D
 ):
     """The windows of the box of cells that begins at (col, row), multiples of 4; ``more`` tells of cells above 1."""
     stride = width // 4
@@ -91,13 +91,13 @@ def _build_windows(
             left = (col >> 2) + k
             right = left + 1
             at_left, at_right = ti.min(ti.max(left, 0), stride - 1), ti.min(ti.max(right, 0), stride - 1)
-            bits = ti.i64(0)
+            bits = ti.u64(0)
             for j in ti.static(range(8)):
                 start = ti.min(ti.max(row + 4 * r + j, 0), height - 1) * stride  # outside: the zero border
                 a = ti.select(left == at_left, words[start + at_left], 0)
                 b = ti.select(right == at_right, words[start + at_right], 0)
                 others |= a | b
-                bits |= (_nibble(a) | (_nibble(b) << ti.i64(4))) << ti.i64(8 * j)
+                bits |= (_nibble(a) | (_nibble(b) << ti.u64(4))) << ti.u64(8 * j)
             windows[r * columns + k] = bits
         if others & ~0x01010101:
             more[0] = 1
@@ -105,7 +105,7 @@ def _build_windows(
 
 @kernel
 def _search_windows(
-    windows: I64_1D, row: I32, col: I32, columns: I32, last_row: I32, last_col: I32, low: I32, frames: F32_2D,
+    windows: U64_1D, row: I32, col: I32, columns: I32, last_row: I32, last_col: I32, low: I32, frames: F32_2D,
     scan: F32_2D, corners: I32_1D, rank: I32_1D, scores: I32_1D, best: I32_1D,
 ):  # fmt: skip
     """All shifts of a heading at once; ``low`` is the smallest shift, ``corners`` where a place is in the window."""
@@ -119,23 +119,23 @@ def _search_windows(
         for h in range(headings):
             f = i * headings + h
             c, s, x, y = frames[f, 0], frames[f, 1], frames[f, 2], frames[f, 3]
-            even, odd = ti.Vector([0] * SPAN, dt=ti.i64), ti.Vector([0] * SPAN, dt=ti.i64)
+            even, odd = ti.Vector([0] * SPAN, dt=ti.u64), ti.Vector([0] * SPAN, dt=ti.u64)
             for block in range((beams + BLOCK - 1) // BLOCK):
-                count = ti.Vector([0] * SPAN, dt=ti.i64)
+                count = ti.Vector([0] * SPAN, dt=ti.u64)
                 for b in range(block * BLOCK, ti.min((block + 1) * BLOCK, beams)):
                     across = cell_along(c * scan[0, b], -(s * scan[1, b]), x, low_col, high_col) + low - col
                     up = cell_along(s * scan[0, b], c * scan[1, b], y, low_row, high_row) + low - row
                     window = windows[(up >> 2) * columns + (across >> 2)]
-                    window = window >> ti.cast(((up & 3) << 3) + (across & 3), ti.i64)
+                    window = window >> ti.cast(((up & 3) << 3) + (across & 3), ti.u64)
                     for j in ti.static(range(SPAN)):
-                        count[j] += (window >> ti.i64(j)) & ti.i64(ROW_BITS)
-                even += count & ti.i64(EVEN_BYTES)
-                odd += (count >> ti.i64(8)) & ti.i64(EVEN_BYTES)
+                        count[j] += (window >> ti.u64(j)) & ti.u64(ROW_BITS)
+                even += count & ti.u64(EVEN_BYTES)
+                odd += (count >> ti.u64(8)) & ti.u64(EVEN_BYTES)
             total = ti.Vector([0] * (SPAN * SPAN), dt=ti.i64)
             for j in ti.static(range(SPAN)):
                 for r in ti.static(range(SPAN)):
                     half = odd[j] if ti.static(r % 2) else even[j]
-                    total[r * SPAN + j] = (half >> ti.i64(16 * (r // 2))) & ti.i64(0xFFFF)
+                    total[r * SPAN + j] = ti.cast((half >> ti.u64(16 * (r // 2))) & ti.u64(0xFFFF), ti.i64)
             for p in range(places):
                 v = p * headings + h
                 top = ti.max(top, total[corners[p]] * rank.shape[0] + (rank.shape[0] - 1 - rank[v]))
@@ -233,7 +233,7 @@ def _match_windows(
     low = int(whole.min())
     (col, last_col), (row, last_row) = _box(frames, scan, low, width, height)
     columns, rows = (last_col - col) // 4 + 1, (last_row - row) // 4 + 1
-    windows, more = np.empty(columns * rows, np.int64), np.zeros(1, np.int32)
+    windows, more = np.empty(columns * rows, np.uint64), np.zeros(1, np.int32)
     _build_windows(words, width, height, row, col, columns, windows, more)
     if more[0]:
         return False

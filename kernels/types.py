@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 from moteslam.kernels.runtime import ti
 
 __all__ = [
-    "F32", "F32_1D", "F32_2D", "F64", "F64_1D", "F64_2D", "I16_1D", "I32", "I32_1D", "I32_2D", "I64", "I64_1D",
-    "U8_1D", "U32", "U32_2D", "func", "kernel", "template",
+    "F32", "F32_1D", "F32_2D", "F64", "F64_1D", "F64_2D", "I16_1D", "I32", "I32_1D", "I32_2D", "U8_1D", "U32",
+    "U32_2D", "U64_1D", "func", "kernel", "template",
 ]  # fmt: skip
 
 if TYPE_CHECKING:
@@ -44,7 +44,7 @@ if TYPE_CHECKING:
         return function
 else:
     kernel, func, template = ti.kernel, ti.func, ti.template()
-    F32, F64, I32, I64, U32 = ti.f32, ti.f64, ti.i32, ti.i64, ti.u32
+    F32, F64, I32, U32 = ti.f32, ti.f64, ti.i32, ti.u32
     F32_1D = ti.types.ndarray(dtype=ti.f32, ndim=1)
     F32_2D = ti.types.ndarray(dtype=ti.f32, ndim=2)
     F64_1D = ti.types.ndarray(dtype=ti.f64, ndim=1)
@@ -52,6 +52,6 @@ else:
     I16_1D = ti.types.ndarray(dtype=ti.i16, ndim=1)
     I32_1D = ti.types.ndarray(dtype=ti.i32, ndim=1)
     I32_2D = ti.types.ndarray(dtype=ti.i32, ndim=2)
-    I64_1D = ti.types.ndarray(dtype=ti.i64, ndim=1)
     U8_1D = ti.types.ndarray(dtype=ti.u8, ndim=1)
     U32_2D = ti.types.ndarray(dtype=ti.u32, ndim=2)
+    U64_1D = ti.types.ndarray(dtype=ti.u64, ndim=1)
