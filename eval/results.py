@@ -109,6 +109,7 @@ def draw_figures(
     if len(estimate.particle_stamps):
         plans.draw_particles(
             folder / "particles.png",
+            estimate.particle_stamps,
             estimate.particle_paths,
             best=estimate.trajectory_final,
             title=f"{name}: paths of the particles",

@@ -149,11 +149,7 @@ def draw_particles(
         OutputError: it cannot be written.
     """
     chosen = np.unique(np.linspace(0, len(paths) - 1, min(len(paths), PARTICLES_DRAWN)).round().astype(int))
-    apart = np.flatnonzero((paths != paths[:1]).any(axis=(0, 2)))
-    parted = max(int(apart[0]) - 1, 0) if len(apart) else 0
-    parts = [(0, "the whole run")]
-    if parted:
-        parts.append((parted, "since their last common ancestor"))
+    parts = [(0, "the whole run"), (9 * len(stamps) // 10, "its last tenth")]
     label = f"{len(chosen)} of {len(paths)} particles" if len(chosen) < len(paths) else f"{len(paths)} particles"
     width, height = style.plan_size(paths[chosen, :, :2], longest=6.0)
     with style.saved_figure(path, size=(len(parts) * width, height)) as figure:
