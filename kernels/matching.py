@@ -74,7 +74,7 @@ def _search(
 
 
 @func
-def _nibble(word: I32):  # type: ignore[no-untyped-def]
+def _nibble(word: I32):
     """Four bits of four bytes that are 0 or 1."""
     return ti.cast((word | (word >> 7) | (word >> 14) | (word >> 21)) & 15, ti.u64)
 

@@ -28,11 +28,10 @@ if TYPE_CHECKING:
     I32: TypeAlias = int
     I32_1D: TypeAlias = NDArray[np.int32]
     I32_2D: TypeAlias = NDArray[np.int32]
-    I64: TypeAlias = int
-    I64_1D: TypeAlias = NDArray[np.int64]
     U8_1D: TypeAlias = NDArray[np.uint8]
     U32: TypeAlias = int
     U32_2D: TypeAlias = NDArray[np.uint32]
+    U64_1D: TypeAlias = NDArray[np.uint64]
     template: TypeAlias = Any
 
     def kernel(function: Callable[..., Any]) -> Callable[..., Any]:
