@@ -23,14 +23,14 @@ def cell_along(a: F32, b: F32, shift: F32, first: F32, last: F32):
 
 @kernel
 def _score_poses(words: I32_1D, width: I32, height: I32, frames: F32_2D, scan: F32_2D, out: I32_1D):
-    last_col, last_row = ti.cast(width - 1, ti.f32), ti.cast(height - 1, ti.f32)
     for i in range(frames.shape[0]):
         c, s, x, y = frames[i, 0], frames[i, 1], frames[i, 2], frames[i, 3]
         total = 0
         for b in range(scan.shape[1]):
-            col = cell_along(c * scan[0, b], -(s * scan[1, b]), x, ti.f32(0.0), last_col)
-            row = cell_along(s * scan[0, b], c * scan[1, b], y, ti.f32(0.0), last_row)
-            cell = row * width + col
+            # the cast truncates where floor is meant: they differ left of the grid alone, where both read the border
+            col = ti.cast(c * scan[0, b] - s * scan[1, b] + x, ti.i32)
+            row = ti.cast(s * scan[0, b] + c * scan[1, b] + y, ti.i32)
+            cell = ti.min(ti.max(row, 0), height - 1) * width + ti.min(ti.max(col, 0), width - 1)
             total += (words[cell >> 2] >> ((cell & 3) << 3)) & 255
         out[i] = total
 
