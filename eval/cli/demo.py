@@ -15,7 +15,7 @@ def demo(
     out: Annotated[Path, typer.Option(help=options.OUT)] = Path("demo"),
     scenario: Annotated[str, typer.Option(metavar="NAME", help="Scenario to drive.")] = "corridor",
     duration: Annotated[
-        float | None, typer.Option(min=5, metavar="S", help="Stop the drive after so many seconds.")
+        float | None, typer.Option(min=12, metavar="S", help="Stop the drive after so many seconds.")
     ] = None,
     preset: options.Preset = None,
     config: options.ConfigFile = None,

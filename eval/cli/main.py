@@ -71,7 +71,7 @@ def run(arguments: list[str]) -> int:
     try:
         code = app(args=arguments, prog_name="moteslam", standalone_mode=False)
         sys.stdout.flush()
-    except BrokenPipeError:
+    except (BrokenPipeError, SystemExit):  # Typer makes the one of the other
         return _closed_pipe()
     except (Interrupted, KeyboardInterrupt) as error:
         note("interrupted, nothing was left behind")

@@ -1,0 +1,85 @@
+"""A small simulated recording, a run over it, and the program run as a user runs it."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+Program = Callable[..., subprocess.CompletedProcess[str]]
+
+
+ROOM = """
+description = "one room with a box in it"
+[route]
+waypoints = [[0.0, 0.0], [3.0, 0.0], [3.0, 1.5]]
+[[world.walls]]
+points = [[-2.0, -2.0], [6.0, -2.0], [6.0, 4.0], [-2.0, 4.0]]
+closed = true
+[[world.walls]]
+points = [[0.5, 2.0], [1.5, 2.0], [1.5, 3.0], [0.5, 3.0]]
+closed = true
+"""
+
+
+@pytest.fixture(scope="session")
+def scenario_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A scenario of a few seconds: a drive round a corner in one room."""
+    file = tmp_path_factory.mktemp("scenario") / "room.toml"
+    file.write_text(ROOM)
+    return file
+
+
+@pytest.fixture(scope="session")
+def program() -> Program:
+    """Run ``moteslam`` in a process of its own."""
+
+    def run(*arguments: object, cwd: Path, **environment: str) -> subprocess.CompletedProcess[str]:
+        return subprocess.run(
+            [sys.executable, "-m", "moteslam", *map(str, arguments)],
+            cwd=cwd,
+            env={**os.environ, "COLUMNS": "100", **environment},
+            capture_output=True,
+            text=True,
+            timeout=120,
+            check=False,
+        )
+
+    return run
+
+
+@pytest.fixture(scope="session")
+def simulation(scenario_file: Path):
+    """That drive: the recording and its truth."""
+    from moteslam.sim.scenario import load_scenario
+    from moteslam.sim.simulate import simulate
+
+    return simulate(load_scenario(scenario_file), 1)
+
+
+@pytest.fixture(scope="session")
+def simulated_folder(simulation, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The same on disk, in the UCSD layout."""
+    from moteslam.sim.simulate import write_simulation
+
+    folder = tmp_path_factory.mktemp("simulated")
+    write_simulation(folder, simulation)
+    return folder
+
+
+@pytest.fixture(scope="session")
+def run(simulation, taichi):
+    """SLAM over it, and the map at its stages."""
+    from moteslam.eval.report.snapshots import Snapshots
+    from moteslam.slam.config import resolve_config
+    from moteslam.slam.run import SlamSession
+
+    session = SlamSession(simulation.recording, resolve_config(settings=["particles=10"]), seed=1)
+    snapshots = Snapshots(session)
+    for update in session:
+        snapshots.look(update)
+    return session.estimate(), snapshots.kept

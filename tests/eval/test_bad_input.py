@@ -1,0 +1,232 @@
+"""Whatever is wrong: one line on stderr that names it, exit code 2, no traceback, nothing left behind."""
+
+from __future__ import annotations
+
+import json
+import os
+import resource
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from moteslam.eval.cli import main
+from moteslam.eval.cli.text import literal
+
+
+def refused(capsys: pytest.CaptureFixture[str], *arguments: object, code: int = 2) -> str:
+    """Run a command line that must be refused, and return its one line."""
+    assert main.run([str(argument) for argument in arguments]) == code
+    said = capsys.readouterr()
+    assert said.out == ""
+    assert said.err.startswith("moteslam: ")
+    assert said.err.count("\n") == 1
+    return said.err
+
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        ("bogus", "No such command 'bogus'"),
+        ("demo --bogus", "--bogus"),
+        ("demo --seed -1", "--seed"),
+        ("demo --seed x", "--seed"),
+        ("demo --seed 99999999999999999999", "--seed"),
+        ("demo --duration 1", "--duration"),
+        ("demo --scenario nowhere", "nowhere: no scenario of this name, expected one of"),
+        ("demo --preset none", "none: no such preset, expected one of"),
+        ("demo --set particles=0", "particles"),
+        ("demo --set particles=many", "particles"),
+        ("demo --set speed=1", "speed: unknown key, expected one of"),
+        ("demo --set map.size=1", "map.size: unknown key"),
+        ("demo --set particles", "expected key=value"),
+        ("demo --particles 0", "--particles"),
+        ("demo --threads 0", "--threads"),
+        ("demo --arch abacus", "abacus"),
+        ("demo --config absent.toml", "absent.toml: No such file"),
+        ("simulate corridor", "Missing option '--out'"),
+        ("simulate corridor --out x --seed -1", "--seed"),
+        ("simulate absent.toml --out x", "absent.toml: No such file"),
+        ("replay", "PATH"),
+        ("replay absent", "--out"),
+        ("replay absent --out x", "absent: No such file or directory, expected a recording"),
+        ("replay . --out x", "expected a UCSD folder"),
+        ("replay absent --out x --platform absent.toml", "absent.toml: No such file"),
+        ("inspect absent", "absent: No such file"),
+        ("inspect", "PATH"),
+        ("evaluate absent also", "absent: No such file"),
+        ("evaluate", "EST"),
+    ],
+)
+def test_one_line_and_exit_code_2(line: str, words: str, tmp_path: Path, monkeypatch, capsys) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert words in refused(capsys, *line.split())
+    assert not list(tmp_path.iterdir())
+
+
+def test_an_existing_out_is_refused_and_kept(tmp_path: Path, monkeypatch, capsys) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "demo").mkdir()
+    (tmp_path / "demo/mine").write_text("precious")
+    for line in ("demo", "simulate corridor --out demo"):
+        assert "demo: exists already" in refused(capsys, *line.split())
+    (tmp_path / "file").write_text("precious")
+    assert "is not a folder" in refused(capsys, "simulate", "corridor", "--out", "file", "--force")
+    assert (tmp_path / "demo/mine").read_text() == (tmp_path / "file").read_text() == "precious"
+    assert sorted(entry.name for entry in tmp_path.iterdir()) == ["demo", "file"]
+
+
+def test_evaluate_tells_bad_files_and_lines(tmp_path: Path, capsys) -> None:
+    good, late, bad, relations = (tmp_path / name for name in ("good", "late", "bad", "relations"))
+    good.write_text("".join(f"{t} {t} 0 0 0 0 0 1\n" for t in range(10)))
+    late.write_text("".join(f"{t + 100} {t} 0 0 0 0 0 1\n" for t in range(10)))
+    bad.write_text("1 2 3 4 5 6 7 8\n1 2 3\n")
+    relations.write_text("0 1 1 0 0 0 0 0.5\n")
+    assert f"{bad}:2: expected 8 finite numbers" in refused(capsys, "evaluate", bad, good)
+    assert f"{late}: no stamps in common" in refused(capsys, "evaluate", good, late)
+    assert "holds relations, expected a TUM trajectory" in refused(capsys, "evaluate", relations, good)
+    assert "none of 1 relations" in refused(capsys, "evaluate", late, relations)
+    assert "delta: no stretch of 1000 m" in refused(capsys, "evaluate", good, good, "--delta", 1000)
+    assert "unit: unit 'feet'" in refused(capsys, "evaluate", good, good, "--unit", "feet")
+    assert "delta" in refused(capsys, "evaluate", good, good, "--delta", "nan")
+    assert "Is a directory" in refused(capsys, "evaluate", good, tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("name", "shown"),
+    [
+        ("[bold]red[red]", "[bold]red[red]"),
+        ("\x1b[31mred\x07", "\\x1b[31mred\\x07"),
+        ("two\nlines", "two\\nlines"),
+        ("{braces} %s", "{braces} %s"),
+    ],
+)
+def test_names_with_markup_and_escape_codes_are_printed_as_they_are(
+    name: str, shown: str, tmp_path: Path, monkeypatch, capsys
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    line = refused(capsys, "inspect", name)
+    assert line == f"moteslam: {shown}: No such file or directory, expected a recording\n"
+    assert "\x1b" not in refused(capsys, "evaluate", "one", "two", name)  # a usage error, told by Typer
+    Path(name).write_text("0 0 0 0 0 0 0 1\n1 1 0 0 0 0 0 1\n")
+    assert main.run(["evaluate", name, name]) == 0
+    assert capsys.readouterr().out.startswith(f"{shown} against {shown}\n")
+    assert main.run(["evaluate", name, name, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["estimate"] == name
+
+
+def test_a_name_that_is_no_text(tmp_path: Path) -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "moteslam", "inspect", b"caf\xe9"],
+        cwd=tmp_path,
+        capture_output=True,
+        check=False,
+        env={**os.environ, "PYTHONIOENCODING": "ascii"},
+    )
+    assert done.returncode == 2
+    assert done.stderr.startswith(b"moteslam: caf\\udce9: No such file")
+
+
+def test_literal_leaves_words_alone() -> None:
+    assert literal("Zürich 東京 [x] $a$ \\d") == "Zürich 東京 [x] $a$ \\d"
+    assert literal("a\u202eb\u2028\x9b") == "a\\u202eb\\u2028\\x9b"
+
+
+@pytest.mark.slow
+def test_a_full_disk(tmp_path: Path) -> None:
+    """A limit on the size of files stands for the full disk."""
+    done = subprocess.run(
+        [sys.executable, "-m", "moteslam", "simulate", "corridor", "--out", "robot"],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, 100_000)),
+    )
+    assert done.returncode == 2
+    assert done.stderr.startswith("moteslam: ")
+    assert "cannot be written: File too large" in done.stderr
+    assert done.stderr.count("\n") == 1
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_folder_that_cannot_be_written(tmp_path: Path, monkeypatch, capsys) -> None:
+    (tmp_path / "file").write_text("")
+    assert "cannot be made" in refused(capsys, "simulate", "corridor", "--out", tmp_path / "file" / "robot")
+
+    def read_only(*_args, **_keywords):
+        raise OSError(30, "Read-only file system")
+
+    monkeypatch.setattr("tempfile.mkdtemp", read_only)
+    line = refused(capsys, "simulate", "corridor", "--out", tmp_path / "robot")
+    assert f"{tmp_path / 'robot'}: cannot be made: Read-only file system" in line
+
+
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)], ids=["Ctrl-C", "SIGTERM"])
+def test_an_interrupt_leaves_nothing(number: int, code: int, tmp_path: Path) -> None:
+    process = subprocess.Popen(
+        [sys.executable, "-m", "moteslam", "demo", "--particles", "5000"],
+        cwd=tmp_path,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    deadline = time.monotonic() + 60
+    while not list(tmp_path.iterdir()) and time.monotonic() < deadline:
+        time.sleep(0.02)
+    assert [entry.suffix for entry in tmp_path.iterdir()] == [".partial"]
+    time.sleep(0.7)
+    process.send_signal(number)
+    out, err = process.communicate(timeout=60)
+    assert process.returncode == code, err
+    assert (out, err) == ("", "moteslam: interrupted, nothing was left behind\n")
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_closed_pipe_is_no_error(tmp_path: Path) -> None:
+    command = f"{sys.executable} -m moteslam scenarios | true; exit ${{PIPESTATUS[0]}}"
+    done = subprocess.run(["bash", "-c", command], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.stderr == ""
+    assert done.returncode in (0, main.CLOSED_PIPE)  # 0 where the pipe closed too late
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full on this system")
+def test_a_full_disk_behind_stdout(tmp_path: Path) -> None:
+    with Path("/dev/full").open("w") as full:
+        done = subprocess.run(
+            [sys.executable, "-m", "moteslam", "scenarios"],
+            stdout=full,
+            stderr=subprocess.PIPE,
+            text=True,
+            check=False,
+            cwd=tmp_path,
+        )
+    assert (done.returncode, done.stderr) == (2, "moteslam: No space left on device\n")
+
+
+def test_a_fault_of_ours_is_one_line_too(monkeypatch, capsys) -> None:
+    def broken() -> None:
+        raise ZeroDivisionError("by zero\nof all things")
+
+    monkeypatch.setattr("moteslam.sim.scenario.bundled_scenarios", broken)
+    line = refused(capsys, "scenarios", code=1)
+    assert "internal error: ZeroDivisionError: by zero\\nof all things; MOTESLAM_TRACEBACK=1" in line
+    monkeypatch.setenv("MOTESLAM_TRACEBACK", "1")
+    with pytest.raises(ZeroDivisionError):
+        main.run(["scenarios"])
+
+
+def test_a_truth_on_another_clock_is_left_out(simulated_folder: Path, tmp_path: Path, capsys, taichi) -> None:
+    import shutil
+
+    shutil.copytree(simulated_folder, tmp_path / "robot")
+    (tmp_path / "robot/truth.tum").write_text("0 0 0 0 0 0 0 1\n1 1 0 0 0 0 0 1\n")
+    arguments = ["replay", tmp_path / "robot", "--out", tmp_path / "x", "--particles", 5, "--threads", 2, "--json"]
+    assert main.run([str(argument) for argument in [*arguments, "--no-figures"]]) == 0
+    said = capsys.readouterr()
+    assert "no stamps in common" in said.err
+    assert json.loads(said.out)["scores"] is None
+    assert not (tmp_path / "x/truth.tum").exists()

@@ -1,0 +1,163 @@
+"""The program as a user meets it: what each command prints, and how it leaves."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from moteslam import __version__
+from moteslam.eval.cli.main import run as run_program
+from moteslam.robot.trajectory import read_tum
+
+HEAVY = {"numpy", "scipy", "matplotlib", "taichi", "cv2", "pymunk", "rich"}  # Typer itself loads some of Pydantic
+COMMANDS = ("demo", "simulate", "replay", "evaluate", "inspect", "scenarios")
+
+
+@pytest.mark.parametrize("command", ["", *COMMANDS])
+def test_help_is_instant_and_has_examples(command: str) -> None:
+    code = (
+        "import sys\nfrom moteslam.eval.cli.main import run\n"
+        f"code = run({[*command.split(), '--help']!r})\n"
+        f"loaded = sorted({HEAVY!r} & set(sys.modules))\n"
+        "loaded += [name for name in sys.modules if name.startswith(('moteslam.r', 'moteslam.s', 'moteslam.k'))]\n"
+        "assert code == 0 and not loaded, (code, loaded)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert "moteslam" in done.stdout
+    if command:
+        assert "Examples:" in done.stdout
+    else:
+        assert all(name in done.stdout for name in COMMANDS)
+
+
+def test_version(program, tmp_path: Path) -> None:
+    done = program("--version", cwd=tmp_path)
+    assert (done.returncode, done.stdout, done.stderr) == (0, f"moteslam {__version__}\n", "")
+
+
+def test_scenarios(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run_program(["scenarios"]) == 0
+    assert {"corridor", "hall", "loop", "office"} <= {line.split()[0] for line in capsys.readouterr().out.splitlines()}
+    assert run_program(["scenarios", "--json"]) == 0
+    assert "corridor" in json.loads(capsys.readouterr().out)
+
+
+@pytest.mark.parametrize("command", ["demo", "replay"])
+def test_print_config_reads_back(command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "mine.toml"
+    file.write_text("particles = 7\n[map]\ncell_size = 0.1\n")
+    arguments = [command, "--preset", "paper", "--config", str(file), "--set", "particles=8", "--print-config"]
+    assert run_program(arguments) == 0
+    printed = capsys.readouterr().out
+    values = tomllib.loads(printed)
+    assert (values["particles"], values["map"]["cell_size"]) == (8, 0.1)  # flag over file over preset
+    (tmp_path / "again.toml").write_text(printed)
+    assert run_program([command, "--config", str(tmp_path / "again.toml"), "--print-config", "--particles", "9"]) == 0
+    assert tomllib.loads(capsys.readouterr().out) == {**values, "particles": 9}
+    assert run_program([*arguments, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out) == values
+
+
+@pytest.mark.slow
+def test_simulate_then_replay_then_evaluate(program, scenario_file: Path, tmp_path: Path) -> None:
+    done = program("simulate", scenario_file, "--out", "robot", "--seed", 3, "--json", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["seed"] == 3
+
+    done = program("replay", "robot", "--out", "result", "--particles", 20, "--json", cwd=tmp_path)
+    assert (done.returncode, done.stderr) == (0, "")
+    summary = json.loads(done.stdout)
+    names = {file.name for file in (tmp_path / "result").iterdir()}
+    assert names == {
+        *("trajectory.tum", "trajectory_final.tum", "dead_reckoning.tum", "truth.tum"),
+        *("map.png", "map.pgm", "map.yaml", "metrics.json", "config.toml", "run.json"),
+        *("trajectories.png", "over_time.png", "dead_reckoning.png", "particles.png", "error.png"),
+        "effective_particles.png",
+    }
+    assert summary["scans"] == len(read_tum(tmp_path / "result/trajectory.tum"))
+    about = json.loads((tmp_path / "result/run.json").read_text())
+    assert about["seed"] == 0
+    assert about["versions"]["taichi"]
+    assert about["hardware"]["cores"] >= 1
+
+    done = program("evaluate", "result/trajectory.tum", "result/truth.tum", "--json", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    ate = json.loads(done.stdout)["ate"]
+    assert ate["translation_m"] == summary["scores"]["online"]["ate"]["translation_m"]
+    assert 0 < ate["translation_m"]["rmse"] < 0.1
+
+    done = program("replay", "robot", "--out", "result", cwd=tmp_path)
+    assert done.returncode == 2
+    assert done.stderr == "moteslam: result: exists already; name a new folder, or replace it with --force\n"
+    done = program("replay", "robot", "--out", "result", "--force", "--no-figures", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "ATE RMSE" in done.stdout
+    assert not (tmp_path / "result/error.png").exists()
+    assert sorted(entry.name for entry in tmp_path.iterdir()) == ["result", "robot"]
+
+
+@pytest.mark.slow
+def test_the_same_bytes_on_one_thread_and_on_two(program, simulated_folder: Path, tmp_path: Path) -> None:
+    for threads in (1, 2):
+        out = f"on{threads}"
+        done = program(
+            *("replay", simulated_folder, "--out", out, "--threads", threads, "--particles", 20, "--no-figures"),
+            cwd=tmp_path,
+        )
+        assert done.returncode == 0, done.stderr
+    for name in ("trajectory.tum", "trajectory_final.tum", "map.pgm"):
+        assert (tmp_path / "on1" / name).read_bytes() == (tmp_path / "on2" / name).read_bytes()
+
+
+def test_dead_reckoning_of_the_real_encoders(data_folder: Path, tmp_path: Path, capsys) -> None:
+    for sequence, distance in (("20", 95.9), ("21", 91.8)):
+        arguments = ["replay", str(data_folder / "ucsd"), "--sequence", sequence, "--dead-reckoning", "--json"]
+        assert run_program([*arguments, "--out", str(tmp_path / sequence)]) == 0
+        said = json.loads(capsys.readouterr().out)
+        assert said["distance_m"] == pytest.approx(distance, abs=0.5)
+        if sequence == "20":
+            assert (said["end"]["x_m"], said["end"]["y_m"]) == pytest.approx((-2.1, -1.9), abs=1.0)
+            assert said["end"]["heading_deg"] == pytest.approx(2.4, abs=5)
+        else:
+            assert said["end"]["heading_deg"] == pytest.approx(-53, abs=5)
+        assert len(read_tum(tmp_path / sequence / "dead_reckoning.tum")) == said["poses"]
+        assert (tmp_path / sequence / "dead_reckoning.png").exists()
+
+
+def test_dead_reckoning_needs_no_out(data_folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run_program(["replay", str(data_folder / "ucsd"), "--sequence", "20", "--dead-reckoning"]) == 0
+    assert "ends at x " in capsys.readouterr().out
+
+
+def test_inspect(simulated_folder: Path, data_folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run_program(["inspect", str(simulated_folder)]) == 0
+    assert "1081 beams over 270.0 deg" in capsys.readouterr().out
+    assert run_program(["inspect", str(data_folder / "ucsd"), "--sequence", "20", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["problems"][0].startswith("lidar: none")
+
+
+def test_evaluate_knows_relations_by_their_content(data_folder: Path, tmp_path: Path, capsys) -> None:
+    relations = tmp_path / "truth.tum"  # the name says nothing
+    relations.write_bytes((data_folder / "intel/intel_raw_part.relations").read_bytes())
+    trajectory = data_folder / "intel/intel_key_scans.reference.tum"
+    code = run_program(["evaluate", str(trajectory), str(relations), "--max-difference", "2", "--json"])
+    assert code == 0
+    said = json.loads(capsys.readouterr().out)
+    assert said["kind"] == "relations"
+    assert said["all"]["translation_m"]["count"] == said["matched"] > 100
+
+
+@pytest.mark.slow
+def test_demo(program, tmp_path: Path) -> None:
+    done = program("demo", "--duration", 20, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert done.stderr == ""  # quiet in a pipe
+    assert "dead reckoning" in done.stdout
+    scores = json.loads((tmp_path / "demo/metrics.json").read_text())["scores"]
+    assert scores["online"]["ate"]["translation_m"]["rmse"] < 0.2
