@@ -16,7 +16,7 @@ from moteslam.eval.report.snapshots import Snapshot
 from moteslam.eval.scores import Scores, score_estimate
 from moteslam.robot.files import write_atomically
 from moteslam.robot.recording import Recording
-from moteslam.robot.se2 import compose, inverse
+from moteslam.robot.se2 import between, compose
 from moteslam.robot.trajectory import Trajectory, write_tum
 from moteslam.slam.estimate import Estimate
 
@@ -86,8 +86,10 @@ def draw_figures(
 
     name = estimate.name
     in_map = None
-    if truth is not None and scores is not None:
-        in_map = Trajectory(truth.stamps, compose(inverse(scores.final.ate.transform), truth.poses))
+    if truth is not None:
+        # all paths from one start, where dead reckoning and SLAM know the pose for sure: what parts is drift
+        start = truth.at(estimate.trajectory_final.stamps[:1]).poses[0]
+        in_map = Trajectory(truth.stamps, compose(estimate.trajectory_final.poses[0], between(start, truth.poses)))
     plans.draw_trajectories(
         folder / "trajectories.png",
         estimate.map,

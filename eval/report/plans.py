@@ -35,7 +35,7 @@ def draw_trajectories(
     truth: Trajectory | None = None,
     title: str = "",
 ) -> None:
-    """The map, and on it the paths of the truth (laid on the map's frame), SLAM and dead reckoning.
+    """The map, and on it the paths of the truth (in the map's frame), SLAM and dead reckoning.
 
     Raises:
         OutputError: it cannot be written.
@@ -73,9 +73,9 @@ def draw_over_time(
     """
     points = np.concatenate([trajectory.poses[:, :2], _corners(snapshots[-1].map)])
     width, height = np.ptp(points, axis=0) + 1.0
-    columns = min(len(snapshots), 3 if height < 2 * width else 6)
+    columns = min(len(snapshots), 6 if height > 2 * width else 2 if height < 0.3 * width else 3)
     rows = -(-len(snapshots) // columns)
-    panel_height = min(max(11.0 / columns * height / width, 1.6), 8.0)
+    panel_height = min(max(11.0 / columns * height / width, 0.7), 8.0)
     with style.saved_figure(path, size=(11.0, rows * (panel_height + 0.25) + 0.9)) as figure:
         grid = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
         for axes, snapshot in zip(grid.flat, snapshots, strict=False):
