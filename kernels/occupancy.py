@@ -145,6 +145,6 @@ def _cells(name: str, cells: ArrayLike, shape: tuple[int | None, ...], grid: tup
     if array.size and array.dtype.kind not in "iu":
         raise InputError(f"{array.dtype}, expected integers (col, row)", field=name)
     last = np.array((grid[1] - 2, grid[0] - 2))
-    if array.size and ((array < 1) | (array > last)).any():
+    if array.ndim == len(shape) and array.shape[-1] == 2 and ((array < 1) | (array > last)).any():
         raise InputError(f"a cell outside the grid, expected 1..{last[0]}, 1..{last[1]}", field=name)
     return check_array(name, np.ascontiguousarray(array, np.int32), np.int32, shape)

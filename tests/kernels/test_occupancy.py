@@ -1,0 +1,104 @@
+"""The grid update against its twin, cell by cell."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from twins import grids
+
+from moteslam.errors import InputError
+from moteslam.kernels.occupancy import update_grid
+
+pytestmark = pytest.mark.usefixtures("taichi")
+
+STEP = {"hit": 7, "miss": 3, "limit": 20, "threshold": 6}
+
+
+def empty(height: int = 24, width: int = 32) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    shape = (height, width)
+    return np.zeros(shape, np.int16), np.zeros(shape, np.uint8), np.zeros(shape, np.int32)
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize(("per_ray", "guard"), [(False, 0), (True, 0), (False, 1), (False, 2)])
+@pytest.mark.parametrize("shape", [(3, 8), (31, 56), (64, 24)])
+def test_equals_the_twin(seed: int, per_ray: bool, guard: int, shape: tuple[int, int]) -> None:
+    generator = np.random.default_rng(seed)
+    log_odds, occupied, seen = empty(*shape)
+    high = (shape[1] - 1, shape[0] - 1)
+    for scan in range(1, 7):
+        start, ends = generator.integers(1, high), generator.integers(1, high, (generator.integers(0, 60), 2))
+        expected = grids.update_grid(
+            log_odds, start, ends, hit=7, miss=3, limit=20, guard=guard, per_ray=per_ray
+        )  # fmt: skip
+        update_grid(log_odds, occupied, seen, start, ends, **STEP, scan=scan, guard=guard, per_ray=per_ray)
+        np.testing.assert_array_equal(log_odds, expected)
+        np.testing.assert_array_equal(occupied, log_odds > STEP["threshold"])
+    assert not occupied[[0, -1]].any()
+    assert not occupied[:, [0, -1]].any()
+
+
+def test_a_scan_changes_a_cell_once_and_hits_win() -> None:
+    log_odds, occupied, seen = empty()
+    ends = [(10, 5), (10, 5), (20, 5)]  # the third ray runs over the end of the others
+    update_grid(log_odds, occupied, seen, (2, 5), ends, **STEP, scan=1)
+    assert log_odds[5].tolist() == [0, 0, *[-3] * 8, 7, *[-3] * 9, 7, *[0] * 11]
+    assert np.flatnonzero(occupied[5]).tolist() == [10, 20]
+
+
+def test_every_ray_counts_when_asked() -> None:
+    log_odds, occupied, seen = empty()
+    update_grid(log_odds, occupied, seen, (2, 5), [(4, 5), (4, 5), (6, 5)], **STEP, scan=1, per_ray=True)
+    assert log_odds[5, :8].tolist() == [0, 0, -9, -9, 11, -3, 7, 0]
+
+
+def test_log_odds_saturate() -> None:
+    log_odds, occupied, seen = empty()
+    for scan in range(1, 12):
+        update_grid(log_odds, occupied, seen, (2, 5), [(9, 5)], **STEP, scan=scan)
+    assert log_odds[5, 2:11].tolist() == [*[-20] * 7, 20, 0]
+
+
+def test_an_end_in_the_start_cell_is_a_hit() -> None:
+    log_odds, occupied, seen = empty()
+    update_grid(log_odds, occupied, seen, (2, 5), [(2, 5)], **STEP, scan=1)
+    assert log_odds[5, 2] == 7
+    assert np.count_nonzero(log_odds) == 1
+
+
+def test_an_empty_scan_changes_nothing() -> None:
+    log_odds, occupied, seen = empty()
+    update_grid(log_odds, occupied, seen, (2, 5), np.empty((0, 2), np.int32), **STEP, scan=1)
+    assert not log_odds.any()
+
+
+@pytest.mark.parametrize(
+    ("change", "field"),
+    [
+        ({"start": (0, 5)}, "start"),
+        ({"start": (2, 23)}, "start"),
+        ({"ends": [(31, 5)]}, "ends"),
+        ({"ends": [(5, -1)]}, "ends"),
+        ({"ends": [(5, 2**33)]}, "ends"),
+        ({"ends": [(5.0, 6.0)]}, "ends"),
+        ({"ends": [(5, 6, 7)]}, "ends"),
+        ({"hit": -1}, "hit"),
+        ({"limit": 40_000}, "limit"),
+        ({"scan": 0}, "scan"),
+        ({"scan": 2**31}, "scan"),
+        ({"guard": -1}, "guard"),
+        ({"log_odds": np.zeros((24, 32), np.int32)}, "log_odds"),
+        ({"occupied": np.zeros((24, 40), np.uint8)}, "occupied"),
+        ({"seen": np.zeros((32, 24), np.int32).T}, "seen"),
+    ],
+)
+def test_bad_input(change: dict[str, object], field: str) -> None:
+    log_odds, occupied, seen = empty()
+    arguments = {"log_odds": log_odds, "occupied": occupied, "seen": seen, "start": (2, 5), "ends": [(9, 9)], **STEP}
+    with pytest.raises(InputError, match=f"^{field}: "):
+        update_grid(**{**arguments, "scan": 1, **change})  # type: ignore[arg-type]
+
+
+def test_columns_come_in_eights() -> None:
+    with pytest.raises(InputError, match="30 columns"):
+        update_grid(*empty(24, 30), (2, 5), [(9, 9)], **STEP, scan=1)
