@@ -71,7 +71,8 @@ def build_buckets(segments: ArrayLike, *, size: float | None = None) -> SegmentB
     size = _default_size(lengths, high - low) if size is None else float(size)
     size = max(size, 1e-3 * extent, float(np.sqrt(np.prod(high - low) / (0.9 * MAX_BUCKETS))), 1e-6)
     slack = SLACK * max(extent, size)
-    margin = 1e-3 * size + 4 * slack  # a ray's own rounding may take it through the neighbour of a bucket's corner
+    # what a ray's way through the buckets can be off by: its sums of steps, one for each bucket, are rounded too
+    margin = 1e-3 * size + 4 * slack + 2.0**-22 * extent * extent / size
     corner = low - 2 * margin
     columns, rows = (int(n) for n in np.floor((high - corner + 2 * margin) / size) + 1)
     relative = ends - corner

@@ -1,0 +1,204 @@
+"""Ray casting against every segment tried in float64, and the cases where casters leak."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from twins import rays
+
+from moteslam.errors import InputError
+from moteslam.kernels import buckets as bucketing
+from moteslam.kernels.raycast import SegmentBuckets, build_buckets, cast_rays, cast_scans
+
+pytestmark = pytest.mark.usefixtures("taichi")
+
+ULP = 2.0**-23
+
+
+def random_world(seed: int, *, walls: int, extent: float, offset: float = 0.0) -> np.ndarray:
+    """Walls of all directions, some along the axes, up to a tenth of the extent long."""
+    generator = np.random.default_rng(seed)
+    start = generator.uniform(0, extent, (walls, 2)) + offset
+    angle = np.where(
+        generator.random(walls) < 0.5, np.pi / 2 * generator.integers(0, 4, walls), generator.uniform(0, 7, walls)
+    )
+    length = generator.uniform(0.01, 0.1, walls)[:, None] * extent
+    return np.hstack((start, start + length * np.column_stack((np.cos(angle), np.sin(angle)))))
+
+
+def assert_equals_the_twin(
+    buckets: SegmentBuckets, segments: np.ndarray, origins: np.ndarray, angles: np.ndarray, max_range: float
+) -> None:
+    ranges = cast_rays(buckets, origins, angles, max_range=max_range)
+    expected, sine = rays.cast_rays(segments, origins, angles, max_range=max_range)
+    extent = max(np.ptp(segments[:, 0::2]), np.ptp(segments[:, 1::2]))
+    hit = np.isfinite(expected) & np.isfinite(ranges)
+    # float32: coordinates to half an ulp of the extent, the direction to 2^-24; worse the flatter it meets the wall
+    bound = (4 * extent * ULP + max_range * ULP) / np.maximum(sine, 1e-3) + 4 * ULP * max_range
+    wrong = np.abs(ranges[hit] - expected[hit]) > bound[hit]
+    # a ray within the rounding of a wall's end may see it or not, and so may one whose wall is max_range away
+    assert wrong.sum() + (np.isfinite(expected) != np.isfinite(ranges)).sum() <= len(angles) / 1000
+    assert hit.mean() > 0.05
+    assert (ranges[np.isfinite(ranges)] <= max_range).all()
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize(("extent", "offset"), [(20.0, -10.0), (100.0, 0.0), (40.0, -7e5)])
+@pytest.mark.parametrize("size", [None, 0.9, 3.0, 200.0])
+def test_equals_the_twin(seed: int, extent: float, offset: float, size: float | None) -> None:
+    segments = random_world(seed, walls=120, extent=extent, offset=offset)
+    generator = np.random.default_rng(seed + 100)
+    origins = generator.uniform(-0.2 * extent, 1.2 * extent, (1500, 2)) + offset
+    angles = generator.uniform(-10, 10, 1500)
+    angles[:40] = np.pi / 2 * generator.integers(-4, 5, 40)
+    assert_equals_the_twin(build_buckets(segments, size=size), segments, origins, angles, 0.6 * extent)
+
+
+def test_scans_are_rays() -> None:
+    segments = random_world(7, walls=80, extent=30.0)
+    buckets = build_buckets(segments)
+    generator = np.random.default_rng(8)
+    poses = np.column_stack((generator.uniform(0, 30, (11, 2)), generator.uniform(-4, 4, 11)))
+    beams = np.linspace(-2.3, 2.3, 57)
+    scans = cast_scans(buckets, poses, beams, max_range=25.0)
+    origins, angles = np.repeat(poses[:, :2], 57, axis=0), (poses[:, 2:] + beams).ravel()
+    assert scans.dtype == np.float32
+    expected, sine = rays.cast_rays(segments, origins, angles, max_range=25.0)
+    both = np.isfinite(expected) & np.isfinite(scans.ravel())
+    close = np.abs(scans.ravel()[both] - expected[both]) <= 60 * 8 * ULP / np.maximum(sine[both], 1e-3)
+    assert close.mean() > 0.998
+    assert (np.isfinite(expected) == np.isfinite(scans.ravel())).mean() > 0.998
+    alike = cast_rays(buckets, origins, angles, max_range=25.0)
+    assert (np.isfinite(alike) == np.isfinite(scans.ravel())).mean() > 0.998
+
+
+def test_a_known_room() -> None:
+    room = build_buckets([(0, 0, 10, 0), (10, 0, 10, 6), (10, 6, 0, 6), (0, 6, 0, 0)])
+    ranges = cast_scans(room, [(4.0, 2.0, 0.0)], np.radians([0, 90, 180, 270, 45]), max_range=30.0)
+    np.testing.assert_allclose(ranges[0], [6, 4, 4, 2, 4 * np.sqrt(2)], rtol=2e-6)
+    assert np.isinf(cast_scans(room, [(4.0, 2.0, 0.0)], [0.0], max_range=5.99)).all()
+    assert np.isfinite(cast_scans(room, [(4.0, 2.0, 0.0)], [0.0], max_range=6.01)).all()
+
+
+@pytest.mark.parametrize("origin", [(-5.0, 3.0), (14.0, 3.0), (5.0, -4.0), (5.0, 11.0), (-3.0, -3.0)])
+def test_rays_from_outside_enter_the_world(origin: tuple[float, float]) -> None:
+    room = np.array([(0, 0, 10, 0), (10, 0, 10, 6), (10, 6, 0, 6), (0, 6, 0, 0)], np.float64)
+    angle = np.arctan2(3 - origin[1], 5 - origin[0])
+    expected, _ = rays.cast_rays(room, [origin], [angle], max_range=100.0)
+    ranges = cast_rays(build_buckets(room), [origin, origin], [angle, angle + np.pi], max_range=100.0)
+    assert ranges[0] == pytest.approx(expected[0], rel=1e-6)
+    assert np.isinf(ranges[1])
+
+
+def test_far_outside() -> None:
+    room = build_buckets([(0, 0, 10, 0), (10, 0, 10, 6)])
+    origins = [(-1e6, 3.0), (-1e6, 3.0), (-1e9, 0.0), (-50.0, 3.0)]
+    ranges = cast_rays(room, origins, [0, np.pi, 0, 0], max_range=2e6)
+    np.testing.assert_allclose(ranges, [1_000_010, np.inf, np.inf, 60])
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_no_ray_slips_between_walls_that_touch(seed: int) -> None:
+    """A closed ring of 2000 short walls at odd angles: from within, nothing gets out, least of all at the corners."""
+    generator = np.random.default_rng(seed)
+    turn = np.sort(generator.uniform(0, 2 * np.pi, 2000))
+    ring = np.column_stack((np.cos(turn), np.sin(turn))) * generator.uniform(20, 30, 2000)[:, None] + (71.3, -12.9)
+    segments = np.hstack((ring, np.roll(ring, -1, axis=0)))
+    start = np.array((71.0, -13.0)) + generator.uniform(-1, 1, (2000, 2))
+    to_corner = np.arctan2(ring[:, 1] - start[:, 1], ring[:, 0] - start[:, 0])
+    for size in (None, 1.7):
+        buckets = build_buckets(segments, size=size)
+        assert np.isfinite(cast_rays(buckets, start, to_corner, max_range=70.0)).all()
+        assert np.isfinite(cast_rays(buckets, start, generator.uniform(-4, 4, 2000), max_range=70.0)).all()
+
+
+def test_a_ray_through_the_corners_of_buckets_and_along_their_sides() -> None:
+    buckets = build_buckets([(0, 0, 0, 12), (0, 12, 12, 12), (12, 12, 12, 0), (12, 0, 0, 0)], size=1.0)
+    x, y = buckets.corner  # where four buckets meet, and along the side between two
+    origins = [(x + 3, y + 3), (x + 3, y + 3), (x + 3, y + 3.5), (x + 3.5, y + 3), (x + 3, y + 3)]
+    ranges = cast_rays(buckets, origins, [np.pi / 4, 5 * np.pi / 4, np.pi / 2, 0.0, np.pi], max_range=50.0)
+    expected = [np.sqrt(2) * (9 + -x), np.sqrt(2) * (3 + x), 8.5 - y, 8.5 - x, 3 + x]
+    np.testing.assert_allclose(ranges, expected, rtol=1e-5)
+
+
+def test_a_ray_along_a_wall_stops_at_its_end() -> None:
+    ranges = cast_rays(build_buckets([(2, 1, 5, 1), (0, 0, 0, 2)]), [(1.0, 1.0), (6.0, 1.0)], [0.0, np.pi], max_range=9)
+    np.testing.assert_allclose(ranges, [1, 1], rtol=1e-6)
+
+
+def test_nothing_to_cast() -> None:
+    buckets = build_buckets([(0, 0, 1, 0)])
+    assert cast_rays(buckets, np.empty((0, 2)), [], max_range=1.0).shape == (0,)
+    assert cast_scans(buckets, np.empty((0, 3)), [0.0], max_range=1.0).shape == (0, 1)
+    assert cast_scans(buckets, [(0, 0, 0)], [], max_range=1.0).shape == (1, 0)
+
+
+def test_a_huge_world_has_few_buckets() -> None:
+    buckets = build_buckets([(0, 0, 9e5, 1), (0, 9e5, 1, 9e5)], size=0.5)
+    assert buckets.columns * buckets.rows <= bucketing.MAX_BUCKETS
+    assert cast_rays(buckets, [(4.5e5, -20.0)], [np.pi / 2], max_range=50.0)[0] == pytest.approx(20.5, abs=0.5)
+
+
+def test_a_dense_world_has_small_buckets() -> None:
+    sparse = build_buckets(random_world(1, walls=50, extent=100.0))
+    dense = build_buckets(random_world(1, walls=5000, extent=100.0))
+    assert dense.size < sparse.size <= 4.0
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_every_wall_is_in_every_bucket_it_crosses(seed: int) -> None:
+    segments = random_world(seed, walls=60, extent=30.0, offset=-9.0)
+    buckets = build_buckets(segments, size=1.3)
+    share = np.linspace(0, 1, 2001)[:, None]
+    for segment in segments:
+        at = segment[:2] + share * (segment[2:] - segment[:2]) - buckets.corner
+        col, row = np.floor(at / buckets.size).astype(int).T
+        stored = np.float32(segment - np.tile(buckets.corner, 2))
+        for bucket in np.unique(row * buckets.columns + col):
+            inside = buckets.walls[buckets.starts[bucket] : buckets.starts[bucket + 1]]
+            assert (np.abs(inside - stored) < 1e-4).all(axis=1).any() or (
+                np.abs(inside - np.roll(stored, 2)) < 1e-4
+            ).all(axis=1).any()
+
+
+@pytest.mark.parametrize(
+    ("segments", "message"),
+    [
+        (np.empty((0, 4)), "segments: no segments"),
+        ([(0, 0, 1, 0), (2, 2, 2, 2)], "segments: segment 1 has no length"),
+        ([(0, 0, np.nan, 0)], "segments: a value that is not finite"),
+        ([(0, 0, 1)], "segments: float64"),
+        ([(0, 0, 1e7, 0)], "segments: 1e.07 m wide"),
+    ],
+)
+def test_bad_segments(segments: object, message: str) -> None:
+    with pytest.raises(InputError, match=f"^{message}"):
+        build_buckets(segments)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("size", [0.0, -1.0, np.nan, np.inf])
+def test_bad_size(size: float) -> None:
+    with pytest.raises(InputError, match=r"^size: "):
+        build_buckets([(0, 0, 1, 0)], size=size)
+
+
+@pytest.mark.parametrize(
+    ("origins", "angles", "max_range", "field"),
+    [
+        ([(0, 0)], [0.0, 1.0], 1.0, "angles"),
+        ([(0, 0, 0)], [0.0], 1.0, "origins"),
+        ([(0, np.inf)], [0.0], 1.0, "origins"),
+        ([(0, 0)], [np.nan], 1.0, "angles"),
+        ([(0, 0)], [0.0], 0.0, "max_range"),
+        ([(0, 0)], [0.0], np.nan, "max_range"),
+    ],
+)
+def test_bad_rays(origins: object, angles: object, max_range: float, field: str) -> None:
+    with pytest.raises(InputError, match=f"^{field}: "):
+        cast_rays(build_buckets([(0, 0, 1, 0)]), origins, angles, max_range=max_range)  # type: ignore[arg-type]
+
+
+def test_too_many_rays() -> None:
+    poses, beams = np.broadcast_to(0.0, (2**17, 3)), np.zeros(2**15)
+    with pytest.raises(InputError, match=r"^poses: 131072 x 32768 rays"):
+        cast_scans(build_buckets([(0, 0, 1, 0)]), poses, beams, max_range=1.0)
