@@ -1,0 +1,161 @@
+"""Every kernel on inputs that are always the same, to compare what comes out on other threads and other backends.
+
+``run_cases`` computes them in a process of its own, since Taichi can be set up once a process; run as a script this
+file is that process: ``kernel_cases.py ARCH THREADS RESULTS.npz``.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+CELL = 0.05
+ORIGIN = (-2.0, -1.0)
+ROOM = (12.0, 9.0)
+MAX_RANGE = 7.0
+Results = dict[str, NDArray[np.generic]]
+
+
+def run_cases(folder: Path, *, arch: str = "cpu", threads: int = 1) -> Results:
+    """The arrays that each kernel computes, by name; ``folder`` takes the cache and the results."""
+    out = folder / f"{arch}-{threads}.npz"
+    done = subprocess.run(
+        [sys.executable, __file__, arch, str(threads), str(out)],
+        env=os.environ | {"MOTESLAM_CACHE": str(folder / "cache")},
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
+    assert done.returncode == 0, done.stderr
+    with np.load(out) as arrays:
+        return dict(arrays)
+
+
+def compute() -> Results:
+    """All of them, with Taichi as it is set up in this process."""
+    groups = [motion, random_words, occupancy, scoring, matching, raycasting]
+    return {name: array for group in groups for name, array in group().items()}
+
+
+def motion() -> Results:
+    from moteslam.kernels.motion import sample_motion
+
+    poses = np.random.default_rng(1).uniform((-100, -100, -3.1), (100, 100, 3.1), (5000, 3))
+    for step in range(3):
+        sample_motion(poses, (0.3, 0.01, 0.2), (0.05, 0.02, 0.03), seed=2**40 + 7, step=step)
+    return {"sample_motion": poses}
+
+
+def random_words() -> Results:
+    from moteslam.kernels.rng import philox_words
+
+    words = np.random.default_rng(2).integers(0, 2**32, (3000, 6), np.uint32)
+    return {"philox_words": philox_words(words[:, :4], words[:, 4:])}
+
+
+def occupancy() -> Results:
+    from moteslam.kernels.occupancy import update_grid
+
+    results: Results = {}
+    for name, options in (("once", {"guard": 1}), ("per ray", {"per_ray": True})):
+        grid, flags, seen = (np.zeros((200, 256), t) for t in (np.int16, np.uint8, np.int32))
+        generator = np.random.default_rng(3)
+        for scan in range(1, 6):
+            ends = generator.integers((1, 1), (255, 199), (300, 2))
+            update_grid(
+                grid, flags, seen, generator.integers((100, 80), (130, 120)), ends,
+                hit=60, miss=25, limit=100, threshold=40, scan=scan, **options,
+            )  # fmt: skip
+        results |= {f"update_grid, {name}: log-odds": grid, f"update_grid, {name}: flags": flags}
+    return results
+
+
+def room_and_scan(seed: int) -> tuple[NDArray[np.uint8], NDArray[np.float64], NDArray[np.float64]]:
+    """A grid of walls and clutter, poses near the middle, and a scan of which some points leave the grid."""
+    generator = np.random.default_rng(seed)
+    grid = np.zeros((200, 256), np.uint8)
+    grid[20, 20:236] = grid[180, 20:236] = grid[20:181, 20] = grid[20:181, 235] = 1
+    grid[21:180, 21:235] = generator.random((159, 214)) < 0.08
+    angles = np.linspace(-2.3, 2.3, 181)
+    ranges = generator.uniform(1.0, 7.0, len(angles))
+    poses = np.array((4.0, 4.0, 0.0)) + generator.normal(0, (0.6, 0.6, 0.8), (5000, 3))
+    return grid, poses, np.stack((ranges * np.cos(angles), ranges * np.sin(angles)), axis=-1)
+
+
+def scoring() -> Results:
+    from moteslam.kernels.scoring import score_poses
+
+    grid, poses, points = room_and_scan(4)
+    return {"score_poses": score_poses(grid, ORIGIN, CELL, poses, points)}
+
+
+def matching() -> Results:
+    from moteslam.kernels.matching import match_poses
+
+    grid, poses, points = room_and_scan(5)
+    weights = grid * np.random.default_rng(6).integers(1, 200, grid.shape, np.uint8)
+    lattice, general = CELL * np.arange(-2, 3), np.array((-0.083, -0.031, 0.0, 0.031, 0.083))
+    results: Results = {}
+    for name, cells, offsets, count in (
+        ("windows", grid, lattice, 400),
+        ("lattice of weights", weights, lattice, 80),
+        ("general offsets", grid, general, 80),
+    ):
+        match = match_poses(
+            cells, ORIGIN, CELL, poses[:count], points, offsets_xy=offsets, offsets_theta=np.linspace(-0.05, 0.05, 5)
+        )
+        results |= {f"match_poses, {name}: {field}": array for field, array in match._asdict().items()}
+    return results
+
+
+def boxes() -> NDArray[np.float64]:
+    """The inside of a room, then pillars in it: [n, 4] (x0, y0, x1, y1) [m], on whole cells."""
+    pillars = [(x, y, x + 0.4, y + 0.4) for x in (2.2, 5.3, 8.7) for y in (1.7, 6.1)]
+    return np.array([(0.0, 0.0, *ROOM), *pillars])
+
+
+def beams_of_scans() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Poses [30, 3] between the pillars and beam angles [181]: no beam passes a corner by less than 0.01 mm."""
+    return np.random.default_rng(9).uniform((3.0, 2.3, -3.1), (8.0, 5.9, 3.1), (30, 3)), np.linspace(-2.3, 2.3, 181)
+
+
+def raycasting() -> Results:
+    """Every wall runs along an axis, so that the angle at which a beam meets it is known from the beam alone."""
+    from moteslam.kernels.marching import distance_field, march_rays
+    from moteslam.kernels.raycast import build_buckets, cast_rays, cast_scans
+
+    walls = [
+        side
+        for x0, y0, x1, y1 in boxes()
+        for side in ((x0, y0, x1, y0), (x1, y0, x1, y1), (x1, y1, x0, y1), (x0, y1, x0, y0))
+    ]
+    buckets = build_buckets(walls)
+    poses, beams = beams_of_scans()
+    angles = (poses[:, 2:] + beams).reshape(-1)
+    rays = cast_rays(buckets, np.repeat(poses[:, :2], len(beams), axis=0), angles, max_range=MAX_RANGE)
+    scans = cast_scans(buckets, poses, beams, max_range=MAX_RANGE)
+
+    (_, _, columns, rows), *pillars = np.rint(boxes() / CELL).astype(int)
+    occupied = np.pad(np.zeros((rows, columns), bool), 1, constant_values=True)
+    for col0, row0, col1, row1 in pillars:
+        occupied[row0 + 1 : row1 + 1, col0 + 1 : col1 + 1] = True
+    field = distance_field(occupied, CELL)
+    marched = march_rays(field, (-CELL, -CELL), CELL, poses, beams, max_range=MAX_RANGE)
+    return {"cast_rays": rays.reshape(scans.shape), "cast_scans": scans, "march_rays": marched}
+
+
+def main() -> None:
+    arch, threads, out = sys.argv[1:]
+    from moteslam.kernels import runtime
+
+    runtime.init(arch, int(threads), debug=os.environ.get("MOTESLAM_TEST_DEBUG") == "1")
+    np.savez(out, **compute())
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,76 @@
+"""Every kernel on CUDA against the CPU: integers equal, floats within what the order of rounding can change.
+
+Both backends run with ``fast_math`` off, so that sums and products are rounded alike and integers come out equal.
+What may differ is the last bits of sin, cos, log and square root, and of products that a backend fuses with a sum.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from kernel_cases import MAX_RANGE, ROOM, Results, beams_of_scans, run_cases
+
+pytestmark = pytest.mark.gpu
+
+
+@pytest.fixture(scope="module")
+def on_both(tmp_path_factory: pytest.TempPathFactory) -> tuple[Results, Results]:
+    """What the CPU computes, and CUDA, each in a process of its own."""
+    folder = tmp_path_factory.mktemp("backends")
+    cpu, cuda = run_cases(folder, arch="cpu", threads=2), run_cases(folder, arch="cuda", threads=2)
+    assert cpu.keys() == cuda.keys()
+    return cpu, cuda
+
+
+def test_integers_are_equal(on_both: tuple[Results, Results]) -> None:
+    """Random words, log-odds, flags, scores and which offset was best."""
+    cpu, cuda = on_both
+    integers = [name for name, array in cpu.items() if array.dtype.kind in "iu"]
+    assert len(integers) >= 12
+    for name in integers:
+        np.testing.assert_array_equal(cuda[name], cpu[name], name)
+
+
+def test_matched_poses_are_equal(on_both: tuple[Results, Results]) -> None:
+    """The host adds the best offset to each pose: nothing of the backend is in them but its index."""
+    cpu, cuda = on_both
+    names = [name for name in cpu if name.startswith("match_poses") and name.endswith("poses")]
+    assert len(names) == 3
+    for name in names:
+        np.testing.assert_array_equal(cuda[name], cpu[name], name)
+
+
+def test_sampled_motion_agrees(on_both: tuple[Results, Results]) -> None:
+    """Within 1e-13 m and rad.
+
+    In float64 a coordinate below 128 m is rounded to 1.4e-14 m, once in each of three steps. The functions are off
+    by two units of the last place at most, 4.5e-16, on noise of up to 6.8 times 0.05 m and increments of 0.3 m: less.
+    """
+    cpu, cuda = (results["sample_motion"] for results in on_both)
+    assert np.abs(cuda[:, :2] - cpu[:, :2]).max() <= 1e-13
+    turned = cuda[:, 2] - cpu[:, 2]
+    assert np.abs(turned - 2 * np.pi * np.rint(turned / (2 * np.pi))).max() <= 1e-13
+
+
+@pytest.mark.parametrize("kernel", ["cast_rays", "cast_scans", "march_rays"])
+def test_ranges_agree(on_both: tuple[Results, Results], kernel: str) -> None:
+    """Within the error of each against the exact range, twice: ``2 (4 E 2^-23 / |sin a| + 2^-21 r)``, see raycast.py.
+
+    E is the room's extent and a the angle between beam and wall; walls run along the axes here, so ``|sin a|`` is no
+    smaller than the smaller of the beam's ``|cos|`` and ``|sin|``. No beam passes a corner by less than 0.01 mm, so
+    none meets another wall for rounding, and the same beams see nothing.
+    """
+    cpu, cuda = (results[kernel] for results in on_both)
+    np.testing.assert_array_equal(np.isfinite(cuda), np.isfinite(cpu))
+    seen = np.isfinite(cpu)
+    assert (np.abs(cuda[seen] - cpu[seen]) <= tolerances()[seen]).all()
+
+
+def tolerances() -> np.ndarray:
+    """Of every beam [m]."""
+    poses, beams = beams_of_scans()
+    angles = poses[:, 2:] + beams
+    square_on = np.minimum(np.abs(np.cos(angles)), np.abs(np.sin(angles)))
+    return 2 * (4 * max(ROOM) * 2.0**-23 / square_on + 2.0**-21 * MAX_RANGE)

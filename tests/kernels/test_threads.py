@@ -1,0 +1,40 @@
+"""Every kernel computes the same bytes on one thread and on many, more than there are cores among them."""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+
+import pytest
+from kernel_cases import Results, run_cases
+
+
+def digests(results: Results) -> dict[str, str]:
+    """SHA-256 of each array's bytes, with its type and shape."""
+    return {
+        name: hashlib.sha256(f"{array.dtype}{array.shape}".encode() + array.tobytes()).hexdigest()
+        for name, array in results.items()
+    }
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("threads")
+
+
+@pytest.fixture(scope="module")
+def on_one_thread(folder: Path) -> Results:
+    """With an empty cache: the others run what this process compiled."""
+    return run_cases(folder, threads=1)
+
+
+@pytest.mark.parametrize("threads", [2, 3, 5])
+def test_each_kernel_gives_the_same_bytes_on_any_number_of_threads(
+    folder: Path, on_one_thread: Results, threads: int
+) -> None:
+    assert digests(run_cases(folder, threads=threads)) == digests(on_one_thread)
+
+
+def test_the_results_that_are_compared_say_something(on_one_thread: Results) -> None:
+    for name, array in on_one_thread.items():
+        assert len(set(array.reshape(-1).tolist())) > 1, f"{name} is {array.flat[0]} throughout"
