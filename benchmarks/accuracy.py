@@ -69,7 +69,7 @@ def intel(preset: str, seed: int) -> dict[str, Any]:
         for name, trajectory in (("online", estimate.trajectory), ("final", estimate.trajectory_final)):
             score = relation_errors(trajectory, relations).all
             row[f"{name}_{which}"] = score.translation.mean
-            row[f"{name}_{which}_deg"] = float(np.degrees(score.rotation.mean))
+            row[f"{name}_{which}_deg"] = score.rotation.mean
     return row
 
 
