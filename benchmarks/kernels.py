@@ -48,8 +48,10 @@ def in_turns(contenders: dict[str, Callable[[], Any]], repeats: int = REPEATS) -
     times: dict[str, list[float]] = {name: [] for name in contenders}
     for call in contenders.values():
         call()
-    for _ in range(repeats):
-        for name, call in contenders.items():
+    names = list(contenders)
+    for turn in range(repeats):
+        for name in names[turn % len(names) :] + names[: turn % len(names)]:  # who follows whom changes too
+            call = contenders[name]
             began = time.perf_counter()
             call()
             times[name].append(time.perf_counter() - began)
@@ -93,7 +95,7 @@ def measure(threads: int) -> dict[str, Any]:
 
 def scoring(loops: ctypes.CDLL | None, threads: int) -> dict[str, Any]:
     """Lookups a second of ``score_poses``, the C loop and NumPy."""
-    from moteslam.kernels.scoring import score_poses
+    from moteslam.kernels.scoring import frames_of, scan_of, score_frames, score_poses
 
     grid, points = scan_and_map()
     floats = grid.astype(np.float32)
@@ -105,7 +107,12 @@ def scoring(loops: ctypes.CDLL | None, threads: int) -> dict[str, Any]:
         cells = np.ascontiguousarray(poses / (CELL, CELL, 1), np.float32)
         out, scores = np.empty(n, np.float32), np.empty(n, np.int32)
 
-        def kernel(poses: np.ndarray = poses, scores: np.ndarray = scores) -> np.ndarray:
+        frames, scan = frames_of((0.0, 0.0), CELL, poses), scan_of(CELL, points)
+
+        def kernel(frames: np.ndarray = frames, scan: np.ndarray = scan, scores: np.ndarray = scores) -> np.ndarray:
+            return score_frames(grid, frames, scan, out=scores)
+
+        def whole_call(poses: np.ndarray = poses, scores: np.ndarray = scores) -> np.ndarray:
             return score_poses(grid, (0.0, 0.0), CELL, poses, points, out=scores)
 
         def plain(cells: np.ndarray = cells, out: np.ndarray = out, n: int = n) -> np.ndarray:
@@ -119,12 +126,15 @@ def scoring(loops: ctypes.CDLL | None, threads: int) -> dict[str, Any]:
             row = np.clip((s * px + c * py + cells[:, 1:2]).astype(np.int32), 0, CELLS - 1)
             return grid[row, col].sum(axis=1, dtype=np.int32)
 
-        contenders: dict[str, Callable[[], np.ndarray]] = {"moteslam": kernel}
+        # the C loop is given arrays in cells, and so is the kernel; the whole call converts and checks them first
+        contenders: dict[str, Callable[[], np.ndarray]] = {"moteslam": kernel, "moteslam, whole call": whole_call}
         if loops is not None:
             contenders["c"] = plain
-        if threads == 1 and n == 1000:
+        seconds = in_turns(contenders)
+        if threads == 1 and n == 1000:  # in turns of its own: its 100 MB of intermediates empty every cache
             contenders["numpy"] = twin
-        rates = {name: n * BEAMS / seconds / 1e6 for name, seconds in in_turns(contenders).items()}
+            seconds |= in_turns({"numpy": twin})
+        rates = {name: n * BEAMS / seconds[name] / 1e6 for name in contenders}
         hits = {name: float(np.mean(call())) / BEAMS for name, call in contenders.items()}
         assert max(hits.values()) - min(hits.values()) < 1e-3, hits  # the same work: float32 rounds a few beams apart
         results[f"scoring {n} x {BEAMS} [M lookups/s]"] = rates

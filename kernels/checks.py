@@ -34,12 +34,17 @@ def check_array(
     Raises:
         InputError: it is no C-contiguous array of that type and shape, or read-only though written to.
     """
-    expected = f"{np.dtype(dtype)} [{', '.join('*' if n is None else str(n) for n in shape)}]"
-    if not isinstance(array, np.ndarray):
-        raise InputError(f"{type(array).__name__}, expected a NumPy array {expected}", field=name)
-    fits = array.ndim == len(shape) and all(n in (None, m) for n, m in zip(shape, array.shape, strict=True))
-    if array.dtype != np.dtype(dtype) or not fits:
-        raise InputError(f"{array.dtype} {list(array.shape)}, expected {expected}", field=name)
+    fits = (
+        isinstance(array, np.ndarray)
+        and array.dtype == dtype
+        and array.ndim == len(shape)
+        and all(n is None or n == m for n, m in zip(shape, array.shape, strict=True))
+    )
+    if not fits:
+        found = f"{array.dtype} {list(array.shape)}" if isinstance(array, np.ndarray) else type(array).__name__
+        expected = f"{np.dtype(dtype)} [{', '.join('*' if n is None else str(n) for n in shape)}]"
+        raise InputError(f"{found}, expected an array {expected}", field=name)
+    assert isinstance(array, np.ndarray)
     if not array.flags.c_contiguous or (written and not array.flags.writeable):
         raise InputError("a view that is not contiguous or not writable, expected a whole array", field=name)
     if array.size > LARGEST:

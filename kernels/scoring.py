@@ -6,13 +6,15 @@ outermost ring, which must be zero; so clamping replaces the test. What depends 
 float64 on the host, so that every backend rounds the same way and counts the same.
 """
 
+import math
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from moteslam.errors import InputError
 from moteslam.kernels.checks import as_finite, check_array
 from moteslam.kernels.runtime import runtime, ti
-from moteslam.kernels.types import F32, F32_2D, I32, I32_1D, func, kernel
+from moteslam.kernels.types import F32, F32_2D, I32, I32_1D, U32, func, kernel
 
 
 @func
@@ -21,16 +23,25 @@ def cell_along(a: F32, b: F32, shift: F32, first: F32, last: F32):
     return ti.cast(ti.floor(ti.min(ti.max(a + b + shift, first), last)), ti.i32)
 
 
+@func
+def cell_or_border(along: F32, last: U32):
+    """The column (or row) of a point, the last one if it is outside: as an unsigned number what is below 0 is huge.
+
+    The cast truncates where floor is meant; they differ only between -1 and 0, where both read the border.
+    """
+    return ti.cast(ti.min(ti.cast(ti.cast(along, ti.i32), ti.u32), last), ti.i32)
+
+
 @kernel
 def _score_poses(words: I32_1D, width: I32, height: I32, frames: F32_2D, scan: F32_2D, out: I32_1D):
+    last_col, last_row = ti.cast(width - 1, ti.u32), ti.cast(height - 1, ti.u32)
     for i in range(frames.shape[0]):
         c, s, x, y = frames[i, 0], frames[i, 1], frames[i, 2], frames[i, 3]
         total = 0
         for b in range(scan.shape[1]):
-            # the cast truncates where floor is meant: they differ left of the grid alone, where both read the border
-            col = ti.cast(c * scan[0, b] - s * scan[1, b] + x, ti.i32)
-            row = ti.cast(s * scan[0, b] + c * scan[1, b] + y, ti.i32)
-            cell = ti.min(ti.max(row, 0), height - 1) * width + ti.min(ti.max(col, 0), width - 1)
+            col = cell_or_border(c * scan[0, b] - s * scan[1, b] + x, last_col)
+            row = cell_or_border(s * scan[0, b] + c * scan[1, b] + y, last_row)
+            cell = row * width + col
             total += (words[cell >> 2] >> ((cell & 3) << 3)) & 255
         out[i] = total
 
@@ -63,11 +74,35 @@ def score_poses(
     Raises:
         InputError: arrays that do not fit, values that are not finite, or an outermost ring that is not zero.
     """
-    height, width = check_grid(occupied)
+    check_grid(occupied)
     frames, scan = frames_of(origin, cell_size, poses), scan_of(cell_size, points)
     if out is None:
         out = np.empty(len(frames), np.int32)
+    return score_frames(occupied, frames, scan, out=out)
+
+
+def score_frames(
+    occupied: NDArray[np.uint8], frames: NDArray[np.float32], scan: NDArray[np.float32], *, out: NDArray[np.int32]
+) -> NDArray[np.int32]:
+    """``score_poses`` without its preparations, for who scores the same poses or the same scan more than once.
+
+    Args:
+        occupied: as for ``score_poses``; whether its border is zero is not looked at.
+        frames: float32 [N, 4] of ``frames_of``.
+        scan: float32 [2, k] of ``scan_of``.
+        out: int32 [N] to write to.
+
+    Returns:
+        ``out``.
+
+    Raises:
+        InputError: an array of another type or shape.
+    """
+    check_array("occupied", occupied, np.uint8, (None, None))
+    check_array("frames", frames, np.float32, (None, 4))
+    check_array("scan", scan, np.float32, (2, None))
     check_array("out", out, np.int32, (len(frames),), written=True)
+    height, width = occupied.shape
     runtime()
     if len(frames):
         _score_poses(words_of(occupied), width, height, frames, scan, out)
@@ -99,13 +134,14 @@ def words_of(occupied: NDArray[np.uint8]) -> NDArray[np.int32]:
 def frames_of(origin: ArrayLike, cell_size: float, poses: ArrayLike) -> NDArray[np.float32]:
     """Poses as the kernels take them: float32 [N, 4] cos, sin, column, row, the latter two in cells."""
     poses = as_finite("poses", poses, np.float64, (None, 3))
-    x, y = as_finite("origin", origin, np.float64, (2,))
-    if not (np.isfinite(cell_size) and cell_size > 0):
+    corner = as_finite("origin", origin, np.float64, (2,))
+    if not 0 < cell_size < math.inf:
         raise InputError(f"{cell_size}, expected a positive number", field="cell_size")
     frames = np.empty((len(poses), 4), np.float32)
-    frames[:, 0], frames[:, 1] = np.cos(poses[:, 2]), np.sin(poses[:, 2])
-    frames[:, 2] = (poses[:, 0] - x) / cell_size
-    frames[:, 3] = (poses[:, 1] - y) / cell_size
+    np.cos(poses[:, 2], out=frames[:, 0], casting="same_kind")
+    np.sin(poses[:, 2], out=frames[:, 1], casting="same_kind")
+    for axis in (0, 1):
+        frames[:, 2 + axis] = (poses[:, axis] - corner[axis]) / cell_size
     return frames
 
 
