@@ -91,7 +91,7 @@ def init(arch: str = "cpu", threads: int | None = None, *, debug: bool = False) 
                 default_ip=ti.i32,
                 log_level=ti.ERROR,
                 offline_cache=cache is not None and not debug,
-                offline_cache_file_path=str(cache or ""),
+                offline_cache_file_path=str(cache or tempfile.gettempdir()),  # empty crashes at exit
                 enable_fallback=False,
             )
     except Exception as error:  # Taichi raises bare RuntimeErrors of several kinds here

@@ -43,14 +43,22 @@ def write_atomically(path: str | PathLike[str], content: str | bytes | Callable[
 
 
 @contextmanager
-def result_folder(path: str | PathLike[str], *, force: bool = False) -> Iterator[Path]:
+def result_folder(
+    path: str | PathLike[str], *, force: bool = False, keep: str | PathLike[str] | None = None
+) -> Iterator[Path]:
     """A new folder that appears whole under its name when the block ends, and not at all when it fails.
 
     The block writes into a temporary sibling. An existing folder is refused unless ``force``, and then replaced
     whole at the end; an interrupt or error leaves it as it was.
 
+    Args:
+        path: of the folder.
+        force: replace what is there.
+        keep: an input that must not be replaced along with it.
+
     Raises:
-        OutputError: the target exists (without ``force``), is not a folder, or cannot be written.
+        OutputError: the target exists (without ``force``), is not a folder, holds ``keep`` or the current folder, or
+            cannot be written.
     """
     path = Path(path)
     if path.is_symlink() or path.exists():
@@ -58,6 +66,9 @@ def result_folder(path: str | PathLike[str], *, force: bool = False) -> Iterator
             raise OutputError("exists already; name a new folder, or replace it with --force", file=path)
         if path.is_symlink() or not path.is_dir():
             raise OutputError("is not a folder, expected a folder to replace", file=path)
+        for what, inside in (("the current folder", Path.cwd()), ("the input", keep)):
+            if inside is not None and Path(inside).resolve().is_relative_to(path.resolve()):
+                raise OutputError(f"holds {what}, which --force would delete; expected another folder", file=path)
     target = path.absolute()
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
@@ -77,6 +88,10 @@ def result_folder(path: str | PathLike[str], *, force: bool = False) -> Iterator
                 shutil.rmtree(old)
         except OSError as error:
             raise OutputError(f"cannot be written: {error.strerror or error}", file=path) from error
+        except OutputError as error:  # name the folder that was asked for, not the one it is built in
+            if error.file is None or not Path(error.file).is_relative_to(work):
+                raise
+            raise OutputError(error.problem, file=path / Path(error.file).relative_to(work)) from error
     finally:
         shutil.rmtree(work, ignore_errors=True)
 

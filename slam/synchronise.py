@@ -52,6 +52,13 @@ def odometry_at_scans(recording: Recording, config: SyncConfig) -> Array:
     if lidar.odometry is not None:
         return lidar.odometry
     stamps, poses = odometry_path(recording, config)
+    if lidar.stamps[-1] < stamps[0] - 1.0 or lidar.stamps[0] > stamps[-1] + 1.0:
+        raise InputError(
+            f"scans from {lidar.stamps[0]:.3f} to {lidar.stamps[-1]:.3f} s, odometry from {stamps[0]:.3f} to "
+            f"{stamps[-1]:.3f} s, expected streams that overlap in time",
+            file=recording.name,
+            field="time_stamps",
+        )
     if config.method == "interpolate":
         return se2.interpolate(stamps, poses, lidar.stamps)
     return poses[nearest(stamps, lidar.stamps)]
@@ -83,9 +90,25 @@ def steps(recording: Recording, config: SyncConfig, *, max_range: float = np.inf
 
 
 def warnings(recording: Recording) -> list[str]:
-    """What SLAM has to make do with in this recording, a line each: scans that no odometry covers."""
+    """What SLAM has to make do with in this recording, a line each: scans that no sensor of motion covers, or blind."""
     lines = []
-    lidar, encoders = recording.lidar, recording.encoders
+    lidar, encoders, imu = recording.lidar, recording.encoders, recording.imu
+    if lidar is not None and len(lidar):
+        blind = int((~np.isfinite(lidar.ranges).any(axis=1)).sum())
+        if blind:
+            lines.append(f"{blind} of {len(lidar)} scans see nothing: the odometry is all that is known there")
+        if len(lidar) > 2 and lidar.stamps[0] == lidar.stamps[-1] and lidar.odometry is None:
+            lines.append(f"all {len(lidar)} scans have the same stamp: there is no motion between them")
+    if encoders is not None and len(encoders):
+        without = len(encoders)
+        if imu is not None and len(imu) > 1:
+            margin = 3.0  # the real robot's encoders run on for 1.5 s
+            covered = (encoders.stamps > imu.stamps[0] - margin) & (encoders.stamps < imu.stamps[-1] + margin)
+            without = int((~covered).sum())
+        if without:
+            lines.append(
+                f"{without} of {len(encoders)} encoder readings without a gyro: there the wheels alone turn it"
+            )
     if lidar is not None and encoders is not None and len(encoders) and lidar.odometry is None:
         for what, outside in (
             ("before the first", (lidar.stamps < encoders.stamps[0] - 0.1).sum()),
@@ -128,7 +151,7 @@ def require_lidar(recording: Recording) -> LidarStream:
         InputError: it has none, or one without scans.
     """
     if recording.lidar is None or not len(recording.lidar):
-        raise InputError("no lidar scans, expected at least one (dead reckoning needs none)", file=recording.name)
+        raise InputError("no lidar scans, expected at least one; --dead-reckoning needs none", file=recording.name)
     return recording.lidar
 
 

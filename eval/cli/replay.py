@@ -66,7 +66,7 @@ def replay(
     robot = None if platform is None else read_platform(platform)
     recording = open_recording(path, sequence=sequence, platform=robot)
     if dead_reckoning:
-        _dead_reckon(recording, resolved, out, force=force, figures=not no_figures, as_json=as_json)
+        _dead_reckon(path, recording, resolved, out, force=force, figures=not no_figures, as_json=as_json)
         return
 
     from moteslam.eval.cli.running import Backend, run_into, run_summary, score_table
@@ -74,7 +74,7 @@ def replay(
 
     assert out is not None
     truth = _truth_beside(path, recording)
-    with result_folder(out, force=force) as folder:
+    with result_folder(out, force=force, keep=path) as folder:
         estimate, scores = run_into(
             folder,
             recording,
@@ -124,7 +124,7 @@ def _truth_beside(path: Path, recording: Recording) -> Trajectory | None:
 
 
 def _dead_reckon(
-    recording: Recording, config: SlamConfig, out: Path | None, *, force: bool, figures: bool, as_json: bool
+    path: Path, recording: Recording, config: SlamConfig, out: Path | None, *, force: bool, figures: bool, as_json: bool
 ) -> None:
     """Dead reckoning alone: what it came to is printed, and written where ``out`` is given."""
     from moteslam.robot.files import result_folder, write_atomically
@@ -135,7 +135,7 @@ def _dead_reckon(
     for warning in recording.warnings:
         note(f"warning: {warning}")
     if out is not None:
-        with result_folder(out, force=force) as folder:
+        with result_folder(out, force=force, keep=path) as folder:
             write_tum(folder / "dead_reckoning.tum", trajectory)
             write_atomically(folder / "config.toml", config.to_toml())
             if figures:

@@ -213,7 +213,6 @@ def _endpoints(recording: Recording, trajectory: Trajectory) -> NDArray[np.float
     ranges, angles = lidar.ranges[scans, beams].astype(np.float64), lidar.angles[beams]
     mounts = compose(trajectory.poses[scans], recording.platform.lidar.pose)
     directions = mounts[:, 2:] + angles
-    points = np.stack(
-        (mounts[:, :1] + ranges * np.cos(directions), mounts[:, 1:2] + ranges * np.sin(directions)), axis=-1
-    )
-    return np.asarray(points[np.isfinite(ranges)])
+    scan, beam = np.nonzero(np.isfinite(ranges))
+    reach, direction = ranges[scan, beam], directions[scan, beam]
+    return np.stack((mounts[scan, 0] + reach * np.cos(direction), mounts[scan, 1] + reach * np.sin(direction)), axis=-1)

@@ -142,3 +142,25 @@ def test_a_disk_that_fills_while_the_result_is_made(tmp_path: Path) -> None:
     ):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
     assert names(tmp_path) == []
+
+
+def test_forcing_never_deletes_the_input_or_the_current_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    folder = tmp_path / "recording"
+    folder.mkdir()
+    (folder / "robot.log").write_text("data")
+    for keep in (folder, folder / "robot.log"):
+        with pytest.raises(OutputError, match="holds the input"), result_folder(folder, force=True, keep=keep):
+            pass
+    monkeypatch.chdir(folder)
+    for target in (folder, tmp_path, Path()):
+        with pytest.raises(OutputError, match="holds the current folder"), result_folder(target, force=True):
+            pass
+    assert (folder / "robot.log").read_text() == "data"
+
+
+def test_a_file_that_cannot_be_written_is_named_where_it_was_asked_for(tmp_path: Path):
+    out = tmp_path / "out"
+    with pytest.raises(OutputError) as caught, result_folder(out) as work:
+        write_atomically(work / "missing" / "map.pgm", b"")
+    assert caught.value.file == str(out / "missing" / "map.pgm")
+    assert not out.exists()

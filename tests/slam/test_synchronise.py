@@ -92,6 +92,19 @@ def test_encoders_that_end_before_the_lidar_are_told():
     assert warnings(circle(seconds=4)) == []
 
 
+def test_streams_that_do_not_overlap_are_refused_and_blind_ones_told():
+    recording = circle(seconds=4)
+    lidar = recording.lidar
+    later = LidarStream(lidar.stamps + 3600, lidar.ranges, -1.0, 1.0, 0.1, 30.0)
+    with pytest.raises(InputError, match="expected streams that overlap in time"):
+        dead_reckon(recording.replace(lidar=later))
+    nothing = LidarStream(lidar.stamps, np.full_like(lidar.ranges, np.inf), -1.0, 1.0, 0.1, 30.0)
+    assert "see nothing" in warnings(recording.replace(lidar=nothing))[0]
+    one = LidarStream(np.full_like(lidar.stamps, 2.0), lidar.ranges, -1.0, 1.0, 0.1, 30.0)
+    assert "the same stamp" in warnings(recording.replace(lidar=one))[0]
+    assert "without a gyro" in warnings(recording.replace(imu=None))[0]
+
+
 def test_no_odometry_and_no_lidar_are_refused_by_name():
     lidar = LidarStream(np.zeros(1), np.ones((1, 2), np.float32), 0.0, 1.0, 0.0, 30.0)
     with pytest.raises(InputError, match="neither encoders nor odometry"):
