@@ -15,8 +15,8 @@ from numpy.typing import ArrayLike, NDArray
 from moteslam.errors import InputError
 from moteslam.kernels.checks import LARGEST, as_finite
 from moteslam.kernels.runtime import runtime, ti
-from moteslam.kernels.scoring import cell_along, check_grid, frames_of, scan_of, words_of
-from moteslam.kernels.types import F32_2D, I32, I32_1D, I32_2D, U64_1D, func, kernel
+from moteslam.kernels.scoring import cell_along, check_grid, frames_of, scan_of, sum_under_scan, words_of
+from moteslam.kernels.types import F32_2D, I32, I32_1D, I32_2D, U8_1D, U64_1D, func, kernel
 
 SPAN = 5
 """Shifts the window search can tell apart along each axis."""
@@ -43,16 +43,13 @@ class Match(NamedTuple):
 
 @kernel
 def _search(
-    words: I32_1D, width: I32, height: I32, frames: F32_2D, scan: F32_2D, shifts: F32_2D, cells: I32_2D, reach: I32,
-    order: I32_1D, scores: I32_1D, best: I32_1D,
+    grid: U8_1D, width: I32, height: I32, frames: F32_2D, scan: F32_2D, shifts: F32_2D, cells: I32_2D, order: I32_1D,
+    scores: I32_1D, best: I32_1D,
 ):  # fmt: skip
     """Every pose of the lattice by itself, in the order given: the first of the best wins.
 
-    A place shifts the pose by ``shifts`` [cells] before the look-up, and by the whole ``cells`` (at most ``reach``)
-    after it.
+    A place shifts the pose by ``shifts`` [cells] before the look-up, and by the whole ``cells`` after it.
     """
-    first = -ti.cast(reach, ti.f32)
-    last_col, last_row = ti.cast(width - 1 + reach, ti.f32), ti.cast(height - 1 + reach, ti.f32)
     poses = scores.shape[0]
     headings = frames.shape[0] // poses
     ti.loop_config(block_dim=1)
@@ -60,14 +57,10 @@ def _search(
         top, chosen = -1, 0
         for v in range(order.shape[0]):
             place, f = order[v] // headings, i * headings + order[v] % headings
-            c, s = frames[f, 0], frames[f, 1]
             x, y = frames[f, 2] + shifts[place, 0], frames[f, 3] + shifts[place, 1]
-            total = 0
-            for b in range(scan.shape[1]):
-                col = cell_along(c * scan[0, b], -(s * scan[1, b]), x, first, last_col) + cells[place, 0]
-                row = cell_along(s * scan[0, b], c * scan[1, b], y, first, last_row) + cells[place, 1]
-                cell = ti.min(ti.max(row, 0), height - 1) * width + ti.min(ti.max(col, 0), width - 1)
-                total += (words[cell >> 2] >> ((cell & 3) << 3)) & 255
+            total = sum_under_scan(
+                grid, width, height, frames[f, 0], frames[f, 1], x, y, cells[place, 0], cells[place, 1], True, scan
+            )
             if total > top:
                 top, chosen = total, order[v]
         scores[i], best[i] = top, chosen
@@ -200,8 +193,8 @@ def match_poses(
             zero = np.zeros_like(places)
             shifts, cells = (zero, np.rint(places)) if is_lattice else (places, zero)
             _search(
-                words, width, height, frames, scan, shifts.astype(np.float32), cells.astype(np.int32),
-                int(np.abs(cells).max()), order, scores, best,
+                occupied.reshape(-1), width, height, frames, scan, shifts.astype(np.float32), cells.astype(np.int32),
+                order, scores, best,
             )  # fmt: skip
         else:
             best = order[best]
