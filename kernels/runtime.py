@@ -21,6 +21,7 @@ from moteslam.errors import BackendError
 # before the import: no banner, no query of the newest version over the network
 os.environ["ENABLE_TAICHI_HEADER_PRINT"] = "0"
 os.environ["TI_SKIP_VERSION_CHECK"] = "ON"
+os.environ.pop("TI_ARCH", None)  # it would outvote the arch that init is asked for
 with warnings.catch_warnings():
     warnings.simplefilter("ignore")
     import taichi as ti
@@ -71,7 +72,8 @@ def init(arch: str = "cpu", threads: int | None = None, *, debug: bool = False) 
         if (_runtime.arch, _runtime.threads, _runtime.debug) != wanted:
             raise BackendError(
                 f"Taichi runs on {_runtime.arch} with {_runtime.threads} threads in this process, "
-                f"expected the same settings again, not {wanted[0]} with {wanted[1]}; start a new process"
+                f"expected the same settings again, not {wanted[0]} with {wanted[1]} threads"
+                f"{' and bounds checks' if debug else ''}; start a new process"
             )
         return _runtime
     if arch == "cuda" and not _cuda_present():
@@ -91,7 +93,9 @@ def init(arch: str = "cpu", threads: int | None = None, *, debug: bool = False) 
                 default_ip=ti.i32,
                 log_level=ti.ERROR,
                 offline_cache=cache is not None and not debug,
-                offline_cache_file_path=str(cache or tempfile.gettempdir()),  # empty crashes at exit
+                # unused without a cache, but at exit Taichi crashes unless the folder is there, and looks into it: the
+                # root is there everywhere, and nobody else can put anything into it
+                offline_cache_file_path=str(cache or os.sep),
                 enable_fallback=False,
             )
     except Exception as error:  # Taichi raises bare RuntimeErrors of several kinds here
@@ -148,7 +152,7 @@ def _remove_stale_lock(cache: Path) -> None:
     with contextlib.suppress(OSError):
         owners.mkdir(mode=0o700, exist_ok=True)
         for owner in owners.iterdir():
-            if not owner.name.isdigit() or not _alive(int(owner.name)):
+            if not owner.name.isdecimal() or not _alive(int(owner.name)):
                 owner.unlink(missing_ok=True)
         others = [owner for owner in owners.iterdir() if owner.name != str(os.getpid())]
         for lock in cache.rglob("ticache.lock"):
@@ -162,9 +166,11 @@ def _remove_stale_lock(cache: Path) -> None:
 
 
 def _alive(pid: int) -> bool:
+    if sys.platform == "win32":
+        return True  # os.kill would interrupt it there
     try:
         os.kill(pid, 0)
-    except ProcessLookupError:
+    except (ProcessLookupError, OverflowError):
         return False
     except OSError:
         return True

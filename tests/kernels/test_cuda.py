@@ -6,8 +6,6 @@ What may differ is the last bits of sin, cos, log and square root, and of produc
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from kernel_cases import MAX_RANGE, ROOM, Results, beams_of_scans, run_cases
