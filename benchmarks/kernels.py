@@ -48,9 +48,9 @@ def in_turns(contenders: dict[str, Callable[[], Any]], repeats: int = REPEATS) -
     times: dict[str, list[float]] = {name: [] for name in contenders}
     for call in contenders.values():
         call()
-    names = list(contenders)
-    for turn in range(repeats):
-        for name in names[turn % len(names) :] + names[: turn % len(names)]:  # who follows whom changes too
+    order = np.random.default_rng(0)
+    for _ in range(repeats):
+        for name in order.permutation(list(contenders)):  # who follows whom, and finds whose caches, changes too
             call = contenders[name]
             began = time.perf_counter()
             call()
@@ -85,6 +85,7 @@ def scan_and_map(seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
 def measure(threads: int) -> dict[str, Any]:
     """All the measurements of one process."""
     os.environ["OMP_NUM_THREADS"] = str(threads)
+    os.environ["OMP_WAIT_POLICY"] = "passive"  # else idle OpenMP threads spin, and hold a core of whoever is next
     from moteslam.kernels import runtime
 
     runtime.init("cpu", threads)
