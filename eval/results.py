@@ -121,7 +121,7 @@ def draw_figures(
             folder / "error.png",
             slam=scores.online.ate,
             dead_reckoning=scores.dead_reckoning.ate,
-            title=f"{name}: error over time",
+            title=f"{name}: error over time, after alignment",
         )
     curves.draw_effective_particles(
         folder / "effective_particles.png",
