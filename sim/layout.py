@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from itertools import pairwise
 from typing import Annotated, Literal
@@ -11,13 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, FiniteFloat, model_validator
 
+from moteslam.sim.floorplan import FloorPlan
+from moteslam.sim.furniture import Chair, Shelf, Table, rectangle
+from moteslam.sim.layout_types import Point, Segments, Size
+from moteslam.sim.materials import MATERIALS, PLAIN, Material
+from moteslam.sim.moving import Slippery
 from moteslam.sim.noise import Positive, Settings
 
-Coordinate = Annotated[FiniteFloat, Field(ge=-1000, le=1000)]
-Point = tuple[Coordinate, Coordinate]
-Size = Annotated[FiniteFloat, Field(gt=0, le=1000)]
-Segments = NDArray[np.float64]
-"""float64, shape [m, 4]: x0, y0, x1, y1 [m]."""
+__all__ = ["Box", "Door", "Layout", "Pillar", "Point", "Recess", "Room", "RoomDoor", "Segments", "Size", "Wall"]
 
 _TINY = 1e-9
 """Shorter than any piece of wall that is meant [m]."""
@@ -49,6 +49,7 @@ class Wall(Settings):
     closed: bool = False
     doors: tuple[Door, ...] = ()
     recesses: tuple[Recess, ...] = ()
+    material: str = PLAIN
 
     @property
     def corners(self) -> NDArray[np.float64]:
@@ -127,6 +128,7 @@ class Room(Settings):
     corner: Point
     size: tuple[Size, Size]
     doors: tuple[RoomDoor, ...] = ()
+    material: str = PLAIN
 
     @model_validator(mode="after")
     def _fits(self) -> Room:
@@ -155,13 +157,11 @@ class Box(Settings):
     centre: Point
     size: tuple[Size, Size]
     angle: FiniteFloat = 0.0
+    material: str = PLAIN
 
     def polygon(self) -> NDArray[np.float64]:
         """The corners [4, 2], counterclockwise [m]."""
-        w, h = self.size
-        corners = np.array([(-w, -h), (w, -h), (w, h), (-w, h)]) / 2
-        cos, sin = math.cos(self.angle), math.sin(self.angle)
-        return np.asarray(self.centre + corners @ np.array([(cos, sin), (-sin, cos)]))
+        return rectangle(self.centre, self.size, self.angle)
 
 
 class Pillar(Settings):
@@ -170,6 +170,7 @@ class Pillar(Settings):
     centre: Point
     radius: Size
     sides: Annotated[int, Field(ge=3, le=256)] = 12
+    material: str = PLAIN
 
     def polygon(self) -> NDArray[np.float64]:
         """The corners [sides, 2], counterclockwise [m]."""
@@ -178,9 +179,39 @@ class Pillar(Settings):
 
 
 class Layout(Settings):
-    """Everything that stands in a world."""
+    """Everything that stands in a world, and what it is made of.
+
+    Attributes:
+        walls, rooms, boxes, pillars, tables, chairs, shelves: what stands there.
+        plan: a floor plan whose walls stand there too.
+        slippery: patches of floor where wheels grip less.
+        materials: tables of materials by name, beside those of `MATERIALS` or in their place.
+    """
 
     walls: tuple[Wall, ...] = ()
     rooms: tuple[Room, ...] = ()
     boxes: tuple[Box, ...] = ()
     pillars: tuple[Pillar, ...] = ()
+    tables: tuple[Table, ...] = ()
+    chairs: tuple[Chair, ...] = ()
+    shelves: tuple[Shelf, ...] = ()
+    plan: FloorPlan | None = None
+    slippery: tuple[Slippery, ...] = ()
+    materials: dict[str, Material] = {}
+
+    @property
+    def palette(self) -> dict[str, Material]:
+        """All the materials that a piece may name."""
+        return {**MATERIALS, **self.materials}
+
+    @model_validator(mode="after")
+    def _materials_are_known(self) -> Layout:
+        known = self.palette
+        for kind in ("walls", "rooms", "boxes", "pillars", "tables", "chairs", "shelves"):
+            for i, piece in enumerate(getattr(self, kind)):
+                if piece.material not in known:
+                    raise ValueError(
+                        f"{kind}.{i}.material is {piece.material!r}, expected one of {', '.join(known)} "
+                        "or a table [world.materials.NAME]"
+                    )
+        return self

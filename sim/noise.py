@@ -13,6 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, model_validator
 NonNegative = Annotated[FiniteFloat, Field(ge=0)]
 Positive = Annotated[FiniteFloat, Field(gt=0)]
 Probability = Annotated[FiniteFloat, Field(ge=0, le=1)]
+Factor = Annotated[FiniteFloat, Field(ge=0.5, le=2)]
 
 
 class Settings(BaseModel):
@@ -33,6 +34,9 @@ class ClockNoise(Settings):
         late_delay: longest such delay [s], uniform from 0.
         burst_interval: shortest interval between two stamps [s].
         rate_error: standard deviation of the device's rate, relative, drawn once a recording.
+        offset: that all of its stamps are too late [s]; negative: too early.
+        drift: by how much the offset grows [s/s].
+        lost: share of its messages that never arrive.
     """
 
     jitter: NonNegative = 0.0
@@ -40,6 +44,9 @@ class ClockNoise(Settings):
     late_delay: NonNegative = 0.0
     burst_interval: NonNegative = 0.0
     rate_error: NonNegative = 0.0
+    offset: Annotated[FiniteFloat, Field(ge=-10, le=10)] = 0.0
+    drift: Annotated[FiniteFloat, Field(ge=-0.01, le=0.01)] = 0.0
+    lost: Annotated[FiniteFloat, Field(ge=0, lt=1)] = 0.0
 
 
 class LidarNoise(Settings):
@@ -50,6 +57,14 @@ class LidarNoise(Settings):
         range_noise_per_metre: how it grows with the range [m/m]: 13 mm at 10 m, 23 mm at 30 m.
         dropout: probability that a beam gives no usable reading (``nan``).
         resolution: of a range [m]; 0 for none.
+        range_min: below which a beam gives no usable reading [m] (data sheet: 0.1).
+        divergence: the angle that a beam is wide, in the scan's plane [rad]; 0 for a line. About 0.013 for this
+            sensor (a spot of 0.4 m at 30 m).
+        mixed: share of the beams that fall on an edge and tell a range in between.
+        pulse: how far apart near and far side of an edge may be to melt into one echo [m]; beyond, one of them is told.
+        false_return: share of the beams that meet rain, dust or snow on their way.
+        false_scale: how far away such an echo comes from, on average [m] (exponential, the short readings of table 6.1
+            of Probabilistic Robotics).
         clock: of the scans.
     """
 
@@ -57,6 +72,12 @@ class LidarNoise(Settings):
     range_noise_per_metre: NonNegative = 0.0005
     dropout: Probability = 0.005
     resolution: NonNegative = 0.001
+    range_min: Annotated[FiniteFloat, Field(ge=0, le=5)] = 0.1
+    divergence: Annotated[FiniteFloat, Field(ge=0, le=0.1)] = 0.0
+    mixed: Probability = 0.5
+    pulse: NonNegative = 1.0
+    false_return: Probability = 0.0
+    false_scale: Positive = 3.0
     clock: ClockNoise = ClockNoise(jitter=0.0003, late=0.002, late_delay=0.005, burst_interval=0.001, rate_error=2e-4)
 
 
@@ -69,6 +90,11 @@ class EncoderNoise(Settings):
         track_error: of the effective track, relative, drawn once a recording.
         slip: standard deviation of each side's momentary slip, relative to its travel.
         slip_time: over which the slip stays alike [s].
+        radius_factors: what the true radii of the FR, FL, RR, RL wheel are times what they should be.
+        missed: share of the ticks that a counter misses.
+        bursts: slip bursts a minute, of one side at a time.
+        burst_slip: how much more the wheels of that side turn in a burst than they travel, relative.
+        burst_time: how long a burst lasts, on average (exponential) [s].
         clock: of the readings (measured: intervals of 25 ms, standard deviation 3.7 to 6.1 ms, 3 to 68 ms).
     """
 
@@ -77,6 +103,11 @@ class EncoderNoise(Settings):
     track_error: NonNegative = 0.01
     slip: NonNegative = 0.02
     slip_time: Positive = 0.5
+    radius_factors: tuple[Factor, Factor, Factor, Factor] = (1.0, 1.0, 1.0, 1.0)
+    missed: Probability = 0.0
+    bursts: Annotated[FiniteFloat, Field(ge=0, le=600)] = 0.0
+    burst_slip: Annotated[FiniteFloat, Field(ge=-1, le=10)] = 0.5
+    burst_time: Positive = 0.4
     clock: ClockNoise = ClockNoise(jitter=0.002, late=0.02, late_delay=0.04, burst_interval=0.0032, rate_error=2e-4)
 
 
@@ -137,7 +168,10 @@ class Noise(Settings):
 
     @classmethod
     def none(cls) -> Noise:
-        """Perfect sensors: no noise, no bias, no dropouts, no jitter, ranges as fine as a float32 holds them."""
+        """Perfect sensors: no noise, no bias, no dropouts, no jitter, ranges as fine as a float32 holds them.
+
+        What is off by default stays off.
+        """
         still = ClockNoise()
         return cls(
             odometry_scale=0.0,

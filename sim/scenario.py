@@ -18,6 +18,7 @@ from moteslam.robot.platform import UCSD, Platform
 from moteslam.sim.checks import check_scenario
 from moteslam.sim.driving import MAX_DURATION, Body, Commands, Limits, Route, Wander
 from moteslam.sim.layout import Layout
+from moteslam.sim.moving import MAX_DOORS, MAX_PEOPLE, Crowd, Door, Outage, Person
 from moteslam.sim.noise import Noise, Settings
 
 SCENARIOS = Path(__file__).parent / "scenarios"
@@ -29,22 +30,32 @@ class Scenario(Settings):
 
     Attributes:
         name: what it is called: the file's name without ``.toml``, unless the file says otherwise.
-        description: why it is hard, one sentence.
+        description: what it is, one sentence.
+        why: why it is hard, one sentence.
+        expect_divergence: whether an estimate that is lost is no surprise here.
         seed: of the noise, where ``simulate`` is given none.
         duration: the run ends after this many seconds at the latest.
         world: what stands in it.
+        people, crowd: who walks in it.
+        doors: what opens and shuts in it.
         route, wander, commands: what the robot does; exactly one of them.
         drive: the limits it drives within.
         body: the robot as a mass on wheels.
         platform: the robot; a file changes single values of the UCSD robot.
         noise: of the sensors; a file changes single values of the measured ones.
+        outages: when a sensor is dead.
     """
 
     name: Annotated[str, Field(min_length=1, max_length=200)] = "scenario"
     description: str = ""
+    why: str = ""
+    expect_divergence: bool = False
     seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
     duration: Annotated[FiniteFloat, Field(gt=0, le=MAX_DURATION)] = 600.0
     world: Layout
+    people: Annotated[tuple[Person, ...], Field(max_length=MAX_PEOPLE)] = ()
+    crowd: Crowd | None = None
+    doors: Annotated[tuple[Door, ...], Field(max_length=MAX_DOORS)] = ()
     route: Route | None = None
     wander: Wander | None = None
     commands: Commands | None = None
@@ -52,6 +63,7 @@ class Scenario(Settings):
     body: Body = Body()
     platform: Platform = UCSD
     noise: Noise = Noise()
+    outages: Annotated[tuple[Outage, ...], Field(max_length=100)] = ()
 
     @model_validator(mode="after")
     def _makes_sense(self) -> Scenario:
@@ -76,10 +88,10 @@ class Scenario(Settings):
 
 
 def bundled_scenarios() -> dict[str, str]:
-    """The names of the scenarios that come with the package, each with its one-line description."""
+    """The names of the scenarios that come with the package, each with the sentence that says why it is hard."""
     found = {}
     for file in sorted(SCENARIOS.glob("*.toml")):
-        found[file.stem] = str(tomllib.loads(file.read_text(encoding="utf-8")).get("description", ""))
+        found[file.stem] = str(tomllib.loads(file.read_text(encoding="utf-8")).get("why", ""))
     return found
 
 
@@ -119,6 +131,7 @@ def parse_scenario(table: dict[str, Any], *, file: str | PathLike[str] | None = 
     for key, default in (("platform", UCSD), ("noise", Noise())):
         if isinstance(table.get(key), dict):
             table = {**table, key: _merge(default.model_dump(mode="json", exclude_none=True), table[key])}
+    table = _with_plan_beside(table, file)
     try:
         # JSON's rules are strict about types, yet take a TOML array for a tuple
         return Scenario.model_validate_json(json.dumps(table, default=str), strict=True)
@@ -128,6 +141,15 @@ def parse_scenario(table: dict[str, Any], *, file: str | PathLike[str] | None = 
         first = error.errors()[0]
         field = ".".join(map(str, first["loc"]))
         raise ConfigError(_in_words(first), file=file, field=field or None) from error
+
+
+def _with_plan_beside(table: dict[str, Any], file: str | PathLike[str] | None) -> dict[str, Any]:
+    """The table with its floor plan's file seen from the scenario's folder, as an absolute path."""
+    match table:
+        case {"world": {"plan": {"file": str(name)} as plan} as world} if name and "\0" not in name:
+            folder = Path.cwd() if file is None else Path(file).absolute().parent
+            return {**table, "world": {**world, "plan": {**plan, "file": str(folder / name)}}}
+    return table
 
 
 def _in_words(error: ErrorDetails) -> str:

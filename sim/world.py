@@ -7,7 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from moteslam.sim.floorplan import OccupiedGrid, read_floor_plan
+from moteslam.sim.furniture import outline
 from moteslam.sim.layout import Box, Layout, Pillar, Room, Segments, Wall
+from moteslam.sim.materials import MATERIALS, PLAIN, Material
 
 _CHUNK = 1_000_000
 """Point-segment pairs held in memory at a time."""
@@ -19,23 +22,46 @@ class World:
 
     Attributes:
         segments: [m, 4] x0, y0, x1, y1 [m]: walls and the outlines of the solids.
-        solids: polygons [k, 2] [m] of boxes and pillars.
+        solids: polygons [k, 2] [m] of boxes, pillars and furniture.
+        surfaces: [m] what each segment is made of, an index into ``palette``; None where all is plain.
+        palette: the materials.
+        plan: a floor plan's solid cells; their sides are among the segments.
     """
 
     segments: Segments
     solids: tuple[NDArray[np.float64], ...] = ()
+    surfaces: NDArray[np.int16] | None = None
+    palette: tuple[Material, ...] = (MATERIALS[PLAIN],)
+    plan: OccupiedGrid | None = None
 
     @classmethod
     def of(cls, layout: Layout) -> World:
-        """The world that a layout describes."""
-        pieces: list[Box | Pillar] = [*layout.boxes, *layout.pillars]
-        solids = tuple(piece.polygon() for piece in pieces)
-        outlines = [np.concatenate((polygon, np.roll(polygon, -1, axis=0)), axis=1) for polygon in solids]
+        """The world that a layout describes.
+
+        Raises:
+            ConfigError: a floor plan that cannot be read.
+        """
         around: list[Wall | Room] = [*layout.walls, *layout.rooms]
-        lines = [piece.segments() for piece in around]
-        segments = np.concatenate([*lines, *outlines, np.empty((0, 4))])
+        blocks: list[Box | Pillar] = [*layout.boxes, *layout.pillars]
+        parts = [(piece.segments(), piece.material) for piece in around]
+        parts += [(outline(piece.polygon()), piece.material) for piece in blocks]
+        solids = [piece.polygon() for piece in blocks]
+        for stand in (*layout.tables, *layout.chairs):
+            parts += [(outline(leg), stand.material) for leg in stand.polygons()]
+            solids += stand.polygons()
+        for shelf in layout.shelves:
+            parts.append((shelf.segments(), shelf.material))
+            solids.append(shelf.polygon())
+        plan = None if layout.plan is None else read_floor_plan(layout.plan)
+        if plan is not None:
+            parts.append((plan.walls(), PLAIN))
+        segments = np.concatenate([*(lines for lines, _ in parts), np.empty((0, 4))])
         segments.setflags(write=False)
-        return cls(segments, solids)
+        surfaces = None
+        names = list(layout.palette)
+        if any(material != PLAIN for _, material in parts) or PLAIN in layout.materials:
+            surfaces = np.concatenate([np.full(len(lines), names.index(name), np.int16) for lines, name in parts])
+        return cls(segments, tuple(solids), surfaces, tuple(layout.palette.values()), plan)
 
     @property
     def bounds(self) -> tuple[float, float, float, float]:
@@ -61,9 +87,9 @@ class World:
         return found
 
     def inside_solid(self, points: ArrayLike) -> NDArray[np.bool_]:
-        """Which of the points [n, 2] are inside a box or pillar (even-odd rule), shape [n]."""
+        """Which of the points [n, 2] are inside a solid (even-odd rule) or a floor plan's solid cell, shape [n]."""
         points = np.asarray(points, np.float64).reshape(-1, 2)
-        inside = np.zeros(len(points), bool)
+        inside = np.zeros(len(points), bool) if self.plan is None else self.plan.is_solid(points)
         x, y = points[:, :1], points[:, 1:]
         for polygon in self.solids:
             (ax, ay), (bx, by) = polygon.T, np.roll(polygon, -1, axis=0).T

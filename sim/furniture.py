@@ -1,0 +1,82 @@
+"""Furniture as a lidar at knee height sees it: legs, and boards."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, FiniteFloat
+
+from moteslam.sim.layout_types import Point, Polygon, Segments, Size
+from moteslam.sim.materials import PLAIN
+from moteslam.sim.noise import Settings
+
+Leg = Annotated[FiniteFloat, Field(gt=0.005, le=0.5)]
+
+
+def rectangle(centre: Point, size: tuple[float, float], angle: float) -> Polygon:
+    """The corners [4, 2] of a turned rectangle, counterclockwise [m]."""
+    w, h = size
+    corners = np.array([(-w, -h), (w, -h), (w, h), (-w, h)]) / 2
+    cos, sin = math.cos(angle), math.sin(angle)
+    return np.asarray(centre + corners @ np.array([(cos, sin), (-sin, cos)]))
+
+
+class Table(Settings):
+    """Four square legs under the corners of a board that the lidar looks under: centre, size [m], angle [rad]."""
+
+    centre: Point
+    size: tuple[Size, Size] = (1.6, 0.8)
+    angle: FiniteFloat = 0.0
+    leg: Leg = 0.06
+    material: str = PLAIN
+
+    def polygons(self) -> list[Polygon]:
+        """The legs."""
+        inset = (max(self.size[0] - self.leg, 0.0), max(self.size[1] - self.leg, 0.0))
+        return [
+            rectangle((x, y), (self.leg, self.leg), self.angle) for x, y in rectangle(self.centre, inset, self.angle)
+        ]
+
+
+class Chair(Table):
+    """A small table."""
+
+    size: tuple[Size, Size] = (0.45, 0.45)
+    leg: Leg = 0.03
+
+
+class Shelf(Settings):
+    """An open shelf: its back and sides are boards, uprights divide it; its front is open to the left of ``angle``.
+
+    Attributes:
+        centre: of its rectangle [m].
+        size: along the back, and deep [m].
+        angle: of the back [rad].
+        bay: between two uprights, at most [m].
+    """
+
+    centre: Point
+    size: tuple[Size, Size] = (2.0, 0.4)
+    angle: FiniteFloat = 0.0
+    bay: Size = 1.0
+    material: str = PLAIN
+
+    def polygon(self) -> Polygon:
+        """The rectangle that nothing can be inside of [4, 2]."""
+        return rectangle(self.centre, self.size, self.angle)
+
+    def segments(self) -> Segments:
+        """The back and the uprights."""
+        a, b, c, d = self.polygon()
+        count = max(1, math.ceil(self.size[0] / self.bay - 1e-9))
+        share = np.linspace(0.0, 1.0, count + 1)[:, None]
+        uprights = np.concatenate((a + share * (b - a), d + share * (c - d)), axis=1)
+        return np.concatenate((np.concatenate((a, b))[None], uprights))
+
+
+def outline(polygon: NDArray[np.float64]) -> Segments:
+    """The sides [k, 4] of a polygon [k, 2]."""
+    return np.concatenate((polygon, np.roll(polygon, -1, axis=0)), axis=1)

@@ -1,0 +1,109 @@
+"""What moves in a world: people who walk, and doors that open and shut, as they stand in a scenario's file."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Literal
+
+from pydantic import Field, FiniteFloat, model_validator
+
+from moteslam.sim.layout_types import Point
+from moteslam.sim.materials import PLAIN
+from moteslam.sim.noise import Positive, Settings
+
+MAX_PEOPLE = 60
+MAX_DOORS = 60
+"""So many at most: each is looked at by every beam."""
+
+Speed = Annotated[FiniteFloat, Field(gt=0, le=3)]
+Time = Annotated[FiniteFloat, Field(ge=0, le=1800)]
+
+
+class Person(Settings):
+    """Somebody who walks from place to place, there and back again, round the robot and others.
+
+    Attributes:
+        waypoints: where they walk [m], the first is where they start; a single one: they stroll about from there, the
+            seed says where.
+        speed: of their walk [m/s] (1.34 is the usual one, Helbing and Molnar 1995).
+        pause: how long they stand at each place [s].
+        start: how long they stand at the first [s].
+        radius: of the body [m].
+        legs: whether the lidar sees two legs that stride, or one disc.
+        leg: radius of a leg [m].
+    """
+
+    waypoints: Annotated[tuple[Point, ...], Field(min_length=1, max_length=1000)]
+    speed: Speed = 1.2
+    pause: Time = 0.5
+    start: Time = 0.0
+    radius: Annotated[FiniteFloat, Field(ge=0.1, le=0.5)] = 0.22
+    legs: bool = True
+    leg: Annotated[FiniteFloat, Field(ge=0.03, le=0.2)] = 0.07
+
+
+class Crowd(Settings):
+    """People whom the seed puts anywhere free, and who stroll about.
+
+    Attributes:
+        count: how many.
+        speed: each one's is drawn between these [m/s].
+        away: how far from where the robot starts they begin, at least [m].
+    """
+
+    count: Annotated[int, Field(ge=1, le=MAX_PEOPLE)]
+    speed: tuple[Speed, Speed] = (0.8, 1.4)
+    away: Positive = 2.0
+
+
+class Door(Settings):
+    """A door's leaf that opens and shuts, by the clock or at random.
+
+    Attributes:
+        hinge, end: the two ends of the leaf when it is shut [m].
+        kind: ``swing``: turns about its hinge; ``slide``: moves along itself past the hinge.
+        opening: how far it swings [rad], counterclockwise positive.
+        shut_for, open_for: for how long, in turns, beginning shut [s].
+        random: whether these are means, with durations drawn by the seed (exponential), or the durations themselves.
+        automatic: whether it opens for whoever comes within ``sensor`` of its middle.
+        sensor: [m]
+        takes: to open or shut [s]. It does not shut on anyone.
+        material: of the leaf.
+    """
+
+    hinge: Point
+    end: Point
+    kind: Literal["swing", "slide"] = "swing"
+    opening: Annotated[FiniteFloat, Field(ge=-math.pi, le=math.pi)] = math.pi / 2
+    shut_for: Annotated[FiniteFloat, Field(gt=0, le=3600)] = 10.0
+    open_for: Annotated[FiniteFloat, Field(gt=0, le=3600)] = 10.0
+    random: bool = False
+    automatic: bool = True
+    sensor: Annotated[FiniteFloat, Field(gt=0, le=10)] = 2.0
+    takes: Annotated[FiniteFloat, Field(ge=0.2, le=60)] = 1.5
+    material: str = PLAIN
+
+    @model_validator(mode="after")
+    def _has_a_leaf(self) -> Door:
+        if math.dist(self.hinge, self.end) < 0.05:
+            raise ValueError("a leaf under 0.05 m wide, expected hinge and end apart")
+        return self
+
+
+class Slippery(Settings):
+    """A patch of floor where wheels grip less: the south-west corner, the size [m], and the grip there."""
+
+    corner: Point
+    size: tuple[Positive, Positive]
+    grip: Annotated[FiniteFloat, Field(gt=0, le=2)] = 0.1
+
+
+class Outage(Settings):
+    """A sensor that dies and comes back: which, from when after the drive's start, and for how long [s].
+
+    What the wheels turn meanwhile is lost with the readings: a dead counter counts nothing.
+    """
+
+    sensor: Literal["lidar", "encoders", "imu"]
+    start: Time
+    duration: Annotated[FiniteFloat, Field(gt=0, le=1800)]
