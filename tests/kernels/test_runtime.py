@@ -185,3 +185,37 @@ sys.addaudithook(no_network)
 """
     wait = "\nfor thread in set(threading.enumerate()) - {threading.main_thread()}:\n    thread.join()\n"
     assert run(hook + KERNEL + wait, tmp_path, TI_SKIP_VERSION_CHECK="OFF") == ""
+
+
+MASKS = """
+import os
+from moteslam.kernels.runtime import init
+allowed = sorted(os.sched_getaffinity(0))
+before = os.listdir("/proc/self/task")
+init("cpu", {threads})
+masks = [os.sched_getaffinity(int(thread)) for thread in os.listdir("/proc/self/task") if thread not in before]
+assert masks and os.sched_getaffinity(0) == set(allowed)
+print(sorted({{tuple(sorted(mask)) for mask in masks[-{threads}:]}}) == {expected})
+"""
+
+
+@pytest.mark.skipif(not hasattr(os, "sched_getaffinity"), reason="Linux alone tells and sets where threads run")
+@pytest.mark.parametrize(
+    ("threads", "expected"),
+    [
+        ("len(allowed)", "[(cpu,) for cpu in allowed]"),
+        ("1", "[tuple(allowed)]"),
+        ("1 + len(allowed)", "[tuple(allowed)]"),
+    ],
+)
+def test_as_many_threads_as_processors_have_one_each_and_others_are_free(
+    threads: str, expected: str, tmp_path: Path
+) -> None:
+    if len(os.sched_getaffinity(0)) < 2:
+        pytest.skip("one processor: nothing to choose from")
+    assert run(MASKS.format(threads=threads, expected=expected) + KERNEL, tmp_path) == "True\n"
+
+
+def test_a_system_that_does_not_place_threads_computes_all_the_same(tmp_path: Path) -> None:
+    code = "import os\nfor name in ('sched_getaffinity', 'sched_setaffinity'):\n    vars(os).pop(name, None)\n"
+    assert run(code + KERNEL, tmp_path) == ""

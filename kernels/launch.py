@@ -1,0 +1,113 @@
+"""Launching a kernel in a third of the time that Taichi takes to look its arguments over.
+
+Taichi spends some 13 us on each NumPy array of a call, more than many a kernel runs: on what cannot occur here,
+fields, tensors of other libraries, gradients, matrices. Once a kernel is compiled, a call with exactly the types of
+its annotations is therefore handed to the compiled kernel directly; every other call, the first among them, goes
+the way of Taichi, which compiles, converts or complains.
+
+This leans on the insides of one release of Taichi. With any other everything goes Taichi's way.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from enum import Enum, auto
+from functools import wraps
+from typing import Any
+
+import numpy as np
+
+from moteslam.kernels.runtime import runtime, ti
+
+KNOWN = (1, 7, 4)
+"""The release whose insides are known."""
+
+
+class Kind(Enum):
+    """What an argument that is no array must be; a template is a number the kernel is compiled for."""
+
+    SIGNED = auto()
+    UNSIGNED = auto()
+    REAL = auto()
+    TEMPLATE = auto()
+
+
+_Array = tuple[np.dtype[Any], int]
+"""The element type and number of dimensions that an array must have."""
+
+_NUMBERS = {ti.i32: Kind.SIGNED, ti.u32: Kind.UNSIGNED, ti.f32: Kind.REAL, ti.f64: Kind.REAL}
+
+
+def quick(function: Callable[..., Any]) -> Callable[..., Any]:
+    """``ti.kernel`` whose launches are quick, for kernels of NumPy arrays and numbers that return nothing."""
+    slow = ti.kernel(function)
+    kinds = _kinds(slow)
+    if kinds is None:
+        return slow  # type: ignore[no-any-return]
+    templates = [index for index, kind in enumerate(kinds) if kind is Kind.TEMPLATE]
+    compiled: dict[tuple[Any, ...], Any] = {}
+
+    @wraps(function)
+    def launcher(*arguments: Any) -> None:
+        form = tuple([arguments[index] for index in templates]) if len(arguments) == len(kinds) else ()
+        plain = all(type(value) in (bool, int) for value in form)
+        if plain and form in compiled and _launch(compiled[form], kinds, arguments):
+            return
+        slow(*arguments)
+        if plain and not runtime().debug:  # a bounds check that fails is told by Taichi's way alone
+            compiled[form] = slow._primal.compiled_kernels[slow._primal.ensure_compiled(*arguments)]
+
+    return launcher
+
+
+def _kinds(slow: Any) -> list[Kind | _Array] | None:
+    """What the annotations of a kernel ask for, or None where quick launches do not know it."""
+    if ti.__version__ != KNOWN or slow._primal.return_type is not None:
+        return None
+    kinds: list[Kind | _Array] = []
+    for argument in slow._primal.arguments:
+        asked = argument.annotation
+        if isinstance(asked, ti.types.ndarray_type.NdarrayType):
+            kinds.append((np.dtype(ti.lang.util.to_numpy_type(asked.dtype)), asked.ndim))
+        elif isinstance(asked, ti.template):
+            kinds.append(Kind.TEMPLATE)
+        elif (number := next((kind for type_, kind in _NUMBERS.items() if asked is type_), None)) is not None:
+            kinds.append(number)
+        else:
+            return None
+    return kinds
+
+
+def _launch(compiled: Any, kinds: list[Kind | _Array], arguments: tuple[Any, ...]) -> bool:
+    """Launch a compiled kernel; False, and nothing done, if the arguments are not what it was compiled for."""
+    if len(arguments) != len(kinds):
+        return False
+    context = compiled.make_launch_context()
+    place = 0
+    for kind, value in zip(kinds, arguments, strict=True):
+        if kind is Kind.TEMPLATE:
+            continue
+        if not isinstance(kind, Kind):
+            dtype, dimensions = kind
+            if (
+                type(value) is not np.ndarray
+                or value.dtype != dtype
+                or value.ndim != dimensions
+                or not value.flags.c_contiguous
+            ):
+                return False
+            context.set_arg_external_array_with_shape((place,), value.ctypes.data, value.nbytes, value.shape, 0)
+        elif kind is Kind.REAL:
+            if not isinstance(value, (float, int, np.floating, np.integer)):
+                return False
+            context.set_arg_float((place,), float(value))
+        elif not isinstance(value, (int, np.integer)):
+            return False
+        elif kind is Kind.SIGNED:
+            context.set_arg_int((place,), int(value))
+        else:
+            context.set_arg_uint((place,), int(value))
+        place += 1
+    program = ti.lang.impl.get_runtime().prog
+    program.launch_kernel(program.compile_kernel(program.config(), program.get_device_caps(), compiled), context)
+    return True

@@ -1,0 +1,55 @@
+"""Quick launches: the same results and refusals as Taichi's own, whatever the arguments are."""
+
+import numpy as np
+import pytest
+
+from moteslam.kernels.launch import _kinds, quick
+from moteslam.kernels.runtime import ti
+from moteslam.kernels.types import F32, F32_1D, I32, I32_2D, U32, template
+
+pytestmark = pytest.mark.usefixtures("taichi")
+
+
+def test_numbers_and_arrays_arrive_and_each_template_has_its_own_form() -> None:
+    out = np.zeros((2, 3), np.int32)
+    for _ in range(3):  # the first compiles, the others are quick
+        for factor, add in ((2, 5), (3, np.int64(-7)), (2, True)):
+            out[:] = 0
+            fill(np.array([1.5, 2.5], np.float32), np.float32(0.5), 2**31 + 4, add, factor, out)
+            expected = [(int(x + 0.5) * factor + int(add)) for x in (1.5, 2.5)]
+            assert out.tolist() == [[value, 2**30 + 2, 3] for value in expected]
+
+
+def test_strange_arguments_are_told_by_taichi_after_quick_launches_too() -> None:
+    values, out = np.zeros(2, np.float32), np.zeros((2, 3), np.int32)
+    for _ in range(3):
+        fill(values, 1.0, 1, 1, 2, out)
+    for wrong in (values.astype(np.float64), np.zeros((2, 2), np.float32), np.zeros(4, np.float32)[::2], None, "x"):
+        with pytest.raises(Exception, match=r"."):
+            fill(wrong, 1.0, 1, 1, 2, out)
+    with pytest.raises(Exception, match=r"."):
+        fill(values, "x", 1, 1, 2, out)
+    with pytest.raises(Exception, match=r"."):
+        fill(values, 1.0, 1.5, 1, 2, out)
+    with pytest.raises(Exception, match=r"."):
+        fill(values, 1.0)
+
+
+def test_another_release_of_taichi_goes_its_own_way(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(ti, "__version__", (1, 7, 99))
+    assert _kinds(fill_slowly) is None
+    assert quick(plain) is not None
+
+
+def plain() -> None:
+    """Nothing to do."""
+
+
+def _fill(values: F32_1D, add: F32, unsigned: U32, more: I32, factor: template, out: I32_2D):
+    for i in range(values.shape[0]):
+        out[i, 0] = ti.cast(values[i] + add, ti.i32) * ti.static(factor) + more
+        out[i, 1] = ti.cast(unsigned // ti.u32(2), ti.i32)
+        out[i, 2] = 3
+
+
+fill, fill_slowly = quick(_fill), ti.kernel(_fill)
