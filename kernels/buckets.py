@@ -33,6 +33,7 @@ class SegmentBuckets:
         slack: by which segments reach beyond their ends [m].
         starts: int32 [rows * columns + 1]; bucket b holds walls[starts[b]:starts[b + 1]].
         walls: float32 [n, 4] (x0, y0, x1, y1) [m], relative to the corner.
+        segments: int32 [n] which of the world's segments each wall is.
     """
 
     corner: NDArray[np.float64]
@@ -42,6 +43,7 @@ class SegmentBuckets:
     slack: float
     starts: NDArray[np.int32]
     walls: NDArray[np.float32]
+    segments: NDArray[np.int32]
 
 
 def build_buckets(segments: ArrayLike, *, size: float | None = None) -> SegmentBuckets:
@@ -84,7 +86,8 @@ def build_buckets(segments: ArrayLike, *, size: float | None = None) -> SegmentB
     starts = np.zeros(rows * columns + 1, np.int32)
     np.cumsum(np.bincount(bucket, minlength=rows * columns), out=starts[1:])
     walls = np.ascontiguousarray(relative.reshape(-1, 4)[segment[order]], np.float32)
-    return SegmentBuckets(corner, size, columns, rows, slack, starts, walls)
+    owners = np.ascontiguousarray(segment[order], np.int32)
+    return SegmentBuckets(corner, size, columns, rows, slack, starts, walls, owners)
 
 
 def _default_size(lengths: NDArray[np.float64], extent: NDArray[np.float64]) -> float:

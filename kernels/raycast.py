@@ -20,7 +20,7 @@ from moteslam.kernels.checks import LARGEST, as_finite
 from moteslam.kernels.runtime import runtime, ti
 from moteslam.kernels.types import F32, F32_1D, F32_2D, F64, F64_2D, I32, I32_1D, func, kernel, template
 
-__all__ = ["SegmentBuckets", "build_buckets", "cast_rays", "cast_scans"]
+__all__ = ["SegmentBuckets", "build_buckets", "cast_rays", "cast_scans", "cast_surfaces"]
 
 
 @func
@@ -46,7 +46,7 @@ def _cast(
     starts: template, walls: template, size: F32, columns: I32, rows: I32, slack: F32, x: F64, y: F64, c: F32, s: F32,
     max_range: F32,
 ):  # fmt: skip
-    """How far a ray gets from (x, y), relative to the world's corner, along (c, s)."""
+    """How far a ray gets from (x, y), relative to the world's corner, along (c, s), and which wall it hits (or -1)."""
     tiny = ti.f32(1e-12)  # a ray along an axis crosses the other after 1e12 m
     inverse_x = ti.f32(1.0) / (c if abs(c) > tiny else tiny)
     inverse_y = ti.f32(1.0) / (s if abs(s) > tiny else tiny)
@@ -62,6 +62,7 @@ def _cast(
         if skipped > ti.min(leave_x, leave_y) or skipped > ti.cast(max_range, ti.f64):
             skipped = ti.f64(math.inf)
     found = ti.f32(math.inf)
+    nearest = -1
     if skipped < ti.f64(math.inf):
         ox = ti.cast(x + skipped * ti.cast(c, ti.f64), ti.f32)
         oy = ti.cast(y + skipped * ti.cast(s, ti.f64), ti.f32)
@@ -83,7 +84,9 @@ def _cast(
                 distance = _wall_range(
                     walls[w, 0] - ox, walls[w, 1] - oy, walls[w, 2] - ox, walls[w, 3] - oy, c, s, slack
                 )
-                found = ti.min(found, distance)
+                if distance < found:
+                    found = distance
+                    nearest = w
             leave = ti.min(next_x, next_y)
             if next_x < next_y:
                 col += step_col
@@ -93,7 +96,10 @@ def _cast(
                 next_y += up
             walking = found > leave and leave <= reach and 0 <= col and col < columns and 0 <= row and row < rows
     total = ti.cast(skipped, ti.f32) + found
-    return total if total <= max_range else ti.f32(math.inf)
+    if not total <= max_range:
+        total = ti.f32(math.inf)
+        nearest = -1
+    return total, nearest
 
 
 @kernel
@@ -102,10 +108,24 @@ def _cast_rays(
     origins: F64_2D, directions: F32_2D, max_range: F32, out: F32_1D,
 ):  # fmt: skip
     for i in range(out.shape[0]):
-        out[i] = _cast(
+        out[i], _ = _cast(
             starts, walls, size, columns, rows, slack, origins[i, 0] - x0, origins[i, 1] - y0,
             directions[0, i], directions[1, i], max_range,
         )  # fmt: skip
+
+
+@kernel
+def _cast_surfaces(
+    starts: I32_1D, walls: F32_2D, size: F32, columns: I32, rows: I32, slack: F32, x0: F64, y0: F64,
+    origins: F64_2D, directions: F32_2D, max_range: F32, owners: I32_1D, out: F32_1D, hit: I32_1D,
+):  # fmt: skip
+    for i in range(out.shape[0]):
+        distance, wall = _cast(
+            starts, walls, size, columns, rows, slack, origins[i, 0] - x0, origins[i, 1] - y0,
+            directions[0, i], directions[1, i], max_range,
+        )  # fmt: skip
+        out[i] = distance
+        hit[i] = owners[wall] if wall >= 0 else -1
 
 
 @kernel
@@ -116,7 +136,7 @@ def _cast_scans(
     for i, b in ti.ndrange(out.shape[0], out.shape[1]):
         c = headings[0, i] * beams[0, b] - headings[1, i] * beams[1, b]
         s = headings[1, i] * beams[0, b] + headings[0, i] * beams[1, b]
-        out[i, b] = _cast(
+        out[i, b], _ = _cast(
             starts, walls, size, columns, rows, slack, origins[i, 0] - x0, origins[i, 1] - y0, c, s, max_range
         )
 
@@ -146,6 +166,27 @@ def cast_rays(
     if len(out):
         _cast_rays(*_arguments(buckets), origins, directions_of(angles), max_range, out)
     return out
+
+
+def cast_surfaces(
+    buckets: SegmentBuckets, origins: ArrayLike, angles: ArrayLike, *, max_range: float
+) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
+    """The distance to the first wall along each ray, as ``cast_rays`` gives it, and which wall it is.
+
+    Returns:
+        float32 [n] [m] and int32 [n] numbers of segments, ``inf`` and -1 where no wall is within max_range.
+
+    Raises:
+        InputError: as ``cast_rays``.
+    """
+    origins = as_finite("origins", origins, np.float64, (None, 2))
+    angles = as_finite("angles", angles, np.float64, (len(origins),))
+    _check_range(max_range)
+    out, hit = np.empty(len(origins), np.float32), np.empty(len(origins), np.int32)
+    runtime()
+    if len(out):
+        _cast_surfaces(*_arguments(buckets), origins, directions_of(angles), max_range, buckets.segments, out, hit)
+    return out, hit
 
 
 def cast_scans(

@@ -18,10 +18,13 @@ from numpy.typing import NDArray
 
 from moteslam.robot import se2
 from moteslam.robot.trajectory import Trajectory
+from moteslam.sim.cast import PATIENCE, Cast
 from moteslam.sim.driving import sideways_ratio
+from moteslam.sim.movers import Movers
 from moteslam.sim.pursuit import BlindDriver, Driver, PathDriver
-from moteslam.sim.rates import PHYSICS_RATE
+from moteslam.sim.rates import PHYSICS_RATE, TRUTH_RATE
 from moteslam.sim.scenario import Scenario
+from moteslam.sim.walkers import ROBOT
 from moteslam.sim.wander import wander_path
 from moteslam.sim.world import World
 
@@ -42,6 +45,7 @@ class Drive:
         velocities: [n, 3] true velocity in the world [m/s, m/s] and yaw rate [rad/s].
         wheel_travel: [n, 4] how far the rims of the FR, FL, RR, RL wheel have turned since the start [m].
         end: why it ended: ``arrived``, ``stuck`` or ``out of time``.
+        movers: where people and doors were; None where there are none.
     """
 
     stamps: NDArray[np.float64]
@@ -49,6 +53,7 @@ class Drive:
     velocities: NDArray[np.float64]
     wheel_travel: NDArray[np.float64]
     end: str
+    movers: Movers | None = None
 
     @property
     def truth(self) -> Trajectory:
@@ -63,6 +68,7 @@ def drive(
     world: World,
     rng: np.random.Generator,
     *,
+    others: np.random.Generator | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> Drive:
     """Let the robot drive its scenario: rest, drive until its driver has arrived, is stuck or out of time, rest.
@@ -71,9 +77,11 @@ def drive(
         scenario: what to do and the robot's body.
         world: what to do it in.
         rng: of the driver's inattention and, for a wander, of its route.
+        others: of the people and doors; seed 0 where there is none.
         progress: told the share of the way that lies behind.
     """
-    engine = _Engine(scenario, world)
+    engine = _Engine(scenario, world, np.random.default_rng(0) if others is None else others)
+    cast, waited = engine.cast, 0.0
     driver = _driver(scenario, world, rng)
     limits, dt = scenario.drive, 1 / PHYSICS_RATE
     speed = turn_rate = 0.0
@@ -90,6 +98,12 @@ def drive(
                 end = "arrived"
                 break
             interval = CONTROL_STEPS * dt
+            if cast is not None and scenario.commands is None:
+                pace = cast.pace(x, y, theta)
+                wanted = (wanted[0] * pace, wanted[1] * pace)
+                waited = waited + interval if pace < 0.1 else 0.0
+                if 0.0 < waited < PATIENCE:
+                    stuck_check, stuck_pose = step + round(STUCK_AFTER * PHYSICS_RATE), rows[-1]
             speed = _approach(speed, wanted[0], limits.acceleration * interval)
             turn_rate = _approach(turn_rate, wanted[1], limits.turn_acceleration * interval)
             if step >= stuck_check and scenario.commands is None:
@@ -108,7 +122,9 @@ def drive(
         engine.step(speed, turn_rate)
         rows.append(engine.state())
     table = np.array(rows)
-    return Drive(np.arange(len(table), dtype=np.float64) / PHYSICS_RATE, table[:, :3], table[:, 3:6], table[:, 6:], end)
+    stamps = np.arange(len(table), dtype=np.float64) / PHYSICS_RATE
+    movers = None if cast is None else cast.movers()
+    return Drive(stamps, table[:, :3], table[:, 3:6], table[:, 6:], end, movers)
 
 
 def _driver(scenario: Scenario, world: World, rng: np.random.Generator) -> Driver:
@@ -127,7 +143,7 @@ def _approach(value: float, wanted: float, change: float) -> float:
 class _Engine:
     """The pymunk space with its walls, and the robot's body on four wheels."""
 
-    def __init__(self, scenario: Scenario, world: World) -> None:
+    def __init__(self, scenario: Scenario, world: World, others: np.random.Generator) -> None:
         import pymunk
 
         platform, self._body_settings = scenario.platform, scenario.body
@@ -147,6 +163,13 @@ class _Engine:
         hull.friction = settings.wall_friction
         space.add(body, hull)
         self._space, self._body = space, body
+        self._steps = 0
+        self._slippery = scenario.world.slippery
+        self.cast: Cast | None = None
+        if scenario.people or scenario.crowd is not None or scenario.doors:
+            hull.filter = pymunk.ShapeFilter(categories=ROBOT)
+            self.cast = Cast(scenario, world, space, others)
+            self.cast.record()
         base, track = wheels.wheel_base / 2, wheels.track / 2
         self._places = ((base, -track), (base, track), (-base, -track), (-base, track))  # FR, FL, RR, RL
         self._lengthwise = settings.stiffness
@@ -176,8 +199,11 @@ class _Engine:
             fx = self._lengthwise * (rim - (forward - yaw_rate * py))
             fy = -self._sideways * (left + yaw_rate * px)
             size = math.hypot(fx, fy)
-            if size > self._grip:
-                fx, fy = fx * self._grip / size, fy * self._grip / size
+            grip = self._grip
+            if self._slippery:
+                grip *= self._grip_share(body.position.x + cos * px - sin * py, body.position.y + sin * px + cos * py)
+            if size > grip:
+                fx, fy = fx * grip / size, fy * grip / size
             total_x, total_y, moment = total_x + fx, total_y + fy, moment + px * fy - py * fx
             # a motor that reaches its speed at once if its bounded force can
             wanted = speed + math.copysign(self._half_track, py) * -turn_rate
@@ -187,4 +213,19 @@ class _Engine:
             self._travel[i] += rim * dt
         body.force = (cos * total_x - sin * total_y, sin * total_x + cos * total_y)
         body.torque = moment
+        cast, steps = self.cast, self._steps
+        if cast is not None and steps % CONTROL_STEPS == 0:
+            cast.move(steps * dt, CONTROL_STEPS * dt, (body.position.x, body.position.y))
         self._space.step(dt)
+        self._steps += 1
+        if cast is not None and self._steps % (PHYSICS_RATE // TRUTH_RATE) == 0:
+            cast.record()
+
+    def _grip_share(self, x: float, y: float) -> float:
+        """How the grip at a place compares with that of the floor: the least of the patches there."""
+        share = 1.0
+        for patch in self._slippery:
+            (left, low), (wide, high) = patch.corner, patch.size
+            if left <= x <= left + wide and low <= y <= low + high:
+                share = min(share, patch.grip / self._body_settings.grip)
+        return share

@@ -197,7 +197,7 @@ class Layout(Settings):
     shelves: tuple[Shelf, ...] = ()
     plan: FloorPlan | None = None
     slippery: tuple[Slippery, ...] = ()
-    materials: dict[str, Material] = {}
+    materials: dict[str, Material] = Field(default_factory=dict)
 
     @property
     def palette(self) -> dict[str, Material]:

@@ -6,21 +6,24 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path
-from typing import TypeVar
 
 import numpy as np
 import tomli_w
 
 from moteslam.errors import ConfigError
 from moteslam.robot.files import write_atomically
-from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream, Recording
+from moteslam.robot.recording import Recording
 from moteslam.robot.trajectory import Trajectory, write_tum
 from moteslam.sim.drive import drive
+from moteslam.sim.faults import Stream, with_faults
+from moteslam.sim.movers import Movers
+from moteslam.sim.noise import ClockNoise
 from moteslam.sim.rates import PHYSICS_RATE, TRUTH_RATE
 from moteslam.sim.scenario import Scenario
 from moteslam.sim.sensors.encoders import simulate_encoders
 from moteslam.sim.sensors.imu import simulate_imu
 from moteslam.sim.sensors.lidar import simulate_lidar
+from moteslam.sim.truth import TrueMap, true_map, write_true_map
 from moteslam.sim.world import World
 
 EPOCH = 1_300_000_000.0
@@ -29,7 +32,8 @@ EPOCH = 1_300_000_000.0
 Progress = Callable[[str, float], None]
 """Told what is being done (``drive``, ``lidar``) and the share of it that is done."""
 
-_Stream = TypeVar("_Stream", LidarStream, EncoderStream, ImuStream)
+_CONCERNS = ("driver", "clocks", "lidar", "encoders", "imu", "others", "echoes", "wheels", "faults")
+"""What random numbers are drawn for. New ones go to the end: a concern's numbers depend on its place here alone."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,17 +45,30 @@ class Simulation:
         truth: the robot's true poses in the world at 100 Hz, over all that the sensors saw.
         scenario: what was simulated, with the seed that was used.
         end: why the drive ended: ``arrived``, ``stuck`` or ``out of time``.
+        movers: where people and doors were, from the first true pose on; None where there are none.
     """
 
     recording: Recording
     truth: Trajectory
     scenario: Scenario
     end: str
+    movers: Movers | None = None
 
     @property
     def world(self) -> World:
-        """The true world."""
+        """The true world, what stands of it."""
         return World.of(self.scenario.world)
+
+    def true_map(self, resolution: float) -> TrueMap:
+        """The true occupancy of what stands, as far as a way leads there from the robot's.
+
+        Args:
+            resolution: a cell's side [m].
+
+        Raises:
+            ConfigError: a resolution that is not positive, or too fine.
+        """
+        return true_map(self.world, resolution, seen_from=self.truth.poses[:1, :2])
 
 
 def simulate(scenario: Scenario, seed: int | None = None, *, progress: Progress | None = None) -> Simulation:
@@ -72,12 +89,11 @@ def simulate(scenario: Scenario, seed: int | None = None, *, progress: Progress 
     wheels, noise = scenario.platform.wheels, scenario.noise
     assert wheels is not None  # a scenario without is refused
     say = progress or (lambda _what, _share: None)
-    # one stream of random numbers a concern: a change to one sensor's noise leaves the others as they were
-    driver, clocks, lidar, encoders, imu = (
-        np.random.default_rng(child) for child in np.random.SeedSequence(scenario.seed).spawn(5)
-    )
+    chance = _chances(scenario.seed)
     world = World.of(scenario.world)
-    driven = drive(scenario, world, driver, progress=lambda share: say("drive", share))
+    driven = drive(
+        scenario, world, chance["driver"], others=chance["others"], progress=lambda share: say("drive", share)
+    )
     if driven.end == "stuck":
         x, y = driven.poses[-1, :2]
         raise ConfigError(
@@ -86,43 +102,56 @@ def simulate(scenario: Scenario, seed: int | None = None, *, progress: Progress 
             field="route",
         )
     say("drive", 1.0)
-    spans = _spans(float(driven.stamps[-1]), clocks)
+    spans = _spans(float(driven.stamps[-1]), chance["clocks"])
+    scans = simulate_lidar(
+        driven,
+        world,
+        scenario.platform.lidar,
+        noise.lidar,
+        spans["lidar"],
+        chance["lidar"],
+        effects=chance["echoes"],
+        progress=lambda share: say("lidar", share),
+    )
+    counts = simulate_encoders(
+        driven, wheels, noise.encoders, noise.odometry_scale, spans["encoders"], chance["encoders"],
+        effects=chance["wheels"],
+    )  # fmt: skip
+    inertial = simulate_imu(driven, noise.imu, noise.odometry_scale, spans["imu"], chance["imu"])
+
+    def arrived(sensor: str, stream: Stream, clock: ClockNoise) -> Stream:
+        outages = [outage for outage in scenario.outages if outage.sensor == sensor]
+        return _at_epoch(with_faults(stream, clock, outages, chance["faults"]))
+
     recording = Recording(
         name=scenario.name,
         platform=scenario.platform,
-        lidar=_at_epoch(
-            simulate_lidar(
-                driven,
-                world,
-                scenario.platform.lidar,
-                noise.lidar,
-                spans["lidar"],
-                lidar,
-                progress=lambda s: say("lidar", s),
-            )
-        ),
-        encoders=_at_epoch(
-            simulate_encoders(driven, wheels, noise.encoders, noise.odometry_scale, spans["encoders"], encoders)
-        ),
-        imu=_at_epoch(simulate_imu(driven, noise.imu, noise.odometry_scale, spans["imu"], imu)),
+        lidar=arrived("lidar", scans, noise.lidar.clock),
+        encoders=arrived("encoders", counts, noise.encoders.clock),
+        imu=arrived("imu", inertial, noise.imu.clock),
     )
     every = PHYSICS_RATE // TRUTH_RATE
     kept = np.unique(np.append(np.arange(0, len(driven.stamps), every), len(driven.stamps) - 1))
     truth = Trajectory(EPOCH + driven.stamps[kept], driven.truth.poses[kept])
-    return Simulation(recording, truth, scenario, driven.end)
+    return Simulation(recording, truth, scenario, driven.end, driven.movers)
 
 
-def write_simulation(folder: str | PathLike[str], simulation: Simulation, *, sequence: str = "20") -> None:
+def write_simulation(
+    folder: str | PathLike[str], simulation: Simulation, *, sequence: str = "20", map_resolution: float | None = None
+) -> None:
     """Write a simulation as a folder in the UCSD layout, which reads back equal.
 
-    Beside the arrays and ``platform.toml`` go ``truth.tum`` and ``scenario.toml``.
+    Beside the arrays and ``platform.toml`` go ``truth.tum`` and ``scenario.toml``, and, where it is asked for,
+    ``truth_map.pgm`` with its ``.yaml``.
 
     Args:
         folder: exists.
         simulation: what to write.
         sequence: the number in the file names.
+        map_resolution: of the true map [m]; None for no such map.
 
     Raises:
+        ConfigError: a resolution that is not positive, or too fine.
         OutputError: the folder is missing or read-only, or the disk is full.
     """
     from moteslam.robot.formats.ucsd import write_ucsd
@@ -130,6 +159,8 @@ def write_simulation(folder: str | PathLike[str], simulation: Simulation, *, seq
     write_ucsd(folder, simulation.recording, sequence=sequence)
     write_tum(Path(folder) / "truth.tum", simulation.truth)
     write_atomically(Path(folder) / "scenario.toml", tomli_w.dumps(simulation.scenario.model_dump(exclude_none=True)))
+    if map_resolution is not None:
+        write_true_map(Path(folder) / "truth_map.pgm", simulation.true_map(map_resolution))
 
 
 def _spans(duration: float, rng: np.random.Generator) -> dict[str, tuple[float, float]]:
@@ -146,6 +177,12 @@ def _spans(duration: float, rng: np.random.Generator) -> dict[str, tuple[float, 
     }
 
 
-def _at_epoch(stream: _Stream) -> _Stream:
+def _chances(seed: int) -> dict[str, np.random.Generator]:
+    """A stream of random numbers a concern: a change to one sensor's noise leaves the others as they were."""
+    children = np.random.SeedSequence(seed).spawn(len(_CONCERNS))
+    return {concern: np.random.default_rng(child) for concern, child in zip(_CONCERNS, children, strict=True)}
+
+
+def _at_epoch(stream: Stream) -> Stream:
     """The stream with its stamps in Unix seconds."""
     return replace(stream, stamps=EPOCH + stream.stamps)

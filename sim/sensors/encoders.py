@@ -23,6 +23,8 @@ def simulate_encoders(
     scale: float,
     span: tuple[float, float],
     rng: np.random.Generator,
+    *,
+    effects: np.random.Generator | None = None,
 ) -> EncoderStream:
     """The counts of the four wheels.
 
@@ -36,6 +38,7 @@ def simulate_encoders(
         scale: multiplies slip, scale, radius and track errors.
         span: of the first and last reading [s].
         rng: drawn from, always the same number of times for the same readings.
+        effects: of slip bursts and missed ticks, drawn from only where there are any; seed 0 where there is none.
 
     Returns:
         counts int64 [n, 4], order FR, FL, RR, RL; stamps [n] from 0 [s].
@@ -43,9 +46,28 @@ def simulate_encoders(
     times, stamps = readings(ENCODER_RATE, *span, noise.clock, rng)
     travel = np.stack([np.interp(times, drive.stamps, wheel) for wheel in drive.wheel_travel.T], axis=-1)
     seen = _with_errors(np.diff(travel, axis=0, prepend=travel[:1]), noise, scale, rng)
+    chance = np.random.default_rng(0) if effects is None else effects
+    seen *= 1.0 / np.asarray(noise.radius_factors)  # a larger wheel turns less for the same way
+    if noise.bursts > 0:
+        seen *= 1.0 + noise.burst_slip * _bursts(times, noise, chance)
     # the counter counts whole ticks; the rest stays in the wheel, for the next reading
     ticks = np.floor(rng.random(4) + np.cumsum(seen, axis=0) / wheels.metres_per_count).astype(np.int64)
-    return EncoderStream(stamps=stamps, counts=np.diff(ticks, axis=0, prepend=ticks[:1]))
+    counts = np.diff(ticks, axis=0, prepend=ticks[:1])
+    if noise.missed > 0:
+        counts = np.sign(counts) * (np.abs(counts) - chance.binomial(np.abs(counts), noise.missed))
+    return EncoderStream(stamps=stamps, counts=counts.astype(np.int64))
+
+
+def _bursts(times: NDArray[np.float64], noise: EncoderNoise, rng: np.random.Generator) -> NDArray[np.float64]:
+    """1 where a wheel spins in a burst, else 0: [n, 4]."""
+    count = rng.poisson(noise.bursts * (times[-1] - times[0]) / 60)
+    start = rng.uniform(times[0], times[-1], count)
+    end = start + rng.exponential(noise.burst_time, count)
+    right = rng.random(count) < 0.5
+    spins = np.zeros((len(times), 4))
+    for begin, until, side in zip(start, end, right, strict=True):
+        spins[np.ix_((times >= begin) & (times < until), np.flatnonzero(side == _RIGHT))] = 1.0
+    return spins
 
 
 def _with_errors(
