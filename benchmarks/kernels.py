@@ -3,13 +3,16 @@
     python benchmarks/kernels.py [--out benchmarks/results/kernels-YYYY-MM-DD.json]
 
 Threads are fixed for a process, so each count is measured in a process of its own, in turns; within one, the
-contenders take turns too, and the median of all turns counts. Compilation is told apart.
+contenders take turns too, and the median of all turns counts. Compilation is not counted: the first call is left out.
+Processor time stands beside it: where others use the machine too, it tells what wall time cannot. How much faster two
+threads can be here at all, is told by a loop of arithmetic alone.
 """
 
 from __future__ import annotations
 
 import argparse
 import ctypes
+import itertools
 import json
 import os
 import platform
@@ -27,10 +30,14 @@ from typing import Any
 
 import numpy as np
 
+ROOT = Path(__file__).parents[1]
 BEAMS = 1081
 CELLS, CELL = 2000, 0.05
 REPEATS = 9
 ROUNDS = 3
+SPENT = "processor [ms a call]"
+SERIAL = ("grid update",)
+"""What one thread does on purpose: asked for no gain."""
 FLAGS = ["-O3", "-march=native", "-ffast-math", "-fopenmp", "-shared", "-fPIC", "-lm"]
 
 
@@ -44,18 +51,21 @@ def compile_loops(folder: Path) -> ctypes.CDLL | None:
 
 
 def in_turns(contenders: dict[str, Callable[[], Any]], repeats: int = REPEATS) -> dict[str, float]:
-    """The median wall time [s] of each, taking turns after one call that is not counted."""
+    """The median wall time [s] of each, taking turns after one call not counted; and the first's SPENT, a mean [ms]."""
     times: dict[str, list[float]] = {name: [] for name in contenders}
+    spent = dict.fromkeys(contenders, 0.0)
     for call in contenders.values():
         call()
     order = np.random.default_rng(0)
     for _ in range(repeats):
         for name in order.permutation(list(contenders)):  # who follows whom, and finds whose caches, changes too
             call = contenders[name]
-            began = time.perf_counter()
+            began, spent_before = time.perf_counter(), time.process_time()
             call()
             times[name].append(time.perf_counter() - began)
-    return {name: statistics.median(seconds) for name, seconds in times.items()}
+            spent[name] += time.process_time() - spent_before
+    first = next(iter(contenders))
+    return {name: statistics.median(seconds) for name, seconds in times.items()} | {SPENT: 1e3 * spent[first] / repeats}
 
 
 def world(segments: int = 500, *, size: float = 90.0, seed: int = 1) -> np.ndarray:
@@ -86,12 +96,28 @@ def measure(threads: int) -> dict[str, Any]:
     """All the measurements of one process."""
     os.environ["OMP_NUM_THREADS"] = str(threads)
     os.environ["OMP_WAIT_POLICY"] = "passive"  # else idle OpenMP threads spin, and hold a core of whoever is next
+    sys.path.insert(0, str(ROOT / "tests"))  # the NumPy twins
     from moteslam.kernels import runtime
 
     runtime.init("cpu", threads)
     with tempfile.TemporaryDirectory() as folder:
         loops = compile_loops(Path(folder))
-        return {**scoring(loops, threads), **matching(), **raycasting(loops, threads)}
+        return {
+            **arithmetic(loops),
+            **scoring(loops, threads),
+            **matching(threads),
+            **raycasting(loops, threads),
+            **updating(loops, threads),
+        }
+
+
+def arithmetic(loops: ctypes.CDLL | None) -> dict[str, Any]:
+    """What the machine gives: chains of arithmetic in C, on so many threads."""
+    if loops is None:
+        return {}
+    out = np.empty(2000, np.float32)
+    seconds = in_turns({"c": lambda: loops.arithmetic(out.size, 1000, *pointers(out))})
+    return {"arithmetic alone [M steps/s]": {"c": out.size / seconds["c"] / 1e3, SPENT: seconds[SPENT]}}
 
 
 def scoring(loops: ctypes.CDLL | None, threads: int) -> dict[str, Any]:
@@ -134,29 +160,31 @@ def scoring(loops: ctypes.CDLL | None, threads: int) -> dict[str, Any]:
         seconds = in_turns(contenders)
         if threads == 1 and n == 1000:  # in turns of its own: its 100 MB of intermediates empty every cache
             contenders["numpy"] = twin
-            seconds |= in_turns({"numpy": twin})
+            seconds["numpy"] = in_turns({"numpy": twin})["numpy"]
         rates = {name: n * BEAMS / seconds[name] / 1e6 for name in contenders}
         hits = {name: float(np.mean(call())) / BEAMS for name, call in contenders.items()}
         assert max(hits.values()) - min(hits.values()) < 1e-3, hits  # the same work: float32 rounds a few beams apart
-        results[f"scoring {n} x {BEAMS} [M lookups/s]"] = rates
+        results[f"scoring {n} x {BEAMS} [M lookups/s]"] = {**rates, SPENT: seconds[SPENT]}
     return results
 
 
-def matching() -> dict[str, Any]:
+def matching(threads: int) -> dict[str, Any]:
     """Particles a second of ``match_poses``, 2000 particles x 1081 beams x 5 x 5 x 5."""
+    from twins import grids
+
     from moteslam.kernels.matching import match_poses
 
     grid, points = scan_and_map()
     poses = np.random.default_rng(5).normal((50.0, 48.0, 0.0), (0.1, 0.1, 0.05), (2000, 3))
     offsets = np.array((-0.1, -0.05, 0.0, 0.05, 0.1))
-    seconds = in_turns(
-        {
-            "moteslam": lambda: match_poses(
-                grid, (0.0, 0.0), CELL, poses, points, offsets_xy=offsets, offsets_theta=offsets
-            )
-        }
-    )["moteslam"]
-    return {f"matching 5x5x5, {BEAMS} beams [thousand particles/s]": {"moteslam": len(poses) / seconds / 1e3}}
+    options = {"offsets_xy": offsets, "offsets_theta": offsets}
+    seconds = in_turns({"moteslam": lambda: match_poses(grid, (0.0, 0.0), CELL, poses, points, **options)})
+    rates = {"moteslam": len(poses) / seconds["moteslam"] / 1e3}
+    if threads == 1:
+        few = poses[:4]
+        twin = in_turns({"numpy": lambda: grids.match_poses(grid, (0.0, 0.0), CELL, few, points, **options)}, 3)
+        rates["numpy"] = len(few) / twin["numpy"] / 1e3
+    return {f"matching 5x5x5, {BEAMS} beams [thousand particles/s]": {**rates, SPENT: seconds[SPENT]}}
 
 
 def raycasting(loops: ctypes.CDLL | None, threads: int) -> dict[str, Any]:
@@ -184,13 +212,63 @@ def raycasting(loops: ctypes.CDLL | None, threads: int) -> dict[str, Any]:
     contenders: dict[str, Callable[[], np.ndarray]] = {"moteslam": kernel}
     if loops is not None and threads == 1:
         contenders["c, every segment"] = plain
-    rates = {name: out.size / seconds / 1e6 for name, seconds in in_turns(contenders, 5).items()}
+    seconds = in_turns(contenders, 5)
+    rates = {name: out.size / seconds[name] / 1e6 for name in contenders}
     exact = kernel()
     hit = np.isfinite(exact)
+    if threads == 1:
+        from twins.rays import cast_rays
+
+        some = rays[:4].astype(np.float64)
+
+        def twin() -> np.ndarray:
+            return np.array([cast_rays(segments, scan[:, :2], scan[:, 2], max_range=30.0)[0] for scan in some])
+
+        rates["numpy"] = some.shape[0] * BEAMS / in_turns({"numpy": twin}, 3)["numpy"] / 1e6
+        close = np.isclose(twin(), exact[: len(some)], rtol=0, atol=1e-3)
+        assert close.mean() > 0.999, close.mean()  # the same work; a ray through a corner may slip past it in float32
     return {
-        "raycasting, 500 segments [M rays/s]": rates,
+        "raycasting, 500 segments [M rays/s]": {**rates, SPENT: seconds[SPENT]},
         "raycasting world": {"mean range of hits [m]": float(exact[hit].mean()), "hits": float(hit.mean())},
     }
+
+
+def updating(loops: ctypes.CDLL | None, threads: int) -> dict[str, Any]:
+    """Scans a second entered into a grid: by every ray, as the C loop, and each cell once, as SLAM does."""
+    from twins import grids
+
+    from moteslam.kernels.occupancy import update_grid
+
+    occupied, points = scan_and_map()
+    start = np.array((1000, 960))
+    ends = np.ascontiguousarray(start + np.floor(points / CELL), np.int32)
+    seen, scan = np.zeros(occupied.shape, np.int32), itertools.count(1)
+    grid, once, plain_grid = (np.zeros(occupied.shape, np.int16) for _ in range(3))
+    flags, flags_once = np.zeros_like(occupied), np.zeros_like(occupied)
+    options = {"hit": 40, "miss": 10, "limit": 1000}
+
+    def per_ray(log_odds: np.ndarray = grid) -> None:
+        update_grid(log_odds, flags, seen, start, ends, threshold=0, scan=1, per_ray=True, **options)
+
+    def each_once() -> None:
+        update_grid(once, flags_once, seen, start, ends, threshold=0, scan=next(scan), **options)
+
+    def plain(log_odds: np.ndarray = plain_grid) -> None:
+        assert loops is not None
+        loops.update(*pointers(log_odds), CELLS, *start.tolist(), *pointers(ends), len(ends), *options.values())
+
+    contenders: dict[str, Callable[[], Any]] = {"moteslam": per_ray, "moteslam, each cell once": each_once}
+    if loops is not None:
+        contenders["c"] = plain
+    seconds = in_turns(contenders)
+    if loops is not None:
+        assert (grid == plain_grid).all()
+    if threads == 1:
+        empty = np.zeros(occupied.shape, np.int16)
+        contenders["python"] = lambda: grids.update_grid(empty, start, ends, per_ray=True, **options)
+        seconds["python"] = in_turns({"python": contenders["python"]}, 1)["python"]
+    rates = {name: 1 / seconds[name] for name in contenders}
+    return {f"grid update, {BEAMS} beams [scans/s]": {**rates, SPENT: seconds[SPENT]}}
 
 
 def pointers(*arrays: np.ndarray) -> list[ctypes.c_void_p]:
@@ -219,12 +297,15 @@ def main() -> None:
         }
         for threads, kept in runs.items()
     }
-    one, two = figures["1"], figures["2"]
-    ratios = {f"{task}: two threads / one": two[task]["moteslam"] / one[task]["moteslam"] for task in one
-              if "moteslam" in one[task]}  # fmt: skip
+    ratios: dict[str, float] = {}
+    for task, rates in figures["1"].items():
+        name = next((name for name in ("moteslam", "c") if name in rates), None)
+        if name is not None and not task.startswith(SERIAL):
+            for what, key in (("two threads / one", name), ("processor time, two threads / one", SPENT)):
+                ratios[f"{task}: {what}"] = figures["2"][task][key] / rates[key]
     for threads, table in figures.items():
         for task, rates in table.items():
-            if "c" in rates:
+            if "c" in rates and "moteslam" in rates:
                 ratios[f"{task}, {threads} threads: moteslam / C loop"] = rates["moteslam"] / rates["c"]
     for threads, table in figures.items():
         for task, rates in table.items():
