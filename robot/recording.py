@@ -127,13 +127,14 @@ class RgbdStream:
 
     Attributes:
         rgb_stamps: [m] [s]; disparity_stamps: [n] [s].
-        rgb_files, disparity_files: the images in the order of the stamps; empty where they are not there.
+        rgb_files, disparity_files: the images in the order of the stamps, None for one that is missing; empty where
+            none are there. ``moteslam.robot.frames.camera_frames`` decodes them as they are needed.
     """
 
     rgb_stamps: NDArray[np.float64]
     disparity_stamps: NDArray[np.float64]
-    rgb_files: tuple[Path, ...] = ()
-    disparity_files: tuple[Path, ...] = ()
+    rgb_files: tuple[Path | None, ...] = ()
+    disparity_files: tuple[Path | None, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)

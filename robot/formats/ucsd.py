@@ -19,6 +19,7 @@ from moteslam.robot.files import write_atomically
 from moteslam.robot.formats.npz import read_arrays
 from moteslam.robot.formats.ranges import clean_ranges
 from moteslam.robot.formats.stamps import stamp_order
+from moteslam.robot.formats.ucsd_rgbd import DISPARITY, RGB, find_images
 from moteslam.robot.platform import UCSD, Platform, read_platform, write_platform
 from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream, Recording, RgbdStream
 
@@ -145,25 +146,14 @@ def _rgbd(folder: Path, number: str, warnings: list[str]) -> RgbdStream | None:
         return None
     arrays = read_arrays(path, {"disparity_time_stamps": ("d",), "rgb_time_stamps": ("c",)})
     streams = []
-    for field, name in (("rgb_time_stamps", "RGB"), ("disparity_time_stamps", "Disparity")):
-        images = _images(folder / "dataRGBD" / f"{name}{number}", len(arrays[field]), warnings)
+    for field, kind in (("rgb_time_stamps", RGB), ("disparity_time_stamps", DISPARITY)):
+        images, told = find_images(folder, kind, number, len(arrays[field]))
+        warnings.extend(told)
         indices = np.arange(len(arrays[field]))
         stamps, (indices,) = _sorted(path, field, arrays[field], warnings, indices)
         streams.append((stamps, tuple(images[i] for i in indices) if images else ()))
     (rgb, rgb_files), (disparity, disparity_files) = streams
     return RgbdStream(rgb, disparity, rgb_files, disparity_files)
-
-
-def _images(folder: Path, count: int, warnings: list[str]) -> tuple[Path, ...]:
-    """The images of a camera in the order of their stamps, or none if they are not the ones that the stamps tell."""
-    if not folder.is_dir():
-        return ()
-    pattern = re.compile(rf"{re.escape(folder.name.lower())}_(\d+)\.png")
-    found = {int(match[1]): path for path in folder.iterdir() if (match := pattern.fullmatch(path.name))}
-    if sorted(found) != list(range(1, count + 1)):
-        warnings.append(f"{folder.name}: {len(found)} images for {count} stamps; the images are left out")
-        return ()
-    return tuple(found[index] for index in range(1, count + 1))
 
 
 def _sorted(
@@ -187,8 +177,8 @@ def write_ucsd(folder: str | PathLike[str], recording: Recording, *, sequence: s
 
     No return is written as ``range_max + 1`` and a reading that says nothing as 0.001 m (as NaN where that is not
     below ``range_min``). So ``read_ucsd`` gives the same recording back, bit for bit: float32 ranges, float64
-    stamps. The same recording gives the same bytes. Odometry poses and images have no place in this layout and are
-    left out.
+    stamps. The same recording gives the same bytes. Odometry poses have no place in this layout and are
+    left out; images are written by ``ucsd_rgbd.write_images``.
 
     Args:
         folder: an existing folder.

@@ -230,7 +230,7 @@ def test_the_platform_comes_from_the_caller_then_the_folder_then_the_format(tmp_
     assert read_ucsd(tmp_path).platform == UCSD
 
 
-def test_images_are_listed_in_numeric_order_if_they_match_the_stamps(tmp_path: Path) -> None:
+def test_images_are_listed_in_numeric_order_and_missing_ones_counted(tmp_path: Path) -> None:
     written(tmp_path)
     folder = tmp_path / "dataRGBD" / "Disparity20"
     folder.mkdir(parents=True)
@@ -238,13 +238,22 @@ def test_images_are_listed_in_numeric_order_if_they_match_the_stamps(tmp_path: P
         (folder / f"disparity20_{index}.png").touch()
     rgbd = read_ucsd(tmp_path).rgbd
     assert rgbd is not None
-    assert [path.name for path in rgbd.disparity_files] == [f"disparity20_{k}.png" for k in (1, 2, 3, 4)]
+    assert rgbd.disparity_files == tuple(folder / f"disparity20_{k}.png" for k in (1, 2, 3, 4))
     assert rgbd.rgb_files == ()
-    (folder / "disparity20_4.png").rename(folder / "disparity20_5.png")
+    (folder / "disparity20_3.png").rename(folder / "disparity20_5.png")
+    recording = read_ucsd(tmp_path)
+    assert recording.rgbd is not None
+    assert recording.rgbd.disparity_files == (*rgbd.disparity_files[:2], None, rgbd.disparity_files[3])
+    assert recording.warnings == (
+        "Disparity20: 1 of 4 images missing, the first disparity20_3.png",
+        "Disparity20: 1 images beyond the 4 stamps are left out",
+    )
+    for path in folder.iterdir():
+        path.unlink()
     recording = read_ucsd(tmp_path)
     assert recording.rgbd is not None
     assert recording.rgbd.disparity_files == ()
-    assert recording.warnings == ("Disparity20: 4 images for 4 stamps; the images are left out",)
+    assert recording.warnings == ("Disparity20: 0 images, none of them for one of the 4 stamps",)
 
 
 def test_counts_beyond_int16_are_not_written(tmp_path: Path) -> None:

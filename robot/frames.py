@@ -1,0 +1,158 @@
+"""The frames of an RGB-D stream: a disparity image with the colour image nearest to it, decoded as they are needed."""
+
+from __future__ import annotations
+
+import os
+from collections import deque
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from moteslam.errors import InputError
+from moteslam.robot.recording import RgbdStream
+
+LARGEST_GAP = 0.05
+"""A colour image further from the disparity image than this [s] shows another view (the real one's cameras lose
+frames of their own, for 0.2 s at a time)."""
+
+
+@dataclass(frozen=True, eq=False)
+class CameraFrame:
+    """What the camera saw at a moment.
+
+    Attributes:
+        stamp: of the disparity image [s].
+        rgb_stamp: of the colour image [s].
+        disparity: [480, 640] uint16, raw.
+        rgb: [480, 640, 3] uint8, red, green, blue.
+    """
+
+    stamp: float
+    rgb_stamp: float
+    disparity: NDArray[np.uint16]
+    rgb: NDArray[np.uint8]
+
+
+@dataclass(eq=False)
+class FrameCount:
+    """What became of the frames while they were read.
+
+    Attributes:
+        used: that were handed out.
+        unpaired: without a colour image near enough.
+        missing: without a file for one of the images.
+        unreadable: an image of which could not be decoded.
+        first_unreadable: what was wrong with the first of them.
+    """
+
+    used: int = 0
+    unpaired: int = 0
+    missing: int = 0
+    unreadable: int = 0
+    first_unreadable: str = field(default="")
+
+    def warnings(self) -> tuple[str, ...]:
+        """A line for each kind of loss that happened."""
+        lines = []
+        if self.missing:
+            lines.append(f"camera: {self.missing} frames left out, an image of theirs is missing")
+        if self.unreadable:
+            lines.append(f"camera: {self.unreadable} frames left out, unreadable; the first: {self.first_unreadable}")
+        if not self.used:
+            lines.append("camera: not a single frame could be used")
+        return tuple(lines)
+
+
+def has_images(stream: RgbdStream | None) -> bool:
+    """Whether there are both colour and disparity images, and not just stamps."""
+    return stream is not None and any(stream.rgb_files) and any(stream.disparity_files)
+
+
+def pairs(
+    stream: RgbdStream, *, interval: float = 0.0, largest_gap: float = LARGEST_GAP
+) -> tuple[NDArray[np.intp], NDArray[np.intp], int]:
+    """Which colour image belongs to which disparity image: the nearest in time.
+
+    Args:
+        stream: the stamps.
+        interval: shortest time between two disparity images that are chosen [s].
+        largest_gap: between the two images of a frame [s].
+
+    Returns:
+        indices of the disparity images and of their colour images, and how many had none near enough.
+    """
+    rgb, disparity = stream.rgb_stamps, stream.disparity_stamps
+    if not len(rgb) or not len(disparity):
+        return np.empty(0, np.intp), np.empty(0, np.intp), len(disparity)
+    after = np.clip(np.searchsorted(rgb, disparity), 0, len(rgb) - 1)
+    before = np.maximum(after - 1, 0)
+    nearest = np.where(np.abs(disparity - rgb[before]) <= np.abs(rgb[after] - disparity), before, after)
+    near = np.abs(disparity - rgb[nearest]) <= largest_gap
+    chosen, last = [], -np.inf
+    for index in np.flatnonzero(near):
+        if disparity[index] - last >= interval - 1e-9:
+            chosen.append(index)
+            last = disparity[index]
+    kept = np.asarray(chosen, np.intp)
+    return kept, nearest[kept], int((~near).sum())
+
+
+def camera_frames(
+    stream: RgbdStream, *, interval: float = 0.0, largest_gap: float = LARGEST_GAP, count: FrameCount | None = None
+) -> Iterator[CameraFrame]:
+    """The frames in the order of their stamps, decoded on all cores a little ahead; a few are held at a time.
+
+    An image that is missing or cannot be read leaves its frame out; ``count`` is told.
+
+    Args:
+        stream: stamps and files.
+        interval, largest_gap: see ``pairs``.
+        count: counts what became of the frames.
+    """
+    from moteslam.robot.formats.ucsd_rgbd import read_disparity, read_rgb
+
+    count = count if count is not None else FrameCount()
+    depth, colour, count.unpaired = pairs(stream, interval=interval, largest_gap=largest_gap)
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+    def load(i: int, j: int) -> CameraFrame | str | None:
+        images: list[NDArray[Any]] = []
+        sources: tuple[tuple[tuple[Path | None, ...], int, Callable[[Path], NDArray[Any]]], ...] = (
+            (stream.disparity_files, i, read_disparity),
+            (stream.rgb_files, j, read_rgb),
+        )
+        for files, index, read in sources:
+            path = files[index] if files else None
+            if path is None:
+                return None
+            try:
+                images.append(read(path))
+            except InputError as error:
+                return str(error)
+        return CameraFrame(float(stream.disparity_stamps[i]), float(stream.rgb_stamps[j]), images[0], images[1])
+
+    with ThreadPoolExecutor(cores) as pool:
+        ahead: deque[Future[CameraFrame | str | None]] = deque()
+        todo = iter(zip(depth.tolist(), colour.tolist(), strict=True))
+        try:
+            while True:
+                while len(ahead) < 2 * cores + 2 and (pair := next(todo, None)) is not None:
+                    ahead.append(pool.submit(load, *pair))
+                if not ahead:
+                    return
+                frame = ahead.popleft().result()
+                if isinstance(frame, CameraFrame):
+                    count.used += 1
+                    yield frame
+                elif frame is None:
+                    count.missing += 1
+                else:
+                    count.unreadable += 1
+                    count.first_unreadable = count.first_unreadable or frame
+        finally:
+            pool.shutdown(cancel_futures=True)
