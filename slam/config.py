@@ -128,6 +128,26 @@ class MapConfig(_Section):
         return math.log(self.hit_probability / (1 - self.hit_probability))
 
 
+class TextureConfig(_Section):
+    """The coloured map of the floor (section III.E), made of a recording that has camera images.
+
+    Attributes:
+        enabled: make one where there are images.
+        cell_size: [m].
+        height_limit: points at or above it are not floor [m]; the paper's 0.1.
+        max_depth: points deeper than this are left out [m]: the error of a depth grows with its square.
+        interval: shortest time between two frames that are used [s]; 0 uses all.
+        largest_gap: between the colour and the disparity image of a frame [s].
+    """
+
+    enabled: bool = True
+    cell_size: Annotated[FiniteFloat, Field(ge=0.005, le=1.0)] = 0.05
+    height_limit: FiniteFloat = 0.1
+    max_depth: Annotated[FiniteFloat, Field(gt=0, le=100)] = 5.0
+    interval: NotNegative = 0.1
+    largest_gap: NotNegative = 0.05
+
+
 class SlamConfig(_Section):
     """Everything that a SLAM run can be told.
 
@@ -137,7 +157,7 @@ class SlamConfig(_Section):
         resample_below: resample when the effective number falls under this share of the particles (section III.D.3);
             1 resamples after every update.
         max_range: endpoints beyond it are not used [m].
-        sync, motion, search, update, map: the parts.
+        sync, motion, search, update, map, texture: the parts.
     """
 
     method: Literal["paper"] = "paper"
@@ -149,6 +169,7 @@ class SlamConfig(_Section):
     search: SearchConfig = SearchConfig()
     update: UpdateConfig = UpdateConfig()
     map: MapConfig = MapConfig()
+    texture: TextureConfig = TextureConfig()
 
     def to_toml(self) -> str:
         """The configuration as TOML; it reads back equal."""

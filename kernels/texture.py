@@ -1,0 +1,103 @@
+"""The colours of the floor, gathered from RGB-D frames into cells: section III.E of the paper.
+
+Sums are integers, so that it does not matter in which order threads add to a cell: the same bytes on one thread and
+on many.
+"""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from moteslam.errors import InputError
+from moteslam.kernels.checks import as_finite, check_array
+from moteslam.kernels.runtime import runtime, ti
+from moteslam.kernels.types import F32, F32_1D, F32_2D, I32, I64_1D, U8_1D, U16_1D, kernel
+
+__all__ = ["add_frame"]
+
+
+@kernel
+def _add_frame(
+    sums: I64_1D, rows: I32, columns: I32, disparity: U16_1D, rgb: U8_1D, height: I32, width: I32, calibration: F32_1D,
+    mount: F32_2D, x0: F32, y0: F32, heading_cos: F32, heading_sin: F32, per_metre: F32, ceiling: F32, farthest: F32,
+    nothing: I32,
+):  # fmt: skip
+    focal, cx, cy = calibration[0], calibration[1], calibration[2]
+    slope, offset, scale = calibration[3], calibration[4], calibration[5]
+    align, align_dd, align_column, align_row = calibration[6], calibration[7], calibration[8], calibration[9]
+    for row, column in ti.ndrange(height, width):
+        raw = ti.cast(disparity[row * width + column], ti.i32)
+        dd = slope * ti.cast(raw, ti.f32) + offset
+        if raw > 0 and raw < nothing and dd * farthest >= scale:
+            depth = scale / dd
+            i, j = ti.cast(column, ti.f32), ti.cast(row, ti.f32)
+            # the pixel of the colour image that saw the same point
+            rgb_column = ti.cast(ti.floor(align * i - align_dd * dd + align_column + ti.f32(0.5)), ti.i32)
+            rgb_row = ti.cast(ti.floor(align * j + align_row + ti.f32(0.5)), ti.i32)
+            ox, oy = (i - cx) / focal * depth, (j - cy) / focal * depth  # III.5 and III.6
+            z = mount[2, 0] * ox + mount[2, 1] * oy + mount[2, 2] * depth + mount[2, 3]  # III.7 and III.8
+            if z < ceiling and rgb_column >= 0 and rgb_column < width and rgb_row >= 0 and rgb_row < height:
+                bx = mount[0, 0] * ox + mount[0, 1] * oy + mount[0, 2] * depth + mount[0, 3]
+                by = mount[1, 0] * ox + mount[1, 1] * oy + mount[1, 2] * depth + mount[1, 3]
+                col = ti.cast(ti.floor((x0 + heading_cos * bx - heading_sin * by) * per_metre), ti.i32)
+                up = ti.cast(ti.floor((y0 + heading_sin * bx + heading_cos * by) * per_metre), ti.i32)
+                if col >= 0 and col < columns and up >= 0 and up < rows:
+                    cell, pixel = 4 * (up * columns + col), 3 * (rgb_row * width + rgb_column)
+                    for k in ti.static(range(3)):
+                        ti.atomic_add(sums[cell + k], ti.cast(rgb[pixel + k], ti.i64))
+                    ti.atomic_add(sums[cell + 3], ti.i64(1))
+
+
+def add_frame(
+    sums: NDArray[np.int64],
+    disparity: NDArray[np.uint16],
+    rgb: NDArray[np.uint8],
+    pose: ArrayLike,
+    *,
+    corner: tuple[float, float],
+    cell_size: float,
+    calibration: ArrayLike,
+    mount: ArrayLike,
+    height_limit: float,
+    max_depth: float,
+    nothing: int,
+) -> None:
+    """Add the points of one frame that lie near the floor to the cells they fall into, in place.
+
+    Each disparity d gives a depth (scale / dd, dd = slope d + offset), the pixel of the colour image that saw the same
+    point, and the point itself (III.5, III.6), turned to the robot's axes and moved to the camera's place (III.7 and
+    III.8, mended as ``docs/paper.md`` says); points below ``height_limit`` count.
+
+    Args:
+        sums: int64 [H, W, 4] sums of red, green and blue, and the number of points; row 0 the smallest y.
+        disparity: uint16 [h, w], raw; 0 and ``nothing`` and above are no reading.
+        rgb: uint8 [h, w, 3], red, green, blue.
+        pose: [3] of the robot when the disparity image was taken.
+        corner: (x, y) of the corner of cell [0, 0] [m].
+        cell_size: [m].
+        calibration: [10] focal length, column and row of the principal point [pixels]; slope, offset and scale [m] of
+            the depth; scale, factor of dd, offset of the column and offset of the row of the pixel in the colour image.
+        mount: [3, 4] from optical axes to the robot's: rotation, and place [m] in the last column.
+        height_limit: points at or above it are left out [m]; 0.1 in the paper.
+        max_depth: points deeper than this are left out [m].
+        nothing: raw disparity of a pixel without a reading.
+
+    Raises:
+        InputError: arrays that do not fit together, numbers that are not finite or out of bounds.
+    """
+    check_array("sums", sums, np.int64, (None, None, 4), written=True)
+    check_array("disparity", disparity, np.uint16, (None, None))
+    check_array("rgb", rgb, np.uint8, (*disparity.shape, 3))
+    x, y, theta = (float(v) for v in as_finite("pose", pose, np.float64, (3,)))
+    numbers = as_finite("calibration", calibration, np.float32, (10,))
+    matrix = as_finite("mount", mount, np.float32, (3, 4))
+    if not (numbers[0] > 0 and numbers[5] > 0):
+        raise InputError("expected a focal length and a depth scale above 0", field="calibration")
+    if not (cell_size > 0 and max_depth > 0 and np.isfinite((height_limit, max_depth, cell_size)).all()):
+        raise InputError(f"{cell_size:g} m, {max_depth:g} m, expected both above 0 and finite", field="cell_size")
+    runtime()
+    if sums.size and disparity.size:
+        _add_frame(
+            sums.reshape(-1), *sums.shape[:2], disparity.reshape(-1), rgb.reshape(-1), *disparity.shape, numbers,
+            matrix, x - corner[0], y - corner[1], float(np.cos(theta)), float(np.sin(theta)), 1 / cell_size,
+            height_limit, max_depth, nothing,
+        )  # fmt: skip
