@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import tomllib
 from os import PathLike
 from pathlib import Path
@@ -15,14 +16,17 @@ from pydantic_core import ErrorDetails
 
 from moteslam.errors import ConfigError
 from moteslam.robot.platform import UCSD, Platform
+from moteslam.sim.camera import CameraSettings
 from moteslam.sim.checks import check_scenario
 from moteslam.sim.driving import MAX_DURATION, Body, Commands, Limits, Route, Wander
+from moteslam.sim.floor import FloorSettings
 from moteslam.sim.layout import Layout
 from moteslam.sim.moving import MAX_DOORS, MAX_PEOPLE, Crowd, Door, Outage, Person
 from moteslam.sim.noise import Noise, Settings
 
 SCENARIOS = Path(__file__).parent / "scenarios"
 MAX_FILE_BYTES = 4_000_000
+_RANDOM = re.compile(r"random-corridors(?:-(\d{1,18}))?")
 
 
 class Scenario(Settings):
@@ -44,6 +48,8 @@ class Scenario(Settings):
         platform: the robot; a file changes single values of the UCSD robot.
         noise: of the sensors; a file changes single values of the measured ones.
         outages: when a sensor is dead.
+        floor: what it looks like; tiles if None.
+        camera: of the robot, which records images if it is given.
     """
 
     name: Annotated[str, Field(min_length=1, max_length=200)] = "scenario"
@@ -64,6 +70,8 @@ class Scenario(Settings):
     platform: Platform = UCSD
     noise: Noise = Noise()
     outages: Annotated[tuple[Outage, ...], Field(max_length=100)] = ()
+    floor: FloorSettings | None = None
+    camera: CameraSettings | None = None
 
     @model_validator(mode="after")
     def _makes_sense(self) -> Scenario:
@@ -98,17 +106,25 @@ def bundled_scenarios() -> dict[str, str]:
 def load_scenario(name_or_path: str | PathLike[str]) -> Scenario:
     """Read a scenario: the name of a bundled one, or the path of a TOML file (anything with ``.toml`` or a ``/``).
 
+    ``random-corridors-7`` is the random building of seed 7 (`random_corridors`).
+
     Raises:
         ConfigError: no such scenario, not TOML, an unknown key, a value of the wrong type or out of bounds, a world
             that is empty, or a robot, waypoint or leg that touches a wall. File, key and expectation are named.
     """
     path = Path(name_or_path)
     text = str(name_or_path)
+    if random := _RANDOM.fullmatch(text):
+        from moteslam.sim.random_corridors import random_corridors
+
+        return random_corridors(int(random[1] or 0))
     if path.suffix != ".toml" and path.name == text:
         path = SCENARIOS / f"{text}.toml"
         if text not in bundled_scenarios():
             names = ", ".join(bundled_scenarios())
-            raise ConfigError(f"no scenario of this name, expected one of {names}, or a .toml file", file=text)
+            raise ConfigError(
+                f"no scenario of this name, expected one of {names}, random-corridors, or a .toml file", file=text
+            )
     try:
         with path.open("rb") as file:
             content = file.read(MAX_FILE_BYTES + 1)
@@ -128,6 +144,9 @@ def parse_scenario(table: dict[str, Any], *, file: str | PathLike[str] | None = 
     Raises:
         ConfigError: as ``load_scenario``.
     """
+    floor = table.get("floor")
+    if file is not None and isinstance(floor, dict) and isinstance(floor.get("image"), str):
+        table = {**table, "floor": {**floor, "image": str(Path(file).absolute().parent / floor["image"])}}
     for key, default in (("platform", UCSD), ("noise", Noise())):
         if isinstance(table.get(key), dict):
             table = {**table, key: _merge(default.model_dump(mode="json", exclude_none=True), table[key])}
