@@ -16,6 +16,7 @@ from moteslam.robot.recording import Recording
 from moteslam.robot.trajectory import Trajectory, write_tum
 from moteslam.sim.drive import drive
 from moteslam.sim.faults import Stream, with_faults
+from moteslam.sim.floor import FloorSettings
 from moteslam.sim.movers import Movers
 from moteslam.sim.noise import ClockNoise
 from moteslam.sim.rates import PHYSICS_RATE, TRUTH_RATE
@@ -23,6 +24,7 @@ from moteslam.sim.scenario import Scenario
 from moteslam.sim.sensors.encoders import simulate_encoders
 from moteslam.sim.sensors.imu import simulate_imu
 from moteslam.sim.sensors.lidar import simulate_lidar
+from moteslam.sim.sensors.rgbd import Shots, plan_shots, write_shots
 from moteslam.sim.truth import TrueMap, true_map, write_true_map
 from moteslam.sim.world import World
 
@@ -46,6 +48,7 @@ class Simulation:
         scenario: what was simulated, with the seed that was used.
         end: why the drive ended: ``arrived``, ``stuck`` or ``out of time``.
         movers: where people and doors were, from the first true pose on; None where there are none.
+        shots: the camera's frames, drawn when they are written; None where it records none.
     """
 
     recording: Recording
@@ -53,6 +56,7 @@ class Simulation:
     scenario: Scenario
     end: str
     movers: Movers | None = None
+    shots: Shots | None = None
 
     @property
     def world(self) -> World:
@@ -123,32 +127,47 @@ def simulate(scenario: Scenario, seed: int | None = None, *, progress: Progress 
         outages = [outage for outage in scenario.outages if outage.sensor == sensor]
         return _at_epoch(with_faults(stream, clock, outages, chance["faults"]))
 
+    shots = None
+    if scenario.camera is not None:
+        floor = scenario.floor or FloorSettings()
+        shots = plan_shots(
+            driven, world, floor, scenario.platform.camera, scenario.camera, scenario.seed, epoch=EPOCH
+        )  # fmt: skip
     recording = Recording(
         name=scenario.name,
         platform=scenario.platform,
         lidar=arrived("lidar", scans, noise.lidar.clock),
         encoders=arrived("encoders", counts, noise.encoders.clock),
         imu=arrived("imu", inertial, noise.imu.clock),
+        rgbd=None if shots is None else shots.stream,
     )
     every = PHYSICS_RATE // TRUTH_RATE
     kept = np.unique(np.append(np.arange(0, len(driven.stamps), every), len(driven.stamps) - 1))
     truth = Trajectory(EPOCH + driven.stamps[kept], driven.truth.poses[kept])
-    return Simulation(recording, truth, scenario, driven.end, driven.movers)
+    return Simulation(recording, truth, scenario, driven.end, driven.movers, shots)
 
 
 def write_simulation(
-    folder: str | PathLike[str], simulation: Simulation, *, sequence: str = "20", map_resolution: float | None = None
+    folder: str | PathLike[str],
+    simulation: Simulation,
+    *,
+    sequence: str = "20",
+    map_resolution: float | None = None,
+    progress: Progress | None = None,
+    tell: Callable[[str], None] | None = None,
 ) -> None:
     """Write a simulation as a folder in the UCSD layout, which reads back equal.
 
     Beside the arrays and ``platform.toml`` go ``truth.tum`` and ``scenario.toml``, and, where it is asked for,
-    ``truth_map.pgm`` with its ``.yaml``.
+    ``truth_map.pgm`` with its ``.yaml``. Where a camera records, its images go to ``dataRGBD/``.
 
     Args:
         folder: exists.
         simulation: what to write.
         sequence: the number in the file names.
         map_resolution: of the true map [m]; None for no such map.
+        progress: told the share of the images (``images``) that is written.
+        tell: told, before the first image is written, how large all will be.
 
     Raises:
         ConfigError: a resolution that is not positive, or too fine.
@@ -157,6 +176,9 @@ def write_simulation(
     from moteslam.robot.formats.ucsd import write_ucsd
 
     write_ucsd(folder, simulation.recording, sequence=sequence)
+    if simulation.shots is not None:
+        say = progress or (lambda _what, _share: None)
+        write_shots(Path(folder), simulation.shots, sequence, tell=tell, progress=lambda share: say("images", share))
     write_tum(Path(folder) / "truth.tum", simulation.truth)
     write_atomically(Path(folder) / "scenario.toml", tomli_w.dumps(simulation.scenario.model_dump(exclude_none=True)))
     if map_resolution is not None:

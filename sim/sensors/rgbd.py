@@ -6,21 +6,33 @@ where every frame is taken, ``draw`` makes the images of some of them.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.errors import ConfigError
 from moteslam.robot import kinect
+from moteslam.robot.formats.ucsd_rgbd import (
+    DISPARITY,
+    RGB,
+    Draw,
+    check_space,
+    estimate_bytes,
+    write_images,
+)
 from moteslam.robot.platform import CameraMount
 from moteslam.robot.recording import RgbdStream
 from moteslam.robot.se2 import interpolate, transform_points
 from moteslam.sim.camera import CameraSettings
 from moteslam.sim.drive import Drive
 from moteslam.sim.floor import FloorImage, FloorSettings, rasterise
+from moteslam.sim.movers import Movers
 from moteslam.sim.sensors.clock import readings
+from moteslam.sim.sensors.echoes import Scene
 from moteslam.sim.world import World
 
 FLOOR_CELL = 0.01
@@ -28,6 +40,9 @@ FLOOR_CELL = 0.01
 
 FLOOR_PIXELS = 60_000_000
 """Most cells of that picture."""
+
+FARTHEST = 200.0
+"""Walls further away than this are not drawn [m]."""
 
 _NOISE_LENGTH = 1 << 20
 """Normal numbers drawn once; every frame reads them from a place of its own on."""
@@ -42,7 +57,8 @@ class Shots:
         rgb_poses, disparity_poses: [m, 3], [n, 3] the robot's true poses when they are taken.
         mount: where the camera is.
         settings: what it is like.
-        world, floor: what it sees.
+        world, floor: what it sees; ``movers``: the people and doors among it.
+        rgb_times, disparity_times: [m], [n] when they are taken [s], from the drive's first moment.
         seed: of the images' noise.
     """
 
@@ -55,6 +71,9 @@ class Shots:
     world: World = field(repr=False)
     floor: FloorSettings
     seed: tuple[int, ...]
+    rgb_times: NDArray[np.float64]
+    disparity_times: NDArray[np.float64]
+    movers: Movers | None = field(default=None, repr=False)
 
     @property
     def stream(self) -> RgbdStream:
@@ -112,12 +131,68 @@ def plan_shots(
     for first in (start, start + phase):
         times, stamps = readings(settings.rate, first, max(end, first), settings.clock, rng)
         kept = _kept(len(times), settings, rng)
-        taken.append((stamps[kept], interpolate(drive.stamps, drive.poses, times[kept])))
-    (rgb, rgb_poses), (disparity, disparity_poses) = taken
+        taken.append((epoch + stamps[kept], interpolate(drive.stamps, drive.poses, times[kept]), times[kept]))
+    (rgb, rgb_poses, rgb_times), (disparity, disparity_poses, disparity_times) = taken
     words = tuple(int(word) for word in images.generate_state(2))
     return Shots(
-        epoch + rgb, epoch + disparity, rgb_poses, disparity_poses, mount, settings, world, floor, words
-    )  # fmt: skip
+        rgb_stamps=rgb,
+        disparity_stamps=disparity,
+        rgb_poses=rgb_poses,
+        disparity_poses=disparity_poses,
+        mount=mount,
+        settings=settings,
+        world=world,
+        floor=floor,
+        seed=words,
+        rgb_times=rgb_times,
+        disparity_times=disparity_times,
+        movers=drive.movers,
+    )
+
+
+def write_shots(
+    folder: Path,
+    shots: Shots,
+    sequence: str,
+    *,
+    tell: Callable[[str], None] | None = None,
+    progress: Callable[[float], None] | None = None,
+) -> int:
+    """Draw all frames and write them as ``dataRGBD/`` of the UCSD layout.
+
+    Args:
+        folder: of the recording; it exists.
+        shots: what to draw.
+        sequence: the number in the file names.
+        tell: told, before the first is written, how many and how large they will be.
+        progress: told the share of them that is written.
+
+    Returns:
+        the bytes written.
+
+    Raises:
+        OutputError: too little space on the disk, or a file cannot be written.
+        ConfigError: the floor's picture cannot be read.
+    """
+    kinds: list[tuple[str, Draw, int]] = [
+        (RGB, shots.draw_rgb, len(shots.rgb_stamps)),
+        (DISPARITY, shots.draw_disparity, len(shots.disparity_stamps)),
+    ]
+    total = sum(count for _, _, count in kinds)
+    wanted = sum(estimate_bytes(draw, count) for _, draw, count in kinds)
+    if tell is not None:
+        tell(f"{total} images of about {wanted / 1e9:.1f} GB are to be written")
+    check_space(folder, wanted)
+    written, before = 0, 0
+    for kind, draw, count in kinds:
+
+        def say(done: int, before: int = before) -> None:
+            if progress is not None:
+                progress((before + done) / total)
+
+        written += write_images(folder, kind, sequence, draw, count, progress=say)
+        before += count
+    return written
 
 
 def _kept(count: int, settings: CameraSettings, rng: np.random.Generator) -> NDArray[np.intp]:
@@ -135,12 +210,11 @@ class Artist:
 
     def __init__(self, shots: Shots) -> None:
         from moteslam.kernels.camera import depth_view_of, view_of  # imports Taichi
-        from moteslam.kernels.raycast import build_buckets
 
         self._shots = shots
         mount, settings = shots.mount, shots.settings
         rotation = kinect.mount_rotation(mount)
-        self._buckets = build_buckets(shots.world.segments)
+        self._scene = Scene(shots.world, shots.movers)
         # each camera's place in the robot's frame: the colour camera stands to the right of the depth camera
         place = np.array((mount.x, mount.y, mount.z))
         self._places = {False: place, True: place + rotation @ np.array((kinect.RGB_OFFSET, 0.0, 0.0))}
@@ -174,7 +248,7 @@ class Artist:
         """See ``Shots.draw_rgb``."""
         from moteslam.kernels.camera import render_colour
 
-        cameras, reaches = self._looks(self._shots.rgb_poses[indices], colour=True)
+        cameras, reaches = self._looks(self._shots.rgb_poses[indices], self._shots.rgb_times[indices], colour=True)
         packed = render_colour(
             self._views[True],
             cameras,
@@ -192,20 +266,25 @@ class Artist:
         """See ``Shots.draw_disparity``."""
         from moteslam.kernels.camera import render_disparity
 
-        _, reaches = self._looks(self._shots.disparity_poses[indices], colour=False)
+        _, reaches = self._looks(
+            self._shots.disparity_poses[indices], self._shots.disparity_times[indices], colour=False
+        )
         starts = self._disparity_starts[indices]
         images = render_disparity(self._depth_view, reaches, noise=self._disparity_noise, starts=starts)
         return images.reshape(-1, kinect.HEIGHT, kinect.WIDTH)
 
-    def _looks(self, poses: NDArray[np.float64], *, colour: bool) -> tuple[NDArray[np.float64], NDArray[np.float32]]:
-        """Where the camera is at these poses of the robot [k, 3], and how far it sees at each bearing [k, b]."""
-        from moteslam.kernels.raycast import cast_scans
-
+    def _looks(
+        self, poses: NDArray[np.float64], times: NDArray[np.float64], *, colour: bool
+    ) -> tuple[NDArray[np.float64], NDArray[np.float32]]:
+        """Where the camera is with the robot at these poses [k, 3], and how far it sees at each bearing [k, b]."""
         place, bearings = self._places[colour], self._views[colour].bearings
         cameras = np.array(poses)
         for camera in cameras:
             camera[:2] = transform_points(camera, place[:2])
-        return cameras, cast_scans(self._buckets, cameras, bearings, max_range=1e4)
+        angles = (cameras[:, 2:] + bearings).reshape(-1)
+        origins = np.repeat(cameras[:, :2], len(bearings), axis=0)
+        ranges = self._scene.exact(origins, angles, np.repeat(times, len(bearings)), max_range=FARTHEST)
+        return cameras, ranges.reshape(len(cameras), len(bearings))
 
 
 def _picture(shots: Shots) -> FloorImage:
