@@ -75,6 +75,10 @@ def result_folder(
         work = Path(tempfile.mkdtemp(prefix=f".{target.name}.", suffix=".partial", dir=target.parent))
         work.chmod(0o777 & ~_umask())
     except OSError as error:
+        above = next((parent for parent in target.parents if parent.exists()), target.parent)
+        if not above.is_dir():
+            shown = next((parent for parent in path.parents if parent.absolute() == above), above)
+            raise OutputError(f"cannot be made: {shown} is a file, expected a folder", file=path) from error
         raise OutputError(f"cannot be made: {error.strerror or error}", file=path) from error
     try:
         try:

@@ -9,10 +9,10 @@ from __future__ import annotations
 import tomllib
 from os import PathLike
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import tomli_w
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError, field_validator
 
 from moteslam.errors import ConfigError
 from moteslam.robot.files import write_atomically
@@ -82,9 +82,9 @@ class Platform(Part):
     Attributes:
         name: what the robot is called.
         length, width: of the body [m].
-        wheels: None where only odometry poses are known.
+        wheels: None (``false`` in TOML, which has no other word for it) where only odometry poses are known.
         lidar: where it stands.
-        camera: None where there is none.
+        camera: None (``false``) where there is none.
     """
 
     name: str = "robot"
@@ -93,6 +93,11 @@ class Platform(Part):
     wheels: Wheels | None = None
     lidar: LidarMount = LidarMount()
     camera: CameraMount | None = None
+
+    @field_validator("wheels", "camera", mode="before")
+    @classmethod
+    def _none_of_false(cls, value: Any) -> Any:
+        return None if value is False else value
 
 
 UCSD = Platform(
@@ -109,15 +114,20 @@ CARMEN = Platform(name="carmen")
 """A robot of which a CARMEN log tells nothing else: odometry poses and a lidar at its centre."""
 
 
-def read_platform(path: str | PathLike[str]) -> Platform:
+def read_platform(path: str | PathLike[str], *, base: Platform | None = None) -> Platform:
     """Read a ``platform.toml``.
+
+    Args:
+        path: the file.
+        base: the robot that it overrides, key by key; a robot of which nothing is known by default.
 
     Raises:
         ConfigError: not readable, not TOML, an unknown key, or a value out of bounds; file and key are named.
     """
     path = Path(path)
     try:
-        return Platform.model_validate(tomllib.loads(path.read_text(encoding="utf-8")))
+        values = tomllib.loads(path.read_text(encoding="utf-8"))
+        return Platform.model_validate(values if base is None else _over(base.model_dump(), values))
     except OSError as error:
         raise ConfigError(f"{error.strerror}, expected a platform.toml", file=path) from error
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
@@ -128,5 +138,22 @@ def read_platform(path: str | PathLike[str]) -> Platform:
 
 
 def write_platform(path: str | PathLike[str], platform: Platform) -> None:
-    """Write a platform as TOML; it reads back equal, bit for bit."""
-    write_atomically(path, tomli_w.dumps(platform.model_dump(exclude_none=True)))
+    """Write a platform as TOML with every key; it reads back equal, bit for bit, whatever it overrides."""
+    values = platform.model_dump()
+    write_atomically(path, tomli_w.dumps({key: False if value is None else value for key, value in values.items()}))
+
+
+def robot_of(told: Platform | str | PathLike[str] | None, base: Platform) -> Platform:
+    """The robot that a caller tells: as it is, by a ``platform.toml`` over the format's own, or that one."""
+    if isinstance(told, Platform):
+        return told
+    return base if told is None else read_platform(told, base=base)
+
+
+def _over(base: dict[str, Any], values: dict[str, Any]) -> dict[str, Any]:
+    """The base with the values in place of its own, tables key by key."""
+    merged = dict(base)
+    for key, value in values.items():
+        below = merged.get(key)
+        merged[key] = _over(below, value) if isinstance(below, dict) and isinstance(value, dict) else value
+    return merged

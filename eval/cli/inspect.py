@@ -29,10 +29,8 @@ def inspect(
     """  # noqa: D301
     from moteslam.robot.formats import open_recording
     from moteslam.robot.inspection import inspect_recording
-    from moteslam.robot.platform import read_platform
 
-    robot = None if platform is None else read_platform(platform)
-    found = inspect_recording(open_recording(path, sequence=sequence, platform=robot))
+    found = inspect_recording(open_recording(path, sequence=sequence, platform=platform))
     if as_json:
         say_json(found.to_dict())
     else:

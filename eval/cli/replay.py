@@ -61,10 +61,8 @@ def replay(
         raise typer.BadParameter("missing, expected a folder for the result", param_hint="'--out'")
 
     from moteslam.robot.formats import open_recording
-    from moteslam.robot.platform import read_platform
 
-    robot = None if platform is None else read_platform(platform)
-    recording = open_recording(path, sequence=sequence, platform=robot)
+    recording = open_recording(path, sequence=sequence, platform=platform)
     if dead_reckoning:
         _dead_reckon(path, recording, resolved, out, force=force, figures=not no_figures, as_json=as_json)
         return

@@ -16,6 +16,10 @@ from moteslam.robot.recording import Recording
 __all__ = ["FORMATS", "Format", "open_recording"]
 
 
+Robot = Platform | str | PathLike[str] | None
+"""A robot, a ``platform.toml`` that overrides the format's own robot, or that one as it is."""
+
+
 @dataclass(frozen=True)
 class Format:
     """A way to store a recording.
@@ -30,14 +34,14 @@ class Format:
     name: str
     is_folder: bool
     recognise: Callable[[Path], bool]
-    read: Callable[[Path, str | int | None, Platform | None], Recording]
+    read: Callable[[Path, str | int | None, Robot], Recording]
 
 
-def _read_ucsd(path: Path, sequence: str | int | None, platform: Platform | None) -> Recording:
+def _read_ucsd(path: Path, sequence: str | int | None, platform: Robot) -> Recording:
     return read_ucsd(path, sequence=sequence, platform=platform)
 
 
-def _read_carmen(path: Path, sequence: str | int | None, platform: Platform | None) -> Recording:
+def _read_carmen(path: Path, sequence: str | int | None, platform: Robot) -> Recording:
     if sequence is not None:
         raise InputError("a CARMEN log is one sequence, expected no --sequence", file=path, field="sequence")
     return read_carmen(path, platform=platform)
@@ -56,18 +60,19 @@ FORMATS: tuple[Format, ...] = (
 
 
 def open_recording(
-    path: str | PathLike[str], *, sequence: str | int | None = None, platform: Platform | None = None
+    path: str | PathLike[str], *, sequence: str | int | None = None, platform: Robot = None
 ) -> Recording:
     """Read a recording, whatever its format: it is known by the content, not by the name.
 
     Args:
         path: a file or folder.
         sequence: which of several, where the format holds several.
-        platform: the robot, instead of what the recording (or the format) tells.
+        platform: the robot, instead of what the recording (or the format) tells; or a ``platform.toml`` that overrides
+            that key by key.
 
     Raises:
         InputError: nothing there, no format known here, or a recording that is broken; one line says which.
-        ConfigError: a ``platform.toml`` in the folder that is none.
+        ConfigError: a ``platform.toml`` that is none.
     """
     path = Path(path)
     try:
@@ -84,4 +89,15 @@ def open_recording(
         if known.is_folder == is_folder and known.recognise(path):
             return known.read(path, sequence, platform)
     names = " or a ".join(known.name for known in FORMATS)
+    if not is_folder and _holds_arrays(path):
+        raise InputError("holds NumPy arrays, expected the folder it is in, with all files of the recording", file=path)
     raise InputError(f"not a recording known here, expected a {names}", file=path)
+
+
+def _holds_arrays(path: Path) -> bool:
+    """Whether a file is an ``.npy`` or ``.npz``, by its first bytes."""
+    try:
+        with path.open("rb") as file:
+            return file.read(6).startswith((b"\x93NUMPY", b"PK\x03\x04"))
+    except OSError:
+        return False

@@ -13,12 +13,13 @@ from numpy.typing import NDArray
 from moteslam.errors import InputError
 from moteslam.robot import se2
 from moteslam.robot.files import write_atomically
+from moteslam.robot.formats.bounds import check_fan
 from moteslam.robot.formats.carmen_lines import CarmenLines, ScanKind, Scans, parse_lines
 from moteslam.robot.formats.no_return import no_return_limit
 from moteslam.robot.formats.ranges import clean_ranges
 from moteslam.robot.formats.stamps import stamp_order
 from moteslam.robot.formats.text import TextLines
-from moteslam.robot.platform import CARMEN, LidarMount, Platform
+from moteslam.robot.platform import CARMEN, LidarMount, Platform, robot_of
 from moteslam.robot.recording import LidarStream, OdometryStream, Recording
 
 MAX_BROKEN = 3
@@ -34,7 +35,7 @@ def is_carmen(path: Path) -> bool:
     return _LINE.search(TextLines(path).head()) is not None
 
 
-def read_carmen(path: str | PathLike[str], *, platform: Platform | None = None) -> Recording:
+def read_carmen(path: str | PathLike[str], *, platform: Platform | str | PathLike[str] | None = None) -> Recording:
     """Read a CARMEN log.
 
     Stamps are the ``ipc_timestamp``; the logger's where every ipc stamp of the log is 0. Broken lines are dropped
@@ -42,7 +43,7 @@ def read_carmen(path: str | PathLike[str], *, platform: Platform | None = None) 
 
     Args:
         path: the log.
-        platform: the robot; else what the log's parameters and poses tell.
+        platform: the robot, or a ``platform.toml`` that overrides what the log's parameters and poses tell key by key.
 
     Returns:
         a recording with ``lidar`` (and in it the robot's odometry pose at every scan) and ``odometry``, each where
@@ -62,8 +63,8 @@ def read_carmen(path: str | PathLike[str], *, platform: Platform | None = None) 
     odometry = np.array(log.odometry, np.float64).reshape(-1, 5)
     rows = np.array(chosen[1].rows if chosen else (), np.float64).reshape(-1, 8)
     clock = -2 if (rows[:, 6] != 0).any() or (odometry[:, 3] != 0).any() else -1
-    if platform is None:
-        platform = _platform(log, rows)
+    if not isinstance(platform, Platform):
+        platform = robot_of(platform, _platform(log, rows))
     return Recording(
         name=re.sub(r"(\.log|\.clf)?(\.gz)?$", "", path.name) or path.name,
         platform=platform,
@@ -141,6 +142,7 @@ def _lidar(
     warnings: list[str],
 ) -> LidarStream:
     kind, scans = chosen
+    check_fan(kind.beams, kind.angle_increment, file=path, field=f"{kind.line} angular resolution")
     ranges = np.array(scans.ranges, np.float32).reshape(-1, kind.beams)
     told = next((log.params[key] for key in _LIMITS if log.params.get(key, 0) > 0), scans.told)
     range_max = no_return_limit(ranges, told)

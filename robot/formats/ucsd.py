@@ -16,16 +16,20 @@ from numpy.typing import NDArray
 
 from moteslam.errors import ConfigError, InputError
 from moteslam.robot.files import write_atomically
+from moteslam.robot.formats.bounds import believable_counts, believable_rates, check_fan
 from moteslam.robot.formats.npz import read_arrays
 from moteslam.robot.formats.ranges import clean_ranges
 from moteslam.robot.formats.stamps import stamp_order
 from moteslam.robot.formats.ucsd_rgbd import DISPARITY, RGB, find_images
-from moteslam.robot.platform import UCSD, Platform, read_platform, write_platform
+from moteslam.robot.platform import UCSD, Platform, robot_of, write_platform
 from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream, Recording, RgbdStream
 
 Array = NDArray[Any]
 
 _FILE = re.compile(r"(?:Encoders|Hokuyo|Imu|Kinect)([\w-]+)\.npz", re.ASCII)
+
+MAX_DROPPED = 3
+"""So many unbelievable readings are always dropped; more of them only up to a tenth of the stream."""
 
 NO_ECHO = 0.001
 """Written for a reading that says nothing [m], as the UTM-30LX does."""
@@ -41,14 +45,18 @@ def ucsd_sequences(folder: Path) -> tuple[str, ...]:
 
 
 def read_ucsd(
-    folder: str | PathLike[str], *, sequence: str | int | None = None, platform: Platform | None = None
+    folder: str | PathLike[str],
+    *,
+    sequence: str | int | None = None,
+    platform: Platform | str | PathLike[str] | None = None,
 ) -> Recording:
     """Read one sequence of a folder in the UCSD layout.
 
     Args:
         folder: where the ``.npz`` files lie.
         sequence: which; may be left out where there is only one.
-        platform: the robot; else the folder's ``platform.toml``, else the built-in UCSD robot.
+        platform: the robot, or a ``platform.toml`` that overrides the built-in UCSD robot key by key; the folder's own
+            by default, if there is one.
 
     Returns:
         the recording; ``warnings`` tell what was mended, with counts.
@@ -59,15 +67,14 @@ def read_ucsd(
     """
     folder = Path(folder)
     number = _choose(folder, sequence)
-    if platform is None:
-        beside = folder / "platform.toml"
-        platform = read_platform(beside) if beside.exists() else UCSD
+    beside = folder / "platform.toml"
+    platform = robot_of(beside if platform is None and beside.exists() else platform, UCSD)
     warnings: list[str] = []
     return Recording(
         name=f"{folder.resolve().name}-{number}",
         platform=platform,
         lidar=_lidar(folder / f"Hokuyo{number}.npz", platform, warnings),
-        encoders=_encoders(folder / f"Encoders{number}.npz", warnings),
+        encoders=_encoders(folder / f"Encoders{number}.npz", platform, warnings),
         imu=_imu(folder / f"Imu{number}.npz", warnings),
         rgbd=_rgbd(folder, number, warnings),
         warnings=tuple(warnings),
@@ -100,9 +107,12 @@ def _lidar(path: Path, platform: Platform, warnings: list[str]) -> LidarStream |
             raise InputError(f"{value}, expected a finite number", file=path, field=name)
     if increment <= 0:
         raise InputError(f"{increment}, expected more than 0 rad", file=path, field="angle_increment")
-    if not 0 <= range_min < range_max:
-        raise InputError(f"{range_min} to {range_max} m, expected 0 <= range_min < range_max", file=path)
+    if range_min < 0:
+        raise InputError(f"{range_min}, expected 0 m or more", file=path, field="range_min")
+    if range_max <= range_min:
+        raise InputError(f"{range_max}, expected more than range_min, {range_min} m", file=path, field="range_max")
     beams = len(arrays["ranges"])
+    check_fan(beams, increment, file=path, field="angle_increment")
     last = angle_min + (beams - 1) * increment
     if abs(last - angle_max) > increment:
         warnings.append(
@@ -114,7 +124,7 @@ def _lidar(path: Path, platform: Platform, warnings: list[str]) -> LidarStream |
     return LidarStream(stamps, ranges, angle_min, increment, range_min, range_max, platform.lidar.time_increment)
 
 
-def _encoders(path: Path, warnings: list[str]) -> EncoderStream | None:
+def _encoders(path: Path, platform: Platform, warnings: list[str]) -> EncoderStream | None:
     if not path.exists():
         return None
     arrays = read_arrays(path, {"time_stamps": ("n",), "counts": (4, "n")})
@@ -124,6 +134,9 @@ def _encoders(path: Path, warnings: list[str]) -> EncoderStream | None:
     if np.abs(counts.astype(np.float64)).max() >= 2**31:
         raise InputError("beyond 2^31, expected counts since the last reading", file=path, field="counts")
     stamps, (counts,) = _sorted(path, "time_stamps", arrays["time_stamps"], warnings, counts.T)
+    if platform.wheels is not None:
+        believed = believable_counts(stamps, counts, platform.wheels.metres_per_count)
+        stamps, counts = _believed(path, "counts", believed, "beyond 100 m/s", warnings, stamps, counts)
     return EncoderStream(stamps, counts.astype(np.int64))
 
 
@@ -137,7 +150,30 @@ def _imu(path: Path, warnings: list[str]) -> ImuStream | None:
             raise InputError("NaN or infinite values, expected finite readings", file=path, field=name)
     values = (arrays[name].T for name in names)
     stamps, (angular, linear) = _sorted(path, "time_stamps", arrays["time_stamps"], warnings, *values)
+    believed = believable_rates(angular)
+    stamps, angular, linear = _believed(
+        path, "angular_velocity", believed, "beyond 100 rad/s", warnings, stamps, angular, linear
+    )
     return ImuStream(stamps, angular.astype(np.float64), linear.astype(np.float64))
+
+
+def _believed(
+    path: Path, field: str, believed: NDArray[np.bool_], what: str, warnings: list[str], *values: Array
+) -> tuple[Array, ...]:
+    """The readings that are believed; the others are dropped and counted.
+
+    Raises:
+        InputError: none is, or more than 3 and a tenth of them are not: the stream is in other units.
+    """
+    dropped = int((~believed).sum())
+    if not dropped:
+        return values
+    if dropped == len(believed) or dropped > max(MAX_DROPPED, len(believed) // 10):
+        raise InputError(
+            f"{dropped} of {len(believed)} readings {what}, expected those of a robot", file=path, field=field
+        )
+    warnings.append(f"{path.name}: {field}: {dropped} readings {what} dropped")
+    return tuple(value[believed] for value in values)
 
 
 def _rgbd(folder: Path, number: str, warnings: list[str]) -> RgbdStream | None:

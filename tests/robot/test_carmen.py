@@ -50,6 +50,12 @@ def test_robotlaser_tells_its_own_angles_limit_and_poses(tmp_path: Path) -> None
     np.testing.assert_array_equal(lidar.odometry, [[1.0, 2.0, 0.5]])
 
 
+def test_beams_that_go_round_more_than_once_are_refused(tmp_path: Path) -> None:
+    path = write_log(tmp_path / "x.log", [robotlaser([1.0] * 90, step=0.1)])
+    with pytest.raises(InputError, match=r"x\.log: ROBOTLASER1 angular resolution: 0\.1 rad between 90 beams is 1\.4"):
+        read_carmen(path)
+
+
 def test_odometry_comes_from_odom_lines(tmp_path: Path) -> None:
     path = write_log(tmp_path / "x.log", [odom((1, 2, 0.5), 10.0), GOOD[0], odom((2, 2, 0.5), 100.5)])
     recording = read_carmen(path)
@@ -78,6 +84,8 @@ def test_the_mount_comes_from_the_caller_the_parameters_or_the_poses(tmp_path: P
     assert read_carmen(write_log(tmp_path / "poses.log", ahead)).platform.lidar.pose == (0.2, 0.0, 0.0)
     corrected = [flaser([1.0], laser=(k * 1.1, 1.0, 0.0), robot=(k, 1.0, 0.0), stamp=k) for k in range(5)]
     assert read_carmen(write_log(tmp_path / "moved.log", corrected)).platform.lidar.pose == (0, 0, 0)
+    (tmp_path / "turned.toml").write_text("[lidar]\nyaw = 0.2\n")
+    assert read_carmen(tmp_path / "told.log", platform=tmp_path / "turned.toml").platform.lidar.pose == (0.3, 0.1, 0.2)
     mine = Platform(lidar=LidarMount(x=-1, time_increment=1e-3))
     recording = read_carmen(tmp_path / "told.log", platform=mine)
     assert recording.platform == mine

@@ -48,6 +48,21 @@ def test_bad_platforms_are_told_with_their_key(tmp_path: Path, text: str, messag
     assert "\n" not in str(caught.value)
 
 
+def test_a_file_overrides_a_base_key_by_key_and_one_that_was_written_overrides_all(tmp_path: Path) -> None:
+    path = tmp_path / "platform.toml"
+    path.write_text('name = "heavy"\n[wheels]\ntrack = 0.4\n')
+    read = read_platform(path, base=UCSD)
+    assert UCSD.wheels is not None
+    assert read == UCSD.model_copy(update={"name": "heavy", "wheels": UCSD.wheels.model_copy(update={"track": 0.4})})
+    for platform in (CARMEN, UCSD):
+        write_platform(path, platform)
+        for base in (CARMEN, UCSD):
+            assert read_platform(path, base=base) == platform
+    path.write_text("wheels = true")
+    with pytest.raises(ConfigError, match="wheels: "):
+        read_platform(path, base=UCSD)
+
+
 def test_a_missing_file_is_told(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r"No such file or directory, expected a platform\.toml"):
         read_platform(tmp_path / "platform.toml")

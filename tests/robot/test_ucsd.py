@@ -126,7 +126,11 @@ BAD = [
     ("Hokuyo_angle_increment", np.float64(-0.1), "angle_increment: -0.1, expected more than 0 rad"),
     ("Hokuyo_angle_min", np.float64(np.nan), "angle_min: nan, expected a finite number"),
     ("Hokuyo_angle_min", np.ones(2), r"angle_min: shape \[2\], expected one number"),
-    ("Hokuyo_range_max", np.float64(0.05), "expected 0 <= range_min < range_max"),
+    ("Hokuyo_range_max", np.float64(0.05), r"range_max: 0\.05, expected more than range_min, 0\.1 m"),
+    ("Hokuyo_range_min", np.float64(-1), r"range_min: -1\.0, expected 0 m or more"),
+    ("Hokuyo_angle_increment", np.float64(7.853), r"angle_increment: 7\.853 rad between 7 beams is 7\.5 turns"),
+    ("Imu_angular_velocity", np.full((3, 12), 1e30), "angular_velocity: 12 of 12 readings beyond 100 rad/s"),
+    ("Encoders_counts", np.full((4, 12), 30_000), "counts: 12 of 12 readings beyond 100 m/s"),
     ("Hokuyo_range_max", np.float64(np.inf), "range_max: inf, expected a finite number"),
     ("Hokuyo_time_stamps", np.full(12, np.nan), "time_stamps: nan at reading 0, expected finite seconds"),
     ("Encoders_time_stamps", np.append(np.arange(11.0), np.inf), "time_stamps: inf at reading 11"),
@@ -192,6 +196,38 @@ def test_an_angle_max_that_disagrees_is_told(tmp_path: Path) -> None:
     assert any("angle_max: 1.0000 rad, but 7 beams end at 2.3558" in line for line in recording.warnings)
 
 
+def test_rates_and_counts_that_no_robot_has_are_dropped_and_counted(tmp_path: Path) -> None:
+    original = make_recording()
+    assert original.imu is not None
+    assert original.encoders is not None
+    rates, counts = original.imu.angular_velocity.T.copy(), original.encoders.counts.T.copy()
+    rates[2, 3], rates[0, 7], rates[2, 8] = 1e30, -101, 99.9
+    counts[1, 6] = -32_000
+    recording = read_ucsd(written(tmp_path, Imu_angular_velocity=rates, Encoders_counts=counts))
+    assert recording.imu is not None
+    assert recording.encoders is not None
+    np.testing.assert_array_equal(recording.imu.angular_velocity, np.delete(rates.T, [3, 7], axis=0))
+    np.testing.assert_array_equal(recording.imu.stamps, np.delete(original.imu.stamps, [3, 7]))
+    np.testing.assert_array_equal(recording.encoders.counts, np.delete(counts.T, 6, axis=0))
+    assert recording.warnings == (
+        "Encoders20.npz: counts: 1 readings beyond 100 m/s dropped",
+        "Imu20.npz: angular_velocity: 2 readings beyond 100 rad/s dropped",
+    )
+
+
+def test_a_full_turn_of_beams_is_taken(tmp_path: Path) -> None:
+    for increment in (2 * np.pi / 7, 2 * np.pi / 6):  # the last beam next to the first, and on it
+        assert read_ucsd(written(tmp_path, Hokuyo_angle_increment=np.float64(increment))).lidar is not None
+
+
+def test_a_file_of_arrays_is_told_to_belong_to_a_folder(tmp_path: Path) -> None:
+    written(tmp_path)
+    np.save(tmp_path / "ranges", np.ones(3))
+    for name in ("Hokuyo20.npz", "ranges.npy"):
+        with pytest.raises(InputError, match=rf"{name}: holds NumPy arrays, expected the folder it is in"):
+            open_recording(tmp_path / name)
+
+
 def test_missing_files_are_missing_streams(tmp_path: Path) -> None:
     written(tmp_path)
     for name in ("Hokuyo", "Kinect"):
@@ -226,6 +262,14 @@ def test_the_platform_comes_from_the_caller_then_the_folder_then_the_format(tmp_
     (tmp_path / "platform.toml").write_text("nmae = 'x'")
     with pytest.raises(ConfigError, match=r"platform\.toml: nmae"):
         read_ucsd(tmp_path)
+    (tmp_path / "platform.toml").write_text("")
+    assert read_ucsd(tmp_path).platform == UCSD
+    (tmp_path / "platform.toml").write_text("[lidar]\nyaw = 0.1\n")
+    expected = UCSD.model_copy(update={"lidar": UCSD.lidar.model_copy(update={"yaw": 0.1})})
+    assert read_ucsd(tmp_path).platform == expected
+    assert open_recording(tmp_path, platform=tmp_path / "platform.toml").platform == expected
+    (tmp_path / "platform.toml").write_text("wheels = false")
+    assert read_ucsd(tmp_path).platform == UCSD.model_copy(update={"wheels": None})
     (tmp_path / "platform.toml").unlink()
     assert read_ucsd(tmp_path).platform == UCSD
 

@@ -1,0 +1,54 @@
+"""What no robot does and no lidar has: readings beyond it are glitches or other units."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from moteslam.errors import InputError
+
+MAX_RATE = 100.0
+"""No robot turns faster [rad/s]: 16 turns a second; common gyros end at 35 rad/s, the largest range sold is 70."""
+
+MAX_SPEED = 100.0
+"""No wheeled robot drives faster [m/s]."""
+
+SLACK = 1.0
+"""Travel [m] that a reading may tell beyond that, for stamps jitter: a late one leaves the next no time."""
+
+
+def check_fan(beams: int, increment: float, *, file: Path | None = None, field: str) -> None:
+    """Refuse a fan of more than a full turn; first and last beam may be the same direction.
+
+    Args:
+        beams: how many.
+        increment: between them [rad].
+        file, field: for the message.
+
+    Raises:
+        InputError: the beams go round more than once.
+    """
+    turn = (beams - 1) * abs(increment)
+    if turn > 2 * math.pi + abs(increment) / 2:
+        raise InputError(
+            f"{increment:.6g} rad between {beams} beams is {turn / (2 * math.pi):.1f} turns, expected one at most",
+            file=file,
+            field=field,
+        )
+
+
+def believable_rates(angular_velocity: NDArray[np.floating]) -> NDArray[np.bool_]:
+    """Which readings [n] of a gyro [n, 3] [rad/s] can be a robot's: none beyond 100 rad/s about any axis."""
+    return np.asarray((np.abs(angular_velocity) <= MAX_RATE).all(axis=1))
+
+
+def believable_counts(
+    stamps: NDArray[np.float64], counts: NDArray[np.integer | np.floating], metres_per_count: float
+) -> NDArray[np.bool_]:
+    """Which readings [n] of wheel counters [n, 4] can be a robot's: no wheel beyond 100 m/s (and 1 m for jitter)."""
+    elapsed = np.diff(stamps, prepend=stamps[:1])
+    travel = np.abs(counts.astype(np.float64)).max(axis=1) * metres_per_count
+    return np.asarray(travel <= SLACK + MAX_SPEED * elapsed)
