@@ -13,12 +13,14 @@ from typing import Any
 
 from moteslam.eval.report.maps import write_map_png, write_map_server
 from moteslam.eval.report.snapshots import Snapshot
+from moteslam.eval.report.textures import draw_texture_over_time, write_texture
 from moteslam.eval.scores import Scores, score_estimate
 from moteslam.robot.files import write_atomically
 from moteslam.robot.recording import Recording
 from moteslam.robot.se2 import between, compose
 from moteslam.robot.trajectory import Trajectory, write_tum
 from moteslam.slam.estimate import Estimate
+from moteslam.slam.texture import TextureMap
 
 
 def write_results(
@@ -28,6 +30,7 @@ def write_results(
     *,
     recording: Recording | None = None,
     snapshots: Sequence[Snapshot] = (),
+    stages: Sequence[tuple[float, TextureMap]] = (),
     figures: bool = True,
     run: Mapping[str, Any] | None = None,
 ) -> Scores | None:
@@ -39,6 +42,7 @@ def write_results(
         truth: what to score it with, on the clock of the recording; it is written too.
         recording: whose scans are drawn along dead reckoning.
         snapshots: of the map over time, for the figure that shows it.
+        stages: of the coloured floor over time, likewise.
         figures: draw them.
         run: more about the run for ``run.json``: the command, threads, times.
 
@@ -58,10 +62,20 @@ def write_results(
         write_tum(folder / "truth.tum", truth)
     write_map_png(folder / "map.png", estimate.map)
     write_map_server(folder / "map.pgm", estimate.map)
+    if estimate.texture is not None:
+        write_texture(folder / "texture.png", estimate.texture)
     write_json(folder / "metrics.json", _metrics(estimate, scores))
     write_atomically(folder / "config.toml", estimate.config.to_toml())
     if figures:
         draw_figures(folder, estimate, truth, scores, recording=recording, snapshots=snapshots)
+        if stages:
+            draw_texture_over_time(
+                folder / "texture_over_time.png",
+                stages,
+                estimate.map,
+                trajectory=estimate.trajectory_final,
+                title=f"{estimate.name}: map and coloured floor over time",
+            )
     about = {"recording": estimate.name, "seed": estimate.seed, "filter_seconds": estimate.seconds}
     versions = {"python": platform.python_version(), **estimate.versions}
     write_json(folder / "run.json", {**about, **(run or {}), "versions": versions, "hardware": hardware()})

@@ -168,19 +168,20 @@ def _colour(
             along = ti.f32(1.0) / ti.max(ti.max(rays[3, p], inverse), ti.f32(1.0 / _FAR))
             x = x0 + along * (ch * c - sh * s)
             y = y0 + along * (sh * c + ch * s)
-            col = ti.cast(ti.min(ti.max(x * per_metre, ti.f32(0.0)), ti.cast(columns - 1, ti.f32)), ti.i32)
-            row = ti.cast(ti.min(ti.max(y * per_metre, ti.f32(0.0)), ti.cast(rows - 1, ti.f32)), ti.i32)
-            texel = floor[row * columns + col]
-            # the paint of a wall: upright panels of several tints over a dark skirting
-            panel = ti.f32(0.382) * ti.floor(x * ti.f32(1.25)) + ti.f32(0.618) * ti.floor(y * ti.f32(1.25))
-            tint = ti.f32(40.0) * (panel - ti.floor(panel))
-            skirting = height + along * rays[4, p] < ti.f32(0.08)
-            red = ti.select(skirting, ti.f32(70.0), ti.f32(206.0) - tint)
-            green = ti.select(skirting, ti.f32(58.0), ti.f32(204.0) - ti.f32(0.6) * tint)
-            blue = ti.select(skirting, ti.f32(50.0), ti.f32(192.0) - ti.f32(0.2) * tint)
-            red = ti.select(on_floor, ti.cast(texel & 255, ti.f32), red)
-            green = ti.select(on_floor, ti.cast((texel >> 8) & 255, ti.f32), green)
-            blue = ti.select(on_floor, ti.cast((texel >> 16) & 255, ti.f32), blue)
+            red, green, blue = ti.f32(0.0), ti.f32(0.0), ti.f32(0.0)
+            if on_floor:
+                col = ti.cast(ti.min(ti.max(x * per_metre, ti.f32(0.0)), ti.cast(columns - 1, ti.f32)), ti.i32)
+                row = ti.cast(ti.min(ti.max(y * per_metre, ti.f32(0.0)), ti.cast(rows - 1, ti.f32)), ti.i32)
+                texel = floor[row * columns + col]
+                red = ti.cast(texel & 255, ti.f32)
+                green = ti.cast((texel >> 8) & 255, ti.f32)
+                blue = ti.cast((texel >> 16) & 255, ti.f32)
+            else:  # the paint of a wall: upright panels of several tints over a dark skirting
+                panel = ti.f32(0.382) * ti.floor(x * ti.f32(1.25)) + ti.f32(0.618) * ti.floor(y * ti.f32(1.25))
+                tint = ti.f32(40.0) * (panel - ti.floor(panel))
+                red, green, blue = ti.f32(206.0) - tint, ti.f32(204.0) - ti.f32(0.6) * tint, ti.f32(192.0)
+                if height + along * rays[4, p] < ti.f32(0.08):
+                    red, green, blue = ti.f32(70.0), ti.f32(58.0), ti.f32(50.0)
             at = start + p
             out[frame * pixels + p] = (
                 _level(red + noise[at])

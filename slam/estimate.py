@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from moteslam.robot.trajectory import Trajectory
 from moteslam.slam.config import SlamConfig
 from moteslam.slam.grid import OccupancyMap
+from moteslam.slam.texture import TextureMap
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,6 +30,7 @@ class Estimate:
         diagnostics: per scan [n]: ``n_eff``, ``score``, ``updated``, ``resampled``, ``seconds``.
         warnings: what SLAM had to make do with.
         seconds: time spent in the filter [s].
+        texture: the floor in colours, None where there are no images or it was not asked for.
     """
 
     name: str
@@ -44,3 +46,4 @@ class Estimate:
     diagnostics: dict[str, NDArray[np.float64]]
     warnings: tuple[str, ...]
     seconds: float
+    texture: TextureMap | None = None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from math import degrees
 from pathlib import Path
@@ -13,6 +13,7 @@ from typing import Any
 from moteslam.eval.cli.progress import progress_bar
 from moteslam.eval.cli.text import note, table
 from moteslam.eval.report.snapshots import Snapshots
+from moteslam.eval.report.textures import TextureStages
 from moteslam.eval.results import write_results
 from moteslam.eval.scores import Scores
 from moteslam.robot.recording import Recording
@@ -20,6 +21,7 @@ from moteslam.robot.trajectory import Trajectory
 from moteslam.slam.config import SlamConfig
 from moteslam.slam.estimate import Estimate
 from moteslam.slam.run import SlamSession
+from moteslam.slam.texture import TextureMap, TextureMapper, can_map, map_texture
 
 
 @dataclass(frozen=True)
@@ -74,20 +76,39 @@ def run_into(
             if figures:
                 snapshots.look(update)
             bar.update(update.index + 1)
-    estimate = session.estimate()
+    seconds = time.perf_counter() - clock
+    estimate, stages = _coloured(session.estimate(), recording)
     for warning in (*recording.warnings, *estimate.warnings):
         note(f"warning: {warning}")
     run = {
         **(about or {}),
         "command": ["moteslam", *sys.argv[1:]],
         "started": began.isoformat(timespec="seconds"),
-        "slam_seconds": time.perf_counter() - clock,
+        "slam_seconds": seconds,
         **runs_on,
     }
     scores = write_results(
-        folder, estimate, truth, recording=recording, snapshots=snapshots.kept, figures=figures, run=run
+        folder, estimate, truth, recording=recording, snapshots=snapshots.kept, stages=stages, figures=figures, run=run
     )
     return estimate, scores
+
+
+def _coloured(estimate: Estimate, recording: Recording) -> tuple[Estimate, list[tuple[float, TextureMap]]]:
+    """The estimate with the coloured floor, if the recording has images, and the floor at stages of the run."""
+    config, path = estimate.config.texture, estimate.trajectory_final
+    if not (config.enabled and can_map(recording)):
+        return estimate, []
+    stages = TextureStages(float(path.stamps[0]), float(path.stamps[-1]))
+    span = max(stages.end - stages.begin, 1e-9)
+    with progress_bar("floor", 1.0, "") as bar:
+
+        def watch(stamp: float, mapper: TextureMapper) -> None:
+            stages.look(stamp, mapper)
+            bar.update(min(max((stamp - stages.begin) / span, 0.0), 1.0))
+
+        texture = map_texture(recording, path, config, watch=watch)
+    told = (*estimate.warnings, *texture.warnings)
+    return replace(estimate, texture=texture, warnings=told), stages.kept
 
 
 def score_table(scores: Scores) -> str:

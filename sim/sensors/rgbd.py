@@ -246,6 +246,8 @@ class Artist:
 
     def rgb(self, indices: NDArray[np.intp]) -> NDArray[np.uint8]:
         """See ``Shots.draw_rgb``."""
+        import cv2
+
         from moteslam.kernels.camera import render_colour
 
         cameras, reaches = self._looks(self._shots.rgb_poses[indices], self._shots.rgb_times[indices], colour=True)
@@ -259,8 +261,9 @@ class Artist:
             noise=self._colour_noise,
             starts=self._rgb_starts[indices],
         )
-        bytes_ = packed.astype("<i4", copy=False).view(np.uint8)
-        return bytes_.reshape(-1, kinect.HEIGHT, kinect.WIDTH, 4)[..., :3]
+        bytes_ = packed.astype("<i4", copy=False).view(np.uint8).reshape(-1, kinect.WIDTH, 4)
+        images = cv2.cvtColor(bytes_, cv2.COLOR_RGBA2RGB) if len(bytes_) else bytes_[..., :3]
+        return np.asarray(images, np.uint8).reshape(-1, kinect.HEIGHT, kinect.WIDTH, 3)
 
     def disparity(self, indices: NDArray[np.intp]) -> NDArray[np.uint16]:
         """See ``Shots.draw_disparity``."""
