@@ -83,7 +83,7 @@ def random_corridors(
     _furnish(building, rng, rooms)
     route = _route(building, rng, distance)
     free, corner = _raster(building)
-    walls = trace_sides(~free) * CELL + np.tile(corner, 2)
+    walls = trace_sides(free) * CELL + np.tile(corner, 2)
     legs = float(np.hypot(*np.diff(route, axis=0).T).sum())
     table: dict[str, Any] = {
         "name": f"{NAME}-{seed}",

@@ -14,7 +14,7 @@ from moteslam.errors import ConfigError
 from moteslam.robot.files import write_atomically
 from moteslam.robot.recording import Recording
 from moteslam.robot.trajectory import Trajectory, write_tum
-from moteslam.sim.drive import drive
+from moteslam.sim.drive import Drive, drive
 from moteslam.sim.faults import Stream, with_faults
 from moteslam.sim.floor import FloorSettings
 from moteslam.sim.movers import Movers
@@ -86,10 +86,7 @@ def simulate(scenario: Scenario, seed: int | None = None, *, progress: Progress 
     Raises:
         ConfigError: a negative seed, or a robot that gets stuck on its route.
     """
-    if seed is not None:
-        if not 0 <= seed < 2**63:
-            raise ConfigError(f"{seed}, expected 0 or more", field="seed")
-        scenario = scenario.model_copy(update={"seed": seed})
+    scenario = _seeded(scenario, seed)
     wheels, noise = scenario.platform.wheels, scenario.noise
     assert wheels is not None  # a scenario without is refused
     say = progress or (lambda _what, _share: None)
@@ -123,9 +120,11 @@ def simulate(scenario: Scenario, seed: int | None = None, *, progress: Progress 
     )  # fmt: skip
     inertial = simulate_imu(driven, noise.imu, noise.odometry_scale, spans["imu"], chance["imu"])
 
+    faults = dict(zip(("lidar", "encoders", "imu"), chance["faults"].spawn(3), strict=True))
+
     def arrived(sensor: str, stream: Stream, clock: ClockNoise) -> Stream:
         outages = [outage for outage in scenario.outages if outage.sensor == sensor]
-        return _at_epoch(with_faults(stream, clock, outages, chance["faults"]))
+        return _at_epoch(with_faults(stream, clock, outages, faults[sensor]))
 
     shots = None
     if scenario.camera is not None:
@@ -145,6 +144,25 @@ def simulate(scenario: Scenario, seed: int | None = None, *, progress: Progress 
     kept = np.unique(np.append(np.arange(0, len(driven.stamps), every), len(driven.stamps) - 1))
     truth = Trajectory(EPOCH + driven.stamps[kept], driven.truth.poses[kept])
     return Simulation(recording, truth, scenario, driven.end, driven.movers, shots)
+
+
+def true_drive(scenario: Scenario, seed: int | None = None) -> Drive:
+    """What the robot truly does in ``simulate(scenario, seed)``, without any sensor.
+
+    Raises:
+        ConfigError: a negative seed.
+    """
+    scenario = _seeded(scenario, seed)
+    chance = _chances(scenario.seed)
+    return drive(scenario, World.of(scenario.world), chance["driver"], others=chance["others"])
+
+
+def _seeded(scenario: Scenario, seed: int | None) -> Scenario:
+    if seed is None:
+        return scenario
+    if not 0 <= seed < 2**63:
+        raise ConfigError(f"{seed}, expected 0 or more", field="seed")
+    return scenario.model_copy(update={"seed": seed})
 
 
 def write_simulation(

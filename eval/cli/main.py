@@ -53,8 +53,9 @@ def _root(
     """The options before the command."""
 
 
-for command in (demo.demo, simulate.simulate, replay.replay, evaluate.evaluate, inspect.inspect, scenarios.scenarios):
+for command in (demo.demo, simulate.simulate, replay.replay, evaluate.evaluate, inspect.inspect):
     app.command()(command)
+app.add_typer(scenarios.app, name="scenarios")
 
 
 def main() -> None:

@@ -1,23 +1,70 @@
-"""``moteslam scenarios``: what can be simulated."""
+"""``moteslam scenarios``: what can be simulated, and what it looks like."""
 
 from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
 
 from moteslam.eval.cli import options
 from moteslam.eval.cli.text import literal, say, say_json, table
 
+app = typer.Typer(rich_markup_mode=None)
 
-def scenarios(as_json: options.Json = False) -> None:
-    """List the bundled scenarios.
+
+@app.callback(invoke_without_command=True)
+def scenarios(context: typer.Context, as_json: options.Json = False) -> None:
+    """List the bundled scenarios and why each is hard.
 
     \b
     Examples:
       moteslam scenarios
       moteslam scenarios --json
+      moteslam scenarios show corridor --out corridor.png
     """  # noqa: D301
+    if context.invoked_subcommand is not None:
+        return
     from moteslam.sim.scenario import bundled_scenarios
 
     bundled = bundled_scenarios()
     if as_json:
         say_json(bundled)
         return
-    say(table([(name, literal(description)) for name, description in bundled.items()]))
+    say(table([(name, literal(why)) for name, why in bundled.items()]))
+    say("random-corridors-N  building number N of as many as you like, which nobody has seen")
+
+
+@app.command()
+def show(
+    scenario: Annotated[
+        str, typer.Argument(metavar="SCENARIO", help="Bundled name, random-corridors, or a .toml file.")
+    ],
+    out: Annotated[Path, typer.Option(help="The PNG to write.")],
+    seed: Annotated[int | None, typer.Option(min=0, max=2**63 - 1, help="Of a random building.")] = None,
+    drive: Annotated[bool, typer.Option("--drive", help="Drive it, and draw the way that was driven.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Replace an existing --out.")] = False,
+) -> None:
+    """Draw a scenario as a plan: walls and what they are made of, who moves, and the route.
+
+    \b
+    Examples:
+      moteslam scenarios show office --out office.png
+      moteslam scenarios show random-corridors --seed 7 --drive --out unseen.png
+    """  # noqa: D301
+    from moteslam.errors import OutputError
+    from moteslam.eval.cli.batch import ordered_scenario
+    from moteslam.eval.report.scenarios import draw_scenario
+
+    if out.suffix.lower() != ".png":
+        raise OutputError("no .png file, expected one to write", file=out)
+    if out.exists() and not force:
+        raise OutputError("exists already; name a new file, or replace it with --force", file=out)
+    chosen = ordered_scenario(scenario, seed)
+    driven = None
+    if drive:
+        from moteslam.sim.simulate import true_drive
+
+        driven = true_drive(chosen, seed).poses[:, :2]
+    draw_scenario(out, chosen, driven=driven)
+    say(f"{literal(chosen.name)} in {literal(out)}")

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from moteslam.errors import ConfigError
 from moteslam.eval.cli import options
-from moteslam.eval.cli.text import literal, say, say_json
+from moteslam.eval.cli.batch import MAX_BATCH, RANDOM, Order, about, ordered_scenario, run_batch
+from moteslam.eval.cli.text import literal, say, say_json, table
 
 if TYPE_CHECKING:
     from moteslam.sim.scenario import Scenario
@@ -16,53 +18,83 @@ if TYPE_CHECKING:
 
 
 def simulate(
-    scenario: Annotated[str, typer.Argument(metavar="SCENARIO", help="Bundled name, or a .toml file.")],
+    scenario: Annotated[
+        str, typer.Argument(metavar="SCENARIO", help="Bundled name, random-corridors, or a .toml file.")
+    ],
     out: Annotated[Path, typer.Option(help=options.OUT)],
     seed: Annotated[
         int | None, typer.Option(min=0, max=2**63 - 1, help="Of all randomness; the scenario's own by default.")
+    ] = None,
+    batch: Annotated[
+        int | None, typer.Option(min=1, max=MAX_BATCH, metavar="N", help="Make N, with seeds from --seed on.")
+    ] = None,
+    jobs: Annotated[
+        int | None, typer.Option(min=1, max=1024, help="Processes of a batch; all cores by default.")
+    ] = None,
+    true_map: Annotated[
+        float | None, typer.Option(metavar="M", help="Write the true map too, in cells of so many metres.")
     ] = None,
     force: options.Force = False,
     as_json: options.Json = False,
 ) -> None:
     """Simulate a scenario and write what is recorded.
 
-    The folder has the UCSD layout, with the truth beside the arrays.
+    The folder has the UCSD layout, with the truth beside the arrays; of a batch, one such folder a seed.
 
     \b
     Examples:
       moteslam simulate corridor --out corridor --seed 3
+      moteslam simulate random-corridors --out unseen --seed 7
+      moteslam simulate random-corridors --out many --batch 20 --true-map 0.05
       moteslam simulate my_rooms.toml --out rooms
       moteslam replay corridor --out result
     """  # noqa: D301
     from moteslam.robot.files import result_folder
-    from moteslam.sim.scenario import load_scenario
     from moteslam.sim.simulate import write_simulation
 
-    loaded = load_scenario(scenario)
+    loaded = ordered_scenario(scenario, seed)
+    if true_map is not None and not 0.001 <= true_map <= 10:
+        raise ConfigError(f"{true_map:g} m, expected 0.001 to 10", field="--true-map")
+    if batch is not None:
+        first = loaded.seed if seed is None else seed
+        with result_folder(out, force=force) as folder:
+            name = RANDOM if scenario == RANDOM else loaded.name
+            orders = [
+                Order(scenario, number, folder / f"{_file_name(name)}-{number}", true_map)
+                for number in range(first, first + batch)
+            ]
+            told = run_batch(orders, jobs=jobs)
+        _tell_batch(told, out, as_json=as_json)
+        return
     with result_folder(out, force=force) as folder:
         simulation = simulate_with_progress(loaded, seed)
-        write_simulation(folder, simulation)
-    truth, recording = simulation.truth, simulation.recording
-    streams = {
-        name: len(stream) for name in ("lidar", "encoders", "imu") if (stream := getattr(recording, name)) is not None
-    }
-    duration = float(truth.stamps[-1] - truth.stamps[0])
+        write_simulation(folder, simulation, map_resolution=true_map)
+    one = about(simulation)
     if as_json:
-        say_json(
-            {
-                "out": str(out),
-                "scenario": loaded.name,
-                "seed": simulation.scenario.seed,
-                "distance_m": truth.length,
-                "duration_s": duration,
-                "end": simulation.end,
-                "readings": streams,
-            }
-        )
+        say_json({"out": str(out), **one})
         return
-    counts = ", ".join(f"{count} {name}" for name, count in streams.items())
-    say(f"{literal(loaded.name)}: {truth.length:.1f} m in {duration:.0f} s ({simulation.end}); readings: {counts}")
+    counts = ", ".join(f"{count} {name}" for name, count in one["readings"].items())
+    way = f"{one['distance_m']:.1f} m in {one['duration_s']:.0f} s ({one['end']})"
+    say(f"{literal(loaded.name)}: {way}; readings: {counts}")
     say(f"recording and truth in {literal(out)}")
+
+
+def _tell_batch(told: list[dict[str, Any]], out: Path, *, as_json: bool) -> None:
+    if as_json:
+        say_json({"out": str(out), "simulations": told})
+        return
+    rows = [["scenario", "seed", "way [m]", "time [s]", "end"]]
+    rows += [
+        [literal(one["scenario"]), str(one["seed"]), f"{one['distance_m']:.1f}", f"{one['duration_s']:.0f}", one["end"]]
+        for one in told
+    ]
+    say(table(rows, right=(1, 2, 3)))
+    say(f"recordings and truths in {literal(out)}")
+
+
+def _file_name(name: str) -> str:
+    """A scenario's name as part of a folder's name."""
+    return "".join(letter if letter.isalnum() or letter in "-_." else "_" for letter in name).lstrip(".") or "scenario"
 
 
 def simulate_with_progress(scenario: Scenario, seed: int | None) -> Simulation:

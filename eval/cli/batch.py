@@ -1,0 +1,118 @@
+"""Many simulations at once: a process each, one thread a process, since Taichi cannot fork."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from moteslam.errors import ConfigError, MoteslamError
+from moteslam.eval.cli.progress import progress_bar
+
+if TYPE_CHECKING:
+    from moteslam.sim.scenario import Scenario
+    from moteslam.sim.simulate import Simulation
+
+RANDOM = "random-corridors"
+MAX_BATCH = 100_000
+
+
+@dataclass(frozen=True)
+class Order:
+    """One simulation to make.
+
+    Attributes:
+        scenario: name of a bundled one, ``random-corridors``, or a path.
+        seed: of its randomness, and of a random building; None for the scenario's own.
+        folder: to write it into, made if need be.
+        map_resolution: of the true map [m], None for none.
+    """
+
+    scenario: str
+    seed: int | None
+    folder: Path
+    map_resolution: float | None = None
+
+
+def ordered_scenario(name: str, seed: int | None) -> Scenario:
+    """The scenario of that name; ``random-corridors`` is the building of that seed.
+
+    Raises:
+        ConfigError: there is none, or it is not well made.
+    """
+    from moteslam.sim.scenario import load_scenario
+
+    return load_scenario(f"{RANDOM}-{seed or 0}" if name == RANDOM else name)
+
+
+def run_batch(orders: list[Order], *, jobs: int | None = None) -> list[dict[str, Any]]:
+    """Carry out all of the orders, with a progress bar, and tell about each what ``about`` tells, in their order.
+
+    Args:
+        orders: at most 100 000.
+        jobs: processes at a time; as many as there are cores by default.
+
+    Raises:
+        MoteslamError: the first that fails ends them all, and is named with its seed.
+    """
+    if len(orders) > MAX_BATCH:
+        raise ConfigError(f"{len(orders)} simulations, expected at most {MAX_BATCH}", field="batch")
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    spawn = multiprocessing.get_context("spawn")
+    found: dict[int, dict[str, Any]] = {}
+    with spawn.Pool(min(jobs or cores, len(orders)), _start) as pool, progress_bar("batch", len(orders), "runs") as bar:
+        coming = pool.imap_unordered(_carry_out, list(enumerate(orders)))
+        while len(found) < len(orders):
+            bar.update(len(found))
+            try:
+                index, told = coming.next(timeout=0.2)
+            except multiprocessing.TimeoutError:
+                continue
+            if isinstance(told, str):
+                raise MoteslamError(told, file=orders[index].scenario, field=f"seed {orders[index].seed}")
+            found[index] = told
+    return [found[index] for index in range(len(orders))]
+
+
+def about(simulation: Simulation) -> dict[str, Any]:
+    """What a simulation came to: scenario, seed, way, time, end, and how many readings each stream has."""
+    truth, recording = simulation.truth, simulation.recording
+    return {
+        "scenario": simulation.scenario.name,
+        "seed": simulation.scenario.seed,
+        "distance_m": truth.length,
+        "duration_s": float(truth.stamps[-1] - truth.stamps[0]),
+        "end": simulation.end,
+        "readings": {
+            name: len(stream)
+            for name in ("lidar", "encoders", "imu")
+            if (stream := getattr(recording, name)) is not None
+        },
+    }
+
+
+def _start() -> None:
+    """In each process: leave Ctrl-C to the parent, and be content with one thread."""
+    from moteslam.kernels import runtime
+
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    runtime.init("cpu", 1)
+
+
+def _carry_out(numbered: tuple[int, Order]) -> tuple[int, dict[str, Any] | str]:
+    """Simulate and write one; what is wrong with it as text, since exceptions with fields do not travel."""
+    from moteslam.sim.simulate import simulate, write_simulation
+
+    index, order = numbered
+    try:
+        simulation = simulate(ordered_scenario(order.scenario, order.seed), order.seed)
+        order.folder.mkdir(parents=True, exist_ok=True)
+        write_simulation(order.folder, simulation, map_resolution=order.map_resolution)
+    except MoteslamError as error:
+        return index, str(error)
+    except OSError as error:
+        return index, f"{error.filename}: {error.strerror}"
+    return index, about(simulation)
