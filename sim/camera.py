@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from pydantic import Field, FiniteFloat, model_validator
 
+from moteslam.sim.floor import FloorSettings
 from moteslam.sim.noise import ClockNoise, NonNegative, Positive, Probability, Settings
+
+if TYPE_CHECKING:
+    from moteslam.sim.scenario import Scenario
 
 
 class CameraSettings(Settings):
@@ -41,3 +45,9 @@ class CameraSettings(Settings):
         if self.nearest >= self.farthest:
             raise ValueError(f"nearest of {self.nearest:g} m, expected less than farthest, {self.farthest:g} m")
         return self
+
+
+def with_camera(scenario: Scenario) -> Scenario:
+    """The scenario with a camera that records and a floor to see, where it has none of its own."""
+    changes = {"camera": scenario.camera or CameraSettings(), "floor": scenario.floor or FloorSettings()}
+    return scenario.model_copy(update=changes)
