@@ -1,0 +1,144 @@
+"""Colours into cells: the kernel against its twin, in any order, on any number of threads."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from twins.camera import add_frame as twin
+
+from moteslam.errors import InputError
+from moteslam.robot.kinect import disparity_of, mount_rotation
+from moteslam.robot.platform import CameraMount
+from moteslam.slam.texture import calibration
+
+MOUNT = np.column_stack((mount_rotation(CameraMount()), (0.18, 0.005, 0.36)))
+PLACE = {"corner": (-4.0, -4.0), "cell_size": 0.05}
+
+
+def frame(seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """A disparity image of floor and things on it, with holes of every kind, and random colours."""
+    rng = np.random.default_rng(seed)
+    row = np.arange(480)[:, None] + np.zeros((1, 640))
+    slope = np.maximum(np.sin(0.36) + np.cos(0.36) * (row - 242.94) / 585.05, 0.02)
+    depth = 0.36 / slope * rng.uniform(0.6, 1.1, (480, 640))
+    disparity = np.clip(np.rint(disparity_of(depth)), 1, 1085).astype(np.uint16)
+    disparity[rng.random((480, 640)) < 0.05] = 2047
+    disparity[rng.random((480, 640)) < 0.02] = 0
+    disparity[rng.random((480, 640)) < 0.02] = 1500
+    return disparity, rng.integers(0, 256, (480, 640, 3), dtype=np.uint8)
+
+
+def add(sums: np.ndarray, disparity: np.ndarray, rgb: np.ndarray, pose: object, **changes: object) -> None:
+    from moteslam.kernels.texture import add_frame
+
+    settings = {
+        **PLACE, "calibration": calibration(), "mount": MOUNT, "height_limit": 0.1, "max_depth": 5.0, "nothing": 2047
+    }  # fmt: skip
+    add_frame(sums, disparity, rgb, pose, **{**settings, **changes})  # type: ignore[arg-type]
+
+
+@pytest.mark.usefixtures("taichi")
+def test_agrees_with_the_published_formulas() -> None:
+    ours, theirs = np.zeros((160, 200, 4), np.int64), np.zeros((160, 200, 4), np.int64)
+    for seed, pose in enumerate([(0.0, 0.0, 0.0), (0.7, -0.4, 2.0), (3.0, 1.0, -1.2)]):
+        disparity, rgb = frame(seed)
+        add(ours, disparity, rgb, pose)
+        twin(theirs, disparity, rgb, pose, **PLACE, height_limit=0.1, max_depth=5.0)
+    assert theirs[..., 3].sum() > 400_000
+    # points within float32's reach of a cell's side, or colour pixels of a half, may fall to the other side
+    assert np.abs(ours - theirs)[..., 3].sum() < 2e-4 * theirs[..., 3].sum()
+    assert np.abs(ours - theirs)[..., :3].sum() < 1e-3 * theirs[..., :3].sum()
+
+
+@pytest.mark.usefixtures("taichi")
+def test_the_order_of_the_frames_does_not_matter() -> None:
+    frames = [(*frame(seed), (0.1 * seed, 0.0, 0.3 * seed)) for seed in range(3)]
+    first, second = np.zeros((160, 160, 4), np.int64), np.zeros((160, 160, 4), np.int64)
+    for one in frames:
+        add(first, *one)
+    for one in reversed(frames):
+        add(second, *one)
+    assert first.tobytes() == second.tobytes()
+
+
+@pytest.mark.usefixtures("taichi")
+def test_only_what_is_low_near_and_inside_counts() -> None:
+    disparity, rgb = frame(0)
+
+    def count(**changes: object) -> int:
+        sums = np.zeros((160, 160, 4), np.int64)
+        add(sums, disparity, rgb, (0.0, 0.0, 0.0), **changes)
+        return int(sums[..., 3].sum())
+
+    assert count(height_limit=-1e3) == 0
+    assert count(height_limit=0.0) < count() < count(height_limit=1e3)
+    assert count(max_depth=1.0) < count()
+    assert count(corner=(50.0, 50.0)) == 0
+    assert count(nothing=1) == 0
+    elsewhere = np.zeros((160, 160, 4), np.int64)
+    add(elsewhere, disparity, rgb, (1e9, 0.0, 0.0))
+    assert not elsewhere.any()
+
+
+RUN = """
+import sys, hashlib, numpy as np
+sys.path.insert(0, sys.argv[2])
+from moteslam.kernels import runtime
+runtime.init("cpu", int(sys.argv[1]))
+import importlib.util
+spec = importlib.util.spec_from_file_location("case", sys.argv[3]); case = importlib.util.module_from_spec(spec)
+spec.loader.exec_module(case)
+sums = np.zeros((160, 160, 4), np.int64)
+for seed in range(3):
+    case.add(sums, *case.frame(seed), (0.1 * seed, 0.2, seed))
+print(hashlib.sha256(sums.tobytes()).hexdigest(), sums[..., 3].sum())
+"""
+
+
+@pytest.mark.slow
+def test_the_same_bytes_on_any_number_of_threads(request: pytest.FixtureRequest) -> None:
+    tests = str(request.config.rootpath / "tests")
+    said = [
+        subprocess.run(
+            [sys.executable, "-c", RUN, threads, tests, __file__],
+            check=True,
+            capture_output=True,
+            text=True,
+            timeout=300,
+        ).stdout
+        for threads in ("1", "2", "3")
+    ]
+    assert len(set(said)) == 1
+    assert int(said[0].split()[1]) > 100_000
+
+
+@pytest.mark.usefixtures("taichi")
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        ({"mount": MOUNT[:, :3]}, "mount"),
+        ({"calibration": np.zeros(10)}, "calibration"),
+        ({"calibration": np.full(10, np.nan)}, "calibration"),
+        ({"cell_size": 0.0}, "cell_size"),
+        ({"max_depth": np.inf}, "cell_size"),
+    ],
+)
+def test_nonsense_is_refused(changes: dict[str, object], told: str) -> None:
+    with pytest.raises(InputError, match=told):
+        add(np.zeros((10, 10, 4), np.int64), *frame(0), (0.0, 0.0, 0.0), **changes)
+
+
+@pytest.mark.usefixtures("taichi")
+def test_arrays_that_do_not_fit_are_refused() -> None:
+    disparity, rgb = frame(0)
+    for sums, d, c, pose in (
+        (np.zeros((10, 10, 3), np.int64), disparity, rgb, (0, 0, 0)),
+        (np.zeros((10, 10, 4), np.int32), disparity, rgb, (0, 0, 0)),
+        (np.zeros((10, 10, 4), np.int64), disparity[1:].copy(), rgb, (0, 0, 0)),
+        (np.zeros((10, 10, 4), np.int64), disparity, rgb, (0, 0, np.nan)),
+    ):
+        with pytest.raises(InputError):
+            add(sums, d, c, pose)
