@@ -80,16 +80,13 @@ def result_folder(
             shown = next((parent for parent in path.parents if parent.absolute() == above), above)
             raise OutputError(f"cannot be made: {shown} is a file, expected a folder", file=path) from error
         raise OutputError(f"cannot be made: {error.strerror or error}", file=path) from error
+    old = work.with_suffix(".old")
     try:
         try:
             yield work
-            old = None
             if target.exists():
-                old = work.with_suffix(".old")
                 target.rename(old)
             work.rename(target)
-            if old is not None:
-                shutil.rmtree(old)
         except OSError as error:
             raise OutputError(f"cannot be written: {error.strerror or error}", file=path) from error
         except OutputError as error:  # name the folder that was asked for, not the one it is built in
@@ -97,7 +94,10 @@ def result_folder(
                 raise
             raise OutputError(error.problem, file=path / Path(error.file).relative_to(work)) from error
     finally:
-        shutil.rmtree(work, ignore_errors=True)
+        if old.exists() and not target.exists():  # stopped between the two renames
+            old.rename(target)
+        for left in (work, old):
+            shutil.rmtree(left, ignore_errors=True)
 
 
 def _umask() -> int:

@@ -29,12 +29,14 @@ class Order:
         seed: of its randomness, and of a random building; None for the scenario's own.
         folder: to write it into, made if need be.
         map_resolution: of the true map [m], None for none.
+        camera: record images, even if the scenario does not.
     """
 
     scenario: str
     seed: int | None
     folder: Path
     map_resolution: float | None = None
+    camera: bool = False
 
 
 def ordered_scenario(name: str, seed: int | None) -> Scenario:
@@ -80,17 +82,18 @@ def run_batch(orders: list[Order], *, jobs: int | None = None) -> list[dict[str,
 def about(simulation: Simulation) -> dict[str, Any]:
     """What a simulation came to: scenario, seed, way, time, end, and how many readings each stream has."""
     truth, recording = simulation.truth, simulation.recording
+    readings = {
+        name: len(stream) for name in ("lidar", "encoders", "imu") if (stream := getattr(recording, name)) is not None
+    }
+    if recording.rgbd is not None:
+        readings |= {"rgb": len(recording.rgbd.rgb_stamps), "disparity": len(recording.rgbd.disparity_stamps)}
     return {
         "scenario": simulation.scenario.name,
         "seed": simulation.scenario.seed,
         "distance_m": truth.length,
         "duration_s": float(truth.stamps[-1] - truth.stamps[0]),
         "end": simulation.end,
-        "readings": {
-            name: len(stream)
-            for name in ("lidar", "encoders", "imu")
-            if (stream := getattr(recording, name)) is not None
-        },
+        "readings": readings,
     }
 
 
@@ -104,11 +107,13 @@ def _start() -> None:
 
 def _carry_out(numbered: tuple[int, Order]) -> tuple[int, dict[str, Any] | str]:
     """Simulate and write one; what is wrong with it as text, since exceptions with fields do not travel."""
+    from moteslam.sim.camera import with_camera
     from moteslam.sim.simulate import simulate, write_simulation
 
     index, order = numbered
     try:
-        simulation = simulate(ordered_scenario(order.scenario, order.seed), order.seed)
+        scenario = ordered_scenario(order.scenario, order.seed)
+        simulation = simulate(with_camera(scenario) if order.camera else scenario, order.seed)
         order.folder.mkdir(parents=True, exist_ok=True)
         write_simulation(order.folder, simulation, map_resolution=order.map_resolution)
     except MoteslamError as error:

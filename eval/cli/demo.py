@@ -11,23 +11,15 @@ from moteslam.eval.cli import options
 from moteslam.eval.cli.text import literal, say, say_json
 
 
+@options.with_slam_options
 def demo(
     out: Annotated[Path, typer.Option(help=options.OUT)] = Path("demo"),
     scenario: Annotated[str, typer.Option(metavar="NAME", help="Scenario to drive.")] = "corridor",
     duration: Annotated[
         float | None, typer.Option(min=12, metavar="S", help="Stop the drive after so many seconds.")
     ] = None,
-    preset: options.Preset = None,
-    config: options.ConfigFile = None,
-    settings: options.Settings = None,
-    particles: options.Particles = None,
-    seed: options.Seed = 0,
-    threads: options.Threads = None,
-    arch: options.Arch = "cpu",
-    no_figures: options.NoFigures = False,
-    force: options.Force = False,
-    print_config: options.PrintConfig = False,
-    as_json: options.Json = False,
+    *,
+    run: options.SlamOptions,
 ) -> None:
     """Simulate a corridor, run SLAM, score and draw it.
 
@@ -39,9 +31,9 @@ def demo(
       moteslam demo --duration 20 --out short
       moteslam demo --scenario loop --seed 7 --out loop
     """  # noqa: D301
-    resolved = options.resolved_config(preset, config, settings, particles)
-    if print_config:
-        options.print_config(resolved, as_json=as_json)
+    resolved = run.resolved()
+    if run.print_config:
+        options.print_config(resolved, as_json=run.as_json)
         return
 
     from moteslam.eval.cli.running import Backend, run_into, run_summary, score_table
@@ -52,22 +44,22 @@ def demo(
     driven = load_scenario(scenario)
     if duration is not None:
         driven = driven.model_copy(update={"duration": min(duration, driven.duration)})
-    backend = Backend(arch, threads)
-    with result_folder(out, force=force) as folder:
+    backend = Backend(run.arch, run.threads)
+    with result_folder(out, force=run.force) as folder:
         backend.start()
-        simulation = simulate_with_progress(driven, seed)
+        simulation = simulate_with_progress(driven, run.seed)
         estimate, scores = run_into(
             folder,
             simulation.recording,
             resolved,
-            seed=seed,
+            seed=run.seed,
             backend=backend,
             truth=simulation.truth,
-            figures=not no_figures,
+            figures=not run.no_figures,
             about={"scenario": driven.name},
         )
     assert scores is not None
-    if as_json:
+    if run.as_json:
         say_json(run_summary(estimate, scores, out))
         return
     stamps = estimate.trajectory.stamps
@@ -76,4 +68,4 @@ def demo(
         f"{len(stamps)} scans, {estimate.config.particles} particles"
     )
     say(score_table(scores))
-    say(f"result in {literal(out)}" + ("" if no_figures else f"; look at {literal(out / 'trajectories.png')}"))
+    say(f"result in {literal(out)}" + ("" if run.no_figures else f"; look at {literal(out / 'trajectories.png')}"))

@@ -16,8 +16,8 @@ if TYPE_CHECKING:
 
 def inspect(
     path: Annotated[Path, typer.Argument(metavar="PATH", help="A log file, or a folder of arrays.")],
-    sequence: Annotated[str | None, typer.Option(help="Which of several sequences in a folder.")] = None,
-    platform: Annotated[Path | None, typer.Option(metavar="FILE", help="platform.toml of the robot.")] = None,
+    sequence: options.Sequence = None,
+    platform: options.PlatformFile = None,
     as_json: options.Json = False,
 ) -> None:
     """Tell what a recording holds and what is wrong.

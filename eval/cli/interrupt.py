@@ -1,10 +1,19 @@
-"""Ctrl-C and SIGTERM as an exception that unwinds, so that no half result is left."""
+"""Ctrl-C, SIGTERM and SIGHUP: at the start and at the end the program just goes, in between it unwinds and tidies up.
+
+This module imports next to nothing: it is there before the rest of the program is read.
+"""
 
 from __future__ import annotations
 
+import os
 import signal
 import threading
 from types import FrameType
+
+SIGNALS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
+"""What asks a program to stop: Ctrl-C, the system, a terminal that is closed (which Windows has not)."""
+
+MESSAGE = "interrupted, nothing was left behind"
 
 
 class Interrupted(BaseException):
@@ -22,21 +31,53 @@ class Interrupted(BaseException):
 _asked: list[int] = []
 
 
+def leave_at_once() -> None:
+    """From here on a signal ends the program on the spot, in one line: while it is read, there is nothing to tidy."""
+    _handle(_leave)
+
+
 def on_interrupt() -> None:
-    """From here on SIGINT and SIGTERM raise ``Interrupted``, once; a second waits for the tidying up."""
+    """From here on a signal raises ``Interrupted``, once; a second waits for the tidying up."""
     _asked.clear()
-    if threading.current_thread() is threading.main_thread():
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, _interrupt)
+    _handle(_interrupt)
+
+
+def leave_with(code: int) -> None:
+    """From here on a signal ends the program with this code: all is done and told."""
+    _handle(lambda _number, _frame: os._exit(code))
 
 
 def check_interrupt() -> None:
-    """Raise what was asked for once more, in case foreign code swallowed it (callbacks from C do)."""
+    """Raise what was asked for, in case foreign code swallowed it or it could not be raised there."""
+    if (asked := was_asked()) is not None:
+        raise asked
+
+
+def was_asked() -> Interrupted | None:
+    """What the program was asked for since ``on_interrupt``, if anything."""
+    return Interrupted(_asked[0]) if _asked else None
+
+
+def _handle(handler: object) -> None:
+    if threading.current_thread() is not threading.main_thread():
+        return
+    for number in SIGNALS:
+        # what was ignored from the start stays so: nohup, and jobs in the background of a script
+        if signal.getsignal(number) is not signal.SIG_IGN:
+            signal.signal(number, handler)  # type: ignore[arg-type]
+
+
+def _leave(number: int, _frame: FrameType | None) -> None:
+    os.write(2, f"moteslam: {MESSAGE}\n".encode())
+    os._exit(128 + number)
+
+
+def _interrupt(number: int, frame: FrameType | None) -> None:
     if _asked:
-        raise Interrupted(_asked[0])
-
-
-def _interrupt(number: int, _frame: FrameType | None) -> None:
-    if not _asked:
-        _asked.append(number)
-        raise Interrupted(number)
+        return
+    _asked.append(number)
+    while frame is not None:  # an exception cannot pass through C that calls Python: it would be printed and forgotten
+        if frame.f_globals.get("__name__") == "pymunk._callbacks":
+            return
+        frame = frame.f_back
+    raise Interrupted(number)

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import sys
 from typing import Annotated, Any
 
 import typer
 
-from moteslam.errors import MoteslamError
+from moteslam.errors import MoteslamError, OutputError
 from moteslam.eval.cli import demo, evaluate, inspect, replay, scenarios, simulate
-from moteslam.eval.cli.interrupt import Interrupted, on_interrupt
-from moteslam.eval.cli.text import note, say
+from moteslam.eval.cli.interrupt import MESSAGE, Interrupted, leave_with, on_interrupt, was_asked
+from moteslam.eval.cli.text import STDOUT, flush, note, say
 
 BAD_INPUT, INTERNAL_ERROR, CLOSED_PIPE = 2, 1, 141
 
@@ -60,7 +61,9 @@ app.add_typer(scenarios.app, name="scenarios")
 
 def main() -> None:
     """Run the program and leave with its exit code: 0, 2 for bad input, 130 for Ctrl-C, 1 for a fault of ours."""
-    sys.exit(run(sys.argv[1:]))
+    code = run(sys.argv[1:])
+    leave_with(code)
+    sys.exit(code)
 
 
 def run(arguments: list[str]) -> int:
@@ -68,33 +71,41 @@ def run(arguments: list[str]) -> int:
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure"):  # a terminal that knows no such letter gets an escape, not an error
             stream.reconfigure(errors="backslashreplace")
-    on_interrupt()
     try:
+        on_interrupt()
         code = app(args=arguments, prog_name="moteslam", standalone_mode=False)
-        sys.stdout.flush()
+        flush()
     except (BrokenPipeError, SystemExit):  # Typer makes the one of the other
         return _closed_pipe()
     except (Interrupted, KeyboardInterrupt) as error:
-        note("interrupted, nothing was left behind")
-        return error.exit_code if isinstance(error, Interrupted) else 130
+        return _interrupted(error)
     except Exception as error:
+        if (asked := was_asked()) is not None:  # an extension that is interrupted in its import makes an error of it
+            return _interrupted(asked)
         return _told(error)
     return code if isinstance(code, int) else 0
+
+
+def _interrupted(error: BaseException) -> int:
+    note(MESSAGE)
+    return error.exit_code if isinstance(error, Interrupted) else 130
 
 
 def _told(error: Exception) -> int:
     """Tell an error in one line; the exit code that goes with it."""
     if isinstance(error, MoteslamError):
         note(error)
+        if error.file == STDOUT:
+            _discard_stdout()  # a full disk behind stdout would be told again at exit
     elif hasattr(error, "format_message"):  # a usage error, of Click or of Typer's own copy of it
         return _usage_error(error)
     elif isinstance(error, MemoryError):
         note(f"out of memory ({error}), expected fewer particles, larger cells or a shorter recording")
     elif isinstance(error, OSError):
+        if error.filename is None and error.errno == errno.ENOSPC:  # what Typer printed itself; our files have names
+            return _told(OutputError(f"cannot be written: {error.strerror}", file=STDOUT))
         name = "" if error.filename is None else f"{error.filename}: "
         note(f"{name}{error.strerror or error}")
-        if error.filename is None:
-            _discard_stdout()  # a full disk behind stdout would be told again at exit
     else:
         if os.environ.get("MOTESLAM_TRACEBACK") == "1":
             raise error

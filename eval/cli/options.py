@@ -2,44 +2,99 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+from functools import wraps
+from inspect import Parameter, signature
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 
 import typer
+
+from moteslam.errors import ConfigError
+
+if TYPE_CHECKING:
+    from moteslam.slam.config import SlamConfig
 
 OUT = "Folder for the result; it must not exist."
 
 Force = Annotated[bool, typer.Option("--force", help="Replace an existing --out, whole, at the end.")]
 Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
-Preset = Annotated[str | None, typer.Option(metavar="NAME", help="Named configuration; the best by default.")]
-Settings = Annotated[
-    list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Change one value; may be repeated.")
-]
-ConfigFile = Annotated[
-    Path | None, typer.Option("--config", metavar="FILE", help="TOML file over the preset, under --set.")
-]
-Seed = Annotated[int, typer.Option(min=0, max=2**63 - 1, help="Of all randomness; same seed, same bytes.")]
-Particles = Annotated[int | None, typer.Option(min=1, help="The same as --set particles=N.")]
-Threads = Annotated[int | None, typer.Option(min=1, max=1024, help="CPU threads; all cores by default.")]
-Arch = Annotated[str, typer.Option(metavar="cpu|cuda", help="Where the kernels run.")]
-NoFigures = Annotated[bool, typer.Option("--no-figures", help="Leave the figures out.")]
-PrintConfig = Annotated[
-    bool, typer.Option("--print-config", help="Print the resolved configuration as TOML and leave.")
+Sequence = Annotated[str | None, typer.Option(help="Which of several sequences in a folder.")]
+PlatformFile = Annotated[
+    Path | None, typer.Option(metavar="FILE", help="platform.toml over the robot that the recording tells.")
 ]
 
 
-def resolved_config(preset: str | None, file: Path | None, settings: list[str] | None, particles: int | None) -> Any:
-    """The ``SlamConfig`` that the options come to: flag over file over preset.
+@dataclass(frozen=True)
+class SlamOptions:
+    """What a run of SLAM can be told on the command line: each field is an option."""
 
-    Raises:
-        ConfigError: an unknown preset or key, or a value out of bounds.
-    """
-    from moteslam.slam.config import DEFAULT_PRESET, resolve_config
+    preset: Annotated[str | None, typer.Option(metavar="NAME", help="Named configuration; the best by default.")] = None
+    config: Annotated[
+        Path | None, typer.Option("--config", metavar="FILE", help="TOML file over the preset, under --set.")
+    ] = None
+    settings: Annotated[
+        list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Change one value; may be repeated.")
+    ] = None
+    particles: Annotated[int | None, typer.Option(min=1, help="The same as --set particles=N.")] = None
+    seed: Annotated[int, typer.Option(min=0, max=2**63 - 1, help="Of all randomness; same seed, same bytes.")] = 0
+    threads: Annotated[int | None, typer.Option(min=1, max=1024, help="CPU threads; all cores by default.")] = None
+    arch: Annotated[str, typer.Option(metavar="cpu|cuda", help="Where the kernels run.")] = "cpu"
+    no_figures: Annotated[bool, typer.Option("--no-figures", help="Leave the figures out.")] = False
+    force: Force = False
+    print_config: Annotated[
+        bool, typer.Option("--print-config", help="Print the resolved configuration as TOML and leave.")
+    ] = False
+    as_json: Json = False
 
-    flags = list(settings or [])
-    if particles is not None:
-        flags.append(f"particles={particles}")
-    return resolve_config(DEFAULT_PRESET if preset is None else preset, flags, file)
+    def resolved(self) -> SlamConfig:
+        """The configuration that the options come to: flag over file over preset.
+
+        Raises:
+            ConfigError: an unknown preset or key, or a value out of bounds; the option is named.
+        """
+        from moteslam.slam.config import DEFAULT_PRESET, resolve_config
+
+        flags = list(self.settings or [])
+        if self.particles is not None:
+            flags.append(f"particles={self.particles}")
+        try:
+            resolve_config(preset := self.preset if self.preset is not None else DEFAULT_PRESET)
+        except ConfigError as error:
+            raise ConfigError(error.problem, field=f"--preset {error.field}") from error
+        try:
+            return resolve_config(preset, flags, self.config)
+        except ConfigError as error:
+            if error.file is not None or not error.field or error.field.startswith("--"):
+                raise
+            flag = "" if error.field == "particles" and self.particles is not None else "--set "
+            raise ConfigError(error.problem, field=f"{flag or '--'}{error.field}") from error
+
+
+def with_slam_options(command: Callable[..., None]) -> Callable[..., None]:
+    """A command with the options of ``SlamOptions`` after its own; it gets them as one argument, ``run``."""
+    hints = get_type_hints(command, include_extras=True)
+    own = [
+        parameter.replace(annotation=hints[name], kind=Parameter.KEYWORD_ONLY)
+        for name, parameter in signature(command).parameters.items()
+        if name != "run"
+    ]
+    types = get_type_hints(SlamOptions, include_extras=True)
+    shared = [
+        Parameter(field.name, Parameter.KEYWORD_ONLY, default=field.default, annotation=types[field.name])
+        for field in fields(SlamOptions)
+    ]
+
+    @wraps(command)
+    def whole(**given: Any) -> None:
+        run = SlamOptions(**{parameter.name: given.pop(parameter.name) for parameter in shared})
+        command(**given, run=run)
+
+    listed = signature(command).replace(parameters=[*own, *shared])
+    whole.__signature__ = listed  # type: ignore[attr-defined]  # Typer reads it
+    whole.__annotations__ = {parameter.name: parameter.annotation for parameter in listed.parameters.values()}
+    return whole
 
 
 def print_config(config: Any, *, as_json: bool) -> None:

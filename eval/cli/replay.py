@@ -18,27 +18,19 @@ if TYPE_CHECKING:
     from moteslam.slam.config import SlamConfig
 
 
+@options.with_slam_options
 def replay(
     path: Annotated[
         Path | None, typer.Argument(metavar="PATH", help="A log file, or a folder of arrays.", show_default=False)
     ] = None,
     out: Annotated[Path | None, typer.Option(help=options.OUT)] = None,
-    preset: options.Preset = None,
-    config: options.ConfigFile = None,
-    settings: options.Settings = None,
-    particles: options.Particles = None,
-    seed: options.Seed = 0,
-    threads: options.Threads = None,
-    arch: options.Arch = "cpu",
-    sequence: Annotated[str | None, typer.Option(help="Which of several sequences in a folder.")] = None,
-    platform: Annotated[Path | None, typer.Option(metavar="FILE", help="platform.toml of the robot.")] = None,
+    sequence: options.Sequence = None,
+    platform: options.PlatformFile = None,
     dead_reckoning: Annotated[
         bool, typer.Option("--dead-reckoning", help="Odometry alone: no lidar needed, --out optional.")
     ] = False,
-    no_figures: options.NoFigures = False,
-    force: options.Force = False,
-    print_config: options.PrintConfig = False,
-    as_json: options.Json = False,
+    *,
+    run: options.SlamOptions,
 ) -> None:
     """Run SLAM over a recording and fill a result folder.
 
@@ -51,9 +43,9 @@ def replay(
       moteslam replay ucsd --sequence 20 --dead-reckoning
       moteslam replay --preset paper --print-config > mine.toml
     """  # noqa: D301
-    resolved = options.resolved_config(preset, config, settings, particles)
-    if print_config:
-        options.print_config(resolved, as_json=as_json)
+    resolved = run.resolved()
+    if run.print_config:
+        options.print_config(resolved, as_json=run.as_json)
         return
     if path is None:
         raise typer.BadParameter("missing, expected a recording", param_hint="'PATH'")
@@ -64,7 +56,7 @@ def replay(
 
     recording = open_recording(path, sequence=sequence, platform=platform)
     if dead_reckoning:
-        _dead_reckon(path, recording, resolved, out, force=force, figures=not no_figures, as_json=as_json)
+        _dead_reckon(path, recording, resolved, out, run)
         return
 
     from moteslam.eval.cli.running import Backend, run_into, run_summary, score_table
@@ -72,18 +64,18 @@ def replay(
 
     assert out is not None
     truth = _truth_beside(path, recording)
-    with result_folder(out, force=force, keep=path) as folder:
+    with result_folder(out, force=run.force, keep=path) as folder:
         estimate, scores = run_into(
             folder,
             recording,
             resolved,
-            seed=seed,
-            backend=Backend(arch, threads),
+            seed=run.seed,
+            backend=Backend(run.arch, run.threads),
             truth=truth,
-            figures=not no_figures,
+            figures=not run.no_figures,
             about={"path": str(path)},
         )
-    if as_json:
+    if run.as_json:
         say_json(run_summary(estimate, scores, out))
         return
     stamps = estimate.trajectory.stamps
@@ -122,7 +114,7 @@ def _truth_beside(path: Path, recording: Recording) -> Trajectory | None:
 
 
 def _dead_reckon(
-    path: Path, recording: Recording, config: SlamConfig, out: Path | None, *, force: bool, figures: bool, as_json: bool
+    path: Path, recording: Recording, config: SlamConfig, out: Path | None, run: options.SlamOptions
 ) -> None:
     """Dead reckoning alone: what it came to is printed, and written where ``out`` is given."""
     from moteslam.robot.files import result_folder, write_atomically
@@ -133,17 +125,17 @@ def _dead_reckon(
     for warning in recording.warnings:
         note(f"warning: {warning}")
     if out is not None:
-        with result_folder(out, force=force, keep=path) as folder:
+        with result_folder(out, force=run.force, keep=path) as folder:
             write_tum(folder / "dead_reckoning.tum", trajectory)
             write_atomically(folder / "config.toml", config.to_toml())
-            if figures:
+            if not run.no_figures:
                 from moteslam.eval.report.plans import draw_dead_reckoning
 
                 title = f"{recording.name}: dead reckoning"
                 draw_dead_reckoning(folder / "dead_reckoning.png", trajectory, recording=recording, title=title)
     x, y, theta = trajectory.poses[-1].tolist()
     duration = float(trajectory.stamps[-1] - trajectory.stamps[0])
-    if as_json:
+    if run.as_json:
         say_json(
             {
                 "out": None if out is None else str(out),

@@ -10,7 +10,8 @@ import typer
 from moteslam.errors import ConfigError
 from moteslam.eval.cli import options
 from moteslam.eval.cli.batch import MAX_BATCH, RANDOM, Order, about, ordered_scenario, run_batch
-from moteslam.eval.cli.text import literal, say, say_json, table
+from moteslam.eval.cli.progress import progress_bar
+from moteslam.eval.cli.text import literal, note, say, say_json, table
 
 if TYPE_CHECKING:
     from moteslam.sim.scenario import Scenario
@@ -34,6 +35,9 @@ def simulate(
     true_map: Annotated[
         float | None, typer.Option(metavar="M", help="Write the true map too, in cells of so many metres.")
     ] = None,
+    camera: Annotated[
+        bool, typer.Option("--camera", help="Record colour and depth images, even if the scenario does not.")
+    ] = False,
     force: options.Force = False,
     as_json: options.Json = False,
 ) -> None:
@@ -47,9 +51,11 @@ def simulate(
       moteslam simulate random-corridors --out unseen --seed 7
       moteslam simulate random-corridors --out many --batch 20 --true-map 0.05
       moteslam simulate my_rooms.toml --out rooms
+      moteslam simulate corridor --out coloured --camera
       moteslam replay corridor --out result
     """  # noqa: D301
     from moteslam.robot.files import result_folder
+    from moteslam.sim.camera import with_camera
     from moteslam.sim.simulate import write_simulation
 
     loaded = ordered_scenario(scenario, seed)
@@ -60,15 +66,18 @@ def simulate(
         with result_folder(out, force=force) as folder:
             name = RANDOM if scenario == RANDOM else loaded.name
             orders = [
-                Order(scenario, number, folder / f"{_file_name(name)}-{number}", true_map)
+                Order(scenario, number, folder / f"{_file_name(name)}-{number}", true_map, camera)
                 for number in range(first, first + batch)
             ]
             told = run_batch(orders, jobs=jobs)
         _tell_batch(told, out, as_json=as_json)
         return
     with result_folder(out, force=force) as folder:
-        simulation = simulate_with_progress(loaded, seed)
-        write_simulation(folder, simulation, map_resolution=true_map)
+        simulation = simulate_with_progress(with_camera(loaded) if camera else loaded, seed)
+        with progress_bar("images", 1.0, "") as bar:
+            write_simulation(
+                folder, simulation, map_resolution=true_map, tell=note, progress=lambda _what, share: bar.update(share)
+            )
     one = about(simulation)
     if as_json:
         say_json({"out": str(out), **one})
@@ -103,7 +112,6 @@ def simulate_with_progress(scenario: Scenario, seed: int | None) -> Simulation:
     Raises:
         ConfigError: a robot that gets stuck on its route.
     """
-    from moteslam.eval.cli.progress import progress_bar
     from moteslam.sim.simulate import simulate as run
 
     with progress_bar("simulation", 2.0, "") as bar:

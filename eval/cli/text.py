@@ -5,32 +5,62 @@ from __future__ import annotations
 import json
 import sys
 import unicodedata
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any
+
+from moteslam.errors import OutputError
+
+STDOUT = "stdout"
+"""What errors call it."""
 
 
 def literal(text: object) -> str:
     r"""Text in one line that a terminal shows and does not obey.
 
-    Control characters, line breaks, reversals of the writing direction and bytes that are no text are written as
-    escapes (``\x1b``); everything else, brackets of markup too, stays as it is.
+    Control characters, line breaks and reversals of the writing direction are written as escapes (``\x1b``), and so
+    are the bytes of a file name that is no text (``\xe9``); everything else, brackets of markup too, stays as it is.
     """
-    return "".join(
-        character.encode("unicode_escape").decode("ascii")
-        if unicodedata.category(character) in ("Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp")
-        else character
-        for character in str(text)
-    )
+    return "".join(map(_literal, str(text)))
+
+
+def _literal(character: str) -> str:
+    if "\udc80" <= character <= "\udcff":  # how Python writes a byte that is no text
+        return f"\\x{ord(character) - 0xDC00:02x}"
+    if unicodedata.category(character) in ("Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp"):
+        return character.encode("unicode_escape").decode("ascii")
+    return character
 
 
 def say(text: str = "") -> None:
     """A line of the result, on stdout."""
-    sys.stdout.write(text + "\n")
+    with _stdout_named():
+        sys.stdout.write(text + "\n")
 
 
 def say_json(value: Any) -> None:
     """The result as JSON on stdout; numbers that are not finite become null."""
-    sys.stdout.write(json.dumps(_plain(value), indent=2, allow_nan=False) + "\n")
+    say(json.dumps(_plain(value), indent=2, allow_nan=False))
+
+
+def flush() -> None:
+    """Write out what was said.
+
+    Raises:
+        OutputError: nobody can take it, as ``say`` where much was said; but a closed pipe is a ``BrokenPipeError``.
+    """
+    with _stdout_named():
+        sys.stdout.flush()
+
+
+@contextmanager
+def _stdout_named() -> Iterator[None]:
+    try:
+        yield
+    except BrokenPipeError:
+        raise
+    except OSError as error:
+        raise OutputError(f"cannot be written: {error.strerror or error}", file=STDOUT) from error
 
 
 def note(text: object) -> None:

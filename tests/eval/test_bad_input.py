@@ -37,11 +37,13 @@ def refused(capsys: pytest.CaptureFixture[str], *arguments: object, code: int = 
         ("demo --seed 99999999999999999999", "--seed"),
         ("demo --duration 1", "--duration"),
         ("demo --scenario nowhere", "nowhere: no scenario of this name, expected one of"),
-        ("demo --preset none", "none: no such preset, expected one of"),
-        ("demo --set particles=0", "particles"),
+        ("demo --preset none", "--preset none: no such preset, expected one of"),
+        ("demo --set particles=0", "--set particles: "),
+        ("demo --particles 9999999", "--particles: "),
+        ("replay x --preset none", "--preset none: "),
         ("demo --set particles=many", "particles"),
-        ("demo --set speed=1", "speed: unknown key, expected one of"),
-        ("demo --set map.size=1", "map.size: unknown key"),
+        ("demo --set speed=1", "--set speed: unknown key, expected one of"),
+        ("demo --set map.size=1", "--set map.size: unknown key"),
         ("demo --set particles", "expected key=value"),
         ("demo --particles 0", "--particles"),
         ("demo --threads 0", "--threads"),
@@ -54,7 +56,6 @@ def refused(capsys: pytest.CaptureFixture[str], *arguments: object, code: int = 
         ("replay absent", "--out"),
         ("replay absent --out x", "absent: No such file or directory, expected a recording"),
         ("replay . --out x", "expected a UCSD folder"),
-        ("replay absent --out x --platform absent.toml", "absent.toml: No such file"),
         ("inspect absent", "absent: No such file"),
         ("inspect", "PATH"),
         ("evaluate absent also", "absent: No such file"),
@@ -127,7 +128,7 @@ def test_a_name_that_is_no_text(tmp_path: Path) -> None:
         env={**os.environ, "PYTHONIOENCODING": "ascii"},
     )
     assert done.returncode == 2
-    assert done.stderr.startswith(b"moteslam: caf\\udce9: No such file")
+    assert done.stderr.startswith(b"moteslam: caf\\xe9: No such file")
 
 
 def test_literal_leaves_words_alone() -> None:
@@ -155,7 +156,8 @@ def test_a_full_disk(tmp_path: Path) -> None:
 
 def test_a_folder_that_cannot_be_written(tmp_path: Path, monkeypatch, capsys) -> None:
     (tmp_path / "file").write_text("")
-    assert "cannot be made" in refused(capsys, "simulate", "corridor", "--out", tmp_path / "file" / "robot")
+    line = refused(capsys, "simulate", "corridor", "--out", tmp_path / "file" / "robot")
+    assert f"{tmp_path / 'file' / 'robot'}: cannot be made: {tmp_path / 'file'} is a file, expected a folder" in line
 
     def read_only(*_args, **_keywords):
         raise OSError(30, "Read-only file system")
@@ -165,7 +167,46 @@ def test_a_folder_that_cannot_be_written(tmp_path: Path, monkeypatch, capsys) ->
     assert f"{tmp_path / 'robot'}: cannot be made: Read-only file system" in line
 
 
-@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)], ids=["Ctrl-C", "SIGTERM"])
+STOPPED = "moteslam: interrupted, nothing was left behind\n"
+SIGNALS = pytest.mark.parametrize(
+    ("number", "code"),
+    [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)],
+    ids=["Ctrl-C", "SIGTERM", "SIGHUP"],
+)
+WHILE_IMPORTING = """
+import os, runpy, sys
+class Finder:
+    def find_spec(self, name, *_):
+        if name == {module!r}:
+            os.kill(os.getpid(), {number})
+sys.meta_path.insert(0, Finder())
+sys.argv = ["moteslam", "demo"]
+runpy.run_module("moteslam", run_name="__main__")
+"""
+
+
+@SIGNALS
+@pytest.mark.parametrize("module", ["typer", "moteslam.eval.cli.text", "pydantic", "numpy._core._multiarray_umath"])
+def test_an_interrupt_while_the_program_is_read(number: int, code: int, module: str, tmp_path: Path) -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", WHILE_IMPORTING.format(module=module, number=int(number))],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert (done.returncode, done.stdout, done.stderr) == (code, "", STOPPED)
+    assert not list(tmp_path.iterdir())
+
+
+def test_what_is_ignored_from_the_start_stays_so(tmp_path: Path) -> None:
+    code = WHILE_IMPORTING.format(module="typer", number=int(signal.SIGHUP)).replace('"demo"', '"scenarios"')
+    ignoring = f"import signal\nsignal.signal(signal.SIGHUP, signal.SIG_IGN)\n{code}"
+    done = subprocess.run([sys.executable, "-c", ignoring], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+@SIGNALS
 def test_an_interrupt_leaves_nothing(number: int, code: int, tmp_path: Path) -> None:
     process = subprocess.Popen(
         [sys.executable, "-m", "moteslam", "demo", "--particles", "5000"],
@@ -182,7 +223,7 @@ def test_an_interrupt_leaves_nothing(number: int, code: int, tmp_path: Path) -> 
     process.send_signal(number)
     out, err = process.communicate(timeout=60)
     assert process.returncode == code, err
-    assert (out, err) == ("", "moteslam: interrupted, nothing was left behind\n")
+    assert (out, err) == ("", STOPPED)
     assert not list(tmp_path.iterdir())
 
 
@@ -194,17 +235,21 @@ def test_a_closed_pipe_is_no_error(tmp_path: Path) -> None:
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full on this system")
-def test_a_full_disk_behind_stdout(tmp_path: Path) -> None:
+@pytest.mark.parametrize("line", ["scenarios", "scenarios --json", "demo --print-config", "--help", "--version"])
+def test_a_full_disk_behind_stdout(line: str, tmp_path: Path) -> None:
     with Path("/dev/full").open("w") as full:
         done = subprocess.run(
-            [sys.executable, "-m", "moteslam", "scenarios"],
+            [sys.executable, "-m", "moteslam", *line.split()],
             stdout=full,
             stderr=subprocess.PIPE,
             text=True,
             check=False,
             cwd=tmp_path,
         )
-    assert (done.returncode, done.stderr) == (2, "moteslam: No space left on device\n")
+    assert (done.returncode, done.stderr) == (
+        2,
+        "moteslam: stdout: cannot be written: No space left on device\n",
+    )
 
 
 def test_a_fault_of_ours_is_one_line_too(monkeypatch, capsys) -> None:
