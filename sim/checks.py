@@ -6,7 +6,7 @@ from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from moteslam.errors import ConfigError
 from moteslam.sim.driving import sideways_ratio
@@ -38,6 +38,8 @@ def check_scenario(scenario: Scenario) -> None:
         raise ConfigError("nothing stands in it, expected a wall, room, box or pillar", field="world")
     if len(world.segments) > MAX_SEGMENTS:
         raise ConfigError(f"{len(world.segments)} segments, expected at most {MAX_SEGMENTS}", field="world")
+    _check_people(scenario, world)
+    _check_doors(scenario)
     start = scenario.start[:2]
     if scenario.commands is not None:
         _check_place(world, start, scenario.radius, "commands.start", "the robot starts")
@@ -116,8 +118,31 @@ def _check_route(scenario: Scenario, world: World) -> None:
     for i, point in enumerate(scenario.route.waypoints):
         what = "the robot starts" if i == 0 else "the waypoint is"
         _check_place(world, point, scenario.radius, f"route.waypoints.{i}", what)
-    beside = scenario.platform.width / 2
-    for i, (a, b) in enumerate(pairwise(scenario.route.corners)):
+    _check_legs(world, scenario.route.corners, scenario.platform.width / 2, "route.waypoints")
+
+
+def _check_people(scenario: Scenario, world: World) -> None:
+    for i, person in enumerate(scenario.people):
+        places = np.asarray(person.waypoints)
+        for j, place in enumerate(places):
+            _check_place(world, place, person.radius, f"people.{i}.waypoints.{j}", "the person is")
+        _check_legs(world, places, person.radius, f"people.{i}.waypoints")
+        if np.hypot(*(places[0] - scenario.start[:2])) < person.radius + scenario.radius:
+            raise ConfigError(
+                "the person begins where the robot starts, expected them apart", field=f"people.{i}.waypoints.0"
+            )
+
+
+def _check_doors(scenario: Scenario) -> None:
+    known = scenario.world.palette
+    for i, door in enumerate(scenario.doors):
+        if door.material not in known:
+            raise ConfigError(f"{door.material!r}, expected one of {', '.join(known)}", field=f"doors.{i}.material")
+
+
+def _check_legs(world: World, corners: NDArray[np.float64], beside: float, field: str) -> None:
+    """Refuse legs between waypoints that do not keep clear of the walls."""
+    for i, (a, b) in enumerate(pairwise(corners)):
         samples = np.linspace(a, b, max(2, int(np.ceil(np.hypot(*(b - a)) / _SAMPLING)) + 1))
         free = world.is_free(samples, beside)
         if not free.all():
@@ -125,7 +150,7 @@ def _check_route(scenario: Scenario, world: World) -> None:
             raise ConfigError(
                 f"the leg to the next waypoint runs into a wall near ({x:.2f}, {y:.2f}), "
                 f"expected {beside:.2f} m clear on both sides",
-                field=f"route.waypoints.{i}",
+                field=f"{field}.{i}",
             )
 
 

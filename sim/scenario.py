@@ -155,7 +155,7 @@ def parse_scenario(table: dict[str, Any], *, file: str | PathLike[str] | None = 
         # JSON's rules are strict about types, yet take a TOML array for a tuple
         return Scenario.model_validate_json(json.dumps(table, default=str), strict=True)
     except ConfigError as error:
-        raise ConfigError(error.problem, file=file, field=error.field) from error
+        raise ConfigError(error.problem, file=error.file or file, field=error.field) from error
     except ValidationError as error:
         first = error.errors()[0]
         field = ".".join(map(str, first["loc"]))

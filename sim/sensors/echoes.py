@@ -18,7 +18,7 @@ from moteslam.sim.world import World
 MOST = 4
 """Surfaces that a beam is followed to."""
 BEYOND = 1e-3
-"""A beam goes on so far behind a surface [m]: what stands closer behind a pane is not seen."""
+"""A beam goes on so far from a surface [m]: what stands closer behind a pane, or before a mirror, is not seen."""
 
 Floats = NDArray[np.float64]
 
@@ -81,14 +81,12 @@ class Scene:
             on &= whole + BEYOND < max_range
             if not on.any():
                 break
-            mirrored = (fate == MIRRORED)[on]
-            angles, step = angles[on], ranges[on].astype(np.float64)
-            ahead = np.stack((np.cos(angles), np.sin(angles)), axis=-1)
-            # a mirrored beam leaves from before the mirror, another from behind the pane
-            reach = step + np.where(mirrored, -BEYOND, BEYOND)
-            origins = origins[on] + reach[:, None] * ahead
-            angles = np.where(mirrored, 2 * normal[on] + np.pi - angles, angles)
-            index, times, before = index[on], times[on], before[on] + reach
+            ahead = np.stack((np.cos(angles), np.sin(angles)), axis=-1)[on]
+            turned = np.where((fate == MIRRORED)[on], 2 * normal[on] + np.pi - angles[on], angles[on])
+            onward = np.stack((np.cos(turned), np.sin(turned)), axis=-1)
+            step = ranges[on].astype(np.float64)
+            origins, angles = origins[on] + step[:, None] * ahead + BEYOND * onward, turned
+            index, times, before = index[on], times[on], before[on] + step + BEYOND
         told[told > max_range] = np.inf
         return told
 
