@@ -112,21 +112,21 @@ def _coloured(estimate: Estimate, recording: Recording) -> tuple[Estimate, list[
 
 
 def score_table(scores: Scores) -> str:
-    """The scores as a small table: ATE in centimetres and degrees, drift in centimetres a metre."""
-    rows: list[tuple[str, ...]] = [("", "ATE RMSE", "median", "max", "heading RMSE", "drift")]
+    """The scores as a small table: absolute error, and relative error over stretches of 1 m, which is drift a metre."""
+    rows: list[tuple[str, ...]] = [("", "ATE RMSE", "median", "max", "heading RMSE", "RPE over 1 m")]
     for name, score in (
         ("dead reckoning", scores.dead_reckoning),
         ("SLAM (online)", scores.online),
         ("SLAM (final)", scores.final),
     ):
         ate = score.ate
-        drift = "-" if score.rpe_1m is None else f"{100 * score.rpe_1m.rmse:.2f} cm/m"
+        over_1m = "-" if score.rpe_1m is None else f"{100 * score.rpe_1m.rmse:.2f} cm"
         rows.append(
             (
                 name,
                 *(f"{100 * value:.1f} cm" for value in (ate.rmse, ate.median, ate.max)),
                 f"{degrees(ate.rotation.rmse):.2f} deg",
-                drift,
+                over_1m,
             )
         )
     return table(rows, right=(1, 2, 3, 4, 5))

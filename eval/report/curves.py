@@ -10,23 +10,26 @@ from numpy.typing import NDArray
 from moteslam.eval.metrics.ate import AteResult
 from moteslam.eval.report import style
 
+RUG = 1.05
+"""Where the marks of resampling stand, as a share of the particles."""
+
 
 def draw_error(
     path: str | PathLike[str], *, slam: AteResult, dead_reckoning: AteResult | None = None, title: str = ""
 ) -> None:
-    """Distance and angle between estimate and truth over time, after alignment.
+    """Distance and angle between estimate (of SLAM, online) and truth over time, after alignment.
 
     Raises:
         OutputError: it cannot be written.
     """
-    results = [(style.SLAM, slam)]
+    results = [(style.SLAM, style.ONLINE, slam)]
     if dead_reckoning is not None:
-        results.insert(0, (style.DEAD_RECKONING, dead_reckoning))
-    start = min(float(result.stamps[0]) for _, result in results)
+        results.insert(0, (style.DEAD_RECKONING, "dead reckoning", dead_reckoning))
+    start = min(float(result.stamps[0]) for _, _, result in results)
     with style.saved_figure(path, size=(8.0, 5.0)) as figure:
         distance, angle = figure.subplots(2, 1, sharex=True)
-        for colour, result in results:
-            label = f"{style.LABELS[colour]} (RMSE {100 * result.rmse:.1f} cm)"
+        for colour, name, result in results:
+            label = f"{name}, RMSE {100 * result.rmse:.1f} cm"
             distance.plot(result.stamps - start, 100 * result.errors, color=colour, lw=1.0, label=label)
             angle.plot(result.stamps - start, np.rad2deg(result.rotation_errors), color=colour, lw=1.0)
         for axes, unit in ((distance, "position error [cm]"), (angle, "heading error [deg]")):
@@ -66,10 +69,11 @@ def draw_effective_particles(
     with style.saved_figure(path, size=(8.0, 3.2)) as figure:
         axes = figure.subplots()
         axes.plot(time, n_eff, color=style.SLAM, lw=0.8, label="effective particles")
-        axes.plot(time[when], n_eff[when], ".", color=style.DEAD_RECKONING, ms=4, label=f"resampled ({when.sum()})")
+        above = np.full(when.sum(), particles * RUG)  # over the curve, which marks on it would hide
+        axes.plot(time[when], above, "|", color=style.DEAD_RECKONING, ms=7, mew=0.7, label=f"resampled ({when.sum()})")
         axes.set_xlabel("time [s]")
         axes.set_ylabel(f"particles (of {particles})")
-        axes.set_ylim(0, particles * 1.05)
+        axes.set_ylim(0, particles * (2 * RUG - 1))
         axes.margins(x=0.01)
         axes.grid(axis="y", color="0.9", lw=0.6)
         style.legend_below(figure, axes)

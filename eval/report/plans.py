@@ -35,7 +35,7 @@ def draw_trajectories(
     truth: Trajectory | None = None,
     title: str = "",
 ) -> None:
-    """The map, and on it the paths of the truth (in the map's frame), SLAM and dead reckoning.
+    """The map, and on it the paths of the truth (in the map's frame), SLAM as known at the end, and dead reckoning.
 
     Raises:
         OutputError: it cannot be written.
@@ -46,10 +46,10 @@ def draw_trajectories(
         axes = figure.subplots()
         _draw_map(axes, occupancy)
         if truth is not None:
-            _draw_path(axes, truth, style.TRUTH, width=4.0, alpha=0.55)
+            _draw_path(axes, truth, style.TRUTH, "truth", width=4.0, alpha=0.55)
         if dead_reckoning is not None:
-            _draw_path(axes, dead_reckoning, style.DEAD_RECKONING, width=1.1, dashes="--")
-        _draw_path(axes, slam, style.SLAM, width=1.3)
+            _draw_path(axes, dead_reckoning, style.DEAD_RECKONING, "dead reckoning", width=1.1, dashes="--")
+        _draw_path(axes, slam, style.SLAM, style.FINAL, width=1.3)
         axes.plot(*slam.poses[0, :2], "o", color="black", ms=4, label="start")
         style.plan(axes)
         style.show_everything(axes, points, margin=0.5)
@@ -81,7 +81,7 @@ def draw_over_time(
         for axes, snapshot in zip(grid.flat, snapshots, strict=False):
             until = trajectory.poses[: snapshot.index + 1]
             _draw_map(axes, snapshot.map)
-            axes.plot(until[:, 0], until[:, 1], color=style.SLAM, lw=1.1, label="SLAM, as known then")
+            axes.plot(until[:, 0], until[:, 1], color=style.SLAM, lw=1.1, label=style.ONLINE)
             axes.plot(*until[-1, :2], "o", color="black", ms=4, label="robot")
             axes.set_title(f"{snapshot.stamp - trajectory.stamps[0]:.0f} s")
             style.plan(axes, labels=False)
@@ -119,7 +119,7 @@ def draw_dead_reckoning(
         if len(walls):
             axes.plot(walls[:, 0], walls[:, 1], ",", color="0.45", alpha=0.5)
             axes.plot([], [], ".", color="0.45", label="endpoints of scans")
-        _draw_path(axes, trajectory, style.DEAD_RECKONING, width=1.4)
+        _draw_path(axes, trajectory, style.DEAD_RECKONING, "dead reckoning", width=1.4)
         axes.plot(*trajectory.poses[0, :2], "o", color="black", ms=4, label="start")
         axes.plot(*trajectory.poses[-1, :2], "s", color=style.DEAD_RECKONING, ms=5, label="end")
         style.plan(axes)
@@ -161,11 +161,12 @@ def draw_particles(
             if best is not None:
                 whole = best.poses if first == 0 else best.poses[np.searchsorted(best.stamps, stamps[first]) :]
                 axes.plot(whole[:, 0], whole[:, 1], color=style.SLAM, lw=1.0, label="best particle")
-            axes.plot(*paths[0, first, :2], "o", color="black", ms=4, label="start")
+            if first == 0:
+                axes.plot(*paths[0, 0, :2], "o", color="black", ms=4, label="start")
             axes.set_title(name)
             style.plan(axes)
             style.show_everything(axes, paths[chosen, first:, :2], margin=0.3)
-        style.legend_below(figure, panels[0])
+        style.legend_below(figure, *panels)
         style.heading(figure, title)
 
 
@@ -181,7 +182,7 @@ def _draw_map(axes: Axes, occupancy: OccupancyMap) -> None:
 
 
 def _draw_path(
-    axes: Axes, trajectory: Trajectory, colour: str, *, width: float, dashes: str = "-", alpha: float = 1.0
+    axes: Axes, trajectory: Trajectory, colour: str, label: str, *, width: float, dashes: str = "-", alpha: float = 1.0
 ) -> None:
     axes.plot(
         trajectory.poses[:, 0],
@@ -190,7 +191,7 @@ def _draw_path(
         color=colour,
         lw=width,
         alpha=alpha,
-        label=style.LABELS[colour],
+        label=label,
     )
 
 

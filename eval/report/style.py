@@ -22,7 +22,8 @@ if TYPE_CHECKING:
 SLAM, TRUTH, DEAD_RECKONING, PARTICLE = "#0072B2", "#009E73", "#D55E00", "#56B4E9"
 """From the palette of Okabe and Ito."""
 
-LABELS = {SLAM: "SLAM", TRUTH: "truth", DEAD_RECKONING: "dead reckoning"}
+ONLINE, FINAL = "SLAM (online)", "SLAM (final)"
+"""The two trajectories of SLAM: each pose as it was known then, and all as they were known at the end."""
 
 _SETTINGS: dict[Any, Any] = {
     "font.size": 9,
@@ -66,7 +67,8 @@ def saved_figure(path: str | PathLike[str], *, size: tuple[float, float], dpi: i
 
 
 def heading(figure: Figure, text: str) -> None:
-    """A title over the figure, with no character of it taken for markup."""
+    """A title over the figure, with no character of it taken for markup, and bytes that are no text as escapes."""
+    text = text.encode(errors="surrogateescape").decode(errors="backslashreplace")
     figure.suptitle(text if len(text) <= 90 else f"{text[:89]}…", fontsize=10).set_parse_math(False)
 
 
@@ -86,11 +88,14 @@ def show_everything(axes: Axes, *paths: NDArray[np.float64], margin: float = 1.0
     axes.set_ylim(low[1], high[1])
 
 
-def legend_below(figure: Figure, axes: Axes) -> None:
-    """One legend for the figure, under its axes."""
-    handles, labels = axes.get_legend_handles_labels()
-    if handles:
-        figure.legend(handles, labels, loc="outside lower center", ncols=4)
+def legend_below(figure: Figure, *panels: Axes) -> None:
+    """One legend for the figure, under its axes: what the panels show, each label once."""
+    shown: dict[str, Any] = {}
+    for axes in panels:
+        for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
+            shown.setdefault(label, handle)
+    if shown:
+        figure.legend(list(shown.values()), list(shown), loc="outside lower center", ncols=4)
 
 
 def plan_size(points: NDArray[np.float64], *, longest: float = 8.0) -> tuple[float, float]:

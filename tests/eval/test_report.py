@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 import pytest
 import yaml
+from matplotlib.figure import Figure
 
 from moteslam.errors import OutputError
 from moteslam.eval.metrics.ate import absolute_trajectory_error
@@ -69,7 +70,7 @@ def test_figures_are_white_outside_and_drawn_inside(run, simulation, tmp_path: P
     estimate, snapshots = run
     truth = simulation.truth
     ate = absolute_trajectory_error(estimate.trajectory, truth)
-    name = r"[bold]$\frac{1}$ 東京" * 10  # a recording may be called anything
+    name = r"[bold]$\frac{1}$ 東京" * 10 + "\udce9"  # a recording may be called anything
     plans.draw_trajectories(
         *(tmp_path / "trajectories.png", estimate.map),
         slam=estimate.trajectory,
@@ -93,6 +94,47 @@ def test_figures_are_white_outside_and_drawn_inside(run, simulation, tmp_path: P
         assert (image[0] == 255).all()
         assert (image[:, 0] == 255).all()
         assert len(np.unique(image.astype(int) @ [1, 256, 65536])) > 20
+
+
+@pytest.fixture
+def drawn(monkeypatch: pytest.MonkeyPatch) -> list[Figure]:
+    """The figures that were written."""
+    figures: list[Figure] = []
+    save = Figure.savefig
+    monkeypatch.setattr(Figure, "savefig", lambda figure, *a, **k: (figures.append(figure), save(figure, *a, **k)))
+    return figures
+
+
+def legend_of(figure: Figure) -> list[str]:
+    return [text.get_text() for text in figure.legends[0].get_texts()]
+
+
+def test_legends_say_which_trajectory_and_which_start(run, tmp_path: Path, drawn: list[Figure]) -> None:
+    estimate, snapshots = run
+    ate = absolute_trajectory_error(estimate.trajectory, estimate.trajectory_final)
+    plans.draw_trajectories(tmp_path / "a.png", estimate.map, slam=estimate.trajectory_final)
+    plans.draw_over_time(tmp_path / "b.png", snapshots, trajectory=estimate.trajectory)
+    curves.draw_error(tmp_path / "c.png", slam=ate)
+    plans.draw_particles(tmp_path / "d.png", estimate.particle_stamps, estimate.particle_paths)
+    assert [legend_of(figure) for figure in drawn] == [
+        ["SLAM (final)", "start"],
+        ["SLAM (online)", "robot"],
+        [f"SLAM (online), RMSE {100 * ate.rmse:.1f} cm"],
+        ["10 particles", "start"],
+    ]
+    whole, tenth = drawn[-1].axes
+    assert [line.get_marker() for line in whole.lines].count("o") == 1
+    assert [line.get_marker() for line in tenth.lines].count("o") == 0  # where it begins is not the start
+
+
+def test_marks_of_resampling_hide_nothing_of_the_curve(tmp_path: Path, drawn: list[Figure]) -> None:
+    n_eff = np.array([50.0, 20.0, 50.0])
+    curves.draw_effective_particles(tmp_path / "a.png", np.arange(3.0), n_eff, n_eff < 30, particles=50)
+    curve, marks = drawn[0].axes[0].lines
+    np.testing.assert_array_equal(curve.get_ydata(), n_eff)
+    np.testing.assert_array_equal(marks.get_xdata(), [1.0])
+    assert min(marks.get_ydata()) > 50
+    assert legend_of(drawn[0]) == ["effective particles", "resampled (1)"]
 
 
 def test_snapshots_are_taken_at_each_sixth(run) -> None:
