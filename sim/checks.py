@@ -17,7 +17,10 @@ if TYPE_CHECKING:
     from moteslam.sim.scenario import Scenario
 
 MAX_SEGMENTS = 20_000
-"""Line segments in a world."""
+"""Line segments in a world that a file spells out."""
+
+MAX_PLAN_SEGMENTS = 400_000
+"""Line segments in a world with a floor plan."""
 
 _SAMPLING = 0.05
 """Between the points at which a leg is looked at [m]."""
@@ -35,9 +38,10 @@ def check_scenario(scenario: Scenario) -> None:
     _check_body(scenario)
     world = World.of(scenario.world)
     if not len(world.segments):
-        raise ConfigError("nothing stands in it, expected a wall, room, box or pillar", field="world")
-    if len(world.segments) > MAX_SEGMENTS:
-        raise ConfigError(f"{len(world.segments)} segments, expected at most {MAX_SEGMENTS}", field="world")
+        raise ConfigError("nothing stands in it, expected a wall, room, box, pillar, furniture or plan", field="world")
+    most = MAX_SEGMENTS if scenario.world.plan is None else MAX_PLAN_SEGMENTS
+    if len(world.segments) > most:
+        raise ConfigError(f"{len(world.segments)} segments, expected at most {most}", field="world")
     _check_people(scenario, world)
     _check_doors(scenario)
     start = scenario.start[:2]

@@ -15,7 +15,10 @@ from moteslam.sim.floorplan import FloorPlan, grid_of, read_floor_plan, trace_si
 from moteslam.sim.scenario import load_scenario, parse_scenario
 from moteslam.sim.world import World
 
-YAML = "image: {name}\nresolution: {cell}\norigin: [{x}, {y}, {yaw}]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
+YAML = (
+    "image: {name}\nresolution: {cell}\norigin: [{x}, {y}, {yaw}]\nnegate: 0\n"
+    "occupied_thresh: 0.65\nfree_thresh: 0.196\n"
+)
 
 
 def plan_file(folder: Path, cells: np.ndarray, *, name: str = "plan.png", cell: Any = 0.1, yaw: float = 0.0) -> Path:

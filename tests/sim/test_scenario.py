@@ -16,7 +16,11 @@ from moteslam.robot.platform import UCSD
 from moteslam.sim.checks import MAX_SEGMENTS
 from moteslam.sim.drive import drive
 from moteslam.sim.driving import Body, Command, Commands, Limits, Route, Wander
+from moteslam.sim.floorplan import FloorPlan
+from moteslam.sim.furniture import Chair, Shelf, Table
 from moteslam.sim.layout import Box, Layout, Pillar, Recess, Room, RoomDoor, Wall
+from moteslam.sim.materials import Material
+from moteslam.sim.moving import Crowd, Door, Outage, Person, Slippery
 from moteslam.sim.noise import ClockNoise, EncoderNoise, ImuNoise, LidarNoise, Noise
 from moteslam.sim.scenario import Scenario, bundled_scenarios, load_scenario, parse_scenario
 from moteslam.sim.world import World
@@ -98,7 +102,7 @@ def test_overlapping_doors_are_refused(table: dict[str, Any]) -> None:
 @pytest.mark.parametrize(
     ("name", "content", "words"),
     [
-        ("nowhere", None, "expected one of corridor, hall, loop, office"),
+        ("nowhere", None, "expected one of .*corridor, .*hall, .*office, .*random-corridors"),
         ("nowhere.toml", None, "No such file"),
         ("", None, "no scenario of this name"),
         ("broken.toml", b"world = [", "not TOML"),
@@ -144,6 +148,7 @@ def test_a_scenario_reads_back_as_it_was_written(name: str, tmp_path: Any) -> No
 def test_bundled_scenarios_say_why_they_are_hard() -> None:
     bundled = bundled_scenarios()
     assert {"corridor", "loop", "hall", "office"} <= set(bundled)
+    assert len(bundled) >= 10
     for name, description in bundled.items():
         assert len(description) > 40, name
         assert "\n" not in description, name
@@ -195,7 +200,8 @@ def _right_angles(poses: np.ndarray) -> int:
 def test_every_key_stands_in_the_documentation() -> None:
     text = (Path(__file__).parents[2] / "docs" / "scenarios.md").read_text(encoding="utf-8")
     parts = [Scenario, Route, Wander, Commands, Command, Limits, Body, Noise, LidarNoise, EncoderNoise, ImuNoise,
-             ClockNoise, Layout, Wall, Room, RoomDoor, Recess, Box, Pillar]  # fmt: skip
+             ClockNoise, Layout, Wall, Room, RoomDoor, Recess, Box, Pillar, Table, Chair, Shelf, FloorPlan, Slippery,
+             Material, Person, Crowd, Door, Outage]  # fmt: skip
     for part in parts:
         for key in part.model_fields:
             assert re.search(rf"[`\.\[{{, ]{key}[`\.\]}}, ]", text), f"{part.__name__}.{key}"

@@ -1,0 +1,145 @@
+"""Many random buildings, each simulated whole and looked at: can they be driven, and is what is recorded true.
+
+    python benchmarks/worlds.py [--count 200] [--first 0] [--jobs 2] [--out benchmarks/results/worlds-YYYY-MM-DD.json]
+
+Of each building: the robot arrives; every true pose is in free space, by half the robot's width; each stream has the
+readings that its rate and its span give, without a gap; and of a hundred beams, followed in exact arithmetic, none goes
+through a wall, and each ends on one.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import multiprocessing
+import os
+import platform
+import statistics
+import time
+from datetime import date
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+RAYS = 100
+SHORT = 2e-3
+"""By which a ray is cut before it is followed [m]: float32, and walls met aslant."""
+
+
+def start() -> None:
+    from moteslam.kernels import runtime
+
+    runtime.init("cpu", 1)
+
+
+def look_at(seed: int) -> dict[str, Any]:
+    """Simulate the building of a seed and tell what was found."""
+    from moteslam.sim.random_corridors import random_corridors
+    from moteslam.sim.simulate import simulate
+
+    began = time.perf_counter()
+    scenario = random_corridors(seed)
+    built = time.perf_counter()
+    simulation = simulate(scenario, seed)
+    done = time.perf_counter()
+    world, truth = simulation.world, simulation.truth
+    return {
+        "seed": seed,
+        "end": simulation.end,
+        "way [m]": truth.length,
+        "time [s]": float(np.ptp(truth.stamps)),
+        "segments": len(world.segments),
+        "truth is free": bool(world.is_free(truth.poses[:, :2], scenario.platform.width / 2).all()),
+        "least clearance [m]": float(world.distance(truth.poses[:, :2]).min()),
+        "complete": complete(simulation.recording),
+        "rays through walls": rays_through_walls(world.segments, truth.poses, seed),
+        "built in [s]": built - began,
+        "simulated in [s]": done - built,
+    }
+
+
+def complete(recording: Any) -> bool:
+    """Whether every stream has its readings, none missing."""
+    for stream, rate in ((recording.lidar, 40), (recording.encoders, 40), (recording.imu, 100)):
+        span = float(np.ptp(stream.stamps))
+        if abs(len(stream) - 1 - span * rate) > 0.01 * span * rate + 8 or np.diff(stream.stamps).max() > 0.15:
+            return False
+    return bool(np.isfinite(recording.lidar.ranges).mean() > 0.9)
+
+
+def rays_through_walls(segments: np.ndarray, poses: np.ndarray, seed: int) -> int:
+    """How many of RAYS random rays along the way cross a wall before their end, or do not end on one, exactly."""
+    from moteslam.kernels.raycast import build_buckets, cast_rays
+
+    generator = np.random.default_rng(seed)
+    origins = poses[generator.integers(0, len(poses), RAYS), :2]
+    angles = generator.uniform(-np.pi, np.pi, RAYS)
+    ranges = cast_rays(build_buckets(segments), origins, angles, max_range=30.0).astype(np.float64)
+    ahead = np.stack((np.cos(angles), np.sin(angles)), axis=-1)
+    seen = np.isfinite(ranges)
+    before = origins + (np.where(seen, ranges, 30.0) - SHORT)[:, None] * ahead
+    behind = origins + (np.where(seen, ranges, 0.0) + 0.02)[:, None] * ahead
+    wrong = 0
+    walls = [tuple(map(Fraction, wall)) for wall in segments.tolist()]
+    for i, origin in enumerate(origins.tolist()):
+        a = tuple(map(Fraction, origin))
+        near, far = (tuple(map(Fraction, end[i].tolist())) for end in (before, behind))
+        low, high = np.minimum(origin, behind[i]), np.maximum(origin, behind[i])
+        about = (segments.reshape(-1, 2, 2).max(1) >= low - 0.1) & (segments.reshape(-1, 2, 2).min(1) <= high + 0.1)
+        close = [walls[k] for k in np.flatnonzero(about.all(1) | ~seen[i])]
+        wrong += any(crosses(a, near, wall) for wall in close)
+        wrong += bool(seen[i]) and not any(crosses(a, far, wall, touch=True) for wall in close)
+    return wrong
+
+
+def crosses(
+    a: tuple[Fraction, ...], b: tuple[Fraction, ...], wall: tuple[Fraction, ...], *, touch: bool = False
+) -> bool:
+    """Whether a-b crosses a wall properly, by the signs of areas; or touches it at least."""
+    c, d = wall[:2], wall[2:]
+    first, second = side(a, b, c) * side(a, b, d), side(c, d, a) * side(c, d, b)
+    return first <= 0 and second <= 0 if touch else first < 0 and second < 0
+
+
+def side(p: tuple[Fraction, ...], q: tuple[Fraction, ...], r: tuple[Fraction, ...]) -> int:
+    area = (q[0] - p[0]) * (r[1] - p[1]) - (q[1] - p[1]) * (r[0] - p[0])
+    return (area > 0) - (area < 0)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    today = date.today().isoformat()
+    parser.add_argument("--count", type=int, default=200)
+    parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("--jobs", type=int, default=os.cpu_count())
+    parser.add_argument("--out", type=Path, default=Path(__file__).parent / "results" / f"worlds-{today}.json")
+    options = parser.parse_args()
+    seeds = range(options.first, options.first + options.count)
+    with multiprocessing.get_context("spawn").Pool(options.jobs, start) as pool:
+        found = []
+        for one in pool.imap_unordered(look_at, seeds):
+            found.append(one)
+            print(json.dumps(one), flush=True)
+    found.sort(key=lambda one: one["seed"])
+    result = {
+        "date": today,
+        "machine": f"{platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}",
+        "buildings": len(found),
+        "arrived": sum(one["end"] == "arrived" for one in found),
+        "complete": sum(one["complete"] for one in found),
+        "truth in free space at all times": sum(one["truth is free"] for one in found),
+        "rays followed": RAYS * len(found),
+        "rays through walls": sum(one["rays through walls"] for one in found),
+        "least clearance [m]": min(one["least clearance [m]"] for one in found),
+        "median time to simulate [s]": statistics.median(one["simulated in [s]"] for one in found),
+        "each": found,
+    }
+    options.out.parent.mkdir(exist_ok=True)
+    options.out.write_text(json.dumps(result, indent=1) + "\n")
+    print({key: value for key, value in result.items() if key != "each"})
+
+
+if __name__ == "__main__":
+    main()
