@@ -73,7 +73,6 @@ def result_folder(
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
         work = Path(tempfile.mkdtemp(prefix=f".{target.name}.", suffix=".partial", dir=target.parent))
-        work.chmod(0o777 & ~_umask())
     except OSError as error:
         above = next((parent for parent in target.parents if parent.exists()), target.parent)
         if not above.is_dir():
@@ -83,6 +82,7 @@ def result_folder(
     old = work.with_suffix(".old")
     try:
         try:
+            work.chmod(0o777 & ~_umask())
             yield work
             if target.exists():
                 target.rename(old)

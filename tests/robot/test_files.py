@@ -109,6 +109,24 @@ def test_an_existing_folder_is_replaced_whole_and_only_by_force(tmp_path: Path) 
     assert names(tmp_path) == ["out"]
 
 
+def test_a_stop_in_the_midst_of_replacing_puts_the_old_folder_back(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out/mine").write_text("precious")
+    rename = Path.rename
+
+    def stopped(self: Path, target: Path) -> Path:
+        if self.suffix == ".partial":
+            raise KeyboardInterrupt
+        return rename(self, target)
+
+    monkeypatch.setattr(Path, "rename", stopped)
+    with pytest.raises(KeyboardInterrupt), result_folder(tmp_path / "out", force=True) as folder:
+        (folder / "new").touch()
+    assert [path.relative_to(tmp_path).as_posix() for path in sorted(tmp_path.rglob("*"))] == ["out", "out/mine"]
+
+
 def test_files_and_links_are_never_replaced(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     (tmp_path / "real").mkdir()
