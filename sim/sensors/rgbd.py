@@ -276,6 +276,17 @@ class Artist:
         images = render_disparity(self._depth_view, reaches, noise=self._disparity_noise, starts=starts)
         return images.reshape(-1, kinect.HEIGHT, kinect.WIDTH)
 
+    def depth_look(self, index: int) -> tuple[NDArray[np.float64], NDArray[np.float32], NDArray[np.float64]]:
+        """Where the depth camera is in a frame [3], and how far the floor reaches [b] at bearings [b] from its heading.
+
+        The pose is the camera's place and the robot's heading [m, rad], reaches are in m, bearings in rad.
+        """
+        chosen = slice(index, index + 1)
+        cameras, reaches = self._looks(
+            self._shots.disparity_poses[chosen], self._shots.disparity_times[chosen], colour=False
+        )
+        return cameras[0], reaches[0], self._views[False].bearings
+
     def _looks(
         self, poses: NDArray[np.float64], times: NDArray[np.float64], *, colour: bool
     ) -> tuple[NDArray[np.float64], NDArray[np.float32]]:

@@ -1,0 +1,209 @@
+"""Camera images of the UCSD layout: read a frame at a time, and what becomes of the missing and the broken."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from moteslam.errors import InputError, OutputError
+from moteslam.robot.formats import ucsd_rgbd
+from moteslam.robot.formats.ucsd import read_ucsd, write_ucsd
+from moteslam.robot.frames import FrameCount, camera_frames, has_images, pairs
+from moteslam.robot.platform import UCSD
+from moteslam.robot.recording import Recording, RgbdStream
+
+N = 8
+RGB_STAMPS = 1.3e9 + np.arange(N) / 30
+DISPARITY_STAMPS = RGB_STAMPS + 0.01
+
+
+def rgb_image(index: int) -> np.ndarray:
+    image = np.full((480, 640, 3), (10 * index % 256, 100, 200), np.uint8)
+    image[:20, :30] = (255, 0, index % 256)  # upper left
+    return image
+
+
+def disparity_image(index: int) -> np.ndarray:
+    return np.full((480, 640), 500 + index, np.uint16)
+
+
+@pytest.fixture(scope="module")
+def original(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("recording")
+    recording = Recording("x", UCSD, rgbd=RgbdStream(RGB_STAMPS, DISPARITY_STAMPS))
+    write_ucsd(folder, recording, sequence=20)
+    for kind, draw in ((ucsd_rgbd.RGB, rgb_image), (ucsd_rgbd.DISPARITY, disparity_image)):
+        ucsd_rgbd.write_images(folder, kind, "20", lambda chosen, draw=draw: np.stack([draw(i) for i in chosen]), N)
+    return folder
+
+
+@pytest.fixture
+def folder(original: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copytree(original, tmp_path / "recording"))
+
+
+def frames(folder: Path, **settings: Any) -> tuple[list[Any], FrameCount, tuple[str, ...]]:
+    recording, count = read_ucsd(folder), FrameCount()
+    assert recording.rgbd is not None
+    return list(camera_frames(recording.rgbd, count=count, **settings)), count, recording.warnings
+
+
+def test_what_is_written_is_read_back(folder: Path) -> None:
+    found, count, warnings = frames(folder)
+    assert warnings == count.warnings() == ()
+    assert count.used == len(found) == N
+    for index, frame in enumerate(found):
+        assert frame.stamp == DISPARITY_STAMPS[index]
+        assert frame.rgb_stamp == RGB_STAMPS[index]
+        assert (frame.rgb == rgb_image(index)).all()
+        assert (frame.disparity == disparity_image(index)).all()
+        assert frame.disparity.dtype == np.uint16
+
+
+def test_the_files_are_what_other_programs_expect(folder: Path) -> None:
+    seen = cv2.imread(str(folder / "dataRGBD" / "RGB20" / "rgb20_3.png"), cv2.IMREAD_UNCHANGED)
+    assert seen[0, 0].tolist() == [2, 0, 255]  # blue first, as OpenCV has it: the third image, counted from 1
+    depth = cv2.imread(str(folder / "dataRGBD" / "Disparity20" / "disparity20_3.png"), cv2.IMREAD_UNCHANGED)
+    assert depth.dtype == np.uint16
+    assert (depth == 502).all()
+
+
+def test_missing_images_are_counted(folder: Path) -> None:
+    (folder / "dataRGBD" / "RGB20" / "rgb20_2.png").unlink()
+    (folder / "dataRGBD" / "Disparity20" / "disparity20_5.png").unlink()
+    found, count, warnings = frames(folder)
+    assert [frame.rgb_stamp for frame in found] == [RGB_STAMPS[i] for i in (0, 2, 3, 5, 6, 7)]
+    assert warnings == (
+        "RGB20: 1 of 8 images missing, the first rgb20_2.png",
+        "Disparity20: 1 of 8 images missing, the first disparity20_5.png",
+    )
+    assert count.warnings() == ("camera: 2 frames left out, an image of theirs is missing",)
+
+
+def grey(path: Path) -> None:
+    cv2.imwrite(str(path), np.zeros((480, 640), np.uint8))
+
+
+def small(path: Path) -> None:
+    cv2.imwrite(str(path), np.zeros((240, 320, 3), np.uint8))
+
+
+def cut(path: Path) -> None:
+    data = path.read_bytes()
+    path.write_bytes(data[: len(data) // 2])
+
+
+def flip(path: Path) -> None:
+    data = bytearray(path.read_bytes())
+    data[len(data) // 2] ^= 255
+    path.write_bytes(data)
+
+
+def folder_instead(path: Path) -> None:
+    path.unlink()
+    path.mkdir()
+
+
+@pytest.mark.parametrize(
+    ("harm", "told"),
+    [
+        (lambda path: path.write_bytes(b""), "is empty"),
+        (lambda path: path.write_text("hello" * 100), "not a PNG file"),
+        (cut, "cut short or damaged"),
+        (flip, "cut short or damaged"),
+        (grey, "480 x 640 of 8 bits, expected"),
+        (small, "240 x 320 pixels, expected 480 x 640"),
+        (folder_instead, "expected a PNG image"),
+    ],
+)
+@pytest.mark.parametrize("kind", ["RGB", "Disparity"])
+def test_unreadable_images_are_counted_and_the_first_is_named(folder: Path, harm: Any, told: str, kind: str) -> None:
+    name = f"{kind.lower()}20_4.png"
+    harm(folder / "dataRGBD" / f"{kind}20" / name)
+    found, count, _ = frames(folder)
+    assert len(found) == count.used == N - 1
+    assert count.unreadable == 1
+    (line,) = count.warnings()
+    assert line.startswith("camera: 1 frames left out, unreadable; the first: ")
+    assert name in line
+    assert told in line
+    assert "\n" not in line
+
+
+def test_images_out_of_order_are_sorted_by_stamp(folder: Path) -> None:
+    order = np.array([0, 3, 1, 2, 4, 5, 7, 6])
+    stream = np.load(folder / "Kinect20.npz")
+    stamps = {name: stream[name][order] for name in stream}
+    np.savez(folder / "Kinect20.npz", **stamps)
+    found, count, warnings = frames(folder)
+    assert [frame.stamp for frame in found] == list(DISPARITY_STAMPS)
+    assert [int(frame.disparity[0, 0]) - 500 for frame in found] == np.argsort(order).tolist()
+    assert [int(frame.rgb[0, 0, 2]) for frame in found] == np.argsort(order).tolist()
+    assert count.warnings() == ()
+    assert len(warnings) == 2
+    assert all("2 stamps go back" in line for line in warnings)
+
+
+def test_without_images_there_are_only_stamps(folder: Path) -> None:
+    shutil.rmtree(folder / "dataRGBD")
+    recording = read_ucsd(folder)
+    assert recording.rgbd is not None
+    assert not has_images(recording.rgbd)
+    assert not has_images(None)
+    found, count, warnings = frames(folder)
+    assert (found, warnings) == ([], ())
+    assert count.warnings()[-1] == "camera: not a single frame could be used"
+
+
+def test_the_nearest_colour_image_is_paired_if_it_is_near_enough() -> None:
+    stream = RgbdStream(np.array([0.0, 1.0, 2.0, 3.0]), np.array([0.04, 0.96, 1.5, 2.03, 9.0]))
+    disparity, rgb, alone = pairs(stream, largest_gap=0.05)
+    assert disparity.tolist() == [0, 1, 3]
+    assert rgb.tolist() == [0, 1, 2]
+    assert alone == 2
+    assert pairs(stream, interval=1.0, largest_gap=0.6)[0].tolist() == [0, 2]
+    assert pairs(RgbdStream(np.empty(0), np.array([1.0])))[2] == 1
+
+
+def test_reading_holds_few_frames_at_a_time(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    read = []
+    real = ucsd_rgbd.read_rgb
+    monkeypatch.setattr(ucsd_rgbd, "read_rgb", lambda path: read.append(path) or real(path))
+    monkeypatch.setattr("moteslam.robot.frames.os.sched_getaffinity", lambda _: {0}, raising=False)
+    recording = read_ucsd(folder)
+    assert recording.rgbd is not None
+    stream = camera_frames(recording.rgbd)
+    next(stream)
+    stream.close()
+    assert len(read) <= 5
+
+
+def test_too_little_space_is_told_before_anything_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    wanted = ucsd_rgbd.estimate_bytes(lambda chosen: np.stack([rgb_image(int(i)) for i in chosen]), 1000)
+    assert 1000 * 2048 < wanted < 1000 * 200_000
+    ucsd_rgbd.check_space(tmp_path, wanted)
+    monkeypatch.setattr(shutil, "disk_usage", lambda _: shutil._ntuple_diskusage(10, 9, wanted - 1))  # type: ignore[attr-defined]
+    with pytest.raises(OutputError, match=r"GB free, expected .* GB for the images"):
+        ucsd_rgbd.check_space(tmp_path, wanted)
+
+
+def test_a_folder_that_cannot_be_written_is_told(tmp_path: Path) -> None:
+    (tmp_path / "dataRGBD").write_text("a file")
+    with pytest.raises(OutputError, match=r"dataRGBD/RGB20: cannot be made"):
+        ucsd_rgbd.write_images(tmp_path, "RGB", "20", lambda chosen: np.zeros((len(chosen), 480, 640, 3), np.uint8), 2)
+
+
+def test_a_file_that_cannot_be_written_is_told(tmp_path: Path) -> None:
+    (tmp_path / "dataRGBD" / "RGB20" / "rgb20_2.png").mkdir(parents=True)
+    with pytest.raises(OutputError, match=r"rgb20_2\.png: cannot be written"):
+        ucsd_rgbd.write_images(tmp_path, "RGB", "20", lambda chosen: np.zeros((len(chosen), 480, 640, 3), np.uint8), 3)
+
+
+def test_read_errors_name_the_file(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"no\.png: No such file or directory, expected a PNG image"):
+        ucsd_rgbd.read_rgb(tmp_path / "no.png")

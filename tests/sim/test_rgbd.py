@@ -1,0 +1,245 @@
+"""The simulated Kinect: when it fires, what it sees, and how it is written."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from twins.camera import look
+
+from moteslam.errors import ConfigError, OutputError
+from moteslam.robot.formats import open_recording
+from moteslam.robot.frames import camera_frames
+from moteslam.robot.platform import UCSD
+from moteslam.sim.camera import CameraSettings, with_camera
+from moteslam.sim.drive import Drive
+from moteslam.sim.floor import FloorSettings
+from moteslam.sim.layout import Box, Layout, Room
+from moteslam.sim.movers import Movers
+from moteslam.sim.noise import ClockNoise
+from moteslam.sim.scenario import Scenario, parse_scenario
+from moteslam.sim.sensors.rgbd import Shots, plan_shots
+from moteslam.sim.simulate import Simulation, simulate, write_simulation
+from moteslam.sim.visibility import seen_cells
+from moteslam.sim.world import World
+
+ROOM = World.of(Layout(rooms=(Room(corner=(0, 0), size=(12, 9)),), boxes=(Box(centre=(5, 3.4), size=(0.6, 0.6)),)))
+FLOOR = FloorSettings(seed=3)
+STILL = CameraSettings(
+    gap=0.0, disparity_noise=0.0, dropout=0.0, colour_noise=0.0, clock=ClockNoise()
+)  # nothing random but the phase
+
+
+def moving(velocity: tuple[float, float, float], duration: float, movers: Movers | None = None) -> Drive:
+    stamps = np.arange(round(duration * 400) + 1) / 400
+    poses = np.asarray((3.0, 3.0, 0.3)) + stamps[:, None] * np.asarray(velocity)
+    nothing = np.zeros((len(stamps), 4))
+    return Drive(stamps, poses, np.tile(np.float64(velocity), (len(stamps), 1)), nothing, "arrived", movers)
+
+
+def shots_of(settings: CameraSettings = STILL, seed: int = 0, run: Drive | None = None) -> Shots:
+    return plan_shots(run or moving((0.5, 0.2, 0.4), 4.0), ROOM, FLOOR, UCSD.camera, settings, seed)
+
+
+def test_frames_come_at_the_rate_and_out_of_phase() -> None:
+    shots = shots_of()
+    for stamps in (shots.rgb_stamps, shots.disparity_stamps):
+        assert np.diff(stamps) == pytest.approx(1 / 30)
+        assert 0 < stamps[0] < 0.6
+        assert 3.0 < stamps[-1] < 4.0
+    assert abs(shots.rgb_stamps[0] - shots.disparity_stamps[0]) <= 1 / 60
+
+
+def test_frames_are_lost_as_on_the_real_robot() -> None:
+    shots = shots_of(CameraSettings(), run=moving((0.0, 0.0, 0.0), 120.0))
+    for stamps in (shots.rgb_stamps, shots.disparity_stamps):
+        steps = np.diff(stamps)
+        assert (steps > 0).all()
+        assert np.median(steps) == pytest.approx(0.0332, abs=0.0005)  # measured 0.0331 to 0.0332
+        assert (steps > 0.1).mean() == pytest.approx(0.15, abs=0.04)  # 0.14 to 0.16
+        assert np.median(steps[steps > 0.1]) == pytest.approx(0.2, abs=0.01)
+        assert len(stamps) / 120 == pytest.approx(18.5, abs=2.5)  # 18.6 to 19.6
+
+
+def test_the_poses_are_those_of_the_moment() -> None:
+    shots = shots_of()
+    for times, poses in ((shots.rgb_times, shots.rgb_poses), (shots.disparity_times, shots.disparity_poses)):
+        assert poses == pytest.approx(np.array((3.0, 3.0, 0.3)) + times[:, None] * (0.5, 0.2, 0.4))
+
+
+@pytest.mark.usefixtures("taichi")
+def test_a_pixel_has_the_colour_of_the_floor_under_it() -> None:
+    shots = shots_of()
+    rng = np.random.default_rng(1)
+    frames = np.array((0, 40, 90))
+    images = shots.draw_rgb(frames)
+    assert images.shape == (3, 480, 640, 3)
+    right, looked = 0, 0
+    for frame, image in zip(frames, images, strict=True):
+        for row, column in zip(rng.integers(150, 480, 80), rng.integers(0, 640, 80), strict=True):
+            point, _, on_floor = look((row, column), shots.rgb_poses[frame], ROOM.segments, colour=True)
+            around = FLOOR.colours_at(point[:2] + 0.012 * np.array([(0, 0), (1, 0), (-1, 0), (0, 1), (0, -1)]))
+            if on_floor and np.ptp(around.astype(int), axis=0).max() < 12:  # not on a joint
+                looked += 1
+                right += bool(np.abs(image[row, column].astype(int) - around[0]).max() < 12)
+    assert looked > 100
+    assert right >= looked - 1
+
+
+@pytest.mark.usefixtures("taichi")
+def test_noise_is_as_large_as_it_is_said_to_be() -> None:
+    plain, noisy = (
+        shots_of(),
+        shots_of(STILL.model_copy(update={"disparity_noise": 2.0, "dropout": 0.1, "colour_noise": 3})),
+    )
+    index = np.array((3, 4))
+    a, b = plain.draw_disparity(index).astype(int), noisy.draw_disparity(index).astype(int)
+    seen = a < 2047
+    assert (b[seen] == 2047).mean() == pytest.approx(0.1, abs=0.01)
+    both = seen & (b < 2047)
+    assert (b - a)[both].std() == pytest.approx(2.02, abs=0.1)
+    assert abs((b - a)[both].mean()) < 0.05
+    error = noisy.draw_rgb(index).astype(int) - plain.draw_rgb(index)
+    assert error[:, 300:].std() == pytest.approx(3, abs=0.3)
+    assert (b[0] != b[1]).any()
+
+
+@pytest.mark.usefixtures("taichi")
+def test_people_stand_before_the_floor() -> None:
+    spot = np.array((4.2, 3.37))  # ahead
+    discs = np.tile(np.array((*spot, 0.15), np.float32), (500, 1, 1))
+    nothing = np.zeros((500, 0, 4), np.float32)
+    person = Movers(100.0, discs, nothing, np.zeros(0, np.int16), np.tile(spot, (500, 1, 1)))
+    without = shots_of(run=moving((0, 0, 0), 3.0)).draw_disparity(np.array([0]))[0]
+    withal = shots_of(run=moving((0, 0, 0), 3.0, person)).draw_disparity(np.array([0]))[0]
+    assert (withal < without).mean() > 0.02
+
+
+@pytest.mark.usefixtures("taichi")
+def test_same_seed_same_images() -> None:
+    index = np.array((0, 5))
+    first, again, other = (shots_of(CameraSettings(), seed) for seed in (1, 1, 2))
+    assert first.rgb_stamps.tobytes() == again.rgb_stamps.tobytes() != other.rgb_stamps.tobytes()
+    for draw in ("draw_rgb", "draw_disparity"):
+        a, b, c = (getattr(shots, draw)(index).tobytes() for shots in (first, again, other))
+        assert a == b != c
+    assert (first.draw_rgb(np.array([5]))[0] == first.draw_rgb(index)[1]).all()  # whatever it is drawn along with
+
+
+def test_a_robot_without_a_camera_is_told() -> None:
+    with pytest.raises(ConfigError, match=r"platform\.camera: none, expected a camera"):
+        plan_shots(moving((0, 0, 0), 3.0), ROOM, FLOOR, None, STILL, 0)
+
+
+@pytest.mark.parametrize(
+    ("camera", "told"),
+    [
+        ({"rate": 0}, "camera.rate"),
+        ({"gap": 2}, "camera.gap"),
+        ({"nearest": 9.0}, "expected less than farthest"),
+        ({"fps": 30}, "camera.fps: unknown key"),
+        ({"farthest": "inf"}, "camera.farthest"),
+    ],
+)
+def test_a_camera_that_is_none_is_refused(table: dict[str, Any], camera: dict[str, Any], told: str) -> None:
+    with pytest.raises(ConfigError) as error:
+        parse_scenario({**table, "camera": camera}, file="s.toml")
+    assert told in str(error.value)
+
+
+@pytest.fixture(scope="module")
+def short() -> Scenario:
+    """Five seconds in a room."""
+    return parse_scenario(
+        {
+            "duration": 5.0,
+            "world": {"rooms": [{"corner": [0.0, 0.0], "size": [10.0, 8.0]}]},
+            "commands": {"start": [2.0, 2.0, 0.4], "steps": [{"duration": 3.5, "speed": 0.6, "turn_rate": 0.3}]},
+            "drive": {"rest_start": 0.5, "rest_end": 0.5},
+            "camera": {"rate": 10.0},
+        }
+    )
+
+
+@pytest.fixture(scope="module")
+def run(short: Scenario, taichi: None) -> Simulation:
+    return simulate(short, 4)
+
+
+def test_the_camera_leaves_the_other_sensors_alone(short: Scenario, run: Simulation) -> None:
+    without = simulate(short.model_copy(update={"camera": None}), 4)
+    assert without.recording.rgbd is None
+    assert without.shots is None
+    assert run.recording.rgbd is not None
+    assert run.recording.lidar is not None
+    assert without.recording.lidar is not None
+    assert run.recording.lidar.ranges.tobytes() == without.recording.lidar.ranges.tobytes()
+    for stream in ("lidar", "encoders", "imu"):
+        assert (getattr(run.recording, stream).stamps == getattr(without.recording, stream).stamps).all()
+
+
+def test_what_is_written_reads_back_as_it_was_drawn(run: Simulation, tmp_path: Path) -> None:
+    said: list[str] = []
+    shares: list[float] = []
+    write_simulation(tmp_path, run, tell=said.append, progress=lambda _, share: shares.append(share))
+    assert run.shots is not None
+    count = len(run.shots.rgb_stamps) + len(run.shots.disparity_stamps)
+    assert len(said) == 1
+    assert said[0].startswith(f"{count} images of about 0.0 GB")
+    assert shares[-1] == 1.0
+    assert sorted(shares) == shares
+    recording = open_recording(tmp_path)
+    assert recording.warnings == ()
+    assert recording.rgbd is not None
+    frames = list(camera_frames(recording.rgbd))
+    assert len(frames) > 10
+    at = int(np.searchsorted(run.shots.disparity_stamps, frames[3].stamp))
+    assert (run.shots.draw_disparity(np.array([at]))[0] == frames[3].disparity).all()
+    at = int(np.searchsorted(run.shots.rgb_stamps, frames[3].rgb_stamp))
+    assert (run.shots.draw_rgb(np.array([at]))[0] == frames[3].rgb).all()
+
+
+def test_the_estimate_of_the_size_is_near_the_truth(run: Simulation, tmp_path: Path) -> None:
+    from moteslam.robot.formats.ucsd_rgbd import estimate_bytes
+    from moteslam.sim.sensors.rgbd import write_shots
+
+    assert run.shots is not None
+    shots = run.shots
+    wanted = estimate_bytes(shots.draw_rgb, len(shots.rgb_stamps))
+    wanted += estimate_bytes(shots.draw_disparity, len(shots.disparity_stamps))
+    assert write_shots(tmp_path, shots, "20") == pytest.approx(wanted, rel=0.2)
+
+
+def test_a_full_disk_is_told_before_the_first_image(
+    run: Simulation, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import shutil
+
+    monkeypatch.setattr(shutil, "disk_usage", lambda _: shutil._ntuple_diskusage(10, 9, 1000))  # type: ignore[attr-defined]
+    with pytest.raises(OutputError, match="free, expected"):
+        write_simulation(tmp_path, run)
+    assert not (tmp_path / "dataRGBD").exists()
+
+
+def test_any_scenario_can_be_given_a_camera(scenario: Scenario) -> None:
+    seen = with_camera(scenario)
+    assert seen.camera == CameraSettings()
+    assert seen.floor == FloorSettings()
+    assert with_camera(seen) == seen
+
+
+def test_seen_cells_lie_before_the_camera_and_not_behind_the_box(run: Simulation) -> None:
+    shots = shots_of(run=moving((0, 0, 0), 3.0))
+    seen = seen_cells(shots, (0.0, 0.0), (180, 240), 0.05)
+
+    def at(x: float, y: float) -> bool:
+        return bool(seen[int(y / 0.05), int(x / 0.05)])
+
+    assert at(4.0, 3.2)
+    assert at(6.0, 5.0)
+    assert not at(2.5, 3.0)  # behind the robot
+    assert not at(3.2, 3.05)  # too near
+    assert not at(6.5, 3.9)  # behind the box
+    assert not at(11.9, 6.0)  # too far
