@@ -80,7 +80,7 @@ def pairs(
 
     Args:
         stream: the stamps.
-        interval: shortest time between two disparity images that are chosen [s].
+        interval: shortest time between two disparity images that are chosen [s], give or take a quarter of a frame.
         largest_gap: between the two images of a frame [s].
 
     Returns:
@@ -93,9 +93,10 @@ def pairs(
     before = np.maximum(after - 1, 0)
     nearest = np.where(np.abs(disparity - rgb[before]) <= np.abs(rgb[after] - disparity), before, after)
     near = np.abs(disparity - rgb[nearest]) <= largest_gap
+    slack = 0.25 * float(np.median(np.diff(disparity))) if len(disparity) > 1 else 0.0
     chosen, last = [], -np.inf
     for index in np.flatnonzero(near):
-        if disparity[index] - last >= interval - 1e-9:
+        if disparity[index] - last >= interval - slack:
             chosen.append(index)
             last = disparity[index]
     kept = np.asarray(chosen, np.intp)

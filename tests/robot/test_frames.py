@@ -166,7 +166,7 @@ def test_the_nearest_colour_image_is_paired_if_it_is_near_enough() -> None:
     assert disparity.tolist() == [0, 1, 3]
     assert rgb.tolist() == [0, 1, 2]
     assert alone == 2
-    assert pairs(stream, interval=1.0, largest_gap=0.6)[0].tolist() == [0, 2]
+    assert pairs(stream, interval=1.2, largest_gap=0.6)[0].tolist() == [0, 2]
     assert pairs(RgbdStream(np.empty(0), np.array([1.0])))[2] == 1
 
 

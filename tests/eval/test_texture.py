@@ -1,0 +1,100 @@
+"""Scores of coloured floors, their picture, and a whole run from a simulated camera to the result folder."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from moteslam.errors import InputError
+from moteslam.eval.cli.main import run as main
+from moteslam.eval.metrics.texture import registration, score_texture
+from moteslam.eval.report.textures import texture_image, write_texture
+from moteslam.slam.texture import TextureMap
+
+SCENARIO = """
+duration = 12.0
+[world]
+rooms = [{ corner = [0.0, 0.0], size = [9.0, 7.0] }]
+[[world.boxes]]
+centre = [6.0, 2.0]
+size = [0.8, 0.6]
+[commands]
+start = [2.0, 2.0, 0.3]
+steps = [{ duration = 6.5, speed = 0.6, turn_rate = 0.35 }]
+[drive]
+rest_start = 0.5
+rest_end = 0.5
+[camera]
+rate = 5.0
+gap = 0.0
+"""
+
+
+def test_errors_are_measured_against_the_best_single_colour() -> None:
+    rng = np.random.default_rng(0)
+    truth = rng.integers(0, 256, (60, 50, 3))
+    where = rng.random((60, 50)) < 0.5
+    exact = score_texture(truth, truth, where)
+    assert (exact.error, exact.share, exact.cells) == (0.0, 0.0, where.sum())
+    flat = np.broadcast_to(np.median(truth[where], axis=0), truth.shape)
+    assert score_texture(flat, truth, where).share == pytest.approx(1.0)
+    off = np.clip(truth + 10, 0, 300)
+    assert score_texture(off, truth, where).error == pytest.approx(10)
+    wrong = np.where(where[..., None], truth, 0)
+    assert score_texture(wrong, truth, where).error == 0
+
+
+def test_registration_finds_the_shift() -> None:
+    truth = np.random.default_rng(0).integers(0, 256, (60, 50, 3))
+    where = np.ones((60, 50), bool)
+    for across, up in ((0, 0), (2, 0), (-1, 3)):
+        assert registration(np.roll(truth, (up, across), axis=(0, 1)), truth, where) == (across, up)
+
+
+def test_pictures_that_do_not_fit_are_refused() -> None:
+    picture = np.zeros((4, 5, 3))
+    with pytest.raises(InputError, match="expected the same cells"):
+        score_texture(picture, picture[1:], np.ones((4, 5)))
+    with pytest.raises(InputError, match="no cell has a colour"):
+        score_texture(picture, picture, np.zeros((4, 5)))
+
+
+def test_the_picture_has_the_largest_y_on_top(tmp_path: Path) -> None:
+    colours = np.zeros((3, 2, 3), np.uint8)
+    colours[0, 0], colours[2, 1] = (255, 0, 0), (0, 0, 255)
+    points = np.array([[5, 0], [0, 0], [0, 1]])
+    texture = TextureMap(colours, points, (-1.0, 2.5), 0.5, 7)
+    image = texture_image(texture)
+    assert image[2, 0].tolist() == [255, 0, 0, 255]
+    assert image[0, 1].tolist() == [0, 0, 255, 255]
+    assert (image[..., 3] > 0).sum() == 2
+    write_texture(tmp_path / "texture.png", texture)
+    file = cv2.imread(str(tmp_path / "texture.png"), cv2.IMREAD_UNCHANGED)
+    assert file[2, 0].tolist() == [0, 0, 255, 255]
+    assert "origin: [-1.0, 2.5, 0.0]" in (tmp_path / "texture.yaml").read_text()
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("taichi")
+def test_from_a_simulated_camera_to_the_result_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "s.toml").write_text(SCENARIO)
+    out, result = tmp_path / "recording", tmp_path / "result"
+    assert main(["simulate", str(tmp_path / "s.toml"), "--out", str(out), "--json"]) == 0
+    said = capsys.readouterr()
+    assert json.loads(said.out)["readings"]["rgb"] > 25
+    assert "images of about 0.0 GB are to be written" in said.err
+    (out / "dataRGBD" / "RGB20" / "rgb20_7.png").write_bytes(b"broken")
+    assert main(["replay", str(out), "--out", str(result), "--set", "texture.largest_gap=0.11"]) == 0
+    said = capsys.readouterr()
+    assert "camera: 1 frames left out, unreadable; the first: " in said.err
+    assert "Traceback" not in said.err
+    picture = cv2.imread(str(result / "texture.png"), cv2.IMREAD_UNCHANGED)
+    assert (picture[..., 3] == 255).sum() > 3000
+    assert cv2.imread(str(result / "texture_over_time.png")).shape[1] > 1000
+    without = tmp_path / "without"
+    assert main(["replay", str(out), "--out", str(without), "--set", "texture.enabled=false", "--no-figures"]) == 0
+    assert not (without / "texture.png").exists()
