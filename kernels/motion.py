@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from moteslam.errors import InputError
-from moteslam.kernels import quasi, rng, se2
+from moteslam.kernels import rng, se2
 from moteslam.kernels.checks import as_finite, check_array
 from moteslam.kernels.runtime import runtime, ti
-from moteslam.kernels.types import F64, F64_2D, U32, kernel, template
+from moteslam.kernels.types import F64, F64_2D, U32, kernel
 
 STREAM = 1
 """The stream of random numbers that belongs to motion; other uses of the same seed and step take other streams."""
@@ -20,18 +20,10 @@ STREAM = 1
 @kernel
 def _sample_motion(
     poses: F64_2D, forward: F64, left: F64, turn: F64, spread_forward: F64, spread_left: F64, spread_turn: F64,
-    seed_low: U32, seed_high: U32, step: U32, stream: U32, even: template,
+    seed_low: U32, seed_high: U32, step: U32, stream: U32,
 ):  # fmt: skip
     for i in range(poses.shape[0]):
-        noise = ti.Vector([0.0, 0.0, 0.0], dt=ti.f64)
-        if ti.static(even):
-            words = quasi.even_words(seed_low, seed_high, step, ti.cast(i, ti.u32), stream)
-            for j in ti.static(range(3)):
-                noise[j] = quasi.normal(words[j])
-        else:
-            drawn = rng.normals(rng.words_of(seed_low, seed_high, step, ti.cast(i, ti.u32), stream))
-            for j in ti.static(range(3)):
-                noise[j] = drawn[j]
+        noise = rng.normals(rng.words_of(seed_low, seed_high, step, ti.cast(i, ti.u32), stream))
         pose = ti.Vector([poses[i, 0], poses[i, 1], poses[i, 2]], dt=ti.f64)
         increment = ti.Vector(
             [
@@ -47,22 +39,12 @@ def _sample_motion(
 
 
 def sample_motion(
-    poses: NDArray[np.float64],
-    motion: ArrayLike,
-    spread: ArrayLike,
-    *,
-    seed: int,
-    step: int,
-    stream: int = STREAM,
-    even: bool = False,
+    poses: NDArray[np.float64], motion: ArrayLike, spread: ArrayLike, *, seed: int, step: int, stream: int = STREAM
 ) -> None:
     """Move every pose by ``motion + eps``, eps ~ N(0, diag(spread^2)), in the frame of the pose; in place.
 
     The motion model of Probabilistic Robotics, table 5.6, in its general form: what the increment and its spread
     are is the caller's model. The same seed and step give the same bits on any number of threads.
-
-    With ``even`` the draws of a call are not independent of each other but spread evenly (``kernels/quasi``): each
-    is as Gaussian as before, and together they leave no gaps, as independent ones do.
 
     Args:
         poses: float64 [N, 3] (x [m], y [m], theta [rad]); theta leaves in (-pi, pi].
@@ -71,7 +53,6 @@ def sample_motion(
         seed: 0 to 2^64 - 1.
         step: 0 to 2^32 - 1; another one for each call with the same seed.
         stream: 0 to 2^32 - 1; of the random numbers.
-        even: spread the noise evenly over the poses.
 
     Raises:
         InputError: a shape, type or value other than these.
@@ -86,4 +67,4 @@ def sample_motion(
         raise InputError(f"{stream}, expected 0 to 2^32 - 1", field="stream")
     runtime()
     if len(poses):
-        _sample_motion(poses, *motion.tolist(), *spread.tolist(), *words, stream, bool(even))
+        _sample_motion(poses, *motion.tolist(), *spread.tolist(), *words, stream)

@@ -4,10 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy.special import ndtr
-from scipy.stats import qmc
 from twins.philox import normals
-from twins.quasi import even_normals, sobol
 
 from moteslam.errors import InputError
 from moteslam.kernels.motion import STREAM, sample_motion
@@ -32,53 +29,6 @@ def test_equals_the_twin(seed: int, step: int, n: int) -> None:
     np.testing.assert_allclose(np.sin(poses[:, 2] - expected[:, 2]), 0, atol=1e-13)
     assert (poses[:, 2] > -np.pi).all()
     assert (poses[:, 2] <= np.pi).all()
-
-
-@pytest.mark.parametrize(("seed", "step", "n"), [(0, 0, 1), (3, 17, 333), (2**63 + 5, 2**32 - 1, 50), (1, 1, 0)])
-def test_even_noise_equals_the_twin(seed: int, step: int, n: int) -> None:
-    poses = random_poses(1, n)
-    motion, spread = np.array((0.3, -0.02, 4.0)), np.array((0.05, 0.01, 0.6))
-    expected = se2.compose(poses, motion + spread * even_normals(seed, step, n, STREAM))
-    sample_motion(poses, motion, spread, seed=seed, step=step, even=True)
-    # the bits are the same; the quantile is good to 1e-7 of itself, at most 6.3, times a spread of 0.6 at most
-    np.testing.assert_allclose(poses[:, :2], expected[:, :2], rtol=0, atol=4e-8)
-    np.testing.assert_allclose(np.sin(poses[:, 2] - expected[:, 2]), 0, atol=4e-7)
-
-
-def test_points_are_sobols() -> None:
-    theirs = qmc.Sobol(3, scramble=False, bits=32).random(256)
-    ours = np.array([sobol(index) for index in range(256)]) / 2.0**32
-    # SciPy counts in Gray's order: the same points
-    np.testing.assert_array_equal(ours[[index ^ (index >> 1) for index in range(256)]], theirs)
-
-
-@pytest.mark.parametrize("first", [0, 64, 100])
-def test_even_noise_leaves_no_gaps(first: int) -> None:
-    poses = np.zeros((164, 3))
-    sample_motion(poses, (0, 0, 0), (1, 1, 0.1), seed=11, step=3, even=True)
-    size = {0: 128, 64: 64, 100: 4}[first]  # aligned blocks
-    shares = ndtr(poses[first : first + size] * (1, 1, 10))
-    for axis in range(3):
-        assert sorted(np.floor(shares[:, axis] * size)) == list(range(size))
-    halves = np.floor(shares[:, :2] * 2) @ (1, 2)
-    assert np.bincount(halves.astype(int), minlength=4).tolist() == [size // 4] * 4  # and in two axes at once
-
-
-def test_even_noise_does_not_follow_a_particle_from_step_to_step() -> None:
-    drawn = np.empty((400, 100, 3))
-    for step, poses in enumerate(drawn):
-        poses[:] = 0
-        sample_motion(poses, (0, 0, 0), (1, 1, 0.1), seed=7, step=step, even=True)
-    drawn *= (1, 1, 10)  # turns were drawn small, so that none wraps
-    # over steps each particle has mean 0 and deviation 1, within five standard errors, whatever the others have
-    assert np.abs(drawn.mean(axis=0)).max() < 5 / np.sqrt(400)
-    assert np.abs(drawn.std(axis=0) - 1).max() < 5 / np.sqrt(2 * 400)
-    follow = (drawn[1:] * drawn[:-1]).mean(axis=0)
-    assert np.abs(follow).max() < 5 / np.sqrt(399)
-    # brothers are sent to opposite halves of every axis, strangers one way or the other
-    assert (drawn[:, 0::2] * drawn[:, 1::2] <= 0).all()
-    apart = (np.sign(drawn[:, :50]) * np.sign(drawn[:, 50:])).mean(axis=0)
-    assert np.abs(apart).max() < 5 / np.sqrt(400)
 
 
 def test_without_noise_every_particle_moves_alike() -> None:
