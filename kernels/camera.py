@@ -96,7 +96,7 @@ def view_of(directions: ArrayLike, *, height: float, resolution: float = 4e-4) -
         np.stack(rows).astype(np.float32),
         bins.astype(np.int32),
         (rays[:, 3] / level).astype(np.float32),
-        middle + low + step * np.arange(count),
+        middle + low + step * np.arange(count, dtype=np.float64),
         float(height),
         image.shape[1],
     )
@@ -298,4 +298,4 @@ def _prepared(
         raise InputError(f"out of bounds, expected {pixels + more} numbers of the noise after each", field="starts")
     if len(cameras) * pixels > LARGEST:
         raise InputError(f"{len(cameras)} frames, expected fewer at once", field="poses")
-    return cameras, 1 / np.maximum(reaches, np.float32(1e-3)), first
+    return cameras, np.reciprocal(np.maximum(reaches, np.float32(1e-3))), first

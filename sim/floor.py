@@ -143,7 +143,7 @@ def _tiles(floor: FloorSettings, x: Array, y: Array) -> Array:
     off_x, off_y = np.abs(x - (col + 0.5) * size), np.abs(y - (row + 0.5) * size)
     colours *= shade[:, None]
     colours[np.maximum(off_x, off_y) > size / 2 - joint] = 96.0
-    return colours
+    return np.asarray(colours)
 
 
 def _carpet(floor: FloorSettings, x: Array, y: Array) -> Array:
@@ -187,7 +187,7 @@ def _image_at(floor: FloorSettings, x: Array, y: Array) -> Array:
     scale = width / floor.image_width  # pixels a metre
     col = np.floor(x * scale).astype(np.int64) % width
     row = np.floor(y * scale).astype(np.int64) % height
-    return picture[row, col].astype(np.float64)
+    return np.asarray(picture[row, col], np.float64)
 
 
 @lru_cache(maxsize=4)
