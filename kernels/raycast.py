@@ -22,22 +22,26 @@ from moteslam.kernels.types import F32, F32_1D, F32_2D, F64, F64_2D, I32, I32_1D
 
 __all__ = ["SegmentBuckets", "build_buckets", "cast_rays", "cast_scans", "cast_surfaces"]
 
+PART = 128
+"""Beams of a scan that one thread casts one after the other; what they share is worked out once."""
+
 
 @func
 def _wall_range(x0: F32, y0: F32, x1: F32, y1: F32, c: F32, s: F32, slack: F32):
     """How far along (c, s) from (0, 0) the wall from (x0, y0) to (x1, y1) is hit, infinity if it is not [m]."""
     side0, side1 = c * y0 - s * x0, c * y1 - s * x1
-    along0, along1 = c * x0 + s * y0, c * x1 + s * y1
     found = ti.f32(math.inf)
-    if ti.min(side0, side1) <= slack and ti.max(side0, side1) >= -slack and ti.max(along0, along1) >= ti.f32(0.0):
-        apart = side0 - side1
-        if ti.max(abs(side0), abs(side1)) <= slack:  # the ray runs along the wall
-            found = ti.max(ti.min(along0, along1), ti.f32(0.0))
-        else:
-            share = ti.min(ti.max(side0 / apart, ti.f32(0.0)), ti.f32(1.0))
-            distance = along0 + share * (along1 - along0)
-            if distance >= ti.f32(0.0):
-                found = distance
+    if ti.min(side0, side1) <= slack and ti.max(side0, side1) >= -slack:  # most walls end here
+        along0, along1 = c * x0 + s * y0, c * x1 + s * y1
+        if ti.max(along0, along1) >= ti.f32(0.0):
+            apart = side0 - side1
+            if ti.max(abs(side0), abs(side1)) <= slack:  # the ray runs along the wall
+                found = ti.max(ti.min(along0, along1), ti.f32(0.0))
+            else:
+                share = ti.min(ti.max(side0 / apart, ti.f32(0.0)), ti.f32(1.0))
+                distance = along0 + share * (along1 - along0)
+                if distance >= ti.f32(0.0):
+                    found = distance
     return found
 
 
@@ -133,12 +137,16 @@ def _cast_scans(
     starts: I32_1D, walls: F32_2D, size: F32, columns: I32, rows: I32, slack: F32, x0: F64, y0: F64,
     origins: F64_2D, headings: F32_2D, beams: F32_2D, max_range: F32, out: F32_2D,
 ):  # fmt: skip
-    for i, b in ti.ndrange(out.shape[0], out.shape[1]):
-        c = headings[0, i] * beams[0, b] - headings[1, i] * beams[1, b]
-        s = headings[1, i] * beams[0, b] + headings[0, i] * beams[1, b]
-        out[i, b], _ = _cast(
-            starts, walls, size, columns, rows, slack, origins[i, 0] - x0, origins[i, 1] - y0, c, s, max_range
-        )
+    parts = (out.shape[1] + PART - 1) // PART
+    for job in range(out.shape[0] * parts):
+        i = job // parts
+        first = (job - i * parts) * PART
+        x, y = origins[i, 0] - x0, origins[i, 1] - y0
+        turn_c, turn_s = headings[0, i], headings[1, i]
+        for b in range(first, ti.min(first + PART, out.shape[1])):
+            c = turn_c * beams[0, b] - turn_s * beams[1, b]
+            s = turn_s * beams[0, b] + turn_c * beams[1, b]
+            out[i, b], _ = _cast(starts, walls, size, columns, rows, slack, x, y, c, s, max_range)
 
 
 def cast_rays(
