@@ -87,7 +87,8 @@ class Leaf:
 
 def _schedule(door: Door, duration: float, rng: np.random.Generator) -> NDArray[np.float64]:
     """When the door opens, shuts, opens ... [s]."""
-    time, switches, spans = 0.0, [], (door.shut_for, door.open_for)
+    switches: list[float] = []
+    time, spans = 0.0, (door.shut_for, door.open_for)
     while time < duration:
         span = spans[len(switches) % 2]
         time += max(float(rng.exponential(span)), 0.5) if door.random else span

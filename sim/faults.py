@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import fields, replace
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -32,7 +32,7 @@ def with_faults(stream: Stream, clock: ClockNoise, outages: Sequence[Outage], rn
     for outage in outages:
         kept &= (stream.stamps < outage.start) | (stream.stamps >= outage.start + outage.duration)
     if not kept.all():
-        arrays = {
+        arrays: dict[str, Any] = {
             field.name: value[kept]
             for field in fields(stream)
             if isinstance(value := getattr(stream, field.name), np.ndarray)

@@ -33,7 +33,7 @@ class TrueMap:
 
     def centres(self, cells: NDArray[np.int64]) -> NDArray[np.float64]:
         """The centres [n, 2] [m] of cells [n, 2] (row, col)."""
-        return np.asarray(self.origin) + (cells[:, ::-1] + 0.5) * self.cell_size
+        return np.asarray(np.asarray(self.origin) + (cells[:, ::-1] + 0.5) * self.cell_size, np.float64)
 
 
 def true_map(world: World, resolution: float, *, seen_from: ArrayLike, margin: float = 0.5) -> TrueMap:
@@ -109,7 +109,7 @@ def _crossed(line: NDArray[np.float64], size: float) -> NDArray[np.int64]:
             cuts.append(np.clip((sides - a[axis]) / (b[axis] - a[axis]), 0.0, 1.0))
     share = np.unique(np.concatenate(cuts))
     middle = (share[1:] + share[:-1]) / 2
-    return np.floor(a + middle[:, None] * (b - a)).astype(np.int64)
+    return np.asarray(np.floor(a + middle[:, None] * (b - a)), np.int64)
 
 
 def _fill_solids(world: World, occupied: NDArray[np.bool_], origin: NDArray[np.float64], size: float) -> None:
