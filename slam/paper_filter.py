@@ -71,7 +71,7 @@ class PaperFilter:
             self._predict(step)
             scores = self._match(step)
             self.weights = self.weights.times(scores)
-            self.best_particle = best_of(self.weights, self.poses, step.points)
+            self.best_particle = self.weights.best
             score = int(scores[self.best_particle])
         self._best = self.poses[self.best_particle].copy()
         n_eff = self.weights.effective_number
@@ -93,7 +93,7 @@ class PaperFilter:
     def _predict(self, step: Step) -> None:
         """III.3: every particle moves as the control says, with noise."""
         spread = motion_spread(self._config.motion, self._travelled, self._turned, self._elapsed)
-        sample_motion(self.poses, self._motion, spread, seed=self._seed, step=step.index, even=True)
+        sample_motion(self.poses, self._motion, spread, seed=self._seed, step=step.index)
         self._motion = np.zeros(3)
         self._elapsed = self._travelled = self._turned = 0.0
 
@@ -125,23 +125,3 @@ class PaperFilter:
     def _map(self, step: Step) -> None:
         """III.2: the best particle's scan goes into the map."""
         self.grid.add_scan(se2.transform_points(self._best, step.origin), se2.transform_points(self._best, step.points))
-
-
-def best_of(weights: Weights, poses: NDArray[np.float64], points: NDArray[np.float32]) -> int:
-    """The particle of largest weight (section II.B); of several, the one in their midst.
-
-    Scores are whole numbers, so equal weights are common. In the midst is the pose that, over all the endpoints of
-    the scan, moves them least (in the mean square) from where the mean of the tied poses would put them.
-
-    Args:
-        weights: of N particles; poses: [N, 3].
-        points: [k, 2] endpoints of the scan in the robot's frame [m].
-    """
-    tied = np.flatnonzero(weights.log == weights.log.max())
-    if len(tied) < 3:
-        return int(tied[0])
-    offsets = poses[tied] - poses[tied[0]]
-    offsets[:, 2] = se2.wrap(offsets[:, 2])
-    offsets -= offsets.mean(axis=0)
-    lever = np.square(points, dtype=np.float64).sum() / max(len(points), 1)  # mean squared range
-    return int(tied[np.argmin(np.square(offsets) @ (1.0, 1.0, lever))])
