@@ -11,6 +11,7 @@ import pytest
 from moteslam.errors import InputError
 from moteslam.eval.metrics.texture import registration, score_texture
 from moteslam.robot.formats import open_recording
+from moteslam.robot.frames import camera_frames
 from moteslam.robot.recording import Recording
 from moteslam.robot.trajectory import Trajectory
 from moteslam.sim.floor import rasterise
@@ -18,6 +19,7 @@ from moteslam.sim.scenario import parse_scenario
 from moteslam.sim.simulate import Simulation, simulate, write_simulation
 from moteslam.sim.visibility import seen_cells
 from moteslam.slam.config import TextureConfig
+from moteslam.slam.floor_colours import colour_log_likelihood, floor_patch
 from moteslam.slam.texture import TextureMap, TextureMapper, can_map, map_texture
 
 
@@ -174,3 +176,25 @@ def test_what_cannot_be_mapped_is_refused(driven: tuple[Simulation, Path], recor
 def test_a_configuration_that_is_none_is_refused(values: dict[str, Any]) -> None:
     with pytest.raises(ValueError, match=next(iter(values))):
         TextureConfig(**values)
+
+
+def test_the_floor_s_colours_tell_where_the_robot_is(
+    driven: tuple[Simulation, Path], recording: Recording, texture: TextureMap
+) -> None:
+    assert recording.rgbd is not None
+    assert recording.platform.camera is not None
+    truth = driven[0].truth
+    shifts = np.array(
+        [(x, y, t) for x in (-0.3, -0.1, 0, 0.1, 0.3) for y in (-0.3, -0.1, 0, 0.1, 0.3) for t in (-0.1, 0, 0.1)]
+    )
+    best = []
+    for frame in list(camera_frames(recording.rgbd, largest_gap=0.09))[5::6]:
+        patch = floor_patch(frame, recording.platform.camera, TextureConfig())
+        assert len(patch.points) > 300
+        pose = truth.at(np.array([frame.stamp])).poses[0]
+        likely = colour_log_likelihood(patch, pose + shifts, texture)
+        best.append(shifts[np.argmax(likely)])
+        elsewhere = colour_log_likelihood(patch, [pose, pose + np.array((50.0, 0, 0))], texture)
+        assert elsewhere[0] > elsewhere[1]
+    assert len(best) >= 5
+    assert np.abs(best).max() == 0.0

@@ -1,0 +1,100 @@
+"""The colours of the floor as a measurement: how likely a camera frame is at a pose, given a coloured map.
+
+Beyond the paper, which names colourless matching as what fails between parallel walls that look alike.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from moteslam.robot.frames import CameraFrame
+from moteslam.robot.platform import CameraMount
+from moteslam.slam.config import TextureConfig
+from moteslam.slam.texture import TextureMap, TextureMapper
+
+
+@dataclass(frozen=True, eq=False)
+class FloorPatch:
+    """The floor that one frame shows.
+
+    Attributes:
+        points: [k, 2] float32 centres of cells, in the robot's frame [m].
+        colours: [k] int32 red + 256 green + 65536 blue, the mean of the points in each cell.
+    """
+
+    points: NDArray[np.float32]
+    colours: NDArray[np.int32]
+
+
+def floor_patch(frame: CameraFrame, mount: CameraMount, config: TextureConfig, *, max_depth: float = 3.0) -> FloorPatch:
+    """The floor near the robot as one frame shows it, a point a cell.
+
+    Args:
+        frame: what the camera saw.
+        mount: of the camera.
+        config: cell size and height limit.
+        max_depth: points deeper than this are left out [m].
+    """
+    near = config.model_copy(update={"max_depth": max_depth})
+    reach = 1.3 * max_depth + float(np.hypot(mount.x, mount.y))
+    mapper = TextureMapper(mount, near, (-reach, -reach), (reach, reach))
+    mapper.add(frame, (0.0, 0.0, 0.0))
+    seen = mapper.snapshot()
+    rows, columns = np.nonzero(seen.known)
+    centres = (np.stack((columns, rows), axis=-1) + 0.5) * seen.cell_size + seen.origin
+    return FloorPatch(centres.astype(np.float32), _packed(seen.colours[rows, columns]))
+
+
+def packed_map(texture: TextureMap) -> NDArray[np.int32]:
+    """The map's colours as one number a cell [H, W], -1 where it has none."""
+    return np.ascontiguousarray(np.where(texture.known, _packed(texture.colours), -1), np.int32)
+
+
+def colour_log_likelihood(
+    patch: FloorPatch,
+    poses: ArrayLike,
+    texture: TextureMap,
+    *,
+    spread: float = 60.0,
+    share: float = 0.02,
+    limit: int = 150,
+    packed: NDArray[np.int32] | None = None,
+) -> NDArray[np.float64]:
+    """The log-likelihood of a patch of floor at each pose, up to a constant: the nearer the colours the larger.
+
+    A cell's three channels are off by |r| + |g| + |b|, at most ``limit``, which counts as exponentially distributed
+    (robust against what has moved). Where the map knows nothing, a cell counts as the mean of those it knows at that
+    pose does; a pose that puts the whole patch on unknown floor, as half the limit off.
+
+    Args:
+        patch: what the camera sees.
+        poses: [n, 3] of the robot.
+        texture: the coloured map.
+        spread: scale of that distribution [levels].
+        share: share of the cells whose errors count as independent.
+        limit: see above.
+        packed: ``packed_map(texture)``, to have it made once for many frames.
+
+    Returns:
+        float64 [n].
+
+    Raises:
+        InputError: poses that are not finite.
+    """
+    from moteslam.kernels.colour_match import match_colours  # imports Taichi
+
+    cells = packed_map(texture) if packed is None else packed
+    told = match_colours(
+        patch.points, patch.colours, poses, cells, corner=texture.origin, cell_size=texture.cell_size, limit=limit
+    ).astype(np.float64)
+    difference, known = told.T
+    mean = np.where(known > 0, difference / np.maximum(known, 1), limit / 2)
+    return np.asarray(-share * len(patch.points) * mean / spread)
+
+
+def _packed(colours: NDArray[np.uint8]) -> NDArray[np.int32]:
+    red, green, blue = np.moveaxis(colours.astype(np.int32), -1, 0)
+    return np.ascontiguousarray(red | green << 8 | blue << 16)
