@@ -68,3 +68,55 @@ def show(
         driven = true_drive(chosen, seed).poses[:, :2]
     draw_scenario(out, chosen, driven=driven)
     say(f"{literal(chosen.name)} in {literal(out)}")
+
+
+@app.command()
+def animate(
+    scenario: Annotated[
+        str, typer.Argument(metavar="SCENARIO", help="Bundled name, random-corridors, or a .toml file.")
+    ],
+    out: Annotated[Path, typer.Option(help="The .gif or .mp4 to write.")],
+    seed: Annotated[int | None, typer.Option(min=0, max=2**63 - 1, help="Of all randomness.")] = None,
+    duration: Annotated[float | None, typer.Option(min=12, metavar="S", help="Stop after so many seconds.")] = None,
+    frames: Annotated[int, typer.Option(min=2, max=2000, help="How many, evenly over the run.")] = 150,
+    preset: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Named configuration; the best by default.")
+    ] = None,
+    settings: Annotated[
+        list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Change one value; may be repeated.")
+    ] = None,
+    force: Annotated[bool, typer.Option("--force", help="Replace an existing --out.")] = False,
+) -> None:
+    """Simulate a scenario, run SLAM, and film it: robot, beams, particles, and the map as it grows.
+
+    \b
+    Examples:
+      moteslam scenarios animate people --out people.gif
+      moteslam scenarios animate corridor --duration 60 --frames 300 --out corridor.mp4
+    """  # noqa: D301
+    from moteslam.errors import OutputError
+
+    if out.suffix.lower() not in (".gif", ".mp4"):
+        raise OutputError("neither a .gif nor an .mp4 file, expected one to write", file=out)
+    if out.exists() and not force:
+        raise OutputError("exists already; name a new file, or replace it with --force", file=out)
+    config = options.SlamOptions(preset=preset, settings=settings).resolved()
+    from moteslam.eval.cli.batch import ordered_scenario
+    from moteslam.eval.cli.progress import progress_bar
+    from moteslam.eval.cli.simulate import simulate_with_progress
+    from moteslam.eval.report.animation import Film, write_film
+    from moteslam.slam.run import SlamSession
+
+    chosen = ordered_scenario(scenario, seed)
+    if duration is not None:
+        chosen = chosen.model_copy(update={"duration": min(duration, chosen.duration)})
+    simulation = simulate_with_progress(chosen, seed)
+    session = SlamSession(simulation.recording, config, seed=simulation.scenario.seed)
+    shown = []
+    with progress_bar("SLAM", len(session), "scans") as bar:
+        for update, frame in Film(simulation, session, frames).play():
+            if frame is not None:
+                shown.append(frame)
+            bar.update(update.index + 1)
+    write_film(out, shown)
+    say(f"{literal(chosen.name)}: {len(shown)} frames in {literal(out)}")
