@@ -10,6 +10,7 @@ from math import degrees
 from pathlib import Path
 from typing import Any
 
+from moteslam.errors import InputError
 from moteslam.eval.cli.progress import progress_bar
 from moteslam.eval.cli.text import note, table
 from moteslam.eval.report.snapshots import Snapshots
@@ -106,9 +107,12 @@ def _coloured(estimate: Estimate, recording: Recording) -> tuple[Estimate, list[
             stages.look(stamp, mapper)
             bar.update(min(max((stamp - stages.begin) / span, 0.0), 1.0))
 
-        texture = map_texture(recording, path, config, watch=watch)
-    told = (*estimate.warnings, *texture.warnings)
-    return replace(estimate, texture=texture, warnings=told), stages.kept
+        try:
+            texture = map_texture(recording, path, config, watch=watch)
+        except InputError as error:  # what SLAM found is not lost for it
+            told = f"the floor is not coloured: {error}"
+            return replace(estimate, warnings=(*estimate.warnings, told)), []
+    return replace(estimate, texture=texture, warnings=(*estimate.warnings, *texture.warnings)), stages.kept
 
 
 def score_table(scores: Scores) -> str:

@@ -41,6 +41,9 @@ FLOOR_CELL = 0.01
 FLOOR_PIXELS = 60_000_000
 """Most cells of that picture."""
 
+MAX_HEIGHT = 10.0
+"""Of the camera above the floor [m]."""
+
 FARTHEST = 200.0
 """Walls further away than this are not drawn [m]."""
 
@@ -117,10 +120,12 @@ def plan_shots(
         epoch: added to the stamps [s].
 
     Raises:
-        ConfigError: the platform has no camera.
+        ConfigError: the platform has no camera, or not above the floor.
     """
     if mount is None:
         raise ConfigError("none, expected a camera to simulate", field="platform.camera")
+    if not 0 < mount.z <= MAX_HEIGHT:
+        raise ConfigError(f"{mount.z:g} m, expected above 0, up to {MAX_HEIGHT:g}", field="platform.camera.z")
     clock, images = np.random.SeedSequence((seed, 0x52474244)).spawn(2)
     rng = np.random.default_rng(clock)
     start = 0.3 + rng.uniform(0.0, 0.2)

@@ -80,7 +80,9 @@ def test_the_picture_has_the_largest_y_on_top(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("taichi")
-def test_from_a_simulated_camera_to_the_result_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_from_a_simulated_camera_to_the_result_folder(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     (tmp_path / "s.toml").write_text(SCENARIO)
     out, result = tmp_path / "recording", tmp_path / "result"
     assert main(["simulate", str(tmp_path / "s.toml"), "--out", str(out), "--json"]) == 0
@@ -88,7 +90,9 @@ def test_from_a_simulated_camera_to_the_result_folder(tmp_path: Path, capsys: py
     assert json.loads(said.out)["readings"]["rgb"] > 25
     assert "images of about 0.0 GB are to be written" in said.err
     (out / "dataRGBD" / "RGB20" / "rgb20_7.png").write_bytes(b"broken")
-    assert main(["replay", str(out), "--out", str(result), "--set", "texture.largest_gap=0.11"]) == 0
+    assert (
+        main(["replay", str(out), "--out", str(result), "--set", "texture.largest_gap=0.11", "--particles", "10"]) == 0
+    )
     said = capsys.readouterr()
     assert "camera: 1 frames left out, unreadable; the first: " in said.err
     assert "Traceback" not in said.err
@@ -96,5 +100,25 @@ def test_from_a_simulated_camera_to_the_result_folder(tmp_path: Path, capsys: py
     assert (picture[..., 3] == 255).sum() > 3000
     assert cv2.imread(str(result / "texture_over_time.png")).shape[1] > 1000
     without = tmp_path / "without"
-    assert main(["replay", str(out), "--out", str(without), "--set", "texture.enabled=false", "--no-figures"]) == 0
+    assert (
+        main(
+            [
+                "replay",
+                str(out),
+                "--out",
+                str(without),
+                "--set",
+                "texture.enabled=false",
+                "--no-figures",
+                "--particles",
+                "5",
+            ]
+        )
+        == 0
+    )
     assert not (without / "texture.png").exists()
+    capsys.readouterr()
+    monkeypatch.setattr("moteslam.slam.texture.MAX_CELLS", 10)
+    assert main(["replay", str(out), "--out", str(tmp_path / "large"), "--no-figures", "--particles", "5"]) == 0
+    assert "warning: the floor is not coloured: texture.cell_size: " in capsys.readouterr().err
+    assert (tmp_path / "large" / "map.png").exists()

@@ -12,7 +12,7 @@ from twins.camera import look
 from moteslam.errors import ConfigError, OutputError
 from moteslam.robot.formats import open_recording
 from moteslam.robot.frames import camera_frames
-from moteslam.robot.platform import UCSD
+from moteslam.robot.platform import UCSD, CameraMount
 from moteslam.sim.camera import CameraSettings, with_camera
 from moteslam.sim.drive import Drive
 from moteslam.sim.floor import FloorSettings
@@ -131,6 +131,9 @@ def test_same_seed_same_images() -> None:
 def test_a_robot_without_a_camera_is_told() -> None:
     with pytest.raises(ConfigError, match=r"platform\.camera: none, expected a camera"):
         plan_shots(moving((0, 0, 0), 3.0), ROOM, FLOOR, None, STILL, 0)
+    sunk = CameraMount(z=0.0)
+    with pytest.raises(ConfigError, match=r"platform\.camera\.z: 0 m, expected above 0"):
+        plan_shots(moving((0, 0, 0), 3.0), ROOM, FLOOR, sunk, STILL, 0)
 
 
 @pytest.mark.parametrize(
