@@ -143,7 +143,7 @@ class TextureConfig(_Section):
     enabled: bool = True
     cell_size: Annotated[FiniteFloat, Field(ge=0.005, le=1.0)] = 0.05
     height_limit: FiniteFloat = 0.1
-    max_depth: Annotated[FiniteFloat, Field(gt=0, le=100)] = 5.0
+    max_depth: Annotated[FiniteFloat, Field(gt=0, le=100)] = 8.0
     interval: NotNegative = 0.1
     largest_gap: NotNegative = 0.05
 
