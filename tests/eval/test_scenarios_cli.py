@@ -1,0 +1,134 @@
+"""Scenarios on the command line: listed, drawn, filmed, simulated by the dozen."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from moteslam.errors import OutputError
+from moteslam.eval.cli.main import run
+from moteslam.eval.report.animation import Film, write_film
+from moteslam.eval.report.scenarios import draw_scenario
+from moteslam.robot.formats.ucsd import read_ucsd
+from moteslam.robot.trajectory import read_tum
+from moteslam.sim.scenario import bundled_scenarios, load_scenario
+from moteslam.sim.simulate import simulate
+
+
+def refused(capsys: pytest.CaptureFixture[str], *arguments: object) -> str:
+    """The one line on stderr that a command is refused with."""
+    assert run([str(argument) for argument in arguments]) == 2
+    said = capsys.readouterr().err.strip()
+    assert "\n" not in said
+    return said
+
+
+def test_each_is_listed_with_why_it_is_hard(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["scenarios"]) == 0
+    out = capsys.readouterr().out
+    for name, why in bundled_scenarios().items():
+        assert name in out
+        assert why in out
+    assert "random-corridors" in out
+
+
+@pytest.mark.parametrize("name", ["lab", "doors", "random-corridors"])
+def test_show_draws_a_picture(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["scenarios", "show", name, "--out", str(tmp_path / "x.png")]) == 0
+    assert name in capsys.readouterr().out
+    picture = cv2.imread(str(tmp_path / "x.png"))
+    assert picture is not None
+    assert min(picture.shape[:2]) > 300
+    dark = (picture < 100).all(axis=2).mean()
+    assert 0.001 < dark < 0.3
+
+
+def test_walls_are_drawn_to_scale(tmp_path: Path) -> None:
+    draw_scenario(tmp_path / "x.png", load_scenario("hall"))
+    picture = cv2.imread(str(tmp_path / "x.png"))
+    assert picture is not None
+    dark = (picture < 100).all(axis=2)
+    rows = np.flatnonzero(dark.mean(axis=1) > 0.5)  # the hall's two long walls, and the axis below them
+    cols = np.flatnonzero(dark[rows[0]])
+    below = rows[rows > rows[0] + 5][0]
+    assert (cols[-1] - cols[0]) / (below - rows[0]) == pytest.approx(110 / 6, rel=0.1)
+
+
+def test_show_says_what_is_wrong(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "there.png").touch()
+    assert "exists already" in refused(capsys, "scenarios", "show", "lab", "--out", tmp_path / "there.png")
+    assert "expected one to write" in refused(capsys, "scenarios", "show", "lab", "--out", tmp_path / "x.jpg")
+    assert "no scenario of this name" in refused(capsys, "scenarios", "show", "lap", "--out", tmp_path / "x.png")
+    assert "cannot be written" in refused(capsys, "scenarios", "show", "hall", "--out", tmp_path / "no" / "x.png")
+    assert "expected one to write" in refused(capsys, "scenarios", "animate", "lab", "--out", tmp_path / "x.avi")
+
+
+@pytest.mark.parametrize("ending", ["gif", "mp4"])
+def test_films_hold_their_frames(ending: str, tmp_path: Path) -> None:
+    frames = [np.full((61, 81, 3), (255, shade, 0), np.uint8) for shade in (0, 120, 240)]
+    write_film(tmp_path / f"x.{ending}", frames)
+    film = cv2.VideoCapture(str(tmp_path / f"x.{ending}"))
+    shades = []
+    while (read := film.read())[0]:
+        shades.append(float(read[1][..., 1].mean()))
+    assert len(shades) == 3
+    np.testing.assert_allclose(shades, (0, 120, 240), atol=20)
+
+
+def test_a_film_of_another_kind_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(OutputError, match="neither"):
+        write_film(tmp_path / "x.avi", [np.zeros((4, 4, 3), np.uint8)])
+
+
+@pytest.mark.usefixtures("taichi")
+def test_a_film_shows_the_run(scenario_file: Path) -> None:
+    from moteslam.slam.config import resolve_config
+    from moteslam.slam.run import SlamSession
+
+    simulation = simulate(load_scenario(scenario_file).model_copy(update={"duration": 14.0}))
+    session = SlamSession(simulation.recording, resolve_config("paper", ["particles=5"]))
+    shown = [frame for _, frame in Film(simulation, session, frames=4).play() if frame is not None]
+    assert len(shown) == 4
+    assert (shown[0] != shown[-1]).any()
+    white = [(frame > 250).all(axis=2).mean() for frame in shown]
+    assert white[-1] > white[0] - 0.05
+
+
+def test_absurd_cells_of_the_true_map_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    line = refused(capsys, "simulate", "hall", "--true-map", "1e-9", "--out", tmp_path / "x")
+    assert "--true-map" in line
+    assert not (tmp_path / "x").exists()
+
+
+@pytest.mark.slow
+def test_a_batch_is_what_its_parts_are(program, scenario_file: Path, tmp_path: Path) -> None:
+    arguments = ("--batch", 2, "--seed", 5, "--jobs", 2, "--true-map", 0.1, "--json")
+    done = program("simulate", scenario_file, "--out", "many", *arguments, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    told = json.loads(done.stdout)["simulations"]
+    assert [one["seed"] for one in told] == [5, 6]
+    alone = program("simulate", scenario_file, "--out", "one", "--seed", 6, cwd=tmp_path)
+    assert alone.returncode == 0, alone.stderr
+    first, second = read_ucsd(tmp_path / "many" / "room-6"), read_ucsd(tmp_path / "one")
+    assert first.lidar is not None
+    assert second.lidar is not None
+    assert first.lidar.ranges.tobytes() == second.lidar.ranges.tobytes()
+    truths = [read_tum(tmp_path / "many" / name / "truth.tum").poses for name in ("room-5", "room-6")]
+    assert truths[0].tobytes() != truths[1].tobytes()
+    assert (tmp_path / "many" / "room-5" / "truth_map.yaml").exists()
+
+
+@pytest.mark.slow
+def test_a_batch_that_fails_leaves_nothing(program, scenario_file: Path, tmp_path: Path) -> None:
+    crowded = tmp_path / "crowded.toml"
+    crowded.write_text(scenario_file.read_text() + "\n[crowd]\ncount = 60\n")
+    done = program("simulate", crowded, "--out", "many", "--batch", 2, cwd=tmp_path)
+    assert done.returncode == 2
+    assert "crowd.count" in done.stderr
+    assert "seed 0" in done.stderr or "seed 1" in done.stderr
+    assert len(done.stderr.strip().splitlines()) == 1
+    assert not (tmp_path / "many").exists()
