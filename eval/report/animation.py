@@ -57,7 +57,7 @@ class Film:
             extent = np.ptp(walls, axis=0) + 2.0
             width, height = np.maximum(8.0 * extent / extent.max(), (4.5, 1.5))
             figure = Figure(figsize=(width + 0.9, height + 1.4), dpi=90)  # the margins of the axes, see _set_up
-            canvas = FigureCanvasAgg(figure)
+            canvas: Any = FigureCanvasAgg(figure)
             self._set_up(figure, walls)
             path = []
             for update in self.session:
@@ -88,18 +88,21 @@ class Film:
             np.ones((1, 1)), cmap="gray", vmin=0, vmax=1, origin="lower", zorder=0, interpolation="nearest"
         )
         axes.add_collection(
-            LineCollection(walls.reshape(-1, 2, 2), colors=style.TRUTH, linewidths=0.5, alpha=0.6, label="true walls")
+            LineCollection(
+                list(walls.reshape(-1, 2, 2)), colors=style.TRUTH, linewidths=0.5, alpha=0.6, label="true walls"
+            )
         )
         self._artists["beams"] = LineCollection([], colors="#E69F00", linewidths=0.4, alpha=0.6, label="beams")
         axes.add_collection(self._artists["beams"])
-        for name, look, label in (
+        lines: tuple[tuple[str, dict[str, Any], str | None], ...] = (
             ("truth", {"color": style.TRUTH, "lw": 1.2}, "true way"),
             ("slam", {"color": style.SLAM, "lw": 1.2}, "SLAM, as known then"),
             ("movers", {"color": MOVER, "ls": "", "marker": "o", "ms": 4}, "people"),
             ("leaves", {"color": MOVER, "lw": 2.0}, "doors"),
             ("particles", {"color": style.PARTICLE, "ls": "", "marker": ".", "ms": 3}, "particles"),
-        ):
-            movers = self.simulation.movers
+        )
+        movers = self.simulation.movers
+        for name, look, label in lines:
             if name == "movers" and (movers is None or not movers.people.shape[1]):
                 label = None
             if name == "leaves" and (movers is None or not movers.lines.shape[1]):
@@ -168,7 +171,7 @@ def write_film(path: str | PathLike[str], frames: list[NDArray[np.uint8]], *, ra
         from PIL import Image
 
         # an octree keeps the colours of thin lines, which a median cut would take for those of their neighbours
-        look = {"colors": 128, "method": Image.Quantize.FASTOCTREE, "dither": Image.Dither.NONE}
+        look: dict[str, Any] = {"colors": 128, "method": Image.Quantize.FASTOCTREE, "dither": Image.Dither.NONE}
         first, *others = (Image.fromarray(frame).quantize(**look) for frame in frames)
         content = io.BytesIO()
         first.save(
