@@ -61,7 +61,7 @@ class Shelf(Settings):
     centre: Point
     size: tuple[Size, Size] = (2.0, 0.4)
     angle: FiniteFloat = 0.0
-    bay: Size = 1.0
+    bay: Annotated[FiniteFloat, Field(ge=0.05, le=1000)] = 1.0
     material: str = PLAIN
 
     def polygon(self) -> Polygon:

@@ -55,6 +55,12 @@ class Crowd(Settings):
     speed: tuple[Speed, Speed] = (0.8, 1.4)
     away: Positive = 2.0
 
+    @model_validator(mode="after")
+    def _makes_sense(self) -> Crowd:
+        if self.speed[0] > self.speed[1]:
+            raise ValueError(f"speed from {self.speed[0]:g} to {self.speed[1]:g} m/s, expected the first to be smaller")
+        return self
+
 
 class Door(Settings):
     """A door's leaf that opens and shuts, by the clock or at random.

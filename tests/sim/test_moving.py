@@ -183,6 +183,7 @@ def test_random_doors_follow_the_seed() -> None:
         ({"people": [{"waypoints": [[3.0, 1.0]], "speed": 30.0}]}, "people.0.speed", "less than or equal to 3"),
         ({"people": [{"waypoints": [[1.6, 2.0]]}]}, "people.0.waypoints.0", "where the robot starts"),
         ({"crowd": {"count": 0}}, "crowd.count", "greater than or equal to 1"),
+        ({"crowd": {"count": 2, "speed": [1.4, 0.8]}}, "crowd", "expected the first to be smaller"),
         ({"doors": [{"hinge": [1.0, 1.0], "end": [1.0, 1.0]}]}, "doors.0", "expected hinge and end apart"),
         ({"doors": [{**DOOR, "material": "cheese"}]}, "doors.0.material", "expected one of plain"),
     ],
