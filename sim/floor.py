@@ -10,6 +10,7 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import lru_cache
+from os import PathLike
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -18,6 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from pydantic import Field, FiniteFloat, model_validator
 
 from moteslam.errors import ConfigError
+from moteslam.robot.files import write_atomically
 from moteslam.sim.noise import Positive, Probability, Settings
 
 Array = NDArray[np.float64]
@@ -132,6 +134,23 @@ def rasterise(
     with ThreadPoolExecutor() as pool:
         list(pool.map(draw, bands))
     return FloorImage(colours, (float(low[0] * cell_size), float(low[1] * cell_size)), cell_size)
+
+
+def write_floor(path: str | PathLike[str], image: FloorImage) -> None:
+    """Write a floor as a PNG, a pixel a cell, the largest y on top, and where it lies as ``.yaml`` beside it.
+
+    Raises:
+        OutputError: one of them cannot be written.
+    """
+    import cv2
+
+    path = Path(path)
+    write_atomically(path, cv2.imencode(".png", np.ascontiguousarray(image.colours[::-1, :, ::-1]))[1].tobytes())
+    x, y = image.origin
+    write_atomically(
+        path.with_suffix(".yaml"),
+        f"image: {path.name}\nresolution: {image.cell_size!r}\norigin: [{x!r}, {y!r}, 0.0]\n",
+    )
 
 
 def _tiles(floor: FloorSettings, x: Array, y: Array) -> Array:

@@ -16,7 +16,7 @@ from moteslam.robot.recording import Recording
 from moteslam.robot.trajectory import Trajectory, write_tum
 from moteslam.sim.drive import Drive, drive
 from moteslam.sim.faults import Stream, with_faults
-from moteslam.sim.floor import FloorSettings
+from moteslam.sim.floor import FloorImage, FloorSettings, rasterise, write_floor
 from moteslam.sim.movers import Movers
 from moteslam.sim.noise import ClockNoise
 from moteslam.sim.rates import PHYSICS_RATE, TRUTH_RATE
@@ -73,6 +73,17 @@ class Simulation:
             ConfigError: a resolution that is not positive, or too fine.
         """
         return true_map(self.world, resolution, seen_from=self.truth.poses[:1, :2])
+
+    def true_floor(self, resolution: float) -> FloorImage:
+        """The true colours of the floor of the whole world, a cell the mean of nine points in it.
+
+        Args:
+            resolution: a cell's side [m].
+
+        Raises:
+            ConfigError: too fine, or a floor's picture that cannot be read.
+        """
+        return rasterise(self.scenario.floor or FloorSettings(), self.world.bounds, resolution, samples=3)
 
 
 def simulate(scenario: Scenario, seed: int | None = None, *, progress: Progress | None = None) -> Simulation:
@@ -177,7 +188,8 @@ def write_simulation(
     """Write a simulation as a folder in the UCSD layout, which reads back equal.
 
     Beside the arrays and ``platform.toml`` go ``truth.tum`` and ``scenario.toml``, and, where it is asked for,
-    ``truth_map.pgm`` with its ``.yaml``. Where a camera records, its images go to ``dataRGBD/``.
+    ``truth_map.pgm`` with its ``.yaml``. Where a camera records, its images go to ``dataRGBD/``, and with the true map
+    comes ``truth_floor.png`` with its ``.yaml``.
 
     Args:
         folder: exists.
@@ -201,6 +213,8 @@ def write_simulation(
     write_atomically(Path(folder) / "scenario.toml", tomli_w.dumps(simulation.scenario.model_dump(exclude_none=True)))
     if map_resolution is not None:
         write_true_map(Path(folder) / "truth_map.pgm", simulation.true_map(map_resolution))
+        if simulation.shots is not None:
+            write_floor(Path(folder) / "truth_floor.png", simulation.true_floor(map_resolution))
 
 
 def _spans(duration: float, rng: np.random.Generator) -> dict[str, tuple[float, float]]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 from twins.camera import look
@@ -186,7 +187,13 @@ def test_the_camera_leaves_the_other_sensors_alone(short: Scenario, run: Simulat
 def test_what_is_written_reads_back_as_it_was_drawn(run: Simulation, tmp_path: Path) -> None:
     said: list[str] = []
     shares: list[float] = []
-    write_simulation(tmp_path, run, tell=said.append, progress=lambda _, share: shares.append(share))
+    write_simulation(
+        tmp_path, run, map_resolution=0.1, tell=said.append, progress=lambda _, share: shares.append(share)
+    )
+    floor = cv2.imread(str(tmp_path / "truth_floor.png"))
+    assert floor.shape == (80, 100, 3)
+    assert (floor[::-1, :, ::-1] == run.true_floor(0.1).colours).all()
+    assert "origin: [0.0, 0.0, 0.0]" in (tmp_path / "truth_floor.yaml").read_text()
     assert run.shots is not None
     count = len(run.shots.rgb_stamps) + len(run.shots.disparity_stamps)
     assert len(said) == 1
