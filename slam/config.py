@@ -37,11 +37,13 @@ class SyncConfig(_Section):
             the two readings around it.
         low_pass_hz: cut-off of the causal low-pass on the yaw rate [Hz]; 0 turns it off.
         kinematics: ``euler`` is equation III.1, ``arc`` the exact arc.
+        deskew: turn every beam by how the robot moved since the first of its scan, by the odometry.
     """
 
     method: Literal["nearest", "interpolate"] = "interpolate"
     low_pass_hz: NotNegative = 0.0
     kinematics: Literal["euler", "arc"] = "arc"
+    deskew: bool = True
 
 
 class MotionNoise(_Section):
@@ -148,6 +150,91 @@ class TextureConfig(_Section):
     largest_gap: NotNegative = 0.05
 
 
+class SurfaceConfig(_Section):
+    """The signed-distance map that each particle of the method ``surface`` has.
+
+    Attributes:
+        cell_size: of the fine level; the coarse level's are twice as large [m].
+        truncation, coarse_truncation: how far from a surface cells know their distance to it, on each level [m].
+        sharp: distances below it weigh ``sharp_weight`` times as much in a cell's average as those beyond [m]: near
+            corners and thin walls a cell is near to two surfaces, and the nearer one must tell.
+        sharp_weight: see ``sharp``.
+        max_weight: a cell's average weighs at most this against the next observation.
+        spacing: endpoints nearer than this to each other are averaged to one vertex [m].
+        gap, gap_from_range: a surface is drawn between neighbouring endpoints up to ``gap + gap_from_range * range``
+            apart [m], [m/m] ...
+        straight_gap: ... and up to so many times that where four endpoints in a row lie on a straight line,
+        straightness: to within this [m]: a wall seen at a grazing angle.
+    """
+
+    cell_size: Annotated[FiniteFloat, Field(ge=0.01, le=1.0)] = 0.05
+    truncation: Positive = 0.15
+    coarse_truncation: Positive = 0.4
+    sharp: Positive = 0.06
+    sharp_weight: Annotated[int, Field(ge=1, le=31)] = 8
+    max_weight: Annotated[int, Field(ge=1, le=31)] = 31
+    spacing: Positive = 0.02
+    gap: Positive = 0.3
+    gap_from_range: NotNegative = 0.05
+    straight_gap: Annotated[FiniteFloat, Field(ge=1)] = 5.0
+    straightness: Positive = 0.03
+
+
+class RegistrationConfig(_Section):
+    """How scans are registered to the particles' maps (method ``surface``): Gauss-Newton from coarse to fine.
+
+    Attributes:
+        residual: standard deviation of an endpoint's distance to the surface [m].
+        translation, translation_from_translation: standard deviation of the odometry [m], [m/m] ...
+        rotation, rotation_from_rotation: ... [rad], [rad/rad]: a loose prior, since what it is off by is systematic.
+        iterations: at most, on each level.
+        doubtful_below: a scan whose endpoints are less likely than this in the mean is looked for again, harder.
+        lost_below, lost_known: one whose endpoints are less likely than that, with at least this share of them where
+            the map knows something, is lost: it is looked for in a window ...
+        wide_distance, wide_rotation: ... of so much to each side [m], [rad] ...
+        clear_merit: ... and taken to be there if what matches, less what contradicts, is this share of its endpoints.
+        patience: scans that are lost in a row are left out of the maps, up to so many.
+        points: at most so many vertices of a scan are registered to the maps of all particles, evenly chosen.
+    """
+
+    residual: Positive = 0.01
+    translation: Positive = 0.01
+    translation_from_translation: NotNegative = 0.1
+    rotation: Positive = 0.01
+    rotation_from_rotation: NotNegative = 0.2
+    iterations: Annotated[int, Field(ge=1, le=100)] = 8
+    doubtful_below: NotNegative = 0.6
+    lost_below: NotNegative = 0.35
+    lost_known: NotNegative = 0.25
+    wide_distance: NotNegative = 1.5
+    wide_rotation: NotNegative = 1.4
+    clear_merit: NotNegative = 0.25
+    patience: Annotated[int, Field(ge=0)] = 3
+    points: Annotated[int, Field(ge=8, le=100_000)] = 1000
+
+
+class ProposalConfig(_Section):
+    """How the particles of the method ``surface`` spread around what registration found, and are weighed.
+
+    Attributes:
+        information_share: share of the endpoints' information that counts: their errors are not independent.
+        translation, translation_from_translation, rotation, rotation_from_rotation: standard deviation of the
+            odometry where the endpoints say nothing [m], [m/m], [rad], [rad/rad].
+        evidence_share: share of the endpoints' log-likelihood that counts in the weights, for the same reason.
+        unknown: log-likelihood lost for an endpoint where the map knows nothing.
+        outlier: log-likelihood lost at most for an endpoint.
+    """
+
+    information_share: Annotated[FiniteFloat, Field(gt=0, le=1)] = 0.1
+    translation: NotNegative = 0.001
+    translation_from_translation: NotNegative = 0.02
+    rotation: NotNegative = 0.0005
+    rotation_from_rotation: NotNegative = 0.02
+    evidence_share: Annotated[FiniteFloat, Field(gt=0, le=1)] = 0.1
+    unknown: NotNegative = 2.0
+    outlier: NotNegative = 8.0
+
+
 class SlamConfig(_Section):
     """Everything that a SLAM run can be told.
 
@@ -160,7 +247,7 @@ class SlamConfig(_Section):
         sync, motion, search, update, map, texture: the parts.
     """
 
-    method: Literal["paper"] = "paper"
+    method: Literal["paper", "surface"] = "paper"
     particles: Annotated[int, Field(ge=1, le=1_000_000)] = 100
     resample_below: Annotated[FiniteFloat, Field(ge=0, le=1)] = 0.5
     max_range: Positive = 1000.0
@@ -169,6 +256,9 @@ class SlamConfig(_Section):
     search: SearchConfig = SearchConfig()
     update: UpdateConfig = UpdateConfig()
     map: MapConfig = MapConfig()
+    surface: SurfaceConfig = SurfaceConfig()
+    registration: RegistrationConfig = RegistrationConfig()
+    proposal: ProposalConfig = ProposalConfig()
     texture: TextureConfig = TextureConfig()
 
     def to_toml(self) -> str:

@@ -9,7 +9,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from moteslam.errors import InputError
 from moteslam.kernels.occupancy import update_grid
+from moteslam.robot import se2
 from moteslam.slam.config import MapConfig
+from moteslam.slam.scans import Scans
 
 UNIT = 1 / 500
 """Log-odds of one count of the int16 grid: log 4 is 693 counts (0.02 % off), the limit of 50 is 25 000."""
@@ -126,3 +128,19 @@ class OccupancyGrid:
             new[bottom : bottom + height, left : left + width] = old
             setattr(self, name, new)
         self._corner = self._corner - below * CHUNK
+
+
+def draw_map(config: MapConfig, scans: Scans, indices: list[int], poses: NDArray[np.float64]) -> OccupancyMap:
+    """The map of scans seen from known poses: what a particle's own grid holds, made when somebody asks for it.
+
+    Args:
+        config: of the grid.
+        scans: of the recording.
+        indices: [u] which scans.
+        poses: [u, 3] of the robot at each.
+    """
+    grid = OccupancyGrid(config)
+    for index, pose in zip(indices, poses, strict=True):
+        points = scans.points(index)
+        grid.add_scan(se2.transform_points(pose, scans.origin), se2.transform_points(pose, points))
+    return grid.snapshot()

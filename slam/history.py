@@ -26,6 +26,10 @@ class History:
         self._poses.append(poses.copy())
         self._parents.append(parents)
 
+    def resampled(self, parents: NDArray[np.int64]) -> None:
+        """Note that the next update's particles descend from these [N] of the last."""
+        self._parents[-1] = parents
+
     def paths(self, particles: NDArray[np.int64]) -> NDArray[np.float64]:
         """The paths [K, updates, 3] that end in these particles [K] of the last update (before its resampling)."""
         index = np.asarray(particles)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,27 +12,10 @@ from moteslam.slam.config import SlamConfig
 from moteslam.slam.grid import OccupancyGrid
 from moteslam.slam.history import History
 from moteslam.slam.motion_model import motion_spread
+from moteslam.slam.outcome import Outcome
 from moteslam.slam.resampling import generator_for, systematic
 from moteslam.slam.step import Step
 from moteslam.slam.weights import Weights
-
-
-class Outcome(NamedTuple):
-    """What one step came to.
-
-    Attributes:
-        pose: [3] of the best particle.
-        n_eff: effective number of particles, before resampling.
-        score: of the best particle: endpoints on occupied cells.
-        updated: the filter worked on this scan; else the pose followed the odometry.
-        resampled: particles were resampled.
-    """
-
-    pose: NDArray[np.float64]
-    n_eff: float
-    score: int
-    updated: bool
-    resampled: bool
 
 
 class PaperFilter:
@@ -65,7 +46,8 @@ class PaperFilter:
         """Take in one scan and the motion since the scan before."""
         self._gather(step)
         if len(self.history) and not self._due():
-            return Outcome(se2.compose(self._best, self._motion), self.weights.effective_number, 0, False, False)
+            pose = se2.compose(self._best, self._motion)
+            return Outcome(pose, step.motion, self.weights.effective_number, 0, False, False)
         score = 0
         if len(self.history):
             self._predict(step)
@@ -77,7 +59,7 @@ class PaperFilter:
         n_eff = self.weights.effective_number
         parents = self._resample(step.index, n_eff)
         self._map(step)
-        return Outcome(self._best, n_eff, score, True, parents is not None)
+        return Outcome(self._best, step.motion, n_eff, score, True, parents is not None)
 
     def _gather(self, step: Step) -> None:
         """Add a step to the motion that the next update will predict with."""

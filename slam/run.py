@@ -17,9 +17,15 @@ from moteslam.robot.trajectory import Trajectory
 from moteslam.slam.config import SlamConfig, load_preset
 from moteslam.slam.dead_reckoning import dead_reckon
 from moteslam.slam.estimate import Estimate
-from moteslam.slam.grid import OccupancyMap
+from moteslam.slam.grid import OccupancyMap, draw_map
 from moteslam.slam.paper_filter import PaperFilter
-from moteslam.slam.synchronise import require_lidar, steps, warnings
+from moteslam.slam.scans import Scans
+from moteslam.slam.step import steps
+from moteslam.slam.surface_filter import SurfaceFilter
+from moteslam.slam.synchronise import require_lidar, warnings
+
+FILTERS: dict[str, type[PaperFilter] | type[SurfaceFilter]] = {"paper": PaperFilter, "surface": SurfaceFilter}
+"""The methods that ``SlamConfig.method`` names."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +46,7 @@ class Update:
     poses: NDArray[np.float64]
     weights: NDArray[np.float64]
     n_eff: float
-    score: int
+    score: float
     mapped: bool
     resampled: bool
     seconds: float
@@ -67,11 +73,12 @@ class SlamSession:
         self.seed = seed
         self._lidar = require_lidar(recording)
         self._dead_reckoning = dead_reckon(recording, self.config.sync)
-        self._filter = PaperFilter(self.config, seed)
+        self._filter = FILTERS[self.config.method](self.config, seed)
         self._online = np.zeros((len(self._lidar), 3))
         self._diagnostics = {
             key: np.zeros(len(self._lidar)) for key in ("n_eff", "score", "updated", "resampled", "seconds")
         }
+        self._motions = np.zeros((len(self._lidar), 3))
         self._done = 0
         self._steps = steps(recording, self.config.sync, max_range=self.config.max_range)
 
@@ -84,6 +91,7 @@ class SlamSession:
             outcome = self._filter.step(step)
             seconds = time.perf_counter() - began
             self._online[step.index] = outcome.pose
+            self._motions[step.index] = outcome.motion
             for key, value in (
                 ("n_eff", outcome.n_eff),
                 ("score", outcome.score),
@@ -108,8 +116,13 @@ class SlamSession:
 
     @property
     def map(self) -> OccupancyMap:
-        """The map as it stands."""
-        return self._filter.grid.snapshot()
+        """The map as it stands; the best particle's, where each has its own."""
+        if isinstance(self._filter, PaperFilter):
+            return self._filter.grid.snapshot()
+        path = self._filter.history.paths(np.array([self._filter.best_particle]))[0]
+        updates = np.flatnonzero(self._diagnostics["updated"]).tolist()
+        scans = Scans(self.recording, self.config.sync, max_range=self.config.max_range)
+        return draw_map(self.config.map, scans, updates[: len(path)], path)
 
     def estimate(self) -> Estimate:
         """The result of the scans taken in so far.
@@ -124,7 +137,7 @@ class SlamSession:
         updates = np.flatnonzero(self._diagnostics["updated"][:n])
         paths = self._filter.history.paths(np.arange(self.config.particles))
         odometry = self._dead_reckoning.poses[:n]
-        final = _between_updates(paths[self._filter.best_particle], updates, odometry)
+        final = _between_updates(paths[self._filter.best_particle], updates, se2.accumulate(self._motions[:n]))
         return Estimate(
             name=self.recording.name,
             config=self.config,

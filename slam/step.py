@@ -2,10 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+
+from moteslam.robot import se2
+from moteslam.robot.recording import Recording
+from moteslam.slam.config import SyncConfig
+from moteslam.slam.scans import Scans
+from moteslam.slam.synchronise import odometry_at_scans, require_lidar
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,3 +34,23 @@ class Step:
     motion: NDArray[np.float64]
     points: NDArray[np.float32]
     origin: NDArray[np.float64]
+
+
+def steps(recording: Recording, config: SyncConfig, *, max_range: float = np.inf) -> Iterator[Step]:
+    """One step a scan: the motion since the scan before and the scan's endpoints in the robot's frame.
+
+    Args:
+        recording: needs a lidar.
+        config: how motion is synchronised with scans.
+        max_range: endpoints beyond it are left out [m].
+
+    Raises:
+        InputError: there is no lidar, or no odometry of any kind.
+    """
+    stamps = require_lidar(recording).stamps
+    odometry = odometry_at_scans(recording, config)
+    motions = np.vstack((np.zeros(3), se2.between(odometry[:-1], odometry[1:])))
+    scans = Scans(recording, config, max_range=max_range)
+    for index, stamp in enumerate(stamps):
+        dt = float(stamp - stamps[index - 1]) if index else 0.0
+        yield Step(index, float(stamp), dt, motions[index], scans.points(index), scans.origin)

@@ -6,8 +6,6 @@ Distances are integrated from wheel counts, never from velocities: the real robo
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -17,7 +15,6 @@ from moteslam.robot.kinematics import arc_increment, euler_increment, wheel_moti
 from moteslam.robot.platform import Wheels
 from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream, Recording
 from moteslam.slam.config import SyncConfig
-from moteslam.slam.step import Step
 
 Array = NDArray[np.float64]
 
@@ -62,31 +59,6 @@ def odometry_at_scans(recording: Recording, config: SyncConfig) -> Array:
     if config.method == "interpolate":
         return se2.interpolate(stamps, poses, lidar.stamps)
     return poses[nearest(stamps, lidar.stamps)]
-
-
-def steps(recording: Recording, config: SyncConfig, *, max_range: float = np.inf) -> Iterator[Step]:
-    """One step a scan: the motion since the scan before and the scan's endpoints in the robot's frame.
-
-    Args:
-        recording: needs a lidar.
-        config: how motion is synchronised with scans.
-        max_range: endpoints beyond it are left out [m].
-
-    Raises:
-        InputError: there is no lidar, or no odometry of any kind.
-    """
-    lidar = require_lidar(recording)
-    odometry = odometry_at_scans(recording, config)
-    motions = np.vstack((np.zeros(3), se2.between(odometry[:-1], odometry[1:])))
-    x, y, yaw = recording.platform.lidar.pose
-    angles = lidar.angles + yaw
-    directions = np.stack((np.cos(angles), np.sin(angles)), axis=-1)
-    origin = np.array([x, y])
-    for index, (stamp, ranges) in enumerate(zip(lidar.stamps, lidar.ranges, strict=True)):
-        good = np.isfinite(ranges) & (ranges <= max_range)
-        points = origin + ranges[good, None] * directions[good]
-        dt = float(stamp - lidar.stamps[index - 1]) if index else 0.0
-        yield Step(index, float(stamp), dt, motions[index], points.astype(np.float32), origin)
 
 
 def warnings(recording: Recording) -> list[str]:

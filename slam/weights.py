@@ -38,6 +38,12 @@ class Weights:
         """The index of the largest weight, the first of equal ones (section II.B)."""
         return int(np.argmax(self.log))
 
+    def times_log(self, log_likelihood: NDArray[np.float64]) -> Weights:
+        """Multiplied by a likelihood given as its logarithm [N], and normalised (II.7)."""
+        log = self.log + log_likelihood
+        log = log - log.max()
+        return Weights(log - np.log(np.exp(log).sum()))
+
     def times(self, likelihood: ArrayLike) -> Weights:
         """Multiplied by a likelihood [N] >= 0 and normalised (II.7); all zeros leave the weights as they are."""
         likelihood = np.asarray(likelihood, np.float64)

@@ -1,0 +1,165 @@
+"""Registering scans to signed-distance maps: from the odometry's prediction, or in a wide window when that is lost."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from moteslam.kernels.registration import MAX_SEARCH_POINTS
+from moteslam.slam.config import RegistrationConfig
+from moteslam.slam.surface_maps import MapView
+
+Array = NDArray[np.float64]
+Points = NDArray[np.float32]
+TURN = 0.015
+"""Between the headings that are searched [rad]."""
+BLOCK = 10
+"""Shifts along an edge of the blocks whose best one is kept."""
+
+
+class Registration(NamedTuple):
+    """Where scans were found, for each of N particles.
+
+    Attributes:
+        offsets: [N, 3] from the predicted pose, in its frame.
+        information: [N, 3, 3] of the endpoints about them.
+        costs: [N] negative log-likelihood of the endpoints.
+        known: [N] endpoints where the map knows something.
+        likelihoods: [N] mean likelihood of those, 0 to 1.
+        crossed: [N] rays that pass through a surface of the map.
+    """
+
+    offsets: Array
+    information: Array
+    costs: Array
+    known: Array
+    likelihoods: Array
+    crossed: Array
+
+
+class Registrar:
+    """Finds scans in maps.
+
+    Args:
+        config: of the registration.
+    """
+
+    def __init__(self, config: RegistrationConfig) -> None:
+        self._config = config
+
+    def register(self, maps: MapView, predicted: Array, spread: Array, points: Points, origin: Array) -> Registration:
+        """Every particle's scan in its own map, from its prediction [N, 3] of a standard deviation ``spread`` [3]."""
+        return self._register(maps, predicted, spread, points, origin, np.zeros_like(predicted))
+
+    def follow(self, maps: MapView, predicted: Array, spread: Array, points: Points, origin: Array) -> Registration:
+        """One particle's scan in its map: after a small search, and in a wide window if it is lost.
+
+        Args:
+            maps: of that particle.
+            predicted: [3] where the odometry puts it.
+            spread: [3] standard deviation of that.
+            points: [k, 2] of the scan.
+            origin: [2] of the rays.
+        """
+        c = self._config
+        steps = (maps.cell_size, TURN)
+        found = self._best(maps, predicted, spread, points, origin, 3 * spread, steps, 16)
+        if found.likelihoods[0] < c.doubtful_below:
+            found = self._best(maps, predicted, spread, points, origin, 3 * spread, steps, 200)
+        if not self.lost(found, len(points)):
+            return found
+        window = np.array([c.wide_distance, c.wide_distance, c.wide_rotation])
+        wider = np.maximum(window / 2, spread)
+        wide = self._best(maps, predicted, wider, points, origin, window, (2 * maps.cell_size, 2 * TURN), 300)
+        certain = wide.likelihoods[0] >= c.doubtful_below and merit(wide)[0] >= c.clear_merit * len(points)
+        return wide if certain else found
+
+    def lost(self, found: Registration, points: int) -> bool:
+        """Whether a scan of so many points contradicts the map where it was found."""
+        c = self._config
+        return bool(found.likelihoods[0] < c.lost_below and found.known[0] >= c.lost_known * points)
+
+    def spread(self, travelled: float, turned: float) -> Array:
+        """Standard deviation of the odometry, [3], after so far [m] and so much turning [rad]."""
+        c = self._config
+        along = c.translation + c.translation_from_translation * travelled
+        return np.array([along, along, c.rotation + c.rotation_from_rotation * turned])
+
+    def _best(
+        self,
+        maps: MapView,
+        predicted: Array,
+        spread: Array,
+        points: Points,
+        origin: Array,
+        window: Array,
+        steps: tuple[float, float],
+        most: int,
+    ) -> Registration:
+        """Registered from the most promising places of a window, the best of them."""
+        starts = self._search(maps, predicted, spread, points, window, steps, most)
+        tried = self._register(maps, np.repeat(predicted[None], len(starts), axis=0), spread, points, origin, starts)
+        best = int((merit(tried) - 0.5 * np.square(tried.offsets / spread).sum(axis=1)).argmax())
+        return Registration(*(values[best : best + 1] for values in tried))
+
+    def _register(
+        self, maps: MapView, predicted: Array, spread: Array, points: Points, origin: Array, starts: Array
+    ) -> Registration:
+        priors = np.zeros((len(predicted), 6))
+        priors[:, :3] = 1 / spread**2
+        offsets, fits = maps.register(predicted, points, origin, starts, priors, self._config)
+        information = fits[:, [0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(-1, 3, 3)
+        known = fits[:, 7]
+        return Registration(offsets, information, fits[:, 6], known, fits[:, 8] / np.maximum(known, 1), fits[:, 9])
+
+    def _search(
+        self,
+        maps: MapView,
+        predicted: Array,
+        spread: Array,
+        points: Points,
+        window: Array,
+        steps: tuple[float, float],
+        most: int,
+    ) -> Array:
+        """The most promising offsets [m, 3] of a window, by the coarse level of the map and the prior."""
+        few = points[np.linspace(0, len(points) - 1, min(MAX_SEARCH_POINTS, len(points))).astype(np.intp)]
+        shifts, blocks = lattice(float(window[0]), steps[0])
+        turns = ticks(float(window[2]), steps[1])
+        weight = 0.01 * len(few)  # a standard deviation costs as much as every point one hundredth farther off
+        scores, chosen = maps.search(
+            predicted[None],
+            few,
+            turns,
+            weight * (turns / spread[2]) ** 2,
+            shifts,
+            weight * (np.square(shifts).sum(axis=1) / spread[0] ** 2),
+            blocks,
+        )
+        best = np.argsort(-scores[0], kind="stable")[:most]
+        return np.column_stack((shifts[chosen[0, best]], turns[best // blocks]))
+
+
+def ticks(reach: float, step: float) -> Array:
+    """Multiples of ``step`` from ``-reach`` to ``reach`` or just beyond."""
+    n = int(np.ceil(reach / step - 1e-9))
+    return np.arange(-n, n + 1) * step
+
+
+def lattice(reach: float, step: float) -> tuple[Array, int]:
+    """Shifts in x and y up to ``reach``, in equal blocks of neighbours, and how many blocks there are."""
+    across = ticks(reach, step)
+    if len(across) <= 2 * BLOCK:
+        return np.stack(np.meshgrid(across, across, indexing="ij"), axis=-1).reshape(-1, 2), 1
+    n = -(-len(across) // BLOCK) * BLOCK
+    across = across[0] + np.arange(n) * step
+    grid = np.stack(np.meshgrid(across, across, indexing="ij"), axis=-1)
+    m = n // BLOCK
+    return grid.reshape(m, BLOCK, m, BLOCK, 2).swapaxes(1, 2).reshape(-1, 2), m * m
+
+
+def merit(found: Registration) -> Array:
+    """How much speaks for a place, [N] in endpoints: those that match less what contradicts the map."""
+    return found.known * (1.5 * found.likelihoods - 0.5) - found.crossed

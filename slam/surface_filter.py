@@ -1,0 +1,186 @@
+"""A Rao-Blackwellised particle filter with a signed-distance map for every particle.
+
+The proposal is the improved one of Grisetti, Stachniss and Burgard (2007), with Gauss-Newton on a signed distance in
+place of a hill climb: every particle registers the scan to its own map, is drawn around what it found with the
+covariance found there, and weighed by how well its map explains the scan.
+
+Between updates, and as their starting point, the scan is registered to the best particle's map alone: what that says
+of the motion since the last update holds for all particles, whose maps differ by bends that are long against it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from moteslam.kernels.surface import ThinScan, thin_scan
+from moteslam.robot import se2
+from moteslam.slam.config import SlamConfig
+from moteslam.slam.history import History
+from moteslam.slam.outcome import Outcome
+from moteslam.slam.registration import Registrar
+from moteslam.slam.resampling import generator_for, systematic
+from moteslam.slam.step import Step
+from moteslam.slam.surface_maps import SurfaceMaps
+from moteslam.slam.weights import Weights
+
+Array = NDArray[np.float64]
+FEW = 5
+"""Vertices; a scan with fewer says nothing, and the odometry is all that is known."""
+
+
+class SurfaceFilter:
+    """Predict, register, weigh, resample, draw, map.
+
+    Attributes:
+        poses: [N, 3] of the particles at the last update.
+        weights: theirs.
+        history: the particles' poses at every update.
+        best_particle: index into them.
+        updates: indices of the scans that went into the maps.
+    """
+
+    def __init__(self, config: SlamConfig, seed: int) -> None:
+        self._config, self._seed = config, seed
+        self.poses = np.zeros((config.particles, 3))
+        self.weights = Weights.uniform(config.particles)
+        self.history = History()
+        self.best_particle = 0
+        self._maps = SurfaceMaps(config.surface)
+        self._registrar = Registrar(config.registration)
+        self._pose = np.zeros(3)  # at the last scan, by the best particle's map
+        self._motion = np.zeros(3)  # since the last update
+        self._travelled = self._turned = self._elapsed = 0.0
+        self._lost = 0  # scans in a row that contradict the map
+
+    def step(self, step: Step) -> Outcome:
+        """Take in one scan and the motion since the scan before."""
+        scan = self._thin(step)
+        before = self._pose
+        if not len(self.history):
+            return self._begin(scan)
+        self._gather(step)
+        self._track(step, scan)
+        motion = se2.between(before, self._pose)
+        if self._lost or not self._due():
+            return Outcome(self._pose, motion, self.weights.effective_number, 0.0, False, False)
+        n_eff, fit, resampled = self._update(step, scan)
+        return Outcome(self._pose, motion, n_eff, fit, True, resampled)
+
+    def _begin(self, scan: ThinScan) -> Outcome:
+        """The first scan: nothing to register to yet; all particles share one map."""
+        self.history.append(self.poses, None)
+        self._maps.add(self._pose[None], scan)
+        self._maps.resample(np.zeros(len(self.poses), np.int64))
+        return Outcome(self._pose, np.zeros(3), self.weights.effective_number, 0.0, True, False)
+
+    def _thin(self, step: Step) -> ThinScan:
+        s = self._config.surface
+        return thin_scan(
+            step.points,
+            step.origin,
+            spacing=s.spacing,
+            gap=s.gap,
+            gap_from_range=s.gap_from_range,
+            straight_gap=s.straight_gap,
+            straightness=s.straightness,
+        )
+
+    def _gather(self, step: Step) -> None:
+        self._travelled += float(np.hypot(step.motion[0], step.motion[1]))
+        self._turned += abs(float(step.motion[2]))
+        self._elapsed += step.dt
+
+    def _due(self) -> bool:
+        update = self._config.update
+        travelled = max(self._travelled, float(np.hypot(self._motion[0], self._motion[1])))
+        turned = max(self._turned, abs(float(self._motion[2])))
+        return travelled >= update.distance or turned >= update.rotation or self._elapsed >= update.interval
+
+    def _track(self, step: Step, scan: ThinScan) -> None:
+        """Follow the motion since the last scan in the best particle's map."""
+        predicted = se2.compose(self._pose, step.motion)
+        offset = np.zeros(3)
+        spread = self._registrar.spread(float(np.hypot(step.motion[0], step.motion[1])), abs(float(step.motion[2])))
+        if len(scan.vertices) >= FEW:
+            found = self._registrar.follow(
+                self._maps.of(self.best_particle), predicted, spread, scan.vertices, step.origin
+            )
+            lost = self._registrar.lost(found, len(scan.vertices))
+            if not lost or self._lost >= self._config.registration.patience:
+                offset, self._lost = found.offsets[0], 0
+            else:
+                self._lost += 1
+        moved = se2.compose(predicted, offset)
+        self._motion = se2.compose(self._motion, se2.between(self._pose, moved))
+        self._pose = moved
+
+    def _update(self, step: Step, scan: ThinScan) -> tuple[float, float, bool]:
+        predicted = se2.compose(self.poses, self._motion)
+        spread = self._spread()
+        fit, resampled, offsets = 0.0, False, np.zeros_like(predicted)
+        information = np.zeros((len(predicted), 3, 3))
+        n_eff = self.weights.effective_number
+        if len(scan.vertices) >= FEW:
+            found = self._registrar.register(
+                self._maps.all(),
+                predicted,
+                self._registrar.spread(self._travelled, self._turned),
+                self._few(scan.vertices),
+                step.origin,
+            )
+            offsets, information = found.offsets, found.information
+            self.weights = self.weights.times_log(
+                -self._config.proposal.evidence_share * (found.costs + 4.0 * found.crossed)
+            )
+            best = self.weights.best
+            fit = float(found.likelihoods[best])
+            n_eff = self.weights.effective_number
+            parents = self._resample(step.index, n_eff)
+            if parents is not None:
+                best = int(np.searchsorted(parents, best))
+                predicted, offsets, information = predicted[parents], offsets[parents], information[parents]
+                resampled = True
+            self.best_particle = best
+        noise = self._draw(step.index, information, spread)
+        self.poses = se2.compose(predicted, offsets + noise)
+        self.history.append(self.poses, None)
+        self._maps.add(self.poses, scan)
+        self._pose = self.poses[self.best_particle].copy()
+        self._motion = np.zeros(3)
+        self._travelled = self._turned = self._elapsed = 0.0
+        return n_eff, fit, resampled
+
+    def _few(self, vertices: NDArray[np.float32]) -> NDArray[np.float32]:
+        limit = self._config.registration.points
+        if len(vertices) <= limit:
+            return vertices
+        return vertices[np.linspace(0, len(vertices) - 1, limit).astype(np.intp)]
+
+    def _spread(self) -> Array:
+        """Standard deviation of the motion since the last update where the scan says nothing, [3]."""
+        p = self._config.proposal
+        along = p.translation + p.translation_from_translation * self._travelled
+        return np.array([along, along, p.rotation + p.rotation_from_rotation * self._turned])
+
+    def _draw(self, step: int, information: Array, spread: Array) -> Array:
+        """An offset for every particle, drawn with the covariance of what is known of it; none for the best one."""
+        n = len(information)
+        generator = generator_for(self._seed, step)
+        generator.random()  # the resampling's
+        normals = generator.standard_normal((n, 3))
+        total = self._config.proposal.information_share * information + np.diag(1 / np.maximum(spread, 1e-9) ** 2)
+        # total = L L^T, so L^-T times standard normals has the covariance total^-1
+        factors = np.linalg.cholesky(total)
+        noise = np.linalg.solve(np.swapaxes(factors, 1, 2), normals[..., None])[..., 0]
+        noise[self.best_particle] = 0.0
+        return np.asarray(noise)
+
+    def _resample(self, step: int, n_eff: float) -> NDArray[np.int64] | None:
+        if n_eff >= self._config.resample_below * len(self.poses):
+            return None
+        parents = systematic(self.weights.values, generator_for(self._seed, step))
+        self.weights = Weights.uniform(len(parents))
+        self.history.resampled(parents)
+        self._maps.resample(parents)
+        return parents
