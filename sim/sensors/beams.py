@@ -74,8 +74,8 @@ def at_edges(
     which = np.where(np.isfinite(step).all(0), which, np.where(np.isfinite(step[0]), 1, 0))
     other = np.take_along_axis(sides, which[None], axis=0)[0]
     share, chance = rng.random((2, len(ranges)), np.float32)
-    apart = np.abs(other - middle)
     with np.errstate(invalid="ignore"):
+        apart = np.abs(other - middle)
         melted = middle + share * (other - middle)
         mixes = (chance < noise.mixed) & (apart <= noise.pulse)
     # a quarter of the beam's width lies on the other side of the edge, on average

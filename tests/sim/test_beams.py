@@ -53,6 +53,15 @@ def test_flat_walls_have_no_edges() -> None:
     np.testing.assert_array_equal(told(noise(divergence=0.013), angles), told(noise(), angles))
 
 
+def test_where_nothing_is_within_reach_there_is_no_edge() -> None:
+    far = Scene(World.of(Layout(rooms=(Room(corner=(-200, -2), size=(400, 4)),))))
+    angles = np.linspace(-0.1, 0.1, 300)
+    settings, zeros = noise(divergence=0.013), np.zeros(300)
+    ranges = beam_ranges(far, np.zeros((300, 2)), angles, zeros, settings, np.random.default_rng(2), max_range=30.0)
+    assert np.isposinf(ranges[np.abs(angles) < 0.06]).all()
+    assert not np.isnan(ranges).any()
+
+
 def test_false_returns_are_short_and_as_many_as_asked_for() -> None:
     ranges = told(noise(false_return=0.1, false_scale=1.0), np.full(N, -0.3))
     wall = 10.0 / np.cos(0.3)
