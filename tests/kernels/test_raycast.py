@@ -8,7 +8,7 @@ from twins import rays
 
 from moteslam.errors import InputError
 from moteslam.kernels import buckets as bucketing
-from moteslam.kernels.raycast import SegmentBuckets, build_buckets, cast_rays, cast_scans
+from moteslam.kernels.raycast import PART, SegmentBuckets, build_buckets, cast_rays, cast_scans, cast_surfaces
 
 pytestmark = pytest.mark.usefixtures("taichi")
 
@@ -52,6 +52,33 @@ def test_equals_the_twin(seed: int, extent: float, offset: float, size: float | 
     angles = generator.uniform(-10, 10, 1500)
     angles[:40] = np.pi / 2 * generator.integers(-4, 5, 40)
     assert_equals_the_twin(build_buckets(segments, size=size), segments, origins, angles, 0.6 * extent)
+
+
+def test_surfaces_are_the_segments_that_rays_end_on() -> None:
+    segments = random_world(11, walls=90, extent=30.0)
+    buckets = build_buckets(segments)
+    generator = np.random.default_rng(12)
+    origins, angles = generator.uniform(0, 30, (2000, 2)), generator.uniform(-4, 4, 2000)
+    ranges, hit = cast_surfaces(buckets, origins, angles, max_range=20.0)
+    assert ranges.tobytes() == cast_rays(buckets, origins, angles, max_range=20.0).tobytes()
+    np.testing.assert_array_equal(hit >= 0, np.isfinite(ranges))
+    seen = hit >= 0
+    assert seen.mean() > 0.5
+    ends = origins[seen] + ranges[seen, None] * np.column_stack((np.cos(angles[seen]), np.sin(angles[seen])))
+    a, along = segments[hit[seen], :2], segments[hit[seen], 2:] - segments[hit[seen], :2]
+    share = np.clip(((ends - a) * along).sum(1) / (along**2).sum(1), 0, 1)
+    assert np.hypot(*(ends - a - share[:, None] * along).T).max() < 1e-3
+
+
+@pytest.mark.parametrize("beams", [1, PART - 1, PART, 2 * PART + 3])
+def test_scans_of_any_number_of_beams_are_cast_whole(beams: int) -> None:
+    segments = random_world(7, walls=80, extent=30.0)
+    buckets = build_buckets(segments)
+    angles = np.linspace(-2, 2, beams)
+    scans = cast_scans(buckets, [(4.0, 5.0, 0.0), (20.0, 9.0, 0.0)], angles, max_range=25.0)
+    for scan, place in zip(scans, ((4.0, 5.0), (20.0, 9.0)), strict=True):
+        rays_there = cast_rays(buckets, np.tile(place, (beams, 1)), angles, max_range=25.0)
+        np.testing.assert_allclose(scan, rays_there, rtol=1e-6)
 
 
 def test_scans_are_rays() -> None:
