@@ -1,13 +1,56 @@
-"""Matching scans to signed-distance maps, every particle to its own: a search over a lattice, then Gauss-Newton."""
+"""Matching scans to signed-distance maps, every particle to its own: a search over a lattice, then Gauss-Newton.
 
+An endpoint's residual is the distance that the map gives for it, in standard deviations; where the fine level knows
+nothing the coarse one does. A prior on the offset from the predicted pose joins them.
+"""
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
+from moteslam.errors import InputError
+from moteslam.kernels.checks import LARGEST, as_finite
 from moteslam.kernels.runtime import runtime, ti
-from moteslam.kernels.tiles import SIDE, STEPS, address, bilinear
+from moteslam.kernels.tiles import (
+    SIDE,
+    STEPS,
+    bilinear,
+    check_tiles,
+    frames_in_cells,
+    read,
+    steps_of,
+    weight_of,
+)
 from moteslam.kernels.types import F32, F32_1D, F32_2D, F64_2D, I16_1D, I32, I32_1D, I32_2D, func, kernel, template
 
 MAX_SEARCH_POINTS = 96
+"""Points of a scan that a search can look up."""
+MAX_SEARCH_COST = 1e8
+"""Turns and shifts that cost more cost this much [steps]: totals must fit 32 bits."""
+MAX_SHARP = 1e4
+"""Truncations; see ``MAX_SEARCH_COST``."""
+
+COARSE_LOOSER = 2.0
+"""How much larger residuals' standard deviation is on the coarse level."""
+ARRIVED, TURNED = 2e-4, 5e-5
+"""Gauss-Newton ends with a step below so much [m], |x| + |y|, and [rad]."""
+LEAST_PIVOT = 1e-9
+"""Keeps the square roots of the Cholesky factors real where rounding would not."""
+
+LIKELY = 2.0
+"""How likely an endpoint is: exp(-r^2 / 2) of a residual r in so many standard deviations, since few fit to one."""
+RAY_SHARES = (0.9, 0.75, 0.6, 0.45, 0.3, 0.15)
+"""Where along each ray, from sensor to endpoint, a surface in between is looked for."""
+CLEAR_OF_END = 2.0
+"""A surface is in between if it is this far from the endpoint [truncations] ..."""
+SURE_WEIGHT = 4
+"""... its cell weighs more than this, ..."""
+NEAR_SURFACE = STEPS // 3
+"""... and is nearer to the surface than this [steps]."""
+
+INFORMATION = slice(0, 6)
+COST, KNOWN, LIKELIHOOD, CROSSED = range(6, 10)
+FITS = 10
+"""The columns of what ``register_scans`` says of a fit."""
 
 
 @kernel
@@ -15,10 +58,10 @@ def _search(
     pool: I16_1D, table: I32_1D, columns: I32, rows: I32, frames: F64_2D, scan: F32_2D, turns: F32_1D,
     turn_costs: I32_1D, shifts: F32_2D, shift_costs: I32_1D, blocks: I32, sharp: I32, scores: I32_2D, chosen: I32_2D,
 ):  # fmt: skip
-    """The best shift of every block, for every particle and turn.
+    """The best shift of every block, the first of equal ones, for every particle and turn.
 
-    Frames are cos, sin, x, y [coarse cells], shifts in the robot's frame. Points near a surface count for a pose,
-    points that the map knows to be elsewhere half as much against it, others nothing.
+    Frames are cos, sin, x, y [coarse cells], shifts in the frame. Points near a surface count for a pose, points that
+    the map knows to be elsewhere half as much against it, others nothing.
     """
     n_turns = turns.shape[0]
     tiles = columns * rows
@@ -41,11 +84,9 @@ def _search(
             dx, dy = c0 * shifts[v, 0] - s0 * shifts[v, 1], s0 * shifts[v, 0] + c0 * shifts[v, 1]
             total = -turn_costs[t] - shift_costs[v]
             for j in range(points):
-                ix = ti.cast(ti.min(ti.max(xs[j] + dx, 0.0), last_x), ti.i32)
-                iy = ti.cast(ti.min(ti.max(ys[j] + dy, 0.0), last_y), ti.i32)
-                word = ti.cast(pool[address(table, i * tiles, columns, ix, iy, 1)], ti.i32)
-                near = ti.max(sharp - ti.abs(word >> 5), -(sharp // 2))
-                total += ti.select((word & 31) > 0, near, 0)
+                word = read(pool, table, i * tiles, columns, xs[j] + dx, ys[j] + dy, last_x, last_y, 1)
+                near = ti.max(sharp - ti.abs(steps_of(word)), -(sharp // 2))
+                total += ti.select(weight_of(word) > 0, near, 0)
             if total > best:
                 best, at = total, v
         scores[i, t * blocks + block], chosen[i, t * blocks + block] = best, at
@@ -53,12 +94,12 @@ def _search(
 
 @func
 def _solve(h: template, b: template):
-    """The solution of a symmetric positive 3 x 3 system; h holds 00 01 02 11 12 22."""
+    """The solution of a symmetric positive 3 x 3 system by Cholesky; h holds 00 01 02 11 12 22."""
     l00 = ti.sqrt(h[0])
     l10, l20 = h[1] / l00, h[2] / l00
-    l11 = ti.sqrt(ti.max(h[3] - l10 * l10, 1e-9))
+    l11 = ti.sqrt(ti.max(h[3] - l10 * l10, LEAST_PIVOT))
     l21 = (h[4] - l20 * l10) / l11
-    l22 = ti.sqrt(ti.max(h[5] - l20 * l20 - l21 * l21, 1e-9))
+    l22 = ti.sqrt(ti.max(h[5] - l20 * l20 - l21 * l21, LEAST_PIVOT))
     y0 = b[0] / l00
     y1 = (b[1] - l10 * y0) / l11
     y2 = (b[2] - l20 * y0 - l21 * y1) / l22
@@ -69,23 +110,27 @@ def _solve(h: template, b: template):
 
 
 @func
+def _jacobian(frame: template, wx: F32, wy: F32, rx: F32, ry: F32):
+    """Of a residual by the offset (x, y, theta).
+
+    The residual's gradient is (wx, wy) in the map; the endpoint is (rx, ry) from the moved robot, in the frame.
+    """
+    jx, jy = frame[0] * wx + frame[1] * wy, -frame[1] * wx + frame[0] * wy
+    return ti.Vector([jx, jy, jy * rx - jx * ry], dt=ti.f32)
+
+
+@func
+def _square(j: template):
+    """The outer product of a Jacobian with itself: 00 01 02 11 12 22."""
+    return ti.Vector([j[0] * j[0], j[0] * j[1], j[0] * j[2], j[1] * j[1], j[1] * j[2], j[2] * j[2]], dt=ti.f32)
+
+
+@func
 def _descend(
-    pool: template,
-    table: template,
-    base: I32,
-    columns: I32,
-    last_x: F32,
-    last_y: F32,
-    frame: template,
-    scan: template,
-    start: template,
-    prior: template,
-    cell: F32,
-    truncation: F32,
-    sd: F32,
-    iterations: I32,
+    pool: template, table: template, base: I32, columns: I32, last_x: F32, last_y: F32, frame: template,
+    scan: template, start: template, prior: template, cell: F32, truncation: F32, sd: F32, iterations: I32,
     level: template,
-):
+):  # fmt: skip
     """Gauss-Newton on one level. Returns the offset from the frame (x, y [m], theta), in the frame."""
     d = ti.Vector([start[0], start[1], start[2]], dt=ti.f32)
     inverse = 1.0 / cell
@@ -108,93 +153,66 @@ def _descend(
                 if f[3] > 0:
                     scale = truncation / sd
                     r = f[0] * scale
-                    wx, wy = f[1] * scale * inverse, f[2] * scale * inverse
-                    jx, jy = frame[0] * wx + frame[1] * wy, -frame[1] * wx + frame[0] * wy
-                    jt = jy * rx - jx * ry
-                    h[0] += jx * jx
-                    h[1] += jx * jy
-                    h[2] += jx * jt
-                    h[3] += jy * jy
-                    h[4] += jy * jt
-                    h[5] += jt * jt
-                    b[0] -= jx * r
-                    b[1] -= jy * r
-                    b[2] -= jt * r
+                    jacobian = _jacobian(frame, f[1] * scale * inverse, f[2] * scale * inverse, rx, ry)
+                    h += _square(jacobian)
+                    b -= jacobian * r
             step = _solve(h, b)
             d += step
-            if ti.abs(step[0]) + ti.abs(step[1]) < 2e-4 and ti.abs(step[2]) < 5e-5:
+            if ti.abs(step[0]) + ti.abs(step[1]) < ARRIVED and ti.abs(step[2]) < TURNED:
                 running = 0
     return d
 
 
+@func
+def _blocked(
+    pool: template, table: template, base: I32, columns: I32, last_x: F32, last_y: F32, ox: F32, oy: F32, px: F32,
+    py: F32, cell: F32, truncation: F32,
+):  # fmt: skip
+    """Whether the ray from (ox, oy) to (px, py) [m] passes through a surface of the map well before its end."""
+    hit = 0
+    for k in ti.static(range(len(RAY_SHARES))):
+        share = ti.static(RAY_SHARES[k])
+        gx, gy = (ox + share * (px - ox)) / cell, (oy + share * (py - oy)) / cell
+        ahead = (1 - share) * ti.sqrt((px - ox) ** 2 + (py - oy) ** 2)
+        word = read(pool, table, base, columns, gx, gy, last_x, last_y, 0)
+        near = ti.abs(steps_of(word)) < NEAR_SURFACE
+        if weight_of(word) > SURE_WEIGHT and near and ahead > CLEAR_OF_END * truncation:
+            hit = 1
+    return hit
+
+
 @kernel
 def _register(
-    pool: I16_1D, table: I32_1D, stride: I32, columns: I32, rows: I32, frames: F64_2D, scan: F32_2D, starts: F32_2D,
-    priors: F32_2D, settings: F32_1D, offsets: F32_2D, fits: F32_2D,
+    pool: I16_1D, table: I32_1D, stride: I32, columns: I32, rows: I32, frames: F64_2D, scan: F32_2D, origin_x: F32,
+    origin_y: F32, starts: F32_2D, priors: F32_2D, cell: F32, truncation: F32, coarse_truncation: F32, sd: F32,
+    coarse_sd: F32, iterations: I32, unknown: F32, outlier: F32, offsets: F32_2D, fits: F32_2D,
 ):  # fmt: skip
-    """Frames: cos, sin, x, y [m] from the table's corner.
+    """Coarse level, fine level, then how well it fits; frames are cos, sin, x, y [m], fits as ``register_scans`` says.
 
-    Settings: cell, truncation, coarse truncation, sd, coarse sd, iterations, coarse iterations, unknown cost.
-    Fits: information 00 01 02 11 12 22, cost, known share, mean likelihood.
+    ``stride`` is from one particle's table to the next; 0 where all use one. ``sd`` is the standard deviation of the
+    distances [m], ``unknown`` and ``outlier`` are costs.
     """
     fine_x, fine_y = ti.cast(columns * SIDE - 2, ti.f32), ti.cast(rows * SIDE - 2, ti.f32)
     coarse_x, coarse_y = ti.cast(columns * SIDE // 2 - 2, ti.f32), ti.cast(rows * SIDE // 2 - 2, ti.f32)
     ti.loop_config(block_dim=1)
     for i in range(frames.shape[0]):
-        frame = ti.Vector(
-            [
-                ti.cast(frames[i, 0], ti.f32),
-                ti.cast(frames[i, 1], ti.f32),
-                ti.cast(frames[i, 2], ti.f32),
-                ti.cast(frames[i, 3], ti.f32),
-            ],
-            dt=ti.f32,
-        )
-        prior = ti.Vector(
-            [priors[i, 0], priors[i, 1], priors[i, 2], priors[i, 3], priors[i, 4], priors[i, 5]], dt=ti.f32
-        )
-        # three names: Taichi clears the variable that a function's result goes to before it reads the arguments
+        base = i * stride
+        frame = ti.Vector([ti.cast(frames[i, k], ti.f32) for k in ti.static(range(4))], dt=ti.f32)
+        prior = ti.Vector([priors[i, k] for k in ti.static(range(6))], dt=ti.f32)
+        # three names: Taichi clears the variable that a function's result goes to before it reads the arguments, so
+        # that in `d = _descend(..., d, ...)` with a template argument the function would see zeros
         start = ti.Vector([starts[i, 0], starts[i, 1], starts[i, 2]], dt=ti.f32)
-        cell, truncation, coarse_truncation = settings[0], settings[1], settings[2]
         coarse = _descend(
-            pool,
-            table,
-            i * stride,
-            columns,
-            coarse_x,
-            coarse_y,
-            frame,
-            scan,
-            start,
-            prior,
-            2 * cell,
-            coarse_truncation,
-            settings[4],
-            ti.cast(settings[6], ti.i32),
-            1,
-        )
+            pool, table, base, columns, coarse_x, coarse_y, frame, scan, start, prior, 2 * cell, coarse_truncation,
+            coarse_sd, iterations, 1,
+        )  # fmt: skip
         d = _descend(
-            pool,
-            table,
-            i * stride,
-            columns,
-            fine_x,
-            fine_y,
-            frame,
-            scan,
-            coarse,
-            prior,
-            cell,
-            truncation,
-            settings[3],
-            ti.cast(settings[5], ti.i32),
-            0,
+            pool, table, base, columns, fine_x, fine_y, frame, scan, coarse, prior, cell, truncation, sd, iterations, 0
         )
-        # how well it fits, and how well that is determined
         ct, st = ti.cos(d[2]), ti.sin(d[2])
         h = ti.Vector([0.0] * 6, dt=ti.f32)
         cost, known, likely, crossed = 0.0, 0.0, 0.0, 0.0
-        ox, oy = ct * settings[10] - st * settings[11] + d[0], st * settings[10] + ct * settings[11] + d[1]
+        ox, oy = ct * origin_x - st * origin_y + d[0], st * origin_x + ct * origin_y + d[1]
         ox, oy = frame[0] * ox - frame[1] * oy + frame[2], frame[1] * ox + frame[0] * oy + frame[3]
         for j in range(scan.shape[1]):
             rx, ry = ct * scan[0, j] - st * scan[1, j], st * scan[0, j] + ct * scan[1, j]
@@ -202,125 +220,176 @@ def _register(
             px, py = frame[0] * qx - frame[1] * qy + frame[2], frame[1] * qx + frame[0] * qy + frame[3]
             gx = ti.min(ti.max(px / cell, 1.0), fine_x)
             gy = ti.min(ti.max(py / cell, 1.0), fine_y)
-            f = bilinear(pool, table, i * stride, columns, gx, gy, 0)
-            if f[3] > 0:
-                scale = truncation / settings[3]
+            f = bilinear(pool, table, base, columns, gx, gy, 0)
+            r, seen = 0.0, f[3]
+            if seen > 0:
+                scale = truncation / sd
                 r = f[0] * scale
-                wx, wy = f[1] * scale / cell, f[2] * scale / cell
-                jx, jy = frame[0] * wx + frame[1] * wy, -frame[1] * wx + frame[0] * wy
-                jt = jy * rx - jx * ry
-                h[0] += jx * jx
-                h[1] += jx * jy
-                h[2] += jx * jt
-                h[3] += jy * jy
-                h[4] += jy * jt
-                h[5] += jt * jt
-                cost += 0.5 * ti.min(r * r, settings[8])
-                known += 1
-                likely += ti.exp(-0.5 * r * r / settings[9])
+                jacobian = _jacobian(frame, f[1] * scale / cell, f[2] * scale / cell, rx, ry)
+                h += _square(jacobian)
             else:
                 gx = ti.min(ti.max(px / (2 * cell), 1.0), coarse_x)
                 gy = ti.min(ti.max(py / (2 * cell), 1.0), coarse_y)
-                f = bilinear(pool, table, i * stride, columns, gx, gy, 1)
-                if f[3] > 0:
-                    r = f[0] * coarse_truncation / settings[3]
-                    cost += 0.5 * ti.min(r * r, settings[8])
-                    known += 1
-                    likely += ti.exp(-0.5 * r * r / settings[9])
-                else:
-                    cost += settings[7]
-            hit = 0
-            for k in ti.static(range(6)):
-                share = ti.static((0.9, 0.75, 0.6, 0.45, 0.3, 0.15)[k])
-                gx, gy = (ox + share * (px - ox)) / cell, (oy + share * (py - oy)) / cell
-                ahead = (1 - share) * ti.sqrt((px - ox) ** 2 + (py - oy) ** 2)
-                ix = ti.cast(ti.min(ti.max(gx, 1.0), fine_x), ti.i32)
-                iy = ti.cast(ti.min(ti.max(gy, 1.0), fine_y), ti.i32)
-                word = ti.cast(pool[address(table, i * stride, columns, ix, iy, 0)], ti.i32)
-                if (word & 31) > 4 and ti.abs(word >> 5) < STEPS // 3 and ahead > 2 * truncation:
-                    hit = 1
+                g = bilinear(pool, table, base, columns, gx, gy, 1)
+                r, seen = g[0] * coarse_truncation / sd, g[3]
+            if seen > 0:
+                cost += ti.min(0.5 * r * r, outlier)
+                known += 1
+                likely += ti.exp(-0.5 * r * r / (LIKELY * LIKELY))
+            else:
+                cost += unknown
+            hit = _blocked(pool, table, base, columns, fine_x, fine_y, ox, oy, px, py, cell, truncation)
             crossed += ti.cast(hit, ti.f32)
         for j in ti.static(range(3)):
             offsets[i, j] = d[j]
         for j in ti.static(range(6)):
             fits[i, j] = h[j]
-        fits[i, 6], fits[i, 7], fits[i, 8], fits[i, 9] = cost, known, likely, crossed
+        fits[i, COST], fits[i, KNOWN], fits[i, LIKELIHOOD], fits[i, CROSSED] = cost, known, likely, crossed
 
 
-def search_scans(pool, tables, frames, points, turns, turn_costs, shifts, shift_costs, *, blocks, cell_size, sharp):
+def search_scans(
+    pool: NDArray[np.int16],
+    tables: NDArray[np.int32],
+    frames: ArrayLike,
+    points: ArrayLike,
+    turns: ArrayLike,
+    turn_costs: ArrayLike,
+    shifts: ArrayLike,
+    shift_costs: ArrayLike,
+    *,
+    blocks: int,
+    cell_size: float,
+    sharp: float,
+) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+    """The best places of a lattice around each pose, by the coarse level (correlative matching, Olson 2009).
+
+    A place scores, for each point over a known cell, ``sharp`` less the cell's distance to the surface, at worst
+    ``-sharp / 2``, less what its turn and its shift cost; all in steps, of which ``STEPS`` are a truncation.
+
+    Args:
+        pool: int16 [t * CELLS] of all tiles.
+        tables: int32 [n, rows, columns] each particle's tiles.
+        frames: [n, 4] cos, sin, x, y of the poses, from the tables' corner [m].
+        points: [k, 2] of the scan in the robot's frame, at most ``MAX_SEARCH_POINTS`` [m].
+        turns: [a] added to the headings [rad].
+        turn_costs: [a] 0 or more [steps].
+        shifts: [b, 2] added to the places, in the frames of the poses as they are [m].
+        shift_costs: [b] 0 or more [steps].
+        blocks: the shifts are so many equal blocks, one after another: of each the best is told.
+        cell_size: of the fine level [m].
+        sharp: how near to a surface a point must lie to count for a place [truncations].
+
+    Returns:
+        int32 [n, a * blocks] the scores of the best shift of each block, turn by turn, and which shifts these are,
+        the first of equal ones.
+
+    Raises:
+        InputError: arrays that do not fit together, or numbers that are not finite or out of bounds.
+    """
+    n, rows, columns = check_tiles(pool, tables)
+    places = frames_in_cells(frames, 2 * cell_size)
+    scan = as_finite("points", points, np.float32, (None, 2))
+    angles = as_finite("turns", turns, np.float32, (None,))
+    across = as_finite("shifts", np.asarray(shifts, np.float64) / (2 * cell_size), np.float32, (None, 2))
+    if len(places) != n:
+        raise InputError(f"{len(places)}, expected one for each of {n} tables", field="frames")
+    if len(scan) > MAX_SEARCH_POINTS:
+        raise InputError(f"{len(scan)}, expected at most {MAX_SEARCH_POINTS}", field="points")
+    if not 0 < sharp <= MAX_SHARP:
+        raise InputError(f"{sharp:g} truncations, expected above 0, at most {MAX_SHARP:g}", field="sharp")
+    if blocks < 1 or not len(across) or len(across) % blocks:
+        raise InputError(f"{blocks}, expected equal blocks of {len(across)} shifts", field="blocks")
+    if n * len(angles) * blocks > LARGEST:
+        raise InputError(f"{len(angles)} in {blocks} blocks for {n} particles, expected fewer", field="turns")
+    scores, chosen = (np.empty((n, len(angles) * blocks), np.int32) for _ in range(2))
     runtime()
-    n, rows, columns = tables.shape
-    frames = frames.copy()
-    frames[:, 2:] /= cell_size
-    scores, chosen = np.empty((n, len(turns) * blocks), np.int32), np.empty((n, len(turns) * blocks), np.int32)
-    _search(
-        pool,
-        np.ascontiguousarray(tables).reshape(-1),
-        columns,
-        rows,
-        frames,
-        np.ascontiguousarray(points.T / np.float32(cell_size)),
-        turns.astype(np.float32),
-        np.minimum(turn_costs, 1e8).astype(np.int32),
-        (shifts / cell_size).astype(np.float32),
-        np.minimum(shift_costs, 1e8).astype(np.int32),
-        blocks,
-        int(sharp * STEPS),
-        scores,
-        chosen,
-    )
+    if len(angles):
+        _search(
+            pool, tables.reshape(-1), columns, rows, places, np.ascontiguousarray(scan.T / np.float32(2 * cell_size)),
+            angles, _costs("turn_costs", turn_costs, len(angles)), across,
+            _costs("shift_costs", shift_costs, len(across)), blocks, int(sharp * STEPS), scores, chosen,
+        )  # fmt: skip
     return scores, chosen
 
 
+def _costs(name: str, costs: ArrayLike, count: int) -> NDArray[np.int32]:
+    """As whole steps that add up within 32 bits."""
+    given: NDArray[np.float64] = as_finite(name, costs, np.float64, (count,))
+    if (given < 0).any():
+        raise InputError("a negative cost, expected 0 or more", field=name)
+    return np.minimum(given, MAX_SEARCH_COST).astype(np.int32)
+
+
 def register_scans(
-    pool,
-    tables,
-    frames,
-    points,
-    origin,
-    starts,
-    priors,
+    pool: NDArray[np.int16],
+    tables: NDArray[np.int32],
+    frames: ArrayLike,
+    points: ArrayLike,
+    origin: ArrayLike,
+    starts: ArrayLike,
+    priors: ArrayLike,
     *,
-    cell_size,
-    truncation,
-    coarse_truncation,
-    residual,
-    iterations,
-    unknown,
-    outlier,
-):
+    cell_size: float,
+    truncation: float,
+    coarse_truncation: float,
+    residual: float,
+    iterations: int,
+    unknown: float,
+    outlier: float,
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Move each pose to where the scan fits its map best: Gauss-Newton on the coarse level, then on the fine one.
+
+    What is made small is the sum over the endpoints of squared distances to the surface, in standard deviations, and
+    of the offset's own squares ``priors * (offset - mean)^2``. Endpoints where the level knows nothing are left out.
+
+    Args:
+        pool: int16 [t * CELLS] of all tiles.
+        tables: int32 [n, rows, columns] each particle's tiles, or [1, rows, columns] one map for all poses.
+        frames: [n, 4] cos, sin, x, y of the poses, from the tables' corner [m].
+        points: [k, 2] of the scan in the robot's frame [m].
+        origin: [2] where its rays start, in the same frame [m].
+        starts: [n, 3] offsets from the poses, in their frames, to begin at (x, y [m], theta).
+        priors: [n, 6] inverse variances of an offset's x, y and theta, above 0, then its mean.
+        cell_size: of the fine level [m].
+        truncation, coarse_truncation: of each level [m].
+        residual: standard deviation of the distances on the fine level [m]; ``COARSE_LOOSER`` times that on the other.
+        iterations: at most, on each level.
+        unknown: what an endpoint costs where neither level knows anything.
+        outlier: what an endpoint costs at most where one does; below it costs half its squared residual.
+
+    Returns:
+        offsets: [n, 3] from the poses, in their frames (x, y [m], theta).
+        fits: [n, FITS] there: ``INFORMATION`` of the endpoints on the fine level about the offset, the elements 00 01
+            02 11 12 22 [1/m^2, 1/m, 1]; ``COST``, the endpoints' negative log-likelihood; ``KNOWN``, how many of them
+            have a distance; ``LIKELIHOOD``, the sum of exp(-(r / LIKELY)^2 / 2) over those, r in standard deviations;
+            ``CROSSED``, how many rays pass through a surface of the map.
+
+    Raises:
+        InputError: arrays that do not fit together, or numbers that are not finite or out of bounds.
+    """
+    maps, rows, columns = check_tiles(pool, tables)
+    places = as_finite("frames", frames, np.float64, (None, 4))
+    n = len(places)
+    scan = as_finite("points", points, np.float32, (None, 2))
+    origin_x, origin_y = (float(v) for v in as_finite("origin", origin, np.float64, (2,)))
+    begin = as_finite("starts", starts, np.float32, (n, 3))
+    prior = as_finite("priors", priors, np.float32, (n, 6))
+    if maps not in (1, n):
+        raise InputError(f"{maps} of them, expected 1 or one for each of {n} frames", field="tables")
+    if not (prior[:, :3] > 0).all():
+        raise InputError("an inverse variance that is not above 0", field="priors")
+    lengths = {"cell_size": cell_size, "truncation": truncation, "coarse_truncation": coarse_truncation}
+    for name, length in (lengths | {"residual": residual}).items():
+        if not (np.isfinite(length) and length > 0):
+            raise InputError(f"{length:g} m, expected above 0", field=name)
+    if iterations < 0 or not (np.isfinite(unknown) and np.isfinite(outlier)):
+        raise InputError(f"{iterations}, {unknown:g}, {outlier:g}, expected finite numbers", field="iterations")
+    offsets, fits = np.empty((n, 3), np.float32), np.empty((n, FITS), np.float32)
     runtime()
-    maps, rows, columns = tables.shape
-    n = len(frames)
-    settings = np.array(
-        [
-            cell_size,
-            truncation,
-            coarse_truncation,
-            residual,
-            2 * residual,
-            iterations,
-            iterations,
-            unknown,
-            2 * outlier,
-            4.0,
-            *origin,
-        ],
-        np.float32,
-    )
-    offsets, fits = np.empty((n, 3), np.float32), np.empty((n, 10), np.float32)
-    _register(
-        pool,
-        np.ascontiguousarray(tables).reshape(-1),
-        columns * rows if maps > 1 else 0,
-        columns,
-        rows,
-        frames,
-        np.ascontiguousarray(points.T),
-        starts.astype(np.float32),
-        priors.astype(np.float32),
-        settings,
-        offsets,
-        fits,
-    )
+    if n:
+        _register(
+            pool, tables.reshape(-1), columns * rows if maps > 1 else 0, columns, rows, places,
+            np.ascontiguousarray(scan.T), origin_x, origin_y, begin, prior, cell_size, truncation, coarse_truncation,
+            residual, COARSE_LOOSER * residual, iterations, unknown, outlier, offsets, fits,
+        )  # fmt: skip
     return offsets.astype(np.float64), fits.astype(np.float64)

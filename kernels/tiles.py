@@ -7,38 +7,78 @@ are copied. How many share a tile is a snapshot, taken by counting the tables an
 that claim the same tile at once both make a copy, and nobody writes to what another reads. The numbers of the tiles
 depend on the order in which threads claim them; what is in them does not.
 
-A cell is 16 bits: the signed distance to the nearest surface in 1/1023 of the truncation, positive on the side that
-the sensor saw it from, and, in the lowest 5 bits, the weight of that average; weight 0 is a cell never seen.
+A cell is 16 bits: the signed distance to the nearest surface in ``1/STEPS`` of the truncation, positive on the side
+that the sensor saw it from, and, in the lowest bits, the weight of that average; weight 0 is a cell never seen.
 """
 
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from moteslam.errors import InputError
+from moteslam.kernels.checks import as_finite, check_array
 from moteslam.kernels.runtime import ti
 from moteslam.kernels.types import F32, I32, func, template
 
-SIDE = 32
+SIDE_BITS = 5
+SIDE = 1 << SIDE_BITS
 """Fine cells along a tile's edge."""
+LEVELS = 2
+"""0 has the fine cells, 1 those twice as large."""
 FINE_CELLS = SIDE * SIDE
 CELLS = FINE_CELLS + FINE_CELLS // 4
 """Cells of a tile, both levels."""
-STEPS = 1023
-"""Steps of distance within the truncation."""
-MAX_WEIGHT = 31
+EMPTY = 0
+"""The tile of those who have none."""
+WEIGHT_BITS = 5
+MAX_WEIGHT = (1 << WEIGHT_BITS) - 1
 """The largest weight that fits a cell."""
+STEPS = (1 << (15 - WEIGHT_BITS)) - 1
+"""Steps of distance within the truncation."""
 
 
 @func
 def pack(distance: F32, weight: I32):
     """A cell of a distance in (-1, 1) truncations and a weight."""
     steps = ti.cast(ti.floor(distance * STEPS + 0.5), ti.i32)
-    return ti.cast(ti.min(ti.max(steps, -STEPS), STEPS) * 32 + weight, ti.i16)
+    return ti.cast(ti.min(ti.max(steps, -STEPS), STEPS) * (1 << WEIGHT_BITS) + weight, ti.i16)
+
+
+@func
+def steps_of(word: I32):
+    """The distance that a cell holds, in steps: ``STEPS`` are one truncation."""
+    return word >> WEIGHT_BITS
+
+
+@func
+def weight_of(word: I32):
+    """The weight that a cell holds; 0 is never seen."""
+    return word & MAX_WEIGHT
+
+
+@func
+def tile_along(place: F32):
+    """The column, or row, of the tile over a place [fine cells]."""
+    return ti.cast(ti.floor(place), ti.i32) >> SIDE_BITS
 
 
 @func
 def address(table: template, base: I32, columns: I32, ix: I32, iy: I32, level: template):
     """Where in the pool the cell (ix, iy) of a level is, for the particle whose table begins at ``base``."""
-    shift = ti.static(5 - level)
+    shift = ti.static(SIDE_BITS - level)
     mask = ti.static((SIDE >> level) - 1)
     slot = table[base + (iy >> shift) * columns + (ix >> shift)]
     return slot * CELLS + ti.static(FINE_CELLS * level) + ((iy & mask) << shift) + (ix & mask)
+
+
+@func
+def read(
+    pool: template, table: template, base: I32, columns: I32, x: F32, y: F32, last_x: F32, last_y: F32, level: template
+):
+    """The cell under (x, y) [cells of the level], moved to where the level has cells: 0 to ``last``."""
+    ix, iy = ti.cast(ti.min(ti.max(x, 0.0), last_x), ti.i32), ti.cast(ti.min(ti.max(y, 0.0), last_y), ti.i32)
+    return ti.cast(pool[address(table, base, columns, ix, iy, level)], ti.i32)
 
 
 @func
@@ -60,24 +100,24 @@ def bilinear(pool: template, table: template, base: I32, columns: I32, x: F32, y
         a11 = address(table, base, columns, ix + 1, iy + 1, level)
     w00, w10 = ti.cast(pool[a00], ti.i32), ti.cast(pool[a10], ti.i32)
     w01, w11 = ti.cast(pool[a01], ti.i32), ti.cast(pool[a11], ti.i32)
-    known = ti.min(ti.min(w00 & 31, w10 & 31), ti.min(w01 & 31, w11 & 31)) > 0
-    d00, d10 = ti.cast(w00 >> 5, ti.f32), ti.cast(w10 >> 5, ti.f32)
-    d01, d11 = ti.cast(w01 >> 5, ti.f32), ti.cast(w11 >> 5, ti.f32)
+    least = ti.min(ti.min(weight_of(w00), weight_of(w10)), ti.min(weight_of(w01), weight_of(w11)))
+    d00, d10 = ti.cast(steps_of(w00), ti.f32), ti.cast(steps_of(w10), ti.f32)
+    d01, d11 = ti.cast(steps_of(w01), ti.f32), ti.cast(steps_of(w11), ti.f32)
     low, high = d00 + fx * (d10 - d00), d01 + fx * (d11 - d01)
     scale = ti.f32(1.0 / STEPS)
     dx = ((d10 - d00) * (1 - fy) + (d11 - d01) * fy) * scale
     dy = (high - low) * scale
-    return ti.Vector([(low + fy * (high - low)) * scale, dx, dy, ti.cast(known, ti.f32)], dt=ti.f32)
+    return ti.Vector([(low + fy * (high - low)) * scale, dx, dy, ti.cast(least > 0, ti.f32)], dt=ti.f32)
 
 
 @func
 def claim(pool: template, table: template, shares: template, free: template, counters: template, entry: I32):
     """Make the tile of a table's entry the particle's own: copied if shared or empty.
 
-    ``counters`` are how many tiles are free, and whether a claim failed for want of one.
+    ``counters`` are how many tiles are free, and whether a claim failed for want of one: then the entry is as it was.
     """
     slot = table[entry]
-    if slot == 0 or shares[slot] > 1:
+    if slot == EMPTY or shares[slot] > 1:
         left = ti.atomic_sub(counters[0], 1)
         if left <= 0:
             counters[1] = 1
@@ -87,3 +127,44 @@ def claim(pool: template, table: template, shares: template, free: template, cou
                 pool[mine * CELLS + c] = pool[slot * CELLS + c]
             shares[mine] = 1
             table[entry] = mine
+
+
+def check_tiles(pool: object, tables: object, *, written: bool = False) -> tuple[int, int, int]:
+    """How many tables there are, and their rows and columns.
+
+    Args:
+        pool: int16 [t * CELLS] of t tiles.
+        tables: int32 [n, rows, columns] of tiles 0 to t - 1.
+        written: whether the kernel writes to both.
+
+    Raises:
+        InputError: they are not that.
+    """
+    cells: NDArray[Any] = check_array("pool", pool, np.int16, (None,), written=written)
+    entries: NDArray[Any] = check_array("tables", tables, np.int32, (None, None, None), written=written)
+    if not len(cells) or len(cells) % CELLS:
+        raise InputError(f"{len(cells)} cells, expected tiles of {CELLS}", field="pool")
+    if not entries.size:
+        raise InputError(f"{list(entries.shape)} entries, expected one or more", field="tables")
+    # as unsigned, what is negative is too large as well: one pass
+    if int(entries.view(np.uint32).max()) >= len(cells) // CELLS:
+        raise InputError(f"a tile beyond the pool's {len(cells) // CELLS}", field="tables")
+    n, rows, columns = entries.shape
+    return n, rows, columns
+
+
+def frames_in_cells(frames: ArrayLike, cell_size: float) -> NDArray[np.float64]:
+    """Frames as the kernels take them: a copy, the places in cells.
+
+    Args:
+        frames: float64 [n, 4] cos, sin, x, y of poses, from the tables' corner [m].
+        cell_size: of the level [m].
+
+    Raises:
+        InputError: they are not that, or not finite.
+    """
+    if not (np.isfinite(cell_size) and cell_size > 0):
+        raise InputError(f"{cell_size:g} m, expected above 0", field="cell_size")
+    scaled: NDArray[np.float64] = np.array(as_finite("frames", frames, np.float64, (None, 4)))
+    scaled[:, 2:] /= cell_size
+    return scaled

@@ -41,7 +41,7 @@ class Scans:
         """The finite endpoints [k, 2] of a scan [m], in the robot's frame at the scan's stamp."""
         ranges = self._lidar.ranges[index]
         good = np.isfinite(ranges) & (ranges <= self._max_range)
-        points = self.origin + ranges[good, None] * self._directions[good]
+        points: Array = self.origin + ranges[good, None] * self._directions[good]
         if self._sweeps is not None:
             x, y, turn = self._sweeps[index]
             share = np.flatnonzero(good) / max(len(ranges) - 1, 1)

@@ -8,33 +8,38 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.errors import InputError
-from moteslam.kernels.registration import STEPS, register_scans, search_scans
+from moteslam.kernels.registration import register_scans, search_scans
 from moteslam.kernels.surface import ThinScan, add_scans
-from moteslam.kernels.tiles import CELLS, SIDE
+from moteslam.kernels.tiles import CELLS, EMPTY, SIDE, STEPS
 from moteslam.slam.config import RegistrationConfig, SurfaceConfig
 
 Array = NDArray[np.float64]
+Points = NDArray[np.float32]
+
 TABLE_CHUNK = 8
 """The tables grow by whole multiples of so many tiles."""
 FIRST_TILES = 256
-MAX_POOL = 2**31 // CELLS
-"""Tiles; more would need 64-bit addresses, and 5 GB."""
+"""Tiles of the pool to begin with; it doubles."""
+MAX_TILES = 2**31 // CELLS
+"""More would need 64-bit addresses, and 4 GB."""
+MAX_ENTRIES = 2**29
+"""Of all tables together: 2 GB."""
 
 
 class SurfaceMaps:
-    """The maps of N particles.
+    """The maps of N particles, one until the first resampling.
 
     Args:
         config: cell size, truncations, weights.
     """
 
     def __init__(self, config: SurfaceConfig) -> None:
-        self.config = config
-        self.tile_size = SIDE * config.cell_size
+        self._config = config
+        self._tile_size = SIDE * config.cell_size
         self._corner = np.array([-TABLE_CHUNK, -TABLE_CHUNK])  # the first tile of the tables: (column, row)
         self._tables = np.zeros((1, 2 * TABLE_CHUNK, 2 * TABLE_CHUNK), np.int32)
         self._pool = np.zeros(FIRST_TILES * CELLS, np.int16)
-        self._count()
+        self._shares, self._free, self._left = self._counted()
 
     def __len__(self) -> int:
         return len(self._tables)
@@ -45,24 +50,40 @@ class SurfaceMaps:
         return self._pool.nbytes + self._tables.nbytes
 
     def all(self) -> MapView:
-        """The maps of all particles, to register to."""
-        return MapView(self, self._tables)
+        """The maps of all particles, to register to; good until the next ``add`` or ``resample``."""
+        return MapView(self._config, self._pool, self._tables, self._corner * self._tile_size)
 
     def of(self, particle: int) -> MapView:
-        """The map of one."""
-        return MapView(self, self._tables[particle : particle + 1])
+        """The map of one, likewise."""
+        return self.all()._replace(tables=self._tables[particle : particle + 1])
 
     def resample(self, parents: NDArray[np.int64]) -> None:
-        """Give every particle its parent's map."""
+        """Give every particle its parent's map.
+
+        Args:
+            parents: [M] indices of particles; M is how many there are from now on.
+
+        Raises:
+            InputError: the tables would take more than ``MAX_ENTRIES``.
+        """
+        self._check_entries(len(parents), *self._tables.shape[1:])
         self._tables = self._tables[parents]
         self._count()
 
     def add(self, poses: Array, scan: ThinScan) -> None:
-        """Write a scan into every particle's map, each from its own pose."""
+        """Write a scan into every particle's map, each from its own pose.
+
+        Args:
+            poses: [N, 3] of the robot in the world.
+            scan: in the robot's frame; one of fewer than two vertices has no surface.
+
+        Raises:
+            InputError: tiles or tables would take more than ``MAX_TILES`` or ``MAX_ENTRIES``.
+        """
         if len(scan.vertices) < 2:
             return
-        c = self.config
-        reach = float(np.hypot(*scan.vertices.T).max()) + 2 * c.coarse_truncation + self.tile_size
+        c = self._config
+        reach = float(np.hypot(*scan.vertices.T).max()) + 2 * max(c.truncation, c.coarse_truncation) + self._tile_size
         self._cover(poses, reach)
         while True:
             left = add_scans(
@@ -70,7 +91,7 @@ class SurfaceMaps:
                 self._tables,
                 self._shares,
                 self._free[: self._left],
-                self.frames(poses),
+                self.all().frames(poses),
                 scan,
                 cell_size=c.cell_size,
                 truncation=c.truncation,
@@ -84,38 +105,42 @@ class SurfaceMaps:
                 return
             self._make_room()
 
-    def frames(self, poses: Array) -> Array:
-        """Poses as the kernels take them: [N, 4] cos, sin, x, y [m] from the tables' corner."""
-        x, y = (poses[:, :2] - self._corner * self.tile_size).T
-        return np.stack((np.cos(poses[:, 2]), np.sin(poses[:, 2]), x, y), axis=1)
-
     def _cover(self, poses: Array, reach: float) -> None:
         """Grow the tables so that everything within ``reach`` [m] of the poses is inside."""
         _, rows, columns = self._tables.shape
-        low = np.floor((poses[:, :2].min(axis=0) - reach) / self.tile_size).astype(np.int64)
-        high = np.floor((poses[:, :2].max(axis=0) + reach) / self.tile_size).astype(np.int64) + 1
+        low = np.floor((poses[:, :2].min(axis=0) - reach) / self._tile_size).astype(np.int64)
+        high = np.floor((poses[:, :2].max(axis=0) + reach) / self._tile_size).astype(np.int64) + 1
         below = np.maximum(0, -((low - self._corner) // TABLE_CHUNK)) * TABLE_CHUNK
-        above = np.maximum(0, -((self._corner + (columns, rows) - high) // TABLE_CHUNK)) * TABLE_CHUNK
+        size = np.array([columns, rows])
+        above = np.maximum(0, -((self._corner + size - high) // TABLE_CHUNK)) * TABLE_CHUNK
         if not below.any() and not above.any():
             return
-        wide, tall = (int(v) for v in (columns, rows) + below + above)
-        if len(self) * wide * tall >= 2**31:
-            raise InputError(
-                f"tables of {len(self)} x {wide} x {tall} tiles, expected fewer particles or a smaller max_range",
-                field="particles",
-            )
-        tables = np.zeros((len(self), tall, wide), np.int32)
+        wide, tall = (int(v) for v in size + below + above)
+        self._check_entries(len(self), tall, wide)
+        tables = np.full((len(self), tall, wide), EMPTY, np.int32)
         tables[:, below[1] : below[1] + rows, below[0] : below[0] + columns] = self._tables
         self._tables = tables
         self._corner = self._corner - below
 
+    def _check_entries(self, particles: int, tall: int, wide: int) -> None:
+        if particles * wide * tall > MAX_ENTRIES:
+            raise InputError(
+                f"{particles} tables of {wide} x {tall} tiles of {self._tile_size:g} m, expected at most "
+                f"{MAX_ENTRIES:.0e} entries; fewer particles, larger cells or a smaller max_range help",
+                field="particles",
+            )
+
     def _count(self) -> None:
         """Count anew how many particles share each tile, and which are free."""
+        self._shares, self._free, self._left = self._counted()
+
+    def _counted(self) -> tuple[NDArray[np.int32], NDArray[np.int32], int]:
+        """The particles that share each tile, the free tiles, and how many of these are left."""
         capacity = len(self._pool) // CELLS
-        self._shares = np.bincount(self._tables.reshape(-1), minlength=capacity).astype(np.int32)
-        self._shares[0] = len(self._tables) + 1  # the empty tile is everybody's: never written, never free
-        self._free = np.flatnonzero(self._shares == 0).astype(np.int32)
-        self._left = len(self._free)
+        shares = np.bincount(self._tables.reshape(-1), minlength=capacity).astype(np.int32)
+        shares[EMPTY] = len(self._tables) + 1  # everybody's: never written, never free
+        free = np.flatnonzero(shares == 0).astype(np.int32)
+        return shares, free, len(free)
 
     def _make_room(self) -> None:
         """After a claim failed: collect the tiles that nobody has any more, and grow the pool if they are few."""
@@ -123,9 +148,11 @@ class SurfaceMaps:
         capacity = len(self._pool) // CELLS
         if 3 * self._left >= capacity:
             return
-        if 2 * capacity > MAX_POOL:
+        if 2 * capacity > MAX_TILES:
             raise InputError(
-                f"{capacity} tiles of {len(self)} particles' maps are full, expected fewer particles", field="particles"
+                f"{capacity} tiles of {len(self)} particles' maps are full, expected fewer particles, larger cells or "
+                "a smaller max_range",
+                field="particles",
             )
         pool = np.zeros(2 * len(self._pool), np.int16)
         pool[: len(self._pool)] = self._pool
@@ -137,42 +164,50 @@ class MapView(NamedTuple):
     """The maps of some of the particles.
 
     Attributes:
-        maps: whose they are.
-        tables: [n, rows, columns] of the tiles.
+        config: of the maps.
+        pool: int16 [t * CELLS] of all tiles.
+        tables: int32 [n, rows, columns] of the particles' tiles.
+        corner: [2] (x, y) of the tables' first tile [m].
     """
 
-    maps: SurfaceMaps
+    config: SurfaceConfig
+    pool: NDArray[np.int16]
     tables: NDArray[np.int32]
+    corner: Array
 
     @property
     def cell_size(self) -> float:
         """Of the fine level [m]."""
-        return self.maps.config.cell_size
+        return self.config.cell_size
+
+    def frames(self, poses: Array) -> Array:
+        """Poses [N, 3] as the kernels take them: [N, 4] cos, sin, x, y [m] from the tables' corner."""
+        x, y = (poses[:, :2] - self.corner).T
+        return np.stack((np.cos(poses[:, 2]), np.sin(poses[:, 2]), x, y), axis=1)
 
     def register(
         self,
         poses: Array,
-        points: NDArray[np.float32],
+        points: Points,
         origin: Array,
         starts: Array,
         priors: Array,
         config: RegistrationConfig,
-        unknown=2.0,
-        outlier=8.0,
+        unknown: float = 2.0,
+        outlier: float = 8.0,
     ) -> tuple[Array, Array]:
-        """See ``register_scans``."""
-        c = self.maps.config
+        """Offsets [N, 3] from the poses to where the scan fits, and how well, [N, FITS]: see ``register_scans``."""
         return register_scans(
-            self.maps._pool,
+            self.pool,
             self.tables,
-            self.maps.frames(poses),
+            self.frames(poses),
             points,
             origin,
             starts,
             priors,
-            cell_size=c.cell_size,
-            truncation=c.truncation,
-            coarse_truncation=c.coarse_truncation,
+            cell_size=self.cell_size,
+            truncation=self.config.truncation,
+            coarse_truncation=self.config.coarse_truncation,
             residual=config.residual,
             iterations=config.iterations,
             unknown=unknown,
@@ -182,25 +217,28 @@ class MapView(NamedTuple):
     def search(
         self,
         poses: Array,
-        points: NDArray[np.float32],
+        points: Points,
         turns: Array,
         turn_costs: Array,
         shifts: Array,
         shift_costs: Array,
         blocks: int,
         sharp: float = 0.2,
-    ):
-        """See ``search_scans``; costs in truncations."""
+    ) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+        """Scores and shifts of a lattice's best places: see ``search_scans``.
+
+        Costs are in truncations; ``sharp`` is how near to a surface points must lie to count for a place [m].
+        """
         return search_scans(
-            self.maps._pool,
+            self.pool,
             self.tables,
-            self.maps.frames(poses),
+            self.frames(poses),
             points,
             turns,
             turn_costs * STEPS,
             shifts,
             shift_costs * STEPS,
             blocks=blocks,
-            cell_size=2 * self.cell_size,
-            sharp=sharp / self.maps.config.coarse_truncation,
+            cell_size=self.cell_size,
+            sharp=sharp / self.config.coarse_truncation,
         )

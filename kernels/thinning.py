@@ -1,0 +1,134 @@
+"""Scans thinned to what is matched and written: vertices a spacing apart, and where a surface runs between them."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from moteslam.errors import InputError
+from moteslam.kernels.checks import as_finite
+from moteslam.kernels.runtime import runtime, ti
+from moteslam.kernels.types import F32, F32_2D, I32_1D, kernel
+
+SHORTEST = 1e-6
+"""Endpoints nearer than this have no direction from one to the next [m]."""
+
+
+class ThinScan(NamedTuple):
+    """A scan as it is matched and written.
+
+    Attributes:
+        vertices: float32 [k, 2] in the robot's frame [m], each the mean of neighbouring endpoints.
+        linked: int32 [k]; 1 where a surface runs from a vertex to the next.
+    """
+
+    vertices: NDArray[np.float32]
+    linked: NDArray[np.int32]
+
+
+@kernel
+def _thin(points: F32_2D, joined: I32_1D, spacing: F32, vertices: F32_2D, linked: I32_1D, count: I32_1D):
+    """Endpoints within ``spacing`` of the first of a group, and joined to it, become one vertex."""
+    ti.loop_config(serialize=True)
+    for _ in range(1):
+        n = points.shape[0]
+        out = 0
+        first = 0
+        while first < n:
+            x0, y0 = points[first, 0], points[first, 1]
+            sum_x, sum_y, members = x0, y0, 1
+            k = first + 1
+            surface = 0
+            while k < n:
+                x, y = points[k, 0], points[k, 1]
+                if joined[k - 1] == 0:
+                    break
+                if ti.sqrt((x - x0) ** 2 + (y - y0) ** 2) >= spacing:
+                    surface = 1
+                    break
+                sum_x += x
+                sum_y += y
+                members += 1
+                k += 1
+            vertices[out, 0] = sum_x / members
+            vertices[out, 1] = sum_y / members
+            linked[out] = surface
+            out += 1
+            first = k
+        count[0] = out
+
+
+def thin_scan(
+    points: ArrayLike,
+    origin: ArrayLike,
+    *,
+    spacing: float,
+    gap: float,
+    gap_from_range: float = 0.0,
+    straight_gap: float = 1.0,
+    straightness: float = 0.0,
+) -> ThinScan:
+    """Average neighbouring endpoints of a scan, and tell which neighbours see the same surface.
+
+    Args:
+        points: [k, 2] endpoints in the order of their beams, in the robot's frame [m].
+        origin: [2] where the rays start, in the same frame [m].
+        spacing: endpoints nearer than this to the first of a vertex are averaged into it [m].
+        gap, gap_from_range: neighbours are of one surface up to ``gap + gap_from_range * range`` apart [m], [m/m],
+            of the farther one's range ...
+        straight_gap: ... and up to so many times that, 1 or more, where they lie in a row of four endpoints on a
+            straight line,
+        straightness: the outer two within this of the line through the inner two [m].
+
+    Raises:
+        InputError: another shape, a number that is not finite, or an option out of bounds.
+    """
+    ends = as_finite("points", points, np.float32, (None, 2))
+    start = as_finite("origin", origin, np.float64, (2,))
+    options = {"spacing": spacing, "gap": gap, "gap_from_range": gap_from_range, "straightness": straightness}
+    for name, value in options.items():
+        if not (np.isfinite(value) and value >= 0):
+            raise InputError(f"{value:g}, expected a finite number of 0 or more", field=name)
+    if not (np.isfinite(straight_gap) and straight_gap >= 1):
+        raise InputError(f"{straight_gap:g}, expected a finite number of 1 or more", field="straight_gap")
+    n = len(ends)
+    vertices, linked, count = np.empty((n, 2), np.float32), np.empty(n, np.int32), np.zeros(1, np.int32)
+    if n:
+        ranges = np.hypot(ends[:, 0] - np.float32(start[0]), ends[:, 1] - np.float32(start[1]))
+        allowed = gap + gap_from_range * np.maximum(ranges[1:], ranges[:-1])
+        runtime()
+        _thin(ends, _joined(ends, allowed, straight_gap, straightness), spacing, vertices, linked, count)
+    k = int(count[0])
+    return ThinScan(vertices[:k].copy(), linked[:k].copy())
+
+
+def _joined(
+    points: NDArray[np.float32], allowed: NDArray[np.floating], straight_gap: float, straightness: float
+) -> NDArray[np.int32]:
+    """Where an endpoint and the next are of one surface, [k]; ``allowed`` [k - 1] is how far apart they may be."""
+    step = np.diff(points, axis=0)
+    length = np.hypot(step[:, 0], step[:, 1])
+    close = length <= allowed
+    if straight_gap > 1 and len(points) > 3:
+        along = (step / np.maximum(length, SHORTEST)[:, None])[1:-1]
+        before, after = points[:-3] - points[1:-2], points[3:] - points[2:-1]
+        straight = (
+            (np.abs(_cross(along, before)) < straightness)
+            & (np.abs(_cross(along, after)) < straightness)
+            & (_dot(along, before) < 0)
+            & (_dot(along, after) > 0)
+        )
+        close[1:-1] |= straight & (length[1:-1] <= straight_gap * allowed[1:-1])
+    joined = np.zeros(len(points), np.int32)
+    joined[:-1] = close
+    return joined
+
+
+def _cross(u: NDArray[np.floating], v: NDArray[np.floating]) -> NDArray[np.floating]:
+    """Of vectors [n, 2]."""
+    return u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
+
+
+def _dot(u: NDArray[np.floating], v: NDArray[np.floating]) -> NDArray[np.floating]:
+    """Of vectors [n, 2]."""
+    return u[:, 0] * v[:, 0] + u[:, 1] * v[:, 1]
