@@ -1,0 +1,320 @@
+"""Searching for scans in signed-distance maps and registering them: against the twins, and in a room."""
+
+# no `from __future__ import annotations`: Taichi reads the annotations of the kernel below
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from numpy.typing import ArrayLike, NDArray
+from tile_pools import CELL, COARSE_TRUNCATION, MIDDLE, TRUNCATION, Pool, frames, room_scan, thinned
+from twins import surfaces
+
+from moteslam.errors import InputError
+from moteslam.kernels import registration
+from moteslam.kernels.registration import (
+    COST,
+    CROSSED,
+    FITS,
+    INFORMATION,
+    KNOWN,
+    LIKELIHOOD,
+    MAX_SEARCH_POINTS,
+    register_scans,
+    search_scans,
+)
+from moteslam.kernels.runtime import ti
+from moteslam.kernels.tiles import CELLS, FINE_CELLS, STEPS
+from moteslam.kernels.types import F32_2D, kernel
+
+pytestmark = pytest.mark.usefixtures("taichi")
+
+SD = 0.01
+OPTIONS = {
+    "cell_size": CELL, "truncation": TRUNCATION, "coarse_truncation": COARSE_TRUNCATION, "residual": SD,
+    "iterations": 8, "unknown": 2.0, "outlier": 8.0,
+}  # fmt: skip
+LOOSE = (1.0, 1.0, 1.0, 0.0, 0.0, 0.0)
+"""A prior that says nothing: a metre, a radian."""
+
+
+@pytest.fixture(scope="module")
+def room() -> Pool:
+    """The map of one scan from the middle."""
+    from moteslam.kernels.runtime import runtime
+
+    runtime()
+    pool = Pool.empty()
+    assert pool.add([MIDDLE], thinned(room_scan(beams=720))) is not None
+    return pool
+
+
+def register(
+    pool: Pool, poses: ArrayLike, points: ArrayLike, *, starts: ArrayLike | None = None, prior: ArrayLike = LOOSE,
+    **options: float,
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:  # fmt: skip
+    n = len(np.asarray(poses))
+    starts = np.zeros((n, 3)) if starts is None else starts
+    priors = np.tile(np.asarray(prior, float), (n, 1))
+    return register_scans(
+        pool.pool, pool.tables, frames(poses), points, (0.0, 0.0), starts, priors, **{**OPTIONS, **options}
+    )
+
+
+def moved(pose: ArrayLike, offset: ArrayLike) -> NDArray[np.float64]:
+    """The pose moved by an offset in its frame."""
+    (x, y, theta), (dx, dy, turn) = np.asarray(pose, float), np.asarray(offset, float)
+    return np.array(
+        (x + np.cos(theta) * dx - np.sin(theta) * dy, y + np.sin(theta) * dx + np.cos(theta) * dy, theta + turn)
+    )
+
+
+@pytest.mark.parametrize("at", [(0.0, 0.0, 0.0), (0.4, -0.3, 1.1), (-1.2, 0.8, -2.6)])
+def test_known_offsets_are_found_to_a_millimetre(room: Pool, at: tuple[float, float, float]) -> None:
+    """From up to 12 cm and 0.06 rad away, all poses in one map."""
+    truth = MIDDLE + np.array(at)
+    points = thinned(room_scan(at)).vertices
+    wrong = np.random.default_rng(5).uniform((-0.12, -0.12, -0.06), (0.12, 0.12, 0.06), (30, 3))
+    poses = np.array([moved(truth, offset) for offset in wrong])
+    offsets, fits = register(room, poses, points)
+    found = np.array([moved(pose, offset) for pose, offset in zip(poses, offsets, strict=True)])
+    assert np.hypot(*(found - truth)[:, :2].T).max() < 1e-3
+    assert np.abs(found - truth)[:, 2].max() < 2e-4
+    assert (fits[:, KNOWN] > 0.9 * len(points)).all()
+    assert (fits[:, LIKELIHOOD] > 0.97 * fits[:, KNOWN]).all()
+    assert (fits[:, CROSSED] == 0).all()
+
+
+def test_each_particle_is_registered_to_its_own_map() -> None:
+    pool = Pool.empty().resampled([0, 0, 0], more_tiles=200)
+    shifts = np.array([(0.0, 0.0, 0.0), (0.06, 0.0, 0.0), (0.0, -0.04, 0.02)])
+    pool.add(MIDDLE + shifts, thinned(room_scan()))
+    offsets, _ = register(pool, [MIDDLE] * 3, thinned(room_scan()).vertices)
+    np.testing.assert_allclose(offsets, shifts, rtol=0, atol=1e-3)
+
+
+def away_from_seams(pose: NDArray[np.float64], points: NDArray[np.float32]) -> NDArray[np.float32]:
+    """The points whose gradient is the same 0.01 cells around: off the lines through the cells' centres."""
+    c, s = np.cos(pose[2]), np.sin(pose[2])
+    cells = (points @ np.array([[c, s], [-s, c]]) + pose[:2]) / CELL - 0.5
+    return points[(np.abs(cells - np.rint(cells)) > 0.01).all(axis=1)]
+
+
+def test_information_cost_and_likelihoods_equal_the_twins_finite_differences(room: Pool) -> None:
+    """Relative to the whole, 1e-4: float32 residuals of up to 15 standard deviations are good to 1e-4 of one."""
+    pose, start = MIDDLE + np.array((0.02, -0.03, 0.4)), np.array((0.015, 0.02, -0.03))
+    points = thinned(room_scan((0.0, 0.0, 0.4))).vertices.copy()
+    points[::7] *= 0.93  # known to the coarse level alone
+    points[::11] *= 0.5  # known to none
+    points = away_from_seams(moved(pose, start), points)
+    surface, scale = room.surface(), TRUNCATION / SD
+    information, _, residuals = surfaces.normal_equations(surface, pose, start, points, cell_size=CELL, scale=scale)
+    assert 0.7 * len(points) < len(residuals) < len(points)
+    _, (fit,) = register(room, [pose], points, starts=[start], iterations=0)
+    np.testing.assert_allclose(
+        fit[INFORMATION], information[np.triu_indices(3)], rtol=0, atol=2e-4 * np.trace(information)
+    )
+    near = surfaces.fit(residuals, len(residuals), unknown=0.0, outlier=8.0)
+    coarse = []  # where the fine level knows nothing the coarse one is asked, in the same standard deviations
+    for point in points:
+        if surfaces.residual(surface, pose, start, point, cell_size=CELL, scale=scale) is None:
+            r = surfaces.residual(
+                room.surface(level=1), pose, start, point, cell_size=2 * CELL, scale=COARSE_TRUNCATION / SD
+            )
+            coarse += [r] if r is not None else []
+    far = surfaces.fit(coarse, len(points) - len(residuals), unknown=2.0, outlier=8.0)
+    np.testing.assert_allclose(fit[COST : LIKELIHOOD + 1], np.add(near, far), rtol=2e-3)
+
+
+def test_a_step_solves_the_twins_normal_equations(room: Pool) -> None:
+    """With an empty coarse level, whose step then goes to the prior's mean: where the fine level's begins."""
+    fine = room.copy()
+    fine.pool = fine.pool.copy()
+    fine.pool.reshape(-1, CELLS)[:, FINE_CELLS:] = 0
+    pose, start = MIDDLE + np.array((0.02, -0.03, 0.4)), np.array((0.015, 0.02, -0.03))
+    points = away_from_seams(moved(pose, start), thinned(room_scan((0.0, 0.0, 0.4))).vertices)
+    variances = np.array((400.0, 900.0, 2500.0))
+    information, pull, _ = surfaces.normal_equations(
+        fine.surface(), pose, start, points, cell_size=CELL, scale=TRUNCATION / SD
+    )
+    expected = start + np.linalg.solve(information + np.diag(variances), pull)
+    (offset,), _ = register(fine, [pose], points, starts=[start], prior=(*variances, *start), iterations=1)
+    np.testing.assert_allclose(offset, expected, rtol=0, atol=1e-5)
+    assert np.abs(expected - start).max() > 0.01
+
+
+@pytest.mark.parametrize("points", [np.empty((0, 2)), np.full((40, 2), 0.5), np.full((3, 2), 900.0)])
+def test_the_prior_alone_tells_where_nothing_is_known(room: Pool, points: NDArray[np.float64]) -> None:
+    """A scan of nothing, one in the empty middle, and one beyond the tables."""
+    prior = (100.0, 25.0, 4.0, 0.3, -0.2, 0.1)
+    (offset,), (fit,) = register(room, [MIDDLE], points, starts=[(0.05, 0.0, -0.05)], prior=prior)
+    np.testing.assert_allclose(offset, prior[3:], rtol=0, atol=1e-6)
+    assert (fit[INFORMATION] == 0).all()
+    assert fit[COST] == 2.0 * len(points)
+    assert fit[KNOWN] == fit[LIKELIHOOD] == 0
+    assert fit[CROSSED] == 0
+
+
+def test_the_prior_weighs_against_the_map(room: Pool) -> None:
+    points = thinned(room_scan()).vertices
+    wrong = MIDDLE + np.array((0.05, 0.0, 0.0))
+    along = [register(room, [wrong], points, prior=(p, 1.0, 1.0, 0.0, 0.0, 0.0))[0][0, 0] for p in (1.0, 1e6, 1e12)]
+    assert along[0] == pytest.approx(-0.05, abs=1e-3)
+    assert along[2] == pytest.approx(0.0, abs=1e-6)
+    assert all(a < b - 1e-3 for a, b in pairwise(along))
+
+
+def test_rays_through_walls_are_counted(room: Pool) -> None:
+    inside, outside = room_scan()[::10], room_scan()[::10] / 0.75  # a ray is looked at there, among others
+    points = np.concatenate((inside, outside))
+    surface = room.surface()
+    expected = surfaces.crossed(surface, MIDDLE, (0, 0), points, cell_size=CELL, truncation=TRUNCATION)
+    _, (fit,) = register(room, [MIDDLE], points, iterations=0)
+    assert fit[CROSSED] == expected
+    assert 0.8 * len(outside) < expected <= len(outside)
+    assert register(room, [MIDDLE], inside, iterations=0)[1][0, CROSSED] == 0
+
+
+def search(
+    pool: Pool, poses: ArrayLike, points: ArrayLike, turns: ArrayLike, shifts: NDArray[np.float64], *, blocks: int = 1,
+    turn_costs: ArrayLike | None = None, shift_costs: ArrayLike | None = None, sharp: float = 0.5,
+) -> tuple[NDArray[np.int32], NDArray[np.int32]]:  # fmt: skip
+    return search_scans(
+        pool.pool, pool.tables, frames(poses), points, turns,
+        np.zeros(len(np.asarray(turns))) if turn_costs is None else turn_costs, shifts,
+        np.zeros(len(shifts)) if shift_costs is None else shift_costs, blocks=blocks, cell_size=CELL, sharp=sharp,
+    )  # fmt: skip
+
+
+def lattice(half: int, step: float) -> NDArray[np.float64]:
+    ticks = np.arange(-half, half + 1) * step
+    return np.stack(np.meshgrid(ticks, ticks, indexing="ij"), axis=-1).reshape(-1, 2)
+
+
+def few(points: NDArray[np.float32], count: int = MAX_SEARCH_POINTS) -> NDArray[np.float32]:
+    return points[np.linspace(0, len(points) - 1, count).astype(int)]
+
+
+def test_search_scores_equal_the_twin(room: Pool) -> None:
+    """Equal but for points within float32's rounding of a cell's edge: no more than one in all."""
+    pose, points = MIDDLE + np.array((0.1, -0.2, 0.7)), few(room_scan((0.0, 0.0, 0.7)), 40)
+    turns, shifts = np.array((-0.1, 0.0, 0.05)), lattice(3, 0.11)
+    expected = surfaces.search(
+        room.surface(level=1), pose, points, turns, shifts, cell_size=2 * CELL, sharp=int(0.5 * STEPS)
+    )
+    costs = 7.0 * np.arange(3), 3.0 * np.arange(len(shifts))
+    scores, chosen = search(room, [pose], points, turns, shifts, turn_costs=costs[0], shift_costs=costs[1], blocks=7)
+    expected = expected - costs[0][:, None] - costs[1]
+    blocks = expected.reshape(3, 7, 7)
+    best = blocks.argmax(axis=2) + 7 * np.arange(7)
+    assert (scores.reshape(3, 7) != blocks.max(axis=2)).sum() <= 1
+    assert (chosen.reshape(3, 7) != best).sum() <= 1
+    assert len(np.unique(expected)) > 50
+
+
+def test_offsets_on_the_lattice_are_found(room: Pool) -> None:
+    shifts, turns = lattice(10, 0.1), 0.05 * np.arange(-4, 5)
+    for truth in ((0.4, -0.7, 0.1), (-1.0, 0.0, -0.2), (0.0, 0.0, 0.0)):
+        pose = moved(MIDDLE, [-v for v in truth])
+        (scores,), (chosen,) = search(room, [pose], few(room_scan()), turns, shifts)
+        best = int(scores.argmax())
+        found = moved(pose, (*shifts[chosen[best]], turns[best]))
+        assert np.abs(found - MIDDLE)[:2].max() < 0.11  # to a step: the walls lie between two coarse cells
+        assert abs(found[2] - MIDDLE[2]) < 0.051
+
+
+def test_costs_decide_between_places_that_fit_alike(room: Pool) -> None:
+    nothing = np.empty((0, 2), np.float32)
+    shifts = lattice(2, 0.1)
+    costs = 10.0 * np.abs(shifts - 0.1).sum(axis=1)
+    (scores,), (chosen,) = search(room, [MIDDLE], nothing, (-0.1, 0.0), shifts, shift_costs=costs, turn_costs=(5, 1e30))
+    np.testing.assert_allclose(shifts[chosen], [(0.1, 0.1)] * 2)
+    assert scores.tolist() == [-5, -100_000_000]
+
+
+def test_no_turns_and_no_frames(room: Pool) -> None:
+    scores, chosen = search(room, [MIDDLE], room_scan()[:5], (), lattice(1, 0.1))
+    assert scores.shape == chosen.shape == (1, 0)
+    offsets, fits = register(room, np.empty((0, 3)), room_scan())
+    assert offsets.shape == (0, 3)
+    assert fits.shape == (0, FITS)
+
+
+@kernel
+def _keep_in_view(values: F32_2D):
+    for i in range(values.shape[0]):
+        a, b = values[i, 0], values[i, 1]
+        a, b = a - b, a + b
+        pair = ti.Vector([a, b], dt=ti.f32)
+        solved = registration._solve(
+            ti.Vector([2.0, 0.5, 0.0, 3.0, -0.5, 4.0], dt=ti.f32), ti.Vector([pair[0], pair[1], 1.0], dt=ti.f32)
+        )
+        for k in ti.static(range(3)):
+            values[i, k] = solved[k]
+
+
+def test_the_solver_and_assignment_of_two_at_once() -> None:
+    """The registration assigns (x, y) by a rotation of (x, y): both must be read before either is written."""
+    values = np.array([(1.0, 0.0, 0.0), (0.3, -2.0, 0.0)], np.float32)
+    matrix = np.array([(2.0, 0.5, 0.0), (0.5, 3.0, -0.5), (0.0, -0.5, 4.0)])
+    expected = [np.linalg.solve(matrix, (a - b, a + b, 1.0)) for a, b, _ in values.astype(float)]
+    _keep_in_view(values)
+    np.testing.assert_allclose(values, expected, rtol=0, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("change", "field"),
+    [
+        ({"pool": np.zeros(7, np.int16)}, "pool"),
+        ({"tables": np.full((1, 2, 2), 1, np.int32)}, "tables"),
+        ({"tables": np.zeros((2, 2, 2), np.int32)}, "tables"),  # neither one nor three
+        ({"frames": np.zeros((3, 3))}, "frames"),
+        ({"points": [(np.inf, 0)]}, "points"),
+        ({"origin": (0, 0, 0)}, "origin"),
+        ({"starts": np.zeros((2, 3))}, "starts"),
+        ({"priors": np.zeros((3, 6))}, "priors"),
+        ({"priors": np.full((3, 6), np.nan)}, "priors"),
+        ({"cell_size": 0.0}, "cell_size"),
+        ({"truncation": np.inf}, "truncation"),
+        ({"coarse_truncation": -1.0}, "coarse_truncation"),
+        ({"residual": 0.0}, "residual"),
+        ({"iterations": -1}, "iterations"),
+        ({"unknown": np.nan}, "iterations"),
+    ],
+)
+def test_bad_input_of_registration(change: dict[str, object], field: str) -> None:
+    arguments: dict[str, object] = {
+        "pool": np.zeros(CELLS, np.int16), "tables": np.zeros((1, 2, 2), np.int32), "frames": np.ones((3, 4)),
+        "points": [(0.1, 0.1)], "origin": (0, 0), "starts": np.zeros((3, 3)), "priors": np.ones((3, 6)), **OPTIONS,
+    }  # fmt: skip
+    with pytest.raises(InputError, match=f"^{field}: "):
+        register_scans(**{**arguments, **change})  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("change", "field"),
+    [
+        ({"tables": np.full((1, 2, 2), 1, np.int32)}, "tables"),
+        ({"frames": np.ones((2, 4))}, "frames"),
+        ({"points": np.zeros((MAX_SEARCH_POINTS + 1, 2))}, "points"),
+        ({"points": [(np.nan, 0)]}, "points"),
+        ({"turns": [np.nan]}, "turns"),
+        ({"turn_costs": [-1]}, "turn_costs"),
+        ({"turn_costs": [1, 2]}, "turn_costs"),
+        ({"shifts": np.empty((0, 2)), "shift_costs": []}, "blocks"),
+        ({"shift_costs": [0, np.inf, 0, 0]}, "shift_costs"),
+        ({"blocks": 3}, "blocks"),
+        ({"blocks": 0}, "blocks"),
+        ({"cell_size": -0.05}, "cell_size"),
+        ({"sharp": 0.0}, "sharp"),
+        ({"sharp": np.nan}, "sharp"),
+    ],
+)
+def test_bad_input_of_the_search(change: dict[str, object], field: str) -> None:
+    arguments: dict[str, object] = {
+        "pool": np.zeros(CELLS, np.int16), "tables": np.zeros((1, 2, 2), np.int32), "frames": np.ones((1, 4)),
+        "points": [(0.1, 0.1)], "turns": [0.0], "turn_costs": [0.0], "shifts": np.zeros((4, 2)),
+        "shift_costs": np.zeros(4), "blocks": 2, "cell_size": 0.05, "sharp": 0.5,
+    }  # fmt: skip
+    with pytest.raises(InputError, match=f"^{field}: "):
+        search_scans(**{**arguments, **change})  # type: ignore[arg-type]

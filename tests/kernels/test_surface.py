@@ -1,0 +1,175 @@
+"""Thinning scans and writing them into signed-distance maps, against the twins."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from tile_pools import CELL, COARSE_TRUNCATION, MIDDLE, OPTIONS, TRUNCATION, Pool, frames, room_scan, thinned
+from twins import surfaces
+
+from moteslam.errors import InputError
+from moteslam.kernels.surface import ThinScan, add_scans
+from moteslam.kernels.thinning import thin_scan
+from moteslam.kernels.tiles import STEPS
+
+pytestmark = pytest.mark.usefixtures("taichi")
+
+POSES = MIDDLE + np.array([(0.0, 0.0, 0.0), (0.13, -0.04, 0.3), (-0.2, 0.11, -2.9)])
+
+
+def cluttered(seed: int, beams: int = 240) -> np.ndarray:
+    """A room with round pillars: jumps, noise, and endpoints that crowd."""
+    generator = np.random.default_rng(seed)
+    points = room_scan(beams=beams).astype(np.float64)
+    for begin in (20, 90, 150):
+        points[begin : begin + 14] *= generator.uniform(0.3, 0.6)
+    points *= 1 + generator.normal(0, 0.003, (beams, 1))
+    return points.astype(np.float32)
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("straight_gap", [1.0, 5.0])
+@pytest.mark.parametrize("spacing", [0.0, 0.02, 0.3])
+def test_thinning_equals_the_twin(seed: int, straight_gap: float, spacing: float) -> None:
+    points = cluttered(seed, (0, 1, 2, 240)[seed])
+    origin = (0.1, -0.05)
+    gaps = {"gap": 0.05, "gap_from_range": 0.01, "straight_gap": straight_gap, "straightness": 0.02}
+    joined = surfaces.joined(points, origin, **gaps)
+    vertices, linked = surfaces.thin(points, joined, spacing)
+    found = thin_scan(points, origin, spacing=spacing, **gaps)
+    assert found.linked.tolist() == linked
+    np.testing.assert_array_equal(found.vertices, np.array(vertices, np.float32).reshape(-1, 2))
+    if seed == 3:
+        assert 0 < sum(linked) < len(linked)
+
+
+def test_a_wall_at_a_grazing_angle_is_joined_where_it_is_straight() -> None:
+    wall = np.array([(0.5 * 1.25**k, 0.3) for k in range(14)], np.float32)
+    gaps = {"gap": 0.2, "spacing": 0.0}
+    assert thinned(wall, **gaps, gap_from_range=0.0).linked.sum() == 3
+    straight = thinned(wall, **gaps, gap_from_range=0.0, straight_gap=8.0, straightness=0.03)
+    assert straight.linked.tolist() == [1] * 12 + [0] * 2  # the last has three in a row alone
+    wall[1::2, 1] += 0.2
+    assert thinned(wall, **gaps, gap_from_range=0.0, straight_gap=8.0, straightness=0.03).linked.sum() == 0
+
+
+@pytest.mark.parametrize("level", [0, 1])
+@pytest.mark.parametrize(("sharp_weight", "max_weight"), [(1, 31), (8, 31), (8, 10)])
+def test_written_cells_equal_the_twin_to_a_step(level: int, sharp_weight: int, max_weight: int) -> None:
+    """Weights are equal, distances within one step of 1/1023 truncation.
+
+    An average of both is ``(old w + d g) / (w + g)``. The distances d differ by float32's rounding of places below
+    400 cells, some 1e-4 cells or 0.04 steps; old values that differ by a step count for at most 31/32 of one in the
+    average, which so differs by less than a step, and rounding makes that one step or none. Where float32 may take
+    another decision, within 1e-4 cells of a bound, cells are not compared.
+    """
+    pool, unit = Pool.empty(), CELL * (1 + level)
+    reach, sharp = ((TRUNCATION, COARSE_TRUNCATION)[level] / unit, OPTIONS["sharp"] / unit)
+    twin = surfaces.Surface.empty(*pool.words(level=level).shape)
+    for seed, pose in enumerate(POSES):
+        scan = thinned(cluttered(seed))
+        assert pool.add([pose], scan, sharp_weight=sharp_weight, max_weight=max_weight) is not None
+        in_cells = frames([pose])[0] * (1, 1, 1 / unit, 1 / unit)
+        surfaces.write(
+            twin, in_cells, scan.vertices / unit, scan.linked, reach=reach, sharp=sharp, boost=sharp_weight,
+            cap=max_weight,
+        )  # fmt: skip
+    found = pool.surface(level=level)
+    sure = ~twin.doubtful
+    assert sure.mean() > 0.98
+    np.testing.assert_array_equal(found.weights[sure], twin.weights[sure])
+    apart = np.abs(found.steps - twin.steps)[sure]
+    assert apart.max() <= 1
+    assert (apart[twin.weights[sure] > 0] == 0).mean() > 0.95
+    assert 0.02 < (twin.weights > 0).mean() < 0.9
+
+
+def test_distances_are_positive_inside_the_room_and_exact() -> None:
+    """A wall straight ahead: half a step of rounding, and what a chord of 2 cm strays from it, nothing."""
+    pool = Pool.empty()
+    pool.add([MIDDLE], thinned(room_scan(beams=1440)))
+    row = round(MIDDLE[1] / CELL)
+    cells = pool.surface()
+    x = (np.arange(cells.steps.shape[1]) + 0.5) * CELL
+    distance = MIDDLE[0] + 4.0 - x
+    near = np.abs(distance) < TRUNCATION - 1e-3
+    assert (cells.weights[row, near] > 0).all()
+    np.testing.assert_allclose(cells.steps[row, near] * TRUNCATION / STEPS, distance[near], rtol=0, atol=1e-4)
+    assert not cells.weights[row, np.abs(distance - 2) < 1].any()
+
+
+def test_no_surface_is_written_where_none_is_linked() -> None:
+    scan = ThinScan(np.array([(1, -1), (1, 0), (1, 1)], np.float32), np.array((0, 1, 0), np.int32))
+    pool = Pool.empty()
+    pool.add([MIDDLE], scan)
+    rows = np.flatnonzero(pool.surface().weights.any(axis=1)) * CELL - MIDDLE[1]
+    assert -0.05 < rows.min() < rows.max() < 1.05
+
+
+@pytest.mark.parametrize("vertices", [0, 1])
+def test_scans_of_nothing_and_of_one_endpoint_write_nothing(vertices: int) -> None:
+    scan = thinned(np.ones((vertices, 2), np.float32))
+    assert len(scan.vertices) == vertices
+    pool = Pool.empty()
+    assert pool.add([MIDDLE], scan) == len(pool.free)
+    assert not pool.tables.any()
+
+
+def test_vertices_that_coincide_write_nothing_wrong() -> None:
+    scan = ThinScan(np.array([(1, 0), (1, 0), (1, 1)], np.float32), np.array((1, 1, 0), np.int32))
+    double, single = Pool.empty(), Pool.empty()
+    double.add([MIDDLE], scan)
+    single.add([MIDDLE], ThinScan(scan.vertices[1:], scan.linked[1:]))
+    np.testing.assert_array_equal(double.all_words(), single.all_words())
+
+
+@pytest.mark.parametrize(
+    ("change", "field"),
+    [
+        ({"points": [(0, np.nan)]}, "points"),
+        ({"points": [(0, 0, 0)]}, "points"),
+        ({"origin": (0, 0, 0)}, "origin"),
+        ({"spacing": -1.0}, "spacing"),
+        ({"gap": np.inf}, "gap"),
+        ({"gap_from_range": -0.1}, "gap_from_range"),
+        ({"straight_gap": 0.5}, "straight_gap"),
+        ({"straightness": np.nan}, "straightness"),
+    ],
+)
+def test_bad_input_of_thinning(change: dict[str, object], field: str) -> None:
+    arguments: dict[str, object] = {"points": [(1, 1), (1, 2)], "origin": (0, 0), "spacing": 0.02, "gap": 0.3}
+    with pytest.raises(InputError, match=f"^{field}: "):
+        thin_scan(**{**arguments, **change})  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("change", "field"),
+    [
+        ({"pool": np.zeros(7, np.int16)}, "pool"),
+        ({"tables": np.full((1, 9, 10), 200, np.int32)}, "tables"),
+        ({"shares": np.zeros(3, np.int32)}, "shares"),
+        ({"free": np.zeros(3)}, "free"),
+        ({"frames": frames([MIDDLE, MIDDLE])}, "frames"),
+        ({"frames": frames([(0.0, 0.0, 0.0)])}, "frames"),  # the scan would leave the tables
+        ({"frames": frames([(12.0, 7.2, 0.0)])}, "frames"),
+        ({"frames": [(1.0, 0.0, np.inf, 0.0)]}, "frames"),
+        ({"scan": ThinScan(np.full((2, 2), np.nan, np.float32), np.ones(2, np.int32))}, "scan"),
+        ({"scan": ThinScan(np.ones((2, 2), np.float32), np.ones(3, np.int32))}, "scan"),
+        ({"cell_size": 0.0}, "cell_size"),
+        ({"truncation": -0.1}, "truncation"),
+        ({"coarse_truncation": np.nan}, "coarse_truncation"),
+        ({"coarse_truncation": 9.0}, "frames"),
+        ({"sharp": 0.0}, "sharp"),
+        ({"sharp_weight": 32}, "sharp_weight"),
+        ({"max_weight": 0}, "max_weight"),
+    ],
+)
+def test_bad_input_of_writing(change: dict[str, object], field: str) -> None:
+    pool = Pool.empty()
+    arguments: dict[str, object] = {
+        "pool": pool.pool, "tables": pool.tables, "shares": pool.shares, "free": pool.free,
+        "frames": frames([MIDDLE]), "scan": thinned(room_scan()), **OPTIONS,
+    }  # fmt: skip
+    with pytest.raises(InputError, match=f"^{field}: "):
+        add_scans(**{**arguments, **change})  # type: ignore[arg-type]
+    assert not pool.tables.any()

@@ -1,0 +1,173 @@
+"""Cells and tiles: packing, interpolation across seams, and copies made when somebody writes."""
+
+# no `from __future__ import annotations`: Taichi reads the annotations of the kernels below
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from tile_pools import CELL, MIDDLE, Pool, room_scan, thinned
+from twins import surfaces
+
+from moteslam.errors import InputError
+from moteslam.kernels import tiles
+from moteslam.kernels.tiles import CELLS, MAX_WEIGHT, SIDE, STEPS, check_tiles, frames_in_cells
+from moteslam.kernels.types import F32_1D, F32_2D, I16_1D, I32, I32_1D, kernel, template
+
+pytestmark = pytest.mark.usefixtures("taichi")
+
+ASIDE = MIDDLE + np.array((0.3, -0.2, 0.1))
+
+
+@kernel
+def _pack(distances: F32_1D, weights: I32_1D, words: I16_1D, steps: I32_1D, unpacked: I32_1D):
+    for i in range(distances.shape[0]):
+        word = tiles.pack(distances[i], weights[i])
+        words[i] = word
+        steps[i], unpacked[i] = tiles.steps_of(word), tiles.weight_of(word)
+
+
+@kernel
+def _bilinear(pool: I16_1D, table: I32_1D, columns: I32, places: F32_2D, level: template, found: F32_2D):
+    for i in range(places.shape[0]):
+        f = tiles.bilinear(pool, table, 0, columns, places[i, 0], places[i, 1], level)
+        for k in range(4):
+            found[i, k] = f[k]
+
+
+def test_a_cell_holds_every_distance_and_weight() -> None:
+    steps, weights = (a.reshape(-1) for a in np.meshgrid(np.arange(-STEPS, STEPS + 1), np.arange(MAX_WEIGHT + 1)))
+    words, found, unpacked = np.empty(len(steps), np.int16), *(np.empty(len(steps), np.int32) for _ in range(2))
+    _pack((steps / STEPS).astype(np.float32), weights.astype(np.int32), words, found, unpacked)
+    np.testing.assert_array_equal(found, steps)
+    np.testing.assert_array_equal(unpacked, weights)
+    assert len(np.unique(words)) == len(words)
+
+
+def test_distances_are_rounded_to_the_nearest_step_and_kept_within_the_truncation() -> None:
+    distances = np.array((0.49, 0.51, -0.49, -0.51, 5 * STEPS, -5 * STEPS), np.float32) / np.float32(STEPS)
+    words, steps, weights = np.empty(6, np.int16), np.empty(6, np.int32), np.empty(6, np.int32)
+    _pack(distances, np.full(6, 7, np.int32), words, steps, weights)
+    assert steps.tolist() == [0, 1, 0, -1, STEPS, -STEPS]
+    assert (weights == 7).all()
+
+
+@pytest.mark.parametrize("level", [0, 1])
+def test_interpolation_equals_the_twin_across_the_seams_of_tiles(level: int) -> None:
+    """Within 1e-5 truncations: float32 places below 100 cells are exact to 4e-6, and slopes are at most 2 a cell."""
+    generator = np.random.default_rng(level)
+    pool = Pool.empty(rows=2, columns=3, tiles=7)
+    pool.tables[0] = generator.permutation(6).reshape(2, 3) + 1
+    pool.pool[:] = generator.integers(-STEPS, STEPS + 1, len(pool.pool)) * 32
+    pool.pool[:] += (generator.integers(1, 32, len(pool.pool)) * (generator.random(len(pool.pool)) < 0.9)).astype(
+        np.int16
+    )
+    side = SIDE >> level
+    places = generator.uniform((1, 1), (3 * side - 1, 2 * side - 1), (2000, 2)).astype(np.float32)
+    places[:300, 0] = side * generator.integers(1, 3, 300) + generator.uniform(-0.6, 0.6, 300)
+    places[300:600, 1] = side + generator.uniform(-0.6, 0.6, 300)
+    found = np.empty((len(places), 4), np.float32)
+    _bilinear(pool.pool, pool.tables.reshape(-1), 3, places, level, found)
+    surface = pool.surface(level=level)
+    expected = np.array([surfaces.bilinear(surface, float(x), float(y)) for x, y in places])
+    np.testing.assert_allclose(found[:, :3], expected[:, :3], rtol=0, atol=2e-5)
+    np.testing.assert_array_equal(found[:, 3], expected[:, 3])
+    assert 0.4 < expected[:, 3].mean() < 0.9
+
+
+def test_writing_into_one_particles_map_leaves_the_others_as_they_were() -> None:
+    pool = Pool.empty()
+    pool.add([MIDDLE], thinned(room_scan()))
+    pool = pool.resampled([0, 0, 0])
+    before, tables = pool.all_words(), pool.tables.copy()
+    pool.add([ASIDE], thinned(room_scan((0.3, -0.2, 0.1))), only=1)
+    after = pool.all_words()
+    np.testing.assert_array_equal(after[[0, 2]], before[[0, 2]])
+    assert (after[1] != before[1]).any()
+    np.testing.assert_array_equal(pool.tables[[0, 2]], tables[[0, 2]])
+    untouched = (pool.tables[1] == tables[1]) & (tables[1] != 0)
+    np.testing.assert_array_equal(pool.pool[:CELLS], 0)  # the empty tile stays empty
+    assert not untouched.all()
+
+
+def test_tiles_that_nobody_writes_to_stay_shared() -> None:
+    pool = Pool.empty()
+    points = room_scan()
+    pool.add([MIDDLE], thinned(points))
+    pool = pool.resampled([0, 0])
+    tables = pool.tables.copy()
+    pool.add([MIDDLE] * 2, thinned(points[170:190]))  # one wall alone, straight ahead
+    same = pool.tables == tables
+    assert same[tables != 0].mean() > 0.5
+    assert (pool.tables[0][~same[0]] != pool.tables[1][~same[0]]).all()
+
+
+def test_each_of_many_particles_writes_what_it_would_write_alone() -> None:
+    scans = [thinned(room_scan((0.02 * k, 0.01, 0.0))) for k in range(3)]
+    poses = MIDDLE + np.random.default_rng(1).normal(0, (0.05, 0.05, 0.03), (20, 3))
+    together = Pool.empty(tiles=2)
+    together = together.resampled(np.zeros(20, int), more_tiles=1000)
+    for scan in scans:
+        together.add(poses, scan)
+        together = together.resampled(np.arange(20))
+    for i in (0, 7, 19):
+        alone = Pool.empty()
+        for scan in scans:
+            alone.add(poses[i : i + 1], scan)
+        np.testing.assert_array_equal(together.all_words()[i], alone.all_words()[0])
+
+
+def test_a_tile_is_taken_for_each_that_is_claimed_and_no_other() -> None:
+    pool = Pool.empty(3)
+    free = pool.free.copy()
+    left = pool.add([MIDDLE] * 3, thinned(room_scan()))
+    named = np.unique(pool.tables[pool.tables != 0])
+    assert left is not None
+    assert len(named) == (pool.tables != 0).sum() == len(free) - left  # each particle has tiles of its own
+    assert set(named) == set(free[left:].tolist())
+    assert (pool.shares[named] == 1).all()
+    again = pool.add([MIDDLE] * 3, thinned(room_scan()))  # what is one's own is not copied again
+    assert again == left
+
+
+def test_a_pool_that_is_exhausted_writes_nothing_and_loses_nothing() -> None:
+    first, second = thinned(room_scan()), thinned(room_scan((0.3, -0.2, 0.1)))
+    small = Pool.empty(tiles=60)
+    small.add([MIDDLE], first)
+    small = small.resampled([0, 0, 0])
+    ample = small.resampled([0, 1, 2], more_tiles=300)
+    poses = ASIDE + np.array([(0.0, 0.0, 0.0), (0.01, 0.0, 0.0), (0.0, 0.02, 0.0)])
+    before = small.all_words()
+    assert small.add(poses, second) is None
+    np.testing.assert_array_equal(small.all_words(), before)
+    roomy = small.resampled([0, 1, 2], more_tiles=300)
+    assert roomy.add(poses, second) is not None
+    assert ample.add(poses, second) is not None
+    np.testing.assert_array_equal(roomy.all_words(), ample.all_words())
+
+
+def test_without_a_free_tile_nothing_is_done() -> None:
+    pool = Pool.empty(tiles=1)
+    assert pool.add([MIDDLE], thinned(room_scan())) is None
+    assert not pool.tables.any()
+
+
+def test_tables_and_pools_that_do_not_fit_are_refused() -> None:
+    pool, tables = np.zeros(3 * CELLS, np.int16), np.zeros((2, 4, 5), np.int32)
+    assert check_tiles(pool, tables) == (2, 4, 5)
+    cases: list[tuple[Callable[[], object], str]] = [
+        (lambda: check_tiles(pool[:-1], tables), "pool: 3839 cells"),
+        (lambda: check_tiles(pool[:0], tables), "pool: 0 cells"),
+        (lambda: check_tiles(pool.astype(np.int32), tables), "pool: "),
+        (lambda: check_tiles(pool, tables[0]), "tables: "),
+        (lambda: check_tiles(pool, tables[:, :0]), "tables: "),
+        (lambda: check_tiles(pool, tables + 3), "tables: a tile beyond"),
+        (lambda: check_tiles(pool, tables - 1), "tables: a tile beyond"),
+        (lambda: check_tiles(pool, tables[:, ::2]), "tables: "),
+        (lambda: frames_in_cells(np.zeros((2, 4)), 0.0), "cell_size: "),
+        (lambda: frames_in_cells(np.zeros((2, 3)), CELL), "frames: "),
+        (lambda: frames_in_cells(np.full((2, 4), np.nan), CELL), "frames: "),
+    ]
+    for call, message in cases:
+        with pytest.raises(InputError, match=f"^{message}"):
+            call()

@@ -1,0 +1,105 @@
+"""Pools of tiles to try the signed-distance kernels on, and scans of a room to write into them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from twins.surfaces import Surface
+
+from moteslam.kernels.thinning import ThinScan
+from moteslam.kernels.tiles import CELLS, FINE_CELLS, MAX_WEIGHT, SIDE, WEIGHT_BITS
+
+CELL = 0.05
+TRUNCATION, COARSE_TRUNCATION = 0.15, 0.4
+OPTIONS = {
+    "cell_size": CELL, "truncation": TRUNCATION, "coarse_truncation": COARSE_TRUNCATION, "sharp": 0.06,
+    "sharp_weight": 8, "max_weight": MAX_WEIGHT,
+}  # fmt: skip
+ROOM = (8.0, 6.0)
+MIDDLE = np.array((8.0, 7.2, 0.0))
+"""Of the room, where ``room_scan`` has it, from the corner of tables of 10 x 9 tiles."""
+
+
+@dataclass
+class Pool:
+    """What ``add_scans`` works on: see there."""
+
+    pool: NDArray[np.int16]
+    tables: NDArray[np.int32]
+    shares: NDArray[np.int32]
+    free: NDArray[np.int32]
+
+    @classmethod
+    def empty(cls, particles: int = 1, *, rows: int = 9, columns: int = 10, tiles: int = 200) -> Pool:
+        return cls._counted(np.zeros(tiles * CELLS, np.int16), np.zeros((particles, rows, columns), np.int32))
+
+    @classmethod
+    def _counted(cls, pool: NDArray[np.int16], tables: NDArray[np.int32]) -> Pool:
+        shares = np.bincount(tables.reshape(-1), minlength=len(pool) // CELLS).astype(np.int32)
+        shares[0] = len(tables) + 1
+        return cls(pool, tables, shares, np.flatnonzero(shares == 0).astype(np.int32))
+
+    def copy(self) -> Pool:
+        return self.resampled(np.arange(len(self.tables)))
+
+    def resampled(self, parents: ArrayLike, *, more_tiles: int = 0) -> Pool:
+        """The particles' children, the shares counted anew, in a pool of their own."""
+        pool = np.concatenate((self.pool, np.zeros(more_tiles * CELLS, np.int16)))
+        return self._counted(pool, self.tables[np.asarray(parents)])
+
+    def add(self, poses: ArrayLike, scan: ThinScan, *, only: int | None = None, **options: Any) -> int | None:
+        """``add_scans`` for all particles, or for one alone; the free tiles that were taken are no longer free."""
+        from moteslam.kernels.surface import add_scans
+
+        tables = self.tables if only is None else self.tables[only : only + 1]
+        left = add_scans(self.pool, tables, self.shares, self.free, frames(poses), scan, **(OPTIONS | options))
+        self.free = self.free[: left or 0]
+        return left
+
+    def words(self, particle: int = 0, level: int = 0) -> NDArray[np.int16]:
+        """All cells of a particle's level, [H, W]."""
+        side = SIDE >> level
+        tiles = self.pool.reshape(-1, CELLS)[self.tables[particle]]
+        cells = tiles[..., FINE_CELLS * level : FINE_CELLS * level + side * side]
+        rows, columns = self.tables.shape[1:]
+        return cells.reshape(rows, columns, side, side).swapaxes(1, 2).reshape(rows * side, columns * side)
+
+    def surface(self, particle: int = 0, level: int = 0) -> Surface:
+        """The same for the twins."""
+        words = self.words(particle, level).astype(np.int64)
+        return Surface(words >> WEIGHT_BITS, words & MAX_WEIGHT)
+
+    def all_words(self) -> NDArray[np.int16]:
+        """All cells of all particles, fine and coarse, whatever the numbers of their tiles."""
+        return np.stack(
+            [np.concatenate([self.words(i, level).reshape(-1) for level in (0, 1)]) for i in range(len(self.tables))]
+        )
+
+
+def frames(poses: ArrayLike) -> NDArray[np.float64]:
+    """Poses [n, 3] from the tables' corner as the kernels take them."""
+    x, y, theta = np.asarray(poses, np.float64).T
+    return np.stack((np.cos(theta), np.sin(theta), x, y), axis=1)
+
+
+def room_scan(pose: ArrayLike = (0.0, 0.0, 0.0), *, beams: int = 360) -> NDArray[np.float32]:
+    """The endpoints [beams, 2] on the walls of a room, all around, from a pose given from its middle."""
+    x, y, theta = np.asarray(pose, np.float64)
+    angles = np.linspace(-np.pi, np.pi, beams, endpoint=False) + 0.001
+    across, up = np.cos(angles + theta), np.sin(angles + theta)
+    with np.errstate(divide="ignore"):
+        ranges = np.minimum(
+            (np.sign(across) * ROOM[0] / 2 - x) / across,
+            (np.sign(up) * ROOM[1] / 2 - y) / up,
+        )
+    return (ranges[:, None] * np.stack((np.cos(angles), np.sin(angles)), axis=1)).astype(np.float32)
+
+
+def thinned(points: ArrayLike, **options: float) -> ThinScan:
+    """A scan from its own origin, as the kernels take it."""
+    from moteslam.kernels.thinning import thin_scan
+
+    return thin_scan(points, (0.0, 0.0), **({"spacing": 0.02, "gap": 0.3, "gap_from_range": 0.05} | options))
