@@ -40,7 +40,7 @@ def run_cases(folder: Path, *, arch: str = "cpu", threads: int = 1) -> Results:
 
 def compute() -> Results:
     """All of them, with Taichi as it is set up in this process."""
-    groups = [motion, random_words, occupancy, scoring, matching, raycasting]
+    groups = [motion, random_words, occupancy, scoring, matching, raycasting, surfaces]
     return {name: array for group in groups for name, array in group().items()}
 
 
@@ -153,6 +153,45 @@ def raycasting() -> Results:
     field = distance_field(occupied, CELL)
     marched = march_rays(field, (-CELL, -CELL), CELL, poses, beams, max_range=MAX_RANGE)
     return {"cast_rays": rays.reshape(scans.shape), "cast_scans": scans, "march_rays": marched}
+
+
+def surfaces() -> Results:
+    """Maps of 200 particles with a common past, and scans found in them.
+
+    What the cells hold and how places score comes from float32 places: as real numbers, to be compared as such.
+    """
+    from tile_pools import MIDDLE, Pool, frames, room_scan, thinned
+
+    from moteslam.kernels.registration import MAX_SEARCH_POINTS, register_scans, search_scans
+
+    generator = np.random.default_rng(10)
+    particles = 200
+    poses = MIDDLE + generator.normal(0, (0.05, 0.05, 0.02), (particles, 3))
+    pool = Pool.empty()
+    pool.add([MIDDLE], thinned(room_scan()))
+    pool = pool.resampled(np.zeros(particles, int), more_tiles=40 * particles)
+    scan = thinned(room_scan((0.1, -0.1, 0.2)))
+    pool.add(poses + np.array((0.1, -0.1, 0.2)), scan)
+    words = pool.all_words()[:, ::7].astype(np.int32)
+    offsets, fits = register_scans(
+        pool.pool, pool.tables, frames(poses), scan.vertices, (0.1, 0.0), np.zeros_like(poses),
+        np.tile((1e4, 1e4, 1e4, 0.0, 0.0, 0.0), (particles, 1)), cell_size=CELL, truncation=0.15,
+        coarse_truncation=0.4, residual=0.01, iterations=8, unknown=2.0, outlier=8.0,
+    )  # fmt: skip
+    shifts = 0.06 * np.stack(np.divmod(np.arange(100), 10), axis=1) - 0.3
+    scores, chosen = search_scans(
+        pool.pool, pool.tables, frames(poses), scan.vertices[::4][:MAX_SEARCH_POINTS], np.linspace(-0.1, 0.1, 9),
+        np.zeros(9), shifts, np.zeros(100), blocks=4, cell_size=CELL, sharp=0.5,
+    )  # fmt: skip
+    return {
+        "thin_scan": scan.vertices,
+        "add_scans: steps": (words >> 5).astype(np.float64),
+        "add_scans: weights": (words & 31).astype(np.float64),
+        "register_scans: offsets": offsets,
+        "register_scans: fits": fits,
+        "search_scans: scores": scores.astype(np.float64),
+        "search_scans: shifts": chosen.astype(np.float64),
+    }
 
 
 def main() -> None:
