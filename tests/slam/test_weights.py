@@ -69,3 +69,36 @@ def test_paths_follow_the_parents():
     history.append(np.array([[2, 0, 0], [3, 0, 0]], float), None)
     history.append(np.array([[4, 0, 0], [5, 0, 0]], float), np.array([0, 0]))
     np.testing.assert_array_equal(history.paths(np.array([0, 1]))[..., 0], [[1, 2, 4], [1, 3, 5]])
+
+
+def test_parents_may_be_told_after_an_update():
+    poses = np.array([[0, 0, 0], [1, 0, 0]], float)
+    at_once, later = History(), History()
+    at_once.append(poses, np.array([1, 1]))
+    later.append(poses, None)
+    later.resampled(np.array([1, 1]))
+    for history in (at_once, later):
+        history.append(poses + 2, None)
+    np.testing.assert_array_equal(later.paths(np.array([0, 1]))[..., 0], [[1, 2], [1, 3]])
+    np.testing.assert_array_equal(later.paths(np.array([0, 1])), at_once.paths(np.array([0, 1])))
+
+
+def test_the_last_updates_own_parents_do_not_change_its_paths():
+    history = History()
+    history.append(np.array([[0, 0, 0], [1, 0, 0]], float), None)
+    history.resampled(np.array([1, 1]))
+    np.testing.assert_array_equal(history.paths(np.array([0]))[0, :, 0], [0])
+
+
+def test_log_likelihoods_multiply_as_likelihoods_do():
+    weights = Weights.uniform(4).times([1, 2, 3, 4])
+    likelihood = np.array([0.3, 0.1, 0.9, 0.5])
+    np.testing.assert_allclose(
+        weights.times_log(np.log(likelihood)).values, weights.times(likelihood).values, rtol=1e-12
+    )
+
+
+def test_log_likelihoods_far_from_zero_neither_overflow_nor_vanish():
+    weights = Weights.uniform(3).times_log(np.array([-1e6, -1e6 + np.log(3), -1e9]))
+    assert weights.values == pytest.approx([0.25, 0.75, 0])
+    assert weights.times_log(np.full(3, 1e6)).values == pytest.approx(weights.values)
