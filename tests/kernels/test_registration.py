@@ -13,6 +13,7 @@ from twins import surfaces
 from moteslam.errors import InputError
 from moteslam.kernels import registration
 from moteslam.kernels.registration import (
+    COARSE_LOOSER,
     COST,
     CROSSED,
     FITS,
@@ -24,7 +25,7 @@ from moteslam.kernels.registration import (
     search_scans,
 )
 from moteslam.kernels.runtime import ti
-from moteslam.kernels.tiles import CELLS, FINE_CELLS, STEPS
+from moteslam.kernels.tiles import CELLS, STEPS
 from moteslam.kernels.types import F32_2D, kernel
 
 pytestmark = pytest.mark.usefixtures("taichi")
@@ -93,10 +94,10 @@ def test_each_particle_is_registered_to_its_own_map() -> None:
     np.testing.assert_allclose(offsets, shifts, rtol=0, atol=1e-3)
 
 
-def away_from_seams(pose: NDArray[np.float64], points: NDArray[np.float32]) -> NDArray[np.float32]:
+def away_from_seams(pose: NDArray[np.float64], points: NDArray[np.float32], cell: float = CELL) -> NDArray[np.float32]:
     """The points whose gradient is the same 0.01 cells around: off the lines through the cells' centres."""
     c, s = np.cos(pose[2]), np.sin(pose[2])
-    cells = (points @ np.array([[c, s], [-s, c]]) + pose[:2]) / CELL - 0.5
+    cells = (points @ np.array([[c, s], [-s, c]]) + pose[:2]) / cell - 0.5
     return points[(np.abs(cells - np.rint(cells)) > 0.01).all(axis=1)]
 
 
@@ -126,21 +127,30 @@ def test_information_cost_and_likelihoods_equal_the_twins_finite_differences(roo
     np.testing.assert_allclose(fit[COST : LIKELIHOOD + 1], np.add(near, far), rtol=2e-3)
 
 
-def test_a_step_solves_the_twins_normal_equations(room: Pool) -> None:
-    """With an empty coarse level, whose step then goes to the prior's mean: where the fine level's begins."""
-    fine = room.copy()
-    fine.pool = fine.pool.copy()
-    fine.pool.reshape(-1, CELLS)[:, FINE_CELLS:] = 0
+def test_a_step_on_each_level_solves_the_twins_normal_equations(room: Pool) -> None:
+    """The coarse level with ``COARSE_LOOSER`` times the standard deviation; a prior that weighs as much as the map."""
     pose, start = MIDDLE + np.array((0.02, -0.03, 0.4)), np.array((0.015, 0.02, -0.03))
-    points = away_from_seams(moved(pose, start), thinned(room_scan((0.0, 0.0, 0.4))).vertices)
-    variances = np.array((400.0, 900.0, 2500.0))
-    information, pull, _ = surfaces.normal_equations(
-        fine.surface(), pose, start, points, cell_size=CELL, scale=TRUNCATION / SD
-    )
-    expected = start + np.linalg.solve(information + np.diag(variances), pull)
-    (offset,), _ = register(fine, [pose], points, starts=[start], prior=(*variances, *start), iterations=1)
-    np.testing.assert_allclose(offset, expected, rtol=0, atol=1e-5)
-    assert np.abs(expected - start).max() > 0.01
+    prior = np.diag((1e6, 2e6, 4e6))
+    noise = np.random.default_rng(2).uniform(0.99, 1.01, (360, 1)).astype(np.float32)  # walls must not lie on seams
+    points = room_scan((0.0, 0.0, 0.4)) * noise
+    levels = ((1, 2 * CELL, COARSE_TRUNCATION / (COARSE_LOOSER * SD)), (0, CELL, TRUNCATION / SD))
+    while True:  # fewer points lead to other places, where others of them are near a seam
+        path, clear = [start], points
+        for level, cell, scale in levels:
+            clear = away_from_seams(moved(pose, path[-1]), clear, cell)
+            surface = room.surface(level=level)
+            information, pull, _ = surfaces.normal_equations(
+                surface, pose, path[-1], points, cell_size=cell, scale=scale
+            )
+            path.append(path[-1] + np.linalg.solve(information + prior, pull - prior @ path[-1]))
+        if len(clear) == len(points):
+            break
+        points = clear
+    assert len(points) > 100
+    priors = (*prior.diagonal(), 0.0, 0.0, 0.0)
+    (offset,), _ = register(room, [pose], points, starts=[start], prior=priors, iterations=1)
+    np.testing.assert_allclose(offset, path[-1], rtol=0, atol=1e-5)
+    assert np.abs(np.diff(path, axis=0)).max(axis=1).min() > 1e-3
 
 
 @pytest.mark.parametrize("points", [np.empty((0, 2)), np.full((40, 2), 0.5), np.full((3, 2), 900.0)])
@@ -230,6 +240,11 @@ def test_costs_decide_between_places_that_fit_alike(room: Pool) -> None:
     (scores,), (chosen,) = search(room, [MIDDLE], nothing, (-0.1, 0.0), shifts, shift_costs=costs, turn_costs=(5, 1e30))
     np.testing.assert_allclose(shifts[chosen], [(0.1, 0.1)] * 2)
     assert scores.tolist() == [-5, -100_000_000]
+
+
+def test_the_first_of_equal_places_of_a_block_is_told(room: Pool) -> None:
+    _, chosen = search(room, [MIDDLE], np.empty((0, 2), np.float32), (-0.1, 0.0), lattice(2, 0.1), blocks=5)
+    assert chosen.tolist() == [[0, 5, 10, 15, 20] * 2]
 
 
 def test_no_turns_and_no_frames(room: Pool) -> None:

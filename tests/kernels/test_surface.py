@@ -43,6 +43,15 @@ def test_thinning_equals_the_twin(seed: int, straight_gap: float, spacing: float
         assert 0 < sum(linked) < len(linked)
 
 
+def test_endpoints_that_go_to_and_fro_on_a_line_are_joined_as_the_twin_does() -> None:
+    generator = np.random.default_rng(8)
+    points = np.column_stack((generator.uniform(1, 4, 200), generator.normal(0.3, 0.01, 200))).astype(np.float32)
+    gaps = {"gap": 0.2, "gap_from_range": 0.0, "straight_gap": 10.0, "straightness": 0.2}
+    found = thin_scan(points, (0, 0), spacing=0.0, **gaps)
+    assert found.linked.tolist() == surfaces.joined(points, (0, 0), **gaps)
+    assert 20 < found.linked.sum() < 180
+
+
 def test_a_wall_at_a_grazing_angle_is_joined_where_it_is_straight() -> None:
     wall = np.array([(0.5 * 1.25**k, 0.3) for k in range(14)], np.float32)
     gaps = {"gap": 0.2, "spacing": 0.0}

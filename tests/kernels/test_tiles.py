@@ -75,19 +75,19 @@ def test_interpolation_equals_the_twin_across_the_seams_of_tiles(level: int) -> 
     assert 0.4 < expected[:, 3].mean() < 0.9
 
 
-def test_writing_into_one_particles_map_leaves_the_others_as_they_were() -> None:
+@pytest.mark.parametrize("particles", [2, 3])
+def test_writing_into_one_particles_map_leaves_the_others_as_they_were(particles: int) -> None:
     pool = Pool.empty()
     pool.add([MIDDLE], thinned(room_scan()))
-    pool = pool.resampled([0, 0, 0])
+    pool = pool.resampled([0] * particles)
+    others = [i for i in range(particles) if i != 1]
     before, tables = pool.all_words(), pool.tables.copy()
     pool.add([ASIDE], thinned(room_scan((0.3, -0.2, 0.1))), only=1)
     after = pool.all_words()
-    np.testing.assert_array_equal(after[[0, 2]], before[[0, 2]])
+    np.testing.assert_array_equal(after[others], before[others])
     assert (after[1] != before[1]).any()
-    np.testing.assert_array_equal(pool.tables[[0, 2]], tables[[0, 2]])
-    untouched = (pool.tables[1] == tables[1]) & (tables[1] != 0)
+    np.testing.assert_array_equal(pool.tables[others], tables[others])
     np.testing.assert_array_equal(pool.pool[:CELLS], 0)  # the empty tile stays empty
-    assert not untouched.all()
 
 
 def test_tiles_that_nobody_writes_to_stay_shared() -> None:
@@ -98,7 +98,7 @@ def test_tiles_that_nobody_writes_to_stay_shared() -> None:
     tables = pool.tables.copy()
     pool.add([MIDDLE] * 2, thinned(points[170:190]))  # one wall alone, straight ahead
     same = pool.tables == tables
-    assert same[tables != 0].mean() > 0.5
+    assert 0.5 < same[tables != 0].mean() < 1
     assert (pool.tables[0][~same[0]] != pool.tables[1][~same[0]]).all()
 
 

@@ -53,7 +53,9 @@ def test_tables_that_grow_lose_nothing_and_stay_where_they_are():
 
 def test_a_pool_that_grows_loses_nothing(monkeypatch: pytest.MonkeyPatch):
     poses = np.random.default_rng(3).normal(0, (0.2, 0.2, 0.1), (30, 3))
+    monkeypatch.setattr(surface_maps, "FIRST_TILES", 4096)
     expected = mapped(poses, 30)
+    assert len(expected.all().pool) == 4096 * CELLS  # it did not grow
     monkeypatch.setattr(surface_maps, "FIRST_TILES", 2)
     maps = mapped(poses, 30)
     assert len(maps.all().pool) > 30 * 20 * CELLS
