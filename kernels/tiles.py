@@ -7,8 +7,9 @@ are copied. How many share a tile is a snapshot, taken by counting the tables an
 that claim the same tile at once both make a copy, and nobody writes to what another reads. The numbers of the tiles
 depend on the order in which threads claim them; what is in them does not.
 
-A cell is 16 bits: the signed distance to the nearest surface in ``1/STEPS`` of the truncation, positive on the side
-that the sensor saw it from, and, in the lowest bits, the weight of that average; weight 0 is a cell never seen.
+A cell is 16 bits: the signed distance to the nearest surface in ``1/STEPS`` of the truncation and, in the lowest bits,
+the weight of that average; weight 0 is a cell never seen. Distances are positive on the left of a surface, as the scan
+runs along it: where beams go counterclockwise, on the side that the sensor saw it from.
 """
 
 from typing import Any

@@ -52,13 +52,13 @@ def room() -> Pool:
 
 def register(
     pool: Pool, poses: ArrayLike, points: ArrayLike, *, starts: ArrayLike | None = None, prior: ArrayLike = LOOSE,
-    **options: float,
+    origin: ArrayLike = (0.0, 0.0), **options: float,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:  # fmt: skip
     n = len(np.asarray(poses))
     starts = np.zeros((n, 3)) if starts is None else starts
     priors = np.tile(np.asarray(prior, float), (n, 1))
     return register_scans(
-        pool.pool, pool.tables, frames(poses), points, (0.0, 0.0), starts, priors, **{**OPTIONS, **options}
+        pool.pool, pool.tables, frames(poses), points, origin, starts, priors, **{**OPTIONS, **options}
     )
 
 
@@ -174,15 +174,20 @@ def test_the_prior_weighs_against_the_map(room: Pool) -> None:
     assert all(a < b - 1e-3 for a, b in pairwise(along))
 
 
-def test_rays_through_walls_are_counted(room: Pool) -> None:
-    inside, outside = room_scan()[::10], room_scan()[::10] / 0.75  # a ray is looked at there, among others
-    points = np.concatenate((inside, outside))
-    surface = room.surface()
-    expected = surfaces.crossed(surface, MIDDLE, (0, 0), points, cell_size=CELL, truncation=TRUNCATION)
-    _, (fit,) = register(room, [MIDDLE], points, iterations=0)
+@pytest.mark.parametrize("origin", [(0.0, 0.0), (0.6, -0.4)])
+def test_rays_through_walls_are_counted(room: Pool, origin: tuple[float, float]) -> None:
+    pose, start = MIDDLE + np.array((0.3, -0.2, 0.5)), np.array((0.1, 0.0, -0.2))
+    inside = room_scan((0.3, -0.2, 0.5))[::5]
+    points = np.concatenate((inside, origin + (inside - origin) / 0.75))  # a ray is looked at there, among others
+    expected = surfaces.crossed(
+        room.surface(), moved(pose, start), origin, points, cell_size=CELL, truncation=TRUNCATION
+    )
+    _, (fit,) = register(room, [pose], points, starts=[start], origin=origin, iterations=0)
     assert fit[CROSSED] == expected
-    assert 0.8 * len(outside) < expected <= len(outside)
-    assert register(room, [MIDDLE], inside, iterations=0)[1][0, CROSSED] == 0
+    assert 5 < expected < len(inside)
+    _, (fit,) = register(room, [pose], points, origin=origin)
+    assert fit[CROSSED] > 0.8 * len(inside)
+    assert register(room, [pose], inside, origin=origin)[1][0, CROSSED] == 0
 
 
 def search(
