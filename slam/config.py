@@ -167,8 +167,8 @@ class SurfaceConfig(_Section):
         straightness: to within this [m]: a wall seen at a grazing angle.
     """
 
-    cell_size: Annotated[FiniteFloat, Field(ge=0.01, le=1.0)] = 0.05
-    truncation: Positive = 0.15
+    cell_size: Annotated[FiniteFloat, Field(ge=0.01, le=1.0)] = 0.08
+    truncation: Positive = 0.16
     coarse_truncation: Positive = 0.4
     sharp: Positive = 0.06
     sharp_weight: Annotated[int, Field(ge=1, le=31)] = 8
@@ -187,6 +187,7 @@ class RegistrationConfig(_Section):
         residual: standard deviation of an endpoint's distance to the surface [m].
         translation, translation_from_translation: standard deviation of the odometry [m], [m/m] ...
         rotation, rotation_from_rotation: ... [rad], [rad/rad]: a loose prior, since what it is off by is systematic.
+        prior_weight: how many independent endpoints the odometry weighs as much as: neighbouring ones err alike.
         iterations: at most, on each level.
         doubtful_below: a scan whose endpoints are less likely than this in the mean is looked for again, harder.
         lost_below, lost_known: one whose endpoints are less likely than that, with at least this share of them where
@@ -202,6 +203,7 @@ class RegistrationConfig(_Section):
     translation_from_translation: NotNegative = 0.1
     rotation: Positive = 0.01
     rotation_from_rotation: NotNegative = 0.2
+    prior_weight: Positive = 1.0
     iterations: Annotated[int, Field(ge=1, le=100)] = 8
     doubtful_below: NotNegative = 0.6
     lost_below: NotNegative = 0.35
@@ -221,6 +223,7 @@ class ProposalConfig(_Section):
         translation, translation_from_translation, rotation, rotation_from_rotation: standard deviation of the
             odometry where the endpoints say nothing [m], [m/m], [rad], [rad/rad].
         evidence_share: share of the endpoints' log-likelihood that counts in the weights, for the same reason.
+        explore: every other particle starts its registration at a place drawn from the odometry's prior.
         unknown: log-likelihood lost for an endpoint where the map knows nothing.
         outlier: log-likelihood lost at most for an endpoint.
     """
@@ -231,8 +234,30 @@ class ProposalConfig(_Section):
     rotation: NotNegative = 0.0005
     rotation_from_rotation: NotNegative = 0.02
     evidence_share: Annotated[FiniteFloat, Field(gt=0, le=1)] = 0.1
+    explore: bool = True
     unknown: NotNegative = 2.0
     outlier: NotNegative = 8.0
+
+
+class KldConfig(_Section):
+    """As many particles as the belief takes: KLD sampling (Fox 2003; Probabilistic Robotics, table 8.4).
+
+    The number changes where particles are resampled, and there alone.
+
+    Attributes:
+        enabled: adapt it; ``SlamConfig.particles`` is then the largest number, and the first.
+        epsilon: Kullback-Leibler distance that is allowed between the particles and the belief, over the bins.
+        delta: probability that it is exceeded.
+        bin_size, bin_angle: of the bins in x and y [m], and in the heading [rad].
+        least: never fewer particles than these; ``particles`` wins if it is smaller.
+    """
+
+    enabled: bool = False
+    epsilon: Positive = 0.05
+    delta: Annotated[FiniteFloat, Field(gt=0, lt=1)] = 0.01
+    bin_size: Positive = 0.1
+    bin_angle: Positive = 0.05
+    least: Annotated[int, Field(ge=1)] = 10
 
 
 class SlamConfig(_Section):
@@ -240,17 +265,21 @@ class SlamConfig(_Section):
 
     Attributes:
         method: which filter.
-        particles: how many.
+        particles: how many; the largest number where ``kld`` adapts it.
         resample_below: resample when the effective number falls under this share of the particles (section III.D.3);
             1 resamples after every update.
+        resampling: how; ``systematic`` draws one random number, ``stratified`` one for each particle, ``residual``
+            copies by the whole part of the expected number and draws the rest.
         max_range: endpoints beyond it are not used [m].
-        sync, motion, search, update, map, texture: the parts.
+        kld, sync, motion, search, update, map, surface, registration, proposal, texture: the parts.
     """
 
     method: Literal["paper", "surface"] = "paper"
     particles: Annotated[int, Field(ge=1, le=1_000_000)] = 100
     resample_below: Annotated[FiniteFloat, Field(ge=0, le=1)] = 0.5
+    resampling: Literal["systematic", "stratified", "residual"] = "systematic"
     max_range: Positive = 1000.0
+    kld: KldConfig = KldConfig()
     sync: SyncConfig = SyncConfig()
     motion: MotionNoise = MotionNoise()
     search: SearchConfig = SearchConfig()

@@ -16,18 +16,23 @@ class History:
     def __len__(self) -> int:
         return len(self._poses)
 
+    @property
+    def particles(self) -> int:
+        """How many there were at the last update, before its resampling; 0 before the first."""
+        return len(self._poses[-1]) if self._poses else 0
+
     def append(self, poses: NDArray[np.float64], parents: NDArray[np.int64] | None) -> None:
         """Note the poses [N, 3] of an update, and which of them the next update's particles descend from.
 
         Args:
             poses: as weighed, before resampling.
-            parents: [N] indices into ``poses``, or None when nothing was resampled.
+            parents: [M] indices into ``poses`` (M particles live on), or None when nothing was resampled.
         """
         self._poses.append(poses.copy())
         self._parents.append(parents)
 
     def resampled(self, parents: NDArray[np.int64]) -> None:
-        """Note that the next update's particles descend from these [N] of the last."""
+        """Note that the next update's particles descend from these [M] of the last."""
         self._parents[-1] = parents
 
     def paths(self, particles: NDArray[np.int64]) -> NDArray[np.float64]:

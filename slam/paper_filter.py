@@ -13,7 +13,7 @@ from moteslam.slam.grid import OccupancyGrid
 from moteslam.slam.history import History
 from moteslam.slam.motion_model import motion_spread
 from moteslam.slam.outcome import Outcome
-from moteslam.slam.resampling import generator_for, systematic
+from moteslam.slam.particle_number import choose_parents
 from moteslam.slam.step import Step
 from moteslam.slam.weights import Weights
 
@@ -97,8 +97,8 @@ class PaperFilter:
         """Section III.D.3: when few particles carry the weight, draw them anew in proportion to it."""
         parents = None
         poses = self.poses
-        if n_eff < self._config.resample_below * self._config.particles:
-            parents = systematic(self.weights.values, generator_for(self._seed, step))
+        if n_eff < self._config.resample_below * len(poses):
+            parents = choose_parents(self._config, poses, self.weights.values, seed=self._seed, step=step)
             self.poses = poses[parents]
             self.weights = Weights.uniform(len(parents))
         self.history.append(poses, parents)

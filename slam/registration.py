@@ -13,8 +13,14 @@ from moteslam.slam.surface_maps import MapView
 
 Array = NDArray[np.float64]
 Points = NDArray[np.float32]
-TURN = 0.015
+TURN = 0.02
 """Between the headings that are searched [rad]."""
+SOME = 90
+"""Endpoints that are registered from every promising place."""
+CROSSING = 0.3
+"""What a ray through a surface counts against a place, in endpoints: doors open, people walk, gaps get closed."""
+REACH = np.array([0.2, 0.2, 0.06])
+"""How far from where it starts Gauss-Newton finds a place [m], [m], [rad]."""
 BLOCK = 10
 """Shifts along an edge of the blocks whose best one is kept."""
 
@@ -49,9 +55,9 @@ class Registrar:
     def __init__(self, config: RegistrationConfig) -> None:
         self._config = config
 
-    def register(self, maps: MapView, predicted: Array, spread: Array, points: Points, origin: Array) -> Registration:
+    def register(self, maps: MapView, predicted: Array, spread: Array, points: Points, origin: Array, starts: Array) -> Registration:
         """Every particle's scan in its own map, from its prediction [N, 3] of a standard deviation ``spread`` [3]."""
-        return self._register(maps, predicted, spread, points, origin, np.zeros_like(predicted))
+        return self._register(maps, predicted, spread, points, origin, starts)
 
     def follow(self, maps: MapView, predicted: Array, spread: Array, points: Points, origin: Array) -> Registration:
         """One particle's scan in its map: after a small search, and in a wide window if it is lost.
@@ -65,7 +71,7 @@ class Registrar:
         """
         c = self._config
         steps = (maps.cell_size, TURN)
-        found = self._best(maps, predicted, spread, points, origin, 3 * spread, steps, 16)
+        found = self._best(maps, predicted, spread, points, origin, 3 * spread, steps, places(3 * spread))
         if found.likelihoods[0] < c.doubtful_below:
             found = self._best(maps, predicted, spread, points, origin, 3 * spread, steps, 200)
         if not self.lost(found, len(points)):
@@ -100,15 +106,16 @@ class Registrar:
     ) -> Registration:
         """Registered from the most promising places of a window, the best of them."""
         starts = self._search(maps, predicted, spread, points, window, steps, most)
-        tried = self._register(maps, np.repeat(predicted[None], len(starts), axis=0), spread, points, origin, starts)
-        best = int((merit(tried) - 0.5 * np.square(tried.offsets / spread).sum(axis=1)).argmax())
-        return Registration(*(values[best : best + 1] for values in tried))
+        some = evenly(points, SOME)
+        tried = self._register(maps, np.repeat(predicted[None], len(starts), axis=0), spread, some, origin, starts)
+        best = int((merit(tried) * len(points) / len(some) - 0.5 * np.square(tried.offsets / spread).sum(axis=1)).argmax())
+        return self._register(maps, predicted[None], spread, points, origin, tried.offsets[best : best + 1])
 
     def _register(
         self, maps: MapView, predicted: Array, spread: Array, points: Points, origin: Array, starts: Array
     ) -> Registration:
         priors = np.zeros((len(predicted), 6))
-        priors[:, :3] = 1 / spread**2
+        priors[:, :3] = self._config.prior_weight / spread**2
         offsets, fits = maps.register(predicted, points, origin, starts, priors, self._config)
         information = fits[:, [0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(-1, 3, 3)
         known = fits[:, 7]
@@ -125,7 +132,7 @@ class Registrar:
         most: int,
     ) -> Array:
         """The most promising offsets [m, 3] of a window, by the coarse level of the map and the prior."""
-        few = points[np.linspace(0, len(points) - 1, min(MAX_SEARCH_POINTS, len(points))).astype(np.intp)]
+        few = evenly(points, MAX_SEARCH_POINTS)
         shifts, blocks = lattice(float(window[0]), steps[0])
         turns = ticks(float(window[2]), steps[1])
         weight = 0.01 * len(few)  # a standard deviation costs as much as every point one hundredth farther off
@@ -138,8 +145,31 @@ class Registrar:
             weight * (np.square(shifts).sum(axis=1) / spread[0] ** 2),
             blocks,
         )
-        best = np.argsort(-scores[0], kind="stable")[:most]
-        return np.column_stack((shifts[chosen[0, best]], turns[best // blocks]))
+        best = np.argsort(-scores[0], kind="stable")
+        return apart(np.column_stack((shifts[chosen[0, best]], turns[best // blocks])), most)
+
+
+def places(window: Array) -> int:
+    """How many starts a window needs: from each, Gauss-Newton finds what is within ``REACH``."""
+    return int(np.clip(np.ceil(np.prod(window / REACH)), 2, 16))
+
+
+def apart(offsets: Array, most: int) -> Array:
+    """The first ``most`` of offsets [m, 3] that are not within reach of one before them."""
+    chosen: list[int] = []
+    left = np.arange(len(offsets))
+    while len(left) and len(chosen) < most:
+        chosen.append(int(left[0]))
+        near = (np.abs(offsets[left] - offsets[left[0]]) < 0.6 * REACH).all(axis=1)
+        left = left[~near]
+    return offsets[chosen]
+
+
+def evenly(points: Points, most: int) -> Points:
+    """At most so many of the points, evenly chosen."""
+    if len(points) <= most:
+        return points
+    return points[np.linspace(0, len(points) - 1, most).astype(np.intp)]
 
 
 def ticks(reach: float, step: float) -> Array:
@@ -162,4 +192,4 @@ def lattice(reach: float, step: float) -> tuple[Array, int]:
 
 def merit(found: Registration) -> Array:
     """How much speaks for a place, [N] in endpoints: those that match less what contradicts the map."""
-    return found.known * (1.5 * found.likelihoods - 0.5) - found.crossed
+    return found.known * (1.5 * found.likelihoods - 0.5) - CROSSING * found.crossed

@@ -135,7 +135,7 @@ class SlamSession:
         n = self._done
         stamps = self._lidar.stamps[:n]
         updates = np.flatnonzero(self._diagnostics["updated"][:n])
-        paths = self._filter.history.paths(np.arange(self.config.particles))
+        paths = self._filter.history.paths(np.arange(self._filter.history.particles))
         odometry = self._dead_reckoning.poses[:n]
         final = _between_updates(paths[self._filter.best_particle], updates, se2.accumulate(self._motions[:n]))
         return Estimate(

@@ -18,8 +18,9 @@ from moteslam.robot import se2
 from moteslam.slam.config import SlamConfig
 from moteslam.slam.history import History
 from moteslam.slam.outcome import Outcome
-from moteslam.slam.registration import Registrar
-from moteslam.slam.resampling import generator_for, systematic
+from moteslam.slam.particle_number import choose_parents
+from moteslam.slam.registration import Registrar, evenly
+from moteslam.slam.resampling import Draws, generator_for
 from moteslam.slam.step import Step
 from moteslam.slam.surface_maps import SurfaceMaps
 from moteslam.slam.weights import Weights
@@ -49,8 +50,10 @@ class SurfaceFilter:
         self._maps = SurfaceMaps(config.surface)
         self._registrar = Registrar(config.registration)
         self._pose = np.zeros(3)  # at the last scan, by the best particle's map
-        self._motion = np.zeros(3)  # since the last update
+        self._motion = np.zeros(3)  # since the last update, as tracked
+        self._odometry = np.zeros(3)  # the same, as the odometry tells it
         self._travelled = self._turned = self._elapsed = 0.0
+        self._slip = np.zeros(3)  # how far the odometry was just off, if it was
         self._lost = 0  # scans in a row that contradict the map
 
     def step(self, step: Step) -> Outcome:
@@ -102,6 +105,7 @@ class SurfaceFilter:
         predicted = se2.compose(self._pose, step.motion)
         offset = np.zeros(3)
         spread = self._registrar.spread(float(np.hypot(step.motion[0], step.motion[1])), abs(float(step.motion[2])))
+        spread = spread + self._slip
         if len(scan.vertices) >= FEW:
             found = self._registrar.follow(
                 self._maps.of(self.best_particle), predicted, spread, scan.vertices, step.origin
@@ -111,13 +115,19 @@ class SurfaceFilter:
                 offset, self._lost = found.offsets[0], 0
             else:
                 self._lost += 1
+        # odometry that was far off, of a slip or a wrong stamp, is likely to be as far off again, or back
+        off = np.array([np.hypot(offset[0], offset[1]), np.hypot(offset[0], offset[1]), abs(offset[2])])
+        self._slip = np.where(off > 2 * spread, off, 0.0)
         moved = se2.compose(predicted, offset)
-        self._motion = se2.compose(self._motion, se2.between(self._pose, moved))
+        tracked = se2.between(self._pose, moved)
+        self._motion = se2.compose(self._motion, tracked)
+        self._odometry = se2.compose(self._odometry, tracked if self._slip.any() else step.motion)
         self._pose = moved
 
     def _update(self, step: Step, scan: ThinScan) -> tuple[float, float, bool]:
-        predicted = se2.compose(self.poses, self._motion)
+        predicted = se2.compose(self.poses, self._odometry)
         spread = self._spread()
+        drift = self._registrar.spread(self._travelled, self._turned)
         fit, resampled, offsets = 0.0, False, np.zeros_like(predicted)
         information = np.zeros((len(predicted), 3, 3))
         n_eff = self.weights.effective_number
@@ -125,20 +135,23 @@ class SurfaceFilter:
             found = self._registrar.register(
                 self._maps.all(),
                 predicted,
-                self._registrar.spread(self._travelled, self._turned),
-                self._few(scan.vertices),
+                drift,
+                evenly(scan.vertices, self._config.registration.points),
                 step.origin,
+                self._starts(step.index, drift),
             )
             offsets, information = found.offsets, found.information
             self.weights = self.weights.times_log(
-                -self._config.proposal.evidence_share * (found.costs + 4.0 * found.crossed)
+                -self._config.proposal.evidence_share * (found.costs + 1.0 * found.crossed)
+                - 0.5 * np.square(found.offsets / drift).sum(axis=1)
             )
             best = self.weights.best
             fit = float(found.likelihoods[best])
             n_eff = self.weights.effective_number
-            parents = self._resample(step.index, n_eff)
+            weights = self.weights.values
+            parents = self._resample(step.index, n_eff, se2.compose(predicted, offsets))
             if parents is not None:
-                best = int(np.searchsorted(parents, best))
+                best = int(weights[parents].argmax())  # the best itself, unless the draw left it out
                 predicted, offsets, information = predicted[parents], offsets[parents], information[parents]
                 resampled = True
             self.best_particle = best
@@ -147,15 +160,23 @@ class SurfaceFilter:
         self.history.append(self.poses, None)
         self._maps.add(self.poses, scan)
         self._pose = self.poses[self.best_particle].copy()
-        self._motion = np.zeros(3)
+        self._motion, self._odometry = np.zeros(3), np.zeros(3)
         self._travelled = self._turned = self._elapsed = 0.0
         return n_eff, fit, resampled
 
-    def _few(self, vertices: NDArray[np.float32]) -> NDArray[np.float32]:
-        limit = self._config.registration.points
-        if len(vertices) <= limit:
-            return vertices
-        return vertices[np.linspace(0, len(vertices) - 1, limit).astype(np.intp)]
+    def _starts(self, step: int, drift: Array) -> Array:
+        """Where the particles' registrations start, as offsets from the odometry [N, 3].
+
+        At what was tracked in the best particle's map, and for every other particle where the odometry may have gone:
+        where a scan fits at several places, several are found.
+        """
+        starts = np.repeat(se2.between(self._odometry, self._motion)[None], len(self.poses), axis=0)
+        if self._config.proposal.explore:
+            draws = generator_for(self._seed, step, Draws.STARTS).standard_normal((len(starts), 3))
+            others = np.arange(len(starts)) % 2 == 1
+            others[self.best_particle] = False
+            starts[others] = (draws * drift)[others]
+        return starts
 
     def _spread(self) -> Array:
         """Standard deviation of the motion since the last update where the scan says nothing, [3]."""
@@ -165,10 +186,7 @@ class SurfaceFilter:
 
     def _draw(self, step: int, information: Array, spread: Array) -> Array:
         """An offset for every particle, drawn with the covariance of what is known of it; none for the best one."""
-        n = len(information)
-        generator = generator_for(self._seed, step)
-        generator.random()  # the resampling's
-        normals = generator.standard_normal((n, 3))
+        normals = generator_for(self._seed, step, Draws.PROPOSAL).standard_normal((len(information), 3))
         total = self._config.proposal.information_share * information + np.diag(1 / np.maximum(spread, 1e-9) ** 2)
         # total = L L^T, so L^-T times standard normals has the covariance total^-1
         factors = np.linalg.cholesky(total)
@@ -176,10 +194,11 @@ class SurfaceFilter:
         noise[self.best_particle] = 0.0
         return np.asarray(noise)
 
-    def _resample(self, step: int, n_eff: float) -> NDArray[np.int64] | None:
+    def _resample(self, step: int, n_eff: float, poses: Array) -> NDArray[np.int64] | None:
+        """When few particles carry the weight: the [M] that live on, by their poses [N, 3] as registered."""
         if n_eff >= self._config.resample_below * len(self.poses):
             return None
-        parents = systematic(self.weights.values, generator_for(self._seed, step))
+        parents = choose_parents(self._config, poses, self.weights.values, seed=self._seed, step=step)
         self.weights = Weights.uniform(len(parents))
         self.history.resampled(parents)
         self._maps.resample(parents)

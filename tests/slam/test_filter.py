@@ -4,44 +4,18 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from slam_rooms import circled_room
 
 from moteslam.errors import ConfigError, InputError
-from moteslam.robot import se2
-from moteslam.robot.platform import CARMEN
-from moteslam.robot.recording import LidarStream, Recording
+from moteslam.robot.recording import LidarStream
 from moteslam.slam.config import load_preset, resolve_config
 from moteslam.slam.run import SlamSession, run_slam
 
 pytestmark = pytest.mark.usefixtures("taichi")
 
 
-def room(*, scans: int = 120, drift: float = 0.03) -> tuple[Recording, np.ndarray]:
-    """A robot that circles in a 6 x 4 m room with a box in it; its odometry drifts. Returns the true poses too."""
-    turn = 2 * np.pi / 60
-    true = se2.accumulate(np.vstack(([0, 0, 0], np.tile([0.08, 0, turn], (scans - 1, 1)))))
-    odometry = se2.accumulate(np.vstack(([0, 0, 0], np.tile([0.08, 0, turn * (1 + drift)], (scans - 1, 1)))))
-    angles = np.radians(np.arange(-135, 135, 1.5))
-    walls = [((-3, -1.5), (3, -1.5)), ((3, -1.5), (3, 2.5)), ((3, 2.5), (-3, 2.5)), ((-3, 2.5), (-3, -1.5))]
-    walls += [((1.5, -0.8), (2.2, -0.8)), ((1.5, -0.8), (1.5, -0.2))]
-    ranges = np.full((scans, len(angles)), np.inf)
-    for a, b in np.array(walls, float):
-        for scan, (x, y, theta) in enumerate(true):
-            direction = np.stack((np.cos(angles + theta), np.sin(angles + theta)))
-            edge, way = b - a, a - (x, y)
-            cross = direction[0] * edge[1] - direction[1] * edge[0]
-            with np.errstate(divide="ignore", invalid="ignore"):  # beams along a wall
-                t = (way[0] * edge[1] - way[1] * edge[0]) / cross
-                u = (way[0] * direction[1] - way[1] * direction[0]) / cross
-            hit = (t > 0) & (u >= 0) & (u <= 1)
-            ranges[scan] = np.where(hit, np.minimum(ranges[scan], t), ranges[scan])
-    lidar = LidarStream(
-        np.arange(scans) * 0.1, ranges.astype(np.float32), angles[0], np.radians(1.5), 0.1, 30.0, odometry=odometry
-    )
-    return Recording("room", CARMEN, lidar=lidar), true
-
-
 def test_the_filter_finds_its_way_where_dead_reckoning_drifts():
-    recording, true = room()
+    recording, true = circled_room()
     estimate = run_slam(recording, load_preset("paper"), seed=3)
     error = np.hypot(*(estimate.trajectory.poses - true)[:, :2].T)
     drift = np.hypot(*(estimate.dead_reckoning.poses - true)[:, :2].T)
@@ -51,7 +25,7 @@ def test_the_filter_finds_its_way_where_dead_reckoning_drifts():
 
 
 def test_every_scan_has_a_pose_whatever_is_updated():
-    recording, _ = room(scans=40)
+    recording, _ = circled_room(scans=40)
     config = resolve_config("paper", ["update.distance=0.3", "update.rotation=10", "particles=20"])
     updates = list(session := SlamSession(recording, config, seed=0))
     estimate = session.estimate()
@@ -63,7 +37,7 @@ def test_every_scan_has_a_pose_whatever_is_updated():
 
 
 def test_the_same_seed_gives_the_same_bytes_and_another_seed_others():
-    recording, _ = room(scans=40)
+    recording, _ = circled_room(scans=40)
     config = resolve_config("paper", ["particles=20"])
     a, b, c = (run_slam(recording, config, seed=seed) for seed in (0, 0, 1))
     assert a.trajectory.poses.tobytes() == b.trajectory.poses.tobytes()
@@ -72,7 +46,7 @@ def test_the_same_seed_gives_the_same_bytes_and_another_seed_others():
 
 
 def test_scans_that_see_nothing_leave_the_robot_to_its_odometry():
-    recording, _ = room(scans=30)
+    recording, _ = circled_room(scans=30)
     lidar = recording.lidar
     blind = LidarStream(
         lidar.stamps, np.full_like(lidar.ranges, np.inf), lidar.angle_min, lidar.angle_increment, 0.1, 30.0,
@@ -84,7 +58,7 @@ def test_scans_that_see_nothing_leave_the_robot_to_its_odometry():
 
 
 def test_an_estimate_before_any_scan_and_a_seed_out_of_bounds_are_refused():
-    recording, _ = room(scans=5)
+    recording, _ = circled_room(scans=5)
     with pytest.raises(ConfigError, match="no scan was taken in yet"):
         SlamSession(recording).estimate()
     with pytest.raises(ConfigError, match="seed"):
