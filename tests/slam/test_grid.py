@@ -6,8 +6,12 @@ import numpy as np
 import pytest
 
 from moteslam.errors import InputError
-from moteslam.slam.config import MapConfig
-from moteslam.slam.grid import CHUNK, UNIT, OccupancyGrid
+from moteslam.robot import se2
+from moteslam.robot.platform import LidarMount, Platform
+from moteslam.robot.recording import LidarStream, OdometryStream, Recording
+from moteslam.slam.config import MapConfig, SyncConfig
+from moteslam.slam.grid import CHUNK, UNIT, OccupancyGrid, draw_map
+from moteslam.slam.scans import Scans
 
 pytestmark = pytest.mark.usefixtures("taichi")
 
@@ -73,3 +77,23 @@ def test_a_map_beyond_all_bounds_is_refused():
     grid = OccupancyGrid(MapConfig(cell_size=0.005))
     with pytest.raises(InputError, match="the map would grow to"):
         grid.add_scan((0.0, 0.0), np.array([[1e6, 1e6]]))
+
+
+def test_a_map_is_drawn_of_some_scans_from_where_they_were_seen():
+    ranges = np.random.default_rng(1).uniform(1, 6, (3, 40)).astype(np.float32)
+    stamps, poses = np.arange(3.0), np.array([(0, 0, 0), (0.5, 0.1, 0.3), (1.0, -0.2, -0.4)])
+    recording = Recording(
+        "drawn",
+        Platform(lidar=LidarMount(x=0.2, y=-0.1)),
+        lidar=LidarStream(stamps, ranges, -2.0, 0.1, 0.1, 30.0),
+        odometry=OdometryStream(stamps, poses),
+    )
+    scans = Scans(recording, SyncConfig())
+    grid = OccupancyGrid(MapConfig())
+    for index in (0, 2):
+        points = se2.transform_points(poses[index], scans.points(index))
+        grid.add_scan(se2.transform_points(poses[index], np.array((0.2, -0.1))), points)
+    drawn, expected = draw_map(MapConfig(), scans, [0, 2], poses[[0, 2]]), grid.snapshot()
+    np.testing.assert_array_equal(drawn.log_odds, expected.log_odds)
+    assert drawn.origin == expected.origin
+    assert (drawn.log_odds > 0).sum() > 60
