@@ -187,6 +187,8 @@ class RegistrationConfig(_Section):
         residual: standard deviation of an endpoint's distance to the surface [m].
         translation, translation_from_translation: standard deviation of the odometry [m], [m/m] ...
         rotation, rotation_from_rotation: ... [rad], [rad/rad]: a loose prior, since what it is off by is systematic.
+        guess_translation, guess_rotation: standard deviation of a step's motion that is guessed for want of odometry,
+            beside that of odometry [m], [rad].
         prior_weight: how many independent endpoints the odometry weighs as much as: neighbouring ones err alike.
         iterations: at most, on each level.
         doubtful_below: a scan whose endpoints are less likely than this in the mean is looked for again, harder.
@@ -203,6 +205,8 @@ class RegistrationConfig(_Section):
     translation_from_translation: NotNegative = 0.1
     rotation: Positive = 0.01
     rotation_from_rotation: NotNegative = 0.2
+    guess_translation: NotNegative = 0.05
+    guess_rotation: NotNegative = 0.05
     prior_weight: Positive = 1.0
     iterations: Annotated[int, Field(ge=1, le=100)] = 8
     doubtful_below: NotNegative = 0.6

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -27,7 +29,10 @@ class PaperFilter:
         grid: the one shared map.
         history: the particles' poses at every update.
         best_particle: index into the last update's particles, before they were resampled.
+        needs_odometry: prediction is all that moves its particles farther than its search.
     """
+
+    needs_odometry: ClassVar[bool] = True
 
     def __init__(self, config: SlamConfig, seed: int) -> None:
         self._config, self._seed = config, seed

@@ -87,11 +87,12 @@ class Registrar:
         c = self._config
         return bool(found.likelihoods[0] < c.lost_below and found.known[0] >= c.lost_known * points)
 
-    def spread(self, travelled: float, turned: float) -> Array:
-        """Standard deviation of the odometry, [3], after so far [m] and so much turning [rad]."""
+    def spread(self, travelled: float, turned: float, *, guess: bool = False) -> Array:
+        """Standard deviation of the odometry, or of a guess, [3], after so far [m] and so much turning [rad]."""
         c = self._config
         along = c.translation + c.translation_from_translation * travelled
-        return np.array([along, along, c.rotation + c.rotation_from_rotation * turned])
+        spread = np.array([along, along, c.rotation + c.rotation_from_rotation * turned])
+        return spread + guess * np.array([c.guess_translation, c.guess_translation, c.guess_rotation])
 
     def _best(
         self,

@@ -10,7 +10,7 @@ from importlib.metadata import version
 import numpy as np
 from numpy.typing import NDArray
 
-from moteslam.errors import ConfigError
+from moteslam.errors import ConfigError, InputError
 from moteslam.robot import se2
 from moteslam.robot.recording import Recording
 from moteslam.robot.trajectory import Trajectory
@@ -22,7 +22,7 @@ from moteslam.slam.paper_filter import PaperFilter
 from moteslam.slam.scans import Scans
 from moteslam.slam.step import steps
 from moteslam.slam.surface_filter import SurfaceFilter
-from moteslam.slam.synchronise import require_lidar, warnings
+from moteslam.slam.synchronise import has_odometry, require_lidar, warnings
 
 FILTERS: dict[str, type[PaperFilter] | type[SurfaceFilter]] = {"paper": PaperFilter, "surface": SurfaceFilter}
 """The methods that ``SlamConfig.method`` names."""
@@ -56,12 +56,12 @@ class SlamSession:
     """SLAM over one recording, an ``Update`` a scan when iterated; ``estimate()`` at the end.
 
     Args:
-        recording: with a lidar and some odometry; there is no truth in it.
+        recording: with a lidar; with some odometry, too, unless the method does without. There is no truth in it.
         config: the ``DEFAULT_PRESET`` if None.
         seed: from 0 to 2^63 - 1; the same seed gives the same bytes, on one thread and on many.
 
     Raises:
-        InputError: the recording has no scans or no odometry.
+        InputError: the recording has no scans, or no odometry and the method needs one.
         ConfigError: the seed is out of bounds.
     """
 
@@ -72,8 +72,9 @@ class SlamSession:
         self.config = config or load_preset()
         self.seed = seed
         self._lidar = require_lidar(recording)
-        self._dead_reckoning = dead_reckon(recording, self.config.sync)
-        self._filter = FILTERS[self.config.method](self.config, seed)
+        method = FILTERS[self.config.method]
+        self._dead_reckoning = self._reckon(method.needs_odometry)
+        self._filter = method(self.config, seed)
         self._online = np.zeros((len(self._lidar), 3))
         self._diagnostics = {
             key: np.zeros(len(self._lidar)) for key in ("n_eff", "score", "updated", "resampled", "seconds")
@@ -113,6 +114,19 @@ class SlamSession:
                 outcome.resampled,
                 seconds,
             )
+
+    def _reckon(self, needs_odometry: bool) -> Trajectory:
+        """Dead reckoning; standing still where a recording has no odometry and the method can do without."""
+        if has_odometry(self.recording):
+            return dead_reckon(self.recording, self.config.sync)
+        if needs_odometry:
+            able = ", ".join(f'"{name}"' for name, method in FILTERS.items() if not method.needs_odometry)
+            raise InputError(
+                f"neither encoders nor odometry, expected one of them with method {self.config.method!r}; "
+                f"method {able} does without",
+                file=self.recording.name,
+            )
+        return Trajectory(self._lidar.stamps, np.zeros((len(self._lidar), 3)))
 
     @property
     def map(self) -> OccupancyMap:
@@ -164,7 +178,7 @@ def run_slam(
     """Run SLAM over a recording.
 
     Args:
-        recording: with a lidar and some odometry.
+        recording: with a lidar; with some odometry, too, unless the method does without.
         config: the ``DEFAULT_PRESET`` if None.
         seed: of all randomness.
         watch: called after every scan.

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from moteslam.robot import se2
 from moteslam.robot.recording import Recording
 from moteslam.slam.config import SyncConfig
-from moteslam.slam.synchronise import odometry_path, require_lidar
+from moteslam.slam.synchronise import has_odometry, odometry_path, require_lidar
 
 Array = NDArray[np.float64]
 
@@ -60,7 +60,7 @@ def _sweeps(recording: Recording, config: SyncConfig) -> Array | None:
     """How the robot moves while each scan is taken, [n, 3] in its frame at the first beam; None where unknown."""
     lidar = require_lidar(recording)
     seconds = (lidar.time_increment or recording.platform.lidar.time_increment) * (lidar.ranges.shape[1] - 1)
-    if seconds <= 0:
+    if seconds <= 0 or not has_odometry(recording):
         return None
     stamps, poses = odometry_path(recording, config)
     return se2.between(

@@ -12,7 +12,7 @@ from moteslam.robot import se2
 from moteslam.robot.recording import Recording
 from moteslam.slam.config import SyncConfig
 from moteslam.slam.scans import Scans
-from moteslam.slam.synchronise import odometry_at_scans, require_lidar
+from moteslam.slam.synchronise import has_odometry, odometry_at_scans, require_lidar
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,9 +23,10 @@ class Step:
         index: of the scan in the recording.
         stamp: of the scan [s].
         dt: time since the scan before [s]; 0 for scans that share a stamp.
-        motion: [3] increment of the robot's pose, in the frame of its pose at the scan before.
+        motion: [3] increment of the robot's pose, in the frame of its pose at the scan before; zeros if ``guess``.
         points: [k, 2] float32 the finite endpoints in the robot's frame [m].
         origin: [2] where the rays start, in the robot's frame [m]: the lidar.
+        guess: nothing measured the motion: who takes the step in must guess it from what came before.
     """
 
     index: int
@@ -34,10 +35,13 @@ class Step:
     motion: NDArray[np.float64]
     points: NDArray[np.float32]
     origin: NDArray[np.float64]
+    guess: bool = False
 
 
 def steps(recording: Recording, config: SyncConfig, *, max_range: float = np.inf) -> Iterator[Step]:
     """One step a scan: the motion since the scan before and the scan's endpoints in the robot's frame.
+
+    Without odometry of any kind the steps say that their motion is a guess.
 
     Args:
         recording: needs a lidar.
@@ -45,12 +49,13 @@ def steps(recording: Recording, config: SyncConfig, *, max_range: float = np.inf
         max_range: endpoints beyond it are left out [m].
 
     Raises:
-        InputError: there is no lidar, or no odometry of any kind.
+        InputError: there is no lidar.
     """
     stamps = require_lidar(recording).stamps
-    odometry = odometry_at_scans(recording, config)
+    guess = not has_odometry(recording)
+    odometry = np.zeros((len(stamps), 3)) if guess else odometry_at_scans(recording, config)
     motions = np.vstack((np.zeros(3), se2.between(odometry[:-1], odometry[1:])))
     scans = Scans(recording, config, max_range=max_range)
     for index, stamp in enumerate(stamps):
         dt = float(stamp - stamps[index - 1]) if index else 0.0
-        yield Step(index, float(stamp), dt, motions[index], scans.points(index), scans.origin)
+        yield Step(index, float(stamp), dt, motions[index], scans.points(index), scans.origin, guess)

@@ -10,12 +10,16 @@ of the motion since the last update holds for all particles, whose maps differ b
 
 from __future__ import annotations
 
+from dataclasses import replace
+from typing import ClassVar
+
 import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.kernels.surface import ThinScan, thin_scan
 from moteslam.robot import se2
 from moteslam.slam.config import SlamConfig
+from moteslam.slam.constant_velocity import carried_on
 from moteslam.slam.history import History
 from moteslam.slam.outcome import Outcome
 from moteslam.slam.particle_number import choose_parents
@@ -39,7 +43,10 @@ class SurfaceFilter:
         history: the particles' poses at every update.
         best_particle: index into them.
         updates: indices of the scans that went into the maps.
+        needs_odometry: it follows the scans at a constant velocity without.
     """
+
+    needs_odometry: ClassVar[bool] = False
 
     def __init__(self, config: SlamConfig, seed: int) -> None:
         self._config, self._seed = config, seed
@@ -52,6 +59,7 @@ class SurfaceFilter:
         self._pose = np.zeros(3)  # at the last scan, by the best particle's map
         self._motion = np.zeros(3)  # since the last update, as tracked
         self._odometry = np.zeros(3)  # the same, as the odometry tells it
+        self._step, self._seconds = np.zeros(3), 0.0  # the motion of the last step, as tracked, and how long it took
         self._travelled = self._turned = self._elapsed = 0.0
         self._slip = np.zeros(3)  # how far the odometry was just off, if it was
         self._lost = 0  # scans in a row that contradict the map
@@ -62,6 +70,8 @@ class SurfaceFilter:
         before = self._pose
         if not len(self.history):
             return self._begin(scan)
+        if step.guess:
+            step = replace(step, motion=carried_on(self._step, self._seconds, step.dt))
         self._gather(step)
         self._track(step, scan)
         motion = se2.between(before, self._pose)
@@ -104,8 +114,8 @@ class SurfaceFilter:
         """Follow the motion since the last scan in the best particle's map."""
         predicted = se2.compose(self._pose, step.motion)
         offset = np.zeros(3)
-        spread = self._registrar.spread(float(np.hypot(step.motion[0], step.motion[1])), abs(float(step.motion[2])))
-        spread = spread + self._slip
+        travelled, turned = float(np.hypot(step.motion[0], step.motion[1])), abs(float(step.motion[2]))
+        spread = self._registrar.spread(travelled, turned, guess=step.guess) + self._slip
         if len(scan.vertices) >= FEW:
             found = self._registrar.follow(
                 self._maps.of(self.best_particle), predicted, spread, scan.vertices, step.origin
@@ -121,13 +131,14 @@ class SurfaceFilter:
         moved = se2.compose(predicted, offset)
         tracked = se2.between(self._pose, moved)
         self._motion = se2.compose(self._motion, tracked)
-        self._odometry = se2.compose(self._odometry, tracked if self._slip.any() else step.motion)
+        self._odometry = se2.compose(self._odometry, tracked if step.guess or self._slip.any() else step.motion)
+        self._step, self._seconds = tracked, step.dt
         self._pose = moved
 
     def _update(self, step: Step, scan: ThinScan) -> tuple[float, float, bool]:
         predicted = se2.compose(self.poses, self._odometry)
         spread = self._spread()
-        drift = self._registrar.spread(self._travelled, self._turned)
+        drift = self._registrar.spread(self._travelled, self._turned, guess=step.guess)
         fit, resampled, offsets = 0.0, False, np.zeros_like(predicted)
         information = np.zeros((len(predicted), 3, 3))
         n_eff = self.weights.effective_number

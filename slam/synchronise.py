@@ -19,6 +19,14 @@ from moteslam.slam.config import SyncConfig
 Array = NDArray[np.float64]
 
 
+def has_odometry(recording: Recording) -> bool:
+    """Whether anything in a recording tells how the robot moved: encoders, odometry, or poses logged with scans."""
+    streams = (recording.encoders, recording.odometry)
+    if any(stream is not None and len(stream) for stream in streams):
+        return True
+    return recording.lidar is not None and recording.lidar.odometry is not None
+
+
 def odometry_path(recording: Recording, config: SyncConfig) -> tuple[Array, Array]:
     """The robot's path by its own odometry alone, at the stamps the odometry has.
 
@@ -88,6 +96,8 @@ def warnings(recording: Recording) -> list[str]:
         ):
             if outside:
                 lines.append(f"{outside} scans {what} encoder reading: the robot is taken to stand still")
+    if lidar is not None and len(lidar) and not has_odometry(recording):
+        lines.append(f"no odometry: constant velocity over {len(lidar)} scans; dead reckoning stands still")
     return lines
 
 
