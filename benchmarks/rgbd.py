@@ -73,13 +73,14 @@ def colours(folder: Path, preset: str, seed: int) -> dict[str, Any]:
     from moteslam.sim.camera import with_camera
     from moteslam.sim.scenario import load_scenario
     from moteslam.sim.simulate import simulate, write_simulation
-    from moteslam.slam.config import load_preset
+    from moteslam.slam.config import resolve_config
     from moteslam.slam.run import run_slam
 
     simulation = simulate(with_camera(load_scenario("corridor")), seed)
     write_simulation(folder, simulation)
     recording = open_recording(folder)
-    estimate = run_slam(recording, load_preset(preset), seed=seed)
+    config = resolve_config(preset, ["texture.enabled=false"])  # coloured below, along two trajectories
+    estimate = run_slam(recording, config, seed=seed)
     path = estimate.trajectory_final
     start = simulation.truth.at(path.stamps[:1]).poses[0]
     in_world = Trajectory(path.stamps, compose(start, path.poses))

@@ -30,7 +30,7 @@ class Estimate:
         diagnostics: per scan [n]: ``n_eff``, ``score``, ``updated``, ``resampled``, ``seconds``.
         warnings: what SLAM had to make do with.
         seconds: time spent in the filter [s].
-        texture: the floor in colours, None where there are no images or it was not asked for.
+        texture: the floor in colours, None where there are no images, it was not asked for, or it could not be made.
     """
 
     name: str

@@ -14,6 +14,7 @@ from moteslam.errors import ConfigError, InputError
 from moteslam.robot import se2
 from moteslam.robot.recording import Recording
 from moteslam.robot.trajectory import Trajectory
+from moteslam.slam.colouring import with_texture
 from moteslam.slam.config import SlamConfig, load_preset
 from moteslam.slam.dead_reckoning import dead_reckon
 from moteslam.slam.estimate import Estimate
@@ -175,7 +176,7 @@ def run_slam(
     seed: int = 0,
     watch: Callable[[Update], None] | None = None,
 ) -> Estimate:
-    """Run SLAM over a recording.
+    """Run SLAM over a recording, and colour the floor along what it found where there are images.
 
     Args:
         recording: with a lidar; with some odometry, too, unless the method does without.
@@ -190,7 +191,7 @@ def run_slam(
     for update in session:
         if watch is not None:
             watch(update)
-    return session.estimate()
+    return with_texture(session.estimate(), recording)
 
 
 def _between_updates(

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import sys
 import time
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from math import degrees
 from pathlib import Path
 from typing import Any
 
-from moteslam.errors import InputError
 from moteslam.eval.cli.progress import progress_bar
 from moteslam.eval.cli.text import note, table
 from moteslam.eval.report.snapshots import Snapshots
@@ -19,10 +18,11 @@ from moteslam.eval.results import write_results
 from moteslam.eval.scores import Scores
 from moteslam.robot.recording import Recording
 from moteslam.robot.trajectory import Trajectory
+from moteslam.slam.colouring import wants_colours, with_texture
 from moteslam.slam.config import SlamConfig
 from moteslam.slam.estimate import Estimate
 from moteslam.slam.run import SlamSession
-from moteslam.slam.texture import TextureMap, TextureMapper, can_map, map_texture
+from moteslam.slam.texture import TextureMap, TextureMapper
 
 
 @dataclass(frozen=True)
@@ -96,9 +96,9 @@ def run_into(
 
 def _coloured(estimate: Estimate, recording: Recording) -> tuple[Estimate, list[tuple[float, TextureMap]]]:
     """The estimate with the coloured floor, if the recording has images, and the floor at stages of the run."""
-    config, path = estimate.config.texture, estimate.trajectory_final
-    if not (config.enabled and can_map(recording)):
+    if not wants_colours(estimate.config, recording):
         return estimate, []
+    path = estimate.trajectory_final
     stages = TextureStages(float(path.stamps[0]), float(path.stamps[-1]))
     span = max(stages.end - stages.begin, 1e-9)
     with progress_bar("floor", 1.0, "") as bar:
@@ -107,12 +107,8 @@ def _coloured(estimate: Estimate, recording: Recording) -> tuple[Estimate, list[
             stages.look(stamp, mapper)
             bar.update(min(max((stamp - stages.begin) / span, 0.0), 1.0))
 
-        try:
-            texture = map_texture(recording, path, config, watch=watch)
-        except InputError as error:  # what SLAM found is not lost for it
-            told = f"the floor is not coloured: {error}"
-            return replace(estimate, warnings=(*estimate.warnings, told)), []
-    return replace(estimate, texture=texture, warnings=(*estimate.warnings, *texture.warnings)), stages.kept
+        estimate = with_texture(estimate, recording, watch=watch)
+    return estimate, stages.kept if estimate.texture is not None else []
 
 
 def score_table(scores: Scores) -> str:

@@ -18,8 +18,9 @@ from moteslam.sim.floor import rasterise
 from moteslam.sim.scenario import parse_scenario
 from moteslam.sim.simulate import Simulation, simulate, write_simulation
 from moteslam.sim.visibility import seen_cells
-from moteslam.slam.config import TextureConfig
+from moteslam.slam.config import TextureConfig, resolve_config
 from moteslam.slam.floor_colours import colour_log_likelihood, floor_patch
+from moteslam.slam.run import run_slam
 from moteslam.slam.texture import TextureMap, TextureMapper, can_map, map_texture
 
 
@@ -198,3 +199,26 @@ def test_the_floor_s_colours_tell_where_the_robot_is(
         assert elsewhere[0] > elsewhere[1]
     assert len(best) >= 5
     assert np.abs(best).max() == 0.0
+
+
+def test_run_slam_colours_the_floor_along_what_it_found(recording: Recording) -> None:
+    settings = ["particles=4", "texture.cell_size=0.2", "texture.interval=1.0", "texture.largest_gap=0.09"]
+    config = resolve_config("paper", settings)
+    estimate = run_slam(recording, config)
+    assert estimate.texture is not None
+    expected = map_texture(recording, estimate.trajectory_final, config.texture)
+    assert expected.known.sum() > 100
+    np.testing.assert_array_equal(estimate.texture.colours, expected.colours)
+    assert estimate.texture.origin == expected.origin
+
+
+def test_run_slam_colours_nothing_where_it_is_not_asked_for_or_cannot(
+    recording: Recording, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    settings = ["particles=4", "texture.cell_size=0.2", "texture.interval=1.0"]
+    assert run_slam(recording, resolve_config("paper", [*settings, "texture.enabled=false"])).texture is None
+    assert run_slam(recording.replace(rgbd=None), resolve_config("paper", settings)).texture is None
+    monkeypatch.setattr("moteslam.slam.texture.MAX_CELLS", 10)
+    estimate = run_slam(recording, resolve_config("paper", settings))
+    assert estimate.texture is None
+    assert any("the floor is not coloured: texture.cell_size" in line for line in estimate.warnings)
