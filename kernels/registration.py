@@ -22,7 +22,7 @@ from moteslam.kernels.tiles import (
 )
 from moteslam.kernels.types import F32, F32_1D, F32_2D, F64_2D, I16_1D, I32, I32_1D, I32_2D, func, kernel, template
 
-MAX_SEARCH_POINTS = 96
+MAX_SEARCH_POINTS = 64
 """Points of a scan that a search can look up."""
 MAX_SEARCH_COST = 1e8
 """Turns and shifts that cost more cost this much [steps]: totals must fit 32 bits."""
@@ -31,8 +31,10 @@ MAX_SHARP = 1e4
 
 COARSE_LOOSER = 2.0
 """How much larger residuals' standard deviation is on the coarse level."""
-ARRIVED, TURNED = 2e-4, 5e-5
-"""Gauss-Newton ends with a step below so much [m], |x| + |y|, and [rad]."""
+ARRIVED, TURNED = 3e-4, 1e-4
+"""Gauss-Newton ends with a step below so much [m], |x| + |y|, and [rad] ..."""
+COARSE_SOONER = 10.0
+"""... and on the coarse level with one so many times as long."""
 LEAST_PIVOT = 1e-9
 """Keeps the square roots of the Cholesky factors real where rounding would not."""
 
@@ -158,7 +160,8 @@ def _descend(
                     b -= jacobian * r
             step = _solve(h, b)
             d += step
-            if ti.abs(step[0]) + ti.abs(step[1]) < ARRIVED and ti.abs(step[2]) < TURNED:
+            near = ti.static(COARSE_SOONER if level == 1 else 1.0)
+            if ti.abs(step[0]) + ti.abs(step[1]) < near * ARRIVED and ti.abs(step[2]) < near * TURNED:
                 running = 0
     return d
 

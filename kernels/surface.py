@@ -29,6 +29,10 @@ from moteslam.kernels.types import F32, F32_2D, F64_2D, I16_1D, I32, I32_1D, fun
 
 __all__ = ["ThinScan", "add_scans", "thin_scan"]
 
+FAR = 1e6
+"""Cells; farther than any map."""
+ALONG_AXIS = 1e-3
+"""Sine of the angle to an axis below which a stretch counts as parallel to it."""
 OVERLAP = 0.25
 """A stretch of surface is written so far beyond its ends [cells], so that bends leave no cell out."""
 
@@ -57,9 +61,22 @@ def _draw(
     x1 = ti.cast(ti.floor(ti.max(ax, bx) + reach), ti.i32)
     y0 = ti.cast(ti.floor(ti.min(ay, by) - reach), ti.i32)
     y1 = ti.cast(ti.floor(ti.max(ay, by) + reach), ti.i32)
+    # of every row only the part in the band around the stretch: within x = row * slope +- half for the distance, and
+    # likewise for the place along it
+    steep, flat = ti.abs(uy) > ALONG_AXIS, ti.abs(ux) > ALONG_AXIS
+    across_slope, across_half, along_slope, along_half, along_middle = 0.0, FAR, 0.0, FAR, 0.0
+    if steep:
+        across_slope, across_half = ux / uy, reach / ti.abs(uy)
+    if flat:
+        along_slope, along_half, along_middle = -uy / ux, (0.5 * length + OVERLAP) / ti.abs(ux), 0.5 * length / ux
     for iy in range(y0, y1 + 1):
-        for ix in range(x0, x1 + 1):
-            px, py = ti.cast(ix, ti.f32) + 0.5 - ax, ti.cast(iy, ti.f32) + 0.5 - ay
+        row = ti.cast(iy, ti.f32) + 0.5 - ay
+        across, along_at = row * across_slope, row * along_slope + along_middle
+        low, high = ti.max(across - across_half, along_at - along_half), ti.min(across + across_half, along_at + along_half)
+        first = ti.max(x0, ti.cast(ti.floor(ti.max(low, -FAR) + ax - 0.5), ti.i32))
+        last = ti.min(x1, ti.cast(ti.floor(ti.min(high, FAR) + ax - 0.5), ti.i32) + 1)
+        for ix in range(first, last + 1):
+            px, py = ti.cast(ix, ti.f32) + 0.5 - ax, row
             along = px * ux + py * uy
             distance = (ux * py - uy * px) / reach
             if along >= -OVERLAP and along <= length + OVERLAP and distance > -1.0 and distance < 1.0:

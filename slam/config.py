@@ -21,7 +21,7 @@ NotNegative = Annotated[FiniteFloat, Field(ge=0)]
 Positive = Annotated[FiniteFloat, Field(gt=0)]
 Offsets = Annotated[tuple[FiniteFloat, ...], Field(min_length=1, max_length=41)]
 
-DEFAULT_PRESET = "paper"
+DEFAULT_PRESET = "default"
 """The best preset that exists."""
 
 
@@ -192,10 +192,10 @@ class RegistrationConfig(_Section):
         prior_weight: how many independent endpoints the odometry weighs as much as: neighbouring ones err alike.
         iterations: at most, on each level.
         doubtful_below: a scan whose endpoints are less likely than this in the mean is looked for again, harder.
-        lost_below, lost_known: one whose endpoints are less likely than that, with at least this share of them where
-            the map knows something, is lost: it is looked for in a window ...
+        lost_below: one of which what matches, less what contradicts the map, is a smaller share of its endpoints is
+            lost: it is looked for in a window ...
         wide_distance, wide_rotation: ... of so much to each side [m], [rad] ...
-        clear_merit: ... and taken to be there if what matches, less what contradicts, is this share of its endpoints.
+        clear_gain: ... and taken to be there if that share is so much larger.
         patience: scans that are lost in a row are left out of the maps, up to so many.
         points: at most so many vertices of a scan are registered to the maps of all particles, evenly chosen.
     """
@@ -210,11 +210,10 @@ class RegistrationConfig(_Section):
     prior_weight: Positive = 1.0
     iterations: Annotated[int, Field(ge=1, le=100)] = 8
     doubtful_below: NotNegative = 0.6
-    lost_below: NotNegative = 0.35
-    lost_known: NotNegative = 0.25
+    lost_below: FiniteFloat = 0.04
     wide_distance: NotNegative = 1.5
     wide_rotation: NotNegative = 1.4
-    clear_merit: NotNegative = 0.25
+    clear_gain: NotNegative = 0.3
     patience: Annotated[int, Field(ge=0)] = 3
     points: Annotated[int, Field(ge=8, le=100_000)] = 1000
 
@@ -232,13 +231,13 @@ class ProposalConfig(_Section):
         outlier: log-likelihood lost at most for an endpoint.
     """
 
-    information_share: Annotated[FiniteFloat, Field(gt=0, le=1)] = 0.1
+    information_share: Annotated[FiniteFloat, Field(gt=0, le=1)] = 1.0
     translation: NotNegative = 0.001
     translation_from_translation: NotNegative = 0.02
     rotation: NotNegative = 0.0005
     rotation_from_rotation: NotNegative = 0.02
-    evidence_share: Annotated[FiniteFloat, Field(gt=0, le=1)] = 0.1
-    explore: bool = True
+    evidence_share: Annotated[FiniteFloat, Field(gt=0, le=1)] = 0.015
+    explore: bool = False
     unknown: NotNegative = 2.0
     outlier: NotNegative = 8.0
 

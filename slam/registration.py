@@ -55,7 +55,9 @@ class Registrar:
     def __init__(self, config: RegistrationConfig) -> None:
         self._config = config
 
-    def register(self, maps: MapView, predicted: Array, spread: Array, points: Points, origin: Array, starts: Array) -> Registration:
+    def register(
+        self, maps: MapView, predicted: Array, spread: Array, points: Points, origin: Array, starts: Array
+    ) -> Registration:
         """Every particle's scan in its own map, from its prediction [N, 3] of a standard deviation ``spread`` [3]."""
         return self._register(maps, predicted, spread, points, origin, starts)
 
@@ -79,20 +81,19 @@ class Registrar:
         window = np.array([c.wide_distance, c.wide_distance, c.wide_rotation])
         wider = np.maximum(window / 2, spread)
         wide = self._best(maps, predicted, wider, points, origin, window, (2 * maps.cell_size, 2 * TURN), 300)
-        certain = wide.likelihoods[0] >= c.doubtful_below and merit(wide)[0] >= c.clear_merit * len(points)
-        return wide if certain else found
+        return wide if merit(wide)[0] >= merit(found)[0] + c.clear_gain * len(points) else found
 
     def lost(self, found: Registration, points: int) -> bool:
         """Whether a scan of so many points contradicts the map where it was found."""
         c = self._config
-        return bool(found.likelihoods[0] < c.lost_below and found.known[0] >= c.lost_known * points)
+        return bool(merit(found)[0] < c.lost_below * points)
 
     def spread(self, travelled: float, turned: float, *, guess: bool = False) -> Array:
         """Standard deviation of the odometry, or of a guess, [3], after so far [m] and so much turning [rad]."""
         c = self._config
         along = c.translation + c.translation_from_translation * travelled
         spread = np.array([along, along, c.rotation + c.rotation_from_rotation * turned])
-        return spread + guess * np.array([c.guess_translation, c.guess_translation, c.guess_rotation])
+        return spread + np.array([c.guess_translation, c.guess_translation, c.guess_rotation]) if guess else spread
 
     def _best(
         self,
@@ -109,7 +110,9 @@ class Registrar:
         starts = self._search(maps, predicted, spread, points, window, steps, most)
         some = evenly(points, SOME)
         tried = self._register(maps, np.repeat(predicted[None], len(starts), axis=0), spread, some, origin, starts)
-        best = int((merit(tried) * len(points) / len(some) - 0.5 * np.square(tried.offsets / spread).sum(axis=1)).argmax())
+        best = int(
+            (merit(tried) * len(points) / len(some) - 0.5 * np.square(tried.offsets / spread).sum(axis=1)).argmax()
+        )
         return self._register(maps, predicted[None], spread, points, origin, tried.offsets[best : best + 1])
 
     def _register(
@@ -193,4 +196,4 @@ def lattice(reach: float, step: float) -> tuple[Array, int]:
 
 def merit(found: Registration) -> Array:
     """How much speaks for a place, [N] in endpoints: those that match less what contradicts the map."""
-    return found.known * (1.5 * found.likelihoods - 0.5) - CROSSING * found.crossed
+    return found.known * (1.5 * found.likelihoods - 0.3) - CROSSING * found.crossed
