@@ -1,120 +1,174 @@
-"""The accuracy of a preset over many seeds, against truth and against hand-checked relations; a dated result file.
+"""The accuracy of a preset over many seeds, against truth, references and hand-checked relations; a dated result file.
 
-    python benchmarks/accuracy.py --preset paper --seeds 20 --out benchmarks/results/accuracy-paper-YYYY-MM-DD.json
+    python benchmarks/accuracy.py --preset default --out benchmarks/results/accuracy-default-YYYY-MM-DD.json
+    python benchmarks/accuracy.py --preset default --odometry-noise 3 --out benchmarks/results/accuracy-...-noise-3.json
+    python benchmarks/accuracy.py --preset default --all-scenarios --out benchmarks/results/scenarios-...json
+    python benchmarks/accuracy.py --preset default --runs freiburg-101 hall --seeds 5-9 --set particles=100
 
-Simulated scenarios are scored by ATE RMSE after alignment, the Intel log (where MOTESLAM_DATA is) by its relations.
-Every run is a process of its own on one thread; the figures do not depend on how many run at once.
+Simulated scenarios are scored by ATE RMSE after alignment, the Intel log by its relations, the others against the
+reference beside them (where MOTESLAM_DATA is). Without --runs: all of these, real logs and the hall on seeds 0 to 4,
+corridor, loop and office on seeds 0 to 19; with --odometry-noise these three alone; with --all-scenarios every bundled
+scenario on seeds 0 to 4. A row a run; at the end the median and the worst seed of every figure beside what is asked.
+
+Every run is on one thread; the errors do not depend on how many run at once, the processor time a little: two virtual
+cores may be halves of one.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
-import os
-import platform
+import re
 import time
-from concurrent.futures import ProcessPoolExecutor
-from datetime import date
-from importlib.metadata import version
+from concurrent.futures import Future, ProcessPoolExecutor
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
-import numpy as np
+from parts.bars import Bar, summarise, summary_lines
+from parts.machine import stamp
+from parts.runs import BARS, DATA, HALL, LOGS, LOST, NEVER_LOST, SCENARIOS, errors, load_log, simulate_case
 
-DATA = Path(os.environ.get("MOTESLAM_DATA", Path(__file__).parents[2] / "shared" / "data"))
+from moteslam.errors import ConfigError
+from moteslam.eval.cli.text import table
+from moteslam.slam.config import resolve_config
 
 
-def simulated(scenario: str, preset: str, seed: int) -> dict[str, Any]:
-    """One seed of a scenario: ATE RMSE [m] of the online and final trajectory and of dead reckoning."""
-    from moteslam.eval.metrics.ate import absolute_trajectory_error
+def run(name: str, preset: str, settings: list[str], seed: int, odometry_noise: float) -> dict[str, Any]:
+    """One seed of a log or a scenario: its errors, and the processor time a scan; what went wrong, if it crashes."""
     from moteslam.kernels import runtime
+    from moteslam.slam.run import run_slam
+
+    row: dict[str, Any] = {"run": name, "seed": seed}
+    try:
+        runtime.init("cpu", 1)
+        config = resolve_config(preset, settings)
+        case = load_log(name) if name in LOGS else simulate_case(name, seed, odometry_noise=odometry_noise)
+        began, spent = time.perf_counter(), time.process_time()
+        estimate = run_slam(case.recording, config, seed=seed)
+        seconds, spent = time.perf_counter() - began, time.process_time() - spent
+        scans = len(estimate.trajectory)
+        return {
+            **row,
+            **errors(name, estimate, case),
+            "cpu_seconds_a_scan": spent / scans,
+            "scans": scans,
+            "updates": int(estimate.diagnostics["updated"].sum()),
+            "seconds": seconds,
+        }
+    except Exception as error:  # one crash is a result, and no reason to lose the others
+        return {**row, "error": f"{type(error).__name__}: {error}"}
+
+
+def chosen(options: argparse.Namespace) -> dict[str, range]:
+    """The names of what is run, each with its seeds."""
+    from moteslam.sim.scenario import bundled_scenarios
+
+    known = [*LOGS, *dict.fromkeys((*SCENARIOS, HALL, *bundled_scenarios()))]
+    if options.runs:
+        names = options.runs
+        for name in names:
+            if name not in known and not name.startswith("random-corridors"):
+                raise SystemExit(f"--runs: no {name!r}, expected of {', '.join(known)}, random-corridors-7")
+    elif options.all_scenarios:
+        names = list(bundled_scenarios())
+    elif options.odometry_noise != 1.0:
+        names = list(SCENARIOS)
+    else:
+        names = [*LOGS, *SCENARIOS, HALL]
+    if not DATA.is_dir() and any(name in LOGS for name in names):
+        print(f"no {DATA}: the real logs are left out; MOTESLAM_DATA names their folder")
+        names = [name for name in names if name not in LOGS]
+    many = not options.all_scenarios
+    return {name: options.seeds or range(20 if many and name in SCENARIOS else 5) for name in names}
+
+
+def asked_of(name: str, options: argparse.Namespace) -> tuple[Bar, ...]:
+    """The bars of a run; with other noise, and where every scenario is looked at, not to get lost is all."""
+    if name in LOGS or (name in BARS and not options.all_scenarios and options.odometry_noise == 1.0):
+        return BARS[name]
+    return () if diverges(name) else (NEVER_LOST,)
+
+
+def diverges(name: str) -> bool:
+    """Whether a scenario says that an estimate that is lost is no surprise."""
     from moteslam.sim.scenario import load_scenario
-    from moteslam.sim.simulate import simulate
-    from moteslam.slam.config import load_preset
-    from moteslam.slam.run import run_slam
 
-    runtime.init("cpu", 1)
-    simulation = simulate(load_scenario(scenario), seed=seed)
-    began = time.perf_counter()
-    estimate = run_slam(simulation.recording, load_preset(preset), seed=seed)
-    seconds = time.perf_counter() - began
-    trajectories = {
-        "online": estimate.trajectory,
-        "final": estimate.trajectory_final,
-        "dead_reckoning": estimate.dead_reckoning,
-    }
-    errors = {
-        name: absolute_trajectory_error(trajectory, simulation.truth).translation.rmse
-        for name, trajectory in trajectories.items()
-    }
-    return {"run": scenario, "seed": seed, **errors, "scans": len(estimate.trajectory), "seconds": seconds}
+    return name not in LOGS and load_scenario(name).expect_divergence
 
 
-def intel(preset: str, seed: int) -> dict[str, Any]:
-    """One seed of the Intel log: mean errors on its relations, clear and all [m], [deg]."""
-    from moteslam.eval.metrics.relations import read_relations, relation_errors
-    from moteslam.kernels import runtime
-    from moteslam.robot.formats import open_recording
-    from moteslam.slam.config import load_preset
-    from moteslam.slam.run import run_slam
+def summarised(rows: list[dict[str, Any]], options: argparse.Namespace) -> dict[str, Any]:
+    """The summary of each run."""
+    summaries = {}
+    for name in dict.fromkeys(row["run"] for row in rows):
+        mine = [row for row in rows if row["run"] == name]
+        summaries[name] = summarise(mine, asked_of(name, options))
+        if name not in LOGS:
+            summaries[name]["expect_divergence"] = diverges(name)
+            summaries[name]["lost"] = sum(row.get("final", 0.0) >= LOST for row in mine)
+    return summaries
 
-    runtime.init("cpu", 1)
-    recording = open_recording(DATA / "intel" / "intel_raw_part.log.gz")
-    began = time.perf_counter()
-    estimate = run_slam(recording, load_preset(preset), seed=seed)
-    row: dict[str, Any] = {"run": "intel_raw_part", "seed": seed, "seconds": time.perf_counter() - began}
-    for which, file in (("clear", "intel_raw_part.relations"), ("all", "intel.relations")):
-        relations = read_relations(DATA / "intel" / file)
-        for name, trajectory in (("online", estimate.trajectory), ("final", estimate.trajectory_final)):
-            score = relation_errors(trajectory, relations).all
-            row[f"{name}_{which}"] = score.translation.mean
-            row[f"{name}_{which}_deg"] = score.rotation.mean
-    return row
+
+def told(name: str, summary: dict[str, Any]) -> str:
+    """What a run is called in the table."""
+    counts = [f"{summary[key]} {key[2:]}" for key in summary if key.startswith("n_")]
+    if summary.get("lost"):
+        counts.append(f"{summary['lost']} lost")
+    if summary.get("expect_divergence"):
+        counts.append("divergence expected")
+    return f"{name} ({', '.join(counts)})" if counts else name
+
+
+def seeds(text: str) -> range:
+    """``5`` is the seeds 0 to 4, ``5-9`` those from 5 to 9."""
+    match = re.fullmatch(r"(?:(\d+)-)?(\d+)", text)
+    if match is None:
+        raise argparse.ArgumentTypeError(f"{text!r}, expected a number of seeds, or the first and the last: 10-19")
+    first, last = match.groups()
+    return range(int(last)) if first is None else range(int(first), int(last) + 1)
 
 
 def main() -> None:
-    """Run, print a table, and write the result file."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n", maxsplit=1)[0])
-    parser.add_argument("--preset", default="paper")
-    parser.add_argument("--scenarios", nargs="*", default=["corridor", "loop", "office"])
-    parser.add_argument("--seeds", type=int, default=20, help="of each scenario, from 0")
-    parser.add_argument("--intel-seeds", type=int, default=5, help="of the Intel log, from 0; 0 leaves it out")
+    """Run, print a table, and write the result file, anew after every run."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--preset", default="default")
+    parser.add_argument("--runs", nargs="+", metavar="NAME", help="real logs and scenarios by name")
+    parser.add_argument("--all-scenarios", action="store_true", help="every bundled scenario")
+    parser.add_argument("--seeds", type=seeds, metavar="N", help="of each run, from 0; or 10-19")
+    parser.add_argument("--odometry-noise", type=float, default=1.0, metavar="X", help="times the scenarios' own")
+    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", dest="settings")
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--out", type=Path)
     options = parser.parse_args()
+    try:
+        resolve_config(options.preset, options.settings)
+    except ConfigError as error:
+        parser.error(str(error))
+    runs, rows = chosen(options), []
+    about = {
+        **stamp(),
+        "preset": options.preset,
+        "settings": options.settings,
+        "odometry_noise": options.odometry_noise,
+        "workers": options.workers,
+    }
     with ProcessPoolExecutor(options.workers, mp_context=get_context("spawn")) as pool:
-        jobs = [
-            pool.submit(simulated, scenario, options.preset, seed)
-            for scenario in options.scenarios
-            for seed in range(options.seeds)
+        jobs: list[Future[dict[str, Any]]] = [
+            pool.submit(run, name, options.preset, options.settings, seed, options.odometry_noise)
+            for name, these in runs.items()
+            for seed in these
         ]
-        if DATA.is_dir():
-            jobs += [pool.submit(intel, options.preset, seed) for seed in range(options.intel_seeds)]
-        rows = []
         for job in jobs:
             rows.append(job.result())
-            print("  ".join(f"{k} {v:.4f}" if isinstance(v, float) else f"{k} {v}" for k, v in rows[-1].items()))
-    summary = {}
-    for run in dict.fromkeys(row["run"] for row in rows):
-        mine = [row for row in rows if row["run"] == run]
-        keys = [key for key in mine[0] if key not in ("run", "seed", "scans")]
-        summary[run] = {
-            key: {"median": float(np.median([row[key] for row in mine])), "worst": max(row[key] for row in mine)}
-            for key in keys
-        }
-        print(run, *(f"{key} median {s['median']:.4f} worst {s['worst']:.4f};" for key, s in summary[run].items()))
-    if options.out:
-        result = {
-            "date": date.today().isoformat(),
-            "preset": options.preset,
-            "hardware": f"{platform.machine()}, {os.cpu_count()} cores",
-            "versions": {name: version(name) for name in ("moteslam", "taichi", "numpy", "pymunk")},
-            "summary": summary,
-            "rows": rows,
-        }
-        options.out.parent.mkdir(parents=True, exist_ok=True)
-        options.out.write_text(json.dumps(result, indent=1) + "\n")
+            line = (f"{k} {v:.4f}" if isinstance(v, float) else f"{k} {v}" for k, v in rows[-1].items())
+            print("  ".join(line), flush=True)
+            if options.out:
+                options.out.parent.mkdir(parents=True, exist_ok=True)
+                result = {**about, "summary": summarised(rows, options), "rows": rows}
+                options.out.write_text(json.dumps(result, indent=1) + "\n")
+    summaries = summarised(rows, options)
+    print()
+    print(table(summary_lines({told(name, summary): summary for name, summary in summaries.items()}), right=(3, 4)))
 
 
 if __name__ == "__main__":

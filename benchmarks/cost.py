@@ -1,0 +1,209 @@
+"""What SLAM costs: processor time a scan, speed beside real time, memory; a dated result file.
+
+    python benchmarks/cost.py --preset default --out benchmarks/results/cost-default-YYYY-MM-DD.json
+    python benchmarks/cost.py --cases filter real_time_100 --seeds 1
+    python benchmarks/cost.py --quick
+
+Everything is measured in a fresh process of its own, with the kernels in the cache on disk; loading them is told apart,
+and counted where the whole process is. The error of the same run stands beside its cost. --quick is a trial of a minute
+or two with other, shorter recordings: whether it runs, and no more.
+
+| case | what |
+|---|---|
+| filter | `intel_key_scans`, 30 particles, 1 thread: processor time of the filter and of `run_slam` a scan |
+| process, process_figures | the same by `moteslam replay`, without and with figures: the whole process |
+| real_time_100, real_time_1000 | `corridor` (1081 beams, 40 Hz), so many particles, 2 threads: against real time |
+| memory_1000, memory_1000_figures | `intel_raw_part` by `moteslam replay`, 1000 particles, 2 threads: most memory |
+| played_again | a ring of corridors driven ten times over, 1 thread: memory after each round |
+| same_bytes | `freiburg-101` by `moteslam replay` on 1 and on 2 threads: trajectories and map compared |
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from parts.bars import Bar, summarise, summary_lines
+from parts.machine import stamp
+
+RESULTS = ("trajectory.tum", "trajectory_final.tum", "map.pgm")
+TIMES = 10
+BARS: dict[str, tuple[Bar, ...]] = {
+    "filter": (Bar("run_slam_cpu_ms_a_scan", "worst", 7.5), Bar("ate_m", "worst", 0.09)),
+    "process": (Bar("cpu_ms_a_scan", "worst", 10.0), Bar("ate_m", "worst", 0.09)),
+    "process_figures": (),
+    "real_time_100": (Bar("times_real_time", "worst", 2.0, least=True), Bar("ate_m", "worst", 0.15, strict=True)),
+    "real_time_1000": (Bar("times_real_time", "worst", 1.0, least=True), Bar("ate_m", "worst", 0.15, strict=True)),
+    "memory_1000": (Bar("peak_mb", "worst", 1000.0, strict=True),),
+    "memory_1000_figures": (Bar("peak_mb", "worst", 1000.0, strict=True),),
+    "played_again": (Bar("maps_last_over_second", "worst", 1.0),),
+    "same_bytes": (Bar("files_that_differ", "worst", 0.0),),
+}
+MANY_SEEDS = ("filter", "process", "real_time_100", "real_time_1000")
+"""Measured with 5 seeds, the others with one."""
+
+
+def python(*arguments: str) -> tuple[str, dict[str, float]]:
+    """Run Python in a fresh process: what it prints, and its wall time, processor time [s] and most memory [MB].
+
+    Raises:
+        RuntimeError: it failed; its last line of error is told.
+    """
+    began = time.perf_counter()
+    with tempfile.TemporaryFile("w+") as said, tempfile.TemporaryFile("w+") as failed:
+        child = subprocess.Popen([sys.executable, *arguments], stdout=said, stderr=failed)
+        _, status, usage = os.wait4(child.pid, 0)
+        child.returncode = os.waitstatus_to_exitcode(status)
+        seconds = time.perf_counter() - began
+        said.seek(0)
+        failed.seek(0)
+        if child.returncode:
+            lines = failed.read().strip().splitlines() or [f"exit code {child.returncode}"]
+            raise RuntimeError(f"{' '.join(arguments[:3])}: {lines[-1]}")
+        memory = usage.ru_maxrss * (1 if sys.platform == "darwin" else 1024) / 1e6
+        return said.read(), {"wall_s": seconds, "cpu_s": usage.ru_utime + usage.ru_stime, "peak_mb": memory}
+
+
+class Costs:
+    """The cases, as the command line asks for them.
+
+    Args:
+        preset, settings: of the filter.
+        quick: take a short log in place of the Intel logs, and little of the simulated ones.
+    """
+
+    def __init__(self, preset: str, settings: list[str], *, quick: bool) -> None:
+        self._preset, self._settings, self._quick = preset, settings, quick
+        self._duration = 25.0 if quick else None
+        self.cases: dict[str, Callable[[int], dict[str, Any]]] = {
+            "filter": self.filter,
+            "process": lambda seed: self.process(seed, "--no-figures"),
+            "process_figures": self.process,
+            "real_time_100": lambda seed: self.real_time(seed, 100),
+            "real_time_1000": lambda seed: self.real_time(seed, 1000),
+            "memory_1000": lambda seed: self.memory(seed, "--no-figures"),
+            "memory_1000_figures": self.memory,
+            "played_again": self.played_again,
+            "same_bytes": self.same_bytes,
+        }
+
+    def filter(self, seed: int) -> dict[str, Any]:
+        """Processor time a scan of the filter, in Python."""
+        return self._measure("filter", seed, 30, threads=1, log=self._log("intel_key_scans"))
+
+    def real_time(self, seed: int, particles: int) -> dict[str, Any]:
+        """Wall time of a recording beside how long it took to record."""
+        return self._measure("real time", seed, particles, threads=2, scenario="corridor", duration=self._duration)
+
+    def played_again(self, seed: int) -> dict[str, Any]:
+        """Memory after each round of a ring."""
+        times = 3 if self._quick else TIMES
+        return self._measure("played again", seed, 30, threads=1, times=times, every=4, duration=self._duration)
+
+    def process(self, seed: int, *flags: str) -> dict[str, Any]:
+        """Processor time a scan and memory of the whole command; ``flags`` are more of its options."""
+        from parts.runs import reference_file
+
+        log = self._log("intel_key_scans")
+        with tempfile.TemporaryDirectory() as folder:
+            out = Path(folder) / "result"
+            cost = self._replay(log, seed, 30, 1, out, *flags)
+            scans = len((out / "trajectory_final.tum").read_text().splitlines()) - 1
+            arguments = ("evaluate", str(out / "trajectory_final.tum"), str(reference_file(log)), "--json")
+            scores = json.loads(python("-m", "moteslam", *arguments)[0])
+        error = scores["ate"]["translation_m"]["rmse"]
+        return {"cpu_ms_a_scan": 1e3 * cost["cpu_s"] / scans, "ate_m": error, "scans": scans, **cost}
+
+    def memory(self, seed: int, *flags: str) -> dict[str, Any]:
+        """The most memory that the command had with many particles."""
+        with tempfile.TemporaryDirectory() as folder:
+            return self._replay(
+                self._log("intel_raw_part"), seed, 100 if self._quick else 1000, 2, Path(folder) / "result", *flags
+            )
+
+    def same_bytes(self, seed: int) -> dict[str, Any]:
+        """How many files of the result differ between one thread and two."""
+        digests = []
+        with tempfile.TemporaryDirectory() as folder:
+            for threads in (1, 2):
+                out = Path(folder) / str(threads)
+                self._replay("freiburg-101", seed, 30, threads, out, "--no-figures")
+                digests.append([hashlib.sha256((out / name).read_bytes()).hexdigest() for name in RESULTS])
+        return {"files_that_differ": sum(one != two for one, two in zip(*digests, strict=True))}
+
+    def _log(self, name: str) -> str:
+        return "freiburg-101" if self._quick else name
+
+    def _measure(self, name: str, seed: int, particles: int, **more: Any) -> dict[str, Any]:
+        """A function of ``parts/costs.py`` in a process of its own."""
+        given = {"preset": self._preset, "settings": self._settings, "seed": seed, "particles": particles, **more}
+        said, cost = python(__file__, "--measure", name, json.dumps(given))
+        row: dict[str, Any] = json.loads(said.splitlines()[-1])
+        return {**row, "peak_mb": cost["peak_mb"]}
+
+    def _replay(self, log: str, seed: int, particles: int, threads: int, out: Path, *flags: str) -> dict[str, float]:
+        """What ``moteslam replay`` of a log costs."""
+        from parts.runs import log_file
+
+        settings = [word for setting in self._settings for word in ("--set", setting)]
+        numbers = ("--particles", str(particles), "--threads", str(threads), "--seed", str(seed))
+        command = ("replay", str(log_file(log)), "--out", str(out), "--preset", self._preset)
+        return python("-m", "moteslam", *command, *settings, *numbers, *flags)[1]
+
+
+def main() -> None:
+    """Measure, print a table, and write the result file, anew after every run."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--preset", default="default")
+    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", dest="settings")
+    parser.add_argument("--cases", nargs="+", choices=list(BARS), metavar="CASE", default=list(BARS))
+    parser.add_argument("--seeds", type=int, help="of each case, from 0")
+    parser.add_argument("--quick", action="store_true", help="other, shorter recordings: a trial")
+    parser.add_argument("--out", type=Path)
+    parser.add_argument("--measure", nargs=2, help=argparse.SUPPRESS)
+    options = parser.parse_args()
+    if options.measure:
+        from parts.costs import MEASURES
+
+        print(json.dumps(MEASURES[options.measure[0]](json.loads(options.measure[1]))))
+        return
+    from moteslam.errors import ConfigError
+    from moteslam.eval.cli.text import table
+    from moteslam.slam.config import resolve_config
+
+    try:
+        resolve_config(options.preset, options.settings)
+    except ConfigError as error:
+        parser.error(str(error))
+    costs = Costs(options.preset, options.settings, quick=options.quick)
+    about = {**stamp(), "preset": options.preset, "settings": options.settings, "quick": options.quick}
+    rows: list[dict[str, Any]] = []
+    summary: dict[str, Any] = {}
+    for case in options.cases:
+        for seed in range(options.seeds or (5 if case in MANY_SEEDS and not options.quick else 1)):
+            row = {"run": case, "seed": seed, "load": os.getloadavg()[0]}
+            try:
+                row |= costs.cases[case](seed)
+            except RuntimeError as error:
+                row["error"] = str(error)
+            rows.append(row)
+            print("  ".join(f"{k} {v:.4f}" if isinstance(v, float) else f"{k} {v}" for k, v in row.items()), flush=True)
+        summary[case] = summarise([row for row in rows if row["run"] == case], BARS[case])
+        if options.out:
+            options.out.parent.mkdir(parents=True, exist_ok=True)
+            options.out.write_text(json.dumps({**about, "summary": summary, "rows": rows}, indent=1) + "\n")
+    print()
+    print(table(summary_lines(summary), right=(3, 4)))
+
+
+if __name__ == "__main__":
+    main()

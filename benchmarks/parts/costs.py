@@ -1,0 +1,195 @@
+"""What a run costs, each measured in a fresh process of its own: ``python benchmarks/cost.py --measure NAME JSON``.
+
+The functions here run in that process; the command line is measured from outside, in ``cost.py``.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from parts.runs import errors, load_log, simulate_case
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from moteslam.robot.recording import Recording
+    from moteslam.robot.trajectory import Trajectory
+    from moteslam.slam.config import SlamConfig
+    from moteslam.slam.run import SlamSession
+
+FIRST = 30
+"""Scans that are run before the clock starts, so that the kernels are loaded; what that takes is told apart."""
+
+
+def start(given: dict[str, Any]) -> SlamConfig:
+    """Start the kernels and resolve the configuration."""
+    from moteslam.kernels import runtime
+    from moteslam.slam.config import resolve_config
+
+    runtime.init("cpu", given["threads"])
+    return resolve_config(given["preset"], [*given["settings"], f"particles={given['particles']}"])
+
+
+def filter_alone(given: dict[str, Any]) -> dict[str, Any]:
+    """Processor time a scan over a log: of the filter alone, and of ``run_slam``, which draws the map at the end."""
+    from moteslam.slam.run import SlamSession
+
+    config = start(given)
+    case = load_log(given["log"])
+    loading = time.process_time()
+    load_kernels(case.recording, config)
+    loading = time.process_time() - loading
+    session = SlamSession(case.recording, config, seed=given["seed"])
+    began = time.process_time()
+    for _ in session:
+        pass
+    stepped = time.process_time()
+    estimate = session.estimate()
+    ended = time.process_time()
+    scans = len(session)
+    return {
+        "filter_cpu_ms_a_scan": 1e3 * (stepped - began) / scans,
+        "run_slam_cpu_ms_a_scan": 1e3 * (ended - began) / scans,
+        "loading_cpu_s": loading,
+        "ate_m": errors(given["log"], estimate, case)["final"],
+        "scans": scans,
+        "updates": int(estimate.diagnostics["updated"].sum()),
+    }
+
+
+def real_time(given: dict[str, Any]) -> dict[str, Any]:
+    """How many times faster than it was recorded a simulated scenario is worked through, in wall time, kernels loaded.
+
+    ``slowest_scan_ms`` and ``scan_ms_99`` are of the filter: the longest step, and the one that 99 % are shorter than.
+    """
+    from moteslam.slam.run import run_slam
+
+    config = start(given)
+    case = simulate_case(given["scenario"], given["seed"], duration=given["duration"])
+    load_kernels(case.recording, config)
+    began, spent = time.perf_counter(), time.process_time()
+    estimate = run_slam(case.recording, config, seed=given["seed"])
+    wall, spent = time.perf_counter() - began, time.process_time() - spent
+    assert case.recording.lidar is not None
+    recorded = float(np.ptp(case.recording.lidar.stamps))
+    steps = 1e3 * estimate.diagnostics["seconds"]
+    return {
+        "times_real_time": recorded / wall,
+        "wall_s": wall,
+        "recorded_s": recorded,
+        "cpu_ms_a_scan": 1e3 * spent / len(steps),
+        "scan_ms_99": float(np.quantile(steps, 0.99)),
+        "slowest_scan_ms": float(steps.max()),
+        "ate_m": errors(given["scenario"], estimate, case)["final"],
+        "scans": len(steps),
+        "updates": int(estimate.diagnostics["updated"].sum()),
+    }
+
+
+def played_again(given: dict[str, Any]) -> dict[str, Any]:
+    """Bytes of the particles' maps, and of the whole process, after each round of a ring driven many times."""
+    from moteslam.eval.metrics.ate import absolute_trajectory_error
+    from moteslam.robot.trajectory import Trajectory
+    from moteslam.slam.run import SlamSession
+
+    config = start(given)
+    case = simulate_case("loop", given["seed"], laps=1.0, duration=given["duration"])
+    assert case.reference is not None
+    recording, truth = repeated(case.recording, case.reference, config, times=given["times"], every=given["every"])
+    session = SlamSession(recording, config, seed=given["seed"])
+    scans = len(session) // given["times"]
+    rounds = [
+        {"map_bytes": map_bytes(session), "process_bytes": resident_bytes()}
+        for update in session
+        if (update.index + 1) % scans == 0
+    ]
+    second, last = rounds[1], rounds[-1]
+    final = session.estimate().trajectory_final
+    score = absolute_trajectory_error(final, Trajectory(final.stamps, truth))
+    return {
+        "maps_last_over_second": last["map_bytes"] / max(second["map_bytes"], 1),
+        "maps_mb": last["map_bytes"] / 1e6,
+        "process_mb": last["process_bytes"] / 1e6,
+        "process_growth_mb": (last["process_bytes"] - second["process_bytes"]) / 1e6,
+        "ate_m": score.rmse,
+        "scans": len(session),
+        "rounds": rounds,
+    }
+
+
+def repeated(
+    recording: Recording, truth: Trajectory, config: SlamConfig, *, times: int, every: int
+) -> tuple[Recording, NDArray[np.float64]]:
+    """A recording that begins and ends at the same place, at rest, so many times in a row; and its true poses.
+
+    Stamps go on, and so do the odometry's poses, which are logged with the scans: a round's own dead reckoning, and
+    from its last pose to the next round's first the true step of a few centimetres.
+
+    Args:
+        recording: with a lidar and odometry of any kind.
+        truth: of it.
+        config: how its streams are synchronised.
+        times: how many rounds.
+        every: takes only every so many-th scan.
+    """
+    from moteslam.robot import se2
+    from moteslam.slam.dead_reckoning import dead_reckon
+
+    lidar = recording.lidar
+    assert lidar is not None
+    stamps = lidar.stamps[::every]
+    true_poses = truth.at(stamps).poses
+    path = dead_reckon(recording, config.sync).poses[::every]
+    seam = se2.between(true_poses[-1], true_poses[0])
+    steps = np.concatenate([np.vstack((seam, se2.between(path[:-1], path[1:])))] * times)
+    steps[0] = 0.0
+    period = float(stamps[-1] - stamps[0]) + 1.0
+    many = replace(
+        lidar,
+        stamps=np.concatenate([stamps + period * i for i in range(times)]),
+        ranges=np.tile(lidar.ranges[::every], (times, 1)),
+        odometry=se2.accumulate(steps),
+    )
+    name = f"{recording.name}, {times} times"
+    return recording.replace(name=name, lidar=many, encoders=None, imu=None), np.tile(true_poses, (times, 1))
+
+
+def load_kernels(recording: Recording, config: SlamConfig) -> None:
+    """Run the first scans, so that all the usual kernels are compiled or loaded."""
+    from moteslam.slam.run import run_slam
+
+    assert recording.lidar is not None
+    few = replace(
+        recording.lidar,
+        stamps=recording.lidar.stamps[:FIRST],
+        ranges=recording.lidar.ranges[:FIRST],
+        odometry=None if recording.lidar.odometry is None else recording.lidar.odometry[:FIRST],
+    )
+    run_slam(recording.replace(lidar=few), config)
+
+
+def map_bytes(session: SlamSession) -> int:
+    """Bytes of all the particles' maps; 0 of a method that has no such maps."""
+    return getattr(getattr(session._filter, "_maps", None), "memory", 0)
+
+
+def resident_bytes() -> int:
+    """Memory of this process that is in use now; the most it ever had, where the system does not tell."""
+    with suppress(OSError):
+        pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
+        return pages * os.sysconf("SC_PAGE_SIZE")
+    import resource
+
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
+
+
+MEASURES = {"filter": filter_alone, "real time": real_time, "played again": played_again}
+"""What can be measured, by name."""

@@ -1,0 +1,189 @@
+"""What the benchmarks run: real logs with their references, simulated scenarios with their truth; and what is asked.
+
+The limits are those that the preset ``default`` was built for: a quarter less error than the best of GMapping, Karto,
+Cartographer and Hector on the same logs (docs/accuracy.md).
+"""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from parts.bars import Bar
+
+if TYPE_CHECKING:
+    from moteslam.robot.recording import Recording
+    from moteslam.robot.trajectory import Trajectory
+    from moteslam.sim.scenario import Scenario
+    from moteslam.slam.estimate import Estimate
+
+DATA = Path(os.environ.get("MOTESLAM_DATA", Path(__file__).parents[3] / "shared" / "data"))
+
+RELATIONS = "intel_raw_part"
+"""The log that is scored by hand-checked relations."""
+LOGS = {
+    RELATIONS: "intel/intel_raw_part",
+    "intel_key_scans": "intel/intel_key_scans",
+    "freiburg-101": "key_scans/freiburg-101",
+    "belgioioso": "key_scans/belgioioso",
+    "csail": "csail/csail",
+}
+"""Real logs under ``DATA``: ``.log.gz``, and beside it ``.reference.tum`` (or ``.relations``)."""
+SCENARIOS = ("corridor", "loop", "office")
+"""Simulated, scored by ATE over 20 seeds."""
+HALL = "hall"
+"""Simulated, scored along and across its only direction."""
+LOST = 0.15
+"""An ATE of so much [m] is a divergence."""
+
+NOT_MUCH_WORSE_AT_ONCE = Bar("online_over_final", "worst", 1.5)
+NEVER_LOST = Bar("final", "worst", LOST, strict=True)
+BARS: dict[str, tuple[Bar, ...]] = {
+    RELATIONS: (
+        Bar("final_clear", "worst", 0.0155),
+        Bar("final_clear_deg", "worst", 0.22),
+        NOT_MUCH_WORSE_AT_ONCE,
+        Bar("online_over_final_deg", "worst", 1.5),
+    ),
+    "intel_key_scans": (Bar("final", "worst", 0.09), NOT_MUCH_WORSE_AT_ONCE),
+    "freiburg-101": (Bar("final", "worst", 0.06), NOT_MUCH_WORSE_AT_ONCE),
+    "belgioioso": (Bar("final", "worst", 0.13), NOT_MUCH_WORSE_AT_ONCE),
+    "csail": (Bar("final", "worst", 0.115), NOT_MUCH_WORSE_AT_ONCE),
+    HALL: (
+        Bar("final_across", "worst", 0.05, strict=True),
+        Bar("along_over_dead_reckoning", "worst", 1.0),
+    ),
+} | dict.fromkeys(SCENARIOS, (NEVER_LOST, Bar("final", "median", 0.03), NOT_MUCH_WORSE_AT_ONCE))
+
+
+@dataclass(frozen=True)
+class Case:
+    """A recording and what it is scored with.
+
+    Attributes:
+        recording: what SLAM gets.
+        reference: truth or reference trajectory; None where there are relations.
+        scenario: None of a real log.
+    """
+
+    recording: Recording
+    reference: Trajectory | None
+    scenario: Scenario | None = None
+
+
+def log_file(name: str) -> Path:
+    """The real log of that name."""
+    return DATA / f"{LOGS[name]}.log.gz"
+
+
+def reference_file(name: str) -> Path:
+    """What it is scored with."""
+    return DATA / f"{LOGS[name]}.{'relations' if name == RELATIONS else 'reference.tum'}"
+
+
+def load_log(name: str) -> Case:
+    """A real log and its reference trajectory, if that is what it has."""
+    from moteslam.robot.formats import open_recording
+    from moteslam.robot.trajectory import read_tum
+
+    return Case(open_recording(log_file(name)), None if name == RELATIONS else read_tum(reference_file(name)))
+
+
+def simulate_case(
+    name: str, seed: int, *, odometry_noise: float = 1.0, duration: float | None = None, laps: float | None = None
+) -> Case:
+    """A bundled scenario, simulated, without its camera.
+
+    Args:
+        name: of the scenario.
+        seed: of its noise.
+        odometry_noise: how many times the scenario's own noise of wheels and gyro.
+        duration: ends it after so much time [s].
+        laps: how many times round its closed route.
+    """
+    from moteslam.sim.scenario import load_scenario
+    from moteslam.sim.simulate import simulate
+
+    scenario = load_scenario(name)
+    noise = scenario.noise.model_copy(update={"odometry_scale": scenario.noise.odometry_scale * odometry_noise})
+    changes: dict[str, Any] = {"camera": None, "noise": noise}
+    if duration is not None:
+        changes["duration"] = duration
+    if laps is not None:
+        assert scenario.route is not None
+        changes["route"] = scenario.route.model_copy(update={"laps": laps})
+    simulation = simulate(scenario.model_copy(update=changes), seed=seed)
+    return Case(simulation.recording, simulation.truth, scenario)
+
+
+def errors(name: str, estimate: Estimate, case: Case) -> dict[str, float]:
+    """The figures of an estimate: ATE RMSE or errors of relations [m], [deg], online, final and of dead reckoning."""
+    trajectories = {
+        "final": estimate.trajectory_final,
+        "online": estimate.trajectory,
+        "dead_reckoning": estimate.dead_reckoning,
+    }
+    if case.reference is None:
+        figures = relation_figures(trajectories)
+        figures["online_over_final"] = figures["online_clear"] / figures["final_clear"]
+        figures["online_over_final_deg"] = figures["online_clear_deg"] / figures["final_clear_deg"]
+        return figures
+    from moteslam.eval.metrics.ate import absolute_trajectory_error
+
+    scores = {key: absolute_trajectory_error(trajectory, case.reference) for key, trajectory in trajectories.items()}
+    figures = {key: score.rmse for key, score in scores.items()}
+    figures["online_over_final"] = figures["online"] / figures["final"]
+    if name == HALL:
+        assert case.scenario is not None
+        figures |= hall_figures(trajectories, case.reference, case.scenario)
+    return figures
+
+
+def relation_figures(trajectories: dict[str, Trajectory]) -> dict[str, float]:
+    """Mean errors of the Intel relations [m], [deg]: of the clear ones, and of all that match, with how many there are.
+
+    At a stamp of several scans the first counts.
+    """
+    from moteslam.eval.metrics.relations import read_relations, relation_errors
+
+    figures: dict[str, float] = {}
+    for which, file in (("clear", reference_file(RELATIONS)), ("all", DATA / "intel" / "intel.relations")):
+        relations = read_relations(file)
+        for key, trajectory in trajectories.items():
+            score = relation_errors(trajectory, relations).all
+            figures[f"{key}_{which}"] = score.translation.mean
+            figures[f"{key}_{which}_deg"] = score.rotation.mean
+            figures[f"n_{which}"] = score.translation.count
+    return figures
+
+
+def hall_figures(trajectories: dict[str, Trajectory], truth: Trajectory, scenario: Scenario) -> dict[str, float]:
+    """RMSE along and across the way from the first waypoint to the last [m], aligned; and as it is, from the start on.
+
+    The alignment takes out a constant heading error and half of a drift along the hall; ``_from_start`` puts the first
+    pose of each trajectory on the true one and changes nothing else.
+    """
+    from moteslam.eval.metrics.association import match
+    from moteslam.eval.metrics.ate import absolute_trajectory_error
+    from moteslam.robot import se2
+
+    assert scenario.route is not None
+    way = scenario.route.corners[-1] - scenario.route.corners[0]
+    axes = np.array((way, (-way[1], way[0]))) / np.hypot(*way)
+    figures: dict[str, float] = {}
+    for key, trajectory in trajectories.items():
+        aligned = absolute_trajectory_error(trajectory, truth)
+        matched = match(trajectory, truth)
+        placed = se2.compose(matched.reference[0], se2.between(matched.estimate[0], matched.estimate))
+        for suffix, off in (
+            ("", aligned.aligned - aligned.reference),
+            ("_from_start", placed - matched.reference),
+        ):
+            along, across = np.sqrt(np.mean((off[:, :2] @ axes.T) ** 2, axis=0)).tolist()
+            figures |= {f"{key}_along{suffix}": along, f"{key}_across{suffix}": across}
+    figures["along_over_dead_reckoning"] = figures["final_along"] / figures["dead_reckoning_along"]
+    return figures
