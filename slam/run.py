@@ -81,7 +81,7 @@ class SlamSession:
             key: np.zeros(len(self._lidar)) for key in ("n_eff", "score", "updated", "resampled", "seconds")
         }
         self._motions = np.zeros((len(self._lidar), 3))
-        self._done = 0
+        self._done = self._guesses = 0
         self._steps = steps(recording, self.config.sync, max_range=self.config.max_range)
 
     def __len__(self) -> int:
@@ -91,6 +91,7 @@ class SlamSession:
         for step in self._steps:
             began = time.perf_counter()
             outcome = self._filter.step(step)
+            self._guesses += step.guess
             seconds = time.perf_counter() - began
             self._online[step.index] = outcome.pose
             self._motions[step.index] = outcome.motion
@@ -129,6 +130,12 @@ class SlamSession:
             )
         return Trajectory(self._lidar.stamps, np.zeros((len(self._lidar), 3)))
 
+    def _distrust(self) -> list[str]:
+        """Where the odometry was not believed, a line if anywhere."""
+        if not self._guesses or self._filter.needs_odometry or not has_odometry(self.recording):
+            return []
+        return [f"odometry jumps at {self._guesses} of {self._done} scans: constant velocity there"]
+
     @property
     def map(self) -> OccupancyMap:
         """The map as it stands; the best particle's, where each has its own."""
@@ -165,7 +172,7 @@ class SlamSession:
             particle_stamps=stamps[updates],
             particle_paths=paths,
             diagnostics={key: values[:n] for key, values in self._diagnostics.items()},
-            warnings=tuple(warnings(self.recording)),
+            warnings=(*warnings(self.recording), *self._distrust()),
             seconds=float(self._diagnostics["seconds"].sum()),
         )
 

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from moteslam.robot import se2
 from moteslam.robot.recording import Recording
 from moteslam.slam.config import SyncConfig
-from moteslam.slam.synchronise import has_odometry, odometry_path, require_lidar
+from moteslam.slam.synchronise import has_odometry, jumps, odometry_at_scans, odometry_path, require_lidar
 
 Array = NDArray[np.float64]
 
@@ -63,6 +63,9 @@ def _sweeps(recording: Recording, config: SyncConfig) -> Array | None:
     if seconds <= 0 or not has_odometry(recording):
         return None
     stamps, poses = odometry_path(recording, config)
-    return se2.between(
+    motion = se2.between(
         se2.interpolate(stamps, poses, lidar.stamps), se2.interpolate(stamps, poses, lidar.stamps + seconds)
     )
+    # odometry that jumps before the next scan tells nothing of how the robot moved in this one
+    motion[:-1][jumps(lidar.stamps, odometry_at_scans(recording, config))[1:]] = 0.0
+    return motion

@@ -12,7 +12,7 @@ from moteslam.robot import se2
 from moteslam.robot.recording import Recording
 from moteslam.slam.config import SyncConfig
 from moteslam.slam.scans import Scans
-from moteslam.slam.synchronise import has_odometry, odometry_at_scans, require_lidar
+from moteslam.slam.synchronise import has_odometry, jumps, odometry_at_scans, require_lidar
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,10 +23,12 @@ class Step:
         index: of the scan in the recording.
         stamp: of the scan [s].
         dt: time since the scan before [s]; 0 for scans that share a stamp.
-        motion: [3] increment of the robot's pose, in the frame of its pose at the scan before; zeros if ``guess``.
+        motion: [3] increment of the robot's pose, in the frame of its pose at the scan before; zeros where nothing
+            measured it.
         points: [k, 2] float32 the finite endpoints in the robot's frame [m].
         origin: [2] where the rays start, in the robot's frame [m]: the lidar.
-        guess: nothing measured the motion: who takes the step in must guess it from what came before.
+        guess: nothing measured the motion, or the odometry jumped: who takes the step in had better guess it from
+            what came before.
     """
 
     index: int
@@ -41,7 +43,7 @@ class Step:
 def steps(recording: Recording, config: SyncConfig, *, max_range: float = np.inf) -> Iterator[Step]:
     """One step a scan: the motion since the scan before and the scan's endpoints in the robot's frame.
 
-    Without odometry of any kind the steps say that their motion is a guess.
+    Without odometry of any kind the steps say that their motion is a guess, and so do those where it jumps.
 
     Args:
         recording: needs a lidar.
@@ -52,10 +54,11 @@ def steps(recording: Recording, config: SyncConfig, *, max_range: float = np.inf
         InputError: there is no lidar.
     """
     stamps = require_lidar(recording).stamps
-    guess = not has_odometry(recording)
-    odometry = np.zeros((len(stamps), 3)) if guess else odometry_at_scans(recording, config)
+    known = has_odometry(recording)
+    odometry = odometry_at_scans(recording, config) if known else np.zeros((len(stamps), 3))
+    guesses = jumps(stamps, odometry) if known else np.ones(len(stamps), np.bool_)
     motions = np.vstack((np.zeros(3), se2.between(odometry[:-1], odometry[1:])))
     scans = Scans(recording, config, max_range=max_range)
     for index, stamp in enumerate(stamps):
         dt = float(stamp - stamps[index - 1]) if index else 0.0
-        yield Step(index, float(stamp), dt, motions[index], scans.points(index), scans.origin, guess)
+        yield Step(index, float(stamp), dt, motions[index], scans.points(index), scans.origin, bool(guesses[index]))

@@ -17,6 +17,12 @@ from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream, Reco
 from moteslam.slam.config import SyncConfig
 
 Array = NDArray[np.float64]
+FASTEST, FASTEST_TURN = 4.0, 4.0
+"""Robots drive slower [m/s] and turn slower [rad/s] than this, or always as fast."""
+UNUSUAL = 10.0
+"""Times the way or turn that nine steps in ten stay below."""
+SHORTEST_JUMP, LEAST_JUMP = 0.2, 0.2
+"""Shorter steps [m], [rad] are not worth calling a jump: the scan mends them."""
 
 
 def has_odometry(recording: Recording) -> bool:
@@ -67,6 +73,28 @@ def odometry_at_scans(recording: Recording, config: SyncConfig) -> Array:
     if config.method == "interpolate":
         return se2.interpolate(stamps, poses, lidar.stamps)
     return poses[nearest(stamps, lidar.stamps)]
+
+
+def jumps(stamps: Array, odometry: Array) -> NDArray[np.bool_]:
+    """At which scans the odometry has jumped since the scan before: faster than robots move, and this one usually.
+
+    Args:
+        stamps: [n] of the scans [s]; scans that share one say nothing of a speed.
+        odometry: [n, 3] there.
+
+    Returns:
+        [n]; the first is False.
+    """
+    dt = np.diff(stamps)
+    motion = se2.between(odometry[:-1], odometry[1:])
+    jump = np.zeros(len(dt), np.bool_)
+    for size, fastest, least in (
+        (np.hypot(motion[:, 0], motion[:, 1]), FASTEST, SHORTEST_JUMP),
+        (np.abs(motion[:, 2]), FASTEST_TURN, LEAST_JUMP),
+    ):
+        usual = UNUSUAL * float(np.percentile(size, 90)) if len(size) else 0.0
+        jump |= (dt > 0) & (size > np.maximum(fastest * dt, max(least, usual)))
+    return np.concatenate(([False], jump))
 
 
 def warnings(recording: Recording) -> list[str]:
