@@ -1,0 +1,180 @@
+"""Recordings with missing, failing and jumping odometry, and with scans that see nothing: the filter finds back."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from slam_faults import blind, jumping_odometry, stopped_wheels, without_odometry
+from slam_rooms import circled_room
+
+from moteslam.errors import InputError
+from moteslam.eval.metrics.ate import absolute_trajectory_error
+from moteslam.robot import se2
+from moteslam.robot.recording import Recording
+from moteslam.sim.scenario import load_scenario
+from moteslam.sim.simulate import Simulation, simulate
+from moteslam.slam.config import resolve_config
+from moteslam.slam.constant_velocity import MOST, carried_on
+from moteslam.slam.dead_reckoning import dead_reckon
+from moteslam.slam.estimate import Estimate
+from moteslam.slam.run import run_slam
+from moteslam.slam.step import steps
+from moteslam.slam.synchronise import has_odometry, jumps
+
+pytestmark = pytest.mark.usefixtures("taichi")
+
+
+@pytest.fixture(scope="module")
+def corridor() -> Simulation:
+    return simulate(load_scenario("corridor").model_copy(update={"duration": 20.0}), seed=1)
+
+
+def run(recording: Recording) -> Estimate:
+    return run_slam(recording, resolve_config("default"), seed=1)
+
+
+def ate(simulation: Simulation, estimate: Estimate) -> float:
+    """The larger of the online and the final trajectory's [m]."""
+    return max(
+        absolute_trajectory_error(path, simulation.truth).translation.rmse
+        for path in (estimate.trajectory, estimate.trajectory_final)
+    )
+
+
+def end_error(simulation: Simulation, estimate: Estimate) -> float:
+    """How far from the true end the run ends, both seen from where it began [m]."""
+    path = estimate.trajectory
+    true = simulation.truth.at(path.stamps[[0, -1]]).poses
+    end = se2.between(path.poses[0], path.poses[-1]) - se2.between(true[0], true[1])
+    return float(np.hypot(end[0], end[1]))
+
+
+@pytest.mark.slow
+def test_without_odometry_the_corridor_is_driven_at_a_constant_velocity(corridor: Simulation):
+    estimate = run(without_odometry(corridor.recording))
+    assert end_error(corridor, estimate) < 0.3
+    assert ate(corridor, estimate) < 0.15
+    assert estimate.trajectory.length > 5
+    assert estimate.dead_reckoning.length == 0
+    told = [line for line in estimate.warnings if line.startswith("no odometry: constant velocity")]
+    assert len(told) == 1
+    assert f"{len(corridor.recording.lidar)} scans" in told[0]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("break_", "bad"),
+    [
+        (lambda r: stopped_wheels(r, 10, 14), 0.3),
+        (lambda r: jumping_odometry(r, 10, np.array([1.0, 0.0, 0.0])), 0.3),
+        (lambda r: jumping_odometry(r, 10, np.array([0.0, 0.0, np.radians(60)])), 0.3),
+        (lambda r: jumping_odometry(r, 10, np.array([1.0, 0.0, np.radians(60)]), back=12), 0.3),
+        (lambda r: blind(r, 10, 13), 0.0),
+        (lambda r: without_odometry(blind(r, 10, 11)), 0.3),
+    ],
+    ids=["wheels that stop", "a jump", "a turn", "a jump and back", "blind", "blind without odometry"],
+)
+def test_the_filter_recovers(corridor: Simulation, break_: Callable[[Recording], Recording], bad: float):
+    recording = break_(corridor.recording)
+    estimate = run(recording)
+    assert absolute_trajectory_error(estimate.dead_reckoning, corridor.truth).translation.rmse > bad
+    assert ate(corridor, estimate) < 0.15
+    assert end_error(corridor, estimate) < 0.15
+
+
+def test_the_room_is_circled_without_odometry():
+    recording, true = circled_room(scans=60)
+    lone = recording.replace(lidar=replace(recording.lidar, odometry=None))
+    estimate = run(lone)
+    assert np.hypot(*(estimate.trajectory.poses - true)[:, :2].T).max() < 0.1
+    again = run(lone)
+    assert estimate.trajectory.poses.tobytes() == again.trajectory.poses.tobytes()
+
+
+def test_without_odometry_the_robot_goes_on_where_it_sees_nothing():
+    recording, true = circled_room(scans=40)
+    lidar = replace(recording.lidar, odometry=None)
+    dark = replace(lidar, ranges=np.where(np.arange(40)[:, None] >= 34, np.float32(np.inf), lidar.ranges))
+    end = run(recording.replace(lidar=dark)).trajectory.poses[-1]
+    assert np.hypot(*(end - true[-1])[:2]) < 0.15
+    assert np.hypot(*(true[33] - true[-1])[:2]) > 0.4
+
+
+def test_without_odometry_the_paper_s_filter_names_the_method_that_does_without():
+    recording = circled_room(scans=5)[0]
+    lone = recording.replace(lidar=replace(recording.lidar, odometry=None))
+    with pytest.raises(InputError, match=r'room: neither encoders nor odometry.* method "surface" does without'):
+        run_slam(lone, resolve_config("paper"))
+    with pytest.raises(InputError, match="neither encoders nor odometry"):
+        dead_reckon(lone)
+
+
+def test_a_result_without_odometry_is_written_and_scored(corridor: Simulation, tmp_path: Path):
+    from moteslam.eval.cli.running import Backend, run_into
+
+    recording = without_odometry(corridor.recording)
+    lidar = recording.lidar
+    short = replace(lidar, stamps=lidar.stamps[:40], ranges=lidar.ranges[:40])
+    estimate, scores = run_into(
+        tmp_path,
+        recording.replace(lidar=short),
+        resolve_config("default", ["particles=5"]),
+        seed=0,
+        backend=Backend("cpu", 2),
+        truth=corridor.truth,
+        figures=False,
+    )
+    assert scores is not None
+    assert len(estimate.trajectory) == 40
+    assert (tmp_path / "trajectory_final.tum").exists()
+
+
+def test_steps_without_odometry_and_after_a_jump_are_guesses(corridor: Simulation):
+    sync = resolve_config("default").sync
+    recording = corridor.recording
+    assert not any(step.guess for step in steps(recording, sync))
+    lone = without_odometry(recording)
+    assert not has_odometry(lone)
+    assert all(step.guess and not step.motion.any() for step in steps(lone, sync))
+    jumping = jumping_odometry(recording, 10, np.array([1.0, 0.0, 0.0]), back=15)
+    guesses = [step for step in steps(jumping, sync) if step.guess]
+    assert len(guesses) == 2
+    assert [round(step.stamp - recording.lidar.stamps[0]) for step in guesses] == [10, 15]
+    assert all(np.hypot(*step.motion[:2]) > 0.9 for step in guesses)
+
+
+def test_a_jump_is_faster_than_robots_are_and_than_this_one_usually_is():
+    stamps = np.arange(101) * 0.1
+    slow = se2.accumulate(np.tile([0.05, 0, 0.02], (101, 1)))
+    assert not jumps(stamps, slow).any()
+    fast = se2.accumulate(np.tile([1.5, 0, 0.6], (101, 1)))
+    assert not jumps(stamps, fast).any()
+    ahead, turned = slow.copy(), slow.copy()
+    ahead[50:, 0] += 1.0
+    turned[30:, 2] = se2.wrap(turned[30:, 2] + np.radians(60))
+    assert np.flatnonzero(jumps(stamps, ahead)).tolist() == [50]
+    assert np.flatnonzero(jumps(stamps, turned)).tolist() == [30]
+    assert not jumps(stamps * 0, ahead).any()
+    assert not jumps(stamps * 10, ahead).any()
+    assert jumps(stamps[:1], slow[:1]).tolist() == [False]
+
+
+def test_odometry_that_jumps_within_a_sweep_does_not_turn_its_beams(corridor: Simulation):
+    recording, sync = corridor.recording, resolve_config("default").sync
+    assert recording.lidar.time_increment or recording.platform.lidar.time_increment
+    jumping = jumping_odometry(recording, 10, np.array([0.0, 0.0, np.radians(60)]))
+    for usual, bad in zip(steps(recording, sync), steps(jumping, sync), strict=True):
+        assert len(usual.points) == len(bad.points)
+        assert not len(usual.points) or np.abs(usual.points - bad.points).max() < 0.3
+
+
+def test_the_last_motion_goes_on_in_proportion_to_time():
+    motion = np.array([0.1, 0.0, 0.02])
+    np.testing.assert_allclose(carried_on(motion, 0.1, 0.2), 2 * motion)
+    np.testing.assert_array_equal(carried_on(motion, 0.0, 0.2), motion)
+    np.testing.assert_array_equal(carried_on(motion, 0.1, 0.0), motion)
+    np.testing.assert_allclose(carried_on(motion, 0.1, 3600.0), MOST * motion)
