@@ -175,8 +175,8 @@ class SurfaceConfig(_Section):
     max_weight: Annotated[int, Field(ge=1, le=31)] = 31
     spacing: Positive = 0.02
     gap: Positive = 0.3
-    gap_from_range: NotNegative = 0.05
-    straight_gap: Annotated[FiniteFloat, Field(ge=1)] = 5.0
+    gap_from_range: NotNegative = 0.035
+    straight_gap: Annotated[FiniteFloat, Field(ge=1)] = 1.0
     straightness: Positive = 0.03
 
 
@@ -202,12 +202,12 @@ class RegistrationConfig(_Section):
 
     residual: Positive = 0.01
     translation: Positive = 0.01
-    translation_from_translation: NotNegative = 0.1
+    translation_from_translation: NotNegative = 0.07
     rotation: Positive = 0.01
     rotation_from_rotation: NotNegative = 0.2
     guess_translation: NotNegative = 0.05
     guess_rotation: NotNegative = 0.05
-    prior_weight: Positive = 1.0
+    prior_weight: Positive = 5.0
     iterations: Annotated[int, Field(ge=1, le=100)] = 8
     doubtful_below: NotNegative = 0.6
     lost_below: FiniteFloat = 0.04
@@ -236,7 +236,7 @@ class ProposalConfig(_Section):
     translation_from_translation: NotNegative = 0.02
     rotation: NotNegative = 0.0005
     rotation_from_rotation: NotNegative = 0.02
-    evidence_share: Annotated[FiniteFloat, Field(gt=0, le=1)] = 0.015
+    evidence_share: Annotated[FiniteFloat, Field(gt=0, le=1)] = 0.03
     explore: bool = False
     unknown: NotNegative = 2.0
     outlier: NotNegative = 8.0
