@@ -76,11 +76,11 @@ def test_the_paper_page_gives_the_values_of_the_preset():
 def test_the_configuration_page_gives_every_key_and_its_values():
     page = (ROOT / "docs" / "configuration.md").read_text(encoding="utf-8")
     rows = {
-        cells[1].strip(" `"): cells[2:4] for cells in (line.split("|") for line in page.splitlines()) if len(cells) > 4
+        cells[1].strip(" `"): cells[2:5] for cells in (line.split("|") for line in page.splitlines()) if len(cells) > 4
     }
     sections = {key.partition(".")[0] for key in keys(SlamConfig()) if "." in key}
     assert set(rows) - {"key", "---"} == keys(SlamConfig()) - sections
-    for config, column in ((SlamConfig(), 0), (load_preset("paper"), 1)):
+    for column, config in enumerate((SlamConfig(), load_preset("paper"), load_preset("default"))):
         for key in set(rows) - {"key", "---"}:
             value = config
             for part in key.split("."):
