@@ -3,7 +3,8 @@
     python benchmarks/raycast.py [--out benchmarks/results/raycast-YYYY-MM-DD.json]
 
 The world is 100 m by 100 m, as a map of 2000 x 2000 cells of 0.05 m: offices of 4 m with a door of 1.2 m in each wall
-and a piece of furniture in every other, as segments. Scans of 1081 beams over 270 degrees, up to 30 m, from 200 places in
+and a piece of furniture in every other, as segments. Scans of 1081 beams over 270 degrees, up to 30 m, from 200
+places in
 free space. range_libc's CDDT casts 15.6 million approximate rays a second a core in such a world. Contenders take
 turns; the median of all turns counts, in wall time and in processor time, which a busy machine disturbs less.
 """
@@ -146,7 +147,7 @@ def main() -> None:
         "date": today,
         "machine": f"{cpu_name()}, {os.cpu_count()} cores, Python {platform.python_version()}",
         "load before": os.getloadavg()[0],
-        "world": f"{SIZE:g} m x {SIZE:g} m, offices of {ROOM:g} m, a box in every other; {POSES} scans of {BEAMS} beams",
+        "world": f"{SIZE:g} m x {SIZE:g} m, offices of {ROOM:g} m, a box in every other; {POSES} scans, {BEAMS} beams",
     }
     for threads in (1, 2):  # fixed for a process
         command = [sys.executable, __file__, "--threads", str(threads)]

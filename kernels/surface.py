@@ -72,7 +72,10 @@ def _draw(
     for iy in range(y0, y1 + 1):
         row = ti.cast(iy, ti.f32) + 0.5 - ay
         across, along_at = row * across_slope, row * along_slope + along_middle
-        low, high = ti.max(across - across_half, along_at - along_half), ti.min(across + across_half, along_at + along_half)
+        low, high = (
+            ti.max(across - across_half, along_at - along_half),
+            ti.min(across + across_half, along_at + along_half),
+        )
         first = ti.max(x0, ti.cast(ti.floor(ti.max(low, -FAR) + ax - 0.5), ti.i32))
         last = ti.min(x1, ti.cast(ti.floor(ti.min(high, FAR) + ax - 0.5), ti.i32) + 1)
         for ix in range(first, last + 1):

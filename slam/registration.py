@@ -179,7 +179,7 @@ def evenly(points: Points, most: int) -> Points:
 def ticks(reach: float, step: float) -> Array:
     """Multiples of ``step`` from ``-reach`` to ``reach`` or just beyond."""
     n = int(np.ceil(reach / step - 1e-9))
-    return np.arange(-n, n + 1) * step
+    return np.arange(-n, n + 1, dtype=np.float64) * step
 
 
 def lattice(reach: float, step: float) -> tuple[Array, int]:

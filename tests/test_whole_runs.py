@@ -13,6 +13,7 @@ import pytest
 from moteslam.eval.metrics.ate import absolute_trajectory_error
 from moteslam.eval.metrics.relations import read_relations, relation_errors
 from moteslam.robot.formats import open_recording
+from moteslam.robot.trajectory import read_tum
 from moteslam.sim.scenario import load_scenario
 from moteslam.sim.simulate import Simulation, simulate, write_simulation
 from moteslam.slam.config import load_preset, resolve_config
@@ -50,6 +51,32 @@ def test_the_paper_preset_holds_the_intel_building(data_folder: Path, seed: int)
     assert every.all.translation.mean < 0.10
 
 
+@pytest.mark.parametrize("scenario", ["corridor", "office"])
+def test_the_default_preset_stays_within_centimetres(scenario: str):
+    simulation = simulate(load_scenario(scenario), seed=0)
+    estimate = run_slam(simulation.recording, load_preset("default"), seed=0)
+    assert absolute_trajectory_error(estimate.trajectory_final, simulation.truth).translation.rmse < 0.08
+    assert absolute_trajectory_error(estimate.trajectory, simulation.truth).translation.rmse < 0.08
+
+
+def test_the_default_preset_beats_the_peers_in_the_intel_building(data_folder: Path):
+    recording = open_recording(data_folder / "intel" / "intel_raw_part.log.gz")
+    estimate = run_slam(recording, load_preset("default"), seed=0)
+    clear = read_relations(data_folder / "intel" / "intel_raw_part.relations")
+    final, online = (relation_errors(t, clear).all for t in (estimate.trajectory_final, estimate.trajectory))
+    assert final.translation.mean < 0.0194  # Cartographer; ours is 0.0142 to 0.0148 (benchmarks/)
+    assert final.rotation.mean < 0.245  # Hector, degrees; ours is 0.212 to 0.213
+    assert online.translation.mean < 1.5 * final.translation.mean
+
+
+def test_the_default_preset_follows_key_scans(data_folder: Path):
+    recording = open_recording(data_folder / "key_scans" / "freiburg-101.log.gz")
+    reference = read_tum(data_folder / "key_scans" / "freiburg-101.reference.tum")
+    estimate = run_slam(recording, load_preset("default"), seed=0)
+    assert absolute_trajectory_error(estimate.trajectory_final, reference).translation.rmse < 0.06
+    assert absolute_trajectory_error(estimate.trajectory, reference).translation.rmse < 0.09
+
+
 def test_a_recording_written_and_read_back_gives_the_same_bytes(tmp_path: Path):
     simulation = short("corridor", 25, seed=4)
     write_simulation(tmp_path, simulation)
@@ -63,11 +90,12 @@ def test_a_recording_written_and_read_back_gives_the_same_bytes(tmp_path: Path):
     assert from_disk.map.log_odds.tobytes() == from_memory.map.log_odds.tobytes()
 
 
-def test_one_thread_and_two_give_the_same_bytes(tmp_path: Path):
+@pytest.mark.parametrize("preset", ["paper", "default"])
+def test_one_thread_and_two_give_the_same_bytes(tmp_path: Path, preset: str):
     write_simulation(tmp_path, short("office", 25, seed=2))
     for threads in (1, 2):
         out = tmp_path / f"out{threads}"
-        moteslam("replay", tmp_path, "--out", out, "--preset", "paper", "--threads", threads, "--no-figures")
+        moteslam("replay", tmp_path, "--out", out, "--preset", preset, "--threads", threads, "--no-figures")
     for name in ("trajectory.tum", "trajectory_final.tum", "map.pgm", "map.yaml"):
         one, two = ((tmp_path / f"out{threads}" / name).read_bytes() for threads in (1, 2))
         assert one == two
