@@ -52,6 +52,23 @@ def test_files_and_functions_that_the_paper_page_names_exist():
             assert re.search(rf"^(?:def|class) {name}\b", source, re.M), f"{file}.{name}"
 
 
+def test_what_the_page_on_the_default_filter_names_exists():
+    page = (ROOT / "docs" / "default-filter.md").read_text(encoding="utf-8")
+    sections = {key.partition(".")[0] for key in keys(SlamConfig()) if "." in key}
+    named = {key for key in re.findall(r"`([a-z_]+\.[a-z_]+)`", page) if key.partition(".")[0] in sections}
+    assert len(named) > 15
+    assert named <= keys(SlamConfig())
+    files = set(re.findall(r"`((?:kernels|slam)/[a-z_]+\.py)`", page))
+    assert len(files) > 3
+    for file in files:
+        assert (ROOT / file).exists(), file
+    sources = "".join(path.read_text(encoding="utf-8") for path in (ROOT / "slam").glob("*.py"))
+    methods = re.findall(r"`[A-Z][A-Za-z]+\.([a-z_]+)`", page)
+    assert len(methods) > 5
+    for method in methods:
+        assert f"def {method}(" in sources, method
+
+
 def test_the_paper_page_gives_the_values_of_the_preset():
     preset = load_preset("paper")
     for key, value in (
