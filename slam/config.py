@@ -229,6 +229,7 @@ class ProposalConfig(_Section):
         explore: every other particle starts its registration at a place drawn from the odometry's prior.
         unknown: log-likelihood lost for an endpoint where the map knows nothing.
         outlier: log-likelihood lost at most for an endpoint.
+        crossing: log-likelihood lost for a ray through a surface of the map.
     """
 
     information_share: Annotated[FiniteFloat, Field(gt=0, le=1)] = 1.0
@@ -240,6 +241,7 @@ class ProposalConfig(_Section):
     explore: bool = False
     unknown: NotNegative = 2.0
     outlier: NotNegative = 8.0
+    crossing: NotNegative = 1.0
 
 
 class KldConfig(_Section):

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.kernels.registration import MAX_SEARCH_POINTS
-from moteslam.slam.config import RegistrationConfig
+from moteslam.slam.config import ProposalConfig, RegistrationConfig
 from moteslam.slam.surface_maps import MapView
 
 Array = NDArray[np.float64]
@@ -50,10 +50,11 @@ class Registrar:
 
     Args:
         config: of the registration.
+        costs: what endpoints cost that match nothing.
     """
 
-    def __init__(self, config: RegistrationConfig) -> None:
-        self._config = config
+    def __init__(self, config: RegistrationConfig, costs: ProposalConfig) -> None:
+        self._config, self._costs = config, costs
 
     def register(
         self, maps: MapView, predicted: Array, spread: Array, points: Points, origin: Array, starts: Array
@@ -120,7 +121,16 @@ class Registrar:
     ) -> Registration:
         priors = np.zeros((len(predicted), 6))
         priors[:, :3] = self._config.prior_weight / spread**2
-        offsets, fits = maps.register(predicted, points, origin, starts, priors, self._config)
+        offsets, fits = maps.register(
+            predicted,
+            points,
+            origin,
+            starts,
+            priors,
+            self._config,
+            unknown=self._costs.unknown,
+            outlier=self._costs.outlier,
+        )
         information = fits[:, [0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(-1, 3, 3)
         known = fits[:, 7]
         return Registration(offsets, information, fits[:, 6], known, fits[:, 8] / np.maximum(known, 1), fits[:, 9])

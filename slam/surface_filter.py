@@ -55,7 +55,7 @@ class SurfaceFilter:
         self.history = History()
         self.best_particle = 0
         self._maps = SurfaceMaps(config.surface)
-        self._registrar = Registrar(config.registration)
+        self._registrar = Registrar(config.registration, config.proposal)
         self._pose = np.zeros(3)  # at the last scan, by the best particle's map
         self._motion = np.zeros(3)  # since the last update, as tracked
         self._odometry = np.zeros(3)  # the same, as the odometry tells it
@@ -153,7 +153,7 @@ class SurfaceFilter:
             )
             offsets, information = found.offsets, found.information
             self.weights = self.weights.times_log(
-                -self._config.proposal.evidence_share * (found.costs + 1.0 * found.crossed)
+                -self._config.proposal.evidence_share * (found.costs + self._config.proposal.crossing * found.crossed)
                 - 0.5 * np.square(found.offsets / drift).sum(axis=1)
             )
             best = self.weights.best
@@ -169,7 +169,8 @@ class SurfaceFilter:
         noise = self._draw(step.index, information, spread)
         self.poses = se2.compose(predicted, offsets + noise)
         self.history.append(self.poses, None)
-        self._maps.add(self.poses, scan)
+        if len(scan.vertices) >= FEW:
+            self._maps.add(self.poses, scan)
         self._pose = self.poses[self.best_particle].copy()
         self._motion, self._odometry = np.zeros(3), np.zeros(3)
         self._travelled = self._turned = self._elapsed = 0.0

@@ -193,8 +193,9 @@ class MapView(NamedTuple):
         starts: Array,
         priors: Array,
         config: RegistrationConfig,
-        unknown: float = 2.0,
-        outlier: float = 8.0,
+        *,
+        unknown: float,
+        outlier: float,
     ) -> tuple[Array, Array]:
         """Offsets [N, 3] from the poses to where the scan fits, and how well, [N, FITS]: see ``register_scans``."""
         return register_scans(

@@ -97,7 +97,14 @@ def test_scans_are_found_in_the_maps_they_were_written_to():
     maps.add(truth, scan)
     priors = np.tile((1.0, 1.0, 1.0, 0.0, 0.0, 0.0), (2, 1))
     offsets, _ = maps.all().register(
-        np.zeros((2, 3)), scan.vertices, np.zeros(2), np.zeros((2, 3)), priors, RegistrationConfig()
+        np.zeros((2, 3)),
+        scan.vertices,
+        np.zeros(2),
+        np.zeros((2, 3)),
+        priors,
+        RegistrationConfig(),
+        unknown=2.0,
+        outlier=8.0,
     )
     np.testing.assert_allclose(offsets, truth, rtol=0, atol=1e-3)
     shifts = 0.1 * np.array([(x, y) for x in range(-5, 6) for y in range(-5, 6)])
