@@ -30,7 +30,7 @@ def run_cases(folder: Path, *, arch: str = "cpu", threads: int = 1) -> Results:
         env=os.environ | {"MOTESLAM_CACHE": str(folder / "cache")},
         capture_output=True,
         text=True,
-        timeout=120,
+        timeout=600,
         check=False,
     )
     assert done.returncode == 0, done.stderr

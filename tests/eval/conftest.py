@@ -45,7 +45,7 @@ def program() -> Program:
             env={**os.environ, "COLUMNS": "100", **environment},
             capture_output=True,
             text=True,
-            timeout=120,
+            timeout=600,
             check=False,
         )
 

@@ -221,7 +221,7 @@ def test_an_interrupt_leaves_nothing(number: int, code: int, tmp_path: Path) -> 
     assert [entry.suffix for entry in tmp_path.iterdir()] == [".partial"]
     time.sleep(0.7)
     process.send_signal(number)
-    out, err = process.communicate(timeout=60)
+    out, err = process.communicate(timeout=300)
     assert process.returncode == code, err
     assert (out, err) == ("", STOPPED)
     assert not list(tmp_path.iterdir())

@@ -45,7 +45,7 @@ def start(code: str, tmp_path: Path, **variables: str) -> subprocess.Popen[str]:
 def run(code: str, tmp_path: Path, **variables: str) -> str:
     """What the code prints; it must end well and say nothing on stderr."""
     with start(code, tmp_path, **variables) as process:
-        out, err = process.communicate(timeout=120)
+        out, err = process.communicate(timeout=600)
     assert (process.returncode, err) == (0, "")
     return out
 
@@ -97,7 +97,7 @@ def test_the_lock_of_a_killed_process_is_removed_and_kernels_are_kept_again(tmp_
     with start(
         "import os; from moteslam.kernels.runtime import init; init(); os.kill(os.getpid(), 9)", tmp_path
     ) as dead:
-        dead.communicate(timeout=120)
+        dead.communicate(timeout=600)
     assert dead.returncode == -signal.SIGKILL
     cache = cache_of(tmp_path)
     assert [path.name for path in (cache / "owners").iterdir()] == [str(dead.pid)]
@@ -120,7 +120,7 @@ def test_the_lock_stays_while_its_owner_may_live(tmp_path: Path) -> None:
             assert lock.exists()
             assert run(KERNEL, tmp_path) == ""  # locked out of the cache it computes all the same
         finally:
-            alive.communicate("\n", timeout=120)
+            alive.communicate("\n", timeout=600)
     assert alive.returncode == 0
 
 
