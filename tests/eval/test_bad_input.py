@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -173,6 +174,16 @@ SIGNALS = pytest.mark.parametrize(
     [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)],
     ids=["Ctrl-C", "SIGTERM", "SIGHUP"],
 )
+
+
+@pytest.fixture
+def hang_up_is_heard() -> Iterator[None]:
+    """Where the tests themselves run under nohup, their children would ignore SIGHUP too, and rightly."""
+    before = signal.signal(signal.SIGHUP, signal.SIG_DFL)
+    yield
+    signal.signal(signal.SIGHUP, before)
+
+
 WHILE_IMPORTING = """
 import os, runpy, sys
 class Finder:
@@ -186,6 +197,7 @@ runpy.run_module("moteslam", run_name="__main__")
 
 
 @SIGNALS
+@pytest.mark.usefixtures("hang_up_is_heard")
 @pytest.mark.parametrize("module", ["typer", "moteslam.eval.cli.text", "pydantic", "numpy._core._multiarray_umath"])
 def test_an_interrupt_while_the_program_is_read(number: int, code: int, module: str, tmp_path: Path) -> None:
     done = subprocess.run(
@@ -207,6 +219,7 @@ def test_what_is_ignored_from_the_start_stays_so(tmp_path: Path) -> None:
 
 
 @SIGNALS
+@pytest.mark.usefixtures("hang_up_is_heard")
 def test_an_interrupt_leaves_nothing(number: int, code: int, tmp_path: Path) -> None:
     process = subprocess.Popen(
         [sys.executable, "-m", "moteslam", "demo", "--particles", "5000"],
