@@ -24,7 +24,7 @@ _WHERE = {
     "simulate": "moteslam.sim.simulate",
     "Estimate": "moteslam.slam.estimate",
     "SlamConfig": "moteslam.slam.config",
-    "load_preset": "moteslam.slam.config",
+    "load_preset": "moteslam.slam.settings",
     "run_slam": "moteslam.slam.run",
     "absolute_trajectory_error": "moteslam.eval.metrics.ate",
     "relative_pose_error": "moteslam.eval.metrics.rpe",

@@ -31,7 +31,7 @@ from parts.runs import BARS, DATA, HALL, LOGS, LOST, NEVER_LOST, SCENARIOS, erro
 
 from moteslam.errors import ConfigError
 from moteslam.eval.cli.text import table
-from moteslam.slam.config import resolve_config
+from moteslam.slam.settings import resolve_config
 
 
 def run(name: str, preset: str, settings: list[str], seed: int, odometry_noise: float) -> dict[str, Any]:

@@ -178,7 +178,7 @@ def main() -> None:
         return
     from moteslam.errors import ConfigError
     from moteslam.eval.cli.text import table
-    from moteslam.slam.config import resolve_config
+    from moteslam.slam.settings import resolve_config
 
     try:
         resolve_config(options.preset, options.settings)

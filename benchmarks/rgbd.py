@@ -73,8 +73,8 @@ def colours(folder: Path, preset: str, seed: int) -> dict[str, Any]:
     from moteslam.sim.camera import with_camera
     from moteslam.sim.scenario import load_scenario
     from moteslam.sim.simulate import simulate, write_simulation
-    from moteslam.slam.config import resolve_config
     from moteslam.slam.run import run_slam
+    from moteslam.slam.settings import resolve_config
 
     simulation = simulate(with_camera(load_scenario("corridor")), seed)
     write_simulation(folder, simulation)

@@ -1,11 +1,11 @@
-"""How far prediction spreads the particles: the noise of one step's motion."""
+"""How uncertain a motion is: the noise that prediction adds, and how far odometry may be off."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from moteslam.slam.config import MotionNoise
+from moteslam.slam.config import MotionNoise, ProposalConfig, RegistrationConfig
 
 
 def motion_spread(noise: MotionNoise, travelled: float, turned: float, elapsed: float) -> NDArray[np.float64]:
@@ -23,3 +23,16 @@ def motion_spread(noise: MotionNoise, travelled: float, turned: float, elapsed: 
     forward = np.hypot(noise.velocity * elapsed, noise.translation_from_translation * travelled)
     rotation = np.hypot(noise.yaw_rate * elapsed, noise.rotation_from_translation * travelled)
     return np.array([np.hypot(forward, slip), slip, np.hypot(rotation, noise.rotation_from_rotation * turned)])
+
+
+def odometry_spread(
+    config: RegistrationConfig | ProposalConfig, travelled: float, turned: float
+) -> NDArray[np.float64]:
+    """The standard deviations of what odometry tells of a motion: forward [m], left [m], turn [rad].
+
+    Args:
+        config: whose ``translation`` and ``rotation`` they are, and how these grow.
+        travelled: [m]; turned: the sum of absolute turns [rad].
+    """
+    along = config.translation + config.translation_from_translation * travelled
+    return np.array([along, along, config.rotation + config.rotation_from_rotation * turned])

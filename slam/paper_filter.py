@@ -11,6 +11,7 @@ from moteslam.kernels.matching import match_poses
 from moteslam.kernels.motion import sample_motion
 from moteslam.robot import se2
 from moteslam.slam.config import SlamConfig
+from moteslam.slam.gate import UpdateGate
 from moteslam.slam.grid import OccupancyGrid
 from moteslam.slam.history import History
 from moteslam.slam.motion_model import motion_spread
@@ -45,12 +46,13 @@ class PaperFilter:
         self.best_particle = 0
         self._best = self.poses[0].copy()
         self._motion = np.zeros(3)  # since the last update
-        self._elapsed = self._travelled = self._turned = 0.0
+        self._gate = UpdateGate(config.update)
 
     def step(self, step: Step) -> Outcome:
         """Take in one scan and the motion since the scan before."""
-        self._gather(step)
-        if len(self.history) and not self._due():
+        self._motion = se2.compose(self._motion, step.motion)
+        self._gate.add(step)
+        if len(self.history) and not self._gate.due():
             pose = se2.compose(self._best, self._motion)
             return Outcome(pose, step.motion, self.weights.effective_number, 0, False, False)
         score = 0
@@ -66,23 +68,12 @@ class PaperFilter:
         self._map(step)
         return Outcome(self._best, step.motion, n_eff, score, True, parents is not None)
 
-    def _gather(self, step: Step) -> None:
-        """Add a step to the motion that the next update will predict with."""
-        self._motion = se2.compose(self._motion, step.motion)
-        self._elapsed += step.dt
-        self._travelled += float(np.hypot(step.motion[0], step.motion[1]))
-        self._turned += abs(float(step.motion[2]))
-
-    def _due(self) -> bool:
-        update = self._config.update
-        return self._travelled >= update.distance or self._turned >= update.rotation or self._elapsed >= update.interval
-
     def _predict(self, step: Step) -> None:
         """III.3: every particle moves as the control says, with noise."""
-        spread = motion_spread(self._config.motion, self._travelled, self._turned, self._elapsed)
+        spread = motion_spread(self._config.motion, self._gate.travelled, self._gate.turned, self._gate.elapsed)
         sample_motion(self.poses, self._motion, spread, seed=self._seed, step=step.index)
         self._motion = np.zeros(3)
-        self._elapsed = self._travelled = self._turned = 0.0
+        self._gate.reset()
 
     def _match(self, step: Step) -> NDArray[np.int32]:
         """Section III.D.2: every particle moves to the best of its neighbourhood; its score is returned, [N]."""

@@ -7,8 +7,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from moteslam.kernels.registration import MAX_SEARCH_POINTS
+from moteslam.kernels.correlative import MAX_SEARCH_POINTS
+from moteslam.kernels.registration import COST, CROSSED, INFORMATION, KNOWN, LIKELIHOOD
 from moteslam.slam.config import ProposalConfig, RegistrationConfig
+from moteslam.slam.motion_model import odometry_spread
 from moteslam.slam.surface_maps import MapView
 
 Array = NDArray[np.float64]
@@ -59,8 +61,32 @@ class Registrar:
     def register(
         self, maps: MapView, predicted: Array, spread: Array, points: Points, origin: Array, starts: Array
     ) -> Registration:
-        """Every particle's scan in its own map, from its prediction [N, 3] of a standard deviation ``spread`` [3]."""
-        return self._register(maps, predicted, spread, points, origin, starts)
+        """Every scan in its own map, or all in one.
+
+        Args:
+            maps: of N particles, or of one.
+            predicted: [N, 3] where the odometry puts them.
+            spread: [3] standard deviation of that.
+            points: [k, 2] of the scan.
+            origin: [2] of the rays.
+            starts: [N, 3] offsets to begin at.
+        """
+        priors = np.zeros((len(predicted), 6))
+        priors[:, :3] = self._config.prior_weight / spread**2
+        offsets, fits = maps.register(
+            predicted,
+            points,
+            origin,
+            starts,
+            priors,
+            self._config,
+            unknown=self._costs.unknown,
+            outlier=self._costs.outlier,
+        )
+        information = fits[:, INFORMATION][:, [0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(-1, 3, 3)
+        known = fits[:, KNOWN]
+        likelihoods = fits[:, LIKELIHOOD] / np.maximum(known, 1)
+        return Registration(offsets, information, fits[:, COST], known, likelihoods, fits[:, CROSSED])
 
     def follow(self, maps: MapView, predicted: Array, spread: Array, points: Points, origin: Array) -> Registration:
         """One particle's scan in its map: after a small search, and in a wide window if it is lost.
@@ -92,8 +118,7 @@ class Registrar:
     def spread(self, travelled: float, turned: float, *, guess: bool = False) -> Array:
         """Standard deviation of the odometry, or of a guess, [3], after so far [m] and so much turning [rad]."""
         c = self._config
-        along = c.translation + c.translation_from_translation * travelled
-        spread = np.array([along, along, c.rotation + c.rotation_from_rotation * turned])
+        spread = odometry_spread(c, travelled, turned)
         return spread + np.array([c.guess_translation, c.guess_translation, c.guess_rotation]) if guess else spread
 
     def _best(
@@ -110,30 +135,11 @@ class Registrar:
         """Registered from the most promising places of a window, the best of them."""
         starts = self._search(maps, predicted, spread, points, window, steps, most)
         some = evenly(points, SOME)
-        tried = self._register(maps, np.repeat(predicted[None], len(starts), axis=0), spread, some, origin, starts)
+        tried = self.register(maps, np.repeat(predicted[None], len(starts), axis=0), spread, some, origin, starts)
         best = int(
             (merit(tried) * len(points) / len(some) - 0.5 * np.square(tried.offsets / spread).sum(axis=1)).argmax()
         )
-        return self._register(maps, predicted[None], spread, points, origin, tried.offsets[best : best + 1])
-
-    def _register(
-        self, maps: MapView, predicted: Array, spread: Array, points: Points, origin: Array, starts: Array
-    ) -> Registration:
-        priors = np.zeros((len(predicted), 6))
-        priors[:, :3] = self._config.prior_weight / spread**2
-        offsets, fits = maps.register(
-            predicted,
-            points,
-            origin,
-            starts,
-            priors,
-            self._config,
-            unknown=self._costs.unknown,
-            outlier=self._costs.outlier,
-        )
-        information = fits[:, [0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(-1, 3, 3)
-        known = fits[:, 7]
-        return Registration(offsets, information, fits[:, 6], known, fits[:, 8] / np.maximum(known, 1), fits[:, 9])
+        return self.register(maps, predicted[None], spread, points, origin, tried.offsets[best : best + 1])
 
     def _search(
         self,

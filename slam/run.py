@@ -15,12 +15,13 @@ from moteslam.robot import se2
 from moteslam.robot.recording import Recording
 from moteslam.robot.trajectory import Trajectory
 from moteslam.slam.colouring import with_texture
-from moteslam.slam.config import SlamConfig, load_preset
+from moteslam.slam.config import SlamConfig
 from moteslam.slam.dead_reckoning import dead_reckon
 from moteslam.slam.estimate import Estimate
 from moteslam.slam.grid import OccupancyMap, draw_map
 from moteslam.slam.paper_filter import PaperFilter
 from moteslam.slam.scans import Scans
+from moteslam.slam.settings import load_preset
 from moteslam.slam.step import steps
 from moteslam.slam.surface_filter import SurfaceFilter
 from moteslam.slam.synchronise import has_odometry, require_lidar, warnings

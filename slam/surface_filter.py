@@ -20,7 +20,9 @@ from moteslam.kernels.surface import ThinScan, thin_scan
 from moteslam.robot import se2
 from moteslam.slam.config import SlamConfig
 from moteslam.slam.constant_velocity import carried_on
+from moteslam.slam.gate import UpdateGate, extent
 from moteslam.slam.history import History
+from moteslam.slam.motion_model import odometry_spread
 from moteslam.slam.outcome import Outcome
 from moteslam.slam.particle_number import choose_parents
 from moteslam.slam.registration import Registrar, evenly
@@ -42,7 +44,6 @@ class SurfaceFilter:
         weights: theirs.
         history: the particles' poses at every update.
         best_particle: index into them.
-        updates: indices of the scans that went into the maps.
         needs_odometry: it follows the scans at a constant velocity without.
     """
 
@@ -60,7 +61,7 @@ class SurfaceFilter:
         self._motion = np.zeros(3)  # since the last update, as tracked
         self._odometry = np.zeros(3)  # the same, as the odometry tells it
         self._step, self._seconds = np.zeros(3), 0.0  # the motion of the last step, as tracked, and how long it took
-        self._travelled = self._turned = self._elapsed = 0.0
+        self._gate = UpdateGate(config.update)
         self._slip = np.zeros(3)  # how far the odometry was just off, if it was
         self._lost = 0  # scans in a row that contradict the map
 
@@ -72,10 +73,10 @@ class SurfaceFilter:
             return self._begin(scan)
         if step.guess:
             step = replace(step, motion=carried_on(self._step, self._seconds, step.dt))
-        self._gather(step)
+        self._gate.add(step)
         self._track(step, scan)
         motion = se2.between(before, self._pose)
-        if self._lost or not self._due():
+        if self._lost or not self._gate.due(self._motion):
             return Outcome(self._pose, motion, self.weights.effective_number, 0.0, False, False)
         n_eff, fit, resampled = self._update(step, scan)
         return Outcome(self._pose, motion, n_eff, fit, True, resampled)
@@ -99,23 +100,11 @@ class SurfaceFilter:
             straightness=s.straightness,
         )
 
-    def _gather(self, step: Step) -> None:
-        self._travelled += float(np.hypot(step.motion[0], step.motion[1]))
-        self._turned += abs(float(step.motion[2]))
-        self._elapsed += step.dt
-
-    def _due(self) -> bool:
-        update = self._config.update
-        travelled = max(self._travelled, float(np.hypot(self._motion[0], self._motion[1])))
-        turned = max(self._turned, abs(float(self._motion[2])))
-        return travelled >= update.distance or turned >= update.rotation or self._elapsed >= update.interval
-
     def _track(self, step: Step, scan: ThinScan) -> None:
         """Follow the motion since the last scan in the best particle's map."""
         predicted = se2.compose(self._pose, step.motion)
         offset = np.zeros(3)
-        travelled, turned = float(np.hypot(step.motion[0], step.motion[1])), abs(float(step.motion[2]))
-        spread = self._registrar.spread(travelled, turned, guess=step.guess) + self._slip
+        spread = self._registrar.spread(*extent(step.motion), guess=step.guess) + self._slip
         if len(scan.vertices) >= FEW:
             found = self._registrar.follow(
                 self._maps.of(self.best_particle), predicted, spread, scan.vertices, step.origin
@@ -126,7 +115,8 @@ class SurfaceFilter:
             else:
                 self._lost += 1
         # odometry that was far off, of a slip or a wrong stamp, is likely to be as far off again, or back
-        off = np.array([np.hypot(offset[0], offset[1]), np.hypot(offset[0], offset[1]), abs(offset[2])])
+        shift, turn = extent(offset)
+        off = np.array([shift, shift, turn])
         self._slip = np.where(off > 2 * spread, off, 0.0)
         moved = se2.compose(predicted, offset)
         tracked = se2.between(self._pose, moved)
@@ -137,8 +127,8 @@ class SurfaceFilter:
 
     def _update(self, step: Step, scan: ThinScan) -> tuple[float, float, bool]:
         predicted = se2.compose(self.poses, self._odometry)
-        spread = self._spread()
-        drift = self._registrar.spread(self._travelled, self._turned, guess=step.guess)
+        spread = odometry_spread(self._config.proposal, self._gate.travelled, self._gate.turned)
+        drift = self._registrar.spread(self._gate.travelled, self._gate.turned, guess=step.guess)
         fit, resampled, offsets = 0.0, False, np.zeros_like(predicted)
         information = np.zeros((len(predicted), 3, 3))
         n_eff = self.weights.effective_number
@@ -173,7 +163,7 @@ class SurfaceFilter:
             self._maps.add(self.poses, scan)
         self._pose = self.poses[self.best_particle].copy()
         self._motion, self._odometry = np.zeros(3), np.zeros(3)
-        self._travelled = self._turned = self._elapsed = 0.0
+        self._gate.reset()
         return n_eff, fit, resampled
 
     def _starts(self, step: int, drift: Array) -> Array:
@@ -189,12 +179,6 @@ class SurfaceFilter:
             others[self.best_particle] = False
             starts[others] = (draws * drift)[others]
         return starts
-
-    def _spread(self) -> Array:
-        """Standard deviation of the motion since the last update where the scan says nothing, [3]."""
-        p = self._config.proposal
-        along = p.translation + p.translation_from_translation * self._travelled
-        return np.array([along, along, p.rotation + p.rotation_from_rotation * self._turned])
 
     def _draw(self, step: int, information: Array, spread: Array) -> Array:
         """An offset for every particle, drawn with the covariance of what is known of it; none for the best one."""

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.errors import InputError
-from moteslam.kernels.registration import register_scans, search_scans
+from moteslam.kernels.correlative import search_scans
+from moteslam.kernels.registration import register_scans
 from moteslam.kernels.surface import ThinScan, add_scans
 from moteslam.kernels.tiles import CELLS, EMPTY, SIDE, STEPS
 from moteslam.slam.config import RegistrationConfig, SurfaceConfig

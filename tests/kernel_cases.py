@@ -162,7 +162,8 @@ def surfaces() -> Results:
     """
     from tile_pools import MIDDLE, Pool, frames, room_scan, thinned
 
-    from moteslam.kernels.registration import MAX_SEARCH_POINTS, register_scans, search_scans
+    from moteslam.kernels.correlative import MAX_SEARCH_POINTS, search_scans
+    from moteslam.kernels.registration import register_scans
 
     generator = np.random.default_rng(10)
     particles = 200

@@ -16,8 +16,8 @@ from moteslam.robot.formats import open_recording
 from moteslam.robot.trajectory import read_tum
 from moteslam.sim.scenario import load_scenario
 from moteslam.sim.simulate import Simulation, simulate, write_simulation
-from moteslam.slam.config import load_preset, resolve_config
 from moteslam.slam.run import run_slam
+from moteslam.slam.settings import load_preset, resolve_config
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("taichi")]
 

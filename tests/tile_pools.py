@@ -103,3 +103,21 @@ def thinned(points: ArrayLike, **options: float) -> ThinScan:
     from moteslam.kernels.thinning import thin_scan
 
     return thin_scan(points, (0.0, 0.0), **({"spacing": 0.02, "gap": 0.3, "gap_from_range": 0.05} | options))
+
+
+def moved(pose: ArrayLike, offset: ArrayLike) -> NDArray[np.float64]:
+    """The pose moved by an offset in its frame."""
+    (x, y, theta), (dx, dy, turn) = np.asarray(pose, float), np.asarray(offset, float)
+    return np.array(
+        (x + np.cos(theta) * dx - np.sin(theta) * dy, y + np.sin(theta) * dx + np.cos(theta) * dy, theta + turn)
+    )
+
+
+def mapped_room() -> Pool:
+    """The map of one scan from the middle of the room."""
+    from moteslam.kernels.runtime import runtime
+
+    runtime()
+    pool = Pool.empty()
+    assert pool.add([MIDDLE], thinned(room_scan(beams=720))) is not None
+    return pool

@@ -32,7 +32,7 @@ FIRST = 30
 def start(given: dict[str, Any]) -> SlamConfig:
     """Start the kernels and resolve the configuration."""
     from moteslam.kernels import runtime
-    from moteslam.slam.config import resolve_config
+    from moteslam.slam.settings import resolve_config
 
     runtime.init("cpu", given["threads"])
     return resolve_config(given["preset"], [*given["settings"], f"particles={given['particles']}"])

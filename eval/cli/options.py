@@ -54,7 +54,7 @@ class SlamOptions:
         Raises:
             ConfigError: an unknown preset or key, or a value out of bounds; the option is named.
         """
-        from moteslam.slam.config import DEFAULT_PRESET, resolve_config
+        from moteslam.slam.settings import DEFAULT_PRESET, resolve_config
 
         flags = list(self.settings or [])
         if self.particles is not None:

@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 from pydantic import BaseModel
 
-from moteslam.slam.config import SlamConfig, load_preset
+from moteslam.slam.config import SlamConfig
+from moteslam.slam.settings import load_preset
 
 ROOT = Path(__file__).parents[2]
 PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/*.md")])

@@ -75,8 +75,8 @@ def simulated_folder(simulation, tmp_path_factory: pytest.TempPathFactory) -> Pa
 def run(simulation, taichi):
     """SLAM over it, and the map at its stages."""
     from moteslam.eval.report.snapshots import Snapshots
-    from moteslam.slam.config import resolve_config
     from moteslam.slam.run import SlamSession
+    from moteslam.slam.settings import resolve_config
 
     session = SlamSession(simulation.recording, resolve_config(settings=["particles=10"]), seed=1)
     snapshots = Snapshots(session)

@@ -12,7 +12,7 @@ from moteslam.errors import InputError
 from moteslam.eval.results import hardware, write_results
 from moteslam.eval.scores import score_estimate
 from moteslam.robot.trajectory import Trajectory, read_tum
-from moteslam.slam.config import resolve_config
+from moteslam.slam.settings import resolve_config
 
 
 def test_what_is_written_is_what_was_estimated(run, simulation, tmp_path: Path) -> None:

@@ -85,8 +85,8 @@ def test_a_film_of_another_kind_is_refused(tmp_path: Path) -> None:
 
 @pytest.mark.usefixtures("taichi")
 def test_a_film_shows_the_run(scenario_file: Path) -> None:
-    from moteslam.slam.config import resolve_config
     from moteslam.slam.run import SlamSession
+    from moteslam.slam.settings import resolve_config
 
     simulation = simulate(load_scenario(scenario_file).model_copy(update={"duration": 14.0}))
     session = SlamSession(simulation.recording, resolve_config("paper", ["particles=5"]))

@@ -9,7 +9,8 @@ from pathlib import Path
 import pytest
 
 from moteslam.errors import ConfigError
-from moteslam.slam.config import SlamConfig, load_preset, preset_names, resolve_config
+from moteslam.slam.config import SlamConfig
+from moteslam.slam.settings import load_preset, preset_names, resolve_config
 
 
 def test_the_paper_preset_has_the_papers_parameters():

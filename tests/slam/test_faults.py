@@ -17,11 +17,11 @@ from moteslam.robot import se2
 from moteslam.robot.recording import Recording
 from moteslam.sim.scenario import load_scenario
 from moteslam.sim.simulate import Simulation, simulate
-from moteslam.slam.config import resolve_config
 from moteslam.slam.constant_velocity import MOST, carried_on
 from moteslam.slam.dead_reckoning import dead_reckon
 from moteslam.slam.estimate import Estimate
 from moteslam.slam.run import run_slam
+from moteslam.slam.settings import resolve_config
 from moteslam.slam.step import steps
 from moteslam.slam.synchronise import has_odometry, jumps
 

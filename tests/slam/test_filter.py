@@ -8,8 +8,8 @@ from slam_rooms import circled_room
 
 from moteslam.errors import ConfigError, InputError
 from moteslam.robot.recording import LidarStream
-from moteslam.slam.config import load_preset, resolve_config
 from moteslam.slam.run import SlamSession, run_slam
+from moteslam.slam.settings import load_preset, resolve_config
 
 pytestmark = pytest.mark.usefixtures("taichi")
 

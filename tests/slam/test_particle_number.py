@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 from slam_rooms import circled_room
 
-from moteslam.slam.config import KldConfig, resolve_config
+from moteslam.slam.config import KldConfig
 from moteslam.slam.history import History
 from moteslam.slam.particle_number import enough_particles, particle_number
 from moteslam.slam.run import SlamSession
+from moteslam.slam.settings import resolve_config
 
 KLD = KldConfig(enabled=True, least=10)
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from moteslam.errors import ConfigError
-from moteslam.slam.config import resolve_config
 from moteslam.slam.resampling import SCHEMES, Draws, generator_for, resample
+from moteslam.slam.settings import resolve_config
 
 WEIGHTS = np.array([0.02, 0.31, 0.0, 0.17, 0.5, 0.0])
 

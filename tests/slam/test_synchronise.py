@@ -10,8 +10,9 @@ import pytest
 from moteslam.errors import InputError
 from moteslam.robot.platform import CARMEN, UCSD
 from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream, OdometryStream, Recording
-from moteslam.slam.config import SyncConfig, load_preset
+from moteslam.slam.config import SyncConfig
 from moteslam.slam.dead_reckoning import dead_reckon
+from moteslam.slam.settings import load_preset
 from moteslam.slam.step import steps
 from moteslam.slam.synchronise import low_pass, nearest, warnings
 

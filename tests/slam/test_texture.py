@@ -18,9 +18,10 @@ from moteslam.sim.floor import rasterise
 from moteslam.sim.scenario import parse_scenario
 from moteslam.sim.simulate import Simulation, simulate, write_simulation
 from moteslam.sim.visibility import seen_cells
-from moteslam.slam.config import TextureConfig, resolve_config
+from moteslam.slam.config import TextureConfig
 from moteslam.slam.floor_colours import colour_log_likelihood, floor_patch
 from moteslam.slam.run import run_slam
+from moteslam.slam.settings import resolve_config
 from moteslam.slam.texture import TextureMap, TextureMapper, can_map, map_texture
 
 

@@ -1,0 +1,133 @@
+"""Correlative search: the most promising places of a lattice, by the coarse level of every particle's own map.
+
+For a scan whose place is too uncertain for Gauss-Newton to start from (Olson, "Real-time correlative scan matching",
+2009); what it finds is where ``registration`` begins.
+"""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from moteslam.errors import InputError
+from moteslam.kernels.checks import LARGEST, as_finite
+from moteslam.kernels.runtime import runtime, ti
+from moteslam.kernels.tiles import SIDE, STEPS, check_tiles, frames_in_cells, read, steps_of, weight_of
+from moteslam.kernels.types import F32_1D, F32_2D, F64_2D, I16_1D, I32, I32_1D, I32_2D, kernel
+
+MAX_SEARCH_POINTS = 64
+"""Points of a scan that a search can look up."""
+MAX_SEARCH_COST = 1e8
+"""Turns and shifts that cost more cost this much [steps]: totals must fit 32 bits."""
+MAX_SHARP = 1e4
+"""Truncations; see ``MAX_SEARCH_COST``."""
+
+
+@kernel
+def _search(
+    pool: I16_1D, table: I32_1D, columns: I32, rows: I32, frames: F64_2D, scan: F32_2D, turns: F32_1D,
+    turn_costs: I32_1D, shifts: F32_2D, shift_costs: I32_1D, blocks: I32, sharp: I32, scores: I32_2D, chosen: I32_2D,
+):  # fmt: skip
+    """The best shift of every block, the first of equal ones, for every particle and turn.
+
+    Frames are cos, sin, x, y [coarse cells], shifts in the frame. Points near a surface count for a pose, points that
+    the map knows to be elsewhere half as much against it, others nothing.
+    """
+    n_turns = turns.shape[0]
+    tiles = columns * rows
+    size = shifts.shape[0] // blocks
+    last_x, last_y = ti.cast(columns * (SIDE // 2) - 1, ti.f32), ti.cast(rows * (SIDE // 2) - 1, ti.f32)
+    points = ti.min(scan.shape[1], MAX_SEARCH_POINTS)
+    for k in range(frames.shape[0] * n_turns * blocks):
+        i, t, block = k // (n_turns * blocks), k // blocks % n_turns, k % blocks
+        c0, s0 = ti.cast(frames[i, 0], ti.f32), ti.cast(frames[i, 1], ti.f32)
+        x0, y0 = ti.cast(frames[i, 2], ti.f32), ti.cast(frames[i, 3], ti.f32)
+        ct, st = ti.cos(turns[t]), ti.sin(turns[t])
+        c, s = c0 * ct - s0 * st, s0 * ct + c0 * st
+        xs = ti.Vector([0.0] * MAX_SEARCH_POINTS, dt=ti.f32)
+        ys = ti.Vector([0.0] * MAX_SEARCH_POINTS, dt=ti.f32)
+        for j in range(points):
+            xs[j] = c * scan[0, j] - s * scan[1, j] + x0
+            ys[j] = s * scan[0, j] + c * scan[1, j] + y0
+        best, at = -(1 << 30), 0
+        for v in range(block * size, (block + 1) * size):
+            dx, dy = c0 * shifts[v, 0] - s0 * shifts[v, 1], s0 * shifts[v, 0] + c0 * shifts[v, 1]
+            total = -turn_costs[t] - shift_costs[v]
+            for j in range(points):
+                word = read(pool, table, i * tiles, columns, xs[j] + dx, ys[j] + dy, last_x, last_y, 1)
+                near = ti.max(sharp - ti.abs(steps_of(word)), -(sharp // 2))
+                total += ti.select(weight_of(word) > 0, near, 0)
+            if total > best:
+                best, at = total, v
+        scores[i, t * blocks + block], chosen[i, t * blocks + block] = best, at
+
+
+def search_scans(
+    pool: NDArray[np.int16],
+    tables: NDArray[np.int32],
+    frames: ArrayLike,
+    points: ArrayLike,
+    turns: ArrayLike,
+    turn_costs: ArrayLike,
+    shifts: ArrayLike,
+    shift_costs: ArrayLike,
+    *,
+    blocks: int,
+    cell_size: float,
+    sharp: float,
+) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+    """The best places of a lattice around each pose, by the coarse level (correlative matching, Olson 2009).
+
+    A place scores, for each point over a known cell, ``sharp`` less the cell's distance to the surface, at worst
+    ``-sharp / 2``, less what its turn and its shift cost; all in steps, of which ``STEPS`` are a truncation.
+
+    Args:
+        pool: int16 [t * CELLS] of all tiles.
+        tables: int32 [n, rows, columns] each particle's tiles.
+        frames: [n, 4] cos, sin, x, y of the poses, from the tables' corner [m].
+        points: [k, 2] of the scan in the robot's frame, at most ``MAX_SEARCH_POINTS`` [m].
+        turns: [a] added to the headings [rad].
+        turn_costs: [a] 0 or more [steps].
+        shifts: [b, 2] added to the places, in the frames of the poses as they are [m].
+        shift_costs: [b] 0 or more [steps].
+        blocks: the shifts are so many equal blocks, one after another: of each the best is told.
+        cell_size: of the fine level [m].
+        sharp: how near to a surface a point must lie to count for a place [truncations].
+
+    Returns:
+        int32 [n, a * blocks] the scores of the best shift of each block, turn by turn, and which shifts these are,
+        the first of equal ones.
+
+    Raises:
+        InputError: arrays that do not fit together, or numbers that are not finite or out of bounds.
+    """
+    n, rows, columns = check_tiles(pool, tables)
+    places = frames_in_cells(frames, 2 * cell_size)
+    scan = as_finite("points", points, np.float32, (None, 2))
+    angles = as_finite("turns", turns, np.float32, (None,))
+    across = as_finite("shifts", np.asarray(shifts, np.float64) / (2 * cell_size), np.float32, (None, 2))
+    if len(places) != n:
+        raise InputError(f"{len(places)}, expected one for each of {n} tables", field="frames")
+    if len(scan) > MAX_SEARCH_POINTS:
+        raise InputError(f"{len(scan)}, expected at most {MAX_SEARCH_POINTS}", field="points")
+    if not 0 < sharp <= MAX_SHARP:
+        raise InputError(f"{sharp:g} truncations, expected above 0, at most {MAX_SHARP:g}", field="sharp")
+    if blocks < 1 or not len(across) or len(across) % blocks:
+        raise InputError(f"{blocks}, expected equal blocks of {len(across)} shifts", field="blocks")
+    if n * len(angles) * blocks > LARGEST:
+        raise InputError(f"{len(angles)} in {blocks} blocks for {n} particles, expected fewer", field="turns")
+    scores, chosen = (np.empty((n, len(angles) * blocks), np.int32) for _ in range(2))
+    runtime()
+    if len(angles):
+        _search(
+            pool, tables.reshape(-1), columns, rows, places, np.ascontiguousarray(scan.T / np.float32(2 * cell_size)),
+            angles, _costs("turn_costs", turn_costs, len(angles)), across,
+            _costs("shift_costs", shift_costs, len(across)), blocks, int(sharp * STEPS), scores, chosen,
+        )  # fmt: skip
+    return scores, chosen
+
+
+def _costs(name: str, costs: ArrayLike, count: int) -> NDArray[np.int32]:
+    """As whole steps that add up within 32 bits."""
+    given: NDArray[np.float64] = as_finite(name, costs, np.float64, (count,))
+    if (given < 0).any():
+        raise InputError("a negative cost, expected 0 or more", field=name)
+    return np.minimum(given, MAX_SEARCH_COST).astype(np.int32)

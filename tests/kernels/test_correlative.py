@@ -1,0 +1,117 @@
+"""Searching for scans in signed-distance maps: against the twin, and in a room."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import ArrayLike, NDArray
+from tile_pools import CELL, MIDDLE, Pool, frames, mapped_room, moved, room_scan
+from twins import surfaces
+
+from moteslam.errors import InputError
+from moteslam.kernels.correlative import MAX_SEARCH_POINTS, search_scans
+from moteslam.kernels.tiles import CELLS, STEPS
+
+pytestmark = pytest.mark.usefixtures("taichi")
+
+
+@pytest.fixture(scope="module")
+def room() -> Pool:
+    """The map of one scan from the middle."""
+    return mapped_room()
+
+
+def search(
+    pool: Pool, poses: ArrayLike, points: ArrayLike, turns: ArrayLike, shifts: NDArray[np.float64], *, blocks: int = 1,
+    turn_costs: ArrayLike | None = None, shift_costs: ArrayLike | None = None, sharp: float = 0.5,
+) -> tuple[NDArray[np.int32], NDArray[np.int32]]:  # fmt: skip
+    return search_scans(
+        pool.pool, pool.tables, frames(poses), points, turns,
+        np.zeros(len(np.asarray(turns))) if turn_costs is None else turn_costs, shifts,
+        np.zeros(len(shifts)) if shift_costs is None else shift_costs, blocks=blocks, cell_size=CELL, sharp=sharp,
+    )  # fmt: skip
+
+
+def lattice(half: int, step: float) -> NDArray[np.float64]:
+    ticks = np.arange(-half, half + 1) * step
+    return np.stack(np.meshgrid(ticks, ticks, indexing="ij"), axis=-1).reshape(-1, 2)
+
+
+def few(points: NDArray[np.float32], count: int = MAX_SEARCH_POINTS) -> NDArray[np.float32]:
+    return points[np.linspace(0, len(points) - 1, count).astype(int)]
+
+
+def test_search_scores_equal_the_twin(room: Pool) -> None:
+    """Equal but for points within float32's rounding of a cell's edge: no more than one in all."""
+    pose, points = MIDDLE + np.array((0.1, -0.2, 0.7)), few(room_scan((0.0, 0.0, 0.7)), 40)
+    turns, shifts = np.array((-0.1, 0.0, 0.05)), lattice(3, 0.11)
+    expected = surfaces.search(
+        room.surface(level=1), pose, points, turns, shifts, cell_size=2 * CELL, sharp=int(0.5 * STEPS)
+    )
+    costs = 7.0 * np.arange(3), 3.0 * np.arange(len(shifts))
+    scores, chosen = search(room, [pose], points, turns, shifts, turn_costs=costs[0], shift_costs=costs[1], blocks=7)
+    expected = expected - costs[0][:, None] - costs[1]
+    blocks = expected.reshape(3, 7, 7)
+    best = blocks.argmax(axis=2) + 7 * np.arange(7)
+    assert (scores.reshape(3, 7) != blocks.max(axis=2)).sum() <= 1
+    assert (chosen.reshape(3, 7) != best).sum() <= 1
+    assert len(np.unique(expected)) > 50
+
+
+def test_offsets_on_the_lattice_are_found(room: Pool) -> None:
+    shifts, turns = lattice(10, 0.1), 0.05 * np.arange(-4, 5)
+    for truth in ((0.4, -0.7, 0.1), (-1.0, 0.0, -0.2), (0.0, 0.0, 0.0)):
+        pose = moved(MIDDLE, [-v for v in truth])
+        (scores,), (chosen,) = search(room, [pose], few(room_scan()), turns, shifts)
+        best = int(scores.argmax())
+        found = moved(pose, (*shifts[chosen[best]], turns[best]))
+        assert np.abs(found - MIDDLE)[:2].max() < 0.11  # to a step: the walls lie between two coarse cells
+        assert abs(found[2] - MIDDLE[2]) < 0.051
+
+
+def test_costs_decide_between_places_that_fit_alike(room: Pool) -> None:
+    nothing = np.empty((0, 2), np.float32)
+    shifts = lattice(2, 0.1)
+    costs = 10.0 * np.abs(shifts - 0.1).sum(axis=1)
+    (scores,), (chosen,) = search(room, [MIDDLE], nothing, (-0.1, 0.0), shifts, shift_costs=costs, turn_costs=(5, 1e30))
+    np.testing.assert_allclose(shifts[chosen], [(0.1, 0.1)] * 2)
+    assert scores.tolist() == [-5, -100_000_000]
+
+
+def test_the_first_of_equal_places_of_a_block_is_told(room: Pool) -> None:
+    _, chosen = search(room, [MIDDLE], np.empty((0, 2), np.float32), (-0.1, 0.0), lattice(2, 0.1), blocks=5)
+    assert chosen.tolist() == [[0, 5, 10, 15, 20] * 2]
+
+
+def test_no_turns(room: Pool) -> None:
+    scores, chosen = search(room, [MIDDLE], room_scan()[:5], (), lattice(1, 0.1))
+    assert scores.shape == chosen.shape == (1, 0)
+
+
+@pytest.mark.parametrize(
+    ("change", "field"),
+    [
+        ({"tables": np.full((1, 2, 2), 1, np.int32)}, "tables"),
+        ({"frames": np.ones((2, 4))}, "frames"),
+        ({"points": np.zeros((MAX_SEARCH_POINTS + 1, 2))}, "points"),
+        ({"points": [(np.nan, 0)]}, "points"),
+        ({"turns": [np.nan]}, "turns"),
+        ({"turn_costs": [-1]}, "turn_costs"),
+        ({"turn_costs": [1, 2]}, "turn_costs"),
+        ({"shifts": np.empty((0, 2)), "shift_costs": []}, "blocks"),
+        ({"shift_costs": [0, np.inf, 0, 0]}, "shift_costs"),
+        ({"blocks": 3}, "blocks"),
+        ({"blocks": 0}, "blocks"),
+        ({"cell_size": -0.05}, "cell_size"),
+        ({"sharp": 0.0}, "sharp"),
+        ({"sharp": np.nan}, "sharp"),
+    ],
+)
+def test_bad_input_of_the_search(change: dict[str, object], field: str) -> None:
+    arguments: dict[str, object] = {
+        "pool": np.zeros(CELLS, np.int16), "tables": np.zeros((1, 2, 2), np.int32), "frames": np.ones((1, 4)),
+        "points": [(0.1, 0.1)], "turns": [0.0], "turn_costs": [0.0], "shifts": np.zeros((4, 2)),
+        "shift_costs": np.zeros(4), "blocks": 2, "cell_size": 0.05, "sharp": 0.5,
+    }  # fmt: skip
+    with pytest.raises(InputError, match=f"^{field}: "):
+        search_scans(**{**arguments, **change})  # type: ignore[arg-type]
