@@ -3,7 +3,8 @@
 Taichi spends some 13 us on each NumPy array of a call, more than many a kernel runs: on what cannot occur here,
 fields, tensors of other libraries, gradients, matrices. Once a kernel is compiled, a call with exactly the types of
 its annotations is therefore handed to the compiled kernel directly; every other call, the first among them, goes
-the way of Taichi, which compiles, converts or complains.
+the way of Taichi, which compiles, converts or complains. On the CPU the arguments of the last launch are kept: the
+map and the constants, most of them, need not be handed over again.
 
 This leans on the insides of one release of Taichi. With any other everything goes Taichi's way.
 """
@@ -35,6 +36,13 @@ class Kind(Enum):
 _Array = tuple[np.dtype[Any], int]
 """The element type and number of dimensions that an array must have."""
 
+_ABLE: dict[Any, tuple[type, ...]] = {
+    Kind.SIGNED: (int, np.integer),
+    Kind.UNSIGNED: (int, np.integer),
+    Kind.REAL: (float, int, np.floating, np.integer),
+}
+"""What a number of each kind may be given as."""
+
 _NUMBERS = {ti.i32: Kind.SIGNED, ti.u32: Kind.UNSIGNED, ti.f32: Kind.REAL, ti.f64: Kind.REAL}
 
 
@@ -46,15 +54,22 @@ def quick(function: Callable[..., Any]) -> Callable[..., Any]:
         return slow  # type: ignore[no-any-return]
     templates = [index for index, kind in enumerate(kinds) if kind is Kind.TEMPLATE]
     compiled: dict[tuple[Any, ...], Any] = {}
+    spare: dict[tuple[Any, ...], list[_Context]] = {}
 
     @wraps(function)
     def launcher(*arguments: Any) -> None:
         form = tuple([arguments[index] for index in templates]) if len(arguments) == len(kinds) else ()
         plain = all(type(value) in (bool, int) for value in form)
-        if plain and form in compiled and _launch(compiled[form], kinds, arguments):
-            return
+        if plain and form in compiled and len(arguments) == len(kinds):
+            waiting = spare[form]
+            context = waiting.pop() if waiting else _Context(compiled[form], kinds)  # each thread has its own
+            if context.launch(arguments):
+                if runtime().arch == "cpu":
+                    waiting.append(context)
+                return
         slow(*arguments)
         if plain and not runtime().debug:  # a bounds check that fails is told by Taichi's way alone
+            spare[form] = []
             compiled[form] = slow._primal.compiled_kernels[slow._primal.ensure_compiled(*arguments)]
 
     return launcher
@@ -78,36 +93,48 @@ def _kinds(slow: Any) -> list[Kind | _Array] | None:
     return kinds
 
 
-def _launch(compiled: Any, kinds: list[Kind | _Array], arguments: tuple[Any, ...]) -> bool:
-    """Launch a compiled kernel; False, and nothing done, if the arguments are not what it was compiled for."""
-    if len(arguments) != len(kinds):
-        return False
-    context = compiled.make_launch_context()
-    place = 0
-    for kind, value in zip(kinds, arguments, strict=True):
-        if kind is Kind.TEMPLATE:
-            continue
-        if not isinstance(kind, Kind):
-            dtype, dimensions = kind
-            if (
-                type(value) is not np.ndarray
-                or value.dtype != dtype
-                or value.ndim != dimensions
-                or not value.flags.c_contiguous
-            ):
+class _Context:
+    """The arguments of a compiled kernel as they were at its last launch: what is the same again is not set again."""
+
+    def __init__(self, compiled: Any, kinds: list[Kind | _Array]) -> None:
+        self._compiled = compiled
+        self._launch = compiled.make_launch_context()
+        asked: list[tuple[int, Any]] = [(i, kind) for i, kind in enumerate(kinds) if kind is not Kind.TEMPLATE]
+        self._places: list[tuple[int, tuple[int], Any]] = [
+            (index, (place,), kind) for place, (index, kind) in enumerate(asked)
+        ]
+        self._given: list[Any] = [None] * len(self._places)
+
+    def launch(self, arguments: tuple[Any, ...]) -> bool:
+        """Launch the kernel; False, and nothing done, if the arguments are not what it was compiled for."""
+        given, context = self._given, self._launch
+        for place, (index, at, kind) in enumerate(self._places):
+            value = arguments[index]
+            if not isinstance(kind, Kind):
+                dtype, dimensions = kind
+                if (
+                    type(value) is not np.ndarray
+                    or value.dtype != dtype
+                    or value.ndim != dimensions
+                    or not value.flags.c_contiguous
+                ):
+                    return False
+                where = (value.ctypes.data, value.shape)
+                if where != given[place]:
+                    context.set_arg_external_array_with_shape(at, where[0], value.nbytes, where[1], 0)
+                    given[place] = where
+            elif not isinstance(value, _ABLE[kind]):
                 return False
-            context.set_arg_external_array_with_shape((place,), value.ctypes.data, value.nbytes, value.shape, 0)
-        elif kind is Kind.REAL:
-            if not isinstance(value, (float, int, np.floating, np.integer)):
-                return False
-            context.set_arg_float((place,), float(value))
-        elif not isinstance(value, (int, np.integer)):
-            return False
-        elif kind is Kind.SIGNED:
-            context.set_arg_int((place,), int(value))
-        else:
-            context.set_arg_uint((place,), int(value))
-        place += 1
-    program = ti.lang.impl.get_runtime().prog
-    program.launch_kernel(program.compile_kernel(program.config(), program.get_device_caps(), compiled), context)
-    return True
+            elif value != given[place] or value == 0:  # zeros may differ in their sign
+                if kind is Kind.REAL:
+                    context.set_arg_float(at, float(arguments[index]))
+                elif kind is Kind.SIGNED:
+                    context.set_arg_int(at, int(arguments[index]))
+                else:
+                    context.set_arg_uint(at, int(arguments[index]))
+                given[place] = value
+        program = ti.lang.impl.get_runtime().prog
+        program.launch_kernel(
+            program.compile_kernel(program.config(), program.get_device_caps(), self._compiled), context
+        )
+        return True

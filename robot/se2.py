@@ -6,6 +6,8 @@ Angles are wrapped to (-pi, pi]. Frames as in ROS REP 103: x forward, y left, th
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -27,20 +29,34 @@ def wrap(angle: ArrayLike) -> NDArray[np.float64]:
 def compose(a: ArrayLike, b: ArrayLike) -> Poses:
     """The pose ``b``, given in the frame of ``a``, expressed where ``a`` is: a (+) b, shape [..., 3]."""
     a, b = np.asarray(a, np.float64), np.asarray(b, np.float64)
+    if a.ndim == b.ndim == 1:
+        return np.array(_compose_one(a.tolist(), b.tolist()))
     cos, sin = np.cos(a[..., 2]), np.sin(a[..., 2])
-    return np.stack(
-        np.broadcast_arrays(
-            a[..., 0] + cos * b[..., 0] - sin * b[..., 1],
-            a[..., 1] + sin * b[..., 0] + cos * b[..., 1],
-            wrap(a[..., 2] + b[..., 2]),
-        ),
-        axis=-1,
-    )
+    composed = np.empty(np.broadcast_shapes(a.shape, b.shape))
+    composed[..., 0] = a[..., 0] + cos * b[..., 0] - sin * b[..., 1]
+    composed[..., 1] = a[..., 1] + sin * b[..., 0] + cos * b[..., 1]
+    composed[..., 2] = wrap(a[..., 2] + b[..., 2])
+    return composed
+
+
+def _compose_one(a: list[float], b: list[float]) -> tuple[float, float, float]:
+    """``compose`` of two single poses, in a tenth of the time that arrays of one element take."""
+    (x, y, theta), (forward, left, turn) = a, b
+    cos, sin = math.cos(theta), math.sin(theta)
+    return x + cos * forward - sin * left, y + sin * forward + cos * left, _wrap_one(theta + turn)
+
+
+def _wrap_one(angle: float) -> float:
+    return angle if -math.pi < angle <= math.pi else float(wrap(angle))
 
 
 def inverse(a: ArrayLike) -> Poses:
     """The pose that undoes ``a``, shape [..., 3]: composed with ``a`` it gives the identity."""
     a = np.asarray(a, np.float64)
+    if a.ndim == 1:
+        x, y, theta = a.tolist()
+        cos, sin = math.cos(theta), math.sin(theta)
+        return np.array((-cos * x - sin * y, sin * x - cos * y, _wrap_one(-theta)))
     cos, sin = np.cos(a[..., 2]), np.sin(a[..., 2])
     return np.stack((-cos * a[..., 0] - sin * a[..., 1], sin * a[..., 0] - cos * a[..., 1], wrap(-a[..., 2])), axis=-1)
 

@@ -183,7 +183,9 @@ class RegistrationConfig(_Section):
             beside that of odometry [m], [rad].
         prior_weight: how many independent endpoints the odometry weighs as much as: neighbouring ones err alike.
         iterations: at most, on each level.
-        doubtful_below: a scan whose endpoints are less likely than this in the mean is looked for again, harder.
+        sure_above: a scan whose endpoints are at least so likely in the mean, 0 to 1, where registration finds it from
+            the odometry's place, is not looked for elsewhere.
+        doubtful_below: one whose endpoints are less likely than this in the mean is looked for again, harder.
         lost_below: one of which what matches, less what contradicts the map, is a smaller share of its endpoints is
             lost: it is looked for in a window ...
         wide_distance, wide_rotation: ... of so much to each side [m], [rad] ...
@@ -201,6 +203,7 @@ class RegistrationConfig(_Section):
     guess_rotation: NotNegative = 0.05
     prior_weight: Positive = 5.0
     iterations: Annotated[int, Field(ge=1, le=100)] = 8
+    sure_above: NotNegative = 0.75
     doubtful_below: NotNegative = 0.6
     lost_below: FiniteFloat = 0.04
     wide_distance: NotNegative = 1.5

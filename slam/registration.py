@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -89,7 +90,7 @@ class Registrar:
         return Registration(offsets, information, fits[:, COST], known, likelihoods, fits[:, CROSSED])
 
     def follow(self, maps: MapView, predicted: Array, spread: Array, points: Points, origin: Array) -> Registration:
-        """One particle's scan in its map: after a small search, and in a wide window if it is lost.
+        """One particle's scan in its map: where the odometry puts it, else after a search, at last in a wide window.
 
         Args:
             maps: of that particle.
@@ -99,6 +100,9 @@ class Registrar:
             origin: [2] of the rays.
         """
         c = self._config
+        found = self.register(maps, predicted[None], spread, points, origin, np.zeros((1, 3)))
+        if found.likelihoods[0] >= c.sure_above and not self.lost(found, len(points)):
+            return found
         steps = (maps.cell_size, TURN)
         found = self._best(maps, predicted, spread, points, origin, 3 * spread, steps, places(3 * spread))
         if found.likelihoods[0] < c.doubtful_below:
@@ -153,8 +157,9 @@ class Registrar:
     ) -> Array:
         """The most promising offsets [m, 3] of a window, by the coarse level of the map and the prior."""
         few = evenly(points, MAX_SEARCH_POINTS)
-        shifts, blocks = lattice(float(window[0]), steps[0])
-        turns = ticks(float(window[2]), steps[1])
+        shifts, blocks = lattice(to_reach(window[0], steps[0]), steps[0])
+        most_turns = to_reach(window[2], steps[1])
+        turns = np.arange(-most_turns, most_turns + 1, dtype=np.float64) * steps[1]
         weight = 0.01 * len(few)  # a standard deviation costs as much as every point one hundredth farther off
         scores, chosen = maps.search(
             predicted[None],
@@ -192,15 +197,15 @@ def evenly(points: Points, most: int) -> Points:
     return points[np.linspace(0, len(points) - 1, most).astype(np.intp)]
 
 
-def ticks(reach: float, step: float) -> Array:
-    """Multiples of ``step`` from ``-reach`` to ``reach`` or just beyond."""
-    n = int(np.ceil(reach / step - 1e-9))
-    return np.arange(-n, n + 1, dtype=np.float64) * step
+def to_reach(reach: float, step: float) -> int:
+    """How many steps it takes to come to ``reach`` or just beyond."""
+    return int(np.ceil(reach / step - 1e-9))
 
 
-def lattice(reach: float, step: float) -> tuple[Array, int]:
-    """Shifts in x and y up to ``reach``, in equal blocks of neighbours, and how many blocks there are."""
-    across = ticks(reach, step)
+@lru_cache(maxsize=64)
+def lattice(most: int, step: float) -> tuple[Array, int]:
+    """Shifts in x and y up to ``most`` steps, in equal blocks of neighbours, and how many blocks there are."""
+    across = np.arange(-most, most + 1, dtype=np.float64) * step
     if len(across) <= 2 * BLOCK:
         return np.stack(np.meshgrid(across, across, indexing="ij"), axis=-1).reshape(-1, 2), 1
     n = -(-len(across) // BLOCK) * BLOCK

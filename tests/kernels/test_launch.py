@@ -20,6 +20,21 @@ def test_numbers_and_arrays_arrive_and_each_template_has_its_own_form() -> None:
             assert out.tolist() == [[value, 2**30 + 2, 3] for value in expected]
 
 
+def test_arguments_that_change_between_launches_arrive() -> None:
+    """What is the same as at the last launch is not handed over again."""
+    first, second = np.zeros((2, 3), np.int32), np.zeros((2, 3), np.int32)
+    values = np.array([1.0, 2.0], np.float32)
+    fill(values, 1.0, 1, 1, 2, first)
+    for out, add, more in ((first, 1.0, 1), (second, 1.0, 1), (second, 2.0, 1), (first, 2.0, -1), (first, 0.0, 0)):
+        values += 1  # in place: the same memory, other numbers
+        fill(values, add, 1, more, 2, out)
+        assert out[:, 0].tolist() == [int(v + add) * 2 + more for v in values]
+    signs = np.zeros(1, np.float32)
+    for zero in (0.0, -0.0, 0.0, np.nan, -0.0):
+        keep(zero, signs)
+        assert str(signs[0]) == str(np.float32(zero))
+
+
 def test_strange_arguments_are_told_by_taichi_after_quick_launches_too() -> None:
     values, out = np.zeros(2, np.float32), np.zeros((2, 3), np.int32)
     for _ in range(3):
@@ -52,4 +67,10 @@ def _fill(values: F32_1D, add: F32, unsigned: U32, more: I32, factor: template, 
         out[i, 2] = 3
 
 
+def _keep(value: F32, out: F32_1D):
+    for i in range(out.shape[0]):
+        out[i] = value
+
+
+keep = quick(_keep)
 fill, fill_slowly = quick(_fill), ti.kernel(_fill)

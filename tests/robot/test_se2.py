@@ -71,6 +71,14 @@ def test_accumulate_is_compose_after_compose(start: NDArray[np.float64], increme
         assert same(reached, pose)
 
 
+@given(POSES, POSES)
+def test_single_poses_are_as_rows_of_arrays(a: NDArray[np.float64], b: NDArray[np.float64]) -> None:
+    assert same(se2.compose(a, b), se2.compose([a], [b])[0])
+    assert same(se2.compose(a, b), se2.compose(a, [b])[0])
+    assert same(se2.inverse(a), se2.inverse([a])[0])
+    assert -np.pi < se2.inverse(a)[2] <= np.pi
+
+
 def test_broadcasting() -> None:
     many = np.random.default_rng(0).normal(size=(4, 5, 3))
     assert se2.compose(many, se2.IDENTITY).shape == (4, 5, 3)
