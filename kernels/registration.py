@@ -141,7 +141,7 @@ def _blocked(
 def _register(
     pool: I16_1D, table: I32_1D, stride: I32, columns: I32, rows: I32, frames: F64_2D, scan: F32_2D, origin_x: F32,
     origin_y: F32, starts: F32_2D, priors: F32_2D, cell: F32, truncation: F32, coarse_truncation: F32, sd: F32,
-    coarse_sd: F32, iterations: I32, unknown: F32, outlier: F32, offsets: F32_2D, fits: F32_2D,
+    coarse_sd: F32, coarse_iterations: I32, iterations: I32, unknown: F32, outlier: F32, offsets: F32_2D, fits: F32_2D,
 ):  # fmt: skip
     """Coarse level, fine level, then how well it fits; frames are cos, sin, x, y [m], fits as ``register_scans`` says.
 
@@ -160,7 +160,7 @@ def _register(
         start = ti.Vector([starts[i, 0], starts[i, 1], starts[i, 2]], dt=ti.f32)
         coarse = _descend(
             pool, table, base, columns, coarse_x, coarse_y, frame, scan, start, prior, 2 * cell, coarse_truncation,
-            coarse_sd, iterations, 1,
+            coarse_sd, coarse_iterations, 1,
         )  # fmt: skip
         d = _descend(
             pool, table, base, columns, fine_x, fine_y, frame, scan, coarse, prior, cell, truncation, sd, iterations, 0
@@ -217,6 +217,7 @@ def register_scans(
     coarse_truncation: float,
     residual: float,
     iterations: int,
+    coarse: bool = True,
     unknown: float,
     outlier: float,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -237,6 +238,7 @@ def register_scans(
         truncation, coarse_truncation: of each level [m].
         residual: standard deviation of the distances on the fine level [m]; ``COARSE_LOOSER`` times that on the other.
         iterations: at most, on each level.
+        coarse: whether to begin on the coarse level; not where the start is good to a cell already.
         unknown: what an endpoint costs where neither level knows anything.
         outlier: what an endpoint costs at most where one does; below it costs half its squared residual.
 
@@ -273,6 +275,7 @@ def register_scans(
         _register(
             pool, tables.reshape(-1), columns * rows if maps > 1 else 0, columns, rows, places,
             np.ascontiguousarray(scan.T), origin_x, origin_y, begin, prior, cell_size, truncation, coarse_truncation,
-            residual, COARSE_LOOSER * residual, iterations, unknown, outlier, offsets, fits,
+            residual, COARSE_LOOSER * residual, iterations if coarse else 0, iterations, unknown, outlier, offsets,
+            fits,
         )  # fmt: skip
     return offsets.astype(np.float64), fits.astype(np.float64)

@@ -191,6 +191,8 @@ class RegistrationConfig(_Section):
         wide_distance, wide_rotation: ... of so much to each side [m], [rad] ...
         clear_gain: ... and taken to be there if that share is so much larger.
         patience: scans that are lost in a row are left out of the maps, up to so many.
+        degenerate: standard deviation of what is found along the direction that a scan says least of, times the
+            share that what it says there is of the most [m]: along two bare walls the odometry is believed instead.
         points: at most so many vertices of a scan are registered to the maps of all particles, evenly chosen.
     """
 
@@ -211,6 +213,33 @@ class RegistrationConfig(_Section):
     clear_gain: NotNegative = 0.3
     patience: Annotated[int, Field(ge=0)] = 3
     points: Annotated[int, Field(ge=8, le=100_000)] = 1000
+    degenerate: NotNegative = 0.0005
+
+
+class CalibrationConfig(_Section):
+    """How the systematic errors of the odometry are learned while driving (method ``surface``).
+
+    Attributes:
+        enabled: learn them.
+        scale: standard deviation of what the way, and the turns, are off by before anything is known [m/m], [rad/rad].
+        curvature: likewise, of how much a straight way bends [rad/m].
+        lever: likewise, of how far the lidar is ahead of where the recording says, from the wheels' axle [m].
+        change: standard deviation by which these gains change over a metre [1/sqrt(m)].
+        translation, translation_from_translation: standard deviation of what one motion is off by beside [m], [m/m].
+        rotation, rotation_from_rotation: likewise [rad], [rad/rad].
+        gate: motions that are off by more standard deviations teach nothing: wheels slipped.
+    """
+
+    enabled: bool = True
+    scale: Positive = 0.05
+    curvature: Positive = 0.02
+    lever: Positive = 0.1
+    change: NotNegative = 0.001
+    translation: Positive = 0.005
+    translation_from_translation: NotNegative = 0.03
+    rotation: Positive = 0.01
+    rotation_from_rotation: NotNegative = 0.1
+    gate: Positive = 3.0
 
 
 class ProposalConfig(_Section):
@@ -288,6 +317,7 @@ class SlamConfig(_Section):
     surface: SurfaceConfig = SurfaceConfig()
     registration: RegistrationConfig = RegistrationConfig()
     proposal: ProposalConfig = ProposalConfig()
+    calibration: CalibrationConfig = CalibrationConfig()
     texture: TextureConfig = TextureConfig()
 
     def to_toml(self) -> str:

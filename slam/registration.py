@@ -22,6 +22,10 @@ SOME = 90
 """Endpoints that are registered from every promising place."""
 CROSSING = 0.3
 """What a ray through a surface counts against a place, in endpoints: doors open, people walk, gaps get closed."""
+FAR = 6
+"""Standard deviations of the odometry beyond which a scan found at the first try is looked for all the same."""
+TAIL = 3.0
+"""How heavy the tails of what odometry is off by are: less than the normal distribution's beyond so many nats."""
 REACH = np.array([0.2, 0.2, 0.06])
 """How far from where it starts Gauss-Newton finds a place [m], [m], [rad]."""
 BLOCK = 10
@@ -60,7 +64,16 @@ class Registrar:
         self._config, self._costs = config, costs
 
     def register(
-        self, maps: MapView, predicted: Array, spread: Array, points: Points, origin: Array, starts: Array
+        self,
+        maps: MapView,
+        predicted: Array,
+        spread: Array,
+        points: Points,
+        origin: Array,
+        starts: Array,
+        means: Array | None = None,
+        *,
+        coarse: bool = True,
     ) -> Registration:
         """Every scan in its own map, or all in one.
 
@@ -71,9 +84,13 @@ class Registrar:
             points: [k, 2] of the scan.
             origin: [2] of the rays.
             starts: [N, 3] offsets to begin at.
+            means: [N, 3] offsets that are held for the likeliest; none by default.
+            coarse: begin on the coarse level of the maps.
         """
         priors = np.zeros((len(predicted), 6))
         priors[:, :3] = self._config.prior_weight / spread**2
+        if means is not None:
+            priors[:, 3:] = means
         offsets, fits = maps.register(
             predicted,
             points,
@@ -83,13 +100,32 @@ class Registrar:
             self._config,
             unknown=self._costs.unknown,
             outlier=self._costs.outlier,
+            coarse=coarse,
         )
         information = fits[:, INFORMATION][:, [0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(-1, 3, 3)
         known = fits[:, KNOWN]
         likelihoods = fits[:, LIKELIHOOD] / np.maximum(known, 1)
         return Registration(offsets, information, fits[:, COST], known, likelihoods, fits[:, CROSSED])
 
-    def follow(self, maps: MapView, predicted: Array, spread: Array, points: Points, origin: Array) -> Registration:
+    def trusted(self, found: Registration, spread: Array) -> Registration:
+        """What is found, with the odometry kept along a direction of which the scan says next to nothing.
+
+        Between two bare walls a few endpoints pull along them, by what is wrong with the map rather than by where the
+        robot is (Zhang, Kaess and Singh 2016, On degeneracy of optimization-based state estimation problems).
+        """
+        share, along = weakest(found.information)
+        error = self._config.degenerate / np.maximum(share, 1e-12)
+        shift = (along * found.offsets[:, :2]).sum(axis=1)
+        trust = np.where(abs(shift) > 3 * spread[0], 1.0, spread[0] ** 2 / (spread[0] ** 2 + error**2))
+        offsets, information = found.offsets.copy(), found.information
+        offsets[:, :2] -= along * ((1 - trust) * shift)[:, None]
+        keep = np.tile(np.eye(3), (len(share), 1, 1))
+        keep[:, :2, :2] -= (1 - np.sqrt(trust))[:, None, None] * along[:, :, None] * along[:, None, :]
+        return found._replace(offsets=offsets, information=keep @ information @ keep)
+
+    def follow(
+        self, maps: MapView, predicted: Array, spread: Array, points: Points, origin: Array, guesses: Array
+    ) -> Registration:
         """One particle's scan in its map: where the odometry puts it, else after a search, at last in a wide window.
 
         Args:
@@ -98,20 +134,23 @@ class Registrar:
             spread: [3] standard deviation of that.
             points: [k, 2] of the scan.
             origin: [2] of the rays.
+            guesses: [m, 3] offsets that are tried beside what a search finds.
         """
         c = self._config
-        found = self.register(maps, predicted[None], spread, points, origin, np.zeros((1, 3)))
-        if found.likelihoods[0] >= c.sure_above and not self.lost(found, len(points)):
+        found = self.trusted(self.register(maps, predicted[None], spread, points, origin, np.zeros((1, 3))), spread)
+        near = spread[0] <= REACH[0] and bool((abs(found.offsets[0]) <= FAR * spread).all())
+        if near and found.likelihoods[0] >= c.sure_above and not self.lost(found, len(points)):
             return found
         steps = (maps.cell_size, TURN)
-        found = self._best(maps, predicted, spread, points, origin, 3 * spread, steps, places(3 * spread))
+        found = self._best(maps, predicted, spread, points, origin, 3 * spread, steps, places(3 * spread), guesses)
         if found.likelihoods[0] < c.doubtful_below:
-            found = self._best(maps, predicted, spread, points, origin, 3 * spread, steps, 200)
+            found = self._best(maps, predicted, spread, points, origin, 3 * spread, steps, 200, guesses)
+        found = self.trusted(found, spread)
         if not self.lost(found, len(points)):
             return found
         window = np.array([c.wide_distance, c.wide_distance, c.wide_rotation])
         wider = np.maximum(window / 2, spread)
-        wide = self._best(maps, predicted, wider, points, origin, window, (2 * maps.cell_size, 2 * TURN), 300)
+        wide = self._best(maps, predicted, wider, points, origin, window, (2 * maps.cell_size, 2 * TURN), 300, guesses)
         return wide if merit(wide)[0] >= merit(found)[0] + c.clear_gain * len(points) else found
 
     def lost(self, found: Registration, points: int) -> bool:
@@ -135,15 +174,23 @@ class Registrar:
         window: Array,
         steps: tuple[float, float],
         most: int,
+        guesses: Array,
     ) -> Registration:
         """Registered from the most promising places of a window, the best of them."""
-        starts = self._search(maps, predicted, spread, points, window, steps, most)
+        found = self._search(maps, predicted, spread, points, window, steps, most)
+        starts = np.vstack((guesses, found))
+        means = np.vstack((guesses, np.zeros_like(found)))
         some = evenly(points, SOME)
-        tried = self.register(maps, np.repeat(predicted[None], len(starts), axis=0), spread, some, origin, starts)
-        best = int(
-            (merit(tried) * len(points) / len(some) - 0.5 * np.square(tried.offsets / spread).sum(axis=1)).argmax()
+        tried = self.register(
+            maps, np.repeat(predicted[None], len(starts), axis=0), spread, some, origin, starts, means
         )
-        return self.register(maps, predicted[None], spread, points, origin, tried.offsets[best : best + 1])
+        off = np.square(tried.offsets / spread).sum(axis=1)
+        cost = off / 2
+        cost[: len(guesses)] = TAIL * np.log1p(off[: len(guesses)] / (2 * TAIL))
+        best = [int((merit(tried) * len(points) / len(some) - cost).argmax())]
+        return self.register(
+            maps, predicted[None], spread, points, origin, tried.offsets[best], means[best], coarse=False
+        )
 
     def _search(
         self,
@@ -172,6 +219,14 @@ class Registrar:
         )
         best = np.argsort(-scores[0], kind="stable")
         return apart(np.column_stack((shifts[chosen[0, best]], turns[best // blocks])), most)
+
+
+def weakest(information: Array) -> tuple[Array, Array]:
+    """The direction along which endpoints say least of the place: its share of the most, [N], and itself, [N, 2]."""
+    xx, xy, yy = information[:, 0, 0], information[:, 0, 1], information[:, 1, 1]
+    middle, half = (xx + yy) / 2, np.hypot((xx - yy) / 2, xy)
+    most = np.arctan2(2 * xy, xx - yy) / 2
+    return (middle - half) / np.maximum(middle + half, 1e-9), np.stack((-np.sin(most), np.cos(most)), axis=1)
 
 
 def places(window: Array) -> int:

@@ -23,6 +23,7 @@ from moteslam.slam.constant_velocity import carried_on
 from moteslam.slam.gate import UpdateGate, extent
 from moteslam.slam.history import History
 from moteslam.slam.motion_model import odometry_spread
+from moteslam.slam.odometry_calibration import OdometryCalibration
 from moteslam.slam.outcome import Outcome
 from moteslam.slam.particle_number import choose_parents
 from moteslam.slam.registration import Registrar, evenly
@@ -56,10 +57,12 @@ class SurfaceFilter:
         self.history = History()
         self.best_particle = 0
         self._maps = SurfaceMaps(config.surface)
+        self._calibration = OdometryCalibration(config.calibration)
         self._registrar = Registrar(config.registration, config.proposal)
         self._pose = np.zeros(3)  # at the last scan, by the best particle's map
         self._motion = np.zeros(3)  # since the last update, as tracked
-        self._odometry = np.zeros(3)  # the same, as the odometry tells it
+        self._odometry = np.zeros(3)  # the same, as the odometry tells it, corrected
+        self._wheels: Array | None = np.zeros(3)  # the same, not corrected; None if part of it is a guess
         self._step, self._seconds = np.zeros(3), 0.0  # the motion of the last step, as tracked, and how long it took
         self._gate = UpdateGate(config.update)
         self._slip = np.zeros(3)  # how far the odometry was just off, if it was
@@ -71,8 +74,11 @@ class SurfaceFilter:
         before = self._pose
         if not len(self.history):
             return self._begin(scan)
+        self._wheels = None if step.guess or self._wheels is None else se2.compose(self._wheels, step.motion)
         if step.guess:
             step = replace(step, motion=carried_on(self._step, self._seconds, step.dt))
+        else:
+            step = replace(step, motion=self._calibration.corrected(step.motion))
         self._gate.add(step)
         self._track(step, scan)
         motion = se2.between(before, self._pose)
@@ -104,10 +110,13 @@ class SurfaceFilter:
         """Follow the motion since the last scan in the best particle's map."""
         predicted = se2.compose(self._pose, step.motion)
         offset = np.zeros(3)
-        spread = self._registrar.spread(*extent(step.motion), guess=step.guess) + self._slip
+        usual = self._registrar.spread(*extent(step.motion), guess=step.guess)
+        spread = usual + self._slip
         if len(scan.vertices) >= FEW:
+            carried = carried_on(self._step, self._seconds, step.dt)
+            guesses = np.stack((np.zeros(3), se2.between(step.motion, carried)))
             found = self._registrar.follow(
-                self._maps.of(self.best_particle), predicted, spread, scan.vertices, step.origin
+                self._maps.of(self.best_particle), predicted, spread, scan.vertices, step.origin, guesses
             )
             lost = self._registrar.lost(found, len(scan.vertices))
             if not lost or self._lost >= self._config.registration.patience:
@@ -117,7 +126,9 @@ class SurfaceFilter:
         # odometry that was far off, of a slip or a wrong stamp, is likely to be as far off again, or back
         shift, turn = extent(offset)
         off = np.array([shift, shift, turn])
-        self._slip = np.where(off > 2 * spread, off, 0.0)
+        self._slip = np.where(off > 2 * usual, off, 0.0)
+        if self._slip.any():
+            self._wheels = None
         moved = se2.compose(predicted, offset)
         tracked = se2.between(self._pose, moved)
         self._motion = se2.compose(self._motion, tracked)
@@ -141,12 +152,16 @@ class SurfaceFilter:
                 step.origin,
                 self._starts(step.index, drift),
             )
+            found = self._registrar.trusted(found, drift)
             offsets, information = found.offsets, found.information
             self.weights = self.weights.times_log(
                 -self._config.proposal.evidence_share * (found.costs + self._config.proposal.crossing * found.crossed)
                 - 0.5 * np.square(found.offsets / drift).sum(axis=1)
             )
             best = self.weights.best
+            if self._wheels is not None:
+                moved = se2.compose(self._odometry, offsets[best])
+                self._calibration.learn(self._wheels, moved, information[best])
             fit = float(found.likelihoods[best])
             n_eff = self.weights.effective_number
             weights = self.weights.values
@@ -162,7 +177,7 @@ class SurfaceFilter:
         if len(scan.vertices) >= FEW:
             self._maps.add(self.poses, scan)
         self._pose = self.poses[self.best_particle].copy()
-        self._motion, self._odometry = np.zeros(3), np.zeros(3)
+        self._motion, self._odometry, self._wheels = np.zeros(3), np.zeros(3), np.zeros(3)
         self._gate.reset()
         return n_eff, fit, resampled
 

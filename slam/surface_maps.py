@@ -197,6 +197,7 @@ class MapView(NamedTuple):
         *,
         unknown: float,
         outlier: float,
+        coarse: bool = True,
     ) -> tuple[Array, Array]:
         """Offsets [N, 3] from the poses to where the scan fits, and how well, [N, FITS]: see ``register_scans``."""
         return register_scans(
@@ -212,6 +213,7 @@ class MapView(NamedTuple):
             coarse_truncation=self.config.coarse_truncation,
             residual=config.residual,
             iterations=config.iterations,
+            coarse=coarse,
             unknown=unknown,
             outlier=outlier,
         )
