@@ -259,8 +259,8 @@ class ColourConfig(_Section):
     cell_size: Annotated[FiniteFloat, Field(ge=0.01, le=0.5)] = 0.04
     max_depth: Annotated[FiniteFloat, Field(ge=0.5, le=8)] = 3.0
     largest_age: NotNegative = 0.25
-    map_length: Annotated[FiniteFloat, Field(ge=0.2, le=20)] = 2.0
-    reach: Annotated[FiniteFloat, Field(ge=0.02, le=0.5)] = 0.08
+    map_length: Annotated[FiniteFloat, Field(ge=0.2, le=20)] = 1.0
+    reach: Annotated[FiniteFloat, Field(ge=0.02, le=0.5)] = 0.06
     least_known: Annotated[FiniteFloat, Field(gt=0, le=1)] = 0.3
     spread: Positive = 60.0
     share: Annotated[FiniteFloat, Field(gt=0, le=1)] = 0.1

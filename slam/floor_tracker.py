@@ -25,7 +25,7 @@ from moteslam.slam.floor_views import FloorView
 from moteslam.slam.texture import TextureMap, TextureMapper
 
 Array = NDArray[np.float64]
-COARSE, FINE = 0.016, 0.004
+COARSE, FINE = 0.02, 0.004
 """Between the shifts that are tried [m]: over the whole reach, then around the best of those."""
 AROUND = 4
 """Fine shifts to each side."""
@@ -117,19 +117,17 @@ class FloorTracker:
             best: that particle.
             travelled: since the frame before [m].
         """
-        for floor in self._maps:
-            floor.way += travelled
-        length = self._config.map_length
-        if self._maps and self._maps[-1].way >= length:
-            del self._maps[:-1]
-        if len(self._maps) < 2 and (not self._maps or self._maps[-1].way >= length):
-            reach = 3 * length + 2 * self._config.max_depth
+        if self._maps:
+            self._maps[-1].way += travelled
+        if not self._maps or self._maps[-1].way >= self._config.map_length:
+            reach = 2 * self._config.map_length + 1.5 * self._config.max_depth
             corner = np.array((reach, reach))
-            self._maps.append(_FloorMap(TextureMapper(view.mount, self._texture, -corner, corner), poses.copy()))
-        for floor in self._maps:
-            moved = se2.between(floor.anchors[best], poses[best])
-            floor.mapper.add(view.frame, se2.compose(moved, view.place))
-            floor.known = None
+            newest = _FloorMap(TextureMapper(view.mount, self._texture, -corner, corner), poses.copy())
+            self._maps = [*self._maps[-1:], newest]
+        floor = self._maps[-1]
+        moved = se2.between(floor.anchors[best], poses[best])
+        floor.mapper.add(view.frame, se2.compose(moved, view.place))
+        floor.known = None
 
     def resample(self, parents: NDArray[np.int64]) -> None:
         """Particles [M] live on as the children of these."""

@@ -194,8 +194,8 @@ class SurfaceFilter:
         inside = floor.information - floor.information @ gain
         off = floor.offsets
         self.weights = self.weights.times_log(-0.5 * np.einsum("ni,nij,nj->n", off, inside, off))
-        # small shifts: the turn of an offset makes no difference to its frame
-        return se2.compose(offsets, np.einsum("nij,nj->ni", gain, off)), information + floor.information
+        offsets = se2.compose(offsets, np.einsum("nij,nj->ni", gain, off))
+        return offsets, information + floor.information / self._config.proposal.information_share
 
     def _precision(self, information: Array, spread: Array) -> Array:
         """Inverse covariance [N, 3, 3] of endpoints and odometry together."""
