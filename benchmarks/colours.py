@@ -114,11 +114,18 @@ def main() -> None:
     parser.add_argument("--seeds", type=seeds, metavar="N", help="of each run, from 0; or 10-19")
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", dest="settings", help="of both")
     parser.add_argument("--with", action="append", default=[], metavar="KEY=VALUE", dest="colours", help="of one")
+    parser.add_argument("--threads", type=int, default=1, help="the errors do not depend on it")
     parser.add_argument("--out", type=Path)
     options = parser.parse_args()
     names = options.runs or list(bundled_scenarios())
-    runtime.init("cpu", 1)
-    about = {**stamp(), "preset": "default", "settings": options.settings, "with": options.colours}
+    runtime.init("cpu", options.threads)
+    about = {
+        **stamp(),
+        "preset": "default",
+        "settings": options.settings,
+        "with": options.colours,
+        "threads": options.threads,
+    }
     rows: list[dict[str, Any]] = []
     for name, seed in todo(names, options.seeds):
         rows.append(run(name, seed, options.settings, options.colours))

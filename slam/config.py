@@ -10,7 +10,7 @@ from itertools import pairwise
 from typing import Annotated, Literal
 
 import tomli_w
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, field_validator
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, field_validator, model_validator
 
 NotNegative = Annotated[FiniteFloat, Field(ge=0)]
 Positive = Annotated[FiniteFloat, Field(gt=0)]
@@ -318,6 +318,12 @@ class SlamConfig(_Section):
     proposal: ProposalConfig = ProposalConfig()
     texture: TextureConfig = TextureConfig()
     colours: ColourConfig = ColourConfig()
+
+    @model_validator(mode="after")
+    def _colours_weigh_the_particles_of_surface(self) -> SlamConfig:
+        if self.colours.enabled and self.method != "surface":
+            raise ValueError('colours.enabled with method "paper", expected method "surface": the only one to use them')
+        return self
 
     def to_toml(self) -> str:
         """The configuration as TOML; it reads back equal."""

@@ -134,9 +134,7 @@ class FloorTracker:
         for floor in self._maps:
             floor.anchors = floor.anchors[parents]
 
-    def _search(
-        self, patch: FloorPatch, target: _FloorMap, moved: Array, place: Array
-    ) -> tuple[Array, Array] | None:
+    def _search(self, patch: FloorPatch, target: _FloorMap, moved: Array, place: Array) -> tuple[Array, Array] | None:
         """The shift [2] of a motion [3] that fits best, in its frame, and its information [2, 2]."""
         texture, packed = target.lookup()
         c = self._config
@@ -163,8 +161,8 @@ class FloorTracker:
         shift, information = found
         shift = np.clip(shift, centre - FINE * AROUND, centre + FINE * AROUND)
         # what the floor says is never surer than its camera, whatever the colours
-        information = np.linalg.inv(np.linalg.inv(information) + c.spread_translation**2 * np.eye(2))
-        return start + shift, information
+        covariance = np.linalg.inv(information) + c.spread_translation**2 * np.eye(2)
+        return start + shift, np.asarray(np.linalg.inv(covariance))
 
 
 def _square(steps: int, step: float) -> Array:

@@ -21,7 +21,6 @@ from moteslam.robot import se2
 from moteslam.slam.config import SlamConfig
 from moteslam.slam.constant_velocity import carried_on
 from moteslam.slam.floor_tracker import FloorFit, FloorTracker
-from moteslam.slam.floor_views import FloorView
 from moteslam.slam.gate import UpdateGate, extent
 from moteslam.slam.history import History
 from moteslam.slam.motion_model import odometry_spread
@@ -180,9 +179,7 @@ class SurfaceFilter:
         self._gate.reset()
         return n_eff, fit, resampled
 
-    def _weigh_floor(
-        self, floor: FloorFit, offsets: Array, information: Array, spread: Array
-    ) -> tuple[Array, Array]:
+    def _weigh_floor(self, floor: FloorFit, offsets: Array, information: Array, spread: Array) -> tuple[Array, Array]:
         """Weigh the particles by the colours of the floor; offsets [N, 3] and information [N, 3, 3] with them.
 
         Lidar and odometry put a particle at a Gaussian, of information A, and the floor at another one, B, off by d:
