@@ -1,13 +1,13 @@
 """How the robot moves over the floor by the floor's colours: each particle's motion against maps of the floor.
 
-A map of the floor belongs to a place: the *anchor*, one pose a particle, at which the map was begun. Everything in it
-lies relative to that. What a frame says of a particle is how its own motion since the anchor agrees with the colours.
-So one map serves all particles, however far their paths lie apart, and it does not matter which of them is the best:
-over the few metres that a map is used, their motions differ by millimetres. No particle is judged by where another one
-believes to be, and none is bound to a path that a closing loop has proved wrong.
+A map of the floor belongs to a place, its *anchor*: one pose a particle, at which the map was begun. All in it lies
+relative to that, and what a frame says of a particle is how the particle's own motion since then agrees with the
+colours. So one map serves all particles, however far apart their paths lie, and no matter which of them is the best:
+over the few metres for which a map is used, their motions differ by millimetres. No particle is judged by where
+another one believes to be, and none is bound to a path that a closing loop has proved wrong.
 
-There are two maps at any time. Frames go into both and are compared with the older one, which has all the floor in
-view; after ``map_length`` it is dropped, the other takes its place, and a new one is begun.
+Frames go into the newest map for ``map_length``, and are compared with the one before it, which no longer changes: a
+map that took in what is compared with it would follow its own errors. Older ones are dropped, so memory does not grow.
 """
 
 from __future__ import annotations
@@ -109,7 +109,7 @@ class FloorTracker:
         return FloorFit(offsets, whole)
 
     def add(self, view: FloorView, poses: Array, best: int, travelled: float) -> None:
-        """Write a frame into the maps along the best particle's motion.
+        """Write a frame into the newest map along the best particle's motion, or begin the next with it.
 
         Args:
             view: the frame.

@@ -60,7 +60,7 @@ class FloorViews:
         self._scan_poses = odometry_at_scans(recording, config.sync)
         self._jumps = np.cumsum(jumps(self._scans, self._scan_poses))
         self._stamps, self._poses = odometry_path(recording, config.sync)
-        self._last = -1
+        self._last = -np.inf
 
     def at(self, index: int) -> FloorView | None:
         """The newest frame when a scan is taken; None where it is too old, was handed out before, or is broken.
@@ -73,18 +73,20 @@ class FloorViews:
         self.asked += 1
         stamp = self._scans[index]
         newest = int(np.searchsorted(self._there, stamp, side="right")) - 1
-        if newest <= self._last or stamp - self._taken[newest] > self._oldest:
+        if newest < 0:
             return None
-        before = max(int(np.searchsorted(self._scans, self._taken[newest], side="right")) - 1, 0)
+        taken = float(self._taken[newest])  # of colours that several disparity images may have as their nearest
+        if taken <= self._last or stamp - taken > self._oldest:
+            return None
+        before = max(int(np.searchsorted(self._scans, taken, side="right")) - 1, 0)
         if self._jumps[index] != self._jumps[before]:
             return None
-        self._last = newest
+        self._last = taken
         frame = read_frame(self._stream, int(self._disparity[newest]), int(self._rgb[newest]))
         self.count.note(frame)
         if not isinstance(frame, CameraFrame):
             return None
-        at = np.array([self._taken[newest], stamp])
-        then, now = se2.interpolate(self._stamps, self._poses, at)
+        then, now = se2.interpolate(self._stamps, self._poses, np.array([taken, stamp]))
         return FloorView(frame, self._mount, se2.between(now, then))
 
     def warnings(self) -> tuple[str, ...]:
