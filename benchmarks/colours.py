@@ -6,7 +6,7 @@
 Each scenario is simulated with its camera, at its full rate and with lost frames, and run twice with the preset
 `default`: as it is, and with `colours.enabled`. Both get the same recording and the same seed. No image is written:
 the frames that SLAM asks for are drawn then, the very pixels that files would hold. Scored is the ATE RMSE of the final
-trajectory. Without --runs: `two_halls` on seeds 0 to 9, then every other bundled scenario on seeds 0 and 1.
+trajectory. A run that was broken off goes on with --resume. Without --runs: `two_halls` on seeds 0 to 9, then every other bundled scenario on seeds 0 and 1.
 """
 
 from __future__ import annotations
@@ -116,6 +116,7 @@ def main() -> None:
     parser.add_argument("--with", action="append", default=[], metavar="KEY=VALUE", dest="colours", help="of one")
     parser.add_argument("--threads", type=int, default=1, help="the errors do not depend on it")
     parser.add_argument("--out", type=Path)
+    parser.add_argument("--resume", action="store_true", help="keep the rows that --out already has")
     options = parser.parse_args()
     names = options.runs or list(bundled_scenarios())
     runtime.init("cpu", options.threads)
@@ -127,7 +128,12 @@ def main() -> None:
         "threads": options.threads,
     }
     rows: list[dict[str, Any]] = []
+    if options.resume and options.out is not None and options.out.exists():
+        rows = json.loads(options.out.read_text())["rows"]
+    have = {(row["run"], row["seed"]) for row in rows}
     for name, seed in todo(names, options.seeds):
+        if (name, seed) in have:
+            continue
         rows.append(run(name, seed, options.settings, options.colours))
         figures = " ".join(f"{key}={value:.4f}" for key, value in rows[-1].items() if isinstance(value, float))
         print(f"{name} {seed} {figures}", flush=True)
