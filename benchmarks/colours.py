@@ -6,7 +6,8 @@
 Each scenario is simulated with its camera, at its full rate and with lost frames, and run twice with the preset
 `default`: as it is, and with `colours.enabled`. Both get the same recording and the same seed. No image is written:
 the frames that SLAM asks for are drawn then, the very pixels that files would hold. Scored is the ATE RMSE of the final
-trajectory. A run that was broken off goes on with --resume. Without --runs: `two_halls` on seeds 0 to 9, then every other bundled scenario on seeds 0 and 1.
+trajectory. Without --runs: `two_halls` on seeds 0 to 9, then every other bundled scenario on seeds 0 and 1. What was
+broken off goes on with --resume.
 """
 
 from __future__ import annotations
