@@ -56,6 +56,16 @@ class FrameCount:
     unreadable: int = 0
     first_unreadable: str = field(default="")
 
+    def note(self, frame: CameraFrame | str | None) -> None:
+        """Count what ``read_frame`` gave."""
+        if isinstance(frame, CameraFrame):
+            self.used += 1
+        elif frame is None:
+            self.missing += 1
+        else:
+            self.unreadable += 1
+            self.first_unreadable = self.first_unreadable or frame
+
     def warnings(self) -> tuple[str, ...]:
         """A line for each kind of loss that happened."""
         lines = []
@@ -70,7 +80,9 @@ class FrameCount:
 
 def has_images(stream: RgbdStream | None) -> bool:
     """Whether there are both colour and disparity images, and not just stamps."""
-    return stream is not None and any(stream.rgb_files) and any(stream.disparity_files)
+    if stream is None:
+        return False
+    return stream.images is not None or (any(stream.rgb_files) and any(stream.disparity_files))
 
 
 def pairs(
@@ -103,6 +115,37 @@ def pairs(
     return kept, nearest[kept], int((~near).sum())
 
 
+def read_frame(stream: RgbdStream, disparity: int, rgb: int) -> CameraFrame | str | None:
+    """The frame of a disparity image and a colour image.
+
+    Args:
+        stream: stamps and images.
+        disparity, rgb: indices of the two images, see ``pairs``.
+
+    Returns:
+        the frame; None where an image is missing; what is wrong with the first image that cannot be decoded.
+    """
+    from moteslam.robot.formats.ucsd_rgbd import read_disparity, read_rgb
+
+    stamps = float(stream.disparity_stamps[disparity]), float(stream.rgb_stamps[rgb])
+    if stream.images is not None:
+        return CameraFrame(*stamps, stream.images.disparity(disparity), stream.images.rgb(rgb))
+    images: list[NDArray[Any]] = []
+    sources: tuple[tuple[tuple[Path | None, ...], int, Callable[[Path], NDArray[Any]]], ...] = (
+        (stream.disparity_files, disparity, read_disparity),
+        (stream.rgb_files, rgb, read_rgb),
+    )
+    for files, index, read in sources:
+        path = files[index] if files else None
+        if path is None:
+            return None
+        try:
+            images.append(read(path))
+        except InputError as error:
+            return str(error)
+    return CameraFrame(*stamps, images[0], images[1])
+
+
 def camera_frames(
     stream: RgbdStream, *, interval: float = 0.0, largest_gap: float = LARGEST_GAP, count: FrameCount | None = None
 ) -> Iterator[CameraFrame]:
@@ -115,27 +158,9 @@ def camera_frames(
         interval, largest_gap: see ``pairs``.
         count: counts what became of the frames.
     """
-    from moteslam.robot.formats.ucsd_rgbd import read_disparity, read_rgb
-
     count = count if count is not None else FrameCount()
     depth, colour, count.unpaired = pairs(stream, interval=interval, largest_gap=largest_gap)
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-    def load(i: int, j: int) -> CameraFrame | str | None:
-        images: list[NDArray[Any]] = []
-        sources: tuple[tuple[tuple[Path | None, ...], int, Callable[[Path], NDArray[Any]]], ...] = (
-            (stream.disparity_files, i, read_disparity),
-            (stream.rgb_files, j, read_rgb),
-        )
-        for files, index, read in sources:
-            path = files[index] if files else None
-            if path is None:
-                return None
-            try:
-                images.append(read(path))
-            except InputError as error:
-                return str(error)
-        return CameraFrame(float(stream.disparity_stamps[i]), float(stream.rgb_stamps[j]), images[0], images[1])
 
     with ThreadPoolExecutor(cores) as pool:
         ahead: deque[Future[CameraFrame | str | None]] = deque()
@@ -143,17 +168,12 @@ def camera_frames(
         try:
             while True:
                 while len(ahead) < 2 * cores + 2 and (pair := next(todo, None)) is not None:
-                    ahead.append(pool.submit(load, *pair))
+                    ahead.append(pool.submit(read_frame, stream, *pair))
                 if not ahead:
                     return
                 frame = ahead.popleft().result()
+                count.note(frame)
                 if isinstance(frame, CameraFrame):
-                    count.used += 1
                     yield frame
-                elif frame is None:
-                    count.missing += 1
-                else:
-                    count.unreadable += 1
-                    count.first_unreadable = count.first_unreadable or frame
         finally:
             pool.shutdown(cancel_futures=True)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -121,6 +121,16 @@ class ImuStream(_Frozen):
         return len(self.stamps)
 
 
+class ImageSource(Protocol):
+    """Gives a stream's images where they are not files: held in memory, or drawn when they are asked for."""
+
+    def rgb(self, index: int) -> NDArray[np.uint8]:
+        """The colour image [480, 640, 3] of a stamp: red, green, blue."""
+
+    def disparity(self, index: int) -> NDArray[np.uint16]:
+        """The raw disparity image [480, 640] of a stamp."""
+
+
 @dataclass(frozen=True, eq=False)
 class RgbdStream:
     """Camera frames: stamps of the two cameras, which do not fire together, and where their images are.
@@ -129,12 +139,14 @@ class RgbdStream:
         rgb_stamps: [m] [s]; disparity_stamps: [n] [s].
         rgb_files, disparity_files: the images in the order of the stamps, None for one that is missing; empty where
             none are there. ``moteslam.robot.frames.camera_frames`` decodes them as they are needed.
+        images: gives the images of all stamps in place of files; None where they are files, or where none are there.
     """
 
     rgb_stamps: NDArray[np.float64]
     disparity_stamps: NDArray[np.float64]
     rgb_files: tuple[Path | None, ...] = ()
     disparity_files: tuple[Path | None, ...] = ()
+    images: ImageSource | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,7 +10,7 @@ from itertools import pairwise
 from typing import Annotated, Literal
 
 import tomli_w
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, field_validator
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, field_validator, model_validator
 
 NotNegative = Annotated[FiniteFloat, Field(ge=0)]
 Positive = Annotated[FiniteFloat, Field(gt=0)]
@@ -268,6 +268,34 @@ class ProposalConfig(_Section):
     crossing: NotNegative = 1.0
 
 
+class ColourConfig(_Section):
+    """The colours of the floor as a measurement in the weights of the method ``surface``.
+
+    Attributes:
+        enabled: use them where there are images.
+        cell_size: of the maps of the floor [m].
+        max_depth: floor deeper than this is left out [m].
+        largest_age: of a frame when the scan is taken [s].
+        map_length: way after which a new map of the floor is begun [m]; each is compared with for as long again.
+        reach: how far to each side of where the lidar puts the robot its floor is looked for [m].
+        least_known: share of the cells of a frame that must lie on known floor to be compared.
+        spread: mean of a cell's difference that is no surprise, red, green and blue together [levels].
+        share: share of the cells' log-likelihood that counts: their errors are not independent.
+        spread_translation: standard deviation of what the floor can tell at best [m].
+    """
+
+    enabled: bool = False
+    cell_size: Annotated[FiniteFloat, Field(ge=0.01, le=0.5)] = 0.04
+    max_depth: Annotated[FiniteFloat, Field(ge=0.5, le=8)] = 3.0
+    largest_age: NotNegative = 0.25
+    map_length: Annotated[FiniteFloat, Field(ge=0.2, le=20)] = 1.0
+    reach: Annotated[FiniteFloat, Field(ge=0.02, le=0.5)] = 0.06
+    least_known: Annotated[FiniteFloat, Field(gt=0, le=1)] = 0.3
+    spread: Positive = 60.0
+    share: Annotated[FiniteFloat, Field(gt=0, le=1)] = 0.1
+    spread_translation: Positive = 0.002
+
+
 class KldConfig(_Section):
     """As many particles as the belief takes: KLD sampling (Fox 2003; Probabilistic Robotics, table 8.4).
 
@@ -300,7 +328,7 @@ class SlamConfig(_Section):
         resampling: how; ``systematic`` draws one random number, ``stratified`` one for each particle, ``residual``
             copies by the whole part of the expected number and draws the rest.
         max_range: endpoints beyond it are not used [m].
-        kld, sync, motion, search, update, map, surface, registration, proposal, texture: the parts.
+        kld, sync, motion, search, update, map, surface, registration, proposal, texture, colours: the parts.
     """
 
     method: Literal["paper", "surface"] = "paper"
@@ -319,6 +347,13 @@ class SlamConfig(_Section):
     proposal: ProposalConfig = ProposalConfig()
     calibration: CalibrationConfig = CalibrationConfig()
     texture: TextureConfig = TextureConfig()
+    colours: ColourConfig = ColourConfig()
+
+    @model_validator(mode="after")
+    def _colours_weigh_the_particles_of_surface(self) -> SlamConfig:
+        if self.colours.enabled and self.method != "surface":
+            raise ValueError('colours.enabled with method "paper", expected method "surface": the only one to use them')
+        return self
 
     def to_toml(self) -> str:
         """The configuration as TOML; it reads back equal."""

@@ -84,15 +84,38 @@ def colour_log_likelihood(
     Raises:
         InputError: poses that are not finite.
     """
+    mean, _ = colour_errors(patch, poses, texture, limit=limit, packed=packed)
+    return np.asarray(-share * len(patch.points) * mean / spread)
+
+
+def colour_errors(
+    patch: FloorPatch,
+    poses: ArrayLike,
+    texture: TextureMap,
+    *,
+    limit: int = 150,
+    packed: NDArray[np.int32] | None = None,
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """How far a patch's colours are off at each pose, |r| + |g| + |b| in the mean, and how many cells that is of.
+
+    Args:
+        patch, poses, texture, limit, packed: as in ``colour_log_likelihood``.
+
+    Returns:
+        float64 [n] the mean over the cells that lie on known floor [levels], half the limit where none does; int64 [n]
+        how many do.
+
+    Raises:
+        InputError: poses that are not finite.
+    """
     from moteslam.kernels.colour_match import match_colours  # imports Taichi
 
     cells = packed_map(texture) if packed is None else packed
     told = match_colours(
         patch.points, patch.colours, poses, cells, corner=texture.origin, cell_size=texture.cell_size, limit=limit
-    ).astype(np.float64)
-    difference, known = told.T
-    mean = np.where(known > 0, difference / np.maximum(known, 1), limit / 2)
-    return np.asarray(-share * len(patch.points) * mean / spread)
+    )
+    difference, known = told.T.astype(np.int64)
+    return np.where(known > 0, difference / np.maximum(known, 1), limit / 2), known
 
 
 def _packed(colours: NDArray[np.uint8]) -> NDArray[np.int32]:

@@ -18,6 +18,7 @@ from moteslam.slam.colouring import with_texture
 from moteslam.slam.config import SlamConfig
 from moteslam.slam.dead_reckoning import dead_reckon
 from moteslam.slam.estimate import Estimate
+from moteslam.slam.floor_views import FloorViews, lacking
 from moteslam.slam.grid import OccupancyMap, draw_map
 from moteslam.slam.paper_filter import PaperFilter
 from moteslam.slam.scans import Scans
@@ -83,7 +84,10 @@ class SlamSession:
         }
         self._motions = np.zeros((len(self._lidar), 3))
         self._done = self._guesses = 0
-        self._steps = steps(recording, self.config.sync, max_range=self.config.max_range)
+        self._blind = lacking(recording) if self.config.colours.enabled else ""
+        wanted = self.config.colours.enabled and not self._blind
+        self._views = FloorViews(recording, self.config) if wanted else None
+        self._steps = steps(recording, self.config.sync, max_range=self.config.max_range, views=self._views)
 
     def __len__(self) -> int:
         return len(self._lidar)
@@ -137,6 +141,12 @@ class SlamSession:
             return []
         return [f"odometry jumps at {self._guesses} of {self._done} scans: constant velocity there"]
 
+    def _unseen(self) -> tuple[str, ...]:
+        """Where the colours of the floor were asked for and not to be had, a line each."""
+        if self._blind:
+            return (f"colours: {self._blind}: particles are weighed without",)
+        return self._views.warnings() if self._views is not None else ()
+
     @property
     def map(self) -> OccupancyMap:
         """The map as it stands; the best particle's, where each has its own."""
@@ -173,7 +183,7 @@ class SlamSession:
             particle_stamps=stamps[updates],
             particle_paths=paths,
             diagnostics={key: values[:n] for key, values in self._diagnostics.items()},
-            warnings=(*warnings(self.recording), *self._distrust()),
+            warnings=(*warnings(self.recording), *self._distrust(), *self._unseen()),
             seconds=float(self._diagnostics["seconds"].sum()),
         )
 

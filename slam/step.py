@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 from moteslam.robot import se2
 from moteslam.robot.recording import Recording
 from moteslam.slam.config import SyncConfig
+from moteslam.slam.floor_views import FloorView, FloorViews
 from moteslam.slam.scans import Scans
 from moteslam.slam.synchronise import has_odometry, jumps, odometry_at_scans, require_lidar
 
@@ -29,6 +31,8 @@ class Step:
         origin: [2] where the rays start, in the robot's frame [m]: the lidar.
         guess: nothing measured the motion, or the odometry jumped: who takes the step in had better guess it from
             what came before.
+        look: reads what the camera last saw of the floor, which takes time: to be called at most once, and only
+            where it is made use of. None where colours are not asked for, or where there is no camera.
     """
 
     index: int
@@ -38,9 +42,12 @@ class Step:
     points: NDArray[np.float32]
     origin: NDArray[np.float64]
     guess: bool = False
+    look: Callable[[], FloorView | None] | None = None
 
 
-def steps(recording: Recording, config: SyncConfig, *, max_range: float = np.inf) -> Iterator[Step]:
+def steps(
+    recording: Recording, config: SyncConfig, *, max_range: float = np.inf, views: FloorViews | None = None
+) -> Iterator[Step]:
     """One step a scan: the motion since the scan before and the scan's endpoints in the robot's frame.
 
     Without odometry of any kind the steps say that their motion is a guess, and so do those where it jumps.
@@ -49,6 +56,7 @@ def steps(recording: Recording, config: SyncConfig, *, max_range: float = np.inf
         recording: needs a lidar.
         config: how motion is synchronised with scans.
         max_range: endpoints beyond it are left out [m].
+        views: of the floor, by the camera; None where they are not asked for.
 
     Raises:
         InputError: there is no lidar.
@@ -61,4 +69,7 @@ def steps(recording: Recording, config: SyncConfig, *, max_range: float = np.inf
     scans = Scans(recording, config, max_range=max_range)
     for index, stamp in enumerate(stamps):
         dt = float(stamp - stamps[index - 1]) if index else 0.0
-        yield Step(index, float(stamp), dt, motions[index], scans.points(index), scans.origin, bool(guesses[index]))
+        look = None if views is None else partial(views.at, index)
+        yield Step(
+            index, float(stamp), dt, motions[index], scans.points(index), scans.origin, bool(guesses[index]), look
+        )

@@ -20,6 +20,7 @@ from moteslam.kernels.surface import ThinScan, thin_scan
 from moteslam.robot import se2
 from moteslam.slam.config import SlamConfig
 from moteslam.slam.constant_velocity import carried_on
+from moteslam.slam.floor_tracker import FloorFit, FloorTracker
 from moteslam.slam.gate import UpdateGate, extent
 from moteslam.slam.history import History
 from moteslam.slam.motion_model import odometry_spread
@@ -65,6 +66,8 @@ class SurfaceFilter:
         self._wheels: Array | None = np.zeros(3)  # the same, not corrected; None if part of it is a guess
         self._step, self._seconds = np.zeros(3), 0.0  # the motion of the last step, as tracked, and how long it took
         self._gate = UpdateGate(config.update)
+        self._floor = FloorTracker(config.colours, config.texture)
+        self._since_frame = 0.0  # way since the last frame of the floor
         self._slip = np.zeros(3)  # how far the odometry was just off, if it was
         self._lost = 0  # scans in a row that contradict the map
 
@@ -143,6 +146,8 @@ class SurfaceFilter:
         fit, resampled, offsets = 0.0, False, np.zeros_like(predicted)
         information = np.zeros((len(predicted), 3, 3))
         n_eff = self.weights.effective_number
+        view = step.look() if step.look is not None else None
+        floor: FloorFit | None = None
         if len(scan.vertices) >= FEW:
             found = self._registrar.register(
                 self._maps.all(),
@@ -158,6 +163,10 @@ class SurfaceFilter:
                 -self._config.proposal.evidence_share * (found.costs + self._config.proposal.crossing * found.crossed)
                 - 0.5 * np.square(found.offsets / drift).sum(axis=1)
             )
+            if view is not None:
+                floor = self._floor.fit(view, se2.compose(predicted, offsets), self.best_particle)
+            if floor is not None:
+                offsets, information = self._weigh_floor(floor, offsets, information, spread)
             best = self.weights.best
             if self._wheels is not None:
                 moved = se2.compose(self._odometry, offsets[best])
@@ -176,10 +185,33 @@ class SurfaceFilter:
         self.history.append(self.poses, None)
         if len(scan.vertices) >= FEW:
             self._maps.add(self.poses, scan)
+        self._since_frame += self._gate.travelled
+        if view is not None:
+            self._floor.add(view, self.poses, self.best_particle, self._since_frame)
+            self._since_frame = 0.0
         self._pose = self.poses[self.best_particle].copy()
         self._motion, self._odometry, self._wheels = np.zeros(3), np.zeros(3), np.zeros(3)
         self._gate.reset()
         return n_eff, fit, resampled
+
+    def _weigh_floor(self, floor: FloorFit, offsets: Array, information: Array, spread: Array) -> tuple[Array, Array]:
+        """Weigh the particles by the colours of the floor; offsets [N, 3] and information [N, 3, 3] with them.
+
+        Lidar and odometry put a particle at a Gaussian, of information A, and the floor at another one, B, off by d:
+        the product's top lies (A + B)^-1 B d away, and its integral, which is the particle's likelihood, falls with
+        d^T (B - B (A + B)^-1 B) d / 2. The particle is drawn from the product.
+        """
+        lidar = self._precision(information, spread)
+        gain = np.linalg.solve(lidar + floor.information, np.broadcast_to(floor.information, lidar.shape))
+        inside = floor.information - floor.information @ gain
+        off = floor.offsets
+        self.weights = self.weights.times_log(-0.5 * np.einsum("ni,nij,nj->n", off, inside, off))
+        offsets = se2.compose(offsets, np.einsum("nij,nj->ni", gain, off))
+        return offsets, information + floor.information / self._config.proposal.information_share
+
+    def _precision(self, information: Array, spread: Array) -> Array:
+        """Inverse covariance [N, 3, 3] of endpoints and odometry together."""
+        return self._config.proposal.information_share * information + np.diag(1 / np.maximum(spread, 1e-9) ** 2)
 
     def _starts(self, step: int, drift: Array) -> Array:
         """Where the particles' registrations start, as offsets from the odometry [N, 3].
@@ -198,7 +230,7 @@ class SurfaceFilter:
     def _draw(self, step: int, information: Array, spread: Array) -> Array:
         """An offset for every particle, drawn with the covariance of what is known of it; none for the best one."""
         normals = generator_for(self._seed, step, Draws.PROPOSAL).standard_normal((len(information), 3))
-        total = self._config.proposal.information_share * information + np.diag(1 / np.maximum(spread, 1e-9) ** 2)
+        total = self._precision(information, spread)
         # total = L L^T, so L^-T times standard normals has the covariance total^-1
         factors = np.linalg.cholesky(total)
         noise = np.linalg.solve(np.swapaxes(factors, 1, 2), normals[..., None])[..., 0]
@@ -213,4 +245,5 @@ class SurfaceFilter:
         self.weights = Weights.uniform(len(parents))
         self.history.resampled(parents)
         self._maps.resample(parents)
+        self._floor.resample(parents)
         return parents

@@ -207,3 +207,20 @@ def test_a_file_that_cannot_be_written_is_told(tmp_path: Path) -> None:
 def test_read_errors_name_the_file(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"no\.png: No such file or directory, expected a PNG image"):
         ucsd_rgbd.read_rgb(tmp_path / "no.png")
+
+
+def test_images_may_come_from_memory_in_place_of_files() -> None:
+    class Held:
+        def rgb(self, index: int) -> np.ndarray:
+            return rgb_image(index)
+
+        def disparity(self, index: int) -> np.ndarray:
+            return disparity_image(index)
+
+    stream = RgbdStream(RGB_STAMPS, DISPARITY_STAMPS, images=Held())
+    assert has_images(stream)
+    found = list(camera_frames(stream))
+    assert len(found) == N
+    np.testing.assert_array_equal(found[3].rgb, rgb_image(3))
+    np.testing.assert_array_equal(found[3].disparity, disparity_image(3))
+    assert (found[3].stamp, found[3].rgb_stamp) == (DISPARITY_STAMPS[3], RGB_STAMPS[3])

@@ -1,0 +1,115 @@
+"""What the camera last saw of the floor when a scan is taken: the newest frame, read when a filter asks for it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from moteslam.robot import se2
+from moteslam.robot.frames import CameraFrame, FrameCount, has_images, pairs, read_frame
+from moteslam.robot.platform import CameraMount
+from moteslam.robot.recording import Recording
+from moteslam.slam.config import SlamConfig
+from moteslam.slam.synchronise import has_odometry, jumps, odometry_at_scans, odometry_path, require_lidar
+
+
+@dataclass(frozen=True, eq=False)
+class FloorView:
+    """A frame of the floor, and where the robot was when it was taken.
+
+    Attributes:
+        frame: what the camera saw.
+        mount: of the camera.
+        place: [3] of the robot at the frame, in its frame at the scan, by the odometry.
+    """
+
+    frame: CameraFrame
+    mount: CameraMount
+    place: NDArray[np.float64]
+
+
+class FloorViews:
+    """The newest frame before each scan of a recording; each is handed out once.
+
+    A pixel of the colour image shows floor at the same place of the robot's frame, whenever the disparity image that
+    tells this place was taken: the floor is flat and the camera does not tilt. So a frame counts as taken at the stamp
+    of its colours.
+
+    Args:
+        recording: with images, a camera on its robot, a lidar and odometry: see ``lacking``.
+        config: what makes a frame, and how old it may be.
+
+    Attributes:
+        count: what became of the frames that were asked for.
+        asked: how many scans a frame was asked for.
+    """
+
+    def __init__(self, recording: Recording, config: SlamConfig) -> None:
+        stream, mount = recording.rgbd, recording.platform.camera
+        assert stream is not None
+        assert mount is not None
+        self.count, self.asked = FrameCount(), 0
+        self._stream, self._mount, self._oldest = stream, mount, config.colours.largest_age
+        self._disparity, self._rgb, _ = pairs(stream, largest_gap=config.texture.largest_gap)
+        self._taken = stream.rgb_stamps[self._rgb]
+        # both images are there, and so are those of all frames before
+        self._there = np.maximum.accumulate(np.maximum(self._taken, stream.disparity_stamps[self._disparity]))
+        self._scans = require_lidar(recording).stamps
+        self._scan_poses = odometry_at_scans(recording, config.sync)
+        self._jumps = np.cumsum(jumps(self._scans, self._scan_poses))
+        self._stamps, self._poses = odometry_path(recording, config.sync)
+        self._last = -np.inf
+
+    def at(self, index: int) -> FloorView | None:
+        """The newest frame when a scan is taken; None where it is too old, was handed out before, or is broken.
+
+        None, too, where the odometry has jumped in between.
+
+        Args:
+            index: of the scan; those asked for must rise.
+        """
+        self.asked += 1
+        stamp = self._scans[index]
+        newest = int(np.searchsorted(self._there, stamp, side="right")) - 1
+        if newest < 0:
+            return None
+        taken = float(self._taken[newest])  # of colours that several disparity images may have as their nearest
+        if taken <= self._last or stamp - taken > self._oldest:
+            return None
+        before = max(int(np.searchsorted(self._scans, taken, side="right")) - 1, 0)
+        if self._jumps[index] != self._jumps[before]:
+            return None
+        self._last = taken
+        frame = read_frame(self._stream, int(self._disparity[newest]), int(self._rgb[newest]))
+        self.count.note(frame)
+        if not isinstance(frame, CameraFrame):
+            return None
+        then, now = se2.interpolate(self._stamps, self._poses, np.array([taken, stamp]))
+        return FloorView(frame, self._mount, se2.between(now, then))
+
+    def warnings(self) -> tuple[str, ...]:
+        """What was lost, a line each."""
+        lines, count = [], self.count
+        if count.missing:
+            lines.append(f"colours: {count.missing} frames not used, an image of theirs is missing")
+        if count.unreadable:
+            lines.append(
+                f"colours: {count.unreadable} frames not used, unreadable; the first: {count.first_unreadable}"
+            )
+        without = self.asked - count.used
+        if without > self.asked / 2:
+            lines.append(f"colours: no new frame at {without} of {self.asked} updates: weighed without them")
+        return tuple(lines)
+
+
+def lacking(recording: Recording) -> str:
+    """What a recording lacks that colours in the weights take; nothing if it has all."""
+    if recording.platform.camera is None:
+        return "no camera on the robot"
+    if not has_images(recording.rgbd):
+        return "no camera images"
+    if not has_odometry(recording):
+        return "no odometry between frames and scans"
+    return ""
