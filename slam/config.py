@@ -167,7 +167,7 @@ class SurfaceConfig(_Section):
     max_weight: Annotated[int, Field(ge=1, le=31)] = 31
     spacing: Positive = 0.02
     gap: Positive = 0.3
-    gap_from_range: NotNegative = 0.035
+    gap_from_range: NotNegative = 0.03
     straight_gap: Annotated[FiniteFloat, Field(ge=1)] = 1.0
     straightness: Positive = 0.03
 
