@@ -19,9 +19,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.robot import se2
-from moteslam.slam.config import ColourConfig, TextureConfig
+from moteslam.slam.config import TextureConfig
 from moteslam.slam.floor_colours import FloorPatch, colour_errors, floor_patch, packed_map
 from moteslam.slam.floor_views import FloorView
+from moteslam.slam.surface_config import ColourConfig
 from moteslam.slam.texture import TextureMap, TextureMapper
 
 Array = NDArray[np.float64]

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from moteslam.slam.config import MotionNoise, ProposalConfig, RegistrationConfig
+from moteslam.slam.config import MotionNoise
+from moteslam.slam.surface_config import ProposalConfig, RegistrationConfig
 
 
 def motion_spread(noise: MotionNoise, travelled: float, turned: float, elapsed: float) -> NDArray[np.float64]:

@@ -12,7 +12,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from moteslam.slam.config import CalibrationConfig
+from moteslam.slam.surface_config import CalibrationConfig
 
 Array = NDArray[np.float64]
 

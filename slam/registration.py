@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from moteslam.kernels.correlative import MAX_SEARCH_POINTS
 from moteslam.kernels.registration import COST, CROSSED, INFORMATION, KNOWN, LIKELIHOOD
-from moteslam.slam.config import ProposalConfig, RegistrationConfig
 from moteslam.slam.motion_model import odometry_spread
+from moteslam.slam.surface_config import ProposalConfig, RegistrationConfig
 from moteslam.slam.surface_maps import MapView
 
 Array = NDArray[np.float64]

@@ -12,7 +12,7 @@ from moteslam.kernels.correlative import search_scans
 from moteslam.kernels.registration import register_scans
 from moteslam.kernels.surface import ThinScan, add_scans
 from moteslam.kernels.tiles import CELLS, EMPTY, SIDE, STEPS
-from moteslam.slam.config import RegistrationConfig, SurfaceConfig
+from moteslam.slam.surface_config import RegistrationConfig, SurfaceConfig
 
 Array = NDArray[np.float64]
 Points = NDArray[np.float32]

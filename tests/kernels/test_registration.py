@@ -136,6 +136,8 @@ def test_a_step_on_each_level_solves_the_twins_normal_equations(room: Pool) -> N
     (offset,), _ = register(room, [pose], points, starts=[start], prior=priors, iterations=1)
     np.testing.assert_allclose(offset, path[-1], rtol=0, atol=1e-5)
     assert np.abs(np.diff(path, axis=0)).max(axis=1).min() > 1e-3
+    (offset,), _ = register(room, [pose], points, starts=[path[1]], prior=priors, iterations=1, coarse=False)
+    np.testing.assert_allclose(offset, path[-1], rtol=0, atol=1e-5)
 
 
 @pytest.mark.parametrize("points", [np.empty((0, 2)), np.full((40, 2), 0.5), np.full((3, 2), 900.0)])

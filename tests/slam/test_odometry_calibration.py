@@ -7,8 +7,8 @@ import pytest
 from numpy.typing import NDArray
 
 from moteslam.robot import se2
-from moteslam.slam.config import CalibrationConfig
 from moteslam.slam.odometry_calibration import OdometryCalibration
+from moteslam.slam.surface_config import CalibrationConfig
 
 Array = NDArray[np.float64]
 SURE = np.diag([1e6, 1e6, 1e6])

@@ -9,7 +9,7 @@ from tile_pools import room_scan, thinned
 from moteslam.errors import InputError
 from moteslam.kernels.tiles import CELLS, FINE_CELLS, SIDE
 from moteslam.slam import surface_maps
-from moteslam.slam.config import RegistrationConfig, SurfaceConfig
+from moteslam.slam.surface_config import RegistrationConfig, SurfaceConfig
 from moteslam.slam.surface_maps import SurfaceMaps
 
 pytestmark = pytest.mark.usefixtures("taichi")
