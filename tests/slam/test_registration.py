@@ -84,9 +84,9 @@ def test_a_scan_near_its_prediction_is_found_without_a_search(room: MapView, mon
 
     monkeypatch.setattr(Registrar, "_search", search)
     at = (0.3, -0.2, 0.1)
-    assert np.abs(follow(room, at, np.array(at) + (0.03, -0.02, 0.02)) - at).max() < 0.003
+    assert np.abs(follow(room, at, np.add(at, (0.03, -0.02, 0.02))) - at).max() < 0.003
     with pytest.raises(AssertionError, match="a search"):
-        follow(room, at, np.array(at) + (0.9, -0.6, 0.8))
+        follow(room, at, np.add(at, (0.9, -0.6, 0.8)))
 
 
 def test_a_scan_is_found_where_the_same_velocity_would_put_it(room: MapView) -> None:
