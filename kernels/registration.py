@@ -88,7 +88,8 @@ def _descend(
 ):  # fmt: skip
     """Gauss-Newton on one level. Returns the offset from the frame (x, y [m], theta), in the frame."""
     d = ti.Vector([start[0], start[1], start[2]], dt=ti.f32)
-    inverse = 1.0 / cell
+    inverse, scale = 1.0 / cell, truncation / sd
+    slope = scale * inverse
     running = 1
     for _ in range(iterations):
         if running == 1:
@@ -106,9 +107,8 @@ def _descend(
                 gy = ti.min(ti.max(gy, 1.0), last_y)
                 f = bilinear(pool, table, base, columns, gx, gy, level)
                 if f[3] > 0:
-                    scale = truncation / sd
                     r = f[0] * scale
-                    jacobian = _jacobian(frame, f[1] * scale * inverse, f[2] * scale * inverse, rx, ry)
+                    jacobian = _jacobian(frame, f[1] * slope, f[2] * slope, rx, ry)
                     h += _square(jacobian)
                     b -= jacobian * r
             step = _solve(h, b)
@@ -122,17 +122,17 @@ def _descend(
 @func
 def _blocked(
     pool: template, table: template, base: I32, columns: I32, last_x: F32, last_y: F32, ox: F32, oy: F32, px: F32,
-    py: F32, cell: F32, truncation: F32,
+    py: F32, inverse: F32, clear: F32,
 ):  # fmt: skip
-    """Whether the ray from (ox, oy) to (px, py) [m] passes through a surface of the map well before its end."""
+    """Whether the ray from (ox, oy) to (px, py) [m] meets a surface of the map ``clear`` [m] before its end."""
     hit = 0
+    length = ti.sqrt((px - ox) ** 2 + (py - oy) ** 2)
     for k in ti.static(range(len(RAY_SHARES))):
         share = ti.static(RAY_SHARES[k])
-        gx, gy = (ox + share * (px - ox)) / cell, (oy + share * (py - oy)) / cell
-        ahead = (1 - share) * ti.sqrt((px - ox) ** 2 + (py - oy) ** 2)
+        gx, gy = (ox + share * (px - ox)) * inverse, (oy + share * (py - oy)) * inverse
         word = read(pool, table, base, columns, gx, gy, last_x, last_y, 0)
         near = ti.abs(steps_of(word)) < NEAR_SURFACE
-        if weight_of(word) > SURE_WEIGHT and near and ahead > CLEAR_OF_END * truncation:
+        if weight_of(word) > SURE_WEIGHT and near and (1 - share) * length > clear:
             hit = 1
     return hit
 
@@ -166,6 +166,8 @@ def _register(
             pool, table, base, columns, fine_x, fine_y, frame, scan, coarse, prior, cell, truncation, sd, iterations, 0
         )
         ct, st = ti.cos(d[2]), ti.sin(d[2])
+        inverse, scale, clear = 1.0 / cell, truncation / sd, CLEAR_OF_END * truncation
+        slope, coarse_scale = scale * inverse, coarse_truncation / sd
         h = ti.Vector([0.0] * 6, dt=ti.f32)
         cost, known, likely, crossed = 0.0, 0.0, 0.0, 0.0
         ox, oy = ct * origin_x - st * origin_y + d[0], st * origin_x + ct * origin_y + d[1]
@@ -174,27 +176,25 @@ def _register(
             rx, ry = ct * scan[0, j] - st * scan[1, j], st * scan[0, j] + ct * scan[1, j]
             qx, qy = rx + d[0], ry + d[1]
             px, py = frame[0] * qx - frame[1] * qy + frame[2], frame[1] * qx + frame[0] * qy + frame[3]
-            gx = ti.min(ti.max(px / cell, 1.0), fine_x)
-            gy = ti.min(ti.max(py / cell, 1.0), fine_y)
+            gx, gy = ti.min(ti.max(px * inverse, 1.0), fine_x), ti.min(ti.max(py * inverse, 1.0), fine_y)
             f = bilinear(pool, table, base, columns, gx, gy, 0)
             r, seen = 0.0, f[3]
             if seen > 0:
-                scale = truncation / sd
                 r = f[0] * scale
-                jacobian = _jacobian(frame, f[1] * scale / cell, f[2] * scale / cell, rx, ry)
+                jacobian = _jacobian(frame, f[1] * slope, f[2] * slope, rx, ry)
                 h += _square(jacobian)
             else:
-                gx = ti.min(ti.max(px / (2 * cell), 1.0), coarse_x)
-                gy = ti.min(ti.max(py / (2 * cell), 1.0), coarse_y)
+                gx = ti.min(ti.max(0.5 * px * inverse, 1.0), coarse_x)
+                gy = ti.min(ti.max(0.5 * py * inverse, 1.0), coarse_y)
                 g = bilinear(pool, table, base, columns, gx, gy, 1)
-                r, seen = g[0] * coarse_truncation / sd, g[3]
+                r, seen = g[0] * coarse_scale, g[3]
             if seen > 0:
                 cost += ti.min(0.5 * r * r, outlier)
                 known += 1
                 likely += ti.exp(-0.5 * r * r / (LIKELY * LIKELY))
             else:
                 cost += unknown
-            hit = _blocked(pool, table, base, columns, fine_x, fine_y, ox, oy, px, py, cell, truncation)
+            hit = _blocked(pool, table, base, columns, fine_x, fine_y, ox, oy, px, py, inverse, clear)
             crossed += ti.cast(hit, ti.f32)
         for j in ti.static(range(3)):
             offsets[i, j] = d[j]

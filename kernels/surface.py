@@ -57,10 +57,14 @@ def _draw(
     dx, dy = bx - ax, by - ay
     length = ti.sqrt(dx * dx + dy * dy)
     ux, uy = dx / length, dy / length
+    per_reach, per_step = 1.0 / reach, ti.f32(1.0 / STEPS)
+    vx, vy = ux * per_reach, uy * per_reach
+    near = sharp * per_reach
     x0 = ti.cast(ti.floor(ti.min(ax, bx) - reach), ti.i32)
     x1 = ti.cast(ti.floor(ti.max(ax, bx) + reach), ti.i32)
     y0 = ti.cast(ti.floor(ti.min(ay, by) - reach), ti.i32)
     y1 = ti.cast(ti.floor(ti.max(ay, by) + reach), ti.i32)
+    left, right = ti.cast(x0, ti.f32), ti.cast(x1, ti.f32)
     # of every row only the part in the band around the stretch: within x = row * slope +- half for the distance, and
     # likewise for the place along it
     steep, flat = ti.abs(uy) > ALONG_AXIS, ti.abs(ux) > ALONG_AXIS
@@ -76,19 +80,17 @@ def _draw(
             ti.max(across - across_half, along_at - along_half),
             ti.min(across + across_half, along_at + along_half),
         )
-        first = ti.max(x0, ti.cast(ti.floor(ti.max(low, -FAR) + ax - 0.5), ti.i32))
-        last = ti.min(x1, ti.cast(ti.floor(ti.min(high, FAR) + ax - 0.5), ti.i32) + 1)
+        first = ti.cast(ti.max(low + ax - 0.5, left), ti.i32)  # positive numbers: the cast is the floor
+        last = ti.min(x1, ti.cast(ti.min(high + ax - 0.5, right), ti.i32) + 1)
         for ix in range(first, last + 1):
             px, py = ti.cast(ix, ti.f32) + 0.5 - ax, row
             along = px * ux + py * uy
-            distance = (ux * py - uy * px) / reach
+            distance = vx * py - vy * px  # in truncations
             if along >= -OVERLAP and along <= length + OVERLAP and distance > -1.0 and distance < 1.0:
                 at = address(table, base, columns, ix, iy, level)
                 word = ti.cast(pool[at], ti.i32)
-                old, weight = ti.cast(steps_of(word), ti.f32) / STEPS, weight_of(word)
-                gain = 1
-                if ti.abs(distance) * reach < sharp:
-                    gain = boost
+                old, weight = ti.cast(steps_of(word), ti.f32) * per_step, weight_of(word)
+                gain = ti.select(ti.abs(distance) < near, boost, 1)
                 w, g = ti.cast(weight, ti.f32), ti.cast(gain, ti.f32)
                 pool[at] = pack((old * w + distance * g) / (w + g), ti.min(weight + gain, cap))
 

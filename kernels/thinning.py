@@ -8,10 +8,12 @@ from numpy.typing import ArrayLike, NDArray
 from moteslam.errors import InputError
 from moteslam.kernels.checks import as_finite
 from moteslam.kernels.runtime import runtime, ti
-from moteslam.kernels.types import F32, F32_2D, I32_1D, kernel
+from moteslam.kernels.types import F32, F32_2D, I32, I32_1D, kernel
 
 SHORTEST = 1e-6
 """Endpoints nearer than this have no direction from one to the next [m]."""
+WIDER, LEAST = 1.2, 0.001
+"""How much larger the spacing is at the next try, while there are too many vertices, and what it is at least [m]."""
 
 
 class ThinScan(NamedTuple):
@@ -27,35 +29,48 @@ class ThinScan(NamedTuple):
 
 
 @kernel
-def _thin(points: F32_2D, joined: I32_1D, spacing: F32, vertices: F32_2D, linked: I32_1D, count: I32_1D):
-    """Endpoints within ``spacing`` of the first of a group, and joined to it, become one vertex."""
+def _thin(
+    points: F32_2D, joined: I32_1D, spacing: F32, widest: F32, most: I32, vertices: F32_2D, linked: I32_1D,
+    count: I32_1D,
+):  # fmt: skip
+    """Endpoints within ``spacing`` of the first of a group, and joined to it, become one vertex.
+
+    Anew with a larger spacing, up to ``widest``, while there are more than ``most``.
+    """
     ti.loop_config(serialize=True)
     for _ in range(1):
         n = points.shape[0]
-        out = 0
-        first = 0
-        while first < n:
-            x0, y0 = points[first, 0], points[first, 1]
-            sum_x, sum_y, members = x0, y0, 1
-            k = first + 1
-            surface = 0
-            while k < n:
-                x, y = points[k, 0], points[k, 1]
-                if joined[k - 1] == 0:
-                    break
-                if ti.sqrt((x - x0) ** 2 + (y - y0) ** 2) >= spacing:
-                    surface = 1
-                    break
-                sum_x += x
-                sum_y += y
-                members += 1
-                k += 1
-            vertices[out, 0] = sum_x / members
-            vertices[out, 1] = sum_y / members
-            linked[out] = surface
-            out += 1
-            first = k
-        count[0] = out
+        within = spacing
+        again = 1
+        while again == 1:
+            out = 0
+            first = 0
+            while first < n:
+                x0, y0 = points[first, 0], points[first, 1]
+                sum_x, sum_y, members = x0, y0, 1
+                k = first + 1
+                surface = 0
+                while k < n:
+                    x, y = points[k, 0], points[k, 1]
+                    if joined[k - 1] == 0:
+                        break
+                    if ti.sqrt((x - x0) ** 2 + (y - y0) ** 2) >= within:
+                        surface = 1
+                        break
+                    sum_x += x
+                    sum_y += y
+                    members += 1
+                    k += 1
+                vertices[out, 0] = sum_x / members
+                vertices[out, 1] = sum_y / members
+                linked[out] = surface
+                out += 1
+                first = k
+            count[0] = out
+            again = 0
+            if out > most and within < widest:
+                again = 1
+                within = ti.min(ti.max(within * WIDER, LEAST), widest)
 
 
 def thin_scan(
@@ -63,6 +78,8 @@ def thin_scan(
     origin: ArrayLike,
     *,
     spacing: float,
+    widest: float = 0.0,
+    most: int = 1,
     gap: float,
     gap_from_range: float = 0.0,
     straight_gap: float = 1.0,
@@ -74,6 +91,8 @@ def thin_scan(
         points: [k, 2] endpoints in the order of their beams, in the robot's frame [m].
         origin: [2] where the rays start, in the same frame [m].
         spacing: endpoints nearer than this to the first of a vertex are averaged into it [m].
+        widest, most: where there are more vertices than ``most`` the spacing is widened step by step, up to ``widest``
+            [m] if that is more, until there are not.
         gap, gap_from_range: neighbours are of one surface up to ``gap + gap_from_range * range`` apart [m], [m/m],
             of the farther one's range ...
         straight_gap: ... and up to so many times that, 1 or more, where they lie in a row of four endpoints on a
@@ -85,7 +104,8 @@ def thin_scan(
     """
     ends = as_finite("points", points, np.float32, (None, 2))
     start = as_finite("origin", origin, np.float64, (2,))
-    options = {"spacing": spacing, "gap": gap, "gap_from_range": gap_from_range, "straightness": straightness}
+    options = {"spacing": spacing, "widest": widest, "gap": gap, "gap_from_range": gap_from_range}
+    options["straightness"] = straightness
     for name, value in options.items():
         if not (np.isfinite(value) and value >= 0):
             raise InputError(f"{value:g}, expected a finite number of 0 or more", field=name)
@@ -97,7 +117,7 @@ def thin_scan(
         ranges = np.hypot(ends[:, 0] - np.float32(start[0]), ends[:, 1] - np.float32(start[1]))
         allowed = gap + gap_from_range * np.maximum(ranges[1:], ranges[:-1])
         runtime()
-        _thin(ends, _joined(ends, allowed, straight_gap, straightness), spacing, vertices, linked, count)
+        _thin(ends, _joined(ends, allowed, straight_gap, straightness), spacing, widest, most, vertices, linked, count)
     k = int(count[0])
     return ThinScan(vertices[:k].copy(), linked[:k].copy())
 

@@ -84,6 +84,7 @@ class SlamSession:
         }
         self._motions = np.zeros((len(self._lidar), 3))
         self._done = self._guesses = 0
+        self._drawn: tuple[int, OccupancyMap | None] = (0, None)  # the map, and after how many scans
         self._blind = lacking(recording) if self.config.colours.enabled else ""
         wanted = self.config.colours.enabled and not self._blind
         self._views = FloorViews(recording, self.config) if wanted else None
@@ -150,12 +151,21 @@ class SlamSession:
     @property
     def map(self) -> OccupancyMap:
         """The map as it stands; the best particle's, where each has its own."""
+        done, drawn = self._drawn
+        if drawn is None or done != self._done:
+            drawn = self.sketch(self._done)
+            self._drawn = self._done, drawn
+        return drawn
+
+    def sketch(self, scans: int) -> OccupancyMap:
+        """The map as it stands, for a small picture: of an even choice of so many scans, where it has to be drawn."""
         if isinstance(self._filter, PaperFilter):
             return self._filter.grid.snapshot()
         path = self._filter.history.paths(np.array([self._filter.best_particle]))[0]
-        updates = np.flatnonzero(self._diagnostics["updated"]).tolist()
-        scans = Scans(self.recording, self.config.sync, max_range=self.config.max_range)
-        return draw_map(self.config.map, scans, updates[: len(path)], path)
+        updates = np.flatnonzero(self._diagnostics["updated"])[: len(path)]
+        some = np.unique(np.linspace(0, len(path) - 1, min(len(path), scans)).round().astype(int))
+        points = Scans(self.recording, self.config.sync, max_range=self.config.max_range)
+        return draw_map(self.config.map, points, updates[some].tolist(), path[some])
 
     def estimate(self) -> Estimate:
         """The result of the scans taken in so far.

@@ -19,7 +19,9 @@ class SurfaceConfig(Section):
             corners and thin walls a cell is near to two surfaces, and the nearer one must tell.
         sharp_weight: see ``sharp``.
         max_weight: a cell's average weighs at most this against the next observation.
-        spacing: endpoints nearer than this to each other are averaged to one vertex [m].
+        spacing: endpoints nearer than this to each other are averaged to one vertex [m] ...
+        widest_spacing, vertices: ... and those up to so far from each other [m], where a scan has more vertices than
+            this: what it costs, and what it weighs, depends little on how many beams the lidar has.
         gap, gap_from_range: a surface is drawn between neighbouring endpoints up to ``gap + gap_from_range * range``
             apart [m], [m/m] ...
         straight_gap: ... and up to so many times that where four endpoints in a row lie on a straight line,
@@ -33,6 +35,8 @@ class SurfaceConfig(Section):
     sharp_weight: Annotated[int, Field(ge=1, le=31)] = 8
     max_weight: Annotated[int, Field(ge=1, le=31)] = 31
     spacing: Positive = 0.02
+    widest_spacing: Positive = 0.06
+    vertices: Annotated[int, Field(ge=8, le=100_000)] = 200
     gap: Positive = 0.3
     gap_from_range: NotNegative = 0.03
     straight_gap: Annotated[FiniteFloat, Field(ge=1)] = 1.0

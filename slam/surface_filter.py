@@ -103,6 +103,8 @@ class SurfaceFilter:
             step.points,
             step.origin,
             spacing=s.spacing,
+            widest=s.widest_spacing,
+            most=s.vertices,
             gap=s.gap,
             gap_from_range=s.gap_from_range,
             straight_gap=s.straight_gap,

@@ -11,6 +11,8 @@ from moteslam.slam.run import SlamSession, Update
 
 STAGES = 6
 """So many panels has the figure."""
+SCANS = 250
+"""At most so many are drawn into the map of a stage but the last: its panel is small."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,4 +43,6 @@ class Snapshots:
     def look(self, update: Update) -> None:
         """Keep the map if this scan ends a stage."""
         if update.index in self._due:
-            self.kept.append(Snapshot(update.index, update.stamp, self.session.map))
+            last = update.index == len(self.session) - 1
+            occupancy = self.session.map if last else self.session.sketch(SCANS)
+            self.kept.append(Snapshot(update.index, update.stamp, occupancy))

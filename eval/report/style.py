@@ -61,6 +61,10 @@ def saved_figure(path: str | PathLike[str], *, size: tuple[float, float], dpi: i
         figure = Figure(figsize=size, layout="constrained")
         FigureCanvasAgg(figure)
         yield figure
+        layout = figure.get_layout_engine()
+        if layout is not None and figure.axes:  # once: saving would lay everything out a second time
+            layout.execute(figure)
+            figure.set_layout_engine("none")
         picture = io.BytesIO()
         figure.savefig(picture, format="png", dpi=dpi)
     write_atomically(path, picture.getvalue())

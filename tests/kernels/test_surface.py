@@ -43,6 +43,24 @@ def test_thinning_equals_the_twin(seed: int, straight_gap: float, spacing: float
         assert 0 < sum(linked) < len(linked)
 
 
+@pytest.mark.parametrize(("spacing", "most"), [(0.0, 150), (0.02, 150), (0.02, 60), (0.02, 1), (0.02, 240), (0.7, 10)])
+def test_a_scan_of_many_vertices_is_thinned_as_with_the_first_spacing_that_leaves_few_enough(
+    spacing: float, most: int
+) -> None:
+    points, widest, within = cluttered(3, 240), 0.5, np.float32(spacing)
+    gaps = {"gap": 0.05, "gap_from_range": 0.1, "straight_gap": 1.0, "straightness": 0.0}
+    joined = surfaces.joined(points, (0, 0), **gaps)
+    while True:
+        vertices, linked = surfaces.thin(points, joined, float(within))
+        if len(vertices) <= most or within >= np.float32(widest):
+            break
+        within = min(max(within * np.float32(1.2), np.float32(0.001)), np.float32(widest))
+    found = thin_scan(points, (0, 0), spacing=spacing, widest=widest, most=most, **gaps)
+    assert found.linked.tolist() == linked
+    np.testing.assert_array_equal(found.vertices, np.array(vertices, np.float32))
+    assert len(found.vertices) <= most or most < 60
+
+
 def test_endpoints_that_go_to_and_fro_on_a_line_are_joined_as_the_twin_does() -> None:
     generator = np.random.default_rng(8)
     points = np.column_stack((generator.uniform(1, 4, 200), generator.normal(0.3, 0.01, 200))).astype(np.float32)
@@ -139,6 +157,7 @@ def test_vertices_that_coincide_write_nothing_wrong() -> None:
         ({"points": [(0, 0, 0)]}, "points"),
         ({"origin": (0, 0, 0)}, "origin"),
         ({"spacing": -1.0}, "spacing"),
+        ({"widest": np.nan}, "widest"),
         ({"gap": np.inf}, "gap"),
         ({"gap_from_range": -0.1}, "gap_from_range"),
         ({"straight_gap": 0.5}, "straight_gap"),
