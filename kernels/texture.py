@@ -19,7 +19,7 @@ __all__ = ["add_frame"]
 def _add_frame(
     sums: I64_1D, rows: I32, columns: I32, disparity: U16_1D, rgb: U8_1D, height: I32, width: I32, calibration: F32_1D,
     mount: F32_2D, x0: F32, y0: F32, heading_cos: F32, heading_sin: F32, per_metre: F32, ceiling: F32, farthest: F32,
-    nothing: I32,
+    nothing: I32, flat: I32,
 ):  # fmt: skip
     focal, cx, cy = calibration[0], calibration[1], calibration[2]
     slope, offset, scale = calibration[3], calibration[4], calibration[5]
@@ -38,6 +38,10 @@ def _add_frame(
             if z < ceiling and rgb_column >= 0 and rgb_column < width and rgb_row >= 0 and rgb_row < height:
                 bx = mount[0, 0] * ox + mount[0, 1] * oy + mount[0, 2] * depth + mount[0, 3]
                 by = mount[1, 0] * ox + mount[1, 1] * oy + mount[1, 2] * depth + mount[1, 3]
+                if flat == 1:  # along the ray to where it meets the floor
+                    stretch = mount[2, 3] / (mount[2, 3] - z)
+                    bx = mount[0, 3] + stretch * (bx - mount[0, 3])
+                    by = mount[1, 3] + stretch * (by - mount[1, 3])
                 col = ti.cast(ti.floor((x0 + heading_cos * bx - heading_sin * by) * per_metre), ti.i32)
                 up = ti.cast(ti.floor((y0 + heading_sin * bx + heading_cos * by) * per_metre), ti.i32)
                 if col >= 0 and col < columns and up >= 0 and up < rows:
@@ -60,6 +64,7 @@ def add_frame(
     height_limit: float,
     max_depth: float,
     nothing: int,
+    flat: bool = False,
 ) -> None:
     """Add the points of one frame that lie near the floor to the cells they fall into, in place.
 
@@ -80,6 +85,7 @@ def add_frame(
         height_limit: points at or above it are left out [m]; 0.1 in the paper.
         max_depth: points deeper than this are left out [m].
         nothing: raw disparity of a pixel without a reading.
+        flat: take these points to lie on the floor: where the ray through them meets it, whatever their depth.
 
     Raises:
         InputError: arrays that do not fit together, numbers that are not finite or out of bounds.
@@ -94,10 +100,12 @@ def add_frame(
         raise InputError("expected a focal length and a depth scale above 0", field="calibration")
     if not (cell_size > 0 and max_depth > 0 and np.isfinite((height_limit, max_depth, cell_size)).all()):
         raise InputError(f"{cell_size:g} m, {max_depth:g} m, expected both above 0 and finite", field="cell_size")
+    if flat and not matrix[2, 3] > height_limit:
+        raise InputError(f"a camera {matrix[2, 3]:g} m above a flat floor, expected more than its limit", field="mount")
     runtime()
     if sums.size and disparity.size:
         _add_frame(
             sums.reshape(-1), *sums.shape[:2], disparity.reshape(-1), rgb.reshape(-1), *disparity.shape, numbers,
             matrix, x - corner[0], y - corner[1], float(np.cos(theta)), float(np.sin(theta)), 1 / cell_size,
-            height_limit, max_depth, nothing,
+            height_limit, max_depth, nothing, flat,
         )  # fmt: skip

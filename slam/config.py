@@ -135,6 +135,8 @@ class TextureConfig(Section):
         max_depth: points deeper than this are left out [m]: the error of a depth grows with its square.
         interval: shortest time between two frames that are used [s]; 0 uses all.
         largest_gap: between the colour and the disparity image of a frame [s].
+        flat: the floor is flat: what is near it is taken to lie on it, where its ray meets it, and the error of its
+            depth no longer matters. The paper takes the depth.
     """
 
     enabled: bool = True
@@ -143,6 +145,7 @@ class TextureConfig(Section):
     max_depth: Annotated[FiniteFloat, Field(gt=0, le=100)] = 8.0
     interval: NotNegative = 0.1
     largest_gap: NotNegative = 0.05
+    flat: bool = False
 
 
 class KldConfig(Section):

@@ -10,10 +10,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from moteslam.robot import se2
 from moteslam.robot.frames import CameraFrame
 from moteslam.robot.platform import CameraMount
 from moteslam.slam.config import TextureConfig
 from moteslam.slam.texture import TextureMap, TextureMapper
+
+SLANT = 0.5
+"""The turn of a patch's cells against the robot's axes [rad]. Were they parallel to a map's cells, all would move from
+one to the next at the same shift, and nothing finer than a cell could be told."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,7 +26,7 @@ class FloorPatch:
     """The floor that one frame shows.
 
     Attributes:
-        points: [k, 2] float32 centres of cells, in the robot's frame [m].
+        points: [k, 2] float32 centres of cells, in the robot's frame [m]; the cells' rows are turned by ``SLANT``.
         colours: [k] int32 red + 256 green + 65536 blue, the mean of the points in each cell.
     """
 
@@ -41,10 +46,11 @@ def floor_patch(frame: CameraFrame, mount: CameraMount, config: TextureConfig, *
     near = config.model_copy(update={"max_depth": max_depth})
     reach = 1.3 * max_depth + float(np.hypot(mount.x, mount.y))
     mapper = TextureMapper(mount, near, (-reach, -reach), (reach, reach))
-    mapper.add(frame, (0.0, 0.0, 0.0))
+    mapper.add(frame, (0.0, 0.0, SLANT))
     seen = mapper.snapshot()
     rows, columns = np.nonzero(seen.known)
     centres = (np.stack((columns, rows), axis=-1) + 0.5) * seen.cell_size + seen.origin
+    centres = se2.transform_points(np.array((0.0, 0.0, -SLANT)), centres)
     return FloorPatch(centres.astype(np.float32), _packed(seen.colours[rows, columns]))
 
 

@@ -98,7 +98,7 @@ class FloorTracker:
             return None
         target = self._maps[0]
         moved = se2.between(target.anchors, poses)
-        patch = floor_patch(view.frame, view.mount, self._texture, max_depth=self._config.max_depth)
+        patch = floor_patch(view.frame, view.mount, self._flat(view), max_depth=self._config.max_depth)
         found = self._search(patch, target, moved[best], view.place)
         if found is None:
             return None
@@ -123,7 +123,7 @@ class FloorTracker:
         if not self._maps or self._maps[-1].way >= self._config.map_length:
             reach = 2 * self._config.map_length + 1.5 * self._config.max_depth
             corner = np.array((reach, reach))
-            newest = _FloorMap(TextureMapper(view.mount, self._texture, -corner, corner), poses.copy())
+            newest = _FloorMap(TextureMapper(view.mount, self._flat(view), -corner, corner), poses.copy())
             self._maps = [*self._maps[-1:], newest]
         floor = self._maps[-1]
         moved = se2.between(floor.anchors[best], poses[best])
@@ -134,6 +134,10 @@ class FloorTracker:
         """Particles [M] live on as the children of these."""
         for floor in self._maps:
             floor.anchors = floor.anchors[parents]
+
+    def _flat(self, view: FloorView) -> TextureConfig:
+        """The floor as flat: unlike depths, it has no error. A camera that is as low as what counts as floor cannot."""
+        return self._texture.model_copy(update={"flat": view.mount.z > self._texture.height_limit})
 
     def _search(self, patch: FloorPatch, target: _FloorMap, moved: Array, place: Array) -> tuple[Array, Array] | None:
         """The shift [2] of a motion [3] that fits best, in its frame, and its information [2, 2]."""

@@ -84,7 +84,7 @@ class RegistrationConfig(Section):
     clear_gain: NotNegative = 0.3
     patience: Annotated[int, Field(ge=0)] = 3
     points: Annotated[int, Field(ge=8, le=100_000)] = 1000
-    degenerate: NotNegative = 0.0005
+    degenerate: NotNegative = 0.002
 
 
 class CalibrationConfig(Section):
@@ -156,12 +156,12 @@ class ColourConfig(Section):
     """
 
     enabled: bool = False
-    cell_size: Annotated[FiniteFloat, Field(ge=0.01, le=0.5)] = 0.04
+    cell_size: Annotated[FiniteFloat, Field(ge=0.01, le=0.5)] = 0.02
     max_depth: Annotated[FiniteFloat, Field(ge=0.5, le=8)] = 3.0
     largest_age: NotNegative = 0.25
     map_length: Annotated[FiniteFloat, Field(ge=0.2, le=20)] = 1.0
-    reach: Annotated[FiniteFloat, Field(ge=0.02, le=0.5)] = 0.06
+    reach: Annotated[FiniteFloat, Field(ge=0.02, le=0.5)] = 0.04
     least_known: Annotated[FiniteFloat, Field(gt=0, le=1)] = 0.3
     spread: Positive = 60.0
     share: Annotated[FiniteFloat, Field(gt=0, le=1)] = 0.1
-    spread_translation: Positive = 0.002
+    spread_translation: Positive = 0.004

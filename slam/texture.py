@@ -94,6 +94,7 @@ class TextureMapper:
             height_limit=self.config.height_limit,
             max_depth=self.config.max_depth,
             nothing=kinect.NO_DISPARITY,
+            flat=self.config.flat,
         )
         self.frames += 1
 

@@ -41,12 +41,15 @@ def add(sums: np.ndarray, disparity: np.ndarray, rgb: np.ndarray, pose: object, 
 
 
 @pytest.mark.usefixtures("taichi")
-def test_agrees_with_the_published_formulas() -> None:
+@pytest.mark.parametrize("flat", [False, True])
+def test_agrees_with_the_published_formulas(flat: bool) -> None:
     ours, theirs = np.zeros((160, 200, 4), np.int64), np.zeros((160, 200, 4), np.int64)
     for seed, pose in enumerate([(0.0, 0.0, 0.0), (0.7, -0.4, 2.0), (3.0, 1.0, -1.2)]):
         disparity, rgb = frame(seed)
-        add(ours, disparity, rgb, pose)
-        twin(theirs, disparity, rgb, pose, **PLACE, height_limit=0.1, max_depth=5.0)
+        add(ours, disparity, rgb, pose, flat=flat)
+        twin(
+            theirs, disparity, rgb, pose, **PLACE, height_limit=0.1, max_depth=5.0, camera=MOUNT[:, 3] if flat else None
+        )
     assert theirs[..., 3].sum() > 400_000
     # points within float32's reach of a cell's side, or colour pixels of a half, may fall to the other side
     assert np.abs(ours - theirs)[..., 3].sum() < 2e-4 * theirs[..., 3].sum()
@@ -120,6 +123,7 @@ def test_the_same_bytes_on_any_number_of_threads(request: pytest.FixtureRequest)
     ("changes", "told"),
     [
         ({"mount": MOUNT[:, :3]}, "mount"),
+        ({"height_limit": 0.4, "flat": True}, "mount"),
         ({"calibration": np.zeros(10)}, "calibration"),
         ({"calibration": np.full(10, np.nan)}, "calibration"),
         ({"cell_size": 0.0}, "cell_size"),

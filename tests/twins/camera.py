@@ -48,13 +48,18 @@ def add_frame(
     cell_size: float,
     height_limit: float,
     max_depth: float,
+    camera: ArrayLike | None = None,
 ) -> None:
-    """Add a frame to the sums [H, W, 4], as ``kernels.texture.add_frame`` does."""
+    """What ``kernels.texture.add_frame`` does to sums [H, W, 4]; the floor is flat where ``camera`` [3] is given."""
     points, pixel, valid = back_project(disparity)
     valid &= max_depth * (-0.00304 * np.asarray(disparity, np.float64) + 3.31) >= 1.03
     valid &= points[..., 2] < height_limit
     x, y, theta = np.asarray(pose, np.float64)
     bx, by = points[valid, 0], points[valid, 1]
+    if camera is not None:
+        cx, cy, cz = np.asarray(camera, np.float64)
+        share = cz / (cz - points[valid, 2])
+        bx, by = cx + share * (bx - cx), cy + share * (by - cy)
     world = np.stack((x + np.cos(theta) * bx - np.sin(theta) * by, y + np.sin(theta) * bx + np.cos(theta) * by), -1)
     cells = np.floor((world - np.asarray(corner)) / cell_size).astype(np.int64)
     colours = rgb[pixel[valid, 0], pixel[valid, 1]].astype(np.int64)
