@@ -84,7 +84,7 @@ class RegistrationConfig(Section):
     clear_gain: NotNegative = 0.3
     patience: Annotated[int, Field(ge=0)] = 3
     points: Annotated[int, Field(ge=8, le=100_000)] = 1000
-    degenerate: NotNegative = 0.002
+    degenerate: NotNegative = 0.001
 
 
 class CalibrationConfig(Section):
