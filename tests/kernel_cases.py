@@ -40,7 +40,7 @@ def run_cases(folder: Path, *, arch: str = "cpu", threads: int = 1) -> Results:
 
 def compute() -> Results:
     """All of them, with Taichi as it is set up in this process."""
-    groups = [motion, random_words, occupancy, scoring, matching, raycasting, surfaces]
+    groups = [motion, random_words, occupancy, scoring, matching, raycasting, surfaces, floors]
     return {name: array for group in groups for name, array in group().items()}
 
 
@@ -192,6 +192,67 @@ def surfaces() -> Results:
         "register_scans: fits": fits,
         "search_scans: scores": scores.astype(np.float64),
         "search_scans: shifts": chosen.astype(np.float64),
+    }
+
+
+def floors() -> Results:
+    """What a camera sees of a floor in a square room, the floor gathered from it again, and looked for.
+
+    Which cell a ray meets is decided in float32: levels and sums are real numbers, to be compared as such.
+    """
+    from moteslam.kernels.camera import depth_view_of, render_colour, render_disparity, view_of
+    from moteslam.kernels.colour_match import match_colours
+    from moteslam.kernels.raycast import build_buckets, cast_scans
+    from moteslam.kernels.texture import add_frame
+    from moteslam.robot import kinect
+    from moteslam.robot.platform import CameraMount
+    from moteslam.slam.texture import calibration
+
+    generator, mount = np.random.default_rng(11), CameraMount()
+    rotation, place = kinect.mount_rotation(mount), np.array((mount.x, mount.y, mount.z))
+    rays = [kinect.optical_rays(colour=colour) for colour in (True, False)]
+    above = [float((place + rotation @ (kinect.RGB_OFFSET * colour, 0.0, 0.0))[2]) for colour in (True, False)]
+    seen, below = (
+        view_of(np.concatenate((ray @ rotation.T, ray[..., 2:]), axis=-1), height=height)
+        for ray, height in zip(rays, above, strict=True)
+    )
+    depth = depth_view_of(
+        below, scale=1.03, offset=3.31, slope=-0.00304, nothing=2047, nearest=0.4, farthest=4.0, grazing=0.05
+    )
+    walls = build_buckets(np.array([(-3, -3, 3, -3), (3, -3, 3, 3), (3, 3, -3, 3), (-3, 3, -3, -3)], np.float64))
+    poses = np.array([(0.0, 0.0, 0.1), (0.4, 0.3, 2.2), (1.0, -1.2, -0.7)])
+    levels = generator.integers(0, 2**24, (160, 160)).astype(np.int32)
+    pixels, starts = kinect.WIDTH * kinect.HEIGHT, np.array((0, 3, 9))
+    noise = generator.normal(0, 2, pixels + 2 * kinect.WIDTH + 9).astype(np.float32)
+    square = {"corner": (-4.0, -4.0), "cell_size": CELL}
+    packed = render_colour(
+        seen,
+        poses,
+        cast_scans(walls, poses, seen.bearings, max_range=9.0),
+        levels,
+        noise=noise,
+        starts=starts,
+        **square,
+    )
+    disparity = render_disparity(
+        depth, cast_scans(walls, poses, depth.view.bearings, max_range=9.0), noise=noise, starts=starts
+    )
+    images = np.ascontiguousarray(np.stack([packed >> shift & 255 for shift in (0, 8, 16)], axis=-1), np.uint8)
+    sums = np.zeros((160, 160, 4), np.int64)
+    for pose, rgb, raw in zip(poses, images, disparity, strict=True):
+        add_frame(
+            sums, raw.reshape(kinect.HEIGHT, -1), rgb.reshape(kinect.HEIGHT, -1, 3), pose, calibration=calibration(),
+            mount=np.column_stack((rotation, place)), height_limit=0.1, max_depth=5.0, nothing=2047, flat=True,
+            **square,
+        )  # fmt: skip
+    patch = generator.uniform((0, -2), (3, 2), (3000, 2)).astype(np.float32)
+    colours = generator.integers(0, 2**24, len(patch)).astype(np.int32)
+    matched = match_colours(patch, colours, generator.uniform(-2, 2, (2000, 3)), levels, **square)
+    return {
+        "render_colour": images.astype(np.float64),
+        "render_disparity": disparity.astype(np.float64),
+        "add_frame": sums.astype(np.float64),
+        "match_colours": matched.astype(np.float64),
     }
 
 

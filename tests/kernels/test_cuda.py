@@ -85,6 +85,16 @@ def test_surfaces_agree(on_both: tuple[Results, Results]) -> None:
     assert (cuda["search_scans: shifts"] == cpu["search_scans: shifts"]).mean() > 0.98
 
 
+def test_floors_agree(on_both: tuple[Results, Results]) -> None:
+    """But for the pixels, points and cells that lie on an edge as float32 sees it: few."""
+    cpu, cuda = on_both
+    for kernel in ("render_colour", "render_disparity"):
+        assert (cuda[kernel] == cpu[kernel]).mean() > 0.99
+    one, other = (results["add_frame"][..., 3] for results in on_both)
+    assert np.abs(one - other).sum() < 0.01 * one.sum()
+    np.testing.assert_allclose(cuda["match_colours"], cpu["match_colours"], rtol=0.02, atol=2000)
+
+
 def tolerances() -> np.ndarray:
     """Of every beam [m]."""
     poses, beams = beams_of_scans()
