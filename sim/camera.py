@@ -6,11 +6,16 @@ from typing import TYPE_CHECKING, Annotated
 
 from pydantic import Field, FiniteFloat, model_validator
 
+from moteslam.errors import ConfigError
+from moteslam.robot.platform import CameraMount
 from moteslam.sim.floor import FloorSettings
 from moteslam.sim.noise import ClockNoise, NonNegative, Positive, Probability, Settings
 
 if TYPE_CHECKING:
     from moteslam.sim.scenario import Scenario
+
+MAX_HEIGHT = 10.0
+"""Of the camera above the floor [m]."""
 
 
 class CameraSettings(Settings):
@@ -48,6 +53,24 @@ class CameraSettings(Settings):
 
 
 def with_camera(scenario: Scenario) -> Scenario:
-    """The scenario with a camera that records and a floor to see, where it has none of its own."""
+    """The scenario with a camera that records and a floor to see, where it has none of its own.
+
+    Raises:
+        ConfigError: the platform has no camera, or not above the floor.
+    """
+    check_mount(scenario.platform.camera)
     changes = {"camera": scenario.camera or CameraSettings(), "floor": scenario.floor or FloorSettings()}
     return scenario.model_copy(update=changes)
+
+
+def check_mount(mount: CameraMount | None) -> CameraMount:
+    """The mount of a camera that can record.
+
+    Raises:
+        ConfigError: the platform has no camera, or not above the floor.
+    """
+    if mount is None:
+        raise ConfigError("none, expected a camera to simulate", field="platform.camera")
+    if not 0 < mount.z <= MAX_HEIGHT:
+        raise ConfigError(f"{mount.z:g} m, expected above 0, up to {MAX_HEIGHT:g}", field="platform.camera.z")
+    return mount

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from moteslam.errors import ConfigError
+from moteslam.sim.camera import check_mount
 from moteslam.sim.driving import sideways_ratio
 from moteslam.sim.rates import BEAMS, LIDAR_RATE, PHYSICS_RATE
 from moteslam.sim.world import World
@@ -30,13 +31,16 @@ def check_scenario(scenario: Scenario) -> None:
     """Refuse a scenario that contradicts itself.
 
     Raises:
-        ConfigError: not exactly one thing to do, a platform that cannot drive, rests longer than the run, an empty
-            or outsized world, or a robot, waypoint or leg that touches a wall.
+        ConfigError: not exactly one thing to do, a platform that cannot drive, a camera that cannot record, rests
+            longer than the run, an empty or outsized world, a floor plan that cannot be read, or a robot, waypoint or
+            leg that touches a wall.
     """
     _check_task(scenario)
     _check_platform(scenario)
     _check_body(scenario)
-    world = World.of(scenario.world)
+    if scenario.camera is not None:
+        check_mount(scenario.platform.camera)
+    world = _world(scenario)
     if not len(world.segments):
         raise ConfigError("nothing stands in it, expected a wall, room, box, pillar, furniture or plan", field="world")
     most = MAX_SEGMENTS if scenario.world.plan is None else MAX_PLAN_SEGMENTS
@@ -51,6 +55,14 @@ def check_scenario(scenario: Scenario) -> None:
         _check_place(world, start, scenario.radius, "wander.start", "the robot starts")
     else:
         _check_route(scenario, world)
+
+
+def _world(scenario: Scenario) -> World:
+    """What stands in it; whatever is wrong with its floor plan is told of the key that names the plan."""
+    try:
+        return World.of(scenario.world)
+    except ConfigError as error:
+        raise ConfigError(str(error), field="world.plan.file") from error
 
 
 def _check_task(scenario: Scenario) -> None:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import multiprocessing
 import os
 import signal
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -48,6 +50,19 @@ def ordered_scenario(name: str, seed: int | None) -> Scenario:
     from moteslam.sim.scenario import load_scenario
 
     return load_scenario(f"{RANDOM}-{seed or 0}" if name == RANDOM else name)
+
+
+@contextmanager
+def named_in_errors(scenario: str) -> Iterator[None]:
+    """Name the scenario, as it was asked for, in what a run finds wrong with it."""
+    try:
+        yield
+    except ConfigError as error:
+        if error.file is not None:
+            raise
+        if error.field == "resolution":  # the only one that the command line sets
+            raise ConfigError(error.problem, field="--true-map") from error
+        raise ConfigError(error.problem, file=scenario, field=error.field) from error
 
 
 def run_batch(orders: list[Order], *, jobs: int | None = None) -> list[dict[str, Any]]:

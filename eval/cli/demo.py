@@ -36,6 +36,7 @@ def demo(
         options.print_config(resolved, as_json=run.as_json)
         return
 
+    from moteslam.eval.cli.batch import named_in_errors
     from moteslam.eval.cli.running import Backend, run_into, run_summary, score_table
     from moteslam.eval.cli.simulate import simulate_with_progress
     from moteslam.robot.files import result_folder
@@ -47,7 +48,8 @@ def demo(
     backend = Backend(run.arch, run.threads)
     with result_folder(out, force=run.force) as folder:
         backend.start()
-        simulation = simulate_with_progress(driven, run.seed)
+        with named_in_errors(scenario):
+            simulation = simulate_with_progress(driven, run.seed)
         estimate, scores = run_into(
             folder,
             simulation.recording,

@@ -53,7 +53,7 @@ def show(
       moteslam scenarios show random-corridors --seed 7 --drive --out unseen.png
     """  # noqa: D301
     from moteslam.errors import OutputError
-    from moteslam.eval.cli.batch import ordered_scenario
+    from moteslam.eval.cli.batch import named_in_errors, ordered_scenario
     from moteslam.eval.report.scenarios import draw_scenario
 
     if out.suffix.lower() != ".png":
@@ -65,7 +65,8 @@ def show(
     if drive:
         from moteslam.sim.simulate import true_drive
 
-        driven = true_drive(chosen, seed).poses[:, :2]
+        with named_in_errors(scenario):
+            driven = true_drive(chosen, seed).poses[:, :2]
     draw_scenario(out, chosen, driven=driven)
     say(f"{literal(chosen.name)} in {literal(out)}")
 
@@ -101,7 +102,7 @@ def animate(
     if out.exists() and not force:
         raise OutputError("exists already; name a new file, or replace it with --force", file=out)
     config = options.SlamOptions(preset=preset, settings=settings).resolved()
-    from moteslam.eval.cli.batch import ordered_scenario
+    from moteslam.eval.cli.batch import named_in_errors, ordered_scenario
     from moteslam.eval.cli.progress import progress_bar
     from moteslam.eval.cli.simulate import simulate_with_progress
     from moteslam.eval.report.animation import Film, write_film
@@ -110,7 +111,8 @@ def animate(
     chosen = ordered_scenario(scenario, seed)
     if duration is not None:
         chosen = chosen.model_copy(update={"duration": min(duration, chosen.duration)})
-    simulation = simulate_with_progress(chosen, seed)
+    with named_in_errors(scenario):
+        simulation = simulate_with_progress(chosen, seed)
     session = SlamSession(simulation.recording, config, seed=simulation.scenario.seed)
     shown = []
     with progress_bar("SLAM", len(session), "scans") as bar:

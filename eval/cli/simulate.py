@@ -9,7 +9,7 @@ import typer
 
 from moteslam.errors import ConfigError
 from moteslam.eval.cli import options
-from moteslam.eval.cli.batch import MAX_BATCH, RANDOM, Order, about, ordered_scenario, run_batch
+from moteslam.eval.cli.batch import MAX_BATCH, RANDOM, Order, about, named_in_errors, ordered_scenario, run_batch
 from moteslam.eval.cli.progress import progress_bar
 from moteslam.eval.cli.text import literal, note, say, say_json, table
 
@@ -72,7 +72,7 @@ def simulate(
             told = run_batch(orders, jobs=jobs)
         _tell_batch(told, out, as_json=as_json)
         return
-    with result_folder(out, force=force) as folder:
+    with result_folder(out, force=force) as folder, named_in_errors(scenario):
         simulation = simulate_with_progress(with_camera(loaded) if camera else loaded, seed)
         with progress_bar("images", 1.0, "") as bar:
             write_simulation(

@@ -14,7 +14,6 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from moteslam.errors import ConfigError
 from moteslam.robot import kinect
 from moteslam.robot.formats.ucsd_rgbd import (
     DISPARITY,
@@ -27,7 +26,7 @@ from moteslam.robot.formats.ucsd_rgbd import (
 from moteslam.robot.platform import CameraMount
 from moteslam.robot.recording import RgbdStream
 from moteslam.robot.se2 import interpolate, transform_points
-from moteslam.sim.camera import CameraSettings
+from moteslam.sim.camera import CameraSettings, check_mount
 from moteslam.sim.drive import Drive
 from moteslam.sim.floor import FloorImage, FloorSettings, rasterise
 from moteslam.sim.movers import Movers
@@ -40,9 +39,6 @@ FLOOR_CELL = 0.01
 
 FLOOR_PIXELS = 60_000_000
 """Most cells of that picture."""
-
-MAX_HEIGHT = 10.0
-"""Of the camera above the floor [m]."""
 
 FARTHEST = 200.0
 """Walls further away than this are not drawn [m]."""
@@ -122,10 +118,7 @@ def plan_shots(
     Raises:
         ConfigError: the platform has no camera, or not above the floor.
     """
-    if mount is None:
-        raise ConfigError("none, expected a camera to simulate", field="platform.camera")
-    if not 0 < mount.z <= MAX_HEIGHT:
-        raise ConfigError(f"{mount.z:g} m, expected above 0, up to {MAX_HEIGHT:g}", field="platform.camera.z")
+    mount = check_mount(mount)
     clock, images = np.random.SeedSequence((seed, 0x52474244)).spawn(2)
     rng = np.random.default_rng(clock)
     start = 0.3 + rng.uniform(0.0, 0.2)

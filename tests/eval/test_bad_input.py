@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import resource
 import signal
 import subprocess
@@ -67,6 +68,42 @@ def test_one_line_and_exit_code_2(line: str, words: str, tmp_path: Path, monkeyp
     monkeypatch.chdir(tmp_path)
     assert words in refused(capsys, *line.split())
     assert not list(tmp_path.iterdir())
+
+
+CROWD = "[crowd]\ncount = 1\naway = 100.0\n"
+WANDER = "[wander]\nstart = [0.0, 0.0]\ndistance = 9.0\nclearance = 3.0\n"
+
+
+@pytest.mark.parametrize(
+    ("line", "more", "words"),
+    [
+        ("simulate my.toml --out x", CROWD, "crowd.count: room for 0 of 1 people"),
+        ("simulate my.toml --out x", WANDER, "wander: no free leg"),
+        ("simulate my.toml --out x --camera", "[platform]\ncamera = false\n", "platform.camera: none, expected"),
+        ("simulate my.toml --out x --camera", "[platform.camera]\nz = 0.0\n", "platform.camera.z: 0 m, expected"),
+        ("demo --scenario my.toml --out x", CROWD, "crowd.count: room for 0 of 1 people"),
+        ("scenarios show my.toml --drive --out x.png", WANDER, "wander: no free leg"),
+        ("scenarios animate my.toml --out x.gif", CROWD, "crowd.count: room for 0 of 1 people"),
+    ],
+)
+def test_what_a_run_finds_names_the_scenario(
+    line: str, more: str, words: str, scenario_file: Path, tmp_path: Path, monkeypatch, capsys
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    table = scenario_file.read_text()
+    if more == WANDER:
+        table = re.sub(r"\[route\]\n.*\n", "", table)
+    Path("my.toml").write_text(table + more)
+    assert refused(capsys, *line.split()).startswith(f"moteslam: my.toml: {words}")
+    assert [entry.name for entry in tmp_path.iterdir()] == ["my.toml"]
+
+
+def test_cells_that_are_too_many_name_the_option(scenario_file: Path, tmp_path: Path, capsys) -> None:
+    wide = tmp_path / "wide.toml"
+    wide.write_text(scenario_file.read_text() + "[[world.walls]]\npoints = [[-90.0, -90.0], [-90.0, 90.0]]\n")
+    line = refused(capsys, "simulate", wide, "--true-map", 0.001, "--out", tmp_path / "x")
+    assert line.startswith("moteslam: --true-map: ")
+    assert not (tmp_path / "x").exists()
 
 
 def test_an_existing_out_is_refused_and_kept(tmp_path: Path, monkeypatch, capsys) -> None:

@@ -78,6 +78,8 @@ WALL = {"points": [[0.0, 0.0], [4.0, 0.0], [4.0, 4.0]]}
         ("body.wheel_mass", 0.2, "body.stiffness", "expected at most"),
         ("platform.wheels.effective_track", 0.2, "platform.wheels.effective_track", "at least the track"),
         ("platform.width", 0.1, "platform.width", "within the body"),
+        ("platform", {"camera": {"z": 0.0}}, "platform.camera.z", "0 m, expected above 0, up to 10"),
+        ("platform", {"camera": False}, "platform.camera", "none, expected a camera to simulate"),
         ("noise.lidar.dropout", 2, "noise.lidar.dropout", "expected less than or equal to 1"),
         ("noise.imu.gyro_correlation", [0.9, 0.1], "noise.imu", "that some noise has"),
         ("world.walls", [{**WALL, "doors": [{"at": 7.5, "width": 1.0}]}], "world.walls.0", "within the wall's 8 m"),
@@ -86,7 +88,7 @@ WALL = {"points": [[0.0, 0.0], [4.0, 0.0], [4.0, 4.0]]}
 )
 def test_refused(table: dict[str, Any], key: str, value: Any, field: str, words: str) -> None:
     with pytest.raises(ConfigError) as caught:
-        parse_scenario(changed(table, key, value), file="my.toml")
+        parse_scenario(changed({**table, "camera": {}}, key, value), file="my.toml")
     assert caught.value.file == "my.toml"
     assert caught.value.field == field
     assert words in caught.value.problem
