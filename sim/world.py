@@ -23,6 +23,7 @@ class World:
     Attributes:
         segments: [m, 4] x0, y0, x1, y1 [m]: walls and the outlines of the solids.
         solids: polygons [k, 2] [m] of boxes, pillars and furniture.
+        hollows: polygons [k, 2] [m] that nothing may stand in and beams see into: shelves.
         surfaces: [m] what each segment is made of, an index into ``palette``; None where all is plain.
         palette: the materials.
         plan: a floor plan's solid cells; their sides are among the segments.
@@ -33,6 +34,7 @@ class World:
     surfaces: NDArray[np.int16] | None = None
     palette: tuple[Material, ...] = (MATERIALS[PLAIN],)
     plan: OccupiedGrid | None = None
+    hollows: tuple[NDArray[np.float64], ...] = ()
 
     @classmethod
     def of(cls, layout: Layout) -> World:
@@ -51,7 +53,7 @@ class World:
             solids += stand.polygons()
         for shelf in layout.shelves:
             parts.append((shelf.segments(), shelf.material))
-            solids.append(shelf.polygon())
+        hollows = tuple(shelf.polygon() for shelf in layout.shelves)
         plan = None if layout.plan is None else read_floor_plan(layout.plan)
         if plan is not None:
             parts.append((plan.walls(), PLAIN))
@@ -61,7 +63,7 @@ class World:
         names = list(layout.palette)
         if any(material != PLAIN for _, material in parts) or PLAIN in layout.materials:
             surfaces = np.concatenate([np.full(len(lines), names.index(name), np.int16) for lines, name in parts])
-        return cls(segments, tuple(solids), surfaces, tuple(layout.palette.values()), plan)
+        return cls(segments, tuple(solids), surfaces, tuple(layout.palette.values()), plan, hollows)
 
     @property
     def bounds(self) -> tuple[float, float, float, float]:
@@ -87,11 +89,11 @@ class World:
         return found
 
     def inside_solid(self, points: ArrayLike) -> NDArray[np.bool_]:
-        """Which of the points [n, 2] are inside a solid (even-odd rule) or a floor plan's solid cell, shape [n]."""
+        """Which of the points [n, 2] are inside a solid, a hollow (even-odd rule) or a plan's solid cell, shape [n]."""
         points = np.asarray(points, np.float64).reshape(-1, 2)
         inside = np.zeros(len(points), bool) if self.plan is None else self.plan.is_solid(points)
         x, y = points[:, :1], points[:, 1:]
-        for polygon in self.solids:
+        for polygon in (*self.solids, *self.hollows):
             (ax, ay), (bx, by) = polygon.T, np.roll(polygon, -1, axis=0).T
             straddles = (ay > y) != (by > y)
             with np.errstate(divide="ignore", invalid="ignore"):
@@ -100,5 +102,5 @@ class World:
         return inside
 
     def is_free(self, points: ArrayLike, clearance: float) -> NDArray[np.bool_]:
-        """Which of the points [n, 2] are outside all solids and at least ``clearance`` [m] from every wall."""
+        """Which of the points [n, 2] are outside solids and hollows and at least ``clearance`` [m] from every wall."""
         return (self.distance(points) >= clearance) & ~self.inside_solid(points)

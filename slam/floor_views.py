@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,11 +23,25 @@ class FloorView:
         frame: what the camera saw.
         mount: of the camera.
         place: [3] of the robot at the frame, in its frame at the scan, by the odometry.
+        age: from frame to scan [s].
     """
 
     frame: CameraFrame
     mount: CameraMount
     place: NDArray[np.float64]
+    age: float
+
+    def corrected(self, told: NDArray[np.float64], moved: NDArray[np.float64], seconds: float) -> FloorView:
+        """The same for a robot whose wheels slip: what the odometry was off by is taken to be even over a motion.
+
+        Args:
+            told: [3] a motion up to the scan as the odometry tells it.
+            moved: [3] the same as it was found to be.
+            seconds: how long it took.
+        """
+        share = min(1.0, self.age / seconds) if seconds > 0 else 1.0
+        since = se2.compose(se2.inverse(self.place), share * se2.between(told, moved))
+        return replace(self, place=se2.inverse(since))
 
 
 class FloorViews:
@@ -87,7 +101,7 @@ class FloorViews:
         if not isinstance(frame, CameraFrame):
             return None
         then, now = se2.interpolate(self._stamps, self._poses, np.array([taken, stamp]))
-        return FloorView(frame, self._mount, se2.between(now, then))
+        return FloorView(frame, self._mount, se2.between(now, then), stamp - taken)
 
     def warnings(self) -> tuple[str, ...]:
         """What was lost, a line each."""

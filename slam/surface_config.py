@@ -152,7 +152,8 @@ class ColourConfig(Section):
         least_known: share of the cells of a frame that must lie on known floor to be compared.
         spread: mean of a cell's difference that is no surprise, red, green and blue together [levels].
         share: share of the cells' log-likelihood that counts: their errors are not independent.
-        spread_translation: standard deviation of what the floor can tell at best [m].
+        spread_translation: standard deviation of what the floor can tell at best [m]; what is off in a map of it is off
+            for every frame that is compared with it.
     """
 
     enabled: bool = False
@@ -164,4 +165,4 @@ class ColourConfig(Section):
     least_known: Annotated[FiniteFloat, Field(gt=0, le=1)] = 0.3
     spread: Positive = 60.0
     share: Annotated[FiniteFloat, Field(gt=0, le=1)] = 0.1
-    spread_translation: Positive = 0.004
+    spread_translation: Positive = 0.01

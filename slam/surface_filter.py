@@ -63,7 +63,8 @@ class SurfaceFilter:
         self._pose = np.zeros(3)  # at the last scan, by the best particle's map
         self._motion = np.zeros(3)  # since the last update, as tracked
         self._odometry = np.zeros(3)  # the same, as the odometry tells it, corrected
-        self._wheels: Array | None = np.zeros(3)  # the same, not corrected; None if part of it is a guess
+        self._wheels = np.zeros(3)  # the same, not corrected
+        self._teaches = True  # whether it does: no part of it is a guess or a slip
         self._step, self._seconds = np.zeros(3), 0.0  # the motion of the last step, as tracked, and how long it took
         self._gate = UpdateGate(config.update)
         self._floor = FloorTracker(config.colours, config.texture)
@@ -77,10 +78,11 @@ class SurfaceFilter:
         before = self._pose
         if not len(self.history):
             return self._begin(scan)
-        self._wheels = None if step.guess or self._wheels is None else se2.compose(self._wheels, step.motion)
         if step.guess:
             step = replace(step, motion=carried_on(self._step, self._seconds, step.dt))
-        else:
+            self._teaches = False
+        self._wheels = se2.compose(self._wheels, step.motion)
+        if not step.guess:
             step = replace(step, motion=self._calibration.corrected(step.motion))
         self._gate.add(step)
         self._track(step, scan)
@@ -133,7 +135,7 @@ class SurfaceFilter:
         off = np.array([shift, shift, turn])
         self._slip = np.where(off > 2 * usual, off, 0.0)
         if self._slip.any():
-            self._wheels = None
+            self._teaches = False
         moved = se2.compose(predicted, offset)
         tracked = se2.between(self._pose, moved)
         self._motion = se2.compose(self._motion, tracked)
@@ -166,11 +168,13 @@ class SurfaceFilter:
                 - 0.5 * np.square(found.offsets / drift).sum(axis=1)
             )
             if view is not None:
+                moved = se2.compose(self._odometry, offsets[self.best_particle])
+                view = view.corrected(self._wheels, moved, self._gate.elapsed)
                 floor = self._floor.fit(view, se2.compose(predicted, offsets), self.best_particle)
             if floor is not None:
                 offsets, information = self._weigh_floor(floor, offsets, information, spread)
             best = self.weights.best
-            if self._wheels is not None:
+            if self._teaches:
                 moved = se2.compose(self._odometry, offsets[best])
                 self._calibration.learn(self._wheels, moved, information[best])
             fit = float(found.likelihoods[best])
@@ -193,6 +197,7 @@ class SurfaceFilter:
             self._since_frame = 0.0
         self._pose = self.poses[self.best_particle].copy()
         self._motion, self._odometry, self._wheels = np.zeros(3), np.zeros(3), np.zeros(3)
+        self._teaches = True
         self._gate.reset()
         return n_eff, fit, resampled
 

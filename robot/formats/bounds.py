@@ -16,6 +16,9 @@ MAX_RATE = 100.0
 MAX_SPEED = 100.0
 """No wheeled robot drives faster [m/s]."""
 
+MAX_PLACE = 1e7
+"""No robot is farther from where it began [m], nor has turned more in all [rad]: a quarter of the globe."""
+
 SLACK = 1.0
 """Travel [m] that a reading may tell beyond that, for stamps jitter: a late one leaves the next no time."""
 

@@ -15,6 +15,8 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
+from moteslam.robot.formats.bounds import MAX_PLACE
+
 FLASER_TAIL = 9
 ROBOTLASER_TAIL = 14
 ODOM_WORDS = 10
@@ -102,7 +104,7 @@ def _flaser(log: CarmenLines, words: Sequence[bytes], number: int) -> None:
     count = _count(words, 1, "ranges")
     _expect(words, 2 + count + FLASER_TAIL, f"{count} ranges")
     tail = words[2 + count :]
-    row = [*_finite(tail[:7]), *_finite(tail[8:9])]
+    row = [*_poses(tail[:6]), *_finite(tail[6:7]), *_finite(tail[8:9])]
     _add(log, ScanKind("FLASER", count, *fov_of(count)), number, ranges=words[2 : 2 + count], row=row, told=None)
 
 
@@ -114,7 +116,7 @@ def _robotlaser(log: CarmenLines, words: Sequence[bytes], number: int) -> None:
     if step <= 0:
         raise ValueError(f"angular resolution {step}, expected more than 0 rad")
     tail = words[10 + count + remissions :]
-    row = [*_finite(tail[:6]), *_finite(tail[11:12]), *_finite(tail[13:14])]
+    row = [*_poses(tail[:6]), *_finite(tail[11:12]), *_finite(tail[13:14])]
     kind = ScanKind("ROBOTLASER1", count, angle_min, step)
     _add(log, kind, number, ranges=words[9 : 9 + count], row=row, told=told if told > 0 else None)
 
@@ -130,7 +132,7 @@ def _add(
 
 def _odometry(log: CarmenLines, words: Sequence[bytes], number: int) -> None:
     _expect(words, ODOM_WORDS, "odometry")
-    log.odometry.extend([*_finite(words[1:4]), *_finite(words[7:8]), *_finite(words[9:10])])
+    log.odometry.extend([*_poses(words[1:4]), *_finite(words[7:8]), *_finite(words[9:10])])
 
 
 def _param(log: CarmenLines, words: Sequence[bytes], number: int) -> None:
@@ -156,6 +158,13 @@ def _count(words: Sequence[bytes], at: int, what: str, *, least: int = 1) -> int
 def _expect(words: Sequence[bytes], count: int, what: str) -> None:
     if len(words) != count:
         raise ValueError(f"{len(words)} words, expected {count} for {what}")
+
+
+def _poses(words: Sequence[bytes]) -> list[float]:
+    values = _finite(words)
+    if any(abs(value) > MAX_PLACE for value in values):
+        raise ValueError(f"pose beyond {MAX_PLACE:.0f} m or rad, expected a robot's")
+    return values
 
 
 def _finite(words: Sequence[bytes]) -> list[float]:

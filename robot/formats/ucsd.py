@@ -213,8 +213,8 @@ def write_ucsd(folder: str | PathLike[str], recording: Recording, *, sequence: s
 
     No return is written as ``range_max + 1`` and a reading that says nothing as 0.001 m (as NaN where that is not
     below ``range_min``). So ``read_ucsd`` gives the same recording back, bit for bit: float32 ranges, float64
-    stamps. The same recording gives the same bytes. Odometry poses have no place in this layout and are
-    left out; images are written by ``ucsd_rgbd.write_images``.
+    stamps. The same recording gives the same bytes. Streams without readings are left out, and so are odometry poses,
+    which have no place in this layout; images are written by ``ucsd_rgbd.write_images``.
 
     Args:
         folder: an existing folder.
@@ -230,7 +230,7 @@ def write_ucsd(folder: str | PathLike[str], recording: Recording, *, sequence: s
     if not _FILE.fullmatch(f"Imu{number}.npz"):
         raise ConfigError(f"{number!r}, expected letters, digits, - and _", field="sequence")
     write_platform(folder / "platform.toml", recording.platform)
-    if (lidar := recording.lidar) is not None:
+    if (lidar := recording.lidar) is not None and len(lidar):
         coded = np.where(np.isinf(lidar.ranges), np.float32(lidar.range_max + 1), lidar.ranges)
         if lidar.range_min > NO_ECHO:
             coded[np.isnan(coded)] = NO_ECHO
@@ -244,19 +244,19 @@ def write_ucsd(folder: str | PathLike[str], recording: Recording, *, sequence: s
             ranges=coded.T,
             time_stamps=lidar.stamps,
         )
-    if (encoders := recording.encoders) is not None:
+    if (encoders := recording.encoders) is not None and len(encoders):
         counts = encoders.counts.astype(np.int16)
         if (counts != encoders.counts).any():
             raise InputError("beyond int16, expected -32768 to 32767 counts a reading", field="counts")
         _write(folder / f"Encoders{number}.npz", counts=counts.T, time_stamps=encoders.stamps)
-    if (imu := recording.imu) is not None:
+    if (imu := recording.imu) is not None and len(imu):
         _write(
             folder / f"Imu{number}.npz",
             angular_velocity=imu.angular_velocity.T,
             linear_acceleration=imu.linear_acceleration_g.T,
             time_stamps=imu.stamps,
         )
-    if (rgbd := recording.rgbd) is not None:
+    if (rgbd := recording.rgbd) is not None and len(rgbd.rgb_stamps) and len(rgbd.disparity_stamps):
         _write(
             folder / f"Kinect{number}.npz",
             disparity_time_stamps=rgbd.disparity_stamps,

@@ -46,7 +46,9 @@ def find_images(folder: Path, kind: str, sequence: str, count: int) -> tuple[tup
     """
     place = image_folder(folder, kind, sequence)
     if not place.is_dir():
-        return (), ()
+        # without any images that is no fault: they are a download of their own
+        alone = place.parent.is_dir()
+        return (), (f"{place.name}: no such folder, {count} images missing",) if alone else ()
     pattern = re.compile(rf"{re.escape(place.name.lower())}_(\d{{1,9}})\.png")
     try:
         names = [path.name for path in place.iterdir()]
@@ -111,7 +113,7 @@ def _decode(path: Path, how: int) -> NDArray[Any]:
     width, height = int.from_bytes(header[16:20]), int.from_bytes(header[20:24])
     if (width, height) != (WIDTH, HEIGHT):  # before any memory is taken for it
         raise InputError(f"{height} x {width} pixels, expected {HEIGHT} x {WIDTH}", file=path)
-    if not _is_whole(data):
+    if not is_whole_png(data):
         raise InputError("cut short or damaged, expected a whole PNG file", file=path)
     try:
         image = cv2.imdecode(np.frombuffer(data, np.uint8), how)
@@ -122,7 +124,7 @@ def _decode(path: Path, how: int) -> NDArray[Any]:
     return np.asarray(image)
 
 
-def _is_whole(data: bytes) -> bool:
+def is_whole_png(data: bytes) -> bool:
     """Whether a PNG runs to its end chunk with every checksum right; the decoder would fill in what is missing."""
     from zlib import crc32
 

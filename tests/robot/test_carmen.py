@@ -132,6 +132,8 @@ BROKEN = {
     "no beams": ("FLASER 0 0 0 0 0 0 0 5 host 5", "0 ranges, expected at least 1"),
     "fewer than no beams": (GOOD[0].replace("FLASER 3", "FLASER -3"), "-3 ranges, expected at least 1"),
     "a pose that is NaN": (flaser([1, 2, 3], robot=(math.nan, 0, 0)), "NaN or infinite pose or stamp"),
+    "a pose off the globe": (flaser([1, 2, 3], robot=(1e30, 0, 0)), "pose beyond 10000000 m or rad"),
+    "odometry off the globe": ("ODOM 0 -2e7 0 0 0 0 1 host 1", "pose beyond 10000000 m or rad"),
     "a stamp that is infinite": (flaser([1, 2, 3], stamp=math.inf), "NaN or infinite pose or stamp"),
     "a word for a range": (GOOD[0].replace("2.0", "two"), "a word that is no number"),
     "short odometry": ("ODOM 1 2 3", "4 words, expected 10 for odometry"),

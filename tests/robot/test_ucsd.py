@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -274,6 +275,23 @@ def test_the_platform_comes_from_the_caller_then_the_folder_then_the_format(tmp_
     assert read_ucsd(tmp_path).platform == UCSD
 
 
+def test_streams_without_readings_are_not_written(tmp_path: Path) -> None:
+    whole = make_recording()
+    lidar, imu, rgbd = whole.lidar, whole.imu, whole.rgbd
+    assert lidar is not None
+    assert imu is not None
+    assert rgbd is not None
+    silent = whole.replace(
+        lidar=replace(lidar, stamps=lidar.stamps[:0], ranges=lidar.ranges[:0]),
+        imu=ImuStream(*(values[:0] for values in (imu.stamps, imu.angular_velocity, imu.linear_acceleration_g))),
+        rgbd=replace(rgbd, rgb_stamps=rgbd.rgb_stamps[:0]),
+    )
+    write_ucsd(tmp_path, silent, sequence=20)
+    recording = read_ucsd(tmp_path)
+    assert [recording.lidar, recording.imu, recording.rgbd] == [None] * 3
+    assert recording.encoders is not None
+
+
 def test_images_are_listed_in_numeric_order_and_missing_ones_counted(tmp_path: Path) -> None:
     written(tmp_path)
     folder = tmp_path / "dataRGBD" / "Disparity20"
@@ -284,11 +302,15 @@ def test_images_are_listed_in_numeric_order_and_missing_ones_counted(tmp_path: P
     assert rgbd is not None
     assert rgbd.disparity_files == tuple(folder / f"disparity20_{k}.png" for k in (1, 2, 3, 4))
     assert rgbd.rgb_files == ()
+    assert read_ucsd(tmp_path).warnings == ("RGB20: no such folder, 6 images missing",)
+    (folder.parent / "RGB20").mkdir()
+    (folder.parent / "RGB20" / "rgb20_1.png").touch()
     (folder / "disparity20_3.png").rename(folder / "disparity20_5.png")
     recording = read_ucsd(tmp_path)
     assert recording.rgbd is not None
     assert recording.rgbd.disparity_files == (*rgbd.disparity_files[:2], None, rgbd.disparity_files[3])
     assert recording.warnings == (
+        "RGB20: 5 of 6 images missing, the first rgb20_2.png",
         "Disparity20: 1 of 4 images missing, the first disparity20_3.png",
         "Disparity20: 1 images beyond the 4 stamps are left out",
     )
@@ -297,7 +319,7 @@ def test_images_are_listed_in_numeric_order_and_missing_ones_counted(tmp_path: P
     recording = read_ucsd(tmp_path)
     assert recording.rgbd is not None
     assert recording.rgbd.disparity_files == ()
-    assert recording.warnings == ("Disparity20: 0 images, none of them for one of the 4 stamps",)
+    assert recording.warnings[1:] == ("Disparity20: 0 images, none of them for one of the 4 stamps",)
 
 
 def test_counts_beyond_int16_are_not_written(tmp_path: Path) -> None:

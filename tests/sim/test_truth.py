@@ -9,6 +9,7 @@ import pytest
 
 from moteslam.errors import ConfigError
 from moteslam.sim.floorplan import FloorPlan, read_floor_plan
+from moteslam.sim.furniture import Shelf
 from moteslam.sim.layout import Box, Layout, Room, Wall
 from moteslam.sim.scenario import load_scenario
 from moteslam.sim.simulate import true_drive
@@ -48,6 +49,18 @@ def test_walls_are_occupied_rooms_free_and_the_rest_unknown(resolution: float) -
     centres = true.centres(np.argwhere(true.cells == OCCUPIED))
     near = (ROOM.distance(centres) <= resolution * np.sqrt(0.5) + 1e-9) | ROOM.inside_solid(centres)
     assert near.all()
+
+
+def test_bays_of_shelves_are_free_and_nothing_stands_in_them() -> None:
+    world = World.of(
+        Layout(rooms=(Room(corner=(0, 0), size=(6, 4)),), shelves=(Shelf(centre=(3, 2), size=(2.0, 0.4), bay=1.0),))
+    )
+    true = true_map(world, 0.02, seen_from=[(0.5, 0.5)])
+    bay = np.array([(2.5, 2.0), (3.5, 2.0)])
+    assert (values(true, bay) == FREE).all()
+    assert world.inside_solid(bay).all()
+    back = world.segments[4:, :2]
+    assert (values(true, back + 1e-3) == OCCUPIED).any()
 
 
 def test_maps_of_one_world_lie_on_one_another() -> None:

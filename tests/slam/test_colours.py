@@ -85,6 +85,19 @@ def test_a_frame_is_placed_where_the_robot_was(room: tuple[Simulation, Recording
             np.testing.assert_allclose(view.place, se2.between(now, then), atol=0.01)
 
 
+def test_what_wheels_slip_is_shared_out_over_the_motion(room: tuple[Simulation, Recording]) -> None:
+    views = FloorViews(room[1], CONFIG)
+    view = next(view for view in map(views.at, range(10, 40)) if view is not None)
+    told, moved = np.array((0.1, 0.0, 0.02)), np.array((0.08, 0.01, 0.03))  # in five times the age of the frame
+    since = se2.inverse(view.corrected(told, moved, 5 * view.age).place)
+    off = se2.between(se2.inverse(view.place), since)
+    np.testing.assert_allclose(off, se2.between(told, moved) / 5, atol=1e-12)
+    for seconds in (0.0, view.age / 2):  # no more than all of it
+        since = se2.inverse(view.corrected(told, moved, seconds).place)
+        np.testing.assert_allclose(se2.between(se2.inverse(view.place), since), se2.between(told, moved), atol=1e-12)
+    np.testing.assert_allclose(view.corrected(told, told, 1.0).place, view.place, atol=1e-12)
+
+
 def walked(room: tuple[Simulation, Recording]) -> tuple[FloorTracker, FloorView, np.ndarray, np.ndarray]:
     """A tracker taken along the true way with four particles whose paths lie apart; the last view and poses there."""
     simulation, recording = room

@@ -14,7 +14,7 @@ from slam_rooms import circled_room
 from moteslam.errors import InputError
 from moteslam.eval.metrics.ate import absolute_trajectory_error
 from moteslam.robot import se2
-from moteslam.robot.recording import Recording
+from moteslam.robot.recording import OdometryStream, Recording
 from moteslam.sim.scenario import load_scenario
 from moteslam.sim.simulate import Simulation, simulate
 from moteslam.slam.constant_velocity import MOST, carried_on
@@ -23,7 +23,7 @@ from moteslam.slam.estimate import Estimate
 from moteslam.slam.run import run_slam
 from moteslam.slam.settings import resolve_config
 from moteslam.slam.step import steps
-from moteslam.slam.synchronise import has_odometry, jumps
+from moteslam.slam.synchronise import has_odometry, jumps, warnings
 
 pytestmark = pytest.mark.usefixtures("taichi")
 
@@ -145,6 +145,20 @@ def test_steps_without_odometry_and_after_a_jump_are_guesses(corridor: Simulatio
     assert len(guesses) == 2
     assert [round(step.stamp - recording.lidar.stamps[0]) for step in guesses] == [10, 15]
     assert all(np.hypot(*step.motion[:2]) > 0.9 for step in guesses)
+
+
+def test_odometry_that_never_moves_counts_as_none(corridor: Simulation):
+    sync = resolve_config("default").sync
+    lone = without_odometry(corridor.recording)
+    zeros = np.zeros((len(lone.lidar), 3))
+    logged = lone.replace(lidar=replace(lone.lidar, odometry=zeros))
+    stream = lone.replace(odometry=OdometryStream(lone.lidar.stamps, zeros))
+    for still in (logged, stream):
+        assert all(step.guess for step in steps(still, sync))
+        assert warnings(still) == [f"odometry that never moves: constant velocity over {len(zeros)} scans"]
+    moved = zeros.copy()
+    moved[-1, 2] = 1e-3
+    assert not any(step.guess for step in steps(lone.replace(lidar=replace(lone.lidar, odometry=moved)), sync))
 
 
 def test_a_jump_is_faster_than_robots_are_and_than_this_one_usually_is():
