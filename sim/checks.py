@@ -32,14 +32,16 @@ def check_scenario(scenario: Scenario) -> None:
 
     Raises:
         ConfigError: not exactly one thing to do, a platform that cannot drive, a camera that cannot record, rests
-            longer than the run, an empty or outsized world, a floor plan that cannot be read, or a robot, waypoint or
-            leg that touches a wall.
+            longer than the run, an empty or outsized world, a floor plan or picture that cannot be read, or a robot,
+            waypoint or leg that touches a wall.
     """
     _check_task(scenario)
     _check_platform(scenario)
     _check_body(scenario)
     if scenario.camera is not None:
         check_mount(scenario.platform.camera)
+    if scenario.floor is not None:
+        scenario.floor.check_picture()
     world = _world(scenario)
     if not len(world.segments):
         raise ConfigError("nothing stands in it, expected a wall, room, box, pillar, furniture or plan", field="world")

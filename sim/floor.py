@@ -21,6 +21,7 @@ from pydantic import Field, FiniteFloat, model_validator
 from moteslam.errors import ConfigError
 from moteslam.robot.files import write_atomically
 from moteslam.sim.noise import Positive, Probability, Settings
+from moteslam.sim.pictures import decode_picture
 
 Array = NDArray[np.float64]
 Level = Annotated[int, Field(ge=0, le=255)]
@@ -65,6 +66,15 @@ class FloorSettings(Settings):
         if (self.material == "image") != (self.image is not None):
             raise ValueError('material "image" and an image belong together, expected both or neither')
         return self
+
+    def check_picture(self) -> None:
+        """Read the picture, if it has one.
+
+        Raises:
+            ConfigError: it cannot be read.
+        """
+        if self.image is not None:
+            _read_picture(self.image)
 
     def colours_at(self, points: ArrayLike) -> NDArray[np.uint8]:
         """The colours uint8 [..., 3] of the floor at points [..., 2] in the world [m].
@@ -215,15 +225,13 @@ def _read_picture(path: str) -> NDArray[np.uint8]:
     import cv2
 
     try:
-        data = np.frombuffer(Path(path).read_bytes(), np.uint8)
-    except OSError as error:
-        raise ConfigError(f"{error.strerror}, expected a picture", file=path, field="floor.image") from error
-    try:
-        picture = cv2.imdecode(data, cv2.IMREAD_COLOR) if len(data) else None
-    except cv2.error:
-        picture = None
+        data = Path(path).read_bytes()
+    except (OSError, ValueError) as error:
+        said = getattr(error, "strerror", None) or error
+        raise ConfigError(f"{path}: {said}, expected a picture", field="floor.image") from error
+    picture = decode_picture(data, cv2.IMREAD_COLOR)
     if picture is None:
-        raise ConfigError("no picture that can be read, expected a PNG or JPEG", file=path, field="floor.image")
+        raise ConfigError(f"{path}: no picture that can be read, expected a whole PNG or JPEG", field="floor.image")
     return np.ascontiguousarray(picture[::-1, :, ::-1], np.uint8)
 
 

@@ -16,6 +16,7 @@ from pydantic import Field
 from moteslam.errors import ConfigError, InputError
 from moteslam.sim.layout_types import Segments
 from moteslam.sim.noise import Settings
+from moteslam.sim.pictures import decode_picture
 
 MAX_PIXELS = 64_000_000
 MAX_BYTES = 256_000_000
@@ -182,12 +183,9 @@ def _image(path: str | PathLike[str], asked_by: Path) -> NDArray[np.float64]:
         said = getattr(error, "strerror", None) or error
         raise ConfigError(f"{path.name}: {said}, expected a pgm or png image", file=asked_by, field="image") from error
     _refuse_outsized(content, path)
-    try:
-        image = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_GRAYSCALE) if content else None
-    except cv2.error:
-        image = None
+    image = decode_picture(content, cv2.IMREAD_GRAYSCALE)
     if image is None:
-        raise ConfigError("not readable as an image, expected a pgm or png floor plan", file=path)
+        raise ConfigError("not readable as an image, expected a whole pgm or png floor plan", file=path)
     return np.asarray(image, np.float64)
 
 

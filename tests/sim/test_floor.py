@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -95,13 +96,31 @@ def test_a_picture_lies_beside_the_scenario(tmp_path: Path, table: dict[str, Any
     assert scenario.floor.colours_at((0.1, 1.9)).tolist() == [255, 0, 0]
 
 
-@pytest.mark.parametrize("content", [None, b"", b"not a picture"])
-def test_a_picture_that_is_none_is_told(tmp_path: Path, content: bytes | None) -> None:
-    path = tmp_path / "p.png"
-    if content is not None:
-        path.write_bytes(content)
-    with pytest.raises(ConfigError, match=r"p\.png: floor\.image: .*expected a"):
-        FloorSettings(material="image", image=str(path)).colours_at((0, 0))
+def _cut(content: bytes) -> bytes:
+    return content[: len(content) // 2]
+
+
+@pytest.mark.parametrize(
+    "harmed",
+    [
+        None,
+        lambda _: b"",
+        lambda _: b"not a picture",
+        lambda whole: whole[:30],
+        _cut,
+        lambda whole: whole[:-20] + b"x" + whole[-19:],
+        lambda whole: _cut(cv2.imencode(".pgm", cv2.imdecode(np.frombuffer(whole, np.uint8), 0))[1].tobytes()),
+    ],
+)
+def test_a_picture_that_is_none_is_told(
+    tmp_path: Path, harmed: Callable[[bytes], bytes] | None, table: dict[str, Any], capfd: pytest.CaptureFixture[str]
+) -> None:
+    path = picture(tmp_path / "p.png")
+    path.unlink() if harmed is None else path.write_bytes(harmed(path.read_bytes()))
+    floor = {"material": "image", "image": str(path)}
+    with pytest.raises(ConfigError, match=r"^s\.toml: floor\.image: .*p\.png: .*expected a"):
+        parse_scenario({**table, "floor": floor}, file="s.toml")
+    assert capfd.readouterr().err == ""
 
 
 @pytest.mark.parametrize(

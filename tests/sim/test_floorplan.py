@@ -138,12 +138,19 @@ def test_a_scenario_drives_in_a_floor_plan(tmp_path: Path) -> None:
         ("image: plan.png\nresolution: 50.0\norigin: [0, 0, 0]\n", "resolution", "expected at most 2000 m"),
         ("image: plan.png\nresolution: 0.1\norigin: [0, x]\n", "origin", "expected three numbers"),
         ("image: white.png\nresolution: 0.1\norigin: [0, 0, 0]\n", "image", "no occupied cell"),
+        ("image: cut.png\nresolution: 0.1\norigin: [0, 0, 0]\n", None, "not readable as an image"),
+        ("image: cut.pgm\nresolution: 0.1\norigin: [0, 0, 0]\n", None, "not readable as an image"),
         ("image: huge.pgm\nresolution: 0.1\norigin: [0, 0, 0]\n", None, "expected at most 64000000"),
     ],
 )
-def test_refused(tmp_path: Path, content: str | None, field: str | None, words: str, table: dict[str, Any]) -> None:
+def test_refused(
+    tmp_path: Path, content: str | None, field: str | None, words: str, table: dict[str, Any], capfd
+) -> None:
     plan_file(tmp_path, cave(0, (50, 60)))
     cv2.imwrite(str(tmp_path / "white.png"), np.full((9, 9), 254, np.uint8))
+    for name in ("cut.png", "cut.pgm"):
+        whole = cv2.imencode(name[3:], np.full((90, 90), 254, np.uint8))[1].tobytes()
+        (tmp_path / name).write_bytes(whole[: len(whole) // 2])
     (tmp_path / "huge.pgm").write_bytes(b"P5\n100000 100000\n255\n")
     path = tmp_path / "plan.yaml"
     path.unlink() if content is None else path.write_text(content)
@@ -151,6 +158,7 @@ def test_refused(tmp_path: Path, content: str | None, field: str | None, words: 
         parse_scenario({**table, "world": {"plan": {"file": "plan.yaml"}}}, file=tmp_path / "my.toml")
     assert words in caught.value.problem
     assert "\n" not in str(caught.value)
+    assert capfd.readouterr().err == ""
     assert str(caught.value).startswith(f"{tmp_path / 'my.toml'}: world.plan.file: {tmp_path}")
     if field is not None:
         assert f": {field}: " in str(caught.value)
