@@ -23,6 +23,9 @@ MAX_SEGMENTS = 20_000
 MAX_PLAN_SEGMENTS = 400_000
 """Line segments in a world with a floor plan."""
 
+MAX_REACH = 2.0
+"""Of a sensor's mount from the robot's centre [m]."""
+
 _SAMPLING = 0.05
 """Between the points at which a leg is looked at [m]."""
 
@@ -32,8 +35,9 @@ def check_scenario(scenario: Scenario) -> None:
 
     Raises:
         ConfigError: not exactly one thing to do, a platform that cannot drive, a camera that cannot record, rests
-            longer than the run, an empty or outsized world, a floor plan or picture that cannot be read, or a robot,
-            waypoint or leg that touches a wall.
+            longer than the run, an empty or outsized world, a floor plan or picture that cannot be read, people
+            who begin on each other or the robot, a door shut across its start, or a robot, waypoint or leg that
+            touches a wall.
     """
     _check_task(scenario)
     _check_platform(scenario)
@@ -107,6 +111,14 @@ def _check_platform(scenario: Scenario) -> None:
                 f"{outer:g} m, expected the wheels, {inner:g} m apart, within the body", field=f"platform.{side}"
             )
 
+    for sensor, mount in (("lidar", platform.lidar), ("camera", platform.camera)):
+        if mount is not None and (away := float(np.hypot(mount.x, mount.y))) > MAX_REACH:
+            axis = "x" if abs(mount.x) >= abs(mount.y) else "y"
+            raise ConfigError(
+                f"{away:g} m from the robot's centre, expected at most {MAX_REACH:g} m",
+                field=f"platform.{sensor}.{axis}",
+            )
+
     sweep = platform.lidar.time_increment * (BEAMS - 1)
     if sweep > 1 / LIDAR_RATE:
         raise ConfigError(
@@ -149,6 +161,11 @@ def _check_people(scenario: Scenario, world: World) -> None:
             raise ConfigError(
                 "the person begins where the robot starts, expected them apart", field=f"people.{i}.waypoints.0"
             )
+        for j, other in enumerate(scenario.people[:i]):
+            if np.hypot(*(places[0] - other.waypoints[0])) < person.radius + other.radius:
+                raise ConfigError(
+                    f"the person begins where people.{j} does, expected them apart", field=f"people.{i}.waypoints.0"
+                )
 
 
 def _check_doors(scenario: Scenario) -> None:
@@ -156,6 +173,13 @@ def _check_doors(scenario: Scenario) -> None:
     for i, door in enumerate(scenario.doors):
         if door.material not in known:
             raise ConfigError(f"{door.material!r}, expected one of {', '.join(known)}", field=f"doors.{i}.material")
+        leaf = World(np.array([(*door.hinge, *door.end)]))
+        away = float(leaf.distance(scenario.start[:2])[0])
+        if away < scenario.radius:
+            raise ConfigError(
+                f"the shut leaf is {away:.2f} m from where the robot starts, expected at least {scenario.radius:.2f} m",
+                field=f"doors.{i}",
+            )
 
 
 def _check_legs(world: World, corners: NDArray[np.float64], beside: float, field: str) -> None:

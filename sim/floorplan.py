@@ -117,6 +117,8 @@ def _read(plan: FloorPlan, _stamp: int) -> OccupiedGrid:
     resolution = _number(about, "resolution", path, low=1e-4, high=100.0)
     occupied = _number(about, "occupied_thresh", path, low=0.0, high=1.0, default=0.65)
     free = _number(about, "free_thresh", path, low=0.0, high=1.0, default=0.196)
+    if free > occupied:
+        raise ConfigError(f"{free:g}, expected at most occupied_thresh, {occupied:g}", file=path, field="free_thresh")
     image = _image(path.parent / str(about["image"]), path)
     if max(image.shape) * resolution > MAX_EXTENT:
         raise ConfigError(

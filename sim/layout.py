@@ -41,6 +41,12 @@ class Recess(Settings):
     width: Positive
     depth: FiniteFloat
 
+    @model_validator(mode="after")
+    def _is_deep(self) -> Recess:
+        if self.depth == 0:
+            raise ValueError("a depth of 0 m, expected one to the left (positive) or to the right (negative)")
+        return self
+
 
 class Wall(Settings):
     """A polyline, closed or not, with doors (gaps) and recesses measured along it from its first point."""

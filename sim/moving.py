@@ -90,9 +90,11 @@ class Door(Settings):
     material: str = PLAIN
 
     @model_validator(mode="after")
-    def _has_a_leaf(self) -> Door:
+    def _has_a_leaf_that_moves(self) -> Door:
         if math.dist(self.hinge, self.end) < 0.05:
             raise ValueError("a leaf under 0.05 m wide, expected hinge and end apart")
+        if self.kind == "slide" and self.opening != math.pi / 2:  # the default is written with every door
+            raise ValueError('an opening of a door that slides, expected kind = "swing" or no opening')
         return self
 
 

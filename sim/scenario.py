@@ -26,7 +26,8 @@ from moteslam.sim.noise import Noise, Settings
 
 SCENARIOS = Path(__file__).parent / "scenarios"
 MAX_FILE_BYTES = 4_000_000
-_RANDOM = re.compile(r"random-corridors(?:-(\d{1,18}))?")
+_RANDOM = re.compile(r"random-corridors(?:-(\d{1,40}))?")
+MAX_SEED = 2**63 - 1
 
 
 class Scenario(Settings):
@@ -117,7 +118,9 @@ def load_scenario(name_or_path: str | PathLike[str]) -> Scenario:
     if random := _RANDOM.fullmatch(text):
         from moteslam.sim.random_corridors import random_corridors
 
-        return random_corridors(int(random[1] or 0))
+        if (seed := int(random[1] or 0)) > MAX_SEED:
+            raise ConfigError(f"no such building, expected a number up to {MAX_SEED}", file=text)
+        return random_corridors(seed)
     if path.suffix != ".toml" and path.name == text:
         path = SCENARIOS / f"{text}.toml"
         if text not in bundled_scenarios():

@@ -56,6 +56,7 @@ def simulate(
     """  # noqa: D301
     from moteslam.robot.files import result_folder
     from moteslam.sim.camera import with_camera
+    from moteslam.sim.scenario import MAX_SEED
     from moteslam.sim.simulate import write_simulation
 
     loaded = ordered_scenario(scenario, seed)
@@ -63,6 +64,8 @@ def simulate(
         raise ConfigError(f"{true_map:g} m, expected 0.001 to 10", field="--true-map")
     if batch is not None:
         first = loaded.seed if seed is None else seed
+        if first > MAX_SEED - (batch - 1):
+            raise ConfigError(f"{first}, expected at most {MAX_SEED - (batch - 1)} for {batch} of them", field="--seed")
         with result_folder(out, force=force) as folder:
             name = RANDOM if scenario == RANDOM else loaded.name
             orders = [

@@ -53,6 +53,8 @@ def refused(capsys: pytest.CaptureFixture[str], *arguments: object, code: int = 
         ("demo --config absent.toml", "absent.toml: No such file"),
         ("simulate corridor", "Missing option '--out'"),
         ("simulate corridor --out x --seed -1", "--seed"),
+        ("simulate random-corridors --out x --batch 2 --seed 9223372036854775807", "--seed: 9223372036854775807"),
+        ("simulate random-corridors-9223372036854775808 --out x", "no such building, expected a number up to"),
         ("simulate absent.toml --out x", "absent.toml: No such file"),
         ("replay", "PATH"),
         ("replay absent", "--out"),

@@ -138,6 +138,7 @@ def test_a_scenario_drives_in_a_floor_plan(tmp_path: Path) -> None:
         ("image: plan.png\nresolution: 50.0\norigin: [0, 0, 0]\n", "resolution", "expected at most 2000 m"),
         ("image: plan.png\nresolution: 0.1\norigin: [0, x]\n", "origin", "expected three numbers"),
         ("image: white.png\nresolution: 0.1\norigin: [0, 0, 0]\n", "image", "no occupied cell"),
+        ("image: plan.png\nresolution: 0.1\norigin: [0, 0, 0]\nfree_thresh: 0.9\n", "free_thresh", "0.9, expected"),
         ("image: cut.png\nresolution: 0.1\norigin: [0, 0, 0]\n", None, "not readable as an image"),
         ("image: cut.pgm\nresolution: 0.1\norigin: [0, 0, 0]\n", None, "not readable as an image"),
         ("image: huge.pgm\nresolution: 0.1\norigin: [0, 0, 0]\n", None, "expected at most 64000000"),

@@ -58,6 +58,10 @@ def test_what_can_be_asked_for() -> None:
     assert random_corridors(2, people=4).crowd is not None
 
 
+def test_the_last_of_all_seeds_has_a_building_too() -> None:
+    assert load_scenario(f"random-corridors-{2**63 - 1}").seed == 2**63 - 1
+
+
 @pytest.mark.parametrize(
     ("key", "value"), [("seed", -1), ("distance", 1e9), ("rooms", 2.0), ("clutter", -1.0), ("people", 999)]
 )

@@ -42,6 +42,10 @@ def changed(table: dict[str, Any], key: str, value: Any) -> dict[str, Any]:
 
 BOX_ON_START = [{"centre": [2.0, 2.0], "size": [2.0, 2.0]}]
 TOO_MANY = [{"centre": [5.0, 5.0], "radius": 0.1, "sides": 256}] * (MAX_SEGMENTS // 256 + 1)
+DOOR: dict[str, Any] = {"hinge": [5.0, 6.5], "end": [6.0, 6.5]}
+ON_START = {"hinge": [2.1, 1.5], "end": [2.1, 2.5]}
+PERSON = {"waypoints": [[5.0, 4.0]]}
+NICHE = {"at": 1.0, "width": 1.0, "depth": 0.0}
 WALL = {"points": [[0.0, 0.0], [4.0, 0.0], [4.0, 4.0]]}
 
 
@@ -80,6 +84,13 @@ WALL = {"points": [[0.0, 0.0], [4.0, 0.0], [4.0, 4.0]]}
         ("platform.width", 0.1, "platform.width", "within the body"),
         ("platform", {"camera": {"z": 0.0}}, "platform.camera.z", "0 m, expected above 0, up to 10"),
         ("platform", {"camera": False}, "platform.camera", "none, expected a camera to simulate"),
+        ("platform.lidar.x", 5.0, "platform.lidar.x", "5 m from the robot's centre, expected at most 2 m"),
+        ("platform.camera.y", -2.5, "platform.camera.y", "m from the robot's centre, expected at most 2 m"),
+        ("doors", [{**DOOR, "kind": "slide", "opening": 1.0}], "doors.0", "an opening of a door that slides"),
+        ("doors", [DOOR, ON_START], "doors.1", "the shut leaf is 0.10 m from where the robot starts, expected"),
+        ("people", [PERSON, PERSON], "people.1.waypoints.0", "the person begins where people.0 does"),
+        ("people", [{"waypoints": [[2.1, 2.0]]}], "people.0.waypoints.0", "begins where the robot starts"),
+        ("world.walls", [{**WALL, "recesses": [NICHE]}], "world.walls.0.recesses.0", "a depth of 0 m, expected one to"),
         ("noise.lidar.dropout", 2, "noise.lidar.dropout", "expected less than or equal to 1"),
         ("noise.imu.gyro_correlation", [0.9, 0.1], "noise.imu", "that some noise has"),
         ("world.walls", [{**WALL, "doors": [{"at": 7.5, "width": 1.0}]}], "world.walls.0", "within the wall's 8 m"),
