@@ -16,6 +16,7 @@ from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError,
 
 from moteslam.errors import ConfigError
 from moteslam.robot.files import write_atomically
+from moteslam.robot.wording import first_complaint, known_keys
 
 Positive = Annotated[FiniteFloat, Field(gt=0)]
 
@@ -133,8 +134,10 @@ def read_platform(path: str | PathLike[str], *, base: Platform | None = None) ->
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise ConfigError(f"not TOML: {error}", file=path) from error
     except ValidationError as error:
-        first = error.errors()[0]
-        raise ConfigError(first["msg"], file=path, field=".".join(map(str, first["loc"]))) from error
+        field, problem = first_complaint(
+            error, "platform.toml", lambda place: f"expected one of {', '.join(known_keys(Platform, place))}"
+        )
+        raise ConfigError(problem, file=path, field=field) from error
 
 
 def write_platform(path: str | PathLike[str], platform: Platform) -> None:

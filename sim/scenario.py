@@ -12,10 +12,10 @@ from typing import Annotated, Any
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, FiniteFloat, ValidationError, model_validator
-from pydantic_core import ErrorDetails
 
 from moteslam.errors import ConfigError
 from moteslam.robot.platform import UCSD, Platform
+from moteslam.robot.wording import first_complaint
 from moteslam.sim.camera import CameraSettings
 from moteslam.sim.checks import check_scenario
 from moteslam.sim.driving import MAX_DURATION, Body, Commands, Limits, Route, Wander
@@ -124,10 +124,7 @@ def load_scenario(name_or_path: str | PathLike[str]) -> Scenario:
     if path.suffix != ".toml" and path.name == text:
         path = SCENARIOS / f"{text}.toml"
         if text not in bundled_scenarios():
-            names = ", ".join(bundled_scenarios())
-            raise ConfigError(
-                f"no scenario of this name, expected one of {names}, random-corridors, or a .toml file", file=text
-            )
+            raise ConfigError(_no_such(Path(text)), file=text)
     try:
         with path.open("rb") as file:
             content = file.read(MAX_FILE_BYTES + 1)
@@ -139,6 +136,16 @@ def load_scenario(name_or_path: str | PathLike[str]) -> Scenario:
     except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
         raise ConfigError(f"not TOML: {error}", file=name_or_path) from error
     return parse_scenario({"name": path.stem, **table}, file=name_or_path)
+
+
+def _no_such(path: Path) -> str:
+    """What is wrong with a name that neither is a bundled scenario's nor ends in ``.toml``."""
+    found = "no scenario of this name"
+    if path.name and path.exists():
+        found = "no .toml file, and no scenario of this name"
+    elif path.suffix:
+        found = "no such file, and no scenario of this name"
+    return f"{found}, expected one of {', '.join(bundled_scenarios())}, random-corridors, or a .toml file"
 
 
 def parse_scenario(table: dict[str, Any], *, file: str | PathLike[str] | None = None) -> Scenario:
@@ -160,9 +167,8 @@ def parse_scenario(table: dict[str, Any], *, file: str | PathLike[str] | None = 
     except ConfigError as error:
         raise ConfigError(error.problem, file=error.file or file, field=error.field) from error
     except ValidationError as error:
-        first = error.errors()[0]
-        field = ".".join(map(str, first["loc"]))
-        raise ConfigError(_in_words(first), file=file, field=field or None) from error
+        field, problem = first_complaint(error, "scenario", lambda _: "expected one that docs/scenarios.md lists")
+        raise ConfigError(problem, file=file, field=field or None) from error
 
 
 def _with_plan_beside(table: dict[str, Any], file: str | PathLike[str] | None) -> dict[str, Any]:
@@ -172,20 +178,6 @@ def _with_plan_beside(table: dict[str, Any], file: str | PathLike[str] | None) -
             folder = Path.cwd() if file is None else Path(file).absolute().parent
             return {**table, "world": {**world, "plan": {**plan, "file": str(folder / name)}}}
     return table
-
-
-def _in_words(error: ErrorDetails) -> str:
-    """Pydantic's first complaint as what was found and what was expected."""
-    if error["type"] == "extra_forbidden":
-        return "unknown key, expected one that docs/scenarios.md lists"
-    if error["type"] == "missing":
-        return "missing, expected in every scenario"
-    said = error["msg"].removeprefix("Value error, ")
-    if said.startswith("Input should "):
-        found = repr(error["input"])
-        found = found if len(found) <= 40 else f"{found[:37]}..."
-        return f"{found}, expected {said.removeprefix('Input should ').removeprefix('be ')}"
-    return said
 
 
 def _merge(base: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:

@@ -10,9 +10,10 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from pydantic import BaseModel, ValidationError
+from pydantic import ValidationError
 
 from moteslam.errors import ConfigError
+from moteslam.robot.wording import first_complaint, known_keys
 from moteslam.slam.config import SlamConfig
 
 DEFAULT_PRESET = "default"
@@ -69,24 +70,10 @@ def _validate(values: dict[str, Any], file: Path | None) -> SlamConfig:
     try:
         return SlamConfig.model_validate(values)
     except ValidationError as error:
-        first = error.errors()[0]
-        field = ".".join(map(str, first["loc"]))
-        problem = first["msg"].removeprefix("Value error, ")
-        if first["type"] == "extra_forbidden":
-            problem = f"unknown key, expected one of {', '.join(_known_keys(first['loc'][:-1]))}"
-        elif first["type"] not in ("missing", "value_error"):
-            problem += f", found {first['input']!r}"
+        field, problem = first_complaint(
+            error, "configuration", lambda place: f"expected one of {', '.join(known_keys(SlamConfig, place))}"
+        )
         raise ConfigError(problem, file=file, field=field) from error
-
-
-def _known_keys(path: tuple[int | str, ...]) -> list[str]:
-    model: type[BaseModel] = SlamConfig
-    for part in path:
-        annotation = model.model_fields[str(part)].annotation
-        assert isinstance(annotation, type)
-        assert issubclass(annotation, BaseModel)
-        model = annotation
-    return list(model.model_fields)
 
 
 def _read_toml(file: Path) -> dict[str, Any]:

@@ -175,6 +175,11 @@ def estimate_bytes(draw: Draw, count: int) -> int:
     return int(1.1 * count * (sum(sizes) / len(sizes) + 2048))  # and half a block of the disk each
 
 
+def size_in_words(size: float) -> str:
+    """So many bytes as megabytes, or gigabytes where they are one or more."""
+    return f"{size / 1e9:.1f} GB" if size >= 1e9 else f"{size / 1e6:.1f} MB"
+
+
 def check_space(folder: Path, wanted: int) -> None:
     """Refuse to begin what the disk cannot hold.
 
@@ -186,7 +191,7 @@ def check_space(folder: Path, wanted: int) -> None:
     except OSError as error:
         raise OutputError(f"cannot be written: {error.strerror or error}", file=folder) from error
     if wanted > free:
-        raise OutputError(f"{free / 1e9:.1f} GB free, expected {wanted / 1e9:.1f} GB for the images", file=folder)
+        raise OutputError(f"{size_in_words(free)} free, expected {size_in_words(wanted)} for the images", file=folder)
 
 
 def write_images(

@@ -21,6 +21,7 @@ from moteslam.robot.formats.ucsd_rgbd import (
     Draw,
     check_space,
     estimate_bytes,
+    size_in_words,
     write_images,
 )
 from moteslam.robot.platform import CameraMount
@@ -179,7 +180,7 @@ def write_shots(
     total = sum(count for _, _, count in kinds)
     wanted = sum(estimate_bytes(draw, count) for _, draw, count in kinds)
     if tell is not None:
-        tell(f"{total} images of about {wanted / 1e9:.1f} GB are to be written")
+        tell(f"{total} images of about {size_in_words(wanted)} are to be written")
     check_space(folder, wanted)
     written, before = 0, 0
     for kind, draw, count in kinds:

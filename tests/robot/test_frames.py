@@ -188,7 +188,7 @@ def test_too_little_space_is_told_before_anything_is_written(tmp_path: Path, mon
     assert 1000 * 2048 < wanted < 1000 * 200_000
     ucsd_rgbd.check_space(tmp_path, wanted)
     monkeypatch.setattr(shutil, "disk_usage", lambda _: shutil._ntuple_diskusage(10, 9, wanted - 1))  # type: ignore[attr-defined]
-    with pytest.raises(OutputError, match=r"GB free, expected .* GB for the images"):
+    with pytest.raises(OutputError, match=r"[1-9][0-9.]* [MG]B free, expected [1-9][0-9.]* [MG]B for the images"):
         ucsd_rgbd.check_space(tmp_path, wanted)
 
 

@@ -27,11 +27,13 @@ def test_the_ucsd_robot_is_that_of_the_drawing() -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("nmae = 'x'", "nmae: Extra inputs are not permitted"),
+        ("nmae = 'x'", "nmae: unknown key, expected one of name, length, width"),
         ("[lidar]\nx = 'far'", r"lidar\.x"),
-        ("[lidar]\nx = nan", r"lidar\.x: Input should be a finite number"),
-        ("[wheels]\ntrack = 0", r"wheels\.track: Input should be greater than 0"),
-        ("length = -1", "length: Input should be greater than 0"),
+        ("[lidar]\nx = nan", r"lidar\.x: nan, expected a finite number"),
+        ("[wheels]\ntrack = 0", r"wheels\.track: 0, expected greater than 0"),
+        ("length = -1", "length: -1, expected greater than 0"),
+        ("wheels = 3", "wheels: 3, expected a table"),
+        ("[wheels]\ntrak = 1", r"wheels\.trak: unknown key, expected one of metres_per_count"),
         ("name = ", "not TOML"),
         ("", None),
     ],

@@ -1,0 +1,85 @@
+"""What pydantic finds wrong with a table, in the words of this project: what was found, and what was expected."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, get_args
+
+from pydantic import BaseModel, ValidationError
+from pydantic_core import ErrorDetails
+
+Place = tuple[int | str, ...]
+"""Where in a table something stands: keys, and indices of lists."""
+
+_LONGEST = 40
+"""Characters of a value that are shown."""
+
+
+def first_complaint(error: ValidationError, whole: str, expected: Callable[[Place], str]) -> tuple[str, str]:
+    """The field, with dots, and the problem of the first thing that is wrong.
+
+    A key that is missing where another is unknown is most likely misspelt: the unknown one is told first.
+
+    Args:
+        error: of a model that the table was validated by.
+        whole: what the table is, ``scenario``.
+        expected: the keys that there are at a place.
+    """
+    errors = error.errors(include_url=False)
+    first = errors[0]
+    *parent, last = first["loc"] or ("",)
+    beside = [other for other in errors if list(other["loc"][:-1]) == parent]
+    if first["type"] == "missing" and isinstance(last, int):
+        count = len(first["input"])
+        return _dotted(tuple(parent)), f"{_of(count, 'item')}, expected {count + len(beside)}"
+    unknown = next((other for other in beside if other["type"] == "extra_forbidden"), None)
+    if first["type"] == "missing" and unknown is not None:
+        return _dotted(unknown["loc"]), f"unknown key, {expected(tuple(parent))}; {_dotted(first['loc'])} is missing"
+    if first["type"] == "extra_forbidden":
+        return _dotted(first["loc"]), f"unknown key, {expected(tuple(parent))}"
+    if first["type"] == "missing":
+        table = ".".join(str(part) for part in parent if not isinstance(part, int))
+        return _dotted(first["loc"]), f"missing, expected in every {table or whole}"
+    return _dotted(first["loc"]), _in_words(first)
+
+
+def known_keys(model: type[BaseModel], place: Place) -> list[str]:
+    """The keys of the table at a place in a model, where every part of the way is a model, or one of a choice."""
+    for part in place:
+        annotation: Any = model.model_fields[str(part)].annotation
+        model = next(kind for kind in (annotation, *get_args(annotation)) if _is_model(kind))
+    return list(model.model_fields)
+
+
+def _is_model(kind: Any) -> bool:
+    return isinstance(kind, type) and issubclass(kind, BaseModel)
+
+
+def _in_words(error: ErrorDetails) -> str:
+    kind, context = error["type"], error.get("ctx", {})
+    found = repr(error["input"])
+    found = found if len(found) <= _LONGEST else f"{found[: _LONGEST - 3]}..."
+    if kind in ("model_type", "model_attributes_type", "dict_type"):
+        return f"{found}, expected a table"
+    if kind in ("tuple_type", "list_type"):
+        return f"{found}, expected a list"
+    if kind in ("too_short", "too_long"):
+        return f"{_of(context['actual_length'], 'item')}, expected {_bound(context)}"
+    if kind in ("string_too_short", "string_too_long"):
+        return f"{_of(len(error['input']), 'character')}, expected {_bound(context)}"
+    said = error["msg"].removeprefix("Value error, ")
+    if said.startswith("Input should "):
+        return f"{found}, expected {said.removeprefix('Input should ').removeprefix('be ')}"
+    return said
+
+
+def _bound(context: dict[str, Any]) -> str:
+    return f"at least {context['min_length']}" if "min_length" in context else f"at most {context['max_length']}"
+
+
+def _of(count: int, what: str) -> str:
+    return f"{count} {what}" if count == 1 else f"{count} {what}s"
+
+
+def _dotted(place: Place) -> str:
+    return ".".join(map(str, place))
