@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 KINDS = (".gif", ".mp4")
 BEAMS_DRAWN = 90
 MAX_FRAMES = 2000
-MOVER = "#CC79A7"
+PERSON, DOOR = "#D55E00", "#CC79A7"
 
 
 @dataclass(eq=False)
@@ -97,9 +97,9 @@ class Film:
         lines: tuple[tuple[str, dict[str, Any], str | None], ...] = (
             ("truth", {"color": style.TRUTH, "lw": 1.2}, "true way"),
             ("slam", {"color": style.SLAM, "lw": 1.2}, "SLAM, as known then"),
-            ("movers", {"color": MOVER, "ls": "", "marker": "o", "ms": 4}, "people"),
-            ("leaves", {"color": MOVER, "lw": 2.0}, "doors"),
-            ("particles", {"color": style.PARTICLE, "ls": "", "marker": ".", "ms": 3}, "particles"),
+            ("movers", {"color": PERSON, "ls": "", "marker": "o", "ms": 4}, "people"),
+            ("leaves", {"color": DOOR, "lw": 2.0}, "doors"),
+            ("particles", {"color": style.PARTICLE, "ls": "", "marker": ".", "ms": 3, "zorder": 6}, "particles"),
         )
         movers = self.simulation.movers
         for name, look, label in lines:
@@ -108,7 +108,7 @@ class Film:
             if name == "leaves" and (movers is None or not movers.lines.shape[1]):
                 label = None
             self._artists[name] = axes.plot([], [], label=label, **look)[0]
-        self._artists["robot"] = Polygon(np.zeros((4, 2)), facecolor="black", zorder=5)
+        self._artists["robot"] = Polygon(np.zeros((4, 2)), facecolor="black", zorder=5, label="robot")
         axes.add_patch(self._artists["robot"])
         style.plan(axes, labels=False)
         axes.set_xlabel("x [m]")

@@ -12,6 +12,8 @@ from moteslam.eval.report import style
 
 RUG = 1.05
 """Where the marks of resampling stand, as a share of the particles."""
+GAP = 10
+"""Median intervals, and at least a second: a curve does not go on across a longer one; nothing was measured there."""
 
 
 def draw_error(
@@ -30,8 +32,9 @@ def draw_error(
         distance, angle = figure.subplots(2, 1, sharex=True)
         for colour, name, result in results:
             label = f"{name}, RMSE {100 * result.rmse:.1f} cm"
-            distance.plot(result.stamps - start, 100 * result.errors, color=colour, lw=1.0, label=label)
-            angle.plot(result.stamps - start, np.rad2deg(result.rotation_errors), color=colour, lw=1.0)
+            time = result.stamps - start
+            distance.plot(*broken(time, 100 * result.errors), color=colour, lw=1.0, label=label)
+            angle.plot(*broken(time, np.rad2deg(result.rotation_errors)), color=colour, lw=1.0)
         for axes, unit in ((distance, "position error [cm]"), (angle, "heading error [deg]")):
             axes.set_ylabel(unit)
             axes.set_ylim(bottom=0)
@@ -68,7 +71,7 @@ def draw_effective_particles(
     when = np.asarray(resampled, bool)
     with style.saved_figure(path, size=(8.0, 3.2)) as figure:
         axes = figure.subplots()
-        axes.plot(time, n_eff, color=style.SLAM, lw=0.8, label="effective particles")
+        axes.plot(*broken(time, n_eff), color=style.SLAM, lw=0.8, label="effective particles")
         above = np.full(when.sum(), particles * RUG)  # over the curve, which marks on it would hide
         axes.plot(time[when], above, "|", color=style.DEAD_RECKONING, ms=7, mew=0.7, label=f"resampled ({when.sum()})")
         axes.set_xlabel("time [s]")
@@ -78,3 +81,12 @@ def draw_effective_particles(
         axes.grid(axis="y", color="0.9", lw=0.6)
         style.legend_below(figure, axes)
         style.heading(figure, title)
+
+
+def broken(time: NDArray[np.float64], values: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """A curve [n] over time [n] [s] with a NaN in each of its gaps, where it is not to be drawn."""
+    steps = np.diff(time)
+    if not len(steps):
+        return time, values
+    gaps = np.flatnonzero(steps > max(1.0, GAP * float(np.median(steps)))) + 1
+    return np.insert(time, gaps, time[gaps]), np.insert(values, gaps, np.nan)

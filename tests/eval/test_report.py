@@ -158,3 +158,11 @@ def test_a_robot_that_never_moved_can_be_drawn(occupancy: OccupancyMap, tmp_path
 def test_a_figure_that_cannot_be_written(tmp_path: Path) -> None:
     with pytest.raises(OutputError, match="absent"), saved_figure(tmp_path / "absent" / "x.png", size=(3, 3)):
         pass
+
+
+def test_curves_are_broken_where_nothing_was_measured() -> None:
+    time = np.array([0.0, 0.1, 0.2, 5.2, 5.3, 6.2])
+    x, y = curves.broken(time, np.arange(6.0))
+    np.testing.assert_array_equal(x, [0.0, 0.1, 0.2, 5.2, 5.2, 5.3, 6.2])
+    np.testing.assert_array_equal(y, [0, 1, 2, np.nan, 3, 4, 5])
+    assert curves.broken(time[:1], time[:1])[0].tolist() == [0.0]
