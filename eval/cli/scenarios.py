@@ -40,7 +40,7 @@ def show(
     scenario: Annotated[
         str, typer.Argument(metavar="SCENARIO", help="Bundled name, random-corridors, or a .toml file.")
     ],
-    out: Annotated[Path, typer.Option(help="The PNG to write.")],
+    out: Annotated[Path, typer.Option(help="The PNG to write; folders above it are made.")],
     seed: Annotated[int | None, typer.Option(min=0, max=2**63 - 1, help="Of a random building.")] = None,
     drive: Annotated[bool, typer.Option("--drive", help="Drive it, and draw the way that was driven.")] = False,
     force: Annotated[bool, typer.Option("--force", help="Replace an existing --out.")] = False,
@@ -55,6 +55,7 @@ def show(
     from moteslam.errors import OutputError
     from moteslam.eval.cli.batch import named_in_errors, ordered_scenario
     from moteslam.eval.report.scenarios import draw_scenario
+    from moteslam.robot.files import folder_for
 
     if out.suffix.lower() != ".png":
         raise OutputError("no .png file, expected one to write", file=out)
@@ -67,7 +68,8 @@ def show(
 
         with named_in_errors(scenario):
             driven = true_drive(chosen, seed).poses[:, :2]
-    draw_scenario(out, chosen, driven=driven)
+    with folder_for(out):
+        draw_scenario(out, chosen, driven=driven)
     say(f"{literal(chosen.name)} in {literal(out)}")
 
 
@@ -76,7 +78,7 @@ def animate(
     scenario: Annotated[
         str, typer.Argument(metavar="SCENARIO", help="Bundled name, random-corridors, or a .toml file.")
     ],
-    out: Annotated[Path, typer.Option(help="The .gif or .mp4 to write.")],
+    out: Annotated[Path, typer.Option(help="The .gif or .mp4 to write; folders above it are made.")],
     seed: Annotated[int | None, typer.Option(min=0, max=2**63 - 1, help="Of all randomness.")] = None,
     duration: Annotated[float | None, typer.Option(min=12, metavar="S", help="Stop after so many seconds.")] = None,
     frames: Annotated[int, typer.Option(min=2, max=2000, help="How many, evenly over the run.")] = 150,
@@ -106,19 +108,21 @@ def animate(
     from moteslam.eval.cli.progress import progress_bar
     from moteslam.eval.cli.simulate import simulate_with_progress
     from moteslam.eval.report.animation import Film, write_film
+    from moteslam.robot.files import folder_for
     from moteslam.slam.run import SlamSession
 
     chosen = ordered_scenario(scenario, seed)
     if duration is not None:
         chosen = chosen.model_copy(update={"duration": min(duration, chosen.duration)})
-    with named_in_errors(scenario):
-        simulation = simulate_with_progress(chosen, seed)
-    session = SlamSession(simulation.recording, config, seed=simulation.scenario.seed)
-    shown = []
-    with progress_bar("SLAM", len(session), "scans") as bar:
-        for update, frame in Film(simulation, session, frames).play():
-            if frame is not None:
-                shown.append(frame)
-            bar.update(update.index + 1)
-    write_film(out, shown)
+    with folder_for(out):
+        with named_in_errors(scenario):
+            simulation = simulate_with_progress(chosen, seed)
+        session = SlamSession(simulation.recording, config, seed=simulation.scenario.seed)
+        shown = []
+        with progress_bar("SLAM", len(session), "scans") as bar:
+            for update, frame in Film(simulation, session, frames).play():
+                if frame is not None:
+                    shown.append(frame)
+                bar.update(update.index + 1)
+        write_film(out, shown)
     say(f"{literal(chosen.name)}: {len(shown)} frames in {literal(out)}")

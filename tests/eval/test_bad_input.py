@@ -82,12 +82,12 @@ WANDER = "[wander]\nstart = [0.0, 0.0]\ndistance = 9.0\nclearance = 3.0\n"
     ("line", "more", "words"),
     [
         ("simulate my.toml --out x", CROWD, "crowd.count: room for 0 of 1 people"),
-        ("simulate my.toml --out x", WANDER, "wander: no free leg"),
+        ("simulate my.toml --out new/and/x", WANDER, "wander: no free leg"),
         ("simulate my.toml --out x --camera", "[platform]\ncamera = false\n", "platform.camera: none, expected"),
         ("simulate my.toml --out x --camera", "[platform.camera]\nz = 0.0\n", "platform.camera.z: 0 m, expected"),
         ("demo --scenario my.toml --out x", CROWD, "crowd.count: room for 0 of 1 people"),
         ("scenarios show my.toml --drive --out x.png", WANDER, "wander: no free leg"),
-        ("scenarios animate my.toml --out x.gif", CROWD, "crowd.count: room for 0 of 1 people"),
+        ("scenarios animate my.toml --out new/and/x.gif", CROWD, "crowd.count: room for 0 of 1 people"),
     ],
 )
 def test_what_a_run_finds_names_the_scenario(

@@ -62,8 +62,21 @@ def test_show_says_what_is_wrong(tmp_path: Path, capsys: pytest.CaptureFixture[s
     assert "exists already" in refused(capsys, "scenarios", "show", "lab", "--out", tmp_path / "there.png")
     assert "expected one to write" in refused(capsys, "scenarios", "show", "lab", "--out", tmp_path / "x.jpg")
     assert "no scenario of this name" in refused(capsys, "scenarios", "show", "lap", "--out", tmp_path / "x.png")
-    assert "cannot be written" in refused(capsys, "scenarios", "show", "hall", "--out", tmp_path / "no" / "x.png")
+    (tmp_path / "file").touch()
+    for what, name in (("show", "x.png"), ("animate", "x.gif")):
+        line = refused(capsys, "scenarios", what, "hall", "--out", tmp_path / "file" / "no" / name)
+        assert f"{name}: cannot be made: {tmp_path / 'file'} is a file, expected a folder" in line
     assert "expected one to write" in refused(capsys, "scenarios", "animate", "lab", "--out", tmp_path / "x.avi")
+
+
+@pytest.mark.usefixtures("taichi")
+def test_folders_above_a_picture_or_film_are_made(scenario_file: Path, tmp_path: Path) -> None:
+    picture, film = tmp_path / "a" / "b" / "x.png", tmp_path / "c" / "d" / "x.gif"
+    assert run(["scenarios", "show", str(scenario_file), "--out", str(picture)]) == 0
+    film_it = ["--duration", "12", "--frames", "2", "--preset", "paper", "--set", "particles=5"]
+    assert run(["scenarios", "animate", str(scenario_file), "--out", str(film), *film_it]) == 0
+    assert picture.stat().st_size > 0
+    assert film.stat().st_size > 0
 
 
 @pytest.mark.parametrize("ending", ["gif", "mp4"])

@@ -11,7 +11,7 @@ import pytest
 
 from moteslam.errors import OutputError
 from moteslam.robot import files
-from moteslam.robot.files import result_folder, write_atomically
+from moteslam.robot.files import folder_for, result_folder, write_atomically
 
 
 def names(folder: Path) -> list[str]:
@@ -186,3 +186,25 @@ def test_a_file_that_cannot_be_written_is_named_where_it_was_asked_for(tmp_path:
         write_atomically(work / "missing" / "map.pgm", b"")
     assert caught.value.file == str(out / "missing" / "map.pgm")
     assert not out.exists()
+
+
+def interrupted(path: Path, *, beside: str | None = None) -> None:
+    """Be interrupted before a file is written, perhaps after somebody else has put one beside it."""
+    with folder_for(path):
+        assert path.parent.is_dir()
+        if beside is not None:
+            (path.parent / beside).touch()
+        raise KeyboardInterrupt
+
+
+def test_folders_above_a_file_stay_where_it_was_written_alone(tmp_path: Path) -> None:
+    (tmp_path / "old").mkdir()
+    with pytest.raises(KeyboardInterrupt):
+        interrupted(tmp_path / "old" / "new" / "newer" / "x")
+    assert names(tmp_path / "old") == []
+    with pytest.raises(KeyboardInterrupt):
+        interrupted(tmp_path / "old" / "new" / "x", beside="another's")
+    assert names(tmp_path / "old" / "new") == ["another's"]
+    with folder_for(tmp_path / "one" / "two" / "x"):
+        (tmp_path / "one" / "two" / "x").touch()
+    assert names(tmp_path / "one" / "two") == ["x"]
