@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from moteslam.errors import InputError
 from moteslam.robot.recording import RgbdStream
+from moteslam.robot.wording import counted
 
 LARGEST_GAP = 0.05
 """A colour image further from the disparity image than this [s] shows another view (the real one's cameras lose
@@ -70,9 +71,10 @@ class FrameCount:
         """A line for each kind of loss that happened."""
         lines = []
         if self.missing:
-            lines.append(f"camera: {self.missing} frames left out, an image of theirs is missing")
+            lines.append(f"camera: {counted(self.missing, 'frame')} left out, an image of theirs is missing")
         if self.unreadable:
-            lines.append(f"camera: {self.unreadable} frames left out, unreadable; the first: {self.first_unreadable}")
+            left = counted(self.unreadable, "frame")
+            lines.append(f"camera: {left} left out, unreadable; the first: {self.first_unreadable}")
         if not self.used:
             lines.append("camera: not a single frame could be used")
         return tuple(lines)

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream, Recording
+from moteslam.robot.wording import counted
 
 GAP = 5.0
 """A silence of more than so many median intervals is a gap."""
@@ -122,7 +123,7 @@ def inspect_recording(recording: Recording) -> Inspection:
     lidar = None if recording.lidar is None else _lidar(recording.lidar)
     problems = [*recording.warnings, *_missing(recording), *_gaps(streams), *_meetings(streams)]
     if lidar is not None and lidar.blind_scans:
-        problems.append(f"lidar: {lidar.blind_scans} scans without a single endpoint")
+        problems.append(f"lidar: {counted(lidar.blind_scans, 'scan')} without a single endpoint")
     return Inspection(
         name=recording.name,
         platform=recording.platform.name,
@@ -237,7 +238,7 @@ def _gaps(streams: tuple[StreamReport, ...]) -> list[str]:
     for stream in streams:
         if stream.gaps and stream.largest_gap is not None and stream.largest_gap > TOLD_GAP:
             problems.append(
-                f"{stream.name}: {stream.gaps} gaps of more than 5 median intervals, "
+                f"{stream.name}: {counted(stream.gaps, 'gap')} of more than 5 median intervals, "
                 f"the longest {stream.largest_gap:.2f} s after {stream.largest_gap_at:.6f}"
             )
         if stream.equal_stamps:

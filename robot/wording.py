@@ -1,4 +1,4 @@
-"""What pydantic finds wrong with a table, in the words of this project: what was found, and what was expected."""
+"""The words of messages: what pydantic finds wrong with a table, told as what was found and expected; and plurals."""
 
 from __future__ import annotations
 
@@ -13,6 +13,11 @@ Place = tuple[int | str, ...]
 
 _LONGEST = 40
 """Characters of a value that are shown."""
+
+
+def counted(count: int, what: str) -> str:
+    """So many of something, ``1 frame`` and ``2 frames``."""
+    return f"{count} {what}" if count == 1 else f"{count} {what}s"
 
 
 def first_complaint(error: ValidationError, whole: str, expected: Callable[[Place], str]) -> tuple[str, str]:
@@ -31,7 +36,7 @@ def first_complaint(error: ValidationError, whole: str, expected: Callable[[Plac
     beside = [other for other in errors if list(other["loc"][:-1]) == parent]
     if first["type"] == "missing" and isinstance(last, int):
         count = len(first["input"])
-        return _dotted(tuple(parent)), f"{_of(count, 'item')}, expected {count + len(beside)}"
+        return _dotted(tuple(parent)), f"{counted(count, 'item')}, expected {count + len(beside)}"
     unknown = next((other for other in beside if other["type"] == "extra_forbidden"), None)
     if first["type"] == "missing" and unknown is not None:
         return _dotted(unknown["loc"]), f"unknown key, {expected(tuple(parent))}; {_dotted(first['loc'])} is missing"
@@ -64,9 +69,9 @@ def _in_words(error: ErrorDetails) -> str:
     if kind in ("tuple_type", "list_type"):
         return f"{found}, expected a list"
     if kind in ("too_short", "too_long"):
-        return f"{_of(context['actual_length'], 'item')}, expected {_bound(context)}"
+        return f"{counted(context['actual_length'], 'item')}, expected {_bound(context)}"
     if kind in ("string_too_short", "string_too_long"):
-        return f"{_of(len(error['input']), 'character')}, expected {_bound(context)}"
+        return f"{counted(len(error['input']), 'character')}, expected {_bound(context)}"
     said = error["msg"].removeprefix("Value error, ")
     if said.startswith("Input should "):
         return f"{found}, expected {said.removeprefix('Input should ').removeprefix('be ')}"
@@ -75,10 +80,6 @@ def _in_words(error: ErrorDetails) -> str:
 
 def _bound(context: dict[str, Any]) -> str:
     return f"at least {context['min_length']}" if "min_length" in context else f"at most {context['max_length']}"
-
-
-def _of(count: int, what: str) -> str:
-    return f"{count} {what}" if count == 1 else f"{count} {what}s"
 
 
 def _dotted(place: Place) -> str:

@@ -17,6 +17,7 @@ from moteslam.robot.frames import CameraFrame, FrameCount, camera_frames, has_im
 from moteslam.robot.platform import CameraMount
 from moteslam.robot.recording import Recording
 from moteslam.robot.trajectory import Trajectory
+from moteslam.robot.wording import counted
 from moteslam.slam.config import TextureConfig
 
 MAX_CELLS = 40_000_000
@@ -175,7 +176,7 @@ def map_texture(
         watch(np.inf, mapper)
     told = list(count.warnings())
     if outside:
-        told.append(f"camera: {outside} frames left out, before the first pose or after the last")
+        told.append(f"camera: {counted(outside, 'frame')} left out, before the first pose or after the last")
     return mapper.snapshot(tuple(told))
 
 

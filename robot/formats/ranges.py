@@ -7,6 +7,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from moteslam.robot.wording import counted
+
 
 def clean_ranges(
     ranges: NDArray[np.float32], range_min: float, range_max: float, *, file: Path, field: str
@@ -32,4 +34,5 @@ def clean_ranges(
     if not count:
         return clean, ()
     scans = int(garbage.any(axis=1).sum())
-    return clean, (f"{file.name}: {field}: {count} ranges in {scans} scans are NaN or negative; they are left out",)
+    found = f"{counted(count, 'range')} in {counted(scans, 'scan')}"
+    return clean, (f"{file.name}: {field}: {found} left out, NaN or negative",)

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from moteslam.errors import InputError, OutputError
 from moteslam.robot.kinect import HEIGHT, WIDTH
+from moteslam.robot.wording import counted
 
 RGB, DISPARITY = "RGB", "Disparity"
 """The two kinds of images, as the folders name them."""
@@ -48,7 +49,7 @@ def find_images(folder: Path, kind: str, sequence: str, count: int) -> tuple[tup
     if not place.is_dir():
         # without any images that is no fault: they are a download of their own
         alone = place.parent.is_dir()
-        return (), (f"{place.name}: no such folder, {count} images missing",) if alone else ()
+        return (), (f"{place.name}: no such folder, {counted(count, 'image')} missing",) if alone else ()
     pattern = re.compile(rf"{re.escape(place.name.lower())}_(\d{{1,9}})\.png")
     try:
         names = [path.name for path in place.iterdir()]
@@ -64,10 +65,10 @@ def find_images(folder: Path, kind: str, sequence: str, count: int) -> tuple[tup
     if missing:
         first = files.index(None) + 1
         warnings.append(
-            f"{place.name}: {missing} of {count} images missing, the first {place.name.lower()}_{first}.png"
+            f"{place.name}: {missing} of {counted(count, 'image')} missing, the first {place.name.lower()}_{first}.png"
         )
     if beyond:
-        warnings.append(f"{place.name}: {beyond} images beyond the {count} stamps are left out")
+        warnings.append(f"{place.name}: {counted(beyond, 'image')} beyond the {counted(count, 'stamp')} left out")
     return files, tuple(warnings)
 
 

@@ -95,7 +95,7 @@ def test_from_a_simulated_camera_to_the_result_folder(
         main(["replay", str(out), "--out", str(result), "--set", "texture.largest_gap=0.11", "--particles", "10"]) == 0
     )
     said = capsys.readouterr()
-    assert "camera: 1 frames left out, unreadable; the first: " in said.err
+    assert "camera: 1 frame left out, unreadable; the first: " in said.err
     assert "Traceback" not in said.err
     picture = cv2.imread(str(result / "texture.png"), cv2.IMREAD_UNCHANGED)
     assert (picture[..., 3] == 255).sum() > 3000

@@ -168,7 +168,7 @@ def test_ranges_that_no_sensor_says_are_left_out_and_counted(tmp_path: Path) -> 
     lines = [*GOOD[:7], flaser([math.nan, -1.0, 2.0], stamp=200.0)]
     recording = read_carmen(write_log(tmp_path / "x.log", lines))
     np.testing.assert_array_equal(lidar_of(recording).ranges[-1], np.float32([np.nan, np.nan, 2.0]))
-    assert recording.warnings == ("x.log: FLASER: 2 ranges in 1 scans are NaN or negative; they are left out",)
+    assert recording.warnings == ("x.log: FLASER: 2 ranges in 1 scan left out, NaN or negative",)
 
 
 def test_infinite_is_no_return_and_zero_says_nothing(tmp_path: Path) -> None:

@@ -129,7 +129,7 @@ def test_unreadable_images_are_counted_and_the_first_is_named(folder: Path, harm
     assert len(found) == count.used == N - 1
     assert count.unreadable == 1
     (line,) = count.warnings()
-    assert line.startswith("camera: 1 frames left out, unreadable; the first: ")
+    assert line.startswith("camera: 1 frame left out, unreadable; the first: ")
     assert name in line
     assert told in line
     assert "\n" not in line

@@ -34,7 +34,7 @@ def test_rates_gaps_and_equal_stamps() -> None:
     assert lidar.largest_gap == pytest.approx(2.0)
     assert lidar.largest_gap_at == 0.3
     assert lidar.shortest_interval == pytest.approx(0.05)
-    assert "lidar: 1 gaps of more than 5 median intervals, the longest 2.00 s after 0.300000" in report.problems
+    assert "lidar: 1 gap of more than 5 median intervals, the longest 2.00 s after 0.300000" in report.problems
     assert "lidar: 1 readings share the stamp of the one before" in report.problems
 
 
@@ -47,7 +47,7 @@ def test_shares_of_the_beams() -> None:
     assert (report.lidar.no_return, report.lidar.invalid, report.lidar.blind_scans) == (0.25, 0.1, 1)
     assert report.lidar.field_of_view == pytest.approx(np.degrees(3.0))
     assert report.lidar.median_range == 1.0
-    assert report.problems == ("lidar: 1 scans without a single endpoint",)
+    assert report.problems == ("lidar: 1 scan without a single endpoint",)
     assert report.odometry_distance == 0.0
 
 

@@ -101,7 +101,7 @@ def test_what_ranges_mean(tmp_path: Path) -> None:
     np.testing.assert_array_equal(row[[1, 3]], np.float32([29.999, 0.1]))
     assert np.isnan(row[4:]).all()
     assert np.isnan(recording.lidar.ranges[1, :3]).all()
-    assert recording.warnings == ("Hokuyo20.npz: ranges: 3 ranges in 1 scans are NaN or negative; they are left out",)
+    assert recording.warnings == ("Hokuyo20.npz: ranges: 3 ranges in 1 scan left out, NaN or negative",)
 
 
 @pytest.mark.parametrize("dtype", [np.float16, np.float32, np.float64, np.int16, ">f8"])
@@ -312,7 +312,7 @@ def test_images_are_listed_in_numeric_order_and_missing_ones_counted(tmp_path: P
     assert recording.warnings == (
         "RGB20: 5 of 6 images missing, the first rgb20_2.png",
         "Disparity20: 1 of 4 images missing, the first disparity20_3.png",
-        "Disparity20: 1 images beyond the 4 stamps are left out",
+        "Disparity20: 1 image beyond the 4 stamps left out",
     )
     for path in folder.iterdir():
         path.unlink()

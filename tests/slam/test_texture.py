@@ -150,7 +150,7 @@ def test_lost_images_are_told_and_the_rest_is_used(
     recording = open_recording(folder)
     partial = map_texture(recording, driven[0].truth, TextureConfig(largest_gap=0.09))
     assert partial.frames == texture.frames - 2
-    assert [line.partition(" frames")[0] for line in partial.warnings] == ["camera: 1", "camera: 1"]
+    assert [line.partition(" frame")[0] for line in partial.warnings] == ["camera: 1", "camera: 1"]
     assert "disparity20_9.png" in partial.warnings[1]
 
 
