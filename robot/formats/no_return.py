@@ -14,6 +14,9 @@ SICK_CODES = 82.0
 _SHARE = 0.002
 _TIMES = 5
 _FEWEST = 10
+_CODES = 0.0015
+"""Within this share of the longest range lie the codes that a lidar has beside it: a SICK's end at 8.183, 8.187, 8.191
+or ten times that [m]."""
 
 
 def no_return_limit(ranges: NDArray[np.float32], told: float | None) -> float:
@@ -25,7 +28,9 @@ def no_return_limit(ranges: NDArray[np.float32], told: float | None) -> float:
        value, it is 5 times as frequent as the value next in frequency within the upper half of the ranges, and
        ranges below it exist. (In the logs we know, 0.5 to 12 % of the beams stand at the limit, and no other long
        range reaches 0.02 %.)
-    4. Else 80 m: every range is an endpoint.
+    4. Else the shortest range that is a spike in the same way within 0.15 % of the longest one: a lidar with several
+       codes, the longest of which is rare.
+    5. Else 80 m: every range is an endpoint.
 
     Args:
         ranges: of the whole log, any shape [m]; not finite ones are left aside.
@@ -41,4 +46,9 @@ def no_return_limit(ranges: NDArray[np.float32], told: float | None) -> float:
     spike = counts[-1] >= max(_SHARE * counts.sum(), _FEWEST) and counts[-1] >= _TIMES * common
     if spike and (values[:-1] > 0).any():
         return float(values[-1])
+    top = values > values[-1] * (1 - _CODES)
+    below = counts[~top & (values >= values[-1] / 2)]
+    code = top & (counts >= max(_SHARE * counts.sum(), _FEWEST, _TIMES * below.max(initial=0)))
+    if code.any() and (values[~top] > 0).any():
+        return float(values[code].min())
     return SICK_REACH
