@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import Any
 
 from accuracy import run, seeds
-from parts.machine import stamp
+from parts.machine import save, stamp
 
 
 @dataclass(frozen=True)
@@ -161,9 +161,7 @@ def main() -> None:
             for row in [pool.submit(measured, sweep, job) for job in jobs(sweep, options.seeds)]:
                 rows.append(row.result())
                 print(name, json.dumps(rows[-1]), flush=True)
-                if options.out:
-                    options.out.parent.mkdir(parents=True, exist_ok=True)
-                    options.out.write_text(json.dumps(result, indent=1) + "\n")
+                save(options.out, result)
             if options.figures:
                 draw(options.figures / f"ablation_{name}.png", sweep, rows)
     for name, rows in result["rows"].items():

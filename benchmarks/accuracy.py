@@ -17,7 +17,6 @@ cores may be halves of one.
 from __future__ import annotations
 
 import argparse
-import json
 import re
 import time
 from concurrent.futures import Future, ProcessPoolExecutor
@@ -26,7 +25,7 @@ from pathlib import Path
 from typing import Any
 
 from parts.bars import Bar, summarise, summary_lines
-from parts.machine import stamp
+from parts.machine import save, stamp
 from parts.runs import BARS, DATA, HALL, LOGS, LOST, NEVER_LOST, SCENARIOS, errors, load_log, simulate_case
 
 from moteslam.errors import ConfigError
@@ -162,10 +161,7 @@ def main() -> None:
             rows.append(job.result())
             line = (f"{k} {v:.4f}" if isinstance(v, float) else f"{k} {v}" for k, v in rows[-1].items())
             print("  ".join(line), flush=True)
-            if options.out:
-                options.out.parent.mkdir(parents=True, exist_ok=True)
-                result = {**about, "summary": summarised(rows, options), "rows": rows}
-                options.out.write_text(json.dumps(result, indent=1) + "\n")
+            save(options.out, {**about, "summary": summarised(rows, options), "rows": rows})
     summaries = summarised(rows, options)
     print()
     print(table(summary_lines({told(name, summary): summary for name, summary in summaries.items()}), right=(3, 4)))

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from accuracy import seeds
-from parts.machine import stamp
+from parts.machine import save, stamp
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -138,9 +138,7 @@ def main() -> None:
         rows.append(run(name, seed, options.settings, options.colours))
         figures = " ".join(f"{key}={value:.4f}" for key, value in rows[-1].items() if isinstance(value, float))
         print(f"{name} {seed} {figures}", flush=True)
-        if options.out is not None:
-            result = {**about, "summary": summarised(rows), "rows": rows}
-            options.out.write_text(json.dumps(result, indent=1) + "\n")
+        save(options.out, {**about, "summary": summarised(rows), "rows": rows})
     lines = [("run", "seeds", "without", "with", "of medians", "median of ratios", "limit", "holds")]
     for name, told in summarised(rows).items():
         figures = [told[key] for key in ("without_median", "with_median", "of_medians", "median_of_ratios", "limit")]

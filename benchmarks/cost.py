@@ -33,7 +33,7 @@ from pathlib import Path
 from typing import Any
 
 from parts.bars import Bar, summarise, summary_lines
-from parts.machine import stamp
+from parts.machine import save, stamp
 
 RESULTS = ("trajectory.tum", "trajectory_final.tum", "map.pgm")
 TIMES = 10
@@ -198,9 +198,7 @@ def main() -> None:
             rows.append(row)
             print("  ".join(f"{k} {v:.4f}" if isinstance(v, float) else f"{k} {v}" for k, v in row.items()), flush=True)
         summary[case] = summarise([row for row in rows if row["run"] == case], BARS[case])
-        if options.out:
-            options.out.parent.mkdir(parents=True, exist_ok=True)
-            options.out.write_text(json.dumps({**about, "summary": summary, "rows": rows}, indent=1) + "\n")
+        save(options.out, {**about, "summary": summary, "rows": rows})
     print()
     print(table(summary_lines(summary), right=(3, 4)))
 

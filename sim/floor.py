@@ -20,8 +20,8 @@ from pydantic import Field, FiniteFloat, model_validator
 
 from moteslam.errors import ConfigError
 from moteslam.robot.files import write_atomically
+from moteslam.robot.pictures import decode_picture
 from moteslam.sim.noise import Positive, Probability, Settings
-from moteslam.sim.pictures import decode_picture
 
 Array = NDArray[np.float64]
 Level = Annotated[int, Field(ge=0, le=255)]

@@ -14,9 +14,9 @@ from numpy.typing import ArrayLike, NDArray
 from pydantic import Field
 
 from moteslam.errors import ConfigError, InputError
+from moteslam.robot.pictures import decode_picture
 from moteslam.sim.layout_types import Segments
 from moteslam.sim.noise import Settings
-from moteslam.sim.pictures import decode_picture
 
 MAX_PIXELS = 64_000_000
 MAX_BYTES = 256_000_000

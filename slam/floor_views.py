@@ -11,8 +11,9 @@ from moteslam.robot import se2
 from moteslam.robot.frames import CameraFrame, FrameCount, has_images, pairs, read_frame
 from moteslam.robot.platform import CameraMount
 from moteslam.robot.recording import Recording
+from moteslam.robot.wording import counted
 from moteslam.slam.config import SlamConfig
-from moteslam.slam.synchronise import has_odometry, jumps, odometry_at_scans, odometry_path, require_lidar
+from moteslam.slam.synchronise import jumps, odometry_at_scans, odometry_path, require_lidar, tells_motion
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,11 +108,10 @@ class FloorViews:
         """What was lost, a line each."""
         lines, count = [], self.count
         if count.missing:
-            lines.append(f"colours: {count.missing} frames not used, an image of theirs is missing")
+            lines.append(f"colours: {counted(count.missing, 'frame')} not used, an image of theirs is missing")
         if count.unreadable:
-            lines.append(
-                f"colours: {count.unreadable} frames not used, unreadable; the first: {count.first_unreadable}"
-            )
+            lost = counted(count.unreadable, "frame")
+            lines.append(f"colours: {lost} not used, unreadable; the first: {count.first_unreadable}")
         without = self.asked - count.used
         if without > self.asked / 2:
             lines.append(f"colours: no new frame at {without} of {self.asked} updates: weighed without them")
@@ -124,6 +124,6 @@ def lacking(recording: Recording) -> str:
         return "no camera on the robot"
     if not has_images(recording.rgbd):
         return "no camera images"
-    if not has_odometry(recording):
+    if not tells_motion(recording):
         return "no odometry between frames and scans"
     return ""

@@ -25,7 +25,7 @@ from moteslam.slam.scans import Scans
 from moteslam.slam.settings import load_preset
 from moteslam.slam.step import steps
 from moteslam.slam.surface_filter import SurfaceFilter
-from moteslam.slam.synchronise import has_odometry, require_lidar, stands_still, warnings
+from moteslam.slam.synchronise import has_odometry, require_lidar, tells_motion, warnings
 
 FILTERS: dict[str, type[PaperFilter] | type[SurfaceFilter]] = {"paper": PaperFilter, "surface": SurfaceFilter}
 """The methods that ``SlamConfig.method`` names."""
@@ -138,9 +138,7 @@ class SlamSession:
 
     def _distrust(self) -> list[str]:
         """Where the odometry was not believed, a line if anywhere."""
-        if not self._guesses or self._filter.needs_odometry or not has_odometry(self.recording):
-            return []
-        if stands_still(self.recording):
+        if not self._guesses or self._filter.needs_odometry or not tells_motion(self.recording):
             return []
         return [f"odometry jumps at {self._guesses} of {self._done} scans: constant velocity there"]
 

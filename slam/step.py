@@ -14,7 +14,7 @@ from moteslam.robot.recording import Recording
 from moteslam.slam.config import SyncConfig
 from moteslam.slam.floor_views import FloorView, FloorViews
 from moteslam.slam.scans import Scans
-from moteslam.slam.synchronise import has_odometry, jumps, odometry_at_scans, require_lidar, stands_still
+from moteslam.slam.synchronise import jumps, odometry_at_scans, require_lidar, tells_motion
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +63,7 @@ def steps(
         InputError: there is no lidar.
     """
     stamps = require_lidar(recording).stamps
-    known = has_odometry(recording) and not stands_still(recording)
+    known = tells_motion(recording)
     odometry = odometry_at_scans(recording, config) if known else np.zeros((len(stamps), 3))
     guesses = jumps(stamps, odometry) if known else np.ones(len(stamps), np.bool_)
     motions = np.vstack((np.zeros(3), se2.between(odometry[:-1], odometry[1:])))

@@ -78,12 +78,10 @@ class SurfaceFilter:
         before = self._pose
         if not len(self.history):
             return self._begin(scan)
-        if step.guess:
-            step = replace(step, motion=carried_on(self._step, self._seconds, step.dt))
-            self._teaches = False
-        self._wheels = se2.compose(self._wheels, step.motion)
-        if not step.guess:
-            step = replace(step, motion=self._calibration.corrected(step.motion))
+        told = carried_on(self._step, self._seconds, step.dt) if step.guess else step.motion
+        self._wheels = se2.compose(self._wheels, told)
+        self._teaches = self._teaches and not step.guess
+        step = replace(step, motion=told if step.guess else self._calibration.corrected(told))
         self._gate.add(step)
         self._track(step, scan)
         motion = se2.between(before, self._pose)

@@ -33,14 +33,15 @@ def has_odometry(recording: Recording) -> bool:
     return recording.lidar is not None and recording.lidar.odometry is not None
 
 
-def stands_still(recording: Recording) -> bool:
-    """Whether all poses logged as odometry are the same, as in logs that have none and tell zeros."""
-    if recording.lidar is None or (recording.encoders is not None and len(recording.encoders)):
-        return False
-    poses = recording.lidar.odometry
-    if poses is None and recording.odometry is not None:
-        poses = recording.odometry.poses
-    return poses is not None and len(poses) > 2 and bool((poses == poses[0]).all())
+def tells_motion(recording: Recording) -> bool:
+    """Whether a recording has odometry to go by; logged poses that are all the same are none, as in logs of zeros."""
+    if not has_odometry(recording) or (recording.encoders is not None and len(recording.encoders)):
+        return has_odometry(recording)
+    lidar, odometry = recording.lidar, recording.odometry
+    poses = lidar.odometry if lidar is not None else None
+    if poses is None and odometry is not None:
+        poses = odometry.poses
+    return poses is None or len(poses) < 3 or bool((poses != poses[0]).any())
 
 
 def odometry_path(recording: Recording, config: SyncConfig) -> tuple[Array, Array]:
@@ -136,7 +137,7 @@ def warnings(recording: Recording) -> list[str]:
                 lines.append(f"{outside} scans {what} encoder reading: the robot is taken to stand still")
     if lidar is not None and len(lidar) and not has_odometry(recording):
         lines.append(f"no odometry: constant velocity over {len(lidar)} scans; dead reckoning stands still")
-    elif lidar is not None and stands_still(recording):
+    elif lidar is not None and len(lidar) and not tells_motion(recording):
         lines.append(f"odometry that never moves: constant velocity over {len(lidar)} scans")
     return lines
 

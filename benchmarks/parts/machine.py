@@ -1,7 +1,8 @@
-"""Where and when a benchmark was run."""
+"""Where and when a benchmark was run, and the file that tells it."""
 
 from __future__ import annotations
 
+import json
 import os
 import platform
 from contextlib import suppress
@@ -29,3 +30,10 @@ def processor() -> str:
             if line.startswith("model name"):
                 return f"{line.partition(':')[2].strip()}, {platform.machine()}"
     return platform.machine()
+
+
+def save(path: Path | None, result: dict[str, Any]) -> None:
+    """Write a result file, and the folders above it; nothing where none is asked for."""
+    if path is not None:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")

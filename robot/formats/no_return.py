@@ -14,6 +14,7 @@ SICK_CODES = 82.0
 _SHARE = 0.002
 _TIMES = 5
 _FEWEST = 10
+_DIGITS = 4  # a tenth of a millimetre
 _CODES = 0.0015
 """Within this share of the longest range lie the codes that a lidar has beside it: a SICK's end at 8.183, 8.187, 8.191
 or ten times that [m]."""
@@ -24,13 +25,11 @@ def no_return_limit(ranges: NDArray[np.float32], told: float | None) -> float:
 
     1. What the log tells, unless that lies among the codes of a SICK (80 to 82 m), of which it has several: 80 m.
     2. Else 80 m, if any range is that long.
-    3. Else the longest range, if it is a spike: at least 0.2 % of all beams and 10 of them stand at exactly this
-       value, it is 5 times as frequent as the value next in frequency within the upper half of the ranges, and
-       ranges below it exist. (In the logs we know, 0.5 to 12 % of the beams stand at the limit, and no other long
-       range reaches 0.02 %.)
-    4. Else the shortest range that is a spike in the same way within 0.15 % of the longest one: a lidar with several
-       codes, the longest of which is rare.
-    5. Else 80 m: every range is an endpoint.
+    3. Else the most frequent of the longest ranges, those within 0.15 % of the longest (lidars have several codes), if
+       it is a spike: at least 0.2 % of all beams and 10 of them stand at this value, to a tenth of a millimetre, 5
+       times as many as at any other in the upper half of the ranges, and ranges below it exist. (In the logs we know,
+       0.5 to 12 % of the beams stand at the limit, and no other long range reaches 0.02 %.)
+    4. Else 80 m: every range is an endpoint.
 
     Args:
         ranges: of the whole log, any shape [m]; not finite ones are left aside.
@@ -38,17 +37,15 @@ def no_return_limit(ranges: NDArray[np.float32], told: float | None) -> float:
     """
     if told is not None:
         return SICK_REACH if SICK_REACH < told <= SICK_CODES else told
-    values, counts = np.unique(ranges[np.isfinite(ranges)], return_counts=True)
+    finite = ranges[np.isfinite(ranges)]
+    rounded = finite.astype(np.float64).round(_DIGITS)
+    values, counts = np.unique(rounded, return_counts=True)
     if not len(values) or values[-1] >= SICK_REACH:
         return SICK_REACH
-    others = counts[:-1][values[:-1] >= values[-1] / 2]
-    common = others.max() if len(others) else 0
-    spike = counts[-1] >= max(_SHARE * counts.sum(), _FEWEST) and counts[-1] >= _TIMES * common
-    if spike and (values[:-1] > 0).any():
-        return float(values[-1])
-    top = values > values[-1] * (1 - _CODES)
-    below = counts[~top & (values >= values[-1] / 2)]
-    code = top & (counts >= max(_SHARE * counts.sum(), _FEWEST, _TIMES * below.max(initial=0)))
-    if code.any() and (values[~top] > 0).any():
-        return float(values[code].min())
+    code = int(np.where(values > values[-1] * (1 - _CODES), counts, 0).argmax())
+    upper = values >= values[-1] / 2
+    upper[code] = False
+    spike = counts[code] >= max(_SHARE * counts.sum(), _FEWEST, _TIMES * counts[upper].max(initial=0))
+    if spike and (values[:code] > 0).any():
+        return float(finite[rounded == values[code]].min())
     return SICK_REACH

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from moteslam.errors import InputError, OutputError
 from moteslam.robot.kinect import HEIGHT, WIDTH
+from moteslam.robot.pictures import PNG, decode_picture
 from moteslam.robot.wording import counted
 
 RGB, DISPARITY = "RGB", "Disparity"
@@ -101,44 +102,21 @@ def read_disparity(path: Path) -> NDArray[np.uint16]:
 
 
 def _decode(path: Path, how: int) -> NDArray[Any]:
-    import cv2
-
     try:
         with path.open("rb") as file:
             data = file.read(MAX_BYTES + 1)
     except OSError as error:
         raise InputError(f"{error.strerror}, expected a PNG image", file=path) from error
     header = data[:26]
-    if len(header) < 26 or header[:8] != b"\x89PNG\r\n\x1a\n" or len(data) > MAX_BYTES:
+    if len(header) < 26 or not header.startswith(PNG) or len(data) > MAX_BYTES:
         raise InputError("is empty" if not data else "not a PNG file, expected one", file=path)
     width, height = int.from_bytes(header[16:20]), int.from_bytes(header[20:24])
     if (width, height) != (WIDTH, HEIGHT):  # before any memory is taken for it
         raise InputError(f"{height} x {width} pixels, expected {HEIGHT} x {WIDTH}", file=path)
-    if not is_whole_png(data):
-        raise InputError("cut short or damaged, expected a whole PNG file", file=path)
-    try:
-        image = cv2.imdecode(np.frombuffer(data, np.uint8), how)
-    except cv2.error:
-        image = None
+    image = decode_picture(data, how)
     if image is None:
-        raise InputError("cannot be decoded, expected a PNG image", file=path)
-    return np.asarray(image)
-
-
-def is_whole_png(data: bytes) -> bool:
-    """Whether a PNG runs to its end chunk with every checksum right; the decoder would fill in what is missing."""
-    from zlib import crc32
-
-    at = 8
-    while at + 12 <= len(data):
-        length = int.from_bytes(data[at : at + 4])
-        end = at + 8 + length
-        if end + 4 > len(data) or crc32(data[at + 4 : end]) != int.from_bytes(data[end : end + 4]):
-            return False
-        if data[at + 4 : at + 8] == b"IEND":
-            return True
-        at = end + 4
-    return False
+        raise InputError("cut short or damaged, expected a whole PNG file", file=path)
+    return image
 
 
 def _found(image: NDArray[Any]) -> str:

@@ -30,10 +30,14 @@ def test_a_spike_at_the_longest_range_is_the_limit(limit: float, share: float) -
     assert no_return_limit(ranges, None) == np.float32(limit)
 
 
-def test_of_several_codes_the_shortest_is_the_limit() -> None:
+def test_of_several_codes_the_most_frequent_is_the_limit() -> None:
     ranges = readings()
     ranges[:1500], ranges[1500:1540], ranges[1540:1545] = 8.183, 8.187, 8.191
     assert no_return_limit(ranges, None) == np.float32(8.183)
+    ranges[:200] = np.nextafter(np.float32(8.183), np.float32(9))  # as some logs are rounded
+    assert no_return_limit(ranges, None) == np.float32(8.183)
+    ranges[:700] = 8.187  # as a wall, at two values
+    assert no_return_limit(ranges, None) == SICK_REACH
     ranges[:1500] = 8.12  # a wall, too far below the longest
     assert no_return_limit(ranges, None) == SICK_REACH
 
