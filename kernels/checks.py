@@ -38,7 +38,7 @@ def check_array(
         isinstance(array, np.ndarray)
         and array.dtype == dtype
         and array.ndim == len(shape)
-        and all(n is None or n == m for n, m in zip(shape, array.shape, strict=True))
+        and not [n for n, m in zip(shape, array.shape, strict=True) if n is not None and n != m]
     )
     if not fits:
         found = f"{array.dtype} {list(array.shape)}" if isinstance(array, np.ndarray) else type(array).__name__

@@ -6,6 +6,9 @@ its annotations is therefore handed to the compiled kernel directly; every other
 the way of Taichi, which compiles, converts or complains. On the CPU the arguments of the last launch are kept: the
 map and the constants, most of them, need not be handed over again.
 
+With one thread a loop runs where it is launched: Taichi would wake its one worker for it and wait, which costs 50 us
+of processor time and twice as much to wait for (docs/performance.md).
+
 And what Taichi says of a place in a kernel is file, line and what stands there, without carets underneath: it draws
 them for every expression of every kernel before it knows whether anybody will read them, a third of what it takes to
 load kernels that were compiled before.
@@ -85,8 +88,20 @@ def _place(context: Any, node: Any) -> str:
     return f'File "{context.file}", line {line}, in {context.func.func.__name__}:\n{context.src[node.lineno - 1]}\n'
 
 
+_transformer = ti.lang.ast.ast_transformer.ASTTransformer
+_range_for = _transformer.build_range_for
+
+
+def _range_for_alone(context: Any, node: Any) -> Any:
+    """The loop of a kernel; where there is one thread it runs in the thread that launches, with nobody to wake up."""
+    if runtime().arch == "cpu" and runtime().threads == 1:
+        context.ast_builder.strictly_serialize()
+    return _range_for(context, node)
+
+
 if ti.__version__ == KNOWN:
     ti.lang.ast.ast_transformer_utils.ASTTransformerContext.get_pos_info = _place
+    _transformer.build_range_for = staticmethod(_range_for_alone)
 
 
 def _kinds(slow: Any) -> list[Kind | _Array] | None:
@@ -111,44 +126,46 @@ class _Context:
     """The arguments of a compiled kernel as they were at its last launch: what is the same again is not set again."""
 
     def __init__(self, compiled: Any, kinds: list[Kind | _Array]) -> None:
-        self._compiled = compiled
-        self._launch = compiled.make_launch_context()
-        asked: list[tuple[int, Any]] = [(i, kind) for i, kind in enumerate(kinds) if kind is not Kind.TEMPLATE]
-        self._places: list[tuple[int, tuple[int], Any]] = [
-            (index, (place,), kind) for place, (index, kind) in enumerate(asked)
-        ]
-        self._given: list[Any] = [None] * len(self._places)
+        self._program = program = ti.lang.impl.get_runtime().prog
+        self._code = program.compile_kernel(program.config(), program.get_device_caps(), compiled)
+        self._launch = context = compiled.make_launch_context()
+        setters = {
+            Kind.SIGNED: (context.set_arg_int, int),
+            Kind.UNSIGNED: (context.set_arg_uint, int),
+            Kind.REAL: (context.set_arg_float, float),
+        }
+        asked = [(i, kind) for i, kind in enumerate(kinds) if kind is not Kind.TEMPLATE]
+        self._arrays: list[tuple[int, int, np.dtype[Any], int]] = []
+        self._numbers: list[tuple[int, int, tuple[type, ...], Callable[..., None], type]] = []
+        for place, (index, kind) in enumerate(asked):
+            if isinstance(kind, Kind):
+                self._numbers.append((place, index, _ABLE[kind], *setters[kind]))
+            else:
+                self._arrays.append((place, index, *kind))
+        self._given: list[Any] = [None] * len(asked)
 
     def launch(self, arguments: tuple[Any, ...]) -> bool:
         """Launch the kernel; False, and nothing done, if the arguments are not what it was compiled for."""
-        given, context = self._given, self._launch
-        for place, (index, at, kind) in enumerate(self._places):
+        given = self._given
+        for place, index, dtype, dimensions in self._arrays:
             value = arguments[index]
-            if not isinstance(kind, Kind):
-                dtype, dimensions = kind
-                if (
-                    type(value) is not np.ndarray
-                    or value.dtype != dtype
-                    or value.ndim != dimensions
-                    or not value.flags.c_contiguous
-                ):
-                    return False
-                where = (value.ctypes.data, value.shape)
-                if where != given[place]:
-                    context.set_arg_external_array_with_shape(at, where[0], value.nbytes, where[1], 0)
-                    given[place] = where
-            elif not isinstance(value, _ABLE[kind]):
+            if (
+                type(value) is not np.ndarray
+                or value.dtype != dtype
+                or value.ndim != dimensions
+                or not value.flags.c_contiguous
+            ):
                 return False
-            elif value != given[place] or value == 0:  # zeros may differ in their sign
-                if kind is Kind.REAL:
-                    context.set_arg_float(at, float(arguments[index]))
-                elif kind is Kind.SIGNED:
-                    context.set_arg_int(at, int(arguments[index]))
-                else:
-                    context.set_arg_uint(at, int(arguments[index]))
+            where = (value.ctypes.data, value.shape)
+            if where != given[place]:
+                self._launch.set_arg_external_array_with_shape((place,), where[0], value.nbytes, where[1], 0)
+                given[place] = where
+        for place, index, able, hand_over, number in self._numbers:
+            value = arguments[index]
+            if not isinstance(value, able):
+                return False
+            if value != given[place] or value == 0:  # zeros may differ in their sign
+                hand_over((place,), number(value))
                 given[place] = value
-        program = ti.lang.impl.get_runtime().prog
-        program.launch_kernel(
-            program.compile_kernel(program.config(), program.get_device_caps(), self._compiled), context
-        )
+        self._program.launch_kernel(self._code, self._launch)
         return True

@@ -35,15 +35,19 @@ ALONG_AXIS = 1e-3
 """Sine of the angle to an axis below which a stretch counts as parallel to it."""
 OVERLAP = 0.25
 """A stretch of surface is written so far beyond its ends [cells], so that bends leave no cell out."""
+SLACK = 0.01
+"""What rounding may move the ends of a row of cells by [cells]."""
+CHORD = 0.5
+"""On the coarse level stretches are joined until their chord is so long [cells]."""
 
 
 @func
-def _stretch(frames: template, i: I32, scan: template, j: I32):
-    """The ends (ax, ay, bx, by) [cells] of the surface between vertices j and j + 1, in the map of particle i."""
+def _stretch(frames: template, i: I32, scan: template, j: I32, k: I32):
+    """The ends (ax, ay, bx, by) [fine cells] of the surface between vertices j and k, in the map of particle i."""
     c, s = ti.cast(frames[i, 0], ti.f32), ti.cast(frames[i, 1], ti.f32)
     x, y = ti.cast(frames[i, 2], ti.f32), ti.cast(frames[i, 3], ti.f32)
     ax, ay = c * scan[0, j] - s * scan[1, j] + x, s * scan[0, j] + c * scan[1, j] + y
-    bx, by = c * scan[0, j + 1] - s * scan[1, j + 1] + x, s * scan[0, j + 1] + c * scan[1, j + 1] + y
+    bx, by = c * scan[0, k] - s * scan[1, k] + x, s * scan[0, k] + c * scan[1, k] + y
     return ti.Vector([ax, ay, bx, by], dt=ti.f32)
 
 
@@ -80,8 +84,9 @@ def _draw(
             ti.max(across - across_half, along_at - along_half),
             ti.min(across + across_half, along_at + along_half),
         )
-        first = ti.cast(ti.max(low + ax - 0.5, left), ti.i32)  # positive numbers: the cast is the floor
-        last = ti.min(x1, ti.cast(ti.min(high + ax - 0.5, right), ti.i32) + 1)
+        # positive numbers: the cast is the floor
+        first = ti.cast(ti.max(low + ax + (0.5 - SLACK), left), ti.i32)
+        last = ti.cast(ti.min(high + ax - (0.5 - SLACK), right), ti.i32)
         for ix in range(first, last + 1):
             px, py = ti.cast(ix, ti.f32) + 0.5 - ax, row
             along = px * ux + py * uy
@@ -108,7 +113,7 @@ def _add(
         margin = ti.max(reach, 2 * coarse_reach) + 1
         for j in range(scan.shape[1] - 1):
             if linked[j] == 1:
-                ends = _stretch(frames, i, scan, j)
+                ends = _stretch(frames, i, scan, j, j + 1)
                 x0, x1 = tile_along(ti.min(ends[0], ends[2]) - margin), tile_along(ti.max(ends[0], ends[2]) + margin)
                 y0, y1 = tile_along(ti.min(ends[1], ends[3]) - margin), tile_along(ti.max(ends[1], ends[3]) + margin)
                 for ty in range(y0, y1 + 1):
@@ -116,12 +121,18 @@ def _add(
                         claim(pool, table, shares, free, counters, i * tiles + ty * columns + tx)
     for i in range(frames.shape[0]):
         if counters[1] == 0:
+            first = 0  # the vertex where the coarse level's stretch begins
             for j in range(scan.shape[1] - 1):
-                if linked[j] == 1:
-                    ends = _stretch(frames, i, scan, j)
-                    half = 0.5 * ends
+                if linked[j] == 0:
+                    first = j + 1
+                else:
+                    ends = _stretch(frames, i, scan, j, j + 1)
                     _draw(pool, table, i * tiles, columns, ends, reach, cap, sharp, boost, 0)
-                    _draw(pool, table, i * tiles, columns, half, coarse_reach, cap, 0.5 * sharp, boost, 1)
+                    dx, dy = scan[0, j + 1] - scan[0, first], scan[1, j + 1] - scan[1, first]
+                    if dx * dx + dy * dy >= 4 * CHORD * CHORD or linked[j + 1] == 0 or j == scan.shape[1] - 2:
+                        half = 0.5 * _stretch(frames, i, scan, first, j + 1)
+                        _draw(pool, table, i * tiles, columns, half, coarse_reach, cap, 0.5 * sharp, boost, 1)
+                        first = j + 1
 
 
 def add_scans(

@@ -21,9 +21,12 @@ IDENTITY.setflags(write=False)
 def wrap(angle: ArrayLike) -> NDArray[np.float64]:
     """The angle [rad] wrapped to (-pi, pi]; one that lies there already comes back bit for bit."""
     angle = np.asarray(angle, np.float64)
+    good = (angle > -np.pi) & (angle <= np.pi)
+    if good.all():
+        return angle.copy()
     wrapped = np.pi - np.mod(np.pi - angle, 2 * np.pi)
     wrapped = np.where(wrapped <= -np.pi, np.pi, wrapped)  # just beyond pi, the rounding of mod ends there
-    return np.where((angle > -np.pi) & (angle <= np.pi), angle, wrapped)
+    return np.where(good, angle, wrapped)
 
 
 def compose(a: ArrayLike, b: ArrayLike) -> Poses:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.kernels.correlative import MAX_SEARCH_POINTS
-from moteslam.kernels.registration import COST, CROSSED, INFORMATION, KNOWN, LIKELIHOOD
+from moteslam.kernels.registration import COST, CROSSED, FITS, INFORMATION, KNOWN, LIKELIHOOD
 from moteslam.slam.motion_model import odometry_spread
 from moteslam.slam.surface_config import ProposalConfig, RegistrationConfig
 from moteslam.slam.surface_maps import MapView
@@ -28,6 +28,8 @@ TAIL = 3.0
 """How heavy the tails of what odometry is off by are: less than the normal distribution's beyond so many nats."""
 REACH = np.array([0.2, 0.2, 0.06])
 """How far from where it starts Gauss-Newton finds a place [m], [m], [rad]."""
+SYMMETRIC = np.arange(FITS)[INFORMATION][[0, 1, 2, 1, 3, 4, 2, 4, 5]]
+"""Where in a row of fits the elements of the whole information matrix are."""
 BLOCK = 10
 """Shifts along an edge of the blocks whose best one is kept."""
 
@@ -102,7 +104,7 @@ class Registrar:
             outlier=self._costs.outlier,
             coarse=coarse,
         )
-        information = fits[:, INFORMATION][:, [0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(-1, 3, 3)
+        information = fits.take(SYMMETRIC, axis=1).reshape(-1, 3, 3)
         known = fits[:, KNOWN]
         likelihoods = fits[:, LIKELIHOOD] / np.maximum(known, 1)
         return Registration(offsets, information, fits[:, COST], known, likelihoods, fits[:, CROSSED])
@@ -119,7 +121,8 @@ class Registrar:
         trust = np.where(abs(shift) > 3 * spread[0], 1.0, spread[0] ** 2 / (spread[0] ** 2 + error**2))
         offsets, information = found.offsets.copy(), found.information
         offsets[:, :2] -= along * ((1 - trust) * shift)[:, None]
-        keep = np.tile(np.eye(3), (len(share), 1, 1))
+        keep = np.zeros_like(information)
+        keep[:] = np.eye(3)
         keep[:, :2, :2] -= (1 - np.sqrt(trust))[:, None, None] * along[:, :, None] * along[:, None, :]
         return found._replace(offsets=offsets, information=keep @ information @ keep)
 

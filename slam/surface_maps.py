@@ -183,8 +183,10 @@ class MapView(NamedTuple):
 
     def frames(self, poses: Array) -> Array:
         """Poses [N, 3] as the kernels take them: [N, 4] cos, sin, x, y [m] from the tables' corner."""
-        x, y = (poses[:, :2] - self.corner).T
-        return np.stack((np.cos(poses[:, 2]), np.sin(poses[:, 2]), x, y), axis=1)
+        frames = np.empty((len(poses), 4))
+        frames[:, 0], frames[:, 1] = np.cos(poses[:, 2]), np.sin(poses[:, 2])
+        frames[:, 2:] = poses[:, :2] - self.corner
+        return frames
 
     def register(
         self,

@@ -8,7 +8,7 @@ from tile_pools import CELL, COARSE_TRUNCATION, MIDDLE, OPTIONS, TRUNCATION, Poo
 from twins import surfaces
 
 from moteslam.errors import InputError
-from moteslam.kernels.surface import ThinScan, add_scans
+from moteslam.kernels.surface import CHORD, ThinScan, add_scans
 from moteslam.kernels.thinning import thin_scan
 from moteslam.kernels.tiles import STEPS
 
@@ -99,7 +99,7 @@ def test_written_cells_equal_the_twin_to_a_step(level: int, sharp_weight: int, m
         in_cells = frames([pose])[0] * (1, 1, 1 / unit, 1 / unit)
         surfaces.write(
             twin, in_cells, scan.vertices / unit, scan.linked, reach=reach, sharp=sharp, boost=sharp_weight,
-            cap=max_weight,
+            cap=max_weight, chord=(0.0, CHORD)[level],
         )  # fmt: skip
     found = pool.surface(level=level)
     sure = ~twin.doubtful
@@ -123,6 +123,24 @@ def test_distances_are_positive_inside_the_room_and_exact() -> None:
     assert (cells.weights[row, near] > 0).all()
     np.testing.assert_allclose(cells.steps[row, near] * TRUNCATION / STEPS, distance[near], rtol=0, atol=1e-4)
     assert not cells.weights[row, np.abs(distance - 2) < 1].any()
+
+
+def test_the_coarse_level_follows_a_run_of_short_stretches_to_its_end() -> None:
+    """The end lies between two chords, with the last vertex or before a gap."""
+    corner = [(1.0, 0.02 * k) for k in range(26)] + [(1.0 - 0.02 * k, 0.5) for k in range(1, 26)]
+    unit = 2 * CELL
+    for last in (2, 26, 27, 33, 50):
+        linked = np.ones(51, np.int32)
+        linked[last:50] = 0
+        pool = Pool.empty()
+        pool.add([MIDDLE], ThinScan(np.array(corner, np.float32), linked))
+        coarse = pool.surface(level=1)
+        for k in range(last + 1):
+            column, row = ((MIDDLE[:2] + corner[k]) / unit).astype(int)
+            around = np.s_[row - 1 : row + 2, column - 1 : column + 2]
+            assert coarse.weights[around].max() > 0, (last, k)
+            nearest = abs(coarse.steps[around])[coarse.weights[around] > 0].min() * COARSE_TRUNCATION / STEPS
+            assert nearest < unit * (0.5 + CHORD / 2), (last, k)
 
 
 def test_no_surface_is_written_where_none_is_linked() -> None:

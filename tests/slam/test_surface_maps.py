@@ -7,6 +7,7 @@ import pytest
 from tile_pools import room_scan, thinned
 
 from moteslam.errors import InputError
+from moteslam.kernels.thinning import ThinScan
 from moteslam.kernels.tiles import CELLS, FINE_CELLS, SIDE
 from moteslam.slam import surface_maps
 from moteslam.slam.surface_config import RegistrationConfig, SurfaceConfig
@@ -152,3 +153,21 @@ def test_tables_that_would_take_all_memory_are_refused(monkeypatch: pytest.Monke
     maps = mapped(particles=20)
     with pytest.raises(InputError, match=r"^particles: 20 tables of 24 x 16 tiles"):
         maps.add(np.tile((12.0, 0.0, 0.0), (20, 1)), thinned(room_scan()))
+
+
+@pytest.mark.parametrize("step", [0.003, 0.02, 0.05, 0.3, 1.0])
+def test_nobody_writes_into_the_empty_tile_or_one_that_is_shared(step: float) -> None:
+    """Whatever the way of the surface: every tile that a cell of it lies in is claimed before."""
+    for seed in range(20):
+        generator = np.random.default_rng(seed)
+        ways = np.cumsum(generator.normal(0, step, (generator.integers(2, 60), 2)), axis=0)
+        scan = ThinScan(ways.astype(np.float32), (generator.random(len(ways)) < 0.9).astype(np.int32))
+        maps, poses = SurfaceMaps(SurfaceConfig()), generator.uniform(-6, 6, (4, 3))
+        maps.resample(np.zeros(4, np.int64))
+        maps.add(poses, scan)
+        maps.resample(np.array([0, 0, 1, 2]))
+        view = maps.all()
+        before = view.pool.copy().reshape(-1, CELLS)
+        shared = np.flatnonzero(np.bincount(view.tables.reshape(-1), minlength=len(before)) > 1)
+        maps.add(poses + generator.normal(0, 0.3, (4, 3)), scan)
+        np.testing.assert_array_equal(maps.all().pool.reshape(-1, CELLS)[shared], before[shared])

@@ -89,14 +89,26 @@ def joined(
 
 def write(
     surface: Surface, frame: ArrayLike, vertices: ArrayLike, linked: ArrayLike, *, reach: float, sharp: float,
-    boost: int, cap: int,
+    boost: int, cap: int, chord: float = 0.0,
 ) -> None:  # fmt: skip
-    """Average a scan's polyline into a map; frame (cos, sin, x, y) and lengths in cells of the map."""
+    """Average a scan's polyline into a map; frame (cos, sin, x, y) and lengths in cells of the map.
+
+    Its stretches are joined until from end to end they are ``chord`` long.
+    """
     c, s, x, y = np.asarray(frame, float)
     world = [(c * a - s * b + x, s * a + c * b + y) for a, b in np.asarray(vertices, float)]
-    for (ax, ay), (bx, by), surface_between in zip(world[:-1], world[1:], np.asarray(linked)[:-1], strict=True):
+    follows = [bool(link) for link in np.asarray(linked)[:-1]] + [False]
+    begin = 0
+    for end in range(1, len(world)):
+        if not follows[end - 1]:
+            begin = end
+            continue
+        (ax, ay), (bx, by) = world[begin], world[end]
         length = hypot(bx - ax, by - ay)
-        if not surface_between or length == 0:
+        if length < chord and follows[end]:
+            continue
+        begin = end
+        if length == 0:
             continue
         ux, uy = (bx - ax) / length, (by - ay) / length
         for iy in range(floor(min(ay, by) - reach) - 1, floor(max(ay, by) + reach) + 2):
