@@ -12,7 +12,7 @@ class Outcome(NamedTuple):
     """What one step came to.
 
     Attributes:
-        pose: [3] of the best particle.
+        pose: [3] of the robot: the best particle's, or the mean of those that believe the same.
         motion: [3] since the scan before, as the filter knows it now, in the frame of the pose there.
         n_eff: effective number of particles, before resampling.
         score: of the best particle: endpoints on occupied cells, or how likely they are in the mean.

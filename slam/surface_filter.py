@@ -34,6 +34,8 @@ from moteslam.slam.surface_maps import SurfaceMaps
 from moteslam.slam.weights import Weights
 
 Array = NDArray[np.float64]
+SAME_PLACE, SAME_HEADING = 0.5, 0.2
+"""Particles within so much of the best one believe the same as it [m], [rad]; others count for another place."""
 FEW = 5
 """Vertices; a scan with fewer says nothing, and the odometry is all that is known."""
 
@@ -70,6 +72,7 @@ class SurfaceFilter:
         self._floor = FloorTracker(config.colours, config.texture)
         self._since_frame = 0.0  # way since the last frame of the floor
         self._slip = np.zeros(3)  # how far the odometry was just off, if it was
+        self._mean = np.zeros(3)  # of the particles at the last update, in the best one's frame
         self._lost = 0  # scans in a row that contradict the map
 
     def step(self, step: Step) -> Outcome:
@@ -86,9 +89,20 @@ class SurfaceFilter:
         self._track(step, scan)
         motion = se2.between(before, self._pose)
         if self._lost or not self._gate.due(self._motion):
-            return Outcome(self._pose, motion, self.weights.effective_number, 0.0, False, False)
+            return Outcome(self._told(), motion, self.weights.effective_number, 0.0, False, False)
         n_eff, fit, resampled = self._update(step, scan)
-        return Outcome(self._pose, motion, n_eff, fit, True, resampled)
+        self._mean = self._around_best()
+        return Outcome(self._told(), motion, n_eff, fit, True, resampled)
+
+    def _told(self) -> Array:
+        """Where the robot is held to be [3]: the mean of the particles, moved by what was tracked since."""
+        return se2.compose(self._pose, self._mean)
+
+    def _around_best(self) -> Array:
+        """The weighted mean of the particles that share the best one's belief, in its frame [3]."""
+        off = se2.between(self.poses[self.best_particle], self.poses)
+        near = (np.hypot(off[:, 0], off[:, 1]) <= SAME_PLACE) & (abs(off[:, 2]) <= SAME_HEADING)
+        return np.average(off, axis=0, weights=self.weights.values * near)
 
     def _begin(self, scan: ThinScan) -> Outcome:
         """The first scan: nothing to register to yet; all particles share one map."""

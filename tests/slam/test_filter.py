@@ -1,4 +1,4 @@
-"""The paper's filter in a room small enough to reason about."""
+"""The filters in a room small enough to reason about."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from moteslam.errors import ConfigError, InputError
 from moteslam.robot.recording import LidarStream
 from moteslam.slam.run import SlamSession, run_slam
 from moteslam.slam.settings import load_preset, resolve_config
+from moteslam.slam.surface_filter import SurfaceFilter
 
 pytestmark = pytest.mark.usefixtures("taichi")
 
@@ -34,6 +35,23 @@ def test_every_scan_has_a_pose_whatever_is_updated():
     np.testing.assert_array_equal(estimate.trajectory.stamps, recording.lidar.stamps)
     np.testing.assert_array_equal(estimate.trajectory.poses, [update.pose for update in updates])
     assert estimate.particle_paths.shape == (20, sum(update.mapped for update in updates), 3)
+
+
+def test_the_preset_default_tells_the_mean_of_the_particles_that_believe_the_same():
+    recording, _ = circled_room(scans=40)
+    session = SlamSession(recording, resolve_config("default", ["particles=20"]), seed=0)
+    apart = 0.0
+    for update in session:
+        if update.mapped and update.index:
+            mean = np.average(np.unwrap(update.poses, axis=0), axis=0, weights=update.weights)
+            np.testing.assert_allclose(np.cos(update.pose[2] - mean[2]), 1.0, atol=1e-6)
+            np.testing.assert_allclose(update.pose[:2], mean[:2], atol=1e-9)
+            apart = max(apart, np.ptp(update.poses[:, 0]))
+    assert apart > 1e-3
+    filter_ = SurfaceFilter(resolve_config("default", ["particles=3"]), seed=0)
+    filter_.poses = np.array([(1.0, 2.0, 3.1), (1.2, 2.0, -3.1), (9.0, 2.0, 3.1)])
+    x, y, turn = filter_._around_best()
+    np.testing.assert_allclose((np.hypot(x, y), turn), (0.1, np.pi - 3.1), atol=1e-9)  # the third is elsewhere
 
 
 def test_the_same_seed_gives_the_same_bytes_and_another_seed_others():
