@@ -89,7 +89,7 @@ def bilinear(pool: template, table: template, base: I32, columns: I32, x: F32, y
     The point must lie half a cell or more inside the table. ``known`` is 1 where all four cells around it were seen.
     """
     u, v = x - 0.5, y - 0.5
-    ix, iy = ti.cast(ti.floor(u), ti.i32), ti.cast(ti.floor(v), ti.i32)
+    ix, iy = ti.cast(u, ti.i32), ti.cast(v, ti.i32)  # positive numbers: the cast is the floor
     fx, fy = u - ti.cast(ix, ti.f32), v - ti.cast(iy, ti.f32)
     mask = ti.static((SIDE >> level) - 1)
     side = ti.static(SIDE >> level)

@@ -102,7 +102,8 @@ class SurfaceFilter:
         """The weighted mean of the particles that share the best one's belief, in its frame [3]."""
         off = se2.between(self.poses[self.best_particle], self.poses)
         near = (np.hypot(off[:, 0], off[:, 1]) <= SAME_PLACE) & (abs(off[:, 2]) <= SAME_HEADING)
-        return np.average(off, axis=0, weights=self.weights.values * near)
+        weights = self.weights.values * near
+        return np.asarray(weights @ off / weights.sum())
 
     def _begin(self, scan: ThinScan) -> Outcome:
         """The first scan: nothing to register to yet; all particles share one map."""
