@@ -51,7 +51,7 @@ def build_buckets(segments: ArrayLike, *, size: float | None = None) -> SegmentB
 
     Args:
         segments: [m, 4] (x0, y0, x1, y1) [m].
-        size: of a bucket's side [m]; by default 1 to 4 m, smaller where walls are denser. Larger than asked for in a
+        size: of a bucket's side [m]; by default 0.5 to 4 m, smaller where walls are denser. Larger than asked for in a
             world that would have more than ``MAX_BUCKETS``.
 
     Raises:
@@ -91,8 +91,8 @@ def build_buckets(segments: ArrayLike, *, size: float | None = None) -> SegmentB
 
 
 def _default_size(lengths: NDArray[np.float64], extent: NDArray[np.float64]) -> float:
-    """About a bucket and a half a segment, between 1 and 4 m, which measures best (benchmarks/)."""
-    return float(np.clip(np.sqrt(max(float(np.prod(extent)), float(lengths.sum())) / len(lengths)), 1.0, 4.0))
+    """About two buckets a segment, of 0.5 to 4 m, which measures best (benchmarks/)."""
+    return float(np.clip(0.7 * np.sqrt(max(float(np.prod(extent)), float(lengths.sum())) / len(lengths)), 0.5, 4.0))
 
 
 def _crossed(

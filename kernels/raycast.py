@@ -31,7 +31,8 @@ def _wall_range(x0: F32, y0: F32, x1: F32, y1: F32, c: F32, s: F32, slack: F32):
     """How far along (c, s) from (0, 0) the wall from (x0, y0) to (x1, y1) is hit, infinity if it is not [m]."""
     side0, side1 = c * y0 - s * x0, c * y1 - s * x1
     found = ti.f32(math.inf)
-    if ti.min(side0, side1) <= slack and ti.max(side0, side1) >= -slack:  # most walls end here
+    # most walls end here: both ends lie on the same side, and neither on the ray
+    if side0 * side1 <= slack * slack or abs(side0) <= slack or abs(side1) <= slack:
         along0, along1 = c * x0 + s * y0, c * x1 + s * y1
         if ti.max(along0, along1) >= ti.f32(0.0):
             apart = side0 - side1
