@@ -20,7 +20,7 @@ Points = NDArray[np.float32]
 TABLE_CHUNK = 8
 """The tables grow by whole multiples of so many tiles."""
 FIRST_TILES = 256
-"""Tiles of the pool to begin with; it grows by half, for while it does the old one is there too."""
+"""Tiles of the pool to begin with; it doubles."""
 MAX_TILES = 2**31 // CELLS
 """More would need 64-bit addresses, and 4 GB."""
 MAX_ENTRIES = 2**29
@@ -149,14 +149,13 @@ class SurfaceMaps:
         capacity = len(self._pool) // CELLS
         if 3 * self._left >= capacity:
             return
-        larger = capacity + capacity // 2
-        if larger > MAX_TILES:
+        if 2 * capacity > MAX_TILES:
             raise InputError(
                 f"{capacity} tiles of {len(self)} particles' maps are full, expected fewer particles, larger cells or "
                 "a smaller max_range",
                 field="particles",
             )
-        pool = np.zeros(larger * CELLS, np.int16)
+        pool = np.zeros(2 * len(self._pool), np.int16)
         pool[: len(self._pool)] = self._pool
         self._pool = pool
         self._count()
