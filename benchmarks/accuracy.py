@@ -121,10 +121,11 @@ def told(name: str, summary: dict[str, Any]) -> str:
 def seeds(text: str) -> range:
     """``5`` is the seeds 0 to 4, ``5-9`` those from 5 to 9."""
     match = re.fullmatch(r"(?:(\d+)-)?(\d+)", text)
-    if match is None:
+    first, last = match.groups() if match else (None, "0")
+    asked = range(int(last)) if first is None else range(int(first), int(last) + 1)
+    if not asked:
         raise argparse.ArgumentTypeError(f"{text!r}, expected a number of seeds, or the first and the last: 10-19")
-    first, last = match.groups()
-    return range(int(last)) if first is None else range(int(first), int(last) + 1)
+    return asked
 
 
 def main() -> None:

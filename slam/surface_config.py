@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from pydantic import Field, FiniteFloat
+from pydantic import Field, FiniteFloat, model_validator
 
 from moteslam.slam.section import NotNegative, Positive, Section
 
@@ -41,6 +41,17 @@ class SurfaceConfig(Section):
     gap_from_range: NotNegative = 0.03
     straight_gap: Annotated[FiniteFloat, Field(ge=1)] = 1.0
     straightness: Positive = 0.03
+
+    @model_validator(mode="after")
+    def _surfaces_reach_the_cells_beside_them(self) -> SurfaceConfig:
+        for name, cells, reach in (("", 1, self.truncation), ("coarse_", 2, self.coarse_truncation)):
+            least = cells * self.cell_size
+            if reach < least:
+                raise ValueError(
+                    f"surface.{name}truncation of {reach:g} m, expected at least {least:g} m: the "
+                    f"{'coarse' if name else 'fine'} level's cell at surface.cell_size {self.cell_size:g}"
+                )
+        return self
 
 
 class RegistrationConfig(Section):
