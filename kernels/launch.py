@@ -6,7 +6,7 @@ its annotations is therefore handed to the compiled kernel directly; every other
 the way of Taichi, which compiles, converts or complains. On the CPU the arguments of the last launch are kept: the
 map and the constants, most of them, need not be handed over again.
 
-With one thread a loop runs where it is launched: Taichi would wake its one worker for it and wait, which costs 50 us
+With one thread a loop runs where it is launched: Taichi would wake its one worker for it and wait, which costs 60 us
 of processor time and twice as much to wait for (docs/performance.md).
 
 And what Taichi says of a place in a kernel is file, line and what stands there, without carets underneath: it draws

@@ -110,7 +110,7 @@ def _add(
     Frames are cos, sin, x, y of each particle. Lengths are in fine cells, ``coarse_reach`` in coarse ones.
     """
     for i in range(frames.shape[0]):
-        margin = ti.max(reach, 2 * coarse_reach) + 1
+        margin = ti.max(reach, 2 * coarse_reach) + 2 * CHORD  # so far a chord strays from the stretches that it joins
         for j in range(scan.shape[1] - 1):
             if linked[j] == 1:
                 ends = _stretch(frames, i, scan, j, j + 1)

@@ -121,8 +121,7 @@ class Registrar:
         trust = np.where(abs(shift) > 3 * spread[0], 1.0, spread[0] ** 2 / (spread[0] ** 2 + error**2))
         offsets, information = found.offsets.copy(), found.information
         offsets[:, :2] -= along * ((1 - trust) * shift)[:, None]
-        keep = np.zeros_like(information)
-        keep[:] = np.eye(3)
+        keep = np.broadcast_to(np.eye(3), information.shape).copy()
         keep[:, :2, :2] -= (1 - np.sqrt(trust))[:, None, None] * along[:, :, None] * along[:, None, :]
         return found._replace(offsets=offsets, information=keep @ information @ keep)
 

@@ -48,8 +48,8 @@ class SurfaceConfig(Section):
             least = cells * self.cell_size
             if reach < least:
                 raise ValueError(
-                    f"surface.{name}truncation of {reach:g} m, expected at least {least:g} m: the "
-                    f"{'coarse' if name else 'fine'} level's cell at surface.cell_size {self.cell_size:g}"
+                    f"{name}truncation of {reach:g} m, expected at least {least:g} m: the "
+                    f"{'coarse' if name else 'fine'} level's cell at cell_size {self.cell_size:g}"
                 )
         return self
 

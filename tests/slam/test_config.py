@@ -84,9 +84,9 @@ def test_a_bad_file_is_named(tmp_path: Path, text: str):
 @pytest.mark.parametrize(
     ("setting", "told"),
     [
-        ("surface.cell_size=0.5", r"surface\.truncation of 0\.16 m, expected at least 0\.5 m"),
-        ("surface.truncation=0.01", r"surface\.truncation of 0\.01 m, expected at least 0\.08 m"),
-        ("surface.coarse_truncation=0.1", r"surface\.coarse_truncation of 0\.1 m, expected at least 0\.16 m"),
+        ("surface.cell_size=0.5", r"surface: truncation of 0\.16 m, expected at least 0\.5 m"),
+        ("surface.truncation=0.01", r"surface: truncation of 0\.01 m, expected at least 0\.08 m"),
+        ("surface.coarse_truncation=0.1", r"surface: coarse_truncation of 0\.1 m, expected at least 0\.16 m"),
     ],
 )
 def test_a_truncation_that_does_not_reach_the_next_cell_is_refused(setting: str, told: str) -> None:
