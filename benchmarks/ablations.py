@@ -21,8 +21,9 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
-from accuracy import run, seeds
+from accuracy import run
 from parts.machine import save, stamp
+from parts.options import count, seeds
 
 
 @dataclass(frozen=True)
@@ -150,7 +151,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--sweeps", nargs="+", choices=list(SWEEPS), default=list(SWEEPS), metavar="NAME")
     parser.add_argument("--seeds", type=seeds, default=range(3), metavar="N", help="of each run, from 0; or 5-9")
-    parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--workers", type=count, default=2)
     parser.add_argument("--out", type=Path)
     parser.add_argument("--figures", type=Path, metavar="FOLDER", help="for ablation_NAME.png")
     options = parser.parse_args()

@@ -17,7 +17,6 @@ cores may be halves of one.
 from __future__ import annotations
 
 import argparse
-import re
 import time
 from concurrent.futures import Future, ProcessPoolExecutor
 from multiprocessing import get_context
@@ -26,6 +25,7 @@ from typing import Any
 
 from parts.bars import Bar, summarise, summary_lines
 from parts.machine import save, stamp
+from parts.options import count, factor, seeds
 from parts.runs import BARS, DATA, HALL, LOGS, LOST, NEVER_LOST, SCENARIOS, errors, load_log, simulate_case
 
 from moteslam.errors import ConfigError
@@ -118,16 +118,6 @@ def told(name: str, summary: dict[str, Any]) -> str:
     return f"{name} ({', '.join(counts)})" if counts else name
 
 
-def seeds(text: str) -> range:
-    """``5`` is the seeds 0 to 4, ``5-9`` those from 5 to 9."""
-    match = re.fullmatch(r"(?:(\d+)-)?(\d+)", text)
-    first, last = match.groups() if match else (None, "0")
-    asked = range(int(last)) if first is None else range(int(first), int(last) + 1)
-    if not asked:
-        raise argparse.ArgumentTypeError(f"{text!r}, expected a number of seeds, or the first and the last: 10-19")
-    return asked
-
-
 def main() -> None:
     """Run, print a table, and write the result file, anew after every run."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -135,9 +125,9 @@ def main() -> None:
     parser.add_argument("--runs", nargs="+", metavar="NAME", help="real logs and scenarios by name")
     parser.add_argument("--all-scenarios", action="store_true", help="every bundled scenario")
     parser.add_argument("--seeds", type=seeds, metavar="N", help="of each run, from 0; or 10-19")
-    parser.add_argument("--odometry-noise", type=float, default=1.0, metavar="X", help="times the scenarios' own")
+    parser.add_argument("--odometry-noise", type=factor, default=1.0, metavar="X", help="times the scenarios' own")
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", dest="settings")
-    parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--workers", type=count, default=2)
     parser.add_argument("--out", type=Path)
     options = parser.parse_args()
     try:

@@ -20,8 +20,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from accuracy import seeds
 from parts.machine import save, stamp
+from parts.options import seeds
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

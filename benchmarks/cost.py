@@ -24,6 +24,7 @@ import argparse
 import hashlib
 import json
 import os
+import signal
 import subprocess
 import sys
 import tempfile
@@ -34,6 +35,7 @@ from typing import Any
 
 from parts.bars import Bar, summarise, summary_lines
 from parts.machine import save, stamp
+from parts.options import count
 
 RESULTS = ("trajectory.tum", "trajectory_final.tum", "map.pgm")
 TIMES = 10
@@ -61,7 +63,11 @@ def python(*arguments: str) -> tuple[str, dict[str, float]]:
     began = time.perf_counter()
     with tempfile.TemporaryFile("w+") as said, tempfile.TemporaryFile("w+") as failed:
         child = subprocess.Popen([sys.executable, *arguments], stdout=said, stderr=failed)
-        _, status, usage = os.wait4(child.pid, 0)
+        try:
+            _, status, usage = os.wait4(child.pid, 0)
+        except BaseException:
+            child.kill()
+            raise
         child.returncode = os.waitstatus_to_exitcode(status)
         seconds = time.perf_counter() - began
         said.seek(0)
@@ -166,7 +172,7 @@ def main() -> None:
     parser.add_argument("--preset", default="default")
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", dest="settings")
     parser.add_argument("--cases", nargs="+", choices=list(BARS), metavar="CASE", default=list(BARS))
-    parser.add_argument("--seeds", type=int, help="of each case, from 0")
+    parser.add_argument("--seeds", type=count, help="of each case, from 0")
     parser.add_argument("--quick", action="store_true", help="other, shorter recordings: a trial")
     parser.add_argument("--out", type=Path)
     parser.add_argument("--measure", nargs=2, help=argparse.SUPPRESS)
@@ -184,6 +190,7 @@ def main() -> None:
         resolve_config(options.preset, options.settings)
     except ConfigError as error:
         parser.error(str(error))
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # so that the process measured ends with this one
     costs = Costs(options.preset, options.settings, quick=options.quick)
     about = {**stamp(), "preset": options.preset, "settings": options.settings, "quick": options.quick}
     rows: list[dict[str, Any]] = []

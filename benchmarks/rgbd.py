@@ -13,17 +13,17 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import platform
 import resource
 import shutil
 import tempfile
 import time
-from datetime import date
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from parts.machine import save, stamp
+from parts.options import count
 
 CELL = 0.05
 MATERIAL = "tiles"
@@ -130,7 +130,7 @@ def main() -> None:
     """Run, print, and write the result file."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n", maxsplit=1)[0])
     parser.add_argument("--seconds", type=float, default=120.0, help="of the run that is timed")
-    parser.add_argument("--seeds", type=int, default=1, help="of the colours, from 0 on")
+    parser.add_argument("--seeds", type=count, default=1, help="of the colours, from 0 on")
     parser.add_argument("--preset", default="paper")
     parser.add_argument("--skip-speed", action="store_true")
     parser.add_argument("--folder", type=Path, default=None, help="where the images go for a while; a temporary one")
@@ -139,11 +139,10 @@ def main() -> None:
 
     from moteslam.kernels import runtime
 
-    started = runtime.init("cpu")
+    runtime.init("cpu")
     result: dict[str, Any] = {
-        "date": date.today().isoformat(),
-        "machine": {"cores": started.threads, "cpu": platform.processor() or platform.machine()},
-        "versions": {name: version(name) for name in ("moteslam", "taichi", "numpy", "opencv-python-headless")},
+        **stamp(),
+        "opencv": version("opencv-python-headless"),
         "scenario": "corridor",
         "floor": MATERIAL,
         "cell_m": CELL,
@@ -163,8 +162,7 @@ def main() -> None:
             shutil.rmtree(work / str(seed))
     finally:
         shutil.rmtree(work, ignore_errors=True)
-    if arguments.out is not None:
-        arguments.out.write_text(json.dumps(result, indent=2) + "\n")
+    save(arguments.out, result)
 
 
 if __name__ == "__main__":

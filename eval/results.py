@@ -142,7 +142,7 @@ def draw_figures(
         estimate.trajectory.stamps,
         estimate.diagnostics["n_eff"],
         estimate.diagnostics["resampled"],
-        particles=estimate.config.particles,
+        particles=estimate.diagnostics["particles"],
         title=f"{name}: effective number of particles",
     )
 
@@ -175,6 +175,7 @@ def _metrics(estimate: Estimate, scores: Scores | None) -> dict[str, Any]:
         "distance_m": estimate.trajectory_final.length,
         "updates": int(estimate.diagnostics["updated"].sum()),
         "resampled": int(estimate.diagnostics["resampled"].sum()),
+        "mean_particles": float(estimate.diagnostics["particles"].mean()),
         "mean_effective_particles": float(estimate.diagnostics["n_eff"].mean()),
         "scores": None if scores is None else scores.as_dict(),
     }

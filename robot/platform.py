@@ -9,25 +9,18 @@ from __future__ import annotations
 import tomllib
 from os import PathLike
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import tomli_w
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError, field_validator
+from pydantic import ValidationError, field_validator
 
 from moteslam.errors import ConfigError
 from moteslam.robot.files import write_atomically
+from moteslam.robot.section import NotNegative, Number, Positive, Section
 from moteslam.robot.wording import first_complaint, known_keys
 
-Positive = Annotated[FiniteFloat, Field(gt=0)]
 
-
-class Part(BaseModel):
-    """A frozen description that refuses unknown keys, as every configuration here does."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-
-
-class Wheels(Part):
+class Wheels(Section):
     """The differential drive of two or four wheels.
 
     Attributes:
@@ -45,7 +38,7 @@ class Wheels(Part):
     effective_track: Positive = 0.73
 
 
-class LidarMount(Part):
+class LidarMount(Section):
     """Where the lidar is, in the robot's frame, and how fast it sweeps.
 
     Attributes:
@@ -54,11 +47,11 @@ class LidarMount(Part):
         time_increment: between beams [s]; 0 where it is not known and a scan counts as taken at once.
     """
 
-    x: FiniteFloat = 0.0
-    y: FiniteFloat = 0.0
-    yaw: FiniteFloat = 0.0
-    z: FiniteFloat = 0.0
-    time_increment: Annotated[FiniteFloat, Field(ge=0)] = 0.0
+    x: Number = 0.0
+    y: Number = 0.0
+    yaw: Number = 0.0
+    z: Number = 0.0
+    time_increment: NotNegative = 0.0
 
     @property
     def pose(self) -> tuple[float, float, float]:
@@ -66,18 +59,18 @@ class LidarMount(Part):
         return (self.x, self.y, self.yaw)
 
 
-class CameraMount(Part):
+class CameraMount(Section):
     """Where the RGB-D camera is: position [m], roll, pitch (down positive) and yaw [rad], in the robot's frame."""
 
-    x: FiniteFloat = 0.18
-    y: FiniteFloat = 0.005
-    z: FiniteFloat = 0.36
-    roll: FiniteFloat = 0.0
-    pitch: FiniteFloat = 0.36
-    yaw: FiniteFloat = 0.021
+    x: Number = 0.18
+    y: Number = 0.005
+    z: Number = 0.36
+    roll: Number = 0.0
+    pitch: Number = 0.36
+    yaw: Number = 0.021
 
 
-class Platform(Part):
+class Platform(Section):
     """A robot: its name, body and sensors.
 
     Attributes:

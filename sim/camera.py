@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Annotated
 
-from pydantic import Field, FiniteFloat, model_validator
+from pydantic import Field, model_validator
 
 from moteslam.errors import ConfigError
 from moteslam.robot.platform import CameraMount
+from moteslam.robot.section import NotNegative, Number, Positive, Section, Share, Whole
 from moteslam.sim.floor import FloorSettings
-from moteslam.sim.noise import ClockNoise, NonNegative, Positive, Probability, Settings
+from moteslam.sim.noise import ClockNoise
 
 if TYPE_CHECKING:
     from moteslam.sim.scenario import Scenario
@@ -18,7 +19,7 @@ MAX_HEIGHT = 10.0
 """Of the camera above the floor [m]."""
 
 
-class CameraSettings(Settings):
+class CameraSettings(Section):
     """The Kinect of the UCSD robot.
 
     Attributes:
@@ -34,15 +35,15 @@ class CameraSettings(Settings):
         clock: of the frames (measured: intervals of 33.2 ms, 1 % of them below 32 or above 35).
     """
 
-    rate: Annotated[FiniteFloat, Field(gt=0, le=120)] = 30.0
-    gap: Probability = 0.15
-    gap_frames: Annotated[int, Field(ge=0, le=1000)] = 5
-    disparity_noise: NonNegative = 0.5
+    rate: Annotated[Number, Field(gt=0, le=120)] = 30.0
+    gap: Share = 0.15
+    gap_frames: Annotated[Whole, Field(ge=0, le=1000)] = 5
+    disparity_noise: NotNegative = 0.5
     nearest: Positive = 0.4
     farthest: Positive = 8.0
-    dropout: Probability = 0.02
-    grazing: NonNegative = 0.05
-    colour_noise: Annotated[FiniteFloat, Field(ge=0, le=100)] = 2.0
+    dropout: Share = 0.02
+    grazing: NotNegative = 0.05
+    colour_noise: Annotated[Number, Field(ge=0, le=100)] = 2.0
     clock: ClockNoise = ClockNoise(jitter=0.0003, late=0.005, late_delay=0.01, burst_interval=0.027, rate_error=2e-4)
 
     @model_validator(mode="after")

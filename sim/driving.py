@@ -6,19 +6,19 @@ from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, FiniteFloat, model_validator
+from pydantic import Field, model_validator
 
 from moteslam.robot.platform import Wheels
+from moteslam.robot.section import NotNegative, Number, Positive, Section, Truth
 from moteslam.sim.layout import Point
-from moteslam.sim.noise import NonNegative, Positive, Settings
 
 MAX_DURATION = 1800.0
 """The longest recording [s]: 72 000 scans, 311 MB of ranges."""
 
-Seconds = Annotated[FiniteFloat, Field(ge=0, le=MAX_DURATION)]
+Seconds = Annotated[Number, Field(ge=0, le=MAX_DURATION)]
 
 
-class Limits(Settings):
+class Limits(Section):
     """How the robot drives.
 
     Attributes:
@@ -29,18 +29,18 @@ class Limits(Settings):
         rest_start, rest_end: standing still before and after [s]: long enough to see the gyro's bias.
     """
 
-    speed: Annotated[FiniteFloat, Field(gt=0, le=3)] = 0.95
-    turn_rate: Annotated[FiniteFloat, Field(gt=0, le=3)] = 1.0
-    acceleration: Annotated[FiniteFloat, Field(gt=0, le=5)] = 0.8
-    turn_acceleration: Annotated[FiniteFloat, Field(gt=0, le=10)] = 2.5
-    lookahead: Annotated[FiniteFloat, Field(gt=0, le=5)] = 0.7
-    wander: Annotated[FiniteFloat, Field(ge=0, le=1)] = 0.03
+    speed: Annotated[Number, Field(gt=0, le=3)] = 0.95
+    turn_rate: Annotated[Number, Field(gt=0, le=3)] = 1.0
+    acceleration: Annotated[Number, Field(gt=0, le=5)] = 0.8
+    turn_acceleration: Annotated[Number, Field(gt=0, le=10)] = 2.5
+    lookahead: Annotated[Number, Field(gt=0, le=5)] = 0.7
+    wander: Annotated[Number, Field(ge=0, le=1)] = 0.03
     wander_distance: Positive = 2.0
     rest_start: Seconds = 6.0
     rest_end: Seconds = 4.0
 
 
-class Route(Settings):
+class Route(Section):
     """Waypoints that are driven past in order, in straight legs with rounded corners.
 
     Attributes:
@@ -50,8 +50,8 @@ class Route(Settings):
     """
 
     waypoints: Annotated[tuple[Point, ...], Field(min_length=2, max_length=10_000)]
-    closed: bool = False
-    laps: Annotated[FiniteFloat, Field(gt=0, le=100)] = 1.0
+    closed: Truth = False
+    laps: Annotated[Number, Field(gt=0, le=100)] = 1.0
 
     @model_validator(mode="after")
     def _makes_sense(self) -> Route:
@@ -81,7 +81,7 @@ class Route(Settings):
         return np.concatenate((corners[kept], [last]))
 
 
-class Wander(Settings):
+class Wander(Section):
     """A route of straight legs between places chosen at random (by the seed) in view of each other.
 
     Attributes:
@@ -92,7 +92,7 @@ class Wander(Settings):
     """
 
     start: Point
-    distance: Annotated[FiniteFloat, Field(gt=0, le=5000)]
+    distance: Annotated[Number, Field(gt=0, le=5000)]
     leg: tuple[Positive, Positive] = (2.0, 8.0)
     clearance: Positive = 0.6
 
@@ -103,22 +103,22 @@ class Wander(Settings):
         return self
 
 
-class Command(Settings):
+class Command(Section):
     """Wheels set to a speed [m/s] and turn rate [rad/s] for some time [s], whatever comes in the way."""
 
-    duration: Annotated[FiniteFloat, Field(gt=0, le=MAX_DURATION)]
-    speed: Annotated[FiniteFloat, Field(ge=-3, le=3)] = 0.0
-    turn_rate: Annotated[FiniteFloat, Field(ge=-3, le=3)] = 0.0
+    duration: Annotated[Number, Field(gt=0, le=MAX_DURATION)]
+    speed: Annotated[Number, Field(ge=-3, le=3)] = 0.0
+    turn_rate: Annotated[Number, Field(ge=-3, le=3)] = 0.0
 
 
-class Commands(Settings):
+class Commands(Section):
     """Driving blind: where the robot starts (x, y [m], heading [rad]), and its commands in order."""
 
-    start: tuple[FiniteFloat, FiniteFloat, FiniteFloat]
+    start: tuple[Number, Number, Number]
     steps: Annotated[tuple[Command, ...], Field(min_length=1, max_length=10_000)]
 
 
-class Body(Settings):
+class Body(Section):
     """The robot as a mass on four wheels.
 
     Attributes:
@@ -130,12 +130,12 @@ class Body(Settings):
         wall_friction: of the body against what it runs into.
     """
 
-    mass: Annotated[FiniteFloat, Field(gt=0.1, le=1000)] = 20.0
-    wheel_mass: Annotated[FiniteFloat, Field(gt=0.1, le=100)] = 1.5
-    grip: Annotated[FiniteFloat, Field(gt=0, le=2)] = 0.8
-    stiffness: Annotated[FiniteFloat, Field(gt=0, le=200)] = 100.0
-    wheel_force: Annotated[FiniteFloat, Field(gt=0, le=1000)] = 60.0
-    wall_friction: NonNegative = 0.4
+    mass: Annotated[Number, Field(gt=0.1, le=1000)] = 20.0
+    wheel_mass: Annotated[Number, Field(gt=0.1, le=100)] = 1.5
+    grip: Annotated[Number, Field(gt=0, le=2)] = 0.8
+    stiffness: Annotated[Number, Field(gt=0, le=200)] = 100.0
+    wheel_force: Annotated[Number, Field(gt=0, le=1000)] = 60.0
+    wall_friction: NotNegative = 0.4
 
 
 def sideways_ratio(wheels: Wheels) -> float:

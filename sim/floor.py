@@ -16,15 +16,15 @@ from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydantic import Field, FiniteFloat, model_validator
+from pydantic import Field, model_validator
 
 from moteslam.errors import ConfigError
 from moteslam.robot.files import write_atomically
 from moteslam.robot.pictures import decode_picture
-from moteslam.sim.noise import Positive, Probability, Settings
+from moteslam.robot.section import Number, Positive, Section, Share, Whole
 
 Array = NDArray[np.float64]
-Level = Annotated[int, Field(ge=0, le=255)]
+Level = Annotated[Whole, Field(ge=0, le=255)]
 Rgb = tuple[Level, Level, Level]
 
 MAX_PIXELS = 200_000_000
@@ -39,7 +39,7 @@ _PALETTES: dict[str, tuple[Rgb, ...]] = {
 _SIZES = {"tiles": 0.5, "carpet": 0.8, "wood": 0.14, "plain": 1.0}
 
 
-class FloorSettings(Settings):
+class FloorSettings(Section):
     """A floor.
 
     Attributes:
@@ -54,10 +54,10 @@ class FloorSettings(Settings):
     """
 
     material: Literal["tiles", "carpet", "wood", "plain", "image"] = "tiles"
-    seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
-    size: Annotated[FiniteFloat, Field(ge=0.02, le=100)] | None = None
+    seed: Annotated[Whole, Field(ge=0, lt=2**63)] = 0
+    size: Annotated[Number, Field(ge=0.02, le=100)] | None = None
     colours: Annotated[tuple[Rgb, ...], Field(min_length=1, max_length=64)] | None = None
-    stains: Probability = 0.0
+    stains: Share = 0.0
     image: str | None = None
     image_width: Positive = 4.0
 

@@ -15,8 +15,8 @@ from pydantic import Field
 
 from moteslam.errors import ConfigError, InputError
 from moteslam.robot.pictures import decode_picture
+from moteslam.robot.section import Section
 from moteslam.sim.layout_types import Segments
-from moteslam.sim.noise import Settings
 
 MAX_PIXELS = 64_000_000
 MAX_BYTES = 256_000_000
@@ -24,7 +24,7 @@ MAX_EXTENT = 2000.0
 """[m]"""
 
 
-class FloorPlan(Settings):
+class FloorPlan(Section):
     """A floor plan: the ``.yaml`` file of map_server, and what its unknown cells are.
 
     Attributes:

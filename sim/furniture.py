@@ -7,13 +7,13 @@ from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, FiniteFloat
+from pydantic import Field
 
+from moteslam.robot.section import Number, Section
 from moteslam.sim.layout_types import Point, Polygon, Segments, Size
 from moteslam.sim.materials import PLAIN
-from moteslam.sim.noise import Settings
 
-Leg = Annotated[FiniteFloat, Field(gt=0.005, le=0.5)]
+Leg = Annotated[Number, Field(gt=0.005, le=0.5)]
 
 
 def rectangle(centre: Point, size: tuple[float, float], angle: float) -> Polygon:
@@ -24,12 +24,12 @@ def rectangle(centre: Point, size: tuple[float, float], angle: float) -> Polygon
     return np.asarray(centre + corners @ np.array([(cos, sin), (-sin, cos)]))
 
 
-class Table(Settings):
+class Table(Section):
     """Four square legs under the corners of a board that the lidar looks under: centre, size [m], angle [rad]."""
 
     centre: Point
     size: tuple[Size, Size] = (1.6, 0.8)
-    angle: FiniteFloat = 0.0
+    angle: Number = 0.0
     leg: Leg = 0.06
     material: str = PLAIN
 
@@ -48,7 +48,7 @@ class Chair(Table):
     leg: Leg = 0.03
 
 
-class Shelf(Settings):
+class Shelf(Section):
     """An open shelf: its back and sides are boards, uprights divide it; its front is open to the left of ``angle``.
 
     Attributes:
@@ -60,8 +60,8 @@ class Shelf(Settings):
 
     centre: Point
     size: tuple[Size, Size] = (2.0, 0.4)
-    angle: FiniteFloat = 0.0
-    bay: Annotated[FiniteFloat, Field(ge=0.05, le=1000)] = 1.0
+    angle: Number = 0.0
+    bay: Annotated[Number, Field(ge=0.05, le=1000)] = 1.0
     material: str = PLAIN
 
     def polygon(self) -> Polygon:

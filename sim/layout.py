@@ -8,14 +8,14 @@ from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, FiniteFloat, model_validator
+from pydantic import Field, model_validator
 
+from moteslam.robot.section import NotNegative, Number, Positive, Section, Truth, Whole
 from moteslam.sim.floorplan import FloorPlan
 from moteslam.sim.furniture import Chair, Shelf, Table, rectangle
 from moteslam.sim.layout_types import Point, Segments, Size
 from moteslam.sim.materials import MATERIALS, PLAIN, Material
 from moteslam.sim.moving import Slippery
-from moteslam.sim.noise import Positive, Settings
 
 __all__ = ["Box", "Door", "Layout", "Pillar", "Point", "Recess", "Room", "RoomDoor", "Segments", "Size", "Wall"]
 
@@ -23,23 +23,23 @@ _TINY = 1e-9
 """Shorter than any piece of wall that is meant [m]."""
 
 
-class Door(Settings):
+class Door(Section):
     """A gap in a wall: where it begins, in metres along the wall, and how wide it is [m]."""
 
-    at: Annotated[FiniteFloat, Field(ge=0)]
+    at: NotNegative
     width: Positive
 
 
-class Recess(Settings):
+class Recess(Section):
     """A rectangular niche in a wall: where it begins along the wall, its width and depth [m].
 
     A positive depth goes to the left of the wall's direction, a negative one to the right; seen from the other side a
     niche is a pilaster that stands out.
     """
 
-    at: Annotated[FiniteFloat, Field(ge=0)]
+    at: NotNegative
     width: Positive
-    depth: FiniteFloat
+    depth: Number
 
     @model_validator(mode="after")
     def _is_deep(self) -> Recess:
@@ -48,11 +48,11 @@ class Recess(Settings):
         return self
 
 
-class Wall(Settings):
+class Wall(Section):
     """A polyline, closed or not, with doors (gaps) and recesses measured along it from its first point."""
 
     points: Annotated[tuple[Point, ...], Field(min_length=2, max_length=10_000)]
-    closed: bool = False
+    closed: Truth = False
     doors: tuple[Door, ...] = ()
     recesses: tuple[Recess, ...] = ()
     material: str = PLAIN
@@ -128,7 +128,7 @@ class RoomDoor(Door):
     side: Literal["north", "east", "south", "west"]
 
 
-class Room(Settings):
+class Room(Section):
     """Four walls along the axes: the south-west corner and the size [m], with doors in its sides."""
 
     corner: Point
@@ -157,12 +157,12 @@ class Room(Settings):
         return np.concatenate(walls)
 
 
-class Box(Settings):
+class Box(Section):
     """A solid rectangle: its centre and size [m], turned by ``angle`` [rad]."""
 
     centre: Point
     size: tuple[Size, Size]
-    angle: FiniteFloat = 0.0
+    angle: Number = 0.0
     material: str = PLAIN
 
     def polygon(self) -> NDArray[np.float64]:
@@ -170,12 +170,12 @@ class Box(Settings):
         return rectangle(self.centre, self.size, self.angle)
 
 
-class Pillar(Settings):
+class Pillar(Section):
     """A solid regular polygon in place of a round pillar: its centre and radius [m] and number of sides."""
 
     centre: Point
     radius: Size
-    sides: Annotated[int, Field(ge=3, le=256)] = 12
+    sides: Annotated[Whole, Field(ge=3, le=256)] = 12
     material: str = PLAIN
 
     def polygon(self) -> NDArray[np.float64]:
@@ -184,7 +184,7 @@ class Pillar(Settings):
         return self.centre + self.radius * np.stack((np.cos(angle), np.sin(angle)), axis=-1)
 
 
-class Layout(Settings):
+class Layout(Section):
     """Everything that stands in a world, and what it is made of.
 
     Attributes:

@@ -6,11 +6,13 @@ from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, FiniteFloat
+from pydantic import Field
 
-Coordinate = Annotated[FiniteFloat, Field(ge=-1000, le=1000)]
+from moteslam.robot.section import Number
+
+Coordinate = Annotated[Number, Field(ge=-1000, le=1000)]
 Point = tuple[Coordinate, Coordinate]
-Size = Annotated[FiniteFloat, Field(gt=0, le=1000)]
+Size = Annotated[Number, Field(gt=0, le=1000)]
 Polygon = NDArray[np.float64]
 """float64, shape [k, 2]: corners [m]."""
 Segments = NDArray[np.float64]

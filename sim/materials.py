@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from pydantic import Field, FiniteFloat
+from pydantic import Field
 
-from moteslam.sim.noise import Positive, Probability, Settings
+from moteslam.robot.section import Number, Positive, Section, Share
 
 PLAIN = "plain"
 
 
-class Material(Settings):
+class Material(Section):
     """A surface as a lidar at 905 nm sees it. What is left out behaves like white paper.
 
     A beam that comes in at an angle to the surface's normal passes with a probability that falls from ``passes``
@@ -29,12 +29,12 @@ class Material(Settings):
         dropout: share of the beams seen that give no usable reading all the same.
     """
 
-    passes: Probability = 0.0
-    passes_square: Probability = 0.0
-    mirrors: Probability = 0.0
-    lobe: Annotated[FiniteFloat, Field(gt=0, le=1.6)] = 0.1
+    passes: Share = 0.0
+    passes_square: Share = 0.0
+    mirrors: Share = 0.0
+    lobe: Annotated[Number, Field(gt=0, le=1.6)] = 0.1
     reach: Positive | None = None
-    dropout: Probability = 0.0
+    dropout: Share = 0.0
 
 
 MATERIALS = {

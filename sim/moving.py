@@ -5,21 +5,21 @@ from __future__ import annotations
 import math
 from typing import Annotated, Literal
 
-from pydantic import Field, FiniteFloat, model_validator
+from pydantic import Field, model_validator
 
+from moteslam.robot.section import Number, Positive, Section, Truth, Whole
 from moteslam.sim.layout_types import Point
 from moteslam.sim.materials import PLAIN
-from moteslam.sim.noise import Positive, Settings
 
 MAX_PEOPLE = 60
 MAX_DOORS = 60
 """So many at most: each is looked at by every beam."""
 
-Speed = Annotated[FiniteFloat, Field(gt=0, le=3)]
-Time = Annotated[FiniteFloat, Field(ge=0, le=1800)]
+Speed = Annotated[Number, Field(gt=0, le=3)]
+Time = Annotated[Number, Field(ge=0, le=1800)]
 
 
-class Person(Settings):
+class Person(Section):
     """Somebody who walks from place to place, there and back again, round the robot and others.
 
     Attributes:
@@ -37,12 +37,12 @@ class Person(Settings):
     speed: Speed = 1.2
     pause: Time = 0.5
     start: Time = 0.0
-    radius: Annotated[FiniteFloat, Field(ge=0.1, le=0.5)] = 0.22
-    legs: bool = True
-    leg: Annotated[FiniteFloat, Field(ge=0.03, le=0.2)] = 0.07
+    radius: Annotated[Number, Field(ge=0.1, le=0.5)] = 0.22
+    legs: Truth = True
+    leg: Annotated[Number, Field(ge=0.03, le=0.2)] = 0.07
 
 
-class Crowd(Settings):
+class Crowd(Section):
     """People whom the seed puts anywhere free, and who stroll about.
 
     Attributes:
@@ -51,7 +51,7 @@ class Crowd(Settings):
         away: how far from where the robot starts they begin, at least [m].
     """
 
-    count: Annotated[int, Field(ge=1, le=MAX_PEOPLE)]
+    count: Annotated[Whole, Field(ge=1, le=MAX_PEOPLE)]
     speed: tuple[Speed, Speed] = (0.8, 1.4)
     away: Positive = 2.0
 
@@ -62,7 +62,7 @@ class Crowd(Settings):
         return self
 
 
-class Door(Settings):
+class Door(Section):
     """A door's leaf that opens and shuts, by the clock or at random.
 
     Attributes:
@@ -80,13 +80,13 @@ class Door(Settings):
     hinge: Point
     end: Point
     kind: Literal["swing", "slide"] = "swing"
-    opening: Annotated[FiniteFloat, Field(ge=-math.pi, le=math.pi)] = math.pi / 2
-    shut_for: Annotated[FiniteFloat, Field(gt=0, le=3600)] = 10.0
-    open_for: Annotated[FiniteFloat, Field(gt=0, le=3600)] = 10.0
-    random: bool = False
-    automatic: bool = True
-    sensor: Annotated[FiniteFloat, Field(gt=0, le=10)] = 2.0
-    takes: Annotated[FiniteFloat, Field(ge=0.2, le=60)] = 1.5
+    opening: Annotated[Number, Field(ge=-math.pi, le=math.pi)] = math.pi / 2
+    shut_for: Annotated[Number, Field(gt=0, le=3600)] = 10.0
+    open_for: Annotated[Number, Field(gt=0, le=3600)] = 10.0
+    random: Truth = False
+    automatic: Truth = True
+    sensor: Annotated[Number, Field(gt=0, le=10)] = 2.0
+    takes: Annotated[Number, Field(ge=0.2, le=60)] = 1.5
     material: str = PLAIN
 
     @model_validator(mode="after")
@@ -98,15 +98,15 @@ class Door(Settings):
         return self
 
 
-class Slippery(Settings):
+class Slippery(Section):
     """A patch of floor where wheels grip less: the south-west corner, the size [m], and the grip there."""
 
     corner: Point
     size: tuple[Positive, Positive]
-    grip: Annotated[FiniteFloat, Field(gt=0, le=2)] = 0.1
+    grip: Annotated[Number, Field(gt=0, le=2)] = 0.1
 
 
-class Outage(Settings):
+class Outage(Section):
     """A sensor that dies and comes back: which, from when after the drive's start, and for how long [s].
 
     What the wheels turn meanwhile is lost with the readings: a dead counter counts nothing.
@@ -114,4 +114,4 @@ class Outage(Settings):
 
     sensor: Literal["lidar", "encoders", "imu"]
     start: Time
-    duration: Annotated[FiniteFloat, Field(gt=0, le=1800)]
+    duration: Annotated[Number, Field(gt=0, le=1800)]

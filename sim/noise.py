@@ -8,21 +8,14 @@ from __future__ import annotations
 from typing import Annotated
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, model_validator
+from pydantic import Field, model_validator
 
-NonNegative = Annotated[FiniteFloat, Field(ge=0)]
-Positive = Annotated[FiniteFloat, Field(gt=0)]
-Probability = Annotated[FiniteFloat, Field(ge=0, le=1)]
-Factor = Annotated[FiniteFloat, Field(ge=0.5, le=2)]
+from moteslam.robot.section import NotNegative, Number, Positive, Section, Share
 
-
-class Settings(BaseModel):
-    """A frozen part of a scenario that refuses unknown keys, infinities and wrong types."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+Factor = Annotated[Number, Field(ge=0.5, le=2)]
 
 
-class ClockNoise(Settings):
+class ClockNoise(Section):
     """How a host stamps the readings of a device that itself ticks steadily.
 
     On the real robot the counts do not follow the intervals between the stamps: the jitter is in the stamping. So a
@@ -39,17 +32,17 @@ class ClockNoise(Settings):
         lost: share of its messages that never arrive.
     """
 
-    jitter: NonNegative = 0.0
-    late: Probability = 0.0
-    late_delay: NonNegative = 0.0
-    burst_interval: NonNegative = 0.0
-    rate_error: NonNegative = 0.0
-    offset: Annotated[FiniteFloat, Field(ge=-10, le=10)] = 0.0
-    drift: Annotated[FiniteFloat, Field(ge=-0.01, le=0.01)] = 0.0
-    lost: Annotated[FiniteFloat, Field(ge=0, lt=1)] = 0.0
+    jitter: NotNegative = 0.0
+    late: Share = 0.0
+    late_delay: NotNegative = 0.0
+    burst_interval: NotNegative = 0.0
+    rate_error: NotNegative = 0.0
+    offset: Annotated[Number, Field(ge=-10, le=10)] = 0.0
+    drift: Annotated[Number, Field(ge=-0.01, le=0.01)] = 0.0
+    lost: Annotated[Number, Field(ge=0, lt=1)] = 0.0
 
 
-class LidarNoise(Settings):
+class LidarNoise(Section):
     """The Hokuyo UTM-30LX: data sheet, repeated accuracy sigma < 10 mm to 10 m, < 30 mm to 30 m, resolution 1 mm.
 
     Attributes:
@@ -68,20 +61,20 @@ class LidarNoise(Settings):
         clock: of the scans.
     """
 
-    range_noise: NonNegative = 0.008
-    range_noise_per_metre: NonNegative = 0.0005
-    dropout: Probability = 0.005
-    resolution: NonNegative = 0.001
-    range_min: Annotated[FiniteFloat, Field(ge=0, le=5)] = 0.1
-    divergence: Annotated[FiniteFloat, Field(ge=0, le=0.1)] = 0.0
-    mixed: Probability = 0.5
-    pulse: NonNegative = 1.0
-    false_return: Probability = 0.0
+    range_noise: NotNegative = 0.008
+    range_noise_per_metre: NotNegative = 0.0005
+    dropout: Share = 0.005
+    resolution: NotNegative = 0.001
+    range_min: Annotated[Number, Field(ge=0, le=5)] = 0.1
+    divergence: Annotated[Number, Field(ge=0, le=0.1)] = 0.0
+    mixed: Share = 0.5
+    pulse: NotNegative = 1.0
+    false_return: Share = 0.0
     false_scale: Positive = 3.0
     clock: ClockNoise = ClockNoise(jitter=0.0003, late=0.002, late_delay=0.005, burst_interval=0.001, rate_error=2e-4)
 
 
-class EncoderNoise(Settings):
+class EncoderNoise(Section):
     """Wheels that are not what the data sheet says, on a floor that is not even.
 
     Attributes:
@@ -98,20 +91,20 @@ class EncoderNoise(Settings):
         clock: of the readings (measured: intervals of 25 ms, standard deviation 3.7 to 6.1 ms, 3 to 68 ms).
     """
 
-    scale_error: NonNegative = 0.004
-    radius_error: NonNegative = 0.0005
-    track_error: NonNegative = 0.01
-    slip: NonNegative = 0.02
+    scale_error: NotNegative = 0.004
+    radius_error: NotNegative = 0.0005
+    track_error: NotNegative = 0.01
+    slip: NotNegative = 0.02
     slip_time: Positive = 0.5
     radius_factors: tuple[Factor, Factor, Factor, Factor] = (1.0, 1.0, 1.0, 1.0)
-    missed: Probability = 0.0
-    bursts: Annotated[FiniteFloat, Field(ge=0, le=600)] = 0.0
-    burst_slip: Annotated[FiniteFloat, Field(ge=-1, le=10)] = 0.5
+    missed: Share = 0.0
+    bursts: Annotated[Number, Field(ge=0, le=600)] = 0.0
+    burst_slip: Annotated[Number, Field(ge=-1, le=10)] = 0.5
     burst_time: Positive = 0.4
     clock: ClockNoise = ClockNoise(jitter=0.002, late=0.02, late_delay=0.04, burst_interval=0.0032, rate_error=2e-4)
 
 
-class ImuNoise(Settings):
+class ImuNoise(Section):
     """The gyro and accelerometer of the UCSD robot, measured while it stood still and while it drove.
 
     Attributes:
@@ -130,16 +123,16 @@ class ImuNoise(Settings):
         clock: of the readings (measured: 10 ms, standard deviation 1.9 to 2.2 ms, 0.005 to 37 ms).
     """
 
-    gyro_noise: NonNegative = 0.004
-    gyro_correlation: tuple[FiniteFloat, FiniteFloat] = (0.905, 0.69)
-    gyro_bias: NonNegative = float(np.radians(1.15) / 60)
-    gyro_bias_spread: NonNegative = 0.1
-    gyro_bias_walk: NonNegative = 5e-6
-    gyro_scale_error: NonNegative = 0.005
-    accelerometer_noise: NonNegative = 0.0007
-    accelerometer_bias: NonNegative = 0.01
-    vibration: NonNegative = 0.025
-    tilting: NonNegative = 0.03
+    gyro_noise: NotNegative = 0.004
+    gyro_correlation: tuple[Number, Number] = (0.905, 0.69)
+    gyro_bias: NotNegative = float(np.radians(1.15) / 60)
+    gyro_bias_spread: NotNegative = 0.1
+    gyro_bias_walk: NotNegative = 5e-6
+    gyro_scale_error: NotNegative = 0.005
+    accelerometer_noise: NotNegative = 0.0007
+    accelerometer_bias: NotNegative = 0.01
+    vibration: NotNegative = 0.025
+    tilting: NotNegative = 0.03
     clock: ClockNoise = ClockNoise(jitter=0.0009, late=0.012, late_delay=0.025, burst_interval=5e-6, rate_error=2e-4)
 
     @model_validator(mode="after")
@@ -153,7 +146,7 @@ class ImuNoise(Settings):
         return self
 
 
-class Noise(Settings):
+class Noise(Section):
     """All the sensors' noise.
 
     Attributes:
@@ -161,7 +154,7 @@ class Noise(Settings):
             scale error of the gyro.
     """
 
-    odometry_scale: NonNegative = 1.0
+    odometry_scale: NotNegative = 1.0
     lidar: LidarNoise = LidarNoise()
     encoders: EncoderNoise = EncoderNoise()
     imu: ImuNoise = ImuNoise()

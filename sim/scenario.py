@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 import tomllib
 from os import PathLike
@@ -11,10 +10,11 @@ from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, FiniteFloat, ValidationError, model_validator
+from pydantic import Field, ValidationError, model_validator
 
 from moteslam.errors import ConfigError
 from moteslam.robot.platform import UCSD, Platform
+from moteslam.robot.section import Number, Section, Truth, Whole
 from moteslam.robot.wording import first_complaint
 from moteslam.sim.camera import CameraSettings
 from moteslam.sim.checks import check_scenario
@@ -22,7 +22,7 @@ from moteslam.sim.driving import MAX_DURATION, Body, Commands, Limits, Route, Wa
 from moteslam.sim.floor import FloorSettings
 from moteslam.sim.layout import Layout
 from moteslam.sim.moving import MAX_DOORS, MAX_PEOPLE, Crowd, Door, Outage, Person
-from moteslam.sim.noise import Noise, Settings
+from moteslam.sim.noise import Noise
 
 SCENARIOS = Path(__file__).parent / "scenarios"
 MAX_FILE_BYTES = 4_000_000
@@ -30,7 +30,7 @@ _RANDOM = re.compile(r"random-corridors(?:-(\d{1,40}))?")
 MAX_SEED = 2**63 - 1
 
 
-class Scenario(Settings):
+class Scenario(Section):
     """A world and a run in it.
 
     Attributes:
@@ -56,9 +56,9 @@ class Scenario(Settings):
     name: Annotated[str, Field(min_length=1, max_length=200)] = "scenario"
     description: str = ""
     why: str = ""
-    expect_divergence: bool = False
-    seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
-    duration: Annotated[FiniteFloat, Field(gt=0, le=MAX_DURATION)] = 600.0
+    expect_divergence: Truth = False
+    seed: Annotated[Whole, Field(ge=0, lt=2**63)] = 0
+    duration: Annotated[Number, Field(gt=0, le=MAX_DURATION)] = 600.0
     world: Layout
     people: Annotated[tuple[Person, ...], Field(max_length=MAX_PEOPLE)] = ()
     crowd: Crowd | None = None
@@ -162,8 +162,7 @@ def parse_scenario(table: dict[str, Any], *, file: str | PathLike[str] | None = 
             table = {**table, key: _merge(default.model_dump(mode="json", exclude_none=True), table[key])}
     table = _with_plan_beside(table, file)
     try:
-        # JSON's rules are strict about types, yet take a TOML array for a tuple
-        return Scenario.model_validate_json(json.dumps(table, default=str), strict=True)
+        return Scenario.model_validate(table)
     except ConfigError as error:
         raise ConfigError(error.problem, file=error.file or file, field=error.field) from error
     except ValidationError as error:

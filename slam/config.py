@@ -10,9 +10,9 @@ from itertools import pairwise
 from typing import Annotated, Literal
 
 import tomli_w
-from pydantic import Field, FiniteFloat, field_validator, model_validator
+from pydantic import Field, field_validator, model_validator
 
-from moteslam.slam.section import NotNegative, Positive, Section
+from moteslam.robot.section import NotNegative, Number, Positive, Section, Share, Truth, Whole
 from moteslam.slam.surface_config import (
     CalibrationConfig,
     ColourConfig,
@@ -21,7 +21,7 @@ from moteslam.slam.surface_config import (
     SurfaceConfig,
 )
 
-Offsets = Annotated[tuple[FiniteFloat, ...], Field(min_length=1, max_length=41)]
+Offsets = Annotated[tuple[Number, ...], Field(min_length=1, max_length=41)]
 
 
 class SyncConfig(Section):
@@ -38,7 +38,7 @@ class SyncConfig(Section):
     method: Literal["nearest", "interpolate"] = "interpolate"
     low_pass_hz: NotNegative = 0.0
     kinematics: Literal["euler", "arc"] = "arc"
-    deskew: bool = True
+    deskew: Truth = True
 
 
 class MotionNoise(Section):
@@ -112,12 +112,12 @@ class MapConfig(Section):
             beams that graze a wall pass within a cell of where their neighbours end, and would erase it.
     """
 
-    cell_size: Annotated[FiniteFloat, Field(ge=0.005, le=1.0)] = 0.05
-    hit_probability: Annotated[FiniteFloat, Field(gt=0.5, lt=1)] = 0.8
-    limit: Annotated[FiniteFloat, Field(gt=0, le=64)] = 50.0
-    occupied_threshold: FiniteFloat = 0.0
+    cell_size: Annotated[Number, Field(ge=0.005, le=1.0)] = 0.05
+    hit_probability: Annotated[Number, Field(gt=0.5, lt=1)] = 0.8
+    limit: Annotated[Number, Field(gt=0, le=64)] = 50.0
+    occupied_threshold: Number = 0.0
     count: Literal["scan", "ray"] = "scan"
-    guard_cells: Annotated[int, Field(ge=0, le=16)] = 1
+    guard_cells: Annotated[Whole, Field(ge=0, le=16)] = 1
 
     @property
     def log_odds_step(self) -> float:
@@ -139,13 +139,13 @@ class TextureConfig(Section):
             depth no longer matters. The paper takes the depth.
     """
 
-    enabled: bool = True
-    cell_size: Annotated[FiniteFloat, Field(ge=0.005, le=1.0)] = 0.05
-    height_limit: FiniteFloat = 0.1
-    max_depth: Annotated[FiniteFloat, Field(gt=0, le=100)] = 8.0
+    enabled: Truth = True
+    cell_size: Annotated[Number, Field(ge=0.005, le=1.0)] = 0.05
+    height_limit: Number = 0.1
+    max_depth: Annotated[Number, Field(gt=0, le=100)] = 8.0
     interval: NotNegative = 0.1
     largest_gap: NotNegative = 0.05
-    flat: bool = False
+    flat: Truth = False
 
 
 class KldConfig(Section):
@@ -161,12 +161,12 @@ class KldConfig(Section):
         least: never fewer particles than these; ``particles`` wins if it is smaller.
     """
 
-    enabled: bool = False
+    enabled: Truth = False
     epsilon: Positive = 0.05
-    delta: Annotated[FiniteFloat, Field(gt=0, lt=1)] = 0.01
+    delta: Annotated[Number, Field(gt=0, lt=1)] = 0.01
     bin_size: Positive = 0.1
     bin_angle: Positive = 0.05
-    least: Annotated[int, Field(ge=1)] = 10
+    least: Annotated[Whole, Field(ge=1)] = 10
 
 
 class SlamConfig(Section):
@@ -184,8 +184,8 @@ class SlamConfig(Section):
     """
 
     method: Literal["paper", "surface"] = "paper"
-    particles: Annotated[int, Field(ge=1, le=1_000_000)] = 100
-    resample_below: Annotated[FiniteFloat, Field(ge=0, le=1)] = 0.5
+    particles: Annotated[Whole, Field(ge=1, le=1_000_000)] = 100
+    resample_below: Share = 0.5
     resampling: Literal["systematic", "stratified", "residual"] = "systematic"
     max_range: Positive = 1000.0
     kld: KldConfig = KldConfig()

@@ -27,7 +27,7 @@ class Estimate:
         map: of the environment.
         particle_stamps: [u] of the updates of the filter [s].
         particle_paths: [K, u, 3] paths that end in the particles of the last update.
-        diagnostics: per scan [n]: ``n_eff``, ``score``, ``updated``, ``resampled``, ``seconds``.
+        diagnostics: per scan [n]: ``particles``, ``n_eff``, ``score``, ``updated``, ``resampled``, ``seconds``.
         warnings: what SLAM had to make do with.
         seconds: time spent in the filter [s].
         texture: the floor in colours, None where there are no images, it was not asked for, or it could not be made.

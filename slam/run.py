@@ -80,7 +80,8 @@ class SlamSession:
         self._filter = method(self.config, seed)
         self._online = np.zeros((len(self._lidar), 3))
         self._diagnostics = {
-            key: np.zeros(len(self._lidar)) for key in ("n_eff", "score", "updated", "resampled", "seconds")
+            key: np.zeros(len(self._lidar))
+            for key in ("particles", "n_eff", "score", "updated", "resampled", "seconds")
         }
         self._motions = np.zeros((len(self._lidar), 3))
         self._done = self._guesses = 0
@@ -99,9 +100,11 @@ class SlamSession:
             outcome = self._filter.step(step)
             self._guesses += step.guess
             seconds = time.perf_counter() - began
+            poses = self._filter.poses
             self._online[step.index] = outcome.pose
             self._motions[step.index] = outcome.motion
             for key, value in (
+                ("particles", len(poses)),
                 ("n_eff", outcome.n_eff),
                 ("score", outcome.score),
                 ("updated", outcome.updated),
@@ -114,7 +117,7 @@ class SlamSession:
                 step.index,
                 step.stamp,
                 outcome.pose,
-                self._filter.poses,
+                poses,
                 self._filter.weights.values,
                 outcome.n_eff,
                 outcome.score,

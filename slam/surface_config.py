@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from pydantic import Field, FiniteFloat, model_validator
+from pydantic import Field, model_validator
 
-from moteslam.slam.section import NotNegative, Positive, Section
+from moteslam.robot.section import NotNegative, Number, Positive, Section, Truth, Whole
 
 
 class SurfaceConfig(Section):
@@ -28,18 +28,18 @@ class SurfaceConfig(Section):
         straightness: to within this [m]: a wall seen at a grazing angle.
     """
 
-    cell_size: Annotated[FiniteFloat, Field(ge=0.01, le=1.0)] = 0.08
+    cell_size: Annotated[Number, Field(ge=0.01, le=1.0)] = 0.08
     truncation: Positive = 0.16
     coarse_truncation: Positive = 0.4
     sharp: Positive = 0.06
-    sharp_weight: Annotated[int, Field(ge=1, le=31)] = 8
-    max_weight: Annotated[int, Field(ge=1, le=31)] = 31
+    sharp_weight: Annotated[Whole, Field(ge=1, le=31)] = 8
+    max_weight: Annotated[Whole, Field(ge=1, le=31)] = 31
     spacing: Positive = 0.02
     widest_spacing: Positive = 0.06
-    vertices: Annotated[int, Field(ge=8, le=100_000)] = 200
+    vertices: Annotated[Whole, Field(ge=8, le=100_000)] = 200
     gap: Positive = 0.3
     gap_from_range: NotNegative = 0.03
-    straight_gap: Annotated[FiniteFloat, Field(ge=1)] = 1.0
+    straight_gap: Annotated[Number, Field(ge=1)] = 1.0
     straightness: Positive = 0.03
 
     @model_validator(mode="after")
@@ -86,15 +86,15 @@ class RegistrationConfig(Section):
     guess_translation: NotNegative = 0.05
     guess_rotation: NotNegative = 0.05
     prior_weight: Positive = 5.0
-    iterations: Annotated[int, Field(ge=1, le=100)] = 8
+    iterations: Annotated[Whole, Field(ge=1, le=100)] = 8
     sure_above: NotNegative = 0.75
     doubtful_below: NotNegative = 0.6
-    lost_below: FiniteFloat = 0.04
+    lost_below: Number = 0.04
     wide_distance: NotNegative = 1.5
     wide_rotation: NotNegative = 1.4
     clear_gain: NotNegative = 0.3
-    patience: Annotated[int, Field(ge=0)] = 3
-    points: Annotated[int, Field(ge=8, le=100_000)] = 1000
+    patience: Annotated[Whole, Field(ge=0)] = 3
+    points: Annotated[Whole, Field(ge=8, le=100_000)] = 1000
     degenerate: NotNegative = 0.001
 
 
@@ -112,7 +112,7 @@ class CalibrationConfig(Section):
         gate: motions that are off by more standard deviations teach nothing: wheels slipped.
     """
 
-    enabled: bool = True
+    enabled: Truth = True
     scale: Positive = 0.05
     curvature: Positive = 0.02
     lever: Positive = 0.1
@@ -138,13 +138,13 @@ class ProposalConfig(Section):
         crossing: log-likelihood lost for a ray through a surface of the map.
     """
 
-    information_share: Annotated[FiniteFloat, Field(gt=0, le=1)] = 1.0
+    information_share: Annotated[Number, Field(gt=0, le=1)] = 1.0
     translation: NotNegative = 0.001
     translation_from_translation: NotNegative = 0.02
     rotation: NotNegative = 0.0005
     rotation_from_rotation: NotNegative = 0.02
-    evidence_share: Annotated[FiniteFloat, Field(gt=0, le=1)] = 0.03
-    explore: bool = False
+    evidence_share: Annotated[Number, Field(gt=0, le=1)] = 0.03
+    explore: Truth = False
     unknown: NotNegative = 2.0
     outlier: NotNegative = 8.0
     crossing: NotNegative = 1.0
@@ -167,13 +167,13 @@ class ColourConfig(Section):
             for every frame that is compared with it.
     """
 
-    enabled: bool = False
-    cell_size: Annotated[FiniteFloat, Field(ge=0.01, le=0.5)] = 0.02
-    max_depth: Annotated[FiniteFloat, Field(ge=0.5, le=8)] = 3.0
+    enabled: Truth = False
+    cell_size: Annotated[Number, Field(ge=0.01, le=0.5)] = 0.02
+    max_depth: Annotated[Number, Field(ge=0.5, le=8)] = 3.0
     largest_age: NotNegative = 0.25
-    map_length: Annotated[FiniteFloat, Field(ge=0.2, le=20)] = 1.0
-    reach: Annotated[FiniteFloat, Field(ge=0.02, le=0.5)] = 0.04
-    least_known: Annotated[FiniteFloat, Field(gt=0, le=1)] = 0.3
+    map_length: Annotated[Number, Field(ge=0.2, le=20)] = 1.0
+    reach: Annotated[Number, Field(ge=0.02, le=0.5)] = 0.04
+    least_known: Annotated[Number, Field(gt=0, le=1)] = 0.3
     spread: Positive = 60.0
-    share: Annotated[FiniteFloat, Field(gt=0, le=1)] = 0.1
+    share: Annotated[Number, Field(gt=0, le=1)] = 0.1
     spread_translation: Positive = 0.01

@@ -18,6 +18,7 @@ from moteslam.eval.results import write_results
 from moteslam.eval.scores import Scores
 from moteslam.robot.recording import Recording
 from moteslam.robot.trajectory import Trajectory
+from moteslam.robot.wording import counted
 from moteslam.slam.colouring import wants_colours, with_texture
 from moteslam.slam.config import SlamConfig
 from moteslam.slam.estimate import Estimate
@@ -130,6 +131,13 @@ def score_table(scores: Scores) -> str:
             )
         )
     return table(rows, right=(1, 2, 3, 4, 5))
+
+
+def particle_count(estimate: Estimate) -> str:
+    """How many particles a run had, in words."""
+    counts = estimate.diagnostics["particles"]
+    most = counted(int(counts.max()), "particle")
+    return most if counts.min() == counts.max() else f"{counts.mean():.0f} of {most} in the mean"
 
 
 def run_summary(estimate: Estimate, scores: Scores | None, folder: Path) -> dict[str, Any]:

@@ -51,17 +51,17 @@ def draw_effective_particles(
     n_eff: NDArray[np.float64],
     resampled: NDArray[np.float64],
     *,
-    particles: int,
+    particles: NDArray[np.float64],
     title: str = "",
 ) -> None:
-    """The effective number of particles at every scan, and when the filter resampled.
+    """The effective number of particles at every scan, how many there are where that changes, and the resamplings.
 
     Args:
         path: of the PNG.
         stamps: [n] of the scans [s].
-        n_eff: [n], 1 to ``particles``.
+        n_eff: [n], from 1.
         resampled: [n], not 0 where it did.
-        particles: how many there are.
+        particles: [n] how many there are.
         title: over the figure.
 
     Raises:
@@ -69,14 +69,17 @@ def draw_effective_particles(
     """
     time = stamps - stamps[0]
     when = np.asarray(resampled, bool)
+    most = int(particles.max())
     with style.saved_figure(path, size=(8.0, 3.2)) as figure:
         axes = figure.subplots()
         axes.plot(*broken(time, n_eff), color=style.SLAM, lw=0.8, label="effective particles")
-        above = np.full(when.sum(), particles * RUG)  # over the curve, which marks on it would hide
+        if particles.min() < most:
+            axes.plot(time, particles, color="0.5", lw=0.8, drawstyle="steps-post", label="particles")
+        above = np.full(when.sum(), most * RUG)  # over the curve, which marks on it would hide
         axes.plot(time[when], above, "|", color=style.DEAD_RECKONING, ms=7, mew=0.7, label=f"resampled ({when.sum()})")
         axes.set_xlabel("time [s]")
-        axes.set_ylabel(f"particles (of {particles})")
-        axes.set_ylim(0, particles * (2 * RUG - 1))
+        axes.set_ylabel(f"particles (of {most})")
+        axes.set_ylim(0, most * (2 * RUG - 1))
         axes.margins(x=0.01)
         axes.grid(axis="y", color="0.9", lw=0.6)
         style.legend_below(figure, axes)

@@ -21,6 +21,7 @@ from moteslam.robot.formats.stamps import stamp_order
 from moteslam.robot.formats.text import TextLines
 from moteslam.robot.platform import CARMEN, LidarMount, Platform, robot_of
 from moteslam.robot.recording import LidarStream, OdometryStream, Recording
+from moteslam.robot.wording import counted
 
 MAX_BROKEN = 3
 """So many broken lines are always put up with; more of them only up to a tenth of the log."""
@@ -83,7 +84,9 @@ def _check_broken(path: Path, log: CarmenLines, damage: str | None, warnings: li
     if log.broken > max(MAX_BROKEN, log.used // 10):
         raise InputError(f"{problem} (first of {log.broken} broken lines, {log.used} whole)", file=path, line=number)
     if log.broken:
-        warnings.append(f"{path.name}: {log.broken} broken lines dropped, the first is line {number}: {problem}")
+        warnings.append(
+            f"{path.name}: {counted(log.broken, 'broken line')} dropped, the first is line {number}: {problem}"
+        )
 
 
 def _choose(path: Path, log: CarmenLines, warnings: list[str]) -> tuple[ScanKind, Scans] | None:
@@ -98,7 +101,7 @@ def _choose(path: Path, log: CarmenLines, warnings: list[str]) -> tuple[ScanKind
     for other, left in log.scans.items():
         if other == kind:
             continue
-        text = f"{len(left)} {other.line} scans of {other.beams} beams"
+        text = f"{counted(len(left), f'{other.line} scan')} of {counted(other.beams, 'beam')}"
         if other.line == kind.line and len(left) > max(MAX_BROKEN, len(scans) // 10):
             raise InputError(
                 f"{text}, expected {kind.beams} beams from {kind.angle_min:.4f} rad as in the other {len(scans)}",

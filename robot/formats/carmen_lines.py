@@ -16,6 +16,7 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from moteslam.robot.formats.bounds import MAX_PLACE
+from moteslam.robot.formats.stamps import MAX_STAMP
 
 FLASER_TAIL = 9
 ROBOTLASER_TAIL = 14
@@ -104,7 +105,7 @@ def _flaser(log: CarmenLines, words: Sequence[bytes], number: int) -> None:
     count = _count(words, 1, "ranges")
     _expect(words, 2 + count + FLASER_TAIL, f"{count} ranges")
     tail = words[2 + count :]
-    row = [*_poses(tail[:6]), *_finite(tail[6:7]), *_finite(tail[8:9])]
+    row = [*_poses(tail[:6]), *_stamps(tail[6], tail[8])]
     _add(log, ScanKind("FLASER", count, *fov_of(count)), number, ranges=words[2 : 2 + count], row=row, told=None)
 
 
@@ -116,7 +117,7 @@ def _robotlaser(log: CarmenLines, words: Sequence[bytes], number: int) -> None:
     if step <= 0:
         raise ValueError(f"angular resolution {step}, expected more than 0 rad")
     tail = words[10 + count + remissions :]
-    row = [*_poses(tail[:6]), *_finite(tail[11:12]), *_finite(tail[13:14])]
+    row = [*_poses(tail[:6]), *_stamps(tail[11], tail[13])]
     kind = ScanKind("ROBOTLASER1", count, angle_min, step)
     _add(log, kind, number, ranges=words[9 : 9 + count], row=row, told=told if told > 0 else None)
 
@@ -132,7 +133,7 @@ def _add(
 
 def _odometry(log: CarmenLines, words: Sequence[bytes], number: int) -> None:
     _expect(words, ODOM_WORDS, "odometry")
-    log.odometry.extend([*_poses(words[1:4]), *_finite(words[7:8]), *_finite(words[9:10])])
+    log.odometry.extend([*_poses(words[1:4]), *_stamps(words[7], words[9])])
 
 
 def _param(log: CarmenLines, words: Sequence[bytes], number: int) -> None:
@@ -165,6 +166,15 @@ def _poses(words: Sequence[bytes]) -> list[float]:
     if any(abs(value) > MAX_PLACE for value in values):
         raise ValueError(f"pose beyond {MAX_PLACE:.0f} m or rad, expected a robot's")
     return values
+
+
+def _stamps(*words: bytes) -> list[float]:
+    """The ipc and the logger stamp; the first that is not 0 is what counts, and must be one."""
+    stamps = _finite(words)
+    told = stamps[0] or stamps[1]
+    if abs(told) > MAX_STAMP:
+        raise ValueError(f"stamp {told:.6g}, expected seconds below 1e11")
+    return stamps
 
 
 def _finite(words: Sequence[bytes]) -> list[float]:

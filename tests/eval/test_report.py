@@ -129,12 +129,19 @@ def test_legends_say_which_trajectory_and_which_start(run, tmp_path: Path, drawn
 
 def test_marks_of_resampling_hide_nothing_of_the_curve(tmp_path: Path, drawn: list[Figure]) -> None:
     n_eff = np.array([50.0, 20.0, 50.0])
-    curves.draw_effective_particles(tmp_path / "a.png", np.arange(3.0), n_eff, n_eff < 30, particles=50)
+    curves.draw_effective_particles(tmp_path / "a.png", np.arange(3.0), n_eff, n_eff < 30, particles=np.full(3, 50.0))
     curve, marks = drawn[0].axes[0].lines
     np.testing.assert_array_equal(curve.get_ydata(), n_eff)
     np.testing.assert_array_equal(marks.get_xdata(), [1.0])
     assert min(marks.get_ydata()) > 50
     assert legend_of(drawn[0]) == ["effective particles", "resampled (1)"]
+
+
+def test_a_number_of_particles_that_changes_is_drawn(tmp_path: Path, drawn: list[Figure]) -> None:
+    n_eff = np.array([50.0, 20.0, 15.0])
+    numbers = np.array([50.0, 50.0, 20.0])
+    curves.draw_effective_particles(tmp_path / "a.png", np.arange(3.0), n_eff, n_eff < 30, particles=numbers)
+    assert legend_of(drawn[0]) == ["effective particles", "particles", "resampled (2)"]
 
 
 def test_snapshots_are_taken_at_each_sixth(run) -> None:
@@ -151,7 +158,7 @@ def test_a_robot_that_never_moved_can_be_drawn(occupancy: OccupancyMap, tmp_path
     plans.draw_dead_reckoning(tmp_path / "b.png", still)
     plans.draw_particles(tmp_path / "c.png", still.stamps[:1], np.zeros((3, 1, 3)), best=still)
     curves.draw_error(tmp_path / "d.png", slam=absolute_trajectory_error(still, still))
-    curves.draw_effective_particles(tmp_path / "e.png", still.stamps, np.ones(2), np.zeros(2), particles=1)
+    curves.draw_effective_particles(tmp_path / "e.png", still.stamps, np.ones(2), np.zeros(2), particles=np.ones(2))
     assert len(list(tmp_path.glob("*.png"))) == 5
 
 

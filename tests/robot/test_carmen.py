@@ -135,6 +135,7 @@ BROKEN = {
     "a pose off the globe": (flaser([1, 2, 3], robot=(1e30, 0, 0)), "pose beyond 10000000 m or rad"),
     "odometry off the globe": ("ODOM 0 -2e7 0 0 0 0 1 host 1", "pose beyond 10000000 m or rad"),
     "a stamp that is infinite": (flaser([1, 2, 3], stamp=math.inf), "NaN or infinite pose or stamp"),
+    "a stamp in milliseconds": (flaser([1, 2, 3], stamp=1.2e12), "expected seconds below 1e11"),
     "a word for a range": (GOOD[0].replace("2.0", "two"), "a word that is no number"),
     "short odometry": ("ODOM 1 2 3", "4 words, expected 10 for odometry"),
     "short robotlaser": ("ROBOTLASER1 0 -1.5 3.1", "expected the number of ranges at word 9"),
@@ -186,14 +187,14 @@ def test_a_change_of_beams_is_refused_with_its_line(tmp_path: Path) -> None:
 def test_a_few_scans_of_other_beams_are_left_aside(tmp_path: Path) -> None:
     recording = read_carmen(write_log(tmp_path / "x.log", [*GOOD, flaser([1.0] * 5, stamp=200.0)]))
     assert len(lidar_of(recording)) == 8
-    assert recording.warnings == ("x.log: 1 FLASER scans of 5 beams left aside, the first is line 9",)
+    assert recording.warnings == ("x.log: 1 FLASER scan of 5 beams left aside, the first is line 9",)
 
 
 def test_of_two_kinds_of_line_the_one_that_tells_its_angles_is_used(tmp_path: Path) -> None:
     lines = [line for k in range(3) for line in (flaser([1.0], stamp=k), robotlaser([2.0], stamp=k))]
     recording = read_carmen(write_log(tmp_path / "x.log", lines))
     assert (lidar_of(recording).ranges == 2).all()
-    assert recording.warnings == ("x.log: 3 FLASER scans of 1 beams left aside, the first is line 1",)
+    assert recording.warnings == ("x.log: 3 FLASER scans of 1 beam left aside, the first is line 1",)
 
 
 def test_a_last_line_that_is_cut_is_dropped(tmp_path: Path) -> None:
@@ -201,7 +202,7 @@ def test_a_last_line_that_is_cut_is_dropped(tmp_path: Path) -> None:
     path.write_bytes(path.read_bytes().rstrip()[:-12])
     recording = read_carmen(path)
     assert len(lidar_of(recording)) == 7
-    assert "1 broken lines dropped, the first is line 8" in recording.warnings[0]
+    assert "1 broken line dropped, the first is line 8" in recording.warnings[0]
 
 
 def test_a_truncated_gzip_gives_what_came_before(tmp_path: Path) -> None:
@@ -267,8 +268,6 @@ def test_a_gzip_bomb_is_refused(tmp_path: Path) -> None:
 def test_absurd_stamps_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"x\.log: FLASER: jump of .* expected steps of less than a day"):
         read_carmen(write_log(tmp_path / "x.log", [*GOOD, flaser([1.0, 2.0, 3.0], stamp=976052857.0)]))
-    with pytest.raises(InputError, match=r"ODOM: 1e\+15, expected seconds below 1e11"):
-        read_carmen(write_log(tmp_path / "x.log", [*GOOD, odom((0, 0, 0), 1e15)]))
 
 
 def test_a_log_has_no_sequences(tmp_path: Path) -> None:
