@@ -23,7 +23,7 @@ from typing import Any
 
 from accuracy import run
 from parts.machine import save, stamp
-from parts.options import count, seeds
+from parts.options import count, folder, result_file, seeds
 
 
 @dataclass(frozen=True)
@@ -152,8 +152,8 @@ def main() -> None:
     parser.add_argument("--sweeps", nargs="+", choices=list(SWEEPS), default=list(SWEEPS), metavar="NAME")
     parser.add_argument("--seeds", type=seeds, default=range(3), metavar="N", help="of each run, from 0; or 5-9")
     parser.add_argument("--workers", type=count, default=2)
-    parser.add_argument("--out", type=Path)
-    parser.add_argument("--figures", type=Path, metavar="FOLDER", help="for ablation_NAME.png")
+    parser.add_argument("--out", type=result_file)
+    parser.add_argument("--figures", type=folder, metavar="FOLDER", help="for ablation_NAME.png")
     options = parser.parse_args()
     result: dict[str, Any] = {**stamp(), "rows": {}}
     with ProcessPoolExecutor(options.workers, mp_context=get_context("spawn")) as pool:

@@ -20,13 +20,12 @@ import argparse
 import time
 from concurrent.futures import Future, ProcessPoolExecutor
 from multiprocessing import get_context
-from pathlib import Path
 from typing import Any
 
 from parts.bars import Bar, summarise, summary_lines
 from parts.machine import save, stamp
-from parts.options import count, factor, seeds
-from parts.runs import BARS, DATA, HALL, LOGS, LOST, NEVER_LOST, SCENARIOS, errors, load_log, simulate_case
+from parts.options import count, factor, result_file, seeds
+from parts.runs import BARS, DATA, HALL, LOGS, LOST, NEVER_LOST, SCENARIOS, errors, load_log, log_file, simulate_case
 
 from moteslam.errors import ConfigError
 from moteslam.eval.cli.text import table
@@ -68,7 +67,11 @@ def chosen(options: argparse.Namespace) -> dict[str, range]:
         names = options.runs
         for name in names:
             if name not in known and not name.startswith("random-corridors"):
-                raise SystemExit(f"--runs: no {name!r}, expected of {', '.join(known)}, random-corridors-7")
+                raise ConfigError(f"no {name!r}, expected of {', '.join(known)}, random-corridors-7", field="--runs")
+            if name in LOGS and not log_file(name).is_file():
+                raise ConfigError("not there; MOTESLAM_DATA names the folder of the real logs", file=log_file(name))
+            if name in LOGS and options.odometry_noise != 1.0:
+                raise ConfigError(f"{name} is recorded, expected simulated scenarios", field="--odometry-noise")
     elif options.all_scenarios:
         names = list(bundled_scenarios())
     elif options.odometry_noise != 1.0:
@@ -122,19 +125,21 @@ def main() -> None:
     """Run, print a table, and write the result file, anew after every run."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--preset", default="default")
-    parser.add_argument("--runs", nargs="+", metavar="NAME", help="real logs and scenarios by name")
-    parser.add_argument("--all-scenarios", action="store_true", help="every bundled scenario")
+    which = parser.add_mutually_exclusive_group()
+    which.add_argument("--runs", nargs="+", metavar="NAME", help="real logs and scenarios by name")
+    which.add_argument("--all-scenarios", action="store_true", help="every bundled scenario")
     parser.add_argument("--seeds", type=seeds, metavar="N", help="of each run, from 0; or 10-19")
     parser.add_argument("--odometry-noise", type=factor, default=1.0, metavar="X", help="times the scenarios' own")
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", dest="settings")
     parser.add_argument("--workers", type=count, default=2)
-    parser.add_argument("--out", type=Path)
+    parser.add_argument("--out", type=result_file)
     options = parser.parse_args()
     try:
         resolve_config(options.preset, options.settings)
+        runs = chosen(options)
     except ConfigError as error:
         parser.error(str(error))
-    runs, rows = chosen(options), []
+    rows: list[dict[str, Any]] = []
     about = {
         **stamp(),
         "preset": options.preset,

@@ -16,12 +16,11 @@ import argparse
 import json
 import statistics
 import time
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from parts.machine import save, stamp
-from parts.options import seeds
+from parts.options import result_file, seeds
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -116,7 +115,7 @@ def main() -> None:
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", dest="settings", help="of both")
     parser.add_argument("--with", action="append", default=[], metavar="KEY=VALUE", dest="colours", help="of one")
     parser.add_argument("--threads", type=int, default=1, help="the errors do not depend on it")
-    parser.add_argument("--out", type=Path)
+    parser.add_argument("--out", type=result_file)
     parser.add_argument("--resume", action="store_true", help="keep the rows that --out already has")
     options = parser.parse_args()
     names = options.runs or list(bundled_scenarios())

@@ -35,7 +35,7 @@ from typing import Any
 
 from parts.bars import Bar, summarise, summary_lines
 from parts.machine import save, stamp
-from parts.options import count
+from parts.options import count, result_file
 
 RESULTS = ("trajectory.tum", "trajectory_final.tum", "map.pgm")
 TIMES = 10
@@ -174,7 +174,7 @@ def main() -> None:
     parser.add_argument("--cases", nargs="+", choices=list(BARS), metavar="CASE", default=list(BARS))
     parser.add_argument("--seeds", type=count, help="of each case, from 0")
     parser.add_argument("--quick", action="store_true", help="other, shorter recordings: a trial")
-    parser.add_argument("--out", type=Path)
+    parser.add_argument("--out", type=result_file)
     parser.add_argument("--measure", nargs=2, help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.measure:

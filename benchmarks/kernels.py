@@ -29,6 +29,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from parts.options import result_file
 
 ROOT = Path(__file__).parents[1]
 BEAMS = 1081
@@ -279,7 +280,7 @@ def pointers(*arrays: np.ndarray) -> list[ctypes.c_void_p]:
 def main() -> None:
     """Measure in processes of their own, print, and write the result file."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n", maxsplit=1)[0])
-    parser.add_argument("--out", type=Path)
+    parser.add_argument("--out", type=result_file)
     parser.add_argument("--threads", type=int, help="measure in this process and print JSON")
     options = parser.parse_args()
     if options.threads:

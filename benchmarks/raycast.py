@@ -25,6 +25,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from parts.options import result_file
 
 BEAMS, POSES, SIZE, ROOM, DOOR = 1081, 200, 100.0, 4.0, 1.2
 REPEATS = 15
@@ -137,7 +138,7 @@ def others(segments: np.ndarray, poses: np.ndarray, beams: np.ndarray, exact: np
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     today = date.today().isoformat()
-    parser.add_argument("--out", type=Path, default=Path(__file__).parent / "results" / f"raycast-{today}.json")
+    parser.add_argument("--out", type=result_file, default=Path(__file__).parent / "results" / f"raycast-{today}.json")
     parser.add_argument("--threads", type=int, help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.threads is not None:

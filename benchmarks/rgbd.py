@@ -23,7 +23,7 @@ from typing import Any
 
 import numpy as np
 from parts.machine import save, stamp
-from parts.options import count
+from parts.options import count, folder, result_file
 
 CELL = 0.05
 MATERIAL = "tiles"
@@ -133,8 +133,8 @@ def main() -> None:
     parser.add_argument("--seeds", type=count, default=1, help="of the colours, from 0 on")
     parser.add_argument("--preset", default="paper")
     parser.add_argument("--skip-speed", action="store_true")
-    parser.add_argument("--folder", type=Path, default=None, help="where the images go for a while; a temporary one")
-    parser.add_argument("--out", type=Path, default=None)
+    parser.add_argument("--folder", type=folder, default=None, help="where the images go for a while; a temporary one")
+    parser.add_argument("--out", type=result_file, default=None)
     arguments = parser.parse_args()
 
     from moteslam.kernels import runtime

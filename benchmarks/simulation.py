@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from parts.options import result_file
 
 
 def measure(name: str) -> dict[str, float]:
@@ -46,7 +47,9 @@ def main() -> None:
 
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     today = date.today().isoformat()
-    parser.add_argument("--out", type=Path, default=Path(__file__).parent / "results" / f"simulation-{today}.json")
+    parser.add_argument(
+        "--out", type=result_file, default=Path(__file__).parent / "results" / f"simulation-{today}.json"
+    )
     options = parser.parse_args()
     runtime.init("cpu", 2)
     result: dict[str, Any] = {

@@ -22,6 +22,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from parts.options import result_file
 
 RAYS = 100
 SHORT = 2e-3
@@ -112,7 +113,7 @@ def main() -> None:
     parser.add_argument("--count", type=int, default=200)
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--jobs", type=int, default=os.cpu_count())
-    parser.add_argument("--out", type=Path, default=Path(__file__).parent / "results" / f"worlds-{today}.json")
+    parser.add_argument("--out", type=result_file, default=Path(__file__).parent / "results" / f"worlds-{today}.json")
     options = parser.parse_args()
     seeds = range(options.first, options.first + options.count)
     with multiprocessing.get_context("spawn").Pool(options.jobs, start) as pool:

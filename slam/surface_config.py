@@ -6,7 +6,10 @@ from typing import Annotated
 
 from pydantic import Field, model_validator
 
-from moteslam.robot.section import NotNegative, Number, Positive, Section, Truth, Whole
+from moteslam.robot.section import NotNegative, Number, Positive, Section, Share, Truth, Whole
+
+LONGEST_REACH = 100
+"""Cells of a level that a surface at most reaches to each side."""
 
 
 class SurfaceConfig(Section):
@@ -44,12 +47,15 @@ class SurfaceConfig(Section):
 
     @model_validator(mode="after")
     def _surfaces_reach_the_cells_beside_them(self) -> SurfaceConfig:
-        for name, cells, reach in (("", 1, self.truncation), ("coarse_", 2, self.coarse_truncation)):
-            least = cells * self.cell_size
-            if reach < least:
+        for name, cell, reach in (
+            ("", self.cell_size, self.truncation),
+            ("coarse_", 2 * self.cell_size, self.coarse_truncation),
+        ):
+            if not cell <= reach <= LONGEST_REACH * cell:
                 raise ValueError(
-                    f"{name}truncation of {reach:g} m, expected at least {least:g} m: the "
-                    f"{'coarse' if name else 'fine'} level's cell at cell_size {self.cell_size:g}"
+                    f"{name}truncation of {reach:g} m, expected {cell:g} to {LONGEST_REACH * cell:g} m: 1 to "
+                    f"{LONGEST_REACH} of the {'coarse' if name else 'fine'} level's cells at cell_size "
+                    f"{self.cell_size:g}"
                 )
         return self
 
@@ -79,19 +85,19 @@ class RegistrationConfig(Section):
     """
 
     residual: Positive = 0.01
-    translation: Positive = 0.01
-    translation_from_translation: NotNegative = 0.07
-    rotation: Positive = 0.01
-    rotation_from_rotation: NotNegative = 0.2
-    guess_translation: NotNegative = 0.05
-    guess_rotation: NotNegative = 0.05
+    translation: Annotated[Number, Field(gt=0, le=1)] = 0.01
+    translation_from_translation: Share = 0.07
+    rotation: Annotated[Number, Field(gt=0, le=1)] = 0.01
+    rotation_from_rotation: Share = 0.2
+    guess_translation: Share = 0.05
+    guess_rotation: Share = 0.05
     prior_weight: Positive = 5.0
     iterations: Annotated[Whole, Field(ge=1, le=100)] = 8
-    sure_above: NotNegative = 0.75
-    doubtful_below: NotNegative = 0.6
+    sure_above: Share = 0.75
+    doubtful_below: Share = 0.6
     lost_below: Number = 0.04
-    wide_distance: NotNegative = 1.5
-    wide_rotation: NotNegative = 1.4
+    wide_distance: Annotated[Number, Field(ge=0, le=10)] = 1.5
+    wide_rotation: Annotated[Number, Field(ge=0, le=3.2)] = 1.4
     clear_gain: NotNegative = 0.3
     patience: Annotated[Whole, Field(ge=0)] = 3
     points: Annotated[Whole, Field(ge=8, le=100_000)] = 1000

@@ -1,11 +1,13 @@
-"""What the command lines of the benchmarks take: numbers within their bounds, and seeds."""
+"""What the command lines of the benchmarks take: numbers within their bounds, seeds, and where results go."""
 
 from __future__ import annotations
 
 import argparse
 import math
+import os
 import re
 from contextlib import suppress
+from pathlib import Path
 
 
 def seeds(text: str) -> range:
@@ -31,3 +33,24 @@ def factor(text: str) -> float:
         if 0 <= float(text) < math.inf:
             return float(text)
     raise argparse.ArgumentTypeError(f"{text!r}, expected a number from 0")
+
+
+def result_file(text: str) -> Path:
+    """A file that can be written, told before anything is measured; the folders above it are made."""
+    path = Path(text)
+    if path.is_dir():
+        raise argparse.ArgumentTypeError(f"{text!r} is a folder, expected a file")
+    folder(str(path.parent))
+    return path
+
+
+def folder(text: str) -> Path:
+    """A folder that can be written to, made where it is missing."""
+    path = Path(text)
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise argparse.ArgumentTypeError(f"{text!r}: {error.strerror}, expected a folder to write to") from error
+    if not os.access(path, os.W_OK):
+        raise argparse.ArgumentTypeError(f"{text!r}: not to be written to")
+    return path

@@ -52,6 +52,10 @@ def test_a_flag_goes_over_the_file_over_the_preset(tmp_path: Path):
         ("particles='30'", "particles: '30', expected a valid integer"),
         ("map.cell_size=true", "map.cell_size: True, expected a valid number"),
         ("kld.enabled=1", "kld.enabled: 1, expected a valid boolean"),
+        ("registration.rotation=1e6", "registration.rotation: 1000000.0, expected less than or equal to 1"),
+        ("registration.translation=1e9", "registration.translation"),
+        ("registration.wide_distance=1e9", "registration.wide_distance"),
+        ("registration.sure_above=2", "registration.sure_above: 2, expected less than or equal to 1"),
         ("map.cell_size=nan", "map.cell_size"),
         ("map.hit_probability=0.5", "map.hit_probability"),
         ("search.offsets_xy=[0.1, 0.2]", "search.offsets_xy: expected rising offsets, zero among them"),
@@ -88,11 +92,12 @@ def test_a_bad_file_is_named(tmp_path: Path, text: str):
 @pytest.mark.parametrize(
     ("setting", "told"),
     [
-        ("surface.cell_size=0.5", r"surface: truncation of 0\.16 m, expected at least 0\.5 m"),
-        ("surface.truncation=0.01", r"surface: truncation of 0\.01 m, expected at least 0\.08 m"),
-        ("surface.coarse_truncation=0.1", r"surface: coarse_truncation of 0\.1 m, expected at least 0\.16 m"),
+        ("surface.cell_size=0.5", r"surface: truncation of 0\.16 m, expected 0\.5 to 50 m"),
+        ("surface.truncation=0.01", r"surface: truncation of 0\.01 m, expected 0\.08 to 8 m"),
+        ("surface.coarse_truncation=0.1", r"surface: coarse_truncation of 0\.1 m, expected 0\.16 to 16 m"),
+        ("surface.truncation=1000", r"surface: truncation of 1000 m, expected 0\.08 to 8 m"),
     ],
 )
-def test_a_truncation_that_does_not_reach_the_next_cell_is_refused(setting: str, told: str) -> None:
+def test_a_truncation_that_does_not_reach_the_next_cell_or_too_far_is_refused(setting: str, told: str) -> None:
     with pytest.raises(ConfigError, match=told):
         resolve_config("default", [setting])
