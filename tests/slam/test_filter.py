@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from slam_rooms import circled_room
@@ -73,6 +75,22 @@ def test_scans_that_see_nothing_leave_the_robot_to_its_odometry():
     estimate = run_slam(recording.replace(lidar=blind), resolve_config("paper", ["particles=30"]))
     assert np.abs(estimate.trajectory.poses - estimate.dead_reckoning.poses).max() < 0.5
     assert np.isfinite(estimate.trajectory.poses).all()
+
+
+def test_particles_spread_by_a_share_of_what_the_odometry_may_be_off_by():
+    recording, _ = circled_room(scans=40)
+    lidar = recording.lidar
+    assert lidar is not None
+    blind = recording.replace(lidar=replace(lidar, ranges=np.full_like(lidar.ranges, np.inf)))
+
+    def spread(*settings: str) -> float:
+        still = ("proposal.rotation=0", "proposal.rotation_from_rotation=0")
+        *_, last = SlamSession(blind, resolve_config("default", [*still, *settings]), seed=1)
+        return float(np.linalg.norm(last.poses[:, :2].std(axis=0)))
+
+    whole = spread("proposal.drawn=1")
+    assert spread("proposal.drawn=0.25") == pytest.approx(whole / 4, rel=0.2)
+    assert spread("proposal.drawn=0.25", "colours.enabled=true") == whole  # colours may yet tell them apart
 
 
 def test_an_estimate_before_any_scan_and_a_seed_out_of_bounds_are_refused():
