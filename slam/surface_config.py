@@ -137,7 +137,7 @@ class ProposalConfig(Section):
         information_share: share of the endpoints' information that counts: their errors are not independent.
         translation, translation_from_translation, rotation, rotation_from_rotation: standard deviation of the
             odometry where the endpoints say nothing [m], [m/m], [rad], [rad/rad].
-        drawn: share of those of the way that the particles are drawn with; all of it with ``colours.enabled``. Where
+        drawn: share of those of the way that the particles are drawn with; all of it where colours weigh them. Where
             nothing ever tells, resampling keeps one of the particles by chance, off by as much as they are apart.
         evidence_share: share of the endpoints' log-likelihood that counts in the weights, for the same reason.
         explore: every other particle starts its registration at a place drawn from the odometry's prior.

@@ -62,8 +62,6 @@ class SurfaceFilter:
         self._maps = SurfaceMaps(config.surface)
         self._calibration = OdometryCalibration(config.calibration)
         self._registrar = Registrar(config.registration, config.proposal)
-        drawn = 1.0 if config.colours.enabled else config.proposal.drawn  # colours can tell where the lidar cannot
-        self._drawn = np.array([drawn, drawn, 1.0])
         self._pose = np.zeros(3)  # at the last scan, by the best particle's map
         self._motion = np.zeros(3)  # since the last update, as tracked
         self._odometry = np.zeros(3)  # the same, as the odometry tells it, corrected
@@ -201,7 +199,8 @@ class SurfaceFilter:
                 predicted, offsets, information = predicted[parents], offsets[parents], information[parents]
                 resampled = True
             self.best_particle = best
-        noise = self._draw(step.index, information, spread)
+        share = 1.0 if floor is not None else self._config.proposal.drawn  # colours tell where the lidar does not
+        noise = self._draw(step.index, information, spread * np.array([share, share, 1.0]))
         self.poses = se2.compose(predicted, offsets + noise)
         self.history.append(self.poses, None)
         if len(scan.vertices) >= FEW:
@@ -252,7 +251,7 @@ class SurfaceFilter:
     def _draw(self, step: int, information: Array, spread: Array) -> Array:
         """An offset for every particle, drawn with the covariance of what is known of it; none for the best one."""
         normals = generator_for(self._seed, step, Draws.PROPOSAL).standard_normal((len(information), 3))
-        total = self._precision(information, spread * self._drawn)
+        total = self._precision(information, spread)
         # total = L L^T, so L^-T times standard normals has the covariance total^-1
         factors = np.linalg.cholesky(total)
         noise = np.linalg.solve(np.swapaxes(factors, 1, 2), normals[..., None])[..., 0]

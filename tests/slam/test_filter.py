@@ -90,7 +90,6 @@ def test_particles_spread_by_a_share_of_what_the_odometry_may_be_off_by():
 
     whole = spread("proposal.drawn=1")
     assert spread("proposal.drawn=0.25") == pytest.approx(whole / 4, rel=0.2)
-    assert spread("proposal.drawn=0.25", "colours.enabled=true") == whole  # colours may yet tell them apart
 
 
 def test_an_estimate_before_any_scan_and_a_seed_out_of_bounds_are_refused():
