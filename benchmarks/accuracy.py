@@ -59,7 +59,11 @@ def run(name: str, preset: str, settings: list[str], seed: int, odometry_noise: 
 
 
 def chosen(options: argparse.Namespace) -> dict[str, range]:
-    """The names of what is run, each with its seeds."""
+    """The names of what is run, each with its seeds.
+
+    Raises:
+        ConfigError: a run that there is not, a log that is not there, or one that is to be simulated with other noise.
+    """
     from moteslam.sim.scenario import bundled_scenarios
 
     known = [*LOGS, *dict.fromkeys((*SCENARIOS, HALL, *bundled_scenarios()))]

@@ -37,7 +37,7 @@ def demo(
         return
 
     from moteslam.eval.cli.batch import named_in_errors
-    from moteslam.eval.cli.running import Backend, particle_count, run_into, run_summary, score_table
+    from moteslam.eval.cli.running import Backend, run_into, run_summary, score_table, size_of
     from moteslam.eval.cli.simulate import simulate_with_progress
     from moteslam.robot.files import result_folder
     from moteslam.sim.scenario import load_scenario
@@ -67,7 +67,7 @@ def demo(
     stamps = estimate.trajectory.stamps
     say(
         f"{literal(driven.name)}: {simulation.truth.length:.1f} m in {stamps[-1] - stamps[0]:.0f} s, "
-        f"{len(stamps)} scans, {particle_count(estimate)}"
+        f"{size_of(estimate)}"
     )
     say(score_table(scores))
     say(f"result in {literal(out)}" + ("" if run.no_figures else f"; look at {literal(out / 'trajectories.png')}"))

@@ -59,9 +59,8 @@ def replay(
         _dead_reckon(path, recording, resolved, out, run)
         return
 
-    from moteslam.eval.cli.running import Backend, particle_count, run_into, run_summary, score_table
+    from moteslam.eval.cli.running import Backend, run_into, run_summary, score_table, size_of
     from moteslam.robot.files import result_folder
-    from moteslam.robot.wording import counted
 
     assert out is not None
     truth = _truth_beside(path, recording)
@@ -82,7 +81,7 @@ def replay(
     stamps = estimate.trajectory.stamps
     say(
         f"{literal(recording.name)}: {estimate.trajectory_final.length:.1f} m in {stamps[-1] - stamps[0]:.0f} s, "
-        f"{counted(len(stamps), 'scan')}, {particle_count(estimate)}, "
+        f"{size_of(estimate)}, "
         f"{1000 * estimate.seconds / len(stamps):.1f} ms a scan"
     )
     if scores is not None:

@@ -133,11 +133,12 @@ def score_table(scores: Scores) -> str:
     return table(rows, right=(1, 2, 3, 4, 5))
 
 
-def particle_count(estimate: Estimate) -> str:
-    """How many particles a run had, in words."""
+def size_of(estimate: Estimate) -> str:
+    """How many scans and particles a run had, in words."""
     counts = estimate.diagnostics["particles"]
     most = counted(int(counts.max()), "particle")
-    return most if counts.min() == counts.max() else f"{counts.mean():.0f} of {most} in the mean"
+    particles = most if counts.min() == counts.max() else f"{counts.mean():.0f} of {most} in the mean"
+    return f"{counted(len(estimate.trajectory), 'scan')}, {particles}"
 
 
 def run_summary(estimate: Estimate, scores: Scores | None, folder: Path) -> dict[str, Any]:
