@@ -60,6 +60,6 @@ def as_finite(name: str, values: ArrayLike, dtype: DTypeLike, shape: Sequence[in
     """
     array = np.ascontiguousarray(values, dtype)
     check_array(name, array, dtype, shape)
-    if not np.isfinite(array).all():
+    if np.count_nonzero(np.isfinite(array)) < array.size:
         raise InputError("a value that is not finite, expected finite numbers", field=name)
     return array

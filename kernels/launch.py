@@ -11,7 +11,7 @@ of processor time and twice as much to wait for (docs/performance.md).
 
 And what Taichi says of a place in a kernel is file, line and what stands there, without carets underneath: it draws
 them for every expression of every kernel before it knows whether anybody will read them, a third of what it takes to
-load kernels that were compiled before.
+load kernels that were compiled before. Functions that kernels call it looks up in their files once, not at every call.
 
 This leans on the insides of one release of Taichi. With any other everything goes Taichi's way.
 """
@@ -20,7 +20,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from enum import Enum, auto
-from functools import wraps
+from functools import cache, wraps
 from typing import Any
 
 import numpy as np
@@ -100,6 +100,8 @@ def _range_for_alone(context: Any, node: Any) -> Any:
 
 
 if ti.__version__ == KNOWN:
+    _source = ti.lang.kernel_impl
+    _source.getsourcefile, _source.getsourcelines = cache(_source.getsourcefile), cache(_source.getsourcelines)
     ti.lang.ast.ast_transformer_utils.ASTTransformerContext.get_pos_info = _place
     _transformer.build_range_for = staticmethod(_range_for_alone)
 

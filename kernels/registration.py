@@ -4,6 +4,8 @@ An endpoint's residual is the distance that the map gives for it, in standard de
 nothing the coarse one does. A prior on the offset from the predicted pose joins them.
 """
 
+import math
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -265,9 +267,9 @@ def register_scans(
         raise InputError("an inverse variance that is not above 0", field="priors")
     lengths = {"cell_size": cell_size, "truncation": truncation, "coarse_truncation": coarse_truncation}
     for name, length in (lengths | {"residual": residual}).items():
-        if not (np.isfinite(length) and length > 0):
+        if not (math.isfinite(length) and length > 0):
             raise InputError(f"{length:g} m, expected above 0", field=name)
-    if iterations < 0 or not (np.isfinite(unknown) and np.isfinite(outlier)):
+    if iterations < 0 or not (math.isfinite(unknown) and math.isfinite(outlier)):
         raise InputError(f"{iterations}, {unknown:g}, {outlier:g}, expected finite numbers", field="iterations")
     offsets, fits = np.empty((n, 3), np.float32), np.empty((n, FITS), np.float32)
     runtime()

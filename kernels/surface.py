@@ -4,6 +4,8 @@ The surface is the polyline between neighbouring vertices of a scan; every cell 
 (Curless and Levoy 1996, A volumetric method for building complex models from range images, in the plane).
 """
 
+import math
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -182,7 +184,7 @@ def add_scans(
         raise InputError(f"{len(places)}, expected one for each of {n} tables", field="frames")
     lengths = {"truncation": truncation, "coarse_truncation": coarse_truncation, "sharp": sharp}
     for name, length in lengths.items():
-        if not (np.isfinite(length) and length > 0):
+        if not (math.isfinite(length) and length > 0):
             raise InputError(f"{length:g} m, expected above 0", field=name)
     for name, weight in {"sharp_weight": sharp_weight, "max_weight": max_weight}.items():
         if not 1 <= weight <= MAX_WEIGHT:

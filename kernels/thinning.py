@@ -1,5 +1,6 @@
 """Scans thinned to what is matched and written: vertices a spacing apart, and where a surface runs between them."""
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -107,9 +108,9 @@ def thin_scan(
     options = {"spacing": spacing, "widest": widest, "gap": gap, "gap_from_range": gap_from_range}
     options["straightness"] = straightness
     for name, value in options.items():
-        if not (np.isfinite(value) and value >= 0):
+        if not (math.isfinite(value) and value >= 0):
             raise InputError(f"{value:g}, expected a finite number of 0 or more", field=name)
-    if not (np.isfinite(straight_gap) and straight_gap >= 1):
+    if not (math.isfinite(straight_gap) and straight_gap >= 1):
         raise InputError(f"{straight_gap:g}, expected a finite number of 1 or more", field="straight_gap")
     n = len(ends)
     vertices, linked, count = np.empty((n, 2), np.float32), np.empty(n, np.int32), np.zeros(1, np.int32)

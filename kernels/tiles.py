@@ -12,6 +12,7 @@ the weight of that average; weight 0 is a cell never seen. Distances are positiv
 runs along it: where beams go counterclockwise, on the side that the sensor saw it from.
 """
 
+import math
 from typing import Any
 
 import numpy as np
@@ -164,7 +165,7 @@ def frames_in_cells(frames: ArrayLike, cell_size: float) -> NDArray[np.float64]:
     Raises:
         InputError: they are not that, or not finite.
     """
-    if not (np.isfinite(cell_size) and cell_size > 0):
+    if not (math.isfinite(cell_size) and cell_size > 0):
         raise InputError(f"{cell_size:g} m, expected above 0", field="cell_size")
     scaled: NDArray[np.float64] = np.array(as_finite("frames", frames, np.float64, (None, 4)))
     scaled[:, 2:] /= cell_size

@@ -35,8 +35,9 @@ def compose(a: ArrayLike, b: ArrayLike) -> Poses:
     if a.ndim == b.ndim == 1:
         return np.array(_compose_one(a.tolist(), b.tolist()))
     cos, sin = np.cos(a[..., 2]), np.sin(a[..., 2])
-    composed = np.empty(np.broadcast_shapes(a.shape, b.shape))
-    composed[..., 0] = a[..., 0] + cos * b[..., 0] - sin * b[..., 1]
+    x = a[..., 0] + cos * b[..., 0] - sin * b[..., 1]
+    composed = np.empty((*x.shape, 3))
+    composed[..., 0] = x
     composed[..., 1] = a[..., 1] + sin * b[..., 0] + cos * b[..., 1]
     composed[..., 2] = wrap(a[..., 2] + b[..., 2])
     return composed
@@ -71,13 +72,13 @@ def between(a: ArrayLike, b: ArrayLike) -> Poses:
 
 def transform_points(pose: ArrayLike, points: ArrayLike) -> NDArray[np.float64]:
     """Points [..., 2] [m], given in the frame of one pose [3], expressed where the pose is."""
-    x, y, theta = np.asarray(pose, np.float64)
+    x, y, theta = np.asarray(pose, np.float64).tolist()
     points = np.asarray(points, np.float64)
-    cos, sin = np.cos(theta), np.sin(theta)
-    return np.stack(
-        (x + cos * points[..., 0] - sin * points[..., 1], y + sin * points[..., 0] + cos * points[..., 1]),
-        axis=-1,
-    )
+    cos, sin = math.cos(theta), math.sin(theta)
+    moved = np.empty(points.shape)
+    moved[..., 0] = x + cos * points[..., 0] - sin * points[..., 1]
+    moved[..., 1] = y + sin * points[..., 0] + cos * points[..., 1]
+    return moved
 
 
 def accumulate(increments: ArrayLike, start: ArrayLike = IDENTITY) -> Poses:

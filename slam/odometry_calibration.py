@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from moteslam.slam.surface_config import CalibrationConfig
 
@@ -33,22 +33,22 @@ class OdometryCalibration:
     @property
     def scale(self) -> float:
         """The true way over that of the odometry."""
-        return float(self._way.values[0])
+        return self._way.values[0]
 
     @property
     def turn_gain(self) -> float:
         """The true turn over that of the odometry."""
-        return float(self._turn.values[0])
+        return self._turn.values[0]
 
     @property
     def curvature(self) -> float:
         """What a way that is straight by the odometry turns by [rad/m]."""
-        return float(self._turn.values[1])
+        return self._turn.values[1]
 
     @property
     def lever(self) -> float:
         """How far the lidar is ahead of where it is said to be, seen from the wheels' axle [m]."""
-        return float(self._lever.values[0])
+        return self._lever.values[0]
 
     def corrected(self, motion: Array) -> Array:
         """An increment of the odometry [3] as it is likely to have been."""
@@ -67,9 +67,9 @@ class OdometryCalibration:
             return
         c = self._config
         x, _, turn = odometry.tolist()
-        off = found - self.corrected(odometry)
-        swing = math.sin(found[2])
-        about_x, about_y, about_turn = 1 / np.maximum(np.diag(information), 1e-9)
+        off = (found - self.corrected(odometry)).tolist()
+        swing = math.sin(float(found[2]))
+        about_x, about_y, about_turn = (1 / max(value, 1e-9) for value in information.diagonal().tolist())
         of_way = (c.translation + c.translation_from_translation * abs(x)) ** 2
         of_turn = (c.rotation + c.rotation_from_rotation * abs(turn)) ** 2
         for gains, row, error, variance in (
@@ -78,7 +78,7 @@ class OdometryCalibration:
             (self._turn, [turn, x], off[2], of_turn + about_turn),
         ):
             gains.change_over(abs(x))
-            gains.learn(row, float(error), float(variance), c.gate)
+            gains.learn(row, error, variance, c.gate)
 
     def _on_axle(self, motion: Array) -> tuple[float, float, float]:
         """The same motion of the axle: its way rescaled and bent along the half of the turn that is added."""
@@ -98,22 +98,26 @@ class _Gains:
     """
 
     def __init__(self, values: list[float], deviations: list[float], change: float) -> None:
-        self.values = np.array(values)
-        self._most = np.square(deviations)
-        self._covariance = np.diag(self._most)
-        self._change = change**2 * self._most / self._most[0]
+        self.values = values
+        self._most = [deviation**2 for deviation in deviations]
+        # rows of plain numbers: for one gain or two, arrays take ten times as long
+        self._covariance: list[list[float]] = np.diag(self._most).tolist()
+        self._change = [change**2 * most / self._most[0] for most in self._most]
 
     def change_over(self, way: float) -> None:
         """Over so many metres they may have changed; never are they less known than before anything was."""
-        diagonal = np.diag(self._covariance)
-        self._covariance += np.diag(np.minimum(self._change * way, np.maximum(self._most - diagonal, 0.0)))
+        for i, (line, most, change) in enumerate(zip(self._covariance, self._most, self._change, strict=True)):
+            line[i] += min(change * way, max(most - line[i], 0.0))
 
-    def learn(self, row: ArrayLike, error: float, variance: float, gate: float) -> None:
+    def learn(self, row: list[float], error: float, variance: float, gate: float) -> None:
         """How far what is ``row`` times the gains was off; nothing beyond so many standard deviations."""
-        row = np.asarray(row)
-        total = float(row @ self._covariance @ row) + variance
+        pulls = [sum(c * r for c, r in zip(line, row, strict=True)) for line in self._covariance]
+        total = sum(r * pull for r, pull in zip(row, pulls, strict=True)) + variance
         if error * error >= gate**2 * total:
             return
-        weights = self._covariance @ row / total
-        self.values = self.values + weights * error
-        self._covariance = self._covariance - np.outer(weights, row @ self._covariance)
+        weights = [pull / total for pull in pulls]
+        self.values = [value + weight * error for value, weight in zip(self.values, weights, strict=True)]
+        self._covariance = [
+            [c - weight * pull for c, pull in zip(line, pulls, strict=True)]
+            for line, weight in zip(self._covariance, weights, strict=True)
+        ]

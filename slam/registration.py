@@ -32,6 +32,8 @@ SYMMETRIC = np.arange(FITS)[INFORMATION][[0, 1, 2, 1, 3, 4, 2, 4, 5]]
 """Where in a row of fits the elements of the whole information matrix are."""
 BLOCK = 10
 """Shifts along an edge of the blocks whose best one is kept."""
+WHOLE = np.eye(3)[None]
+"""Of what a scan says of a place: all of it."""
 
 
 class Registration(NamedTuple):
@@ -117,12 +119,13 @@ class Registrar:
         """
         share, along = weakest(found.information)
         error = self._config.degenerate / np.maximum(share, 1e-12)
-        shift = (along * found.offsets[:, :2]).sum(axis=1)
-        trust = np.where(abs(shift) > 3 * spread[0], 1.0, spread[0] ** 2 / (spread[0] ** 2 + error**2))
-        offsets, information = found.offsets.copy(), found.information
+        offsets, information, usual = found.offsets.copy(), found.information, float(spread[0])
+        shift = (along * offsets[:, :2]).sum(axis=1)
+        trust = usual**2 / (usual**2 + error * error)
+        trust[abs(shift) > 3 * usual] = 1.0
         offsets[:, :2] -= along * ((1 - trust) * shift)[:, None]
-        keep = np.broadcast_to(np.eye(3), information.shape).copy()
-        keep[:, :2, :2] -= (1 - np.sqrt(trust))[:, None, None] * along[:, :, None] * along[:, None, :]
+        keep = np.repeat(WHOLE, len(along), axis=0)
+        keep[:, :2, :2] -= ((1 - np.sqrt(trust))[:, None] * along)[:, :, None] * along[:, None, :]
         return found._replace(offsets=offsets, information=keep @ information @ keep)
 
     def follow(
@@ -228,7 +231,9 @@ def weakest(information: Array) -> tuple[Array, Array]:
     xx, xy, yy = information[:, 0, 0], information[:, 0, 1], information[:, 1, 1]
     middle, half = (xx + yy) / 2, np.hypot((xx - yy) / 2, xy)
     most = np.arctan2(2 * xy, xx - yy) / 2
-    return (middle - half) / np.maximum(middle + half, 1e-9), np.stack((-np.sin(most), np.cos(most)), axis=1)
+    along = np.empty((len(most), 2))
+    along[:, 0], along[:, 1] = -np.sin(most), np.cos(most)
+    return (middle - half) / np.maximum(middle + half, 1e-9), along
 
 
 def places(window: Array) -> int:

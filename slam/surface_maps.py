@@ -109,14 +109,15 @@ class SurfaceMaps:
     def _cover(self, poses: Array, reach: float) -> None:
         """Grow the tables so that everything within ``reach`` [m] of the poses is inside."""
         _, rows, columns = self._tables.shape
-        low = np.floor((poses[:, :2].min(axis=0) - reach) / self._tile_size).astype(np.int64)
-        high = np.floor((poses[:, :2].max(axis=0) + reach) / self._tile_size).astype(np.int64) + 1
-        below = np.maximum(0, -((low - self._corner) // TABLE_CHUNK)) * TABLE_CHUNK
-        size = np.array([columns, rows])
-        above = np.maximum(0, -((self._corner + size - high) // TABLE_CHUNK)) * TABLE_CHUNK
-        if not below.any() and not above.any():
+        lowest, highest = poses[:, :2].min(axis=0).tolist(), poses[:, :2].max(axis=0).tolist()
+        below, above = [], []
+        for low, high, first, size in zip(lowest, highest, self._corner.tolist(), (columns, rows), strict=True):
+            begin, end = ((low - reach) // self._tile_size, (high + reach) // self._tile_size + 1)
+            below.append(int(max(0, -((begin - first) // TABLE_CHUNK))) * TABLE_CHUNK)
+            above.append(int(max(0, -((first + size - end) // TABLE_CHUNK))) * TABLE_CHUNK)
+        if not any(below) and not any(above):
             return
-        wide, tall = (int(v) for v in size + below + above)
+        wide, tall = columns + below[0] + above[0], rows + below[1] + above[1]
         self._check_entries(len(self), tall, wide)
         tables = np.full((len(self), tall, wide), EMPTY, np.int32)
         tables[:, below[1] : below[1] + rows, below[0] : below[0] + columns] = self._tables

@@ -61,6 +61,8 @@ app.add_typer(scenarios.app, name="scenarios")
 
 def main() -> None:
     """Run the program and leave with its exit code: 0, 2 for bad input, 130 for Ctrl-C, 1 for a fault of ours."""
+    # before NumPy is imported: all its matrices here are small, and threads that wait for larger ones cost time too
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     code = run(sys.argv[1:])
     leave_with(code)
     sys.exit(code)
