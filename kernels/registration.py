@@ -131,11 +131,11 @@ def _blocked(
     length = ti.sqrt((px - ox) ** 2 + (py - oy) ** 2)
     for k in ti.static(range(len(RAY_SHARES))):
         share = ti.static(RAY_SHARES[k])
-        gx, gy = (ox + share * (px - ox)) * inverse, (oy + share * (py - oy)) * inverse
-        word = read(pool, table, base, columns, gx, gy, last_x, last_y, 0)
-        near = ti.abs(steps_of(word)) < NEAR_SURFACE
-        if weight_of(word) > SURE_WEIGHT and near and (1 - share) * length > clear:
-            hit = 1
+        if (1 - share) * length > clear:
+            gx, gy = (ox + share * (px - ox)) * inverse, (oy + share * (py - oy)) * inverse
+            word = read(pool, table, base, columns, gx, gy, last_x, last_y, 0)
+            if weight_of(word) > SURE_WEIGHT and ti.abs(steps_of(word)) < NEAR_SURFACE:
+                hit = 1
     return hit
 
 

@@ -66,35 +66,34 @@ def _draw(
     per_reach, per_step = 1.0 / reach, ti.f32(1.0 / STEPS)
     vx, vy = ux * per_reach, uy * per_reach
     near = sharp * per_reach
-    x0 = ti.cast(ti.floor(ti.min(ax, bx) - reach), ti.i32)
-    x1 = ti.cast(ti.floor(ti.max(ax, bx) + reach), ti.i32)
-    y0 = ti.cast(ti.floor(ti.min(ay, by) - reach), ti.i32)
-    y1 = ti.cast(ti.floor(ti.max(ay, by) + reach), ti.i32)
-    left, right = ti.cast(x0, ti.f32), ti.cast(x1, ti.f32)
-    # of every row only the part in the band around the stretch: within x = row * slope +- half for the distance, and
-    # likewise for the place along it
-    steep, flat = ti.abs(uy) > ALONG_AXIS, ti.abs(ux) > ALONG_AXIS
-    across_slope, across_half, along_slope, along_half, along_middle = 0.0, FAR, 0.0, FAR, 0.0
-    if steep:
-        across_slope, across_half = ux / uy, reach / ti.abs(uy)
-    if flat:
-        along_slope, along_half, along_middle = -uy / ux, (0.5 * length + OVERLAP) / ti.abs(ux), 0.5 * length / ux
-    for iy in range(y0, y1 + 1):
-        row = ti.cast(iy, ti.f32) + 0.5 - ay
-        across, along_at = row * across_slope, row * along_slope + along_middle
-        low, high = (
-            ti.max(across - across_half, along_at - along_half),
-            ti.min(across + across_half, along_at + along_half),
-        )
-        # positive numbers: the cast is the floor
-        first = ti.cast(ti.max(low + ax + (0.5 - SLACK), left), ti.i32)
-        last = ti.cast(ti.min(high + ax - (0.5 - SLACK), right), ti.i32)
-        for ix in range(first, last + 1):
-            px, py = ti.cast(ix, ti.f32) + 0.5 - ax, row
+    # lines of cells run across the stretch rather than along it: few long ones; o is from line to line, i in the line
+    flat = ti.abs(ux) > ti.abs(uy)
+    ao, bo, uo = ti.select(flat, ax, ay), ti.select(flat, bx, by), ti.select(flat, ux, uy)
+    ai, bi, ui = ti.select(flat, ay, ax), ti.select(flat, by, bx), ti.select(flat, uy, ux)
+    left, right = ti.floor(ti.min(ai, bi) - reach), ti.floor(ti.max(ai, bi) + reach)
+    # of every line only the part in the band around the stretch: within i = o * slope +- half for the distance, and
+    # likewise for the place along it; and only the lines that the band meets
+    slope, half = ui / uo, reach / ti.abs(uo)
+    along_slope, along_half, along_middle = 0.0, FAR, 0.0
+    if ti.abs(ui) > ALONG_AXIS:
+        along_slope, along_half, along_middle = -uo / ui, (0.5 * length + OVERLAP) / ti.abs(ui), 0.5 * length / ui
+    beyond = OVERLAP * ti.abs(uo) + reach * ti.abs(ui)
+    # positive numbers: the cast is the floor
+    begin = ti.cast(ti.min(ao, bo) - beyond + (0.5 - SLACK), ti.i32)
+    end = ti.cast(ti.max(ao, bo) + beyond - (0.5 - SLACK), ti.i32)
+    for o in range(begin, end + 1):
+        line = ti.cast(o, ti.f32) + 0.5 - ao
+        across, along_at = line * slope, line * along_slope + along_middle
+        low, high = ti.max(across - half, along_at - along_half), ti.min(across + half, along_at + along_half)
+        first = ti.cast(ti.max(low + ai + (0.5 - SLACK), left), ti.i32)
+        last = ti.cast(ti.min(high + ai - (0.5 - SLACK), right), ti.i32)
+        for i in range(first, last + 1):
+            place = ti.cast(i, ti.f32) + 0.5 - ai
+            px, py = ti.select(flat, line, place), ti.select(flat, place, line)
             along = px * ux + py * uy
             distance = vx * py - vy * px  # in truncations
             if along >= -OVERLAP and along <= length + OVERLAP and distance > -1.0 and distance < 1.0:
-                at = address(table, base, columns, ix, iy, level)
+                at = address(table, base, columns, ti.select(flat, o, i), ti.select(flat, i, o), level)
                 word = ti.cast(pool[at], ti.i32)
                 old, weight = ti.cast(steps_of(word), ti.f32) * per_step, weight_of(word)
                 gain = ti.select(ti.abs(distance) < near, boost, 1)
@@ -113,14 +112,17 @@ def _add(
     """
     for i in range(frames.shape[0]):
         margin = ti.max(reach, 2 * coarse_reach) + 2 * CHORD  # so far a chord strays from the stretches that it joins
+        done = ti.Vector([0, 0, 0, 0], dt=ti.i32)  # the tiles that were claimed last
         for j in range(scan.shape[1] - 1):
             if linked[j] == 1:
                 ends = _stretch(frames, i, scan, j, j + 1)
                 x0, x1 = tile_along(ti.min(ends[0], ends[2]) - margin), tile_along(ti.max(ends[0], ends[2]) + margin)
                 y0, y1 = tile_along(ti.min(ends[1], ends[3]) - margin), tile_along(ti.max(ends[1], ends[3]) + margin)
-                for ty in range(y0, y1 + 1):
-                    for tx in range(x0, x1 + 1):
-                        claim(pool, table, shares, free, counters, i * tiles + ty * columns + tx)
+                if j == 0 or x0 != done[0] or x1 != done[1] or y0 != done[2] or y1 != done[3]:
+                    done = ti.Vector([x0, x1, y0, y1], dt=ti.i32)
+                    for ty in range(y0, y1 + 1):
+                        for tx in range(x0, x1 + 1):
+                            claim(pool, table, shares, free, counters, i * tiles + ty * columns + tx)
     for i in range(frames.shape[0]):
         if counters[1] == 0:
             first = 0  # the vertex where the coarse level's stretch begins
