@@ -70,6 +70,7 @@ def _draw(
     flat = ti.abs(ux) > ti.abs(uy)
     ao, bo, uo = ti.select(flat, ax, ay), ti.select(flat, bx, by), ti.select(flat, ux, uy)
     ai, bi, ui = ti.select(flat, ay, ax), ti.select(flat, by, bx), ti.select(flat, uy, ux)
+    below, above = ti.floor(ti.min(ao, bo) - reach), ti.floor(ti.max(ao, bo) + reach)
     left, right = ti.floor(ti.min(ai, bi) - reach), ti.floor(ti.max(ai, bi) + reach)
     # of every line only the part in the band around the stretch: within i = o * slope +- half for the distance, and
     # likewise for the place along it; and only the lines that the band meets
@@ -79,8 +80,8 @@ def _draw(
         along_slope, along_half, along_middle = -uo / ui, (0.5 * length + OVERLAP) / ti.abs(ui), 0.5 * length / ui
     beyond = OVERLAP * ti.abs(uo) + reach * ti.abs(ui)
     # positive numbers: the cast is the floor
-    begin = ti.cast(ti.min(ao, bo) - beyond + (0.5 - SLACK), ti.i32)
-    end = ti.cast(ti.max(ao, bo) + beyond - (0.5 - SLACK), ti.i32)
+    begin = ti.cast(ti.max(ti.min(ao, bo) - beyond + (0.5 - SLACK), below), ti.i32)
+    end = ti.cast(ti.min(ti.max(ao, bo) + beyond - (0.5 - SLACK), above), ti.i32)
     for o in range(begin, end + 1):
         line = ti.cast(o, ti.f32) + 0.5 - ao
         across, along_at = line * slope, line * along_slope + along_middle
@@ -112,13 +113,13 @@ def _add(
     """
     for i in range(frames.shape[0]):
         margin = ti.max(reach, 2 * coarse_reach) + 2 * CHORD  # so far a chord strays from the stretches that it joins
-        done = ti.Vector([0, 0, 0, 0], dt=ti.i32)  # the tiles that were claimed last
+        done = ti.Vector([-1, -1, -1, -1], dt=ti.i32)  # the tiles that were claimed last: columns and rows
         for j in range(scan.shape[1] - 1):
             if linked[j] == 1:
                 ends = _stretch(frames, i, scan, j, j + 1)
                 x0, x1 = tile_along(ti.min(ends[0], ends[2]) - margin), tile_along(ti.max(ends[0], ends[2]) + margin)
                 y0, y1 = tile_along(ti.min(ends[1], ends[3]) - margin), tile_along(ti.max(ends[1], ends[3]) + margin)
-                if j == 0 or x0 != done[0] or x1 != done[1] or y0 != done[2] or y1 != done[3]:
+                if x0 != done[0] or x1 != done[1] or y0 != done[2] or y1 != done[3]:
                     done = ti.Vector([x0, x1, y0, y1], dt=ti.i32)
                     for ty in range(y0, y1 + 1):
                         for tx in range(x0, x1 + 1):

@@ -10,7 +10,7 @@ from twins import surfaces
 from moteslam.errors import InputError
 from moteslam.kernels.surface import CHORD, ThinScan, add_scans
 from moteslam.kernels.thinning import thin_scan
-from moteslam.kernels.tiles import STEPS
+from moteslam.kernels.tiles import CELLS, STEPS
 
 pytestmark = pytest.mark.usefixtures("taichi")
 
@@ -149,6 +149,18 @@ def test_no_surface_is_written_where_none_is_linked() -> None:
     pool.add([MIDDLE], scan)
     rows = np.flatnonzero(pool.surface().weights.any(axis=1)) * CELL - MIDDLE[1]
     assert -0.05 < rows.min() < rows.max() < 1.05
+
+
+def test_the_first_tile_of_the_tables_is_claimed_whatever_comes_before_it_in_a_scan() -> None:
+    """All of it in that tile, and nothing linked to the first vertex: everybody's empty tile stays empty."""
+    pool = Pool.empty(2, rows=1, columns=1, tiles=4)
+    middle = 0.8
+    scan = ThinScan(np.array([(0.05, 0.0), (-0.05, -0.02), (-0.05, 0.02)], np.float32), np.array([0, 1, 0], np.int32))
+    pool.add([(middle, middle, 0.0)] * 2, scan, truncation=0.1, coarse_truncation=0.2)
+    assert (pool.tables > 0).all()
+    assert not pool.pool[:CELLS].any()
+    assert pool.words(0).any()
+    np.testing.assert_array_equal(pool.words(0), pool.words(1))
 
 
 @pytest.mark.parametrize("vertices", [0, 1])
