@@ -110,11 +110,10 @@ class OccupancyGrid:
         """Make room for cells from ``low`` to ``high`` (column, row), leaving the outermost ring untouched."""
         height, width = self.log_odds.shape
         size = np.array([width, height])
-        first, last = self._corner + 1, self._corner + size - 2
-        if (low >= first).all() and (high <= last).all():
-            return
         below = np.maximum(0, -((low - 1 - self._corner) // CHUNK))
         above = np.maximum(0, (high + 2 - self._corner - size + CHUNK - 1) // CHUNK)
+        if not (below.any() or above.any()):
+            return
         wide, tall = (int(n) for n in size + (below + above) * CHUNK)
         if wide * tall > MAX_CELLS:
             raise InputError(

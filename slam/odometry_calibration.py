@@ -68,7 +68,7 @@ class OdometryCalibration:
         c = self._config
         x, _, turn = odometry.tolist()
         off = (found - self.corrected(odometry)).tolist()
-        swing = math.sin(float(found[2]))
+        swing = math.sin(found[2])
         about_x, about_y, about_turn = (1 / max(value, 1e-9) for value in information.diagonal().tolist())
         of_way = (c.translation + c.translation_from_translation * abs(x)) ** 2
         of_turn = (c.rotation + c.rotation_from_rotation * abs(turn)) ** 2

@@ -112,7 +112,7 @@ class SurfaceMaps:
         lowest, highest = poses[:, :2].min(axis=0).tolist(), poses[:, :2].max(axis=0).tolist()
         below, above = [], []
         for low, high, first, size in zip(lowest, highest, self._corner.tolist(), (columns, rows), strict=True):
-            begin, end = ((low - reach) // self._tile_size, (high + reach) // self._tile_size + 1)
+            begin, end = (low - reach) // self._tile_size, (high + reach) // self._tile_size + 1
             below.append(int(max(0, -((begin - first) // TABLE_CHUNK))) * TABLE_CHUNK)
             above.append(int(max(0, -((first + size - end) // TABLE_CHUNK))) * TABLE_CHUNK)
         if not any(below) and not any(above):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -20,8 +21,10 @@ from moteslam.slam.config import ColourConfig, SlamConfig, TextureConfig
 from moteslam.slam.estimate import Estimate
 from moteslam.slam.floor_tracker import FloorTracker
 from moteslam.slam.floor_views import FloorView, FloorViews
+from moteslam.slam.motion_model import odometry_spread
 from moteslam.slam.run import run_slam
 from moteslam.slam.settings import load_preset, preset_names, resolve_config
+from moteslam.slam.surface_filter import SurfaceFilter
 
 pytestmark = pytest.mark.usefixtures("taichi")
 
@@ -160,6 +163,29 @@ def test_colours_take_part_and_nothing_is_lost_by_them(
     errors = [absolute_trajectory_error(e.trajectory_final, room[0].truth).rmse for e in (estimate, without)]
     assert errors[0] < max(1.2 * errors[1], 0.02)
     assert not [line for line in estimate.warnings if "colours" in line]
+
+
+def test_all_of_the_odometrys_error_is_drawn_where_colours_weigh_the_particles(
+    room: tuple[Simulation, Recording], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fit, draw = FloorTracker.fit, SurfaceFilter._draw
+    weighed, shares = [False], {True: set[float](), False: set[float]()}
+
+    def watched_fit(tracker: FloorTracker, *arguments: Any) -> Any:
+        found = fit(tracker, *arguments)
+        weighed[0] = found is not None
+        return found
+
+    def watched_draw(self: SurfaceFilter, step: int, information: np.ndarray, spread: np.ndarray) -> np.ndarray:
+        along = odometry_spread(CONFIG.proposal, self._gate.travelled, self._gate.turned)[0]
+        shares[weighed[0]].add(round(float(spread[0] / along), 6))
+        weighed[0] = False
+        return draw(self, step, information, spread)
+
+    monkeypatch.setattr(FloorTracker, "fit", watched_fit)
+    monkeypatch.setattr(SurfaceFilter, "_draw", watched_draw)
+    run_slam(room[1], CONFIG)
+    assert shares == {True: {1.0}, False: {CONFIG.proposal.drawn}}
 
 
 def test_the_same_seed_gives_the_same_bytes_and_frames_are_read_at_updates_alone(
