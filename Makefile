@@ -10,7 +10,8 @@ SHELL := /bin/sh
 .PHONY: help setup demo test test-fast lint bench clean FORCE
 
 PACKAGES := api kernels robot sim slam eval
-PYTEST := .venv/bin/python -m pytest
+PYTEST := $(if $(PROCESSORS),MOTESLAM_TEST_PROCESSORS=$(PROCESSORS) PYTHONPATH=tests/processors )\
+    .venv/bin/python -m pytest
 PIP_FLAGS := --quiet --disable-pip-version-check --constraint constraints.txt
 LINT := .venv-lint/bin
 
@@ -41,7 +42,7 @@ fi
 endef
 
 help: ## list the targets
-	@echo "make TARGET [PYTHON=python3.12] [WORKERS=2]"
+	@echo "make TARGET [PYTHON=python3.12] [WORKERS=2] [PROCESSORS=8]"
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/  \1|\2/p' Makefile | while IFS='|' read -r name what; do \
 	    printf '  %-10s %s\n' $$name "$$what"; done
 

@@ -16,6 +16,7 @@ from moteslam.eval.report.snapshots import Snapshot
 from moteslam.eval.report.textures import draw_texture_over_time, write_texture
 from moteslam.eval.scores import Scores, score_estimate
 from moteslam.robot.files import write_atomically
+from moteslam.robot.processors import processor_count
 from moteslam.robot.recording import Recording
 from moteslam.robot.se2 import between, compose
 from moteslam.robot.trajectory import Trajectory, write_tum
@@ -149,10 +150,9 @@ def draw_figures(
 
 def hardware() -> dict[str, Any]:
     """What this runs on: processor, cores that may be used, memory [GiB], system."""
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     return {
         "cpu": _processor(),
-        "cores": cores,
+        "cores": processor_count(),
         "memory_gib": _memory(),
         "system": f"{platform.system()} {platform.release()} {platform.machine()}",
     }

@@ -13,16 +13,32 @@ import sys
 import tempfile
 import time
 import warnings
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 from moteslam.errors import BackendError
 
+
+@contextlib.contextmanager
+def _some_home() -> Iterator[None]:
+    """A home folder while Taichi asks for one, which without aborts the process; it puts nothing there."""
+    home = os.environ.get("HOME")
+    os.environ["HOME"] = home or os.sep
+    try:
+        yield
+    finally:
+        if home is None:
+            del os.environ["HOME"]
+        else:
+            os.environ["HOME"] = home
+
+
 # before the import: no banner, no query of the newest version over the network
 os.environ["ENABLE_TAICHI_HEADER_PRINT"] = "0"
 os.environ["TI_SKIP_VERSION_CHECK"] = "ON"
 os.environ.pop("TI_ARCH", None)  # it would outvote the arch that init is asked for
-with warnings.catch_warnings():
+with _some_home(), warnings.catch_warnings():
     warnings.simplefilter("ignore")
     import taichi as ti
 
@@ -85,7 +101,7 @@ def init(arch: str = "cpu", threads: int | None = None, *, debug: bool = False) 
     before = _threads()
     said = io.StringIO()
     try:
-        with contextlib.redirect_stdout(said):  # "[Taichi] Starting on arch=" is a bare print
+        with _some_home(), contextlib.redirect_stdout(said):  # "[Taichi] Starting on arch=" is a bare print
             ti.init(
                 arch=ti.cuda if arch == "cuda" else ti.cpu,
                 cpu_max_num_threads=wanted[1],

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections import deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -14,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.errors import InputError
+from moteslam.robot.processors import processor_count
 from moteslam.robot.recording import RgbdStream
 from moteslam.robot.wording import counted
 
@@ -162,7 +162,7 @@ def camera_frames(
     """
     count = count if count is not None else FrameCount()
     depth, colour, count.unpaired = pairs(stream, interval=interval, largest_gap=largest_gap)
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    cores = processor_count()
 
     with ThreadPoolExecutor(cores) as pool:
         ahead: deque[Future[CameraFrame | str | None]] = deque()

@@ -25,10 +25,13 @@ def data_folder() -> Path:
 
 @pytest.fixture(scope="session")
 def taichi() -> None:
-    """Taichi on the CPU with two threads; with MOTESLAM_TEST_DEBUG=1 with bounds checks in every kernel."""
+    """Taichi on the CPU as a user has it, on all processors; with MOTESLAM_TEST_DEBUG=1 with bounds checks.
+
+    It may run already, started by what another fixture called: the settings are the same, in whatever order.
+    """
     from moteslam.kernels import runtime
 
-    runtime.init("cpu", 2, debug=os.environ.get("MOTESLAM_TEST_DEBUG") == "1")
+    runtime.init("cpu", debug=os.environ.get("MOTESLAM_TEST_DEBUG") == "1")
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import multiprocessing
-import os
 import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -77,10 +76,14 @@ def run_batch(orders: list[Order], *, jobs: int | None = None) -> list[dict[str,
     """
     if len(orders) > MAX_BATCH:
         raise ConfigError(f"{len(orders)} simulations, expected at most {MAX_BATCH}", field="batch")
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    from moteslam.robot.processors import processor_count
+
     spawn = multiprocessing.get_context("spawn")
     found: dict[int, dict[str, Any]] = {}
-    with spawn.Pool(min(jobs or cores, len(orders)), _start) as pool, progress_bar("batch", len(orders), "runs") as bar:
+    with (
+        spawn.Pool(min(jobs or processor_count(), len(orders)), _start) as pool,
+        progress_bar("batch", len(orders), "runs") as bar,
+    ):
         coming = pool.imap_unordered(_carry_out, list(enumerate(orders)))
         while len(found) < len(orders):
             bar.update(len(found))

@@ -6,7 +6,6 @@ one; that is told once, with a count, and so are images beyond the last stamp.
 
 from __future__ import annotations
 
-import os
 import re
 import shutil
 from collections.abc import Callable, Iterator
@@ -20,6 +19,7 @@ from numpy.typing import NDArray
 from moteslam.errors import InputError, OutputError
 from moteslam.robot.kinect import HEIGHT, WIDTH
 from moteslam.robot.pictures import PNG, decode_picture
+from moteslam.robot.processors import processor_count
 from moteslam.robot.wording import counted
 
 RGB, DISPARITY = "RGB", "Disparity"
@@ -216,7 +216,7 @@ def write_images(
         return len(data)
 
     written, done = 0, 0
-    with ThreadPoolExecutor(_cores()) as pool:
+    with ThreadPoolExecutor(processor_count()) as pool:
         waiting: list[Future[int]] = []
         try:
             for batch_of in _batches(count, batch):
@@ -238,7 +238,3 @@ def write_images(
 def _batches(count: int, size: int) -> Iterator[NDArray[np.intp]]:
     for start in range(0, count, size):
         yield np.arange(start, min(start + size, count))
-
-
-def _cores() -> int:
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

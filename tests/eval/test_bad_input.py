@@ -323,7 +323,7 @@ def test_a_truth_on_another_clock_is_left_out(simulated_folder: Path, tmp_path: 
 
     shutil.copytree(simulated_folder, tmp_path / "robot")
     (tmp_path / "robot/truth.tum").write_text("0 0 0 0 0 0 0 1\n1 1 0 0 0 0 0 1\n")
-    arguments = ["replay", tmp_path / "robot", "--out", tmp_path / "x", "--particles", 5, "--threads", 2, "--json"]
+    arguments = ["replay", tmp_path / "robot", "--out", tmp_path / "x", "--particles", 5, "--json"]
     assert main.run([str(argument) for argument in [*arguments, "--no-figures"]]) == 0
     said = capsys.readouterr()
     assert "no stamps in common" in said.err

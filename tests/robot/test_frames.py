@@ -174,7 +174,7 @@ def test_reading_holds_few_frames_at_a_time(folder: Path, monkeypatch: pytest.Mo
     read = []
     real = ucsd_rgbd.read_rgb
     monkeypatch.setattr(ucsd_rgbd, "read_rgb", lambda path: read.append(path) or real(path))
-    monkeypatch.setattr("moteslam.robot.frames.os.sched_getaffinity", lambda _: {0}, raising=False)
+    monkeypatch.setattr("moteslam.robot.frames.processor_count", lambda: 1)
     recording = read_ucsd(folder)
     assert recording.rgbd is not None
     stream = camera_frames(recording.rgbd)

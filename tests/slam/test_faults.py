@@ -124,7 +124,7 @@ def test_a_result_without_odometry_is_written_and_scored(corridor: Simulation, t
         recording.replace(lidar=short),
         resolve_config("default", ["particles=5"]),
         seed=0,
-        backend=Backend("cpu", 2),
+        backend=Backend(),
         truth=corridor.truth,
         figures=False,
     )
