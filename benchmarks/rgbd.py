@@ -99,8 +99,8 @@ def scored(simulation: Any, recording: Any, trajectory: Any) -> dict[str, Any]:
     from moteslam.eval.metrics.texture import registration, score_texture
     from moteslam.sim.floor import rasterise
     from moteslam.sim.visibility import seen_cells
-    from moteslam.slam.config import TextureConfig
-    from moteslam.slam.texture import map_texture
+    from moteslam.slam.texture.config import TextureConfig
+    from moteslam.slam.texture.floor_map import map_texture
 
     began = time.perf_counter()
     texture = map_texture(recording, trajectory, TextureConfig(cell_size=CELL))

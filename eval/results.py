@@ -21,7 +21,7 @@ from moteslam.robot.recording import Recording
 from moteslam.robot.se2 import between, compose
 from moteslam.robot.trajectory import Trajectory, write_tum
 from moteslam.slam.estimate import Estimate
-from moteslam.slam.texture import TextureMap
+from moteslam.slam.texture.floor_map import TextureMap
 
 
 def write_results(
@@ -35,7 +35,7 @@ def write_results(
     figures: bool = True,
     run: Mapping[str, Any] | None = None,
 ) -> Scores | None:
-    """Fill a result folder (its files: ``docs/formats.md``).
+    """Fill a result folder (its files: ``docs/reference/formats.md``).
 
     Args:
         folder: exists; files in it are replaced.

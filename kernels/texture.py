@@ -70,7 +70,7 @@ def add_frame(
 
     Each disparity d gives a depth (scale / dd, dd = slope d + offset), the pixel of the colour image that saw the same
     point, and the point itself (III.5, III.6), turned to the robot's axes and moved to the camera's place (III.7 and
-    III.8, mended as ``docs/paper.md`` says); points below ``height_limit`` count.
+    III.8, mended as ``docs/theory/paper.md`` says); points below ``height_limit`` count.
 
     Args:
         sums: int64 [H, W, 4] sums of red, green and blue, and the number of points; row 0 the smallest y.

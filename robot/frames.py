@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from moteslam.errors import InputError
 from moteslam.robot.processors import processor_count
 from moteslam.robot.recording import RgbdStream
+from moteslam.robot.stamps import nearest_stamp
 from moteslam.robot.wording import counted
 
 LARGEST_GAP = 0.05
@@ -103,9 +104,7 @@ def pairs(
     rgb, disparity = stream.rgb_stamps, stream.disparity_stamps
     if not len(rgb) or not len(disparity):
         return np.empty(0, np.intp), np.empty(0, np.intp), len(disparity)
-    after = np.clip(np.searchsorted(rgb, disparity), 0, len(rgb) - 1)
-    before = np.maximum(after - 1, 0)
-    nearest = np.where(np.abs(disparity - rgb[before]) <= np.abs(rgb[after] - disparity), before, after)
+    nearest = nearest_stamp(rgb, disparity)
     near = np.abs(disparity - rgb[nearest]) <= largest_gap
     slack = 0.25 * float(np.median(np.diff(disparity))) if len(disparity) > 1 else 0.0
     chosen, last = [], -np.inf

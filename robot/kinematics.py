@@ -1,7 +1,7 @@
 """Differential drive: the increment of a pose from what the wheels (and the gyro) did.
 
 An increment is a pose in the frame of the pose before it. Both functions take a travelled distance and a turn,
-never a velocity: an interval between jittered stamps is not a thing to divide by (``docs/paper.md``).
+never a velocity: an interval between jittered stamps is not a thing to divide by (``docs/theory/paper.md``).
 """
 
 from __future__ import annotations

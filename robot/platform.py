@@ -1,12 +1,11 @@
 """The robot's body: wheels, lidar, IMU and camera, where they are and what they measure.
 
 A platform comes with a recording (its file, the log's own parameters, or the built-in robot of the format) and can
-be overridden by a ``platform.toml``. Facts and sources: ``docs/formats.md``.
+be overridden by a ``platform.toml``. Facts and sources: ``docs/reference/formats.md``.
 """
 
 from __future__ import annotations
 
-import tomllib
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -17,6 +16,7 @@ from pydantic import ValidationError, field_validator
 from moteslam.errors import ConfigError
 from moteslam.robot.files import write_atomically
 from moteslam.robot.section import NotNegative, Number, Positive, Section
+from moteslam.robot.tables import merged, read_toml
 from moteslam.robot.wording import first_complaint, known_keys
 
 
@@ -119,13 +119,9 @@ def read_platform(path: str | PathLike[str], *, base: Platform | None = None) ->
         ConfigError: not readable, not TOML, an unknown key, or a value out of bounds; file and key are named.
     """
     path = Path(path)
+    values = read_toml(path, "a platform.toml")
     try:
-        values = tomllib.loads(path.read_text(encoding="utf-8"))
-        return Platform.model_validate(values if base is None else _over(base.model_dump(), values))
-    except OSError as error:
-        raise ConfigError(f"{error.strerror}, expected a platform.toml", file=path) from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ConfigError(f"not TOML: {error}", file=path) from error
+        return Platform.model_validate(values if base is None else merged(base.model_dump(), values))
     except ValidationError as error:
         field, problem = first_complaint(
             error, "platform.toml", lambda place: f"expected one of {', '.join(known_keys(Platform, place))}"
@@ -144,12 +140,3 @@ def robot_of(told: Platform | str | PathLike[str] | None, base: Platform) -> Pla
     if isinstance(told, Platform):
         return told
     return base if told is None else read_platform(told, base=base)
-
-
-def _over(base: dict[str, Any], values: dict[str, Any]) -> dict[str, Any]:
-    """The base with the values in place of its own, tables key by key."""
-    merged = dict(base)
-    for key, value in values.items():
-        below = merged.get(key)
-        merged[key] = _over(below, value) if isinstance(below, dict) and isinstance(value, dict) else value
-    return merged

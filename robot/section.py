@@ -20,4 +20,4 @@ Share = Annotated[Number, Field(ge=0, le=1)]
 class Section(BaseModel):
     """A table; unknown keys are refused."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)

@@ -1,4 +1,4 @@
-"""What SLAM found, with the floor in colours where the recording has camera images."""
+"""The floor in colours along an estimated trajectory, where the recording has camera images."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from moteslam.errors import InputError
 from moteslam.robot.recording import Recording
 from moteslam.slam.config import SlamConfig
 from moteslam.slam.estimate import Estimate
-from moteslam.slam.texture import TextureMapper, can_map, map_texture
+from moteslam.slam.texture.floor_map import TextureMapper, can_map, map_texture
 
 
 def wants_colours(config: SlamConfig, recording: Recording) -> bool:
@@ -28,8 +28,8 @@ def with_texture(
         watch: as in ``map_texture``.
 
     Returns:
-        the same with ``texture`` and its warnings; as it was where the floor is not to be coloured; with a warning
-        alone where it cannot be: what SLAM found is not lost for it.
+        the same with ``texture`` and its warnings; unchanged where the floor is not to be coloured; with a warning
+        alone where it cannot be: the estimate is not lost for it.
     """
     if not wants_colours(estimate.config, recording):
         return estimate

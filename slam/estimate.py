@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from moteslam.robot.trajectory import Trajectory
 from moteslam.slam.config import SlamConfig
-from moteslam.slam.grid import OccupancyMap
-from moteslam.slam.texture import TextureMap
+from moteslam.slam.mapping.occupancy import OccupancyMap
+from moteslam.slam.texture.floor_map import TextureMap
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,21 +14,24 @@ from moteslam.errors import ConfigError, InputError
 from moteslam.robot import se2
 from moteslam.robot.recording import Recording
 from moteslam.robot.trajectory import Trajectory
+from moteslam.slam.backend.kinds import BACKENDS
+from moteslam.slam.backend.protocol import KeyScan
 from moteslam.slam.colouring import with_texture
 from moteslam.slam.config import SlamConfig
-from moteslam.slam.dead_reckoning import dead_reckon
 from moteslam.slam.estimate import Estimate
-from moteslam.slam.floor_views import FloorViews, lacking
-from moteslam.slam.grid import OccupancyMap, draw_map
-from moteslam.slam.paper_filter import PaperFilter
-from moteslam.slam.scans import Scans
+from moteslam.slam.filter.protocol import StepResult
+from moteslam.slam.inputs.floor_views import FloorViews, missing_for_floor_views
+from moteslam.slam.inputs.step import Step, steps
+from moteslam.slam.inputs.synchronise import synchronise
+from moteslam.slam.inputs.warnings import warnings
+from moteslam.slam.mapping.occupancy import OccupancyMap, draw_map
+from moteslam.slam.methods import METHODS
+from moteslam.slam.odometry.dead_reckoning import dead_reckoning
 from moteslam.slam.settings import load_preset
-from moteslam.slam.step import steps
-from moteslam.slam.surface_filter import SurfaceFilter
-from moteslam.slam.synchronise import has_odometry, require_lidar, tells_motion, warnings
 
-FILTERS: dict[str, type[PaperFilter] | type[SurfaceFilter]] = {"paper": PaperFilter, "surface": SurfaceFilter}
-"""The methods that ``SlamConfig.method`` names."""
+Array = NDArray[np.float64]
+DIAGNOSTICS = ("particles", "n_eff", "score", "updated", "resampled", "seconds")
+"""What is kept of every step: see ``Estimate.diagnostics``."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,19 +41,19 @@ class Update:
     Attributes:
         index, stamp: of the scan; stamp in s.
         pose: [3] estimate at the scan.
-        poses, weights: [N, 3] and [N] of the particles, at the last scan that the filter worked on.
-        n_eff, score, mapped, resampled: see ``Outcome``; ``mapped`` when the filter worked on this scan.
+        poses, weights: [N, 3] and [N] of the particles, at the last scan that the filter updated them with.
+        n_eff, score, updated, resampled: see ``StepResult``.
         seconds: spent on it.
     """
 
     index: int
     stamp: float
-    pose: NDArray[np.float64]
-    poses: NDArray[np.float64]
-    weights: NDArray[np.float64]
+    pose: Array
+    poses: Array
+    weights: Array
     n_eff: float
     score: float
-    mapped: bool
+    updated: bool
     resampled: bool
     seconds: float
 
@@ -60,8 +63,11 @@ class SlamSession:
 
     Args:
         recording: with a lidar; with some odometry, too, unless the method does without. There is no truth in it.
-        config: the ``DEFAULT_PRESET`` if None.
+        config: the preset ``default`` if None.
         seed: from 0 to 2^63 - 1; the same seed gives the same bytes, on one thread and on many.
+
+    Attributes:
+        recording, config, seed: as given.
 
     Raises:
         InputError: the recording has no scans, or no odometry and the method needs one.
@@ -71,104 +77,68 @@ class SlamSession:
     def __init__(self, recording: Recording, config: SlamConfig | None = None, *, seed: int = 0) -> None:
         if not 0 <= seed < 2**63:
             raise ConfigError(f"{seed}, expected 0 to 2^63 - 1", field="seed")
-        self.recording = recording
-        self.config = config or load_preset()
-        self.seed = seed
-        self._lidar = require_lidar(recording)
-        method = FILTERS[self.config.method]
-        self._dead_reckoning = self._reckon(method.needs_odometry)
-        self._filter = method(self.config, seed)
-        self._online = np.zeros((len(self._lidar), 3))
-        self._diagnostics = {
-            key: np.zeros(len(self._lidar))
-            for key in ("particles", "n_eff", "score", "updated", "resampled", "seconds")
-        }
-        self._motions = np.zeros((len(self._lidar), 3))
-        self._done = self._guesses = 0
+        self.recording, self.seed = recording, seed
+        self.config = config = config or load_preset()
+        self._inputs = synchronise(recording, config.sync, max_range=config.max_range)
+        self._filter = METHODS[config.method].make(config, seed)
+        self._must_have_odometry()
+        self._backend = BACKENDS[config.backend.name].make(config.backend)
+        self._missing = missing_for_floor_views(recording, self._inputs) if self._filter.uses_camera else ""
+        self._views: FloorViews | None = None
+        if self._filter.uses_camera and not self._missing:
+            self._views = FloorViews(recording, self._inputs, largest_gap=config.texture.largest_gap)
+        self._steps = steps(self._inputs, self._views)
+        n = len(self._inputs)
+        self._online, self._motions = np.zeros((n, 3)), np.zeros((n, 3))
+        self._diagnostics = {key: np.zeros(n) for key in DIAGNOSTICS}
+        self._updates: list[int] = []
+        self._done = 0
         self._drawn: tuple[int, OccupancyMap | None] = (0, None)  # the map, and after how many scans
-        self._blind = lacking(recording) if self.config.colours.enabled else ""
-        wanted = self.config.colours.enabled and not self._blind
-        self._views = FloorViews(recording, self.config) if wanted else None
-        self._steps = steps(recording, self.config.sync, max_range=self.config.max_range, views=self._views)
 
     def __len__(self) -> int:
-        return len(self._lidar)
+        return len(self._inputs)
 
     def __iter__(self) -> Iterator[Update]:
         for step in self._steps:
             began = time.perf_counter()
-            outcome = self._filter.step(step)
-            self._guesses += step.guess
+            result = self._filter.step(step)
+            if result.updated:
+                self._updates.append(step.index)
+                self._tell_backend(step, result)
             seconds = time.perf_counter() - began
-            poses = self._filter.poses
-            self._online[step.index] = outcome.pose
-            self._motions[step.index] = outcome.motion
-            for key, value in (
-                ("particles", len(poses)),
-                ("n_eff", outcome.n_eff),
-                ("score", outcome.score),
-                ("updated", outcome.updated),
-                ("resampled", outcome.resampled),
-                ("seconds", seconds),
-            ):
-                self._diagnostics[key][step.index] = value
-            self._done = step.index + 1
+            poses, weights = self._filter.poses, self._filter.weights.values
+            self._record(step.index, result, particles=len(poses), seconds=seconds)
             yield Update(
-                step.index,
-                step.stamp,
-                outcome.pose,
-                poses,
-                self._filter.weights.values,
-                outcome.n_eff,
-                outcome.score,
-                outcome.updated,
-                outcome.resampled,
-                seconds,
+                index=step.index,
+                stamp=step.stamp,
+                pose=result.pose,
+                poses=poses,
+                weights=weights,
+                n_eff=result.n_eff,
+                score=result.score,
+                updated=result.updated,
+                resampled=result.resampled,
+                seconds=seconds,
             )
-
-    def _reckon(self, needs_odometry: bool) -> Trajectory:
-        """Dead reckoning; standing still where a recording has no odometry and the method can do without."""
-        if has_odometry(self.recording):
-            return dead_reckon(self.recording, self.config.sync)
-        if needs_odometry:
-            able = ", ".join(f'"{name}"' for name, method in FILTERS.items() if not method.needs_odometry)
-            raise InputError(
-                f"neither encoders nor odometry, expected one of them with method {self.config.method!r}; "
-                f"method {able} does without",
-                file=self.recording.name,
-            )
-        return Trajectory(self._lidar.stamps, np.zeros((len(self._lidar), 3)))
-
-    def _distrust(self) -> list[str]:
-        """Where the odometry was not believed, a line if anywhere."""
-        if not self._guesses or self._filter.needs_odometry or not tells_motion(self.recording):
-            return []
-        return [f"odometry jumps at {self._guesses} of {self._done} scans: constant velocity there"]
-
-    def _unseen(self) -> tuple[str, ...]:
-        """Where the colours of the floor were asked for and not to be had, a line each."""
-        if self._blind:
-            return (f"colours: {self._blind}: particles are weighed without",)
-        return self._views.warnings() if self._views is not None else ()
 
     @property
     def map(self) -> OccupancyMap:
-        """The map as it stands; the best particle's, where each has its own."""
+        """The map as it stands: the filter's own, or drawn along the best particle's path."""
         done, drawn = self._drawn
         if drawn is None or done != self._done:
-            drawn = self.sketch(self._done)
+            drawn = self.preview(self._done)
             self._drawn = self._done, drawn
         return drawn
 
-    def sketch(self, scans: int) -> OccupancyMap:
-        """The map as it stands, for a small picture: of an even choice of so many scans, where it has to be drawn."""
-        if isinstance(self._filter, PaperFilter):
-            return self._filter.grid.snapshot()
-        path = self._filter.history.paths(np.array([self._filter.best_particle]))[0]
-        updates = np.flatnonzero(self._diagnostics["updated"])[: len(path)]
-        some = np.unique(np.linspace(0, len(path) - 1, min(len(path), scans)).round().astype(int))
-        points = Scans(self.recording, self.config.sync, max_range=self.config.max_range)
-        return draw_map(self.config.map, points, updates[some].tolist(), path[some])
+    @property
+    def map_bytes(self) -> int:
+        """Memory of the particles' maps."""
+        return self._filter.map_bytes
+
+    def preview(self, scans: int) -> OccupancyMap:
+        """The map as it stands, for a small picture: of at most so many scans, evenly chosen, where it is drawn."""
+        own = self._filter.occupancy()
+        return self._draw(self._path(), scans) if own is None else own
 
     def estimate(self) -> Estimate:
         """The result of the scans taken in so far.
@@ -179,11 +149,11 @@ class SlamSession:
         if not self._done:
             raise ConfigError("no scan was taken in yet, expected an iteration over the session first")
         n = self._done
-        stamps = self._lidar.stamps[:n]
-        updates = np.flatnonzero(self._diagnostics["updated"][:n])
-        paths = self._filter.history.paths(np.arange(self._filter.history.particles))
-        odometry = self._dead_reckoning.poses[:n]
-        final = _between_updates(paths[self._filter.best_particle], updates, se2.accumulate(self._motions[:n]))
+        stamps, updates = self._inputs.stamps[:n], np.array(self._updates)
+        history, odometry = self._filter.history, dead_reckoning(self._inputs)
+        path = self._path()
+        corrected = self._backend.finish(path)
+        final = _between_updates(path if corrected is None else corrected, updates, se2.accumulate(self._motions[:n]))
         return Estimate(
             name=self.recording.name,
             config=self.config,
@@ -191,14 +161,71 @@ class SlamSession:
             versions={name: version(name) for name in ("moteslam", "taichi", "numpy")},
             trajectory=Trajectory(stamps, self._online[:n]),
             trajectory_final=Trajectory(stamps, final),
-            dead_reckoning=Trajectory(stamps, odometry),
-            map=self.map,
+            dead_reckoning=Trajectory(stamps, odometry.poses[:n]),
+            map=self.map if corrected is None else self._draw(corrected, n),
             particle_stamps=stamps[updates],
-            particle_paths=paths,
+            particle_paths=history.paths(np.arange(history.particles)),
             diagnostics={key: values[:n] for key, values in self._diagnostics.items()},
-            warnings=(*warnings(self.recording), *self._distrust(), *self._unseen()),
+            warnings=self._warnings(),
             seconds=float(self._diagnostics["seconds"].sum()),
         )
+
+    def _must_have_odometry(self) -> None:
+        if self._inputs.path is not None or not METHODS[self.config.method].needs_odometry:
+            return
+        able = ", ".join(f'"{name}"' for name, method in METHODS.items() if not method.needs_odometry)
+        raise InputError(
+            f'neither encoders nor odometry, expected one of them with method "{self.config.method}"; '
+            f"method {able} does without",
+            file=self.recording.name,
+        )
+
+    def _tell_backend(self, step: Step, result: StepResult) -> None:
+        """Give the back end a key scan; where it corrects the path, the filter goes on from there."""
+        last = self._updates[-2] if len(self._updates) > 1 else step.index
+        odometry = self._inputs.odometry
+        revised = self._backend.add(
+            KeyScan(
+                index=step.index,
+                stamp=step.stamp,
+                points=step.points,
+                origin=step.origin,
+                pose=self._filter.history.last[self._filter.best_particle].copy(),
+                odometry=np.asarray(se2.between(odometry[last], odometry[step.index])),
+                measured=bool(self._inputs.measured[last + 1 : step.index + 1].all()),
+            )
+        )
+        if revised is not None:
+            self._filter.revise(revised, np.array(self._updates), self._inputs.scans)
+
+    def _record(self, index: int, result: StepResult, *, particles: int, seconds: float) -> None:
+        self._online[index], self._motions[index] = result.pose, result.motion
+        values = (particles, result.n_eff, result.score, result.updated, result.resampled, seconds)
+        for key, value in zip(DIAGNOSTICS, values, strict=True):
+            self._diagnostics[key][index] = value
+        self._done = index + 1
+
+    def _path(self) -> Array:
+        """The path [u, 3] of the best particle at every update."""
+        return self._filter.history.path(self._filter.best_particle)
+
+    def _draw(self, path: Array, scans: int) -> OccupancyMap:
+        """The occupancy map along a path [u, 3], of at most so many scans, evenly chosen."""
+        updates = np.array(self._updates)[: len(path)]
+        some = np.unique(np.linspace(0, len(path) - 1, min(len(path), scans)).round().astype(int))
+        return draw_map(self.config.map, self._inputs.scans, updates[some].tolist(), path[some])
+
+    def _warnings(self) -> tuple[str, ...]:
+        """What SLAM had to make do with."""
+        lines = [*warnings(self.recording, self._inputs)]
+        extrapolated = int((~self._inputs.measured[: self._done]).sum())
+        if extrapolated and self._inputs.moves and not METHODS[self.config.method].needs_odometry:
+            lines.append(f"odometry jumps at {extrapolated} of {self._done} scans: constant velocity there")
+        if self._missing:
+            lines.append(f"colours: {self._missing}: particles are weighed without")
+        if self._views is not None:
+            lines += self._views.warnings()
+        return tuple(lines)
 
 
 def run_slam(
@@ -207,11 +234,11 @@ def run_slam(
     seed: int = 0,
     watch: Callable[[Update], None] | None = None,
 ) -> Estimate:
-    """Run SLAM over a recording, and colour the floor along what it found where there are images.
+    """Run SLAM over a recording, and colour the floor along the final trajectory where there are images.
 
     Args:
         recording: with a lidar; with some odometry, too, unless the method does without.
-        config: the ``DEFAULT_PRESET`` if None.
+        config: the preset ``default`` if None.
         seed: of all randomness.
         watch: called after every scan.
 
@@ -225,19 +252,17 @@ def run_slam(
     return with_texture(session.estimate(), recording)
 
 
-def _between_updates(
-    path: NDArray[np.float64], updates: NDArray[np.intp], odometry: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Fill the poses between updates [u] of a path [u, 3] along the odometry [n, 3], shape [n, 3].
+def _between_updates(path: Array, updates: NDArray[np.intp], motion: Array) -> Array:
+    """Fill the poses between updates [u] of a path [u, 3] along the motion [n, 3], shape [n, 3].
 
-    Odometry from the update before and back from the update after do not quite meet; the misfit is spread evenly
+    Motion on from the update before and back from the update after do not quite meet; the misfit is spread evenly
     over the scans between.
     """
-    scans = np.arange(len(odometry))
+    scans = np.arange(len(motion))
     before = np.clip(np.searchsorted(updates, scans, side="right") - 1, 0, len(updates) - 1)
     after = np.minimum(before + 1, len(updates) - 1)
-    forward = se2.compose(path[before], se2.between(odometry[updates[before]], odometry))
-    backward = se2.compose(path[after], se2.between(odometry[updates[after]], odometry))
+    forward = se2.compose(path[before], se2.between(motion[updates[before]], motion))
+    backward = se2.compose(path[after], se2.between(motion[updates[after]], motion))
     span = updates[after] - updates[before]
     share = np.where(span > 0, (scans - updates[before]) / np.maximum(span, 1), 0.0)[:, None]
     misfit = backward - forward

@@ -1,11 +1,13 @@
 """The configuration that follows from a named preset, a file over it, and settings over both.
 
-The resolved configuration is saved with the result.
+A preset belongs to its method. Where another method is asked for, what only the preset's own method knows is left
+out, and its other values stay. The resolved configuration is saved with the result.
 """
 
 from __future__ import annotations
 
 import tomllib
+from collections.abc import Iterator
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -13,8 +15,11 @@ from typing import Any
 from pydantic import ValidationError
 
 from moteslam.errors import ConfigError
-from moteslam.robot.wording import first_complaint, known_keys
+from moteslam.robot.tables import Table, merged, read_toml, toml_value
+from moteslam.robot.wording import Place, first_complaint, known_keys
 from moteslam.slam.config import SlamConfig
+from moteslam.slam.methods import METHODS
+from moteslam.slam.renamed import new_name
 
 DEFAULT_PRESET = "default"
 """The best preset that exists."""
@@ -46,55 +51,76 @@ def resolve_config(
         file: a TOML file with any of the keys.
 
     Raises:
-        ConfigError: an unknown preset, key, or a value out of bounds; what was expected is named.
+        ConfigError: an unknown preset, method or key, or a value out of bounds; what was expected is named.
     """
-    if preset not in preset_names():
-        raise ConfigError(f"no such preset, expected one of {', '.join(preset_names())}", field=repr(preset)[1:-1])
-    text = resources.files("moteslam.slam.presets").joinpath(f"{preset}.toml").read_text(encoding="utf-8")
-    values = tomllib.loads(text)
+    base = _preset(preset)
+    given: Table = {}
     if file is not None:
-        _merge(values, _read_toml(file))
-        _validate(values, file)
+        given = read_toml(file, "a TOML file")
+        _resolved(base, given, file=file)
     for setting in settings:
         key, equals, value = setting.partition("=")
         if not equals or not key.strip():
-            raise ConfigError(f"expected key=value, found {setting!r}", field="--set")
-        tree: Any = _toml_value(value.strip())
+            raise ConfigError(f"expected key=value, found {setting!r}", field="settings")
+        tree: Any = toml_value(value.strip())
         for part in reversed(key.strip().split(".")):
             tree = {part: tree}
-        _merge(values, tree)
-    return _validate(values, None)
+        given = merged(given, tree)
+    return _resolved(base, given, file=None)
 
 
-def _validate(values: dict[str, Any], file: Path | None) -> SlamConfig:
+def _preset(name: str) -> Table:
+    if name not in preset_names():
+        raise ConfigError(f"no such preset, expected one of {', '.join(preset_names())}", field=repr(name)[1:-1])
+    text = resources.files("moteslam.slam.presets").joinpath(f"{name}.toml").read_text(encoding="utf-8")
+    return tomllib.loads(text)
+
+
+def _resolved(preset: Table, given: Table, *, file: Path | None) -> SlamConfig:
+    """The configuration of a preset and what is given over it; ``file`` is named in errors."""
+    model = _model(given.get("method", preset["method"]), file=file)
+    base = model.model_validate({}).model_dump(mode="json")
+    known = {key: value for key, value in preset.items() if key in base and key != "method"}
+    values = merged(merged(base, known), {**given, "method": base["method"]})
     try:
-        return SlamConfig.model_validate(values)
+        return model.model_validate(values)
+    except ConfigError as error:
+        raise ConfigError(error.problem, file=file, field=error.field) from error
     except ValidationError as error:
-        field, problem = first_complaint(
-            error, "configuration", lambda place: f"expected one of {', '.join(known_keys(SlamConfig, place))}"
-        )
-        raise ConfigError(problem, file=file, field=field) from error
+        field, problem = first_complaint(error, "configuration", lambda place: _expected(model, place))
+        for key in _leaves(given):
+            if key == field or key.startswith(f"{field}."):
+                field, problem = (key, new) if (new := new_name(key)) else (field, problem)
+        raise ConfigError(_other_method(field, base["method"]) or problem, file=file, field=field) from error
 
 
-def _read_toml(file: Path) -> dict[str, Any]:
+def _model(method: object, *, file: Path | None) -> type[SlamConfig]:
+    """The model of a method's configuration."""
+    if not isinstance(method, str):
+        raise ConfigError(f"{method!r}, expected one of {', '.join(METHODS.names())}", file=file, field="method")
     try:
-        return tomllib.loads(file.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise ConfigError(f"{error.strerror}, expected a TOML file", file=file) from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ConfigError(f"not TOML: {error}", file=file) from error
+        return METHODS[method].config
+    except ConfigError as error:
+        raise ConfigError(new_name(f"method={method}") or error.problem, file=file, field="method") from error
 
 
-def _toml_value(text: str) -> Any:
-    try:
-        return tomllib.loads(f"value = {text}")["value"]
-    except tomllib.TOMLDecodeError:
-        return text
-
-
-def _merge(under: dict[str, Any], over: dict[str, Any]) -> None:
-    for key, value in over.items():
-        if isinstance(value, dict) and isinstance(under.get(key), dict):
-            _merge(under[key], value)
+def _leaves(table: Table, prefix: str = "") -> Iterator[str]:
+    """The dotted keys of a table's values."""
+    for key, value in table.items():
+        if isinstance(value, dict):
+            yield from _leaves(value, f"{prefix}{key}.")
         else:
-            under[key] = value
+            yield f"{prefix}{key}"
+
+
+def _other_method(field: str, method: str) -> str | None:
+    """What to say of a key that only other methods have."""
+    key = field.partition(".")[0]
+    if key in METHODS[method].config.model_fields:
+        return None
+    owners = [f'"{name}"' for name, other in METHODS.items() if key in other.config.model_fields]
+    return f'no key of method "{method}", expected method {" or ".join(owners)} with it' if owners else None
+
+
+def _expected(model: type[SlamConfig], place: Place) -> str:
+    return f"expected one of {', '.join(known_keys(model, place))}"

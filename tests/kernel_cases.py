@@ -206,7 +206,7 @@ def floors() -> Results:
     from moteslam.kernels.texture import add_frame
     from moteslam.robot import kinect
     from moteslam.robot.platform import CameraMount
-    from moteslam.slam.texture import calibration
+    from moteslam.slam.texture.floor_map import calibration
 
     generator, mount = np.random.default_rng(11), CameraMount()
     rotation, place = kinect.mount_rotation(mount), np.array((mount.x, mount.y, mount.z))

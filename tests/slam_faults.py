@@ -8,7 +8,7 @@ import numpy as np
 
 from moteslam.robot import se2
 from moteslam.robot.recording import OdometryStream, Recording
-from moteslam.slam.dead_reckoning import dead_reckon
+from moteslam.slam.odometry.dead_reckoning import dead_reckon
 
 
 def between(recording: Recording, stamps: np.ndarray, begin: float, end: float) -> np.ndarray:

@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from moteslam.robot.recording import Recording
     from moteslam.robot.trajectory import Trajectory
     from moteslam.slam.config import SlamConfig
-    from moteslam.slam.run import SlamSession
 
 FIRST = 30
 """Scans that are run before the clock starts, so that the kernels are loaded; what that takes is told apart."""
@@ -107,7 +106,7 @@ def played_again(given: dict[str, Any]) -> dict[str, Any]:
     session = SlamSession(recording, config, seed=given["seed"])
     scans = len(session) // given["times"]
     rounds = [
-        {"map_bytes": map_bytes(session), "process_bytes": resident_bytes()}
+        {"map_bytes": session.map_bytes, "process_bytes": resident_bytes()}
         for update in session
         if (update.index + 1) % scans == 0
     ]
@@ -141,7 +140,7 @@ def repeated(
         every: takes only every so many-th scan.
     """
     from moteslam.robot import se2
-    from moteslam.slam.dead_reckoning import dead_reckon
+    from moteslam.slam.odometry.dead_reckoning import dead_reckon
 
     lidar = recording.lidar
     assert lidar is not None
@@ -174,11 +173,6 @@ def load_kernels(recording: Recording, config: SlamConfig) -> None:
         odometry=None if recording.lidar.odometry is None else recording.lidar.odometry[:FIRST],
     )
     run_slam(recording.replace(lidar=few), config)
-
-
-def map_bytes(session: SlamSession) -> int:
-    """Bytes of all the particles' maps; 0 of a method that has no such maps."""
-    return getattr(getattr(session._filter, "_maps", None), "memory", 0)
 
 
 def resident_bytes() -> int:

@@ -66,10 +66,15 @@ class SlamOptions:
         try:
             return resolve_config(preset, flags, self.config)
         except ConfigError as error:
-            if error.file is not None or not error.field or error.field.startswith("--"):
+            if error.file is not None or not error.field:
                 raise
-            flag = "" if error.field == "particles" and self.particles is not None else "--set "
-            raise ConfigError(error.problem, field=f"{flag or '--'}{error.field}") from error
+            raise ConfigError(error.problem, field=self._flag(error.field)) from error
+
+    def _flag(self, key: str) -> str:
+        """The option that set a key."""
+        if key == "settings":
+            return "--set"
+        return "--particles" if key == "particles" and self.particles is not None else f"--set {key}"
 
 
 def with_slam_options(command: Callable[..., None]) -> Callable[..., None]:

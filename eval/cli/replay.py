@@ -119,7 +119,7 @@ def _dead_reckon(
     """Dead reckoning alone: what it came to is printed, and written where ``out`` is given."""
     from moteslam.robot.files import result_folder, write_atomically
     from moteslam.robot.trajectory import write_tum
-    from moteslam.slam.dead_reckoning import dead_reckon
+    from moteslam.slam.odometry.dead_reckoning import dead_reckon
 
     trajectory = dead_reckon(recording, config.sync)
     for warning in recording.warnings:

@@ -23,7 +23,7 @@ from moteslam.slam.colouring import wants_colours, with_texture
 from moteslam.slam.config import SlamConfig
 from moteslam.slam.estimate import Estimate
 from moteslam.slam.run import SlamSession
-from moteslam.slam.texture import TextureMap, TextureMapper
+from moteslam.slam.texture.floor_map import TextureMap, TextureMapper
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from moteslam.errors import InputError
 from moteslam.robot import se2
 from moteslam.robot.se2 import Poses
+from moteslam.robot.stamps import nearest_stamp
 from moteslam.robot.trajectory import Trajectory
 
 MAX_DIFFERENCE = 0.01
@@ -68,9 +69,9 @@ def match(
         matched = Matched(stamps, estimate.poses[keep], se2.interpolate(reference.stamps, reference.poses, stamps))
     else:
         if len(reference) < len(estimate):
-            in_reference, in_estimate = nearest_stamps(reference.stamps, estimate.stamps, max_difference)
+            in_reference, in_estimate = within(reference.stamps, estimate.stamps, max_difference)
         else:
-            in_estimate, in_reference = nearest_stamps(estimate.stamps, reference.stamps, max_difference)
+            in_estimate, in_reference = within(estimate.stamps, reference.stamps, max_difference)
         matched = Matched(estimate.stamps[in_estimate], estimate.poses[in_estimate], reference.poses[in_reference])
     if not len(matched):
         raise InputError(
@@ -80,7 +81,7 @@ def match(
     return matched
 
 
-def nearest_stamps(
+def within(
     wanted: NDArray[np.float64], among: NDArray[np.float64], max_difference: float
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """For each stamp [n] the nearest among others [m, rising], where one lies within ``max_difference`` [s].
@@ -90,15 +91,9 @@ def nearest_stamps(
     Returns:
         indices into ``wanted`` and into ``among``, both [k].
     """
-    after = np.searchsorted(among, wanted, side="right")
-    upper = np.minimum(after, len(among) - 1)
-    to_upper = among[upper] - wanted
-    to_lower = np.where(upper > 0, wanted - among[upper - 1], np.inf)
-    take_upper = (to_upper <= max_difference) & (to_upper < to_lower)
-    take_lower = (to_lower <= max_difference) & (to_lower <= to_upper)
-    outside = (wanted < among[0] - max_difference) | (wanted > among[-1] + max_difference)
-    found = np.flatnonzero((take_upper | take_lower) & ~outside)
-    return found, np.where(take_upper, upper, upper - 1)[found]
+    nearest = nearest_stamp(among, wanted, side="right")
+    found = np.flatnonzero(np.abs(among[nearest] - wanted) <= max_difference)
+    return found, nearest[found]
 
 
 def _covered(stamps: NDArray[np.float64], reference: NDArray[np.float64], max_difference: float) -> NDArray[np.bool_]:

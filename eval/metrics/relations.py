@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from moteslam.errors import InputError
 from moteslam.eval.metrics.statistics import Statistics
 from moteslam.robot.se2 import Poses, between, wrap
+from moteslam.robot.stamps import nearest_stamp
 from moteslam.robot.trajectory import Trajectory
 
 TOLERANCE = 1e-4
@@ -175,10 +176,7 @@ def _poses_at(
 
     The count is 0 where no stamp [n] lies within the tolerance.
     """
-    after = np.searchsorted(stamps, wanted, side="left")
-    last = len(stamps) - 1
-    upper, lower = np.minimum(after, last), np.maximum(after - 1, 0)
-    nearest = np.where(np.abs(stamps[upper] - wanted) < np.abs(wanted - stamps[lower]), upper, lower)
+    nearest = nearest_stamp(stamps, wanted)
     first = np.searchsorted(stamps, stamps[nearest], side="left")
     count = np.searchsorted(stamps, stamps[nearest], side="right") - first
     return first, np.where(np.abs(stamps[nearest] - wanted) <= tolerance, count, 0)

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.robot.files import write_atomically
-from moteslam.slam.grid import OccupancyMap
+from moteslam.slam.mapping.occupancy import OccupancyMap
 
 FREE, UNKNOWN, OCCUPIED = 254, 205, 0
 """The greys of map_server's trinary maps."""

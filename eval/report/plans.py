@@ -14,7 +14,7 @@ from moteslam.eval.report.snapshots import Snapshot
 from moteslam.robot.recording import Recording
 from moteslam.robot.se2 import compose
 from moteslam.robot.trajectory import Trajectory
-from moteslam.slam.grid import OccupancyMap
+from moteslam.slam.mapping.occupancy import OccupancyMap
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from moteslam.slam.grid import OccupancyMap
+from moteslam.slam.mapping.occupancy import OccupancyMap
 from moteslam.slam.run import SlamSession, Update
 
 STAGES = 6
@@ -44,5 +44,5 @@ class Snapshots:
         """Keep the map if this scan ends a stage."""
         if update.index in self._due:
             last = update.index == len(self.session) - 1
-            occupancy = self.session.map if last else self.session.sketch(SCANS)
+            occupancy = self.session.map if last else self.session.preview(SCANS)
             self.kept.append(Snapshot(update.index, update.stamp, occupancy))

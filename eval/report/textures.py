@@ -14,8 +14,8 @@ from moteslam.eval.report import style
 from moteslam.eval.report.snapshots import STAGES
 from moteslam.robot.files import write_atomically
 from moteslam.robot.trajectory import Trajectory
-from moteslam.slam.grid import OccupancyMap
-from moteslam.slam.texture import TextureMap, TextureMapper
+from moteslam.slam.mapping.occupancy import OccupancyMap
+from moteslam.slam.texture.floor_map import TextureMap, TextureMapper
 
 
 @dataclass(eq=False)

@@ -1,4 +1,4 @@
-"""CARMEN logs, plain or gzip: read and written. Lines, rules and bounds: ``docs/formats.md``."""
+"""CARMEN logs, plain or gzip: read and written. Lines, rules and bounds: ``docs/reference/formats.md``."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """The UCSD layout: ``Encoders20.npz``, ``Hokuyo20.npz``, ``Imu20.npz``, ``Kinect20.npz`` in one folder.
 
-Arrays, units and bounds: ``docs/formats.md``. Any of the four files may be missing, and so is its stream then; what
-is there must be right.
+Arrays, units and bounds: ``docs/reference/formats.md``. Any of the four files may be missing, and so is its stream
+then; what is there must be right.
 """
 
 from __future__ import annotations

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
+import importlib.util
 import re
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 from pydantic import BaseModel
 
-from moteslam.slam.config import SlamConfig
-from moteslam.slam.settings import load_preset
+from moteslam.slam.settings import load_preset, preset_names
 
 ROOT = Path(__file__).parents[2]
-PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/*.md")])
-PAPER = (ROOT / "docs" / "paper.md").read_text(encoding="utf-8")
+PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md")])
+PAPER = (ROOT / "docs" / "theory" / "paper.md").read_text(encoding="utf-8")
 
 
 def keys(model: BaseModel, prefix: str = "") -> set[str]:
@@ -26,6 +27,10 @@ def keys(model: BaseModel, prefix: str = "") -> set[str]:
     return found
 
 
+KEYS = set().union(*(keys(load_preset(name)) for name in preset_names()))
+"""Of all bundled methods."""
+
+
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_links_within_the_project_lead_somewhere(page: Path):
     for target in re.findall(r"\]\((?!https?:|#)([^)#]+)", page.read_text(encoding="utf-8")):
@@ -35,7 +40,7 @@ def test_links_within_the_project_lead_somewhere(page: Path):
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_keys_given_to_set_exist(page: Path):
     for key in re.findall(r"--set ([a-z_.]+)=", page.read_text(encoding="utf-8")):
-        assert key in keys(SlamConfig()), f"{page.name} sets {key}"
+        assert key in KEYS, f"{page.name} sets {key}"
 
 
 @pytest.mark.parametrize("equation", [*(f"II.{i}" for i in range(1, 8)), *(f"III.{i}" for i in range(1, 9))])
@@ -45,7 +50,7 @@ def test_every_equation_of_the_paper_has_a_row(equation: str):
 
 
 def test_files_and_functions_that_the_paper_page_names_exist():
-    named = re.findall(r"`((?:kernels|robot|slam)/[a-z_]+)\.([A-Za-z_]+)", PAPER)
+    named = re.findall(r"`((?:kernels|robot|slam)/[a-z_/]+)\.([A-Za-z_]+)", PAPER)
     assert len(named) > 15
     for file, name in named:
         if name != "toml":
@@ -54,16 +59,16 @@ def test_files_and_functions_that_the_paper_page_names_exist():
 
 
 def test_what_the_page_on_the_default_filter_names_exists():
-    page = (ROOT / "docs" / "default-filter.md").read_text(encoding="utf-8")
-    sections = {key.partition(".")[0] for key in keys(SlamConfig()) if "." in key}
+    page = (ROOT / "docs" / "theory" / "default-filter.md").read_text(encoding="utf-8")
+    sections = {key.partition(".")[0] for key in KEYS if "." in key}
     named = {key for key in re.findall(r"`([a-z_]+\.[a-z_]+)`", page) if key.partition(".")[0] in sections}
     assert len(named) > 15
-    assert named <= keys(SlamConfig())
-    files = set(re.findall(r"`((?:kernels|slam)/[a-z_]+\.py)`", page))
+    assert named <= KEYS
+    files = set(re.findall(r"`((?:kernels|slam)/[a-z_/]+\.py)`", page))
     assert len(files) > 3
     for file in files:
         assert (ROOT / file).exists(), file
-    sources = "".join(path.read_text(encoding="utf-8") for path in (ROOT / "slam").glob("*.py"))
+    sources = "".join(path.read_text(encoding="utf-8") for path in (ROOT / "slam").rglob("*.py"))
     methods = re.findall(r"`[A-Z][A-Za-z]+\.([a-z_]+)`", page)
     assert len(methods) > 5
     for method in methods:
@@ -91,23 +96,23 @@ def test_the_paper_page_gives_the_values_of_the_preset():
         assert any(f"{value} ".strip() in row for row in rows), f"{key}: {value}"
 
 
-def test_the_configuration_page_gives_every_key_and_its_values():
-    page = (ROOT / "docs" / "configuration.md").read_text(encoding="utf-8")
-    rows = {
-        cells[1].strip(" `"): cells[2:5] for cells in (line.split("|") for line in page.splitlines()) if len(cells) > 4
-    }
-    sections = {key.partition(".")[0] for key in keys(SlamConfig()) if "." in key}
-    assert set(rows) - {"key", "---"} == keys(SlamConfig()) - sections
-    for column, config in enumerate((SlamConfig(), load_preset("paper"), load_preset("default"))):
-        for key in set(rows) - {"key", "---"}:
-            value = config
-            for part in key.split("."):
-                value = getattr(value, part)
-            told = rows[key][column].strip(" `")
-            if isinstance(value, tuple):
-                told_of = f"{value[0]:g} to {value[-1]:g} by {value[1] - value[0]:g}"
-            elif isinstance(value, float) and value >= 1e6:
-                told_of = f"{value:.0e}".replace("e+0", "e")
-            else:
-                told_of = f"{value:g}" if isinstance(value, float) else str(value)
-            assert told == told_of, f"{key}: the page says {told}, it is {told_of}"
+def generator() -> ModuleType:
+    """docs/generate.py as a module."""
+    spec = importlib.util.spec_from_file_location("generate", ROOT / "docs" / "generate.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_the_generated_pages_are_current():
+    for name, text in generator().pages().items():
+        page = (ROOT / "docs" / "reference" / name).read_text(encoding="utf-8")
+        assert page == text, f"docs/reference/{name} is old: python docs/generate.py"
+
+
+def test_every_key_of_a_configuration_says_what_it_means():
+    rows = re.findall(r"^\| `([a-z_.]+)` \|.*\| ([^|]*) \|$", generator().configuration(), re.M)
+    assert {key for key, _ in rows} >= {key for key in KEYS if "." in key}
+    assert not [key for key, meaning in rows if len(meaning) < 10]

@@ -16,7 +16,7 @@ from moteslam.eval.report import curves, plans
 from moteslam.eval.report.maps import map_image, trinary_image, write_map_png, write_map_server
 from moteslam.eval.report.style import saved_figure
 from moteslam.robot.trajectory import Trajectory
-from moteslam.slam.grid import OccupancyMap
+from moteslam.slam.mapping.occupancy import OccupancyMap
 
 
 @pytest.fixture

@@ -14,7 +14,7 @@ from moteslam.errors import InputError
 from moteslam.eval.cli.main import run as main
 from moteslam.eval.metrics.texture import registration, score_texture
 from moteslam.eval.report.textures import texture_image, write_texture
-from moteslam.slam.texture import TextureMap
+from moteslam.slam.texture.floor_map import TextureMap
 
 SCENARIO = """
 duration = 12.0
@@ -119,7 +119,7 @@ def test_from_a_simulated_camera_to_the_result_folder(
     )
     assert not (without / "texture.png").exists()
     capsys.readouterr()
-    monkeypatch.setattr("moteslam.slam.texture.MAX_CELLS", 10)
+    monkeypatch.setattr("moteslam.slam.texture.floor_map.MAX_CELLS", 10)
     assert main(["replay", str(out), "--out", str(tmp_path / "large"), "--no-figures", "--particles", "5"]) == 0
     assert "warning: the floor is not coloured: texture.cell_size: " in capsys.readouterr().err
     assert (tmp_path / "large" / "map.png").exists()

@@ -12,7 +12,7 @@ from twins.camera import add_frame as twin
 from moteslam.errors import InputError
 from moteslam.robot.kinect import disparity_of, mount_rotation
 from moteslam.robot.platform import CameraMount
-from moteslam.slam.texture import calibration
+from moteslam.slam.texture.floor_map import calibration
 
 MOUNT = np.column_stack((mount_rotation(CameraMount()), (0.18, 0.005, 0.36)))
 PLACE = {"corner": (-4.0, -4.0), "cell_size": 0.05}

@@ -17,13 +17,15 @@ from moteslam.robot import se2
 from moteslam.robot.recording import OdometryStream, Recording
 from moteslam.sim.scenario import load_scenario
 from moteslam.sim.simulate import Simulation, simulate
-from moteslam.slam.constant_velocity import MOST, carried_on
-from moteslam.slam.dead_reckoning import dead_reckon
 from moteslam.slam.estimate import Estimate
+from moteslam.slam.inputs.jumps import jumps
+from moteslam.slam.inputs.step import steps
+from moteslam.slam.inputs.synchronise import synchronise
+from moteslam.slam.inputs.warnings import warnings
+from moteslam.slam.odometry.constant_velocity import extrapolated
+from moteslam.slam.odometry.dead_reckoning import dead_reckon
 from moteslam.slam.run import run_slam
 from moteslam.slam.settings import resolve_config
-from moteslam.slam.step import steps
-from moteslam.slam.synchronise import has_odometry, jumps, warnings
 
 pytestmark = pytest.mark.usefixtures("taichi")
 
@@ -107,7 +109,7 @@ def test_without_odometry_the_robot_goes_on_where_it_sees_nothing():
 def test_without_odometry_the_paper_s_filter_names_the_method_that_does_without():
     recording = circled_room(scans=5)[0]
     lone = recording.replace(lidar=replace(recording.lidar, odometry=None))
-    with pytest.raises(InputError, match=r'room: neither encoders nor odometry.* method "surface" does without'):
+    with pytest.raises(InputError, match=r'room: neither encoders nor odometry.* method "tsdf" does without'):
         run_slam(lone, resolve_config("paper"))
     with pytest.raises(InputError, match="neither encoders nor odometry"):
         dead_reckon(lone)
@@ -133,32 +135,31 @@ def test_a_result_without_odometry_is_written_and_scored(corridor: Simulation, t
     assert (tmp_path / "trajectory_final.tum").exists()
 
 
-def test_steps_without_odometry_and_after_a_jump_are_guesses(corridor: Simulation):
-    sync = resolve_config("default").sync
+def test_steps_without_odometry_and_after_a_jump_are_not_measured(corridor: Simulation):
     recording = corridor.recording
-    assert not any(step.guess for step in steps(recording, sync))
-    lone = without_odometry(recording)
-    assert not has_odometry(lone)
-    assert all(step.guess and not step.motion.any() for step in steps(lone, sync))
+    assert all(step.measured for step in steps(synchronise(recording)))
+    lone = synchronise(without_odometry(recording))
+    assert lone.path is None
+    assert not any(step.measured or step.motion.any() for step in steps(lone))
     jumping = jumping_odometry(recording, 10, np.array([1.0, 0.0, 0.0]), back=15)
-    guesses = [step for step in steps(jumping, sync) if step.guess]
-    assert len(guesses) == 2
-    assert [round(step.stamp - recording.lidar.stamps[0]) for step in guesses] == [10, 15]
-    assert all(np.hypot(*step.motion[:2]) > 0.9 for step in guesses)
+    jumps_there = [step for step in steps(synchronise(jumping)) if not step.measured]
+    assert len(jumps_there) == 2
+    assert [round(step.stamp - recording.lidar.stamps[0]) for step in jumps_there] == [10, 15]
+    assert all(np.hypot(*step.motion[:2]) > 0.9 for step in jumps_there)
 
 
 def test_odometry_that_never_moves_counts_as_none(corridor: Simulation):
-    sync = resolve_config("default").sync
     lone = without_odometry(corridor.recording)
     zeros = np.zeros((len(lone.lidar), 3))
     logged = lone.replace(lidar=replace(lone.lidar, odometry=zeros))
     stream = lone.replace(odometry=OdometryStream(lone.lidar.stamps, zeros))
     for still in (logged, stream):
-        assert all(step.guess for step in steps(still, sync))
-        assert warnings(still) == [f"odometry that never moves: constant velocity over {len(zeros)} scans"]
+        inputs = synchronise(still)
+        assert not any(step.measured for step in steps(inputs))
+        assert warnings(still, inputs) == (f"odometry that never moves: constant velocity over {len(zeros)} scans",)
     moved = zeros.copy()
     moved[-1, 2] = 1e-3
-    assert not any(step.guess for step in steps(lone.replace(lidar=replace(lone.lidar, odometry=moved)), sync))
+    assert synchronise(lone.replace(lidar=replace(lone.lidar, odometry=moved))).measured.all()
 
 
 def test_a_jump_is_faster_than_robots_are_and_than_this_one_usually_is():
@@ -178,17 +179,17 @@ def test_a_jump_is_faster_than_robots_are_and_than_this_one_usually_is():
 
 
 def test_odometry_that_jumps_within_a_sweep_does_not_turn_its_beams(corridor: Simulation):
-    recording, sync = corridor.recording, resolve_config("default").sync
+    recording = corridor.recording
     assert recording.lidar.time_increment or recording.platform.lidar.time_increment
     jumping = jumping_odometry(recording, 10, np.array([0.0, 0.0, np.radians(60)]))
-    for usual, bad in zip(steps(recording, sync), steps(jumping, sync), strict=True):
+    for usual, bad in zip(steps(synchronise(recording)), steps(synchronise(jumping)), strict=True):
         assert len(usual.points) == len(bad.points)
         assert not len(usual.points) or np.abs(usual.points - bad.points).max() < 0.3
 
 
 def test_the_last_motion_goes_on_in_proportion_to_time():
     motion = np.array([0.1, 0.0, 0.02])
-    np.testing.assert_allclose(carried_on(motion, 0.1, 0.2), 2 * motion)
-    np.testing.assert_array_equal(carried_on(motion, 0.0, 0.2), motion)
-    np.testing.assert_array_equal(carried_on(motion, 0.1, 0.0), motion)
-    np.testing.assert_allclose(carried_on(motion, 0.1, 3600.0), MOST * motion)
+    np.testing.assert_allclose(extrapolated(motion, 0.1, 0.2), 2 * motion)
+    np.testing.assert_array_equal(extrapolated(motion, 0.0, 0.2), motion)
+    np.testing.assert_array_equal(extrapolated(motion, 0.1, 0.0), motion)
+    np.testing.assert_allclose(extrapolated(motion, 0.1, 3600.0), 10 * motion)

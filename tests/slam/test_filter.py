@@ -10,9 +10,10 @@ from slam_rooms import circled_room
 
 from moteslam.errors import ConfigError, InputError
 from moteslam.robot.recording import LidarStream
+from moteslam.slam.mapping.config import TsdfConfig
 from moteslam.slam.run import SlamSession, run_slam
 from moteslam.slam.settings import load_preset, resolve_config
-from moteslam.slam.surface_filter import SurfaceFilter
+from moteslam.slam.tsdf.particles import Particles
 
 pytestmark = pytest.mark.usefixtures("taichi")
 
@@ -33,26 +34,26 @@ def test_every_scan_has_a_pose_whatever_is_updated():
     updates = list(session := SlamSession(recording, config, seed=0))
     estimate = session.estimate()
     assert [update.index for update in updates] == list(range(40))
-    assert 5 < sum(update.mapped for update in updates) < 15
+    assert 5 < sum(update.updated for update in updates) < 15
     np.testing.assert_array_equal(estimate.trajectory.stamps, recording.lidar.stamps)
     np.testing.assert_array_equal(estimate.trajectory.poses, [update.pose for update in updates])
-    assert estimate.particle_paths.shape == (20, sum(update.mapped for update in updates), 3)
+    assert estimate.particle_paths.shape == (20, sum(update.updated for update in updates), 3)
 
 
-def test_the_preset_default_tells_the_mean_of_the_particles_that_believe_the_same():
+def test_the_preset_defaults_online_pose_is_the_mean_of_the_best_particles_mode():
     recording, _ = circled_room(scans=40)
     session = SlamSession(recording, resolve_config("default", ["particles=20"]), seed=0)
     apart = 0.0
     for update in session:
-        if update.mapped and update.index:
+        if update.updated and update.index:
             mean = np.average(np.unwrap(update.poses, axis=0), axis=0, weights=update.weights)
             np.testing.assert_allclose(np.cos(update.pose[2] - mean[2]), 1.0, atol=1e-6)
             np.testing.assert_allclose(update.pose[:2], mean[:2], atol=1e-9)
             apart = max(apart, np.ptp(update.poses[:, 0]))
     assert apart > 1e-3
-    filter_ = SurfaceFilter(resolve_config("default", ["particles=3"]), seed=0)
-    filter_.poses = np.array([(1.0, 2.0, 3.1), (1.2, 2.0, -3.1), (9.0, 2.0, 3.1)])
-    x, y, turn = filter_._around_best()
+    particles = Particles(3, TsdfConfig())
+    particles.poses = np.array([(1.0, 2.0, 3.1), (1.2, 2.0, -3.1), (9.0, 2.0, 3.1)])
+    x, y, turn = particles.mode_mean(0.5, 0.2)
     np.testing.assert_allclose((np.hypot(x, y), turn), (0.1, np.pi - 3.1), atol=1e-9)  # the third is elsewhere
 
 
@@ -77,7 +78,7 @@ def test_scans_that_see_nothing_leave_the_robot_to_its_odometry():
     assert np.isfinite(estimate.trajectory.poses).all()
 
 
-def test_particles_spread_by_a_share_of_what_the_odometry_may_be_off_by():
+def test_particles_spread_by_a_share_of_the_odometrys_error():
     recording, _ = circled_room(scans=40)
     lidar = recording.lidar
     assert lidar is not None
@@ -88,8 +89,8 @@ def test_particles_spread_by_a_share_of_what_the_odometry_may_be_off_by():
         *_, last = SlamSession(blind, resolve_config("default", [*still, *settings]), seed=1)
         return float(np.linalg.norm(last.poses[:, :2].std(axis=0)))
 
-    whole = spread("proposal.drawn=1")
-    assert spread("proposal.drawn=0.25") == pytest.approx(whole / 4, rel=0.2)
+    full = spread("proposal.sampled_share=1")
+    assert spread("proposal.sampled_share=0.25") == pytest.approx(full / 4, rel=0.2)
 
 
 def test_an_estimate_before_any_scan_and_a_seed_out_of_bounds_are_refused():

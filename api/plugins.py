@@ -1,0 +1,109 @@
+"""Filters, back ends, formats and metrics by name, in one table each: the bundled ones and those of other packages.
+
+Other packages bring theirs by entry points, in the groups ``moteslam.filters``, ``moteslam.backends``,
+``moteslam.formats`` and ``moteslam.metrics``; the bundled ones are written down as entry points are. Nothing is
+imported before it is asked for.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from importlib.metadata import EntryPoint, entry_points
+from typing import Generic, TypeVar
+
+from moteslam.errors import ConfigError
+
+T = TypeVar("T")
+
+
+class PluginWarning(UserWarning):
+    """A plug-in that is left out; what is wrong with it, in one line."""
+
+
+@dataclass(frozen=True)
+class _Failure:
+    """Why a plug-in cannot be used."""
+
+    problem: str
+
+
+class Plugins(Generic[T]):
+    """The plug-ins of one group, by name. No other package replaces a bundled one.
+
+    Args:
+        group: of the entry points.
+        kind: what each of them must be an instance of.
+        bundled: name and place of those of this package, ``module:attribute``.
+    """
+
+    def __init__(self, group: str, kind: type[T], *, bundled: Mapping[str, str]) -> None:
+        self.group, self._kind = group, kind
+        self._bundled = {name: EntryPoint(name, value, group) for name, value in bundled.items()}
+        self._loaded: dict[str, T | _Failure] = {}
+
+    def names(self) -> list[str]:
+        """The names there are, the bundled ones first."""
+        return [*self._bundled, *self._others]
+
+    def __getitem__(self, name: str) -> T:
+        """The plug-in of that name.
+
+        Raises:
+            ConfigError: there is none, or it cannot be loaded.
+        """
+        entry = self._bundled.get(name) or self._others.get(name)
+        if entry is None:
+            raise ConfigError(f"{name!r}, expected one of {', '.join(self.names())}")
+        found = self._load(entry)
+        if isinstance(found, _Failure):
+            raise ConfigError(f"{name!r} of package {_package(entry)} cannot be loaded: {found.problem}")
+        return found
+
+    def items(self) -> Iterator[tuple[str, T]]:
+        """All plug-ins that can be loaded, by name; each other one is one ``PluginWarning``."""
+        for name, entry in {**self._bundled, **self._others}.items():
+            seen = name in self._loaded
+            found = self._load(entry)
+            if not isinstance(found, _Failure):
+                yield name, found
+            elif not seen:
+                _warn(entry, found.problem)
+
+    @cached_property
+    def _others(self) -> dict[str, EntryPoint]:
+        """Those of other packages by name, sorted; of two with one name the first package's."""
+        others: dict[str, EntryPoint] = {}
+        for entry in sorted(entry_points(group=self.group), key=lambda entry: (entry.name, _package(entry))):
+            if entry.name in self._bundled:
+                _warn(entry, "its name is taken")
+            elif _package(others.setdefault(entry.name, entry)) != _package(entry):
+                _warn(entry, f"its name is taken by package {_package(others[entry.name])}")
+        return others
+
+    def _load(self, entry: EntryPoint) -> T | _Failure:
+        if entry.name not in self._loaded:
+            self._loaded[entry.name] = self._try(entry)
+        return self._loaded[entry.name]
+
+    def _try(self, entry: EntryPoint) -> T | _Failure:
+        try:
+            found = entry.load()
+        except Exception as error:
+            if entry.name in self._bundled:
+                raise
+            return _Failure(" ".join(f"{type(error).__name__}: {error}".split()))
+        if isinstance(found, self._kind):
+            return found
+        return _Failure(f"{entry.value} is a {type(found).__name__}, expected a {self._kind.__name__}")
+
+
+def _package(entry: EntryPoint) -> str:
+    return entry.dist.name if entry.dist is not None else "unknown"
+
+
+def _warn(entry: EntryPoint, problem: str) -> None:
+    message = f"plug-in {entry.name!r} of package {_package(entry)} ({entry.group}) is left out: {problem}"
+    warnings.warn(message, PluginWarning, stacklevel=4)

@@ -1,0 +1,127 @@
+"""Writes the pages of docs/reference that are generated from the code: ``python docs/generate.py``.
+
+Their text stands beside what it is about: in the attribute docstrings of the configuration models, in the help of the
+commands, in the docstrings of the public names. A test compares the pages with what this makes of them.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Any, Literal, get_args, get_origin
+
+from pydantic import BaseModel
+from pydantic.fields import FieldInfo
+
+from moteslam.slam.config import ParticleFilterConfig, SlamConfig
+from moteslam.slam.methods import METHODS
+
+REFERENCE = Path(__file__).parent / "reference"
+BUNDLED = ("tsdf", "paper")
+"""The methods whose keys are listed."""
+
+
+def pages() -> dict[str, str]:
+    """The generated pages by the name of their file."""
+    return {"configuration.md": configuration()}
+
+
+def configuration() -> str:
+    """Every key of a SLAM run, by method."""
+    models = {name: METHODS[name].config for name in BUNDLED}
+    defaults = {name: model.model_validate({}) for name, model in models.items()}
+    lines = [
+        "# Configuration of a SLAM run",
+        "",
+        "Generated from the models by `python docs/generate.py`. How to set keys: "
+        "[the guide](../guide/configure.md). A run's `config.toml` holds the keys of its own method; every other key "
+        "is refused. Columns named by a method give its default, which is the value of its preset.",
+        "",
+    ]
+    shared = {**SlamConfig.model_fields, **ParticleFilterConfig.model_fields}
+    lines += ["## Keys of both methods", ""]
+    lines += _table(["key", *(f"`{name}`" for name in BUNDLED), "allowed", "meaning"], _rows(shared, defaults.values()))
+    for name in BUNDLED:
+        own = {key: field for key, field in models[name].model_fields.items() if key not in shared}
+        lines += ["", f"## Keys of the method `{name}`", ""]
+        for key, field in own.items():
+            section = field.annotation
+            assert isinstance(section, type)
+            assert issubclass(section, BaseModel)
+            lines += [f"### `{key}`", "", _paragraph(section.__doc__), ""]
+            lines += _table(["key", "default", "allowed", "meaning"], _rows({key: field}, [defaults[name]]))
+            lines.append("")
+    return "\n".join(lines).rstrip() + "\n"
+
+
+def _rows(fields: dict[str, FieldInfo], configs: Iterable[BaseModel]) -> Iterator[list[str]]:
+    """A row a key: its dotted name, the values in the configurations, what is allowed, what it means."""
+    configs = list(configs)
+    for key, field in fields.items():
+        values = [getattr(config, key) for config in configs]
+        if all(isinstance(value, BaseModel) for value in values):
+            inner = type(values[0]).model_fields
+            for row in _rows(inner, values):
+                yield [f"`{key}.{row[0].strip('`')}`", *row[1:]]
+        else:
+            if type(configs[0]).model_fields[key].annotation != field.annotation:
+                allowed = ", ".join(f"`{value}`" for value in values)
+            else:
+                allowed = _allowed(field)
+            yield [f"`{key}`", *(_shown(value) for value in values), allowed, _paragraph(field.description)]
+
+
+def _allowed(field: FieldInfo) -> str:
+    """What values a key takes, in words."""
+    kind = field.annotation
+    if get_origin(kind) is Literal:
+        return ", ".join(f"`{choice}`" for choice in get_args(kind))
+    if kind is bool:
+        return "`true`, `false`"
+    bounds = {
+        name: getattr(part, name)
+        for part in field.metadata
+        for name in ("ge", "gt", "le", "lt")
+        if getattr(part, name, None) is not None
+    }
+    words = []
+    if "ge" in bounds and "le" in bounds:
+        words.append(f"{_shown(bounds['ge'])} to {_shown(bounds['le'])}")
+    else:
+        for name, text in (("gt", "above"), ("ge", "at least"), ("lt", "below"), ("le", "at most")):
+            if name in bounds:
+                words.append(f"{text} {_shown(bounds[name])}")
+    number = {int: "whole number", float: "number", str: "text"}.get(kind, "numbers")  # type: ignore[arg-type]
+    return " ".join([number, ", ".join(words)]).strip()
+
+
+def _shown(value: Any) -> str:
+    if isinstance(value, bool):
+        return f"`{str(value).lower()}`"
+    if isinstance(value, tuple):
+        return ", ".join(f"{item:g}" for item in value)
+    if isinstance(value, float):
+        return f"{value:g}".replace("e+0", "e").replace("e-0", "e-")
+    return f"{value}" if isinstance(value, int) else f"`{value}`"
+
+
+def _table(head: list[str], rows: Iterable[list[str]]) -> list[str]:
+    lines = [f"| {' | '.join(head)} |", "|" + "---|" * len(head)]
+    return lines + [f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in row)} |" for row in rows]
+
+
+def _paragraph(text: str | None) -> str:
+    """Text in one line, Markdown's backticks for those of reStructuredText."""
+    return " ".join((text or "").replace("``", "`").split())
+
+
+def main() -> None:
+    """Write all pages."""
+    for name, text in pages().items():
+        (REFERENCE / name).write_text(text, encoding="utf-8")
+        sys.stdout.write(f"{REFERENCE / name}\n")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,30 @@
+"""The null back end: it corrects nothing."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from moteslam.slam.backend.protocol import BackendConfig, KeyScan
+
+
+class NoBackendConfig(BackendConfig):
+    """No back end: what the filter finds is final."""
+
+    name: Literal["none"] = "none"
+    """The back end behind the filter: `none`, or one that another package brings."""
+
+
+class NoBackend:
+    """Corrects nothing."""
+
+    def __init__(self, config: NoBackendConfig) -> None:
+        del config
+
+    def add(self, key: KeyScan) -> None:
+        """Nothing to correct."""
+
+    def finish(self, path: NDArray[np.float64]) -> None:
+        """Nothing to correct."""

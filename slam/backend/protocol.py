@@ -1,0 +1,67 @@
+"""What a back end is: it is given key scans as the filter places them, and may correct the path they lie on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from moteslam.robot.section import Section
+
+Array = NDArray[np.float64]
+
+
+class BackendConfig(Section):
+    """Which back end runs behind the filter; each back end has a model of its own under this one."""
+
+    name: str = "none"
+    """The back end: `none`, or one that another package brings."""
+
+
+@dataclass(frozen=True, eq=False)
+class KeyScan:
+    """A scan that the filter updated its particles with.
+
+    Attributes:
+        index: of the scan in the recording.
+        stamp: of the scan [s].
+        points: [k, 2] float32 endpoints in the robot's frame [m].
+        origin: [2] where the rays start, in the same frame [m].
+        pose: [3] of the robot in the map frame, as the filter estimates it now.
+        odometry: [3] motion since the key scan before by odometry alone, in the frame of the pose there; zeros where
+            nothing measured it.
+        measured: whether the odometry measured all of that motion.
+    """
+
+    index: int
+    stamp: float
+    points: NDArray[np.float32]
+    origin: Array
+    pose: Array
+    odometry: Array
+    measured: bool
+
+
+class Backend(Protocol):
+    """Corrects the path of the key scans, while the run goes on and at its end."""
+
+    def add(self, key: KeyScan) -> Array | None:
+        """Take in the next key scan.
+
+        Returns:
+            [u, 3] corrected poses of all u key scans so far, from which the filter goes on; None where there is
+            nothing to correct.
+        """
+
+    def finish(self, path: Array) -> Array | None:
+        """The path of all key scans as known at the end.
+
+        Args:
+            path: [u, 3] of the filter's best particle; where the filter was corrected, with these corrections.
+
+        Returns:
+            [u, 3] corrected poses, along which the final trajectory, the map and the texture are drawn; None where
+            there is nothing to correct.
+        """

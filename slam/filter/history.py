@@ -1,0 +1,70 @@
+"""The paths of the particles: poses and parents at every update, followed back from any particle."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from moteslam.robot import se2
+
+Array = NDArray[np.float64]
+
+
+class History:
+    """Grows by one entry an update; a path is read back through the parents that resampling chose."""
+
+    def __init__(self) -> None:
+        self._poses: list[Array] = []
+        self._parents: list[NDArray[np.int64] | None] = []
+
+    def __len__(self) -> int:
+        return len(self._poses)
+
+    @property
+    def particles(self) -> int:
+        """How many particles there were at the last update, before its resampling; 0 before the first."""
+        return len(self._poses[-1]) if self._poses else 0
+
+    @property
+    def last(self) -> Array:
+        """The poses [N, 3] at the last update, before its resampling."""
+        return self._poses[-1]
+
+    def append(self, poses: Array, parents: NDArray[np.int64] | None = None) -> None:
+        """Add the poses [N, 3] of an update, and which of them the next update's particles descend from.
+
+        Args:
+            poses: as weighed, before resampling.
+            parents: [M] indices into ``poses`` (M particles survive), or None when nothing was resampled.
+        """
+        self._poses.append(poses.copy())
+        self._parents.append(parents)
+
+    def resampled(self, parents: NDArray[np.int64]) -> None:
+        """Record that the next update's particles descend from these [M] of the last."""
+        self._parents[-1] = parents
+
+    def paths(self, particles: NDArray[np.int64]) -> Array:
+        """The paths [K, updates, 3] that end in these particles [K] of the last update (before its resampling)."""
+        index = np.asarray(particles)
+        paths = np.empty((len(index), len(self), 3))
+        for update in range(len(self) - 1, -1, -1):
+            parents = self._parents[update]
+            if update < len(self) - 1 and parents is not None:
+                index = parents[index]
+            paths[:, update] = self._poses[update][index]
+        return paths
+
+    def path(self, particle: int) -> Array:
+        """The path [updates, 3] that ends in one particle of the last update."""
+        return np.asarray(self.paths(np.array([particle]))[0])
+
+    def revise(self, path: Array, revised: Array) -> None:
+        """Move all particles' poses by the correction of one path: each keeps its place relative to that path.
+
+        Args:
+            path: [updates, 3] of one particle, as it was.
+            revised: [updates, 3] the same path, corrected.
+        """
+        for update, (old, new) in enumerate(zip(path, revised, strict=True)):
+            self._poses[update] = se2.compose(new, se2.between(old, self._poses[update]))

@@ -1,0 +1,102 @@
+"""What a filter is to whoever runs it: a step in, a result out, the particles' paths at the end."""
+
+from __future__ import annotations
+
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from moteslam.slam.filter.history import History
+from moteslam.slam.filter.weights import Weights
+from moteslam.slam.inputs.scans import Scans
+from moteslam.slam.inputs.step import Step
+from moteslam.slam.mapping.occupancy import OccupancyMap
+
+__all__ = ["Filter", "FilterDefaults", "OccupancyMap", "Scans", "Step", "StepResult"]
+
+Array = NDArray[np.float64]
+
+
+class StepResult(NamedTuple):
+    """What one step came to.
+
+    Attributes:
+        pose: [3] of the robot in the map frame, as estimated now.
+        motion: [3] since the scan before, as the filter estimates it, in the frame of the pose there.
+        n_eff: effective number of particles, before resampling.
+        score: of the best particle's scan in its map; what it counts is the filter's own.
+        updated: the filter updated particles and map with this scan; else the pose followed the motion.
+        resampled: particles were resampled.
+    """
+
+    pose: Array
+    motion: Array
+    n_eff: float
+    score: float
+    updated: bool
+    resampled: bool
+
+
+class Filter(Protocol):
+    """A particle filter for SLAM. The robot starts at the identity of the map frame."""
+
+    @property
+    def poses(self) -> Array:
+        """[N, 3] of the particles at the last update."""
+
+    @property
+    def weights(self) -> Weights:
+        """Of the particles at the last update."""
+
+    @property
+    def history(self) -> History:
+        """The particles' poses at every update."""
+
+    @property
+    def best_particle(self) -> int:
+        """Index of the best particle at the last update, before it was resampled."""
+
+    @property
+    def uses_camera(self) -> bool:
+        """Whether it asks for camera frames of the floor."""
+
+    @property
+    def map_bytes(self) -> int:
+        """Memory of the particles' maps."""
+
+    def step(self, step: Step) -> StepResult:
+        """Take in one scan and the motion since the scan before."""
+
+    def occupancy(self) -> OccupancyMap | None:
+        """The filter's own occupancy map; None where it is to be drawn along the best particle's path."""
+
+    def revise(self, poses: Array, updates: NDArray[np.intp], scans: Scans) -> None:
+        """Go on from a path that the back end has corrected.
+
+        Args:
+            poses: [u, 3] of the robot at every update so far, corrected.
+            updates: [u] the indices of their scans.
+            scans: endpoints of all scans.
+        """
+
+
+class FilterDefaults:
+    """What a filter does that has no camera, keeps no map of its own, and does not follow corrections."""
+
+    @property
+    def uses_camera(self) -> bool:
+        """See ``Filter``."""
+        return False
+
+    @property
+    def map_bytes(self) -> int:
+        """See ``Filter``."""
+        return 0
+
+    def occupancy(self) -> OccupancyMap | None:
+        """See ``Filter``."""
+        return None
+
+    def revise(self, poses: Array, updates: NDArray[np.intp], scans: Scans) -> None:
+        """See ``Filter``."""

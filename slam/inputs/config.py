@@ -1,0 +1,49 @@
+"""Parameters of synchronisation and of thinning."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from moteslam.robot.section import NotNegative, Positive, Section, Truth, Whole
+
+
+class SyncConfig(Section):
+    """Synchronisation of lidar, wheels and gyro (section III.A of the paper)."""
+
+    method: Literal["nearest", "interpolate"] = "interpolate"
+    """`nearest` takes the reading nearest in time, as the paper does; `interpolate` the value between the two readings
+    around it."""
+    low_pass_hz: NotNegative = 0.0
+    """Cut-off of the causal low-pass on the yaw rate [Hz]; 0 turns it off."""
+    kinematics: Literal["euler", "arc"] = "arc"
+    """`euler` is equation III.1, `arc` the exact arc."""
+    deskew: Truth = True
+    """Move every beam by the motion of the robot since the first beam of its scan, by the odometry. Scans stay as they
+    are where a recording does not say how long a sweep takes, and where the odometry jumps."""
+    max_speed: Positive = 4.0
+    """Odometry that is faster than this has jumped [m/s] ..."""
+    max_turn_rate: Positive = 4.0
+    """... or turns faster than this [rad/s] ..."""
+    jump_factor: Positive = 10.0
+    """... if the step is also this many times the 90th percentile of the recording's steps ..."""
+    min_jump_distance: NotNegative = 0.2
+    """... and longer than this [m] ..."""
+    min_jump_rotation: NotNegative = 0.2
+    """... or turns by more than this [rad]: registration mends shorter ones."""
+
+
+class ThinningConfig(Section):
+    """How neighbouring endpoints are averaged, and which neighbours see the same surface."""
+
+    spacing: Positive = 0.02
+    """Endpoints nearer than this to each other are averaged to one point [m] ..."""
+    max_spacing: Positive = 0.06
+    """... and those up to this far from each other [m], step by step, while a scan has more points than ..."""
+    max_points: Annotated[Whole, Field(ge=8, le=100_000)] = 200
+    """... this: what a scan costs, and what it weighs, depends little on how many beams the lidar has."""
+    gap: Positive = 0.3
+    """A surface runs between neighbouring points up to this far apart [m] ..."""
+    gap_from_range: NotNegative = 0.03
+    """... plus this much for every metre of range [m/m]."""

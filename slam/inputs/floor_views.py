@@ -1,0 +1,129 @@
+"""What the camera last saw of the floor when a scan is taken: the newest frame, read when a filter asks for it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from moteslam.robot import se2
+from moteslam.robot.frames import CameraFrame, FrameCount, has_images, pairs, read_frame
+from moteslam.robot.platform import CameraMount
+from moteslam.robot.recording import Recording
+from moteslam.robot.wording import counted
+from moteslam.slam.inputs.synchronise import Inputs
+
+
+@dataclass(frozen=True, eq=False)
+class FloorView:
+    """A frame of the floor, and where the robot was when it was taken.
+
+    Attributes:
+        frame: what the camera saw.
+        mount: of the camera.
+        place: [3] of the robot at the frame, in its frame at the scan, by the odometry.
+        age: from frame to scan [s].
+    """
+
+    frame: CameraFrame
+    mount: CameraMount
+    place: NDArray[np.float64]
+    age: float
+
+    def corrected(self, odometry: NDArray[np.float64], motion: NDArray[np.float64], seconds: float) -> FloorView:
+        """The same view with its place corrected by the odometry's error, which is taken to be even over a motion.
+
+        Args:
+            odometry: [3] a motion up to the scan as the odometry measured it.
+            motion: [3] the same motion as registration found it.
+            seconds: how long it took.
+        """
+        share = min(1.0, self.age / seconds) if seconds > 0 else 1.0
+        since = se2.compose(se2.inverse(self.place), share * se2.between(odometry, motion))
+        return replace(self, place=se2.inverse(since))
+
+
+class FloorViews:
+    """The newest frame before each scan of a recording; each frame is handed out once.
+
+    A pixel of the colour image shows floor at the same place of the robot's frame whenever the disparity image that
+    measured this place was taken: the floor is flat and the camera does not tilt. So a frame counts as taken at the
+    stamp of its colours.
+
+    Args:
+        recording: with images and a camera on its robot: see ``missing_for_floor_views``.
+        inputs: the same recording, synchronised; with odometry.
+        largest_gap: between the colour and the disparity image of a frame [s].
+
+    Attributes:
+        count: what became of the frames that were asked for.
+        asked: how many scans a frame was asked for.
+    """
+
+    def __init__(self, recording: Recording, inputs: Inputs, *, largest_gap: float) -> None:
+        stream, mount = recording.rgbd, recording.platform.camera
+        assert stream is not None
+        assert mount is not None
+        assert inputs.path is not None
+        self.count, self.asked = FrameCount(), 0
+        self._stream, self._mount = stream, mount
+        self._disparity, self._rgb, _ = pairs(stream, largest_gap=largest_gap)
+        self._taken = stream.rgb_stamps[self._rgb]
+        # when both images of a frame, and those of all frames before it, have arrived
+        self._arrived = np.maximum.accumulate(np.maximum(self._taken, stream.disparity_stamps[self._disparity]))
+        self._scans, self._path = inputs.stamps, inputs.path
+        self._jumps = np.cumsum(inputs.jumped)
+        self._last = -np.inf
+
+    def at(self, index: int, max_age: float) -> FloorView | None:
+        """The newest frame when a scan is taken; None where it is too old, was handed out before, or is broken.
+
+        None, too, where the odometry has jumped in between.
+
+        Args:
+            index: of the scan; successive calls ask for rising indices.
+            max_age: of the frame when the scan is taken [s].
+        """
+        self.asked += 1
+        stamp = self._scans[index]
+        newest = int(np.searchsorted(self._arrived, stamp, side="right")) - 1
+        if newest < 0:
+            return None
+        taken = float(self._taken[newest])  # of colours that several disparity images may have as their nearest
+        if taken <= self._last or stamp - taken > max_age:
+            return None
+        before = max(int(np.searchsorted(self._scans, taken, side="right")) - 1, 0)
+        if self._jumps[index] != self._jumps[before]:
+            return None
+        self._last = taken
+        frame = read_frame(self._stream, int(self._disparity[newest]), int(self._rgb[newest]))
+        self.count.note(frame)
+        if not isinstance(frame, CameraFrame):
+            return None
+        then, now = self._path.at(np.array([taken, stamp]))
+        return FloorView(frame, self._mount, se2.between(now, then), stamp - taken)
+
+    def warnings(self) -> tuple[str, ...]:
+        """What was lost, a line each."""
+        lines, count = [], self.count
+        if count.missing:
+            lines.append(f"colours: {counted(count.missing, 'frame')} not used, an image of theirs is missing")
+        if count.unreadable:
+            lost = counted(count.unreadable, "frame")
+            lines.append(f"colours: {lost} not used, unreadable; the first: {count.first_unreadable}")
+        without = self.asked - count.used
+        if without > self.asked / 2:
+            lines.append(f"colours: no new frame at {without} of {self.asked} updates: weighed without them")
+        return tuple(lines)
+
+
+def missing_for_floor_views(recording: Recording, inputs: Inputs) -> str:
+    """What a recording lacks that colours in the weights need; empty if it lacks nothing."""
+    if recording.platform.camera is None:
+        return "no camera on the robot"
+    if not has_images(recording.rgbd):
+        return "no camera images"
+    if not inputs.moves:
+        return "no odometry between frames and scans"
+    return ""

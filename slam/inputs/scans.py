@@ -1,0 +1,53 @@
+"""The endpoints of any scan of a recording in the robot's frame, as if the scan had been taken at once."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from moteslam.robot.platform import LidarMount
+from moteslam.robot.recording import LidarStream
+
+Array = NDArray[np.float64]
+
+
+class Scans:
+    """Scans as points, de-skewed where the motion during a sweep is known.
+
+    Args:
+        lidar: the scans.
+        mount: of the lidar on the robot.
+        sweeps: [n, 3] the robot's motion while each scan is taken, in its frame at the first beam; None for scans
+            that count as taken at once.
+        max_range: endpoints beyond it are left out [m].
+
+    Attributes:
+        origin: [2] where the rays start, in the robot's frame [m].
+    """
+
+    def __init__(
+        self, lidar: LidarStream, mount: LidarMount, *, sweeps: Array | None = None, max_range: float = np.inf
+    ) -> None:
+        self._lidar, self._sweeps, self._max_range = lidar, sweeps, max_range
+        x, y, yaw = mount.pose
+        angles = lidar.angles + yaw
+        self._directions = np.stack((np.cos(angles), np.sin(angles)), axis=-1)
+        self.origin = np.array([x, y])
+
+    def points(self, index: int) -> NDArray[np.float32]:
+        """The finite endpoints [k, 2] of a scan [m], in the robot's frame at the scan's stamp."""
+        ranges = self._lidar.ranges[index]
+        good = np.isfinite(ranges) & (ranges <= self._max_range)
+        points: Array = self.origin + ranges[good, None] * self._directions[good]
+        if self._sweeps is not None:
+            x, y, turn = self._sweeps[index]
+            share = np.flatnonzero(good) / max(len(ranges) - 1, 1)
+            cos, sin = np.cos(turn * share), np.sin(turn * share)
+            points = np.stack(
+                (
+                    cos * points[:, 0] - sin * points[:, 1] + x * share,
+                    sin * points[:, 0] + cos * points[:, 1] + y * share,
+                ),
+                axis=1,
+            )
+        return points.astype(np.float32)

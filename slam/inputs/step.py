@@ -1,0 +1,61 @@
+"""The one kind of event that SLAM takes in: how the robot moved, and the scan at the end of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from moteslam.slam.inputs.floor_views import FloorView, FloorViews
+from moteslam.slam.inputs.synchronise import Inputs
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """One scan and the motion since the scan before.
+
+    Attributes:
+        index: of the scan in the recording.
+        stamp: of the scan [s].
+        dt: time since the scan before [s]; 0 for scans that share a stamp.
+        motion: [3] increment of the robot's pose, in the frame of its pose at the scan before; zeros where nothing
+            measured it.
+        measured: whether the odometry measured that motion. A filter that can do without predicts the motion of
+            other steps from the steps before.
+        points: [k, 2] float32 the finite endpoints in the robot's frame [m].
+        origin: [2] where the rays start, in the robot's frame [m]: the lidar.
+        floor: reads the newest camera frame of at most a given age [s], which takes time: call it at most once, and
+            only to make use of it. None where the run does not use the camera.
+    """
+
+    index: int
+    stamp: float
+    dt: float
+    motion: NDArray[np.float64]
+    measured: bool
+    points: NDArray[np.float32]
+    origin: NDArray[np.float64]
+    floor: Callable[[float], FloorView | None] | None = None
+
+
+def steps(inputs: Inputs, views: FloorViews | None = None) -> Iterator[Step]:
+    """One step a scan.
+
+    Args:
+        inputs: the synchronised recording.
+        views: camera frames of the floor; None where they are not used.
+    """
+    for index, stamp in enumerate(inputs.stamps):
+        yield Step(
+            index=index,
+            stamp=float(stamp),
+            dt=float(stamp - inputs.stamps[index - 1]) if index else 0.0,
+            motion=inputs.motions[index],
+            measured=bool(inputs.measured[index]),
+            points=inputs.scans.points(index),
+            origin=inputs.scans.origin,
+            floor=None if views is None else partial(views.at, index),
+        )

@@ -1,0 +1,121 @@
+"""From streams with their own clocks to what SLAM takes in: scans, and the motion between them, settled once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from moteslam.errors import InputError
+from moteslam.robot import se2
+from moteslam.robot.recording import LidarStream, Recording
+from moteslam.robot.stamps import nearest_stamp
+from moteslam.slam.inputs.config import SyncConfig
+from moteslam.slam.inputs.jumps import jumps
+from moteslam.slam.inputs.odometry_path import OdometryPath, ever_moves, odometry_path
+from moteslam.slam.inputs.scans import Scans
+
+Array = NDArray[np.float64]
+APART = 1.0
+"""Scans and odometry whose times are this far apart [s] are of different recordings, or on different clocks."""
+
+
+@dataclass(frozen=True, eq=False)
+class Inputs:
+    """A recording as SLAM takes it in: n scans, and the motion between them.
+
+    Attributes:
+        name: of the recording.
+        stamps: [n] of the scans [s].
+        scans: their endpoints.
+        path: by odometry, at its own stamps; None where there is no odometry.
+        odometry: [n, 3] the pose at every scan by odometry; zeros where there is none.
+        motions: [n, 3] the increment since the scan before, in the frame of the pose there; zeros where nothing
+            measured it.
+        jumped: [n] whether the odometry jumps at the scan.
+        measured: [n] whether the odometry measured the motion since the scan before: it is there, it ever moves, and
+            it does not jump.
+    """
+
+    name: str
+    stamps: Array
+    scans: Scans
+    path: OdometryPath | None
+    odometry: Array
+    motions: Array
+    jumped: NDArray[np.bool_]
+    measured: NDArray[np.bool_]
+
+    def __len__(self) -> int:
+        return len(self.stamps)
+
+    @property
+    def moves(self) -> bool:
+        """Whether there is an odometry that measures motion."""
+        return bool(self.measured.any() or self.jumped.any())
+
+
+def synchronise(recording: Recording, config: SyncConfig | None = None, *, max_range: float = np.inf) -> Inputs:
+    """Bring the streams of a recording onto the stamps of its scans.
+
+    Args:
+        recording: with a lidar; odometry of any kind is optional.
+        config: how; the defaults if None.
+        max_range: endpoints beyond it are left out [m].
+
+    Raises:
+        InputError: no scans, encoders without wheels, or odometry that does not overlap with the scans in time.
+    """
+    config = config or SyncConfig()
+    lidar = require_lidar(recording)
+    n = len(lidar)
+    path = odometry_path(recording, config)
+    odometry = np.zeros((n, 3)) if path is None else _at_scans(lidar, path, config, name=recording.name)
+    jumped, measured, motions = np.zeros(n, np.bool_), np.zeros(n, np.bool_), np.zeros((n, 3))
+    if ever_moves(recording):
+        jumped = jumps(lidar.stamps, odometry, config)
+        measured = ~jumped
+        motions = np.vstack((np.zeros(3), se2.between(odometry[:-1], odometry[1:])))
+    sweeps = _sweeps(recording, lidar, path, jumped) if config.deskew else None
+    scans = Scans(lidar, recording.platform.lidar, sweeps=sweeps, max_range=max_range)
+    return Inputs(recording.name, lidar.stamps, scans, path, odometry, motions, jumped, measured)
+
+
+def require_lidar(recording: Recording) -> LidarStream:
+    """The recording's lidar stream.
+
+    Raises:
+        InputError: it has none, or one without scans.
+    """
+    if recording.lidar is None or not len(recording.lidar):
+        raise InputError("no lidar scans, expected at least one", file=recording.name, field="lidar")
+    return recording.lidar
+
+
+def _at_scans(lidar: LidarStream, path: OdometryPath, config: SyncConfig, *, name: str) -> Array:
+    """The odometry's pose [n, 3] at every scan; the pose logged with a scan where the log has one."""
+    if lidar.odometry is not None:
+        return lidar.odometry
+    if lidar.stamps[-1] < path.stamps[0] - APART or lidar.stamps[0] > path.stamps[-1] + APART:
+        raise InputError(
+            f"scans from {lidar.stamps[0]:.3f} to {lidar.stamps[-1]:.3f} s, odometry from {path.stamps[0]:.3f} to "
+            f"{path.stamps[-1]:.3f} s, expected streams that overlap in time",
+            file=name,
+            field="time_stamps",
+        )
+    if config.method == "interpolate":
+        return path.at(lidar.stamps)
+    return path.poses[nearest_stamp(path.stamps, lidar.stamps)]
+
+
+def _sweeps(
+    recording: Recording, lidar: LidarStream, path: OdometryPath | None, jumped: NDArray[np.bool_]
+) -> Array | None:
+    """How the robot moves while each scan is taken, [n, 3] in its frame at the first beam; None where unknown."""
+    seconds = (lidar.time_increment or recording.platform.lidar.time_increment) * (lidar.ranges.shape[1] - 1)
+    if seconds <= 0 or path is None:
+        return None
+    motion = se2.between(path.at(lidar.stamps), path.at(lidar.stamps + seconds))
+    motion[:-1][jumped[1:]] = 0.0  # odometry that jumps before the next scan did not measure the motion in this one
+    return motion

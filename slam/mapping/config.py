@@ -1,0 +1,71 @@
+"""Parameters of the maps: the occupancy grid, and the TSDF of each particle."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
+
+from moteslam.robot.section import Number, Positive, Section, Whole
+
+MAX_TRUNCATION = 100
+"""Cells of a level; no truncation is longer."""
+
+
+class MapConfig(Section):
+    """The occupancy grid (sections II.A and III.C of the paper)."""
+
+    cell_size: Annotated[Number, Field(ge=0.005, le=1.0)] = 0.05
+    """Of the occupancy grid [m]."""
+    hit_probability: Annotated[Number, Field(gt=0.5, lt=1)] = 0.8
+    """How often the lidar is right: a cell changes by log(p / (1 - p)), log 4 at 0.8 (III.2)."""
+    limit: Annotated[Number, Field(gt=0, le=64)] = 50.0
+    """Log-odds are kept within (-limit, limit)."""
+    occupied_threshold: Number = 0.0
+    """Log-odds above which a cell counts as occupied in the score (method `paper`)."""
+    count: Literal["scan", "ray"] = "scan"
+    """`scan` changes a cell at most once a scan, an endpoint going over a passing ray; `ray` once for every ray that
+    meets it."""
+    guard_cells: Annotated[Whole, Field(ge=0, le=16)] = 1
+    """Cells this near to an endpoint are not freed by other rays of the same scan (`scan` only): beams that graze a
+    wall pass within a cell of where their neighbours end, and would erase it."""
+
+    @property
+    def log_odds_step(self) -> float:
+        """The change of a cell [log-odds]: log(p / (1 - p))."""
+        return math.log(self.hit_probability / (1 - self.hit_probability))
+
+
+class TsdfConfig(Section):
+    """The TSDF of each particle: two levels of cells, each averaging its distance to the surface (Curless and Levoy
+    1996).
+    """
+
+    cell_size: Annotated[Number, Field(ge=0.01, le=1.0)] = 0.08
+    """Of the fine level [m]; the coarse level's cells are twice as large."""
+    truncation: Positive = 0.16
+    """Fine cells up to this far from a surface average their distance to it [m]; 1 to 100 cells."""
+    coarse_truncation: Positive = 0.4
+    """The same of coarse cells [m]; 1 to 100 of them."""
+    near: Positive = 0.06
+    """Distances below it weigh more in a cell's average [m]: near corners and thin walls a cell has two surfaces beside
+    it, and the nearer one counts ..."""
+    near_weight: Annotated[Whole, Field(ge=1, le=31)] = 8
+    """... this many times as much."""
+    max_weight: Annotated[Whole, Field(ge=1, le=31)] = 31
+    """Largest weight of a cell's average against the next observation: how fast a map forgets."""
+
+    @model_validator(mode="after")
+    def _truncations_reach_the_cells_beside_a_surface(self) -> TsdfConfig:
+        for name, cell, truncation in (
+            ("", self.cell_size, self.truncation),
+            ("coarse_", 2 * self.cell_size, self.coarse_truncation),
+        ):
+            if not cell <= truncation <= MAX_TRUNCATION * cell:
+                raise ValueError(
+                    f"{name}truncation of {truncation:g} m, expected {cell:g} to {MAX_TRUNCATION * cell:g} m: 1 to "
+                    f"{MAX_TRUNCATION} of the {'coarse' if name else 'fine'} level's cells at cell_size "
+                    f"{self.cell_size:g}"
+                )
+        return self

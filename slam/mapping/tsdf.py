@@ -1,0 +1,182 @@
+"""A truncated signed distance function (TSDF) for every particle: tables of shared tiles that grow with the robot."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from moteslam.errors import InputError
+from moteslam.kernels.surface import ThinScan, add_scans
+from moteslam.kernels.tiles import CELLS, EMPTY, SIDE
+from moteslam.slam.mapping.config import TsdfConfig
+
+Array = NDArray[np.float64]
+
+TABLE_CHUNK = 8
+"""The tables grow by multiples of this many tiles."""
+FIRST_TILES = 256
+"""Tiles of the pool to begin with; it doubles."""
+MAX_TILES = 2**31 // CELLS
+"""More would need 64-bit addresses, and 4 GB."""
+MAX_ENTRIES = 2**29
+"""Of all tables together: 2 GB."""
+
+
+class TsdfMaps:
+    """The TSDFs of N particles; a single one until the first resampling.
+
+    Args:
+        config: cell size, truncations, weights.
+    """
+
+    def __init__(self, config: TsdfConfig) -> None:
+        self._config = config
+        self._tile_size = SIDE * config.cell_size
+        self._corner = np.array([-TABLE_CHUNK, -TABLE_CHUNK])  # the first tile of the tables: (column, row)
+        self._tables = np.zeros((1, 2 * TABLE_CHUNK, 2 * TABLE_CHUNK), np.int32)
+        self._pool = np.zeros(FIRST_TILES * CELLS, np.int16)
+        self._shares, self._free, self._left = self._counted()
+
+    def __len__(self) -> int:
+        return len(self._tables)
+
+    @property
+    def memory(self) -> int:
+        """Bytes taken by tiles and tables."""
+        return self._pool.nbytes + self._tables.nbytes
+
+    def all(self) -> TsdfView:
+        """The TSDFs of all particles, to register to; valid until the next ``integrate`` or ``resample``."""
+        return TsdfView(self._config, self._pool, self._tables, self._corner * self._tile_size)
+
+    def of(self, particle: int) -> TsdfView:
+        """The TSDF of one particle, likewise."""
+        return self.all()._replace(tables=self._tables[particle : particle + 1])
+
+    def resample(self, parents: NDArray[np.int64]) -> None:
+        """Give every particle its parent's TSDF.
+
+        Args:
+            parents: [M] indices of particles; M is their number from now on.
+
+        Raises:
+            InputError: the tables would take more than ``MAX_ENTRIES``.
+        """
+        self._check_entries(len(parents), *self._tables.shape[1:])
+        self._tables = self._tables[parents]
+        self._count()
+
+    def integrate(self, poses: Array, scan: ThinScan) -> None:
+        """Average a scan into every particle's TSDF, each from its own pose.
+
+        Args:
+            poses: [N, 3] of the robot in the map frame.
+            scan: in the robot's frame; fewer than two points have no surface.
+
+        Raises:
+            InputError: tiles or tables would take more than ``MAX_TILES`` or ``MAX_ENTRIES``.
+        """
+        if len(scan.vertices) < 2:
+            return
+        c = self._config
+        reach = float(np.hypot(*scan.vertices.T).max()) + 2 * max(c.truncation, c.coarse_truncation) + self._tile_size
+        self._cover(poses, reach)
+        while True:
+            left = add_scans(
+                self._pool,
+                self._tables,
+                self._shares,
+                self._free[: self._left],
+                self.all().frames(poses),
+                scan,
+                cell_size=c.cell_size,
+                truncation=c.truncation,
+                coarse_truncation=c.coarse_truncation,
+                sharp=c.near,
+                sharp_weight=c.near_weight,
+                max_weight=c.max_weight,
+            )
+            if left is not None:
+                self._left = left
+                return
+            self._make_room()
+
+    def _cover(self, poses: Array, reach: float) -> None:
+        """Grow the tables so that everything within ``reach`` [m] of the poses is inside."""
+        _, rows, columns = self._tables.shape
+        lowest, highest = poses[:, :2].min(axis=0).tolist(), poses[:, :2].max(axis=0).tolist()
+        below, above = [], []
+        for low, high, first, size in zip(lowest, highest, self._corner.tolist(), (columns, rows), strict=True):
+            begin, end = (low - reach) // self._tile_size, (high + reach) // self._tile_size + 1
+            below.append(int(max(0, -((begin - first) // TABLE_CHUNK))) * TABLE_CHUNK)
+            above.append(int(max(0, -((first + size - end) // TABLE_CHUNK))) * TABLE_CHUNK)
+        if not any(below) and not any(above):
+            return
+        wide, tall = columns + below[0] + above[0], rows + below[1] + above[1]
+        self._check_entries(len(self), tall, wide)
+        tables = np.full((len(self), tall, wide), EMPTY, np.int32)
+        tables[:, below[1] : below[1] + rows, below[0] : below[0] + columns] = self._tables
+        self._tables = tables
+        self._corner = self._corner - below
+
+    def _check_entries(self, particles: int, tall: int, wide: int) -> None:
+        if particles * wide * tall > MAX_ENTRIES:
+            raise InputError(
+                f"{particles} tables of {wide} x {tall} tiles of {self._tile_size:g} m, expected at most "
+                f"{MAX_ENTRIES:.0e} entries; fewer particles, larger cells or a smaller max_range help",
+                field="particles",
+            )
+
+    def _count(self) -> None:
+        """Count anew how many particles share each tile, and which are free."""
+        self._shares, self._free, self._left = self._counted()
+
+    def _counted(self) -> tuple[NDArray[np.int32], NDArray[np.int32], int]:
+        """The particles that share each tile, the free tiles, and how many of these are left."""
+        capacity = len(self._pool) // CELLS
+        shares = np.bincount(self._tables.reshape(-1), minlength=capacity).astype(np.int32)
+        shares[EMPTY] = len(self._tables) + 1  # everybody's: never written, never free
+        free = np.flatnonzero(shares == 0).astype(np.int32)
+        return shares, free, len(free)
+
+    def _make_room(self) -> None:
+        """After copying tiles failed: collect the tiles that no particle names, and grow the pool if they are few."""
+        self._count()
+        capacity = len(self._pool) // CELLS
+        if 3 * self._left >= capacity:
+            return
+        if 2 * capacity > MAX_TILES:
+            raise InputError(
+                f"{capacity} tiles of {len(self)} particles' maps are full, expected fewer particles, larger cells or "
+                "a smaller max_range",
+                field="particles",
+            )
+        pool = np.zeros(2 * len(self._pool), np.int16)
+        pool[: len(self._pool)] = self._pool
+        self._pool = pool
+        self._count()
+
+
+class TsdfView(NamedTuple):
+    """The TSDFs of some of the particles.
+
+    Attributes:
+        config: cell size and truncations.
+        pool: int16 [t * CELLS] of all tiles.
+        tables: int32 [n, rows, columns] of the particles' tiles.
+        corner: [2] (x, y) of the tables' first tile [m].
+    """
+
+    config: TsdfConfig
+    pool: NDArray[np.int16]
+    tables: NDArray[np.int32]
+    corner: Array
+
+    def frames(self, poses: Array) -> Array:
+        """Poses [N, 3] as the kernels take them: [N, 4] cos, sin, x, y [m] from the tables' corner."""
+        frames = np.empty((len(poses), 4))
+        frames[:, 0], frames[:, 1] = np.cos(poses[:, 2]), np.sin(poses[:, 2])
+        frames[:, 2:] = poses[:, :2] - self.corner
+        return frames

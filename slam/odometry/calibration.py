@@ -1,0 +1,123 @@
+"""Systematic errors of the odometry, estimated from the scans while driving.
+
+Wheels are not as large, nor as far apart, as the platform says, carpets drag to a side, and the lidar is not where the
+log says: recorded odometry is off by some percent, always the same way, so the error can be estimated (Censi, Franchi,
+Marchionni and Oriolo 2013, Simultaneous calibration of odometry and sensor parameters).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from moteslam.slam.odometry.config import CalibrationConfig
+
+Array = NDArray[np.float64]
+
+
+class OdometryCalibration:
+    """Estimates the scale of distances and turns, the curvature of straight paths, and the lidar's offset.
+
+    Args:
+        config: priors and noise.
+    """
+
+    def __init__(self, config: CalibrationConfig) -> None:
+        self._config = config
+        self._distance = _Gains([1.0], [config.scale], config.change)
+        self._turn = _Gains([1.0, 0.0], [config.scale, config.curvature], config.change)
+        self._offset = _Gains([0.0], [config.lidar_offset], config.change)
+
+    @property
+    def scale(self) -> float:
+        """The true distance over that of the odometry."""
+        return self._distance.values[0]
+
+    @property
+    def turn_scale(self) -> float:
+        """The true turn over that of the odometry."""
+        return self._turn.values[0]
+
+    @property
+    def curvature(self) -> float:
+        """The turn per distance of a path that is straight by the odometry [rad/m]."""
+        return self._turn.values[1]
+
+    @property
+    def lidar_offset(self) -> float:
+        """How far the lidar is ahead of where the recording says, seen from the wheels' axle [m]."""
+        return self._offset.values[0]
+
+    def corrected(self, motion: Array) -> Array:
+        """An increment of the odometry [3] with its systematic errors removed."""
+        x, y, turn = self._on_axle(motion)
+        return np.array([x + self.lidar_offset * (math.cos(turn) - 1), y + self.lidar_offset * math.sin(turn), turn])
+
+    def update(self, odometry: Array, registered: Array, information: Array) -> None:
+        """Update the gains with one motion.
+
+        Args:
+            odometry: [3] as the wheels measured it, not corrected.
+            registered: [3] as registration of the scans found it.
+            information: [3, 3] of the scan's endpoints about its pose.
+        """
+        if not self._config.enabled:
+            return
+        c = self._config
+        x, _, turn = odometry.tolist()
+        innovation = (registered - self.corrected(odometry)).tolist()
+        swing = math.sin(registered[2])
+        about_x, about_y, about_turn = (1 / max(value, 1e-9) for value in information.diagonal().tolist())
+        of_distance = (c.translation + c.translation_from_translation * abs(x)) ** 2
+        of_turn = (c.rotation + c.rotation_from_rotation * abs(turn)) ** 2
+        for gains, row, error, variance in (
+            (self._distance, [x], innovation[0], of_distance + about_x),
+            (self._offset, [swing], innovation[1], of_distance + about_y),
+            (self._turn, [turn, x], innovation[2], of_turn + about_turn),
+        ):
+            gains.predict(abs(x))
+            gains.update(row, error, variance, c.gate)
+
+    def _on_axle(self, motion: Array) -> tuple[float, float, float]:
+        """The same motion of the axle: its distance rescaled, and bent along half of the turn that is added."""
+        x, y, turn = motion.tolist()
+        bend = self.turn_scale * turn + self.curvature * x - turn
+        cos, sin = self.scale * math.cos(bend / 2), self.scale * math.sin(bend / 2)
+        return cos * x - sin * y, sin * x + cos * y, turn + bend
+
+
+class _Gains:
+    """A Kalman filter of constants that change a little with the distance driven.
+
+    Args:
+        values: [k] prior means, and
+        deviations: [k] prior standard deviations.
+        change: standard deviation of their change over a metre, of a gain with ``deviations[0]``.
+    """
+
+    def __init__(self, values: list[float], deviations: list[float], change: float) -> None:
+        self.values = values
+        self._most = [deviation**2 for deviation in deviations]
+        # rows of plain numbers: for one gain or two, arrays take ten times as long
+        self._covariance: list[list[float]] = np.diag(self._most).tolist()
+        self._change = [change**2 * most / self._most[0] for most in self._most]
+
+    def predict(self, distance: float) -> None:
+        """Add the process noise of a distance [m]; no variance grows beyond that of its prior."""
+        for i, (line, most, change) in enumerate(zip(self._covariance, self._most, self._change, strict=True)):
+            line[i] += min(change * distance, max(most - line[i], 0.0))
+
+    def update(self, row: list[float], innovation: float, variance: float, gate: float) -> None:
+        """One scalar measurement of ``row`` times the gains; left out beyond ``gate`` standard deviations."""
+        pulls = [sum(c * r for c, r in zip(line, row, strict=True)) for line in self._covariance]
+        total = sum(r * pull for r, pull in zip(row, pulls, strict=True)) + variance
+        if innovation * innovation >= gate**2 * total:
+            return
+        weights = [pull / total for pull in pulls]
+        self.values = [value + weight * innovation for value, weight in zip(self.values, weights, strict=True)]
+        self._covariance = [
+            [c - weight * pull for c, pull in zip(line, pulls, strict=True)]
+            for line, weight in zip(self._covariance, weights, strict=True)
+        ]

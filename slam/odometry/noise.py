@@ -1,0 +1,61 @@
+"""How uncertain a motion is: the noise that prediction adds, and the errors of odometry."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from moteslam.slam.odometry.config import MotionNoise
+
+
+class OdometryNoise(Protocol):
+    """Standard deviations of odometry that grow linearly with the motion."""
+
+    @property
+    def translation(self) -> float:
+        """At rest [m]."""
+
+    @property
+    def translation_from_translation(self) -> float:
+        """For every metre [m/m]."""
+
+    @property
+    def rotation(self) -> float:
+        """At rest [rad]."""
+
+    @property
+    def rotation_from_rotation(self) -> float:
+        """For every radian [rad/rad]."""
+
+
+def prediction_noise(noise: MotionNoise, distance: float, rotation: float, elapsed: float) -> NDArray[np.float64]:
+    """The standard deviations of one prediction: forward [m], left [m], turn [rad].
+
+    One epsilon is drawn for the interval between two updates of the filter, so the noise does not depend on how often
+    the sensors report in between. The shares of the motion itself are those of Probabilistic Robotics, table 5.6; to
+    the left, where the robot does not drive on purpose, it slips with the turn alone.
+
+    Args:
+        noise: standard deviations.
+        distance: travelled since the last update [m].
+        rotation: the sum of absolute turns since [rad].
+        elapsed: since [s]; 0 is allowed.
+    """
+    slip = noise.translation_from_rotation * rotation
+    forward = np.hypot(noise.velocity * elapsed, noise.translation_from_translation * distance)
+    heading = np.hypot(noise.yaw_rate * elapsed, noise.rotation_from_translation * distance)
+    return np.array([np.hypot(forward, slip), slip, np.hypot(heading, noise.rotation_from_rotation * rotation)])
+
+
+def odometry_error(noise: OdometryNoise, distance: float, rotation: float) -> NDArray[np.float64]:
+    """The standard deviations of a motion that odometry measured: forward [m], left [m], turn [rad].
+
+    Args:
+        noise: at rest, and how it grows.
+        distance: [m].
+        rotation: the sum of absolute turns [rad].
+    """
+    translation = noise.translation + noise.translation_from_translation * distance
+    return np.array([translation, translation, noise.rotation + noise.rotation_from_rotation * rotation])

@@ -1,0 +1,121 @@
+"""Parameters of registration, of the correlative search, and of tracking between updates."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from moteslam.robot.section import NotNegative, Number, Positive, Section, Share, Whole
+
+
+class RegistrationConfig(Section):
+    """Registration of scans to the particles' TSDFs: Gauss-Newton from coarse to fine."""
+
+    residual: Positive = 0.01
+    """Standard deviation of an endpoint's distance to the surface [m]; twice that on the coarse level."""
+    translation: Annotated[Number, Field(gt=0, le=1)] = 0.01
+    """Standard deviation of the odometry at rest [m] ..."""
+    translation_from_translation: Share = 0.07
+    """... and what every metre adds [m/m]: a loose prior, since the odometry's errors are systematic."""
+    rotation: Annotated[Number, Field(gt=0, le=1)] = 0.01
+    """The same of the heading [rad] ..."""
+    rotation_from_rotation: Share = 0.2
+    """... and what every radian of turn adds [rad/rad]."""
+    extrapolated_translation: Share = 0.05
+    """Added where the motion was not measured but extrapolated at a constant velocity [m] ..."""
+    extrapolated_rotation: Share = 0.05
+    """... and to the heading [rad]."""
+    prior_weight: Positive = 5.0
+    """The number of independent endpoints that weigh as much as the odometry: neighbouring endpoints err alike."""
+    iterations: Annotated[Whole, Field(ge=1, le=100)] = 8
+    """Gauss-Newton steps at most, on each level."""
+    max_points: Annotated[Whole, Field(ge=8, le=100_000)] = 1000
+    """At most this many points of a thinned scan, evenly chosen, are registered to the TSDFs of all particles."""
+    unknown_cost: NotNegative = 2.0
+    """Negative log-likelihood of an endpoint where the map is unknown."""
+    outlier_cost: NotNegative = 8.0
+    """Largest negative log-likelihood of an endpoint."""
+    degenerate: NotNegative = 0.001
+    """Standard deviation of what is found along the least informed direction, times the ratio of its information to
+    that of the best informed [m]: along two bare walls the odometry is kept instead; 0 turns it off."""
+    degenerate_gate: Positive = 3.0
+    """An offset of more standard deviations of the odometry is kept even along a degenerate direction."""
+
+
+class SearchConfig(Section):
+    """The lattice of a search, and which of its places become starts."""
+
+    heading_step: Annotated[Number, Field(gt=0, le=1)] = 0.02
+    """Between the headings that are searched [rad]; positions are a cell apart."""
+    basin_distance: Positive = 0.2
+    """Gauss-Newton converges from starts up to this far off [m] ..."""
+    basin_rotation: Positive = 0.06
+    """... and turned by up to this [rad]."""
+    separation: Positive = 0.6
+    """Starts are at least this share of the basin apart."""
+    search_near: Positive = 0.2
+    """Points nearer to a surface than this count for a place [m]."""
+    search_prior: Positive = 0.01
+    """What a standard deviation from the prediction costs, as a share of the truncation at every point."""
+    search_block: Annotated[Whole, Field(ge=1, le=1000)] = 10
+    """Edge of the blocks of lattice places of which the best is kept."""
+
+    @property
+    def basin(self) -> NDArray[np.float64]:
+        """[3] of Gauss-Newton: x [m], y [m], theta [rad]."""
+        return np.array([self.basin_distance, self.basin_distance, self.basin_rotation])
+
+
+class TrackingConfig(SearchConfig):
+    """Tracking between updates: when a scan is searched for, when it counts as lost, where it is looked for again."""
+
+    accept_likelihood: Share = 0.75
+    """A scan whose endpoints have at least this mean likelihood, 0 to 1, where registration finds it from the
+    prediction is accepted without a search ..."""
+    accept_deviation: Positive = 6.0
+    """... if it is within this many standard deviations of the prediction."""
+    window: Positive = 3.0
+    """Half width of the search window [standard deviations of the prediction]."""
+    retry_likelihood: Share = 0.6
+    """A scan of less mean likelihood after the search is searched for again, from more starts."""
+    min_starts: Annotated[Whole, Field(ge=1, le=1000)] = 2
+    """Registrations started in a search at least ..."""
+    max_starts: Annotated[Whole, Field(ge=1, le=1000)] = 16
+    """... and at most, as the window needs ..."""
+    retry_starts: Annotated[Whole, Field(ge=1, le=1000)] = 200
+    """... when a scan is searched for again ..."""
+    relocation_starts: Annotated[Whole, Field(ge=1, le=1000)] = 300
+    """... and in the relocation window."""
+    start_points: Annotated[Whole, Field(ge=8, le=100_000)] = 90
+    """Points of a scan that are registered from every start."""
+    prior_tail: Positive = 3.0
+    """The prior's tails are heavier than the normal distribution's beyond this many nats, for the predictions by
+    odometry and by constant velocity: what odometry is off by has outliers."""
+    lost_score: Number = 0.04
+    """A scan of a smaller match score, as a share of its points, contradicts the map: it is lost, and looked for in
+    a relocation window ..."""
+    relocation_distance: Annotated[Number, Field(ge=0, le=10)] = 1.5
+    """... up to this far to each side [m] ..."""
+    relocation_rotation: Annotated[Number, Field(ge=0, le=3.2)] = 1.4
+    """... and with up to this turn [rad] ..."""
+    relocation_gain: NotNegative = 0.3
+    """... and taken to be there if its match score is larger by this share of its points."""
+    max_lost_scans: Annotated[Whole, Field(ge=0)] = 3
+    """Up to this many lost scans in a row are left out of the maps; the next is accepted where it was found."""
+    score_likelihood: Positive = 1.5
+    """Match score: what an endpoint of likelihood 1 gains [points] ..."""
+    score_known: NotNegative = 0.3
+    """... less this for every endpoint where the map is known [points] ..."""
+    score_crossing: NotNegative = 0.3
+    """... less this for every ray through a surface [points]: doors open, people walk, gaps get closed."""
+    min_points: Annotated[Whole, Field(ge=1)] = 5
+    """Scans of fewer thinned points carry no information: the odometry alone moves the particles."""
+    slip_threshold: Positive = 2.0
+    """Odometry has slipped where registration is off by more than this many of its standard deviations. What was just
+    off, by a slip or a wrong stamp, is likely to be as far off in the next step, or back: its standard deviation is
+    larger by as much there."""
+    max_extrapolation: Positive = 10.0
+    """A motion that nothing measured is extrapolated to at most this many times the time of the step before."""

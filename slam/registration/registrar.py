@@ -1,0 +1,113 @@
+"""Registration of scans to TSDFs by Gauss-Newton, coarse to fine, with the odometry as a loose prior."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from moteslam.kernels.registration import COST, CROSSED, FITS, INFORMATION, KNOWN, LIKELIHOOD, register_scans
+from moteslam.slam.mapping.tsdf import TsdfView
+from moteslam.slam.odometry.noise import odometry_error
+from moteslam.slam.registration.config import RegistrationConfig
+
+Array = NDArray[np.float64]
+Points = NDArray[np.float32]
+SYMMETRIC = np.arange(FITS)[INFORMATION][[0, 1, 2, 1, 3, 4, 2, 4, 5]]
+"""Where in a row of fits the elements of the full information matrix are."""
+
+
+class Registration(NamedTuple):
+    """Where scans were found, for each of N particles.
+
+    Attributes:
+        offsets: [N, 3] from the predicted pose, in its frame.
+        information: [N, 3, 3] of the endpoints about them.
+        costs: [N] negative log-likelihood of the endpoints.
+        known: [N] number of endpoints where the map is known.
+        likelihoods: [N] mean likelihood of those, 0 to 1.
+        crossed: [N] number of rays that pass through a surface of the map.
+    """
+
+    offsets: Array
+    information: Array
+    costs: Array
+    known: Array
+    likelihoods: Array
+    crossed: Array
+
+
+def register(
+    maps: TsdfView,
+    predicted: Array,
+    spread: Array,
+    points: Points,
+    origin: Array,
+    starts: Array,
+    config: RegistrationConfig,
+    *,
+    means: Array | None = None,
+    coarse: bool = True,
+) -> Registration:
+    """Register one scan to the TSDF of every particle, or from many starts to that of one.
+
+    Args:
+        maps: of N particles, or of one.
+        predicted: [N, 3] poses by the odometry.
+        spread: [3] standard deviation of that prediction.
+        points: [k, 2] of the scan in the robot's frame [m].
+        origin: [2] where its rays start, in the same frame [m].
+        starts: [N, 3] offsets from the predicted poses to begin at.
+        config: noise and bounds.
+        means: [N, 3] means of the prior on the offsets; zeros by default.
+        coarse: begin on the coarse level of the maps.
+    """
+    priors = np.zeros((len(predicted), 6))
+    priors[:, :3] = config.prior_weight / spread**2
+    if means is not None:
+        priors[:, 3:] = means
+    offsets, fits = register_scans(
+        maps.pool,
+        maps.tables,
+        maps.frames(predicted),
+        points,
+        origin,
+        starts,
+        priors,
+        cell_size=maps.config.cell_size,
+        truncation=maps.config.truncation,
+        coarse_truncation=maps.config.coarse_truncation,
+        residual=config.residual,
+        iterations=config.iterations,
+        coarse=coarse,
+        unknown=config.unknown_cost,
+        outlier=config.outlier_cost,
+    )
+    information = fits.take(SYMMETRIC, axis=1).reshape(-1, 3, 3)
+    known = fits[:, KNOWN]
+    likelihoods = fits[:, LIKELIHOOD] / np.maximum(known, 1)
+    return Registration(offsets, information, fits[:, COST], known, likelihoods, fits[:, CROSSED])
+
+
+def prior_spread(config: RegistrationConfig, distance: float, rotation: float, *, measured: bool = True) -> Array:
+    """Standard deviation [3] of a predicted motion: forward [m], left [m], turn [rad].
+
+    Args:
+        config: how the odometry's error grows.
+        distance: [m].
+        rotation: sum of absolute turns [rad].
+        measured: whether odometry measured the motion; else it was extrapolated.
+    """
+    spread = odometry_error(config, distance, rotation)
+    if not measured:
+        spread[:2] += config.extrapolated_translation
+        spread[2] += config.extrapolated_rotation
+    return spread
+
+
+def subsample(points: Points, most: int) -> Points:
+    """At most this many of the points, evenly chosen."""
+    if len(points) <= most:
+        return points
+    return points[np.linspace(0, len(points) - 1, most).astype(np.intp)]

@@ -1,0 +1,189 @@
+"""The coloured map of the floor: section III.E of the paper, along any trajectory.
+
+Frames are read one after the other and added to the cells; what is held does not grow with their number.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from moteslam.errors import InputError
+from moteslam.robot import kinect
+from moteslam.robot.frames import CameraFrame, FrameCount, camera_frames, has_images
+from moteslam.robot.platform import CameraMount
+from moteslam.robot.recording import Recording
+from moteslam.robot.trajectory import Trajectory
+from moteslam.robot.wording import counted
+from moteslam.slam.texture.config import TextureConfig
+
+MAX_CELLS = 40_000_000
+"""Of the sums, 32 bytes each."""
+
+BEYOND_ENDS = 0.1
+"""Frames this long before the first or after the last pose still get that pose [s]."""
+
+
+@dataclass(frozen=True, eq=False)
+class TextureMap:
+    """The floor in colours.
+
+    Attributes:
+        colours: [H, W, 3] uint8 red, green, blue, the mean of the points in each cell; row 0 the smallest y.
+        points: [H, W] int64 how many points that were; 0 where nothing is known.
+        origin: (x, y) of the corner of cell [0, 0] [m]; cells lie on the lattice of multiples of ``cell_size``.
+        cell_size: [m].
+        frames: that it was made of.
+        warnings: what was left out, a line each with counts.
+    """
+
+    colours: NDArray[np.uint8]
+    points: NDArray[np.int64]
+    origin: tuple[float, float]
+    cell_size: float
+    frames: int
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def known(self) -> NDArray[np.bool_]:
+        """[H, W] which cells have a colour."""
+        return self.points > 0
+
+
+class TextureMapper:
+    """Sums of the colours in each cell, frame by frame.
+
+    Args:
+        mount: of the camera on the robot.
+        config: cell size and limits.
+        low, high: (x, y) of the corners of the area to map [m]; points outside are left out.
+
+    Raises:
+        InputError: an area of more than ``MAX_CELLS`` cells.
+    """
+
+    def __init__(self, mount: CameraMount, config: TextureConfig, low: ArrayLike, high: ArrayLike) -> None:
+        self.config = config
+        self._first = np.floor(np.asarray(low, np.float64) / config.cell_size).astype(np.int64)
+        width, height = np.floor(np.asarray(high, np.float64) / config.cell_size).astype(np.int64) + 1 - self._first
+        if width * height > MAX_CELLS:
+            raise InputError(
+                f"{width} x {height} cells of floor, expected at most {MAX_CELLS:.0e}; a larger cell_size helps",
+                field="texture.cell_size",
+            )
+        self._sums = np.zeros((height, width, 4), np.int64)
+        self._mount = np.column_stack((kinect.mount_rotation(mount), (mount.x, mount.y, mount.z)))
+        self.frames = 0
+
+    def add(self, frame: CameraFrame, pose: ArrayLike) -> None:
+        """Add a frame's points near the floor, seen from a pose [3] of the robot."""
+        from moteslam.kernels.texture import add_frame  # imports Taichi
+
+        x, y = self._first * self.config.cell_size
+        add_frame(
+            self._sums,
+            frame.disparity,
+            frame.rgb,
+            pose,
+            corner=(float(x), float(y)),
+            cell_size=self.config.cell_size,
+            calibration=calibration(),
+            mount=self._mount,
+            height_limit=self.config.height_limit,
+            max_depth=self.config.max_depth,
+            nothing=kinect.NO_DISPARITY,
+            flat=self.config.flat,
+        )
+        self.frames += 1
+
+    def snapshot(self, warnings: tuple[str, ...] = ()) -> TextureMap:
+        """The map as it stands, cut to the cells that have a colour."""
+        points = self._sums[..., 3]
+        rows, columns = np.flatnonzero(points.any(axis=1)), np.flatnonzero(points.any(axis=0))
+        if not len(rows):
+            rows = columns = np.array([0])
+        part = self._sums[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
+        count = np.maximum(part[..., 3:], 1)
+        colours = ((part[..., :3] + count // 2) // count).astype(np.uint8)
+        x, y = (self._first + np.array((columns[0], rows[0]))) * self.config.cell_size
+        origin = (float(x), float(y))
+        return TextureMap(colours, part[..., 3].copy(), origin, self.config.cell_size, self.frames, warnings)
+
+
+def calibration() -> NDArray[np.float64]:
+    """The Kinect's numbers [10] as ``kernels.texture.add_frame`` takes them."""
+    return np.array(
+        (
+            *(kinect.FOCAL, *kinect.CENTRE),
+            *(kinect.DISPARITY_SLOPE, kinect.DISPARITY_OFFSET, kinect.DEPTH_SCALE),
+            kinect.ALIGN_SCALE / kinect.ALIGN_DIVISOR,
+            kinect.ALIGN_DISPARITY / kinect.ALIGN_DIVISOR,
+            kinect.ALIGN_COLUMN / kinect.ALIGN_DIVISOR,
+            kinect.ALIGN_ROW / kinect.ALIGN_DIVISOR,
+        )
+    )
+
+
+def can_map(recording: Recording) -> bool:
+    """Whether a recording has what a coloured map takes: images, and a camera on its robot."""
+    return has_images(recording.rgbd) and recording.platform.camera is not None
+
+
+def map_texture(
+    recording: Recording,
+    trajectory: Trajectory,
+    config: TextureConfig | None = None,
+    *,
+    watch: Callable[[float, TextureMapper], None] | None = None,
+) -> TextureMap:
+    """Colour the floor along a trajectory.
+
+    Each frame's pose is the trajectory's, interpolated at the stamp of the disparity image.
+
+    Args:
+        recording: with images and a camera on its robot.
+        trajectory: of the robot, on the clock of the recording: an estimate, or the truth.
+        config: the defaults if None.
+        watch: called before each frame is added with its stamp and the mapper, and after the last with infinity.
+
+    Raises:
+        InputError: no images, no camera, no poses, or a trajectory that spans too large an area.
+    """
+    config = config or TextureConfig()
+    stream, mount = recording.rgbd, recording.platform.camera
+    if stream is None or not has_images(stream):
+        raise InputError("no camera images, expected dataRGBD/ beside the arrays", file=recording.name, field="rgbd")
+    if mount is None:
+        raise InputError("none, expected where the camera is", file=recording.name, field="platform.camera")
+    if not len(trajectory):
+        raise InputError("no poses, expected a trajectory", file=recording.name, field="trajectory")
+    reach = np.hypot(mount.x, mount.y) + config.max_depth * float(_longest_ray())
+    xy = trajectory.poses[:, :2]
+    mapper = TextureMapper(mount, config, xy.min(axis=0) - reach, xy.max(axis=0) + reach)
+    count, outside = FrameCount(), 0
+    first, last = trajectory.stamps[0] - BEYOND_ENDS, trajectory.stamps[-1] + BEYOND_ENDS
+    for frame in camera_frames(stream, interval=config.interval, largest_gap=config.largest_gap, count=count):
+        if not first <= frame.stamp <= last:
+            outside += 1
+            continue
+        if watch is not None:
+            watch(frame.stamp, mapper)
+        mapper.add(frame, trajectory.at(np.array([frame.stamp])).poses[0])
+    if watch is not None:
+        watch(np.inf, mapper)
+    lost = list(count.warnings())
+    if outside:
+        lost.append(f"camera: {counted(outside, 'frame')} left out, before the first pose or after the last")
+    return mapper.snapshot(tuple(lost))
+
+
+def _longest_ray() -> float:
+    """The length of the longest ray of the depth camera for a depth of 1."""
+    x, y = (
+        max(kinect.CENTRE[0], kinect.WIDTH - kinect.CENTRE[0]),
+        max(kinect.CENTRE[1], kinect.HEIGHT - kinect.CENTRE[1]),
+    )
+    return float(np.sqrt(1 + (x / kinect.FOCAL) ** 2 + (y / kinect.FOCAL) ** 2))

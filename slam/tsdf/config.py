@@ -1,0 +1,89 @@
+"""The configuration of the method ``tsdf``."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from moteslam.robot.section import NotNegative, Number, Positive, Section, Share, Truth, Whole
+from moteslam.slam.config import ParticleFilterConfig
+from moteslam.slam.filter.config import UpdateConfig
+from moteslam.slam.inputs.config import ThinningConfig
+from moteslam.slam.mapping.config import TsdfConfig
+from moteslam.slam.odometry.config import CalibrationConfig
+from moteslam.slam.registration.config import RegistrationConfig, TrackingConfig
+
+
+class ProposalConfig(Section):
+    """How particles are sampled around their registered poses, and weighed."""
+
+    information_share: Annotated[Number, Field(gt=0, le=1)] = 1.0
+    """Share of the endpoints' information that counts when particles are sampled."""
+    translation: NotNegative = 0.001
+    """Standard deviation of the odometry at rest where the endpoints carry no information [m] ..."""
+    translation_from_translation: NotNegative = 0.02
+    """... and what every metre adds [m/m]."""
+    rotation: NotNegative = 0.0005
+    """The same of the heading [rad] ..."""
+    rotation_from_rotation: NotNegative = 0.02
+    """... and what every radian of turn adds [rad/rad]."""
+    sampled_share: Share = 0.25
+    """Share of that standard deviation of the position which particles are sampled with; all of it where colours weigh
+    them. Where no measurement tells particles apart, resampling keeps one of them by chance, and its error is of the
+    size of their spread."""
+    evidence_share: Annotated[Number, Field(gt=0, le=1)] = 0.03
+    """Share of the endpoints' log-likelihood that counts in the weights: neighbouring endpoints err alike."""
+    crossing_cost: NotNegative = 1.0
+    """Negative log-likelihood of a ray through a surface of the map."""
+    mode_distance: Positive = 0.5
+    """Particles within this of the best one [m] ..."""
+    mode_rotation: Positive = 0.2
+    """... and within this heading [rad] form its mode; the online pose is the mean of that mode."""
+
+
+class ColourConfig(Section):
+    """Colours of the floor as one more likelihood of the particles."""
+
+    enabled: Truth = False
+    """Use them where there are camera images."""
+    cell_size: Annotated[Number, Field(ge=0.01, le=0.5)] = 0.02
+    """Of the maps of the floor that are compared [m]."""
+    max_depth: Annotated[Number, Field(ge=0.5, le=8)] = 3.0
+    """Floor deeper than this is left out [m]."""
+    largest_age: NotNegative = 0.25
+    """Of a frame when the scan is taken [s]."""
+    map_length: Annotated[Number, Field(ge=0.2, le=20)] = 1.0
+    """Distance for which a map of the floor is built [m]; it is compared with for as long again."""
+    reach: Annotated[Number, Field(ge=0.02, le=0.5)] = 0.04
+    """How far to each side of the registered pose the floor is searched [m] ..."""
+    coarse_step: Annotated[Number, Field(ge=0.002, le=0.5)] = 0.02
+    """... first in steps of this [m] ..."""
+    fine_step: Annotated[Number, Field(ge=0.0005, le=0.5)] = 0.004
+    """... then of this, around the best of those [m]."""
+    least_known: Annotated[Number, Field(gt=0, le=1)] = 0.3
+    """Share of a frame's cells that must lie on known floor."""
+    spread: Positive = 60.0
+    """Scale of a cell's difference, red, green and blue together [levels] ..."""
+    limit: Annotated[Whole, Field(ge=1, le=765)] = 150
+    """... which counts as at most this [levels]."""
+    share: Annotated[Number, Field(gt=0, le=1)] = 0.1
+    """Share of the cells' log-likelihood that counts: neighbouring cells err alike."""
+    spread_translation: Positive = 0.01
+    """Standard deviation of the floor's offset at best [m]."""
+
+
+class TsdfFilterConfig(ParticleFilterConfig):
+    """Everything that a run of the method ``tsdf`` can be told; the defaults are the preset ``default``."""
+
+    method: Literal["tsdf"] = "tsdf"
+    particles: Annotated[Whole, Field(ge=1, le=1_000_000)] = 30
+    """Number of particles, each with a TSDF of its own; the largest number where `kld` adapts it."""
+    update: UpdateConfig = UpdateConfig(distance=0.1, rotation=0.1)
+    thinning: ThinningConfig = ThinningConfig()
+    tsdf: TsdfConfig = TsdfConfig()
+    registration: RegistrationConfig = RegistrationConfig()
+    tracking: TrackingConfig = TrackingConfig()
+    calibration: CalibrationConfig = CalibrationConfig()
+    proposal: ProposalConfig = ProposalConfig()
+    colours: ColourConfig = ColourConfig()

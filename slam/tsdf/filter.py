@@ -1,0 +1,175 @@
+"""A Rao-Blackwellised particle filter with a TSDF for every particle, and the improved proposal."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from moteslam.kernels.thinning import ThinScan
+from moteslam.robot import se2
+from moteslam.slam.filter.history import History
+from moteslam.slam.filter.kld import choose_parents
+from moteslam.slam.filter.protocol import FilterDefaults, Scans, Step, StepResult
+from moteslam.slam.filter.resampling import Draws, generator_for
+from moteslam.slam.filter.update_policy import update_due
+from moteslam.slam.filter.weights import Weights
+from moteslam.slam.inputs.thinning import thin
+from moteslam.slam.tsdf.config import TsdfFilterConfig
+from moteslam.slam.tsdf.floor_likelihood import FloorLikelihood
+from moteslam.slam.tsdf.motion import MotionSinceUpdate
+from moteslam.slam.tsdf.particles import Particles
+from moteslam.slam.tsdf.proposal import Proposal, propose, sample
+from moteslam.slam.tsdf.tracking import Tracked, Tracker
+
+Array = NDArray[np.float64]
+
+
+class TsdfFilter(FilterDefaults):
+    """Track every scan; where an update is due register, weigh, resample, sample and map.
+
+    Args:
+        config: of the method ``tsdf``.
+        seed: of all randomness.
+    """
+
+    def __init__(self, config: TsdfFilterConfig, seed: int) -> None:
+        self._config, self._seed = config, seed
+        self._particles = Particles(config.particles, config.tsdf)
+        self._tracker = Tracker(config.tracking, config.registration, config.calibration)
+        self._floor = FloorLikelihood(config.colours, config.texture, config.proposal.information_share)
+        self._since = MotionSinceUpdate()
+        self._mode_mean = np.zeros(3)  # of the best particle's mode at the last update, in that particle's frame
+
+    @property
+    def poses(self) -> Array:
+        """[N, 3] of the particles at the last update."""
+        return self._particles.poses
+
+    @property
+    def weights(self) -> Weights:
+        """Of the particles at the last update."""
+        return self._particles.weights
+
+    @property
+    def history(self) -> History:
+        """The particles' poses at every update."""
+        return self._particles.history
+
+    @property
+    def best_particle(self) -> int:
+        """Index of the best particle at the last update."""
+        return self._particles.best
+
+    @property
+    def uses_camera(self) -> bool:
+        """Whether the floor's colours weigh the particles."""
+        return self._config.colours.enabled
+
+    @property
+    def map_bytes(self) -> int:
+        """Memory of the particles' TSDFs."""
+        return self._particles.maps.memory
+
+    def step(self, step: Step) -> StepResult:
+        """Take in one scan and the motion since the scan before."""
+        scan = thin(step.points, step.origin, self._config.thinning)
+        if not len(self.history):
+            return self._start(scan)
+        tracked = self._track(step, scan)
+        if tracked.lost or not update_due(self._config.update, self._since.travelled, self._since.tracked):
+            return StepResult(self._pose(), tracked.motion, self.weights.effective_number, 0.0, False, False)
+        proposal = self._register(step, scan)
+        proposal = self._weigh(step, proposal)
+        n_eff, score = self.weights.effective_number, float(proposal.likelihoods[self.best_particle])
+        proposal, resampled = self._resample(step, proposal)
+        self._sample(step, proposal)
+        self._map(scan, proposal)
+        return StepResult(self._pose(), tracked.motion, n_eff, score, True, resampled)
+
+    def revise(self, poses: Array, updates: NDArray[np.intp], scans: Scans) -> None:
+        """Go on from a path that the back end has corrected: with one map, drawn along it, that all particles share.
+
+        Args:
+            poses: [u, 3] of the robot at every update so far, corrected.
+            updates: [u] the indices of their scans.
+            scans: endpoints of all scans.
+        """
+        thinned = (thin(scans.points(int(k)), scans.origin, self._config.thinning) for k in updates)
+        self._particles.revise(poses, thinned)
+        self._tracker.pose = self._particles.best_pose
+        self._floor = FloorLikelihood(
+            self._config.colours, self._config.texture, self._config.proposal.information_share
+        )
+
+    def _start(self, scan: ThinScan) -> StepResult:
+        """The first scan: there is nothing to register to; it goes into the one map that all particles share."""
+        self._particles.start(scan)
+        return StepResult(self._tracker.pose, np.zeros(3), self.weights.effective_number, 0.0, True, False)
+
+    def _track(self, step: Step, scan: ThinScan) -> Tracked:
+        """Predict the motion since the last scan, and register the scan to the best particle's map."""
+        motion = self._tracker.predict(step.motion, step.dt, measured=step.measured)
+        tracked = self._tracker.track(motion, scan, step.origin, self._particles)
+        self._since = self._since.plus(motion, tracked.motion, slipped=tracked.slipped)
+        return tracked
+
+    def _register(self, step: Step, scan: ThinScan) -> Proposal:
+        """Register the scan to every particle's map."""
+        c = self._config
+        return propose(
+            self._particles,
+            self._since,
+            scan,
+            step.origin,
+            c.proposal,
+            c.registration,
+            measured=step.measured,
+            min_points=c.tracking.min_points,
+        )
+
+    def _weigh(self, step: Step, proposal: Proposal) -> Proposal:
+        """Weigh the particles by lidar and odometry, and by the floor's colours; calibrate the odometry."""
+        self._floor.look(step.floor)
+        if not proposal.registered:
+            return proposal
+        particles = self._particles
+        particles.weights = particles.weights.times_log(proposal.log_likelihood)
+        refined = self._floor.refine(proposal, self._since, particles.best)
+        if refined is not None:
+            proposal = refined
+            particles.weights = particles.weights.times_log(proposal.log_likelihood)
+        particles.best = particles.weights.best
+        self._tracker.calibrate(self._since, proposal.offsets[particles.best], proposal.information[particles.best])
+        return proposal
+
+    def _resample(self, step: Step, proposal: Proposal) -> tuple[Proposal, bool]:
+        """Draw the particles anew where few carry the weight; the proposals of those that survive."""
+        few = self.weights.effective_number < self._config.resample_below * len(self._particles)
+        if not proposal.registered or not few:
+            return proposal, False
+        weights = self.weights.values
+        parents = choose_parents(self._config, proposal.means, weights, seed=self._seed, step=step.index)
+        self._particles.resample(parents)
+        self._floor.resample(parents)
+        return proposal.of(parents), True
+
+    def _sample(self, step: Step, proposal: Proposal) -> None:
+        """Draw every particle's pose from its proposal."""
+        generator = generator_for(self._seed, step.index, Draws.PROPOSAL)
+        normals = generator.standard_normal((len(self._particles), 3))
+        self._particles.move_to(sample(proposal, normals, self._config.proposal, best=self.best_particle))
+
+    def _map(self, scan: ThinScan, proposal: Proposal) -> None:
+        """Write the scan, and the floor, into the maps; count motion from here on."""
+        if proposal.registered:
+            self._particles.integrate(scan)
+        self._floor.integrate(self._particles, self._since)
+        self._tracker.pose = self._particles.best_pose
+        self._since = MotionSinceUpdate()
+        self._mode_mean = self._particles.mode_mean(
+            self._config.proposal.mode_distance, self._config.proposal.mode_rotation
+        )
+
+    def _pose(self) -> Array:
+        """The online pose [3]: the mean of the best particle's mode, moved by what was tracked since."""
+        return se2.compose(self._tracker.pose, self._mode_mean)

@@ -1,0 +1,99 @@
+"""Scans as points, de-skewed by the odometry."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from moteslam.robot import se2
+from moteslam.robot.platform import LidarMount, Platform
+from moteslam.robot.recording import LidarStream, OdometryStream, Recording
+from moteslam.slam.inputs.config import SyncConfig
+from moteslam.slam.inputs.synchronise import synchronise
+
+SPEED, RATE = 0.8, 2.0
+"""[m/s], [rad/s]."""
+BEAMS, SWEEP = 271, 0.05
+"""In a scan, and from its first beam to its last [s]."""
+DISTANCE = 4.0
+"""Of a straight wall along y [m]."""
+MOUNT = (0.2, -0.05, 0.1)
+
+
+def pose_at(t: np.ndarray) -> np.ndarray:
+    """The turning robot's poses [n, 3] at times [n]."""
+    angle, radius = RATE * np.asarray(t), SPEED / RATE
+    return np.stack((radius * np.sin(angle), radius * (1 - np.cos(angle)), angle), axis=-1)
+
+
+def turning(*, in_stream: bool = True, in_platform: bool = False, sweep: float = SWEEP) -> Recording:
+    """A robot that turns past a wall; the time between beams is told by the stream, the platform, or nobody."""
+    increment = SWEEP / (BEAMS - 1)
+    angles = np.linspace(-1.2, 1.2, BEAMS)
+    stamps = np.array([0.1, 0.2, 0.3])
+    ranges = np.empty((3, BEAMS), np.float32)
+    for scan, stamp in enumerate(stamps):
+        lidar = se2.compose(pose_at(stamp + sweep * np.linspace(0, 1, BEAMS)), np.array(MOUNT))
+        towards = np.cos(lidar[:, 2] + angles)
+        with np.errstate(divide="ignore"):
+            ranges[scan] = np.where(towards > 0.3, (DISTANCE - lidar[:, 0]) / towards, np.inf)
+    clock = np.arange(0, 0.5, 0.005)
+    x, y, yaw = MOUNT
+    return Recording(
+        "turning",
+        Platform(lidar=LidarMount(x=x, y=y, yaw=yaw, time_increment=increment if in_platform else 0.0)),
+        lidar=LidarStream(
+            stamps, ranges, angles[0], angles[1] - angles[0], 0.1, 30.0, time_increment=increment if in_stream else 0.0
+        ),
+        odometry=OdometryStream(clock, pose_at(clock)),
+    )
+
+
+def off_the_wall(recording: Recording, config: SyncConfig) -> float:
+    """How far the farthest endpoint is from the wall [m]."""
+    scans, stamps = synchronise(recording, config).scans, recording.lidar.stamps
+    points = [se2.transform_points(pose_at(stamp), scans.points(k)) for k, stamp in enumerate(stamps)]
+    return max(float(np.abs(p[:, 0] - DISTANCE).max()) for p in points)
+
+
+@pytest.mark.parametrize(("in_stream", "in_platform"), [(True, False), (False, True), (True, True)])
+def test_a_straight_wall_is_straight_to_a_turning_robot(in_stream: bool, in_platform: bool):
+    recording = turning(in_stream=in_stream, in_platform=in_platform)
+    assert off_the_wall(recording, SyncConfig()) < 1e-3
+    assert off_the_wall(recording, SyncConfig(deskew=False)) > 0.2
+
+
+def test_a_sweep_without_time_is_left_as_it_is():
+    recording = turning(in_stream=False, sweep=0.0)
+    on, off = synchronise(recording, SyncConfig()).scans, synchronise(recording, SyncConfig(deskew=False)).scans
+    for scan in range(3):
+        np.testing.assert_array_equal(on.points(scan), off.points(scan))
+    assert off_the_wall(recording, SyncConfig()) < 1e-5
+
+
+def test_a_robot_that_stands_sees_the_same_with_and_without():
+    recording = turning()
+    still = recording.replace(odometry=OdometryStream(np.array([0.0, 1.0]), np.tile(pose_at(0.1), (2, 1))))
+    on, off = synchronise(still, SyncConfig()).scans, synchronise(still, SyncConfig(deskew=False)).scans
+    np.testing.assert_allclose(on.points(1), off.points(1), rtol=0, atol=1e-6)
+
+
+def test_only_returns_within_the_range_are_points():
+    recording = turning()
+    ranges = recording.lidar.ranges
+    scans = synchronise(recording, SyncConfig(), max_range=5.0).scans
+    assert [len(scans.points(k)) for k in range(3)] == (ranges <= 5.0).sum(axis=1).tolist()
+    assert not (ranges <= 5.0).all()
+    assert scans.points(0).dtype == np.float32
+    np.testing.assert_array_equal(scans.origin, MOUNT[:2])
+
+
+def test_one_beam_and_none():
+    lidar = LidarStream(np.array([0.0]), np.array([[2.0]], np.float32), 0.0, 0.1, 0.1, 30.0, time_increment=0.1)
+    poses = OdometryStream(np.array([0.0, 1.0]), np.array([[0.0, 0, 0], [1, 0, 1]]))
+    recording = Recording("one", Platform(), lidar=lidar, odometry=poses)
+    np.testing.assert_array_equal(synchronise(recording, SyncConfig()).scans.points(0), [[2.0, 0.0]])
+    blind = recording.replace(
+        lidar=LidarStream(np.array([0.0]), np.full((1, 9), np.inf, np.float32), 0.0, 0.1, 0.1, 30.0)
+    )
+    assert synchronise(blind, SyncConfig()).scans.points(0).shape == (0, 2)

@@ -1,0 +1,153 @@
+"""Streams with their own clocks become the motion between scans."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from moteslam.errors import InputError
+from moteslam.robot.platform import CARMEN, UCSD
+from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream, OdometryStream, Recording
+from moteslam.slam.inputs.config import SyncConfig
+from moteslam.slam.inputs.odometry_path import low_pass
+from moteslam.slam.inputs.step import steps
+from moteslam.slam.inputs.synchronise import synchronise
+from moteslam.slam.inputs.warnings import warnings
+from moteslam.slam.odometry.dead_reckoning import dead_reckon
+from moteslam.slam.settings import load_preset
+
+
+def circle(*, radius: float = 1.0, speed: float = 0.5, seconds: float = 10.0, imu: bool = True) -> Recording:
+    """A robot on a circle: perfect encoders at 40 Hz, gyro at 100 Hz, scans at 40 Hz with another phase."""
+    stamps = np.arange(0, seconds, 0.025)
+    counts = np.full((len(stamps), 4), speed * 0.025 / UCSD.wheels.metres_per_count)  # not whole: no rounding here
+    gyro = np.arange(-0.1, seconds + 0.1, 0.01)
+    rates = np.zeros((len(gyro), 3))
+    rates[:, 2] = speed / radius
+    scans = np.arange(0.01, seconds - 0.1, 0.025)
+    return Recording(
+        "circle",
+        UCSD,
+        lidar=LidarStream(scans, np.ones((len(scans), 3), np.float32), -1.0, 1.0, 0.1, 30.0),
+        encoders=EncoderStream(stamps, counts),
+        imu=ImuStream(gyro, rates, np.zeros_like(rates)) if imu else None,
+    )
+
+
+def made_do(recording: Recording) -> list[str]:
+    """What SLAM has to make do with."""
+    return list(warnings(recording, synchronise(recording)))
+
+
+def test_interpolation_follows_the_circle():
+    recording = circle()
+    path = dead_reckon(recording, SyncConfig())
+    heading = 0.5 * (path.stamps - path.stamps[0])
+    expected = np.stack((np.sin(heading), 1 - np.cos(heading)), axis=-1)
+    np.testing.assert_allclose(path.poses[:, :2], expected, atol=2e-4)
+
+
+def test_nearest_is_within_half_an_encoder_interval():
+    recording = circle()
+    path = dead_reckon(recording, load_preset("paper").sync)
+    heading = 0.5 * (path.stamps - path.stamps[0])
+    expected = np.stack((np.sin(heading), 1 - np.cos(heading)), axis=-1)
+    assert np.abs(path.poses[:, :2] - expected).max() < 0.5 * 0.025 + 0.04
+
+
+def test_steps_add_up_to_dead_reckoning():
+    recording = circle()
+    from moteslam.robot import se2
+
+    motions = [step.motion for step in steps(synchronise(recording))]
+    np.testing.assert_allclose(se2.accumulate(np.array(motions)), dead_reckon(recording, SyncConfig()).poses, atol=1e-9)
+
+
+def test_points_are_in_the_robots_frame_and_only_returns_are_points():
+    recording = circle()
+    lidar = recording.lidar
+    ranges = np.array([[np.inf, 2.0, np.nan]] * len(lidar.stamps), np.float32)
+    recording = recording.replace(lidar=LidarStream(lidar.stamps, ranges, -1.0, 1.0, 0.1, 30.0))
+    step = next(steps(synchronise(recording, SyncConfig(deskew=False))))
+    np.testing.assert_allclose(step.points, [[2.0 + UCSD.lidar.x, 0.0]], atol=1e-6)
+    np.testing.assert_allclose(step.origin, [UCSD.lidar.x, 0.0])
+
+
+def test_without_a_gyro_the_wheels_turn_the_robot():
+    counts = np.tile([11, 9, 11, 9], (100, 1))  # right faster than left: a left turn
+    recording = Recording("w", UCSD, encoders=EncoderStream(np.arange(100) * 0.025, counts))
+    path = dead_reckon(recording)
+    assert path.poses[-1, 2] == pytest.approx(99 * 2 * 0.0022 / UCSD.wheels.effective_track)
+
+
+def test_scans_that_share_a_stamp_keep_their_own_odometry():
+    stamps = np.array([0.0, 1.0, 1.0, 2.0])
+    poses = np.array([[0, 0, 0], [1, 0, 0], [1.06, 0, 0], [2, 0, 0]], float)
+    lidar = LidarStream(stamps, np.ones((4, 2), np.float32), 0.0, 1.0, 0.0, 30.0, odometry=poses)
+    found = list(steps(synchronise(Recording("c", CARMEN, lidar=lidar))))
+    np.testing.assert_allclose([step.motion[0] for step in found], [0, 1, 0.06, 0.94])
+    assert [step.dt for step in found] == [0, 1, 0, 1]
+
+
+def test_encoders_that_end_before_the_lidar_are_told():
+    recording = circle(seconds=4)
+    encoders = recording.encoders
+    short = recording.replace(encoders=EncoderStream(encoders.stamps[:80], encoders.counts[:80]))
+    assert "after the last encoder reading" in made_do(short)[0]
+    path = dead_reckon(short)
+    np.testing.assert_array_equal(path.poses[-1], path.poses[-2])
+    assert made_do(circle(seconds=4)) == []
+
+
+def test_streams_that_do_not_overlap_are_refused_and_blind_ones_told():
+    recording = circle(seconds=4)
+    lidar = recording.lidar
+    later = LidarStream(lidar.stamps + 3600, lidar.ranges, -1.0, 1.0, 0.1, 30.0)
+    with pytest.raises(InputError, match="expected streams that overlap in time"):
+        dead_reckon(recording.replace(lidar=later))
+    nothing = LidarStream(lidar.stamps, np.full_like(lidar.ranges, np.inf), -1.0, 1.0, 0.1, 30.0)
+    assert "see nothing" in made_do(recording.replace(lidar=nothing))[0]
+    one = LidarStream(np.full_like(lidar.stamps, 2.0), lidar.ranges, -1.0, 1.0, 0.1, 30.0)
+    assert "the same stamp" in made_do(recording.replace(lidar=one))[0]
+    assert "without a gyro" in made_do(recording.replace(imu=None))[0]
+
+
+def test_no_odometry_and_no_lidar_are_refused_by_name():
+    lidar = LidarStream(np.zeros(1), np.ones((1, 2), np.float32), 0.0, 1.0, 0.0, 30.0)
+    with pytest.raises(InputError, match="neither encoders nor odometry"):
+        dead_reckon(Recording("nothing", CARMEN, lidar=lidar))
+    with pytest.raises(InputError, match="no lidar scans"):
+        synchronise(Recording("blind", CARMEN, odometry=OdometryStream(np.zeros(1), np.zeros((1, 3)))))
+
+
+def test_the_low_pass_passes_low_and_stops_high():
+    t = np.arange(1000) / 100
+    slow, fast = np.sin(2 * np.pi * 0.5 * t), np.sin(2 * np.pi * 40 * t)
+    assert np.abs(low_pass(slow, 100, 10) - slow)[100:].max() < 0.06
+    assert np.abs(low_pass(fast, 100, 10))[100:].max() < 0.2
+    assert low_pass(np.full(5, 3.0), 100, 10) == pytest.approx(3.0)
+    assert low_pass(slow, 100, 0) is slow
+
+
+@pytest.mark.parametrize(
+    ("sequence", "travelled", "end", "heading"),
+    [(20, 95.9, (-2.1, -1.9), 2.4), (21, 91.8, None, -53.0)],
+)
+@pytest.mark.parametrize("sync", [SyncConfig(), load_preset("paper").sync], ids=["interpolate", "paper"])
+def test_the_real_sequences_end_where_they_are_known_to(
+    data_folder: Path,
+    sequence: int,
+    travelled: float,
+    end: tuple[float, float] | None,
+    heading: float,
+    sync: SyncConfig,
+):
+    from moteslam.robot.formats import open_recording
+
+    path = dead_reckon(open_recording(data_folder / "ucsd", sequence=str(sequence)), sync)
+    assert path.length == pytest.approx(travelled, abs=0.2)
+    assert np.degrees(path.poses[-1, 2]) == pytest.approx(heading, abs=5)
+    if end is not None:
+        assert np.hypot(*(path.poses[-1, :2] - end)) < 1.0

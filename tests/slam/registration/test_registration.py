@@ -1,0 +1,109 @@
+"""Registering scans to TSDFs: what is kept of the odometry, and where a scan is searched for."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from tile_pools import room_scan, thinned
+
+from moteslam.robot import se2
+from moteslam.slam.mapping.config import TsdfConfig
+from moteslam.slam.mapping.tsdf import TsdfMaps, TsdfView
+from moteslam.slam.registration import localisation
+from moteslam.slam.registration.config import RegistrationConfig, TrackingConfig
+from moteslam.slam.registration.degeneracy import keep_odometry, least_informed
+from moteslam.slam.registration.localisation import Localiser
+from moteslam.slam.registration.registrar import Registration
+
+Array = NDArray[np.float64]
+SPREAD = np.array([0.02, 0.02, 0.02])
+ODOMETRY = np.zeros((1, 3))
+
+
+def found(offset: tuple[float, float, float], along: float, across: float, heading: float) -> Registration:
+    """One registration with this information along a corridor of that heading, and across it."""
+    c, s = np.cos(heading), np.sin(heading)
+    turn = np.array([[c, -s], [s, c]])
+    information = np.zeros((1, 3, 3))
+    information[0, :2, :2] = turn @ np.diag([along, across]) @ turn.T
+    information[0, 2, 2] = 1e6
+    ones = np.ones(1)
+    return Registration(np.array([offset]), information, ones, ones, ones, ones)
+
+
+def localiser(**keys: float) -> Localiser:
+    return Localiser(TrackingConfig(**keys), RegistrationConfig())  # type: ignore[arg-type]
+
+
+def kept(found: Registration, **keys: float) -> Registration:
+    return keep_odometry(found, SPREAD, RegistrationConfig(**keys))  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("heading", [0.0, 0.4, 1.6, -2.9])
+def test_the_least_informed_direction_and_its_ratio(heading: float) -> None:
+    ratio, along = least_informed(found((0, 0, 0), 2e3, 1e6, heading).information)
+    assert ratio[0] == pytest.approx(0.002)
+    assert abs(along[0] @ (np.cos(heading), np.sin(heading))) == pytest.approx(1.0)
+
+
+def test_along_bare_walls_the_odometry_is_kept_and_across_them_the_scan() -> None:
+    heading = 0.4
+    along, across = np.array((np.cos(heading), np.sin(heading))), np.array((-np.sin(heading), np.cos(heading)))
+    offset = (*(0.03 * along + 0.02 * across), 0.01)
+    seen = found(offset, 2e3, 1e6, heading)
+    result = kept(seen)
+    assert abs(result.offsets[0, :2] @ along) < 0.001
+    assert result.offsets[0, :2] @ across == pytest.approx(0.02)
+    assert result.offsets[0, 2] == 0.01
+    assert along @ result.information[0, :2, :2] @ along < 0.02 * 2e3
+    assert across @ result.information[0, :2, :2] @ across == pytest.approx(1e6)
+    np.testing.assert_array_equal(kept(seen, degenerate=0.0).offsets, seen.offsets)
+
+
+def test_where_all_directions_are_informed_the_scan_is_kept() -> None:
+    seen = found((0.03, -0.02, 0.01), 5e5, 1e6, 0.4)
+    np.testing.assert_allclose(kept(seen).offsets, seen.offsets, atol=1e-3)
+
+
+def test_odometry_that_failed_is_not_kept_between_bare_walls_either() -> None:
+    seen = found((0.5, 0.0, 0.0), 2e3, 1e6, 0.0)
+    np.testing.assert_array_equal(kept(seen).offsets, seen.offsets)
+
+
+@pytest.fixture(scope="module")
+def room(taichi: None) -> TsdfView:
+    """The map of one scan from the middle of a room."""
+    maps = TsdfMaps(TsdfConfig())
+    maps.integrate(np.zeros((1, 3)), thinned(room_scan(beams=720)))
+    return maps.of(0)
+
+
+def locate(room: TsdfView, at: tuple[float, float, float], predicted: Array, predictions: Array = ODOMETRY) -> Array:
+    """Where a scan taken there is found to be, from where the odometry puts it."""
+    points = thinned(room_scan(at)).vertices
+    result = localiser().locate(room, predicted, SPREAD, points, np.zeros(2), predictions)
+    return se2.compose(predicted, result.offsets[0])
+
+
+def test_a_scan_near_its_prediction_is_found_without_a_search(room: TsdfView, monkeypatch: pytest.MonkeyPatch) -> None:
+    def search(*_: object) -> None:
+        raise AssertionError("a search")
+
+    monkeypatch.setattr(localisation, "candidates", search)
+    at = (0.3, -0.2, 0.1)
+    assert np.abs(locate(room, at, np.add(at, (0.03, -0.02, 0.02))) - at).max() < 0.003
+    with pytest.raises(AssertionError, match="a search"):
+        locate(room, at, np.add(at, (0.9, -0.6, 0.8)))
+
+
+def test_a_scan_is_found_where_the_same_velocity_would_put_it(room: TsdfView) -> None:
+    """Odometry that misses 0.9 m and half a radian, and no relocation window to look in."""
+    at, stood = (0.7, 0.5, 0.5), np.zeros(3)
+    points = thinned(room_scan(at)).vertices
+    narrow = localiser(relocation_distance=0.0, relocation_rotation=0.0)
+    predictions = np.stack((np.zeros(3), se2.between(stood, np.array(at) + 0.02)))
+    (with_velocity,) = narrow.locate(room, stood, SPREAD, points, np.zeros(2), predictions).offsets
+    (without,) = narrow.locate(room, stood, SPREAD, points, np.zeros(2), ODOMETRY).offsets
+    assert np.abs(with_velocity - at).max() < 0.005
+    assert np.abs(without - at).max() > 0.1

@@ -1,0 +1,268 @@
+"""Colours of the floor in the weights: which frame a scan gets, what it measures, and what becomes of lost ones."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from slam_cameras import tiled_room, with_images
+
+from moteslam.errors import ConfigError
+from moteslam.eval.metrics.ate import absolute_trajectory_error
+from moteslam.robot import se2
+from moteslam.robot.recording import Recording
+from moteslam.sim.camera import with_camera
+from moteslam.sim.scenario import load_scenario
+from moteslam.sim.simulate import Simulation, simulate
+from moteslam.slam.estimate import Estimate
+from moteslam.slam.inputs.floor_views import FloorView, FloorViews
+from moteslam.slam.inputs.synchronise import synchronise
+from moteslam.slam.run import run_slam
+from moteslam.slam.settings import load_preset, preset_names, resolve_config
+from moteslam.slam.texture.config import TextureConfig
+from moteslam.slam.tsdf import filter as tsdf_filter
+from moteslam.slam.tsdf.config import ColourConfig, TsdfFilterConfig
+from moteslam.slam.tsdf.floor_tracker import FloorTracker
+from moteslam.slam.tsdf.proposal import Proposal
+
+pytestmark = pytest.mark.usefixtures("taichi")
+
+QUICK = ["particles=6", "texture.enabled=false"]
+CONFIG = resolve_config("default", ["colours.enabled=true", *QUICK])
+assert isinstance(CONFIG, TsdfFilterConfig)
+OLDEST = CONFIG.colours.largest_age
+
+
+def views_of(recording: Recording) -> FloorViews:
+    return FloorViews(recording, synchronise(recording), largest_gap=CONFIG.texture.largest_gap)
+
+
+@pytest.fixture(scope="module")
+def room(taichi: None) -> tuple[Simulation, Recording]:
+    return tiled_room()
+
+
+@pytest.fixture(scope="module")
+def estimate(room: tuple[Simulation, Recording]) -> Estimate:
+    return run_slam(room[1], CONFIG, seed=3)
+
+
+@pytest.fixture(scope="module")
+def without(room: tuple[Simulation, Recording]) -> Estimate:
+    return run_slam(room[1], resolve_config("default", QUICK), seed=3)
+
+
+def same(a: Estimate, b: Estimate) -> bool:
+    return all(
+        left.poses.tobytes() == right.poses.tobytes()
+        for left, right in ((a.trajectory, b.trajectory), (a.trajectory_final, b.trajectory_final))
+    )
+
+
+def test_off_unless_it_is_asked_for() -> None:
+    configs = [load_preset(name) for name in preset_names()]
+    assert not any(config.colours.enabled for config in configs if isinstance(config, TsdfFilterConfig))
+
+
+def test_a_scan_gets_the_newest_frame_and_each_frame_is_used_once(room: tuple[Simulation, Recording]) -> None:
+    recording = room[1]
+    assert recording.lidar is not None
+    views = views_of(recording)
+    ages, last = [], -np.inf
+    for index in range(40, len(recording.lidar), 5):
+        view = views.at(index, OLDEST)
+        if view is not None:
+            scan = recording.lidar.stamps[index]
+            assert view.frame.stamp <= scan
+            assert last < view.frame.rgb_stamp <= scan
+            last = view.frame.rgb_stamp
+            ages.append(scan - last)
+    assert len(ages) > 20
+    assert np.median(ages) < 0.1
+    assert max(ages) <= OLDEST
+    assert views.asked > len(ages) == views.count.used
+
+
+def test_a_frame_is_placed_where_the_robot_was(room: tuple[Simulation, Recording]) -> None:
+    simulation, recording = room
+    assert recording.lidar is not None
+    views = views_of(recording)
+    for index in range(60, 260, 20):
+        view = views.at(index, OLDEST)
+        if view is not None:
+            now, then = simulation.truth.at(np.array([recording.lidar.stamps[index], view.frame.rgb_stamp])).poses
+            np.testing.assert_allclose(view.place, se2.between(now, then), atol=0.01)
+
+
+def test_the_odometrys_error_is_spread_over_the_motion(room: tuple[Simulation, Recording]) -> None:
+    views = views_of(room[1])
+    view = next(view for view in (views.at(k, OLDEST) for k in range(10, 40)) if view is not None)
+    odometry, moved = np.array((0.1, 0.0, 0.02)), np.array((0.08, 0.01, 0.03))  # in five times the age of the frame
+    since = se2.inverse(view.corrected(odometry, moved, 5 * view.age).place)
+    off = se2.between(se2.inverse(view.place), since)
+    np.testing.assert_allclose(off, se2.between(odometry, moved) / 5, atol=1e-12)
+    for seconds in (0.0, view.age / 2):  # no more than all of it
+        since = se2.inverse(view.corrected(odometry, moved, seconds).place)
+        off = se2.between(se2.inverse(view.place), since)
+        np.testing.assert_allclose(off, se2.between(odometry, moved), atol=1e-12)
+    np.testing.assert_allclose(view.corrected(odometry, odometry, 1.0).place, view.place, atol=1e-12)
+
+
+def walked(room: tuple[Simulation, Recording]) -> tuple[FloorTracker, FloorView, np.ndarray, np.ndarray]:
+    """A tracker taken along the true way with four particles whose paths lie apart; the last view and poses there."""
+    simulation, recording = room
+    assert recording.lidar is not None
+    apart = np.array([(0.0, 0.0, 0.0), (3.0, 1.0, 0.5), (-2.0, 0.4, -2.0), (40.0, 50.0, 3.0)])
+    tracker, views = FloorTracker(ColourConfig(map_length=0.5), TextureConfig()), views_of(recording)
+    kept = None
+    for index in range(40, 230, 8):
+        view = views.at(index, OLDEST)
+        if view is None:
+            continue
+        pose = simulation.truth.at(recording.lidar.stamps[index : index + 1]).poses[0]
+        kept = view, se2.compose(apart, pose)
+        tracker.add(*kept, 0, 0.12)
+    assert kept is not None
+    return tracker, *kept, apart
+
+
+def test_the_floor_measures_each_particles_offset_wherever_its_path_lies(
+    room: tuple[Simulation, Recording],
+) -> None:
+    tracker, view, poses, _ = walked(room)
+    off = np.array([(0.0, 0.0, 0.0), (0.03, -0.02, 0.0), (-0.02, 0.0, 0.0), (0.0, 0.025, 0.0)])
+    fit = tracker.fit(view, se2.compose(poses, off), 0)
+    assert fit is not None
+    np.testing.assert_allclose(fit.offsets, -off, atol=0.005)
+    np.testing.assert_allclose(fit.offsets[1:] - fit.offsets[0], -off[1:], atol=1e-9)
+    assert np.linalg.eigvalsh(fit.information[:2, :2]).min() > 1 / 0.02**2
+    assert not fit.information[2].any()
+    worse = tracker.fit(view, se2.compose(poses, off), 1)  # searched around another one: the same is found
+    assert worse is not None
+    np.testing.assert_allclose(worse.offsets, fit.offsets, atol=0.003)
+
+
+def test_resampling_takes_the_anchors_along(room: tuple[Simulation, Recording]) -> None:
+    tracker, view, poses, _ = walked(room)
+    parents = np.array([3, 3, 1])
+    tracker.resample(parents)
+    fit = tracker.fit(view, poses[parents], 0)
+    assert fit is not None
+    np.testing.assert_allclose(fit.offsets, 0.0, atol=0.01)
+
+
+def test_a_floor_that_is_not_known_or_all_alike_measures_nothing(room: tuple[Simulation, Recording]) -> None:
+    tracker, view, poses, _ = walked(room)
+    assert tracker.fit(view, se2.compose(poses, (5.0, 5.0, 0.0)), 0) is None
+    assert FloorTracker(ColourConfig(), TextureConfig()).fit(view, poses, 0) is None
+    blank = replace(view, frame=replace(view.frame, rgb=np.full_like(view.frame.rgb, 128)))
+    plain = FloorTracker(ColourConfig(), TextureConfig())
+    plain.add(blank, poses, 0, 0.0)
+    assert plain.fit(blank, poses, 0) is None
+    nothing = replace(view, frame=replace(view.frame, disparity=np.full_like(view.frame.disparity, 2047)))
+    assert tracker.fit(nothing, poses, 0) is None
+
+
+def test_colours_take_part_and_nothing_is_lost_by_them(
+    room: tuple[Simulation, Recording], estimate: Estimate, without: Estimate
+) -> None:
+    assert not same(estimate, without)
+    errors = [absolute_trajectory_error(e.trajectory_final, room[0].truth).rmse for e in (estimate, without)]
+    assert errors[0] < max(1.2 * errors[1], 0.02)
+    assert not [line for line in estimate.warnings if "colours" in line]
+
+
+def test_all_of_the_odometrys_error_is_drawn_where_colours_weigh_the_particles(
+    room: tuple[Simulation, Recording], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fit, sample = FloorTracker.fit, tsdf_filter.sample
+    weighed, shares = [False], {True: set[float](), False: set[float]()}
+
+    def watched_fit(tracker: FloorTracker, *arguments: Any) -> Any:
+        found = fit(tracker, *arguments)
+        weighed[0] = found is not None
+        return found
+
+    def watched_sample(proposal: Proposal, *arguments: Any, **options: Any) -> np.ndarray:
+        shares[weighed[0]].add(proposal.position_share)
+        weighed[0] = False
+        return sample(proposal, *arguments, **options)
+
+    monkeypatch.setattr(FloorTracker, "fit", watched_fit)
+    monkeypatch.setattr(tsdf_filter, "sample", watched_sample)
+    run_slam(room[1], CONFIG)
+    assert shares == {True: {1.0}, False: {CONFIG.proposal.sampled_share}}
+
+
+def test_the_same_seed_gives_the_same_bytes_and_frames_are_read_at_updates_alone(
+    room: tuple[Simulation, Recording], estimate: Estimate
+) -> None:
+    recording = with_images(room[0])
+    assert recording.rgbd is not None
+    assert same(run_slam(recording, CONFIG, seed=3), estimate)
+    asked = recording.rgbd.images.asked  # type: ignore[union-attr]
+    assert 10 < len(asked) == len(set(asked)) <= estimate.diagnostics["updated"].sum()
+
+
+@pytest.mark.parametrize("lost", ["camera", "images"])
+def test_without_a_camera_or_images_one_line_says_so_and_the_bytes_are_as_without(
+    room: tuple[Simulation, Recording], without: Estimate, lost: str
+) -> None:
+    recording = room[0].recording  # stamps of a camera, and no images
+    if lost == "camera":
+        recording = room[1].replace(platform=recording.platform.model_copy(update={"camera": None}))
+    blind = run_slam(recording, CONFIG, seed=3)
+    lines = [line for line in blind.warnings if "colours" in line]
+    assert len(lines) == 1
+    assert lost in lines[0]
+    assert same(blind, without)
+
+
+def test_frames_that_are_missing_or_unreadable_are_counted(
+    room: tuple[Simulation, Recording], without: Estimate, tmp_path: Path
+) -> None:
+    stream = room[0].recording.rgbd
+    assert stream is not None
+    broken = tmp_path / "broken.png"
+    broken.write_bytes(b"no image")
+    colours = tuple(None if k % 2 else broken for k in range(len(stream.rgb_stamps)))
+    disparities = tuple(broken if k % 3 else None for k in range(len(stream.disparity_stamps)))
+    files = replace(stream, rgb_files=colours, disparity_files=disparities)
+    recording = room[1].replace(rgbd=files)
+    done = run_slam(recording, CONFIG, seed=3)
+    lines = [line for line in done.warnings if "colours" in line]
+    assert "frames not used, an image of theirs is missing" in lines[0]
+    assert "frames not used, unreadable; the first: " in lines[1]
+    assert "broken.png" in lines[1]
+    assert "no new frame at" in lines[-1]
+    assert same(done, without)
+
+
+def test_late_frames_are_not_used(room: tuple[Simulation, Recording], without: Estimate) -> None:
+    recording = room[1]
+    stream = recording.rgbd
+    assert stream is not None
+    late = replace(stream, rgb_stamps=stream.rgb_stamps + 60.0, disparity_stamps=stream.disparity_stamps + 60.0)
+    done = run_slam(recording.replace(rgbd=late), CONFIG, seed=3)
+    assert any("colours: no new frame at" in line for line in done.warnings)
+    assert same(done, without)
+
+
+def test_the_papers_filter_does_not_know_them() -> None:
+    with pytest.raises(ConfigError, match=r'colours: no key of method "paper", expected method "tsdf" with it'):
+        resolve_config("paper", ["colours.enabled=true"])
+
+
+@pytest.mark.slow
+def test_along_a_bare_hall_colours_take_away_half_of_the_error(taichi: None) -> None:
+    simulation = simulate(with_camera(load_scenario("two_halls")).model_copy(update={"duration": 50.0}), 1)
+    recording = with_images(simulation)
+    whole = resolve_config("default", ["colours.enabled=true", "texture.enabled=false"])
+    errors = [
+        absolute_trajectory_error(e.trajectory_final, simulation.truth).rmse
+        for e in (run_slam(recording, whole, seed=1), run_slam(recording, resolve_config("default", QUICK[1:]), seed=1))
+    ]
+    assert errors[0] < errors[1] / 2
