@@ -48,6 +48,10 @@ class Plugins(Generic[T]):
         """The names there are, the bundled ones first."""
         return [*self._bundled, *self._others]
 
+    def is_bundled(self, name: str) -> bool:
+        """Whether that one is of this package."""
+        return name in self._bundled
+
     def __getitem__(self, name: str) -> T:
         """The plug-in of that name.
 

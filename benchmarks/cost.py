@@ -3,10 +3,12 @@
     python benchmarks/cost.py --preset default --out benchmarks/results/cost-default-YYYY-MM-DD.json
     python benchmarks/cost.py --cases filter real_time_100 --seeds 1
     python benchmarks/cost.py --quick
+    python benchmarks/cost.py --against ../older-clone
 
 Everything is measured in a fresh process of its own, with the kernels in the cache on disk; loading them is told apart,
 and counted where the whole process is. The error of the same run stands beside its cost. --quick is a trial of a minute
-or two with other, shorter recordings: whether it runs, and no more.
+or two with other, shorter recordings: whether it runs, and no more. --against runs the same command in this checkout and
+in another one, in turns, each with the Python of its own `.venv`, and prints the ratios of their processor times.
 
 | case | what |
 |---|---|
@@ -25,6 +27,7 @@ import hashlib
 import json
 import os
 import signal
+import statistics
 import subprocess
 import sys
 import tempfile
@@ -54,15 +57,15 @@ MANY_SEEDS = ("filter", "process", "real_time_100", "real_time_1000")
 """Measured with 5 seeds, the others with one."""
 
 
-def python(*arguments: str) -> tuple[str, dict[str, float]]:
+def python(*arguments: str, executable: str = sys.executable) -> tuple[str, dict[str, float]]:
     """Run Python in a fresh process: what it prints, and its wall time, processor time [s] and most memory [MB].
 
     Raises:
-        RuntimeError: it failed; its last line of error is told.
+        RuntimeError: it failed, with its last line of error.
     """
     began = time.perf_counter()
     with tempfile.TemporaryFile("w+") as said, tempfile.TemporaryFile("w+") as failed:
-        child = subprocess.Popen([sys.executable, *arguments], stdout=said, stderr=failed)
+        child = subprocess.Popen([executable, *arguments], stdout=said, stderr=failed)
         try:
             _, status, usage = os.wait4(child.pid, 0)
         except BaseException:
@@ -166,6 +169,35 @@ class Costs:
         return python("-m", "moteslam", *command, *settings, *numbers, *flags)[1]
 
 
+def against(folder: Path, preset: str, settings: list[str], pairs: int, *, quick: bool) -> dict[str, Any]:
+    """The processor time of ``moteslam replay`` in this checkout over that in another one, pair by pair.
+
+    A run of each before the first pair loads the kernels. Who runs first changes from pair to pair.
+    """
+    from parts.runs import log_file
+
+    here, there = Path(__file__).parents[1], folder.resolve()
+    logs = ["freiburg-101"] if quick else ["intel_key_scans", "csail"]
+    ratios: dict[str, list[float]] = {}
+    for log in logs:
+        for pair in range(-1, pairs):
+            spent = {}
+            for checkout in (here, there) if pair % 2 else (there, here):
+                with tempfile.TemporaryDirectory() as scratch:
+                    command = ["replay", str(log_file(log)), "--out", f"{scratch}/result", "--preset", preset]
+                    command += ["--threads", "1", "--no-figures"]
+                    command += [word for setting in settings for word in ("--set", setting)]
+                    executable = str(checkout / ".venv" / "bin" / "python")
+                    spent[checkout] = python("-m", "moteslam", *command, executable=executable)[1]["cpu_s"]
+            if pair >= 0:
+                ratios.setdefault(log, []).append(spent[here] / spent[there])
+                print(
+                    f"{log}  pair {pair}  {spent[here]:.2f} s / {spent[there]:.2f} s = {ratios[log][-1]:.3f}",
+                    flush=True,
+                )
+    return {log: {"median": statistics.median(values), "pairs": values} for log, values in ratios.items()}
+
+
 def main() -> None:
     """Measure, print a table, and write the result file, anew after every run."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -174,6 +206,8 @@ def main() -> None:
     parser.add_argument("--cases", nargs="+", choices=list(BARS), metavar="CASE", default=list(BARS))
     parser.add_argument("--seeds", type=count, help="of each case, from 0")
     parser.add_argument("--quick", action="store_true", help="other, shorter recordings: a trial")
+    parser.add_argument("--against", type=Path, metavar="FOLDER", help="another checkout, with a .venv of its own")
+    parser.add_argument("--pairs", type=count, default=7, help="of runs, with --against")
     parser.add_argument("--out", type=result_file)
     parser.add_argument("--measure", nargs=2, help=argparse.SUPPRESS)
     options = parser.parse_args()
@@ -190,6 +224,14 @@ def main() -> None:
         resolve_config(options.preset, options.settings)
     except ConfigError as error:
         parser.error(str(error))
+    if options.against is not None:
+        if not (options.against / ".venv" / "bin" / "python").exists():
+            parser.error(f"{options.against}: no .venv there, expected a checkout after `make setup`")
+        found = against(options.against, options.preset, options.settings, options.pairs, quick=options.quick)
+        for log, ratio in found.items():
+            print(f"{log}: median of {options.pairs} pairs {ratio['median']:.3f}")
+        save(options.out, {**stamp(), "preset": options.preset, "processor time, here / there": found})
+        return
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # so that the process measured ends with this one
     costs = Costs(options.preset, options.settings, quick=options.quick)
     about = {**stamp(), "preset": options.preset, "settings": options.settings, "quick": options.quick}

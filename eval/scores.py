@@ -1,13 +1,15 @@
-"""The scores of a run against the truth: absolute and relative errors of SLAM and of dead reckoning."""
+"""The scores of a run against the truth: every metric of SLAM's trajectories and of dead reckoning."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 from moteslam.errors import InputError
-from moteslam.eval.metrics.ate import AteResult, absolute_trajectory_error
-from moteslam.eval.metrics.rpe import RpeResult, Unit, relative_pose_error
+from moteslam.eval.metrics.ate import AteResult
+from moteslam.eval.metrics.kinds import METRICS, Result
+from moteslam.eval.metrics.rpe import RpeResult
 from moteslam.robot.trajectory import Trajectory
 from moteslam.slam.estimate import Estimate
 
@@ -17,21 +19,28 @@ class Score:
     """How good one trajectory is.
 
     Attributes:
-        ate: absolute error, after alignment.
-        rpe_1m, rpe_1s: relative error over a metre and over a second; None where there is no such stretch.
+        results: of every metric by its name; None where it cannot be had, as over a metre that was never driven.
     """
 
-    ate: AteResult
-    rpe_1m: RpeResult | None
-    rpe_1s: RpeResult | None
+    results: Mapping[str, Result | None]
+
+    @property
+    def ate(self) -> AteResult:
+        """The absolute error, after alignment."""
+        result = self.results["ate"]
+        assert isinstance(result, AteResult)
+        return result
+
+    @property
+    def rpe_1m(self) -> RpeResult | None:
+        """The relative error over a metre; None where the robot did not drive one."""
+        result = self.results["rpe_1m"]
+        assert result is None or isinstance(result, RpeResult)
+        return result
 
     def as_dict(self) -> dict[str, Any]:
         """The statistics as they go into ``metrics.json``."""
-        return {
-            "ate": self.ate.as_dict(),
-            "rpe_1m": None if self.rpe_1m is None else self.rpe_1m.as_dict(),
-            "rpe_1s": None if self.rpe_1s is None else self.rpe_1s.as_dict(),
-        }
+        return {name: None if result is None else result.as_dict() for name, result in self.results.items()}
 
 
 @dataclass(frozen=True)
@@ -65,20 +74,16 @@ def score_estimate(estimate: Estimate, truth: Trajectory) -> Scores:
 
 
 def score_trajectory(trajectory: Trajectory, truth: Trajectory) -> Score:
-    """Score one trajectory.
+    """Score one trajectory with every metric.
 
     Raises:
         InputError: the truth has no stamps in common with it.
     """
-    return Score(
-        ate=absolute_trajectory_error(trajectory, truth),
-        rpe_1m=_relative(trajectory, truth, "m"),
-        rpe_1s=_relative(trajectory, truth, "s"),
-    )
-
-
-def _relative(trajectory: Trajectory, truth: Trajectory, unit: Unit) -> RpeResult | None:
-    try:
-        return relative_pose_error(trajectory, truth, delta=1.0, unit=unit)
-    except InputError:  # a robot that hardly moved
-        return None
+    results: dict[str, Result | None] = {"ate": METRICS["ate"].score(trajectory, truth)}
+    for name, metric in METRICS.items():
+        if name not in results:
+            try:
+                results[name] = metric.score(trajectory, truth)
+            except InputError:  # cannot be had: a robot that hardly moved
+                results[name] = None
+    return Score(results)

@@ -5,6 +5,9 @@ from __future__ import annotations
 import errno
 import os
 import sys
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Annotated, Any
 
 import typer
@@ -13,6 +16,7 @@ from moteslam.errors import MoteslamError, OutputError
 from moteslam.eval.cli import demo, evaluate, inspect, replay, scenarios, simulate
 from moteslam.eval.cli.interrupt import MESSAGE, Interrupted, leave_with, on_interrupt, was_asked
 from moteslam.eval.cli.text import STDOUT, flush, note, say
+from moteslam.plugins import PluginWarning
 
 BAD_INPUT, INTERNAL_ERROR, CLOSED_PIPE = 2, 1, 141
 
@@ -75,7 +79,8 @@ def run(arguments: list[str]) -> int:
             stream.reconfigure(errors="backslashreplace")
     try:
         on_interrupt()
-        code = app(args=arguments, prog_name="moteslam", standalone_mode=False)
+        with plugin_warnings_noted():
+            code = app(args=arguments, prog_name="moteslam", standalone_mode=False)
         flush()
     except (BrokenPipeError, SystemExit):  # Typer makes the one of the other
         return _closed_pipe()
@@ -86,6 +91,22 @@ def run(arguments: list[str]) -> int:
             return _interrupted(asked)
         return _told(error)
     return code if isinstance(code, int) else 0
+
+
+@contextmanager
+def plugin_warnings_noted() -> Iterator[None]:
+    """Print a plug-in that is left out as one line, as other warnings are."""
+
+    def show(message: Warning | str, category: type[Warning], *details: Any, **more: Any) -> None:
+        if issubclass(category, PluginWarning):
+            note(f"warning: {message}")
+        else:
+            usual(message, category, *details, **more)
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("always", PluginWarning)
+        usual, warnings.showwarning = warnings.showwarning, show
+        yield
 
 
 def _interrupted(error: BaseException) -> int:

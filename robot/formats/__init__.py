@@ -2,61 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+import warnings
 from os import PathLike
 from pathlib import Path
 
 from moteslam.errors import InputError
-from moteslam.robot.formats.carmen import is_carmen, read_carmen
-from moteslam.robot.formats.ucsd import read_ucsd, ucsd_sequences
-from moteslam.robot.platform import Platform
+from moteslam.plugins import PluginWarning
+from moteslam.robot.formats.format import FORMATS, Format, Robot
 from moteslam.robot.recording import Recording
 
-__all__ = ["FORMATS", "Format", "open_recording"]
-
-
-Robot = Platform | str | PathLike[str] | None
-"""A robot, a ``platform.toml`` that overrides the format's own robot, or that one as it is."""
-
-
-@dataclass(frozen=True)
-class Format:
-    """A way to store a recording.
-
-    Attributes:
-        name: what it is called, and how to tell one by its looks.
-        is_folder: whether a recording is a folder or a file.
-        recognise: whether the content of a path (of that kind) is of this format; must not raise for any other.
-        read: ``read(path, sequence, platform)``.
-    """
-
-    name: str
-    is_folder: bool
-    recognise: Callable[[Path], bool]
-    read: Callable[[Path, str | int | None, Robot], Recording]
-
-
-def _read_ucsd(path: Path, sequence: str | int | None, platform: Robot) -> Recording:
-    return read_ucsd(path, sequence=sequence, platform=platform)
-
-
-def _read_carmen(path: Path, sequence: str | int | None, platform: Robot) -> Recording:
-    if sequence is not None:
-        raise InputError("a CARMEN log is one sequence, expected no --sequence", file=path, field="sequence")
-    return read_carmen(path, platform=platform)
-
-
-FORMATS: tuple[Format, ...] = (
-    Format(
-        "UCSD folder (Encoders*.npz, Hokuyo*.npz, Imu*.npz, Kinect*.npz)",
-        True,
-        lambda path: bool(ucsd_sequences(path)),
-        _read_ucsd,
-    ),
-    Format("CARMEN log (FLASER, ROBOTLASER1, ODOM lines; plain or gzip)", False, is_carmen, _read_carmen),
-)
-"""The formats known, asked in this order."""
+__all__ = ["FORMATS", "Format", "Robot", "open_recording"]
 
 
 def open_recording(
@@ -85,13 +40,25 @@ def open_recording(
         raise InputError("neither a file nor a folder, expected a recording", file=path)
     if empty:
         raise InputError("is empty, expected a recording", file=path)
-    for known in FORMATS:
-        if known.is_folder == is_folder and known.recognise(path):
+    formats = dict(FORMATS.items())
+    for name, known in formats.items():
+        if known.is_folder == is_folder and _recognises(name, known, path):
             return known.read(path, sequence, platform)
-    names = " or a ".join(known.name for known in FORMATS)
+    names = " or a ".join(known.name for known in formats.values())
     if not is_folder and _holds_arrays(path):
         raise InputError("holds NumPy arrays, expected the folder it is in, with all files of the recording", file=path)
     raise InputError(f"not a recording known here, expected a {names}", file=path)
+
+
+def _recognises(name: str, known: Format, path: Path) -> bool:
+    """Whether a path is of a format; a format of another package that fails to say is left out."""
+    try:
+        return known.recognise(path)
+    except Exception as error:
+        if FORMATS.is_bundled(name):
+            raise
+        warnings.warn(f"format {name!r} is left out: {type(error).__name__}: {error}", PluginWarning, stacklevel=3)
+        return False
 
 
 def _holds_arrays(path: Path) -> bool:

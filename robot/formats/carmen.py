@@ -15,6 +15,7 @@ from moteslam.robot import se2
 from moteslam.robot.files import write_atomically
 from moteslam.robot.formats.bounds import check_fan
 from moteslam.robot.formats.carmen_lines import CarmenLines, ScanKind, Scans, parse_lines
+from moteslam.robot.formats.format import Format, Robot
 from moteslam.robot.formats.no_return import no_return_limit
 from moteslam.robot.formats.ranges import clean_ranges
 from moteslam.robot.formats.stamps import stamp_order
@@ -244,3 +245,14 @@ def _scan_entries(lidar: LidarStream, poses: NDArray[np.float64], mount: LidarMo
 
 def _clock(stamp: float) -> str:
     return f"{stamp!r} moteslam {stamp!r}"
+
+
+def _read(path: Path, sequence: str | int | None, platform: Robot) -> Recording:
+    if sequence is not None:
+        raise InputError("a CARMEN log is one sequence, expected none to be named", file=path, field="sequence")
+    return read_carmen(path, platform=platform)
+
+
+FORMAT = Format(
+    "CARMEN log (FLASER, ROBOTLASER1, ODOM lines; plain or gzip)", is_folder=False, recognise=is_carmen, read=_read
+)

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from moteslam.errors import ConfigError, InputError
 from moteslam.robot.files import write_atomically
 from moteslam.robot.formats.bounds import believable_counts, believable_rates, check_fan
+from moteslam.robot.formats.format import Format, Robot
 from moteslam.robot.formats.npz import read_arrays
 from moteslam.robot.formats.ranges import clean_ranges
 from moteslam.robot.formats.stamps import stamp_order
@@ -269,3 +270,15 @@ def _write(path: Path, **arrays: Array | np.float64) -> None:
         np.savez(file, **arrays)  # type: ignore[arg-type]  # allow_pickle is no array
 
     write_atomically(path, content)
+
+
+def _read(path: Path, sequence: str | int | None, platform: Robot) -> Recording:
+    return read_ucsd(path, sequence=sequence, platform=platform)
+
+
+FORMAT = Format(
+    "UCSD folder (Encoders*.npz, Hokuyo*.npz, Imu*.npz, Kinect*.npz)",
+    is_folder=True,
+    recognise=lambda path: bool(ucsd_sequences(path)),
+    read=_read,
+)

@@ -1,0 +1,39 @@
+"""A back end of another package: it moves everything north, once while the run goes on and once more at its end."""
+
+from typing import Literal
+
+import numpy as np
+
+from moteslam.slam.backend.kinds import BackendKind
+from moteslam.slam.backend.protocol import BackendConfig, KeyScan
+
+
+class ToyConfig(BackendConfig):
+    """Its keys."""
+
+    name: Literal["toy"] = "toy"
+    north: float = 1.0
+    after: int = 5
+
+
+class ToyBackend:
+    """Corrects by a shift."""
+
+    def __init__(self, config: ToyConfig) -> None:
+        self.config, self.poses = config, []
+
+    def add(self, key: KeyScan) -> np.ndarray | None:
+        """After some key scans all of them are moved."""
+        self.poses.append(key.pose)
+        return self.moved(np.array(self.poses)) if len(self.poses) == self.config.after else None
+
+    def finish(self, path: np.ndarray) -> np.ndarray:
+        """Once more."""
+        return self.moved(path)
+
+    def moved(self, poses: np.ndarray) -> np.ndarray:
+        """Poses so far to the north [m]."""
+        return poses + np.array((0.0, self.config.north, 0.0))
+
+
+BACKEND = BackendKind(ToyConfig, ToyBackend)

@@ -1,0 +1,165 @@
+"""Filters, back ends, formats and metrics from outside the package, by the recipe in CONTRIBUTING.md."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from moteslam.errors import ConfigError
+from moteslam.plugins import Plugins, PluginWarning
+
+TOYS = Path(__file__).parent / "plugins"
+ENTRIES = """
+[moteslam.filters]
+toy = toy_filter:METHOD
+[moteslam.backends]
+toy = toy_backend:BACKEND
+[moteslam.formats]
+toy = toy_format:FORMAT
+[moteslam.metrics]
+end_error = toy_metric:METRIC
+"""
+
+
+def installed(folder: Path, entries: str, name: str = "toys") -> str:
+    """What an installed package of these entry points leaves in a folder of the search path."""
+    about = folder / f"{name}-1.0.dist-info"
+    about.mkdir(parents=True)
+    (about / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: 1.0\n", encoding="utf-8")
+    (about / "entry_points.txt").write_text(entries, encoding="utf-8")
+    return str(folder)
+
+
+def moteslam(path: list[str], *arguments: object, cwd: Path) -> subprocess.CompletedProcess[str]:
+    """The command line of a user who has installed the packages of these folders."""
+    search = os.pathsep.join([*path, os.environ.get("PYTHONPATH", "")]).rstrip(os.pathsep)
+    return subprocess.run(
+        [sys.executable, "-m", "moteslam", *map(str, arguments)],
+        cwd=cwd,
+        env={**os.environ, "PYTHONPATH": search},
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=300,
+    )
+
+
+@pytest.fixture(scope="module")
+def toys(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
+    """A package with one of each, installed."""
+    return [installed(tmp_path_factory.mktemp("toys"), ENTRIES), str(TOYS)]
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A drive of a few seconds."""
+    folder = tmp_path_factory.mktemp("drive")
+    scenario = folder / "room.toml"
+    scenario.write_text(
+        "[route]\nwaypoints = [[0.0, 0.0], [3.0, 0.0]]\n[drive]\nrest_start = 0.5\nrest_end = 0.5\n"
+        "[[world.walls]]\npoints = [[-2.0, -2.0], [6.0, -2.0], [6.0, 3.0], [-2.0, 4.0]]\nclosed = true\n",
+        encoding="utf-8",
+    )
+    done = moteslam([], "simulate", scenario, "--out", folder / "run", cwd=folder)
+    assert done.returncode == 0, done.stderr
+    return folder / "run"
+
+
+def test_each_takes_at_most_forty_lines():
+    for file in TOYS.glob("*.py"):
+        assert len(file.read_text(encoding="utf-8").splitlines()) <= 40, file.name
+
+
+def test_a_filter_and_a_metric_of_another_package(toys: list[str], recording: Path, tmp_path: Path):
+    arguments = ["replay", recording, "--set", "method=toy", "--set", "scale=0.9", "--no-figures", "--out", "result"]
+    done = moteslam(toys, *arguments, cwd=tmp_path)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert 'method = "toy"\n' in (tmp_path / "result/config.toml").read_text(encoding="utf-8")
+    scores = json.loads((tmp_path / "result/metrics.json").read_text(encoding="utf-8"))["scores"]
+    assert 0.2 < scores["final"]["end_error"]["distance_m"] < 0.4  # a tenth of three metres
+    assert scores["dead_reckoning"]["end_error"]["distance_m"] < 0.1
+    again = ["replay", recording, "--config", "result/config.toml", "--no-figures", "--out", "again"]
+    assert moteslam(toys, *again, cwd=tmp_path).returncode == 0
+    for name in ("trajectory.tum", "map.pgm"):
+        assert (tmp_path / "again" / name).read_bytes() == (tmp_path / "result" / name).read_bytes()
+
+
+@pytest.mark.parametrize("preset", ["default", "paper"])
+def test_a_back_end_of_another_package_moves_path_map_and_filter(
+    toys: list[str], recording: Path, tmp_path: Path, preset: str
+):
+    from moteslam.robot.trajectory import read_tum
+
+    arguments = ["replay", recording, "--preset", preset, "--particles", 8, "--no-figures"]
+    assert moteslam(toys, *arguments, "--out", "alone", cwd=tmp_path).returncode == 0
+    done = moteslam(toys, *arguments, "--set", "backend.name=toy", "--out", "moved", cwd=tmp_path)
+    assert (done.returncode, done.stderr) == (0, "")
+    alone, moved = (read_tum(tmp_path / name / "trajectory_final.tum") for name in ("alone", "moved"))
+    np.testing.assert_allclose(moved.poses[:, :2], alone.poses[:, :2] + (0.0, 2.0), atol=0.1)
+    alone, moved = (read_tum(tmp_path / name / "trajectory.tum") for name in ("alone", "moved"))
+    np.testing.assert_allclose(moved.poses[0], alone.poses[0])
+    np.testing.assert_allclose(moved.poses[-1, :2], alone.poses[-1, :2] + (0.0, 1.0), atol=0.1)
+    about = [yaml.safe_load((tmp_path / name / "map.yaml").read_text(encoding="utf-8")) for name in ("alone", "moved")]
+    assert about[1]["origin"][1] - about[0]["origin"][1] == pytest.approx(2.0, abs=0.15)
+
+
+def test_a_format_of_another_package(toys: list[str], tmp_path: Path):
+    rows = "".join(f"{t},{','.join(['2.0'] * 9)}\n" for t in range(3))
+    (tmp_path / "log.toy").write_text("# toy ranges\n" + rows, encoding="utf-8")
+    done = moteslam(toys, "inspect", "log.toy", "--json", cwd=tmp_path)
+    assert json.loads(done.stdout)["lidar"]["beams"] == 9
+    (tmp_path / "log.toy").write_text("# toy ranges\n1,x\n", encoding="utf-8")
+    done = moteslam(toys, "inspect", "log.toy", cwd=tmp_path)
+    assert done.returncode == 2
+    assert done.stderr.startswith("moteslam: log.toy: ")
+    assert moteslam([], "inspect", "log.toy", cwd=tmp_path).stderr.startswith("moteslam: log.toy: not a recording")
+
+
+def test_one_that_fails_to_load_is_one_warning(recording: Path, tmp_path: Path):
+    entries = "[moteslam.formats]\nbad = nowhere_at_all:FORMAT\n[moteslam.metrics]\nodd = os:sep\n"
+    broken = [installed(tmp_path / "site", entries)]
+    done = moteslam(broken, "inspect", recording, cwd=tmp_path)
+    assert done.returncode == 0
+    assert done.stderr.splitlines() == [
+        "moteslam: warning: plug-in 'bad' of package toys (moteslam.formats) is left out: ModuleNotFoundError: "
+        "No module named 'nowhere_at_all'"
+    ]
+    done = moteslam(broken, "replay", recording, "--out", "x", "--particles", 3, "--no-figures", cwd=tmp_path)
+    assert done.returncode == 0
+    assert len(done.stderr.splitlines()) == 2
+    assert "plug-in 'odd' of package toys (moteslam.metrics) is left out: os:sep is a str" in done.stderr
+
+
+def test_one_that_is_asked_for_and_fails_to_load_is_an_error(recording: Path, tmp_path: Path):
+    broken = [installed(tmp_path / "site", "[moteslam.filters]\nbad = nowhere_at_all:METHOD\n")]
+    done = moteslam(broken, "replay", recording, "--out", "x", "--set", "method=bad", cwd=tmp_path)
+    assert done.returncode == 2
+    assert done.stderr.startswith("moteslam: --set method: 'bad' of package toys cannot be loaded: ModuleNotFound")
+    done = moteslam(broken, "replay", recording, "--out", "x", "--set", "method=worse", cwd=tmp_path)
+    assert done.stderr == "moteslam: --set method: 'worse', expected one of tsdf, paper, bad\n"
+
+
+def test_the_name_of_a_bundled_one_is_not_taken(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.syspath_prepend(installed(tmp_path / "one", "[toy.group]\nmine = os:sep\nsame = os:linesep\n", "one"))
+    monkeypatch.syspath_prepend(installed(tmp_path / "two", "[toy.group]\nsame = os:curdir\n", "two"))
+    table: Plugins[str] = Plugins("toy.group", str, bundled={"mine": "os:pardir"})
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        assert dict(table.items()) == {"mine": "..", "same": os.linesep}
+        assert dict(table.items()) == {"mine": "..", "same": os.linesep}
+    assert all(warning.category is PluginWarning for warning in caught)
+    assert sorted(str(warning.message) for warning in caught) == [
+        "plug-in 'mine' of package one (toy.group) is left out: its name is taken",
+        "plug-in 'same' of package two (toy.group) is left out: its name is taken by package one",
+    ]
+    assert table["mine"] == ".."
+    with pytest.raises(ConfigError, match="'other', expected one of mine, same"):
+        table["other"]
