@@ -5,10 +5,11 @@
     python benchmarks/cost.py --quick
     python benchmarks/cost.py --against ../older-clone
 
-Everything is measured in a fresh process of its own, with the kernels in the cache on disk; loading them is told apart,
-and counted where the whole process is. The error of the same run stands beside its cost. --quick is a trial of a minute
-or two with other, shorter recordings: whether it runs, and no more. --against runs the same command in this checkout and
-in another one, in turns, each with the Python of its own `.venv`, and prints the ratios of their processor times.
+Everything is measured in a fresh process of its own, with the kernels in the cache on disk; loading them is given
+apart, and counted where the whole process is measured. The error of the same run stands beside its cost. --quick is a
+trial of a minute or two with other, shorter recordings: whether it runs, and no more. --against runs the same command
+in this checkout and in another one, in turns, each with the Python of its own `.venv`, and prints the ratios of their
+processor times.
 
 | case | what |
 |---|---|

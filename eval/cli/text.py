@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import sys
 import unicodedata
@@ -11,6 +12,8 @@ from typing import Any
 
 from moteslam.errors import OutputError
 
+WIDEST = 10_000
+"""Characters of a table's line."""
 STDOUT = "stdout"
 """What errors call it."""
 
@@ -70,14 +73,20 @@ def note(text: object) -> None:
 
 def table(rows: Sequence[Sequence[str]], *, right: Sequence[int] = ()) -> str:
     """Rows of text as columns, two spaces apart; the columns named in ``right`` are flush right."""
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    return "\n".join(
-        "  ".join(
-            cell.rjust(width) if index in right else cell.ljust(width)
-            for index, (cell, width) in enumerate(zip(row, widths, strict=True))
-        ).rstrip()
-        for row in rows
-    )
+    from rich.console import Console
+    from rich.table import Table
+    from rich.text import Text
+
+    columns = Table(box=None, show_header=False, pad_edge=False, padding=(0, 2, 0, 0))
+    for index in range(len(rows[0])):
+        columns.add_column(justify="right" if index in right else "left", no_wrap=True)
+    for row in rows:
+        columns.add_row(*map(Text, row))
+    # as wide as its text: what reads it from a pipe wants whole lines
+    console = Console(file=io.StringIO(), width=WIDEST, color_system=None)
+    with console.capture() as capture:
+        console.print(columns)
+    return "\n".join(line.rstrip() for line in capture.get().splitlines())
 
 
 def _plain(value: Any) -> Any:
