@@ -155,7 +155,7 @@ def relation_figures(trajectories: dict[str, Trajectory]) -> dict[str, float]:
     for which, file in (("clear", reference_file(RELATIONS)), ("all", DATA / "intel" / "intel.relations")):
         relations = read_relations(file)
         for key, trajectory in trajectories.items():
-            score = relation_errors(trajectory, relations).all
+            score = relation_errors(trajectory, relations, interpolate=False).all
             figures[f"{key}_{which}"] = score.translation.mean
             figures[f"{key}_{which}_deg"] = score.rotation.mean
             figures[f"n_{which}"] = score.translation.count

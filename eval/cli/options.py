@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 
 import typer
 
-from moteslam.errors import ConfigError
+from moteslam.errors import ConfigError, OutputError
 
 if TYPE_CHECKING:
     from moteslam.slam.config import SlamConfig
@@ -24,6 +24,16 @@ Sequence = Annotated[str | None, typer.Option(help="Which of several sequences i
 PlatformFile = Annotated[
     Path | None, typer.Option(metavar="FILE", help="platform.toml over the robot that the recording tells.")
 ]
+
+
+def refuse_existing(file: Path | None, *, force: bool) -> None:
+    """Refuse a file to write that is there already.
+
+    Raises:
+        OutputError: it is, and is not to be replaced.
+    """
+    if file is not None and file.exists() and not force:
+        raise OutputError("exists already; name a new file, or replace it with --force", file=file)
 
 
 @dataclass(frozen=True)

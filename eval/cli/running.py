@@ -113,7 +113,7 @@ def _coloured(estimate: Estimate, recording: Recording) -> tuple[Estimate, list[
 
 
 def score_table(scores: Scores) -> str:
-    """The scores as a small table: absolute error, and relative error over stretches of 1 m, which is drift a metre."""
+    """The scores as a small table: absolute error, and relative error over 1 m, which is drift a metre."""
     rows: list[tuple[str, ...]] = [("", "ATE RMSE", "median", "max", "heading RMSE", "RPE over 1 m")]
     for name, score in (
         ("dead reckoning", scores.dead_reckoning),

@@ -59,8 +59,7 @@ def show(
 
     if out.suffix.lower() != ".png":
         raise OutputError("no .png file, expected one to write", file=out)
-    if out.exists() and not force:
-        raise OutputError("exists already; name a new file, or replace it with --force", file=out)
+    options.refuse_existing(out, force=force)
     chosen = ordered_scenario(scenario, seed)
     driven = None
     if drive:
@@ -101,8 +100,7 @@ def animate(
 
     if out.suffix.lower() not in (".gif", ".mp4"):
         raise OutputError("neither a .gif nor an .mp4 file, expected one to write", file=out)
-    if out.exists() and not force:
-        raise OutputError("exists already; name a new file, or replace it with --force", file=out)
+    options.refuse_existing(out, force=force)
     config = options.SlamOptions(preset=preset, settings=settings).resolved()
     from moteslam.eval.cli.batch import named_in_errors, ordered_scenario
     from moteslam.eval.cli.progress import progress_bar

@@ -66,6 +66,11 @@ def _stdout_named() -> Iterator[None]:
         raise OutputError(f"cannot be written: {error.strerror or error}", file=STDOUT) from error
 
 
+def bold(text: str) -> str:
+    """Text in bold where stdout is a terminal; as it is in a pipe."""
+    return f"\x1b[1m{text}\x1b[0m" if sys.stdout.isatty() else text
+
+
 def note(text: object) -> None:
     """A line about the run, on stderr: a warning or an error."""
     sys.stderr.write(f"moteslam: {literal(text)}\n")

@@ -12,8 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.errors import InputError
+from moteslam.eval.metrics.association import MAX_GAP
 from moteslam.eval.metrics.statistics import Statistics
 from moteslam.robot.se2 import Poses, between, wrap
+from moteslam.robot.se2 import interpolate as interpolated
 from moteslam.robot.stamps import nearest_stamp
 from moteslam.robot.trajectory import Trajectory
 
@@ -54,31 +56,51 @@ class RelationScore:
         return {"translation_m": self.translation.as_dict(), "rotation_deg": self.rotation.as_dict()}
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class RelationResult:
     """How well a trajectory keeps the relations.
 
     Attributes:
         total: relations in the file.
-        all: over those whose two stamps have a pose.
+        all: over all that were used.
+        at_stamps: over those with a pose at both of their stamps; None where there is none.
         clear: over those whose two stamps each belong to exactly one pose; None where there is none.
+        stamps: [n, 2] of all that were used [s].
+        errors: [n] translation errors of these [m].
+        rotation_errors: [n] their rotation errors [rad].
     """
 
     total: int
     all: RelationScore
+    at_stamps: RelationScore | None
     clear: RelationScore | None
+    stamps: NDArray[np.float64]
+    errors: NDArray[np.float64]
+    rotation_errors: NDArray[np.float64]
+
+    @property
+    def used(self) -> int:
+        """Number of relations that were used."""
+        return self.all.translation.count
 
     @property
     def matched(self) -> int:
-        """How many relations have a pose at both stamps."""
-        return self.all.translation.count
+        """Number of relations with a pose at both of their stamps."""
+        return 0 if self.at_stamps is None else self.at_stamps.translation.count
+
+    @property
+    def interpolated(self) -> int:
+        """Number of relations that were used between poses."""
+        return self.used - self.matched
 
     def as_dict(self) -> dict[str, Any]:
         """The statistics as they go into JSON."""
         return {
             "total": self.total,
-            "matched": self.matched,
+            "used": self.used,
+            "interpolated": self.interpolated,
             "all": self.all.as_dict(),
+            "at_stamps": None if self.at_stamps is None else self.at_stamps.as_dict(),
             "clear": None if self.clear is None else self.clear.as_dict(),
         }
 
@@ -130,43 +152,71 @@ def read_relations(path: str | PathLike[str]) -> Relations:
     return Relations(table[:, :2], np.stack((table[:, 2], table[:, 3], wrap(table[:, 7])), axis=-1))
 
 
-def relation_errors(trajectory: Trajectory, relations: Relations, *, tolerance: float = TOLERANCE) -> RelationResult:
+def relation_errors(
+    trajectory: Trajectory, relations: Relations, *, interpolate: bool = True, tolerance: float = TOLERANCE
+) -> RelationResult:
     """How far the trajectory's relative poses are from the relations'.
 
     The error of a relation is the pose est (-) ref, where both are the pose at t2 seen from the pose at t1: the
     length of its translation [m] and its absolute angle [deg].
 
     A log may repeat a stamp for distinct scans, and then nobody knows which of them a relation meant. The *clear*
-    relations are those whose two stamps each belong to exactly one pose of the trajectory: quote these. In *all*,
-    the tie rule is that the first pose with the stamp stands for it.
+    relations are those whose two stamps each belong to exactly one pose of the trajectory: quote these. Of several
+    poses with one stamp the first stands for it. A stamp between two poses at most ``MAX_GAP`` apart has the pose
+    interpolated there.
 
     Args:
         trajectory: a pose at every scan; equal stamps are distinct poses.
         relations: of the same log, on the same clock.
+        interpolate: use relations whose stamps lie between poses, too.
         tolerance: between the stamps of a relation and of its pose [s].
 
     Raises:
-        InputError: no relation has a pose at both of its stamps.
+        InputError: no relation can be used.
     """
     if not len(trajectory):
         raise InputError("a trajectory without poses, expected one at every scan")
-    position, poses_there = _poses_at(trajectory.stamps, relations.stamps, tolerance)
-    matched = (poses_there > 0).all(axis=1)
-    if not matched.any():
+    first, poses_there = _poses_at(trajectory.stamps, relations.stamps, tolerance)
+    exact = (poses_there > 0).all(axis=1)
+    used = exact.copy()
+    if interpolate:
+        used |= ((poses_there > 0) | _enclosed(trajectory.stamps, relations.stamps)).all(axis=1)
+    if not used.any():
         raise InputError(
             f"none of {len(relations)} relations has a pose at both of its stamps, expected the relations of "
             f"this log: they cover {relations.stamps.min():.3f} to {relations.stamps.max():.3f} s, the trajectory "
             f"{trajectory.stamps[0]:.3f} to {trajectory.stamps[-1]:.3f} s"
         )
-    poses = trajectory.poses[position[matched]]
-    errors = between(relations.poses[matched], between(poses[:, 0], poses[:, 1]))
-    distance, angle = np.hypot(errors[:, 0], errors[:, 1]), np.rad2deg(np.abs(errors[:, 2]))
-    clear = (poses_there[matched] == 1).all(axis=1)
+    stamps, at_pose = relations.stamps[used], poses_there[used] > 0
+    between_poses = interpolated(trajectory.stamps, trajectory.poses, stamps.reshape(-1)).reshape(-1, 2, 3)
+    poses = np.where(at_pose[..., None], trajectory.poses[first[used]], between_poses)
+    errors = between(relations.poses[used], between(poses[:, 0], poses[:, 1]))
+    distance, angle = np.hypot(errors[:, 0], errors[:, 1]), np.abs(errors[:, 2])
+
+    def score(some: NDArray[np.bool_]) -> RelationScore | None:
+        if not some.any():
+            return None
+        return RelationScore(Statistics.of(distance[some]), Statistics.of(np.rad2deg(angle[some])))
+
+    everything = score(np.ones(len(distance), np.bool_))
+    assert everything is not None
     return RelationResult(
         total=len(relations),
-        all=RelationScore(Statistics.of(distance), Statistics.of(angle)),
-        clear=(RelationScore(Statistics.of(distance[clear]), Statistics.of(angle[clear])) if clear.any() else None),
+        all=everything,
+        at_stamps=score(exact[used]),
+        clear=score((poses_there[used] == 1).all(axis=1)),
+        stamps=stamps,
+        errors=distance,
+        rotation_errors=angle,
     )
+
+
+def _enclosed(stamps: NDArray[np.float64], wanted: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Which of the stamps wanted [...] lie between two stamps [n] at most ``MAX_GAP`` apart."""
+    after = np.searchsorted(stamps, wanted, side="left")
+    inside = (after > 0) & (after < len(stamps))
+    upper, lower = np.clip(after, 0, len(stamps) - 1), np.maximum(after - 1, 0)
+    return np.asarray(inside & (stamps[upper] - stamps[lower] <= MAX_GAP))
 
 
 def _poses_at(

@@ -1,4 +1,4 @@
-"""Relative pose error: the drift over a stretch of path, of time, or of poses."""
+"""Relative pose error: the drift between pairs of poses a distance, a time or a number of poses apart."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Unit = Literal["m", "s", "frames"]
 Pairs = tuple[NDArray[np.intp], NDArray[np.intp]]
 
 RELATIVE_TOLERANCE = 0.1
-"""With all pairs, a stretch may be longer or shorter than asked for by this share of it, as evo has it."""
+"""With all pairs, a pair may be farther apart or nearer than asked for by this share of it, as evo has it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,10 +27,10 @@ class RpeResult:
     """The relative pose error.
 
     Attributes:
-        delta, unit: the length of a stretch.
-        start_stamps: [n] where each stretch begins [s].
-        errors: [n] translation error of each stretch [m].
-        rotation_errors: [n] rotation error of each stretch [rad].
+        delta, unit: how far apart the poses of a pair are.
+        start_stamps: [n] where each pair begins [s].
+        errors: [n] translation error of each pair [m].
+        rotation_errors: [n] rotation error of each pair [rad].
         translation: statistics of ``errors`` [m].
         rotation: statistics of ``rotation_errors`` [rad].
     """
@@ -50,7 +50,7 @@ class RpeResult:
 
     @property
     def pairs(self) -> int:
-        """How many stretches were compared."""
+        """Number of pairs that were compared."""
         return self.translation.count
 
     def as_dict(self) -> dict[str, Any]:
@@ -73,16 +73,16 @@ def relative_pose_error(
     max_difference: float = MAX_DIFFERENCE,
     interpolate: bool | None = None,
 ) -> RpeResult:
-    """The relative pose error (Sturm et al. 2012), with the stretches that evo takes: measured on the estimate.
+    """The relative pose error (Sturm et al. 2012), with the pairs that evo takes: measured on the estimate.
 
-    The stretches follow each other end to end, each the shortest that reaches ``delta``; with ``all_pairs`` one
-    begins at every pose and ends where its length is nearest to ``delta``, within ten per cent.
+    The pairs follow each other end to end, each the shortest that reaches ``delta``; with ``all_pairs`` one begins at
+    every pose and ends where its length is nearest to ``delta``, within ten per cent.
 
     Args:
         estimate, reference: the trajectories.
-        delta: length of a stretch.
+        delta: how far apart the poses of a pair are.
         unit: of delta: metres of path, seconds, or poses (then a whole number).
-        all_pairs: a stretch from every pose on, rather than one after another.
+        all_pairs: a pair from every pose on, rather than one after another.
         max_difference, interpolate: as in ``absolute_trajectory_error``.
 
     Raises:
@@ -97,8 +97,8 @@ def relative_pose_error(
     first, last = _pairs(matched.stamps, matched.estimate, delta, unit, all_pairs=all_pairs)
     if not len(first):
         raise InputError(
-            f"no stretch of {delta:g} {unit} among {len(matched)} matched poses, expected a shorter delta",
-            field="delta",
+            f"no pair {delta:g} {unit} apart among {len(matched)} matched poses, expected a shorter delta",
+            field="pairs",
         )
     errors = between(
         between(matched.reference[first], matched.reference[last]),
@@ -117,7 +117,7 @@ def relative_pose_error(
 
 
 def _pairs(stamps: NDArray[np.float64], poses: Poses, delta: float, unit: Unit, *, all_pairs: bool) -> Pairs:
-    """First and last index [k] of every stretch."""
+    """First and last index [k] of every pair."""
     if unit == "frames":
         step = int(delta)
         ids = np.arange(0, len(poses), 1 if all_pairs else step)

@@ -72,8 +72,13 @@ def saved_figure(path: str | PathLike[str], *, size: tuple[float, float], dpi: i
 
 def heading(figure: Figure, text: str) -> None:
     """A title over the figure, with no character of it taken for markup, and bytes that are no text as escapes."""
-    text = text.encode(errors="surrogateescape").decode(errors="backslashreplace")
+    text = printable(text)
     figure.suptitle(text if len(text) <= 90 else f"{text[:89]}…", fontsize=10).set_parse_math(False)
+
+
+def printable(text: str) -> str:
+    """Text with the bytes of a file name that are no text as escapes."""
+    return text.encode(errors="surrogateescape").decode(errors="backslashreplace")
 
 
 def plan(axes: Axes, *, labels: bool = True) -> None:
@@ -92,14 +97,18 @@ def show_everything(axes: Axes, *paths: NDArray[np.float64], margin: float = 1.0
     axes.set_ylim(low[1], high[1])
 
 
-def legend_below(figure: Figure, *panels: Axes) -> None:
+def legend_below(figure: Figure, *panels: Axes, columns: int = 4) -> None:
     """One legend for the figure, under its axes: what the panels show, each label once."""
     shown: dict[str, Any] = {}
     for axes in panels:
         for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
             shown.setdefault(label, handle)
     if shown:
-        figure.legend(list(shown.values()), list(shown), loc="outside lower center", ncols=4)
+        legend = figure.legend(
+            list(shown.values()), list(map(printable, shown)), loc="outside lower center", ncols=columns
+        )
+        for text in legend.get_texts():
+            text.set_parse_math(False)
 
 
 def plan_size(points: NDArray[np.float64], *, longest: float = 8.0) -> tuple[float, float]:

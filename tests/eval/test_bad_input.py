@@ -65,7 +65,7 @@ def refused(capsys: pytest.CaptureFixture[str], *arguments: object, code: int = 
         ("inspect absent", "absent: No such file"),
         ("inspect", "PATH"),
         ("evaluate absent also", "absent: No such file"),
-        ("evaluate", "EST"),
+        ("evaluate", "EST... REF"),
     ],
 )
 def test_one_line_and_exit_code_2(line: str, words: str, tmp_path: Path, monkeypatch, capsys) -> None:
@@ -130,9 +130,9 @@ def test_evaluate_tells_bad_files_and_lines(tmp_path: Path, capsys) -> None:
     relations.write_text("0 1 1 0 0 0 0 0.5\n")
     assert f"{bad}:2: expected 8 finite numbers" in refused(capsys, "evaluate", bad, good)
     assert f"{late}: no stamps in common" in refused(capsys, "evaluate", good, late)
-    assert "holds relations, expected a TUM trajectory" in refused(capsys, "evaluate", relations, good)
+    assert "holds relations, expected TUM trajectories" in refused(capsys, "evaluate", relations, good)
     assert "none of 1 relations" in refused(capsys, "evaluate", late, relations)
-    assert "delta: no stretch of 1000 m" in refused(capsys, "evaluate", good, good, "--delta", 1000)
+    assert "one file, expected trajectories" in refused(capsys, "evaluate", good)
     assert "unit: unit 'feet'" in refused(capsys, "evaluate", good, good, "--unit", "feet")
     assert "delta" in refused(capsys, "evaluate", good, good, "--delta", "nan")
     assert "Is a directory" in refused(capsys, "evaluate", good, tmp_path)

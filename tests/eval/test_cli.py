@@ -150,7 +150,7 @@ def test_evaluate_knows_relations_by_their_content(data_folder: Path, tmp_path: 
     assert code == 0
     said = json.loads(capsys.readouterr().out)
     assert said["kind"] == "relations"
-    assert said["all"]["translation_m"]["count"] == said["matched"] > 100
+    assert said["all"]["translation_m"]["count"] == said["used"] > 100
 
 
 @pytest.mark.slow

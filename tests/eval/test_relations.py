@@ -58,6 +58,23 @@ def test_only_stamps_within_the_tolerance_match(tmp_path: Path, trajectory: Traj
     relations = read_relations(write(tmp_path, (0.00005, 1, 1, 0, 0), (0.01, 1, 1, 0, 0), (0, 9, 1, 0, 0)))
     assert relation_errors(trajectory, relations).matched == 1
     assert relation_errors(trajectory, relations, tolerance=0.02).matched == 2
+    assert relation_errors(trajectory, relations, interpolate=False).used == 1
+
+
+def test_stamps_between_poses_are_interpolated(tmp_path: Path, trajectory: Trajectory) -> None:
+    relations = read_relations(write(tmp_path, (0.25, 1, 0.75, 0, 0), (0.5, 2.5, 2.1, 0, 0), (-1, 1, 2, 0, 0)))
+    result = relation_errors(trajectory, relations)
+    assert (result.total, result.used, result.matched, result.interpolated) == (3, 2, 0, 2)
+    assert result.errors == pytest.approx([0, 0.05])  # at 2.5 s the robot is at 2.55 m
+    assert result.clear is result.at_stamps is None
+    with pytest.raises(InputError, match="none of 3 relations"):
+        relation_errors(trajectory, relations, interpolate=False)
+
+
+def test_poses_far_apart_are_not_interpolated(tmp_path: Path) -> None:
+    sparse = Trajectory(np.array([0.0, 5.0, 5.5]), np.zeros((3, 3)))
+    relations = read_relations(write(tmp_path, (2.5, 5, 0, 0, 0), (5, 5.2, 0, 0, 0)))
+    assert relation_errors(sparse, relations).used == 1
 
 
 def test_angles_wrap(tmp_path: Path) -> None:
@@ -106,6 +123,7 @@ def test_the_intel_log_has_452_clear_relations(data_folder: Path) -> None:
     assert result.clear.translation.count == 452
     assert result.clear.translation.mean == pytest.approx(3.46, abs=0.01)
     assert result.clear.rotation.mean == pytest.approx(39.5, abs=0.1)
+    assert result.used > 1030
     alone = relation_errors(odometry, read_relations(data_folder / "intel/intel_raw_part.relations"))
     assert alone.clear == result.clear
-    assert alone.all == alone.clear
+    assert alone.all == alone.at_stamps == alone.clear

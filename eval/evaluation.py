@@ -1,0 +1,110 @@
+"""A trajectory scored against a reference as a value: against another trajectory, or against relations."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from moteslam.errors import InputError
+from moteslam.eval.metrics.association import MAX_DIFFERENCE
+from moteslam.eval.metrics.ate import AteResult, absolute_trajectory_error
+from moteslam.eval.metrics.relations import TOLERANCE, RelationResult, Relations, relation_errors
+from moteslam.eval.metrics.rpe import RpeResult, relative_pose_error
+from moteslam.robot.trajectory import Trajectory
+
+
+@dataclass(frozen=True, eq=False)
+class AgainstTrajectory:
+    """A trajectory against another one.
+
+    Attributes:
+        ate: the absolute error.
+        aligned: whether after rigid alignment.
+        rpe: the relative error; None where it cannot be had, and
+        without_rpe: why.
+    """
+
+    ate: AteResult
+    aligned: bool
+    rpe: RpeResult | None
+    without_rpe: str = ""
+
+    def as_dict(self) -> dict[str, Any]:
+        """The statistics as they go into JSON."""
+        rpe = {"error": self.without_rpe} if self.rpe is None else self.rpe.as_dict()
+        return {"kind": "trajectory", "aligned": self.aligned, "ate": self.ate.as_dict(), "rpe": rpe}
+
+    def errors(self) -> dict[str, Any]:
+        """The error at every stamp, as it goes into JSON."""
+        return {
+            "stamps": self.ate.stamps.tolist(),
+            "translation_m": self.ate.errors.tolist(),
+            "rotation_rad": self.ate.rotation_errors.tolist(),
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class AgainstRelations:
+    """A trajectory against hand-checked relations."""
+
+    result: RelationResult
+
+    def as_dict(self) -> dict[str, Any]:
+        """The statistics as they go into JSON."""
+        return {"kind": "relations", **self.result.as_dict()}
+
+    def errors(self) -> dict[str, Any]:
+        """The error of every relation that was used, as it goes into JSON."""
+        return {
+            "stamps": self.result.stamps.tolist(),
+            "translation_m": self.result.errors.tolist(),
+            "rotation_rad": self.result.rotation_errors.tolist(),
+        }
+
+
+def against_trajectory(
+    estimate: Trajectory,
+    reference: Trajectory,
+    *,
+    align: bool = True,
+    delta: float = 1.0,
+    unit: str = "m",
+    all_pairs: bool = False,
+    max_difference: float | None = None,
+) -> AgainstTrajectory:
+    """Score a trajectory by another one.
+
+    Args:
+        estimate, reference: the trajectories.
+        align: lay the estimate on the reference first.
+        delta, unit, all_pairs: of the relative error, as in ``relative_pose_error``.
+        max_difference: between stamps that belong together [s].
+
+    Raises:
+        InputError: no stamps in common, or an option out of bounds. A trajectory shorter than ``delta`` has no
+            relative error, and the rest all the same.
+    """
+    apart = MAX_DIFFERENCE if max_difference is None else max_difference
+    ate = absolute_trajectory_error(estimate, reference, align=align, max_difference=apart)
+    try:
+        rpe = relative_pose_error(
+            estimate,
+            reference,
+            delta=delta,
+            unit=unit,  # type: ignore[arg-type]  # checked there
+            all_pairs=all_pairs,
+            max_difference=apart,
+        )
+    except InputError as error:
+        if error.field != "pairs":
+            raise
+        return AgainstTrajectory(ate, align, None, error.problem)
+    return AgainstTrajectory(ate, align, rpe)
+
+
+def against_relations(
+    estimate: Trajectory, relations: Relations, *, interpolate: bool = True, tolerance: float | None = None
+) -> AgainstRelations:
+    """Score a trajectory by relations; arguments and errors as in ``relation_errors``."""
+    tolerance = TOLERANCE if tolerance is None else tolerance
+    return AgainstRelations(relation_errors(estimate, relations, interpolate=interpolate, tolerance=tolerance))

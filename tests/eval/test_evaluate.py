@@ -1,0 +1,93 @@
+"""``moteslam evaluate``: one trajectory or several, short ones, relations between poses, results kept and drawn."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from moteslam.eval.cli import main, text
+from moteslam.robot.trajectory import Trajectory, write_tum
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Three estimates of a drive of 10 m, and one of the first half metre; the working folder."""
+    stamps = np.arange(0.0, 10.0, 0.1)
+    truth = np.stack((stamps, np.sin(stamps), np.arctan(np.cos(stamps))), axis=-1)
+    for name, noise in (("good", 0.01), ("poor", 0.1), ("$worst_$", 0.3)):
+        poses = truth + np.random.default_rng(1).normal(0, noise, truth.shape) * (1, 1, 0.1)
+        write_tum(tmp_path / f"{name}.tum", Trajectory(stamps, poses))
+    write_tum(tmp_path / "truth.tum", Trajectory(stamps, truth))
+    write_tum(tmp_path / "short.tum", Trajectory(stamps[:6], truth[:6] + np.array((0.0, 0.0, 0.01))))
+    (tmp_path / "some.relations").write_text(
+        "1 2 1 0 0 0 0 0\n1.05 2.05 1 0 0 0 0 0\n5 90 1 0 0 0 0 0\n", encoding="utf-8"
+    )
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def said(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
+    """What the command prints; it ends well."""
+    assert main.run(["evaluate", *arguments]) == 0
+    return capsys.readouterr().out
+
+
+def test_several_are_printed_side_by_side(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    lines = said(capsys, "good.tum", "poor.tum", "$worst_$.tum", "truth.tum").splitlines()
+    assert lines[0] == "against truth.tum"
+    assert lines[1].split()[:2] == ["estimate", "poses"]
+    assert [line.split()[0] for line in lines[2:]] == ["good.tum", "poor.tum", "$worst_$.tum"]
+    errors = [float(line.split()[2]) for line in lines[2:]]
+    assert errors == sorted(errors)
+    assert 0.01 < errors[0] < 0.02
+    rows = json.loads(said(capsys, "good.tum", "poor.tum", "truth.tum", "--json"))
+    assert [row["estimate"] for row in rows["results"]] == ["good.tum", "poor.tum"]
+    assert rows["results"][0]["ate"]["translation_m"]["rmse"] == pytest.approx(errors[0], abs=1e-4)
+
+
+def test_a_trajectory_under_a_metre_has_its_absolute_error(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main.run(["evaluate", "short.tum", "truth.tum"]) == 0
+    out, err = capsys.readouterr()
+    assert "ATE [m]" in out
+    assert "RPE" not in out
+    assert err == "moteslam: warning: short.tum: no relative error: no pair 1 m apart among 6 matched poses, " \
+        "expected a shorter delta\n"  # fmt: skip
+    assert "RPE over 0.2 m" in said(capsys, "short.tum", "truth.tum", "--delta", "0.2")
+    assert json.loads(said(capsys, "short.tum", "truth.tum", "--json"))["rpe"]["error"].startswith("no pair 1 m")
+    last = said(capsys, "good.tum", "short.tum", "truth.tum").splitlines()[-1]
+    assert last.split()[-1] == "-"
+
+
+def test_relations_say_how_many_were_used(
+    folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    line = "2 of 3 relations used, 1 of them between poses"
+    assert said(capsys, "good.tum", "some.relations").splitlines()[-1] == line
+    assert "1 of 3 relations used, 0 of them" in said(capsys, "good.tum", "some.relations", "--no-interpolate")
+    found = json.loads(said(capsys, "good.tum", "some.relations", "--json"))
+    assert (found["used"], found["interpolated"], found["total"]) == (2, 1, 3)
+    monkeypatch.setattr(text.sys.stdout, "isatty", lambda: True, raising=False)
+    assert text.bold(line) == f"\x1b[1m{line}\x1b[0m"
+
+
+@pytest.mark.parametrize("reference", ["truth.tum", "some.relations"])
+def test_results_are_kept_and_drawn(folder: Path, capsys: pytest.CaptureFixture[str], reference: str) -> None:
+    files = ("--save", "new/result.json", "--plot", "new/errors.png")
+    said(capsys, "good.tum", "$worst_$.tum", reference, *files)
+    rows = json.loads((folder / "new/result.json").read_text(encoding="utf-8"))["results"]
+    assert [row["estimate"] for row in rows] == ["good.tum", "$worst_$.tum"]
+    for row in rows:
+        errors = np.array(row["errors"]["translation_m"])
+        assert len(errors) == len(row["errors"]["stamps"]) == (100 if reference == "truth.tum" else 2)
+        mean = row["ate" if reference == "truth.tum" else "all"]["translation_m"]["mean"]
+        assert errors.mean() == pytest.approx(mean)
+    picture = cv2.imread(str(folder / "new/errors.png"))
+    assert picture.shape[1] > 1000
+    assert main.run(["evaluate", "good.tum", reference, *files]) == 2
+    assert "new/result.json: exists already" in capsys.readouterr().err
+    said(capsys, "good.tum", reference, *files, "--force")
+    assert len(json.loads((folder / "new/result.json").read_text(encoding="utf-8"))["results"]) == 1
