@@ -177,10 +177,11 @@ def relation_errors(
     if not len(trajectory):
         raise InputError("a trajectory without poses, expected one at every scan")
     first, poses_there = _poses_at(trajectory.stamps, relations.stamps, tolerance)
-    exact = (poses_there > 0).all(axis=1)
-    used = exact.copy()
+    reachable = poses_there > 0
+    exact = np.asarray(reachable.all(axis=1))
     if interpolate:
-        used |= ((poses_there > 0) | _enclosed(trajectory.stamps, relations.stamps)).all(axis=1)
+        reachable |= _enclosed(trajectory.stamps, relations.stamps)
+    used = np.asarray(reachable.all(axis=1))
     if not used.any():
         raise InputError(
             f"none of {len(relations)} relations has a pose at both of its stamps, expected the relations of "
@@ -204,7 +205,7 @@ def relation_errors(
         total=len(relations),
         all=everything,
         at_stamps=score(exact[used]),
-        clear=score((poses_there[used] == 1).all(axis=1)),
+        clear=score(np.asarray((poses_there[used] == 1).all(axis=1))),
         stamps=stamps,
         errors=distance,
         rotation_errors=angle,

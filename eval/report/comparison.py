@@ -6,7 +6,7 @@ import os
 from collections.abc import Mapping
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -99,6 +99,6 @@ def _short(names: list[str]) -> list[str]:
     return [str(Path(name).absolute().relative_to(shared)) for name in names]
 
 
-def _look(index: int) -> dict[str, str]:
+def _look(index: int) -> dict[str, Any]:
     """Colour and dashes of the trajectory of this index."""
     return {"color": COLOURS[index % len(COLOURS)], "ls": ("-", "--", ":", "-.")[index // len(COLOURS) % 4]}
