@@ -14,24 +14,31 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.errors import InputError
+from moteslam.robot.arrays import frozen
 from moteslam.robot.platform import Platform
+
+_COLUMNS = {"counts": 4, "poses": 3, "odometry": 3, "angular_velocity": 3, "linear_acceleration_g": 3}
+"""How many columns the arrays of this name have."""
 
 
 class _Frozen:
-    """Makes every array of a dataclass contiguous and read-only, and checks its first axis against the stamps."""
+    """Makes every array of a dataclass contiguous and read-only, and checks its axes against the stamps."""
 
     def __post_init__(self) -> None:
-        for field in fields(self):  # type: ignore[arg-type]
-            value = getattr(self, field.name)
-            if isinstance(value, np.ndarray):
-                value = np.ascontiguousarray(value)
-                value.setflags(write=False)
-                object.__setattr__(self, field.name, value)
-        stamps: NDArray[np.float64] = self.stamps  # type: ignore[attr-defined]
+        stamps = frozen(self.stamps)  # type: ignore[attr-defined]
         if stamps.ndim != 1 or stamps.dtype != np.float64:
-            raise InputError(f"stamps of {stamps.dtype} {stamps.shape}, expected float64 [n]")
+            raise InputError(f"stamps of {stamps.dtype} {list(stamps.shape)}, expected float64 [n]")
         if not np.isfinite(stamps).all() or (np.diff(stamps) < 0).any():
             raise InputError("stamps go back or are not finite, expected rising seconds", field="stamps")
+        for field in fields(self):  # type: ignore[arg-type]
+            value = getattr(self, field.name)
+            if not isinstance(value, np.ndarray):
+                continue
+            columns = _COLUMNS.get(field.name)
+            if field.name != "stamps" and (len(value) != len(stamps) or (columns and value.shape[1:] != (columns,))):
+                wanted = f"[{len(stamps)}, {columns}]" if columns else f"[{len(stamps)}, ...]"
+                raise InputError(f"{field.name} {list(value.shape)}, expected {wanted}", field=field.name)
+            object.__setattr__(self, field.name, frozen(value))
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,12 +67,9 @@ class LidarStream(_Frozen):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.ranges.dtype != np.float32 or self.ranges.ndim != 2 or len(self.ranges) != len(self.stamps):
-            raise InputError(
-                f"ranges of {self.ranges.dtype} {self.ranges.shape}, expected float32 [{len(self.stamps)}, beams]"
-            )
-        if self.odometry is not None and self.odometry.shape != (len(self.stamps), 3):
-            raise InputError(f"odometry {self.odometry.shape}, expected [{len(self.stamps)}, 3]")
+        if self.ranges.dtype != np.float32 or self.ranges.ndim != 2:
+            found = f"{self.ranges.dtype} {list(self.ranges.shape)}"
+            raise InputError(f"{found}, expected float32 [{len(self.stamps)}, beams]", field="ranges")
 
     def __len__(self) -> int:
         return len(self.stamps)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from moteslam.errors import InputError
 from moteslam.robot import se2
+from moteslam.robot.arrays import frozen
 from moteslam.robot.files import write_atomically
 
 
@@ -27,12 +28,9 @@ class Trajectory:
     poses: NDArray[np.float64]
 
     def __post_init__(self) -> None:
-        stamps = np.ascontiguousarray(self.stamps, np.float64)
-        poses = np.ascontiguousarray(self.poses, np.float64)
+        stamps, poses = frozen(self.stamps, np.float64), frozen(self.poses, np.float64)
         if stamps.ndim != 1 or poses.shape != (len(stamps), 3):
-            raise InputError(f"stamps {stamps.shape} and poses {poses.shape}, expected [n] and [n, 3]")
-        for array in (stamps, poses):
-            array.setflags(write=False)
+            raise InputError(f"stamps {list(stamps.shape)} and poses {list(poses.shape)}, expected [n] and [n, 3]")
         object.__setattr__(self, "stamps", stamps)
         object.__setattr__(self, "poses", poses)
 

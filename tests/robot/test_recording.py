@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -9,7 +10,8 @@ import pytest
 
 from moteslam.errors import InputError
 from moteslam.robot.platform import UCSD
-from moteslam.robot.recording import EncoderStream, LidarStream, Recording
+from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream, OdometryStream, Recording
+from moteslam.robot.trajectory import Trajectory
 
 
 def lidar(**changes: Any) -> LidarStream:
@@ -46,15 +48,50 @@ def test_equal_stamps_are_allowed() -> None:
     [
         ({"stamps": np.array([0.0, 2.0, 1.0])}, "stamps: stamps go back or are not finite"),
         ({"stamps": np.array([0.0, np.nan, 1.0])}, "stamps: stamps go back or are not finite"),
-        ({"stamps": np.arange(3)}, r"stamps of int64 \(3,\), expected float64"),
-        ({"ranges": np.ones((3, 5))}, r"ranges of float64 \(3, 5\), expected float32 \[3, beams\]"),
-        ({"ranges": np.ones((5, 3), np.float32)}, r"expected float32 \[3, beams\]"),
-        ({"odometry": np.ones((2, 3))}, r"odometry \(2, 3\), expected \[3, 3\]"),
+        ({"stamps": np.arange(3)}, r"stamps of int64 \[3\], expected float64"),
+        ({"ranges": np.ones((3, 5))}, r"ranges: float64 \[3, 5\], expected float32 \[3, beams\]"),
+        ({"ranges": np.ones((5, 3), np.float32)}, r"ranges: ranges \[5, 3\], expected \[3, \.\.\.\]"),
+        ({"odometry": np.ones((2, 3))}, r"odometry: odometry \[2, 3\], expected \[3, 3\]"),
     ],
 )
 def test_what_does_not_fit_is_refused(changes: dict[str, Any], message: str) -> None:
     with pytest.raises(InputError, match=message):
         lidar(**changes)
+
+
+def test_a_callers_arrays_are_neither_frozen_nor_followed() -> None:
+    stamps, ranges = np.arange(3.0), np.ones((3, 5), np.float32)
+    stream = lidar(stamps=stamps, ranges=ranges[:, :])
+    trajectory = Trajectory(stamps, poses := np.zeros((3, 3)))
+    stamps[0], ranges[0, 0], poses[0, 0] = -1.0, 7.0, 7.0
+    assert stream.stamps[0] == trajectory.stamps[0] == trajectory.poses[0, 0] == 0.0
+    assert stream.ranges[0, 0] == 1.0
+
+
+def test_an_array_that_nobody_can_write_to_is_not_copied() -> None:
+    ranges = np.ones((3, 5), np.float32)
+    ranges.setflags(write=False)
+    assert np.shares_memory(lidar(ranges=ranges).ranges, ranges)
+    assert np.shares_memory(lidar(ranges=ranges[:2], stamps=np.arange(2.0)).ranges, ranges)
+    hidden = np.ones((3, 5), np.float32)
+    view = hidden[:]
+    view.setflags(write=False)  # who has the array behind it can write to it still
+    assert not np.shares_memory(lidar(ranges=view).ranges, hidden)
+
+
+@pytest.mark.parametrize(
+    ("stream", "message"),
+    [
+        (lambda: EncoderStream(np.arange(3.0), np.zeros((2, 4), int)), r"counts \[2, 4\], expected \[3, 4\]"),
+        (lambda: EncoderStream(np.arange(3.0), np.zeros((3, 2), int)), r"counts \[3, 2\], expected \[3, 4\]"),
+        (lambda: OdometryStream(np.arange(3.0), np.zeros((4, 3))), r"poses \[4, 3\], expected \[3, 3\]"),
+        (lambda: ImuStream(np.arange(3.0), np.zeros((3, 3)), np.zeros((2, 3))), r"linear_acceleration_g \[2, 3\]"),
+        (lambda: ImuStream(np.arange(3.0), np.zeros(3), np.zeros((3, 3))), r"angular_velocity \[3\], expected"),
+    ],
+)
+def test_every_array_has_a_row_for_every_stamp(stream: Callable[[], object], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        stream()
 
 
 def test_replace_changes_a_copy() -> None:

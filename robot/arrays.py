@@ -1,0 +1,36 @@
+"""Arrays that nobody can change: what an immutable value holds."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, DTypeLike, NDArray
+
+
+def frozen(values: ArrayLike, dtype: DTypeLike = None) -> NDArray[Any]:
+    """The values as a contiguous array that cannot be written to.
+
+    An array that somebody can still write to is copied: neither is a caller's array frozen under him, nor does what he
+    writes into it change the value. One that nobody can write to is taken as it is; so readers freeze what they hand
+    over.
+
+    Args:
+        values: of the array.
+        dtype: to convert to; as they are if None.
+    """
+    array: NDArray[Any] = np.ascontiguousarray(values, dtype)
+    if isinstance(values, np.ndarray) and np.may_share_memory(array, values) and _writable(array):
+        array = array.copy()
+    array.setflags(write=False)
+    return array
+
+
+def _writable(array: NDArray[Any]) -> bool:
+    """Whether the memory of an array can be written to, through itself or what it is a view of."""
+    base: Any = array
+    while isinstance(base, np.ndarray):
+        if base.flags.writeable:
+            return True
+        base = base.base
+    return base is not None and not isinstance(base, bytes)
