@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 
-def frozen(values: ArrayLike, dtype: DTypeLike = None) -> NDArray[Any]:
+def frozen(values: ArrayLike, dtype: DTypeLike | None = None) -> NDArray[Any]:
     """The values as a contiguous array that cannot be written to.
 
     An array that somebody can still write to is copied: neither is a caller's array frozen under him, nor does what he
