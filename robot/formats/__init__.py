@@ -43,7 +43,7 @@ def _read_ucsd(path: Path, sequence: str | int | None, platform: Robot) -> Recor
 
 def _read_carmen(path: Path, sequence: str | int | None, platform: Robot) -> Recording:
     if sequence is not None:
-        raise InputError("a CARMEN log is one sequence, expected no --sequence", file=path, field="sequence")
+        raise InputError("a CARMEN log is one sequence, expected none to be chosen", file=path, field="sequence")
     return read_carmen(path, platform=platform)
 
 

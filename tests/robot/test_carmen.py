@@ -271,7 +271,7 @@ def test_absurd_stamps_are_refused(tmp_path: Path) -> None:
 
 
 def test_a_log_has_no_sequences(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="expected no --sequence"):
+    with pytest.raises(InputError, match="expected none to be chosen"):
         open_recording(write_log(tmp_path / "x.log", GOOD), sequence=1)
 
 
