@@ -42,7 +42,7 @@ def show(
     ],
     out: Annotated[Path, typer.Option(help="The PNG to write; folders above it are made.")],
     seed: Annotated[int | None, typer.Option(min=0, max=2**63 - 1, help="Of a random building.")] = None,
-    drive: Annotated[bool, typer.Option("--drive", help="Drive it, and draw the way that was driven.")] = False,
+    drive: Annotated[bool, typer.Option("--drive", help="Drive it, and draw the driven path.")] = False,
     force: Annotated[bool, typer.Option("--force", help="Replace an existing --out.")] = False,
 ) -> None:
     """Draw a scenario as a plan: walls and what they are made of, who moves, and the route.
@@ -52,16 +52,16 @@ def show(
       moteslam scenarios show office --out office.png
       moteslam scenarios show random-corridors --seed 7 --drive --out unseen.png
     """  # noqa: D301
-    from moteslam.errors import OutputError
-    from moteslam.eval.cli.batch import named_in_errors, ordered_scenario
+    from moteslam.errors import ExistsError, OutputError
+    from moteslam.eval.cli.batch import chosen_scenario, named_in_errors
     from moteslam.eval.report.scenarios import draw_scenario
     from moteslam.robot.files import folder_for
 
     if out.suffix.lower() != ".png":
         raise OutputError("no .png file, expected one to write", file=out)
     if out.exists() and not force:
-        raise OutputError("exists already; name a new file, or replace it with --force", file=out)
-    chosen = ordered_scenario(scenario, seed)
+        raise ExistsError("exists already; name a new file", file=out)
+    chosen = chosen_scenario(scenario, seed)
     driven = None
     if drive:
         from moteslam.sim.simulate import true_drive
@@ -97,21 +97,21 @@ def animate(
       moteslam scenarios animate people --out people.gif
       moteslam scenarios animate corridor --duration 60 --frames 300 --out corridor.mp4
     """  # noqa: D301
-    from moteslam.errors import OutputError
+    from moteslam.errors import ExistsError, OutputError
 
     if out.suffix.lower() not in (".gif", ".mp4"):
         raise OutputError("neither a .gif nor an .mp4 file, expected one to write", file=out)
     if out.exists() and not force:
-        raise OutputError("exists already; name a new file, or replace it with --force", file=out)
+        raise ExistsError("exists already; name a new file", file=out)
     config = options.SlamOptions(preset=preset, settings=settings).resolved()
-    from moteslam.eval.cli.batch import named_in_errors, ordered_scenario
+    from moteslam.eval.cli.batch import chosen_scenario, named_in_errors
     from moteslam.eval.cli.progress import progress_bar
     from moteslam.eval.cli.simulate import simulate_with_progress
     from moteslam.eval.report.animation import Film, write_film
     from moteslam.robot.files import folder_for
     from moteslam.slam.run import SlamSession
 
-    chosen = ordered_scenario(scenario, seed)
+    chosen = chosen_scenario(scenario, seed)
     if duration is not None:
         chosen = chosen.model_copy(update={"duration": min(duration, chosen.duration)})
     with folder_for(out):
