@@ -48,5 +48,9 @@ class OutputError(MoteslamError):
     """A result that cannot be written: the folder exists, is read-only, or the disk is full."""
 
 
+class ExistsError(OutputError):
+    """A target that exists already, where it was not asked to replace it."""
+
+
 class BackendError(MoteslamError):
     """Taichi cannot run on the backend asked for."""

@@ -25,7 +25,7 @@ from parts.options import result_file, seeds
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from moteslam.sim.sensors.rgbd import Shots
+    from moteslam.sim.sensors.rgbd import CameraFrames
 
 PARALLEL = "two_halls"
 """The scenario whose error is to be halved; the others may not grow by more than a tenth."""
@@ -35,16 +35,16 @@ HALVED, WORSE = 0.5, 1.1
 class Drawn:
     """A simulated camera's images, drawn when they are asked for."""
 
-    def __init__(self, shots: Shots) -> None:
-        self._shots = shots
+    def __init__(self, frames: CameraFrames) -> None:
+        self._frames = frames
 
     def rgb(self, index: int) -> NDArray[np.uint8]:
         """The colour image [480, 640, 3] of a stamp."""
-        return self._shots.draw_rgb(np.array([index]))[0]
+        return self._frames.draw_rgb(np.array([index]))[0]
 
     def disparity(self, index: int) -> NDArray[np.uint16]:
         """The raw disparity image [480, 640] of a stamp."""
-        return self._shots.draw_disparity(np.array([index]))[0]
+        return self._frames.draw_disparity(np.array([index]))[0]
 
 
 def run(name: str, seed: int, settings: list[str], with_settings: list[str]) -> dict[str, Any]:
@@ -52,17 +52,16 @@ def run(name: str, seed: int, settings: list[str], with_settings: list[str]) -> 
     from dataclasses import replace
 
     from moteslam.eval.metrics.ate import absolute_trajectory_error
-    from moteslam.sim.camera import with_camera
-    from moteslam.sim.scenario import load_scenario
+    from moteslam.sim.scenario import load_scenario, with_camera
     from moteslam.sim.simulate import simulate
     from moteslam.slam.run import run_slam
     from moteslam.slam.settings import resolve_config
 
     simulation = simulate(with_camera(load_scenario(name)), seed)
-    recording, shots = simulation.recording, simulation.shots
+    recording, frames = simulation.recording, simulation.frames
     assert recording.rgbd is not None
-    assert shots is not None
-    recording = recording.replace(rgbd=replace(recording.rgbd, images=Drawn(shots)))
+    assert frames is not None
+    recording = recording.replace(rgbd=replace(recording.rgbd, images=Drawn(frames)))
     row: dict[str, Any] = {"run": name, "seed": seed}
     for which, more in (("without", []), ("with", ["colours.enabled=true", *with_settings])):
         config = resolve_config("default", ["texture.enabled=false", *settings, *more])

@@ -37,9 +37,10 @@ def processor_seconds() -> float:
 
 def speed(folder: Path, seconds: float) -> dict[str, Any]:
     """Simulate and write with every frame at 30 Hz."""
-    from moteslam.sim.camera import CameraSettings, with_camera
-    from moteslam.sim.scenario import load_scenario
-    from moteslam.sim.simulate import simulate, write_simulation
+    from moteslam.sim.output import write_simulation
+    from moteslam.sim.scenario import load_scenario, with_camera
+    from moteslam.sim.sensors.camera import CameraSettings
+    from moteslam.sim.simulate import simulate
 
     scenario = with_camera(load_scenario("corridor"))
     settings = CameraSettings(gap=0.0)
@@ -47,16 +48,16 @@ def speed(folder: Path, seconds: float) -> dict[str, Any]:
     load, used, began = os.getloadavg()[0], processor_seconds(), time.perf_counter()
     simulation = simulate(scenario, 0)
     driven = time.perf_counter()
-    told: list[str] = []
-    write_simulation(folder, simulation, tell=told.append)
+    announced: list[str] = []
+    write_simulation(folder, simulation, announce=announced.append)
     ended = time.perf_counter()
-    assert simulation.shots is not None
+    assert simulation.frames is not None
     images = sorted((folder / "dataRGBD").rglob("*.png"))
     return {
         "simulated_s": float(simulation.truth.stamps[-1] - simulation.truth.stamps[0]),
         "images": len(images),
         "bytes": sum(path.stat().st_size for path in images),
-        "told": told[0],
+        "announced": announced[0],
         "wall_s": ended - began,
         "of_it_drive_and_lidar_s": driven - began,
         "processor_s": processor_seconds() - used,
@@ -70,9 +71,9 @@ def colours(folder: Path, preset: str, seed: int) -> dict[str, Any]:
     from moteslam.robot.formats import open_recording
     from moteslam.robot.se2 import compose
     from moteslam.robot.trajectory import Trajectory
-    from moteslam.sim.camera import with_camera
-    from moteslam.sim.scenario import load_scenario
-    from moteslam.sim.simulate import simulate, write_simulation
+    from moteslam.sim.output import write_simulation
+    from moteslam.sim.scenario import load_scenario, with_camera
+    from moteslam.sim.simulate import simulate
     from moteslam.slam.run import run_slam
     from moteslam.slam.settings import resolve_config
 
@@ -97,8 +98,8 @@ def colours(folder: Path, preset: str, seed: int) -> dict[str, Any]:
 def scored(simulation: Any, recording: Any, trajectory: Any) -> dict[str, Any]:
     """Colour the floor along a trajectory in the world, and compare it with the true floor."""
     from moteslam.eval.metrics.texture import registration, score_texture
-    from moteslam.sim.floor import rasterise
-    from moteslam.sim.visibility import seen_cells
+    from moteslam.sim.sensors.visibility import seen_cells
+    from moteslam.sim.world.floor import rasterise
     from moteslam.slam.texture.config import TextureConfig
     from moteslam.slam.texture.floor_map import map_texture
 
@@ -108,8 +109,8 @@ def scored(simulation: Any, recording: Any, trajectory: Any) -> dict[str, Any]:
     rows, columns = texture.points.shape
     margin = 20
     (x, y), shape = texture.origin, (rows + 2 * margin, columns + 2 * margin)
-    floor = rasterise(simulation.scenario.floor, (x, y, x + columns * CELL, y + rows * CELL), CELL, samples=5).colours
-    seen = seen_cells(simulation.shots, (x - margin * CELL, y - margin * CELL), shape, CELL)
+    floor = rasterise(simulation.scenario.floor, (x, y, x + columns * CELL, y + rows * CELL), CELL, samples=5).values
+    seen = seen_cells(simulation.frames, (x - margin * CELL, y - margin * CELL), shape, CELL)
     coloured = np.zeros_like(seen)
     coloured[margin:-margin, margin:-margin] = texture.known
     moved = np.roll(floor, (2, 0), axis=(0, 1))

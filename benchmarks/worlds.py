@@ -39,11 +39,12 @@ def start() -> None:
 
 def look_at(seed: int) -> dict[str, Any]:
     """Simulate the building of a seed and tell what was found."""
-    from moteslam.sim.random_corridors import random_corridors
+    from moteslam.sim.scenario import parse_scenario
     from moteslam.sim.simulate import simulate
+    from moteslam.sim.world.random_corridors import random_corridors
 
     began = time.perf_counter()
-    scenario = random_corridors(seed)
+    scenario = parse_scenario(random_corridors(seed))
     built = time.perf_counter()
     simulation = simulate(scenario, seed)
     done = time.perf_counter()

@@ -11,11 +11,11 @@ from os import PathLike
 from pathlib import Path
 from typing import IO
 
-from moteslam.errors import OutputError
+from moteslam.errors import ExistsError, OutputError
 
 
 def write_atomically(path: str | PathLike[str], content: str | bytes | Callable[[IO[bytes]], None]) -> None:
-    """Write a file whole or not at all.
+    """Write a complete file, or none.
 
     Args:
         path: the target; its folder must exist.
@@ -66,10 +66,10 @@ def folder_for(path: str | PathLike[str]) -> Iterator[None]:
 def result_folder(
     path: str | PathLike[str], *, force: bool = False, keep: str | PathLike[str] | None = None
 ) -> Iterator[Path]:
-    """A new folder that appears whole under its name when the block ends, and not at all when it fails.
+    """A new folder that appears under its name, complete, when the block ends, and not at all when it fails.
 
     The block writes into a temporary sibling. An existing folder is refused unless ``force``, and then replaced
-    whole at the end; an interrupt or error leaves it as it was. Folders above it are made, and go again likewise.
+    at the end; an interrupt or error leaves it as it was. Folders above it are made, and go again likewise.
 
     Args:
         path: of the folder.
@@ -77,18 +77,18 @@ def result_folder(
         keep: an input that must not be replaced along with it.
 
     Raises:
-        OutputError: the target exists (without ``force``), is not a folder, holds ``keep`` or the current folder, or
-            cannot be written.
+        ExistsError: the target exists, without ``force``.
+        OutputError: it is not a folder, holds ``keep`` or the current folder, or cannot be written.
     """
     path = Path(path)
     if path.is_symlink() or path.exists():
         if not force:
-            raise OutputError("exists already; name a new folder, or replace it with --force", file=path)
+            raise ExistsError("exists already; name a new folder", file=path)
         if path.is_symlink() or not path.is_dir():
             raise OutputError("is not a folder, expected a folder to replace", file=path)
         for what, inside in (("the current folder", Path.cwd()), ("the input", keep)):
             if inside is not None and Path(inside).resolve().is_relative_to(path.resolve()):
-                raise OutputError(f"holds {what}, which --force would delete; expected another folder", file=path)
+                raise OutputError(f"holds {what}, which would be deleted; expected another folder", file=path)
     with folder_for(path):
         target = path.absolute()
         try:

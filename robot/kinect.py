@@ -16,7 +16,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 if TYPE_CHECKING:
     from moteslam.robot.platform import CameraMount
@@ -56,29 +56,15 @@ OPTICAL_TO_BODY: NDArray[np.float64] = np.array(((0.0, 0.0, 1.0), (-1.0, 0.0, 0.
 OPTICAL_TO_BODY.setflags(write=False)
 
 
-def depth_of(disparity: ArrayLike) -> NDArray[np.float64]:
-    """The depth [m] of raw disparities of any shape; ``nan`` where there is none (0, 2047 and above, or behind)."""
-    d = np.asarray(disparity, np.float64)
-    dd = DISPARITY_SLOPE * d + DISPARITY_OFFSET
-    valid = (d > 0) & (d < NO_DISPARITY) & (dd > 0)
-    return np.where(valid, DEPTH_SCALE / np.where(valid, dd, 1.0), np.nan)
-
-
-def disparity_of(depth: ArrayLike) -> NDArray[np.float64]:
-    """The raw disparity, not rounded, of depths [m] of any shape: the inverse of ``depth_of``."""
-    return np.asarray((DEPTH_SCALE / np.asarray(depth, np.float64) - DISPARITY_OFFSET) / DISPARITY_SLOPE)
-
-
 def mount_rotation(mount: CameraMount) -> NDArray[np.float64]:
-    """The rotation [3, 3] from optical axes to the robot's: yaw * pitch * roll of the mount, then III.7.
+    """The rotation [3, 3] from optical axes to the robot's: III.7, then roll, pitch and yaw of the mount.
 
-    Roll, pitch and yaw turn about the robot's x, y and z, so that a positive pitch looks down.
+    They turn about the robot's x, y and z, so that a positive pitch looks down.
     """
-    (cr, sr), (cp, sp), (cy, sy) = ((np.cos(a), np.sin(a)) for a in (mount.roll, mount.pitch, mount.yaw))
-    roll = np.array(((1, 0, 0), (0, cr, -sr), (0, sr, cr)))
-    pitch = np.array(((cp, 0, sp), (0, 1, 0), (-sp, 0, cp)))
-    yaw = np.array(((cy, -sy, 0), (sy, cy, 0), (0, 0, 1)))
-    return np.asarray(yaw @ pitch @ roll @ OPTICAL_TO_BODY)
+    from scipy.spatial.transform import Rotation
+
+    turn = Rotation.from_euler("ZYX", (mount.yaw, mount.pitch, mount.roll))
+    return np.asarray(turn.as_matrix() @ OPTICAL_TO_BODY)
 
 
 def optical_rays(*, colour: bool) -> NDArray[np.float64]:

@@ -10,6 +10,7 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import tomli_w
 from pydantic import ValidationError, field_validator
 
@@ -87,6 +88,11 @@ class Platform(Section):
     wheels: Wheels | None = None
     lidar: LidarMount = LidarMount()
     camera: CameraMount | None = None
+
+    @property
+    def radius(self) -> float:
+        """The radius of the circle about the body [m]."""
+        return float(np.hypot(self.length, self.width) / 2)
 
     @field_validator("wheels", "camera", mode="before")
     @classmethod

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any, get_args
+from collections.abc import Callable, Iterator
+from typing import Any, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
@@ -49,15 +49,24 @@ def first_complaint(error: ValidationError, whole: str, expected: Callable[[Plac
 
 
 def known_keys(model: type[BaseModel], place: Place) -> list[str]:
-    """The keys of the table at a place in a model, where every part of the way is a model, or one of a choice."""
+    """The keys of the table at a place in a model: within tables, lists of tables, and tables by name."""
+    named = False
     for part in place:
-        annotation: Any = model.model_fields[str(part)].annotation
-        model = next(kind for kind in (annotation, *get_args(annotation)) if _is_model(kind))
+        if isinstance(part, int) or named:  # an item of a list, or of a table by name
+            named = False
+            continue
+        annotation: Any = model.model_fields[part].annotation
+        named = get_origin(annotation) is dict
+        model = next(_models(annotation))
     return list(model.model_fields)
 
 
-def _is_model(kind: Any) -> bool:
-    return isinstance(kind, type) and issubclass(kind, BaseModel)
+def _models(kind: Any) -> Iterator[type[BaseModel]]:
+    """The models within a type."""
+    if isinstance(kind, type) and issubclass(kind, BaseModel):
+        yield kind
+    for part in get_args(kind):
+        yield from _models(part)
 
 
 def _in_words(error: ErrorDetails) -> str:

@@ -1,4 +1,4 @@
-"""A scenario: a world, what the robot does in it, and how noisy its sensors are, as one TOML file."""
+"""A scenario: a world, who moves in it, what the robot does, and how noisy its sensors are, as one TOML file."""
 
 from __future__ import annotations
 
@@ -12,22 +12,37 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, ValidationError, model_validator
 
-from moteslam.errors import ConfigError
+from moteslam.errors import ConfigError, InputError
 from moteslam.robot.platform import UCSD, Platform
 from moteslam.robot.section import Number, Section, Truth, Whole
-from moteslam.robot.wording import first_complaint
-from moteslam.sim.camera import CameraSettings
-from moteslam.sim.checks import check_scenario
-from moteslam.sim.driving import MAX_DURATION, Body, Commands, Limits, Route, Wander
-from moteslam.sim.floor import FloorSettings
-from moteslam.sim.layout import Layout
-from moteslam.sim.moving import MAX_DOORS, MAX_PEOPLE, Crowd, Door, Outage, Person
-from moteslam.sim.noise import Noise
+from moteslam.robot.tables import merged
+from moteslam.robot.wording import first_complaint, known_keys
+from moteslam.sim.actors.checks import check_doors, check_people
+from moteslam.sim.actors.crowd import Crowd
+from moteslam.sim.actors.doors import MAX_DOORS, Door
+from moteslam.sim.actors.people import MAX_PEOPLE, Person
+from moteslam.sim.robot.commands import Commands
+from moteslam.sim.robot.limits import MAX_DURATION, Limits
+from moteslam.sim.robot.route import Route
+from moteslam.sim.robot.task import Task, check_duration, check_task
+from moteslam.sim.robot.vehicle import Body, check_body, check_wheels
+from moteslam.sim.robot.wander import Wander
+from moteslam.sim.sensors.camera import CameraSettings, check_camera
+from moteslam.sim.sensors.faults import Outage
+from moteslam.sim.sensors.mounts import check_mounts
+from moteslam.sim.sensors.noise import Noise
+from moteslam.sim.world.clearance import check_world
+from moteslam.sim.world.floor import FloorSettings
+from moteslam.sim.world.layout import Layout
+from moteslam.sim.world.random_corridors import NAME as RANDOM_CORRIDORS
+from moteslam.sim.world.random_corridors import random_corridors
+from moteslam.sim.world.world import World
 
 SCENARIOS = Path(__file__).parent / "scenarios"
 MAX_FILE_BYTES = 4_000_000
-_RANDOM = re.compile(r"random-corridors(?:-(\d{1,40}))?")
 MAX_SEED = 2**63 - 1
+_RANDOM = re.compile(rf"{RANDOM_CORRIDORS}(?:-(\d{{1,40}}))?")
+_TASKS = ("route", "wander", "commands")
 
 
 class Scenario(Section):
@@ -38,8 +53,8 @@ class Scenario(Section):
         description: what it is, one sentence.
         why: why it is hard, one sentence.
         expect_divergence: whether an estimate that is lost is no surprise here.
-        seed: of the noise, where ``simulate`` is given none.
-        duration: the run ends after this many seconds at the latest.
+        seed: of all that is random, unless ``simulate`` is given another.
+        duration: of the run at most [s].
         world: what stands in it.
         people, crowd: who walks in it.
         doors: what opens and shuts in it.
@@ -50,7 +65,7 @@ class Scenario(Section):
         noise: of the sensors; a file changes single values of the measured ones.
         outages: when a sensor is dead.
         floor: what it looks like; tiles if None.
-        camera: of the robot, which records images if it is given.
+        camera: of the robot; no images are recorded if None.
     """
 
     name: Annotated[str, Field(min_length=1, max_length=200)] = "scenario"
@@ -75,25 +90,70 @@ class Scenario(Section):
     camera: CameraSettings | None = None
 
     @model_validator(mode="after")
-    def _makes_sense(self) -> Scenario:
-        check_scenario(self)
+    def _is_possible(self) -> Scenario:
+        _check(self)
         return self
+
+    @property
+    def task(self) -> Task:
+        """What the robot does."""
+        task = self.route or self.wander or self.commands
+        assert task is not None  # a scenario without is refused
+        return task
 
     @property
     def start(self) -> NDArray[np.float64]:
         """The pose [3] that the robot starts at: x [m], y [m], theta [rad]."""
-        if self.commands is not None:
-            return np.asarray(self.commands.start, np.float64)
-        if self.route is not None:
-            first, second = self.route.corners[:2]
-            return np.array((*first, np.arctan2(*(second - first)[::-1])))
-        assert self.wander is not None
-        return np.array((*self.wander.start, 0.0))
+        return self.task.start_pose
 
     @property
-    def radius(self) -> float:
-        """The radius of the circle about the robot's body [m]."""
-        return float(np.hypot(self.platform.length, self.platform.width) / 2)
+    def has_actors(self) -> bool:
+        """Whether people or doors are in it."""
+        return bool(self.people or self.crowd is not None or self.doors)
+
+
+def _check(scenario: Scenario) -> None:
+    """Refuse a scenario whose parts contradict each other; each of them alone is checked where it is defined.
+
+    Raises:
+        ConfigError: not exactly one task, a run shorter than its task, a platform that cannot drive, a camera that
+            cannot record, an empty or outsized world, a floor plan or picture that cannot be read, people who begin on
+            each other or the robot, a door shut across its start, or a robot, waypoint or leg that touches a wall.
+    """
+    given = [task for task in _TASKS if getattr(scenario, task) is not None]
+    if len(given) != 1:
+        found = " and ".join(given) if given else "nothing to do"
+        raise ConfigError(
+            f"{found}, expected exactly one of route, wander and commands", field=given[-1] if given else "route"
+        )
+    platform, start = scenario.platform, scenario.start[:2]
+    check_duration(scenario.task, scenario.drive, scenario.duration)
+    check_wheels(platform)
+    check_mounts(platform)
+    check_body(scenario.body, platform)
+    if scenario.camera is not None:
+        check_camera(platform.camera)
+    if scenario.floor is not None:
+        scenario.floor.check_picture()
+    try:
+        world = World.of(scenario.world)
+    except InputError as error:
+        raise ConfigError(str(error), field="world.plan.file") from error
+    check_world(world)
+    check_people(scenario.people, world, start, platform.radius)
+    check_doors(scenario.doors, world, start, platform.radius)
+    check_task(scenario.task, world, platform)
+
+
+def with_camera(scenario: Scenario) -> Scenario:
+    """The scenario with a camera that records and a floor to see, where it has none of its own.
+
+    Raises:
+        ConfigError: the platform has no camera, or not above the floor.
+    """
+    check_camera(scenario.platform.camera)
+    changes = {"camera": scenario.camera or CameraSettings(), "floor": scenario.floor or FloorSettings()}
+    return scenario.model_copy(update=changes)
 
 
 def bundled_scenarios() -> dict[str, str]:
@@ -116,11 +176,9 @@ def load_scenario(name_or_path: str | PathLike[str]) -> Scenario:
     path = Path(name_or_path)
     text = str(name_or_path)
     if random := _RANDOM.fullmatch(text):
-        from moteslam.sim.random_corridors import random_corridors
-
         if (seed := int(random[1] or 0)) > MAX_SEED:
             raise ConfigError(f"no such building, expected a number up to {MAX_SEED}", file=text)
-        return random_corridors(seed)
+        return parse_scenario(random_corridors(seed), file=f"{RANDOM_CORRIDORS}-{seed}")
     if path.suffix != ".toml" and path.name == text:
         path = SCENARIOS / f"{text}.toml"
         if text not in bundled_scenarios():
@@ -139,7 +197,7 @@ def load_scenario(name_or_path: str | PathLike[str]) -> Scenario:
 
 
 def _no_such(path: Path) -> str:
-    """What is wrong with a name that neither is a bundled scenario's nor ends in ``.toml``."""
+    """What is wrong with a name that is no bundled scenario's and does not end in ``.toml``."""
     found = "no scenario of this name"
     if path.name and path.exists():
         found = "no .toml file, and no scenario of this name"
@@ -159,30 +217,23 @@ def parse_scenario(table: dict[str, Any], *, file: str | PathLike[str] | None = 
         table = {**table, "floor": {**floor, "image": str(Path(file).absolute().parent / floor["image"])}}
     for key, default in (("platform", UCSD), ("noise", Noise())):
         if isinstance(table.get(key), dict):
-            table = {**table, key: _merge(default.model_dump(mode="json", exclude_none=True), table[key])}
+            table = {**table, key: merged(default.model_dump(mode="json", exclude_none=True), table[key])}
     table = _with_plan_beside(table, file)
     try:
         return Scenario.model_validate(table)
     except ConfigError as error:
         raise ConfigError(error.problem, file=error.file or file, field=error.field) from error
     except ValidationError as error:
-        field, problem = first_complaint(error, "scenario", lambda _: "expected one that docs/scenarios.md lists")
+        field, problem = first_complaint(
+            error, "scenario", lambda place: f"expected one of {', '.join(known_keys(Scenario, place))}"
+        )
         raise ConfigError(problem, file=file, field=field or None) from error
 
 
 def _with_plan_beside(table: dict[str, Any], file: str | PathLike[str] | None) -> dict[str, Any]:
-    """The table with its floor plan's file seen from the scenario's folder, as an absolute path."""
+    """The table with its floor plan's file as an absolute path; a relative one is relative to the scenario's folder."""
     match table:
         case {"world": {"plan": {"file": str(name)} as plan} as world} if name and "\0" not in name:
             folder = Path.cwd() if file is None else Path(file).absolute().parent
             return {**table, "world": {**world, "plan": {**plan, "file": str(folder / name)}}}
     return table
-
-
-def _merge(base: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
-    """``base`` with the single values of ``changes`` put over it, tables within tables."""
-    merged = dict(base)
-    for key, value in changes.items():
-        below = merged.get(key)
-        merged[key] = _merge(below, value) if isinstance(below, dict) and isinstance(value, dict) else value
-    return merged

@@ -1,70 +1,73 @@
-"""A scenario in, a recording and its truth out; and both on disk."""
+"""A scenario in, a recording and its truth out."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from os import PathLike
-from pathlib import Path
 
 import numpy as np
-import tomli_w
 
 from moteslam.errors import ConfigError
-from moteslam.robot.files import write_atomically
+from moteslam.robot.raster import Raster
 from moteslam.robot.recording import Recording
-from moteslam.robot.trajectory import Trajectory, write_tum
-from moteslam.sim.drive import Drive, drive
-from moteslam.sim.faults import Stream, with_faults
-from moteslam.sim.floor import FloorImage, FloorSettings, rasterise, write_floor
-from moteslam.sim.movers import Movers
-from moteslam.sim.noise import ClockNoise
-from moteslam.sim.rates import PHYSICS_RATE, TRUTH_RATE
+from moteslam.robot.trajectory import Trajectory
+from moteslam.sim.actors.actors import Actors
+from moteslam.sim.actors.tracks import TRUTH_RATE, Tracks
+from moteslam.sim.robot.drive import Drive, drive
+from moteslam.sim.robot.task import driver_for
+from moteslam.sim.robot.vehicle import PHYSICS_RATE, Vehicle
 from moteslam.sim.scenario import Scenario
+from moteslam.sim.sensors.clock import ClockNoise
+from moteslam.sim.sensors.echoes import Scene
 from moteslam.sim.sensors.encoders import simulate_encoders
+from moteslam.sim.sensors.faults import Stream, with_faults
 from moteslam.sim.sensors.imu import simulate_imu
 from moteslam.sim.sensors.lidar import simulate_lidar
-from moteslam.sim.sensors.rgbd import Shots, plan_shots, write_shots
-from moteslam.sim.truth import TrueMap, true_map, write_true_map
-from moteslam.sim.world import World
+from moteslam.sim.sensors.rgbd import CameraFrames, schedule_frames
+from moteslam.sim.world.floor import FloorSettings, rasterise
+from moteslam.sim.world.true_map import true_map
+from moteslam.sim.world.world import World
 
 EPOCH = 1_300_000_000.0
 """The stamp of the drive's first moment [s since 1970], so that stamps are as coarse as a real robot's."""
 
 Progress = Callable[[str, float], None]
-"""Told what is being done (``drive``, ``lidar``) and the share of it that is done."""
+"""Called with what is being done (``drive``, ``lidar``) and the share of it that is done."""
 
-_CONCERNS = ("driver", "clocks", "lidar", "encoders", "imu", "others", "echoes", "wheels", "faults")
+Rngs = dict[str, np.random.Generator]
+"""Random generators by concern."""
+
+_CONCERNS = ("driver", "clocks", "lidar", "encoders", "imu", "actors", "echoes", "wheels", "faults")
 """What random numbers are drawn for. New ones go to the end: a concern's numbers depend on its place here alone."""
 
 
 @dataclass(frozen=True, eq=False)
 class Simulation:
-    """What the sensors saw, and what was so.
+    """What the sensors recorded, and the truth.
 
     Attributes:
         recording: the sensors' streams; nothing of the truth is in it.
-        truth: the robot's true poses in the world at 100 Hz, over all that the sensors saw.
+        truth: the robot's true poses in the world at 100 Hz, over all that the sensors recorded.
         scenario: what was simulated, with the seed that was used.
         end: why the drive ended: ``arrived``, ``stuck`` or ``out of time``.
-        movers: where people and doors were, from the first true pose on; None where there are none.
-        shots: the camera's frames, drawn when they are written; None where it records none.
+        tracks: where people and doors were, from the first true pose on; None where there are none.
+        frames: the camera's, drawn when they are asked for; None where it records none.
     """
 
     recording: Recording
     truth: Trajectory
     scenario: Scenario
     end: str
-    movers: Movers | None = None
-    shots: Shots | None = None
+    tracks: Tracks | None = None
+    frames: CameraFrames | None = None
 
     @property
     def world(self) -> World:
-        """The true world, what stands of it."""
+        """The standing parts of the true world."""
         return World.of(self.scenario.world)
 
-    def true_map(self, resolution: float) -> TrueMap:
-        """The true occupancy of what stands, as far as a way leads there from the robot's.
+    def true_map(self, resolution: float) -> Raster:
+        """The true occupancy of what stands, in all places that can be reached from the robot's start; see `true_map`.
 
         Args:
             resolution: a cell's side [m].
@@ -74,8 +77,8 @@ class Simulation:
         """
         return true_map(self.world, resolution, seen_from=self.truth.poses[:1, :2])
 
-    def true_floor(self, resolution: float) -> FloorImage:
-        """The true colours of the floor of the whole world, a cell the mean of nine points in it.
+    def true_floor(self, resolution: float) -> Raster:
+        """The true colours [H, W, 3] of the floor of the complete world, a cell the mean of nine points in it.
 
         Args:
             resolution: a cell's side [m].
@@ -98,13 +101,11 @@ def simulate(scenario: Scenario, seed: int | None = None, *, progress: Progress 
         ConfigError: a negative seed, or a robot that gets stuck on its route.
     """
     scenario = _seeded(scenario, seed)
-    wheels, noise = scenario.platform.wheels, scenario.noise
-    assert wheels is not None  # a scenario without is refused
-    say = progress or (lambda _what, _share: None)
-    chance = _chances(scenario.seed)
+    report = progress or (lambda _what, _share: None)
+    rngs = _rngs(scenario.seed)
     world = World.of(scenario.world)
-    driven = drive(
-        scenario, world, chance["driver"], others=chance["others"], progress=lambda share: say("drive", share)
+    driven = drive_scenario(
+        scenario, world, rngs["driver"], actors_rng=rngs["actors"], progress=lambda share: report("drive", share)
     )
     if driven.end == "stuck":
         x, y = driven.poses[-1, :2]
@@ -113,48 +114,56 @@ def simulate(scenario: Scenario, seed: int | None = None, *, progress: Progress 
             "expected a route it can follow: leave more room, or drive slower",
             field="route",
         )
-    say("drive", 1.0)
-    spans = _spans(float(driven.stamps[-1]), chance["clocks"])
-    scans = simulate_lidar(
-        driven,
-        world,
-        scenario.platform.lidar,
-        noise.lidar,
-        spans["lidar"],
-        chance["lidar"],
-        effects=chance["echoes"],
-        progress=lambda share: say("lidar", share),
-    )
-    counts = simulate_encoders(
-        driven, wheels, noise.encoders, noise.odometry_scale, spans["encoders"], chance["encoders"],
-        effects=chance["wheels"],
-    )  # fmt: skip
-    inertial = simulate_imu(driven, noise.imu, noise.odometry_scale, spans["imu"], chance["imu"])
-
-    faults = dict(zip(("lidar", "encoders", "imu"), chance["faults"].spawn(3), strict=True))
-
-    def arrived(sensor: str, stream: Stream, clock: ClockNoise) -> Stream:
-        outages = [outage for outage in scenario.outages if outage.sensor == sensor]
-        return _at_epoch(with_faults(stream, clock, outages, faults[sensor]))
-
-    shots = None
+    report("drive", 1.0)
+    scene = Scene(world, driven.tracks)
+    frames = None
     if scenario.camera is not None:
-        floor = scenario.floor or FloorSettings()
-        shots = plan_shots(
-            driven, world, floor, scenario.platform.camera, scenario.camera, scenario.seed, epoch=EPOCH
-        )  # fmt: skip
-    recording = Recording(
-        name=scenario.name,
-        platform=scenario.platform,
-        lidar=arrived("lidar", scans, noise.lidar.clock),
-        encoders=arrived("encoders", counts, noise.encoders.clock),
-        imu=arrived("imu", inertial, noise.imu.clock),
-        rgbd=None if shots is None else shots.stream,
-    )
+        floor, mount = scenario.floor or FloorSettings(), scenario.platform.camera
+        frames = schedule_frames(driven, scene, floor, mount, scenario.camera, scenario.seed, epoch=EPOCH)
+    recording = _record(scenario, driven, scene, rngs, report)
+    if frames is not None:
+        recording = recording.replace(rgbd=frames.stream)
     every = PHYSICS_RATE // TRUTH_RATE
     kept = np.unique(np.append(np.arange(0, len(driven.stamps), every), len(driven.stamps) - 1))
     truth = Trajectory(EPOCH + driven.stamps[kept], driven.truth.poses[kept])
-    return Simulation(recording, truth, scenario, driven.end, driven.movers, shots)
+    return Simulation(recording, truth, scenario, driven.end, driven.tracks, frames)
+
+
+def drive_scenario(
+    scenario: Scenario,
+    world: World,
+    rng: np.random.Generator,
+    *,
+    actors_rng: np.random.Generator | None = None,
+    progress: Callable[[float], None] | None = None,
+) -> Drive:
+    """Let the robot do a scenario's task, among its people and doors.
+
+    Args:
+        scenario: the task, the robot's body and the actors.
+        world: of the scenario.
+        rng: of the driver's inattention and, for a wander, of its path.
+        actors_rng: of people and doors; of seed 0 by default.
+        progress: called with the share of the path that lies behind.
+
+    Raises:
+        ConfigError: no room for a crowd, or a wander that finds no free leg.
+    """
+    vehicle = Vehicle(scenario.platform, scenario.body, scenario.start, world)
+    actors = None
+    if scenario.has_actors:
+        actors = Actors(
+            scenario.people,
+            scenario.crowd,
+            scenario.doors,
+            world=world,
+            space=vehicle.space,
+            start=scenario.start[:2],
+            duration=scenario.duration,
+            rng=np.random.default_rng(0) if actors_rng is None else actors_rng,
+        )
+    driver = driver_for(scenario.task, scenario.drive, world, rng)
+    return drive(vehicle, driver, scenario.drive, scenario.duration, actors=actors, progress=progress)
 
 
 def true_drive(scenario: Scenario, seed: int | None = None) -> Drive:
@@ -164,8 +173,48 @@ def true_drive(scenario: Scenario, seed: int | None = None) -> Drive:
         ConfigError: a negative seed.
     """
     scenario = _seeded(scenario, seed)
-    chance = _chances(scenario.seed)
-    return drive(scenario, World.of(scenario.world), chance["driver"], others=chance["others"])
+    rngs = _rngs(scenario.seed)
+    return drive_scenario(scenario, World.of(scenario.world), rngs["driver"], actors_rng=rngs["actors"])
+
+
+def _record(scenario: Scenario, driven: Drive, scene: Scene, rngs: Rngs, report: Progress) -> Recording:
+    """What lidar, encoders and IMU record of a drive, faults included."""
+    wheels, noise = scenario.platform.wheels, scenario.noise
+    assert wheels is not None  # a scenario without is refused
+    spans = _spans(float(driven.stamps[-1]), rngs["clocks"])
+    scans = simulate_lidar(
+        driven,
+        scene,
+        scenario.platform.lidar,
+        noise.lidar,
+        spans["lidar"],
+        rngs["lidar"],
+        effects=rngs["echoes"],
+        progress=lambda share: report("lidar", share),
+    )
+    counts = simulate_encoders(
+        driven,
+        wheels,
+        noise.encoders,
+        noise.odometry_scale,
+        spans["encoders"],
+        rngs["encoders"],
+        effects=rngs["wheels"],
+    )
+    inertial = simulate_imu(driven, noise.imu, noise.odometry_scale, spans["imu"], rngs["imu"])
+    faults = dict(zip(("lidar", "encoders", "imu"), rngs["faults"].spawn(3), strict=True))
+
+    def arrived(sensor: str, stream: Stream, clock: ClockNoise) -> Stream:
+        outages = [outage for outage in scenario.outages if outage.sensor == sensor]
+        return _at_epoch(with_faults(stream, clock, outages, faults[sensor]))
+
+    return Recording(
+        name=scenario.name,
+        platform=scenario.platform,
+        lidar=arrived("lidar", scans, noise.lidar.clock),
+        encoders=arrived("encoders", counts, noise.encoders.clock),
+        imu=arrived("imu", inertial, noise.imu.clock),
+    )
 
 
 def _seeded(scenario: Scenario, seed: int | None) -> Scenario:
@@ -174,47 +223,6 @@ def _seeded(scenario: Scenario, seed: int | None) -> Scenario:
     if not 0 <= seed < 2**63:
         raise ConfigError(f"{seed}, expected 0 or more", field="seed")
     return scenario.model_copy(update={"seed": seed})
-
-
-def write_simulation(
-    folder: str | PathLike[str],
-    simulation: Simulation,
-    *,
-    sequence: str = "20",
-    map_resolution: float | None = None,
-    progress: Progress | None = None,
-    tell: Callable[[str], None] | None = None,
-) -> None:
-    """Write a simulation as a folder in the UCSD layout, which reads back equal.
-
-    Beside the arrays and ``platform.toml`` go ``truth.tum`` and ``scenario.toml``, and, where it is asked for,
-    ``truth_map.pgm`` with its ``.yaml``. Where a camera records, its images go to ``dataRGBD/``, and with the true map
-    comes ``truth_floor.png`` with its ``.yaml``.
-
-    Args:
-        folder: exists.
-        simulation: what to write.
-        sequence: the number in the file names.
-        map_resolution: of the true map [m]; None for no such map.
-        progress: told the share of the images (``images``) that is written.
-        tell: told, before the first image is written, how large all will be.
-
-    Raises:
-        ConfigError: a resolution that is not positive, or too fine.
-        OutputError: the folder is missing or read-only, or the disk is full.
-    """
-    from moteslam.robot.formats.ucsd import write_ucsd
-
-    write_ucsd(folder, simulation.recording, sequence=sequence)
-    if simulation.shots is not None:
-        say = progress or (lambda _what, _share: None)
-        write_shots(Path(folder), simulation.shots, sequence, tell=tell, progress=lambda share: say("images", share))
-    write_tum(Path(folder) / "truth.tum", simulation.truth)
-    write_atomically(Path(folder) / "scenario.toml", tomli_w.dumps(simulation.scenario.model_dump(exclude_none=True)))
-    if map_resolution is not None:
-        write_true_map(Path(folder) / "truth_map.pgm", simulation.true_map(map_resolution))
-        if simulation.shots is not None:
-            write_floor(Path(folder) / "truth_floor.png", simulation.true_floor(map_resolution))
 
 
 def _spans(duration: float, rng: np.random.Generator) -> dict[str, tuple[float, float]]:
@@ -231,8 +239,8 @@ def _spans(duration: float, rng: np.random.Generator) -> dict[str, tuple[float, 
     }
 
 
-def _chances(seed: int) -> dict[str, np.random.Generator]:
-    """A stream of random numbers a concern: a change to one sensor's noise leaves the others as they were."""
+def _rngs(seed: int) -> Rngs:
+    """A random generator a concern: a change to one sensor's noise leaves the others as they were."""
     children = np.random.SeedSequence(seed).spawn(len(_CONCERNS))
     return {concern: np.random.default_rng(child) for concern, child in zip(_CONCERNS, children, strict=True)}
 

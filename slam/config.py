@@ -58,8 +58,9 @@ class SlamConfig(Section):
         try:
             return model.model_validate(table)
         except ValidationError as error:
-            expected = lambda place: f"expected one of {', '.join(known_keys(model, place))}"  # noqa: E731
-            field, problem = first_complaint(error, "configuration", expected)
+            field, problem = first_complaint(
+                error, "configuration", lambda place: f"expected one of {', '.join(known_keys(model, place))}"
+            )
             raise ConfigError(problem, field=f"backend.{field}".rstrip(".")) from error
 
     def to_toml(self) -> str:

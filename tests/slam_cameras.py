@@ -9,7 +9,7 @@ import numpy as np
 
 from moteslam.robot.recording import Recording
 from moteslam.sim.scenario import parse_scenario
-from moteslam.sim.sensors.rgbd import Shots
+from moteslam.sim.sensors.rgbd import CameraFrames
 from moteslam.sim.simulate import Simulation, simulate
 
 
@@ -17,15 +17,15 @@ from moteslam.sim.simulate import Simulation, simulate
 class Drawn:
     """A simulated camera's images, drawn when they are asked for; ``asked`` notes the colour images."""
 
-    shots: Shots
+    frames: CameraFrames
     asked: list[int]
 
     def rgb(self, index: int) -> np.ndarray:
         self.asked.append(index)
-        return self.shots.draw_rgb(np.array([index]))[0]
+        return self.frames.draw_rgb(np.array([index]))[0]
 
     def disparity(self, index: int) -> np.ndarray:
-        return self.shots.draw_disparity(np.array([index]))[0]
+        return self.frames.draw_disparity(np.array([index]))[0]
 
 
 def tiled_room(**changes: Any) -> tuple[Simulation, Recording]:
@@ -48,7 +48,7 @@ def tiled_room(**changes: Any) -> tuple[Simulation, Recording]:
 
 def with_images(simulation: Simulation) -> Recording:
     """A simulation's recording with images that are drawn when they are asked for."""
-    stream, shots = simulation.recording.rgbd, simulation.shots
+    stream, frames = simulation.recording.rgbd, simulation.frames
     assert stream is not None
-    assert shots is not None
-    return simulation.recording.replace(rgbd=replace(stream, images=Drawn(shots, [])))
+    assert frames is not None
+    return simulation.recording.replace(rgbd=replace(stream, images=Drawn(frames, [])))

@@ -14,8 +14,9 @@ from moteslam.eval.metrics.ate import absolute_trajectory_error
 from moteslam.eval.metrics.relations import read_relations, relation_errors
 from moteslam.robot.formats import open_recording
 from moteslam.robot.trajectory import read_tum
+from moteslam.sim.output import write_simulation
 from moteslam.sim.scenario import load_scenario
-from moteslam.sim.simulate import Simulation, simulate, write_simulation
+from moteslam.sim.simulate import Simulation, simulate
 from moteslam.slam.run import run_slam
 from moteslam.slam.settings import load_preset, resolve_config
 

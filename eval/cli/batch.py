@@ -22,7 +22,7 @@ MAX_BATCH = 100_000
 
 
 @dataclass(frozen=True)
-class Order:
+class Job:
     """One simulation to make.
 
     Attributes:
@@ -40,7 +40,7 @@ class Order:
     camera: bool = False
 
 
-def ordered_scenario(name: str, seed: int | None) -> Scenario:
+def chosen_scenario(name: str, seed: int | None) -> Scenario:
     """The scenario of that name; ``random-corridors`` is the building of that seed.
 
     Raises:
@@ -53,7 +53,7 @@ def ordered_scenario(name: str, seed: int | None) -> Scenario:
 
 @contextmanager
 def named_in_errors(scenario: str) -> Iterator[None]:
-    """Name the scenario, as it was asked for, in what a run finds wrong with it."""
+    """Name the scenario, as the user wrote it, in what a run finds wrong with it."""
     try:
         yield
     except ConfigError as error:
@@ -64,41 +64,41 @@ def named_in_errors(scenario: str) -> Iterator[None]:
         raise ConfigError(error.problem, file=scenario, field=error.field) from error
 
 
-def run_batch(orders: list[Order], *, jobs: int | None = None) -> list[dict[str, Any]]:
-    """Carry out all of the orders, with a progress bar, and tell about each what ``about`` tells, in their order.
+def run_batch(jobs: list[Job], *, processes: int | None = None) -> list[dict[str, Any]]:
+    """Do all of the jobs, with a progress bar; what ``about`` gives of each, in their job.
 
     Args:
-        orders: at most 100 000.
-        jobs: processes at a time; as many as there are cores by default.
+        jobs: at most 100 000.
+        processes: at a time; as many as there are cores by default.
 
     Raises:
         MoteslamError: the first that fails ends them all, and is named with its seed.
     """
-    if len(orders) > MAX_BATCH:
-        raise ConfigError(f"{len(orders)} simulations, expected at most {MAX_BATCH}", field="batch")
+    if len(jobs) > MAX_BATCH:
+        raise ConfigError(f"{len(jobs)} simulations, expected at most {MAX_BATCH}", field="batch")
     from moteslam.robot.processors import processor_count
 
     spawn = multiprocessing.get_context("spawn")
     found: dict[int, dict[str, Any]] = {}
     with (
-        spawn.Pool(min(jobs or processor_count(), len(orders)), _start) as pool,
-        progress_bar("batch", len(orders), "runs") as bar,
+        spawn.Pool(min(processes or processor_count(), len(jobs)), _start) as pool,
+        progress_bar("batch", len(jobs), "runs") as bar,
     ):
-        coming = pool.imap_unordered(_carry_out, list(enumerate(orders)))
-        while len(found) < len(orders):
+        coming = pool.imap_unordered(_do, list(enumerate(jobs)))
+        while len(found) < len(jobs):
             bar.update(len(found))
             try:
-                index, told = coming.next(timeout=0.2)
+                index, outcome = coming.next(timeout=0.2)
             except multiprocessing.TimeoutError:
                 continue
-            if isinstance(told, str):
-                raise MoteslamError(told, file=orders[index].scenario, field=f"seed {orders[index].seed}")
-            found[index] = told
-    return [found[index] for index in range(len(orders))]
+            if isinstance(outcome, str):
+                raise MoteslamError(outcome, file=jobs[index].scenario, field=f"seed {jobs[index].seed}")
+            found[index] = outcome
+    return [found[index] for index in range(len(jobs))]
 
 
 def about(simulation: Simulation) -> dict[str, Any]:
-    """What a simulation came to: scenario, seed, way, time, end, and how many readings each stream has."""
+    """The outcome of a simulation: scenario, seed, distance, time, end, and how many readings each stream has."""
     truth, recording = simulation.truth, simulation.recording
     readings = {
         name: len(stream) for name in ("lidar", "encoders", "imu") if (stream := getattr(recording, name)) is not None
@@ -116,24 +116,25 @@ def about(simulation: Simulation) -> dict[str, Any]:
 
 
 def _start() -> None:
-    """In each process: leave Ctrl-C to the parent, and be content with one thread."""
+    """In each process: leave Ctrl-C to the parent, and use one thread."""
     from moteslam.kernels import runtime
 
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     runtime.init("cpu", 1)
 
 
-def _carry_out(numbered: tuple[int, Order]) -> tuple[int, dict[str, Any] | str]:
-    """Simulate and write one; what is wrong with it as text, since exceptions with fields do not travel."""
-    from moteslam.sim.camera import with_camera
-    from moteslam.sim.simulate import simulate, write_simulation
+def _do(numbered: tuple[int, Job]) -> tuple[int, dict[str, Any] | str]:
+    """Simulate and write one; what is wrong with it as text, since exceptions with fields cannot be pickled."""
+    from moteslam.sim.output import write_simulation
+    from moteslam.sim.scenario import with_camera
+    from moteslam.sim.simulate import simulate
 
-    index, order = numbered
+    index, job = numbered
     try:
-        scenario = ordered_scenario(order.scenario, order.seed)
-        simulation = simulate(with_camera(scenario) if order.camera else scenario, order.seed)
-        order.folder.mkdir(parents=True, exist_ok=True)
-        write_simulation(order.folder, simulation, map_resolution=order.map_resolution)
+        scenario = chosen_scenario(job.scenario, job.seed)
+        simulation = simulate(with_camera(scenario) if job.camera else scenario, job.seed)
+        job.folder.mkdir(parents=True, exist_ok=True)
+        write_simulation(job.folder, simulation, map_resolution=job.map_resolution)
     except MoteslamError as error:
         return index, str(error)
     except OSError as error:

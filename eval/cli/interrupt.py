@@ -77,7 +77,8 @@ def _interrupt(number: int, frame: FrameType | None) -> None:
         return
     _asked.append(number)
     while frame is not None:  # an exception cannot pass through C that calls Python: it would be printed and forgotten
-        if frame.f_globals.get("__name__") == "pymunk._callbacks":
+        module = str(frame.f_globals.get("__name__"))
+        if module == "pymunk._callbacks" or (module.startswith("pymunk.") and "free" in frame.f_code.co_name):
             return
         frame = frame.f_back
     raise Interrupted(number)

@@ -12,7 +12,7 @@ from typing import Annotated, Any
 
 import typer
 
-from moteslam.errors import MoteslamError, OutputError
+from moteslam.errors import ExistsError, MoteslamError, OutputError
 from moteslam.eval.cli import demo, evaluate, inspect, replay, scenarios, simulate
 from moteslam.eval.cli.interrupt import MESSAGE, Interrupted, leave_with, on_interrupt, was_asked
 from moteslam.eval.cli.text import STDOUT, flush, note, say
@@ -117,7 +117,7 @@ def _interrupted(error: BaseException) -> int:
 def _told(error: Exception) -> int:
     """Tell an error in one line; the exit code that goes with it."""
     if isinstance(error, MoteslamError):
-        note(error)
+        note(f"{error}{_option_for(error)}")
         if error.file == STDOUT:
             _discard_stdout()  # a full disk behind stdout would be told again at exit
     elif hasattr(error, "format_message"):  # a usage error, of Click or of Typer's own copy of it
@@ -136,6 +136,13 @@ def _told(error: Exception) -> int:
         note(f"internal error: {where}: {error}; MOTESLAM_TRACEBACK=1 shows where, please report it")
         return INTERNAL_ERROR
     return BAD_INPUT
+
+
+def _option_for(error: MoteslamError) -> str:
+    """The option that helps, as an ending of the error's line; what is below the command line names none."""
+    if isinstance(error, ExistsError):
+        return ", or replace it with --force"
+    return " (option --sequence)" if error.field == "sequence" else ""
 
 
 def _usage_error(error: Any) -> int:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 
 import typer
 
-from moteslam.errors import ConfigError, OutputError
+from moteslam.errors import ConfigError, ExistsError
 
 if TYPE_CHECKING:
     from moteslam.slam.config import SlamConfig
@@ -30,10 +30,10 @@ def refuse_existing(file: Path | None, *, force: bool) -> None:
     """Refuse a file to write that is there already.
 
     Raises:
-        OutputError: it is, and is not to be replaced.
+        ExistsError: it is, and is not to be replaced.
     """
     if file is not None and file.exists() and not force:
-        raise OutputError("exists already; name a new file, or replace it with --force", file=file)
+        raise ExistsError("exists already; name a new file", file=file)
 
 
 @dataclass(frozen=True)

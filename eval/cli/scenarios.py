@@ -42,7 +42,7 @@ def show(
     ],
     out: Annotated[Path, typer.Option(help="The PNG to write; folders above it are made.")],
     seed: Annotated[int | None, typer.Option(min=0, max=2**63 - 1, help="Of a random building.")] = None,
-    drive: Annotated[bool, typer.Option("--drive", help="Drive it, and draw the way that was driven.")] = False,
+    drive: Annotated[bool, typer.Option("--drive", help="Drive it, and draw the driven path.")] = False,
     force: Annotated[bool, typer.Option("--force", help="Replace an existing --out.")] = False,
 ) -> None:
     """Draw a scenario as a plan: walls and what they are made of, who moves, and the route.
@@ -53,14 +53,14 @@ def show(
       moteslam scenarios show random-corridors --seed 7 --drive --out unseen.png
     """  # noqa: D301
     from moteslam.errors import OutputError
-    from moteslam.eval.cli.batch import named_in_errors, ordered_scenario
+    from moteslam.eval.cli.batch import chosen_scenario, named_in_errors
     from moteslam.eval.report.scenarios import draw_scenario
     from moteslam.robot.files import folder_for
 
     if out.suffix.lower() != ".png":
         raise OutputError("no .png file, expected one to write", file=out)
     options.refuse_existing(out, force=force)
-    chosen = ordered_scenario(scenario, seed)
+    chosen = chosen_scenario(scenario, seed)
     driven = None
     if drive:
         from moteslam.sim.simulate import true_drive
@@ -102,14 +102,14 @@ def animate(
         raise OutputError("neither a .gif nor an .mp4 file, expected one to write", file=out)
     options.refuse_existing(out, force=force)
     config = options.SlamOptions(preset=preset, settings=settings).resolved()
-    from moteslam.eval.cli.batch import named_in_errors, ordered_scenario
+    from moteslam.eval.cli.batch import chosen_scenario, named_in_errors
     from moteslam.eval.cli.progress import progress_bar
     from moteslam.eval.cli.simulate import simulate_with_progress
     from moteslam.eval.report.animation import Film, write_film
     from moteslam.robot.files import folder_for
     from moteslam.slam.run import SlamSession
 
-    chosen = ordered_scenario(scenario, seed)
+    chosen = chosen_scenario(scenario, seed)
     if duration is not None:
         chosen = chosen.model_copy(update={"duration": min(duration, chosen.duration)})
     with folder_for(out):

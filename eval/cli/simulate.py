@@ -9,7 +9,7 @@ import typer
 
 from moteslam.errors import ConfigError
 from moteslam.eval.cli import options
-from moteslam.eval.cli.batch import MAX_BATCH, RANDOM, Order, about, named_in_errors, ordered_scenario, run_batch
+from moteslam.eval.cli.batch import MAX_BATCH, RANDOM, Job, about, chosen_scenario, named_in_errors, run_batch
 from moteslam.eval.cli.progress import progress_bar
 from moteslam.eval.cli.text import literal, note, say, say_json, table
 
@@ -55,11 +55,10 @@ def simulate(
       moteslam replay corridor --out result
     """  # noqa: D301
     from moteslam.robot.files import result_folder
-    from moteslam.sim.camera import with_camera
-    from moteslam.sim.scenario import MAX_SEED
-    from moteslam.sim.simulate import write_simulation
+    from moteslam.sim.output import write_simulation
+    from moteslam.sim.scenario import MAX_SEED, with_camera
 
-    loaded = ordered_scenario(scenario, seed)
+    loaded = chosen_scenario(scenario, seed)
     if true_map is not None and not 0.001 <= true_map <= 10:
         raise ConfigError(f"{true_map:g} m, expected 0.001 to 10", field="--true-map")
     if batch is not None:
@@ -68,37 +67,41 @@ def simulate(
             raise ConfigError(f"{first}, expected at most {MAX_SEED - (batch - 1)} for {batch} of them", field="--seed")
         with result_folder(out, force=force) as folder:
             name = RANDOM if scenario == RANDOM else loaded.name
-            orders = [
-                Order(scenario, number, folder / f"{_file_name(name)}-{number}", true_map, camera)
+            todo = [
+                Job(scenario, number, folder / f"{_file_name(name)}-{number}", true_map, camera)
                 for number in range(first, first + batch)
             ]
-            told = run_batch(orders, jobs=jobs)
-        _tell_batch(told, out, as_json=as_json)
+            found = run_batch(todo, processes=jobs)
+        _say_batch(found, out, as_json=as_json)
         return
     with result_folder(out, force=force) as folder, named_in_errors(scenario):
         simulation = simulate_with_progress(with_camera(loaded) if camera else loaded, seed)
         with progress_bar("images", 1.0, "") as bar:
             write_simulation(
-                folder, simulation, map_resolution=true_map, tell=note, progress=lambda _what, share: bar.update(share)
+                folder,
+                simulation,
+                map_resolution=true_map,
+                announce=note,
+                progress=lambda _what, share: bar.update(share),
             )
     one = about(simulation)
     if as_json:
         say_json({"out": str(out), **one})
         return
     counts = ", ".join(f"{count} {name}" for name, count in one["readings"].items())
-    way = f"{one['distance_m']:.1f} m in {one['duration_s']:.0f} s ({one['end']})"
-    say(f"{literal(loaded.name)}: {way}; readings: {counts}")
+    distance = f"{one['distance_m']:.1f} m in {one['duration_s']:.0f} s ({one['end']})"
+    say(f"{literal(loaded.name)}: {distance}; readings: {counts}")
     say(f"recording and truth in {literal(out)}")
 
 
-def _tell_batch(told: list[dict[str, Any]], out: Path, *, as_json: bool) -> None:
+def _say_batch(found: list[dict[str, Any]], out: Path, *, as_json: bool) -> None:
     if as_json:
-        say_json({"out": str(out), "simulations": told})
+        say_json({"out": str(out), "simulations": found})
         return
-    rows = [["scenario", "seed", "way [m]", "time [s]", "end"]]
+    rows = [["scenario", "seed", "distance [m]", "time [s]", "end"]]
     rows += [
         [literal(one["scenario"]), str(one["seed"]), f"{one['distance_m']:.1f}", f"{one['duration_s']:.0f}", one["end"]]
-        for one in told
+        for one in found
     ]
     say(table(rows, right=(1, 2, 3)))
     say(f"recordings and truths in {literal(out)}")

@@ -61,25 +61,24 @@ def score_texture(estimate: ArrayLike, truth: ArrayLike, where: ArrayLike) -> Te
 def registration(estimate: ArrayLike, truth: ArrayLike, where: ArrayLike, *, reach: int = 4) -> tuple[int, int]:
     """By how many cells (columns, rows) the truth must be moved to fit the estimate best; (0, 0) is in place.
 
+    The best fit has the smallest sum of squared differences.
+
     Args:
         estimate: [H, W, 3] levels 0 to 255.
         truth: [H, W, 3], on the same cells.
         where: [H, W] which cells count.
-        reach: shifts up to this many cells are tried, each way.
+        reach: shifts up to this many cells are tried, each way; cells this close to an edge do not count.
 
     Raises:
         InputError: as ``score_texture``.
     """
-    estimate, truth, where = np.asarray(estimate, np.float64), np.asarray(truth, np.float64), np.array(where, bool)
+    import cv2
+
+    estimate, truth, where = np.asarray(estimate, np.float32), np.asarray(truth, np.float32), np.asarray(where, bool)
     score_texture(estimate, truth, where)
-    inside = np.zeros_like(where)
-    inside[reach : len(where) - reach, reach : where.shape[1] - reach] = True
-    where &= inside
-    best, found = np.inf, (0, 0)
-    for up in range(-reach, reach + 1):
-        for across in range(-reach, reach + 1):
-            moved = np.roll(truth, (up, across), axis=(0, 1))
-            error = float(np.abs(estimate[where] - moved[where]).mean()) if where.any() else np.inf
-            if error < best:
-                best, found = error, (across, up)
-    return found
+    inner = (slice(reach, max(len(where) - reach, reach)), slice(reach, max(where.shape[1] - reach, reach)))
+    if not where[inner].any():
+        return 0, 0
+    differences = cv2.matchTemplate(truth, estimate[inner], cv2.TM_SQDIFF, mask=where[inner].astype(np.float32))
+    row, column = np.unravel_index(np.argmin(differences), differences.shape)
+    return reach - int(column), reach - int(row)

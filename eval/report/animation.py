@@ -95,17 +95,17 @@ class Film:
         self._artists["beams"] = LineCollection([], colors="#E69F00", linewidths=0.4, alpha=0.6, label="beams")
         axes.add_collection(self._artists["beams"])
         lines: tuple[tuple[str, dict[str, Any], str | None], ...] = (
-            ("truth", {"color": style.TRUTH, "lw": 1.2}, "true way"),
+            ("truth", {"color": style.TRUTH, "lw": 1.2}, "true path"),
             ("slam", {"color": style.SLAM, "lw": 1.2}, "SLAM, as known then"),
-            ("movers", {"color": PERSON, "ls": "", "marker": "o", "ms": 4}, "people"),
+            ("people", {"color": PERSON, "ls": "", "marker": "o", "ms": 4}, "people"),
             ("leaves", {"color": DOOR, "lw": 2.0}, "doors"),
             ("particles", {"color": style.PARTICLE, "ls": "", "marker": ".", "ms": 3, "zorder": 6}, "particles"),
         )
-        movers = self.simulation.movers
+        tracks = self.simulation.tracks
         for name, look, label in lines:
-            if name == "movers" and (movers is None or not movers.people.shape[1]):
+            if name == "people" and (tracks is None or not tracks.people.shape[1]):
                 label = None
-            if name == "leaves" and (movers is None or not movers.lines.shape[1]):
+            if name == "leaves" and (tracks is None or not tracks.lines.shape[1]):
                 label = None
             self._artists[name] = axes.plot([], [], label=label, **look)[0]
         self._artists["robot"] = Polygon(np.zeros((4, 2)), facecolor="black", zorder=5, label="robot")
@@ -141,16 +141,16 @@ class Film:
         half = np.array((platform.length, platform.width)) / 2
         corners = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) * half
         artists["robot"].set_xy(se2.compose(update.pose, np.column_stack((corners, np.zeros(4))))[:, :2])
-        if simulation.movers is not None:
-            self._show_movers(update.stamp - EPOCH)
+        if simulation.tracks is not None:
+            self._show_tracks(update.stamp - EPOCH)
         artists["title"].set_text(f"{simulation.scenario.name}, {update.stamp - lidar.stamps[0]:.1f} s")
 
-    def _show_movers(self, time: float) -> None:
-        movers = self.simulation.movers
-        assert movers is not None
-        row = int(np.clip(round(time * movers.rate), 0, len(movers.people) - 1))
-        self._artists["movers"].set_data(*self._to_slam(movers.people[row]).T)
-        leaves = self._to_slam(movers.lines[row].reshape(-1, 2).astype(np.float64)).reshape(-1, 2, 2)
+    def _show_tracks(self, time: float) -> None:
+        tracks = self.simulation.tracks
+        assert tracks is not None
+        row = int(np.clip(round(time * tracks.rate), 0, len(tracks.people) - 1))
+        self._artists["people"].set_data(*self._to_slam(tracks.people[row]).T)
+        leaves = self._to_slam(tracks.lines[row].reshape(-1, 2).astype(np.float64)).reshape(-1, 2, 2)
         gaps = np.full((len(leaves), 1, 2), np.nan)
         self._artists["leaves"].set_data(*np.concatenate((leaves, gaps), axis=1).reshape(-1, 2).T)
 

@@ -1,24 +1,26 @@
-"""The map as a file: a grey picture, and the pair of files that map_server reads.
-
-A grid has row 0 at the smallest y, an image at the largest: here, at the file, it is flipped.
-"""
+"""The map as a file: a grey picture, and the pair of files that map_server reads."""
 
 from __future__ import annotations
 
 from os import PathLike
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.robot.files import write_atomically
+from moteslam.robot.formats.map_server import (
+    FREE,
+    FREE_GREY,
+    OCCUPIED,
+    OCCUPIED_GREY,
+    OCCUPIED_THRESHOLD,
+    UNKNOWN,
+    UNKNOWN_GREY,
+    write_map,
+)
+from moteslam.robot.pictures import encode_png
+from moteslam.robot.raster import Raster
 from moteslam.slam.mapping.occupancy import OccupancyMap
-
-FREE, UNKNOWN, OCCUPIED = 254, 205, 0
-"""The greys of map_server's trinary maps."""
-
-OCCUPIED_ABOVE = 0.65
-"""A cell is occupied above this probability and free below its complement; one ray of log 4 (0.2) decides."""
 
 
 def map_image(log_odds: NDArray[np.float32]) -> NDArray[np.uint8]:
@@ -31,22 +33,22 @@ def map_image(log_odds: NDArray[np.float32]) -> NDArray[np.uint8]:
         [H, W] uint8, row 0 the largest y.
     """
     belief = np.tanh(np.asarray(log_odds, np.float64)[::-1] / 2)  # 2 p - 1: -1 free, 0 unknown, 1 occupied
-    grey = UNKNOWN + np.where(belief < 0, (UNKNOWN - FREE) * belief, (OCCUPIED - UNKNOWN) * belief)
+    towards_free, towards_occupied = UNKNOWN_GREY - FREE_GREY, OCCUPIED_GREY - UNKNOWN_GREY
+    grey = UNKNOWN_GREY + np.where(belief < 0, towards_free * belief, towards_occupied * belief)
     return np.asarray(np.rint(grey), np.uint8)
 
 
-def trinary_image(log_odds: NDArray[np.float32]) -> NDArray[np.uint8]:
-    """The map in map_server's three greys: 254 free, 0 occupied, 205 unknown.
+def trinary(log_odds: NDArray[np.float32]) -> NDArray[np.int8]:
+    """The map in map_server's three values, which one ray of log 4 (a probability of 0.2 or 0.8) decides.
 
     Args:
-        log_odds: [H, W], row 0 the smallest y.
+        log_odds: [H, W].
 
     Returns:
-        [H, W] uint8, row 0 the largest y.
+        int8 [H, W]: occupied above the probability of 0.65, free below its complement, else unknown.
     """
-    log_odds = np.asarray(log_odds)[::-1]
-    limit = np.log(OCCUPIED_ABOVE / (1 - OCCUPIED_ABOVE))
-    return np.where(log_odds > limit, OCCUPIED, np.where(log_odds < -limit, FREE, UNKNOWN)).astype(np.uint8)
+    limit = np.log(OCCUPIED_THRESHOLD / (1 - OCCUPIED_THRESHOLD))
+    return np.where(log_odds > limit, OCCUPIED, np.where(log_odds < -limit, FREE, UNKNOWN)).astype(np.int8)
 
 
 def write_map_png(path: str | PathLike[str], occupancy: OccupancyMap) -> None:
@@ -55,9 +57,7 @@ def write_map_png(path: str | PathLike[str], occupancy: OccupancyMap) -> None:
     Raises:
         OutputError: it cannot be written.
     """
-    import cv2
-
-    write_atomically(path, cv2.imencode(".png", map_image(occupancy.log_odds))[1].tobytes())
+    write_atomically(path, encode_png(map_image(occupancy.log_odds)))
 
 
 def write_map_server(path: str | PathLike[str], occupancy: OccupancyMap) -> None:
@@ -70,18 +70,5 @@ def write_map_server(path: str | PathLike[str], occupancy: OccupancyMap) -> None
     Raises:
         OutputError: one of them cannot be written.
     """
-    path = Path(path)
-    image = trinary_image(occupancy.log_odds)
-    height, width = image.shape
-    write_atomically(path, f"P5\n{width} {height}\n255\n".encode() + image.tobytes())
     x, y = (float(value) for value in occupancy.origin)
-    write_atomically(
-        path.with_suffix(".yaml"),
-        f"image: {path.name}\n"
-        "mode: trinary\n"
-        f"resolution: {float(occupancy.cell_size)!r}\n"
-        f"origin: [{x!r}, {y!r}, 0.0]\n"
-        "negate: 0\n"
-        "occupied_thresh: 0.65\n"
-        "free_thresh: 0.196\n",
-    )
+    write_map(path, Raster(trinary(occupancy.log_odds), float(occupancy.cell_size), (x, y, 0.0)))

@@ -1,4 +1,4 @@
-"""A scenario as a picture: what stands in it, what it is made of, who moves, and the way through it."""
+"""A scenario as a picture: what stands in it, what it is made of, who moves, and the path through it."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from moteslam.eval.report import style
 from moteslam.sim.scenario import Scenario
-from moteslam.sim.world import World
+from moteslam.sim.world.world import World
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -25,22 +25,23 @@ def draw_scenario(path: str | PathLike[str], scenario: Scenario, *, driven: NDAr
     Args:
         path: of the PNG.
         scenario: to draw.
-        driven: [n, 2] the way that was really driven, drawn in place of the route [m].
+        driven: [n, 2] the path that was driven, drawn in place of the route [m].
 
     Raises:
-        ConfigError: a floor plan that cannot be read.
+        InputError: a floor plan that cannot be read.
         OutputError: it cannot be written.
     """
     world = World.of(scenario.world)
-    way = driven if driven is not None else None if scenario.route is None else scenario.route.path()
+    line = driven if driven is not None else None if scenario.route is None else scenario.route.path()
+    label = "route" if driven is None else "driven path"
     points = world.segments.reshape(-1, 2)
     with style.saved_figure(path, size=style.plan_size(points, longest=11.0)) as figure:
         axes = figure.subplots()
-        draw_world(axes, scenario, world)
+        draw_world(axes, world)
         for patch in scenario.world.slippery:
             _rectangle(axes, patch.corner, patch.size)
-        if way is not None:
-            axes.plot(way[:, 0], way[:, 1], color=ROUTE, lw=1.1, label="way driven" if driven is not None else "route")
+        if line is not None:
+            axes.plot(line[:, 0], line[:, 1], color=ROUTE, lw=1.1, label=label)
         axes.plot(*scenario.start[:2], "o", color=ROUTE, ms=6, label="robot's start")
         _draw_moving(axes, scenario)
         style.plan(axes)
@@ -49,16 +50,15 @@ def draw_scenario(path: str | PathLike[str], scenario: Scenario, *, driven: NDAr
         style.heading(figure, scenario.name)
 
 
-def draw_world(axes: Axes, scenario: Scenario, world: World) -> None:
+def draw_world(axes: Axes, world: World) -> None:
     """Draw what stands, a colour a material."""
     from matplotlib.collections import LineCollection
     from matplotlib.patches import Polygon
 
-    names = list(scenario.world.palette)
     surfaces = np.zeros(len(world.segments), np.int64) if world.surfaces is None else world.surfaces
     for polygon in world.solids:
         axes.add_patch(Polygon(polygon, facecolor="0.85", edgecolor="none", zorder=0.5))
-    for i, name in enumerate(names):
+    for i, name in enumerate(world.palette):
         lines = world.segments[surfaces == i].reshape(-1, 2, 2)
         if len(lines):
             plain = name == "plain"
@@ -69,10 +69,10 @@ def draw_world(axes: Axes, scenario: Scenario, world: World) -> None:
 
 def _draw_moving(axes: Axes, scenario: Scenario) -> None:
     for i, person in enumerate(scenario.people):
-        way = np.asarray(person.waypoints)
+        waypoints = np.asarray(person.waypoints)
         label = "people, where they walk" if i == 0 else None
-        axes.plot(way[:, 0], way[:, 1], ":", color=PERSON, lw=1.2, label=label)
-        axes.plot(*way[0], "o", color=PERSON, ms=4)
+        axes.plot(waypoints[:, 0], waypoints[:, 1], ":", color=PERSON, lw=1.2, label=label)
+        axes.plot(*waypoints[0], "o", color=PERSON, ms=4)
     for i, door in enumerate(scenario.doors):
         leaf = np.array((door.hinge, door.end))
         axes.plot(leaf[:, 0], leaf[:, 1], color=DOOR, lw=2.2, label="door, shut" if i == 0 else None)

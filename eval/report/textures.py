@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from os import PathLike
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.eval.report import style
 from moteslam.eval.report.snapshots import STAGES
-from moteslam.robot.files import write_atomically
+from moteslam.robot.formats.map_server import write_picture
+from moteslam.robot.raster import Raster
 from moteslam.robot.trajectory import Trajectory
 from moteslam.slam.mapping.occupancy import OccupancyMap
 from moteslam.slam.texture.floor_map import TextureMap, TextureMapper
@@ -40,11 +40,11 @@ class TextureStages:
             self.kept.append((due, mapper.snapshot()))
 
 
-def texture_image(texture: TextureMap) -> NDArray[np.uint8]:
-    """The map as a picture [H, W, 4]: red, green, blue, and 0 where nothing is known; row 0 the largest y."""
-    alpha = np.where(texture.known, 255, 0).astype(np.uint8)
+def with_opacity(texture: TextureMap) -> NDArray[np.uint8]:
+    """The map as colours [H, W, 4]: red, green, blue, and an opacity of 0 where nothing is known; row 0 smallest y."""
+    opacity = np.where(texture.known, 255, 0).astype(np.uint8)
     colours = np.where(texture.known[..., None], texture.colours, 255).astype(np.uint8)
-    return np.ascontiguousarray(np.dstack((colours, alpha))[::-1])
+    return np.dstack((colours, opacity))
 
 
 def write_texture(path: str | PathLike[str], texture: TextureMap) -> None:
@@ -53,17 +53,8 @@ def write_texture(path: str | PathLike[str], texture: TextureMap) -> None:
     Raises:
         OutputError: one of them cannot be written.
     """
-    import cv2
-
-    path = Path(path)
-    picture = cv2.cvtColor(texture_image(texture), cv2.COLOR_RGBA2BGRA)
-    write_atomically(path, cv2.imencode(".png", picture)[1].tobytes())
     x, y = texture.origin
-    write_atomically(
-        path.with_suffix(".yaml"),
-        f"image: {path.name}\nresolution: {texture.cell_size!r}\norigin: [{x!r}, {y!r}, 0.0]\n"
-        f"frames: {texture.frames}\n",
-    )
+    write_picture(path, Raster(with_opacity(texture), texture.cell_size, (x, y, 0.0)), {"frames": texture.frames})
 
 
 def draw_texture_over_time(
@@ -109,8 +100,7 @@ def draw_texture_over_time(
         dark = np.zeros((*belief.shape, 4))
         dark[..., 3] = np.where(belief > 0, 0.8 * belief, 0.0)
         for axes, (stamp, texture), extent in zip(panels[1:], stages, known, strict=False):
-            image = texture_image(texture)[::-1]
-            axes.imshow(image, origin="lower", extent=extent, interpolation="antialiased")
+            axes.imshow(with_opacity(texture), origin="lower", extent=extent, interpolation="antialiased")
             axes.imshow(dark, origin="lower", extent=walls, interpolation="antialiased")
             until = trajectory.poses[trajectory.stamps <= stamp]
             axes.plot(until[:, 0], until[:, 1], color=style.SLAM, lw=0.8)

@@ -94,7 +94,7 @@ def _choose(folder: Path, sequence: str | int | None) -> str:
     found = "several sequences" if wanted is None else f"no sequence {wanted}"
     *most, last = known
     choice = f"{', '.join(most)} or {last}" if most else last
-    raise InputError(f"{found}, expected --sequence {choice}", file=folder, field="sequence")
+    raise InputError(f"{found}, expected {choice}", file=folder, field="sequence")
 
 
 def _lidar(path: Path, platform: Platform, warnings: list[str]) -> LidarStream | None:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from moteslam.errors import InputError, OutputError
 from moteslam.robot.kinect import HEIGHT, WIDTH
-from moteslam.robot.pictures import PNG, decode_picture
+from moteslam.robot.pictures import PNG, decode_picture, encode_png, picture_size
 from moteslam.robot.processors import processor_count
 from moteslam.robot.wording import counted
 
@@ -107,10 +107,10 @@ def _decode(path: Path, how: int) -> NDArray[Any]:
             data = file.read(MAX_BYTES + 1)
     except OSError as error:
         raise InputError(f"{error.strerror}, expected a PNG image", file=path) from error
-    header = data[:26]
-    if len(header) < 26 or not header.startswith(PNG) or len(data) > MAX_BYTES:
+    size = picture_size(data) if data.startswith(PNG) and len(data) <= MAX_BYTES else None
+    if size is None:
         raise InputError("is empty" if not data else "not a PNG file, expected one", file=path)
-    width, height = int.from_bytes(header[16:20]), int.from_bytes(header[20:24])
+    width, height = size
     if (width, height) != (WIDTH, HEIGHT):  # before any memory is taken for it
         raise InputError(f"{height} x {width} pixels, expected {HEIGHT} x {WIDTH}", file=path)
     image = decode_picture(data, how)
@@ -123,24 +123,6 @@ def _found(image: NDArray[Any]) -> str:
     return f"{' x '.join(map(str, image.shape))} of {8 * image.dtype.itemsize} bits"
 
 
-def encode_png(image: NDArray[Any]) -> bytes:
-    """A PNG of an image [480, 640, 3] (red, green, blue; uint8) or [480, 640] (uint16).
-
-    Each pixel is told from its left neighbour and no repeats are sought: of what the encoder offers, twice as fast as
-    its default, and smaller.
-    """
-    import cv2
-
-    options = [
-        *(cv2.IMWRITE_PNG_COMPRESSION, 1),
-        *(cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_HUFFMAN_ONLY),
-        *(cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_SUB),
-    ]
-    if image.ndim == 3:
-        image = cv2.cvtColor(np.ascontiguousarray(image), cv2.COLOR_RGB2BGR)
-    return bytes(cv2.imencode(".png", image, options)[1].data)
-
-
 Draw = Callable[[NDArray[np.intp]], NDArray[Any]]
 """Draws the images [k, ...] of these frames [k]."""
 
@@ -150,7 +132,7 @@ def estimate_bytes(draw: Draw, count: int) -> int:
     if not count:
         return 0
     chosen = np.unique(np.linspace(0, count - 1, min(count, SAMPLE)).astype(np.intp))
-    sizes = [len(encode_png(image)) for image in draw(chosen)]
+    sizes = [len(encode_png(image, fast=True)) for image in draw(chosen)]
     return int(1.1 * count * (sum(sizes) / len(sizes) + 2048))  # and half a block of the disk each
 
 
@@ -208,7 +190,7 @@ def write_images(
 
     def write(index: int, image: NDArray[Any]) -> int:
         path = place / f"{place.name.lower()}_{index + 1}.png"
-        data = encode_png(image)
+        data = encode_png(image, fast=True)
         try:
             path.write_bytes(data)
         except OSError as error:

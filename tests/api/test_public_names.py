@@ -11,7 +11,7 @@ import pytest
 
 import moteslam
 
-HEAVY = ("taichi", "numpy", "scipy", "matplotlib", "pymunk", "cv2", "pydantic", "typer", "rich")
+HEAVY = ("taichi", "numpy", "scipy", "matplotlib", "pymunk", "shapely", "cv2", "pydantic", "typer", "rich")
 
 
 def modules_after(code: str) -> set[str]:

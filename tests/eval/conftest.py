@@ -64,7 +64,7 @@ def simulation(scenario_file: Path):
 @pytest.fixture(scope="session")
 def simulated_folder(simulation, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The same on disk, in the UCSD layout."""
-    from moteslam.sim.simulate import write_simulation
+    from moteslam.sim.output import write_simulation
 
     folder = tmp_path_factory.mktemp("simulated")
     write_simulation(folder, simulation)

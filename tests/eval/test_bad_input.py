@@ -15,7 +15,7 @@ from pathlib import Path
 
 import pytest
 
-from moteslam.eval.cli import main
+from moteslam.eval.cli import interrupt, main
 from moteslam.eval.cli.text import literal
 
 
@@ -209,6 +209,15 @@ def test_a_folder_that_cannot_be_written(tmp_path: Path, monkeypatch, capsys) ->
     assert f"{tmp_path / 'robot'}: cannot be made: Read-only file system" in line
 
 
+def test_the_option_that_helps_is_named(tmp_path: Path, capsys) -> None:
+    for number in (9, 20):
+        (tmp_path / f"Encoders{number}.npz").touch()
+    line = refused(capsys, "inspect", tmp_path)
+    assert line == f"moteslam: {tmp_path}: sequence: several sequences, expected 9 or 20 (option --sequence)\n"
+    line = refused(capsys, "simulate", "corridor", "--out", tmp_path)
+    assert line == f"moteslam: {tmp_path}: exists already; name a new folder, or replace it with --force\n"
+
+
 STOPPED = "moteslam: interrupted, nothing was left behind\n"
 SIGNALS = pytest.mark.parametrize(
     ("number", "code"),
@@ -279,6 +288,16 @@ def test_an_interrupt_leaves_nothing(number: int, code: int, tmp_path: Path) -> 
     assert process.returncode == code, err
     assert (out, err) == ("", STOPPED)
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(("module", "name"), [("pymunk._callbacks", "called"), ("pymunk.body", "freebody")])
+def test_an_interrupt_within_c_that_calls_python_waits(module: str, name: str, monkeypatch) -> None:
+    monkeypatch.setattr(interrupt, "_asked", [])
+    called_by_c = {"__name__": module, "ask": lambda: interrupt._interrupt(signal.SIGINT, sys._getframe())}
+    exec(f"def {name}():\n    ask()", called_by_c)
+    called_by_c[name]()
+    with pytest.raises(interrupt.Interrupted):
+        interrupt.check_interrupt()
 
 
 def test_a_closed_pipe_is_no_error(tmp_path: Path) -> None:

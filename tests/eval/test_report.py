@@ -13,8 +13,9 @@ from matplotlib.figure import Figure
 from moteslam.errors import OutputError
 from moteslam.eval.metrics.ate import absolute_trajectory_error
 from moteslam.eval.report import curves, plans
-from moteslam.eval.report.maps import map_image, trinary_image, write_map_png, write_map_server
+from moteslam.eval.report.maps import map_image, trinary, write_map_png, write_map_server
 from moteslam.eval.report.style import saved_figure
+from moteslam.robot.formats.map_server import FREE, OCCUPIED, UNKNOWN
 from moteslam.robot.trajectory import Trajectory
 from moteslam.slam.mapping.occupancy import OccupancyMap
 
@@ -33,7 +34,7 @@ def opened(path: Path) -> np.ndarray:
 
 
 def test_the_top_of_a_picture_is_the_largest_y(occupancy: OccupancyMap) -> None:
-    assert trinary_image(occupancy.log_odds).tolist() == [[205, 205, 254], [0, 254, 205]]
+    assert trinary(occupancy.log_odds).tolist() == [[OCCUPIED, FREE, UNKNOWN], [UNKNOWN, UNKNOWN, FREE]]
     grey = map_image(occupancy.log_odds)
     assert grey[0, :2].tolist() == [205, 205]
     assert 205 < grey[0, 2] < 254
@@ -42,7 +43,7 @@ def test_the_top_of_a_picture_is_the_largest_y(occupancy: OccupancyMap) -> None:
 
 def test_one_hit_and_one_ray_decide_and_their_sum_does_not() -> None:
     one = np.float32(np.log(4))
-    assert trinary_image(np.array([[one, -one, 0.0]])).tolist() == [[0, 254, 205]]
+    assert trinary(np.array([[one, -one, 0.0]])).tolist() == [[OCCUPIED, FREE, UNKNOWN]]
 
 
 def test_map_server_files_read_back(occupancy: OccupancyMap, tmp_path: Path) -> None:

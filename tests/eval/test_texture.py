@@ -13,7 +13,7 @@ import pytest
 from moteslam.errors import InputError
 from moteslam.eval.cli.main import run as main
 from moteslam.eval.metrics.texture import registration, score_texture
-from moteslam.eval.report.textures import texture_image, write_texture
+from moteslam.eval.report.textures import with_opacity, write_texture
 from moteslam.slam.texture.floor_map import TextureMap
 
 SCENARIO = """
@@ -69,10 +69,10 @@ def test_the_picture_has_the_largest_y_on_top(tmp_path: Path) -> None:
     colours[0, 0], colours[2, 1] = (255, 0, 0), (0, 0, 255)
     points = np.array([[5, 0], [0, 0], [0, 1]])
     texture = TextureMap(colours, points, (-1.0, 2.5), 0.5, 7)
-    image = texture_image(texture)
-    assert image[2, 0].tolist() == [255, 0, 0, 255]
-    assert image[0, 1].tolist() == [0, 0, 255, 255]
-    assert (image[..., 3] > 0).sum() == 2
+    colours = with_opacity(texture)
+    assert colours[0, 0].tolist() == [255, 0, 0, 255]
+    assert colours[2, 1].tolist() == [0, 0, 255, 255]
+    assert (colours[..., 3] > 0).sum() == 2
     write_texture(tmp_path / "texture.png", texture)
     file = cv2.imread(str(tmp_path / "texture.png"), cv2.IMREAD_UNCHANGED)
     assert file[2, 0].tolist() == [0, 0, 255, 255]

@@ -8,9 +8,10 @@ import sys
 import numpy as np
 import pytest
 from twins.camera import add_frame as twin
+from twins.camera import disparity_of
 
 from moteslam.errors import InputError
-from moteslam.robot.kinect import disparity_of, mount_rotation
+from moteslam.robot.kinect import mount_rotation
 from moteslam.robot.platform import CameraMount
 from moteslam.slam.texture.floor_map import calibration
 

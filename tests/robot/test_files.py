@@ -9,7 +9,7 @@ from typing import IO, Any
 
 import pytest
 
-from moteslam.errors import OutputError
+from moteslam.errors import ExistsError, OutputError
 from moteslam.robot import files
 from moteslam.robot.files import folder_for, result_folder, write_atomically
 
@@ -100,7 +100,7 @@ def test_an_existing_folder_is_replaced_whole_and_only_by_force(tmp_path: Path) 
     target = tmp_path / "out"
     target.mkdir()
     (target / "old").touch()
-    with pytest.raises(OutputError, match=r"exists already; .*--force"), result_folder(target):
+    with pytest.raises(ExistsError, match=r"exists already; name a new folder$"), result_folder(target):
         pytest.fail("the block must not run")
     with result_folder(target, force=True) as work:
         (work / "new").touch()

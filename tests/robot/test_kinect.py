@@ -10,13 +10,6 @@ from moteslam.robot import kinect
 from moteslam.robot.platform import CameraMount
 
 
-def test_depth_and_disparity_undo_each_other() -> None:
-    depth = np.array((0.5, 1.0, 2.5, 8.0))
-    assert kinect.depth_of(kinect.disparity_of(depth)) == pytest.approx(depth)
-    assert kinect.depth_of(700) == pytest.approx(1.03 / (-0.00304 * 700 + 3.31))
-    assert np.isnan(kinect.depth_of([0, 1089, 2047, 60000])).all()
-
-
 def test_the_alignment_is_a_camera_26_mm_to_the_right() -> None:
     point = np.array((0.3, -0.2, 1.7))
     i, j = kinect.FOCAL * point[:2] / point[2] + kinect.CENTRE

@@ -244,9 +244,9 @@ def test_sequences_are_listed_and_chosen(tmp_path: Path) -> None:
         write_ucsd(tmp_path, make_recording(), sequence=sequence)
     (tmp_path / "Hokuyo.npz").touch()
     assert ucsd_sequences(tmp_path) == ("9", "20", "100")
-    with pytest.raises(InputError, match="several sequences, expected --sequence 9, 20 or 100"):
+    with pytest.raises(InputError, match="several sequences, expected 9, 20 or 100"):
         open_recording(tmp_path)
-    with pytest.raises(InputError, match="no sequence 7, expected --sequence 9, 20 or 100"):
+    with pytest.raises(InputError, match="no sequence 7, expected 9, 20 or 100"):
         open_recording(tmp_path, sequence=7)
     assert open_recording(tmp_path, sequence=100).name.endswith("-100")
     assert open_recording(tmp_path, sequence="9").name.endswith("-9")

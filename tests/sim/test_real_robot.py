@@ -1,7 +1,7 @@
 """The bundled noise against the real robot: within a factor of 1.5 of what was measured on it.
 
-The figures are those of the UCSD recordings (docs/scenarios.md tables them); where the recordings are at hand, the
-same statistics are taken from them too, so that the figures themselves are tested.
+The figures are those of the UCSD recordings (docs/reference/scenarios.md tables them); where the recordings are at
+hand, the same statistics are taken from them too, so that the figures themselves are tested.
 """
 
 from __future__ import annotations
@@ -13,12 +13,12 @@ import pytest
 
 from moteslam.robot.platform import UCSD
 from moteslam.robot.recording import EncoderStream, ImuStream
-from moteslam.sim.drive import Drive, drive
-from moteslam.sim.noise import EncoderNoise, ImuNoise
+from moteslam.sim.robot.drive import Drive
 from moteslam.sim.scenario import load_scenario
-from moteslam.sim.sensors.encoders import simulate_encoders
-from moteslam.sim.sensors.imu import simulate_imu
-from moteslam.sim.world import World
+from moteslam.sim.sensors.encoders import EncoderNoise, simulate_encoders
+from moteslam.sim.sensors.imu import ImuNoise, simulate_imu
+from moteslam.sim.simulate import drive_scenario
+from moteslam.sim.world.world import World
 
 FACTOR = 1.5
 SEEDS = range(6)
@@ -32,7 +32,7 @@ def within(value: float, low: float, high: float, factor: float = FACTOR) -> boo
 @pytest.fixture(scope="module")
 def corridor() -> Drive:
     scenario = load_scenario("corridor")
-    return drive(scenario, World.of(scenario.world), np.random.default_rng(0))
+    return drive_scenario(scenario, World.of(scenario.world), np.random.default_rng(0))
 
 
 def encoders(run: Drive, seed: int, scale: float = 1.0) -> EncoderStream:
@@ -130,8 +130,8 @@ def test_the_effective_track(corridor: Drive) -> None:
 
 
 def test_the_counts_sum_to_the_way(corridor: Drive) -> None:
-    ways = np.array([encoders(corridor, seed).counts.sum(0) * 0.0022 for seed in range(20)])
-    error = ways.mean(1) / corridor.truth.length - 1
+    distances = np.array([encoders(corridor, seed).counts.sum(0) * 0.0022 for seed in range(20)])
+    error = distances.mean(1) / corridor.truth.length - 1
     assert abs(error.mean()) < 0.004
     assert 0.002 < error.std() < 0.01
     counts = encoders(corridor, 0).counts

@@ -13,17 +13,30 @@ import tomli_w
 
 from moteslam.errors import ConfigError
 from moteslam.robot.platform import UCSD
-from moteslam.sim.checks import MAX_SEGMENTS
-from moteslam.sim.drive import drive
-from moteslam.sim.driving import Body, Command, Commands, Limits, Route, Wander
-from moteslam.sim.floorplan import FloorPlan
-from moteslam.sim.furniture import Chair, Shelf, Table
-from moteslam.sim.layout import Box, Layout, Pillar, Recess, Room, RoomDoor, Wall
-from moteslam.sim.materials import Material
-from moteslam.sim.moving import Crowd, Door, Outage, Person, Slippery
-from moteslam.sim.noise import ClockNoise, EncoderNoise, ImuNoise, LidarNoise, Noise
+from moteslam.sim.actors.crowd import Crowd
+from moteslam.sim.actors.doors import Door
+from moteslam.sim.actors.people import Person
+from moteslam.sim.robot.commands import Command, Commands
+from moteslam.sim.robot.limits import Limits
+from moteslam.sim.robot.route import Route
+from moteslam.sim.robot.vehicle import Body
+from moteslam.sim.robot.wander import Wander
 from moteslam.sim.scenario import Scenario, bundled_scenarios, load_scenario, parse_scenario
-from moteslam.sim.world import World
+from moteslam.sim.sensors.clock import ClockNoise
+from moteslam.sim.sensors.encoders import EncoderNoise
+from moteslam.sim.sensors.faults import Outage
+from moteslam.sim.sensors.imu import ImuNoise
+from moteslam.sim.sensors.lidar import LidarNoise
+from moteslam.sim.sensors.noise import Noise
+from moteslam.sim.simulate import drive_scenario
+from moteslam.sim.world.blocks import Box, Pillar
+from moteslam.sim.world.clearance import MAX_SEGMENTS
+from moteslam.sim.world.floor_plan import FloorPlan
+from moteslam.sim.world.furniture import Chair, Shelf, Table
+from moteslam.sim.world.layout import Layout, Slippery
+from moteslam.sim.world.materials import Material
+from moteslam.sim.world.walls import Recess, Room, RoomDoorway, Wall
+from moteslam.sim.world.world import World
 
 
 def changed(table: dict[str, Any], key: str, value: Any) -> dict[str, Any]:
@@ -71,7 +84,12 @@ WALL = {"points": [[0.0, 0.0], [4.0, 0.0], [4.0, 4.0]]}
         ("noise.encoders.radius_factors", [1, 1, 1], "noise.encoders.radius_factors", "3 items, expected 4"),
         ("name", "", "name", "0 characters, expected at least 1"),
         ("name", "x" * 300, "name", "300 characters, expected at most 200"),
-        ("route", {"waypionts": []}, "route.waypionts", "docs/scenarios.md lists; route.waypoints is missing"),
+        (
+            "route",
+            {"waypionts": []},
+            "route.waypionts",
+            "expected one of waypoints, closed, laps; route.waypoints is missing",
+        ),
         ("world.pillars", TOO_MANY, "world", f"expected at most {MAX_SEGMENTS}"),
         ("world.boxes", BOX_ON_START, "route.waypoints.0", "the robot starts inside a wall at (2, 2)"),
         ("route.waypoints", [[0.2, 2.0], [7.0, 2.0]], "route.waypoints.0", "the robot starts 0.20 m from a wall"),
@@ -200,31 +218,31 @@ def test_bundled_routes(
 ) -> None:
     scenario = load_scenario(name)
     world = World.of(scenario.world)
-    driven = drive(scenario, world, np.random.default_rng(3))
+    driven = drive_scenario(scenario, world, np.random.default_rng(3))
     assert driven.end == "arrived"
     assert metres[0] <= driven.truth.length <= metres[1]
     assert seconds[0] <= driven.stamps[-1] <= seconds[1]
     assert np.abs(driven.velocities[:, 2]).max() <= 1.05
     assert np.hypot(*driven.velocities[:, :2].T).max() <= 1.0
     # nothing of the body ever touches a wall
-    assert world.is_free(driven.poses[::20, :2], scenario.radius).all()
+    assert world.is_free(driven.poses[::20, :2], scenario.platform.radius).all()
     assert _right_angles(driven.poses) >= right_angles
 
 
 def _right_angles(poses: np.ndarray) -> int:
     """How often the heading over a metre before a place and a metre after it differs by 75 to 105 degrees."""
-    way = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(poses[:, :2], axis=0).T))))
-    places = np.arange(0.0, way[-1], 0.1)
-    heading = np.interp(places, way, poses[:, 2])
+    driven = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(poses[:, :2], axis=0).T))))
+    places = np.arange(0.0, driven[-1], 0.1)
+    heading = np.interp(places, driven, poses[:, 2])
     turn = np.degrees(np.abs(heading[20:] - heading[:-20]))
     square = (turn > 75) & (turn < 105)
     return int((np.diff(square.astype(int)) == 1).sum())
 
 
 def test_every_key_stands_in_the_documentation() -> None:
-    text = (Path(__file__).parents[2] / "docs" / "scenarios.md").read_text(encoding="utf-8")
+    text = (Path(__file__).parents[2] / "docs" / "reference" / "scenarios.md").read_text(encoding="utf-8")
     parts = [Scenario, Route, Wander, Commands, Command, Limits, Body, Noise, LidarNoise, EncoderNoise, ImuNoise,
-             ClockNoise, Layout, Wall, Room, RoomDoor, Recess, Box, Pillar, Table, Chair, Shelf, FloorPlan, Slippery,
+             ClockNoise, Layout, Wall, Room, RoomDoorway, Recess, Box, Pillar, Table, Chair, Shelf, FloorPlan, Slippery,
              Material, Person, Crowd, Door, Outage]  # fmt: skip
     for part in parts:
         for key in part.model_fields:
@@ -232,9 +250,9 @@ def test_every_key_stands_in_the_documentation() -> None:
 
 
 def test_the_example_of_the_documentation_runs(tmp_path: Any) -> None:
-    text = (Path(__file__).parents[2] / "docs" / "scenarios.md").read_text(encoding="utf-8")
+    text = (Path(__file__).parents[2] / "docs" / "reference" / "scenarios.md").read_text(encoding="utf-8")
     example = re.search(r"```toml\n(.*?)```", text, re.DOTALL)
     assert example is not None
     (tmp_path / "example.toml").write_text(example[1], encoding="utf-8")
     scenario = load_scenario(tmp_path / "example.toml")
-    assert drive(scenario, World.of(scenario.world), np.random.default_rng(0)).end == "arrived"
+    assert drive_scenario(scenario, World.of(scenario.world), np.random.default_rng(0)).end == "arrived"

@@ -1,4 +1,4 @@
-"""Whole simulations: reproducible, consistent with their truth, and the same when read back from disk."""
+"""Complete simulations: reproducible, consistent with their truth, and the same when read back from disk."""
 
 from __future__ import annotations
 
@@ -14,8 +14,9 @@ from moteslam.robot import se2
 from moteslam.robot.formats.ucsd import read_ucsd
 from moteslam.robot.recording import Recording
 from moteslam.robot.trajectory import read_tum
+from moteslam.sim.output import write_simulation
 from moteslam.sim.scenario import Scenario, load_scenario, parse_scenario
-from moteslam.sim.simulate import EPOCH, Simulation, simulate, write_simulation
+from moteslam.sim.simulate import EPOCH, Simulation, simulate
 
 pytestmark = pytest.mark.usefixtures("taichi")
 
@@ -111,16 +112,16 @@ def test_a_written_recording_reads_back_identical(simulation: Simulation, tmp_pa
     assert load_scenario(tmp_path / "scenario.toml") == simulation.scenario
 
 
-def test_writing_into_no_folder_is_told(simulation: Simulation, tmp_path: Path) -> None:
+def test_writing_into_no_folder_is_refused(simulation: Simulation, tmp_path: Path) -> None:
     with pytest.raises(OutputError):
         write_simulation(tmp_path / "absent", simulation)
 
 
-def test_progress_is_told_and_ends_at_one(scenario: Scenario) -> None:
-    told: dict[str, list[float]] = {}
-    simulate(scenario, progress=lambda what, share: told.setdefault(what, []).append(share))
-    assert set(told) == {"drive", "lidar"}
-    for shares in told.values():
+def test_progress_is_reported_and_ends_at_one(scenario: Scenario) -> None:
+    reported: dict[str, list[float]] = {}
+    simulate(scenario, progress=lambda what, share: reported.setdefault(what, []).append(share))
+    assert set(reported) == {"drive", "lidar"}
+    for shares in reported.values():
         assert shares == sorted(shares)
         assert shares[-1] == 1.0
 

@@ -22,6 +22,11 @@ def optical_to_robot(points: ArrayLike) -> NDArray[np.float64]:
     return np.stack((x, y, z), axis=-1) + PLACE
 
 
+def disparity_of(depth: ArrayLike) -> NDArray[np.float64]:
+    """The raw disparity, not rounded, of depths [m] of any shape."""
+    return np.asarray((1.03 / np.asarray(depth, np.float64) - 3.31) / -0.00304)
+
+
 def back_project(disparity: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.bool_]]:
     """Points [h, w, 3] in the robot's frame, the pixel (row, column) [h, w, 2] of each in the colour image, and which
     pixels have both."""

@@ -14,10 +14,11 @@ from moteslam.robot.formats import open_recording
 from moteslam.robot.frames import camera_frames
 from moteslam.robot.recording import Recording
 from moteslam.robot.trajectory import Trajectory
-from moteslam.sim.floor import rasterise
+from moteslam.sim.output import write_simulation
 from moteslam.sim.scenario import parse_scenario
-from moteslam.sim.simulate import Simulation, simulate, write_simulation
-from moteslam.sim.visibility import seen_cells
+from moteslam.sim.sensors.visibility import seen_cells
+from moteslam.sim.simulate import Simulation, simulate
+from moteslam.sim.world.floor import rasterise
 from moteslam.slam.run import run_slam
 from moteslam.slam.settings import resolve_config
 from moteslam.slam.texture.config import TextureConfig
@@ -62,8 +63,8 @@ def true_floor(simulation: Simulation, texture: TextureMap) -> np.ndarray:
     assert simulation.scenario.floor is not None
     (rows, columns), (x, y), cell = texture.points.shape, texture.origin, texture.cell_size
     image = rasterise(simulation.scenario.floor, (x, y, x + columns * cell, y + rows * cell), cell, samples=4)
-    assert image.colours.shape == texture.colours.shape
-    return image.colours
+    assert image.values.shape == texture.colours.shape
+    return image.values
 
 
 def test_colours_are_right_and_in_place(driven: tuple[Simulation, Path], texture: TextureMap) -> None:
@@ -88,11 +89,11 @@ def test_a_floor_shifted_by_two_cells_is_noticed(driven: tuple[Simulation, Path]
 
 
 def test_nearly_all_that_the_camera_saw_is_coloured(driven: tuple[Simulation, Path], texture: TextureMap) -> None:
-    shots = driven[0].shots
-    assert shots is not None
+    frames = driven[0].frames
+    assert frames is not None
     shape = (texture.points.shape[0] + 40, texture.points.shape[1] + 40)
     origin = (texture.origin[0] - 20 * texture.cell_size, texture.origin[1] - 20 * texture.cell_size)
-    seen = seen_cells(shots, origin, shape, texture.cell_size)
+    seen = seen_cells(frames, origin, shape, texture.cell_size)
     coloured = np.zeros_like(seen)
     coloured[20:-20, 20:-20] = texture.known
     assert seen.sum() > 5000

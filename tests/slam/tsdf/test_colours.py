@@ -14,8 +14,7 @@ from moteslam.errors import ConfigError
 from moteslam.eval.metrics.ate import absolute_trajectory_error
 from moteslam.robot import se2
 from moteslam.robot.recording import Recording
-from moteslam.sim.camera import with_camera
-from moteslam.sim.scenario import load_scenario
+from moteslam.sim.scenario import load_scenario, with_camera
 from moteslam.sim.simulate import Simulation, simulate
 from moteslam.slam.estimate import Estimate
 from moteslam.slam.inputs.floor_views import FloorView, FloorViews

@@ -1,0 +1,186 @@
+"""People in the physics engine: they walk towards their next waypoint, keep away from each other, and bump.
+
+Each wants to walk towards its waypoint at its speed, and is pushed by what is near, more the nearer it is (the social
+force model of Helbing and Molnar 1995, here on velocities): others, the robot, walls. Two who meet head-on both pass
+on the right. A person who gets nowhere for three seconds chooses another waypoint.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from moteslam.robot.section import Number, Section, Truth
+from moteslam.sim.world.geometry import Point
+from moteslam.sim.world.world import World
+
+if TYPE_CHECKING:
+    import pymunk
+
+MAX_PEOPLE = 60
+"""In a scenario: every beam is tested against each of them."""
+
+PEOPLE, ROBOT = 0b10, 0b100
+"""The physics engine's categories of shapes that are no walls."""
+
+MASS = 75.0
+"""Of a person [kg]."""
+AGILITY = 2.0
+"""How fast a person changes its velocity [m/s^2]."""
+PUSH, PUSH_RANGE = 1.5, 0.3
+"""Push of what touches a person [m/s], and the gap over which it fades to 1/e [m]."""
+WALL_PUSH, WALL_RANGE = 0.8, 0.12
+"""The same of walls [m/s], [m]."""
+PATIENCE, PROGRESS = 3.0, 0.3
+"""A person who has moved less than ``PROGRESS`` [m] in this time [s] chooses another waypoint."""
+ARRIVED = 0.35
+"""Within this distance of a waypoint a person has arrived [m]."""
+STROLL = (2.0, 8.0)
+"""Shortest and longest leg of a stroller [m]."""
+
+Speed = Annotated[Number, Field(gt=0, le=3)]
+Time = Annotated[Number, Field(ge=0, le=1800)]
+
+
+class Person(Section):
+    """Somebody who walks from waypoint to waypoint, there and back again, round the robot and others.
+
+    Attributes:
+        waypoints: where they walk [m], the first is where they start; with a single one they stroll about from there,
+            to places that the seed chooses.
+        speed: of their walk [m/s] (1.34 is the usual one, Helbing and Molnar 1995).
+        pause: how long they stand at each waypoint [s].
+        start: how long they stand at the first [s].
+        radius: of the body [m].
+        legs: whether the lidar sees two legs that stride, or one disc.
+        leg: radius of a leg [m].
+    """
+
+    waypoints: Annotated[tuple[Point, ...], Field(min_length=1, max_length=1000)]
+    speed: Speed = 1.2
+    pause: Time = 0.5
+    start: Time = 0.0
+    radius: Annotated[Number, Field(ge=0.1, le=0.5)] = 0.22
+    legs: Truth = True
+    leg: Annotated[Number, Field(ge=0.03, le=0.2)] = 0.07
+
+
+class Walkers:
+    """All the people of a scenario.
+
+    Args:
+        persons: who they are; a single waypoint makes a stroller.
+        world: where they walk.
+        space: of the physics engine, which they are put into.
+        rng: of where strollers go.
+    """
+
+    def __init__(
+        self, persons: tuple[Person, ...], world: World, space: pymunk.Space, rng: np.random.Generator
+    ) -> None:
+        import pymunk
+
+        self._persons, self._world, self._space, self._rng = persons, world, space, rng
+        self.radii = np.array([person.radius for person in persons])
+        self._speeds = np.array([person.speed for person in persons])
+        self._bodies: list[pymunk.Body] = []
+        for person in persons:
+            body = pymunk.Body(MASS, float("inf"))
+            body.position = person.waypoints[0]
+            shape = pymunk.Circle(body, person.radius)
+            shape.friction = 0.2
+            shape.filter = pymunk.ShapeFilter(categories=PEOPLE)
+            space.add(body, shape)
+            self._bodies.append(body)
+        count = len(persons)
+        self._next = [0] * count
+        self._direction = [1] * count
+        self._targets = self.places.copy()
+        self._wait_until = np.array([person.start for person in persons])
+        self._checked = np.zeros(count)
+        self._checked_at = self.places.copy()
+        self._walls = pymunk.ShapeFilter(mask=pymunk.ShapeFilter.ALL_MASKS() ^ (PEOPLE | ROBOT))
+
+    @property
+    def places(self) -> NDArray[np.float64]:
+        """Their centres [p, 2] [m]."""
+        return np.array([tuple(body.position) for body in self._bodies], np.float64).reshape(-1, 2)
+
+    def walk(self, time: float, interval: float, robot: tuple[float, float], robot_radius: float) -> None:
+        """Choose their velocities for the next interval [s], given where the robot is [m] and its radius [m]."""
+        places = self.places
+        self._choose_targets(time, places)
+        offset = self._targets - places
+        distance = np.hypot(*offset.T)
+        walking = time >= self._wait_until
+        wanted = offset / np.maximum(distance, 1e-6)[:, None] * (self._speeds * walking)[:, None]
+        wanted += self._pushes(places, wanted, np.asarray(robot), robot_radius)
+        for i, body in enumerate(self._bodies):
+            wish = wanted[i] + self._wall_push(places[i], self._persons[i].radius)
+            size = float(np.hypot(*wish))
+            wish *= min(1.0, 1.3 * self._speeds[i] / max(size, 1e-9))
+            change = wish - np.array(tuple(body.velocity))
+            share = min(1.0, AGILITY * interval / max(float(np.hypot(*change)), 1e-9))
+            x, y = (np.array(tuple(body.velocity)) + share * change).tolist()
+            body.velocity = (x, y)
+
+    def _pushes(
+        self, places: NDArray[np.float64], wanted: NDArray[np.float64], robot: NDArray[np.float64], robot_radius: float
+    ) -> NDArray[np.float64]:
+        """What the others and the robot add to each one's velocity [p, 2] [m/s]."""
+        centres = np.concatenate((places, robot[None]))
+        radii = np.append(self.radii, robot_radius)
+        away = places[:, None] - centres
+        apart = np.maximum(np.hypot(away[..., 0], away[..., 1]), 1e-6)
+        gap = apart - radii - self.radii[:, None]
+        strength = PUSH * np.exp(-np.maximum(gap, 0.0) / PUSH_RANGE)
+        strength[np.arange(len(places)), np.arange(len(places))] = 0.0
+        direction = away / apart[..., None]
+        push = (strength[..., None] * direction).sum(1)
+        # to the right of the direction of walking, by the share of the push that comes from ahead
+        right = np.stack((wanted[:, 1], -wanted[:, 0]), axis=-1) / np.maximum(np.hypot(*wanted.T), 1e-6)[:, None]
+        ahead = np.maximum(-(direction * wanted[:, None]).sum(-1) / np.maximum(self._speeds, 1e-6)[:, None], 0.0)
+        return np.asarray(push + right * (strength * ahead).sum(1)[:, None])
+
+    def _wall_push(self, place: NDArray[np.float64], radius: float) -> NDArray[np.float64]:
+        found = self._space.point_query_nearest((float(place[0]), float(place[1])), radius + 0.4, self._walls)
+        if found is None:
+            return np.zeros(2)
+        away = np.array(tuple(found.gradient))
+        return np.asarray(WALL_PUSH * np.exp(-max(found.distance - radius, 0.0) / WALL_RANGE) * away)
+
+    def _choose_targets(self, time: float, places: NDArray[np.float64]) -> None:
+        for i, person in enumerate(self._persons):
+            if time < self._wait_until[i]:
+                self._checked[i], self._checked_at[i] = time, places[i]
+                continue
+            there = np.hypot(*(self._targets[i] - places[i])) < ARRIVED
+            due = time > self._checked[i] + PATIENCE
+            lost = due and np.hypot(*(places[i] - self._checked_at[i])) < PROGRESS
+            if due:
+                self._checked[i], self._checked_at[i] = time, places[i]
+            if not (there or lost):
+                continue
+            if len(person.waypoints) == 1:
+                self._targets[i] = self._stroll(places[i], person.radius)
+            else:
+                if lost or not 0 <= self._next[i] + self._direction[i] < len(person.waypoints):
+                    self._direction[i] *= -1
+                self._next[i] = int(np.clip(self._next[i] + self._direction[i], 0, len(person.waypoints) - 1))
+                self._targets[i] = person.waypoints[self._next[i]]
+            if there and time > person.start:
+                self._wait_until[i] = time + person.pause
+
+    def _stroll(self, place: NDArray[np.float64], radius: float) -> NDArray[np.float64]:
+        """A place in view, or the same place where none is found."""
+        for attempt in range(40):
+            length = self._rng.uniform(*STROLL) / (1 + attempt // 10)
+            angle = self._rng.uniform(-np.pi, np.pi)
+            end = place + length * np.array((np.cos(angle), np.sin(angle)))
+            points = np.linspace(place, end, max(2, int(length / 0.1)))
+            if self._world.is_free(points[5:], radius + 0.1).all():
+                return np.asarray(end)
+        return place

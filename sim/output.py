@@ -1,0 +1,62 @@
+"""A simulation on disk: the recording in the UCSD layout, with the truth beside it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from os import PathLike
+from pathlib import Path
+
+import tomli_w
+
+from moteslam.robot.files import write_atomically
+from moteslam.robot.formats.map_server import write_map, write_picture
+from moteslam.robot.formats.ucsd import write_ucsd
+from moteslam.robot.trajectory import write_tum
+from moteslam.sim.sensors.rgbd import write_frames
+from moteslam.sim.simulate import Progress, Simulation
+
+
+def write_simulation(
+    folder: str | PathLike[str],
+    simulation: Simulation,
+    *,
+    sequence: str = "20",
+    map_resolution: float | None = None,
+    progress: Progress | None = None,
+    announce: Callable[[str], None] | None = None,
+) -> None:
+    """Write a simulation as a folder in the UCSD layout, which reads back equal.
+
+    Beside the arrays and ``platform.toml`` go ``truth.tum`` and ``scenario.toml``, and, where it is asked for,
+    ``truth_map.pgm`` with its ``.yaml``. Where a camera records, its images go to ``dataRGBD/``, and with the true map
+    comes ``truth_floor.png`` with its ``.yaml``.
+
+    Args:
+        folder: exists.
+        simulation: to write.
+        sequence: the number in the file names.
+        map_resolution: of the true map [m]; None for no such map.
+        progress: called with ``images`` and the share of them that is written.
+        announce: called, before the first image is written, with a line on how large all will be.
+
+    Raises:
+        ConfigError: a resolution that is not positive, or too fine.
+        OutputError: the folder is missing or read-only, or the disk is full.
+    """
+    folder = Path(folder)
+    write_ucsd(folder, simulation.recording, sequence=sequence)
+    if simulation.frames is not None:
+        report = progress or (lambda _what, _share: None)
+        write_frames(
+            folder,
+            simulation.frames,
+            sequence,
+            announce=announce,
+            progress=lambda share: report("images", share),
+        )
+    write_tum(folder / "truth.tum", simulation.truth)
+    write_atomically(folder / "scenario.toml", tomli_w.dumps(simulation.scenario.model_dump(exclude_none=True)))
+    if map_resolution is not None:
+        write_map(folder / "truth_map.pgm", simulation.true_map(map_resolution))
+        if simulation.frames is not None:
+            write_picture(folder / "truth_floor.png", simulation.true_floor(map_resolution))

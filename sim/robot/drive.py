@@ -1,0 +1,136 @@
+"""A drive: a driver, the robot's body and the actors in one physics engine, and what truly came of it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from moteslam.robot import se2
+from moteslam.robot.trajectory import Trajectory
+from moteslam.sim.actors.actors import Actors
+from moteslam.sim.actors.tracks import TRUTH_RATE, Tracks
+from moteslam.sim.robot.driver import Driver
+from moteslam.sim.robot.give_way import PATIENCE, pace
+from moteslam.sim.robot.limits import Limits
+from moteslam.sim.robot.vehicle import PHYSICS_RATE, Vehicle
+
+CONTROL_STEPS = 8
+"""Physics steps between two commands of the driver (50 Hz)."""
+STUCK_AFTER = 5.0
+"""A driver that asks for motion and gets under 5 cm and 0.05 rad of it in this time gives up [s]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Drive:
+    """What the robot truly did, at 400 Hz.
+
+    Attributes:
+        stamps: [n] [s], from 0.
+        poses: [n, 3] true poses in the world, the heading not wrapped.
+        velocities: [n, 3] true velocity in the world [m/s, m/s] and yaw rate [rad/s].
+        wheel_travel: [n, 4] how far the rims of the FR, FL, RR, RL wheel have turned since the start [m].
+        end: why it ended: ``arrived``, ``stuck`` or ``out of time``.
+        tracks: where people and doors were; None where there are none.
+    """
+
+    stamps: NDArray[np.float64]
+    poses: NDArray[np.float64]
+    velocities: NDArray[np.float64]
+    wheel_travel: NDArray[np.float64]
+    end: str
+    tracks: Tracks | None = None
+
+    @property
+    def truth(self) -> Trajectory:
+        """The true trajectory, headings wrapped."""
+        poses = self.poses.copy()
+        poses[:, 2] = se2.wrap(poses[:, 2])
+        return Trajectory(self.stamps, poses)
+
+
+def drive(
+    vehicle: Vehicle,
+    driver: Driver,
+    limits: Limits,
+    duration: float,
+    *,
+    actors: Actors | None = None,
+    progress: Callable[[float], None] | None = None,
+) -> Drive:
+    """Rest, drive until the driver has arrived, is stuck or out of time, and rest again.
+
+    Args:
+        vehicle: the robot's body where it starts.
+        driver: what it is asked to do.
+        limits: of its accelerations, and its rests.
+        duration: of the drive at most [s].
+        actors: people and doors in the vehicle's space.
+        progress: called with the share of the path that lies behind.
+    """
+    run = _Run(vehicle, actors)
+    dt, interval = 1 / PHYSICS_RATE, CONTROL_STEPS / PHYSICS_RATE
+    speed = turn_rate = waited = 0.0
+    end, end_step = "out of time", round((duration - limits.rest_end) * PHYSICS_RATE)
+    rest_steps, stuck_steps = round(limits.rest_start * PHYSICS_RATE), round(STUCK_AFTER * PHYSICS_RATE)
+    stuck_check, stuck_pose = rest_steps + stuck_steps, run.rows[-1]
+    for step in range(end_step):
+        if step >= rest_steps and step % CONTROL_STEPS == 0:
+            x, y, theta = run.rows[-1][:3]
+            wanted = driver.command((step - rest_steps) * dt, x, y, theta)
+            if wanted is None:
+                end = "arrived"
+                break
+            if actors is not None and driver.looks:
+                share = pace((x, y, theta), vehicle.platform, *actors.obstacles())
+                wanted = (wanted[0] * share, wanted[1] * share)
+                waited = waited + interval if share < 0.1 else 0.0
+                if 0.0 < waited < PATIENCE:
+                    stuck_check, stuck_pose = step + stuck_steps, run.rows[-1]
+            speed = _approach(speed, wanted[0], limits.acceleration * interval)
+            turn_rate = _approach(turn_rate, wanted[1], limits.turn_acceleration * interval)
+            if step >= stuck_check and driver.looks:
+                moved = math.hypot(x - stuck_pose[0], y - stuck_pose[1])
+                if moved < 0.05 and abs(theta - stuck_pose[2]) < 0.05:
+                    end = "stuck"
+                    break
+                stuck_check, stuck_pose = step + stuck_steps, run.rows[-1]
+            if progress is not None and step % PHYSICS_RATE == 0:
+                progress(driver.done)
+        run.step(speed, turn_rate)
+    for _ in range(max(1, round(limits.rest_end * PHYSICS_RATE))):
+        speed = _approach(speed, 0.0, 2 * limits.acceleration * dt)
+        turn_rate = _approach(turn_rate, 0.0, 2 * limits.turn_acceleration * dt)
+        run.step(speed, turn_rate)
+    table = np.array(run.rows)
+    stamps = np.arange(len(table), dtype=np.float64) / PHYSICS_RATE
+    tracks = None if actors is None else actors.tracks()
+    return Drive(stamps, table[:, :3], table[:, 3:6], table[:, 6:], end, tracks)
+
+
+class _Run:
+    """Vehicle and actors step by step; ``rows`` has the vehicle's states, the present one last."""
+
+    def __init__(self, vehicle: Vehicle, actors: Actors | None) -> None:
+        self._vehicle, self._actors = vehicle, actors
+        self.rows = [vehicle.state()]
+        if actors is not None:
+            actors.record()
+
+    def step(self, speed: float, turn_rate: float) -> None:
+        """One physics step with the motors asked for a speed [m/s] and turn rate [rad/s]."""
+        vehicle, actors, done, dt = self._vehicle, self._actors, len(self.rows) - 1, 1 / PHYSICS_RATE
+        vehicle.push(speed, turn_rate)
+        if actors is not None and done % CONTROL_STEPS == 0:
+            actors.move(done * dt, CONTROL_STEPS * dt, vehicle.position, vehicle.platform.radius)
+        vehicle.space.step(dt)
+        self.rows.append(vehicle.state())
+        if actors is not None and (done + 1) % (PHYSICS_RATE // TRUTH_RATE) == 0:
+            actors.record()
+
+
+def _approach(value: float, wanted: float, change: float) -> float:
+    return min(max(wanted, value - change), value + change)

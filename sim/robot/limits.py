@@ -1,0 +1,36 @@
+"""The limits that a robot drives within."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from pydantic import Field
+
+from moteslam.robot.section import Number, Positive, Section
+
+MAX_DURATION = 1800.0
+"""The longest recording [s]: 72 000 scans, 311 MB of ranges."""
+
+Seconds = Annotated[Number, Field(ge=0, le=MAX_DURATION)]
+
+
+class Limits(Section):
+    """How the robot drives.
+
+    Attributes:
+        speed: at most [m/s]; turn_rate: at most [rad/s].
+        acceleration: of the speed, at most [m/s^2]; turn_acceleration: of the turn rate [rad/s^2].
+        lookahead: distance ahead on the route that is aimed at [m].
+        wander: standard deviation of the driver's sideways inattention [m], over ``wander_distance`` [m].
+        rest_start, rest_end: standing still before and after [s]: long enough to see the gyro's bias.
+    """
+
+    speed: Annotated[Number, Field(gt=0, le=3)] = 0.95
+    turn_rate: Annotated[Number, Field(gt=0, le=3)] = 1.0
+    acceleration: Annotated[Number, Field(gt=0, le=5)] = 0.8
+    turn_acceleration: Annotated[Number, Field(gt=0, le=10)] = 2.5
+    lookahead: Annotated[Number, Field(gt=0, le=5)] = 0.7
+    wander: Annotated[Number, Field(ge=0, le=1)] = 0.03
+    wander_distance: Positive = 2.0
+    rest_start: Seconds = 6.0
+    rest_end: Seconds = 4.0

@@ -1,0 +1,189 @@
+"""The robot as a body in a physics engine, pushed by its wheels.
+
+Contact of a wheel with the floor: a force against the slip between rim and floor, proportional to it until the grip
+gives way (Probabilistic Robotics has no such model; this is the usual linear tyre with a friction circle). A
+skid-steered robot slips sideways in every turn. With a sideways stiffness k_y and a lengthwise k_x, base B and track
+T, four wheels turn on the spot as if their track were T + (k_y / k_x) B^2 / T: so k_y / k_x follows from the
+platform's effective track.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from moteslam.errors import ConfigError
+from moteslam.robot.platform import Platform, Wheels
+from moteslam.robot.section import NotNegative, Number, Section
+from moteslam.sim.actors.people import ROBOT
+from moteslam.sim.world.world import World
+
+PHYSICS_RATE = 400
+"""Physics steps a second [Hz]."""
+GRAVITY = 9.80665
+"""[m/s^2]"""
+
+
+class Body(Section):
+    """The robot as a mass on four wheels.
+
+    Attributes:
+        mass: [kg].
+        wheel_mass: what a wheel and its motor weigh at the rim [kg].
+        grip: friction of a wheel on the floor, 1 = its share of the weight.
+        stiffness: contact force for a slip of 1 m/s [N s/m], before the grip gives way.
+        wheel_force: the largest force of a motor at the rim [N].
+        wall_friction: of the body against what it runs into.
+    """
+
+    mass: Annotated[Number, Field(gt=0.1, le=1000)] = 20.0
+    wheel_mass: Annotated[Number, Field(gt=0.1, le=100)] = 1.5
+    grip: Annotated[Number, Field(gt=0, le=2)] = 0.8
+    stiffness: Annotated[Number, Field(gt=0, le=200)] = 100.0
+    wheel_force: Annotated[Number, Field(gt=0, le=1000)] = 60.0
+    wall_friction: NotNegative = 0.4
+
+
+class Vehicle:
+    """The robot's body on four wheels, among the walls of a physics engine's space.
+
+    Args:
+        platform: the robot, with wheels.
+        body: its masses and forces.
+        start: the pose [3] it starts at.
+        world: the walls, and the patches of slippery floor.
+
+    Attributes:
+        space: of the physics engine; others may be put into it.
+        platform: the robot.
+    """
+
+    def __init__(self, platform: Platform, body: Body, start: NDArray[np.float64], world: World) -> None:
+        import pymunk
+
+        wheels = platform.wheels
+        assert wheels is not None  # a scenario without wheels is refused
+        self.platform, self._settings, self._slippery = platform, body, world.slippery
+        self.space = pymunk.Space()
+        self.space.iterations = 20
+        for x0, y0, x1, y1 in world.segments.tolist():
+            wall = pymunk.Segment(self.space.static_body, (x0, y0), (x1, y1), 0.0)
+            wall.friction = body.wall_friction
+            self.space.add(wall)
+        self._body = pymunk.Body(body.mass, _inertia(body, platform))
+        x, y, theta = start.tolist()
+        self._body.position, self._body.angle = (x, y), theta
+        hull = pymunk.Poly.create_box(self._body, (platform.length, platform.width))
+        hull.friction = body.wall_friction
+        hull.filter = pymunk.ShapeFilter(categories=ROBOT)
+        self.space.add(self._body, hull)
+        base, track = wheels.wheel_base / 2, wheels.track / 2
+        self._places = ((base, -track), (base, track), (-base, -track), (-base, track))  # FR, FL, RR, RL
+        self._lengthwise = body.stiffness
+        self._sideways = body.stiffness * _sideways_ratio(wheels)
+        self._half_track = wheels.effective_track / 2
+        self._grip = body.grip * body.mass * GRAVITY / 4
+        self._rims = [0.0, 0.0, 0.0, 0.0]
+        self._travel = [0.0, 0.0, 0.0, 0.0]
+
+    @property
+    def position(self) -> tuple[float, float]:
+        """x, y [m]."""
+        return self._body.position.x, self._body.position.y
+
+    def state(self) -> tuple[float, ...]:
+        """x, y, theta, their velocities, and the travel of the four wheels."""
+        body = self._body
+        return (*body.position, body.angle, *body.velocity, body.angular_velocity, *self._travel)
+
+    def push(self, speed: float, turn_rate: float) -> None:
+        """Set the forces of the next physics step, with the motors asked for a speed [m/s] and turn rate [rad/s]."""
+        body, settings, dt = self._body, self._settings, 1 / PHYSICS_RATE
+        cos, sin = math.cos(body.angle), math.sin(body.angle)
+        vx, vy = body.velocity
+        yaw_rate = body.angular_velocity
+        forward, left = cos * vx + sin * vy, cos * vy - sin * vx
+        total_x = total_y = moment = 0.0
+        for i, (px, py) in enumerate(self._places):
+            rim = self._rims[i]
+            # the floor's force on the wheel, against the slip at its contact
+            fx = self._lengthwise * (rim - (forward - yaw_rate * py))
+            fy = -self._sideways * (left + yaw_rate * px)
+            size = math.hypot(fx, fy)
+            grip = self._grip
+            if self._slippery:
+                grip *= self._grip_share(body.position.x + cos * px - sin * py, body.position.y + sin * px + cos * py)
+            if size > grip:
+                fx, fy = fx * grip / size, fy * grip / size
+            total_x, total_y, moment = total_x + fx, total_y + fy, moment + px * fy - py * fx
+            # a motor that reaches its speed at once if its bounded force can
+            wanted = speed + math.copysign(self._half_track, py) * -turn_rate
+            push = (wanted - rim) * settings.wheel_mass / dt + fx
+            push = min(max(push, -settings.wheel_force), settings.wheel_force)
+            self._rims[i] = rim = rim + (push - fx) * dt / settings.wheel_mass
+            self._travel[i] += rim * dt
+        body.force = (cos * total_x - sin * total_y, sin * total_x + cos * total_y)
+        body.torque = moment
+
+    def _grip_share(self, x: float, y: float) -> float:
+        """The grip at a place over that of the floor: the least of the patches there."""
+        share = 1.0
+        for patch in self._slippery:
+            (left, low), (wide, high) = patch.corner, patch.size
+            if left <= x <= left + wide and low <= y <= low + high:
+                share = min(share, patch.grip / self._settings.grip)
+        return share
+
+
+def check_wheels(platform: Platform) -> None:
+    """Refuse a platform that cannot drive: without wheels, with a wrong track, or with wheels outside its body.
+
+    Raises:
+        ConfigError: the first thing that is wrong.
+    """
+    wheels = platform.wheels
+    if wheels is None:
+        raise ConfigError("none, expected wheels to drive on", field="platform.wheels")
+    if wheels.effective_track < wheels.track:
+        raise ConfigError(
+            f"{wheels.effective_track:g} m, expected at least the track, {wheels.track:g} m",
+            field="platform.wheels.effective_track",
+        )
+    for side, inner, outer in (("length", wheels.wheel_base, platform.length), ("width", wheels.track, platform.width)):
+        if inner > outer:
+            raise ConfigError(
+                f"{outer:g} m, expected the wheels, {inner:g} m apart, within the body", field=f"platform.{side}"
+            )
+
+
+def check_body(body: Body, platform: Platform) -> None:
+    """Refuse a contact so stiff, for masses so small, that a step of the physics overshoots by more than half.
+
+    Raises:
+        ConfigError: so it is.
+    """
+    wheels = platform.wheels
+    assert wheels is not None
+    ratio = _sideways_ratio(wheels)
+    arm = ratio * wheels.wheel_base**2 + wheels.track**2  # four wheels, half a base and half a track away
+    softest = min(body.wheel_mass, body.mass / 4 / max(ratio, 1.0), _inertia(body, platform) / arm)
+    stiffest = softest * PHYSICS_RATE / 2
+    if body.stiffness > stiffest:
+        raise ConfigError(
+            f"{body.stiffness:g} N s/m, expected at most {stiffest:.3g} for these masses and this effective track",
+            field="body.stiffness",
+        )
+
+
+def _inertia(body: Body, platform: Platform) -> float:
+    """Of a homogeneous rectangle about its centre [kg m^2]."""
+    return body.mass * (platform.length**2 + platform.width**2) / 12
+
+
+def _sideways_ratio(wheels: Wheels) -> float:
+    """Stiffness of the wheels' contact sideways over lengthwise, from the effective track (see above)."""
+    return (wheels.effective_track - wheels.track) * wheels.track / wheels.wheel_base**2

@@ -1,0 +1,167 @@
+"""Draws what the two cameras of the Kinect see: their rays, the floor's picture and the noise, prepared once."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from moteslam.robot import kinect
+from moteslam.robot.platform import CameraMount
+from moteslam.robot.se2 import transform_points
+from moteslam.sim.sensors.camera import CameraSettings
+from moteslam.sim.sensors.echoes import Scene
+from moteslam.sim.world.floor import FloorSettings, rasterise
+
+FLOOR_CELL = 0.01
+"""The floor is drawn from a picture of cells this large [m], or larger ones in a world of hectares."""
+
+FLOOR_PIXELS = 60_000_000
+"""Most cells of that picture."""
+
+FARTHEST = 200.0
+"""Walls further away than this are not drawn [m]."""
+
+_NOISE_LENGTH = 1 << 20
+"""Normal numbers drawn once; every frame reads them from a place of its own on."""
+
+
+class Renderer:
+    """Draws frames of a run.
+
+    Args:
+        mount: where the camera is.
+        settings: of the camera.
+        scene: walls, people and doors that hide the floor.
+        floor: what the colour camera sees.
+        path: [m, 2] where the robot is when the colour camera fires [m]: the floor is drawn around it.
+        frames: how many colour and disparity images there are; each has noise of its own.
+        seed: of the noise.
+    """
+
+    def __init__(
+        self,
+        mount: CameraMount,
+        settings: CameraSettings,
+        scene: Scene,
+        floor: FloorSettings,
+        *,
+        path: NDArray[np.float64],
+        frames: tuple[int, int],
+        seed: tuple[int, ...],
+    ) -> None:
+        from moteslam.kernels.camera import depth_view_of, view_of  # imports Taichi
+
+        rotation = kinect.mount_rotation(mount)
+        self._scene = scene
+        # each camera's place in the robot's frame: the colour camera stands to the right of the depth camera
+        place = np.array((mount.x, mount.y, mount.z))
+        self._places = {False: place, True: place + rotation @ np.array((kinect.RGB_OFFSET, 0.0, 0.0))}
+        self._views = {}
+        for colour in (False, True):
+            optical = kinect.optical_rays(colour=colour)
+            directions = np.concatenate((optical @ rotation.T, optical[..., 2:]), axis=-1)
+            self._views[colour] = view_of(directions, height=float(self._places[colour][2]))
+        ground = _bounds(scene, path, settings.farthest + 2.0)
+        width, height = ground[2] - ground[0], ground[3] - ground[1]
+        cell = max(FLOOR_CELL, float(np.sqrt(width * height / FLOOR_PIXELS)))
+        self._ground = rasterise(floor, ground, cell)
+        self._packed = _pack(self._ground.values)
+        rng = np.random.default_rng(np.random.SeedSequence(seed))
+        reads = kinect.HEIGHT * kinect.WIDTH + 2 * kinect.WIDTH
+        normal = rng.standard_normal(_NOISE_LENGTH + reads, np.float32)
+        lost = rng.random(len(normal), np.float32) < settings.dropout
+        self._colour_noise = np.float32(settings.colour_noise) * normal
+        self._disparity_noise = np.where(lost, np.float32(np.inf), np.float32(settings.disparity_noise) * normal)
+        self._rgb_starts, self._disparity_starts = (rng.integers(_NOISE_LENGTH, size=count) for count in frames)
+        self._depth_view = depth_view_of(
+            self._views[False],
+            scale=kinect.DEPTH_SCALE,
+            offset=kinect.DISPARITY_OFFSET,
+            slope=kinect.DISPARITY_SLOPE,
+            nothing=kinect.NO_DISPARITY,
+            nearest=settings.nearest,
+            farthest=settings.farthest,
+            grazing=settings.grazing,
+        )
+
+    def rgb(
+        self, indices: NDArray[np.intp], poses: NDArray[np.float64], times: NDArray[np.float64]
+    ) -> NDArray[np.uint8]:
+        """The colour images [k, 480, 640, 3] (red, green, blue) of frames.
+
+        Args:
+            indices: [k] of the frames.
+            poses: [k, 3] the robot's then.
+            times: [k] when they are taken, from the drive's first moment [s].
+        """
+        import cv2
+
+        from moteslam.kernels.camera import render_colour
+
+        cameras, reaches = self._reaches(poses, times, colour=True)
+        packed = render_colour(
+            self._views[True],
+            cameras,
+            reaches,
+            self._packed,
+            corner=self._ground.origin[:2],
+            cell_size=self._ground.cell_size,
+            noise=self._colour_noise,
+            starts=self._rgb_starts[indices],
+        )
+        bytes_ = packed.astype("<i4", copy=False).view(np.uint8).reshape(-1, kinect.WIDTH, 4)
+        images = cv2.cvtColor(bytes_, cv2.COLOR_RGBA2RGB) if len(bytes_) else bytes_[..., :3]
+        return np.asarray(images, np.uint8).reshape(-1, kinect.HEIGHT, kinect.WIDTH, 3)
+
+    def disparity(
+        self, indices: NDArray[np.intp], poses: NDArray[np.float64], times: NDArray[np.float64]
+    ) -> NDArray[np.uint16]:
+        """The raw disparity images [k, 480, 640] of frames; see ``rgb``."""
+        from moteslam.kernels.camera import render_disparity
+
+        _, reaches = self._reaches(poses, times, colour=False)
+        starts = self._disparity_starts[indices]
+        images = render_disparity(self._depth_view, reaches, noise=self._disparity_noise, starts=starts)
+        return images.reshape(-1, kinect.HEIGHT, kinect.WIDTH)
+
+    def depth_reaches(
+        self, pose: NDArray[np.float64], time: float
+    ) -> tuple[NDArray[np.float64], NDArray[np.float32], NDArray[np.float64]]:
+        """Where the depth camera is [3], and how far the floor reaches [b] at bearings [b] from its heading.
+
+        The pose is the camera's place and the robot's heading [m, rad], reaches are in m, bearings in rad.
+
+        Args:
+            pose: [3] the robot's.
+            time: from the drive's first moment [s].
+        """
+        cameras, reaches = self._reaches(pose[None], np.array([time]), colour=False)
+        return cameras[0], reaches[0], self._views[False].bearings
+
+    def _reaches(
+        self, poses: NDArray[np.float64], times: NDArray[np.float64], *, colour: bool
+    ) -> tuple[NDArray[np.float64], NDArray[np.float32]]:
+        """Where the camera is with the robot at poses [k, 3], and how far it sees at each bearing [k, b]."""
+        place, bearings = self._places[colour], self._views[colour].bearings
+        cameras = np.array(poses)
+        for camera in cameras:
+            camera[:2] = transform_points(camera, place[:2])
+        angles = (cameras[:, 2:] + bearings).reshape(-1)
+        origins = np.repeat(cameras[:, :2], len(bearings), axis=0)
+        ranges = self._scene.exact(origins, angles, np.repeat(times, len(bearings)), max_range=FARTHEST)
+        return cameras, ranges.reshape(len(cameras), len(bearings))
+
+
+def _bounds(scene: Scene, path: NDArray[np.float64], reach: float) -> tuple[float, float, float, float]:
+    """x_min, y_min, x_max, y_max [m] of the floor that is seen: the world, but at most ``reach`` from the path."""
+    x0, y0, x1, y1 = scene.world.bounds
+    low = np.minimum((x0, y0), path.min(axis=0)) - 0.5
+    high = np.maximum((x1, y1), path.max(axis=0)) + 0.5
+    low, high = np.maximum(low, path.min(axis=0) - reach), np.minimum(high, path.max(axis=0) + reach)
+    return float(low[0]), float(low[1]), float(high[0]), float(high[1])
+
+
+def _pack(colours: NDArray[np.uint8]) -> NDArray[np.int32]:
+    """Colours [H, W, 3] as one number each: red + 256 green + 65536 blue."""
+    red, green, blue = (colours[..., k].astype(np.int32) for k in range(3))
+    return np.ascontiguousarray(red | green << 8 | blue << 16)

@@ -1,0 +1,254 @@
+"""Random buildings: corridors of several widths between the points of an uneven lattice, by a seed.
+
+Free space is a union of rectangles on a raster of 0.1 m, so it is connected as the lattice's spanning tree is, and
+its walls are exactly the raster's sides. The route follows the corridors' centre lines; clutter keeps clear of it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from moteslam.errors import ConfigError
+from moteslam.sim.world.tracing import trace_sides
+
+CELL = 0.1
+"""Of the raster [m]."""
+WIDTHS = (1.6, 2.0, 2.4, 3.0)
+"""Of corridors [m]."""
+CLEAR_OF_ROUTE = 0.65
+"""Distance of clutter from the route [m]: half a robot's diagonal, and what it cuts corners by."""
+RING_SHARE = 0.25
+"""Of the corridors that the spanning tree does without, the share that is built: each closes a ring."""
+NAME = "random-corridors"
+
+Node = tuple[int, int]
+Edge = tuple[Node, Node]
+
+
+@dataclass
+class _Building:
+    """A building while it is designed.
+
+    Attributes:
+        x, y: of the lattice's columns and rows [m].
+        edges: the corridors between neighbouring nodes, with their widths [m].
+        rectangles: x0, y0, x1, y1 [m] of free space, and whether each is free or filled again.
+    """
+
+    x: NDArray[np.float64]
+    y: NDArray[np.float64]
+    edges: dict[Edge, float] = field(default_factory=dict)
+    rectangles: list[tuple[float, float, float, float, bool]] = field(default_factory=list)
+
+    def place(self, node: Node) -> NDArray[np.float64]:
+        """Where a node is [2] [m]."""
+        return np.array((self.x[node[0]], self.y[node[1]]))
+
+    def at(self, node: Node) -> list[Node]:
+        """The nodes that corridors lead to from here."""
+        return [b if a == node else a for a, b in self.edges if node in (a, b)]
+
+    def carve(self, x0: float, y0: float, x1: float, y1: float, *, free: bool = True) -> None:
+        """Make a rectangle free, or fill it."""
+        self.rectangles.append((x0, y0, x1, y1, free))
+
+
+def random_corridors(
+    seed: int, *, distance: float = 90.0, rooms: float = 0.35, clutter: float = 1.0, people: int = 0
+) -> dict[str, Any]:
+    """A building of corridors and a route through it, as the table of a scenario.
+
+    Args:
+        seed: of everything; the same seed gives the same building.
+        distance: to drive, about [m].
+        rooms: share of the corridors' ends and crossings that widen to a room, and of corridors with a side room.
+        clutter: how much stands about; 1 is a piece every 12 square metres or so, 0 nothing.
+        people: how many stroll about.
+
+    Returns:
+        a table as TOML gives it, for ``parse_scenario``.
+
+    Raises:
+        ConfigError: a value out of bounds.
+    """
+    for key, value, low, high in (
+        ("seed", seed, 0, 2**63 - 1), ("distance", distance, 10.0, 1000.0), ("rooms", rooms, 0.0, 1.0),
+        ("clutter", clutter, 0.0, 5.0), ("people", people, 0, 30),
+    ):  # fmt: skip
+        if not low <= value <= high:
+            raise ConfigError(f"{value}, expected {low:g} to {high:g}", field=key)
+    rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(0x5EED,)))
+    building = _lattice(rng, distance)
+    _connect(building, rng)
+    _furnish(building, rng, rooms)
+    route = _route(building, rng, distance)
+    free, corner = _raster(building)
+    walls = trace_sides(free) * CELL + np.tile(corner, 2)
+    legs = float(np.hypot(*np.diff(route, axis=0).T).sum())
+    table: dict[str, Any] = {
+        "name": f"{NAME}-{seed}",
+        "description": f"A random building of {len(building.edges)} corridors, number {seed}.",
+        "why": "Nobody has seen it: corridors of several widths, crossings, rooms and clutter as the seed has it.",
+        "seed": seed,
+        "duration": min(1800.0, 60.0 + 2.5 * legs),
+        "world": {
+            "walls": [{"points": [line[:2], line[2:]]} for line in walls.round(3).tolist()],
+            **_clutter(free, corner, route, rng, clutter),
+        },
+        "route": {"waypoints": route.round(3).tolist()},
+    }
+    if people:
+        table["crowd"] = {"count": people}
+    return table
+
+
+def _lattice(rng: np.random.Generator, distance: float) -> _Building:
+    """The lines of the lattice: more of them for a longer route."""
+    larger = int(distance > 150) + int(distance > 400)
+    columns, rows = int(rng.integers(3, 6)) + 2 * larger, int(rng.integers(2, 5)) + larger
+    gaps = [rng.uniform(6.0, 11.0, count - 1).round(1) for count in (columns, rows)]
+    x, y = (np.concatenate(([0.0], np.cumsum(gap))).round(1) for gap in gaps)
+    return _Building(x, y)
+
+
+def _connect(building: _Building, rng: np.random.Generator) -> None:
+    """Corridors along a random spanning tree of the lattice, and a few more that make rings."""
+    columns, rows = len(building.x), len(building.y)
+    edges = [((i, j), (i + 1, j)) for i in range(columns - 1) for j in range(rows)]
+    edges += [((i, j), (i, j + 1)) for i in range(columns) for j in range(rows - 1)]
+    order = rng.permutation(len(edges))
+    tree = _spanning_tree([edges[k] for k in order])
+    for k in order:
+        if edges[k] in tree or rng.random() < RING_SHARE:
+            building.edges[edges[k]] = float(rng.choice(WIDTHS))
+
+
+def _spanning_tree(edges: list[Edge]) -> set[Edge]:
+    """The spanning tree that prefers edges early in the list (Kruskal's, with their places as weights)."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import minimum_spanning_tree
+
+    number = {node: k for k, node in enumerate(sorted({node for edge in edges for node in edge}))}
+    a, b = np.array([(number[a], number[b]) for a, b in edges]).T
+    weights = np.arange(1, len(edges) + 1)  # 0 would be no edge
+    tree = minimum_spanning_tree(coo_array((weights, (a, b)), shape=(len(number), len(number))))
+    return {edges[int(weight) - 1] for weight in tree.data}
+
+
+def _furnish(building: _Building, rng: np.random.Generator, rooms: float) -> None:
+    """Carve the corridors, crossings, rooms, niches and side rooms; fill pilasters."""
+    pilasters = []
+    for (a, b), width in building.edges.items():
+        (x0, y0), (x1, y1) = building.place(a), building.place(b)
+        half = width / 2
+        building.carve(x0 - half, y0 - half, x1 + half, y1 + half)
+        along, length = (0, x1 - x0) if y0 == y1 else (1, y1 - y0)
+
+        def piece(begin: float, span: float, low: float, high: float) -> tuple[float, float, float, float]:
+            """A rectangle: its begin and span along the corridor's centre line, and two distances to the left of it."""
+            if along == 0:  # noqa: B023 - called within the loop alone
+                return x0 + begin, y0 + low, x0 + begin + span, y0 + high  # noqa: B023
+            return x0 - high, y0 + begin, x0 - low, y0 + begin + span  # noqa: B023
+
+        for _ in range(int(rng.integers(1, 5))):
+            span, begin = rng.uniform(0.4, 1.3), rng.uniform(1.5, max(1.6, length - 3.0))
+            side = 1.0 if rng.random() < 0.5 else -1.0
+            if width >= 2.0 and rng.random() < 0.35:
+                low, high = sorted((side * half, side * (half - 0.2)))
+                pilasters.append(piece(begin, min(span, 0.5), low, high))
+            else:
+                low, high = sorted((side * (half - 0.1), side * (half + rng.uniform(0.2, 0.7))))
+                building.carve(*piece(begin, span, low, high))
+        if rng.random() < rooms:
+            side, depth = (1.0 if rng.random() < 0.5 else -1.0), rng.uniform(2.4, 4.0)
+            begin, span = rng.uniform(0.5, 1.5), rng.uniform(2.4, 4.0)
+            low, high = sorted((side * (half + 0.2), side * (half + 0.2 + depth)))
+            building.carve(*piece(begin, span, low, high))
+            low, high = sorted((side * (half - 0.1), side * (half + 0.3)))
+            building.carve(*piece(begin + rng.uniform(0.2, span - 1.2), 1.0, low, high))
+    for i in range(len(building.x)):
+        for j in range(len(building.y)):
+            x, y = building.place((i, j))
+            dead_end = len(building.at((i, j))) == 1
+            if rng.random() < rooms or dead_end:
+                west, south, east, north = rng.uniform(1.2, 1.6 if dead_end else 3.0, 4)
+                building.carve(x - west, y - south, x + east, y + north)
+    for x0, y0, x1, y1 in pilasters:
+        building.carve(x0, y0, x1, y1, free=False)
+
+
+def _route(building: _Building, rng: np.random.Generator, distance: float) -> NDArray[np.float64]:
+    """A walk along the corridors [k, 2] [m] that prefers those least walked, and turns back only at dead ends."""
+    nodes = sorted({node for edge in building.edges for node in edge})
+    here = nodes[int(rng.integers(len(nodes)))]
+    walk, walked, length = [here], dict.fromkeys(building.edges, 0), 0.0
+    while length < distance:
+        options = building.at(here)
+        if len(options) > 1 and len(walk) > 1:
+            options = [node for node in options if node != walk[-2]]
+        least = min(walked[_edge(here, node)] for node in options)
+        options = [node for node in options if walked[_edge(here, node)] == least]
+        there = options[int(rng.integers(len(options)))]
+        walked[_edge(here, there)] += 1
+        length += float(np.hypot(*(building.place(there) - building.place(here))))
+        walk.append(there)
+        here = there
+    return np.array([building.place(node) for node in walk])
+
+
+def _edge(a: Node, b: Node) -> Edge:
+    return (a, b) if a < b else (b, a)
+
+
+def _raster(building: _Building) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
+    """The free cells [rows, cols], and where the corner of cell [0, 0] is [m]."""
+    rectangles = np.array([rectangle[:4] for rectangle in building.rectangles])
+    corner = np.floor(rectangles[:, :2].min(0) / CELL).astype(int) - 2
+    size = np.ceil(rectangles[:, 2:].max(0) / CELL).astype(int) + 2 - corner
+    free = np.zeros((size[1], size[0]), bool)
+    for x0, y0, x1, y1, is_free in building.rectangles:
+        (left, low), (right, high) = (np.round(np.array(p) / CELL).astype(int) - corner for p in ((x0, y0), (x1, y1)))
+        free[low:high, left:right] = is_free
+    return free, corner * CELL
+
+
+def _clutter(
+    free: NDArray[np.bool_],
+    corner: NDArray[np.float64],
+    route: NDArray[np.float64],
+    rng: np.random.Generator,
+    density: float,
+) -> dict[str, list[dict[str, Any]]]:
+    """Boxes, pillars, tables and chairs in free space, clear of the route."""
+    found: dict[str, list[dict[str, Any]]] = {"boxes": [], "pillars": [], "tables": [], "chairs": []}
+    cells = np.argwhere(free)
+    for _ in range(round(density * len(cells) * CELL**2 / 6)):  # about half of them are too close to the route
+        row, col = cells[int(rng.integers(len(cells)))]
+        centre = corner + (np.array((col, row)) + 0.5) * CELL
+        kind = ("boxes", "boxes", "pillars", "tables", "chairs")[int(rng.integers(5))]
+        size = rng.uniform(0.25, 1.0, 2).round(2)
+        angle = float(rng.choice((0.0, 0.0, rng.uniform(-1.5, 1.5))))
+        if kind == "tables":
+            size = size + 0.5
+        reach = {"pillars": size[0] / 2, "chairs": 0.35}.get(kind, float(np.hypot(*size)) / 2)
+        if _distance_to(route, centre) < reach + CLEAR_OF_ROUTE:
+            continue
+        piece: dict[str, Any] = {"centre": centre.round(3).tolist()}
+        if kind == "pillars":
+            piece["radius"] = round(float(size[0]) / 2, 3)
+        else:
+            piece["angle"] = round(angle, 3)
+            if kind != "chairs":
+                piece["size"] = size.tolist()
+        found[kind].append(piece)
+    return found
+
+
+def _distance_to(route: NDArray[np.float64], point: NDArray[np.float64]) -> float:
+    a, along = route[:-1], np.diff(route, axis=0)
+    share = np.clip(((point - a) * along).sum(1) / (along**2).sum(1), 0.0, 1.0)
+    return float(np.hypot(*(point - a - share[:, None] * along).T).min())

@@ -1,0 +1,166 @@
+"""Floor plans as worlds: the walls are the sides of the image's cells, and nothing else."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from twins import rays
+
+from moteslam.errors import ConfigError
+from moteslam.sim.scenario import load_scenario, parse_scenario
+from moteslam.sim.world.floor_plan import FloorPlan, read_floor_plan
+from moteslam.sim.world.tracing import trace_sides, wall_segments
+from moteslam.sim.world.world import World
+
+YAML = (
+    "image: {name}\nresolution: {cell}\norigin: [{x}, {y}, {yaw}]\nnegate: 0\n"
+    "occupied_thresh: 0.65\nfree_thresh: 0.196\n"
+)
+
+
+def plan_file(folder: Path, cells: np.ndarray, *, name: str = "plan.png", cell: Any = 0.1, yaw: float = 0.0) -> Path:
+    """A map_server file whose solid cells [row, col] are those, row 0 the smallest y."""
+    assert cv2.imwrite(str(folder / name), np.where(cells[::-1], 0, 254).astype(np.uint8))
+    path = folder / "plan.yaml"
+    path.write_text(YAML.format(name=name, cell=cell, x=-3.0, y=2.0, yaw=yaw))
+    return path
+
+
+def cave(seed: int = 0, size: tuple[int, int] = (80, 120)) -> np.ndarray:
+    """Random blobs and a rim."""
+    generator = np.random.default_rng(seed)
+    cells = cv2.GaussianBlur(generator.random(size).astype(np.float32), (0, 0), 2.5) > 0.52
+    cells[[0, -1]] = cells[:, [0, -1]] = True
+    return np.asarray(cells)
+
+
+def test_sides_of_known_cells() -> None:
+    cells = np.array([[0, 1, 1], [0, 0, 1]], bool)
+    found = {tuple(sorted(((a, b), (c, d)))) for a, b, c, d in trace_sides(cells).astype(int).tolist()}
+    assert found == {
+        ((1, 0), (3, 0)), ((1, 1), (2, 1)), ((2, 2), (3, 2)),
+        ((1, 0), (1, 1)), ((2, 1), (2, 2)), ((3, 0), (3, 2)),
+    }  # fmt: skip
+
+
+def test_sides_are_all_there_and_no_more() -> None:
+    cells = np.random.default_rng(1).random((30, 40)) < 0.4
+    padded = np.pad(cells, 1).astype(int)
+    length = np.abs(np.diff(padded, axis=0)).sum() + np.abs(np.diff(padded, axis=1)).sum()
+    lines = trace_sides(cells)
+    assert np.abs(lines[:, 2:] - lines[:, :2]).sum() == length
+
+
+@pytest.mark.usefixtures("taichi")
+@pytest.mark.parametrize("name", ["plan.png", "plan.pgm"])
+def test_rays_in_the_traced_world_are_rays_in_the_image(tmp_path: Path, name: str) -> None:
+    from moteslam.kernels.raycast import build_buckets, cast_rays
+
+    cells = cave()
+    grid = read_floor_plan(FloorPlan(file=str(plan_file(tmp_path, cells, name=name))))
+    np.testing.assert_array_equal(grid.values, cells)
+    generator = np.random.default_rng(2)
+    free = np.argwhere(~cells)
+    rows, cols = free[generator.integers(0, len(free), 400)].T
+    origins = np.column_stack((cols, rows)) * 0.1 + (-3.0, 2.0) + generator.uniform(0.02, 0.08, (400, 2))
+    angles = generator.uniform(-np.pi, np.pi, 400)
+    traced = cast_rays(build_buckets(wall_segments(grid)), origins, angles, max_range=30.0)
+    image = [
+        rays.march(cells, (-3.0, 2.0), 0.1, (*origin, angle), 0.0, max_range=30.0)
+        for origin, angle in zip(origins, angles, strict=True)
+    ]
+    differs = np.abs(traced - image) > 1e-3
+    assert differs.mean() < 0.01  # rays through a corner, where float32 and float64 take different sides
+    assert np.median(traced) > 0.5
+
+
+def test_a_turned_plan_is_solid_where_its_walls_say(tmp_path: Path) -> None:
+    cells = cave(3, (30, 40))
+    plain = read_floor_plan(FloorPlan(file=str(plan_file(tmp_path, cells))))
+    (tmp_path / "b").mkdir()
+    turned = read_floor_plan(FloorPlan(file=str(plan_file(tmp_path / "b", cells, yaw=0.5))))
+    points = np.random.default_rng(0).uniform((-4, 1), (2, 6), (500, 2))
+    cos, sin = np.cos(0.5), np.sin(0.5)
+    moved = (points - (-3.0, 2.0)) @ np.array([(cos, sin), (-sin, cos)]) + (-3.0, 2.0)
+    np.testing.assert_array_equal(turned.values_at(moved, outside=False), plain.values_at(points, outside=False))
+    assert plain.values_at(points, outside=False).any()
+    lengths = [np.hypot(*(wall_segments(grid)[:, 2:] - wall_segments(grid)[:, :2]).T) for grid in (plain, turned)]
+    np.testing.assert_allclose(*lengths, atol=1e-9)
+
+
+def test_unknown_cells_are_free_or_walls_as_asked(tmp_path: Path) -> None:
+    path = plan_file(tmp_path, cave(4, (20, 20)))
+    image = cv2.imread(str(tmp_path / "plan.png"), cv2.IMREAD_GRAYSCALE)
+    assert image is not None
+    image[5:10, 5:10] = 205  # as map_server writes what is not known: 0.196
+    cv2.imwrite(str(tmp_path / "plan.png"), image)
+    free = read_floor_plan(FloorPlan(file=str(path)))
+    wall = read_floor_plan(FloorPlan(file=str(path), unknown="wall"))
+    assert not free.values[10:15, 5:10].any()
+    assert wall.values[10:15, 5:10].all()
+
+
+def test_a_scenario_drives_in_a_floor_plan(tmp_path: Path) -> None:
+    from moteslam.sim.simulate import true_drive
+
+    cells = np.ones((60, 100), bool)
+    cells[10:50, 10:90] = False
+    cells[28:32, 40:60] = True
+    plan_file(tmp_path, cells)
+    scenario_file = tmp_path / "mine.toml"
+    scenario_file.write_text(
+        '[world.plan]\nfile = "plan.yaml"\n[route]\nwaypoints = [[-1.0, 4.0], [5.0, 4.0], [5.0, 6.0]]\n'
+    )
+    scenario = load_scenario(scenario_file)
+    assert scenario.world.plan is not None
+    assert Path(scenario.world.plan.file) == tmp_path / "plan.yaml"
+    run = true_drive(scenario)
+    assert run.end == "arrived"
+    assert World.of(scenario.world).is_free(run.poses[::50, :2], 0.3).all()
+    scenario_file.write_text(scenario_file.read_text().replace("[5.0, 4.0]", "[2.0, 5.0]"))
+    with pytest.raises(ConfigError, match="inside a wall"):
+        load_scenario(scenario_file)
+
+
+@pytest.mark.parametrize(
+    ("content", "field", "words"),
+    [
+        (None, None, "expected a map_server .yaml file"),
+        ("[1, 2", None, "not YAML"),
+        ("just text", None, "not a table"),
+        ("resolution: 0.1\norigin: [0, 0, 0]\n", "image", "missing"),
+        ("image: nowhere.png\nresolution: 0.1\norigin: [0, 0, 0]\n", "image", "No such file"),
+        ("image: plan.yaml\nresolution: 0.1\norigin: [0, 0, 0]\n", None, "not readable as an image"),
+        ("image: plan.png\nresolution: -1\norigin: [0, 0, 0]\n", "resolution", "expected a number"),
+        ("image: plan.png\nresolution: 50.0\norigin: [0, 0, 0]\n", "resolution", "expected at most 2000 m"),
+        ("image: plan.png\nresolution: 0.1\norigin: [0, x]\n", "origin", "expected three numbers"),
+        ("image: white.png\nresolution: 0.1\norigin: [0, 0, 0]\n", "image", "no occupied cell"),
+        ("image: plan.png\nresolution: 0.1\norigin: [0, 0, 0]\nfree_thresh: 0.9\n", "free_thresh", "0.9, expected"),
+        ("image: cut.png\nresolution: 0.1\norigin: [0, 0, 0]\n", None, "not readable as an image"),
+        ("image: cut.pgm\nresolution: 0.1\norigin: [0, 0, 0]\n", None, "not readable as an image"),
+        ("image: huge.pgm\nresolution: 0.1\norigin: [0, 0, 0]\n", None, "expected at most 64000000"),
+    ],
+)
+def test_refused(
+    tmp_path: Path, content: str | None, field: str | None, words: str, table: dict[str, Any], capfd
+) -> None:
+    plan_file(tmp_path, cave(0, (50, 60)))
+    cv2.imwrite(str(tmp_path / "white.png"), np.full((9, 9), 254, np.uint8))
+    for name in ("cut.png", "cut.pgm"):
+        image = cv2.imencode(name[3:], np.full((90, 90), 254, np.uint8))[1].tobytes()
+        (tmp_path / name).write_bytes(image[: len(image) // 2])
+    (tmp_path / "huge.pgm").write_bytes(b"P5\n100000 100000\n255\n")
+    path = tmp_path / "plan.yaml"
+    path.unlink() if content is None else path.write_text(content)
+    with pytest.raises(ConfigError) as caught:
+        parse_scenario({**table, "world": {"plan": {"file": "plan.yaml"}}}, file=tmp_path / "my.toml")
+    assert words in caught.value.problem
+    assert "\n" not in str(caught.value)
+    assert capfd.readouterr().err == ""
+    assert str(caught.value).startswith(f"{tmp_path / 'my.toml'}: world.plan.file: {tmp_path}")
+    if field is not None:
+        assert f": {field}: " in str(caught.value)

@@ -1,0 +1,129 @@
+"""Random buildings: connected, drivable, all different, and no ray through a wall of theirs."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.ndimage import label
+
+from moteslam.errors import ConfigError
+from moteslam.robot.formats.map_server import FREE, OCCUPIED
+from moteslam.sim.scenario import Scenario, load_scenario, parse_scenario
+from moteslam.sim.simulate import simulate, true_drive
+from moteslam.sim.world.random_corridors import random_corridors
+from moteslam.sim.world.true_map import true_map
+from moteslam.sim.world.world import World
+
+
+def building(seed: int, **options: Any) -> Scenario:
+    return parse_scenario(random_corridors(seed, **options))
+
+
+@pytest.mark.parametrize("seed", [0, pytest.param(3, marks=pytest.mark.slow), pytest.param(11, marks=pytest.mark.slow)])
+def test_drivable(seed: int) -> None:
+    scenario = building(seed)
+    world = World.of(scenario.world)
+    run = true_drive(scenario)
+    assert run.end == "arrived"
+    assert world.is_free(run.poses[::10, :2], scenario.platform.width / 2).all()
+    assert 80 < run.truth.length < 130
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_connected(seed: int) -> None:
+    scenario = building(seed, clutter=0.0)
+    true = true_map(World.of(scenario.world), 0.1, seen_from=scenario.start[:2])
+    inside = true.values != OCCUPIED
+    regions, count = label(inside)
+    free = np.unique(regions[true.values == FREE])
+    assert len(free) == 1
+    # what is neither free nor wall is outside, or solid between the corridors
+    assert (true.values == FREE).sum() * 0.01 > 80.0
+    assert count >= 2
+
+
+def test_the_same_seed_the_same_building_another_seed_another() -> None:
+    assert building(5) == building(5) == load_scenario("random-corridors-5")
+    found = {tuple(map(tuple, World.of(building(seed).world).segments.tolist())) for seed in range(4)}
+    assert len(found) == 4
+    assert load_scenario("random-corridors") == building(0)
+
+
+def test_what_can_be_asked_for() -> None:
+    bare = building(2, clutter=0.0).world
+    assert sum(map(len, (bare.boxes, bare.pillars, bare.tables, bare.chairs))) == 0
+    full = building(2, clutter=3.0).world
+    assert len(full.boxes) + len(full.pillars) + len(full.tables) + len(full.chairs) > 20
+    far = building(2, distance=300.0)
+    assert far.route is not None
+    assert np.hypot(*np.diff(far.route.path(), axis=0).T).sum() > 300
+    assert building(2, people=4).crowd is not None
+
+
+def test_the_last_of_all_seeds_has_a_building_too() -> None:
+    assert load_scenario(f"random-corridors-{2**63 - 1}").seed == 2**63 - 1
+
+
+@pytest.mark.parametrize(
+    ("key", "value"), [("seed", -1), ("distance", 1e9), ("rooms", 2.0), ("clutter", -1.0), ("people", 999)]
+)
+def test_refused(key: str, value: Any) -> None:
+    with pytest.raises(ConfigError) as caught:
+        random_corridors(**{"seed": 1, key: value})
+    assert caught.value.field == key
+
+
+def crosses(a: tuple[Fraction, ...], b: tuple[Fraction, ...], wall: list[Fraction]) -> bool:
+    """Whether the open segment a-b properly crosses a wall, by the signs of exact areas."""
+
+    def side(p: Any, q: Any, r: Any) -> int:
+        area = (q[0] - p[0]) * (r[1] - p[1]) - (q[1] - p[1]) * (r[0] - p[0])
+        return (area > 0) - (area < 0)
+
+    c, d = wall[:2], wall[2:]
+    return side(a, b, c) * side(a, b, d) < 0 and side(c, d, a) * side(c, d, b) < 0
+
+
+@pytest.mark.usefixtures("taichi")
+def test_no_ray_goes_through_a_wall() -> None:
+    from moteslam.kernels.raycast import build_buckets, cast_rays
+
+    scenario = building(9)
+    world = World.of(scenario.world)
+    generator = np.random.default_rng(0)
+    run = true_drive(scenario)
+    origins = run.poses[generator.integers(0, len(run.poses), 40), :2]
+    angles = generator.uniform(-np.pi, np.pi, 40)
+    ranges = cast_rays(build_buckets(world.segments), origins, angles, max_range=30.0).astype(np.float64)
+    assert np.isfinite(ranges).mean() > 0.95
+    reach = np.where(np.isfinite(ranges), ranges, 30.0) - 2e-3  # float32, and walls met aslant
+    ends = origins + reach[:, None] * np.stack((np.cos(angles), np.sin(angles)), axis=-1)
+    walls = [[Fraction(value) for value in wall] for wall in world.segments.tolist()]
+    for origin, end in zip(origins.tolist(), ends.tolist(), strict=True):
+        a, b = tuple(map(Fraction, origin)), tuple(map(Fraction, end))
+        assert not any(crosses(a, b, wall) for wall in walls)
+    # and the test can fail: a ray one centimetre longer than it saw is through something
+    far = origins + (ranges + 0.01)[:, None] * np.stack((np.cos(angles), np.sin(angles)), axis=-1)
+    through = [
+        any(crosses(tuple(map(Fraction, a)), tuple(map(Fraction, b)), wall) for wall in walls)
+        for a, b, seen in zip(origins.tolist(), far.tolist(), np.isfinite(ranges), strict=True)
+        if seen
+    ]
+    assert np.mean(through) > 0.9
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("taichi")
+def test_a_complete_recording() -> None:
+    simulation = simulate(building(21), seed=21)
+    recording, seconds = simulation.recording, np.ptp(simulation.truth.stamps)
+    assert recording.lidar is not None
+    assert recording.encoders is not None
+    assert recording.imu is not None
+    assert len(recording.lidar) == pytest.approx(40 * seconds, rel=0.03)
+    assert len(recording.encoders) == pytest.approx(40 * seconds, rel=0.03)
+    assert len(recording.imu) == pytest.approx(100 * seconds, rel=0.04)
+    assert np.isfinite(recording.lidar.ranges).mean() > 0.9
