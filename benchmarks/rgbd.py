@@ -108,17 +108,18 @@ def scored(simulation: Any, recording: Any, trajectory: Any) -> dict[str, Any]:
     seconds = time.perf_counter() - began
     rows, columns = texture.points.shape
     margin = 20
-    (x, y), shape = texture.origin, (rows + 2 * margin, columns + 2 * margin)
-    floor = rasterise(simulation.scenario.floor, (x, y, x + columns * CELL, y + rows * CELL), CELL, samples=5).values
+    (x, y, _), shape = texture.origin, (rows + 2 * margin, columns + 2 * margin)
+    left, right, bottom, top = texture.extent
+    floor = rasterise(simulation.scenario.floor, (left, bottom, right, top), CELL, samples=5).values
     seen = seen_cells(simulation.frames, (x - margin * CELL, y - margin * CELL), shape, CELL)
     coloured = np.zeros_like(seen)
     coloured[margin:-margin, margin:-margin] = texture.known
     moved = np.roll(floor, (2, 0), axis=(0, 1))
     return {
-        **score_texture(texture.colours, floor, texture.known).as_dict(),
-        "registration_cells": list(registration(texture.colours, floor, texture.known)),
-        "share_if_the_floor_were_two_cells_off": score_texture(texture.colours, moved, texture.known).share,
-        "registration_cells_if_it_were": list(registration(texture.colours, moved, texture.known)),
+        **score_texture(texture.values, floor, texture.known).as_dict(),
+        "registration_cells": list(registration(texture.values, floor, texture.known)),
+        "share_if_the_floor_were_two_cells_off": score_texture(texture.values, moved, texture.known).share,
+        "registration_cells_if_it_were": list(registration(texture.values, moved, texture.known)),
         "cells_seen": int(seen.sum()),
         "coloured_of_seen": float((coloured & seen).sum() / seen.sum()),
         "frames": texture.frames,

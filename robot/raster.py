@@ -40,6 +40,12 @@ class Raster:
         """Rows and columns."""
         return self.values.shape[0], self.values.shape[1]
 
+    @property
+    def extent(self) -> tuple[float, float, float, float]:
+        """Left, right, bottom and top [m] of a raster that is not turned, as pictures of it need them."""
+        (rows, columns), (x, y, _) = self.shape, self.origin
+        return x, x + columns * self.cell_size, y, y + rows * self.cell_size
+
     def to_world(self, places: ArrayLike) -> NDArray[np.float64]:
         """Places [n, 2] in columns and rows (cell [0, 0] from (0, 0) to (1, 1)) as points [n, 2] [m]."""
         x, y, yaw = self.origin

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from moteslam.robot.raster import Raster
 from moteslam.robot.trajectory import Trajectory
 from moteslam.slam.config import SlamConfig
-from moteslam.slam.mapping.occupancy import OccupancyMap
 from moteslam.slam.texture.floor_map import TextureMap
 
 
@@ -24,7 +24,7 @@ class Estimate:
         trajectory: a pose at every scan, as it was known then (online).
         trajectory_final: a pose at every scan, as known at the end: the best particle's whole path.
         dead_reckoning: a pose at every scan by odometry alone.
-        map: of the environment.
+        map: of the environment: float32 log-odds, 0 unknown, above 0 occupied.
         particle_stamps: [u] of the updates of the filter [s].
         particle_paths: [K, u, 3] paths that end in the particles of the last update.
         diagnostics: per scan [n]: ``particles``, ``n_eff``, ``score``, ``updated``, ``resampled``, ``seconds``.
@@ -40,7 +40,7 @@ class Estimate:
     trajectory: Trajectory
     trajectory_final: Trajectory
     dead_reckoning: Trajectory
-    map: OccupancyMap
+    map: Raster
     particle_stamps: NDArray[np.float64]
     particle_paths: NDArray[np.float64]
     diagnostics: dict[str, NDArray[np.float64]]

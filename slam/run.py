@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from moteslam.errors import ConfigError, InputError
 from moteslam.robot import se2
+from moteslam.robot.raster import Raster
 from moteslam.robot.recording import Recording
 from moteslam.robot.trajectory import Trajectory
 from moteslam.slam.backend.kinds import BACKENDS
@@ -24,7 +25,7 @@ from moteslam.slam.inputs.floor_views import FloorViews, missing_for_floor_views
 from moteslam.slam.inputs.step import Step, steps
 from moteslam.slam.inputs.synchronise import synchronise
 from moteslam.slam.inputs.warnings import warnings
-from moteslam.slam.mapping.occupancy import OccupancyMap, draw_map
+from moteslam.slam.mapping.occupancy import draw_map
 from moteslam.slam.methods import METHODS
 from moteslam.slam.odometry.dead_reckoning import dead_reckoning
 from moteslam.slam.settings import load_preset
@@ -93,7 +94,7 @@ class SlamSession:
         self._diagnostics = {key: np.zeros(n) for key in DIAGNOSTICS}
         self._updates: list[int] = []
         self._done = 0
-        self._drawn: tuple[int, OccupancyMap | None] = (0, None)  # the map, and after how many scans
+        self._drawn: tuple[int, Raster | None] = (0, None)  # the map, and after how many scans
 
     def __len__(self) -> int:
         return len(self._inputs)
@@ -122,7 +123,7 @@ class SlamSession:
             )
 
     @property
-    def map(self) -> OccupancyMap:
+    def map(self) -> Raster:
         """The map as it stands: the filter's own, or drawn along the best particle's path."""
         done, drawn = self._drawn
         if drawn is None or done != self._done:
@@ -135,7 +136,7 @@ class SlamSession:
         """Memory of the particles' maps."""
         return self._filter.map_bytes
 
-    def preview(self, scans: int) -> OccupancyMap:
+    def preview(self, scans: int) -> Raster:
         """The map as it stands, for a small picture: of at most so many scans, evenly chosen, where it is drawn."""
         own = self._filter.occupancy()
         return self._draw(self._path(), scans) if own is None else own
@@ -209,7 +210,7 @@ class SlamSession:
         """The path [u, 3] of the best particle at every update."""
         return self._filter.history.path(self._filter.best_particle)
 
-    def _draw(self, path: Array, scans: int) -> OccupancyMap:
+    def _draw(self, path: Array, scans: int) -> Raster:
         """The occupancy map along a path [u, 3], of at most so many scans, evenly chosen."""
         updates = np.array(self._updates)[: len(path)]
         some = np.unique(np.linspace(0, len(path) - 1, min(len(path), scans)).round().astype(int))

@@ -88,7 +88,7 @@ def test_a_recording_written_and_read_back_gives_the_same_bytes(tmp_path: Path):
     assert from_disk.trajectory.poses.tobytes() == from_memory.trajectory.poses.tobytes()
     assert from_disk.trajectory.stamps.tobytes() == from_memory.trajectory.stamps.tobytes()
     assert from_disk.trajectory_final.poses.tobytes() == from_memory.trajectory_final.poses.tobytes()
-    assert from_disk.map.log_odds.tobytes() == from_memory.map.log_odds.tobytes()
+    assert from_disk.map.values.tobytes() == from_memory.map.values.tobytes()
 
 
 @pytest.mark.parametrize("preset", ["paper", "default"])

@@ -124,10 +124,9 @@ class Film:
         lidar, platform = simulation.recording.lidar, simulation.recording.platform
         assert lidar is not None
         occupancy = self.session.map
-        belief = np.tanh(occupancy.log_odds / 2)
-        (x, y), (rows, cols) = occupancy.origin, belief.shape
+        belief = np.tanh(occupancy.values / 2)
         artists["map"].set_data(0.88 + np.where(belief < 0, -0.12 * belief, -0.73 * belief))
-        artists["map"].set_extent((x, x + cols * occupancy.cell_size, y, y + rows * occupancy.cell_size))
+        artists["map"].set_extent(occupancy.extent)
         true = simulation.truth.poses[simulation.truth.stamps <= update.stamp, :2]
         artists["truth"].set_data(*self._to_slam(true).T)
         artists["slam"].set_data(path[:, 0], path[:, 1])

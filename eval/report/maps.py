@@ -20,7 +20,6 @@ from moteslam.robot.formats.map_server import (
 )
 from moteslam.robot.pictures import encode_png
 from moteslam.robot.raster import Raster
-from moteslam.slam.mapping.occupancy import OccupancyMap
 
 
 def map_image(log_odds: NDArray[np.float32]) -> NDArray[np.uint8]:
@@ -51,16 +50,16 @@ def trinary(log_odds: NDArray[np.float32]) -> NDArray[np.int8]:
     return np.where(log_odds > limit, OCCUPIED, np.where(log_odds < -limit, FREE, UNKNOWN)).astype(np.int8)
 
 
-def write_map_png(path: str | PathLike[str], occupancy: OccupancyMap) -> None:
+def write_map_png(path: str | PathLike[str], occupancy: Raster) -> None:
     """Write the map as a grey PNG, a pixel a cell.
 
     Raises:
         OutputError: it cannot be written.
     """
-    write_atomically(path, encode_png(map_image(occupancy.log_odds)))
+    write_atomically(path, encode_png(map_image(occupancy.values)))
 
 
-def write_map_server(path: str | PathLike[str], occupancy: OccupancyMap) -> None:
+def write_map_server(path: str | PathLike[str], occupancy: Raster) -> None:
     """Write ``map.pgm`` and, beside it, ``map.yaml`` as map_server and nav2 read them (trinary).
 
     Args:
@@ -70,5 +69,4 @@ def write_map_server(path: str | PathLike[str], occupancy: OccupancyMap) -> None
     Raises:
         OutputError: one of them cannot be written.
     """
-    x, y = (float(value) for value in occupancy.origin)
-    write_map(path, Raster(trinary(occupancy.log_odds), float(occupancy.cell_size), (x, y, 0.0)))
+    write_map(path, Raster(trinary(occupancy.values), occupancy.cell_size, occupancy.origin))

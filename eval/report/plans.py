@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from os import PathLike
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.eval.report import style
 from moteslam.eval.report.snapshots import Snapshot
+from moteslam.robot.raster import Raster
 from moteslam.robot.recording import Recording
 from moteslam.robot.se2 import compose
 from moteslam.robot.trajectory import Trajectory
-from moteslam.slam.mapping.occupancy import OccupancyMap
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -28,7 +28,7 @@ SCANS_DRAWN, BEAMS_DRAWN = 400, 180
 
 def draw_trajectories(
     path: str | PathLike[str],
-    occupancy: OccupancyMap,
+    occupancy: Raster,
     *,
     slam: Trajectory,
     dead_reckoning: Trajectory | None = None,
@@ -170,15 +170,13 @@ def draw_particles(
         style.heading(figure, title)
 
 
-def _draw_map(axes: Axes, occupancy: OccupancyMap) -> None:
+def _draw_map(axes: Axes, occupancy: Raster) -> None:
     """The map: white where free, a light grey where unknown, dark where occupied."""
-    belief = np.tanh(occupancy.log_odds / 2)
-    height, width = belief.shape
-    x, y = occupancy.origin
-    extent = (x, x + width * occupancy.cell_size, y, y + height * occupancy.cell_size)
+    belief = np.tanh(occupancy.values / 2)
     grey = 0.88 + np.where(belief < 0, -0.12 * belief, -0.73 * belief)
     axes.set_facecolor("0.88")
-    axes.imshow(grey, cmap="gray", vmin=0, vmax=1, origin="lower", extent=extent, interpolation="antialiased", zorder=0)
+    look: dict[str, Any] = {"cmap": "gray", "vmin": 0, "vmax": 1, "interpolation": "antialiased"}
+    axes.imshow(grey, origin="lower", extent=occupancy.extent, zorder=0, **look)
 
 
 def _draw_path(
@@ -195,14 +193,14 @@ def _draw_path(
     )
 
 
-def _corners(occupancy: OccupancyMap) -> NDArray[np.float64]:
+def _corners(occupancy: Raster) -> NDArray[np.float64]:
     """Lower left and upper right corner [2, 2] of what the map knows [m]."""
-    known = occupancy.log_odds != 0
+    known = occupancy.values != 0
     rows, columns = np.flatnonzero(known.any(axis=1)), np.flatnonzero(known.any(axis=0))
     if not len(rows):
         return np.zeros((0, 2))
     cells = np.array([[columns[0], rows[0]], [columns[-1] + 1, rows[-1] + 1]])
-    return np.asarray(np.array(occupancy.origin) + cells * occupancy.cell_size)
+    return np.asarray(occupancy.to_world(cells))
 
 
 def _endpoints(recording: Recording, trajectory: Trajectory) -> NDArray[np.float64]:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from moteslam.slam.mapping.occupancy import OccupancyMap
+from moteslam.robot.raster import Raster
 from moteslam.slam.run import SlamSession, Update
 
 STAGES = 6
@@ -21,7 +21,7 @@ class Snapshot:
 
     index: int
     stamp: float
-    map: OccupancyMap
+    map: Raster
 
 
 @dataclass(eq=False)

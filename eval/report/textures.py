@@ -14,7 +14,6 @@ from moteslam.eval.report.snapshots import STAGES
 from moteslam.robot.formats.map_server import write_picture
 from moteslam.robot.raster import Raster
 from moteslam.robot.trajectory import Trajectory
-from moteslam.slam.mapping.occupancy import OccupancyMap
 from moteslam.slam.texture.floor_map import TextureMap, TextureMapper
 
 
@@ -43,7 +42,7 @@ class TextureStages:
 def with_opacity(texture: TextureMap) -> NDArray[np.uint8]:
     """The map as colours [H, W, 4]: red, green, blue, and an opacity of 0 where nothing is known; row 0 smallest y."""
     opacity = np.where(texture.known, 255, 0).astype(np.uint8)
-    colours = np.where(texture.known[..., None], texture.colours, 255).astype(np.uint8)
+    colours = np.where(texture.known[..., None], texture.values, 255).astype(np.uint8)
     return np.dstack((colours, opacity))
 
 
@@ -53,14 +52,13 @@ def write_texture(path: str | PathLike[str], texture: TextureMap) -> None:
     Raises:
         OutputError: one of them cannot be written.
     """
-    x, y = texture.origin
-    write_picture(path, Raster(with_opacity(texture), texture.cell_size, (x, y, 0.0)), {"frames": texture.frames})
+    write_picture(path, Raster(with_opacity(texture), texture.cell_size, texture.origin), {"frames": texture.frames})
 
 
 def draw_texture_over_time(
     path: str | PathLike[str],
     stages: Sequence[tuple[float, TextureMap]],
-    occupancy: OccupancyMap,
+    occupancy: Raster,
     *,
     trajectory: Trajectory,
     title: str = "",
@@ -77,9 +75,9 @@ def draw_texture_over_time(
     Raises:
         OutputError: it cannot be written.
     """
-    belief = np.tanh(occupancy.log_odds / 2)
-    walls = _extent(occupancy.origin, belief.shape, occupancy.cell_size)
-    known = [_extent(texture.origin, texture.points.shape, texture.cell_size) for _, texture in stages]
+    belief = np.tanh(occupancy.values / 2)
+    walls = occupancy.extent
+    known = [texture.extent for _, texture in stages]
     corners = np.array([(e[0], e[2]) for e in known] + [(e[1], e[3]) for e in known])
     points = np.concatenate((trajectory.poses[:, :2], corners))
     width, height = np.ptp(points, axis=0) + 1.0
@@ -115,8 +113,3 @@ def draw_texture_over_time(
             axes.set_ylabel("y [m]")
         style.legend_below(figure, panels[0])
         style.heading(figure, title)
-
-
-def _extent(origin: tuple[float, float], shape: tuple[int, ...], cell: float) -> tuple[float, float, float, float]:
-    """Left, right, bottom, top [m] of a grid."""
-    return (origin[0], origin[0] + shape[1] * cell, origin[1], origin[1] + shape[0] * cell)

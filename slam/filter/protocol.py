@@ -7,13 +7,13 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from moteslam.robot.raster import Raster
 from moteslam.slam.filter.history import History
 from moteslam.slam.filter.weights import Weights
 from moteslam.slam.inputs.scans import Scans
 from moteslam.slam.inputs.step import Step
-from moteslam.slam.mapping.occupancy import OccupancyMap
 
-__all__ = ["Filter", "FilterDefaults", "OccupancyMap", "Scans", "Step", "StepResult"]
+__all__ = ["Filter", "FilterDefaults", "Scans", "Step", "StepResult"]
 
 Array = NDArray[np.float64]
 
@@ -68,7 +68,7 @@ class Filter(Protocol):
     def step(self, step: Step) -> StepResult:
         """Take in one scan and the motion since the scan before."""
 
-    def occupancy(self) -> OccupancyMap | None:
+    def occupancy(self) -> Raster | None:
         """The filter's own occupancy map; None where it is to be drawn along the best particle's path."""
 
     def revise(self, poses: Array, updates: NDArray[np.intp], scans: Scans) -> None:
@@ -94,7 +94,7 @@ class FilterDefaults:
         """See ``Filter``."""
         return 0
 
-    def occupancy(self) -> OccupancyMap | None:
+    def occupancy(self) -> Raster | None:
         """See ``Filter``."""
         return None
 

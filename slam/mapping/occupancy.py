@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from moteslam.errors import InputError
 from moteslam.kernels.occupancy import update_grid
 from moteslam.robot import se2
+from moteslam.robot.raster import Raster
 from moteslam.slam.inputs.scans import Scans
 from moteslam.slam.mapping.config import MapConfig
 
@@ -21,21 +20,6 @@ CHUNK = 256
 
 MAX_CELLS = 400_000_000
 """A larger grid (at 5 cm, a square kilometre) is a lost robot or an absurd range, and refused."""
-
-
-@dataclass(frozen=True, eq=False)
-class OccupancyMap:
-    """A finished map.
-
-    Attributes:
-        log_odds: [H, W] float32, row 0 the smallest y; 0 is unknown, above 0 occupied.
-        origin: (x, y) of the corner of cell [0, 0] [m].
-        cell_size: [m].
-    """
-
-    log_odds: NDArray[np.float32]
-    origin: tuple[float, float]
-    cell_size: float
 
 
 class OccupancyGrid:
@@ -95,8 +79,8 @@ class OccupancyGrid:
             per_ray=per_ray,
         )
 
-    def snapshot(self) -> OccupancyMap:
-        """The map as it stands, cut to the cells that were ever seen."""
+    def snapshot(self) -> Raster:
+        """The map as it stands, cut to the cells that were ever seen: float32 log-odds, 0 unknown, above 0 occupied."""
         seen = self.log_odds != 0
         rows, columns = np.flatnonzero(seen.any(axis=1)), np.flatnonzero(seen.any(axis=0))
         if not len(rows):
@@ -104,7 +88,7 @@ class OccupancyGrid:
         top, left = max(rows[0] - 1, 0), max(columns[0] - 1, 0)
         log_odds = self.log_odds[top : rows[-1] + 2, left : columns[-1] + 2].astype(np.float32) * np.float32(UNIT)
         x, y = self.origin + np.array([left, top]) * self.cell_size
-        return OccupancyMap(log_odds, (float(x), float(y)), self.cell_size)
+        return Raster(log_odds, self.cell_size, (float(x), float(y), 0.0))
 
     def _grow_to(self, low: NDArray[np.int64], high: NDArray[np.int64]) -> None:
         """Make room for cells from ``low`` to ``high`` (column, row), leaving the outermost ring untouched."""
@@ -130,8 +114,8 @@ class OccupancyGrid:
         self._corner = self._corner - below * CHUNK
 
 
-def draw_map(config: MapConfig, scans: Scans, indices: list[int], poses: NDArray[np.float64]) -> OccupancyMap:
-    """The occupancy map of scans from known poses.
+def draw_map(config: MapConfig, scans: Scans, indices: list[int], poses: NDArray[np.float64]) -> Raster:
+    """The occupancy map of scans from known poses, as log-odds.
 
     Args:
         config: of the grid.

@@ -7,9 +7,10 @@ from numpy.typing import NDArray
 
 from moteslam.kernels.matching import match_poses
 from moteslam.robot import se2
+from moteslam.robot.raster import Raster
 from moteslam.slam.filter.history import History
 from moteslam.slam.filter.kld import choose_parents
-from moteslam.slam.filter.protocol import FilterDefaults, OccupancyMap, Scans, Step, StepResult
+from moteslam.slam.filter.protocol import FilterDefaults, Scans, Step, StepResult
 from moteslam.slam.filter.update_policy import Travelled, update_due
 from moteslam.slam.filter.weights import Weights
 from moteslam.slam.mapping.occupancy import OccupancyGrid
@@ -66,7 +67,7 @@ class PaperFilter(FilterDefaults):
         self._map(self._best, step.points, step.origin)
         return StepResult(self._best, step.motion, n_eff, score, True, resampled)
 
-    def occupancy(self) -> OccupancyMap:
+    def occupancy(self) -> Raster:
         """The shared map."""
         return self.grid.snapshot()
 

@@ -15,6 +15,7 @@ from moteslam.errors import InputError
 from moteslam.robot import kinect
 from moteslam.robot.frames import CameraFrame, FrameCount, camera_frames, has_images
 from moteslam.robot.platform import CameraMount
+from moteslam.robot.raster import Raster
 from moteslam.robot.recording import Recording
 from moteslam.robot.trajectory import Trajectory
 from moteslam.robot.wording import counted
@@ -27,23 +28,18 @@ BEYOND_ENDS = 0.1
 """Frames this long before the first or after the last pose still get that pose [s]."""
 
 
-@dataclass(frozen=True, eq=False)
-class TextureMap:
-    """The floor in colours.
+@dataclass(frozen=True, eq=False, kw_only=True)
+class TextureMap(Raster):
+    """The floor in colours; its cells lie on the lattice of multiples of ``cell_size``.
 
     Attributes:
-        colours: [H, W, 3] uint8 red, green, blue, the mean of the points in each cell; row 0 the smallest y.
-        points: [H, W] int64 how many points that were; 0 where nothing is known.
-        origin: (x, y) of the corner of cell [0, 0] [m]; cells lie on the lattice of multiples of ``cell_size``.
-        cell_size: [m].
+        values: [H, W, 3] uint8 red, green, blue, the mean of the points in each cell.
+        points: [H, W] int64 the number of these points; 0 where nothing is known.
         frames: that it was made of.
         warnings: what was left out, a line each with counts.
     """
 
-    colours: NDArray[np.uint8]
     points: NDArray[np.int64]
-    origin: tuple[float, float]
-    cell_size: float
     frames: int
     warnings: tuple[str, ...] = ()
 
@@ -109,8 +105,14 @@ class TextureMapper:
         count = np.maximum(part[..., 3:], 1)
         colours = ((part[..., :3] + count // 2) // count).astype(np.uint8)
         x, y = (self._first + np.array((columns[0], rows[0]))) * self.config.cell_size
-        origin = (float(x), float(y))
-        return TextureMap(colours, part[..., 3].copy(), origin, self.config.cell_size, self.frames, warnings)
+        return TextureMap(
+            values=colours,
+            cell_size=self.config.cell_size,
+            origin=(float(x), float(y), 0.0),
+            points=part[..., 3].copy(),
+            frames=self.frames,
+            warnings=warnings,
+        )
 
 
 def calibration() -> NDArray[np.float64]:

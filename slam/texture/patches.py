@@ -49,14 +49,14 @@ def floor_patch(frame: CameraFrame, mount: CameraMount, config: TextureConfig, *
     mapper.add(frame, (0.0, 0.0, SLANT))
     seen = mapper.snapshot()
     rows, columns = np.nonzero(seen.known)
-    centres = (np.stack((columns, rows), axis=-1) + 0.5) * seen.cell_size + seen.origin
+    centres = (np.stack((columns, rows), axis=-1) + 0.5) * seen.cell_size + seen.origin[:2]
     centres = se2.transform_points(np.array((0.0, 0.0, -SLANT)), centres)
-    return FloorPatch(centres.astype(np.float32), _packed(seen.colours[rows, columns]))
+    return FloorPatch(centres.astype(np.float32), _packed(seen.values[rows, columns]))
 
 
 def packed_map(texture: TextureMap) -> NDArray[np.int32]:
     """The map's colours as one number a cell [H, W], -1 where it has none."""
-    return np.ascontiguousarray(np.where(texture.known, _packed(texture.colours), -1), np.int32)
+    return np.ascontiguousarray(np.where(texture.known, _packed(texture.values), -1), np.int32)
 
 
 def colour_errors(
@@ -89,7 +89,7 @@ def colour_errors(
 
     cells = packed_map(texture) if packed is None else packed
     sums = match_colours(
-        patch.points, patch.colours, poses, cells, corner=texture.origin, cell_size=texture.cell_size, limit=limit
+        patch.points, patch.colours, poses, cells, corner=texture.origin[:2], cell_size=texture.cell_size, limit=limit
     )
     difference, known = sums.T.astype(np.int64)
     return np.where(known > 0, difference / np.maximum(known, 1), limit / 2), known

@@ -16,15 +16,15 @@ from moteslam.eval.report import curves, plans
 from moteslam.eval.report.maps import map_image, trinary, write_map_png, write_map_server
 from moteslam.eval.report.style import saved_figure
 from moteslam.robot.formats.map_server import FREE, OCCUPIED, UNKNOWN
+from moteslam.robot.raster import Raster
 from moteslam.robot.trajectory import Trajectory
-from moteslam.slam.mapping.occupancy import OccupancyMap
 
 
 @pytest.fixture
-def occupancy() -> OccupancyMap:
+def occupancy() -> Raster:
     """Three cells by two: a wall at the lower left, free beside it, unknown above, one ray at the upper right."""
     log_odds = np.array([[9, -9, 0], [0, 0, -np.log(4)]], np.float32)
-    return OccupancyMap(log_odds, (-1.5, 2.25), 0.05)
+    return Raster(log_odds, 0.05, (-1.5, 2.25, 0.0))
 
 
 def opened(path: Path) -> np.ndarray:
@@ -33,9 +33,9 @@ def opened(path: Path) -> np.ndarray:
     return image
 
 
-def test_the_top_of_a_picture_is_the_largest_y(occupancy: OccupancyMap) -> None:
-    assert trinary(occupancy.log_odds).tolist() == [[OCCUPIED, FREE, UNKNOWN], [UNKNOWN, UNKNOWN, FREE]]
-    grey = map_image(occupancy.log_odds)
+def test_the_top_of_a_picture_is_the_largest_y(occupancy: Raster) -> None:
+    assert trinary(occupancy.values).tolist() == [[OCCUPIED, FREE, UNKNOWN], [UNKNOWN, UNKNOWN, FREE]]
+    grey = map_image(occupancy.values)
     assert grey[0, :2].tolist() == [205, 205]
     assert 205 < grey[0, 2] < 254
     assert grey[1, :2].tolist() == [0, 254]
@@ -46,7 +46,7 @@ def test_one_hit_and_one_ray_decide_and_their_sum_does_not() -> None:
     assert trinary(np.array([[one, -one, 0.0]])).tolist() == [[OCCUPIED, FREE, UNKNOWN]]
 
 
-def test_map_server_files_read_back(occupancy: OccupancyMap, tmp_path: Path) -> None:
+def test_map_server_files_read_back(occupancy: Raster, tmp_path: Path) -> None:
     write_map_server(tmp_path / "map.pgm", occupancy)
     assert (tmp_path / "map.pgm").read_bytes() == b"P5\n3 2\n255\n" + bytes([205, 205, 254, 0, 254, 205])
     assert opened(tmp_path / "map.pgm").tolist() == [[205, 205, 254], [0, 254, 205]]
@@ -62,9 +62,9 @@ def test_map_server_files_read_back(occupancy: OccupancyMap, tmp_path: Path) -> 
     }
 
 
-def test_map_png_reads_back(occupancy: OccupancyMap, tmp_path: Path) -> None:
+def test_map_png_reads_back(occupancy: Raster, tmp_path: Path) -> None:
     write_map_png(tmp_path / "map.png", occupancy)
-    assert opened(tmp_path / "map.png").tolist() == map_image(occupancy.log_odds).tolist()
+    assert opened(tmp_path / "map.png").tolist() == map_image(occupancy.values).tolist()
 
 
 def test_figures_are_white_outside_and_drawn_inside(run, simulation, tmp_path: Path) -> None:
@@ -149,11 +149,11 @@ def test_snapshots_are_taken_at_each_sixth(run) -> None:
     estimate, snapshots = run
     n = len(estimate.trajectory)
     assert [snapshot.index for snapshot in snapshots] == [n * k // 6 - 1 for k in range(1, 7)]
-    known = [(snapshot.map.log_odds != 0).sum() for snapshot in snapshots]
+    known = [(snapshot.map.values != 0).sum() for snapshot in snapshots]
     assert known == sorted(known)
 
 
-def test_a_robot_that_never_moved_can_be_drawn(occupancy: OccupancyMap, tmp_path: Path) -> None:
+def test_a_robot_that_never_moved_can_be_drawn(occupancy: Raster, tmp_path: Path) -> None:
     still = Trajectory(np.array([1.0, 1.0]), np.zeros((2, 3)))
     plans.draw_trajectories(tmp_path / "a.png", occupancy, slam=still)
     plans.draw_dead_reckoning(tmp_path / "b.png", still)

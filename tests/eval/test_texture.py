@@ -68,7 +68,7 @@ def test_the_picture_has_the_largest_y_on_top(tmp_path: Path) -> None:
     colours = np.zeros((3, 2, 3), np.uint8)
     colours[0, 0], colours[2, 1] = (255, 0, 0), (0, 0, 255)
     points = np.array([[5, 0], [0, 0], [0, 1]])
-    texture = TextureMap(colours, points, (-1.0, 2.5), 0.5, 7)
+    texture = TextureMap(values=colours, cell_size=0.5, origin=(-1.0, 2.5, 0.0), points=points, frames=7)
     colours = with_opacity(texture)
     assert colours[0, 0].tolist() == [255, 0, 0, 255]
     assert colours[2, 1].tolist() == [0, 0, 255, 255]

@@ -60,17 +60,17 @@ def test_a_scan_that_sees_nothing_changes_nothing():
     grid = OccupancyGrid(MapConfig())
     grid.add_scan((0.0, 0.0), np.zeros((0, 2)))
     assert not grid.log_odds.any()
-    assert grid.snapshot().log_odds.size >= 1
+    assert grid.snapshot().values.size >= 1
 
 
 def test_a_snapshot_is_cut_to_what_was_seen_and_stays_in_place():
     grid = OccupancyGrid(MapConfig(cell_size=0.1))
     grid.add_scan((-2.0, 0.0), np.array([[3.0, 1.0]]))
     snapshot = grid.snapshot()
-    row, column = np.unravel_index(np.argmax(snapshot.log_odds), snapshot.log_odds.shape)
+    row, column = np.unravel_index(np.argmax(snapshot.values), snapshot.values.shape)
     assert (column + 0.5) * 0.1 + snapshot.origin[0] == pytest.approx(3.0, abs=0.06)
     assert (row + 0.5) * 0.1 + snapshot.origin[1] == pytest.approx(1.0, abs=0.06)
-    assert snapshot.log_odds.shape[1] < 60
+    assert snapshot.values.shape[1] < 60
 
 
 def test_a_map_beyond_all_bounds_is_refused():
@@ -94,6 +94,6 @@ def test_a_map_is_drawn_of_some_scans_from_where_they_were_seen():
         points = se2.transform_points(poses[index], scans.points(index))
         grid.add_scan(se2.transform_points(poses[index], np.array((0.2, -0.1))), points)
     drawn, expected = draw_map(MapConfig(), scans, [0, 2], poses[[0, 2]]), grid.snapshot()
-    np.testing.assert_array_equal(drawn.log_odds, expected.log_odds)
+    np.testing.assert_array_equal(drawn.values, expected.values)
     assert drawn.origin == expected.origin
-    assert (drawn.log_odds > 0).sum() > 60
+    assert (drawn.values > 0).sum() > 60

@@ -61,19 +61,19 @@ def texture(driven: tuple[Simulation, Path], recording: Recording) -> TextureMap
 
 def true_floor(simulation: Simulation, texture: TextureMap) -> np.ndarray:
     assert simulation.scenario.floor is not None
-    (rows, columns), (x, y), cell = texture.points.shape, texture.origin, texture.cell_size
-    image = rasterise(simulation.scenario.floor, (x, y, x + columns * cell, y + rows * cell), cell, samples=4)
-    assert image.values.shape == texture.colours.shape
+    left, right, bottom, top = texture.extent
+    image = rasterise(simulation.scenario.floor, (left, bottom, right, top), texture.cell_size, samples=4)
+    assert image.values.shape == texture.values.shape
     return image.values
 
 
 def test_colours_are_right_and_in_place(driven: tuple[Simulation, Path], texture: TextureMap) -> None:
     truth = true_floor(driven[0], texture)
-    score = score_texture(texture.colours, truth, texture.known)
+    score = score_texture(texture.values, truth, texture.known)
     assert score.grey_spread >= 40
     assert score.cells > 5000
     assert score.share <= 1 / 3
-    assert registration(texture.colours, truth, texture.known) == (0, 0)
+    assert registration(texture.values, truth, texture.known) == (0, 0)
     assert texture.warnings == ()
 
 
@@ -81,11 +81,11 @@ def test_a_floor_shifted_by_two_cells_is_noticed(driven: tuple[Simulation, Path]
     truth = true_floor(driven[0], texture)
     for shift in ((2, 0), (0, 2), (-2, 0), (0, -2)):
         moved = np.roll(truth, shift, axis=(0, 1))
-        assert score_texture(texture.colours, moved, texture.known).share > 1 / 3
-        found = np.array(registration(texture.colours, moved, texture.known))
+        assert score_texture(texture.values, moved, texture.known).share > 1 / 3
+        found = np.array(registration(texture.values, moved, texture.known))
         assert np.abs(found).max() == 2
     for turned in (truth[::-1], truth[:, ::-1]):
-        assert score_texture(texture.colours, turned, texture.known).share > 0.8
+        assert score_texture(texture.values, turned, texture.known).share > 0.8
 
 
 def test_nearly_all_that_the_camera_saw_is_coloured(driven: tuple[Simulation, Path], texture: TextureMap) -> None:
@@ -105,8 +105,8 @@ def test_a_wrong_trajectory_colours_the_floor_wrongly(driven: tuple[Simulation, 
     poses = truth.poses + np.array((0.1, 0.1, 0.0))
     texture = map_texture(recording, Trajectory(truth.stamps, poses), TextureConfig(largest_gap=0.09))
     floor = true_floor(driven[0], texture)
-    assert score_texture(texture.colours, floor, texture.known).share > 1 / 3
-    assert registration(texture.colours, floor, texture.known) == (2, 2)
+    assert score_texture(texture.values, floor, texture.known).share > 1 / 3
+    assert registration(texture.values, floor, texture.known) == (2, 2)
 
 
 def test_memory_does_not_grow_with_the_frames(driven: tuple[Simulation, Path], recording: Recording) -> None:
@@ -211,7 +211,7 @@ def test_run_slam_colours_the_floor_along_what_it_found(recording: Recording) ->
     assert estimate.texture is not None
     expected = map_texture(recording, estimate.trajectory_final, config.texture)
     assert expected.known.sum() > 100
-    np.testing.assert_array_equal(estimate.texture.colours, expected.colours)
+    np.testing.assert_array_equal(estimate.texture.values, expected.values)
     assert estimate.texture.origin == expected.origin
 
 
