@@ -70,7 +70,7 @@ def run(name: str, seed: int, settings: list[str], with_settings: list[str]) -> 
         row[which] = absolute_trajectory_error(estimate.trajectory_final, simulation.truth).rmse
         row[f"{which}_online"] = absolute_trajectory_error(estimate.trajectory, simulation.truth).rmse
         row[f"{which}_processor_s"] = time.process_time() - spent
-        row[f"{which}_warnings"] = [line for line in estimate.warnings if line.startswith("colours")]
+        row[f"{which}_warnings"] = [str(issue) for issue in estimate.warnings if issue.message.startswith("colours")]
     row["ratio"] = row["with"] / row["without"]
     return row
 

@@ -88,7 +88,7 @@ def colours(folder: Path, preset: str, seed: int) -> dict[str, Any]:
     return {
         "seed": seed,
         "preset": preset,
-        "warnings": list(recording.warnings),
+        "warnings": list(map(str, recording.warnings)),
         "slam_ate_rmse_m": absolute_trajectory_error(path, simulation.truth).translation.rmse,
         "along_truth": scored(simulation, recording, simulation.truth),
         "along_slam": scored(simulation, recording, in_world),
@@ -124,7 +124,7 @@ def scored(simulation: Any, recording: Any, trajectory: Any) -> dict[str, Any]:
         "coloured_of_seen": float((coloured & seen).sum() / seen.sum()),
         "frames": texture.frames,
         "wall_s": seconds,
-        "warnings": list(texture.warnings),
+        "warnings": list(map(str, texture.warnings)),
     }
 
 

@@ -10,6 +10,7 @@ from moteslam.eval.metrics.association import MAX_DIFFERENCE
 from moteslam.eval.metrics.ate import AteResult, absolute_trajectory_error
 from moteslam.eval.metrics.relations import TOLERANCE, RelationResult, Relations, relation_errors
 from moteslam.eval.metrics.rpe import RpeResult, relative_pose_error
+from moteslam.robot.issues import Issue
 from moteslam.robot.trajectory import Trajectory
 
 
@@ -20,19 +21,24 @@ class AgainstTrajectory:
     Attributes:
         ate: the absolute error.
         aligned: whether after rigid alignment.
-        rpe: the relative error; None where it cannot be had, and
-        without_rpe: why.
+        rpe: the relative error; None where it cannot be had.
+        issues: why it cannot be had.
     """
 
     ate: AteResult
     aligned: bool
     rpe: RpeResult | None
-    without_rpe: str = ""
+    issues: tuple[Issue, ...] = ()
 
     def as_dict(self) -> dict[str, Any]:
         """The statistics as they go into JSON."""
-        rpe = {"error": self.without_rpe} if self.rpe is None else self.rpe.as_dict()
-        return {"kind": "trajectory", "aligned": self.aligned, "ate": self.ate.as_dict(), "rpe": rpe}
+        return {
+            "kind": "trajectory",
+            "aligned": self.aligned,
+            "ate": self.ate.as_dict(),
+            "rpe": None if self.rpe is None else self.rpe.as_dict(),
+            "warnings": [issue.as_dict() for issue in self.issues],
+        }
 
     def errors(self) -> dict[str, Any]:
         """The error at every stamp, as it goes into JSON."""
@@ -98,7 +104,8 @@ def against_trajectory(
     except InputError as error:
         if error.field != "pairs":
             raise
-        return AgainstTrajectory(ate, align, None, error.problem)
+        issue = Issue("no-relative-error", f"no relative error: {error.problem}")
+        return AgainstTrajectory(ate, align, None, (issue,))
     return AgainstTrajectory(ate, align, rpe)
 
 

@@ -77,7 +77,13 @@ def write_results(
                 trajectory=estimate.trajectory_final,
                 title=f"{estimate.name}: map and coloured floor over time",
             )
-    about = {"recording": estimate.name, "seed": estimate.seed, "filter_seconds": estimate.seconds}
+    issues = (*(() if recording is None else recording.warnings), *estimate.warnings)
+    about = {
+        "recording": estimate.name,
+        "seed": estimate.seed,
+        "filter_seconds": estimate.seconds,
+        "warnings": [issue.as_dict() for issue in issues],
+    }
     versions = {"python": platform.python_version(), **estimate.versions}
     write_json(folder / "run.json", {**about, **(run or {}), "versions": versions, "hardware": hardware()})
     return scores

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.errors import InputError
+from moteslam.robot.issues import Issue
 from moteslam.robot.processors import processor_count
 from moteslam.robot.recording import RgbdStream
 from moteslam.robot.stamps import nearest_stamp
@@ -68,17 +69,19 @@ class FrameCount:
             self.unreadable += 1
             self.first_unreadable = self.first_unreadable or frame
 
-    def warnings(self) -> tuple[str, ...]:
-        """A line for each kind of loss that happened."""
-        lines = []
+    def issues(self) -> tuple[Issue, ...]:
+        """One for each kind of loss that happened."""
+        issues = []
         if self.missing:
-            lines.append(f"camera: {counted(self.missing, 'frame')} left out, an image of theirs is missing")
+            text = f"camera: {counted(self.missing, 'frame')} left out, an image of theirs is missing"
+            issues.append(Issue("frames-incomplete", text, self.missing))
         if self.unreadable:
             left = counted(self.unreadable, "frame")
-            lines.append(f"camera: {left} left out, unreadable; the first: {self.first_unreadable}")
+            text = f"camera: {left} left out, unreadable; the first: {self.first_unreadable}"
+            issues.append(Issue("frames-unreadable", text, self.unreadable))
         if not self.used:
-            lines.append("camera: not a single frame could be used")
-        return tuple(lines)
+            issues.append(Issue("no-frames", "camera: not a single frame could be used"))
+        return tuple(issues)
 
 
 def has_images(stream: RgbdStream | None) -> bool:
@@ -152,7 +155,7 @@ def camera_frames(
 ) -> Iterator[CameraFrame]:
     """The frames in the order of their stamps, decoded on all cores a little ahead; a few are held at a time.
 
-    An image that is missing or cannot be read leaves its frame out; ``count`` is told.
+    An image that is missing or cannot be read leaves its frame out; ``count`` counts it.
 
     Args:
         stream: stamps and files.

@@ -8,20 +8,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from moteslam.robot.issues import Issue
 from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream, Recording
 from moteslam.robot.wording import counted
 
 GAP = 5.0
-"""A silence of more than so many median intervals is a gap."""
+"""A silence of more than this many median intervals is a gap."""
 
-TOLD_GAP = 0.5
-"""A gap is told as a problem from this length on [s]; sensors that send in bursts have many shorter ones."""
+REPORTED_GAP = 0.5
+"""Shorter gaps are no problem [s]: sensors that send in bursts have many."""
 
 ENDS_EARLY = 0.1
-"""Streams that begin later or end earlier than the scans by more than this are told [s]."""
+"""Streams may begin later or end earlier than the scans by this much [s]."""
 
 REST = 1.0
-"""Wheels that stand still at least so long are at rest [s]."""
+"""Wheels that stand still at least this long are at rest [s]."""
 
 
 @dataclass(frozen=True)
@@ -57,7 +58,7 @@ class StreamReport:
 @dataclass(frozen=True)
 class LidarReport:
     """The scans: beams, field of view [degrees], range limits [m]; shares (0 to 1) of the beams without return and
-    of those that say nothing; scans without a single endpoint; median of the endpoints' ranges [m], if any.
+    of the invalid ones; scans without a single endpoint; median of the endpoints' ranges [m], if any.
     """
 
     beams: int
@@ -89,17 +90,17 @@ class GyroReport:
 
 @dataclass(frozen=True)
 class Inspection:
-    """All there is to say about a recording.
+    """What a recording holds, and what is wrong with it.
 
     Attributes:
-        name, platform: what they are called.
+        name, platform: names of the recording and of its robot.
         streams: in the order lidar, encoders, odometry, imu, rgb, disparity; those that are there.
         lidar: None where there is none.
         wheels: None without encoders.
         gyro_at_rest: None without IMU or encoders, or where the wheels never rest.
         odometry_distance: length of the odometry's path [m], of the poses logged with the scans if it has no stream
             of its own; None without either.
-        problems: what is wrong, a line each; the warnings of the reader first.
+        problems: what is wrong; the warnings of the reader first.
     """
 
     name: str
@@ -109,7 +110,7 @@ class Inspection:
     wheels: WheelReport | None
     gyro_at_rest: GyroReport | None
     odometry_distance: float | None
-    problems: tuple[str, ...]
+    problems: tuple[Issue, ...]
 
     def to_dict(self) -> dict[str, Any]:
         """The same as plain values, fit for JSON."""
@@ -117,13 +118,14 @@ class Inspection:
 
 
 def inspect_recording(recording: Recording) -> Inspection:
-    """Look a recording over."""
+    """Summarise a recording's streams and list what is wrong with them."""
     streams = tuple(_stream(name, stamps) for name, stamps in _stamps(recording).items() if len(stamps))
     rest = [] if recording.encoders is None else _rests(recording.encoders)
     lidar = None if recording.lidar is None else _lidar(recording.lidar)
     problems = [*recording.warnings, *_missing(recording), *_gaps(streams), *_meetings(streams)]
     if lidar is not None and lidar.blind_scans:
-        problems.append(f"lidar: {counted(lidar.blind_scans, 'scan')} without a single endpoint")
+        text = f"lidar: {counted(lidar.blind_scans, 'scan')} without a single endpoint"
+        problems.append(Issue("blind-scans", text, lidar.blind_scans))
     return Inspection(
         name=recording.name,
         platform=recording.platform.name,
@@ -221,32 +223,34 @@ def _odometry_distance(recording: Recording) -> float | None:
     return float(np.hypot(*np.diff(poses[:, :2], axis=0).T).sum())
 
 
-def _missing(recording: Recording) -> list[str]:
+def _missing(recording: Recording) -> list[Issue]:
     problems = []
     if recording.lidar is None:
-        problems.append("lidar: none, expected scans to make a map of")
+        problems.append(Issue("no-lidar", "lidar: none, expected scans to make a map of"))
     logged = recording.lidar is not None and recording.lidar.odometry is not None
     if recording.encoders is None and recording.odometry is None and not logged:
-        problems.append("odometry: none, expected wheel encoders or odometry poses")
+        problems.append(Issue("no-odometry", "odometry: none, expected wheel encoders or odometry poses"))
     if recording.encoders is not None and recording.imu is None:
-        problems.append("imu: none; turns come from the wheels alone")
+        problems.append(Issue("no-imu", "imu: none; turns come from the wheels alone"))
     return problems
 
 
-def _gaps(streams: tuple[StreamReport, ...]) -> list[str]:
+def _gaps(streams: tuple[StreamReport, ...]) -> list[Issue]:
     problems = []
     for stream in streams:
-        if stream.gaps and stream.largest_gap is not None and stream.largest_gap > TOLD_GAP:
-            problems.append(
+        if stream.gaps and stream.largest_gap is not None and stream.largest_gap > REPORTED_GAP:
+            text = (
                 f"{stream.name}: {counted(stream.gaps, 'gap')} of more than 5 median intervals, "
                 f"the longest {stream.largest_gap:.2f} s after {stream.largest_gap_at:.6f}"
             )
+            problems.append(Issue("gaps", text, stream.gaps))
         if stream.equal_stamps:
-            problems.append(f"{stream.name}: {stream.equal_stamps} readings share the stamp of the one before")
+            text = f"{stream.name}: {stream.equal_stamps} readings share the stamp of the one before"
+            problems.append(Issue("equal-stamps", text, stream.equal_stamps))
     return problems
 
 
-def _meetings(streams: tuple[StreamReport, ...]) -> list[str]:
+def _meetings(streams: tuple[StreamReport, ...]) -> list[Issue]:
     """Streams of motion that do not cover the scans."""
     by_name = {stream.name: stream for stream in streams}
     scans = by_name.get("lidar")
@@ -255,10 +259,13 @@ def _meetings(streams: tuple[StreamReport, ...]) -> list[str]:
     problems = []
     for stream in (by_name[name] for name in ("encoders", "odometry", "imu") if name in by_name):
         if stream.start > scans.end or stream.end < scans.start:
-            problems.append(f"{stream.name}: no stamp within the time of the lidar, expected one clock")
+            text = f"{stream.name}: no stamp within the time of the lidar, expected one clock"
+            problems.append(Issue("other-clock", text, stream.readings))
             continue
         if scans.end - stream.end > ENDS_EARLY:
-            problems.append(f"{stream.name}: end {scans.end - stream.end:.2f} s before the lidar")
+            text = f"{stream.name}: end {scans.end - stream.end:.2f} s before the lidar"
+            problems.append(Issue("ends-early", text))
         if stream.start - scans.start > ENDS_EARLY:
-            problems.append(f"{stream.name}: begin {stream.start - scans.start:.2f} s after the lidar")
+            text = f"{stream.name}: begin {stream.start - scans.start:.2f} s after the lidar"
+            problems.append(Issue("begins-late", text))
     return problems

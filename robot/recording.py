@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from moteslam.errors import InputError
 from moteslam.robot.arrays import frozen
+from moteslam.robot.issues import Issue
 from moteslam.robot.platform import Platform
 
 _COLUMNS = {"counts": 4, "poses": 3, "odometry": 3, "angular_velocity": 3, "linear_acceleration_g": 3}
@@ -114,7 +115,7 @@ class ImuStream(_Frozen):
     Attributes:
         stamps: [n] [s].
         angular_velocity: [n, 3] [rad/s]; column 2 is the yaw rate.
-        linear_acceleration_g: [n, 3] in g, as the sensor tells it (9.80665 m/s^2 each).
+        linear_acceleration_g: [n, 3] in g, as the sensor reports it (9.80665 m/s^2 each).
     """
 
     stamps: NDArray[np.float64]
@@ -161,7 +162,7 @@ class Recording:
         name: what the recording is called (a file's or scenario's name).
         platform: the robot that carried the sensors.
         lidar, encoders, odometry, imu, rgbd: the streams; None where there is none.
-        warnings: what was dropped or mended on reading, a line each, with counts.
+        warnings: what was dropped or repaired on reading.
     """
 
     name: str
@@ -171,7 +172,7 @@ class Recording:
     odometry: OdometryStream | None = None
     imu: ImuStream | None = None
     rgbd: RgbdStream | None = None
-    warnings: tuple[str, ...] = ()
+    warnings: tuple[Issue, ...] = ()
 
     def replace(self, **changes: Any) -> Recording:
         """A copy with some of its attributes changed."""

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from moteslam.errors import InputError
+from moteslam.robot.issues import Issue
 from moteslam.robot.recording import Recording
 from moteslam.slam.config import SlamConfig
 from moteslam.slam.estimate import Estimate
@@ -36,5 +37,6 @@ def with_texture(
     try:
         texture = map_texture(recording, estimate.trajectory_final, estimate.config.texture, watch=watch)
     except InputError as error:
-        return replace(estimate, warnings=(*estimate.warnings, f"the floor is not coloured: {error}"))
+        issue = Issue("floor-not-coloured", f"the floor is not coloured: {error}")
+        return replace(estimate, warnings=(*estimate.warnings, issue))
     return replace(estimate, texture=texture, warnings=(*estimate.warnings, *texture.warnings))

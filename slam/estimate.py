@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from moteslam.robot.issues import Issue
 from moteslam.robot.raster import Raster
 from moteslam.robot.trajectory import Trajectory
 from moteslam.slam.config import SlamConfig
@@ -28,7 +29,7 @@ class Estimate:
         particle_stamps: [u] of the updates of the filter [s].
         particle_paths: [K, u, 3] paths that end in the particles of the last update.
         diagnostics: per scan [n]: ``particles``, ``n_eff``, ``score``, ``updated``, ``resampled``, ``seconds``.
-        warnings: what SLAM had to make do with.
+        warnings: what SLAM had to do without.
         seconds: time spent in the filter [s].
         texture: the floor in colours, None where there are no images, it was not asked for, or it could not be made.
     """
@@ -44,6 +45,6 @@ class Estimate:
     particle_stamps: NDArray[np.float64]
     particle_paths: NDArray[np.float64]
     diagnostics: dict[str, NDArray[np.float64]]
-    warnings: tuple[str, ...]
+    warnings: tuple[Issue, ...]
     seconds: float
     texture: TextureMap | None = None

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from moteslam.errors import ConfigError, InputError
 from moteslam.robot import se2
+from moteslam.robot.issues import Issue
 from moteslam.robot.raster import Raster
 from moteslam.robot.recording import Recording
 from moteslam.robot.trajectory import Trajectory
@@ -216,17 +217,18 @@ class SlamSession:
         some = np.unique(np.linspace(0, len(path) - 1, min(len(path), scans)).round().astype(int))
         return draw_map(self.config.map, self._inputs.scans, updates[some].tolist(), path[some])
 
-    def _warnings(self) -> tuple[str, ...]:
-        """What SLAM had to make do with."""
-        lines = [*warnings(self.recording, self._inputs)]
+    def _warnings(self) -> tuple[Issue, ...]:
+        """What SLAM had to do without."""
+        issues = [*warnings(self.recording, self._inputs)]
         extrapolated = int((~self._inputs.measured[: self._done]).sum())
         if extrapolated and self._inputs.moves and not METHODS[self.config.method].needs_odometry:
-            lines.append(f"odometry jumps at {extrapolated} of {self._done} scans: constant velocity there")
+            text = f"odometry jumps at {extrapolated} of {self._done} scans: constant velocity there"
+            issues.append(Issue("odometry-jumps", text, extrapolated))
         if self._missing:
-            lines.append(f"colours: {self._missing}: particles are weighed without")
+            issues.append(Issue("no-colours", f"colours: {self._missing}: particles are weighed without"))
         if self._views is not None:
-            lines += self._views.warnings()
-        return tuple(lines)
+            issues += self._views.issues()
+        return tuple(issues)
 
 
 def run_slam(

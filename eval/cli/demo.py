@@ -37,7 +37,7 @@ def demo(
         return
 
     from moteslam.eval.cli.batch import named_in_errors
-    from moteslam.eval.cli.running import Backend, run_into, run_summary, score_table, size_of
+    from moteslam.eval.cli.running import Device, run_into, run_summary, score_table, size_of
     from moteslam.eval.cli.simulate import simulate_with_progress
     from moteslam.robot.files import result_folder
     from moteslam.sim.scenario import load_scenario
@@ -45,29 +45,29 @@ def demo(
     driven = load_scenario(scenario)
     if duration is not None:
         driven = driven.model_copy(update={"duration": min(duration, driven.duration)})
-    backend = Backend(run.arch, run.threads)
+    device = Device(run.arch, run.threads)
     with result_folder(out, force=run.force) as folder:
-        backend.start()
+        device.start()
         with named_in_errors(scenario):
             simulation = simulate_with_progress(driven, run.seed)
-        estimate, scores = run_into(
+        done = run_into(
             folder,
             simulation.recording,
             resolved,
             seed=run.seed,
-            backend=backend,
+            device=device,
             truth=simulation.truth,
             figures=not run.no_figures,
             about={"scenario": driven.name},
         )
-    assert scores is not None
     if run.as_json:
-        say_json(run_summary(estimate, scores, out))
+        say_json(run_summary(done, out))
         return
-    stamps = estimate.trajectory.stamps
+    assert done.scores is not None
+    stamps = done.estimate.trajectory.stamps
     say(
         f"{literal(driven.name)}: {simulation.truth.length:.1f} m in {stamps[-1] - stamps[0]:.0f} s, "
-        f"{size_of(estimate)}"
+        f"{size_of(done.estimate)}"
     )
-    say(score_table(scores))
+    say(score_table(done.scores))
     say(f"result in {literal(out)}" + ("" if run.no_figures else f"; look at {literal(out / 'trajectories.png')}"))

@@ -104,7 +104,7 @@ def evaluate(
     if as_json:
         say_json(_summary(results, reference))
     else:
-        _tell(results, reference)
+        _print(results, reference)
 
 
 def _summary(results: dict[str, AgainstTrajectory | AgainstRelations], reference: Path) -> dict[str, Any]:
@@ -134,7 +134,7 @@ def _write(
             draw_comparison(plot, results, title=f"against {reference.name}")
 
 
-def _tell(results: dict[str, AgainstTrajectory | AgainstRelations], reference: Path) -> None:
+def _print(results: dict[str, AgainstTrajectory | AgainstRelations], reference: Path) -> None:
     from moteslam.eval.evaluation import AgainstRelations, AgainstTrajectory
 
     for name, result in results.items():
@@ -144,8 +144,9 @@ def _tell(results: dict[str, AgainstTrajectory | AgainstRelations], reference: P
         elif len(results) == 1:
             say(f"{literal(name)} against {literal(reference)}")
             say(_trajectory_table(result))
-        if isinstance(result, AgainstTrajectory) and result.rpe is None:
-            note(f"warning: {name}: no relative error: {result.without_rpe}")
+        if isinstance(result, AgainstTrajectory):
+            for issue in result.issues:
+                note(f"warning: {name}: {issue}")
     compared = {name: result for name, result in results.items() if isinstance(result, AgainstTrajectory)}
     if len(compared) > 1:
         say(f"against {literal(reference)}")

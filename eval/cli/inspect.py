@@ -20,7 +20,7 @@ def inspect(
     platform: options.PlatformFile = None,
     as_json: options.Json = False,
 ) -> None:
-    """Tell what a recording holds and what is wrong.
+    """Print what a recording holds and what is wrong with it.
 
     \b
     Examples:
@@ -34,10 +34,10 @@ def inspect(
     if as_json:
         say_json(found.to_dict())
     else:
-        _tell(found)
+        _print(found)
 
 
-def _tell(found: Inspection) -> None:
+def _print(found: Inspection) -> None:
     say(f"{literal(found.name)} (platform {literal(found.platform)})")
     rows = [("stream", "readings", "duration", "rate", "longest gap", "gaps", "equal stamps")]
     for stream in found.streams:

@@ -10,9 +10,10 @@ import typer
 
 from moteslam.errors import InputError
 from moteslam.eval.cli import options
-from moteslam.eval.cli.text import literal, note, say, say_json
+from moteslam.eval.cli.text import literal, say, say_json, warn
 
 if TYPE_CHECKING:
+    from moteslam.robot.issues import Issue
     from moteslam.robot.recording import Recording
     from moteslam.robot.trajectory import Trajectory
     from moteslam.slam.config import SlamConfig
@@ -59,38 +60,39 @@ def replay(
         _dead_reckon(path, recording, resolved, out, run)
         return
 
-    from moteslam.eval.cli.running import Backend, run_into, run_summary, score_table, size_of
+    from moteslam.eval.cli.running import Device, run_into, run_summary, score_table, size_of
     from moteslam.robot.files import result_folder
 
     assert out is not None
-    truth = _truth_beside(path, recording)
+    truth, issues = _truth_beside(path, recording)
     with result_folder(out, force=run.force, keep=path) as folder:
-        estimate, scores = run_into(
+        done = run_into(
             folder,
             recording,
             resolved,
             seed=run.seed,
-            backend=Backend(run.arch, run.threads),
+            device=Device(run.arch, run.threads),
             truth=truth,
             figures=not run.no_figures,
             about={"path": str(path)},
+            issues=issues,
         )
     if run.as_json:
-        say_json(run_summary(estimate, scores, out))
+        say_json(run_summary(done, out))
         return
-    stamps = estimate.trajectory.stamps
+    estimate, stamps = done.estimate, done.estimate.trajectory.stamps
     say(
         f"{literal(recording.name)}: {estimate.trajectory_final.length:.1f} m in {stamps[-1] - stamps[0]:.0f} s, "
         f"{size_of(estimate)}, "
         f"{1000 * estimate.seconds / len(stamps):.1f} ms a scan"
     )
-    if scores is not None:
-        say(score_table(scores))
+    if done.scores is not None:
+        say(score_table(done.scores))
     say(f"result in {literal(out)}")
 
 
-def _truth_beside(path: Path, recording: Recording) -> Trajectory | None:
-    """The truth in a recording's folder, if there is one on its clock.
+def _truth_beside(path: Path, recording: Recording) -> tuple[Trajectory | None, tuple[Issue, ...]]:
+    """The truth in a recording's folder, if there is one on its clock; and why there is none, if that is an issue.
 
     Raises:
         InputError: a ``truth.tum`` that is none.
@@ -102,15 +104,16 @@ def _truth_beside(path: Path, recording: Recording) -> Trajectory | None:
 
     file = path / "truth.tum"
     if not path.is_dir() or not file.exists() or recording.lidar is None:
-        return None
+        return None, ()
     truth = read_tum(file)
     stamps = recording.lidar.stamps
     try:
         match(Trajectory(stamps, np.zeros((len(stamps), 3))), truth)
     except InputError as error:
-        note(f"warning: {file}: {error.problem}; not scored")
-        return None
-    return truth
+        from moteslam.robot.issues import Issue
+
+        return None, (Issue("not-scored", f"{file}: {error.problem}; not scored"),)
+    return truth, ()
 
 
 def _dead_reckon(
@@ -122,8 +125,7 @@ def _dead_reckon(
     from moteslam.slam.odometry.dead_reckoning import dead_reckon
 
     trajectory = dead_reckon(recording, config.sync)
-    for warning in recording.warnings:
-        note(f"warning: {warning}")
+    warn(recording.warnings)
     if out is not None:
         with result_folder(out, force=run.force, keep=path) as folder:
             write_tum(folder / "dead_reckoning.tum", trajectory)
@@ -144,6 +146,7 @@ def _dead_reckon(
                 "distance_m": trajectory.length,
                 "duration_s": duration,
                 "end": {"x_m": x, "y_m": y, "heading_deg": degrees(theta)},
+                "warnings": [issue.as_dict() for issue in recording.warnings],
             }
         )
         return

@@ -11,11 +11,12 @@ from pathlib import Path
 from typing import Any
 
 from moteslam.eval.cli.progress import progress_bar
-from moteslam.eval.cli.text import note, table
+from moteslam.eval.cli.text import table, warn
 from moteslam.eval.report.snapshots import Snapshots
 from moteslam.eval.report.textures import TextureStages
 from moteslam.eval.results import write_results
 from moteslam.eval.scores import Scores
+from moteslam.robot.issues import Issue
 from moteslam.robot.recording import Recording
 from moteslam.robot.trajectory import Trajectory
 from moteslam.robot.wording import counted
@@ -27,7 +28,7 @@ from moteslam.slam.texture.floor_map import TextureMap, TextureMapper
 
 
 @dataclass(frozen=True)
-class Backend:
+class Device:
     """Where the kernels run: ``cpu`` or ``cuda``, and on how many threads (None: all cores)."""
 
     arch: str = "cpu"
@@ -45,32 +46,43 @@ class Backend:
         return {"arch": runtime.arch, "threads": runtime.threads}
 
 
+@dataclass(frozen=True)
+class Run:
+    """What a run came to: the estimate, its scores (None without truth), and all issues of recording and run."""
+
+    estimate: Estimate
+    scores: Scores | None
+    issues: tuple[Issue, ...]
+
+
 def run_into(
     folder: Path,
     recording: Recording,
     config: SlamConfig,
     *,
     seed: int,
-    backend: Backend,
+    device: Device,
     truth: Trajectory | None = None,
     figures: bool = True,
     about: dict[str, Any] | None = None,
-) -> tuple[Estimate, Scores | None]:
+    issues: tuple[Issue, ...] = (),
+) -> Run:
     """Run SLAM over a recording and fill a result folder, which exists.
 
     Args:
         folder: of the result.
         recording: what the sensors saw.
-        config, seed, backend: how it is run.
+        config, seed, device: how it is run.
         truth: what to score it with.
         figures: draw them.
         about: more for ``run.json``.
+        issues: found before the run; those of the recording and of SLAM follow.
 
     Raises:
-        MoteslamError: whatever is wrong with the recording, the configuration, the backend or the folder.
+        MoteslamError: whatever is wrong with the recording, the configuration, the device or the folder.
     """
     began, clock = datetime.now(UTC), time.perf_counter()
-    runs_on = backend.start()
+    runs_on = device.start()
     session = SlamSession(recording, config, seed=seed)
     snapshots = Snapshots(session)
     with progress_bar("SLAM", len(session), "scans") as bar:
@@ -80,10 +92,11 @@ def run_into(
             bar.update(update.index + 1)
     seconds = time.perf_counter() - clock
     estimate, stages = _coloured(session.estimate(), recording)
-    for warning in (*recording.warnings, *estimate.warnings):
-        note(f"warning: {warning}")
+    issues = (*issues, *recording.warnings, *estimate.warnings)
+    warn(issues)
     run = {
         **(about or {}),
+        "warnings": [issue.as_dict() for issue in issues],
         "command": ["moteslam", *sys.argv[1:]],
         "started": began.isoformat(timespec="seconds"),
         "slam_seconds": seconds,
@@ -92,7 +105,7 @@ def run_into(
     scores = write_results(
         folder, estimate, truth, recording=recording, snapshots=snapshots.kept, stages=stages, figures=figures, run=run
     )
-    return estimate, scores
+    return Run(estimate, scores, issues)
 
 
 def _coloured(estimate: Estimate, recording: Recording) -> tuple[Estimate, list[tuple[float, TextureMap]]]:
@@ -141,8 +154,9 @@ def size_of(estimate: Estimate) -> str:
     return f"{counted(len(estimate.trajectory), 'scan')}, {particles}"
 
 
-def run_summary(estimate: Estimate, scores: Scores | None, folder: Path) -> dict[str, Any]:
+def run_summary(run: Run, folder: Path) -> dict[str, Any]:
     """What ``--json`` prints of a run."""
+    estimate, scores = run.estimate, run.scores
     return {
         "out": str(folder),
         "recording": estimate.name,
@@ -151,4 +165,5 @@ def run_summary(estimate: Estimate, scores: Scores | None, folder: Path) -> dict
         "distance_m": estimate.trajectory_final.length,
         "filter_seconds": estimate.seconds,
         "scores": None if scores is None else scores.as_dict(),
+        "warnings": [issue.as_dict() for issue in run.issues],
     }

@@ -6,11 +6,14 @@ import io
 import json
 import sys
 import unicodedata
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from moteslam.errors import OutputError
+
+if TYPE_CHECKING:
+    from moteslam.robot.issues import Issue
 
 WIDEST = 10_000
 """Characters of a table's line."""
@@ -74,6 +77,12 @@ def bold(text: str) -> str:
 def note(text: object) -> None:
     """A line about the run, on stderr: a warning or an error."""
     sys.stderr.write(f"moteslam: {literal(text)}\n")
+
+
+def warn(issues: Iterable[Issue]) -> None:
+    """A line on stderr for each issue."""
+    for issue in issues:
+        note(f"warning: {issue}")
 
 
 def table(rows: Sequence[Sequence[str]], *, right: Sequence[int] = ()) -> str:

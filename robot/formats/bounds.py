@@ -43,12 +43,12 @@ def check_fan(beams: int, increment: float, *, file: Path | None = None, field: 
         )
 
 
-def believable_rates(angular_velocity: NDArray[np.floating]) -> NDArray[np.bool_]:
+def plausible_rates(angular_velocity: NDArray[np.floating]) -> NDArray[np.bool_]:
     """Which readings [n] of a gyro [n, 3] [rad/s] can be a robot's: none beyond 100 rad/s about any axis."""
     return np.asarray((np.abs(angular_velocity) <= MAX_RATE).all(axis=1))
 
 
-def believable_counts(
+def plausible_counts(
     stamps: NDArray[np.float64], counts: NDArray[np.integer | np.floating], metres_per_count: float
 ) -> NDArray[np.bool_]:
     """Which readings [n] of wheel counters [n, 4] can be a robot's: no wheel beyond 100 m/s (and 1 m for jitter)."""

@@ -20,12 +20,13 @@ from moteslam.robot.formats.no_return import no_return_limit
 from moteslam.robot.formats.ranges import clean_ranges
 from moteslam.robot.formats.stamps import stamp_order
 from moteslam.robot.formats.text import TextLines
+from moteslam.robot.issues import Issue
 from moteslam.robot.platform import CARMEN, LidarMount, Platform, robot_of
 from moteslam.robot.recording import LidarStream, OdometryStream, Recording
 from moteslam.robot.wording import counted
 
 MAX_BROKEN = 3
-"""So many broken lines are always put up with; more of them only up to a tenth of the log."""
+"""Up to this many broken lines are always dropped; more of them only up to a tenth of the log."""
 
 _LINE = re.compile(rb"^(?:FLASER|ROBOTLASER1|ODOM|PARAM)\s", re.MULTILINE)
 _LIMITS = ("robot_front_laser_max", "robot_frontlaser_max", "laser_front_max_range", "front_laser_max")
@@ -45,11 +46,11 @@ def read_carmen(path: str | PathLike[str], *, platform: Platform | str | PathLik
 
     Args:
         path: the log.
-        platform: the robot, or a ``platform.toml`` that overrides what the log's parameters and poses tell key by key.
+        platform: the robot, or a ``platform.toml`` whose keys override what the log gives.
 
     Returns:
         a recording with ``lidar`` (and in it the robot's odometry pose at every scan) and ``odometry``, each where
-        the log has it; ``warnings`` tell what was dropped or mended, with counts.
+        the log has it; ``warnings`` lists what was dropped or repaired.
 
     Raises:
         InputError: not a CARMEN log, nothing usable in it, too much broken, or absurd stamps.
@@ -57,11 +58,11 @@ def read_carmen(path: str | PathLike[str], *, platform: Platform | str | PathLik
     path = Path(path)
     lines = TextLines(path)
     log = parse_lines(lines)
-    warnings: list[str] = []
+    issues: list[Issue] = []
     if lines.damage is not None:
-        warnings.append(f"{path.name}: {lines.damage}; what came before is used")
-    _check_broken(path, log, lines.damage, warnings)
-    chosen = _choose(path, log, warnings)
+        issues.append(Issue("damaged-gzip", f"{path.name}: {lines.damage}; what came before is used"))
+    _check_broken(path, log, lines.damage, issues)
+    chosen = _choose(path, log, issues)
     odometry = np.array(log.odometry, np.float64).reshape(-1, 5)
     rows = np.array(chosen[1].rows if chosen else (), np.float64).reshape(-1, 8)
     clock = -2 if (rows[:, 6] != 0).any() or (odometry[:, 3] != 0).any() else -1
@@ -70,13 +71,13 @@ def read_carmen(path: str | PathLike[str], *, platform: Platform | str | PathLik
     return Recording(
         name=re.sub(r"(\.log|\.clf)?(\.gz)?$", "", path.name) or path.name,
         platform=platform,
-        lidar=chosen and _lidar(path, log, chosen, rows=rows, clock=clock, platform=platform, warnings=warnings),
-        odometry=_odometry(path, odometry, clock, warnings),
-        warnings=tuple(warnings),
+        lidar=chosen and _lidar(path, log, chosen, rows=rows, clock=clock, platform=platform, issues=issues),
+        odometry=_odometry(path, odometry, clock, issues),
+        warnings=tuple(issues),
     )
 
 
-def _check_broken(path: Path, log: CarmenLines, damage: str | None, warnings: list[str]) -> None:
+def _check_broken(path: Path, log: CarmenLines, damage: str | None, issues: list[Issue]) -> None:
     number, problem = log.first_broken or (None, "")
     if not log.used:
         if log.first_broken is None:
@@ -85,13 +86,12 @@ def _check_broken(path: Path, log: CarmenLines, damage: str | None, warnings: li
     if log.broken > max(MAX_BROKEN, log.used // 10):
         raise InputError(f"{problem} (first of {log.broken} broken lines, {log.used} whole)", file=path, line=number)
     if log.broken:
-        warnings.append(
-            f"{path.name}: {counted(log.broken, 'broken line')} dropped, the first is line {number}: {problem}"
-        )
+        text = f"{path.name}: {counted(log.broken, 'broken line')} dropped, the first is line {number}: {problem}"
+        issues.append(Issue("broken-lines", text, log.broken))
 
 
-def _choose(path: Path, log: CarmenLines, warnings: list[str]) -> tuple[ScanKind, Scans] | None:
-    """The kind of scan most frequent in the log (of equals, the one that tells its angles); others are left aside.
+def _choose(path: Path, log: CarmenLines, issues: list[Issue]) -> tuple[ScanKind, Scans] | None:
+    """The kind of scan most frequent in the log (of equals, the one that states its angles); others are left aside.
 
     Raises:
         InputError: a tenth of the scans of that kind of line have other beams: the log is two.
@@ -109,18 +109,19 @@ def _choose(path: Path, log: CarmenLines, warnings: list[str]) -> tuple[ScanKind
                 file=path,
                 line=left.first_line,
             )
-        warnings.append(f"{path.name}: {text} left aside, the first is line {left.first_line}")
+        text = f"{path.name}: {text} left aside, the first is line {left.first_line}"
+        issues.append(Issue("other-scans", text, len(left)))
     return kind, scans
 
 
 def _platform(log: CarmenLines, rows: NDArray[np.float64]) -> Platform:
-    """The built-in robot, with the size and the lidar's place that the log tells."""
+    """The built-in robot, with the size and the lidar's pose that the log gives."""
     size = {key: log.params[f"robot_{key}"] for key in ("length", "width") if log.params.get(f"robot_{key}", 0) > 0}
     return Platform(**{**CARMEN.model_dump(), **size, "lidar": _mount(log.params, rows)})
 
 
 def _mount(params: dict[str, float], rows: NDArray[np.float64]) -> LidarMount:
-    """The lidar's place: from the parameters; else from the poses, if they say the same at every scan; else 0."""
+    """The lidar's pose on the robot: from parameters; else from logged poses, if they agree at every scan; else 0."""
     for prefix in ("robot_frontlaser", "frontlaser", "robot_front_laser", "front_laser"):
         if f"{prefix}_offset" in params:
             sideways, turned = (params.get(f"{prefix}_{key}_offset", 0.0) for key in ("side", "angular"))
@@ -143,20 +144,20 @@ def _lidar(
     rows: NDArray[np.float64],
     clock: int,
     platform: Platform,
-    warnings: list[str],
+    issues: list[Issue],
 ) -> LidarStream:
     kind, scans = chosen
     check_fan(kind.beams, kind.angle_increment, file=path, field=f"{kind.line} angular resolution")
     ranges = np.array(scans.ranges, np.float32).reshape(-1, kind.beams)
-    told = next((log.params[key] for key in _LIMITS if log.params.get(key, 0) > 0), scans.told)
-    range_max = no_return_limit(ranges, told)
+    stated = next((log.params[key] for key in _LIMITS if log.params.get(key, 0) > 0), scans.stated)
+    range_max = no_return_limit(ranges, stated)
     stamps = rows[:, clock]
-    order, mended = stamp_order(stamps, file=path, field=kind.line)
-    warnings.extend(mended)
+    order, found = stamp_order(stamps, file=path, field=kind.line)
+    issues.extend(found)
     if order is not None:
         stamps, rows, ranges = stamps[order], rows[order], ranges[order]
-    ranges, mended = clean_ranges(ranges, 0.0, range_max, file=path, field=kind.line)
-    warnings.extend(mended)
+    ranges, found = clean_ranges(ranges, 0.0, range_max, file=path, field=kind.line)
+    issues.extend(found)
     ranges[ranges == 0] = np.nan
     return LidarStream(
         stamps=stamps,
@@ -170,11 +171,11 @@ def _lidar(
     )
 
 
-def _odometry(path: Path, odometry: NDArray[np.float64], clock: int, warnings: list[str]) -> OdometryStream | None:
+def _odometry(path: Path, odometry: NDArray[np.float64], clock: int, issues: list[Issue]) -> OdometryStream | None:
     if not len(odometry):
         return None
-    order, mended = stamp_order(odometry[:, clock], file=path, field="ODOM")
-    warnings.extend(mended)
+    order, found = stamp_order(odometry[:, clock], file=path, field="ODOM")
+    issues.extend(found)
     if order is not None:
         odometry = odometry[order]
     return OdometryStream(odometry[:, clock], odometry[:, :3])
@@ -183,9 +184,9 @@ def _odometry(path: Path, odometry: NDArray[np.float64], clock: int, warnings: l
 def write_carmen(path: str | PathLike[str], recording: Recording) -> None:
     """Write the lidar and odometry of a recording as a CARMEN log (ROBOTLASER1, ODOM and PARAM lines).
 
-    No return is written as the sensor's limit, told as ``robot_front_laser_max``, and a reading that says nothing as
+    No return is written as the sensor's limit, stated as ``robot_front_laser_max``, and an invalid reading as
     0, so that stamps, ranges and poses read back the same, bit for bit. Heights and the lidar's ``time_increment``
-    have no place in a log. The same recording gives the same bytes.
+    cannot be written to a log. The same recording gives the same bytes.
 
     Args:
         path: the file; gzip where it ends in ``.gz``.

@@ -39,12 +39,12 @@ class Scans:
     Attributes:
         ranges: flat [n * beams] float32 [m].
         rows: flat [n * 8]: laser x y theta, robot x y theta [m, rad], ipc and logger stamp [s].
-        told: the ``maximum_range`` of the first line [m], or None.
+        stated: the ``maximum_range`` of the first line [m], or None.
         first_line: number of the line it came from.
     """
 
     first_line: int
-    told: float | None
+    stated: float | None
     ranges: array[float] = field(default_factory=lambda: array("f"))
     rows: array[float] = field(default_factory=lambda: array("d"))
 
@@ -59,7 +59,7 @@ class CarmenLines:
     Attributes:
         scans: by kind, in the order of appearance.
         odometry: flat [n * 5]: x y theta [m, rad], ipc and logger stamp [s].
-        params: the numeric parameters, as told last.
+        params: the numeric parameters, as stated last.
         broken: number of laser and odometry lines that could not be used.
         first_broken: number of the first of them and what is wrong with it.
     """
@@ -106,27 +106,27 @@ def _flaser(log: CarmenLines, words: Sequence[bytes], number: int) -> None:
     _expect(words, 2 + count + FLASER_TAIL, f"{count} ranges")
     tail = words[2 + count :]
     row = [*_poses(tail[:6]), *_stamps(tail[6], tail[8])]
-    _add(log, ScanKind("FLASER", count, *fov_of(count)), number, ranges=words[2 : 2 + count], row=row, told=None)
+    _add(log, ScanKind("FLASER", count, *fov_of(count)), number, ranges=words[2 : 2 + count], row=row, stated=None)
 
 
 def _robotlaser(log: CarmenLines, words: Sequence[bytes], number: int) -> None:
     count = _count(words, 8, "ranges")
     remissions = _count(words, 9 + count, "remissions", least=0)
     _expect(words, 10 + count + remissions + ROBOTLASER_TAIL, f"{count} ranges and {remissions} remissions")
-    angle_min, _, step, told = _finite(words[2:6])
+    angle_min, _, step, stated = _finite(words[2:6])
     if step <= 0:
         raise ValueError(f"angular resolution {step}, expected more than 0 rad")
     tail = words[10 + count + remissions :]
     row = [*_poses(tail[:6]), *_stamps(tail[11], tail[13])]
     kind = ScanKind("ROBOTLASER1", count, angle_min, step)
-    _add(log, kind, number, ranges=words[9 : 9 + count], row=row, told=told if told > 0 else None)
+    _add(log, kind, number, ranges=words[9 : 9 + count], row=row, stated=stated if stated > 0 else None)
 
 
 def _add(
-    log: CarmenLines, kind: ScanKind, number: int, *, ranges: Sequence[bytes], row: list[float], told: float | None
+    log: CarmenLines, kind: ScanKind, number: int, *, ranges: Sequence[bytes], row: list[float], stated: float | None
 ) -> None:
     values = array("f", _numbers(ranges))
-    scans = log.scans.setdefault(kind, Scans(number, told))
+    scans = log.scans.setdefault(kind, Scans(number, stated))
     scans.ranges.extend(values)
     scans.rows.extend(row)
 
@@ -171,9 +171,9 @@ def _poses(words: Sequence[bytes]) -> list[float]:
 def _stamps(*words: bytes) -> list[float]:
     """The ipc and the logger stamp; the first that is not 0 is what counts, and must be one."""
     stamps = _finite(words)
-    told = stamps[0] or stamps[1]
-    if abs(told) > MAX_STAMP:
-        raise ValueError(f"stamp {told:.6g}, expected seconds below 1e11")
+    used = stamps[0] or stamps[1]
+    if abs(used) > MAX_STAMP:
+        raise ValueError(f"stamp {used:.6g}, expected seconds below 1e11")
     return stamps
 
 

@@ -20,7 +20,7 @@ _CODES = 0.0015
 or ten times that [m]."""
 
 
-def no_return_limit(ranges: NDArray[np.float32], told: float | None) -> float:
+def no_return_limit(ranges: NDArray[np.float32], stated: float | None) -> float:
     """The range from which on a reading is no endpoint [m]. No table of data sets, only what the log itself says.
 
     1. What the log tells, unless that lies among the codes of a SICK (80 to 82 m), of which it has several: 80 m.
@@ -33,10 +33,10 @@ def no_return_limit(ranges: NDArray[np.float32], told: float | None) -> float:
 
     Args:
         ranges: of the whole log, any shape [m]; not finite ones are left aside.
-        told: the limit that the log tells [m], or None.
+        stated: the limit that the log states [m], or None.
     """
-    if told is not None:
-        return SICK_REACH if SICK_REACH < told <= SICK_CODES else told
+    if stated is not None:
+        return SICK_REACH if SICK_REACH < stated <= SICK_CODES else stated
     finite = ranges[np.isfinite(ranges)]
     rounded = finite.astype(np.float64).round(_DIGITS)
     values, counts = np.unique(rounded, return_counts=True)

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.errors import InputError
+from moteslam.robot.issues import Issue
 
 MAX_SPAN = 10 * 365.25 * 86400.0
 """A recording longer than this [s] is none: ten years."""
@@ -21,8 +22,8 @@ MAX_STAMP = 1e11
 
 def stamp_order(
     stamps: NDArray[np.float64], *, file: Path, field: str
-) -> tuple[NDArray[np.intp] | None, tuple[str, ...]]:
-    """The order that makes the stamps rise, and a warning if it is not the one they came in.
+) -> tuple[NDArray[np.intp] | None, tuple[Issue, ...]]:
+    """The order that makes the stamps rise, and an issue if it is not the one they came in.
 
     Readings that share a stamp are distinct and stay in the order they came in.
 
@@ -32,7 +33,7 @@ def stamp_order(
         field: the array or kind of line, for messages.
 
     Returns:
-        indices [n] of a stable sort, or None where the stamps rise already; and a warning, or none.
+        indices [n] of a stable sort, or None where the stamps rise already; and an issue, or none.
 
     Raises:
         InputError: a stamp that is not finite, beyond 1e11 s, more than a day from the next, or more than ten years
@@ -60,4 +61,5 @@ def stamp_order(
         raise InputError(f"span {rising[-1] - rising[0]:.6g} s, expected less than 10 years", file=file, field=field)
     if order is None:
         return None, ()
-    return order, (f"{file.name}: {field}: {back} stamps go back; the readings were sorted by stamp",)
+    text = f"{file.name}: {field}: {back} stamps go back; the readings were sorted by stamp"
+    return order, (Issue("stamps-go-back", text, back),)

@@ -16,12 +16,13 @@ from numpy.typing import NDArray
 
 from moteslam.errors import ConfigError, InputError
 from moteslam.robot.files import write_atomically
-from moteslam.robot.formats.bounds import believable_counts, believable_rates, check_fan
+from moteslam.robot.formats.bounds import check_fan, plausible_counts, plausible_rates
 from moteslam.robot.formats.format import Format, Robot
 from moteslam.robot.formats.npz import read_arrays
 from moteslam.robot.formats.ranges import clean_ranges
 from moteslam.robot.formats.stamps import stamp_order
 from moteslam.robot.formats.ucsd_rgbd import DISPARITY, RGB, find_images
+from moteslam.robot.issues import Issue
 from moteslam.robot.platform import UCSD, Platform, robot_of, write_platform
 from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream, Recording, RgbdStream
 
@@ -30,10 +31,10 @@ Array = NDArray[Any]
 _FILE = re.compile(r"(?:Encoders|Hokuyo|Imu|Kinect)([\w-]+)\.npz", re.ASCII)
 
 MAX_DROPPED = 3
-"""So many unbelievable readings are always dropped; more of them only up to a tenth of the stream."""
+"""Up to this many implausible readings are always dropped; more of them only up to a tenth of the stream."""
 
 NO_ECHO = 0.001
-"""Written for a reading that says nothing [m], as the UTM-30LX does."""
+"""Written for an invalid reading [m], as the UTM-30LX does."""
 
 
 def ucsd_sequences(folder: Path) -> tuple[str, ...]:
@@ -60,7 +61,7 @@ def read_ucsd(
             by default, if there is one.
 
     Returns:
-        the recording; ``warnings`` tell what was mended, with counts.
+        the recording; ``warnings`` lists what was repaired.
 
     Raises:
         InputError: no such sequence, or a file that is not what it should be.
@@ -70,15 +71,15 @@ def read_ucsd(
     number = _choose(folder, sequence)
     beside = folder / "platform.toml"
     platform = robot_of(beside if platform is None and beside.exists() else platform, UCSD)
-    warnings: list[str] = []
+    issues: list[Issue] = []
     return Recording(
         name=f"{folder.resolve().name}-{number}",
         platform=platform,
-        lidar=_lidar(folder / f"Hokuyo{number}.npz", platform, warnings),
-        encoders=_encoders(folder / f"Encoders{number}.npz", platform, warnings),
-        imu=_imu(folder / f"Imu{number}.npz", warnings),
-        rgbd=_rgbd(folder, number, warnings),
-        warnings=tuple(warnings),
+        lidar=_lidar(folder / f"Hokuyo{number}.npz", platform, issues),
+        encoders=_encoders(folder / f"Encoders{number}.npz", platform, issues),
+        imu=_imu(folder / f"Imu{number}.npz", issues),
+        rgbd=_rgbd(folder, number, issues),
+        warnings=tuple(issues),
     )
 
 
@@ -97,7 +98,7 @@ def _choose(folder: Path, sequence: str | int | None) -> str:
     raise InputError(f"{found}, expected {choice}", file=folder, field="sequence")
 
 
-def _lidar(path: Path, platform: Platform, warnings: list[str]) -> LidarStream | None:
+def _lidar(path: Path, platform: Platform, issues: list[Issue]) -> LidarStream | None:
     if not path.exists():
         return None
     scalars = ("angle_min", "angle_max", "angle_increment", "range_min", "range_max")
@@ -116,16 +117,15 @@ def _lidar(path: Path, platform: Platform, warnings: list[str]) -> LidarStream |
     check_fan(beams, increment, file=path, field="angle_increment")
     last = angle_min + (beams - 1) * increment
     if abs(last - angle_max) > increment:
-        warnings.append(
-            f"{path.name}: angle_max: {angle_max:.4f} rad, but {beams} beams end at {last:.4f}; the beams are believed"
-        )
-    stamps, (ranges,) = _sorted(path, "time_stamps", arrays["time_stamps"], warnings, arrays["ranges"].T)
-    ranges, mended = clean_ranges(_float32(ranges), range_min, range_max, file=path, field="ranges")
-    warnings.extend(mended)
+        text = f"{path.name}: angle_max: {angle_max:.4f} rad, but {beams} beams end at {last:.4f}; the beams are used"
+        issues.append(Issue("angle-max", text))
+    stamps, (ranges,) = _sorted(path, "time_stamps", arrays["time_stamps"], issues, arrays["ranges"].T)
+    ranges, found = clean_ranges(_float32(ranges), range_min, range_max, file=path, field="ranges")
+    issues.extend(found)
     return LidarStream(stamps, ranges, angle_min, increment, range_min, range_max, platform.lidar.time_increment)
 
 
-def _encoders(path: Path, platform: Platform, warnings: list[str]) -> EncoderStream | None:
+def _encoders(path: Path, platform: Platform, issues: list[Issue]) -> EncoderStream | None:
     if not path.exists():
         return None
     arrays = read_arrays(path, {"time_stamps": ("n",), "counts": (4, "n")})
@@ -134,14 +134,14 @@ def _encoders(path: Path, platform: Platform, warnings: list[str]) -> EncoderStr
         raise InputError("not whole numbers, expected encoder counts", file=path, field="counts")
     if np.abs(counts.astype(np.float64)).max() >= 2**31:
         raise InputError("beyond 2^31, expected counts since the last reading", file=path, field="counts")
-    stamps, (counts,) = _sorted(path, "time_stamps", arrays["time_stamps"], warnings, counts.T)
+    stamps, (counts,) = _sorted(path, "time_stamps", arrays["time_stamps"], issues, counts.T)
     if platform.wheels is not None:
-        believed = believable_counts(stamps, counts, platform.wheels.metres_per_count)
-        stamps, counts = _believed(path, "counts", believed, "beyond 100 m/s", warnings, stamps, counts)
+        plausible = plausible_counts(stamps, counts, platform.wheels.metres_per_count)
+        stamps, counts = _plausible(path, "counts", plausible, "beyond 100 m/s", issues, stamps, counts)
     return EncoderStream(stamps, counts.astype(np.int64))
 
 
-def _imu(path: Path, warnings: list[str]) -> ImuStream | None:
+def _imu(path: Path, issues: list[Issue]) -> ImuStream | None:
     if not path.exists():
         return None
     names = ("angular_velocity", "linear_acceleration")
@@ -150,55 +150,56 @@ def _imu(path: Path, warnings: list[str]) -> ImuStream | None:
         if not np.isfinite(arrays[name]).all():
             raise InputError("NaN or infinite values, expected finite readings", file=path, field=name)
     values = (arrays[name].T for name in names)
-    stamps, (angular, linear) = _sorted(path, "time_stamps", arrays["time_stamps"], warnings, *values)
-    believed = believable_rates(angular)
-    stamps, angular, linear = _believed(
-        path, "angular_velocity", believed, "beyond 100 rad/s", warnings, stamps, angular, linear
+    stamps, (angular, linear) = _sorted(path, "time_stamps", arrays["time_stamps"], issues, *values)
+    plausible = plausible_rates(angular)
+    stamps, angular, linear = _plausible(
+        path, "angular_velocity", plausible, "beyond 100 rad/s", issues, stamps, angular, linear
     )
     return ImuStream(stamps, angular.astype(np.float64), linear.astype(np.float64))
 
 
-def _believed(
-    path: Path, field: str, believed: NDArray[np.bool_], what: str, warnings: list[str], *values: Array
+def _plausible(
+    path: Path, field: str, plausible: NDArray[np.bool_], what: str, issues: list[Issue], *values: Array
 ) -> tuple[Array, ...]:
-    """The readings that are believed; the others are dropped and counted.
+    """The plausible readings; the others are dropped and counted.
 
     Raises:
         InputError: none is, or more than 3 and a tenth of them are not: the stream is in other units.
     """
-    dropped = int((~believed).sum())
+    dropped = int((~plausible).sum())
     if not dropped:
         return values
-    if dropped == len(believed) or dropped > max(MAX_DROPPED, len(believed) // 10):
+    if dropped == len(plausible) or dropped > max(MAX_DROPPED, len(plausible) // 10):
         raise InputError(
-            f"{dropped} of {len(believed)} readings {what}, expected those of a robot", file=path, field=field
+            f"{dropped} of {len(plausible)} readings {what}, expected those of a robot", file=path, field=field
         )
-    warnings.append(f"{path.name}: {field}: {dropped} readings {what} dropped")
-    return tuple(value[believed] for value in values)
+    text = f"{path.name}: {field}: {dropped} readings {what} dropped"
+    issues.append(Issue("implausible-readings", text, dropped))
+    return tuple(value[plausible] for value in values)
 
 
-def _rgbd(folder: Path, number: str, warnings: list[str]) -> RgbdStream | None:
+def _rgbd(folder: Path, number: str, issues: list[Issue]) -> RgbdStream | None:
     path = folder / f"Kinect{number}.npz"
     if not path.exists():
         return None
     arrays = read_arrays(path, {"disparity_time_stamps": ("d",), "rgb_time_stamps": ("c",)})
     streams = []
     for field, kind in (("rgb_time_stamps", RGB), ("disparity_time_stamps", DISPARITY)):
-        images, told = find_images(folder, kind, number, len(arrays[field]))
-        warnings.extend(told)
+        images, found = find_images(folder, kind, number, len(arrays[field]))
+        issues.extend(found)
         indices = np.arange(len(arrays[field]))
-        stamps, (indices,) = _sorted(path, field, arrays[field], warnings, indices)
+        stamps, (indices,) = _sorted(path, field, arrays[field], issues, indices)
         streams.append((stamps, tuple(images[i] for i in indices) if images else ()))
     (rgb, rgb_files), (disparity, disparity_files) = streams
     return RgbdStream(rgb, disparity, rgb_files, disparity_files)
 
 
 def _sorted(
-    path: Path, field: str, stamps: Array, warnings: list[str], *values: Array
+    path: Path, field: str, stamps: Array, issues: list[Issue], *values: Array
 ) -> tuple[NDArray[np.float64], tuple[Array, ...]]:
     stamps = stamps.astype(np.float64)
-    order, told = stamp_order(stamps, file=path, field=field)
-    warnings.extend(told)
+    order, found = stamp_order(stamps, file=path, field=field)
+    issues.extend(found)
     if order is None:
         return stamps, values
     return stamps[order], tuple(value[order] for value in values)

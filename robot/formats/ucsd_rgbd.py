@@ -1,7 +1,7 @@
 """The images of the UCSD layout: ``dataRGBD/RGB20/rgb20_K.png`` and ``dataRGBD/Disparity20/disparity20_K.png``.
 
 K counts from 1 and belongs to the K-th stamp in ``Kinect20.npz``. An image that is missing leaves its stamp without
-one; that is told once, with a count, and so are images beyond the last stamp.
+one; that is one issue with a count, and so are images beyond the last stamp.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.errors import InputError, OutputError
+from moteslam.robot.issues import Issue
 from moteslam.robot.kinect import HEIGHT, WIDTH
 from moteslam.robot.pictures import PNG, decode_picture, encode_png, picture_size
 from moteslam.robot.processors import processor_count
@@ -29,7 +30,7 @@ MAX_BYTES = 16 << 20
 """A PNG file larger than this is no image of 640 x 480 pixels."""
 
 SAMPLE = 6
-"""So many images of each kind are drawn to estimate what all will take."""
+"""Images of each kind that are drawn to estimate the space that all will take."""
 
 
 def image_folder(folder: Path, kind: str, sequence: str) -> Path:
@@ -37,20 +38,23 @@ def image_folder(folder: Path, kind: str, sequence: str) -> Path:
     return folder / "dataRGBD" / f"{kind}{sequence}"
 
 
-def find_images(folder: Path, kind: str, sequence: str, count: int) -> tuple[tuple[Path | None, ...], tuple[str, ...]]:
+def find_images(
+    folder: Path, kind: str, sequence: str, count: int
+) -> tuple[tuple[Path | None, ...], tuple[Issue, ...]]:
     """The image of each of ``count`` stamps, None where it is missing; empty where there are none at all.
 
     Returns:
-        the paths, and warnings, a line each.
+        the paths, and what is missing or left over.
 
     Raises:
         InputError: the folder cannot be listed.
     """
     place = image_folder(folder, kind, sequence)
     if not place.is_dir():
-        # without any images that is no fault: they are a download of their own
-        alone = place.parent.is_dir()
-        return (), (f"{place.name}: no such folder, {counted(count, 'image')} missing",) if alone else ()
+        # no fault where there are no images at all: they are a download of their own
+        if not place.parent.is_dir():
+            return (), ()
+        return (), (Issue("images-missing", f"{place.name}: no such folder, {counted(count, 'image')} missing", count),)
     pattern = re.compile(rf"{re.escape(place.name.lower())}_(\d{{1,9}})\.png")
     try:
         names = [path.name for path in place.iterdir()]
@@ -61,16 +65,17 @@ def find_images(folder: Path, kind: str, sequence: str, count: int) -> tuple[tup
     missing = files.count(None)
     beyond = sum(1 for index in found if not 1 <= index <= count)
     if missing == count:
-        return (), (f"{place.name}: {len(found)} images, none of them for one of the {count} stamps",)
-    warnings = []
+        text = f"{place.name}: {len(found)} images, none of them for one of the {count} stamps"
+        return (), (Issue("images-missing", text, count),)
+    issues = []
     if missing:
-        first = files.index(None) + 1
-        warnings.append(
-            f"{place.name}: {missing} of {counted(count, 'image')} missing, the first {place.name.lower()}_{first}.png"
-        )
+        name = f"{place.name.lower()}_{files.index(None) + 1}.png"
+        text = f"{place.name}: {missing} of {counted(count, 'image')} missing, the first {name}"
+        issues.append(Issue("images-missing", text, missing))
     if beyond:
-        warnings.append(f"{place.name}: {counted(beyond, 'image')} beyond the {counted(count, 'stamp')} left out")
-    return files, tuple(warnings)
+        text = f"{place.name}: {counted(beyond, 'image')} beyond the {counted(count, 'stamp')} left out"
+        issues.append(Issue("images-beyond-stamps", text, beyond))
+    return files, tuple(issues)
 
 
 def read_rgb(path: Path) -> NDArray[np.uint8]:
@@ -137,7 +142,7 @@ def estimate_bytes(draw: Draw, count: int) -> int:
 
 
 def size_in_words(size: float) -> str:
-    """So many bytes as megabytes, or gigabytes where they are one or more."""
+    """Bytes as megabytes, or gigabytes where they are one or more."""
     return f"{size / 1e9:.1f} GB" if size >= 1e9 else f"{size / 1e6:.1f} MB"
 
 
@@ -174,7 +179,7 @@ def write_images(
         draw: makes the images of some frames.
         count: of frames.
         batch: frames drawn at a time.
-        progress: told how many were written.
+        progress: called with the number written so far.
 
     Returns:
         the bytes written.

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from moteslam.robot import se2
 from moteslam.robot.frames import CameraFrame, FrameCount, has_images, pairs, read_frame
+from moteslam.robot.issues import Issue
 from moteslam.robot.platform import CameraMount
 from moteslam.robot.recording import Recording
 from moteslam.robot.wording import counted
@@ -104,18 +105,21 @@ class FloorViews:
         then, now = self._path.at(np.array([taken, stamp]))
         return FloorView(frame, self._mount, se2.between(now, then), stamp - taken)
 
-    def warnings(self) -> tuple[str, ...]:
-        """What was lost, a line each."""
-        lines, count = [], self.count
+    def issues(self) -> tuple[Issue, ...]:
+        """What was lost."""
+        issues, count = [], self.count
         if count.missing:
-            lines.append(f"colours: {counted(count.missing, 'frame')} not used, an image of theirs is missing")
+            text = f"colours: {counted(count.missing, 'frame')} not used, an image of theirs is missing"
+            issues.append(Issue("colours-incomplete", text, count.missing))
         if count.unreadable:
             lost = counted(count.unreadable, "frame")
-            lines.append(f"colours: {lost} not used, unreadable; the first: {count.first_unreadable}")
+            text = f"colours: {lost} not used, unreadable; the first: {count.first_unreadable}"
+            issues.append(Issue("colours-unreadable", text, count.unreadable))
         without = self.asked - count.used
         if without > self.asked / 2:
-            lines.append(f"colours: no new frame at {without} of {self.asked} updates: weighed without them")
-        return tuple(lines)
+            text = f"colours: no new frame at {without} of {self.asked} updates: weighed without them"
+            issues.append(Issue("colours-late", text, without))
+        return tuple(issues)
 
 
 def missing_for_floor_views(recording: Recording, inputs: Inputs) -> str:

@@ -1,9 +1,10 @@
-"""What SLAM has to make do with in a recording: scans that no sensor of motion covers, or that see nothing."""
+"""What a recording lacks for SLAM: scans that no motion sensor covers, or that have no endpoint."""
 
 from __future__ import annotations
 
 import numpy as np
 
+from moteslam.robot.issues import Issue
 from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream, Recording
 from moteslam.slam.inputs.synchronise import Inputs
 
@@ -13,8 +14,8 @@ ENCODER_MARGIN = 0.1
 """Scans this far outside the encoders' time count as covered [s]."""
 
 
-def warnings(recording: Recording, inputs: Inputs) -> tuple[str, ...]:
-    """What SLAM has to make do with, a line each.
+def warnings(recording: Recording, inputs: Inputs) -> tuple[Issue, ...]:
+    """What SLAM has to do without, or takes as something else.
 
     Args:
         recording: as it was read.
@@ -22,45 +23,50 @@ def warnings(recording: Recording, inputs: Inputs) -> tuple[str, ...]:
     """
     lidar, encoders = recording.lidar, recording.encoders
     assert lidar is not None
-    lines = _about_scans(lidar)
+    issues = _about_scans(lidar)
     if encoders is not None and len(encoders):
-        lines += _about_encoders(encoders, recording.imu)
+        issues += _about_encoders(encoders, recording.imu)
         if lidar.odometry is None:
-            lines += _uncovered(lidar, encoders)
+            issues += _uncovered(lidar, encoders)
     if inputs.path is None:
-        lines.append(f"no odometry: constant velocity over {len(lidar)} scans; dead reckoning stands still")
+        text = f"no odometry: constant velocity over {len(lidar)} scans; dead reckoning stands still"
+        issues.append(Issue("no-odometry", text, len(lidar)))
     elif not inputs.moves:
-        lines.append(f"odometry that never moves: constant velocity over {len(lidar)} scans")
-    return tuple(lines)
+        text = f"odometry that never moves: constant velocity over {len(lidar)} scans"
+        issues.append(Issue("still-odometry", text, len(lidar)))
+    return tuple(issues)
 
 
-def _about_scans(lidar: LidarStream) -> list[str]:
-    lines = []
+def _about_scans(lidar: LidarStream) -> list[Issue]:
+    issues = []
     blind = int((~np.isfinite(lidar.ranges).any(axis=1)).sum())
     if blind:
-        lines.append(f"{blind} of {len(lidar)} scans see nothing: the odometry is all that is known there")
+        text = f"{blind} of {len(lidar)} scans without an endpoint: odometry alone there"
+        issues.append(Issue("blind-scans", text, blind))
     if len(lidar) > 2 and lidar.stamps[0] == lidar.stamps[-1] and lidar.odometry is None:
-        lines.append(f"all {len(lidar)} scans have the same stamp: there is no motion between them")
-    return lines
+        text = f"all {len(lidar)} scans have the same stamp: there is no motion between them"
+        issues.append(Issue("equal-stamps", text, len(lidar)))
+    return issues
 
 
-def _about_encoders(encoders: EncoderStream, imu: ImuStream | None) -> list[str]:
+def _about_encoders(encoders: EncoderStream, imu: ImuStream | None) -> list[Issue]:
     without = len(encoders)
     if imu is not None and len(imu) > 1:
         covered = (encoders.stamps > imu.stamps[0] - GYRO_MARGIN) & (encoders.stamps < imu.stamps[-1] + GYRO_MARGIN)
         without = int((~covered).sum())
     if not without:
         return []
-    return [f"{without} of {len(encoders)} encoder readings without a gyro: there the wheels alone turn it"]
+    text = f"{without} of {len(encoders)} encoder readings without a gyro: turns from the wheels alone there"
+    return [Issue("no-gyro", text, without)]
 
 
-def _uncovered(lidar: LidarStream, encoders: EncoderStream) -> list[str]:
+def _uncovered(lidar: LidarStream, encoders: EncoderStream) -> list[Issue]:
     counts = {
         "before the first": int((lidar.stamps < encoders.stamps[0] - ENCODER_MARGIN).sum()),
         "after the last": int((lidar.stamps > encoders.stamps[-1] + ENCODER_MARGIN).sum()),
     }
     return [
-        f"{count} scans {when} encoder reading: the robot is taken to stand still"
+        Issue("no-encoders", f"{count} scans {when} encoder reading: taken to stand still", count)
         for when, count in counts.items()
         if count
     ]

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from moteslam.errors import InputError
 from moteslam.robot import kinect
 from moteslam.robot.frames import CameraFrame, FrameCount, camera_frames, has_images
+from moteslam.robot.issues import Issue
 from moteslam.robot.platform import CameraMount
 from moteslam.robot.raster import Raster
 from moteslam.robot.recording import Recording
@@ -36,12 +37,12 @@ class TextureMap(Raster):
         values: [H, W, 3] uint8 red, green, blue, the mean of the points in each cell.
         points: [H, W] int64 the number of these points; 0 where nothing is known.
         frames: that it was made of.
-        warnings: what was left out, a line each with counts.
+        warnings: what was left out.
     """
 
     points: NDArray[np.int64]
     frames: int
-    warnings: tuple[str, ...] = ()
+    warnings: tuple[Issue, ...] = ()
 
     @property
     def known(self) -> NDArray[np.bool_]:
@@ -95,7 +96,7 @@ class TextureMapper:
         )
         self.frames += 1
 
-    def snapshot(self, warnings: tuple[str, ...] = ()) -> TextureMap:
+    def snapshot(self, warnings: tuple[Issue, ...] = ()) -> TextureMap:
         """The map as it stands, cut to the cells that have a colour."""
         points = self._sums[..., 3]
         rows, columns = np.flatnonzero(points.any(axis=1)), np.flatnonzero(points.any(axis=0))
@@ -176,9 +177,10 @@ def map_texture(
         mapper.add(frame, trajectory.at(np.array([frame.stamp])).poses[0])
     if watch is not None:
         watch(np.inf, mapper)
-    lost = list(count.warnings())
+    lost = list(count.issues())
     if outside:
-        lost.append(f"camera: {counted(outside, 'frame')} left out, before the first pose or after the last")
+        text = f"camera: {counted(outside, 'frame')} left out, before the first pose or after the last"
+        lost.append(Issue("frames-outside", text, outside))
     return mapper.snapshot(tuple(lost))
 
 

@@ -139,7 +139,7 @@ def test_inspect(simulated_folder: Path, data_folder: Path, capsys: pytest.Captu
     assert run_program(["inspect", str(simulated_folder)]) == 0
     assert "1081 beams over 270.0 deg" in capsys.readouterr().out
     assert run_program(["inspect", str(data_folder / "ucsd"), "--sequence", "20", "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["problems"][0].startswith("lidar: none")
+    assert json.loads(capsys.readouterr().out)["problems"][0]["message"].startswith("lidar: none")
 
 
 def test_evaluate_knows_relations_by_their_content(data_folder: Path, tmp_path: Path, capsys) -> None:

@@ -57,7 +57,10 @@ def test_a_trajectory_under_a_metre_has_its_absolute_error(folder: Path, capsys:
     assert err == "moteslam: warning: short.tum: no relative error: no pair 1 m apart among 6 matched poses, " \
         "expected a shorter delta\n"  # fmt: skip
     assert "RPE over 0.2 m" in said(capsys, "short.tum", "truth.tum", "--delta", "0.2")
-    assert json.loads(said(capsys, "short.tum", "truth.tum", "--json"))["rpe"]["error"].startswith("no pair 1 m")
+    result = json.loads(said(capsys, "short.tum", "truth.tum", "--json"))
+    assert result["rpe"] is None
+    assert result["warnings"][0]["code"] == "no-relative-error"
+    assert result["warnings"][0]["message"].startswith("no relative error: no pair 1 m")
     last = said(capsys, "good.tum", "short.tum", "truth.tum").splitlines()[-1]
     assert last.split()[-1] == "-"
 

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from issues import messages
 from robot_logs import flaser, odom, robotlaser, write_log
 
 from moteslam.errors import InputError, OutputError
@@ -106,7 +107,7 @@ def test_equal_stamps_are_distinct_scans_in_file_order(tmp_path: Path) -> None:
     np.testing.assert_array_equal(lidar.ranges[:, 0], np.arange(1, 10, dtype=np.float32))
     assert lidar.odometry is not None
     np.testing.assert_array_equal(lidar.odometry[:, 0], np.arange(9.0))
-    assert recording.warnings == ()
+    assert messages(recording.warnings) == ()
 
 
 def test_stamps_that_go_back_take_their_scan_and_pose_along(tmp_path: Path) -> None:
@@ -116,7 +117,7 @@ def test_stamps_that_go_back_take_their_scan_and_pose_along(tmp_path: Path) -> N
     assert lidar.odometry is not None
     np.testing.assert_array_equal(lidar.odometry[:, 0], [0, 2, 3, 1, 4])
     np.testing.assert_array_equal(lidar.ranges[:, 0], [1, 3, 4, 2, 5])
-    assert recording.warnings == ("x.log: FLASER: 1 stamps go back; the readings were sorted by stamp",)
+    assert messages(recording.warnings) == ("x.log: FLASER: 1 stamps go back; the readings were sorted by stamp",)
 
 
 BROKEN = {
@@ -147,7 +148,7 @@ BROKEN = {
 def test_a_broken_line_is_dropped_counted_and_named(tmp_path: Path, line: str, problem: str) -> None:
     recording = read_carmen(write_log(tmp_path / "x.log", [*GOOD[:4], line, *GOOD[4:], line]))
     assert len(lidar_of(recording)) == 8
-    (warning,) = recording.warnings
+    (warning,) = messages(recording.warnings)
     assert warning.startswith("x.log: 2 broken lines dropped, the first is line 5: ")
     assert problem in warning
 
@@ -169,13 +170,13 @@ def test_ranges_that_no_sensor_says_are_left_out_and_counted(tmp_path: Path) -> 
     lines = [*GOOD[:7], flaser([math.nan, -1.0, 2.0], stamp=200.0)]
     recording = read_carmen(write_log(tmp_path / "x.log", lines))
     np.testing.assert_array_equal(lidar_of(recording).ranges[-1], np.float32([np.nan, np.nan, 2.0]))
-    assert recording.warnings == ("x.log: FLASER: 2 ranges in 1 scan left out, NaN or negative",)
+    assert messages(recording.warnings) == ("x.log: FLASER: 2 ranges in 1 scan left out, NaN or negative",)
 
 
 def test_infinite_is_no_return_and_zero_says_nothing(tmp_path: Path) -> None:
     recording = read_carmen(write_log(tmp_path / "x.log", [flaser([math.inf, 0.0, 2.0])]))
     np.testing.assert_array_equal(lidar_of(recording).ranges, np.float32([[np.inf, np.nan, 2.0]]))
-    assert recording.warnings == ()
+    assert messages(recording.warnings) == ()
 
 
 def test_a_change_of_beams_is_refused_with_its_line(tmp_path: Path) -> None:
@@ -187,14 +188,14 @@ def test_a_change_of_beams_is_refused_with_its_line(tmp_path: Path) -> None:
 def test_a_few_scans_of_other_beams_are_left_aside(tmp_path: Path) -> None:
     recording = read_carmen(write_log(tmp_path / "x.log", [*GOOD, flaser([1.0] * 5, stamp=200.0)]))
     assert len(lidar_of(recording)) == 8
-    assert recording.warnings == ("x.log: 1 FLASER scan of 5 beams left aside, the first is line 9",)
+    assert messages(recording.warnings) == ("x.log: 1 FLASER scan of 5 beams left aside, the first is line 9",)
 
 
 def test_of_two_kinds_of_line_the_one_that_tells_its_angles_is_used(tmp_path: Path) -> None:
     lines = [line for k in range(3) for line in (flaser([1.0], stamp=k), robotlaser([2.0], stamp=k))]
     recording = read_carmen(write_log(tmp_path / "x.log", lines))
     assert (lidar_of(recording).ranges == 2).all()
-    assert recording.warnings == ("x.log: 3 FLASER scans of 1 beam left aside, the first is line 1",)
+    assert messages(recording.warnings) == ("x.log: 3 FLASER scans of 1 beam left aside, the first is line 1",)
 
 
 def test_a_last_line_that_is_cut_is_dropped(tmp_path: Path) -> None:
@@ -202,7 +203,7 @@ def test_a_last_line_that_is_cut_is_dropped(tmp_path: Path) -> None:
     path.write_bytes(path.read_bytes().rstrip()[:-12])
     recording = read_carmen(path)
     assert len(lidar_of(recording)) == 7
-    assert "1 broken line dropped, the first is line 8" in recording.warnings[0]
+    assert "1 broken line dropped, the first is line 8" in recording.warnings[0].message
 
 
 def test_a_truncated_gzip_gives_what_came_before(tmp_path: Path) -> None:
@@ -212,7 +213,7 @@ def test_a_truncated_gzip_gives_what_came_before(tmp_path: Path) -> None:
     path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
     recording = read_carmen(path)
     assert 20 <= len(lidar_of(recording)) <= 30
-    assert recording.warnings == ("x.log.gz: the gzip data is cut short; what came before is used",)
+    assert messages(recording.warnings) == ("x.log.gz: the gzip data is cut short; what came before is used",)
 
 
 def test_a_damaged_gzip_gives_what_came_before(tmp_path: Path) -> None:
@@ -224,7 +225,7 @@ def test_a_damaged_gzip_gives_what_came_before(tmp_path: Path) -> None:
     path.write_bytes(data)
     recording = read_carmen(path)
     assert 1900 <= len(lidar_of(recording)) < 2000
-    assert recording.warnings == ("x.log.gz: the gzip data is damaged; what came before is used",)
+    assert messages(recording.warnings) == ("x.log.gz: the gzip data is damaged; what came before is used",)
 
 
 def test_names_in_a_file_are_not_printed_as_they_are(tmp_path: Path) -> None:
@@ -292,7 +293,7 @@ def test_round_trip(tmp_path: Path, name: str) -> None:
     write_carmen(tmp_path / name, recording)
     assert ((tmp_path / name).read_bytes()[:2] == b"\x1f\x8b") == name.endswith("gz")
     again = open_recording(tmp_path / name)
-    assert again.warnings == ()
+    assert messages(again.warnings) == ()
     assert (again.name, again.platform) == ("x", robot)
     for stream in ("lidar", "odometry"):
         for key, value in vars(getattr(recording, stream)).items():
@@ -339,7 +340,7 @@ def test_real_logs(data_folder: Path, path: str, shape: tuple[int, int], no_retu
     assert lidar.odometry is not None
     np.testing.assert_array_equal(recording.odometry.poses, lidar.odometry)
     assert recording.platform.lidar.pose == (0, 0, 0)
-    assert recording.warnings == ()
+    assert messages(recording.warnings) == ()
 
 
 def test_a_real_log_written_reads_back_the_same(data_folder: Path, tmp_path: Path) -> None:

@@ -9,6 +9,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from issues import messages
 
 from moteslam.errors import InputError, OutputError
 from moteslam.robot.formats import ucsd_rgbd
@@ -50,12 +51,12 @@ def folder(original: Path, tmp_path: Path) -> Path:
 def frames(folder: Path, **settings: Any) -> tuple[list[Any], FrameCount, tuple[str, ...]]:
     recording, count = read_ucsd(folder), FrameCount()
     assert recording.rgbd is not None
-    return list(camera_frames(recording.rgbd, count=count, **settings)), count, recording.warnings
+    return list(camera_frames(recording.rgbd, count=count, **settings)), count, messages(recording.warnings)
 
 
 def test_what_is_written_is_read_back(folder: Path) -> None:
     found, count, warnings = frames(folder)
-    assert warnings == count.warnings() == ()
+    assert warnings == messages(count.issues()) == ()
     assert count.used == len(found) == N
     for index, frame in enumerate(found):
         assert frame.stamp == DISPARITY_STAMPS[index]
@@ -82,7 +83,7 @@ def test_missing_images_are_counted(folder: Path) -> None:
         "RGB20: 1 of 8 images missing, the first rgb20_2.png",
         "Disparity20: 1 of 8 images missing, the first disparity20_5.png",
     )
-    assert count.warnings() == ("camera: 2 frames left out, an image of theirs is missing",)
+    assert messages(count.issues()) == ("camera: 2 frames left out, an image of theirs is missing",)
 
 
 def grey(path: Path) -> None:
@@ -128,7 +129,7 @@ def test_unreadable_images_are_counted_and_the_first_is_named(folder: Path, harm
     found, count, _ = frames(folder)
     assert len(found) == count.used == N - 1
     assert count.unreadable == 1
-    (line,) = count.warnings()
+    (line,) = messages(count.issues())
     assert line.startswith("camera: 1 frame left out, unreadable; the first: ")
     assert name in line
     assert told in line
@@ -144,7 +145,7 @@ def test_images_out_of_order_are_sorted_by_stamp(folder: Path) -> None:
     assert [frame.stamp for frame in found] == list(DISPARITY_STAMPS)
     assert [int(frame.disparity[0, 0]) - 500 for frame in found] == np.argsort(order).tolist()
     assert [int(frame.rgb[0, 0, 2]) for frame in found] == np.argsort(order).tolist()
-    assert count.warnings() == ()
+    assert messages(count.issues()) == ()
     assert len(warnings) == 2
     assert all("2 stamps go back" in line for line in warnings)
 
@@ -157,7 +158,7 @@ def test_without_images_there_are_only_stamps(folder: Path) -> None:
     assert not has_images(None)
     found, count, warnings = frames(folder)
     assert (found, warnings) == ([], ())
-    assert count.warnings()[-1] == "camera: not a single frame could be used"
+    assert messages(count.issues())[-1] == "camera: not a single frame could be used"
 
 
 def test_the_nearest_colour_image_is_paired_if_it_is_near_enough() -> None:

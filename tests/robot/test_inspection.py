@@ -7,9 +7,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from issues import messages
 
 from moteslam.robot.formats import open_recording
 from moteslam.robot.inspection import inspect_recording
+from moteslam.robot.issues import Issue
 from moteslam.robot.platform import CARMEN, UCSD
 from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream, OdometryStream, Recording
 
@@ -34,8 +36,10 @@ def test_rates_gaps_and_equal_stamps() -> None:
     assert lidar.largest_gap == pytest.approx(2.0)
     assert lidar.largest_gap_at == 0.3
     assert lidar.shortest_interval == pytest.approx(0.05)
-    assert "lidar: 1 gap of more than 5 median intervals, the longest 2.00 s after 0.300000" in report.problems
-    assert "lidar: 1 readings share the stamp of the one before" in report.problems
+    assert "lidar: 1 gap of more than 5 median intervals, the longest 2.00 s after 0.300000" in messages(
+        report.problems
+    )
+    assert "lidar: 1 readings share the stamp of the one before" in messages(report.problems)
 
 
 def test_shares_of_the_beams() -> None:
@@ -47,7 +51,7 @@ def test_shares_of_the_beams() -> None:
     assert (report.lidar.no_return, report.lidar.invalid, report.lidar.blind_scans) == (0.25, 0.1, 1)
     assert report.lidar.field_of_view == pytest.approx(np.degrees(3.0))
     assert report.lidar.median_range == 1.0
-    assert report.problems == ("lidar: 1 scan without a single endpoint",)
+    assert messages(report.problems) == ("lidar: 1 scan without a single endpoint",)
     assert report.odometry_distance == 0.0
 
 
@@ -66,16 +70,16 @@ def test_motion_that_does_not_cover_the_scans_is_told(motion: str) -> None:
             "imu": ImuStream(stamps, np.zeros((n, 3)), np.zeros((n, 3))),
         }[motion]
         recording = Recording("x", UCSD, lidar=scans(np.arange(0.0, 10.01, 0.025))).replace(**{motion: stream})
-        assert f"{motion}: {problem}" in inspect_recording(recording).problems
+        assert f"{motion}: {problem}" in messages(inspect_recording(recording).problems)
 
 
 def test_what_is_missing_is_told() -> None:
     stamps = np.arange(3.0)
-    assert inspect_recording(Recording("x", UCSD, encoders=wheels(stamps))).problems == (
+    assert messages(inspect_recording(Recording("x", UCSD, encoders=wheels(stamps))).problems) == (
         "lidar: none, expected scans to make a map of",
         "imu: none; turns come from the wheels alone",
     )
-    assert inspect_recording(Recording("x", UCSD, lidar=scans(stamps))).problems == (
+    assert messages(inspect_recording(Recording("x", UCSD, lidar=scans(stamps))).problems) == (
         "odometry: none, expected wheel encoders or odometry poses",
     )
 
@@ -106,7 +110,8 @@ def test_the_shortest_recordings_give_valid_json(n: int) -> None:
 
 
 def test_the_warnings_of_the_reader_come_first() -> None:
-    assert inspect_recording(Recording("x", UCSD, warnings=("a", "b"))).problems[:2] == ("a", "b")
+    first = (Issue("broken-lines", "a", 2), Issue("angle-max", "b"))
+    assert inspect_recording(Recording("x", UCSD, warnings=first)).problems[:2] == first
 
 
 def test_the_real_ucsd_recordings(data_folder: Path) -> None:
@@ -125,6 +130,6 @@ def test_the_real_ucsd_recordings(data_folder: Path) -> None:
 
 def test_a_real_log_with_equal_stamps(data_folder: Path) -> None:
     report = inspect_recording(open_recording(data_folder / "intel" / "intel_raw_part.log.gz"))
-    assert "lidar: 304 readings share the stamp of the one before" in report.problems
+    assert "lidar: 304 readings share the stamp of the one before" in messages(report.problems)
     assert report.lidar is not None
     assert report.lidar.no_return == pytest.approx(0.0489, abs=1e-4)

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from issues import messages
 from slam_faults import blind, jumping_odometry, stopped_wheels, without_odometry
 from slam_rooms import circled_room
 
@@ -62,7 +63,7 @@ def test_without_odometry_the_corridor_is_driven_at_a_constant_velocity(corridor
     assert ate(corridor, estimate) < 0.15
     assert estimate.trajectory.length > 5
     assert estimate.dead_reckoning.length == 0
-    told = [line for line in estimate.warnings if line.startswith("no odometry: constant velocity")]
+    told = [line for line in messages(estimate.warnings) if line.startswith("no odometry: constant velocity")]
     assert len(told) == 1
     assert f"{len(corridor.recording.lidar)} scans" in told[0]
 
@@ -116,22 +117,22 @@ def test_without_odometry_the_paper_s_filter_names_the_method_that_does_without(
 
 
 def test_a_result_without_odometry_is_written_and_scored(corridor: Simulation, tmp_path: Path):
-    from moteslam.eval.cli.running import Backend, run_into
+    from moteslam.eval.cli.running import Device, run_into
 
     recording = without_odometry(corridor.recording)
     lidar = recording.lidar
     short = replace(lidar, stamps=lidar.stamps[:40], ranges=lidar.ranges[:40])
-    estimate, scores = run_into(
+    done = run_into(
         tmp_path,
         recording.replace(lidar=short),
         resolve_config("default", ["particles=5"]),
         seed=0,
-        backend=Backend(),
+        device=Device(),
         truth=corridor.truth,
         figures=False,
     )
-    assert scores is not None
-    assert len(estimate.trajectory) == 40
+    assert done.scores is not None
+    assert len(done.estimate.trajectory) == 40
     assert (tmp_path / "trajectory_final.tum").exists()
 
 
@@ -156,7 +157,9 @@ def test_odometry_that_never_moves_counts_as_none(corridor: Simulation):
     for still in (logged, stream):
         inputs = synchronise(still)
         assert not any(step.measured for step in steps(inputs))
-        assert warnings(still, inputs) == (f"odometry that never moves: constant velocity over {len(zeros)} scans",)
+        assert messages(warnings(still, inputs)) == (
+            f"odometry that never moves: constant velocity over {len(zeros)} scans",
+        )
     moved = zeros.copy()
     moved[-1, 2] = 1e-3
     assert synchronise(lone.replace(lidar=replace(lone.lidar, odometry=moved))).measured.all()

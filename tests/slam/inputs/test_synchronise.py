@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from issues import messages
 
 from moteslam.errors import InputError
 from moteslam.robot.platform import CARMEN, UCSD
@@ -38,7 +39,7 @@ def circle(*, radius: float = 1.0, speed: float = 0.5, seconds: float = 10.0, im
 
 def made_do(recording: Recording) -> list[str]:
     """What SLAM has to make do with."""
-    return list(warnings(recording, synchronise(recording)))
+    return list(messages(warnings(recording, synchronise(recording))))
 
 
 def test_interpolation_follows_the_circle():
@@ -108,7 +109,7 @@ def test_streams_that_do_not_overlap_are_refused_and_blind_ones_told():
     with pytest.raises(InputError, match="expected streams that overlap in time"):
         dead_reckon(recording.replace(lidar=later))
     nothing = LidarStream(lidar.stamps, np.full_like(lidar.ranges, np.inf), -1.0, 1.0, 0.1, 30.0)
-    assert "see nothing" in made_do(recording.replace(lidar=nothing))[0]
+    assert "without an endpoint" in made_do(recording.replace(lidar=nothing))[0]
     one = LidarStream(np.full_like(lidar.stamps, 2.0), lidar.ranges, -1.0, 1.0, 0.1, 30.0)
     assert "the same stamp" in made_do(recording.replace(lidar=one))[0]
     assert "without a gyro" in made_do(recording.replace(imu=None))[0]

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from issues import messages
 
 from moteslam.errors import InputError
 from moteslam.eval.metrics.texture import registration, score_texture
@@ -137,7 +138,7 @@ def test_frames_beyond_the_trajectory_are_counted(driven: tuple[Simulation, Path
         recording, Trajectory(truth.stamps[middle], truth.poses[middle]), TextureConfig(largest_gap=0.09)
     )
     assert 15 < texture.frames < 22
-    assert texture.warnings[-1].endswith("frames left out, before the first pose or after the last")
+    assert str(texture.warnings[-1]).endswith("frames left out, before the first pose or after the last")
 
 
 def test_lost_images_are_told_and_the_rest_is_used(
@@ -151,8 +152,8 @@ def test_lost_images_are_told_and_the_rest_is_used(
     recording = open_recording(folder)
     partial = map_texture(recording, driven[0].truth, TextureConfig(largest_gap=0.09))
     assert partial.frames == texture.frames - 2
-    assert [line.partition(" frame")[0] for line in partial.warnings] == ["camera: 1", "camera: 1"]
-    assert "disparity20_9.png" in partial.warnings[1]
+    assert [line.partition(" frame")[0] for line in messages(partial.warnings)] == ["camera: 1", "camera: 1"]
+    assert "disparity20_9.png" in partial.warnings[1].message
 
 
 def test_what_cannot_be_mapped_is_refused(driven: tuple[Simulation, Path], recording: Recording) -> None:
@@ -224,4 +225,4 @@ def test_run_slam_colours_nothing_where_it_is_not_asked_for_or_cannot(
     monkeypatch.setattr("moteslam.slam.texture.floor_map.MAX_CELLS", 10)
     estimate = run_slam(recording, resolve_config("paper", settings))
     assert estimate.texture is None
-    assert any("the floor is not coloured: texture.cell_size" in line for line in estimate.warnings)
+    assert any("the floor is not coloured: texture.cell_size" in line for line in messages(estimate.warnings))

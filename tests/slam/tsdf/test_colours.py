@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from issues import messages
 from slam_cameras import tiled_room, with_images
 
 from moteslam.errors import ConfigError
@@ -171,7 +172,7 @@ def test_colours_take_part_and_nothing_is_lost_by_them(
     assert not same(estimate, without)
     errors = [absolute_trajectory_error(e.trajectory_final, room[0].truth).rmse for e in (estimate, without)]
     assert errors[0] < max(1.2 * errors[1], 0.02)
-    assert not [line for line in estimate.warnings if "colours" in line]
+    assert not [line for line in messages(estimate.warnings) if "colours" in line]
 
 
 def test_all_of_the_odometrys_error_is_drawn_where_colours_weigh_the_particles(
@@ -214,7 +215,7 @@ def test_without_a_camera_or_images_one_line_says_so_and_the_bytes_are_as_withou
     if lost == "camera":
         recording = room[1].replace(platform=recording.platform.model_copy(update={"camera": None}))
     blind = run_slam(recording, CONFIG, seed=3)
-    lines = [line for line in blind.warnings if "colours" in line]
+    lines = [line for line in messages(blind.warnings) if "colours" in line]
     assert len(lines) == 1
     assert lost in lines[0]
     assert same(blind, without)
@@ -232,7 +233,7 @@ def test_frames_that_are_missing_or_unreadable_are_counted(
     files = replace(stream, rgb_files=colours, disparity_files=disparities)
     recording = room[1].replace(rgbd=files)
     done = run_slam(recording, CONFIG, seed=3)
-    lines = [line for line in done.warnings if "colours" in line]
+    lines = [line for line in messages(done.warnings) if "colours" in line]
     assert "frames not used, an image of theirs is missing" in lines[0]
     assert "frames not used, unreadable; the first: " in lines[1]
     assert "broken.png" in lines[1]
@@ -246,7 +247,7 @@ def test_late_frames_are_not_used(room: tuple[Simulation, Recording], without: E
     assert stream is not None
     late = replace(stream, rgb_stamps=stream.rgb_stamps + 60.0, disparity_stamps=stream.disparity_stamps + 60.0)
     done = run_slam(recording.replace(rgbd=late), CONFIG, seed=3)
-    assert any("colours: no new frame at" in line for line in done.warnings)
+    assert any("colours: no new frame at" in line for line in messages(done.warnings))
     assert same(done, without)
 
 

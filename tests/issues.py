@@ -1,0 +1,12 @@
+"""The lines that issues print."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from moteslam.robot.issues import Issue
+
+
+def messages(issues: Iterable[Issue]) -> tuple[str, ...]:
+    """The line of each."""
+    return tuple(map(str, issues))
