@@ -24,6 +24,10 @@ class Table(Section):
     leg: Leg = 0.06
     material: str = PLAIN
 
+    def board(self) -> Polygon:
+        """The corners [4, 2] of the board, counterclockwise [m]."""
+        return rectangle(self.centre, self.size, self.angle)
+
     def polygons(self) -> list[Polygon]:
         """The legs."""
         inset = (max(self.size[0] - self.leg, 0.0), max(self.size[1] - self.leg, 0.0))

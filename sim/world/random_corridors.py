@@ -1,7 +1,8 @@
 """Random buildings: corridors of several widths between the points of an uneven lattice, by a seed.
 
 Free space is a union of rectangles on a raster of 0.1 m, so it is connected as the lattice's spanning tree is, and
-its walls are exactly the raster's sides. The route follows the corridors' centre lines; clutter keeps clear of it.
+its walls are exactly the raster's sides. The route follows the corridors' centre lines; furniture stands in free space
+and clear of it.
 """
 
 from __future__ import annotations
@@ -13,14 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.errors import ConfigError
+from moteslam.sim.world.clutter import place_clutter
 from moteslam.sim.world.tracing import trace_sides
 
 CELL = 0.1
 """Of the raster [m]."""
 WIDTHS = (1.6, 2.0, 2.4, 3.0)
 """Of corridors [m]."""
-CLEAR_OF_ROUTE = 0.65
-"""Distance of clutter from the route [m]: half a robot's diagonal, and what it cuts corners by."""
 RING_SHARE = 0.25
 """Of the corridors that the spanning tree does without, the share that is built: each closes a ring."""
 NAME = "random-corridors"
@@ -66,7 +66,7 @@ def random_corridors(
         seed: of everything; the same seed gives the same building.
         distance: to drive, about [m].
         rooms: share of the corridors' ends and crossings that widen to a room, and of corridors with a side room.
-        clutter: how much stands about; 1 is a piece every 12 square metres or so, 0 nothing.
+        clutter: density of furniture: 1 is a piece in 12 square metres, or fewer where there is no room; 0 is none.
         people: how many stroll about.
 
     Returns:
@@ -97,7 +97,7 @@ def random_corridors(
         "duration": min(1800.0, 60.0 + 2.5 * legs),
         "world": {
             "walls": [{"points": [line[:2], line[2:]]} for line in walls.round(3).tolist()],
-            **_clutter(free, corner, route, rng, clutter),
+            **place_clutter(free, corner, CELL, route, rng, clutter),
         },
         "route": {"waypoints": route.round(3).tolist()},
     }
@@ -214,41 +214,3 @@ def _raster(building: _Building) -> tuple[NDArray[np.bool_], NDArray[np.float64]
         (left, low), (right, high) = (np.round(np.array(p) / CELL).astype(int) - corner for p in ((x0, y0), (x1, y1)))
         free[low:high, left:right] = is_free
     return free, corner * CELL
-
-
-def _clutter(
-    free: NDArray[np.bool_],
-    corner: NDArray[np.float64],
-    route: NDArray[np.float64],
-    rng: np.random.Generator,
-    density: float,
-) -> dict[str, list[dict[str, Any]]]:
-    """Boxes, pillars, tables and chairs in free space, clear of the route."""
-    found: dict[str, list[dict[str, Any]]] = {"boxes": [], "pillars": [], "tables": [], "chairs": []}
-    cells = np.argwhere(free)
-    for _ in range(round(density * len(cells) * CELL**2 / 6)):  # about half of them are too close to the route
-        row, col = cells[int(rng.integers(len(cells)))]
-        centre = corner + (np.array((col, row)) + 0.5) * CELL
-        kind = ("boxes", "boxes", "pillars", "tables", "chairs")[int(rng.integers(5))]
-        size = rng.uniform(0.25, 1.0, 2).round(2)
-        angle = float(rng.choice((0.0, 0.0, rng.uniform(-1.5, 1.5))))
-        if kind == "tables":
-            size = size + 0.5
-        reach = {"pillars": size[0] / 2, "chairs": 0.35}.get(kind, float(np.hypot(*size)) / 2)
-        if _distance_to(route, centre) < reach + CLEAR_OF_ROUTE:
-            continue
-        piece: dict[str, Any] = {"centre": centre.round(3).tolist()}
-        if kind == "pillars":
-            piece["radius"] = round(float(size[0]) / 2, 3)
-        else:
-            piece["angle"] = round(angle, 3)
-            if kind != "chairs":
-                piece["size"] = size.tolist()
-        found[kind].append(piece)
-    return found
-
-
-def _distance_to(route: NDArray[np.float64], point: NDArray[np.float64]) -> float:
-    a, along = route[:-1], np.diff(route, axis=0)
-    share = np.clip(((point - a) * along).sum(1) / (along**2).sum(1), 0.0, 1.0)
-    return float(np.hypot(*(point - a - share[:, None] * along).T).min())

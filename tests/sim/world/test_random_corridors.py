@@ -7,12 +7,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+import shapely
 from scipy.ndimage import label
 
 from moteslam.errors import ConfigError
 from moteslam.robot.formats.map_server import FREE, OCCUPIED
 from moteslam.sim.scenario import Scenario, load_scenario, parse_scenario
 from moteslam.sim.simulate import simulate, true_drive
+from moteslam.sim.world.layout import Layout
 from moteslam.sim.world.random_corridors import random_corridors
 from moteslam.sim.world.true_map import true_map
 from moteslam.sim.world.world import World
@@ -61,6 +63,29 @@ def test_what_can_be_asked_for() -> None:
     assert far.route is not None
     assert np.hypot(*np.diff(far.route.path(), axis=0).T).sum() > 300
     assert building(2, people=4).crowd is not None
+
+
+def outlines(layout: Layout) -> list[shapely.Polygon]:
+    """What each piece of furniture takes on the floor."""
+    blocks = [piece.polygon() for piece in (*layout.boxes, *layout.pillars)]
+    return [shapely.Polygon(outline) for outline in (*blocks, *(t.board() for t in (*layout.tables, *layout.chairs)))]
+
+
+def test_furniture_stands_in_free_space_clear_of_walls_route_and_other_furniture() -> None:
+    count, area = 0, 0.0
+    for seed in range(50):
+        scenario = building(seed)
+        assert scenario.route is not None
+        walls = shapely.multilinestrings([wall.points for wall in scenario.world.walls])
+        route = shapely.LineString(scenario.route.waypoints)
+        faces = shapely.polygonize(shapely.get_parts(shapely.node(walls)))
+        (free,) = [face for face in shapely.get_parts(faces) if face.intersects(route)]
+        pieces = outlines(scenario.world)
+        assert shapely.covers(free.buffer(1e-6), pieces).all(), seed
+        assert min(shapely.distance(pieces, route)) > 0.64, seed
+        assert shapely.union_all(pieces).area == pytest.approx(sum(shapely.area(pieces))), seed
+        count, area = count + len(pieces), area + free.area
+    assert 12.0 < area / count < 15.0  # square metres for each
 
 
 def test_the_last_of_all_seeds_has_a_building_too() -> None:
