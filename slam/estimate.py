@@ -23,11 +23,15 @@ class Estimate:
         config, seed: that it was run with.
         versions: of moteslam, taichi, numpy.
         trajectory: a pose at every scan, as it was known then (online).
-        trajectory_final: a pose at every scan, as known at the end: the best particle's whole path.
+        trajectory_final: a pose at every scan, as known at the end: the path of the best particle.
         dead_reckoning: a pose at every scan by odometry alone.
         map: of the environment: float32 log-odds, 0 unknown, above 0 occupied.
         particle_stamps: [u] of the updates of the filter [s].
         particle_paths: [K, u, 3] paths that end in the particles of the last update.
+        particle_ancestors: [K, u] index of each path's particle among those of every update; paths with the same index
+            have the same past.
+        particle_spread: [u, 3] weighted standard deviation of all particles after every update: along and across their
+            mean heading [m], and of the heading [rad].
         diagnostics: per scan [n]: ``particles``, ``n_eff``, ``score``, ``updated``, ``resampled``, ``seconds``.
         warnings: what SLAM had to do without.
         seconds: time spent in the filter [s].
@@ -44,6 +48,8 @@ class Estimate:
     map: Raster
     particle_stamps: NDArray[np.float64]
     particle_paths: NDArray[np.float64]
+    particle_ancestors: NDArray[np.int64]
+    particle_spread: NDArray[np.float64]
     diagnostics: dict[str, NDArray[np.float64]]
     warnings: tuple[Issue, ...]
     seconds: float

@@ -22,6 +22,7 @@ from moteslam.slam.colouring import with_texture
 from moteslam.slam.config import SlamConfig
 from moteslam.slam.estimate import Estimate
 from moteslam.slam.filter.protocol import StepResult
+from moteslam.slam.filter.spread import spread
 from moteslam.slam.inputs.floor_views import FloorViews, missing_for_floor_views
 from moteslam.slam.inputs.step import Step, steps
 from moteslam.slam.inputs.synchronise import synchronise
@@ -94,6 +95,7 @@ class SlamSession:
         self._online, self._motions = np.zeros((n, 3)), np.zeros((n, 3))
         self._diagnostics = {key: np.zeros(n) for key in DIAGNOSTICS}
         self._updates: list[int] = []
+        self._spreads: list[Array] = []
         self._done = 0
         self._drawn: tuple[int, Raster | None] = (0, None)  # the map, and after how many scans
 
@@ -109,6 +111,8 @@ class SlamSession:
                 self._tell_backend(step, result)
             seconds = time.perf_counter() - began
             poses, weights = self._filter.poses, self._filter.weights.values
+            if result.updated:
+                self._spreads.append(spread(poses, weights))
             self._record(step.index, result, particles=len(poses), seconds=seconds)
             yield Update(
                 index=step.index,
@@ -153,7 +157,7 @@ class SlamSession:
         n = self._done
         stamps, updates = self._inputs.stamps[:n], np.array(self._updates)
         history, odometry = self._filter.history, dead_reckoning(self._inputs)
-        path = self._path()
+        path, particles = self._path(), np.arange(history.particles)
         corrected = self._backend.finish(path)
         final = _between_updates(path if corrected is None else corrected, updates, se2.accumulate(self._motions[:n]))
         return Estimate(
@@ -166,7 +170,9 @@ class SlamSession:
             dead_reckoning=Trajectory(stamps, odometry.poses[:n]),
             map=self.map if corrected is None else self._draw(corrected, n),
             particle_stamps=stamps[updates],
-            particle_paths=history.paths(np.arange(history.particles)),
+            particle_paths=history.paths(particles),
+            particle_ancestors=history.ancestors(particles),
+            particle_spread=np.array(self._spreads),
             diagnostics={key: values[:n] for key, values in self._diagnostics.items()},
             warnings=self._warnings(),
             seconds=float(self._diagnostics["seconds"].sum()),

@@ -44,15 +44,23 @@ class History:
         """Record that the next update's particles descend from these [M] of the last."""
         self._parents[-1] = parents
 
-    def paths(self, particles: NDArray[np.int64]) -> Array:
-        """The paths [K, updates, 3] that end in these particles [K] of the last update (before its resampling)."""
+    def ancestors(self, particles: NDArray[np.int64]) -> NDArray[np.int64]:
+        """The indices [K, updates] of the particles that these [K] of the last update (before resampling) descend from."""
         index = np.asarray(particles)
-        paths = np.empty((len(index), len(self), 3))
+        ancestors = np.empty((len(index), len(self)), np.int64)
         for update in range(len(self) - 1, -1, -1):
             parents = self._parents[update]
             if update < len(self) - 1 and parents is not None:
                 index = parents[index]
-            paths[:, update] = self._poses[update][index]
+            ancestors[:, update] = index
+        return ancestors
+
+    def paths(self, particles: NDArray[np.int64]) -> Array:
+        """The paths [K, updates, 3] that end in these particles [K] of the last update (before its resampling)."""
+        ancestors = self.ancestors(particles)
+        paths = np.empty((*ancestors.shape, 3))
+        for update, poses in enumerate(self._poses):
+            paths[:, update] = poses[ancestors[:, update]]
         return paths
 
     def path(self, particle: int) -> Array:

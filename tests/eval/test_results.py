@@ -67,3 +67,14 @@ def test_hardware_is_told() -> None:
     assert found["cpu"]
     assert found["cores"] >= 1
     assert found["memory_gib"] > 0
+
+
+def test_an_estimate_holds_the_particles_ancestry_and_spread(run) -> None:
+    estimate, _ = run
+    paths, ancestors, spread = estimate.particle_paths, estimate.particle_ancestors, estimate.particle_spread
+    assert ancestors.shape == paths.shape[:2]
+    assert spread.shape == paths.shape[1:]
+    assert (spread[0] < 1e-9).all()  # all start at the origin
+    assert (spread[-1] > 0).all()
+    shared = ancestors == ancestors[0]
+    assert (paths[shared] == np.broadcast_to(paths[0], paths.shape)[shared]).all()
