@@ -11,6 +11,8 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from moteslam.eval.report.maps import write_map_png, write_map_server
 from moteslam.eval.report.snapshots import Snapshot
 from moteslam.eval.report.textures import draw_texture_over_time, write_texture
@@ -103,20 +105,16 @@ def draw_figures(
     Raises:
         OutputError: one cannot be written.
     """
-    from moteslam.eval.report import curves, plans
+    from moteslam.eval.report import curves, particles, plans
+    from moteslam.eval.report.cloud import Cloud
 
     name = estimate.name
-    in_map = None
-    if truth is not None:
-        # all paths from one start, where dead reckoning and SLAM know the pose for sure: what parts is drift
-        start = truth.at(estimate.trajectory_final.stamps[:1]).poses[0]
-        in_map = Trajectory(truth.stamps, compose(estimate.trajectory_final.poses[0], between(start, truth.poses)))
     plans.draw_trajectories(
         folder / "trajectories.png",
         estimate.map,
         slam=estimate.trajectory_final,
         dead_reckoning=estimate.dead_reckoning,
-        truth=in_map,
+        truth=None if truth is None else from_same_start(truth, estimate.trajectory_final),
         title=f"{name}: the map and the paths on it",
     )
     if snapshots:
@@ -127,15 +125,22 @@ def draw_figures(
             title=f"{name}: trajectory and map over time",
         )
     plans.draw_dead_reckoning(
-        folder / "dead_reckoning.png", estimate.dead_reckoning, recording=recording, title=f"{name}: dead reckoning"
+        folder / "dead_reckoning.png",
+        estimate.dead_reckoning,
+        recording=recording,
+        truth=None if truth is None else from_same_start(truth, estimate.dead_reckoning),
+        title=f"{name}: dead reckoning",
     )
     if len(estimate.particle_stamps):
-        plans.draw_particles(
-            folder / "particles.png",
-            estimate.particle_stamps,
-            estimate.particle_paths,
-            best=estimate.trajectory_final,
-            title=f"{name}: paths of the particles",
+        particles.draw_particles(folder / "particles.png", Cloud.of(estimate), title=f"{name}: particles")
+        updated = estimate.diagnostics["updated"] > 0
+        curves.draw_effective_particles(
+            folder / "effective_particles.png",
+            estimate.trajectory.stamps[updated],
+            estimate.diagnostics["n_eff"][updated],
+            estimate.diagnostics["resampled"][updated],
+            particles=estimate.diagnostics["particles"][updated],
+            title=f"{name}: effective number of particles",
         )
     if scores is not None:
         curves.draw_error(
@@ -144,14 +149,14 @@ def draw_figures(
             dead_reckoning=scores.dead_reckoning.ate,
             title=f"{name}: error over time, after alignment",
         )
-    curves.draw_effective_particles(
-        folder / "effective_particles.png",
-        estimate.trajectory.stamps,
-        estimate.diagnostics["n_eff"],
-        estimate.diagnostics["resampled"],
-        particles=estimate.diagnostics["particles"],
-        title=f"{name}: effective number of particles",
-    )
+
+
+def from_same_start(truth: Trajectory, trajectory: Trajectory) -> Trajectory:
+    """The truth over the time of a trajectory, moved so that both start at the same pose: how they part is drift."""
+    first, last = trajectory.stamps[[0, -1]]
+    within = (truth.stamps > first) & (truth.stamps < last)
+    over = truth.at(np.concatenate(([first], truth.stamps[within], [last])))
+    return Trajectory(over.stamps, compose(trajectory.poses[0], between(over.poses[0], over.poses)))
 
 
 def hardware() -> dict[str, Any]:

@@ -13,6 +13,9 @@ from moteslam.eval.cli import options
 from moteslam.eval.cli.text import literal, say, say_json, warn
 
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
     from moteslam.robot.issues import Issue
     from moteslam.robot.recording import Recording
     from moteslam.robot.trajectory import Trajectory
@@ -64,7 +67,7 @@ def replay(
     from moteslam.robot.files import result_folder
 
     assert out is not None
-    truth, issues = _truth_beside(path, recording)
+    truth, issues = (None, ()) if recording.lidar is None else _truth_beside(path, recording.lidar.stamps)
     with result_folder(out, force=run.force, keep=path) as folder:
         done = run_into(
             folder,
@@ -91,11 +94,11 @@ def replay(
     say(f"result in {literal(out)}")
 
 
-def _truth_beside(path: Path, recording: Recording) -> tuple[Trajectory | None, tuple[Issue, ...]]:
-    """The truth in a recording's folder, if there is one on its clock; and why there is none, if that is an issue.
+def _truth_beside(path: Path, stamps: NDArray[np.float64]) -> tuple[Trajectory | None, tuple[Issue, ...]]:
+    """The truth in a recording's folder, if there is one on the clock of these stamps; if not, why it is not used.
 
     Raises:
-        InputError: a ``truth.tum`` that is none.
+        InputError: a ``truth.tum`` that cannot be read.
     """
     import numpy as np
 
@@ -103,10 +106,9 @@ def _truth_beside(path: Path, recording: Recording) -> tuple[Trajectory | None, 
     from moteslam.robot.trajectory import Trajectory, read_tum
 
     file = path / "truth.tum"
-    if not path.is_dir() or not file.exists() or recording.lidar is None:
+    if not path.is_dir() or not file.exists():
         return None, ()
     truth = read_tum(file)
-    stamps = recording.lidar.stamps
     try:
         match(Trajectory(stamps, np.zeros((len(stamps), 3))), truth)
     except InputError as error:
@@ -132,9 +134,16 @@ def _dead_reckon(
             write_atomically(folder / "config.toml", config.to_toml())
             if not run.no_figures:
                 from moteslam.eval.report.plans import draw_dead_reckoning
+                from moteslam.eval.results import from_same_start
 
-                title = f"{recording.name}: dead reckoning"
-                draw_dead_reckoning(folder / "dead_reckoning.png", trajectory, recording=recording, title=title)
+                truth, _ = _truth_beside(path, trajectory.stamps)
+                draw_dead_reckoning(
+                    folder / "dead_reckoning.png",
+                    trajectory,
+                    recording=recording,
+                    truth=None if truth is None else from_same_start(truth, trajectory),
+                    title=f"{recording.name}: dead reckoning",
+                )
     x, y, theta = trajectory.poses[-1].tolist()
     duration = float(trajectory.stamps[-1] - trajectory.stamps[0])
     if run.as_json:

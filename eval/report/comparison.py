@@ -59,6 +59,11 @@ def _draw_errors_and_paths(path: str | PathLike[str], results: Mapping[str, Agai
             angle.plot(*broken(time, np.rad2deg(ate.rotation_errors)), lw=1.0, **look)
         for axes, unit in ((distance, "position error [cm]"), (angle, "heading error [deg]")):
             _curves(axes, unit)
+        first = next(iter(results.values())).ate
+        style.mark_start(plan, first.reference)
+        ends = [(first.reference, style.TRUTH)]
+        ends += [(result.ate.aligned, _look(i)["color"]) for i, result in enumerate(results.values())]
+        style.mark_ends(plan, *ends)
         angle.set_xlabel("time [s]")
         style.plan(plan)
         style.legend_below(figure, distance, plan, columns=1)

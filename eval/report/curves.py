@@ -13,7 +13,11 @@ from moteslam.eval.report import style
 RUG = 1.05
 """Where the marks of resampling stand, as a share of the particles."""
 GAP = 10
-"""Median intervals, and at least a second: a curve does not go on across a longer one; nothing was measured there."""
+"""Median intervals, and at least a second: a curve is broken at a longer gap, in which nothing was measured."""
+SINGLE_VALUES = 300
+"""A curve of more values is unreadable: their range in windows of time and their running median are drawn instead."""
+WINDOWS, MEDIANS = 240, 25
+"""How many of the windows of the range, and of the running median, make a run."""
 
 
 def draw_error(
@@ -54,13 +58,15 @@ def draw_effective_particles(
     particles: NDArray[np.float64],
     title: str = "",
 ) -> None:
-    """The effective number of particles at every scan, how many there are where that changes, and the resamplings.
+    """The effective number of particles over time, how many there are where that changes, and the resamplings.
+
+    Of more than ``SINGLE_VALUES`` updates, the range in windows of time and a running median are drawn.
 
     Args:
         path: of the PNG.
-        stamps: [n] of the scans [s].
-        n_eff: [n], from 1.
-        resampled: [n], not 0 where it did.
+        stamps: [n] of the updates of the filter [s].
+        n_eff: [n] before resampling, from 1.
+        resampled: [n], not 0 where the filter resampled.
         particles: [n] how many there are.
         title: over the figure.
 
@@ -70,13 +76,22 @@ def draw_effective_particles(
     time = stamps - stamps[0]
     when = np.asarray(resampled, bool)
     most = int(particles.max())
-    with style.saved_figure(path, size=(8.0, 3.2)) as figure:
+    with style.saved_figure(path, size=(10.0, 3.6)) as figure:
         axes = figure.subplots()
-        axes.plot(*broken(time, n_eff), color=style.SLAM, lw=0.8, label="effective particles")
+        if len(time) <= SINGLE_VALUES:
+            axes.plot(*broken(time, n_eff), color=style.SLAM, lw=0.8, label="effective particles")
+        else:
+            middle, low, high = ranges(time, n_eff)
+            label = f"effective particles: range in {style.seconds((time[-1] - time[0]) / WINDOWS)}"
+            axes.fill_between(middle, low, high, color=style.PARTICLE, alpha=0.5, lw=0, label=label)
+            width = (time[-1] - time[0]) / MEDIANS
+            trend = running_median(time, n_eff, middle, width)
+            axes.plot(middle, trend, color=style.SLAM, lw=1.4, label=f"running median over {style.seconds(width)}")
         if particles.min() < most:
             axes.plot(time, particles, color="0.5", lw=0.8, drawstyle="steps-post", label="particles")
         above = np.full(when.sum(), most * RUG)  # over the curve, which marks on it would hide
-        axes.plot(time[when], above, "|", color=style.DEAD_RECKONING, ms=7, mew=0.7, label=f"resampled ({when.sum()})")
+        label = f"resampled ({when.sum()} of {len(time)} updates)"
+        axes.plot(time[when], above, "|", color=style.DEAD_RECKONING, ms=7, mew=0.5, label=label)
         axes.set_xlabel("time [s]")
         axes.set_ylabel(f"particles (of {most})")
         axes.set_ylim(0, most * (2 * RUG - 1))
@@ -84,6 +99,36 @@ def draw_effective_particles(
         axes.grid(axis="y", color="0.9", lw=0.6)
         style.legend_below(figure, axes)
         style.heading(figure, title)
+
+
+def ranges(
+    time: NDArray[np.float64], values: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """The middles [w] of equal windows of time, and the least and largest value in each; NaN in empty ones.
+
+    Args:
+        time: [n] rising [s].
+        values: [n].
+    """
+    edges = np.linspace(time[0], time[-1], WINDOWS + 1)
+    parts = np.split(values, np.searchsorted(time, edges[1:-1]))
+    low, high = np.array([(part.min(), part.max()) if len(part) else (np.nan, np.nan) for part in parts]).T
+    return (edges[1:] + edges[:-1]) / 2, low, high
+
+
+def running_median(
+    time: NDArray[np.float64], values: NDArray[np.float64], at: NDArray[np.float64], width: float
+) -> NDArray[np.float64]:
+    """The median of the values [n] within half a width [s] of each of the times ``at`` [w]; NaN where there is none.
+
+    Args:
+        time: [n] rising [s].
+        values: [n].
+        at: [w] the middles of the windows [s].
+        width: of a window [s].
+    """
+    first, last = np.searchsorted(time, at - width / 2), np.searchsorted(time, at + width / 2, side="right")
+    return np.array([np.median(values[i:k]) if k > i else np.nan for i, k in zip(first, last, strict=True)])
 
 
 def broken(time: NDArray[np.float64], values: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

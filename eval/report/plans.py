@@ -1,4 +1,4 @@
-"""Figures seen from above: paths on the map, the map over time, dead reckoning, the particles' paths."""
+"""Figures seen from above: paths on the map, the map over time, dead reckoning."""
 
 from __future__ import annotations
 
@@ -19,11 +19,10 @@ from moteslam.robot.trajectory import Trajectory
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-PARTICLES_DRAWN = 50
-"""Of more particles than these, an even choice is drawn."""
-
 SCANS_DRAWN, BEAMS_DRAWN = 400, 180
-"""Of a recording's scans and their beams at most so many are drawn under dead reckoning."""
+"""At most this number of a recording's scans, and of the beams of each, is drawn under dead reckoning."""
+STRAY = 0.002
+"""Share of the endpoints at either end of x and y that the limits of the axes may leave out: single far readings."""
 
 
 def draw_trajectories(
@@ -35,7 +34,13 @@ def draw_trajectories(
     truth: Trajectory | None = None,
     title: str = "",
 ) -> None:
-    """The map, and on it the paths of the truth (in the map's frame), SLAM as known at the end, and dead reckoning.
+    """The map, and on it the paths of the truth, of SLAM as known at the end, and of dead reckoning.
+
+    Args:
+        path: of the PNG.
+        occupancy: the map.
+        slam, dead_reckoning, truth: all in the frame of the map.
+        title: over the figure.
 
     Raises:
         OutputError: it cannot be written.
@@ -50,7 +55,9 @@ def draw_trajectories(
         if dead_reckoning is not None:
             _draw_path(axes, dead_reckoning, style.DEAD_RECKONING, "dead reckoning", width=1.1, dashes="--")
         _draw_path(axes, slam, style.SLAM, style.FINAL, width=1.3)
-        axes.plot(*slam.poses[0, :2], "o", color="black", ms=4, label="start")
+        style.mark_start(axes, slam.poses)
+        drawn = ((truth, style.TRUTH), (dead_reckoning, style.DEAD_RECKONING), (slam, style.SLAM))
+        style.mark_ends(axes, *((t.poses, colour) for t, colour in drawn if t is not None))
         style.plan(axes)
         style.show_everything(axes, points, margin=0.5)
         style.legend_below(figure, axes)
@@ -82,7 +89,8 @@ def draw_over_time(
             until = trajectory.poses[: snapshot.index + 1]
             _draw_map(axes, snapshot.map)
             axes.plot(until[:, 0], until[:, 1], color=style.SLAM, lw=1.1, label=style.ONLINE)
-            axes.plot(*until[-1, :2], "o", color="black", ms=4, label="robot")
+            style.mark_start(axes, until)
+            style.mark_ends(axes, (until, style.SLAM), label="robot")
             axes.set_title(f"{snapshot.stamp - trajectory.stamps[0]:.0f} s")
             style.plan(axes, labels=False)
         for axes in list(grid.flat)[len(snapshots) :]:
@@ -97,7 +105,12 @@ def draw_over_time(
 
 
 def draw_dead_reckoning(
-    path: str | PathLike[str], trajectory: Trajectory, *, recording: Recording | None = None, title: str = ""
+    path: str | PathLike[str],
+    trajectory: Trajectory,
+    *,
+    recording: Recording | None = None,
+    truth: Trajectory | None = None,
+    title: str = "",
 ) -> None:
     """Dead reckoning, with the scans where it would put them (figures 5 and 6): their walls drift apart.
 
@@ -105,6 +118,7 @@ def draw_dead_reckoning(
         path: of the PNG.
         trajectory: of dead reckoning; at every scan where there are scans.
         recording: whose scans are drawn; None, or one without, draws the path alone.
+        truth: in the frame of dead reckoning: both start at the same pose.
         title: over the figure.
 
     Raises:
@@ -113,60 +127,22 @@ def draw_dead_reckoning(
     walls = np.zeros((0, 2))
     if recording is not None and recording.lidar is not None and len(recording.lidar) == len(trajectory):
         walls = _endpoints(recording, trajectory)
-    points = np.concatenate([trajectory.poses[:, :2], walls])
+    paths = [] if truth is None else [(truth.poses, style.TRUTH)]
+    paths.append((trajectory.poses, style.DEAD_RECKONING))
+    points = np.concatenate([*(poses[:, :2] for poses, _ in paths), _without_stray(walls)])
     with style.saved_figure(path, size=style.plan_size(points)) as figure:
         axes = figure.subplots()
         if len(walls):
             axes.plot(walls[:, 0], walls[:, 1], ",", color="0.45", alpha=0.5)
             axes.plot([], [], ".", color="0.45", label="endpoints of scans")
+        if truth is not None:
+            _draw_path(axes, truth, style.TRUTH, "truth", width=4.0, alpha=0.55)
         _draw_path(axes, trajectory, style.DEAD_RECKONING, "dead reckoning", width=1.4)
-        axes.plot(*trajectory.poses[0, :2], "o", color="black", ms=4, label="start")
-        axes.plot(*trajectory.poses[-1, :2], "s", color=style.DEAD_RECKONING, ms=5, label="end")
+        style.mark_start(axes, trajectory.poses)
+        style.mark_ends(axes, *paths)
         style.plan(axes)
         style.show_everything(axes, points)
         style.legend_below(figure, axes)
-        style.heading(figure, title)
-
-
-def draw_particles(
-    path: str | PathLike[str],
-    stamps: NDArray[np.float64],
-    paths: NDArray[np.float64],
-    *,
-    best: Trajectory | None = None,
-    title: str = "",
-) -> None:
-    """The particles' paths, each as its ancestors drove it (figure 8): they spread, and resampling prunes them.
-
-    Args:
-        path: of the PNG.
-        stamps: [n] of the paths' poses [s].
-        paths: [K, n, 3].
-        best: drawn over them.
-        title: over the figure.
-
-    Raises:
-        OutputError: it cannot be written.
-    """
-    chosen = np.unique(np.linspace(0, len(paths) - 1, min(len(paths), PARTICLES_DRAWN)).round().astype(int))
-    parts = [(0, "the whole run"), (9 * len(stamps) // 10, "its last tenth")]
-    label = f"{len(chosen)} of {len(paths)} particles" if len(chosen) < len(paths) else f"{len(paths)} particles"
-    width, height = style.plan_size(paths[chosen, :, :2], longest=6.0)
-    with style.saved_figure(path, size=(len(parts) * width, height)) as figure:
-        panels = figure.subplots(1, len(parts), squeeze=False)[0]
-        for axes, (first, name) in zip(panels, parts, strict=True):
-            for k in chosen:
-                along = paths[k, first:]
-                axes.plot(along[:, 0], along[:, 1], color=style.PARTICLE, lw=0.8, label=label if k == 0 else None)
-            if best is not None:
-                whole = best.poses if first == 0 else best.poses[np.searchsorted(best.stamps, stamps[first]) :]
-                axes.plot(whole[:, 0], whole[:, 1], color=style.SLAM, lw=1.0, label="best particle")
-            if first == 0:
-                axes.plot(*paths[0, 0, :2], "o", color="black", ms=4, label="start")
-            axes.set_title(name)
-            style.plan(axes)
-            style.show_everything(axes, paths[chosen, first:, :2], margin=0.3)
-        style.legend_below(figure, *panels)
         style.heading(figure, title)
 
 
@@ -215,3 +191,8 @@ def _endpoints(recording: Recording, trajectory: Trajectory) -> NDArray[np.float
     scan, beam = np.nonzero(np.isfinite(ranges))
     reach, direction = ranges[scan, beam], directions[scan, beam]
     return np.stack((mounts[scan, 0] + reach * np.cos(direction), mounts[scan, 1] + reach * np.sin(direction)), axis=-1)
+
+
+def _without_stray(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The corners [2, 2] of the rectangle that holds almost all points [k, 2]; none of no points."""
+    return np.quantile(points, (STRAY, 1 - STRAY), axis=0) if len(points) else points

@@ -81,12 +81,30 @@ def printable(text: str) -> str:
     return text.encode(errors="surrogateescape").decode(errors="backslashreplace")
 
 
+def seconds(time: float) -> str:
+    """A time [s] for a label, to a tenth below ten seconds."""
+    return f"{time:.1f} s" if time < 10 else f"{time:.0f} s"
+
+
 def plan(axes: Axes, *, labels: bool = True) -> None:
     """Axes of a floor plan: metres, and equal in x and y; without labels, one of several that share their limits."""
     axes.set_aspect("equal", adjustable="datalim" if labels else "box")
     if labels:
         axes.set_xlabel("x [m]")
         axes.set_ylabel("y [m]")
+
+
+def mark_start(axes: Axes, path: NDArray[np.float64]) -> None:
+    """Mark the first pose of a path [n, 2 or more], which all paths of a picture share, by a ring round it."""
+    axes.plot(*path[0, :2], "o", mfc="none", mec="black", mew=1.5, ms=10, ls="", label="start", zorder=8)
+
+
+def mark_ends(axes: Axes, *paths: tuple[NDArray[np.float64], str], label: str = "end") -> None:
+    """Mark the last pose of each path [n, 2 or more], in the colour of its line."""
+    for path, colour in paths:
+        axes.plot(*path[-1, :2], "s", color=colour, mec="white", ms=6, ls="", zorder=7)
+    colour = paths[0][1] if len(paths) == 1 else "0.4"
+    axes.plot([], [], "s", color=colour, mec="white", ms=6, ls="", label=label)
 
 
 def show_everything(axes: Axes, *paths: NDArray[np.float64], margin: float = 1.0) -> None:

@@ -94,6 +94,8 @@ def draw_texture_over_time(
         grey = 0.88 + np.where(belief < 0, -0.12 * belief, -0.73 * belief)
         panels[0].imshow(grey, cmap="gray", vmin=0, vmax=1, origin="lower", extent=walls, interpolation="antialiased")
         panels[0].plot(*trajectory.poses[:, :2].T, color=style.SLAM, lw=1.0, label="SLAM")
+        style.mark_start(panels[0], trajectory.poses)
+        style.mark_ends(panels[0], (trajectory.poses, style.SLAM))
         panels[0].set_title("the map")
         dark = np.zeros((*belief.shape, 4))
         dark[..., 3] = np.where(belief > 0, 0.8 * belief, 0.0)
@@ -102,7 +104,9 @@ def draw_texture_over_time(
             axes.imshow(dark, origin="lower", extent=walls, interpolation="antialiased")
             until = trajectory.poses[trajectory.stamps <= stamp]
             axes.plot(until[:, 0], until[:, 1], color=style.SLAM, lw=0.8)
-            axes.plot(*until[-1:, :2].T, "o", color="black", mec="white", ms=4, label="robot")
+            style.mark_start(axes, trajectory.poses)
+            if len(until):
+                style.mark_ends(axes, (until, style.SLAM), label="robot")
             axes.set_title(f"{stamp - trajectory.stamps[0]:.0f} s")
         for axes in panels[count:]:
             axes.set_visible(False)
@@ -111,5 +115,5 @@ def draw_texture_over_time(
             axes.set_xlabel("x [m]")
         for axes in grid[:, 0]:
             axes.set_ylabel("y [m]")
-        style.legend_below(figure, panels[0])
+        style.legend_below(figure, *panels[:2])
         style.heading(figure, title)

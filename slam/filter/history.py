@@ -45,7 +45,7 @@ class History:
         self._parents[-1] = parents
 
     def ancestors(self, particles: NDArray[np.int64]) -> NDArray[np.int64]:
-        """The indices [K, updates] of the particles that these [K] of the last update (before resampling) descend from."""
+        """The indices [K, updates] of the particles that these [K] of the last update descend from."""
         index = np.asarray(particles)
         ancestors = np.empty((len(index), len(self)), np.int64)
         for update in range(len(self) - 1, -1, -1):

@@ -9,7 +9,7 @@ from moteslam.robot import se2
 
 
 def spread(poses: NDArray[np.float64], weights: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The weighted standard deviations [3] of particles: along and across the mean heading [m], and of the heading [rad].
+    """The weighted standard deviations [3] of particles: along and across the mean heading [m], of the heading [rad].
 
     Args:
         poses: [N, 3] of the particles.

@@ -130,6 +130,20 @@ def test_dead_reckoning_of_the_real_encoders(data_folder: Path, tmp_path: Path, 
         assert (tmp_path / sequence / "dead_reckoning.png").exists()
 
 
+def test_dead_reckoning_is_drawn_with_the_truth_beside_the_recording(
+    simulated_folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from matplotlib.figure import Figure
+
+    legends: list[list[str]] = []
+    monkeypatch.setattr(
+        Figure, "savefig", lambda figure, *_, **__: legends.append([t.get_text() for t in figure.legends[0].texts])
+    )
+    arguments = ["replay", str(simulated_folder), "--dead-reckoning", "--out", str(tmp_path / "out")]
+    assert run_program(arguments) == 0
+    assert legends == [["endpoints of scans", "truth", "dead reckoning", "start", "end"]]
+
+
 def test_dead_reckoning_needs_no_out(data_folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert run_program(["replay", str(data_folder / "ucsd"), "--sequence", "20", "--dead-reckoning"]) == 0
     assert "ends at x " in capsys.readouterr().out

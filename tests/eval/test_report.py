@@ -1,4 +1,4 @@
-"""Maps and figures as files: what is in them, whichever way up, and nothing that breaks drawing."""
+"""Maps and figures as files: what is in them, which way up they are, and that degenerate runs can be drawn."""
 
 from __future__ import annotations
 
@@ -8,15 +8,21 @@ import cv2
 import numpy as np
 import pytest
 import yaml
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from moteslam.errors import OutputError
 from moteslam.eval.metrics.ate import absolute_trajectory_error
 from moteslam.eval.report import curves, plans
+from moteslam.eval.report.cloud import Cloud
 from moteslam.eval.report.maps import map_image, trinary, write_map_png, write_map_server
+from moteslam.eval.report.particles import draw_particles
 from moteslam.eval.report.style import saved_figure
+from moteslam.eval.results import from_same_start
 from moteslam.robot.formats.map_server import FREE, OCCUPIED, UNKNOWN
+from moteslam.robot.platform import UCSD
 from moteslam.robot.raster import Raster
+from moteslam.robot.recording import LidarStream, Recording
 from moteslam.robot.trajectory import Trajectory
 
 
@@ -83,9 +89,7 @@ def test_figures_are_white_outside_and_drawn_inside(run, simulation, tmp_path: P
     plans.draw_dead_reckoning(
         tmp_path / "dead_reckoning.png", estimate.dead_reckoning, recording=simulation.recording, title=name
     )
-    plans.draw_particles(
-        tmp_path / "particles.png", estimate.particle_stamps, estimate.particle_paths, best=estimate.trajectory_final
-    )
+    draw_particles(tmp_path / "particles.png", Cloud.of(estimate), title=name)
     curves.draw_error(tmp_path / "error.png", slam=ate, dead_reckoning=ate, title=name)
     files = sorted(tmp_path.glob("*.png"))
     assert len(files) == 5
@@ -110,39 +114,91 @@ def legend_of(figure: Figure) -> list[str]:
     return [text.get_text() for text in figure.legends[0].get_texts()]
 
 
-def test_legends_say_which_trajectory_and_which_start(run, tmp_path: Path, drawn: list[Figure]) -> None:
+def test_legends_name_each_path_its_start_and_its_end(run, simulation, tmp_path: Path, drawn: list[Figure]) -> None:
     estimate, snapshots = run
     ate = absolute_trajectory_error(estimate.trajectory, estimate.trajectory_final)
+    truth = from_same_start(simulation.truth, estimate.dead_reckoning)
     plans.draw_trajectories(tmp_path / "a.png", estimate.map, slam=estimate.trajectory_final)
     plans.draw_over_time(tmp_path / "b.png", snapshots, trajectory=estimate.trajectory)
     curves.draw_error(tmp_path / "c.png", slam=ate)
-    plans.draw_particles(tmp_path / "d.png", estimate.particle_stamps, estimate.particle_paths)
+    plans.draw_dead_reckoning(tmp_path / "d.png", estimate.dead_reckoning)
+    plans.draw_dead_reckoning(tmp_path / "e.png", estimate.dead_reckoning, truth=truth)
     assert [legend_of(figure) for figure in drawn] == [
-        ["SLAM (final)", "start"],
-        ["SLAM (online)", "robot"],
+        ["SLAM (final)", "start", "end"],
+        ["SLAM (online)", "start", "robot"],
         [f"SLAM (online), RMSE {100 * ate.rmse:.1f} cm"],
-        ["10 particles", "start"],
+        ["dead reckoning", "start", "end"],
+        ["truth", "dead reckoning", "start", "end"],
     ]
-    whole, tenth = drawn[-1].axes
-    assert [line.get_marker() for line in whole.lines].count("o") == 1
-    assert [line.get_marker() for line in tenth.lines].count("o") == 0  # where it begins is not the start
+
+
+def marks(axes: Axes, marker: str) -> np.ndarray:
+    """Where a plan has marks of this kind [n, 2]."""
+    return np.concatenate([line.get_xydata() for line in axes.lines if line.get_marker() == marker])
+
+
+def test_dead_reckoning_and_truth_share_their_start_and_have_an_end_each(
+    run, simulation, tmp_path: Path, drawn: list[Figure]
+) -> None:
+    estimate, _ = run
+    truth = from_same_start(simulation.truth, estimate.dead_reckoning)
+    plans.draw_dead_reckoning(tmp_path / "a.png", estimate.dead_reckoning, truth=truth)
+    (axes,) = drawn[0].axes
+    np.testing.assert_array_equal(marks(axes, "o"), estimate.dead_reckoning.poses[:1, :2])
+    np.testing.assert_allclose(truth.poses[0], estimate.dead_reckoning.poses[0], atol=1e-12)
+    ends = np.stack((truth.poses[-1, :2], estimate.dead_reckoning.poses[-1, :2]))
+    np.testing.assert_allclose(marks(axes, "s"), ends)
+    np.testing.assert_array_equal(truth.stamps[[0, -1]], estimate.dead_reckoning.stamps[[0, -1]])
+
+
+def test_single_far_endpoints_do_not_shrink_the_plan(tmp_path: Path, drawn: list[Figure]) -> None:
+    ranges = np.full((50, 100), 4.0, np.float32)
+    ranges[7, 50] = 500.0
+    lidar = LidarStream(np.arange(50.0), ranges, -1.5, 0.03, 0.1, 600.0)
+    still = Trajectory(np.arange(50.0), np.zeros((50, 3)))
+    plans.draw_dead_reckoning(tmp_path / "a.png", still, recording=Recording("far", UCSD, lidar=lidar))
+    low, high = drawn[0].axes[0].get_xlim()
+    assert high - low < 20
 
 
 def test_marks_of_resampling_hide_nothing_of_the_curve(tmp_path: Path, drawn: list[Figure]) -> None:
     n_eff = np.array([50.0, 20.0, 50.0])
     curves.draw_effective_particles(tmp_path / "a.png", np.arange(3.0), n_eff, n_eff < 30, particles=np.full(3, 50.0))
-    curve, marks = drawn[0].axes[0].lines
+    curve, rug = drawn[0].axes[0].lines
     np.testing.assert_array_equal(curve.get_ydata(), n_eff)
-    np.testing.assert_array_equal(marks.get_xdata(), [1.0])
-    assert min(marks.get_ydata()) > 50
-    assert legend_of(drawn[0]) == ["effective particles", "resampled (1)"]
+    np.testing.assert_array_equal(rug.get_xdata(), [1.0])
+    assert min(rug.get_ydata()) > 50
+    assert legend_of(drawn[0]) == ["effective particles", "resampled (1 of 3 updates)"]
+
+
+def test_many_updates_are_drawn_as_their_range_and_running_median(tmp_path: Path, drawn: list[Figure]) -> None:
+    rng = np.random.default_rng(0)
+    n_eff = rng.uniform(20.0, 100.0, 5000)
+    curves.draw_effective_particles(
+        tmp_path / "a.png", np.arange(5000.0), n_eff, n_eff < 30, particles=np.full(5000, 100.0)
+    )
+    (axes,) = drawn[0].axes
+    assert legend_of(drawn[0])[:2] == ["effective particles: range in 21 s", "running median over 200 s"]
+    trend = axes.lines[0].get_ydata()
+    assert len(trend) == curves.WINDOWS
+    assert abs(trend - 60).max() < 15
+    assert np.ptp(axes.collections[0].get_paths()[0].vertices[:, 1]) == pytest.approx(80, abs=1)
+
+
+def test_windows_without_updates_are_left_empty() -> None:
+    time = np.array([0.0, 1.0, 100.0])
+    middle, low, high = curves.ranges(time, np.array([1.0, 2.0, 3.0]))
+    assert len(middle) == curves.WINDOWS
+    assert np.isfinite(low).sum() == np.isfinite(high).sum() == 3
+    median = curves.running_median(time, np.array([1.0, 2.0, 3.0]), np.array([0.5, 50.0, 100.0]), 4.0)
+    np.testing.assert_array_equal(median, [1.5, np.nan, 3.0])
 
 
 def test_a_number_of_particles_that_changes_is_drawn(tmp_path: Path, drawn: list[Figure]) -> None:
     n_eff = np.array([50.0, 20.0, 15.0])
     numbers = np.array([50.0, 50.0, 20.0])
     curves.draw_effective_particles(tmp_path / "a.png", np.arange(3.0), n_eff, n_eff < 30, particles=numbers)
-    assert legend_of(drawn[0]) == ["effective particles", "particles", "resampled (2)"]
+    assert legend_of(drawn[0]) == ["effective particles", "particles", "resampled (2 of 3 updates)"]
 
 
 def test_snapshots_are_taken_at_each_sixth(run) -> None:
@@ -157,7 +213,8 @@ def test_a_robot_that_never_moved_can_be_drawn(occupancy: Raster, tmp_path: Path
     still = Trajectory(np.array([1.0, 1.0]), np.zeros((2, 3)))
     plans.draw_trajectories(tmp_path / "a.png", occupancy, slam=still)
     plans.draw_dead_reckoning(tmp_path / "b.png", still)
-    plans.draw_particles(tmp_path / "c.png", still.stamps[:1], np.zeros((3, 1, 3)), best=still)
+    ancestors = np.arange(3)[:, None]
+    draw_particles(tmp_path / "c.png", Cloud(still.stamps[:1], np.zeros((3, 1, 3)), ancestors, np.zeros((1, 3))))
     curves.draw_error(tmp_path / "d.png", slam=absolute_trajectory_error(still, still))
     curves.draw_effective_particles(tmp_path / "e.png", still.stamps, np.ones(2), np.zeros(2), particles=np.ones(2))
     assert len(list(tmp_path.glob("*.png"))) == 5

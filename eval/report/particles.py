@@ -1,0 +1,153 @@
+"""The figure of the particles: what their deviations and their common ancestors tell about the uncertainty."""
+
+from __future__ import annotations
+
+from os import PathLike
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from moteslam.eval.report import style
+from moteslam.eval.report.cloud import Cloud
+from moteslam.eval.report.curves import broken
+from moteslam.robot.se2 import compose
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+PARTICLES_DRAWN = 50
+"""Of more particles than these, an even choice is drawn."""
+ELLIPSES = 30
+"""Places on the plan where the spread is drawn, evenly along the path."""
+DRAWN_SIZE = 0.08
+"""Deviations are magnified to at most this share of the plan's longer side."""
+COMPONENTS = (("along [cm]", 100.0), ("across [cm]", 100.0), ("heading [deg]", 180 / np.pi))
+"""Of a deviation: label of its axis, and the factor from m or rad to its unit."""
+
+
+def draw_particles(path: str | PathLike[str], cloud: Cloud, *, title: str = "") -> None:
+    """Draw the particles' deviations, magnified on the plan and over time, and their ancestors (figure 8 of the paper).
+
+    Args:
+        path: of the PNG.
+        cloud: the particles of a run.
+        title: over the figure.
+
+    Raises:
+        OutputError: it cannot be written.
+    """
+    drawn = np.unique(np.linspace(0, len(cloud) - 1, min(len(cloud), PARTICLES_DRAWN)).round().astype(np.int64))
+    with style.saved_figure(path, size=(14.0, 8.5)) as figure:
+        grid = figure.add_gridspec(4, 2, width_ratios=(1.0, 1.15))
+        plan = figure.add_subplot(grid[:, 0])
+        first = figure.add_subplot(grid[0, 1])
+        panels = [first, *(figure.add_subplot(grid[row, 1], sharex=first) for row in (1, 2, 3))]
+        _draw_plan(plan, cloud, drawn)
+        for column, axes in enumerate(panels[:3]):
+            _draw_deviations(axes, cloud, drawn, column)
+            axes.tick_params(labelbottom=False)
+        _draw_ancestors(panels[3], cloud)
+        first.set_title("deviation from the mean of the particles", loc="left")
+        panels[3].set_xlabel("time [s]")
+        style.legend_below(figure, plan, *panels)
+        style.heading(figure, title)
+
+
+def magnification(largest: float, size: float) -> int:
+    """The factor that deviations are magnified by: 1, 2 or 5 times a power of ten, 5000 at most.
+
+    Args:
+        largest: deviation [m].
+        size: longer side of the plan [m].
+    """
+    limit = DRAWN_SIZE * size / max(largest, 1e-6)
+    factors = [step * 10**power for power in range(4) for step in (1, 2, 5)]
+    return max((factor for factor in factors if factor <= limit), default=1)
+
+
+def _draw_plan(axes: Axes, cloud: Cloud, drawn: NDArray[np.int64]) -> None:
+    """The mean path, and around it the survivors' paths and the spread of all particles, magnified."""
+    from matplotlib.collections import EllipseCollection, LineCollection
+
+    mean, deviations = cloud.mean, cloud.deviations(drawn)
+    size = float(np.ptp(mean[:, :2], axis=0).max())
+    spread = 2 * cloud.spread[:, :2]
+    factor = magnification(max(float(abs(deviations[..., :2]).max()), float(np.quantile(spread, 0.9))), size)
+    paths = compose(mean, deviations * (factor, factor, 1.0))
+    places = _evenly_along(mean, ELLIPSES)
+    widths, heights = 2 * factor * spread[places].T
+    axes.add_collection(
+        EllipseCollection(
+            widths,
+            heights,
+            np.rad2deg(mean[places, 2]),
+            units="xy",
+            offsets=mean[places, :2],
+            offset_transform=axes.transData,
+            facecolors="0.85",
+            edgecolors="0.6",
+            linewidths=0.5,
+        )
+    )
+    axes.add_collection(LineCollection(list(paths[..., :2]), colors=style.PARTICLE, linewidths=0.6))
+    axes.plot(mean[:, 0], mean[:, 1], color="black", lw=0.6, label="mean path")
+    axes.plot(*mean[cloud.partings, :2].T, "d", color=style.DEAD_RECKONING, ms=5, mew=0)
+    style.mark_start(axes, mean)
+    style.mark_ends(axes, (mean, "black"))
+    axes.set_title(f"deviations magnified {factor} times; ellipses: 2 standard deviations")
+    style.plan(axes)
+    reach = factor * spread[places].max(axis=1, keepdims=True)
+    around = [mean[places, :2] - reach, mean[places, :2] + reach]
+    style.show_everything(axes, paths[..., :2], *around, margin=0.03 * size + 0.1)
+
+
+def _draw_deviations(axes: Axes, cloud: Cloud, drawn: NDArray[np.int64], column: int) -> None:
+    """One component of the deviations over time: of the survivors' paths, and the standard deviation of all."""
+    from matplotlib.collections import LineCollection
+
+    label, unit = COMPONENTS[column]
+    values = unit * cloud.deviations(drawn)[..., column]
+    best = unit * cloud.deviations(np.array([cloud.best]))[0, :, column]
+    time, sigma = broken(cloud.time, unit * cloud.spread[:, column])
+    axes.fill_between(time, -sigma, sigma, color="0.85", lw=0, label="standard deviation of all particles at the time")
+    for side in (-sigma, sigma):  # over the paths, which may hide the band
+        axes.plot(time, side, color="0.3", lw=0.6, zorder=3)
+    lines = [np.stack(broken(cloud.time, line), axis=-1) for line in values]
+    number = f"{len(drawn)} of {len(cloud)}" if len(drawn) < len(cloud) else f"{len(cloud)}"
+    survivors = f"paths of {number} particles of the last update"
+    axes.add_collection(LineCollection(lines, colors=style.PARTICLE, linewidths=0.6, label=survivors))
+    axes.plot(*broken(cloud.time, best), color=style.SLAM, lw=1.0, label="path of the best particle")
+    top = max(float(abs(values).max()), float(np.nanquantile(sigma, 0.99)), 1e-3)
+    axes.set_ylim(-1.1 * top, 1.1 * top)
+    highest = int(np.nanargmax(sigma))
+    if sigma[highest] > 1.1 * top:
+        axes.set_title(f"standard deviation up to {sigma[highest]:.3g} at {time[highest]:.0f} s", loc="right")
+    axes.set_ylabel(label)
+    axes.margins(x=0.01)
+    axes.grid(axis="y", color="0.9", lw=0.6)
+
+
+def _draw_ancestors(axes: Axes, cloud: Cloud) -> None:
+    """How many ancestors the survivors have at each update, and where lineages part."""
+    counts, partings = cloud.ancestor_counts, cloud.partings
+    axes.plot(cloud.time, counts, color="black", lw=1.0, drawstyle="steps-post")
+    label = f"lineages part ({len(partings)} times)"
+    axes.plot(cloud.time[partings], counts[partings], "d", color=style.DEAD_RECKONING, ms=5, mew=0, label=label)
+    axes.set_yscale("log")
+    axes.set_ylim(0.8, 1.25 * len(cloud))
+    ticks = [step * 10**power for power in range(7) for step in (1, 2, 5)]
+    axes.set_yticks([tick for tick in ticks if tick <= 1.25 * len(cloud)])
+    axes.yaxis.set_major_formatter("{x:.0f}")
+    axes.minorticks_off()
+    axes.set_ylabel("ancestors")
+    axes.grid(axis="y", color="0.9", lw=0.6)
+    single = np.flatnonzero(counts == 1)
+    since = f"one common ancestor until {cloud.time[single[-1]]:.0f} s" if len(single) else f"{counts[0]} at the start"
+    axes.set_title(f"ancestors of the {len(cloud)} particles of the last update: {since}", loc="left")
+
+
+def _evenly_along(path: NDArray[np.float64], count: int) -> NDArray[np.int64]:
+    """Indices of poses of a path [u, 3] at even distances along it; count of them at most."""
+    travelled = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(path[:, :2], axis=0).T))))
+    return np.unique(np.searchsorted(travelled, np.linspace(0.0, travelled[-1], count)).clip(max=len(path) - 1))
