@@ -88,7 +88,7 @@ def seconds(time: float) -> str:
 
 def plan(axes: Axes, *, labels: bool = True) -> None:
     """Axes of a floor plan: metres, and equal in x and y; without labels, one of several that share their limits."""
-    axes.set_aspect("equal", adjustable="datalim" if labels else "box")
+    axes.set_aspect("equal", adjustable="box")
     if labels:
         axes.set_xlabel("x [m]")
         axes.set_ylabel("y [m]")
@@ -133,4 +133,4 @@ def plan_size(points: NDArray[np.float64], *, longest: float = 8.0) -> tuple[flo
     """Width and height [inch] of a figure whose one floor plan shows points [n, 2] without empty bands."""
     extent = np.ptp(np.reshape(points, (-1, 2)), axis=0) + 2.0
     width, height = longest * extent / extent.max()
-    return max(float(width), 4.5) + 0.6, max(float(height), 2.0) + 1.1
+    return max(float(width), 4.5) + 0.6, max(float(height), 1.1) + 1.1
