@@ -31,6 +31,15 @@ class MapConfig(Section):
     """Cells this near to an endpoint are not freed by other rays of the same scan (`scan` only): beams that graze a
     wall pass within a cell of where their neighbours end, and would erase it."""
 
+    @model_validator(mode="after")
+    def _can_reach_the_threshold(self) -> MapConfig:
+        if abs(self.occupied_threshold) >= self.limit:
+            raise ValueError(
+                f"occupied_threshold of {self.occupied_threshold:g}, expected within the limit, {self.limit:g}: beyond "
+                "it no cell counts as occupied, or all do"
+            )
+        return self
+
     @property
     def log_odds_step(self) -> float:
         """The change of a cell [log-odds]: log(p / (1 - p))."""

@@ -94,7 +94,7 @@ class TrackingConfig(SearchConfig):
     prior_tail: Positive = 3.0
     """The prior's tails are heavier than the normal distribution's beyond this many nats, for the predictions by
     odometry and by constant velocity: what odometry is off by has outliers."""
-    lost_score: Number = 0.04
+    lost_score: Annotated[Number, Field(ge=-1, le=2)] = 0.04
     """A scan of a smaller match score, as a share of its points, contradicts the map: it is lost, and looked for in
     a relocation window ..."""
     relocation_distance: Annotated[Number, Field(ge=0, le=10)] = 1.5
