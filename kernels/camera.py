@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from moteslam.errors import InputError
 from moteslam.kernels.checks import LARGEST, as_finite, check_array
-from moteslam.kernels.runtime import runtime, ti
+from moteslam.kernels.runtime import one_thread, runtime, ti
 from moteslam.kernels.types import F32, F32_1D, F32_2D, I32, I32_1D, U16_1D, func, kernel, template
 
 __all__ = ["DepthView", "View", "depth_view_of", "render_colour", "render_disparity", "view_of"]
@@ -158,6 +158,7 @@ def _colour(
 ):  # fmt: skip
     pixels = rays.shape[1]
     runs = pixels // run
+    ti.loop_config(serialize=ti.static(one_thread()))
     for frame, r in ti.ndrange(cameras.shape[0], runs):
         x0, y0, ch, sh = cameras[frame, 0], cameras[frame, 1], cameras[frame, 2], cameras[frame, 3]
         start = starts[frame]
@@ -196,6 +197,7 @@ def _disparity(
     starts: I32_1D, run: I32, out: U16_1D,
 ):  # fmt: skip
     pixels = floor.shape[1]
+    ti.loop_config(serialize=ti.static(one_thread()))
     for frame, r in ti.ndrange(fan.shape[0], pixels // run):
         start = starts[frame]
         for p in range(r * run, (r + 1) * run):

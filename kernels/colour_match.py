@@ -5,7 +5,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from moteslam.errors import InputError
 from moteslam.kernels.checks import as_finite, check_array
-from moteslam.kernels.runtime import runtime, ti
+from moteslam.kernels.runtime import one_thread, runtime, ti
 from moteslam.kernels.types import F32, F32_2D, I32, I32_1D, I32_2D, kernel
 
 __all__ = ["UNKNOWN", "match_colours"]
@@ -19,6 +19,7 @@ def _match_colours(
     points: F32_2D, colours: I32_1D, poses: F32_2D, packed: I32_1D, rows: I32, columns: I32, per_metre: F32,
     limit: I32, out: I32_2D,
 ):  # fmt: skip
+    ti.loop_config(serialize=ti.static(one_thread()))
     for n in range(poses.shape[0]):
         x, y, c, s = poses[n, 0], poses[n, 1], poses[n, 2], poses[n, 3]
         difference, known = 0, 0

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from moteslam.errors import InputError
 from moteslam.kernels.checks import LARGEST, as_finite
-from moteslam.kernels.runtime import runtime, ti
+from moteslam.kernels.runtime import one_thread, runtime, ti
 from moteslam.kernels.tiles import SIDE, STEPS, check_tiles, frames_in_cells, read, steps_of, weight_of
 from moteslam.kernels.types import F32_1D, F32_2D, F64_2D, I16_1D, I32, I32_1D, I32_2D, kernel
 
@@ -36,6 +36,7 @@ def _search(
     size = shifts.shape[0] // blocks
     last_x, last_y = ti.cast(columns * (SIDE // 2) - 1, ti.f32), ti.cast(rows * (SIDE // 2) - 1, ti.f32)
     points = ti.min(scan.shape[1], MAX_SEARCH_POINTS)
+    ti.loop_config(serialize=ti.static(one_thread()))
     for k in range(frames.shape[0] * n_turns * blocks):
         i, t, block = k // (n_turns * blocks), k // blocks % n_turns, k % blocks
         c0, s0 = ti.cast(frames[i, 0], ti.f32), ti.cast(frames[i, 1], ti.f32)

@@ -6,13 +6,6 @@ its annotations is therefore handed to the compiled kernel directly; every other
 the way of Taichi, which compiles, converts or complains. On the CPU the arguments of the last launch are kept: the
 map and the constants, most of them, need not be handed over again.
 
-With one thread a loop runs where it is launched: Taichi would wake its one worker for it and wait, which costs 60 us
-of processor time and twice as much to wait for (docs/performance.md).
-
-And what Taichi says of a place in a kernel is file, line and what stands there, without carets underneath: it draws
-them for every expression of every kernel before it knows whether anybody will read them, a third of what it takes to
-load kernels that were compiled before. Functions that kernels call it looks up in their files once, not at every call.
-
 This leans on the insides of one release of Taichi. With any other everything goes Taichi's way.
 """
 
@@ -20,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from enum import Enum, auto
-from functools import cache, wraps
+from functools import wraps
 from typing import Any
 
 import numpy as np
@@ -80,30 +73,6 @@ def quick(function: Callable[..., Any]) -> Callable[..., Any]:
             compiled[form] = slow._primal.compiled_kernels[slow._primal.ensure_compiled(*arguments)]
 
     return launcher
-
-
-def _place(context: Any, node: Any) -> str:
-    """Where an expression of a kernel stands, as Taichi puts it but for the carets."""
-    line = node.lineno + context.lineno_offset
-    return f'File "{context.file}", line {line}, in {context.func.func.__name__}:\n{context.src[node.lineno - 1]}\n'
-
-
-_transformer = ti.lang.ast.ast_transformer.ASTTransformer
-_range_for = _transformer.build_range_for
-
-
-def _range_for_alone(context: Any, node: Any) -> Any:
-    """The loop of a kernel; where there is one thread it runs in the thread that launches, with nobody to wake up."""
-    if runtime().arch == "cpu" and runtime().threads == 1:
-        context.ast_builder.strictly_serialize()
-    return _range_for(context, node)
-
-
-if ti.__version__ == KNOWN:
-    _source = ti.lang.kernel_impl
-    _source.getsourcefile, _source.getsourcelines = cache(_source.getsourcefile), cache(_source.getsourcelines)
-    ti.lang.ast.ast_transformer_utils.ASTTransformerContext.get_pos_info = _place
-    _transformer.build_range_for = staticmethod(_range_for_alone)
 
 
 def _kinds(slow: Any) -> list[Kind | _Array] | None:

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from moteslam.errors import InputError
 from moteslam.kernels.checks import LARGEST, as_finite
-from moteslam.kernels.runtime import runtime, ti
+from moteslam.kernels.runtime import one_thread, runtime, ti
 from moteslam.kernels.scoring import cell_along, check_grid, frames_of, scan_of, sum_under_scan, words_of
 from moteslam.kernels.types import F32_2D, I32, I32_1D, I32_2D, U8_1D, U64_1D, func, kernel
 
@@ -52,7 +52,7 @@ def _search(
     """
     poses = scores.shape[0]
     headings = frames.shape[0] // poses
-    ti.loop_config(block_dim=1)
+    ti.loop_config(block_dim=1, serialize=ti.static(one_thread()))
     for i in range(poses):
         top, chosen = -1, 0
         for v in range(order.shape[0]):
@@ -78,6 +78,7 @@ def _build_windows(
 ):
     """The windows of the box of cells that begins at (col, row), multiples of 4; ``more`` tells of cells above 1."""
     stride = width // 4
+    ti.loop_config(serialize=ti.static(one_thread()))
     for r in range(windows.shape[0] // columns):
         others = 0
         for k in range(columns):
@@ -106,7 +107,7 @@ def _search_windows(
     headings = frames.shape[0] // poses
     low_row, high_row = ti.cast(row - low, ti.f32), ti.cast(last_row - low, ti.f32)
     low_col, high_col = ti.cast(col - low, ti.f32), ti.cast(last_col - low, ti.f32)
-    ti.loop_config(block_dim=1)
+    ti.loop_config(block_dim=1, serialize=ti.static(one_thread()))
     for i in range(poses):
         top = ti.i64(-1)
         for h in range(headings):

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from moteslam.errors import InputError
 from moteslam.kernels import rng, se2
 from moteslam.kernels.checks import as_finite, check_array
-from moteslam.kernels.runtime import runtime, ti
+from moteslam.kernels.runtime import one_thread, runtime, ti
 from moteslam.kernels.types import F64, F64_2D, U32, kernel
 
 STREAM = 1
@@ -22,6 +22,7 @@ def _sample_motion(
     poses: F64_2D, forward: F64, left: F64, turn: F64, spread_forward: F64, spread_left: F64, spread_turn: F64,
     seed_low: U32, seed_high: U32, step: U32, stream: U32,
 ):  # fmt: skip
+    ti.loop_config(serialize=ti.static(one_thread()))
     for i in range(poses.shape[0]):
         noise = rng.normals(rng.words_of(seed_low, seed_high, step, ti.cast(i, ti.u32), stream))
         pose = ti.Vector([poses[i, 0], poses[i, 1], poses[i, 2]], dt=ti.f64)

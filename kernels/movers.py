@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from moteslam.errors import InputError
 from moteslam.kernels.checks import as_finite, check_array
 from moteslam.kernels.raycast import directions_of
-from moteslam.kernels.runtime import runtime, ti
+from moteslam.kernels.runtime import one_thread, runtime, ti
 from moteslam.kernels.types import F32, F32_1D, F32_2D, F64_1D, F64_2D, I32, I32_1D, kernel
 
 __all__ = ["cast_movers"]
@@ -23,6 +23,7 @@ def _cast_movers(
     discs: F32_2D, lines: F32_2D, last: I32, disc_count: I32, line_count: I32, rate: F32, origins: F64_2D,
     directions: F32_2D, times: F64_1D, out: F32_1D, hit: I32_1D,
 ):  # fmt: skip
+    ti.loop_config(serialize=ti.static(one_thread()))
     for i in range(out.shape[0]):
         at = ti.min(ti.max(times[i] * ti.cast(rate, ti.f64), 0.0), ti.cast(last, ti.f64))
         row = ti.min(ti.cast(at, ti.i32), last - 1)

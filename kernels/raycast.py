@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from moteslam.errors import InputError
 from moteslam.kernels.buckets import SegmentBuckets, build_buckets
 from moteslam.kernels.checks import LARGEST, as_finite
-from moteslam.kernels.runtime import runtime, ti
+from moteslam.kernels.runtime import one_thread, runtime, ti
 from moteslam.kernels.types import F32, F32_1D, F32_2D, F64, F64_2D, I32, I32_1D, func, kernel, template
 
 __all__ = ["SegmentBuckets", "build_buckets", "cast_rays", "cast_scans", "cast_surfaces"]
@@ -112,6 +112,7 @@ def _cast_rays(
     starts: I32_1D, walls: F32_2D, size: F32, columns: I32, rows: I32, slack: F32, x0: F64, y0: F64,
     origins: F64_2D, directions: F32_2D, max_range: F32, out: F32_1D,
 ):  # fmt: skip
+    ti.loop_config(serialize=ti.static(one_thread()))
     for i in range(out.shape[0]):
         out[i], _ = _cast(
             starts, walls, size, columns, rows, slack, origins[i, 0] - x0, origins[i, 1] - y0,
@@ -124,6 +125,7 @@ def _cast_surfaces(
     starts: I32_1D, walls: F32_2D, size: F32, columns: I32, rows: I32, slack: F32, x0: F64, y0: F64,
     origins: F64_2D, directions: F32_2D, max_range: F32, owners: I32_1D, out: F32_1D, hit: I32_1D,
 ):  # fmt: skip
+    ti.loop_config(serialize=ti.static(one_thread()))
     for i in range(out.shape[0]):
         distance, wall = _cast(
             starts, walls, size, columns, rows, slack, origins[i, 0] - x0, origins[i, 1] - y0,
@@ -139,6 +141,7 @@ def _cast_scans(
     origins: F64_2D, headings: F32_2D, beams: F32_2D, max_range: F32, out: F32_2D,
 ):  # fmt: skip
     parts = (out.shape[1] + PART - 1) // PART
+    ti.loop_config(serialize=ti.static(one_thread()))
     for job in range(out.shape[0] * parts):
         i = job // parts
         first = (job - i * parts) * PART

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from moteslam.errors import InputError
 from moteslam.kernels.checks import as_finite
-from moteslam.kernels.runtime import runtime, ti
+from moteslam.kernels.runtime import one_thread, runtime, ti
 from moteslam.kernels.tiles import (
     SIDE,
     STEPS,
@@ -152,7 +152,7 @@ def _register(
     """
     fine_x, fine_y = ti.cast(columns * SIDE - 2, ti.f32), ti.cast(rows * SIDE - 2, ti.f32)
     coarse_x, coarse_y = ti.cast(columns * SIDE // 2 - 2, ti.f32), ti.cast(rows * SIDE // 2 - 2, ti.f32)
-    ti.loop_config(block_dim=1)
+    ti.loop_config(block_dim=1, serialize=ti.static(one_thread()))
     for i in range(frames.shape[0]):
         base = i * stride
         frame = ti.Vector([ti.cast(frames[i, k], ti.f32) for k in ti.static(range(4))], dt=ti.f32)

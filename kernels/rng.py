@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from moteslam.errors import InputError
-from moteslam.kernels.runtime import runtime, ti
+from moteslam.kernels.runtime import one_thread, runtime, ti
 from moteslam.kernels.types import U32, U32_2D, func, kernel
 
 ROUNDS = 10
@@ -70,6 +70,7 @@ def normals(words):
 
 @kernel
 def _philox_of(blocks: U32_2D, out: U32_2D):
+    ti.loop_config(serialize=ti.static(one_thread()))
     for i in range(blocks.shape[0]):
         counter = ti.Vector([blocks[i, 0], blocks[i, 1], blocks[i, 2], blocks[i, 3]], dt=ti.u32)
         words = philox(counter, ti.Vector([blocks[i, 4], blocks[i, 5]], dt=ti.u32))

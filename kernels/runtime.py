@@ -13,7 +13,7 @@ import sys
 import tempfile
 import time
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -21,28 +21,34 @@ from moteslam.errors import BackendError
 
 
 @contextlib.contextmanager
-def _some_home() -> Iterator[None]:
-    """A home folder while Taichi asks for one, which without aborts the process; it puts nothing there."""
-    home = os.environ.get("HOME")
-    os.environ["HOME"] = home or os.sep
+def _environment(**values: str | None) -> Iterator[None]:
+    """Environment variables set, or unset where None, while Taichi reads them; then as they were."""
+    before = {name: os.environ.get(name) for name in values}
+    _set(values)
     try:
         yield
     finally:
-        if home is None:
-            del os.environ["HOME"]
+        _set(before)
+
+
+def _set(values: Mapping[str, str | None]) -> None:
+    for name, value in values.items():
+        if value is None:
+            os.environ.pop(name, None)
         else:
-            os.environ["HOME"] = home
+            os.environ[name] = value
 
 
-# before the import: no banner, no query of the newest version over the network
-os.environ["ENABLE_TAICHI_HEADER_PRINT"] = "0"
-os.environ["TI_SKIP_VERSION_CHECK"] = "ON"
-os.environ.pop("TI_ARCH", None)  # it would outvote the arch that init is asked for
-with _some_home(), warnings.catch_warnings():
+def _home() -> str:
+    """A home folder for Taichi to ask for, which without one aborts the process; it puts nothing there."""
+    return os.environ.get("HOME") or os.sep
+
+
+with _environment(HOME=_home(), ENABLE_TAICHI_HEADER_PRINT="0"), warnings.catch_warnings():
     warnings.simplefilter("ignore")
     import taichi as ti
 
-__all__ = ["ARCHES", "Runtime", "init", "runtime", "ti"]
+__all__ = ["ARCHES", "Runtime", "init", "one_thread", "runtime", "ti"]
 
 ARCHES = ("cpu", "cuda")
 
@@ -63,6 +69,17 @@ _runtime: Runtime | None = None
 def runtime() -> Runtime:
     """The runtime of this process, initialised with the defaults if it was not yet."""
     return _runtime if _runtime is not None else init()
+
+
+def one_thread() -> bool:
+    """Whether loops run on one thread of a processor: ``ti.loop_config(serialize=ti.static(one_thread()))``.
+
+    Every outermost loop of a kernel is preceded by this line, which Taichi evaluates when it compiles the kernel. With
+    one thread the loop then runs in the thread that launches it. Otherwise Taichi would wake its one worker and wait
+    for it, which costs 60 us of processor time and twice as much to wait for (docs/performance.md).
+    """
+    current = runtime()
+    return current.arch == "cpu" and current.threads == 1
 
 
 def init(arch: str = "cpu", threads: int | None = None, *, debug: bool = False) -> Runtime:
@@ -99,9 +116,10 @@ def init(arch: str = "cpu", threads: int | None = None, *, debug: bool = False) 
     if cache is not None:
         _remove_stale_lock(cache)
     before = _threads()
-    said = io.StringIO()
+    # no query of the newest version over the network; and TI_ARCH would overrule the arch that is asked for here
+    environment = _environment(HOME=_home(), TI_SKIP_VERSION_CHECK="ON", TI_ARCH=None)
     try:
-        with _some_home(), contextlib.redirect_stdout(said):  # "[Taichi] Starting on arch=" is a bare print
+        with environment, contextlib.redirect_stdout(io.StringIO()):  # "[Taichi] Starting on arch=" is a bare print
             ti.init(
                 arch=ti.cuda if arch == "cuda" else ti.cpu,
                 cpu_max_num_threads=wanted[1],

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from moteslam.errors import InputError
 from moteslam.kernels.checks import as_finite, check_array
-from moteslam.kernels.runtime import runtime, ti
+from moteslam.kernels.runtime import one_thread, runtime, ti
 from moteslam.kernels.types import F32, F32_2D, I32, I32_1D, U8_1D, U32, func, kernel, template
 
 BLOCK = 64
@@ -69,6 +69,7 @@ def sum_under_scan(
 
 @kernel
 def _score_poses(cells: U8_1D, width: I32, height: I32, frames: F32_2D, scan: F32_2D, out: I32_1D):
+    ti.loop_config(serialize=ti.static(one_thread()))
     for i in range(frames.shape[0]):
         out[i] = sum_under_scan(
             cells, width, height, frames[i, 0], frames[i, 1], frames[i, 2], frames[i, 3], 0, 0, False, scan

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from moteslam.errors import InputError
 from moteslam.kernels.checks import as_finite, check_array
-from moteslam.kernels.runtime import runtime, ti
+from moteslam.kernels.runtime import one_thread, runtime, ti
 from moteslam.kernels.thinning import ThinScan, thin_scan
 from moteslam.kernels.tiles import (
     CELLS,
@@ -111,6 +111,7 @@ def _add(
 
     Frames are cos, sin, x, y of each particle. Lengths are in fine cells, ``coarse_reach`` in coarse ones.
     """
+    ti.loop_config(serialize=ti.static(one_thread()))
     for i in range(frames.shape[0]):
         margin = ti.max(reach, 2 * coarse_reach) + 2 * CHORD  # so far a chord strays from the stretches that it joins
         done = ti.Vector([-1, -1, -1, -1], dt=ti.i32)  # the tiles that were claimed last: columns and rows
@@ -124,6 +125,7 @@ def _add(
                     for ty in range(y0, y1 + 1):
                         for tx in range(x0, x1 + 1):
                             claim(pool, table, shares, free, counters, i * tiles + ty * columns + tx)
+    ti.loop_config(serialize=ti.static(one_thread()))
     for i in range(frames.shape[0]):
         if counters[1] == 0:
             first = 0  # the vertex where the coarse level's stretch begins

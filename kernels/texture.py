@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from moteslam.errors import InputError
 from moteslam.kernels.checks import as_finite, check_array
-from moteslam.kernels.runtime import runtime, ti
+from moteslam.kernels.runtime import one_thread, runtime, ti
 from moteslam.kernels.types import F32, F32_1D, F32_2D, I32, I64_1D, U8_1D, U16_1D, kernel
 
 __all__ = ["add_frame"]
@@ -24,6 +24,7 @@ def _add_frame(
     focal, cx, cy = calibration[0], calibration[1], calibration[2]
     slope, offset, scale = calibration[3], calibration[4], calibration[5]
     align, align_dd, align_column, align_row = calibration[6], calibration[7], calibration[8], calibration[9]
+    ti.loop_config(serialize=ti.static(one_thread()))
     for row, column in ti.ndrange(height, width):
         raw = ti.cast(disparity[row * width + column], ti.i32)
         dd = slope * ti.cast(raw, ti.f32) + offset
