@@ -1,7 +1,7 @@
 """What a camera over a floor sees: the colours and the depth of the floor and of walls that stand upright on it.
 
 Every wall is taller than the view, so along one bearing nothing is seen beyond the first wall: a fan of exact rays
-from the camera (``cast_scans``) tells for each frame how far the floor reaches at each bearing, and a pixel compares
+from the camera (``cast_rays``) tells for each frame how far the floor reaches at each bearing, and a pixel compares
 the point where its ray meets the floor with that reach. Between two bearings of the fan the inverse of the reach is
 interpolated, as it runs along a straight wall; at a jump the nearer bearing counts. The camera does not tilt while it
 drives, so all else about a pixel is the same in every frame and worked out once.

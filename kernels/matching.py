@@ -59,7 +59,7 @@ def _search(
             place, f = order[v] // headings, i * headings + order[v] % headings
             x, y = frames[f, 2] + shifts[place, 0], frames[f, 3] + shifts[place, 1]
             total = sum_under_scan(
-                grid, width, height, frames[f, 0], frames[f, 1], x, y, cells[place, 0], cells[place, 1], True, scan
+                grid, width, height, frames[f, 0], frames[f, 1], x, y, cells[place, 0], cells[place, 1], scan
             )
             if total > top:
                 top, chosen = total, order[v]
@@ -147,7 +147,7 @@ def match_poses(
     offsets_xy: ArrayLike,
     offsets_theta: ArrayLike,
 ) -> Match:
-    """The best of the poses around each, by the score of ``score_poses`` (section III.D.2 of the paper).
+    """The best of the poses around each, by the sum of the cells under the scan (section III.D.2 of the paper).
 
     The poses tried are ``(x + offsets_xy[i], y + offsets_xy[j], theta + offsets_theta[k])``, the shift in the frame
     of the map. Among equal scores the one nearest the centre wins, by (i - ci)^2 + (j - cj)^2 + (k - ck)^2 where
@@ -155,7 +155,8 @@ def match_poses(
     means that: the cell under each point is found for the pose as it is, and the shift counted in cells from there.
 
     Args:
-        occupied: uint8 [H, W] with a border of zeros, as for ``score_poses``; fastest if its cells are 0 or 1.
+        occupied: uint8 [H, W], W a multiple of 8, its outermost ring of cells zero. 0 and 1 count points on occupied
+            cells, which is fastest; other values up to 255 weigh them. Points beyond the grid count zero.
         origin: [2] (x, y) of the corner of cell [0, 0] [m].
         cell_size: [m].
         poses: [N, 3].
@@ -164,7 +165,8 @@ def match_poses(
         offsets_theta: [b] [rad].
 
     Raises:
-        InputError: as ``score_poses``, or no offsets, or far too many.
+        InputError: arrays that do not fit, values that are not finite, an outermost ring that is not zero, no offsets,
+            or far too many.
     """
     height, width = check_grid(occupied)
     poses = as_finite("poses", poses, np.float64, (None, 3))

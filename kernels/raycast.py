@@ -16,14 +16,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from moteslam.errors import InputError
 from moteslam.kernels.buckets import SegmentBuckets, build_buckets
-from moteslam.kernels.checks import LARGEST, as_finite
+from moteslam.kernels.checks import as_finite
 from moteslam.kernels.runtime import one_thread, runtime, ti
 from moteslam.kernels.types import F32, F32_1D, F32_2D, F64, F64_2D, I32, I32_1D, func, kernel, template
 
-__all__ = ["SegmentBuckets", "build_buckets", "cast_rays", "cast_scans", "cast_surfaces"]
-
-PART = 128
-"""Beams of a scan that one thread casts one after the other; what they share is worked out once."""
+__all__ = ["SegmentBuckets", "build_buckets", "cast_rays", "cast_surfaces"]
 
 
 @func
@@ -135,24 +132,6 @@ def _cast_surfaces(
         hit[i] = owners[wall] if wall >= 0 else -1
 
 
-@kernel
-def _cast_scans(
-    starts: I32_1D, walls: F32_2D, size: F32, columns: I32, rows: I32, slack: F32, x0: F64, y0: F64,
-    origins: F64_2D, headings: F32_2D, beams: F32_2D, max_range: F32, out: F32_2D,
-):  # fmt: skip
-    parts = (out.shape[1] + PART - 1) // PART
-    ti.loop_config(serialize=ti.static(one_thread()))
-    for job in range(out.shape[0] * parts):
-        i = job // parts
-        first = (job - i * parts) * PART
-        x, y = origins[i, 0] - x0, origins[i, 1] - y0
-        turn_c, turn_s = headings[0, i], headings[1, i]
-        for b in range(first, ti.min(first + PART, out.shape[1])):
-            c = turn_c * beams[0, b] - turn_s * beams[1, b]
-            s = turn_s * beams[0, b] + turn_c * beams[1, b]
-            out[i, b], _ = _cast(starts, walls, size, columns, rows, slack, x, y, c, s, max_range)
-
-
 def cast_rays(
     buckets: SegmentBuckets, origins: ArrayLike, angles: ArrayLike, *, max_range: float
 ) -> NDArray[np.float32]:
@@ -199,36 +178,6 @@ def cast_surfaces(
     if len(out):
         _cast_surfaces(*_arguments(buckets), origins, directions_of(angles), max_range, buckets.segments, out, hit)
     return out, hit
-
-
-def cast_scans(
-    buckets: SegmentBuckets, poses: ArrayLike, beam_angles: ArrayLike, *, max_range: float
-) -> NDArray[np.float32]:
-    """The distance to the first wall along each beam of a scan, from each pose: ``cast_rays`` for whole scans.
-
-    Args:
-        buckets: of the world.
-        poses: [n, 3] of the sensor.
-        beam_angles: [b] of the beams, in its frame [rad].
-        max_range: beyond which nothing is seen [m].
-
-    Returns:
-        float32 [n, b] [m], ``inf`` where no wall is within max_range.
-
-    Raises:
-        InputError: as ``cast_rays``.
-    """
-    poses = as_finite("poses", poses, np.float64, (None, 3))
-    beams = as_finite("beam_angles", beam_angles, np.float64, (None,))
-    _check_range(max_range)
-    if len(poses) * len(beams) > LARGEST:
-        raise InputError(f"{len(poses)} x {len(beams)} rays, expected at most {LARGEST}", field="poses")
-    out = np.empty((len(poses), len(beams)), np.float32)
-    runtime()
-    if out.size:
-        origins = np.ascontiguousarray(poses[:, :2])
-        _cast_scans(*_arguments(buckets), origins, directions_of(poses[:, 2]), directions_of(beams), max_range, out)
-    return out
 
 
 def directions_of(angles: NDArray[np.float64]) -> NDArray[np.float32]:

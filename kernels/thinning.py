@@ -11,8 +11,6 @@ from moteslam.kernels.checks import as_finite
 from moteslam.kernels.runtime import runtime, ti
 from moteslam.kernels.types import F32, F32_2D, I32, I32_1D, kernel
 
-SHORTEST = 1e-6
-"""Endpoints nearer than this have no direction from one to the next [m]."""
 WIDER, LEAST = 1.2, 0.001
 """How much larger the spacing is at the next try, while there are too many vertices, and what it is at least [m]."""
 
@@ -83,8 +81,6 @@ def thin_scan(
     most: int = 1,
     gap: float,
     gap_from_range: float = 0.0,
-    straight_gap: float = 1.0,
-    straightness: float = 0.0,
 ) -> ThinScan:
     """Average neighbouring endpoints of a scan, and tell which neighbours see the same surface.
 
@@ -95,10 +91,7 @@ def thin_scan(
         widest, most: where there are more vertices than ``most`` the spacing is widened step by step, up to ``widest``
             [m] if that is more, until there are not.
         gap, gap_from_range: neighbours are of one surface up to ``gap + gap_from_range * range`` apart [m], [m/m],
-            of the farther one's range ...
-        straight_gap: ... and up to so many times that, 1 or more, where they lie in a row of four endpoints on a
-            straight line,
-        straightness: the outer two within this of the line through the inner two [m].
+            of the farther one's range.
 
     Raises:
         InputError: another shape, a number that is not finite, or an option out of bounds.
@@ -106,50 +99,17 @@ def thin_scan(
     ends = as_finite("points", points, np.float32, (None, 2))
     start = as_finite("origin", origin, np.float64, (2,))
     options = {"spacing": spacing, "widest": widest, "gap": gap, "gap_from_range": gap_from_range}
-    options["straightness"] = straightness
     for name, value in options.items():
         if not (math.isfinite(value) and value >= 0):
             raise InputError(f"{value:g}, expected a finite number of 0 or more", field=name)
-    if not (math.isfinite(straight_gap) and straight_gap >= 1):
-        raise InputError(f"{straight_gap:g}, expected a finite number of 1 or more", field="straight_gap")
     n = len(ends)
     vertices, linked, count = np.empty((n, 2), np.float32), np.empty(n, np.int32), np.zeros(1, np.int32)
     if n:
         ranges = np.hypot(ends[:, 0] - np.float32(start[0]), ends[:, 1] - np.float32(start[1]))
         allowed = gap + gap_from_range * np.maximum(ranges[1:], ranges[:-1])
+        joined = np.zeros(n, np.int32)
+        joined[:-1] = np.hypot(*np.diff(ends, axis=0).T) <= allowed
         runtime()
-        _thin(ends, _joined(ends, allowed, straight_gap, straightness), spacing, widest, most, vertices, linked, count)
+        _thin(ends, joined, spacing, widest, most, vertices, linked, count)
     k = int(count[0])
     return ThinScan(vertices[:k].copy(), linked[:k].copy())
-
-
-def _joined(
-    points: NDArray[np.float32], allowed: NDArray[np.floating], straight_gap: float, straightness: float
-) -> NDArray[np.int32]:
-    """Where an endpoint and the next are of one surface, [k]; ``allowed`` [k - 1] is how far apart they may be."""
-    step = np.diff(points, axis=0)
-    length = np.hypot(step[:, 0], step[:, 1])
-    close = length <= allowed
-    if straight_gap > 1 and len(points) > 3:
-        along = (step / np.maximum(length, SHORTEST)[:, None])[1:-1]
-        before, after = points[:-3] - points[1:-2], points[3:] - points[2:-1]
-        straight = (
-            (np.abs(_cross(along, before)) < straightness)
-            & (np.abs(_cross(along, after)) < straightness)
-            & (_dot(along, before) < 0)
-            & (_dot(along, after) > 0)
-        )
-        close[1:-1] |= straight & (length[1:-1] <= straight_gap * allowed[1:-1])
-    joined = np.zeros(len(points), np.int32)
-    joined[:-1] = close
-    return joined
-
-
-def _cross(u: NDArray[np.floating], v: NDArray[np.floating]) -> NDArray[np.floating]:
-    """Of vectors [n, 2]."""
-    return u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
-
-
-def _dot(u: NDArray[np.floating], v: NDArray[np.floating]) -> NDArray[np.floating]:
-    """Of vectors [n, 2]."""
-    return u[:, 0] * v[:, 0] + u[:, 1] * v[:, 1]

@@ -26,8 +26,6 @@ from moteslam.kernels.types import F32, I32, func, template
 SIDE_BITS = 5
 SIDE = 1 << SIDE_BITS
 """Fine cells along a tile's edge."""
-LEVELS = 2
-"""0 has the fine cells, 1 those twice as large."""
 FINE_CELLS = SIDE * SIDE
 CELLS = FINE_CELLS + FINE_CELLS // 4
 """Cells of a tile, both levels."""

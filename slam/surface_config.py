@@ -26,9 +26,7 @@ class SurfaceConfig(Section):
         widest_spacing, vertices: ... and those up to so far from each other [m], where a scan has more vertices than
             this: what it costs, and what it weighs, depends little on how many beams the lidar has.
         gap, gap_from_range: a surface is drawn between neighbouring endpoints up to ``gap + gap_from_range * range``
-            apart [m], [m/m] ...
-        straight_gap: ... and up to so many times that where four endpoints in a row lie on a straight line,
-        straightness: to within this [m]: a wall seen at a grazing angle.
+            apart [m], [m/m].
     """
 
     cell_size: Annotated[Number, Field(ge=0.01, le=1.0)] = 0.08
@@ -42,8 +40,6 @@ class SurfaceConfig(Section):
     vertices: Annotated[Whole, Field(ge=8, le=100_000)] = 200
     gap: Positive = 0.3
     gap_from_range: NotNegative = 0.03
-    straight_gap: Annotated[Number, Field(ge=1)] = 1.0
-    straightness: Positive = 0.03
 
     @model_validator(mode="after")
     def _surfaces_reach_the_cells_beside_them(self) -> SurfaceConfig:

@@ -122,8 +122,6 @@ class SurfaceFilter:
             most=s.vertices,
             gap=s.gap,
             gap_from_range=s.gap_from_range,
-            straight_gap=s.straight_gap,
-            straightness=s.straightness,
         )
 
     def _track(self, step: Step, scan: ThinScan) -> None:

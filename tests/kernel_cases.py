@@ -40,7 +40,7 @@ def run_cases(folder: Path, *, arch: str = "cpu", threads: int = 1) -> Results:
 
 def compute() -> Results:
     """All of them, with Taichi as it is set up in this process."""
-    groups = [motion, random_words, occupancy, scoring, matching, raycasting, surfaces, floors]
+    groups = [motion, random_words, occupancy, matching, raycasting, surfaces, floors]
     return {name: array for group in groups for name, array in group().items()}
 
 
@@ -54,7 +54,7 @@ def motion() -> Results:
 
 
 def random_words() -> Results:
-    from moteslam.kernels.rng import philox_words
+    from random_words import philox_words
 
     words = np.random.default_rng(2).integers(0, 2**32, (200_000, 6), np.uint32)
     return {"philox_words": philox_words(words[:, :4], words[:, 4:])}
@@ -87,13 +87,6 @@ def room_and_scan(seed: int) -> tuple[NDArray[np.uint8], NDArray[np.float64], ND
     ranges = generator.uniform(1.0, 7.0, len(angles))
     poses = np.array((4.0, 4.0, 0.0)) + generator.normal(0, (0.6, 0.6, 0.8), (50_000, 3))
     return grid, poses, np.stack((ranges * np.cos(angles), ranges * np.sin(angles)), axis=-1)
-
-
-def scoring() -> Results:
-    from moteslam.kernels.scoring import score_poses
-
-    grid, poses, points = room_and_scan(4)
-    return {"score_poses": score_poses(grid, ORIGIN, CELL, poses, points)}
 
 
 def matching() -> Results:
@@ -130,10 +123,14 @@ def beams_of_scans() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     return np.tile(poses, (40, 1)), np.linspace(-2.3, 2.3, 181)
 
 
+def rays_of(poses: NDArray[np.float64], beams: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Origins [n * b, 2] and angles [n * b] of the beams [b] of scans from poses [n, 3]."""
+    return np.repeat(poses[:, :2], len(beams), axis=0), (poses[:, 2:] + beams).reshape(-1)
+
+
 def raycasting() -> Results:
     """Every wall runs along an axis, so that the angle at which a beam meets it is known from the beam alone."""
-    from moteslam.kernels.marching import distance_field, march_rays
-    from moteslam.kernels.raycast import build_buckets, cast_rays, cast_scans
+    from moteslam.kernels.raycast import build_buckets, cast_rays, cast_surfaces
 
     walls = [
         side
@@ -141,18 +138,9 @@ def raycasting() -> Results:
         for side in ((x0, y0, x1, y0), (x1, y0, x1, y1), (x1, y1, x0, y1), (x0, y1, x0, y0))
     ]
     buckets = build_buckets(walls)
-    poses, beams = beams_of_scans()
-    angles = (poses[:, 2:] + beams).reshape(-1)
-    rays = cast_rays(buckets, np.repeat(poses[:, :2], len(beams), axis=0), angles, max_range=MAX_RANGE)
-    scans = cast_scans(buckets, poses, beams, max_range=MAX_RANGE)
-
-    (_, _, columns, rows), *pillars = np.rint(boxes() / CELL).astype(int)
-    occupied = np.pad(np.zeros((rows, columns), bool), 1, constant_values=True)
-    for col0, row0, col1, row1 in pillars:
-        occupied[row0 + 1 : row1 + 1, col0 + 1 : col1 + 1] = True
-    field = distance_field(occupied, CELL)
-    marched = march_rays(field, (-CELL, -CELL), CELL, poses, beams, max_range=MAX_RANGE)
-    return {"cast_rays": rays.reshape(scans.shape), "cast_scans": scans, "march_rays": marched}
+    rays = rays_of(*beams_of_scans())
+    ranges, segments = cast_surfaces(buckets, *rays, max_range=MAX_RANGE)
+    return {"cast_rays": cast_rays(buckets, *rays, max_range=MAX_RANGE), "cast_surfaces": ranges, "segments": segments}
 
 
 def surfaces() -> Results:
@@ -202,7 +190,7 @@ def floors() -> Results:
     """
     from moteslam.kernels.camera import depth_view_of, render_colour, render_disparity, view_of
     from moteslam.kernels.colour_match import match_colours
-    from moteslam.kernels.raycast import build_buckets, cast_scans
+    from moteslam.kernels.raycast import build_buckets, cast_rays
     from moteslam.kernels.texture import add_frame
     from moteslam.robot import kinect
     from moteslam.robot.platform import CameraMount
@@ -225,18 +213,12 @@ def floors() -> Results:
     pixels, starts = kinect.WIDTH * kinect.HEIGHT, np.array((0, 3, 9))
     noise = generator.normal(0, 2, pixels + 2 * kinect.WIDTH + 9).astype(np.float32)
     square = {"corner": (-4.0, -4.0), "cell_size": CELL}
-    packed = render_colour(
-        seen,
-        poses,
-        cast_scans(walls, poses, seen.bearings, max_range=9.0),
-        levels,
-        noise=noise,
-        starts=starts,
-        **square,
-    )
-    disparity = render_disparity(
-        depth, cast_scans(walls, poses, depth.view.bearings, max_range=9.0), noise=noise, starts=starts
-    )
+    fans = [
+        cast_rays(walls, *rays_of(poses, bearings), max_range=9.0).reshape(len(poses), -1)
+        for bearings in (seen.bearings, depth.view.bearings)
+    ]
+    packed = render_colour(seen, poses, fans[0], levels, noise=noise, starts=starts, **square)
+    disparity = render_disparity(depth, fans[1], noise=noise, starts=starts)
     images = np.ascontiguousarray(np.stack([packed >> shift & 255 for shift in (0, 8, 16)], axis=-1), np.uint8)
     sums = np.zeros((160, 160, 4), np.int64)
     for pose, rgb, raw in zip(poses, images, disparity, strict=True):

@@ -52,7 +52,7 @@ def test_sampled_motion_agrees(on_both: tuple[Results, Results]) -> None:
     assert np.abs(turned - 2 * np.pi * np.rint(turned / (2 * np.pi))).max() <= 1e-13
 
 
-@pytest.mark.parametrize("kernel", ["cast_rays", "cast_scans", "march_rays"])
+@pytest.mark.parametrize("kernel", ["cast_rays", "cast_surfaces"])
 def test_ranges_agree(on_both: tuple[Results, Results], kernel: str) -> None:
     """Within the error of each against the exact range, twice: ``2 (4 E 2^-23 / |sin a| + 2^-21 r)``, see raycast.py.
 

@@ -16,11 +16,14 @@ POSIX = pytest.mark.skipif(os.name != "posix", reason="file modes and signals of
 LOCK = "ticache.lock"
 KERNEL = """
 import numpy as np
-from moteslam.kernels.scoring import score_poses
+from moteslam.kernels.matching import match_poses
 grid = np.zeros((8, 8), np.uint8)
 grid[3, 4] = 1
-scores = score_poses(grid, (0.0, 0.0), 1.0, [[0, 0, 0], [1, 0, 0]], [[4.5, 3.5], [3.5, 3.5], [3.6, 3.6]])
-assert scores.tolist() == [1, 2], scores
+match = match_poses(
+    grid, (0.0, 0.0), 1.0, [[0, 0, 0], [1, 0, 0]], [[4.5, 3.5], [3.5, 3.5], [3.6, 3.6]], offsets_xy=[0.0],
+    offsets_theta=[0.0],
+)
+assert match.scores.tolist() == [1, 2], match
 """
 SETTINGS = """
 from moteslam.errors import BackendError

@@ -6,6 +6,7 @@ A map is a ``Surface``: what its cells hold, [H, W], distances in steps of 1/102
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from itertools import pairwise
 from math import cos, exp, floor, hypot, sin
 
 import numpy as np
@@ -65,25 +66,14 @@ def _mean(group: list[NDArray[np.float32]]) -> tuple[float, float]:
     return float(mean[0]), float(mean[1])
 
 
-def joined(
-    points: NDArray[np.float32], origin: ArrayLike, *, gap: float, gap_from_range: float, straight_gap: float,
-    straightness: float,
-) -> list[int]:  # fmt: skip
+def joined(points: NDArray[np.float32], origin: ArrayLike, *, gap: float, gap_from_range: float) -> list[int]:
     """Whether each endpoint and the next are of one surface."""
     ends = [complex(x, y) for x, y in points]
     start = complex(*np.asarray(origin, float))
     found = []
-    for k in range(len(ends) - 1):
-        here, there = ends[k], ends[k + 1]
+    for here, there in pairwise(ends):
         allowed = gap + gap_from_range * max(abs(here - start), abs(there - start))
-        distance = abs(there - here)
-        close = distance <= allowed
-        if straight_gap > 1 and 0 < k < len(ends) - 2 and distance <= straight_gap * allowed:
-            # the outer two in the frame of the inner two: the real part is along the line, the imaginary part off it
-            turn = (there - here).conjugate() / max(distance, 1e-6)
-            before, after = (ends[k - 1] - here) * turn, (ends[k + 2] - there) * turn
-            close |= max(abs(before.imag), abs(after.imag)) < straightness and before.real < 0 < after.real
-        found.append(int(close))
+        found.append(int(abs(there - here) <= allowed))
     return [*found, 0] if ends else []
 
 
