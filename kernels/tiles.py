@@ -1,15 +1,17 @@
-"""Signed-distance maps of many particles in one pool of tiles, shared until somebody writes (copy on write).
+"""Signed-distance maps of many particles in one pool of tiles, shared until a particle writes (copy on write).
 
-A tile is a square of ``SIDE`` x ``SIDE`` fine cells and, behind them, the same square in cells twice as large. Every
-particle has a table of tiles, laid out alike for all of them; entries of particles with a common past name the same
-tile. Tile 0 is empty and belongs to nobody. Before a particle writes, it *claims* the tiles: those that are shared
-are copied. How many share a tile is a snapshot, taken by counting the tables anew after resampling; so two particles
-that claim the same tile at once both make a copy, and nobody writes to what another reads. The numbers of the tiles
-depend on the order in which threads claim them; what is in them does not.
+A tile is a square of ``SIDE`` x ``SIDE`` fine cells (level 0) and, behind them, the same square in cells twice as large
+(level 1). Every particle has a table of tiles, laid out alike for all of them; entries of particles with a common past
+name the same tile. Tile 0 is empty and belongs to nobody. Before a particle writes, it copies the tiles that it shares.
+How many particles share a tile is a snapshot, taken by counting the tables after resampling: two particles that write
+to the same tile at once both make a copy, and nobody writes to what another reads. The numbers of the tiles depend on
+the order in which threads copy them; what is in them does not.
 
 A cell is 16 bits: the signed distance to the nearest surface in ``1/STEPS`` of the truncation and, in the lowest bits,
 the weight of that average; weight 0 is a cell never seen. Distances are positive on the left of a surface, as the scan
 runs along it: where beams go counterclockwise, on the side that the sensor saw it from.
+
+Written by hand, since no library has copy-on-write tiles that Taichi kernels can read and write.
 """
 
 import math
@@ -30,7 +32,7 @@ FINE_CELLS = SIDE * SIDE
 CELLS = FINE_CELLS + FINE_CELLS // 4
 """Cells of a tile, both levels."""
 EMPTY = 0
-"""The tile of those who have none."""
+"""The number of the tile that stands for none."""
 WEIGHT_BITS = 5
 MAX_WEIGHT = (1 << WEIGHT_BITS) - 1
 """The largest weight that fits a cell."""
@@ -111,10 +113,10 @@ def bilinear(pool: template, table: template, base: I32, columns: I32, x: F32, y
 
 
 @func
-def claim(pool: template, table: template, shares: template, free: template, counters: template, entry: I32):
+def copy_on_write(pool: template, table: template, shares: template, free: template, counters: template, entry: I32):
     """Make the tile of a table's entry the particle's own: copied if shared or empty.
 
-    ``counters`` are how many tiles are free, and whether a claim failed for want of one: then the entry is as it was.
+    ``counters`` are how many tiles are free, and whether there was none left: then the entry is as it was.
     """
     slot = table[entry]
     if slot == EMPTY or shares[slot] > 1:
@@ -154,7 +156,7 @@ def check_tiles(pool: object, tables: object, *, written: bool = False) -> tuple
 
 
 def frames_in_cells(frames: ArrayLike, cell_size: float) -> NDArray[np.float64]:
-    """Frames as the kernels take them: a copy, the places in cells.
+    """A copy of frames with their places in cells.
 
     Args:
         frames: float64 [n, 4] cos, sin, x, y of poses, from the tables' corner [m].

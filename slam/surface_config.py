@@ -18,6 +18,7 @@ class SurfaceConfig(Section):
     Attributes:
         cell_size: of the fine level; the coarse level's are twice as large [m].
         truncation, coarse_truncation: how far from a surface cells know their distance to it, on each level [m].
+        coarse_chord: on the coarse level segments are joined until their chord is this long [coarse cells].
         sharp: distances below it weigh ``sharp_weight`` times as much in a cell's average as those beyond [m]: near
             corners and thin walls a cell is near to two surfaces, and the nearer one must tell.
         sharp_weight: see ``sharp``.
@@ -32,6 +33,7 @@ class SurfaceConfig(Section):
     cell_size: Annotated[Number, Field(ge=0.01, le=1.0)] = 0.08
     truncation: Positive = 0.16
     coarse_truncation: Positive = 0.4
+    coarse_chord: Annotated[Number, Field(ge=0, le=10)] = 0.5
     sharp: Positive = 0.06
     sharp_weight: Annotated[Whole, Field(ge=1, le=31)] = 8
     max_weight: Annotated[Whole, Field(ge=1, le=31)] = 31
@@ -61,6 +63,12 @@ class RegistrationConfig(Section):
 
     Attributes:
         residual: standard deviation of an endpoint's distance to the surface [m].
+        coarse_residual_factor: by what it is multiplied on the coarse level.
+        likelihood_width: standard deviation, in units of ``residual``, of a distance r in an endpoint's likelihood
+            exp(-(r / width)^2 / 2): above 1, since few distances fit to within one ``residual``.
+        ray_clearance: a ray crosses a surface of the map if it meets one this far from its endpoint [truncations] ...
+        ray_weight: ... in a cell that weighs more than this ...
+        ray_distance: ... and is nearer to the surface than this [truncations].
         translation, translation_from_translation: standard deviation of the odometry [m], [m/m] ...
         rotation, rotation_from_rotation: ... [rad], [rad/rad]: a loose prior, since what it is off by is systematic.
         guess_translation, guess_rotation: standard deviation of a step's motion that is guessed for want of odometry,
@@ -81,6 +89,11 @@ class RegistrationConfig(Section):
     """
 
     residual: Positive = 0.01
+    coarse_residual_factor: Annotated[Number, Field(ge=0.1, le=100)] = 2.0
+    likelihood_width: Annotated[Number, Field(ge=0.1, le=100)] = 2.0
+    ray_clearance: Annotated[Number, Field(ge=0, le=100)] = 2.0
+    ray_weight: Annotated[Whole, Field(ge=0, le=31)] = 4
+    ray_distance: Share = 1 / 3
     translation: Annotated[Number, Field(gt=0, le=1)] = 0.01
     translation_from_translation: Share = 0.07
     rotation: Annotated[Number, Field(gt=0, le=1)] = 0.01

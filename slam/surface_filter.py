@@ -16,7 +16,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from moteslam.kernels.surface import ThinScan, thin_scan
+from moteslam.kernels.thinning import ThinnedScan, thin_scan
 from moteslam.robot import se2
 from moteslam.slam.config import SlamConfig
 from moteslam.slam.constant_velocity import carried_on
@@ -105,38 +105,38 @@ class SurfaceFilter:
         weights = self.weights.values * near
         return np.asarray(weights @ off / weights.sum())
 
-    def _begin(self, scan: ThinScan) -> Outcome:
+    def _begin(self, scan: ThinnedScan) -> Outcome:
         """The first scan: nothing to register to yet; all particles share one map."""
         self.history.append(self.poses, None)
         self._maps.add(self._pose[None], scan)
         self._maps.resample(np.zeros(len(self.poses), np.int64))
         return Outcome(self._pose, np.zeros(3), self.weights.effective_number, 0.0, True, False)
 
-    def _thin(self, step: Step) -> ThinScan:
+    def _thin(self, step: Step) -> ThinnedScan:
         s = self._config.surface
         return thin_scan(
             step.points,
             step.origin,
             spacing=s.spacing,
-            widest=s.widest_spacing,
-            most=s.vertices,
+            max_spacing=s.widest_spacing,
+            max_points=s.vertices,
             gap=s.gap,
             gap_from_range=s.gap_from_range,
         )
 
-    def _track(self, step: Step, scan: ThinScan) -> None:
+    def _track(self, step: Step, scan: ThinnedScan) -> None:
         """Follow the motion since the last scan in the best particle's map."""
         predicted = se2.compose(self._pose, step.motion)
         offset = np.zeros(3)
         usual = self._registrar.spread(*extent(step.motion), guess=step.guess)
         spread = usual + self._slip
-        if len(scan.vertices) >= FEW:
+        if len(scan.points) >= FEW:
             carried = carried_on(self._step, self._seconds, step.dt)
             guesses = np.stack((np.zeros(3), se2.between(step.motion, carried)))
             found = self._registrar.follow(
-                self._maps.of(self.best_particle), predicted, spread, scan.vertices, step.origin, guesses
+                self._maps.of(self.best_particle), predicted, spread, scan.points, step.origin, guesses
             )
-            lost = self._registrar.lost(found, len(scan.vertices))
+            lost = self._registrar.lost(found, len(scan.points))
             if not lost or self._lost >= self._config.registration.patience:
                 offset, self._lost = found.offsets[0], 0
             else:
@@ -154,7 +154,7 @@ class SurfaceFilter:
         self._step, self._seconds = tracked, step.dt
         self._pose = moved
 
-    def _update(self, step: Step, scan: ThinScan) -> tuple[float, float, bool]:
+    def _update(self, step: Step, scan: ThinnedScan) -> tuple[float, float, bool]:
         predicted = se2.compose(self.poses, self._odometry)
         spread = odometry_spread(self._config.proposal, self._gate.travelled, self._gate.turned)
         drift = self._registrar.spread(self._gate.travelled, self._gate.turned, guess=step.guess)
@@ -163,12 +163,12 @@ class SurfaceFilter:
         n_eff = self.weights.effective_number
         view = step.look() if step.look is not None else None
         floor: FloorFit | None = None
-        if len(scan.vertices) >= FEW:
+        if len(scan.points) >= FEW:
             found = self._registrar.register(
                 self._maps.all(),
                 predicted,
                 drift,
-                evenly(scan.vertices, self._config.registration.points),
+                evenly(scan.points, self._config.registration.points),
                 step.origin,
                 self._starts(step.index, drift),
             )
@@ -201,7 +201,7 @@ class SurfaceFilter:
         noise = self._draw(step.index, information, spread * np.array([share, share, 1.0]))
         self.poses = se2.compose(predicted, offsets + noise)
         self.history.append(self.poses, None)
-        if len(scan.vertices) >= FEW:
+        if len(scan.points) >= FEW:
             self._maps.add(self.poses, scan)
         self._since_frame += self._gate.travelled
         if view is not None:

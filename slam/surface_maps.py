@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 from moteslam.errors import InputError
 from moteslam.kernels.correlative import search_scans
 from moteslam.kernels.registration import register_scans
-from moteslam.kernels.surface import ThinScan, add_scans
+from moteslam.kernels.thinning import ThinnedScan
 from moteslam.kernels.tiles import CELLS, EMPTY, SIDE, STEPS
+from moteslam.kernels.tsdf import integrate_scans
 from moteslam.slam.surface_config import RegistrationConfig, SurfaceConfig
 
 Array = NDArray[np.float64]
@@ -71,7 +72,7 @@ class SurfaceMaps:
         self._tables = self._tables[parents]
         self._count()
 
-    def add(self, poses: Array, scan: ThinScan) -> None:
+    def add(self, poses: Array, scan: ThinnedScan) -> None:
         """Write a scan into every particle's map, each from its own pose.
 
         Args:
@@ -81,13 +82,13 @@ class SurfaceMaps:
         Raises:
             InputError: tiles or tables would take more than ``MAX_TILES`` or ``MAX_ENTRIES``.
         """
-        if len(scan.vertices) < 2:
+        if len(scan.points) < 2:
             return
         c = self._config
-        reach = float(np.hypot(*scan.vertices.T).max()) + 2 * max(c.truncation, c.coarse_truncation) + self._tile_size
+        reach = float(np.hypot(*scan.points.T).max()) + 2 * max(c.truncation, c.coarse_truncation) + self._tile_size
         self._cover(poses, reach)
         while True:
-            left = add_scans(
+            left = integrate_scans(
                 self._pool,
                 self._tables,
                 self._shares,
@@ -97,8 +98,9 @@ class SurfaceMaps:
                 cell_size=c.cell_size,
                 truncation=c.truncation,
                 coarse_truncation=c.coarse_truncation,
-                sharp=c.sharp,
-                sharp_weight=c.sharp_weight,
+                coarse_chord=c.coarse_chord,
+                near=c.sharp,
+                near_weight=c.sharp_weight,
                 max_weight=c.max_weight,
             )
             if left is not None:
@@ -215,10 +217,15 @@ class MapView(NamedTuple):
             truncation=self.config.truncation,
             coarse_truncation=self.config.coarse_truncation,
             residual=config.residual,
+            coarse_residual_factor=config.coarse_residual_factor,
             iterations=config.iterations,
             coarse=coarse,
             unknown=unknown,
             outlier=outlier,
+            likelihood_width=config.likelihood_width,
+            ray_clearance=config.ray_clearance,
+            ray_weight=config.ray_weight,
+            ray_distance=config.ray_distance,
         )
 
     def search(
@@ -247,5 +254,5 @@ class MapView(NamedTuple):
             shift_costs * STEPS,
             blocks=blocks,
             cell_size=self.cell_size,
-            sharp=sharp / self.config.coarse_truncation,
+            near=sharp / self.config.coarse_truncation,
         )

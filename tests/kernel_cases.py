@@ -40,7 +40,7 @@ def run_cases(folder: Path, *, arch: str = "cpu", threads: int = 1) -> Results:
 
 def compute() -> Results:
     """All of them, with Taichi as it is set up in this process."""
-    groups = [motion, random_words, occupancy, matching, raycasting, surfaces, floors]
+    groups = [motion, random_words, occupancy, matching, raycasting, distance_maps, floors]
     return {name: array for group in groups for name, array in group().items()}
 
 
@@ -143,7 +143,7 @@ def raycasting() -> Results:
     return {"cast_rays": cast_rays(buckets, *rays, max_range=MAX_RANGE), "cast_surfaces": ranges, "segments": segments}
 
 
-def surfaces() -> Results:
+def distance_maps() -> Results:
     """Maps of 200 particles with a common past, and scans found in them.
 
     What the cells hold and how places score comes from float32 places: as real numbers, to be compared as such.
@@ -163,19 +163,20 @@ def surfaces() -> Results:
     pool.add(poses + np.array((0.1, -0.1, 0.2)), scan)
     words = pool.all_words()[:, ::7].astype(np.int32)
     offsets, fits = register_scans(
-        pool.pool, pool.tables, frames(poses), scan.vertices, (0.1, 0.0), np.zeros_like(poses),
+        pool.pool, pool.tables, frames(poses), scan.points, (0.1, 0.0), np.zeros_like(poses),
         np.tile((1e4, 1e4, 1e4, 0.0, 0.0, 0.0), (particles, 1)), cell_size=CELL, truncation=0.15,
-        coarse_truncation=0.4, residual=0.01, iterations=8, unknown=2.0, outlier=8.0,
+        coarse_truncation=0.4, residual=0.01, coarse_residual_factor=2.0, iterations=8, unknown=2.0, outlier=8.0,
+        likelihood_width=2.0, ray_clearance=2.0, ray_weight=4, ray_distance=1 / 3,
     )  # fmt: skip
     shifts = 0.06 * np.stack(np.divmod(np.arange(100), 10), axis=1) - 0.3
     scores, chosen = search_scans(
-        pool.pool, pool.tables, frames(poses), scan.vertices[::4][:MAX_SEARCH_POINTS], np.linspace(-0.1, 0.1, 9),
-        np.zeros(9), shifts, np.zeros(100), blocks=4, cell_size=CELL, sharp=0.5,
+        pool.pool, pool.tables, frames(poses), scan.points[::4][:MAX_SEARCH_POINTS], np.linspace(-0.1, 0.1, 9),
+        np.zeros(9), shifts, np.zeros(100), blocks=4, cell_size=CELL, near=0.5,
     )  # fmt: skip
     return {
-        "thin_scan": scan.vertices,
-        "add_scans: steps": (words >> 5).astype(np.float64),
-        "add_scans: weights": (words & 31).astype(np.float64),
+        "thin_scan": scan.points,
+        "integrate_scans: steps": (words >> 5).astype(np.float64),
+        "integrate_scans: weights": (words & 31).astype(np.float64),
         "register_scans: offsets": offsets,
         "register_scans: fits": fits,
         "search_scans: scores": scores.astype(np.float64),

@@ -73,7 +73,7 @@ def room(taichi: None) -> MapView:
 
 def follow(room: MapView, at: tuple[float, float, float], predicted: Array, guesses: Array = NO_GUESS) -> Array:
     """Where a scan taken there is found to be, from where the odometry puts it."""
-    points = thinned(room_scan(at)).vertices
+    points = thinned(room_scan(at)).points
     result = registrar().follow(room, predicted, SPREAD, points, np.zeros(2), guesses)
     return se2.compose(predicted, result.offsets[0])
 
@@ -92,7 +92,7 @@ def test_a_scan_near_its_prediction_is_found_without_a_search(room: MapView, mon
 def test_a_scan_is_found_where_the_same_velocity_would_put_it(room: MapView) -> None:
     """Odometry that says nothing of 0.9 m and half a radian, and no wide window to look in."""
     at, stood = (0.7, 0.5, 0.5), np.zeros(3)
-    points = thinned(room_scan(at)).vertices
+    points = thinned(room_scan(at)).points
     narrow = registrar(wide_distance=0.0, wide_rotation=0.0)
     guesses = np.stack((np.zeros(3), se2.between(stood, np.array(at) + 0.02)))
     (with_guess,) = narrow.follow(room, stood, SPREAD, points, np.zeros(2), guesses).offsets

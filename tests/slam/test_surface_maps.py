@@ -7,7 +7,7 @@ import pytest
 from tile_pools import room_scan, thinned
 
 from moteslam.errors import InputError
-from moteslam.kernels.thinning import ThinScan
+from moteslam.kernels.thinning import ThinnedScan
 from moteslam.kernels.tiles import CELLS, FINE_CELLS, SIDE
 from moteslam.slam import surface_maps
 from moteslam.slam.surface_config import RegistrationConfig, SurfaceConfig
@@ -99,7 +99,7 @@ def test_scans_are_found_in_the_maps_they_were_written_to():
     priors = np.tile((1.0, 1.0, 1.0, 0.0, 0.0, 0.0), (2, 1))
     offsets, _ = maps.all().register(
         np.zeros((2, 3)),
-        scan.vertices,
+        scan.points,
         np.zeros(2),
         np.zeros((2, 3)),
         priors,
@@ -111,7 +111,7 @@ def test_scans_are_found_in_the_maps_they_were_written_to():
     shifts = 0.1 * np.array([(x, y) for x in range(-5, 6) for y in range(-5, 6)])
     scores, chosen = maps.of(1).search(
         truth[1:] + np.array((0.3, -0.4, 0.0)),
-        scan.vertices[::6],
+        scan.points[::6],
         np.zeros(1),
         np.zeros(1),
         shifts,
@@ -161,7 +161,7 @@ def test_nobody_writes_into_the_empty_tile_or_one_that_is_shared(step: float) ->
     for seed in range(20):
         generator = np.random.default_rng(seed)
         ways = np.cumsum(generator.normal(0, step, (generator.integers(2, 60), 2)), axis=0)
-        scan = ThinScan(ways.astype(np.float32), (generator.random(len(ways)) < 0.9).astype(np.int32))
+        scan = ThinnedScan(ways.astype(np.float32), (generator.random(len(ways)) < 0.9).astype(np.int32))
         maps, poses = SurfaceMaps(SurfaceConfig()), generator.uniform(-6, 6, (4, 3))
         maps.resample(np.zeros(4, np.int64))
         maps.add(poses, scan)
