@@ -1,4 +1,4 @@
-"""How well the colours that a camera sees now fit a coloured map, for many poses at once: integers throughout."""
+"""How well the colours of a patch of floor fit a coloured map, for many poses at once: integers throughout."""
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -57,10 +57,10 @@ def match_colours(
         packed: int32 [H, W] the map's colours likewise, ``UNKNOWN`` where it has none; row 0 the smallest y.
         corner: (x, y) of the corner of its cell [0, 0] [m].
         cell_size: of the map [m].
-        limit: a point's three channels differ by at most so much in all: what is off, is off.
+        limit: largest difference that counts for a point, over its three channels: an outlier counts no more than that.
 
     Returns:
-        int32 [n, 2]: the sum of the differences over the points that fall on known cells, and how many those are.
+        int32 [n, 2]: the sum of the differences over the points that fall on coloured cells, and how many those are.
 
     Raises:
         InputError: arrays that do not fit together, numbers that are not finite or out of bounds.

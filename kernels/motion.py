@@ -1,7 +1,8 @@
 """Sampling the motion model: every particle moves by the same increment and noise of its own.
 
 The poses are float64: a path is a sum of many thousand increments of millimetres at coordinates of hundreds of
-metres, where float32 would round each of them by up to 0.03 mm, always the same way for a robot that drives on.
+metres, where float32 would round each of them by up to 0.03 mm, in the same direction for as long as the robot does
+not turn.
 """
 
 import numpy as np
@@ -44,15 +45,15 @@ def sample_motion(
 ) -> None:
     """Move every pose by ``motion + eps``, eps ~ N(0, diag(spread^2)), in the frame of the pose; in place.
 
-    The motion model of Probabilistic Robotics, table 5.6, in its general form: what the increment and its spread
-    are is the caller's model. The same seed and step give the same bits on any number of threads.
+    The motion model of Probabilistic Robotics, table 5.6, in its general form: the caller's model gives the increment
+    and its spread. The same seed and step give the same bits on any number of threads.
 
     Args:
         poses: float64 [N, 3] (x [m], y [m], theta [rad]); theta leaves in (-pi, pi].
         motion: [3] forward [m], left [m], turn [rad].
         spread: [3] the standard deviation of each, not negative.
         seed: 0 to 2^64 - 1.
-        step: 0 to 2^32 - 1; another one for each call with the same seed.
+        step: 0 to 2^32 - 1; a different one for each call with the same seed.
         stream: 0 to 2^32 - 1; of the random numbers.
 
     Raises:

@@ -1,7 +1,6 @@
-"""Rays against things that move: each ray meets the discs and lines where they are at the ray's own moment.
+"""Rays against moving discs and lines, each where it is at the ray's time.
 
-A mover's poses come at a steady rate and are joined by straight motion. All of them are looked at by every ray: a
-scenario has a few dozen.
+Movers are given at a constant rate and interpolated linearly. Every ray tests all of them: a scenario has a few dozen.
 """
 
 import math
@@ -72,7 +71,7 @@ def cast_movers(
     times: ArrayLike,
     ranges: NDArray[np.float32],
 ) -> NDArray[np.int32]:
-    """Shorten the rays that meet a mover before they meet a wall.
+    """Shorten the rays that meet a mover before the wall.
 
     Coordinates are float32: keep the world within 1000 m of its origin, where a place is off by at most 0.03 mm.
 
@@ -80,13 +79,13 @@ def cast_movers(
         discs: float32 [t, k, 3] x, y, radius of k discs [m].
         lines: float32 [t, m, 4] x0, y0, x1, y1 of m lines [m].
         rate: of the poses [Hz], the first at time 0.
-        origins: [n, 2] where each ray begins [m].
-        angles: [n] its direction [rad].
-        times: [n] its moment [s]; before the first pose and after the last the movers stand.
-        ranges: float32 [n] what stands in its way [m], shortened in place.
+        origins: [n, 2] of the rays [m].
+        angles: [n] their directions [rad].
+        times: [n] of the rays [s]; before the first pose and after the last the movers stand still.
+        ranges: float32 [n] of the rays to the walls [m], shortened in place.
 
     Returns:
-        int32 [n]: the number of the disc that each ray meets, k + the number of the line, -1 for neither.
+        int32 [n]: index of the disc that each ray meets, or k + index of the line, or -1.
 
     Raises:
         InputError: shapes that do not fit, values that are not finite.

@@ -1,12 +1,12 @@
 """Exact ray casting against the walls of a world.
 
-A ray walks through the buckets along it and meets the walls of each, until what it has hit lies within the bucket.
-Whether it hits is decided by the sides on which a wall's two ends lie; two walls that share an end see the very same
-number there, so that a ray passes on one side of it or the other, and never between.
+A ray is tested against the walls of one bucket after another along its path, until its nearest hit lies within the
+bucket. Whether it hits a wall is decided by the sides of the ray on which the wall's two ends lie; for two walls that
+share an end this is the very same number, so that no ray passes between them.
 
-Coordinates are float32, relative to the world's corner. They are off by at most half of 2^-23 of the extent E, and
-so is each intermediate; a range is off by at most 4 E 2^-23 / |sin a| + 2^-21 r, a the angle between ray and wall:
-0.05 mm in a world of 100 m, square on.
+Coordinates are float32, relative to the world's corner. Their error, and that of each intermediate, is at most half of
+2^-23 of the extent E; the error of a range is at most 4 E 2^-23 / |sin a| + 2^-21 r, a the angle between ray and wall:
+0.05 mm in a world of 100 m at a right angle.
 """
 
 import math
@@ -25,7 +25,7 @@ __all__ = ["SegmentBuckets", "build_buckets", "cast_rays", "cast_surfaces"]
 
 @func
 def _wall_range(x0: F32, y0: F32, x1: F32, y1: F32, c: F32, s: F32, slack: F32):
-    """How far along (c, s) from (0, 0) the wall from (x0, y0) to (x1, y1) is hit, infinity if it is not [m]."""
+    """Range along (c, s) from (0, 0) to the wall from (x0, y0) to (x1, y1) [m], infinity where it is not hit."""
     side0, side1 = c * y0 - s * x0, c * y1 - s * x1
     found = ti.f32(math.inf)
     # most walls end here: both ends lie on the same side, and neither on the ray
@@ -48,7 +48,7 @@ def _cast(
     starts: template, walls: template, size: F32, columns: I32, rows: I32, slack: F32, x: F64, y: F64, c: F32, s: F32,
     max_range: F32,
 ):  # fmt: skip
-    """How far a ray gets from (x, y), relative to the world's corner, along (c, s), and which wall it hits (or -1)."""
+    """Range of a ray from (x, y), relative to the world's corner, along (c, s), and the index of its wall or -1."""
     tiny = ti.f32(1e-12)  # a ray along an axis crosses the other after 1e12 m
     inverse_x = ti.f32(1.0) / (c if abs(c) > tiny else tiny)
     inverse_y = ti.f32(1.0) / (s if abs(s) > tiny else tiny)
@@ -135,13 +135,13 @@ def _cast_surfaces(
 def cast_rays(
     buckets: SegmentBuckets, origins: ArrayLike, angles: ArrayLike, *, max_range: float
 ) -> NDArray[np.float32]:
-    """The distance to the first wall along each ray.
+    """The range of each ray to its first wall.
 
     Args:
         buckets: of the world.
-        origins: [n, 2] where each begins [m], inside the world or not.
-        angles: [n] its direction [rad].
-        max_range: beyond which nothing is seen [m].
+        origins: [n, 2] of the rays [m], inside the world or not.
+        angles: [n] their directions [rad].
+        max_range: walls beyond it are not seen [m].
 
     Returns:
         float32 [n] [m], ``inf`` where no wall is within max_range.
@@ -162,10 +162,10 @@ def cast_rays(
 def cast_surfaces(
     buckets: SegmentBuckets, origins: ArrayLike, angles: ArrayLike, *, max_range: float
 ) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
-    """The distance to the first wall along each ray, as ``cast_rays`` gives it, and which wall it is.
+    """The range of each ray to its first wall, as ``cast_rays`` gives it, and which wall it is.
 
     Returns:
-        float32 [n] [m] and int32 [n] numbers of segments, ``inf`` and -1 where no wall is within max_range.
+        float32 [n] [m] and int32 [n] indices of segments, ``inf`` and -1 where no wall is within max_range.
 
     Raises:
         InputError: as ``cast_rays``.

@@ -116,7 +116,7 @@ def _descend(
 
 
 @func
-def _blocked(
+def _crosses_surface(
     pool: template, table: template, base: I32, columns: I32, last_x: F32, last_y: F32, ox: F32, oy: F32, px: F32,
     py: F32, inverse: F32, clearance: F32, min_weight: I32, max_steps: I32,
 ):  # fmt: skip
@@ -126,8 +126,9 @@ def _blocked(
     """
     hit = 0
     length = ti.sqrt((px - ox) ** 2 + (py - oy) ** 2)
-    for k in ti.static(range(len(RAY_SHARES))):
-        share = ti.static(RAY_SHARES[k])
+    shares = ti.Vector(ti.static(RAY_SHARES), dt=ti.f32)
+    for k in range(shares.n):
+        share = shares[k]
         if (1 - share) * length > clearance:
             gx, gy = (ox + share * (px - ox)) * inverse, (oy + share * (py - oy)) * inverse
             word = read(pool, table, base, columns, gx, gy, last_x, last_y, 0)
@@ -194,7 +195,7 @@ def _register(
                 likely += ti.exp(exponent * r * r)
             else:
                 cost += unknown
-            hit = _blocked(
+            hit = _crosses_surface(
                 pool, table, base, columns, fine_x, fine_y, ox, oy, px, py, inverse, clearance, ray_weight, ray_steps
             )
             crossed += ti.cast(hit, ti.f32)

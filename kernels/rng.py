@@ -1,8 +1,10 @@
 """Counter-based random numbers: Philox 4x32-10 (Salmon et al., "Parallel random numbers: as easy as 1, 2, 3", 2011).
 
-A draw depends on (seed; step, particle, stream) alone, never on what was drawn before or on which thread: the same
-seed gives the same bits on one thread and on many. The counter is (step, particle, stream, 0), the key is
-(seed mod 2^32, seed div 2^32).
+A draw depends on (seed; step, particle, stream) alone, not on earlier draws or on the thread: the same seed gives the
+same bits on one thread and on many. The counter is (step, particle, stream, 0), the key is (seed mod 2^32,
+seed div 2^32).
+
+Written by hand, since NumPy's Philox is 4x64 and cannot run in a kernel, and ``ti.random`` depends on the threads.
 """
 
 import math
@@ -41,7 +43,7 @@ def philox(counter, key):
 
 @func
 def words_of(seed_low: U32, seed_high: U32, step: U32, particle: U32, stream: U32):
-    """Four random words (ti.Vector of u32) of this seed, step, particle and stream."""
+    """Four random words (ti.Vector of u32) for a seed, step, particle and stream."""
     counter = ti.Vector([step, particle, stream, ti.u32(0)], dt=ti.u32)
     return philox(counter, ti.Vector([seed_low, seed_high], dt=ti.u32))
 

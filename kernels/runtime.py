@@ -1,7 +1,7 @@
 """The one seam to Taichi: quiet, offline, initialised once a process.
 
 Every kernel file imports ``ti`` from here, so that another implementation of Taichi is a change of one line.
-Importing this module imports Taichi (0.3 s); nothing that must start at once does so before it needs a kernel.
+Importing this module imports Taichi (0.3 s): modules that must load at once import it inside functions.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from moteslam.errors import BackendError
 
 @contextlib.contextmanager
 def _environment(**values: str | None) -> Iterator[None]:
-    """Environment variables set, or unset where None, while Taichi reads them; then as they were."""
+    """Environment variables set, or unset where None, while Taichi reads them; afterwards they are as before."""
     before = {name: os.environ.get(name) for name in values}
     _set(values)
     try:
@@ -40,7 +40,7 @@ def _set(values: Mapping[str, str | None]) -> None:
 
 
 def _home() -> str:
-    """A home folder for Taichi to ask for, which without one aborts the process; it puts nothing there."""
+    """A home folder for Taichi, which aborts the process without one; nothing is put there."""
     return os.environ.get("HOME") or os.sep
 
 
@@ -87,14 +87,14 @@ def init(arch: str = "cpu", threads: int | None = None, *, debug: bool = False) 
 
     Args:
         arch: ``cpu`` or ``cuda``.
-        threads: of the CPU backend; all the cores this process may use by default.
+        threads: of the CPU backend; by default one for each processor that this process may use.
         debug: bounds checks in every kernel (slow), for tests.
 
     Raises:
-        BackendError: the backend is not there, the settings are out of bounds, or Taichi already runs with others
-            (initialising twice would leave every array of the first dangling).
+        BackendError: the backend is missing, a setting is out of bounds, or Taichi already runs with other settings
+            (a second initialisation would leave every array of the first dangling).
     """
-    global _runtime  # noqa: PLW0603 - Taichi is one a process
+    global _runtime  # noqa: PLW0603 - there is one Taichi in a process
     if arch not in ARCHES:
         raise BackendError(f"backend {arch!r}, expected one of {', '.join(ARCHES)}", field="arch")
     allowed = sorted(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else []
@@ -129,8 +129,8 @@ def init(arch: str = "cpu", threads: int | None = None, *, debug: bool = False) 
                 default_ip=ti.i32,
                 log_level=ti.ERROR,
                 offline_cache=cache is not None and not debug,
-                # unused without a cache, but at exit Taichi crashes unless the folder is there, and looks into it: the
-                # root is there everywhere, and nobody else can put anything into it
+                # without a cache Taichi still looks into this folder at exit, and crashes if it does not exist: the
+                # root exists everywhere, and no other user can put files into it
                 offline_cache_file_path=str(cache or os.sep),
                 enable_fallback=False,
             )
@@ -143,7 +143,7 @@ def init(arch: str = "cpu", threads: int | None = None, *, debug: bool = False) 
 
 
 def _threads() -> list[int]:
-    """The threads of this process in the order they were made; empty where the system does not tell (not Linux)."""
+    """The threads of this process in the order they were made; empty on other systems than Linux."""
     try:
         return [int(name) for name in os.listdir("/proc/self/task")]  # noqa: PTH208 - in the system's order
     except OSError:
@@ -151,17 +151,18 @@ def _threads() -> list[int]:
 
 
 def _pin(threads: list[int], processors: list[int]) -> None:
-    """Give each of Taichi's threads a processor of its own, in turns, where there are as many as processors.
+    """Pin each of Taichi's threads to a processor of its own, in turns, where there are as many as processors.
 
-    For each kernel all threads are woken at once, and Linux likes to wake a thread where its waker runs: there they
-    queue, and only after some 4 ms one is moved away, so that kernels shorter than that gain nothing from a second
-    thread (measured: docs/performance.md). With fewer threads than processors they stay free, for others who pin
-    theirs would meet them on the same few; so do the main thread and what it starts.
+    For each kernel all threads are woken at once, and Linux prefers to wake a thread on the processor of its waker:
+    there they queue, and only after some 4 ms one is moved away, so that kernels shorter than that gain nothing from a
+    second thread (measured: docs/performance.md). Fewer threads than processors are not pinned, since several programs
+    that did so would share the first few processors; nor are the main thread and the threads that it starts.
 
-    Taichi starts some threads that compile, then its workers, one after another: in turns two workers never share.
+    Taichi starts some threads that compile, then its workers, one after another: in turns no two workers share a
+    processor.
     """
     for index, thread in enumerate(threads):
-        with contextlib.suppress(OSError):  # it has ended, or the system does not let us
+        with contextlib.suppress(OSError):  # the thread has ended, or the system refuses
             os.sched_setaffinity(thread, {processors[index % len(processors)]})
 
 
@@ -178,7 +179,7 @@ def _cuda_present() -> bool:
 
 
 def _cache_folder() -> Path | None:
-    """The user's own folder for compiled kernels (mode 0700), or None where none can be had."""
+    """The user's own folder for compiled kernels (mode 0700), or None where none can be created."""
     if os.environ.get("MOTESLAM_CACHE"):
         root = Path(os.environ["MOTESLAM_CACHE"])
     elif os.environ.get("XDG_CACHE_HOME"):
@@ -203,11 +204,11 @@ def _cache_folder() -> Path | None:
 
 
 def _remove_stale_lock(cache: Path) -> None:
-    """Remove Taichi's cache lock if the process that took it was killed; with it in place nothing is cached again.
+    """Remove Taichi's cache lock if the process that took it was killed: while it is there, nothing is cached.
 
-    Taichi holds the lock for moments, while it reads or writes its metadata, and does not write who holds it. So
-    every process of ours notes its number in the folder, and a lock is stale when it is older than a few seconds and
-    no other process of that list is alive.
+    Taichi holds the lock for moments, while it reads or writes its metadata, and does not record who holds it. So every
+    process writes its number to the folder ``owners``; a lock is stale if it is older than a few seconds and no other
+    process of that folder is alive.
     """
     owners = cache / "owners"
     with contextlib.suppress(OSError):

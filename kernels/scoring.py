@@ -1,10 +1,9 @@
-"""Scoring poses against a grid: how much of a scan falls on occupied cells when seen from each pose.
+"""The score of a pose against a grid: the sum of the cells under a scan seen from there; for ``matching``.
 
-Built for what compilers and processors do well (measured in benchmarks/). There is no branch in the inner loops.
-Beams lie in two contiguous rows and are taken 64 at a time: one loop, which becomes vector instructions, finds their
-cells; a second reads these one by one, for gather instructions are slower than that on many processors. Beams that
-leave the grid are clamped to its outermost ring, which must be zero; so clamping replaces the test. What depends on
-the pose alone is computed in float64 on the host, so that every backend rounds the same way and counts the same.
+The inner loops have no branch. Beams lie in two contiguous rows and are taken 64 at a time: one loop, which compiles to
+vector instructions, finds their cells; a second reads these one by one, since gather instructions are slower than that
+on many processors. Beams that leave the grid are clamped to its outermost ring, which must be zero: no test is needed.
+The sines and places of the poses are computed in float64 on the host, so that every backend counts the same.
 """
 
 import math
@@ -18,7 +17,7 @@ from moteslam.kernels.runtime import ti
 from moteslam.kernels.types import F32, I32, U32, func, template
 
 BLOCK = 64
-"""Beams whose cells are found before the first is read: as many as are unrolled and kept in the fastest cache."""
+"""Beams whose cells are found before the first is read: few enough to unroll and to keep in the fastest cache."""
 MAX_BEAMS = 8_000_000
 """255 for each of them fits 31 bits."""
 
@@ -31,7 +30,7 @@ def cell_along(a: F32, b: F32, shift: F32, first: F32, last: F32):
 
 @func
 def cell_or_border(along: F32, shift: I32, last: U32):
-    """A point's column (or row), shifted, or the last one if it is outside: as an unsigned number, below 0 is huge."""
+    """A point's column (or row), shifted, or the last one if it is outside: unsigned, a negative number is large."""
     cell = ti.cast(ti.floor(along), ti.i32) + shift
     return ti.cast(ti.min(ti.cast(cell, ti.u32), last), ti.i32)
 
@@ -42,7 +41,7 @@ def sum_under_scan(
 ):  # fmt: skip
     """The sum of the cells under a scan, turned by (c, s), moved to (x, y), then by whole cells (right, up).
 
-    What is below the grid by more than 2^31 cells counts as outside too: the cast then gives the lowest number.
+    Points more than 2^31 cells below the grid count as outside too: the cast then gives the lowest number.
     """
     last_col, last_row = ti.cast(width - 1, ti.u32), ti.cast(height - 1, ti.u32)
     beams = scan.shape[1]
@@ -65,10 +64,10 @@ def sum_under_scan(
 
 
 def check_grid(occupied: NDArray[np.uint8]) -> tuple[int, int]:
-    """Height and width of a grid that the kernels can read: whole words, a zero border.
+    """Height and width of a grid, checked: whole words of 8 cells, a border of zeros.
 
     Raises:
-        InputError: it is none.
+        InputError: it is not that.
     """
     check_array("occupied", occupied, np.uint8, (None, None))
     height, width = occupied.shape

@@ -48,14 +48,14 @@ def pack(distance: F32, weight: I32):
 
 
 @func
-def steps_of(word: I32):
-    """The distance that a cell holds, in steps: ``STEPS`` are one truncation."""
+def steps_of(word):
+    """The distance in a cell, or in each of a vector of cells, in steps: ``STEPS`` are one truncation."""
     return word >> WEIGHT_BITS
 
 
 @func
-def weight_of(word: I32):
-    """The weight that a cell holds; 0 is never seen."""
+def weight_of(word):
+    """The weight in a cell, or in each of a vector of cells; 0 is never seen."""
     return word & MAX_WEIGHT
 
 
@@ -100,14 +100,12 @@ def bilinear(pool: template, table: template, base: I32, columns: I32, x: F32, y
         a10 = address(table, base, columns, ix + 1, iy, level)
         a01 = address(table, base, columns, ix, iy + 1, level)
         a11 = address(table, base, columns, ix + 1, iy + 1, level)
-    w00, w10 = ti.cast(pool[a00], ti.i32), ti.cast(pool[a10], ti.i32)
-    w01, w11 = ti.cast(pool[a01], ti.i32), ti.cast(pool[a11], ti.i32)
-    least = ti.min(ti.min(weight_of(w00), weight_of(w10)), ti.min(weight_of(w01), weight_of(w11)))
-    d00, d10 = ti.cast(steps_of(w00), ti.f32), ti.cast(steps_of(w10), ti.f32)
-    d01, d11 = ti.cast(steps_of(w01), ti.f32), ti.cast(steps_of(w11), ti.f32)
-    low, high = d00 + fx * (d10 - d00), d01 + fx * (d11 - d01)
+    words = ti.cast(ti.Vector([pool[a00], pool[a10], pool[a01], pool[a11]], dt=ti.i16), ti.i32)
+    weights, d = weight_of(words), ti.cast(steps_of(words), ti.f32)
+    least = ti.min(ti.min(weights[0], weights[1]), ti.min(weights[2], weights[3]))
+    low, high = d[0] + fx * (d[1] - d[0]), d[2] + fx * (d[3] - d[2])
     scale = ti.f32(1.0 / STEPS)
-    dx = ((d10 - d00) * (1 - fy) + (d11 - d01) * fy) * scale
+    dx = ((d[1] - d[0]) * (1 - fy) + (d[3] - d[2]) * fy) * scale
     dy = (high - low) * scale
     return ti.Vector([(low + fy * (high - low)) * scale, dx, dy, ti.cast(least > 0, ti.f32)], dt=ti.f32)
 

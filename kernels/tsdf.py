@@ -40,10 +40,9 @@ SLACK = 0.01
 
 
 @func
-def _segment(frames: template, i: I32, scan: template, j: I32, k: I32):
-    """The ends (ax, ay, bx, by) [fine cells] of the segment from point j to point k, in the map of particle i."""
-    c, s = ti.cast(frames[i, 0], ti.f32), ti.cast(frames[i, 1], ti.f32)
-    x, y = ti.cast(frames[i, 2], ti.f32), ti.cast(frames[i, 3], ti.f32)
+def _segment(frame: template, scan: template, j: I32, k: I32):
+    """The ends (ax, ay, bx, by) [fine cells] of the segment from point j to point k, seen from a frame."""
+    c, s, x, y = frame[0], frame[1], frame[2], frame[3]
     ax, ay = c * scan[0, j] - s * scan[1, j] + x, s * scan[0, j] + c * scan[1, j] + y
     bx, by = c * scan[0, k] - s * scan[1, k] + x, s * scan[0, k] + c * scan[1, k] + y
     return ti.Vector([ax, ay, bx, by], dt=ti.f32)
@@ -110,11 +109,12 @@ def _integrate(
     """
     ti.loop_config(serialize=ti.static(one_thread()))
     for i in range(frames.shape[0]):
+        frame = ti.Vector([ti.cast(frames[i, k], ti.f32) for k in ti.static(range(4))], dt=ti.f32)
         margin = ti.max(truncation, 2 * coarse_truncation) + chord  # a chord strays from its segments by less than that
         done = ti.Vector([-1, -1, -1, -1], dt=ti.i32)  # the tiles last made the particle's own: columns and rows
         for j in range(scan.shape[1] - 1):
             if joined[j] == 1:
-                ends = _segment(frames, i, scan, j, j + 1)
+                ends = _segment(frame, scan, j, j + 1)
                 x0, x1 = tile_along(ti.min(ends[0], ends[2]) - margin), tile_along(ti.max(ends[0], ends[2]) + margin)
                 y0, y1 = tile_along(ti.min(ends[1], ends[3]) - margin), tile_along(ti.max(ends[1], ends[3]) + margin)
                 if x0 != done[0] or x1 != done[1] or y0 != done[2] or y1 != done[3]:
@@ -125,18 +125,19 @@ def _integrate(
     ti.loop_config(serialize=ti.static(one_thread()))
     for i in range(frames.shape[0]):
         if counters[1] == 0:
+            frame = ti.Vector([ti.cast(frames[i, k], ti.f32) for k in ti.static(range(4))], dt=ti.f32)
             first = 0  # the point where the coarse level's segment begins
             for j in range(scan.shape[1] - 1):
                 if joined[j] == 0:
                     first = j + 1
                 else:
-                    ends = _segment(frames, i, scan, j, j + 1)
+                    ends = _segment(frame, scan, j, j + 1)
                     _integrate_segment(
                         pool, table, i * tiles, columns, ends, truncation, near, near_weight, max_weight, 0
                     )
                     dx, dy = scan[0, j + 1] - scan[0, first], scan[1, j + 1] - scan[1, first]
                     if dx * dx + dy * dy >= chord * chord or joined[j + 1] == 0 or j == scan.shape[1] - 2:
-                        half = 0.5 * _segment(frames, i, scan, first, j + 1)
+                        half = 0.5 * _segment(frame, scan, first, j + 1)
                         _integrate_segment(
                             pool, table, i * tiles, columns, half, coarse_truncation, 0.5 * near, near_weight,
                             max_weight, 1,

@@ -7,7 +7,7 @@ as it is. Kernel files do without ``from __future__ import annotations``: Taichi
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from moteslam.kernels.launch import quick
+from moteslam.kernels.launch import fast_kernel
 from moteslam.kernels.runtime import ti
 
 __all__ = [
@@ -37,14 +37,14 @@ if TYPE_CHECKING:
     template: TypeAlias = Any
 
     def kernel(function: Callable[..., Any]) -> Callable[..., Any]:
-        """Taichi's ``ti.kernel``."""
+        """``ti.kernel`` with cheap launches."""
         return function
 
     def func(function: Callable[..., Any]) -> Callable[..., Any]:
         """Taichi's ``ti.func``."""
         return function
 else:
-    kernel, func, template = quick, ti.func, ti.template()
+    kernel, func, template = fast_kernel, ti.func, ti.template()
     F32, F64, I32, U32 = ti.f32, ti.f64, ti.i32, ti.u32
     F32_1D = ti.types.ndarray(dtype=ti.f32, ndim=1)
     F32_2D = ti.types.ndarray(dtype=ti.f32, ndim=2)

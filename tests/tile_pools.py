@@ -46,7 +46,7 @@ class Pool:
         return self.resampled(np.arange(len(self.tables)))
 
     def resampled(self, parents: ArrayLike, *, more_tiles: int = 0) -> Pool:
-        """The particles' children, the shares counted anew, in a pool of their own."""
+        """The particles' children, the shares counted again, in a pool of their own."""
         pool = np.concatenate((self.pool, np.zeros(more_tiles * CELLS, np.int16)))
         return self._counted(pool, self.tables[np.asarray(parents)])
 

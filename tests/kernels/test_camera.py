@@ -118,7 +118,7 @@ def test_noise_is_added_and_lost_pixels_are_nothing() -> None:
 
 
 @pytest.mark.usefixtures("taichi")
-def test_nonsense_is_refused() -> None:
+def test_bad_input() -> None:
     seen_from = view(True)
     cameras, far = reaches(seen_from.bearings, True)
     floor, noise = np.zeros((4, 4), np.int32), np.zeros(480 * 640 + 2 * 640, np.float32)

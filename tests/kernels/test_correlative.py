@@ -76,7 +76,7 @@ def test_costs_decide_between_places_that_fit_alike(room: Pool) -> None:
     assert scores.tolist() == [-5, -100_000_000]
 
 
-def test_the_first_of_equal_places_of_a_block_is_told(room: Pool) -> None:
+def test_the_first_of_equal_places_of_a_block_is_returned(room: Pool) -> None:
     _, chosen = search(room, [MIDDLE], np.empty((0, 2), np.float32), (-0.1, 0.0), lattice(2, 0.1), blocks=5)
     assert chosen.tolist() == [[0, 5, 10, 15, 20] * 2]
 

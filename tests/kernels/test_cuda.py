@@ -71,7 +71,7 @@ def test_distance_maps_agree(on_both: tuple[Results, Results]) -> None:
 
     Distances in cells are rounded to a step then, or to the next one; a cell whose centre lies so near to the end of
     a segment is updated or not, so that its weight differs: few. So do the scores of places that have a
-    point so near to a cell's edge. Offsets are what all points say together, and end within Gauss-Newton's last step.
+    point so near to a cell's edge. Offsets follow from all points together, and end within Gauss-Newton's last step.
     """
     cpu, cuda = on_both
     np.testing.assert_allclose(cuda["thin_scan"], cpu["thin_scan"], rtol=1e-6, atol=1e-6)

@@ -36,7 +36,7 @@ OPTIONS = {
     "ray_clearance": 1.8, "ray_weight": 3, "ray_distance": 0.4,
 }  # fmt: skip
 LOOSE = (1.0, 1.0, 1.0, 0.0, 0.0, 0.0)
-"""A prior that says nothing: a metre, a radian."""
+"""A prior that is negligible: a metre, a radian."""
 
 
 @pytest.fixture(scope="module")
@@ -89,7 +89,7 @@ def away_from_seams(pose: NDArray[np.float64], points: NDArray[np.float32], cell
 
 
 def test_information_cost_and_likelihoods_equal_the_twins_finite_differences(room: Pool) -> None:
-    """Relative to the whole, 1e-4: float32 residuals of up to 15 standard deviations are good to 1e-4 of one."""
+    """Relative to the trace, 2e-4: float32 residuals of up to 15 standard deviations are good to 1e-4 of one."""
     pose, start = MIDDLE + np.array((0.02, -0.03, 0.4)), np.array((0.015, 0.02, -0.03))
     points = thinned(room_scan((0.0, 0.0, 0.4))).points.copy()
     points[::7] *= 0.93  # known to the coarse level alone
@@ -103,7 +103,7 @@ def test_information_cost_and_likelihoods_equal_the_twins_finite_differences(roo
         fit[INFORMATION], information[np.triu_indices(3)], rtol=0, atol=2e-4 * np.trace(information)
     )
     near = tsdf.fit(residuals, len(residuals), unknown=0.0, outlier=8.0, likelihood_width=2.5)
-    coarse = []  # where the fine level knows nothing the coarse one is asked, in the same standard deviations
+    coarse = []  # over cells the fine level never saw the coarse one counts, in the same standard deviations
     for point in points:
         if tsdf.residual(cells, pose, start, point, cell_size=CELL, scale=scale) is None:
             r = tsdf.residual(room.tsdf(level=1), pose, start, point, cell_size=2 * CELL, scale=COARSE_TRUNCATION / SD)
@@ -139,7 +139,7 @@ def test_a_step_on_each_level_solves_the_twins_normal_equations(room: Pool) -> N
 
 
 @pytest.mark.parametrize("points", [np.empty((0, 2)), np.full((40, 2), 0.5), np.full((3, 2), 900.0)])
-def test_the_prior_alone_tells_where_nothing_is_known(room: Pool, points: NDArray[np.float64]) -> None:
+def test_the_prior_alone_decides_over_cells_never_seen(room: Pool, points: NDArray[np.float64]) -> None:
     """A scan of nothing, one in the empty middle, and one beyond the tables."""
     prior = (100.0, 25.0, 4.0, 0.3, -0.2, 0.1)
     (offset,), (fit,) = register(room, [MIDDLE], points, starts=[(0.05, 0.0, -0.05)], prior=prior)

@@ -90,7 +90,7 @@ def test_writing_into_one_particles_map_leaves_the_others_as_they_were(particles
     np.testing.assert_array_equal(pool.pool[:CELLS], 0)  # the empty tile stays empty
 
 
-def test_tiles_that_nobody_writes_to_stay_shared() -> None:
+def test_tiles_that_no_particle_writes_to_stay_shared() -> None:
     pool = Pool.empty()
     points = room_scan()
     pool.add([MIDDLE], thinned(points))
