@@ -122,7 +122,7 @@ def arithmetic(loops: ctypes.CDLL | None) -> dict[str, Any]:
 
 
 def distance_maps(threads: int) -> dict[str, Any]:
-    """Registering, integrating and searching a scan of 180 beams, each of 300 particles in a map of its own."""
+    """Integrating, registering and searching a scan of 180 beams, each of 1000 particles in a map of its own."""
     from tile_pools import MIDDLE, OPTIONS, Pool, frames, room_scan, thinned
     from twins import tsdf
 
@@ -130,11 +130,11 @@ def distance_maps(threads: int) -> dict[str, Any]:
     from moteslam.kernels.registration import register_scans
     from moteslam.kernels.tiles import STEPS
 
-    n, offset = 300, np.array((0.1, -0.1, 0.2))
+    n, offset = 1000, np.array((0.1, -0.1, 0.2))
     poses = MIDDLE + np.random.default_rng(10).normal(0, (0.05, 0.05, 0.02), (n, 3))
     pool = Pool.empty()
     pool.add([MIDDLE], thinned(room_scan()))
-    pool = pool.resampled(np.zeros(n, int), more_tiles=60 * n)
+    pool = pool.resampled(np.zeros(n, int), more_tiles=40 * n)
     scan = thinned(room_scan(offset, beams=180))
     starts, priors = np.zeros((n, 3)), np.tile((1e4, 1e4, 1e4, 0.0, 0.0, 0.0), (n, 1))
     places = frames(poses)
@@ -163,8 +163,8 @@ def distance_maps(threads: int) -> dict[str, Any]:
     integrate()  # each particle copies the tiles that it writes to, once
     results: dict[str, Any] = {}
     for task, call in (
-        (f"integrating {len(scan.points)} points [thousand particles/s]", integrate),
-        (f"registering {len(scan.points)} points [thousand particles/s]", register),
+        (f"integrating {len(scan.points)} points, {n} particles [thousand particles/s]", integrate),
+        (f"registering {len(scan.points)} points, {n} particles [thousand particles/s]", register),
     ):
         seconds = in_turns({"moteslam": call})
         results[task] = {"moteslam": n / seconds["moteslam"] / 1e3, SPENT: seconds[SPENT]}
@@ -175,7 +175,7 @@ def distance_maps(threads: int) -> dict[str, Any]:
         options = {"cell_size": 2 * CELL, "near": int(0.5 * STEPS)}
         twin = in_turns({"python": lambda: tsdf.search(coarse, poses[0], few, turns[:1], shifts, **options)}, 3)
         rates["python"] = len(shifts) / twin["python"] / 1e6
-    return results | {f"searching with {len(few)} points [M places/s]": rates}
+    return results | {f"searching with {len(few)} points, {n} particles [M places/s]": rates}
 
 
 def matching(threads: int) -> dict[str, Any]:
