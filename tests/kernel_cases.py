@@ -138,9 +138,15 @@ def raycasting() -> Results:
         for side in ((x0, y0, x1, y0), (x1, y0, x1, y1), (x1, y1, x0, y1), (x0, y1, x0, y0))
     ]
     buckets = build_buckets(walls)
-    rays = rays_of(*beams_of_scans())
+    poses, beams = beams_of_scans()
+    rays = rays_of(poses, beams)
+    shape = len(poses), len(beams)
     ranges, segments = cast_surfaces(buckets, *rays, max_range=MAX_RANGE)
-    return {"cast_rays": cast_rays(buckets, *rays, max_range=MAX_RANGE), "cast_surfaces": ranges, "segments": segments}
+    return {
+        "cast_rays": cast_rays(buckets, *rays, max_range=MAX_RANGE).reshape(shape),
+        "cast_surfaces": ranges.reshape(shape),
+        "segments": segments,
+    }
 
 
 def distance_maps() -> Results:
