@@ -126,9 +126,8 @@ def _crosses_surface(
     """
     hit = 0
     length = ti.sqrt((px - ox) ** 2 + (py - oy) ** 2)
-    shares = ti.Vector(ti.static(RAY_SHARES), dt=ti.f32)
-    for k in range(shares.n):
-        share = shares[k]
+    for k in ti.static(range(len(RAY_SHARES))):
+        share = ti.static(RAY_SHARES[k])
         if (1 - share) * length > clearance:
             gx, gy = (ox + share * (px - ox)) * inverse, (oy + share * (py - oy)) * inverse
             word = read(pool, table, base, columns, gx, gy, last_x, last_y, 0)
