@@ -160,7 +160,7 @@ def main() -> None:
 
 
 def cpu_name() -> str:
-    """The processor, as Linux tells it."""
+    """The name of the processor."""
     try:
         lines = Path("/proc/cpuinfo").read_text().splitlines()
     except OSError:
