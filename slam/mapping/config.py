@@ -57,6 +57,9 @@ class TsdfConfig(Section):
     """Fine cells up to this far from a surface average their distance to it [m]; 1 to 100 cells."""
     coarse_truncation: Positive = 0.4
     """The same of coarse cells [m]; 1 to 100 of them."""
+    coarse_chord: Annotated[Number, Field(ge=0, le=10)] = 0.5
+    """On the coarse level the segments of a scan are joined until their chord is this long [coarse cells]: fewer
+    segments cost less."""
     near: Positive = 0.06
     """Distances below it weigh more in a cell's average [m]: near corners and thin walls a cell has two surfaces beside
     it, and the nearer one counts ..."""
