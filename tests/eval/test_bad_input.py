@@ -14,19 +14,10 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from command_lines import refused
 
 from moteslam.eval.cli import interrupt, main
 from moteslam.eval.cli.text import literal
-
-
-def refused(capsys: pytest.CaptureFixture[str], *arguments: object, code: int = 2) -> str:
-    """Run a command line that must be refused, and return its one line."""
-    assert main.run([str(argument) for argument in arguments]) == code
-    said = capsys.readouterr()
-    assert said.out == ""
-    assert said.err.startswith("moteslam: ")
-    assert said.err.count("\n") == 1
-    return said.err
 
 
 @pytest.mark.parametrize(
@@ -135,7 +126,7 @@ def test_evaluate_tells_bad_files_and_lines(tmp_path: Path, capsys) -> None:
     assert "one file, expected trajectories" in refused(capsys, "evaluate", good)
     assert "unit: unit 'feet'" in refused(capsys, "evaluate", good, good, "--unit", "feet")
     assert "delta" in refused(capsys, "evaluate", good, good, "--delta", "nan")
-    assert "Is a directory" in refused(capsys, "evaluate", good, tmp_path)
+    assert "is a folder" in refused(capsys, "evaluate", good, tmp_path)
 
 
 @pytest.mark.parametrize(
@@ -204,7 +195,7 @@ def test_a_folder_that_cannot_be_written(tmp_path: Path, monkeypatch, capsys) ->
     def read_only(*_args, **_keywords):
         raise OSError(30, "Read-only file system")
 
-    monkeypatch.setattr("tempfile.mkdtemp", read_only)
+    monkeypatch.setattr(Path, "mkdir", read_only)
     line = refused(capsys, "simulate", "corridor", "--out", tmp_path / "robot")
     assert f"{tmp_path / 'robot'}: cannot be made: Read-only file system" in line
 
