@@ -1,32 +1,37 @@
-"""A run as a moving picture: the robot, its beams and particles, and the map as it grows, GIF or MP4."""
+"""The frames of a film of a run: the robot, its beams and particles, and the map as it grows."""
 
 from __future__ import annotations
 
-import io
-import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from os import PathLike
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from moteslam.errors import OutputError
 from moteslam.eval.report import style
+from moteslam.eval.report.pace import Pace
 from moteslam.robot import se2
-from moteslam.robot.files import write_atomically
 from moteslam.sim.simulate import EPOCH, Simulation
 from moteslam.slam.run import SlamSession, Update
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-KINDS = (".gif", ".mp4")
 BEAMS_DRAWN = 90
-MAX_FRAMES = 2000
 PERSON, DOOR = "#D55E00", "#CC79A7"
+
+DPI = 100
+PLAN = (9.0, 4.6)
+"""Width and height that the plan takes at most [inch]."""
+NARROWEST = 6.4
+"""Width of the plan at least, for the legend and the caption [inch]."""
+MARGINS = (0.75, 0.15, 1.35, 0.4)
+"""Left, right, below (the legend) and above (the caption) of the plan [inch]."""
+FONT_SIZE = 12.0
+"""Of all text [pt]: 12 pixels or more where a player shows the film 480 pixels high."""
+NAME_SHOWN = 30
+"""Characters of the scenario's name that the caption holds at most."""
 
 
 @dataclass(eq=False)
@@ -36,38 +41,37 @@ class Film:
     Attributes:
         simulation: what was so.
         session: what is watched.
-        frames: how many to draw, evenly over the run.
+        pace: which moments are shown.
     """
 
     simulation: Simulation
     session: SlamSession
-    frames: int = 150
+    pace: Pace
     _artists: dict[str, Any] = field(default_factory=dict)
 
-    def play(self) -> Iterator[tuple[Update, NDArray[np.uint8] | None]]:
-        """Run the session; each update, and the frame [height, width, 3] (RGB) where one is due."""
+    def play(self) -> Iterator[tuple[Update, tuple[NDArray[np.uint8], ...]]]:
+        """Run the session; each update, and the frames [height, width, 3] (RGB) that show it: mostly one or none."""
         import matplotlib
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
 
-        total = len(self.session)
-        due = set(np.unique(np.linspace(0, total - 1, min(self.frames, total)).round().astype(int)).tolist())
-        with matplotlib.rc_context(style._SETTINGS):
+        lidar = self.simulation.recording.lidar
+        assert lidar is not None
+        shown = np.bincount(self.pace.moments(lidar.stamps), minlength=len(lidar))
+        with matplotlib.rc_context({**style._SETTINGS, "font.size": FONT_SIZE}):
             walls = self._to_slam(self.simulation.world.segments.reshape(-1, 2))
-            extent = np.ptp(walls, axis=0) + 2.0
-            width, height = np.maximum(8.0 * extent / extent.max(), (4.5, 1.5))
-            figure = Figure(figsize=(width + 0.9, height + 1.4), dpi=90)  # the margins of the axes, see _set_up
+            figure = Figure(figsize=_size(walls), dpi=DPI)
             canvas: Any = FigureCanvasAgg(figure)
             self._set_up(figure, walls)
             path = []
             for update in self.session:
                 path.append(update.pose)
-                frame = None
-                if update.index in due:
-                    self._show(update, np.array(path))
-                    canvas.draw()
-                    frame = np.asarray(canvas.buffer_rgba())[..., :3].copy()
-                yield update, frame
+                if not shown[update.index]:
+                    yield update, ()
+                    continue
+                self._show(update, np.array(path))
+                canvas.draw()
+                yield update, (np.asarray(canvas.buffer_rgba())[..., :3].copy(),) * int(shown[update.index])
 
     def _to_slam(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """Points [n, 2] of the world as SLAM's frame has them, whose origin is the robot at the first scan."""
@@ -82,21 +86,22 @@ class Film:
         from matplotlib.patches import Polygon
 
         width, height = figure.get_size_inches()
-        axes = figure.add_axes((0.7 / width, 1.0 / height, 1 - 0.9 / width, 1 - 1.4 / height))
+        left, right, below, above = MARGINS
+        axes = figure.add_axes((left / width, below / height, 1 - (left + right) / width, 1 - (below + above) / height))
         axes.set_facecolor("0.88")
         self._artists["map"] = axes.imshow(
             np.ones((1, 1)), cmap="gray", vmin=0, vmax=1, origin="lower", zorder=0, interpolation="nearest"
         )
         axes.add_collection(
             LineCollection(
-                list(walls.reshape(-1, 2, 2)), colors=style.TRUTH, linewidths=0.5, alpha=0.6, label="true walls"
+                list(walls.reshape(-1, 2, 2)), colors=style.TRUTH, linewidths=0.7, alpha=0.6, label="true walls"
             )
         )
-        self._artists["beams"] = LineCollection([], colors="#E69F00", linewidths=0.4, alpha=0.6, label="beams")
+        self._artists["beams"] = LineCollection([], colors="#E69F00", linewidths=0.5, alpha=0.6, label="beams")
         axes.add_collection(self._artists["beams"])
         lines: tuple[tuple[str, dict[str, Any], str | None], ...] = (
-            ("truth", {"color": style.TRUTH, "lw": 1.2}, "true path"),
-            ("slam", {"color": style.SLAM, "lw": 1.2}, "SLAM, as known then"),
+            ("truth", {"color": style.TRUTH, "lw": 1.2}, "truth"),
+            ("slam", {"color": style.SLAM, "lw": 1.2}, style.ONLINE),
             ("people", {"color": PERSON, "ls": "", "marker": "o", "ms": 4}, "people"),
             ("leaves", {"color": DOOR, "lw": 2.0}, "doors"),
             ("particles", {"color": style.PARTICLE, "ls": "", "marker": ".", "ms": 3, "zorder": 6}, "particles"),
@@ -115,8 +120,11 @@ class Film:
         axes.set_ylabel("y [m]")
         style.show_everything(axes, walls)
         handles, labels = axes.get_legend_handles_labels()
-        figure.legend(handles, labels, loc="lower center", ncols=4, fontsize=8)
-        self._artists["title"] = figure.text(0.5, 0.97, "", ha="center", va="top", parse_math=False)
+        legend = figure.legend(handles, labels, loc="lower center", ncols=4 if width > 8 else 3, markerscale=2.5)
+        for handle in legend.legend_handles:
+            if isinstance(handle, LineCollection):
+                handle.set(linewidth=1.5, alpha=1.0)
+        self._artists["title"] = figure.text(0.5, 1 - 0.1 / height, "", ha="center", va="top", parse_math=False)
 
     def _show(self, update: Update, path: NDArray[np.float64]) -> None:
         """Bring everything to the moment of an update."""
@@ -142,7 +150,8 @@ class Film:
         artists["robot"].set_xy(se2.compose(update.pose, np.column_stack((corners, np.zeros(4))))[:, :2])
         if simulation.tracks is not None:
             self._show_tracks(update.stamp - EPOCH)
-        artists["title"].set_text(f"{simulation.scenario.name}, {update.stamp - lidar.stamps[0]:.1f} s")
+        name = style.shortened(simulation.scenario.name, NAME_SHOWN)
+        artists["title"].set_text(f"{name}: t = {update.stamp - lidar.stamps[0]:.1f} s, {self.pace}")
 
     def _show_tracks(self, time: float) -> None:
         tracks = self.simulation.tracks
@@ -154,45 +163,9 @@ class Film:
         self._artists["leaves"].set_data(*np.concatenate((leaves, gaps), axis=1).reshape(-1, 2).T)
 
 
-def write_film(path: str | PathLike[str], frames: list[NDArray[np.uint8]], *, rate: float = 15.0) -> None:
-    """Write frames [height, width, 3] (RGB) as a GIF or MP4, by the name's ending.
-
-    Args:
-        path: ends in ``.gif`` or ``.mp4``.
-        frames: one at least.
-        rate: frames a second.
-
-    Raises:
-        OutputError: another ending, or it cannot be written.
-    """
-    path = Path(path)
-    if path.suffix.lower() == ".gif":
-        from PIL import Image
-
-        # an octree keeps the colours of thin lines, which a median cut would take for those of their neighbours
-        look: dict[str, Any] = {"colors": 128, "method": Image.Quantize.FASTOCTREE, "dither": Image.Dither.NONE}
-        first, *others = (Image.fromarray(frame).quantize(**look) for frame in frames)
-        content = io.BytesIO()
-        first.save(
-            content, "GIF", save_all=True, append_images=others, duration=round(1000 / rate), loop=0, optimize=False
-        )
-        write_atomically(path, content.getvalue())
-    elif path.suffix.lower() == ".mp4":
-        write_atomically(path, _mp4(frames, rate))
-    else:
-        raise OutputError("neither a .gif nor an .mp4 file, expected one to write", file=path)
-
-
-def _mp4(frames: list[NDArray[np.uint8]], rate: float) -> bytes:
-    import cv2
-
-    height, width = (size - size % 2 for size in frames[0].shape[:2])  # the codec takes even sizes alone
-    with tempfile.TemporaryDirectory(prefix="moteslam-") as folder:
-        file = Path(folder) / "film.mp4"
-        writer = cv2.VideoWriter(str(file), cv2.VideoWriter.fourcc(*"mp4v"), rate, (width, height))
-        if not writer.isOpened():
-            raise OutputError("OpenCV here writes no MP4, expected .gif instead", file=file.name)
-        for frame in frames:
-            writer.write(np.ascontiguousarray(frame[:height, :width, ::-1]))
-        writer.release()
-        return file.read_bytes()
+def _size(points: NDArray[np.float64]) -> tuple[float, float]:
+    """Width and height [inch] of a frame with a plan of these points [n, 2] [m]."""
+    extent = np.ptp(points, axis=0) + 2.0
+    width, height = extent * (np.array(PLAN) / extent).min()
+    left, right, below, above = MARGINS
+    return max(float(width), NARROWEST) + left + right, max(float(height), 1.0) + below + above

@@ -72,8 +72,13 @@ def saved_figure(path: str | PathLike[str], *, size: tuple[float, float], dpi: i
 
 def heading(figure: Figure, text: str) -> None:
     """A title over the figure, with no character of it taken for markup, and bytes that are no text as escapes."""
+    figure.suptitle(shortened(text, 90), fontsize=10).set_parse_math(False)
+
+
+def shortened(text: str, longest: int) -> str:
+    """Text of at most this number of characters, printable."""
     text = printable(text)
-    figure.suptitle(text if len(text) <= 90 else f"{text[:89]}…", fontsize=10).set_parse_math(False)
+    return text if len(text) <= longest else f"{text[: longest - 1]}…"
 
 
 def printable(text: str) -> str:
