@@ -90,7 +90,7 @@ def animate(
     speed: Annotated[
         float | None,
         typer.Option(
-            metavar="X", help="Times real time; by default as fast as takes at most 15 s.", show_default=False
+            metavar="X", help="Times real time; by default such that the film takes at most 15 s.", show_default=False
         ),
     ] = None,
     preset: Annotated[
