@@ -14,6 +14,7 @@ _WHERE = {
     "InputError": "moteslam.errors",
     "MoteslamError": "moteslam.errors",
     "OutputError": "moteslam.errors",
+    "PictureStyle": "moteslam.robot.picture_style",
     "Platform": "moteslam.robot.platform",
     "Recording": "moteslam.robot.recording",
     "Trajectory": "moteslam.robot.trajectory",

@@ -17,6 +17,7 @@ from moteslam.robot.issues import Issue
 from moteslam.robot.processors import processor_count
 from moteslam.robot.recording import RgbdStream
 from moteslam.robot.stamps import nearest_stamp
+from moteslam.robot.summary import Summarised
 from moteslam.robot.wording import counted
 
 LARGEST_GAP = 0.05
@@ -24,8 +25,8 @@ LARGEST_GAP = 0.05
 frames of their own, for 0.2 s at a time)."""
 
 
-@dataclass(frozen=True, eq=False)
-class CameraFrame:
+@dataclass(frozen=True, eq=False, repr=False)
+class CameraFrame(Summarised):
     """What the camera saw at a moment.
 
     Attributes:

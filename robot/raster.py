@@ -10,10 +10,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from moteslam.errors import InputError
+from moteslam.robot.summary import Summarised
 
 
-@dataclass(frozen=True, eq=False)
-class Raster:
+@dataclass(frozen=True, eq=False, repr=False)
+class Raster(Summarised):
     """Values in square cells. Row 0 has the smallest y, in memory; files have it at the largest.
 
     Attributes:
@@ -69,3 +70,9 @@ class Raster:
         column, row = at[inside].astype(np.int64).T
         found[inside] = self.values[row, column]
         return found
+
+    def summary(self) -> str:
+        """What is in it, in one line."""
+        rows, columns = self.shape
+        size = f"{columns * self.cell_size:.1f} x {rows * self.cell_size:.1f} m"
+        return f"{self.values.dtype}{list(self.values.shape)}, {size} in cells of {self.cell_size:g} m"

@@ -17,12 +17,14 @@ from moteslam.errors import InputError
 from moteslam.robot.arrays import frozen
 from moteslam.robot.issues import Issue
 from moteslam.robot.platform import Platform
+from moteslam.robot.summary import Summarised, span
+from moteslam.robot.wording import counted
 
 _COLUMNS = {"counts": 4, "poses": 3, "odometry": 3, "angular_velocity": 3, "linear_acceleration_g": 3}
 """How many columns the arrays of this name have."""
 
 
-class _Frozen:
+class _Frozen(Summarised):
     """Makes every array of a dataclass contiguous and read-only, and checks its axes against the stamps."""
 
     def __post_init__(self) -> None:
@@ -42,7 +44,7 @@ class _Frozen:
             object.__setattr__(self, field.name, frozen(value))
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class LidarStream(_Frozen):
     """Planar scans.
 
@@ -80,8 +82,12 @@ class LidarStream(_Frozen):
         """The beams' angles [beams] in the lidar's frame [rad]."""
         return self.angle_min + self.angle_increment * np.arange(self.ranges.shape[1], dtype=np.float64)
 
+    def summary(self) -> str:
+        """What is in it, in one line."""
+        return f"{counted(len(self), 'scan')} of {counted(self.ranges.shape[1], 'beam')}, {span(self.stamps)}"
 
-@dataclass(frozen=True, eq=False)
+
+@dataclass(frozen=True, eq=False, repr=False)
 class EncoderStream(_Frozen):
     """Wheel counters that reset when read.
 
@@ -96,8 +102,12 @@ class EncoderStream(_Frozen):
     def __len__(self) -> int:
         return len(self.stamps)
 
+    def summary(self) -> str:
+        """What is in it, in one line."""
+        return f"{counted(len(self), 'reading')}, {span(self.stamps)}"
 
-@dataclass(frozen=True, eq=False)
+
+@dataclass(frozen=True, eq=False, repr=False)
 class OdometryStream(_Frozen):
     """The poses that the robot's own odometry gave: stamps [n] [s], poses [n, 3]."""
 
@@ -107,8 +117,12 @@ class OdometryStream(_Frozen):
     def __len__(self) -> int:
         return len(self.stamps)
 
+    def summary(self) -> str:
+        """What is in it, in one line."""
+        return f"{counted(len(self), 'pose')}, {span(self.stamps)}"
 
-@dataclass(frozen=True, eq=False)
+
+@dataclass(frozen=True, eq=False, repr=False)
 class ImuStream(_Frozen):
     """Inertial readings.
 
@@ -125,6 +139,10 @@ class ImuStream(_Frozen):
     def __len__(self) -> int:
         return len(self.stamps)
 
+    def summary(self) -> str:
+        """What is in it, in one line."""
+        return f"{counted(len(self), 'reading')}, {span(self.stamps)}"
+
 
 class ImageSource(Protocol):
     """Gives a stream's images where they are not files: held in memory, or drawn when they are asked for."""
@@ -136,8 +154,8 @@ class ImageSource(Protocol):
         """The raw disparity image [480, 640] of a stamp."""
 
 
-@dataclass(frozen=True, eq=False)
-class RgbdStream:
+@dataclass(frozen=True, eq=False, repr=False)
+class RgbdStream(Summarised):
     """Camera frames: stamps of the two cameras, which do not fire together, and where their images are.
 
     Attributes:
@@ -153,9 +171,14 @@ class RgbdStream:
     disparity_files: tuple[Path | None, ...] = ()
     images: ImageSource | None = None
 
+    def summary(self) -> str:
+        """What is in it, in one line."""
+        colour, disparity = len(self.rgb_stamps), len(self.disparity_stamps)
+        return f"{counted(colour, 'colour image')}, {counted(disparity, 'disparity image')}"
 
-@dataclass(frozen=True, eq=False)
-class Recording:
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Recording(Summarised):
     """What the sensors of one run saw.
 
     Attributes:
@@ -177,3 +200,10 @@ class Recording:
     def replace(self, **changes: Any) -> Recording:
         """A copy with some of its attributes changed."""
         return replace(self, **changes)
+
+    def summary(self) -> str:
+        """What is in it, in one line."""
+        streams = [(name, getattr(self, name)) for name in ("lidar", "encoders", "odometry", "imu", "rgbd")]
+        parts = [f"{name}: {stream.summary()}" for name, stream in streams if stream is not None]
+        warnings = [counted(len(self.warnings), "warning")] if self.warnings else []
+        return "; ".join((repr(self.name), *parts, *warnings))

@@ -14,13 +14,15 @@ from moteslam.robot import se2
 from moteslam.robot.arrays import frozen
 from moteslam.robot.files import write_atomically
 from moteslam.robot.reading import read_text
+from moteslam.robot.summary import Summarised, span
+from moteslam.robot.wording import counted
 
 MAX_BYTES = 500_000_000
 """No TUM file is larger: some five million poses."""
 
 
-@dataclass(frozen=True, eq=False)
-class Trajectory:
+@dataclass(frozen=True, eq=False, repr=False)
+class Trajectory(Summarised):
     """Poses of a frame over time.
 
     Attributes:
@@ -49,6 +51,10 @@ class Trajectory:
     def at(self, stamps: NDArray[np.float64]) -> Trajectory:
         """The trajectory interpolated at other stamps [m] [s], held beyond its ends."""
         return Trajectory(stamps, se2.interpolate(self.stamps, self.poses, stamps))
+
+    def summary(self) -> str:
+        """What is in it, in one line."""
+        return f"{counted(len(self), 'pose')}, {span(self.stamps)}, {self.length:.1f} m"
 
 
 def write_tum(path: str | PathLike[str], trajectory: Trajectory) -> None:

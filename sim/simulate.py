@@ -10,6 +10,7 @@ import numpy as np
 from moteslam.errors import ConfigError
 from moteslam.robot.raster import Raster
 from moteslam.robot.recording import Recording
+from moteslam.robot.summary import Summarised
 from moteslam.robot.trajectory import Trajectory
 from moteslam.sim.actors.actors import Actors
 from moteslam.sim.actors.tracks import TRUTH_RATE, Tracks
@@ -41,8 +42,8 @@ _CONCERNS = ("driver", "clocks", "lidar", "encoders", "imu", "actors", "echoes",
 """What random numbers are drawn for. New ones go to the end: a concern's numbers depend on its place here alone."""
 
 
-@dataclass(frozen=True, eq=False)
-class Simulation:
+@dataclass(frozen=True, eq=False, repr=False)
+class Simulation(Summarised):
     """What the sensors recorded, and the truth.
 
     Attributes:
@@ -87,6 +88,10 @@ class Simulation:
             ConfigError: too fine, or a floor's picture that cannot be read.
         """
         return rasterise(self.scenario.floor or FloorSettings(), self.world.bounds, resolution, samples=3)
+
+    def summary(self) -> str:
+        """What is in it, in one line."""
+        return f"{self.scenario.name!r}, seed {self.scenario.seed}, {self.end}, truth: {self.truth.summary()}"
 
 
 def simulate(scenario: Scenario, seed: int | None = None, *, progress: Progress | None = None) -> Simulation:

@@ -9,13 +9,15 @@ from numpy.typing import NDArray
 
 from moteslam.robot.issues import Issue
 from moteslam.robot.raster import Raster
+from moteslam.robot.summary import Summarised
 from moteslam.robot.trajectory import Trajectory
 from moteslam.slam.config import SlamConfig
+from moteslam.slam.preview import preview_png
 from moteslam.slam.texture.floor_map import TextureMap
 
 
-@dataclass(frozen=True, eq=False)
-class Estimate:
+@dataclass(frozen=True, eq=False, repr=False)
+class Estimate(Summarised):
     """The result of a run.
 
     Attributes:
@@ -54,3 +56,12 @@ class Estimate:
     warnings: tuple[Issue, ...]
     seconds: float
     texture: TextureMap | None = None
+
+    def _repr_png_(self) -> bytes:
+        """What a notebook shows: the map, and the path as known at the end."""
+        return preview_png(self.map, self.trajectory_final.poses)
+
+    def summary(self) -> str:
+        """What is in it, in one line."""
+        path = self.trajectory_final.summary()
+        return f"{self.name!r}, method {self.config.method}, seed {self.seed}, {path}, map: {self.map.summary()}"

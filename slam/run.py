@@ -15,6 +15,7 @@ from moteslam.robot import se2
 from moteslam.robot.issues import Issue
 from moteslam.robot.raster import Raster
 from moteslam.robot.recording import Recording
+from moteslam.robot.summary import Summarised
 from moteslam.robot.trajectory import Trajectory
 from moteslam.slam.backend.kinds import BACKENDS
 from moteslam.slam.backend.protocol import KeyScan
@@ -37,8 +38,8 @@ DIAGNOSTICS = ("particles", "n_eff", "score", "updated", "resampled", "seconds")
 """What is kept of every step: see ``Estimate.diagnostics``."""
 
 
-@dataclass(frozen=True, eq=False)
-class Update:
+@dataclass(frozen=True, eq=False, repr=False)
+class Update(Summarised):
     """What is known after a scan.
 
     Attributes:

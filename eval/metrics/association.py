@@ -11,6 +11,7 @@ from moteslam.errors import InputError
 from moteslam.robot import se2
 from moteslam.robot.se2 import Poses
 from moteslam.robot.stamps import nearest_stamp
+from moteslam.robot.summary import Summarised
 from moteslam.robot.trajectory import Trajectory
 
 MAX_DIFFERENCE = 0.01
@@ -20,8 +21,8 @@ MAX_GAP = 1.0
 """A reference is not interpolated where its poses are further apart than this [s]."""
 
 
-@dataclass(frozen=True, eq=False)
-class Matched:
+@dataclass(frozen=True, eq=False, repr=False)
+class Matched(Summarised):
     """Poses of two trajectories that belong together.
 
     Attributes:

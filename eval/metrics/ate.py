@@ -11,11 +11,13 @@ from numpy.typing import NDArray
 from moteslam.eval.metrics.association import MAX_DIFFERENCE, match
 from moteslam.eval.metrics.statistics import Statistics
 from moteslam.robot.se2 import IDENTITY, Poses, compose, wrap
+from moteslam.robot.summary import Summarised
 from moteslam.robot.trajectory import Trajectory
+from moteslam.robot.wording import counted
 
 
-@dataclass(frozen=True, eq=False)
-class AteResult:
+@dataclass(frozen=True, eq=False, repr=False)
+class AteResult(Summarised):
     """The absolute trajectory error.
 
     Attributes:
@@ -81,6 +83,10 @@ class AteResult:
             "rotation_deg": in_degrees.as_dict(),
             "transform": self.transform.tolist(),
         }
+
+    def summary(self) -> str:
+        """What is in it, in one line."""
+        return f"{counted(self.pairs, 'pose')}, RMSE {self.rmse:.3f} m and {np.rad2deg(self.rotation.rmse):.2f} deg"
 
 
 def absolute_trajectory_error(

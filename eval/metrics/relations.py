@@ -17,6 +17,7 @@ from moteslam.robot.reading import open_regular, read_text
 from moteslam.robot.se2 import Poses, between, wrap
 from moteslam.robot.se2 import interpolate as interpolated
 from moteslam.robot.stamps import nearest_stamp
+from moteslam.robot.summary import Summarised
 from moteslam.robot.trajectory import Trajectory
 
 TOLERANCE = 1e-4
@@ -29,8 +30,8 @@ HEAD = 100_000
 """Bytes by which a file of relations is known."""
 
 
-@dataclass(frozen=True, eq=False)
-class Relations:
+@dataclass(frozen=True, eq=False, repr=False)
+class Relations(Summarised):
     """Where the robot was at one time, seen from where it was at another.
 
     Attributes:
@@ -62,8 +63,8 @@ class RelationScore:
         return {"translation_m": self.translation.as_dict(), "rotation_deg": self.rotation.as_dict()}
 
 
-@dataclass(frozen=True, eq=False)
-class RelationResult:
+@dataclass(frozen=True, eq=False, repr=False)
+class RelationResult(Summarised):
     """How well a trajectory keeps the relations.
 
     Attributes:

@@ -13,7 +13,9 @@ from moteslam.errors import InputError
 from moteslam.eval.metrics.association import MAX_DIFFERENCE, match
 from moteslam.eval.metrics.statistics import Statistics
 from moteslam.robot.se2 import Poses, between
+from moteslam.robot.summary import Summarised
 from moteslam.robot.trajectory import Trajectory
+from moteslam.robot.wording import counted
 
 Unit = Literal["m", "s", "frames"]
 Pairs = tuple[NDArray[np.intp], NDArray[np.intp]]
@@ -22,8 +24,8 @@ RELATIVE_TOLERANCE = 0.1
 """With all pairs, a pair may be farther apart or nearer than asked for by this share of it, as evo has it."""
 
 
-@dataclass(frozen=True, eq=False)
-class RpeResult:
+@dataclass(frozen=True, eq=False, repr=False)
+class RpeResult(Summarised):
     """The relative pose error.
 
     Attributes:
@@ -61,6 +63,11 @@ class RpeResult:
             "translation_m": self.translation.as_dict(),
             "rotation_deg": Statistics.of(np.rad2deg(self.rotation_errors)).as_dict(),
         }
+
+    def summary(self) -> str:
+        """What is in it, in one line."""
+        errors = f"RMSE {self.rmse:.3f} m and {np.rad2deg(self.rotation.rmse):.2f} deg"
+        return f"{counted(self.pairs, 'pair')} {self.delta:g} {self.unit} apart, {errors}"
 
 
 def relative_pose_error(

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from moteslam.eval.report import style
 from moteslam.eval.report.pace import Pace
 from moteslam.robot import se2
+from moteslam.robot.picture_style import PictureStyle
 from moteslam.sim.simulate import EPOCH, Simulation
 from moteslam.slam.run import SlamSession, Update
 
@@ -21,15 +22,14 @@ if TYPE_CHECKING:
 BEAMS_DRAWN = 90
 PERSON, DOOR = "#D55E00", "#CC79A7"
 
-DPI = 100
+STYLE = PictureStyle(font_size=12.0, dpi=100.0)
+"""Text is 12 pixels high or more where a player shows a film 480 pixels high."""
 PLAN = (9.0, 4.6)
 """Width and height that the plan takes at most [inch]."""
 NARROWEST = 6.4
 """Width of the plan at least, for the legend and the caption [inch]."""
-MARGINS = (0.75, 0.15, 1.35, 0.4)
+MARGINS = (0.75, 0.3, 1.35, 0.4)
 """Left, right, below (the legend) and above (the caption) of the plan [inch]."""
-FONT_SIZE = 12.0
-"""Of all text [pt]: 12 pixels or more where a player shows the film 480 pixels high."""
 NAME_SHOWN = 30
 """Characters of the scenario's name that the caption holds at most."""
 
@@ -58,9 +58,9 @@ class Film:
         lidar = self.simulation.recording.lidar
         assert lidar is not None
         shown = np.bincount(self.pace.moments(lidar.stamps), minlength=len(lidar))
-        with matplotlib.rc_context({**style._SETTINGS, "font.size": FONT_SIZE}):
+        with matplotlib.rc_context(STYLE.rc_params()):
             walls = self._to_slam(self.simulation.world.segments.reshape(-1, 2))
-            figure = Figure(figsize=_size(walls), dpi=DPI)
+            figure = Figure(figsize=_size(walls))
             canvas: Any = FigureCanvasAgg(figure)
             self._set_up(figure, walls)
             path = []

@@ -9,13 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.robot.se2 import between
+from moteslam.robot.summary import Summarised
 from moteslam.slam.estimate import Estimate
 
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True, eq=False)
-class Cloud:
+@dataclass(frozen=True, eq=False, repr=False)
+class Cloud(Summarised):
     """The particles of a run. The survivors are those of the last update.
 
     Attributes:

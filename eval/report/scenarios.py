@@ -62,7 +62,7 @@ def draw_scenario(path: str | PathLike[str], scenario: Scenario, *, driven: NDAr
         style.plan(axes)
         style.show_everything(axes, points, margin=0.5)
         draw_labels(axes, labels, scale)
-        style.legend_below(figure, axes, columns=5)
+        style.legend_below(figure, axes)
         style.heading(figure, scenario.name)
 
 

@@ -14,37 +14,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.robot.files import write_atomically
+from moteslam.robot.picture_style import STYLE
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-SLAM, TRUTH, DEAD_RECKONING, PARTICLE = "#0072B2", "#009E73", "#D55E00", "#56B4E9"
-"""From the palette of Okabe and Ito."""
+SLAM, TRUTH, DEAD_RECKONING, PARTICLE = STYLE.slam, STYLE.truth, STYLE.dead_reckoning, STYLE.particle
 
 ONLINE, FINAL = "SLAM (online)", "SLAM (final)"
 """The two trajectories of SLAM: each pose as it was known then, and all as they were known at the end."""
 
-_SETTINGS: dict[Any, Any] = {
-    "font.size": 9,
-    "axes.titlesize": 9,
-    "axes.grid": False,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "legend.frameon": False,
-    "lines.solid_capstyle": "round",
-    "savefig.facecolor": "white",
-}
-
 
 @contextmanager
-def saved_figure(path: str | PathLike[str], *, size: tuple[float, float], dpi: int = 150) -> Iterator[Figure]:
+def saved_figure(path: str | PathLike[str], *, size: tuple[float, float]) -> Iterator[Figure]:
     """A figure to draw on, written as a PNG when the block ends.
 
     Args:
         path: of the PNG.
         size: width and height [inch].
-        dpi: pixels an inch.
 
     Raises:
         OutputError: it cannot be written.
@@ -57,7 +45,7 @@ def saved_figure(path: str | PathLike[str], *, size: tuple[float, float], dpi: i
     with matplotlib.rc_context(), warnings.catch_warnings():
         warnings.filterwarnings("ignore", message="Glyph .* missing")  # a recording's name may be in any script
         matplotlib.rcdefaults()
-        matplotlib.rcParams.update(_SETTINGS)
+        matplotlib.rcParams.update(STYLE.rc_params())
         figure = Figure(figsize=size, layout="constrained")
         FigureCanvasAgg(figure)
         yield figure
@@ -66,13 +54,13 @@ def saved_figure(path: str | PathLike[str], *, size: tuple[float, float], dpi: i
             layout.execute(figure)
             figure.set_layout_engine("none")
         picture = io.BytesIO()
-        figure.savefig(picture, format="png", dpi=dpi)
+        figure.savefig(picture, format="png")
     write_atomically(path, picture.getvalue())
 
 
 def heading(figure: Figure, text: str) -> None:
     """A title over the figure, with no character of it taken for markup, and bytes that are no text as escapes."""
-    figure.suptitle(shortened(text, 90), fontsize=10).set_parse_math(False)
+    figure.suptitle(shortened(text, 90)).set_parse_math(False)
 
 
 def shortened(text: str, longest: int) -> str:
@@ -120,13 +108,14 @@ def show_everything(axes: Axes, *paths: NDArray[np.float64], margin: float = 1.0
     axes.set_ylim(low[1], high[1])
 
 
-def legend_below(figure: Figure, *panels: Axes, columns: int = 4) -> None:
+def legend_below(figure: Figure, *panels: Axes, columns: int | None = None) -> None:
     """One legend for the figure, under its axes: what the panels show, each label once."""
     shown: dict[str, Any] = {}
     for axes in panels:
         for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
             shown.setdefault(label, handle)
     if shown:
+        columns = columns or (5 if figure.get_figwidth() > 7 else 2)
         legend = figure.legend(
             list(shown.values()), list(map(printable, shown)), loc="outside lower center", ncols=columns
         )

@@ -121,6 +121,21 @@ def _write_yaml(image: Path, raster: Raster, before: Mapping[str, Any], after: M
     write_atomically(image.with_suffix(".yaml"), text)
 
 
+def map_image(log_odds: NDArray[np.float32]) -> NDArray[np.uint8]:
+    """The map in greys: white where free, black where occupied, 205 where nothing is known, and in between.
+
+    Args:
+        log_odds: [H, W], row 0 the smallest y.
+
+    Returns:
+        [H, W] uint8, row 0 the largest y.
+    """
+    belief = np.tanh(np.asarray(log_odds, np.float64)[::-1] / 2)  # 2 p - 1: -1 free, 0 unknown, 1 occupied
+    towards_free, towards_occupied = UNKNOWN_GREY - FREE_GREY, OCCUPIED_GREY - UNKNOWN_GREY
+    grey = UNKNOWN_GREY + np.where(belief < 0, towards_free * belief, towards_occupied * belief)
+    return np.asarray(np.rint(grey), np.uint8)
+
+
 def _read_yaml(path: Path) -> dict[str, Any]:
     import yaml
 

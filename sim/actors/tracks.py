@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from moteslam.robot.summary import Summarised
 from moteslam.sim.actors.people import Person
 
 TRUTH_RATE = 100
@@ -19,8 +20,8 @@ LEGS_APART = 0.11
 """Of each leg from the middle [m]."""
 
 
-@dataclass(frozen=True, eq=False)
-class Tracks:
+@dataclass(frozen=True, eq=False, repr=False)
+class Tracks(Summarised):
     """Discs (legs, bodies) and lines (doors' leaves) at ``rate`` a second from the drive's first moment on.
 
     Between two samples everything is taken to move straight: at 2 m/s^2 that is off by 25 micrometres.

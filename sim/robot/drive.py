@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.robot import se2
+from moteslam.robot.summary import Summarised
 from moteslam.robot.trajectory import Trajectory
 from moteslam.sim.actors.actors import Actors
 from moteslam.sim.actors.tracks import TRUTH_RATE, Tracks
@@ -24,8 +25,8 @@ STUCK_AFTER = 5.0
 """A driver that asks for motion and gets under 5 cm and 0.05 rad of it in this time gives up [s]."""
 
 
-@dataclass(frozen=True, eq=False)
-class Drive:
+@dataclass(frozen=True, eq=False, repr=False)
+class Drive(Summarised):
     """What the robot truly did, at 400 Hz.
 
     Attributes:

@@ -26,6 +26,7 @@ from moteslam.robot.formats.ucsd_rgbd import (
 from moteslam.robot.platform import CameraMount
 from moteslam.robot.recording import RgbdStream
 from moteslam.robot.se2 import interpolate
+from moteslam.robot.summary import Summarised
 from moteslam.sim.robot.drive import Drive
 from moteslam.sim.sensors.camera import CameraSettings, check_camera
 from moteslam.sim.sensors.clock import readings
@@ -34,8 +35,8 @@ from moteslam.sim.sensors.renderer import Renderer
 from moteslam.sim.world.floor import FloorSettings
 
 
-@dataclass(frozen=True, eq=False)
-class CameraFrames:
+@dataclass(frozen=True, eq=False, repr=False)
+class CameraFrames(Summarised):
     """All the frames of a run, drawn when they are asked for. It knows the truth, and is never part of a recording.
 
     Attributes:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from moteslam.robot.raster import Raster
+from moteslam.robot.summary import Summarised
 from moteslam.sim.world.blocks import Box, Pillar
 from moteslam.sim.world.floor_plan import read_floor_plan
 from moteslam.sim.world.geometry import Polygon, Segments, outline
@@ -23,8 +24,8 @@ if TYPE_CHECKING:
     from shapely import STRtree
 
 
-@dataclass(frozen=True, eq=False)
-class World:
+@dataclass(frozen=True, eq=False, repr=False)
+class World(Summarised):
     """The standing parts of a scenario.
 
     Attributes:

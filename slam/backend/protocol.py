@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.robot.section import Section
+from moteslam.robot.summary import Summarised
 
 Array = NDArray[np.float64]
 
@@ -20,8 +21,8 @@ class BackendConfig(Section):
     """The back end: `none`, or one that another package brings."""
 
 
-@dataclass(frozen=True, eq=False)
-class KeyScan:
+@dataclass(frozen=True, eq=False, repr=False)
+class KeyScan(Summarised):
     """A scan that the filter updated its particles with.
 
     Attributes:

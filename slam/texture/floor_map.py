@@ -29,7 +29,7 @@ BEYOND_ENDS = 0.1
 """Frames this long before the first or after the last pose still get that pose [s]."""
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class TextureMap(Raster):
     """The floor in colours; its cells lie on the lattice of multiples of ``cell_size``.
 

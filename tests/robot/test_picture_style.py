@@ -1,0 +1,28 @@
+"""The style of pictures as Matplotlib takes it."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import matplotlib
+import pytest
+from matplotlib.figure import Figure
+
+from moteslam import PictureStyle
+
+
+def test_matplotlib_takes_the_settings() -> None:
+    style = PictureStyle(slam="#123456", font_size=14.0, dpi=72.0)
+    with matplotlib.rc_context(style.rc_params()):
+        figure = Figure()
+        axes = figure.subplots()
+        (line,) = axes.plot([0, 1], [1, 0])
+    assert line.get_color() == "#123456"
+    assert figure.dpi == 72
+    assert axes.xaxis.label.get_fontsize() == 14
+    assert not axes.spines["top"].get_visible()
+
+
+def test_it_cannot_be_changed() -> None:
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        PictureStyle().slam = "red"  # type: ignore[misc]
