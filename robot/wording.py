@@ -1,4 +1,4 @@
-"""The words of messages: what pydantic finds wrong with a table, told as what was found and expected; and plurals."""
+"""The words of messages: what is wrong with a table or a type, as what was found and what was expected; and plurals."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ _LONGEST = 40
 
 
 def counted(count: int, what: str) -> str:
-    """So many of something, ``1 frame`` and ``2 frames``."""
+    """A number of things, ``1 frame`` and ``2 frames``."""
     return f"{count} {what}" if count == 1 else f"{count} {what}s"
 
 
 def first_complaint(error: ValidationError, whole: str, expected: Callable[[Place], str]) -> tuple[str, str]:
     """The field, with dots, and the problem of the first thing that is wrong.
 
-    A key that is missing where another is unknown is most likely misspelt: the unknown one is told first.
+    A key that is missing where another is unknown is most likely misspelt: the unknown one is named first.
 
     Args:
         error: of a model that the table was validated by.

@@ -138,12 +138,12 @@ class SlamSession:
         return self._filter.map_bytes
 
     def preview(self, scans: int) -> Raster:
-        """The map as it stands, for a small picture: of at most so many scans, evenly chosen, where it is drawn."""
+        """The map as it stands, for a small picture: of at most ``scans`` scans, evenly chosen."""
         own = self._filter.occupancy()
         return self._draw(self._path(), scans) if own is None else own
 
     def estimate(self) -> Estimate:
-        """The result of the scans taken in so far.
+        """The result of the scans taken in until now.
 
         Raises:
             ConfigError: none was: iterate first.
@@ -212,7 +212,7 @@ class SlamSession:
         return self._filter.history.path(self._filter.best_particle)
 
     def _draw(self, path: Array, scans: int) -> Raster:
-        """The occupancy map along a path [u, 3], of at most so many scans, evenly chosen."""
+        """The occupancy map along a path [u, 3], of at most ``scans`` scans, evenly chosen."""
         updates = np.array(self._updates)[: len(path)]
         some = np.unique(np.linspace(0, len(path) - 1, min(len(path), scans)).round().astype(int))
         return draw_map(self.config.map, self._inputs.scans, updates[some].tolist(), path[some])

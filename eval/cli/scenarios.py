@@ -32,7 +32,7 @@ def scenarios(context: typer.Context, as_json: options.Json = False) -> None:
         say_json(bundled)
         return
     say(table([(name, literal(why)) for name, why in bundled.items()]))
-    say("random-corridors-N  building number N of as many as you like, which nobody has seen")
+    say("random-corridors-N  building number N of as many as you like")
 
 
 @app.command()
@@ -79,7 +79,7 @@ def animate(
     ],
     out: Annotated[Path, typer.Option(help="The .gif or .mp4 to write; folders above it are made.")],
     seed: Annotated[int | None, typer.Option(min=0, max=2**63 - 1, help="Of all randomness.")] = None,
-    duration: Annotated[float | None, typer.Option(min=12, metavar="S", help="Stop after so many seconds.")] = None,
+    duration: Annotated[float | None, typer.Option(min=12, metavar="S", help="Stop after S seconds.")] = None,
     frames: Annotated[int, typer.Option(min=2, max=2000, help="How many, evenly over the run.")] = 150,
     preset: Annotated[
         str | None, typer.Option(metavar="NAME", help="Named configuration; the best by default.")

@@ -163,7 +163,7 @@ def relation_errors(
     The error of a relation is the pose est (-) ref, where both are the pose at t2 seen from the pose at t1: the
     length of its translation [m] and its absolute angle [deg].
 
-    A log may repeat a stamp for distinct scans, and then nobody knows which of them a relation meant. The *clear*
+    A log may repeat a stamp for distinct scans, and then it is unknown which of them a relation meant. The *clear*
     relations are those whose two stamps each belong to exactly one pose of the trajectory: quote these. Of several
     poses with one stamp the first stands for it. A stamp between two poses at most ``MAX_GAP`` apart has the pose
     interpolated there.

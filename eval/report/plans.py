@@ -23,7 +23,7 @@ PARTICLES_DRAWN = 50
 """Of more particles than these, an even choice is drawn."""
 
 SCANS_DRAWN, BEAMS_DRAWN = 400, 180
-"""Of a recording's scans and their beams at most so many are drawn under dead reckoning."""
+"""Under dead reckoning at most this many of a recording's scans, and of their beams, are drawn."""
 
 
 def draw_trajectories(

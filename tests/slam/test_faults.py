@@ -63,9 +63,9 @@ def test_without_odometry_the_corridor_is_driven_at_a_constant_velocity(corridor
     assert ate(corridor, estimate) < 0.15
     assert estimate.trajectory.length > 5
     assert estimate.dead_reckoning.length == 0
-    told = [line for line in messages(estimate.warnings) if line.startswith("no odometry: constant velocity")]
-    assert len(told) == 1
-    assert f"{len(corridor.recording.lidar)} scans" in told[0]
+    issues = [line for line in messages(estimate.warnings) if line.startswith("no odometry: constant velocity")]
+    assert len(issues) == 1
+    assert f"{len(corridor.recording.lidar)} scans" in issues[0]
 
 
 @pytest.mark.slow

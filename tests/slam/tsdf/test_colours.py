@@ -112,7 +112,7 @@ def test_the_odometrys_error_is_spread_over_the_motion(room: tuple[Simulation, R
 
 
 def walked(room: tuple[Simulation, Recording]) -> tuple[FloorTracker, FloorView, np.ndarray, np.ndarray]:
-    """A tracker taken along the true way with four particles whose paths lie apart; the last view and poses there."""
+    """A tracker taken along the true path with four particles whose paths lie apart; the last view and poses there."""
     simulation, recording = room
     assert recording.lidar is not None
     apart = np.array([(0.0, 0.0, 0.0), (3.0, 1.0, 0.5), (-2.0, 0.4, -2.0), (40.0, 50.0, 3.0)])
