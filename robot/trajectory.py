@@ -14,6 +14,7 @@ from moteslam.robot import se2
 from moteslam.robot.arrays import frozen
 from moteslam.robot.files import write_atomically
 from moteslam.robot.reading import read_text
+from moteslam.robot.wording import expect_type
 
 MAX_BYTES = 500_000_000
 """No TUM file is larger: some five million poses."""
@@ -57,6 +58,7 @@ def write_tum(path: str | PathLike[str], trajectory: Trajectory) -> None:
     Stamps and coordinates are written with the fewest digits that round-trip (Unix seconds with microseconds keep
     them). The heading goes through a quaternion and comes back to within an ulp or two.
     """
+    expect_type(trajectory, Trajectory, "trajectory")
     half = trajectory.poses[:, 2] / 2
     rows = zip(
         trajectory.stamps.tolist(),

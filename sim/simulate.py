@@ -11,6 +11,7 @@ from moteslam.errors import ConfigError
 from moteslam.robot.raster import Raster
 from moteslam.robot.recording import Recording
 from moteslam.robot.trajectory import Trajectory
+from moteslam.robot.wording import expect_type
 from moteslam.sim.actors.actors import Actors
 from moteslam.sim.actors.tracks import TRUTH_RATE, Tracks
 from moteslam.sim.robot.drive import Drive, drive
@@ -100,6 +101,7 @@ def simulate(scenario: Scenario, seed: int | None = None, *, progress: Progress 
     Raises:
         ConfigError: a negative seed, or a robot that gets stuck on its route.
     """
+    expect_type(scenario, Scenario, "scenario", "load_scenario(name) reads one")
     scenario = _seeded(scenario, seed)
     report = progress or (lambda _what, _share: None)
     rngs = _rngs(scenario.seed)

@@ -16,6 +16,7 @@ from moteslam.robot.issues import Issue
 from moteslam.robot.raster import Raster
 from moteslam.robot.recording import Recording
 from moteslam.robot.trajectory import Trajectory
+from moteslam.robot.wording import expect_type
 from moteslam.slam.backend.kinds import BACKENDS
 from moteslam.slam.backend.protocol import KeyScan
 from moteslam.slam.colouring import with_texture
@@ -77,6 +78,9 @@ class SlamSession:
     """
 
     def __init__(self, recording: Recording, config: SlamConfig | None = None, *, seed: int = 0) -> None:
+        expect_type(recording, Recording, "recording", "open_recording(path) reads one")
+        if config is not None:
+            expect_type(config, SlamConfig, "config", "load_preset() gives one")
         if not 0 <= seed < 2**63:
             raise ConfigError(f"{seed}, expected 0 to 2^63 - 1", field="seed")
         self.recording, self.seed = recording, seed

@@ -149,13 +149,13 @@ def relation_figures(trajectories: dict[str, Trajectory]) -> dict[str, float]:
 
     At a stamp of several scans the first counts.
     """
-    from moteslam.eval.metrics.relations import read_relations, relation_errors
+    from moteslam.eval.metrics.relations import evaluate_relations, read_relations
 
     figures: dict[str, float] = {}
     for which, file in (("clear", reference_file(RELATIONS)), ("all", DATA / "intel" / "intel.relations")):
         relations = read_relations(file)
         for key, trajectory in trajectories.items():
-            score = relation_errors(trajectory, relations, interpolate=False).all
+            score = evaluate_relations(trajectory, relations, interpolate=False).all
             figures[f"{key}_{which}"] = score.translation.mean
             figures[f"{key}_{which}_deg"] = score.rotation.mean
             figures[f"n_{which}"] = score.translation.count

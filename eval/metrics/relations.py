@@ -18,6 +18,7 @@ from moteslam.robot.se2 import Poses, between, wrap
 from moteslam.robot.se2 import interpolate as interpolated
 from moteslam.robot.stamps import nearest_stamp
 from moteslam.robot.trajectory import Trajectory
+from moteslam.robot.wording import expect_type
 
 TOLERANCE = 1e-4
 """Stamps of a relation and of a pose that are the same reading differ by less than this [s]."""
@@ -155,7 +156,7 @@ def read_relations(path: str | PathLike[str]) -> Relations:
     return Relations(table[:, :2], np.stack((table[:, 2], table[:, 3], wrap(table[:, 7])), axis=-1))
 
 
-def relation_errors(
+def evaluate_relations(
     trajectory: Trajectory, relations: Relations, *, interpolate: bool = True, tolerance: float = TOLERANCE
 ) -> RelationResult:
     """How far the trajectory's relative poses are from the relations'.
@@ -177,6 +178,8 @@ def relation_errors(
     Raises:
         InputError: no relation can be used.
     """
+    expect_type(trajectory, Trajectory, "trajectory", "read_tum(path) reads one")
+    expect_type(relations, Relations, "relations", "read_relations(path) reads some")
     if not len(trajectory):
         raise InputError("a trajectory without poses, expected one at every scan")
     first, poses_there = _poses_at(trajectory.stamps, relations.stamps, tolerance)
