@@ -83,6 +83,18 @@ def test_without_a_gyro_the_wheels_turn_the_robot():
     assert path.poses[-1, 2] == pytest.approx(99 * 2 * 0.0022 / UCSD.wheels.effective_track)
 
 
+def test_the_gyro_is_integrated_by_the_trapezoid():
+    """Of a rate that rises linearly it is exact, however unevenly the readings come; a rectangle is off by degrees."""
+    rng = np.random.default_rng(0)
+    stamps = np.concatenate(([0.0], np.sort(rng.uniform(0.0, 7.0, 70)), [7.0]))
+    acceleration = 0.1
+    rates = np.zeros((len(stamps), 3))
+    rates[:, 2] = acceleration * stamps
+    still = EncoderStream(stamps, np.zeros((len(stamps), 4), np.int64))
+    path = dead_reckon(Recording("ramp", UCSD, encoders=still, imu=ImuStream(stamps, rates, np.zeros_like(rates))))
+    np.testing.assert_allclose(path.poses[:, 2], acceleration * stamps**2 / 2, atol=1e-9)
+
+
 def test_scans_that_share_a_stamp_keep_their_own_odometry():
     stamps = np.array([0.0, 1.0, 1.0, 2.0])
     poses = np.array([[0, 0, 0], [1, 0, 0], [1.06, 0, 0], [2, 0, 0]], float)
