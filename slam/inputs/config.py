@@ -27,7 +27,7 @@ class SyncConfig(Section):
     max_turn_rate: Positive = 4.0
     """... or turns faster than this [rad/s] ..."""
     jump_factor: Positive = 10.0
-    """... if the step is also this many times the 90th percentile of the recording's steps ..."""
+    """... if the step is also this many times the 90th percentile of the latest 1000 ..."""
     min_jump_distance: NotNegative = 0.2
     """... and longer than this [m] ..."""
     min_jump_rotation: NotNegative = 0.2
