@@ -52,5 +52,9 @@ class ExistsError(OutputError):
     """A target that exists already, where it was not asked to replace it."""
 
 
+class MoteslamWarning(UserWarning):
+    """Something that a user should know of and that stops nothing, in one line; the command line prints it."""
+
+
 class BackendError(MoteslamError):
     """Taichi cannot run on the backend asked for."""

@@ -14,12 +14,12 @@ from functools import cached_property
 from importlib.metadata import EntryPoint, entry_points
 from typing import Generic, TypeVar
 
-from moteslam.errors import ConfigError
+from moteslam.errors import ConfigError, MoteslamWarning
 
 T = TypeVar("T")
 
 
-class PluginWarning(UserWarning):
+class PluginWarning(MoteslamWarning):
     """A plug-in that is left out; what is wrong with it, in one line."""
 
 

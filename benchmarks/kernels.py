@@ -1,11 +1,11 @@
-"""The speed of the kernels beside a NumPy twin and a plain C loop, in one run; a dated result file.
+"""The speed of the kernels that runs use, beside their twins and plain C loops, in one run; a dated result file.
 
     python benchmarks/kernels.py [--out benchmarks/results/kernels-YYYY-MM-DD.json]
 
 Threads are fixed for a process, so each count is measured in a process of its own, in turns; within one, the
 contenders take turns too, and the median of all turns counts. Compilation is not counted: the first call is left out.
-Processor time stands beside it: where others use the machine too, it tells what wall time cannot. How much faster two
-threads can be here at all, is told by a loop of arithmetic alone.
+Processor time stands beside it, which other programs on the machine disturb less. A loop of arithmetic alone measures
+how much a second thread can gain at all. A call is whole: what the host prepares for the kernel is counted.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ REPEATS = 9
 ROUNDS = 3
 SPENT = "processor [ms a call]"
 SERIAL = ("grid update",)
-"""What one thread does on purpose: asked for no gain."""
+"""Kernels that use one thread on purpose: no gain is asked of a second."""
 FLAGS = ["-O3", "-march=native", "-ffast-math", "-fopenmp", "-shared", "-fPIC", "-lm"]
 
 
@@ -59,7 +59,7 @@ def in_turns(contenders: dict[str, Callable[[], Any]], repeats: int = REPEATS) -
         call()
     order = np.random.default_rng(0)
     for _ in range(repeats):
-        for name in order.permutation(list(contenders)):  # who follows whom, and finds whose caches, changes too
+        for name in order.permutation(list(contenders)):  # the order changes, and with it whose data is in the caches
             call = contenders[name]
             began, spent_before = time.perf_counter(), time.process_time()
             call()
@@ -70,7 +70,7 @@ def in_turns(contenders: dict[str, Callable[[], Any]], repeats: int = REPEATS) -
 
 
 def world(segments: int = 500, *, size: float = 90.0, seed: int = 1) -> np.ndarray:
-    """Rooms on a grid with gaps for doors, cut to so many segments [m, 4] [m]: an office of mean range 3 to 4 m."""
+    """Rooms on a grid with gaps for doors, as ``segments`` walls [m, 4] [m]: an office."""
     generator = np.random.default_rng(seed)
     room, rows = 6.0, []
     for i in range(int(size / room) + 1):
@@ -105,7 +105,7 @@ def measure(threads: int) -> dict[str, Any]:
         loops = compile_loops(Path(folder))
         return {
             **arithmetic(loops),
-            **scoring(loops, threads),
+            **distance_maps(threads),
             **matching(threads),
             **raycasting(loops, threads),
             **updating(loops, threads),
@@ -113,7 +113,7 @@ def measure(threads: int) -> dict[str, Any]:
 
 
 def arithmetic(loops: ctypes.CDLL | None) -> dict[str, Any]:
-    """What the machine gives: chains of arithmetic in C, on so many threads."""
+    """Chains of arithmetic in C, on the same number of threads: what the machine gives."""
     if loops is None:
         return {}
     out = np.empty(2000, np.float32)
@@ -121,52 +121,61 @@ def arithmetic(loops: ctypes.CDLL | None) -> dict[str, Any]:
     return {"arithmetic alone [M steps/s]": {"c": out.size / seconds["c"] / 1e3, SPENT: seconds[SPENT]}}
 
 
-def scoring(loops: ctypes.CDLL | None, threads: int) -> dict[str, Any]:
-    """Lookups a second of ``score_poses``, the C loop and NumPy."""
-    from moteslam.kernels.scoring import frames_of, scan_of, score_frames, score_poses
+def distance_maps(threads: int) -> dict[str, Any]:
+    """Integrating, registering and searching a scan of 180 beams, each of 1000 particles in a map of its own."""
+    from tile_pools import MIDDLE, OPTIONS, Pool, frames, room_scan, thinned
+    from twins import tsdf
 
-    grid, points = scan_and_map()
-    floats = grid.astype(np.float32)
-    px, py = (np.ascontiguousarray(points[:, axis] / CELL, np.float32) for axis in (0, 1))
+    from moteslam.kernels.correlative import MAX_SEARCH_POINTS, search_scans
+    from moteslam.kernels.registration import register_scans
+    from moteslam.kernels.tiles import STEPS
+
+    n, offset = 1000, np.array((0.1, -0.1, 0.2))
+    poses = MIDDLE + np.random.default_rng(10).normal(0, (0.05, 0.05, 0.02), (n, 3))
+    pool = Pool.empty()
+    pool.add([MIDDLE], thinned(room_scan()))
+    pool = pool.resampled(np.zeros(n, int), more_tiles=40 * n)
+    scan = thinned(room_scan(offset, beams=180))
+    starts, priors = np.zeros((n, 3)), np.tile((1e4, 1e4, 1e4, 0.0, 0.0, 0.0), (n, 1))
+    places = frames(poses)
+    lengths = {name: OPTIONS[name] for name in ("cell_size", "truncation", "coarse_truncation")}
+
+    def integrate() -> None:
+        assert pool.add(poses + offset, scan) is not None
+
+    def register() -> np.ndarray:
+        return register_scans(
+            pool.pool, pool.tables, places, scan.points, (0.0, 0.0), starts, priors, **lengths, residual=0.01,
+            coarse_residual_factor=2.0, iterations=8, unknown=2.0, outlier=8.0, likelihood_width=2.0,
+            ray_clearance=2.0, ray_weight=4, ray_distance=1 / 3,
+        )[0]  # fmt: skip
+
+    turns = np.linspace(-0.1, 0.1, 9)
+    shifts = 0.06 * np.stack(np.divmod(np.arange(100), 10), axis=1) - 0.3
+    few = scan.points[::3][:MAX_SEARCH_POINTS]
+
+    def search() -> np.ndarray:
+        return search_scans(
+            pool.pool, pool.tables, places, few, turns, np.zeros(9), shifts, np.zeros(100), blocks=1, cell_size=CELL,
+            near=0.5,
+        )[0]  # fmt: skip
+
+    integrate()  # each particle copies the tiles that it writes to, once
     results: dict[str, Any] = {}
-    for n in (1000, 10_000):
-        generator = np.random.default_rng(n)
-        poses = generator.normal((50.0, 48.0, 0.0), (0.3, 0.3, 0.1), (n, 3))
-        cells = np.ascontiguousarray(poses / (CELL, CELL, 1), np.float32)
-        out, scores = np.empty(n, np.float32), np.empty(n, np.int32)
-
-        frames, scan = frames_of((0.0, 0.0), CELL, poses), scan_of(CELL, points)
-
-        def kernel(frames: np.ndarray = frames, scan: np.ndarray = scan, scores: np.ndarray = scores) -> np.ndarray:
-            return score_frames(grid, frames, scan, out=scores)
-
-        def whole_call(poses: np.ndarray = poses, scores: np.ndarray = scores) -> np.ndarray:
-            return score_poses(grid, (0.0, 0.0), CELL, poses, points, out=scores)
-
-        def plain(cells: np.ndarray = cells, out: np.ndarray = out, n: int = n) -> np.ndarray:
-            assert loops is not None
-            loops.score(*pointers(floats), CELLS, CELLS, *pointers(cells), n, *pointers(px, py), BEAMS, *pointers(out))
-            return out
-
-        def twin(cells: np.ndarray = cells) -> np.ndarray:
-            c, s = np.cos(cells[:, 2:]), np.sin(cells[:, 2:])
-            col = np.clip((c * px - s * py + cells[:, :1]).astype(np.int32), 0, CELLS - 1)
-            row = np.clip((s * px + c * py + cells[:, 1:2]).astype(np.int32), 0, CELLS - 1)
-            return grid[row, col].sum(axis=1, dtype=np.int32)
-
-        # the C loop is given arrays in cells, and so is the kernel; the whole call converts and checks them first
-        contenders: dict[str, Callable[[], np.ndarray]] = {"moteslam": kernel, "moteslam, whole call": whole_call}
-        if loops is not None:
-            contenders["c"] = plain
-        seconds = in_turns(contenders)
-        if threads == 1 and n == 1000:  # in turns of its own: its 100 MB of intermediates empty every cache
-            contenders["numpy"] = twin
-            seconds["numpy"] = in_turns({"numpy": twin})["numpy"]
-        rates = {name: n * BEAMS / seconds[name] / 1e6 for name in contenders}
-        hits = {name: float(np.mean(call())) / BEAMS for name, call in contenders.items()}
-        assert max(hits.values()) - min(hits.values()) < 1e-3, hits  # the same work: float32 rounds a few beams apart
-        results[f"scoring {n} x {BEAMS} [M lookups/s]"] = {**rates, SPENT: seconds[SPENT]}
-    return results
+    for task, call in (
+        (f"integrating {len(scan.points)} points, {n} particles [thousand particles/s]", integrate),
+        (f"registering {len(scan.points)} points, {n} particles [thousand particles/s]", register),
+    ):
+        seconds = in_turns({"moteslam": call})
+        results[task] = {"moteslam": n / seconds["moteslam"] / 1e3, SPENT: seconds[SPENT]}
+    seconds = in_turns({"moteslam": search})
+    rates = {"moteslam": n * len(turns) * len(shifts) / seconds["moteslam"] / 1e6, SPENT: seconds[SPENT]}
+    if threads == 1:
+        coarse = pool.tsdf(level=1)
+        options = {"cell_size": 2 * CELL, "near": int(0.5 * STEPS)}
+        twin = in_turns({"python": lambda: tsdf.search(coarse, poses[0], few, turns[:1], shifts, **options)}, 3)
+        rates["python"] = len(shifts) / twin["python"] / 1e6
+    return results | {f"searching with {len(few)} points, {n} particles [M places/s]": rates}
 
 
 def matching(threads: int) -> dict[str, Any]:
@@ -190,20 +199,20 @@ def matching(threads: int) -> dict[str, Any]:
 
 def raycasting(loops: ctypes.CDLL | None, threads: int) -> dict[str, Any]:
     """Exact rays a second in a world of 500 segments, from 200 poses of 1081 beams."""
-    from moteslam.kernels.raycast import build_buckets, cast_scans
+    from moteslam.kernels.raycast import build_buckets, cast_rays
 
     segments = world()
     buckets = build_buckets(segments)
     generator = np.random.default_rng(3)
     poses = np.column_stack((generator.uniform(10, 80, (200, 2)), generator.uniform(-np.pi, np.pi, 200)))
     beams = np.linspace(np.radians(-135), np.radians(135), BEAMS)
-    rays = np.empty((len(poses), BEAMS, 3), np.float32)
-    rays[..., :2], rays[..., 2] = poses[:, None, :2], poses[:, 2:] + beams
+    origins, angles = np.repeat(poses[:, :2], BEAMS, axis=0), (poses[:, 2:] + beams).reshape(-1)
+    rays = np.column_stack((origins, angles)).astype(np.float32)
     flat = np.ascontiguousarray(segments, np.float32)
-    out = np.empty(rays.shape[:2], np.float32)
+    out = np.empty(len(rays), np.float32)
 
     def kernel() -> np.ndarray:
-        return cast_scans(buckets, poses, beams, max_range=30.0)
+        return cast_rays(buckets, origins, angles, max_range=30.0)
 
     def plain() -> np.ndarray:
         assert loops is not None
@@ -218,15 +227,15 @@ def raycasting(loops: ctypes.CDLL | None, threads: int) -> dict[str, Any]:
     exact = kernel()
     hit = np.isfinite(exact)
     if threads == 1:
-        from twins.rays import cast_rays
+        from twins import rays as twins
 
-        some = rays[:4].astype(np.float64)
+        some = np.s_[: 4 * BEAMS]
 
         def twin() -> np.ndarray:
-            return np.array([cast_rays(segments, scan[:, :2], scan[:, 2], max_range=30.0)[0] for scan in some])
+            return twins.cast_rays(segments, origins[some], angles[some], max_range=30.0)[0]
 
-        rates["numpy"] = some.shape[0] * BEAMS / in_turns({"numpy": twin}, 3)["numpy"] / 1e6
-        close = np.isclose(twin(), exact[: len(some)], rtol=0, atol=1e-3)
+        rates["numpy"] = 4 * BEAMS / in_turns({"numpy": twin}, 3)["numpy"] / 1e6
+        close = np.isclose(twin(), exact[some], rtol=0, atol=1e-3)
         assert close.mean() > 0.999, close.mean()  # the same work; a ray through a corner may slip past it in float32
     return {
         "raycasting, 500 segments [M rays/s]": {**rates, SPENT: seconds[SPENT]},
@@ -235,7 +244,7 @@ def raycasting(loops: ctypes.CDLL | None, threads: int) -> dict[str, Any]:
 
 
 def updating(loops: ctypes.CDLL | None, threads: int) -> dict[str, Any]:
-    """Scans a second entered into a grid: by every ray, as the C loop, and each cell once, as SLAM does."""
+    """Scans a second entered into a grid: by every ray, as in the C loop, and each cell once, as the presets do."""
     from twins import grids
 
     from moteslam.kernels.occupancy import update_grid
@@ -327,7 +336,7 @@ def main() -> None:
 
 
 def cpu_name() -> str:
-    """What the processor calls itself."""
+    """The processor's name."""
     try:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
     except OSError:
@@ -336,7 +345,7 @@ def cpu_name() -> str:
 
 
 def compiler() -> str:
-    """The C compiler and its flags, or that there is none."""
+    """The C compiler and its flags, or ``none``."""
     if shutil.which("gcc") is None:
         return "none"
     name = subprocess.run(["gcc", "--version"], check=True, capture_output=True, text=True).stdout.splitlines()[0]

@@ -1,28 +1,8 @@
 /* The plain loops that the kernels are measured against: gcc -O3 -march=native -ffast-math -fopenmp.
-   Arrays are C-contiguous; angles in rad, lengths in cells for scoring and in metres for rays. */
+   Arrays are C-contiguous; angles in rad, lengths in metres. */
 #include <math.h>
 #include <stdint.h>
 #include <stdlib.h>
-
-/* Scores of n poses [n, 3] (column, row, theta) on a float grid [h, w] with a border of zeros; points clamped. */
-void score(const float *grid, int w, int h, const float *poses, int n, const float *px, const float *py, int k,
-           float *out)
-{
-#pragma omp parallel for schedule(static)
-    for (int i = 0; i < n; i++) {
-        const float c = cosf(poses[3 * i + 2]), s = sinf(poses[3 * i + 2]);
-        const float x = poses[3 * i], y = poses[3 * i + 1];
-        float sum = 0.0f;
-        for (int b = 0; b < k; b++) {
-            int col = (int)(c * px[b] - s * py[b] + x);
-            int row = (int)(s * px[b] + c * py[b] + y);
-            col = col < 0 ? 0 : col > w - 1 ? w - 1 : col;
-            row = row < 0 ? 0 : row > h - 1 ? h - 1 : row;
-            sum += grid[row * w + col];
-        }
-        out[i] = sum;
-    }
-}
 
 /* Ranges of n rays (x, y, angle) against m segments [m, 4], every one tried. */
 void cast_all(const float *segments, int m, const float *rays, int n, float max_range, float *out)
@@ -68,7 +48,7 @@ void update(int16_t *grid, int w, int col, int row, const int *ends, int n, int 
     }
 }
 
-/* Arithmetic alone, n chains of k steps, no memory: what so many threads can gain on this machine at all. */
+/* Arithmetic alone, n chains of k steps, no memory: what this number of threads can gain on this machine. */
 void arithmetic(int n, int k, float *out)
 {
 #pragma omp parallel for schedule(static)

@@ -14,6 +14,7 @@ from typing import Any, Literal, get_args, get_origin
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
+from moteslam.robot.section import LARGEST, SMALLEST
 from moteslam.slam.config import ParticleFilterConfig, SlamConfig
 from moteslam.slam.methods import METHODS
 
@@ -85,6 +86,9 @@ def _allowed(field: FieldInfo) -> str:
         for name in ("ge", "gt", "le", "lt")
         if getattr(part, name, None) is not None
     }
+    if bounds.get("ge") == SMALLEST:
+        bounds = {"gt": 0, **{name: bound for name, bound in bounds.items() if name != "ge"}}
+    bounds = {name: bound for name, bound in bounds.items() if abs(bound) != LARGEST}  # every number's own
     words = []
     if "ge" in bounds and "le" in bounds:
         words.append(f"{_shown(bounds['ge'])} to {_shown(bounds['le'])}")

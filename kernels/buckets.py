@@ -11,29 +11,29 @@ from moteslam.errors import InputError
 from moteslam.kernels.checks import as_finite
 
 MAX_BUCKETS = 2**20
-"""Buckets of a world at most; they grow with it."""
+"""Largest number of buckets; in larger worlds the buckets are larger."""
 MAX_ENTRIES = 2**25
-"""Walls times the buckets they cross, at most."""
+"""Largest sum over the walls of the buckets that each crosses."""
 LARGEST_EXTENT = 1e6
-"""[m] Beyond it float32 knows places to no better than 6 cm."""
+"""[m] Beyond it neighbouring float32 coordinates are 6 cm apart and more."""
 SLACK = 4 * 2.0**-23
-"""Of the world's extent: what the rounding of coordinates to float32 can move, with room; walls are that much longer
-than they are, so that no ray slips between two that touch."""
+"""Share of the world's extent by which walls are lengthened at both ends: four times what rounding to float32 can move
+a coordinate by, so that no ray passes between two walls that touch."""
 
 
 @dataclass(frozen=True, eq=False)
 class SegmentBuckets:
-    """Segments in square buckets, each bucket's own beside each other in memory.
+    """Segments in square buckets, those of a bucket contiguous in memory.
 
     Attributes:
         corner: [2] float64 (x, y) of the corner of bucket [0, 0] [m]; all other coordinates are relative to it.
         size: of a bucket's side [m].
         columns: buckets along x.
         rows: buckets along y.
-        slack: by which segments reach beyond their ends [m].
+        slack: by which segments are lengthened at both ends [m].
         starts: int32 [rows * columns + 1]; bucket b holds walls[starts[b]:starts[b + 1]].
         walls: float32 [n, 4] (x0, y0, x1, y1) [m], relative to the corner.
-        segments: int32 [n] which of the world's segments each wall is.
+        segments: int32 [n] index of each wall among the world's segments.
     """
 
     corner: NDArray[np.float64]
@@ -51,8 +51,8 @@ def build_buckets(segments: ArrayLike, *, size: float | None = None) -> SegmentB
 
     Args:
         segments: [m, 4] (x0, y0, x1, y1) [m].
-        size: of a bucket's side [m]; by default 0.5 to 4 m, smaller where walls are denser. Larger than asked for in a
-            world that would have more than ``MAX_BUCKETS``.
+        size: of a bucket's side [m]; by default 0.5 to 4 m, smaller where walls are denser. It is enlarged in a world
+            that would have more than ``MAX_BUCKETS``.
 
     Raises:
         InputError: no segments, one of length zero, one that is not finite, a world wider than ``LARGEST_EXTENT``,
@@ -73,7 +73,7 @@ def build_buckets(segments: ArrayLike, *, size: float | None = None) -> SegmentB
     size = _default_size(lengths, high - low) if size is None else float(size)
     size = max(size, 1e-3 * extent, float(np.sqrt(np.prod(high - low) / (0.9 * MAX_BUCKETS))), 1e-6)
     slack = SLACK * max(extent, size)
-    # what a ray's way through the buckets can be off by: its sums of steps, one for each bucket, are rounded too
+    # error of a ray's path through the buckets: its sum of steps, one for each bucket, is rounded too
     margin = 1e-3 * size + 4 * slack + 2.0**-22 * extent * extent / size
     corner = low - 2 * margin
     columns, rows = (int(n) for n in np.floor((high - corner + 2 * margin) / size) + 1)
@@ -98,7 +98,7 @@ def _default_size(lengths: NDArray[np.float64], extent: NDArray[np.float64]) -> 
 def _crossed(
     ends: NDArray[np.float64], size: float, margin: float, columns: int, rows: int
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Which segments cross which buckets, widened by a margin: (segment, bucket) pairs, by columns of buckets."""
+    """Which segments cross which buckets, widened by a margin: (segment, bucket) pairs, in the order of columns."""
     ends = np.take_along_axis(ends, np.argsort(ends[:, :, :1], axis=1, kind="stable"), axis=1)  # from left to right
     (x0, y0), (x1, y1) = ends[:, 0].T, ends[:, 1].T
     first = np.clip(np.floor((x0 - margin) / size), 0, columns - 1).astype(np.int64)

@@ -1,10 +1,10 @@
 """What a camera over a floor sees: the colours and the depth of the floor and of walls that stand upright on it.
 
-Every wall is taller than the view, so along one bearing nothing is seen beyond the first wall: a fan of exact rays
-from the camera (``cast_scans``) tells for each frame how far the floor reaches at each bearing, and a pixel compares
-the point where its ray meets the floor with that reach. Between two bearings of the fan the inverse of the reach is
-interpolated, as it runs along a straight wall; at a jump the nearer bearing counts. The camera does not tilt while it
-drives, so all else about a pixel is the same in every frame and worked out once.
+Every wall is taller than the view, so along one bearing nothing is seen beyond the first wall. For each frame a fan
+of exact rays from the camera (``cast_rays``) gives the floor's reach at each bearing, and a pixel sees the floor if its
+ray meets it within that reach. Between two bearings of the fan the inverse of the reach is interpolated, which changes
+evenly along a straight wall; at a jump the nearer bearing counts. The camera does not tilt while it drives, so all else
+about a pixel is the same in every frame and computed once.
 """
 
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from moteslam.errors import InputError
 from moteslam.kernels.checks import LARGEST, as_finite, check_array
-from moteslam.kernels.runtime import runtime, ti
+from moteslam.kernels.runtime import one_thread, runtime, ti
 from moteslam.kernels.types import F32, F32_1D, F32_2D, I32, I32_1D, U16_1D, func, kernel, template
 
 __all__ = ["DepthView", "View", "depth_view_of", "render_colour", "render_disparity", "view_of"]
@@ -29,13 +29,13 @@ class View:
     """A camera's pixels as rays from one point, in the robot's axes.
 
     Attributes:
-        rays: [5, pixels] float32: cosine and sine of the bearing; share of the way from the fan's bearing before to
-            the one after; inverse distance to the floor [1/m], 0 where the ray does not meet it; rise for a metre.
-        bins: [pixels] int32 the fan's bearing before.
-        depths: [pixels] float32 depth along the optical axis for a metre of floor [m/m].
+        rays: [5, pixels] float32: cosine and sine of the bearing; its place between the fan's bearings before and after
+            it, 0 to 1; inverse distance to the floor [1/m], 0 where the ray does not meet it; rise [m/m].
+        bins: [pixels] int32 index of the fan's bearing before.
+        depths: [pixels] float32 depth along the optical axis over the distance along the floor [m/m].
         bearings: [b] float64 of the fan [rad], evenly spaced.
         height: of the camera above the floor [m].
-        run: pixels that are drawn in one go: a row of the image.
+        run: pixels that one thread draws one after another: a row of the image.
     """
 
     rays: NDArray[np.float32]
@@ -48,15 +48,15 @@ class View:
 
 @dataclass(frozen=True, eq=False)
 class DepthView:
-    """The view of a depth camera that tells raw disparities d: scale / depth = slope d + offset.
+    """The view of a depth camera that gives raw disparities d: scale / depth = slope d + offset.
 
     Attributes:
         view: its pixels.
-        table: [4, pixels] float32: d of the floor, infinite where it is not met; d told of it; by what the inverse
-            reach of a wall is multiplied; share as in ``View.rays``.
+        table: [4, pixels] float32: d of the floor, infinite where it is not met; d measured of it, infinite where it is
+            lost; factor of the inverse reach of a wall; place between bearings as in ``View.rays``.
         offset: added to that product for the d of a wall.
-        limits: smallest and largest d that can be told.
-        nothing: what is told of anything else.
+        limits: smallest and largest d that can be measured.
+        nothing: value of a pixel that measures nothing.
     """
 
     view: View
@@ -118,9 +118,9 @@ def depth_view_of(
     Args:
         view: its pixels.
         scale: [m], offset, slope: scale / depth = slope d + offset, slope below 0.
-        nothing: told of a pixel that sees nothing, above any disparity.
+        nothing: value of a pixel that measures nothing, above any disparity.
         nearest, farthest: depths that can be measured [m].
-        grazing: floor that is met at a smaller slope than this sends nothing back [m/m].
+        grazing: floor that is met at a smaller slope than this is not measured [m/m].
 
     Raises:
         InputError: a slope that is not negative, or depths that do not rise from above 0.
@@ -130,19 +130,19 @@ def depth_view_of(
     inverse = view.rays[3].astype(np.float64)
     met = inverse > 0
     floor = np.where(met, (scale * inverse / view.depths - offset) / slope, np.inf)
-    told = np.where(met & (-view.rays[4] >= grazing), floor, np.inf)
-    table = np.stack((floor, told, scale / (view.depths.astype(np.float64) * slope), view.rays[2]))
+    measured = np.where(met & (-view.rays[4] >= grazing), floor, np.inf)
+    table = np.stack((floor, measured, scale / (view.depths.astype(np.float64) * slope), view.rays[2]))
     lowest, highest = ((scale / depth - offset) / slope for depth in (nearest, farthest))
     return DepthView(view, table.astype(np.float32), -offset / slope, (lowest, highest), nothing)
 
 
 @func
 def _inverse_reach(fan: template, frame: I32, before: I32, share: F32):
-    """The inverse of how far the floor reaches at a bearing [1/m], from those of the fan [frames, b]."""
+    """The inverse of the floor's reach at a bearing [1/m], from those of the fan [frames, b]."""
     a, b = fan[frame, before], fan[frame, before + 1]
-    alike = abs(a - b) <= ti.f32(_JUMP) * ti.max(a, b)
+    same_wall = abs(a - b) <= ti.f32(_JUMP) * ti.max(a, b)
     nearer = ti.select(share < ti.f32(0.5), a, b)
-    return ti.select(alike, a + share * (b - a), nearer)
+    return ti.select(same_wall, a + share * (b - a), nearer)
 
 
 @func
@@ -158,6 +158,7 @@ def _colour(
 ):  # fmt: skip
     pixels = rays.shape[1]
     runs = pixels // run
+    ti.loop_config(serialize=ti.static(one_thread()))
     for frame, r in ti.ndrange(cameras.shape[0], runs):
         x0, y0, ch, sh = cameras[frame, 0], cameras[frame, 1], cameras[frame, 2], cameras[frame, 3]
         start = starts[frame]
@@ -196,6 +197,7 @@ def _disparity(
     starts: I32_1D, run: I32, out: U16_1D,
 ):  # fmt: skip
     pixels = floor.shape[1]
+    ti.loop_config(serialize=ti.static(one_thread()))
     for frame, r in ti.ndrange(fan.shape[0], pixels // run):
         start = starts[frame]
         for p in range(r * run, (r + 1) * run):
@@ -228,7 +230,7 @@ def render_colour(
         cell_size: of the floor's picture [m].
         noise: float32 [k] added to the levels; frame f reads it from ``starts[f]`` to ``starts[f] + pixels`` and two
             image rows more.
-        starts: [n] where each frame starts in it.
+        starts: [n] of each frame in the noise.
 
     Returns:
         int32 [n, pixels]: red + 256 green + 65536 blue.
@@ -263,7 +265,7 @@ def render_disparity(
         reaches: [n, b] distance to the first wall at each bearing of the view [m], inf for none.
         noise: float32 [k] added before rounding, infinite for a pixel that is lost; frame f reads it from
             ``starts[f]`` to ``starts[f] + pixels``.
-        starts: [n] where each frame starts in it.
+        starts: [n] of each frame in the noise.
 
     Returns:
         uint16 [n, pixels].

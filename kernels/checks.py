@@ -1,4 +1,4 @@
-"""What a kernel is given, checked before it runs: a wrong shape or cell would read or write foreign memory."""
+"""Checks of a kernel's arguments before it runs: with a wrong shape or cell it would read or write other memory."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ def check_array(
 
     Args:
         name: of the argument, for the message.
-        array: what was given.
+        array: the argument.
         dtype: the element type it must have.
-        shape: the shape it must have; None for a length that is free.
+        shape: the shape it must have; None where any length will do.
         written: whether the kernel writes to it.
 
     Raises:
-        InputError: it is no C-contiguous array of that type and shape, or read-only though written to.
+        InputError: not a C-contiguous array of that type and shape, or read-only where the kernel writes to it.
     """
     fits = (
         isinstance(array, np.ndarray)

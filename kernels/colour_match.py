@@ -1,11 +1,11 @@
-"""How well the colours that a camera sees now fit a coloured map, for many poses at once: integers throughout."""
+"""How well the colours of a patch of floor fit a coloured map, for many poses at once: integers throughout."""
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from moteslam.errors import InputError
 from moteslam.kernels.checks import as_finite, check_array
-from moteslam.kernels.runtime import runtime, ti
+from moteslam.kernels.runtime import one_thread, runtime, ti
 from moteslam.kernels.types import F32, F32_2D, I32, I32_1D, I32_2D, kernel
 
 __all__ = ["UNKNOWN", "match_colours"]
@@ -19,6 +19,7 @@ def _match_colours(
     points: F32_2D, colours: I32_1D, poses: F32_2D, packed: I32_1D, rows: I32, columns: I32, per_metre: F32,
     limit: I32, out: I32_2D,
 ):  # fmt: skip
+    ti.loop_config(serialize=ti.static(one_thread()))
     for n in range(poses.shape[0]):
         x, y, c, s = poses[n, 0], poses[n, 1], poses[n, 2], poses[n, 3]
         difference, known = 0, 0
@@ -56,10 +57,10 @@ def match_colours(
         packed: int32 [H, W] the map's colours likewise, ``UNKNOWN`` where it has none; row 0 the smallest y.
         corner: (x, y) of the corner of its cell [0, 0] [m].
         cell_size: of the map [m].
-        limit: a point's three channels differ by at most so much in all: what is off, is off.
+        limit: largest difference that counts for a point, over its three channels: an outlier counts no more than that.
 
     Returns:
-        int32 [n, 2]: the sum of the differences over the points that fall on known cells, and how many those are.
+        int32 [n, 2]: the sum of the differences over the points that fall on coloured cells, and how many those are.
 
     Raises:
         InputError: arrays that do not fit together, numbers that are not finite or out of bounds.

@@ -1,7 +1,7 @@
-"""Correlative search: the most promising places of a lattice, by the coarse level of every particle's own map.
+"""Correlative search: the best places of a lattice, by the coarse level of every particle's own map.
 
-For a scan whose place is too uncertain for Gauss-Newton to start from (Olson, "Real-time correlative scan matching",
-2009); what it finds is where ``registration`` begins.
+For scans whose predicted place is too uncertain to start Gauss-Newton from (Olson, "Real-time correlative scan
+matching", 2009): ``registration`` starts at the places found here.
 """
 
 import numpy as np
@@ -9,33 +9,34 @@ from numpy.typing import ArrayLike, NDArray
 
 from moteslam.errors import InputError
 from moteslam.kernels.checks import LARGEST, as_finite
-from moteslam.kernels.runtime import runtime, ti
+from moteslam.kernels.runtime import one_thread, runtime, ti
 from moteslam.kernels.tiles import SIDE, STEPS, check_tiles, frames_in_cells, read, steps_of, weight_of
 from moteslam.kernels.types import F32_1D, F32_2D, F64_2D, I16_1D, I32, I32_1D, I32_2D, kernel
 
 MAX_SEARCH_POINTS = 64
-"""Points of a scan that a search can look up."""
+"""Points of a scan that a search can look up: they are kept in registers and on the stack of each thread."""
 MAX_SEARCH_COST = 1e8
-"""Turns and shifts that cost more cost this much [steps]: totals must fit 32 bits."""
-MAX_SHARP = 1e4
+"""Costs of turns and shifts are at most this [steps]: totals must fit 32 bits."""
+MAX_NEAR = 1e4
 """Truncations; see ``MAX_SEARCH_COST``."""
 
 
 @kernel
 def _search(
     pool: I16_1D, table: I32_1D, columns: I32, rows: I32, frames: F64_2D, scan: F32_2D, turns: F32_1D,
-    turn_costs: I32_1D, shifts: F32_2D, shift_costs: I32_1D, blocks: I32, sharp: I32, scores: I32_2D, chosen: I32_2D,
+    turn_costs: I32_1D, shifts: F32_2D, shift_costs: I32_1D, blocks: I32, near: I32, scores: I32_2D, chosen: I32_2D,
 ):  # fmt: skip
     """The best shift of every block, the first of equal ones, for every particle and turn.
 
-    Frames are cos, sin, x, y [coarse cells], shifts in the frame. Points near a surface count for a pose, points that
-    the map knows to be elsewhere half as much against it, others nothing.
+    Frames are cos, sin, x, y [coarse cells], shifts in the frame. Points near a surface count for a place, points over
+    seen cells away from any count half as much against it, points over cells never seen count nothing.
     """
     n_turns = turns.shape[0]
     tiles = columns * rows
     size = shifts.shape[0] // blocks
     last_x, last_y = ti.cast(columns * (SIDE // 2) - 1, ti.f32), ti.cast(rows * (SIDE // 2) - 1, ti.f32)
     points = ti.min(scan.shape[1], MAX_SEARCH_POINTS)
+    ti.loop_config(serialize=ti.static(one_thread()))
     for k in range(frames.shape[0] * n_turns * blocks):
         i, t, block = k // (n_turns * blocks), k // blocks % n_turns, k % blocks
         c0, s0 = ti.cast(frames[i, 0], ti.f32), ti.cast(frames[i, 1], ti.f32)
@@ -53,8 +54,8 @@ def _search(
             total = -turn_costs[t] - shift_costs[v]
             for j in range(points):
                 word = read(pool, table, i * tiles, columns, xs[j] + dx, ys[j] + dy, last_x, last_y, 1)
-                near = ti.max(sharp - ti.abs(steps_of(word)), -(sharp // 2))
-                total += ti.select(weight_of(word) > 0, near, 0)
+                score = ti.max(near - ti.abs(steps_of(word)), -(near // 2))
+                total += ti.select(weight_of(word) > 0, score, 0)
             if total > best:
                 best, at = total, v
         scores[i, t * blocks + block], chosen[i, t * blocks + block] = best, at
@@ -72,12 +73,13 @@ def search_scans(
     *,
     blocks: int,
     cell_size: float,
-    sharp: float,
+    near: float,
 ) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
     """The best places of a lattice around each pose, by the coarse level (correlative matching, Olson 2009).
 
-    A place scores, for each point over a known cell, ``sharp`` less the cell's distance to the surface, at worst
-    ``-sharp / 2``, less what its turn and its shift cost; all in steps, of which ``STEPS`` are a truncation.
+    A place scores, for each point over a cell that was seen, ``near`` minus the cell's distance to the surface, but at
+    least ``-near / 2``; from the sum the costs of its turn and its shift are subtracted. All are in steps, of which
+    ``STEPS`` are a truncation.
 
     Args:
         pool: int16 [t * CELLS] of all tiles.
@@ -88,9 +90,9 @@ def search_scans(
         turn_costs: [a] 0 or more [steps].
         shifts: [b, 2] added to the places, in the frames of the poses as they are [m].
         shift_costs: [b] 0 or more [steps].
-        blocks: the shifts are so many equal blocks, one after another: of each the best is told.
+        blocks: number of equal blocks of consecutive shifts; the best shift of each is returned.
         cell_size: of the fine level [m].
-        sharp: how near to a surface a point must lie to count for a place [truncations].
+        near: how near to a surface a point must lie to count for a place [truncations].
 
     Returns:
         int32 [n, a * blocks] the scores of the best shift of each block, turn by turn, and which shifts these are,
@@ -108,8 +110,8 @@ def search_scans(
         raise InputError(f"{len(places)}, expected one for each of {n} tables", field="frames")
     if len(scan) > MAX_SEARCH_POINTS:
         raise InputError(f"{len(scan)}, expected at most {MAX_SEARCH_POINTS}", field="points")
-    if not 0 < sharp <= MAX_SHARP:
-        raise InputError(f"{sharp:g} truncations, expected above 0, at most {MAX_SHARP:g}", field="sharp")
+    if not 0 < near <= MAX_NEAR:
+        raise InputError(f"{near:g} truncations, expected above 0, at most {MAX_NEAR:g}", field="near")
     if blocks < 1 or not len(across) or len(across) % blocks:
         raise InputError(f"{blocks}, expected equal blocks of {len(across)} shifts", field="blocks")
     if n * len(angles) * blocks > LARGEST:
@@ -120,7 +122,7 @@ def search_scans(
         _search(
             pool, tables.reshape(-1), columns, rows, places, np.ascontiguousarray(scan.T / np.float32(2 * cell_size)),
             angles, _costs("turn_costs", turn_costs, len(angles)), across,
-            _costs("shift_costs", shift_costs, len(across)), blocks, int(sharp * STEPS), scores, chosen,
+            _costs("shift_costs", shift_costs, len(across)), blocks, int(near * STEPS), scores, chosen,
         )  # fmt: skip
     return scores, chosen
 

@@ -1,26 +1,19 @@
-"""Launching a kernel in a third of the time that Taichi takes to look its arguments over.
+"""Launching a compiled kernel in a third of the time that Taichi needs to inspect its arguments.
 
-Taichi spends some 13 us on each NumPy array of a call, more than many a kernel runs: on what cannot occur here,
-fields, tensors of other libraries, gradients, matrices. Once a kernel is compiled, a call with exactly the types of
-its annotations is therefore handed to the compiled kernel directly; every other call, the first among them, goes
-the way of Taichi, which compiles, converts or complains. On the CPU the arguments of the last launch are kept: the
-map and the constants, most of them, need not be handed over again.
+Taichi spends some 13 us on each NumPy array of a call, longer than many a kernel runs: it looks for fields, tensors of
+other libraries, gradients and matrices, none of which occur here. Once a kernel is compiled, a call whose arguments
+have exactly the annotated types is therefore handed to the compiled kernel directly. Every other call, the first among
+them, goes through Taichi, which compiles, converts or raises. On the CPU the arguments of the last launch are kept, so
+that those that did not change, the map and the constants, need not be set again.
 
-With one thread a loop runs where it is launched: Taichi would wake its one worker for it and wait, which costs 60 us
-of processor time and twice as much to wait for (docs/performance.md).
-
-And what Taichi says of a place in a kernel is file, line and what stands there, without carets underneath: it draws
-them for every expression of every kernel before it knows whether anybody will read them, a third of what it takes to
-load kernels that were compiled before. Functions that kernels call it looks up in their files once, not at every call.
-
-This leans on the insides of one release of Taichi. With any other everything goes Taichi's way.
+This uses internals of one release of Taichi, and replaces none; with any other release every call goes through Taichi.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from enum import Enum, auto
-from functools import cache, wraps
+from functools import wraps
 from typing import Any
 
 import numpy as np
@@ -28,11 +21,11 @@ import numpy as np
 from moteslam.kernels.runtime import runtime, ti
 
 KNOWN = (1, 7, 4)
-"""The release whose insides are known."""
+"""The release whose internals are used."""
 
 
 class Kind(Enum):
-    """What an argument that is no array must be; a template is a number the kernel is compiled for."""
+    """The type of an argument that is no array; a template is a number that the kernel is compiled for."""
 
     SIGNED = auto()
     UNSIGNED = auto()
@@ -43,81 +36,57 @@ class Kind(Enum):
 _Array = tuple[np.dtype[Any], int]
 """The element type and number of dimensions that an array must have."""
 
-_ABLE: dict[Any, tuple[type, ...]] = {
+_ACCEPTED: dict[Any, tuple[type, ...]] = {
     Kind.SIGNED: (int, np.integer),
     Kind.UNSIGNED: (int, np.integer),
     Kind.REAL: (float, int, np.floating, np.integer),
 }
-"""What a number of each kind may be given as."""
+"""The types of Python and NumPy that are accepted for a number of each kind."""
 
 _NUMBERS = {ti.i32: Kind.SIGNED, ti.u32: Kind.UNSIGNED, ti.f32: Kind.REAL, ti.f64: Kind.REAL}
 
 
-def quick(function: Callable[..., Any]) -> Callable[..., Any]:
-    """``ti.kernel`` whose launches are quick, for kernels of NumPy arrays and numbers that return nothing."""
-    slow = ti.kernel(function)
-    kinds = _kinds(slow)
+def fast_kernel(function: Callable[..., Any]) -> Callable[..., Any]:
+    """``ti.kernel`` with cheap launches, for kernels of NumPy arrays and numbers that return nothing."""
+    kernel = ti.kernel(function)
+    kinds = _kinds(kernel)
     if kinds is None:
-        return slow  # type: ignore[no-any-return]
+        return kernel  # type: ignore[no-any-return]
     templates = [index for index, kind in enumerate(kinds) if kind is Kind.TEMPLATE]
-    compiled: dict[tuple[Any, ...], Any] = {}
-    spare: dict[tuple[Any, ...], list[_Context]] = {}
+    compiled: dict[tuple[Any, ...], Any] = {}  # by the values of the templates
+    idle: dict[tuple[Any, ...], list[_Context]] = {}
 
     @wraps(function)
     def launcher(*arguments: Any) -> None:
-        form = tuple([arguments[index] for index in templates]) if len(arguments) == len(kinds) else ()
-        plain = all(type(value) in (bool, int) for value in form)
-        if plain and form in compiled and len(arguments) == len(kinds):
-            waiting = spare[form]
-            context = waiting.pop() if waiting else _Context(compiled[form], kinds)  # each thread has its own
+        values = tuple([arguments[index] for index in templates]) if len(arguments) == len(kinds) else ()
+        numbers = all(type(value) in (bool, int) for value in values)
+        if numbers and values in compiled and len(arguments) == len(kinds):
+            waiting = idle[values]
+            context = waiting.pop() if waiting else _Context(compiled[values], kinds)  # each thread has its own
             if context.launch(arguments):
                 if runtime().arch == "cpu":
                     waiting.append(context)
                 return
-        slow(*arguments)
-        if plain and not runtime().debug:  # a bounds check that fails is told by Taichi's way alone
-            spare[form] = []
-            compiled[form] = slow._primal.compiled_kernels[slow._primal.ensure_compiled(*arguments)]
+        kernel(*arguments)
+        if numbers and not runtime().debug:  # only Taichi's own launch reports a bounds check that failed
+            idle[values] = []
+            compiled[values] = kernel._primal.compiled_kernels[kernel._primal.ensure_compiled(*arguments)]
 
     return launcher
 
 
-def _place(context: Any, node: Any) -> str:
-    """Where an expression of a kernel stands, as Taichi puts it but for the carets."""
-    line = node.lineno + context.lineno_offset
-    return f'File "{context.file}", line {line}, in {context.func.func.__name__}:\n{context.src[node.lineno - 1]}\n'
-
-
-_transformer = ti.lang.ast.ast_transformer.ASTTransformer
-_range_for = _transformer.build_range_for
-
-
-def _range_for_alone(context: Any, node: Any) -> Any:
-    """The loop of a kernel; where there is one thread it runs in the thread that launches, with nobody to wake up."""
-    if runtime().arch == "cpu" and runtime().threads == 1:
-        context.ast_builder.strictly_serialize()
-    return _range_for(context, node)
-
-
-if ti.__version__ == KNOWN:
-    _source = ti.lang.kernel_impl
-    _source.getsourcefile, _source.getsourcelines = cache(_source.getsourcefile), cache(_source.getsourcelines)
-    ti.lang.ast.ast_transformer_utils.ASTTransformerContext.get_pos_info = _place
-    _transformer.build_range_for = staticmethod(_range_for_alone)
-
-
-def _kinds(slow: Any) -> list[Kind | _Array] | None:
-    """What the annotations of a kernel ask for, or None where quick launches do not know it."""
-    if ti.__version__ != KNOWN or slow._primal.return_type is not None:
+def _kinds(kernel: Any) -> list[Kind | _Array] | None:
+    """The types that a kernel's annotations ask for, or None where one of them is not supported here."""
+    if ti.__version__ != KNOWN or kernel._primal.return_type is not None:
         return None
     kinds: list[Kind | _Array] = []
-    for argument in slow._primal.arguments:
-        asked = argument.annotation
-        if isinstance(asked, ti.types.ndarray_type.NdarrayType):
-            kinds.append((np.dtype(ti.lang.util.to_numpy_type(asked.dtype)), asked.ndim))
-        elif isinstance(asked, ti.template):
+    for argument in kernel._primal.arguments:
+        annotation = argument.annotation
+        if isinstance(annotation, ti.types.ndarray_type.NdarrayType):
+            kinds.append((np.dtype(ti.lang.util.to_numpy_type(annotation.dtype)), annotation.ndim))
+        elif isinstance(annotation, ti.template):
             kinds.append(Kind.TEMPLATE)
-        elif (number := next((kind for type_, kind in _NUMBERS.items() if asked is type_), None)) is not None:
+        elif (number := next((kind for type_, kind in _NUMBERS.items() if annotation is type_), None)) is not None:
             kinds.append(number)
         else:
             return None
@@ -125,7 +94,7 @@ def _kinds(slow: Any) -> list[Kind | _Array] | None:
 
 
 class _Context:
-    """The arguments of a compiled kernel as they were at its last launch: what is the same again is not set again."""
+    """The arguments of a compiled kernel as they were at its last launch; those that are equal are not set again."""
 
     def __init__(self, compiled: Any, kinds: list[Kind | _Array]) -> None:
         self._program = program = ti.lang.impl.get_runtime().prog
@@ -136,19 +105,19 @@ class _Context:
             Kind.UNSIGNED: (context.set_arg_uint, int),
             Kind.REAL: (context.set_arg_float, float),
         }
-        asked = [(i, kind) for i, kind in enumerate(kinds) if kind is not Kind.TEMPLATE]
+        arguments = [(i, kind) for i, kind in enumerate(kinds) if kind is not Kind.TEMPLATE]
         self._arrays: list[tuple[int, int, np.dtype[Any], int]] = []
         self._numbers: list[tuple[int, int, tuple[type, ...], Callable[..., None], type]] = []
-        for place, (index, kind) in enumerate(asked):
+        for place, (index, kind) in enumerate(arguments):
             if isinstance(kind, Kind):
-                self._numbers.append((place, index, _ABLE[kind], *setters[kind]))
+                self._numbers.append((place, index, _ACCEPTED[kind], *setters[kind]))
             else:
                 self._arrays.append((place, index, *kind))
-        self._given: list[Any] = [None] * len(asked)
+        self._last: list[Any] = [None] * len(arguments)
 
     def launch(self, arguments: tuple[Any, ...]) -> bool:
-        """Launch the kernel; False, and nothing done, if the arguments are not what it was compiled for."""
-        given = self._given
+        """Launch the kernel; False, and nothing done, if the arguments have other types than it was compiled for."""
+        last = self._last
         for place, index, dtype, dimensions in self._arrays:
             value = arguments[index]
             if (
@@ -158,16 +127,16 @@ class _Context:
                 or not value.flags.c_contiguous
             ):
                 return False
-            where = (value.ctypes.data, value.shape)
-            if where != given[place]:
-                self._launch.set_arg_external_array_with_shape((place,), where[0], value.nbytes, where[1], 0)
-                given[place] = where
-        for place, index, able, hand_over, number in self._numbers:
+            memory = (value.ctypes.data, value.shape)
+            if memory != last[place]:
+                self._launch.set_arg_external_array_with_shape((place,), memory[0], value.nbytes, memory[1], 0)
+                last[place] = memory
+        for place, index, accepted, set_argument, number in self._numbers:
             value = arguments[index]
-            if not isinstance(value, able):
+            if not isinstance(value, accepted):
                 return False
-            if value != given[place] or value == 0:  # zeros may differ in their sign
-                hand_over((place,), number(value))
-                given[place] = value
+            if value != last[place] or value == 0:  # zeros may differ in their sign
+                set_argument((place,), number(value))
+                last[place] = value
         self._program.launch_kernel(self._code, self._launch)
         return True

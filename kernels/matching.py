@@ -14,26 +14,26 @@ from numpy.typing import ArrayLike, NDArray
 
 from moteslam.errors import InputError
 from moteslam.kernels.checks import LARGEST, as_finite
-from moteslam.kernels.runtime import runtime, ti
+from moteslam.kernels.runtime import one_thread, runtime, ti
 from moteslam.kernels.scoring import cell_along, check_grid, frames_of, scan_of, sum_under_scan, words_of
 from moteslam.kernels.types import F32_2D, I32, I32_1D, I32_2D, U8_1D, U64_1D, func, kernel
 
 SPAN = 5
-"""Shifts the window search can tell apart along each axis."""
+"""Shifts along each axis that fit in a window."""
 BLOCK = 255
-"""Points counted before the bytes of a word could run over."""
+"""Points counted before a byte of a word could overflow."""
 ROW_BITS = 0x0101010101
 """The lowest bit of each of five rows of a window."""
 EVEN_BYTES = 0x00FF00FF00FF00FF
 
 
 class Match(NamedTuple):
-    """What the search found.
+    """The best pose around each particle.
 
     Attributes:
-        scores: int32 [N] of the best pose of each particle.
-        indices: int32 [N, 3] which offset it is, in x, y and theta.
-        poses: float64 [N, 3] the poses moved by it; theta is not wrapped.
+        scores: int32 [N].
+        indices: int32 [N, 3] of its offsets in x, y and theta.
+        poses: float64 [N, 3] the particles moved by these; theta is not wrapped.
     """
 
     scores: NDArray[np.int32]
@@ -46,20 +46,20 @@ def _search(
     grid: U8_1D, width: I32, height: I32, frames: F32_2D, scan: F32_2D, shifts: F32_2D, cells: I32_2D, order: I32_1D,
     scores: I32_1D, best: I32_1D,
 ):  # fmt: skip
-    """Every pose of the lattice by itself, in the order given: the first of the best wins.
+    """Every pose of the lattice by itself, in the given order; of equal scores the first is kept.
 
-    A place shifts the pose by ``shifts`` [cells] before the look-up, and by the whole ``cells`` after it.
+    Place p moves the points by ``shifts[p]`` [cells] before their cells are found, and their cells by ``cells[p]``.
     """
     poses = scores.shape[0]
     headings = frames.shape[0] // poses
-    ti.loop_config(block_dim=1)
+    ti.loop_config(block_dim=1, serialize=ti.static(one_thread()))
     for i in range(poses):
         top, chosen = -1, 0
         for v in range(order.shape[0]):
             place, f = order[v] // headings, i * headings + order[v] % headings
             x, y = frames[f, 2] + shifts[place, 0], frames[f, 3] + shifts[place, 1]
             total = sum_under_scan(
-                grid, width, height, frames[f, 0], frames[f, 1], x, y, cells[place, 0], cells[place, 1], True, scan
+                grid, width, height, frames[f, 0], frames[f, 1], x, y, cells[place, 0], cells[place, 1], scan
             )
             if total > top:
                 top, chosen = total, order[v]
@@ -76,8 +76,9 @@ def _nibble(word: I32):
 def _build_windows(
     words: I32_1D, width: I32, height: I32, row: I32, col: I32, columns: I32, windows: U64_1D, more: I32_1D
 ):
-    """The windows of the box of cells that begins at (col, row), multiples of 4; ``more`` tells of cells above 1."""
+    """The windows of the box of cells that begins at (col, row), multiples of 4; ``more`` is set by cells above 1."""
     stride = width // 4
+    ti.loop_config(serialize=ti.static(one_thread()))
     for r in range(windows.shape[0] // columns):
         others = 0
         for k in range(columns):
@@ -106,7 +107,7 @@ def _search_windows(
     headings = frames.shape[0] // poses
     low_row, high_row = ti.cast(row - low, ti.f32), ti.cast(last_row - low, ti.f32)
     low_col, high_col = ti.cast(col - low, ti.f32), ti.cast(last_col - low, ti.f32)
-    ti.loop_config(block_dim=1)
+    ti.loop_config(block_dim=1, serialize=ti.static(one_thread()))
     for i in range(poses):
         top = ti.i64(-1)
         for h in range(headings):
@@ -146,15 +147,16 @@ def match_poses(
     offsets_xy: ArrayLike,
     offsets_theta: ArrayLike,
 ) -> Match:
-    """The best of the poses around each, by the score of ``score_poses`` (section III.D.2 of the paper).
+    """The best of the poses around each, by the sum of the cells under the scan (section III.D.2 of the paper).
 
     The poses tried are ``(x + offsets_xy[i], y + offsets_xy[j], theta + offsets_theta[k])``, the shift in the frame
-    of the map. Among equal scores the one nearest the centre wins, by (i - ci)^2 + (j - cj)^2 + (k - ck)^2 where
-    c is the offset closest to 0, then the smallest i, j, k. If every shift is a whole number of cells, shifting
-    means that: the cell under each point is found for the pose as it is, and the shift counted in cells from there.
+    of the map. Of equal scores the one nearest the centre is kept, by (i - ci)^2 + (j - cj)^2 + (k - ck)^2 where c is
+    the offset closest to 0, then the smallest i, j, k. If every shift is a whole number of cells, cells are shifted
+    instead of points: the cell under each point is found for the unshifted pose, and the shift is added to it.
 
     Args:
-        occupied: uint8 [H, W] with a border of zeros, as for ``score_poses``; fastest if its cells are 0 or 1.
+        occupied: uint8 [H, W], W a multiple of 8, its outermost ring of cells zero. 0 and 1 count points on occupied
+            cells, which is fastest; other values up to 255 weigh them. Points beyond the grid count zero.
         origin: [2] (x, y) of the corner of cell [0, 0] [m].
         cell_size: [m].
         poses: [N, 3].
@@ -163,7 +165,8 @@ def match_poses(
         offsets_theta: [b] [rad].
 
     Raises:
-        InputError: as ``score_poses``, or no offsets, or far too many.
+        InputError: arrays that do not fit, values that are not finite, an outermost ring that is not zero, no offsets,
+            or far too many.
     """
     height, width = check_grid(occupied)
     poses = as_finite("poses", poses, np.float64, (None, 3))

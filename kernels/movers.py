@@ -1,7 +1,6 @@
-"""Rays against things that move: each ray meets the discs and lines where they are at the ray's own moment.
+"""Rays against moving discs and lines, each where it is at the ray's time.
 
-A mover's poses come at a steady rate and are joined by straight motion. All of them are looked at by every ray: a
-scenario has a few dozen.
+Movers are given at a constant rate and interpolated linearly. Every ray tests all of them: a scenario has a few dozen.
 """
 
 import math
@@ -12,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from moteslam.errors import InputError
 from moteslam.kernels.checks import as_finite, check_array
 from moteslam.kernels.raycast import directions_of
-from moteslam.kernels.runtime import runtime, ti
+from moteslam.kernels.runtime import one_thread, runtime, ti
 from moteslam.kernels.types import F32, F32_1D, F32_2D, F64_1D, F64_2D, I32, I32_1D, kernel
 
 __all__ = ["cast_movers"]
@@ -23,6 +22,7 @@ def _cast_movers(
     discs: F32_2D, lines: F32_2D, last: I32, disc_count: I32, line_count: I32, rate: F32, origins: F64_2D,
     directions: F32_2D, times: F64_1D, out: F32_1D, hit: I32_1D,
 ):  # fmt: skip
+    ti.loop_config(serialize=ti.static(one_thread()))
     for i in range(out.shape[0]):
         at = ti.min(ti.max(times[i] * ti.cast(rate, ti.f64), 0.0), ti.cast(last, ti.f64))
         row = ti.min(ti.cast(at, ti.i32), last - 1)
@@ -71,7 +71,7 @@ def cast_movers(
     times: ArrayLike,
     ranges: NDArray[np.float32],
 ) -> NDArray[np.int32]:
-    """Shorten the rays that meet a mover before they meet a wall.
+    """Shorten the rays that meet a mover before the wall.
 
     Coordinates are float32: keep the world within 1000 m of its origin, where a place is off by at most 0.03 mm.
 
@@ -79,13 +79,13 @@ def cast_movers(
         discs: float32 [t, k, 3] x, y, radius of k discs [m].
         lines: float32 [t, m, 4] x0, y0, x1, y1 of m lines [m].
         rate: of the poses [Hz], the first at time 0.
-        origins: [n, 2] where each ray begins [m].
-        angles: [n] its direction [rad].
-        times: [n] its moment [s]; before the first pose and after the last the movers stand.
-        ranges: float32 [n] what stands in its way [m], shortened in place.
+        origins: [n, 2] of the rays [m].
+        angles: [n] their directions [rad].
+        times: [n] of the rays [s]; before the first pose and after the last the movers stand still.
+        ranges: float32 [n] of the rays to the walls [m], shortened in place.
 
     Returns:
-        int32 [n]: the number of the disc that each ray meets, k + the number of the line, -1 for neither.
+        int32 [n]: index of the disc that each ray meets, or k + index of the line, or -1.
 
     Raises:
         InputError: shapes that do not fit, values that are not finite.

@@ -1,8 +1,8 @@
 """The log-odds update of an occupancy grid: a hit where a beam ends, a miss along its ray.
 
-One thread does it all. The rays of a scan meet near the robot, so threads would fight over the same cells: two cores
-with atomics could at best tie with this (measured: 2.1 times the time on one core), and saturating sums depend on
-their order. Serial, the result is the same bits everywhere.
+It runs on one thread. The rays of a scan meet near the robot, so that threads would need atomics on the same cells: two
+cores with atomics are at best as fast (measured: 2.1 times the time on one core), and saturating sums depend on their
+order. Serial, the result is the same bits everywhere.
 """
 
 import numpy as np
@@ -16,7 +16,7 @@ from moteslam.kernels.types import I16_1D, I32, I32_1D, I32_2D, U8_1D, func, ker
 
 @func
 def _add(log_odds: template, occupied: template, cell: I32, change: I32, limit: I32, threshold: I32):
-    """Add to one cell, saturating, and keep the occupied flag in step."""
+    """Add to one cell, saturating, and update its occupied flag."""
     old = ti.cast(log_odds[cell], ti.i32)
     new = ti.min(ti.max(old + change, -limit), limit)
     log_odds[cell] = ti.cast(new, ti.i16)
@@ -32,14 +32,14 @@ def _update_grid(
     beams = ends.shape[0]
     if ti.static(not per_ray):
         ti.loop_config(serialize=True)
-        for b in range(beams):  # the hits first: they win over the misses of other rays
+        for b in range(beams):  # the hits first: a cell that is hit gets no miss from another ray
             cell = ends[b, 1] * width + ends[b, 0]
             fresh[b] = ti.cast(seen[cell] != scan, ti.i32)
             if seen[cell] != scan:
                 seen[cell] = scan
                 _add(log_odds, occupied, cell, hit, limit, threshold)
         ti.loop_config(serialize=True)
-        for b in range(beams):  # then what stands too near an end to be called free by the same scan
+        for b in range(beams):  # then the cells too near an end to get a miss from the same scan
             if fresh[b] and guard > 0:
                 for up in range(ti.max(0, ends[b, 1] - guard), ti.min(height, ends[b, 1] + guard + 1)):
                     for across in range(ti.max(0, ends[b, 0] - guard), ti.min(width, ends[b, 0] + guard + 1)):
@@ -93,13 +93,13 @@ def update_grid(
 
     The inverse sensor model along a beam (Probabilistic Robotics, table 9.1, in log-odds) on the cells of the
     Bresenham ray from the start up to, not including, the end cell. Sums saturate at plus and minus ``limit``. Each
-    cell changes at most once a scan, and a hit wins over a miss. With ``per_ray`` every ray counts, beam by beam, its
+    cell changes at most once a scan; one that is hit gets no miss. With ``per_ray`` every ray counts, beam by beam, its
     free cells before its end, so that a cell crossed by k rays changes k times: the paper, taken literally.
 
     Args:
         log_odds: int16 [H, W], fixed point in a unit of the caller's.
-        occupied: uint8 [H, W], W a multiple of 8; 1 where log_odds > threshold, else 0; true before, true after.
-        seen: int32 [H, W] scratch, zero at first; which scan changed a cell last. Not used with ``per_ray``.
+        occupied: uint8 [H, W], W a multiple of 8; 1 where log_odds > threshold, else 0; kept so.
+        seen: int32 [H, W] the last scan that changed each cell, zero at first. Not used with ``per_ray``.
         start: [2] (col, row) of the cell the rays start in.
         ends: [k, 2] (col, row) of the cells they end in.
         hit: added at an end, 0 to 32767, as ``miss``, ``limit`` and ``threshold``, in the unit of log_odds.
@@ -107,13 +107,13 @@ def update_grid(
         limit: of the absolute value.
         threshold: above it a cell is occupied.
         scan: positive, larger in each call with the same ``seen``, below 2^31.
-        guard: cells this near to an end of the scan (in rows and columns) get no miss from it: where beams graze a
-            wall they pass within a cell of where their neighbours end, and would erase it. Not with ``per_ray``.
+        guard: cells this near to an end of the scan (in rows and columns) get no miss from it: beams that graze a wall
+            pass within a cell of their neighbours' ends and would erase it. Not with ``per_ray``.
         per_ray: whether every ray counts.
 
     Raises:
         InputError: arrays that do not fit together, a number out of bounds, or a start or end that is not inside the
-            grid's outermost ring of cells, which stays free so that what looks beyond the map reads zero.
+            grid's outermost ring of cells, which stays free so that lookups beyond the map read zero.
     """
     shape = log_odds.shape
     check_array("log_odds", log_odds, np.int16, (None, None), written=True)

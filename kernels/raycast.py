@@ -1,12 +1,12 @@
 """Exact ray casting against the walls of a world.
 
-A ray walks through the buckets along it and meets the walls of each, until what it has hit lies within the bucket.
-Whether it hits is decided by the sides on which a wall's two ends lie; two walls that share an end see the very same
-number there, so that a ray passes on one side of it or the other, and never between.
+A ray is tested against the walls of one bucket after another along its path, until its nearest hit lies within the
+bucket. Whether it hits a wall is decided by the sides of the ray on which the wall's two ends lie; for two walls that
+share an end this is the very same number, so that no ray passes between them.
 
-Coordinates are float32, relative to the world's corner. They are off by at most half of 2^-23 of the extent E, and
-so is each intermediate; a range is off by at most 4 E 2^-23 / |sin a| + 2^-21 r, a the angle between ray and wall:
-0.05 mm in a world of 100 m, square on.
+Coordinates are float32, relative to the world's corner. Their error, and that of each intermediate, is at most half of
+2^-23 of the extent E; the error of a range is at most 4 E 2^-23 / |sin a| + 2^-21 r, a the angle between ray and wall:
+0.05 mm in a world of 100 m at a right angle.
 """
 
 import math
@@ -16,19 +16,16 @@ from numpy.typing import ArrayLike, NDArray
 
 from moteslam.errors import InputError
 from moteslam.kernels.buckets import SegmentBuckets, build_buckets
-from moteslam.kernels.checks import LARGEST, as_finite
-from moteslam.kernels.runtime import runtime, ti
+from moteslam.kernels.checks import as_finite
+from moteslam.kernels.runtime import one_thread, runtime, ti
 from moteslam.kernels.types import F32, F32_1D, F32_2D, F64, F64_2D, I32, I32_1D, func, kernel, template
 
-__all__ = ["SegmentBuckets", "build_buckets", "cast_rays", "cast_scans", "cast_surfaces"]
-
-PART = 128
-"""Beams of a scan that one thread casts one after the other; what they share is worked out once."""
+__all__ = ["SegmentBuckets", "build_buckets", "cast_rays", "cast_surfaces"]
 
 
 @func
 def _wall_range(x0: F32, y0: F32, x1: F32, y1: F32, c: F32, s: F32, slack: F32):
-    """How far along (c, s) from (0, 0) the wall from (x0, y0) to (x1, y1) is hit, infinity if it is not [m]."""
+    """Range along (c, s) from (0, 0) to the wall from (x0, y0) to (x1, y1) [m], infinity where it is not hit."""
     side0, side1 = c * y0 - s * x0, c * y1 - s * x1
     found = ti.f32(math.inf)
     # most walls end here: both ends lie on the same side, and neither on the ray
@@ -51,7 +48,7 @@ def _cast(
     starts: template, walls: template, size: F32, columns: I32, rows: I32, slack: F32, x: F64, y: F64, c: F32, s: F32,
     max_range: F32,
 ):  # fmt: skip
-    """How far a ray gets from (x, y), relative to the world's corner, along (c, s), and which wall it hits (or -1)."""
+    """Range of a ray from (x, y), relative to the world's corner, along (c, s), and the index of its wall or -1."""
     tiny = ti.f32(1e-12)  # a ray along an axis crosses the other after 1e12 m
     inverse_x = ti.f32(1.0) / (c if abs(c) > tiny else tiny)
     inverse_y = ti.f32(1.0) / (s if abs(s) > tiny else tiny)
@@ -112,6 +109,7 @@ def _cast_rays(
     starts: I32_1D, walls: F32_2D, size: F32, columns: I32, rows: I32, slack: F32, x0: F64, y0: F64,
     origins: F64_2D, directions: F32_2D, max_range: F32, out: F32_1D,
 ):  # fmt: skip
+    ti.loop_config(serialize=ti.static(one_thread()))
     for i in range(out.shape[0]):
         out[i], _ = _cast(
             starts, walls, size, columns, rows, slack, origins[i, 0] - x0, origins[i, 1] - y0,
@@ -124,6 +122,7 @@ def _cast_surfaces(
     starts: I32_1D, walls: F32_2D, size: F32, columns: I32, rows: I32, slack: F32, x0: F64, y0: F64,
     origins: F64_2D, directions: F32_2D, max_range: F32, owners: I32_1D, out: F32_1D, hit: I32_1D,
 ):  # fmt: skip
+    ti.loop_config(serialize=ti.static(one_thread()))
     for i in range(out.shape[0]):
         distance, wall = _cast(
             starts, walls, size, columns, rows, slack, origins[i, 0] - x0, origins[i, 1] - y0,
@@ -133,33 +132,16 @@ def _cast_surfaces(
         hit[i] = owners[wall] if wall >= 0 else -1
 
 
-@kernel
-def _cast_scans(
-    starts: I32_1D, walls: F32_2D, size: F32, columns: I32, rows: I32, slack: F32, x0: F64, y0: F64,
-    origins: F64_2D, headings: F32_2D, beams: F32_2D, max_range: F32, out: F32_2D,
-):  # fmt: skip
-    parts = (out.shape[1] + PART - 1) // PART
-    for job in range(out.shape[0] * parts):
-        i = job // parts
-        first = (job - i * parts) * PART
-        x, y = origins[i, 0] - x0, origins[i, 1] - y0
-        turn_c, turn_s = headings[0, i], headings[1, i]
-        for b in range(first, ti.min(first + PART, out.shape[1])):
-            c = turn_c * beams[0, b] - turn_s * beams[1, b]
-            s = turn_s * beams[0, b] + turn_c * beams[1, b]
-            out[i, b], _ = _cast(starts, walls, size, columns, rows, slack, x, y, c, s, max_range)
-
-
 def cast_rays(
     buckets: SegmentBuckets, origins: ArrayLike, angles: ArrayLike, *, max_range: float
 ) -> NDArray[np.float32]:
-    """The distance to the first wall along each ray.
+    """The range of each ray to its first wall.
 
     Args:
         buckets: of the world.
-        origins: [n, 2] where each begins [m], inside the world or not.
-        angles: [n] its direction [rad].
-        max_range: beyond which nothing is seen [m].
+        origins: [n, 2] of the rays [m], inside the world or not.
+        angles: [n] their directions [rad].
+        max_range: walls beyond it are not seen [m].
 
     Returns:
         float32 [n] [m], ``inf`` where no wall is within max_range.
@@ -180,10 +162,10 @@ def cast_rays(
 def cast_surfaces(
     buckets: SegmentBuckets, origins: ArrayLike, angles: ArrayLike, *, max_range: float
 ) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
-    """The distance to the first wall along each ray, as ``cast_rays`` gives it, and which wall it is.
+    """The range of each ray to its first wall, as ``cast_rays`` gives it, and which wall it is.
 
     Returns:
-        float32 [n] [m] and int32 [n] numbers of segments, ``inf`` and -1 where no wall is within max_range.
+        float32 [n] [m] and int32 [n] indices of segments, ``inf`` and -1 where no wall is within max_range.
 
     Raises:
         InputError: as ``cast_rays``.
@@ -196,36 +178,6 @@ def cast_surfaces(
     if len(out):
         _cast_surfaces(*_arguments(buckets), origins, directions_of(angles), max_range, buckets.segments, out, hit)
     return out, hit
-
-
-def cast_scans(
-    buckets: SegmentBuckets, poses: ArrayLike, beam_angles: ArrayLike, *, max_range: float
-) -> NDArray[np.float32]:
-    """The distance to the first wall along each beam of a scan, from each pose: ``cast_rays`` for whole scans.
-
-    Args:
-        buckets: of the world.
-        poses: [n, 3] of the sensor.
-        beam_angles: [b] of the beams, in its frame [rad].
-        max_range: beyond which nothing is seen [m].
-
-    Returns:
-        float32 [n, b] [m], ``inf`` where no wall is within max_range.
-
-    Raises:
-        InputError: as ``cast_rays``.
-    """
-    poses = as_finite("poses", poses, np.float64, (None, 3))
-    beams = as_finite("beam_angles", beam_angles, np.float64, (None,))
-    _check_range(max_range)
-    if len(poses) * len(beams) > LARGEST:
-        raise InputError(f"{len(poses)} x {len(beams)} rays, expected at most {LARGEST}", field="poses")
-    out = np.empty((len(poses), len(beams)), np.float32)
-    runtime()
-    if out.size:
-        origins = np.ascontiguousarray(poses[:, :2])
-        _cast_scans(*_arguments(buckets), origins, directions_of(poses[:, 2]), directions_of(beams), max_range, out)
-    return out
 
 
 def directions_of(angles: NDArray[np.float64]) -> NDArray[np.float32]:

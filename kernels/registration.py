@@ -1,7 +1,7 @@
 """Registering scans to signed-distance maps, every particle to its own: Gauss-Newton from coarse to fine.
 
-An endpoint's residual is the distance that the map gives for it, in standard deviations; where the fine level knows
-nothing the coarse one does. A prior on the offset from the predicted pose joins them.
+An endpoint's residual is its distance in the map, in standard deviations: on the fine level or, where that was never
+seen, on the coarse one. To the residuals comes a prior on the offset from the predicted pose.
 """
 
 import math
@@ -11,8 +11,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from moteslam.errors import InputError
 from moteslam.kernels.checks import as_finite
-from moteslam.kernels.runtime import runtime, ti
+from moteslam.kernels.runtime import one_thread, runtime, ti
 from moteslam.kernels.tiles import (
+    MAX_WEIGHT,
     SIDE,
     STEPS,
     bilinear,
@@ -23,30 +24,20 @@ from moteslam.kernels.tiles import (
 )
 from moteslam.kernels.types import F32, F32_2D, F64_2D, I16_1D, I32, I32_1D, func, kernel, template
 
-COARSE_LOOSER = 2.0
-"""How much larger residuals' standard deviation is on the coarse level."""
-ARRIVED, TURNED = 3e-4, 1e-4
-"""Gauss-Newton ends with a step below so much [m], |x| + |y|, and [rad] ..."""
-COARSE_SOONER = 10.0
-"""... and on the coarse level with one so many times as long."""
+CONVERGED_SHIFT, CONVERGED_TURN = 3e-4, 1e-4
+"""Gauss-Newton ends with a step below both, |x| + |y| [m] and |theta| [rad]: far less than a cell, which is all that
+interpolated distances can resolve."""
+COARSE_STEP = 10.0
+"""On the coarse level it ends with a step this many times as long, since the fine level begins where it ended."""
 LEAST_PIVOT = 1e-9
 """Keeps the square roots of the Cholesky factors real where rounding would not."""
-
-LIKELY = 2.0
-"""How likely an endpoint is: exp(-r^2 / 2) of a residual r in so many standard deviations, since few fit to one."""
 RAY_SHARES = (0.9, 0.75, 0.6, 0.45, 0.3, 0.15)
-"""Where along each ray, from sensor to endpoint, a surface in between is looked for."""
-CLEAR_OF_END = 2.0
-"""A surface is in between if it is this far from the endpoint [truncations] ..."""
-SURE_WEIGHT = 4
-"""... its cell weighs more than this, ..."""
-NEAR_SURFACE = STEPS // 3
-"""... and is nearer to the surface than this [steps]."""
+"""Where along each ray, as shares of the way from sensor to endpoint, the map is looked up: evenly, at 6 places."""
 
 INFORMATION = slice(0, 6)
 COST, KNOWN, LIKELIHOOD, CROSSED = range(6, 10)
 FITS = 10
-"""The columns of what ``register_scans`` says of a fit."""
+"""The columns of the fits that ``register_scans`` returns."""
 
 
 @func
@@ -115,26 +106,32 @@ def _descend(
                     b -= jacobian * r
             step = _solve(h, b)
             d += step
-            near = ti.static(COARSE_SOONER if level == 1 else 1.0)
-            if ti.abs(step[0]) + ti.abs(step[1]) < near * ARRIVED and ti.abs(step[2]) < near * TURNED:
+            length = ti.static(COARSE_STEP if level == 1 else 1.0)
+            if (
+                ti.abs(step[0]) + ti.abs(step[1]) < length * CONVERGED_SHIFT
+                and ti.abs(step[2]) < length * CONVERGED_TURN
+            ):
                 running = 0
     return d
 
 
 @func
-def _blocked(
+def _crosses_surface(
     pool: template, table: template, base: I32, columns: I32, last_x: F32, last_y: F32, ox: F32, oy: F32, px: F32,
-    py: F32, inverse: F32, clear: F32,
+    py: F32, inverse: F32, clearance: F32, min_weight: I32, max_steps: I32,
 ):  # fmt: skip
-    """Whether the ray from (ox, oy) to (px, py) [m] meets a surface of the map ``clear`` [m] before its end."""
+    """Whether the ray from (ox, oy) to (px, py) [m] meets a surface of the map ``clearance`` [m] before its end.
+
+    It does where a cell weighs more than ``min_weight`` and is nearer to the surface than ``max_steps``.
+    """
     hit = 0
     length = ti.sqrt((px - ox) ** 2 + (py - oy) ** 2)
     for k in ti.static(range(len(RAY_SHARES))):
         share = ti.static(RAY_SHARES[k])
-        if (1 - share) * length > clear:
+        if (1 - share) * length > clearance:
             gx, gy = (ox + share * (px - ox)) * inverse, (oy + share * (py - oy)) * inverse
             word = read(pool, table, base, columns, gx, gy, last_x, last_y, 0)
-            if weight_of(word) > SURE_WEIGHT and ti.abs(steps_of(word)) < NEAR_SURFACE:
+            if weight_of(word) > min_weight and ti.abs(steps_of(word)) < max_steps:
                 hit = 1
     return hit
 
@@ -143,16 +140,17 @@ def _blocked(
 def _register(
     pool: I16_1D, table: I32_1D, stride: I32, columns: I32, rows: I32, frames: F64_2D, scan: F32_2D, origin_x: F32,
     origin_y: F32, starts: F32_2D, priors: F32_2D, cell: F32, truncation: F32, coarse_truncation: F32, sd: F32,
-    coarse_sd: F32, coarse_iterations: I32, iterations: I32, unknown: F32, outlier: F32, offsets: F32_2D, fits: F32_2D,
+    coarse_sd: F32, coarse_iterations: I32, iterations: I32, unknown: F32, outlier: F32, exponent: F32,
+    clearance: F32, ray_weight: I32, ray_steps: I32, offsets: F32_2D, fits: F32_2D,
 ):  # fmt: skip
-    """Coarse level, fine level, then how well it fits; frames are cos, sin, x, y [m], fits as ``register_scans`` says.
+    """Coarse level, fine level, then the fit; frames are cos, sin, x, y [m], fits as ``register_scans`` returns them.
 
     ``stride`` is from one particle's table to the next; 0 where all use one. ``sd`` is the standard deviation of the
-    distances [m], ``unknown`` and ``outlier`` are costs.
+    distances [m], ``unknown`` and ``outlier`` are costs; an endpoint's likelihood is exp(exponent * residual^2).
     """
     fine_x, fine_y = ti.cast(columns * SIDE - 2, ti.f32), ti.cast(rows * SIDE - 2, ti.f32)
     coarse_x, coarse_y = ti.cast(columns * SIDE // 2 - 2, ti.f32), ti.cast(rows * SIDE // 2 - 2, ti.f32)
-    ti.loop_config(block_dim=1)
+    ti.loop_config(block_dim=1, serialize=ti.static(one_thread()))
     for i in range(frames.shape[0]):
         base = i * stride
         frame = ti.Vector([ti.cast(frames[i, k], ti.f32) for k in ti.static(range(4))], dt=ti.f32)
@@ -168,7 +166,7 @@ def _register(
             pool, table, base, columns, fine_x, fine_y, frame, scan, coarse, prior, cell, truncation, sd, iterations, 0
         )
         ct, st = ti.cos(d[2]), ti.sin(d[2])
-        inverse, scale, clear = 1.0 / cell, truncation / sd, CLEAR_OF_END * truncation
+        inverse, scale = 1.0 / cell, truncation / sd
         slope, coarse_scale = scale * inverse, coarse_truncation / sd
         h = ti.Vector([0.0] * 6, dt=ti.f32)
         cost, known, likely, crossed = 0.0, 0.0, 0.0, 0.0
@@ -193,10 +191,12 @@ def _register(
             if seen > 0:
                 cost += ti.min(0.5 * r * r, outlier)
                 known += 1
-                likely += ti.exp(-0.5 * r * r / (LIKELY * LIKELY))
+                likely += ti.exp(exponent * r * r)
             else:
                 cost += unknown
-            hit = _blocked(pool, table, base, columns, fine_x, fine_y, ox, oy, px, py, inverse, clear)
+            hit = _crosses_surface(
+                pool, table, base, columns, fine_x, fine_y, ox, oy, px, py, inverse, clearance, ray_weight, ray_steps
+            )
             crossed += ti.cast(hit, ti.f32)
         for j in ti.static(range(3)):
             offsets[i, j] = d[j]
@@ -218,15 +218,20 @@ def register_scans(
     truncation: float,
     coarse_truncation: float,
     residual: float,
+    coarse_residual_factor: float,
     iterations: int,
     coarse: bool = True,
     unknown: float,
     outlier: float,
+    likelihood_width: float,
+    ray_clearance: float,
+    ray_weight: int,
+    ray_distance: float,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Move each pose to where the scan fits its map best: Gauss-Newton on the coarse level, then on the fine one.
 
-    What is made small is the sum over the endpoints of squared distances to the surface, in standard deviations, and
-    of the offset's own squares ``priors * (offset - mean)^2``. Endpoints where the level knows nothing are left out.
+    Minimised is the sum of the endpoints' squared distances to the surface, in standard deviations, and of the prior's
+    ``inverse variance * (offset - mean)^2``. Endpoints over cells of the level that were never seen are left out.
 
     Args:
         pool: int16 [t * CELLS] of all tiles.
@@ -238,18 +243,23 @@ def register_scans(
         priors: [n, 6] inverse variances of an offset's x, y and theta, above 0, then its mean.
         cell_size: of the fine level [m].
         truncation, coarse_truncation: of each level [m].
-        residual: standard deviation of the distances on the fine level [m]; ``COARSE_LOOSER`` times that on the other.
+        residual: standard deviation of the distances on the fine level [m].
+        coarse_residual_factor: by what it is multiplied on the coarse level.
         iterations: at most, on each level.
-        coarse: whether to begin on the coarse level; not where the start is good to a cell already.
-        unknown: what an endpoint costs where neither level knows anything.
-        outlier: what an endpoint costs at most where one does; below it costs half its squared residual.
+        coarse: whether to begin on the coarse level; not needed where the start is good to a cell.
+        unknown: cost of an endpoint where neither level was seen.
+        outlier: largest cost of an endpoint where one was; below it the cost is half the squared residual.
+        likelihood_width: standard deviation of a residual r in an endpoint's likelihood, exp(-(r / width)^2 / 2).
+        ray_clearance: a ray crosses a surface of the map if it meets one this far from its endpoint [truncations], ...
+        ray_weight: ... in a cell that weighs more than this, ...
+        ray_distance: ... nearer to the surface than this [truncations].
 
     Returns:
         offsets: [n, 3] from the poses, in their frames (x, y [m], theta).
         fits: [n, FITS] there: ``INFORMATION`` of the endpoints on the fine level about the offset, the elements 00 01
             02 11 12 22 [1/m^2, 1/m, 1]; ``COST``, the endpoints' negative log-likelihood; ``KNOWN``, how many of them
-            have a distance; ``LIKELIHOOD``, the sum of exp(-(r / LIKELY)^2 / 2) over those, r in standard deviations;
-            ``CROSSED``, how many rays pass through a surface of the map.
+            have a distance; ``LIKELIHOOD``, the sum of the likelihoods of those; ``CROSSED``, how many rays cross a
+            surface of the map.
 
     Raises:
         InputError: arrays that do not fit together, or numbers that are not finite or out of bounds.
@@ -269,6 +279,16 @@ def register_scans(
     for name, length in (lengths | {"residual": residual}).items():
         if not (math.isfinite(length) and length > 0):
             raise InputError(f"{length:g} m, expected above 0", field=name)
+    factors = {"coarse_residual_factor": coarse_residual_factor, "likelihood_width": likelihood_width}
+    for name, factor in factors.items():
+        if not (math.isfinite(factor) and factor > 0):
+            raise InputError(f"{factor:g}, expected above 0", field=name)
+    if not (math.isfinite(ray_clearance) and ray_clearance >= 0):
+        raise InputError(f"{ray_clearance:g} truncations, expected 0 or more", field="ray_clearance")
+    if not 0 <= ray_distance <= 1:
+        raise InputError(f"{ray_distance:g} truncations, expected 0 to 1", field="ray_distance")
+    if not 0 <= ray_weight <= MAX_WEIGHT:
+        raise InputError(f"{ray_weight}, expected 0 to {MAX_WEIGHT}", field="ray_weight")
     if iterations < 0 or not (math.isfinite(unknown) and math.isfinite(outlier)):
         raise InputError(f"{iterations}, {unknown:g}, {outlier:g}, expected finite numbers", field="iterations")
     offsets, fits = np.empty((n, 3), np.float32), np.empty((n, FITS), np.float32)
@@ -277,7 +297,8 @@ def register_scans(
         _register(
             pool, tables.reshape(-1), columns * rows if maps > 1 else 0, columns, rows, places,
             np.ascontiguousarray(scan.T), origin_x, origin_y, begin, prior, cell_size, truncation, coarse_truncation,
-            residual, COARSE_LOOSER * residual, iterations if coarse else 0, iterations, unknown, outlier, offsets,
+            residual, coarse_residual_factor * residual, iterations if coarse else 0, iterations, unknown, outlier,
+            -0.5 / likelihood_width**2, ray_clearance * truncation, ray_weight, round(ray_distance * STEPS), offsets,
             fits,
         )  # fmt: skip
     return offsets.astype(np.float64), fits.astype(np.float64)

@@ -1,18 +1,17 @@
 """Counter-based random numbers: Philox 4x32-10 (Salmon et al., "Parallel random numbers: as easy as 1, 2, 3", 2011).
 
-A draw depends on (seed; step, particle, stream) alone, never on what was drawn before or on which thread: the same
-seed gives the same bits on one thread and on many. The counter is (step, particle, stream, 0), the key is
-(seed mod 2^32, seed div 2^32).
+A draw depends on (seed; step, particle, stream) alone, not on earlier draws or on the thread: the same seed gives the
+same bits on one thread and on many. The counter is (step, particle, stream, 0), the key is (seed mod 2^32,
+seed div 2^32).
+
+Written by hand, since NumPy's Philox is 4x64 and cannot run in a kernel, and ``ti.random`` depends on the threads.
 """
 
 import math
 
-import numpy as np
-from numpy.typing import ArrayLike, NDArray
-
 from moteslam.errors import InputError
-from moteslam.kernels.runtime import runtime, ti
-from moteslam.kernels.types import U32, U32_2D, func, kernel
+from moteslam.kernels.runtime import ti
+from moteslam.kernels.types import U32, func
 
 ROUNDS = 10
 MULTIPLIERS = (0xD2511F53, 0xCD9E8D57)
@@ -44,7 +43,7 @@ def philox(counter, key):
 
 @func
 def words_of(seed_low: U32, seed_high: U32, step: U32, particle: U32, stream: U32):
-    """Four random words (ti.Vector of u32) of this seed, step, particle and stream."""
+    """Four random words (ti.Vector of u32) for a seed, step, particle and stream."""
     counter = ti.Vector([step, particle, stream, ti.u32(0)], dt=ti.u32)
     return philox(counter, ti.Vector([seed_low, seed_high], dt=ti.u32))
 
@@ -66,33 +65,6 @@ def normals(words):
     a0 = ti.f64(TWO_PI) * uniform(words[1])
     a1 = ti.f64(TWO_PI) * uniform(words[3])
     return ti.Vector([r0 * ti.cos(a0), r0 * ti.sin(a0), r1 * ti.cos(a1), r1 * ti.sin(a1)], dt=ti.f64)
-
-
-@kernel
-def _philox_of(blocks: U32_2D, out: U32_2D):
-    for i in range(blocks.shape[0]):
-        counter = ti.Vector([blocks[i, 0], blocks[i, 1], blocks[i, 2], blocks[i, 3]], dt=ti.u32)
-        words = philox(counter, ti.Vector([blocks[i, 4], blocks[i, 5]], dt=ti.u32))
-        for j in ti.static(range(4)):
-            out[i, j] = words[j]
-
-
-def philox_words(counters: ArrayLike, keys: ArrayLike) -> NDArray[np.uint32]:
-    """The generator itself, as the kernels use it, for tests against the published answers.
-
-    Args:
-        counters: uint32 [n, 4].
-        keys: uint32 [n, 2].
-
-    Returns:
-        uint32 [n, 4] random words.
-    """
-    runtime()
-    blocks = np.ascontiguousarray(np.hstack((np.atleast_2d(counters), np.atleast_2d(keys))), np.uint32)
-    out = np.empty((len(blocks), 4), np.uint32)
-    if len(blocks):
-        _philox_of(blocks, out)
-    return out
 
 
 def seed_words(seed: int, step: int) -> tuple[int, int, int]:

@@ -1,7 +1,7 @@
 """The one seam to Taichi: quiet, offline, initialised once a process.
 
 Every kernel file imports ``ti`` from here, so that another implementation of Taichi is a change of one line.
-Importing this module imports Taichi (0.3 s); nothing that must start at once does so before it needs a kernel.
+Importing this module imports Taichi (0.3 s): modules that must load at once import it inside functions.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import sys
 import tempfile
 import time
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -21,28 +21,34 @@ from moteslam.errors import BackendError
 
 
 @contextlib.contextmanager
-def _some_home() -> Iterator[None]:
-    """A home folder while Taichi asks for one, which without aborts the process; it puts nothing there."""
-    home = os.environ.get("HOME")
-    os.environ["HOME"] = home or os.sep
+def _environment(**values: str | None) -> Iterator[None]:
+    """Environment variables set, or unset where None, while Taichi reads them; afterwards they are as before."""
+    before = {name: os.environ.get(name) for name in values}
+    _set(values)
     try:
         yield
     finally:
-        if home is None:
-            del os.environ["HOME"]
+        _set(before)
+
+
+def _set(values: Mapping[str, str | None]) -> None:
+    for name, value in values.items():
+        if value is None:
+            os.environ.pop(name, None)
         else:
-            os.environ["HOME"] = home
+            os.environ[name] = value
 
 
-# before the import: no banner, no query of the newest version over the network
-os.environ["ENABLE_TAICHI_HEADER_PRINT"] = "0"
-os.environ["TI_SKIP_VERSION_CHECK"] = "ON"
-os.environ.pop("TI_ARCH", None)  # it would outvote the arch that init is asked for
-with _some_home(), warnings.catch_warnings():
+def _home() -> str:
+    """A home folder for Taichi, which aborts the process without one; nothing is put there."""
+    return os.environ.get("HOME") or os.sep
+
+
+with _environment(HOME=_home(), ENABLE_TAICHI_HEADER_PRINT="0"), warnings.catch_warnings():
     warnings.simplefilter("ignore")
     import taichi as ti
 
-__all__ = ["ARCHES", "Runtime", "init", "runtime", "ti"]
+__all__ = ["ARCHES", "Runtime", "init", "one_thread", "runtime", "ti"]
 
 ARCHES = ("cpu", "cuda")
 
@@ -65,19 +71,30 @@ def runtime() -> Runtime:
     return _runtime if _runtime is not None else init()
 
 
+def one_thread() -> bool:
+    """Whether loops run on one thread of a processor: ``ti.loop_config(serialize=ti.static(one_thread()))``.
+
+    Every outermost loop of a kernel is preceded by this line, which Taichi evaluates when it compiles the kernel. With
+    one thread the loop then runs in the thread that launches it. Otherwise Taichi would wake its one worker and wait
+    for it, which costs 60 us of processor time and twice as much to wait for (docs/notes/).
+    """
+    current = runtime()
+    return current.arch == "cpu" and current.threads == 1
+
+
 def init(arch: str = "cpu", threads: int | None = None, *, debug: bool = False) -> Runtime:
     """Initialise Taichi for this process; a second call with the same settings does nothing.
 
     Args:
         arch: ``cpu`` or ``cuda``.
-        threads: of the CPU backend; all the cores this process may use by default.
+        threads: of the CPU backend; by default one for each processor that this process may use.
         debug: bounds checks in every kernel (slow), for tests.
 
     Raises:
-        BackendError: the backend is not there, the settings are out of bounds, or Taichi already runs with others
-            (initialising twice would leave every array of the first dangling).
+        BackendError: the backend is missing, a setting is out of bounds, or Taichi already runs with other settings
+            (a second initialisation would leave every array of the first dangling).
     """
-    global _runtime  # noqa: PLW0603 - Taichi is one a process
+    global _runtime  # noqa: PLW0603 - there is one Taichi in a process
     if arch not in ARCHES:
         raise BackendError(f"backend {arch!r}, expected one of {', '.join(ARCHES)}", field="arch")
     allowed = sorted(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else []
@@ -99,9 +116,10 @@ def init(arch: str = "cpu", threads: int | None = None, *, debug: bool = False) 
     if cache is not None:
         _remove_stale_lock(cache)
     before = _threads()
-    said = io.StringIO()
+    # no query of the newest version over the network; and TI_ARCH would overrule the arch that is asked for here
+    environment = _environment(HOME=_home(), TI_SKIP_VERSION_CHECK="ON", TI_ARCH=None)
     try:
-        with _some_home(), contextlib.redirect_stdout(said):  # "[Taichi] Starting on arch=" is a bare print
+        with environment, contextlib.redirect_stdout(io.StringIO()):  # "[Taichi] Starting on arch=" is a bare print
             ti.init(
                 arch=ti.cuda if arch == "cuda" else ti.cpu,
                 cpu_max_num_threads=wanted[1],
@@ -111,8 +129,8 @@ def init(arch: str = "cpu", threads: int | None = None, *, debug: bool = False) 
                 default_ip=ti.i32,
                 log_level=ti.ERROR,
                 offline_cache=cache is not None and not debug,
-                # unused without a cache, but at exit Taichi crashes unless the folder is there, and looks into it: the
-                # root is there everywhere, and nobody else can put anything into it
+                # without a cache Taichi still looks into this folder at exit, and crashes if it does not exist: the
+                # root exists everywhere, and no other user can put files into it
                 offline_cache_file_path=str(cache or os.sep),
                 enable_fallback=False,
             )
@@ -125,7 +143,7 @@ def init(arch: str = "cpu", threads: int | None = None, *, debug: bool = False) 
 
 
 def _threads() -> list[int]:
-    """The threads of this process in the order they were made; empty where the system does not tell (not Linux)."""
+    """The threads of this process in the order they were made; empty on other systems than Linux."""
     try:
         return [int(name) for name in os.listdir("/proc/self/task")]  # noqa: PTH208 - in the system's order
     except OSError:
@@ -133,17 +151,18 @@ def _threads() -> list[int]:
 
 
 def _pin(threads: list[int], processors: list[int]) -> None:
-    """Give each of Taichi's threads a processor of its own, in turns, where there are as many as processors.
+    """Pin each of Taichi's threads to a processor of its own, in turns, where there are as many as processors.
 
-    For each kernel all threads are woken at once, and Linux likes to wake a thread where its waker runs: there they
-    queue, and only after some 4 ms one is moved away, so that kernels shorter than that gain nothing from a second
-    thread (measured: docs/performance.md). With fewer threads than processors they stay free, for others who pin
-    theirs would meet them on the same few; so do the main thread and what it starts.
+    For each kernel all threads are woken at once, and Linux prefers to wake a thread on the processor of its waker:
+    there they queue, and only after some 4 ms one is moved away, so that kernels shorter than that gain nothing from a
+    second thread (measured: docs/notes/). Fewer threads than processors are not pinned, since several programs
+    that did so would share the first few processors; nor are the main thread and the threads that it starts.
 
-    Taichi starts some threads that compile, then its workers, one after another: in turns two workers never share.
+    Taichi starts some threads that compile, then its workers, one after another: in turns no two workers share a
+    processor.
     """
     for index, thread in enumerate(threads):
-        with contextlib.suppress(OSError):  # it has ended, or the system does not let us
+        with contextlib.suppress(OSError):  # the thread has ended, or the system refuses
             os.sched_setaffinity(thread, {processors[index % len(processors)]})
 
 
@@ -160,7 +179,7 @@ def _cuda_present() -> bool:
 
 
 def _cache_folder() -> Path | None:
-    """The user's own folder for compiled kernels (mode 0700), or None where none can be had."""
+    """The user's own folder for compiled kernels (mode 0700), or None where none can be created."""
     if os.environ.get("MOTESLAM_CACHE"):
         root = Path(os.environ["MOTESLAM_CACHE"])
     elif os.environ.get("XDG_CACHE_HOME"):
@@ -185,11 +204,11 @@ def _cache_folder() -> Path | None:
 
 
 def _remove_stale_lock(cache: Path) -> None:
-    """Remove Taichi's cache lock if the process that took it was killed; with it in place nothing is cached again.
+    """Remove Taichi's cache lock if the process that took it was killed: while it is there, nothing is cached.
 
-    Taichi holds the lock for moments, while it reads or writes its metadata, and does not write who holds it. So
-    every process of ours notes its number in the folder, and a lock is stale when it is older than a few seconds and
-    no other process of that list is alive.
+    Taichi holds the lock for moments, while it reads or writes its metadata, and does not record who holds it. So every
+    process writes its number to the folder ``owners``; a lock is stale if it is older than a few seconds and no other
+    process of that folder is alive.
     """
     owners = cache / "owners"
     with contextlib.suppress(OSError):

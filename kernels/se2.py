@@ -27,10 +27,3 @@ def compose(a, b):
     """The pose b, given in the frame of a, expressed where a is: a (+) b."""
     c, s = ti.cos(a[2]), ti.sin(a[2])
     return ti.Vector([a[0] + c * b[0] - s * b[1], a[1] + s * b[0] + c * b[1], wrap(a[2] + b[2])], dt=ti.f64)
-
-
-@func
-def inverse(a):
-    """The pose that undoes a."""
-    c, s = ti.cos(a[2]), ti.sin(a[2])
-    return ti.Vector([-c * a[0] - s * a[1], s * a[0] - c * a[1], wrap(-a[2])], dt=ti.f64)

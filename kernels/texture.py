@@ -1,7 +1,7 @@
 """The colours of the floor, gathered from RGB-D frames into cells: section III.E of the paper.
 
-Sums are integers, so that it does not matter in which order threads add to a cell: the same bytes on one thread and
-on many.
+Sums are integers, so that the order in which threads add to a cell does not matter: the same bytes on one thread and on
+many.
 """
 
 import numpy as np
@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from moteslam.errors import InputError
 from moteslam.kernels.checks import as_finite, check_array
-from moteslam.kernels.runtime import runtime, ti
+from moteslam.kernels.runtime import one_thread, runtime, ti
 from moteslam.kernels.types import F32, F32_1D, F32_2D, I32, I64_1D, U8_1D, U16_1D, kernel
 
 __all__ = ["add_frame"]
@@ -24,6 +24,7 @@ def _add_frame(
     focal, cx, cy = calibration[0], calibration[1], calibration[2]
     slope, offset, scale = calibration[3], calibration[4], calibration[5]
     align, align_dd, align_column, align_row = calibration[6], calibration[7], calibration[8], calibration[9]
+    ti.loop_config(serialize=ti.static(one_thread()))
     for row, column in ti.ndrange(height, width):
         raw = ti.cast(disparity[row * width + column], ti.i32)
         dd = slope * ti.cast(raw, ti.f32) + offset
@@ -39,9 +40,9 @@ def _add_frame(
                 bx = mount[0, 0] * ox + mount[0, 1] * oy + mount[0, 2] * depth + mount[0, 3]
                 by = mount[1, 0] * ox + mount[1, 1] * oy + mount[1, 2] * depth + mount[1, 3]
                 if flat == 1:  # along the ray to where it meets the floor
-                    stretch = mount[2, 3] / (mount[2, 3] - z)
-                    bx = mount[0, 3] + stretch * (bx - mount[0, 3])
-                    by = mount[1, 3] + stretch * (by - mount[1, 3])
+                    scaled = mount[2, 3] / (mount[2, 3] - z)
+                    bx = mount[0, 3] + scaled * (bx - mount[0, 3])
+                    by = mount[1, 3] + scaled * (by - mount[1, 3])
                 col = ti.cast(ti.floor((x0 + heading_cos * bx - heading_sin * by) * per_metre), ti.i32)
                 up = ti.cast(ti.floor((y0 + heading_sin * bx + heading_cos * by) * per_metre), ti.i32)
                 if col >= 0 and col < columns and up >= 0 and up < rows:
@@ -69,12 +70,12 @@ def add_frame(
     """Add the points of one frame that lie near the floor to the cells they fall into, in place.
 
     Each disparity d gives a depth (scale / dd, dd = slope d + offset), the pixel of the colour image that saw the same
-    point, and the point itself (III.5, III.6), turned to the robot's axes and moved to the camera's place (III.7 and
-    III.8, mended as ``docs/theory/paper.md`` says); points below ``height_limit`` count.
+    point, and the point itself (III.5, III.6), rotated to the robot's axes and moved to the camera's place (III.7 and
+    III.8, corrected as in ``docs/theory/paper.md``); points below ``height_limit`` count.
 
     Args:
         sums: int64 [H, W, 4] sums of red, green and blue, and the number of points; row 0 the smallest y.
-        disparity: uint16 [h, w], raw; 0 and ``nothing`` and above are no reading.
+        disparity: uint16 [h, w], raw; 0, ``nothing`` and above are no measurement.
         rgb: uint8 [h, w, 3], red, green, blue.
         pose: [3] of the robot when the disparity image was taken.
         corner: (x, y) of the corner of cell [0, 0] [m].
@@ -84,8 +85,8 @@ def add_frame(
         mount: [3, 4] from optical axes to the robot's: rotation, and place [m] in the last column.
         height_limit: points at or above it are left out [m]; 0.1 in the paper.
         max_depth: points deeper than this are left out [m].
-        nothing: raw disparity of a pixel without a reading.
-        flat: take these points to lie on the floor: where the ray through them meets it, whatever their depth.
+        nothing: raw disparity of a pixel without a measurement.
+        flat: move these points along their rays to the floor, whatever their depth.
 
     Raises:
         InputError: arrays that do not fit together, numbers that are not finite or out of bounds.

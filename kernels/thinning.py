@@ -1,4 +1,4 @@
-"""Scans thinned to what is matched and written: vertices a spacing apart, and where a surface runs between them."""
+"""Scans thinned to what is registered and integrated: points a spacing apart, and the segments between them."""
 
 import math
 from typing import NamedTuple
@@ -11,67 +11,65 @@ from moteslam.kernels.checks import as_finite
 from moteslam.kernels.runtime import runtime, ti
 from moteslam.kernels.types import F32, F32_2D, I32, I32_1D, kernel
 
-SHORTEST = 1e-6
-"""Endpoints nearer than this have no direction from one to the next [m]."""
-WIDER, LEAST = 1.2, 0.001
-"""How much larger the spacing is at the next try, while there are too many vertices, and what it is at least [m]."""
+SPACING_GROWTH, LEAST_SPACING = 1.2, 0.001
+"""While there are too many points, the spacing is multiplied by the first and is at least the second [m]."""
 
 
-class ThinScan(NamedTuple):
-    """A scan as it is matched and written.
+class ThinnedScan(NamedTuple):
+    """A scan as it is registered and integrated.
 
     Attributes:
-        vertices: float32 [k, 2] in the robot's frame [m], each the mean of neighbouring endpoints.
-        linked: int32 [k]; 1 where a surface runs from a vertex to the next.
+        points: float32 [k, 2] in the robot's frame [m], each the mean of neighbouring endpoints.
+        joined: int32 [k]; 1 where a point and the next lie on the same surface, so that a segment joins them.
     """
 
-    vertices: NDArray[np.float32]
-    linked: NDArray[np.int32]
+    points: NDArray[np.float32]
+    joined: NDArray[np.int32]
 
 
 @kernel
 def _thin(
-    points: F32_2D, joined: I32_1D, spacing: F32, widest: F32, most: I32, vertices: F32_2D, linked: I32_1D,
+    ends: F32_2D, ends_joined: I32_1D, spacing: F32, max_spacing: F32, max_points: I32, points: F32_2D, joined: I32_1D,
     count: I32_1D,
 ):  # fmt: skip
-    """Endpoints within ``spacing`` of the first of a group, and joined to it, become one vertex.
+    """Endpoints within the spacing of the first of a group, and joined to it, become one point.
 
-    Anew with a larger spacing, up to ``widest``, while there are more than ``most``.
+    Repeated with a larger spacing, up to ``max_spacing``, while there are more than ``max_points``.
     """
-    ti.loop_config(serialize=True)
+    ti.loop_config(serialize=True)  # a group begins where the one before it ends
     for _ in range(1):
-        n = points.shape[0]
+        n = ends.shape[0]
         within = spacing
         again = 1
         while again == 1:
             out = 0
             first = 0
             while first < n:
-                x0, y0 = points[first, 0], points[first, 1]
+                x0, y0 = ends[first, 0], ends[first, 1]
                 sum_x, sum_y, members = x0, y0, 1
                 k = first + 1
-                surface = 0
+                same_surface = 0
                 while k < n:
-                    x, y = points[k, 0], points[k, 1]
-                    if joined[k - 1] == 0:
+                    x, y = ends[k, 0], ends[k, 1]
+                    if ends_joined[k - 1] == 0:
                         break
                     if ti.sqrt((x - x0) ** 2 + (y - y0) ** 2) >= within:
-                        surface = 1
+                        same_surface = 1
                         break
                     sum_x += x
                     sum_y += y
                     members += 1
                     k += 1
-                vertices[out, 0] = sum_x / members
-                vertices[out, 1] = sum_y / members
-                linked[out] = surface
+                points[out, 0] = sum_x / members
+                points[out, 1] = sum_y / members
+                joined[out] = same_surface
                 out += 1
                 first = k
             count[0] = out
             again = 0
-            if out > most and within < widest:
+            if out > max_points and within < max_spacing:
                 again = 1
-                within = ti.min(ti.max(within * WIDER, LEAST), widest)
+                within = ti.min(ti.max(within * SPACING_GROWTH, LEAST_SPACING), max_spacing)
 
 
 def thin_scan(
@@ -79,77 +77,39 @@ def thin_scan(
     origin: ArrayLike,
     *,
     spacing: float,
-    widest: float = 0.0,
-    most: int = 1,
+    max_spacing: float = 0.0,
+    max_points: int = 1,
     gap: float,
     gap_from_range: float = 0.0,
-    straight_gap: float = 1.0,
-    straightness: float = 0.0,
-) -> ThinScan:
-    """Average neighbouring endpoints of a scan, and tell which neighbours see the same surface.
+) -> ThinnedScan:
+    """Average neighbouring endpoints of a scan, and decide which neighbours lie on the same surface.
 
     Args:
         points: [k, 2] endpoints in the order of their beams, in the robot's frame [m].
         origin: [2] where the rays start, in the same frame [m].
-        spacing: endpoints nearer than this to the first of a vertex are averaged into it [m].
-        widest, most: where there are more vertices than ``most`` the spacing is widened step by step, up to ``widest``
-            [m] if that is more, until there are not.
-        gap, gap_from_range: neighbours are of one surface up to ``gap + gap_from_range * range`` apart [m], [m/m],
-            of the farther one's range ...
-        straight_gap: ... and up to so many times that, 1 or more, where they lie in a row of four endpoints on a
-            straight line,
-        straightness: the outer two within this of the line through the inner two [m].
+        spacing: endpoints nearer than this to the first of a group are averaged to one point [m].
+        max_spacing, max_points: while there are more than ``max_points`` points, the spacing is widened step by step,
+            up to ``max_spacing`` if that is larger [m].
+        gap, gap_from_range: neighbours up to ``gap + gap_from_range * range`` apart lie on the same surface [m], [m/m];
+            the range is that of the farther one.
 
     Raises:
         InputError: another shape, a number that is not finite, or an option out of bounds.
     """
     ends = as_finite("points", points, np.float32, (None, 2))
     start = as_finite("origin", origin, np.float64, (2,))
-    options = {"spacing": spacing, "widest": widest, "gap": gap, "gap_from_range": gap_from_range}
-    options["straightness"] = straightness
+    options = {"spacing": spacing, "max_spacing": max_spacing, "gap": gap, "gap_from_range": gap_from_range}
     for name, value in options.items():
         if not (math.isfinite(value) and value >= 0):
             raise InputError(f"{value:g}, expected a finite number of 0 or more", field=name)
-    if not (math.isfinite(straight_gap) and straight_gap >= 1):
-        raise InputError(f"{straight_gap:g}, expected a finite number of 1 or more", field="straight_gap")
     n = len(ends)
-    vertices, linked, count = np.empty((n, 2), np.float32), np.empty(n, np.int32), np.zeros(1, np.int32)
+    thinned, joined, count = np.empty((n, 2), np.float32), np.empty(n, np.int32), np.zeros(1, np.int32)
     if n:
         ranges = np.hypot(ends[:, 0] - np.float32(start[0]), ends[:, 1] - np.float32(start[1]))
         allowed = gap + gap_from_range * np.maximum(ranges[1:], ranges[:-1])
+        ends_joined = np.zeros(n, np.int32)
+        ends_joined[:-1] = np.hypot(*np.diff(ends, axis=0).T) <= allowed
         runtime()
-        _thin(ends, _joined(ends, allowed, straight_gap, straightness), spacing, widest, most, vertices, linked, count)
+        _thin(ends, ends_joined, spacing, max_spacing, max_points, thinned, joined, count)
     k = int(count[0])
-    return ThinScan(vertices[:k].copy(), linked[:k].copy())
-
-
-def _joined(
-    points: NDArray[np.float32], allowed: NDArray[np.floating], straight_gap: float, straightness: float
-) -> NDArray[np.int32]:
-    """Where an endpoint and the next are of one surface, [k]; ``allowed`` [k - 1] is how far apart they may be."""
-    step = np.diff(points, axis=0)
-    length = np.hypot(step[:, 0], step[:, 1])
-    close = length <= allowed
-    if straight_gap > 1 and len(points) > 3:
-        along = (step / np.maximum(length, SHORTEST)[:, None])[1:-1]
-        before, after = points[:-3] - points[1:-2], points[3:] - points[2:-1]
-        straight = (
-            (np.abs(_cross(along, before)) < straightness)
-            & (np.abs(_cross(along, after)) < straightness)
-            & (_dot(along, before) < 0)
-            & (_dot(along, after) > 0)
-        )
-        close[1:-1] |= straight & (length[1:-1] <= straight_gap * allowed[1:-1])
-    joined = np.zeros(len(points), np.int32)
-    joined[:-1] = close
-    return joined
-
-
-def _cross(u: NDArray[np.floating], v: NDArray[np.floating]) -> NDArray[np.floating]:
-    """Of vectors [n, 2]."""
-    return u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
-
-
-def _dot(u: NDArray[np.floating], v: NDArray[np.floating]) -> NDArray[np.floating]:
-    """Of vectors [n, 2]."""
-    return u[:, 0] * v[:, 0] + u[:, 1] * v[:, 1]
+    return ThinnedScan(thinned[:k].copy(), joined[:k].copy())

@@ -1,15 +1,17 @@
-"""Signed-distance maps of many particles in one pool of tiles, shared until somebody writes (copy on write).
+"""Signed-distance maps of many particles in one pool of tiles, shared until a particle writes (copy on write).
 
-A tile is a square of ``SIDE`` x ``SIDE`` fine cells and, behind them, the same square in cells twice as large. Every
-particle has a table of tiles, laid out alike for all of them; entries of particles with a common past name the same
-tile. Tile 0 is empty and belongs to nobody. Before a particle writes, it *claims* the tiles: those that are shared
-are copied. How many share a tile is a snapshot, taken by counting the tables anew after resampling; so two particles
-that claim the same tile at once both make a copy, and nobody writes to what another reads. The numbers of the tiles
-depend on the order in which threads claim them; what is in them does not.
+A tile is a square of ``SIDE`` x ``SIDE`` fine cells (level 0) and, behind them, the same square in cells twice as large
+(level 1). Every particle has a table of tiles, laid out alike for all of them; entries of particles with a common past
+name the same tile. Tile 0 is empty and belongs to nobody. Before a particle writes, it copies the tiles that it shares.
+How many particles share a tile is a snapshot, taken by counting the tables after resampling: two particles that write
+to the same tile at once both make a copy, and nobody writes to what another reads. The numbers of the tiles depend on
+the order in which threads copy them; what is in them does not.
 
 A cell is 16 bits: the signed distance to the nearest surface in ``1/STEPS`` of the truncation and, in the lowest bits,
 the weight of that average; weight 0 is a cell never seen. Distances are positive on the left of a surface, as the scan
 runs along it: where beams go counterclockwise, on the side that the sensor saw it from.
+
+Written by hand, since no library has copy-on-write tiles that Taichi kernels can read and write.
 """
 
 import math
@@ -26,13 +28,11 @@ from moteslam.kernels.types import F32, I32, func, template
 SIDE_BITS = 5
 SIDE = 1 << SIDE_BITS
 """Fine cells along a tile's edge."""
-LEVELS = 2
-"""0 has the fine cells, 1 those twice as large."""
 FINE_CELLS = SIDE * SIDE
 CELLS = FINE_CELLS + FINE_CELLS // 4
 """Cells of a tile, both levels."""
 EMPTY = 0
-"""The tile of those who have none."""
+"""The number of the tile that stands for none."""
 WEIGHT_BITS = 5
 MAX_WEIGHT = (1 << WEIGHT_BITS) - 1
 """The largest weight that fits a cell."""
@@ -48,14 +48,14 @@ def pack(distance: F32, weight: I32):
 
 
 @func
-def steps_of(word: I32):
-    """The distance that a cell holds, in steps: ``STEPS`` are one truncation."""
+def steps_of(word):
+    """The distance in a cell, or in each of a vector of cells, in steps: ``STEPS`` are one truncation."""
     return word >> WEIGHT_BITS
 
 
 @func
-def weight_of(word: I32):
-    """The weight that a cell holds; 0 is never seen."""
+def weight_of(word):
+    """The weight in a cell, or in each of a vector of cells; 0 is never seen."""
     return word & MAX_WEIGHT
 
 
@@ -100,23 +100,21 @@ def bilinear(pool: template, table: template, base: I32, columns: I32, x: F32, y
         a10 = address(table, base, columns, ix + 1, iy, level)
         a01 = address(table, base, columns, ix, iy + 1, level)
         a11 = address(table, base, columns, ix + 1, iy + 1, level)
-    w00, w10 = ti.cast(pool[a00], ti.i32), ti.cast(pool[a10], ti.i32)
-    w01, w11 = ti.cast(pool[a01], ti.i32), ti.cast(pool[a11], ti.i32)
-    least = ti.min(ti.min(weight_of(w00), weight_of(w10)), ti.min(weight_of(w01), weight_of(w11)))
-    d00, d10 = ti.cast(steps_of(w00), ti.f32), ti.cast(steps_of(w10), ti.f32)
-    d01, d11 = ti.cast(steps_of(w01), ti.f32), ti.cast(steps_of(w11), ti.f32)
-    low, high = d00 + fx * (d10 - d00), d01 + fx * (d11 - d01)
+    words = ti.cast(ti.Vector([pool[a00], pool[a10], pool[a01], pool[a11]], dt=ti.i16), ti.i32)
+    weights, d = weight_of(words), ti.cast(steps_of(words), ti.f32)
+    least = ti.min(ti.min(weights[0], weights[1]), ti.min(weights[2], weights[3]))
+    low, high = d[0] + fx * (d[1] - d[0]), d[2] + fx * (d[3] - d[2])
     scale = ti.f32(1.0 / STEPS)
-    dx = ((d10 - d00) * (1 - fy) + (d11 - d01) * fy) * scale
+    dx = ((d[1] - d[0]) * (1 - fy) + (d[3] - d[2]) * fy) * scale
     dy = (high - low) * scale
     return ti.Vector([(low + fy * (high - low)) * scale, dx, dy, ti.cast(least > 0, ti.f32)], dt=ti.f32)
 
 
 @func
-def claim(pool: template, table: template, shares: template, free: template, counters: template, entry: I32):
+def copy_on_write(pool: template, table: template, shares: template, free: template, counters: template, entry: I32):
     """Make the tile of a table's entry the particle's own: copied if shared or empty.
 
-    ``counters`` are how many tiles are free, and whether a claim failed for want of one: then the entry is as it was.
+    ``counters`` are how many tiles are free, and whether there was none left: then the entry is as it was.
     """
     slot = table[entry]
     if slot == EMPTY or shares[slot] > 1:
@@ -156,7 +154,7 @@ def check_tiles(pool: object, tables: object, *, written: bool = False) -> tuple
 
 
 def frames_in_cells(frames: ArrayLike, cell_size: float) -> NDArray[np.float64]:
-    """Frames as the kernels take them: a copy, the places in cells.
+    """A copy of frames with their places in cells.
 
     Args:
         frames: float64 [n, 4] cos, sin, x, y of poses, from the tables' corner [m].

@@ -7,12 +7,12 @@ as it is. Kernel files do without ``from __future__ import annotations``: Taichi
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from moteslam.kernels.launch import quick
+from moteslam.kernels.launch import fast_kernel
 from moteslam.kernels.runtime import ti
 
 __all__ = [
     "F32", "F32_1D", "F32_2D", "F64", "F64_1D", "F64_2D", "I16_1D", "I32", "I32_1D", "I32_2D", "I64_1D", "U8_1D",
-    "U16_1D", "U32", "U32_2D", "U64_1D", "func", "kernel", "template",
+    "U16_1D", "U32", "U64_1D", "func", "kernel", "template",
 ]  # fmt: skip
 
 if TYPE_CHECKING:
@@ -33,19 +33,18 @@ if TYPE_CHECKING:
     U8_1D: TypeAlias = NDArray[np.uint8]
     U16_1D: TypeAlias = NDArray[np.uint16]
     U32: TypeAlias = int
-    U32_2D: TypeAlias = NDArray[np.uint32]
     U64_1D: TypeAlias = NDArray[np.uint64]
     template: TypeAlias = Any
 
     def kernel(function: Callable[..., Any]) -> Callable[..., Any]:
-        """Taichi's ``ti.kernel``."""
+        """``ti.kernel`` with cheap launches."""
         return function
 
     def func(function: Callable[..., Any]) -> Callable[..., Any]:
         """Taichi's ``ti.func``."""
         return function
 else:
-    kernel, func, template = quick, ti.func, ti.template()
+    kernel, func, template = fast_kernel, ti.func, ti.template()
     F32, F64, I32, U32 = ti.f32, ti.f64, ti.i32, ti.u32
     F32_1D = ti.types.ndarray(dtype=ti.f32, ndim=1)
     F32_2D = ti.types.ndarray(dtype=ti.f32, ndim=2)
@@ -57,5 +56,4 @@ else:
     I64_1D = ti.types.ndarray(dtype=ti.i64, ndim=1)
     U8_1D = ti.types.ndarray(dtype=ti.u8, ndim=1)
     U16_1D = ti.types.ndarray(dtype=ti.u16, ndim=1)
-    U32_2D = ti.types.ndarray(dtype=ti.u32, ndim=2)
     U64_1D = ti.types.ndarray(dtype=ti.u64, ndim=1)

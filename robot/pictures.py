@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import io
+import warnings
 from typing import Any
 
 import numpy as np
@@ -12,7 +14,7 @@ PNG = b"\x89PNG\r\n\x1a\n"
 
 
 def picture_size(data: bytes) -> tuple[int, int] | None:
-    """Width and height that the header of a PNG or PGM declares; None for other formats, or a header cut short."""
+    """Width and height that the header of a picture declares; None where the data are no picture known here."""
     if data.startswith(PNG) and len(data) >= 24:
         return int.from_bytes(data[16:20]), int.from_bytes(data[20:24])
     if data[:2] in (b"P2", b"P5"):
@@ -20,7 +22,7 @@ def picture_size(data: bytes) -> tuple[int, int] | None:
         numbers = b" ".join(lines).split()[:2]
         if len(numbers) == 2 and all(number.isdigit() for number in numbers):
             return int(numbers[0]), int(numbers[1])
-    return None
+    return _declared_size(data)
 
 
 def decode_picture(data: bytes, how: int) -> NDArray[Any] | None:
@@ -70,6 +72,19 @@ def _decoded(data: bytes, how: int) -> NDArray[Any] | None:
         return cv2.imdecode(np.frombuffer(data, np.uint8), how) if data else None
     except cv2.error:
         return None
+
+
+def _declared_size(data: bytes) -> tuple[int, int] | None:
+    from PIL import Image, UnidentifiedImageError
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of sizes, which callers check
+        try:
+            with Image.open(io.BytesIO(data)) as image:
+                width, height = image.size
+                return width, height
+        except (UnidentifiedImageError, Image.DecompressionBombError, OSError, ValueError):
+            return None
 
 
 def _is_complete_png(data: bytes) -> bool:

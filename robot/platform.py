@@ -6,19 +6,24 @@ be overridden by a ``platform.toml``. Facts and sources: ``docs/reference/format
 
 from __future__ import annotations
 
+import math
 from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import tomli_w
-from pydantic import ValidationError, field_validator
+from pydantic import Field, ValidationError, field_validator
 
 from moteslam.errors import ConfigError
 from moteslam.robot.files import write_atomically
-from moteslam.robot.section import NotNegative, Number, Positive, Section
+from moteslam.robot.section import Number, Section
 from moteslam.robot.tables import merged, read_toml
 from moteslam.robot.wording import first_complaint, known_keys
+
+Length = Annotated[Number, Field(gt=0, le=100)]
+Position = Annotated[Number, Field(ge=-100, le=100)]
+Angle = Annotated[Number, Field(ge=-2 * math.pi, le=2 * math.pi)]
 
 
 class Wheels(Section):
@@ -32,11 +37,11 @@ class Wheels(Section):
         effective_track: the track that explains how it turns [m]; a skid-steered robot's is larger than the drawn.
     """
 
-    metres_per_count: Positive = 0.0022
-    diameter: Positive = 0.254
-    wheel_base: Positive = 0.3302
-    track: Positive = 0.31115
-    effective_track: Positive = 0.73
+    metres_per_count: Annotated[Number, Field(ge=1e-7, le=10)] = 0.0022
+    diameter: Length = 0.254
+    wheel_base: Length = 0.3302
+    track: Length = 0.31115
+    effective_track: Annotated[Number, Field(ge=0.001, le=100)] = 0.73
 
 
 class LidarMount(Section):
@@ -48,11 +53,11 @@ class LidarMount(Section):
         time_increment: between beams [s]; 0 where it is not known and a scan counts as taken at once.
     """
 
-    x: Number = 0.0
-    y: Number = 0.0
-    yaw: Number = 0.0
-    z: Number = 0.0
-    time_increment: NotNegative = 0.0
+    x: Position = 0.0
+    y: Position = 0.0
+    yaw: Angle = 0.0
+    z: Position = 0.0
+    time_increment: Annotated[Number, Field(ge=0, le=0.01)] = 0.0
 
     @property
     def pose(self) -> tuple[float, float, float]:
@@ -63,12 +68,12 @@ class LidarMount(Section):
 class CameraMount(Section):
     """Where the RGB-D camera is: position [m], roll, pitch (down positive) and yaw [rad], in the robot's frame."""
 
-    x: Number = 0.18
-    y: Number = 0.005
-    z: Number = 0.36
-    roll: Number = 0.0
-    pitch: Number = 0.36
-    yaw: Number = 0.021
+    x: Position = 0.18
+    y: Position = 0.005
+    z: Position = 0.36
+    roll: Angle = 0.0
+    pitch: Angle = 0.36
+    yaw: Angle = 0.021
 
 
 class Platform(Section):
@@ -83,8 +88,8 @@ class Platform(Section):
     """
 
     name: str = "robot"
-    length: Positive = 0.5
-    width: Positive = 0.5
+    length: Length = 0.5
+    width: Length = 0.5
     wheels: Wheels | None = None
     lidar: LidarMount = LidarMount()
     camera: CameraMount | None = None

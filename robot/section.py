@@ -11,10 +11,14 @@ from pydantic import AllowInfNan, BaseModel, ConfigDict, Field, Strict
 
 Truth = Annotated[bool, Strict()]
 Whole = Annotated[int, Strict()]
-Number = Annotated[float, Strict(), AllowInfNan(False)]
-NotNegative = Annotated[Number, Field(ge=0)]
-Positive = Annotated[Number, Field(gt=0)]
-Share = Annotated[Number, Field(ge=0, le=1)]
+
+SMALLEST, LARGEST = 1e-9, 1e9
+"""Of every number in a table, in its unit: squares and quotients of what lies between stay far from overflow."""
+
+Number = Annotated[float, Strict(), AllowInfNan(False), Field(ge=-LARGEST, le=LARGEST)]
+NotNegative = Annotated[float, Strict(), AllowInfNan(False), Field(ge=0, le=LARGEST)]
+Positive = Annotated[float, Strict(), AllowInfNan(False), Field(ge=SMALLEST, le=LARGEST)]
+Share = Annotated[float, Strict(), AllowInfNan(False), Field(ge=0, le=1)]
 
 
 class Section(BaseModel):

@@ -1,15 +1,18 @@
-"""TOML tables: read whole or not at all, and laid over one another key by key."""
+"""TOML tables: read, and merged key by key."""
 
 from __future__ import annotations
 
 import tomllib
 from os import PathLike
-from pathlib import Path
 from typing import Any
 
 from moteslam.errors import ConfigError
+from moteslam.robot.reading import read_text
 
 Table = dict[str, Any]
+
+MAX_BYTES = 4_000_000
+"""No configuration, platform or scenario is larger."""
 
 
 def read_toml(path: str | PathLike[str], what: str) -> Table:
@@ -20,22 +23,23 @@ def read_toml(path: str | PathLike[str], what: str) -> Table:
         what: was expected there, for the message: ``a TOML file``.
 
     Raises:
-        ConfigError: it cannot be read, or is not TOML.
+        ConfigError: it cannot be read, is larger than ``MAX_BYTES``, or is not TOML.
     """
-    path = Path(path)
+    text = read_text(path, what, limit=MAX_BYTES, error=ConfigError)
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise ConfigError(f"{error.strerror}, expected {what}", file=path) from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
         raise ConfigError(f"not TOML: {error}", file=path) from error
+    except (ValueError, RecursionError) as error:
+        problem = "tables nested too deep" if isinstance(error, RecursionError) else "a number of too many digits"
+        raise ConfigError(f"not TOML: {problem}", file=path) from error
 
 
 def toml_value(text: str) -> Any:
     """A value as TOML writes it; anything else is a string."""
     try:
         return tomllib.loads(f"value = {text}")["value"]
-    except tomllib.TOMLDecodeError:
+    except (ValueError, RecursionError):  # no value, too many digits, or nested too deep
         return text
 
 

@@ -13,6 +13,10 @@ from moteslam.errors import InputError
 from moteslam.robot import se2
 from moteslam.robot.arrays import frozen
 from moteslam.robot.files import write_atomically
+from moteslam.robot.reading import read_text
+
+MAX_BYTES = 500_000_000
+"""No TUM file is larger: some five million poses."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,15 +75,12 @@ def read_tum(path: str | PathLike[str]) -> Trajectory:
     """Read a TUM trajectory, projected to the plane (x, y and the rotation about z).
 
     Raises:
-        InputError: a line without eight finite numbers, a quaternion of no length, stamps that go back, no pose.
+        InputError: no text file of at most ``MAX_BYTES``, a line without eight finite numbers, a quaternion of no
+            length, stamps that go back, or no pose.
     """
     rows: list[list[float]] = []
     path = Path(path)
-    try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "not a text file"
-        raise InputError(f"{reason}, expected a TUM trajectory", file=path) from error
+    text = read_text(path, "a TUM trajectory", limit=MAX_BYTES)
     for number, line in enumerate(text.splitlines(), start=1):
         words = line.replace(",", " ").split()
         if not words or words[0].startswith("#"):

@@ -15,7 +15,7 @@ from pydantic import Field, ValidationError, model_validator
 from moteslam.errors import ConfigError, InputError
 from moteslam.robot.platform import UCSD, Platform
 from moteslam.robot.section import Number, Section, Truth, Whole
-from moteslam.robot.tables import merged
+from moteslam.robot.tables import merged, read_toml
 from moteslam.robot.wording import first_complaint, known_keys
 from moteslam.sim.actors.checks import check_doors, check_people
 from moteslam.sim.actors.crowd import Crowd
@@ -39,7 +39,6 @@ from moteslam.sim.world.random_corridors import random_corridors
 from moteslam.sim.world.world import World
 
 SCENARIOS = Path(__file__).parent / "scenarios"
-MAX_FILE_BYTES = 4_000_000
 MAX_SEED = 2**63 - 1
 _RANDOM = re.compile(rf"{RANDOM_CORRIDORS}(?:-(\d{{1,40}}))?")
 _TASKS = ("route", "wander", "commands")
@@ -183,16 +182,7 @@ def load_scenario(name_or_path: str | PathLike[str]) -> Scenario:
         path = SCENARIOS / f"{text}.toml"
         if text not in bundled_scenarios():
             raise ConfigError(_no_such(Path(text)), file=text)
-    try:
-        with path.open("rb") as file:
-            content = file.read(MAX_FILE_BYTES + 1)
-        if len(content) > MAX_FILE_BYTES:
-            raise ConfigError(f"over {MAX_FILE_BYTES} bytes, expected a scenario", file=name_or_path)
-        table = tomllib.loads(content.decode("utf-8"))
-    except OSError as error:
-        raise ConfigError(f"{error.strerror}, expected a scenario's .toml file", file=name_or_path) from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
-        raise ConfigError(f"not TOML: {error}", file=name_or_path) from error
+    table = read_toml(path, "a scenario's .toml file")
     return parse_scenario({"name": path.stem, **table}, file=name_or_path)
 
 

@@ -40,7 +40,7 @@ def run_cases(folder: Path, *, arch: str = "cpu", threads: int = 1) -> Results:
 
 def compute() -> Results:
     """All of them, with Taichi as it is set up in this process."""
-    groups = [motion, random_words, occupancy, scoring, matching, raycasting, surfaces, floors]
+    groups = [motion, random_words, occupancy, matching, raycasting, distance_maps, floors]
     return {name: array for group in groups for name, array in group().items()}
 
 
@@ -54,7 +54,7 @@ def motion() -> Results:
 
 
 def random_words() -> Results:
-    from moteslam.kernels.rng import philox_words
+    from random_words import philox_words
 
     words = np.random.default_rng(2).integers(0, 2**32, (200_000, 6), np.uint32)
     return {"philox_words": philox_words(words[:, :4], words[:, 4:])}
@@ -87,13 +87,6 @@ def room_and_scan(seed: int) -> tuple[NDArray[np.uint8], NDArray[np.float64], ND
     ranges = generator.uniform(1.0, 7.0, len(angles))
     poses = np.array((4.0, 4.0, 0.0)) + generator.normal(0, (0.6, 0.6, 0.8), (50_000, 3))
     return grid, poses, np.stack((ranges * np.cos(angles), ranges * np.sin(angles)), axis=-1)
-
-
-def scoring() -> Results:
-    from moteslam.kernels.scoring import score_poses
-
-    grid, poses, points = room_and_scan(4)
-    return {"score_poses": score_poses(grid, ORIGIN, CELL, poses, points)}
 
 
 def matching() -> Results:
@@ -130,10 +123,14 @@ def beams_of_scans() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     return np.tile(poses, (40, 1)), np.linspace(-2.3, 2.3, 181)
 
 
+def rays_of(poses: NDArray[np.float64], beams: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Origins [n * b, 2] and angles [n * b] of the beams [b] of scans from poses [n, 3]."""
+    return np.repeat(poses[:, :2], len(beams), axis=0), (poses[:, 2:] + beams).reshape(-1)
+
+
 def raycasting() -> Results:
     """Every wall runs along an axis, so that the angle at which a beam meets it is known from the beam alone."""
-    from moteslam.kernels.marching import distance_field, march_rays
-    from moteslam.kernels.raycast import build_buckets, cast_rays, cast_scans
+    from moteslam.kernels.raycast import build_buckets, cast_rays, cast_surfaces
 
     walls = [
         side
@@ -142,20 +139,17 @@ def raycasting() -> Results:
     ]
     buckets = build_buckets(walls)
     poses, beams = beams_of_scans()
-    angles = (poses[:, 2:] + beams).reshape(-1)
-    rays = cast_rays(buckets, np.repeat(poses[:, :2], len(beams), axis=0), angles, max_range=MAX_RANGE)
-    scans = cast_scans(buckets, poses, beams, max_range=MAX_RANGE)
-
-    (_, _, columns, rows), *pillars = np.rint(boxes() / CELL).astype(int)
-    occupied = np.pad(np.zeros((rows, columns), bool), 1, constant_values=True)
-    for col0, row0, col1, row1 in pillars:
-        occupied[row0 + 1 : row1 + 1, col0 + 1 : col1 + 1] = True
-    field = distance_field(occupied, CELL)
-    marched = march_rays(field, (-CELL, -CELL), CELL, poses, beams, max_range=MAX_RANGE)
-    return {"cast_rays": rays.reshape(scans.shape), "cast_scans": scans, "march_rays": marched}
+    rays = rays_of(poses, beams)
+    shape = len(poses), len(beams)
+    ranges, segments = cast_surfaces(buckets, *rays, max_range=MAX_RANGE)
+    return {
+        "cast_rays": cast_rays(buckets, *rays, max_range=MAX_RANGE).reshape(shape),
+        "cast_surfaces": ranges.reshape(shape),
+        "segments": segments,
+    }
 
 
-def surfaces() -> Results:
+def distance_maps() -> Results:
     """Maps of 200 particles with a common past, and scans found in them.
 
     What the cells hold and how places score comes from float32 places: as real numbers, to be compared as such.
@@ -175,19 +169,20 @@ def surfaces() -> Results:
     pool.add(poses + np.array((0.1, -0.1, 0.2)), scan)
     words = pool.all_words()[:, ::7].astype(np.int32)
     offsets, fits = register_scans(
-        pool.pool, pool.tables, frames(poses), scan.vertices, (0.1, 0.0), np.zeros_like(poses),
+        pool.pool, pool.tables, frames(poses), scan.points, (0.1, 0.0), np.zeros_like(poses),
         np.tile((1e4, 1e4, 1e4, 0.0, 0.0, 0.0), (particles, 1)), cell_size=CELL, truncation=0.15,
-        coarse_truncation=0.4, residual=0.01, iterations=8, unknown=2.0, outlier=8.0,
+        coarse_truncation=0.4, residual=0.01, coarse_residual_factor=2.0, iterations=8, unknown=2.0, outlier=8.0,
+        likelihood_width=2.0, ray_clearance=2.0, ray_weight=4, ray_distance=1 / 3,
     )  # fmt: skip
     shifts = 0.06 * np.stack(np.divmod(np.arange(100), 10), axis=1) - 0.3
     scores, chosen = search_scans(
-        pool.pool, pool.tables, frames(poses), scan.vertices[::4][:MAX_SEARCH_POINTS], np.linspace(-0.1, 0.1, 9),
-        np.zeros(9), shifts, np.zeros(100), blocks=4, cell_size=CELL, sharp=0.5,
+        pool.pool, pool.tables, frames(poses), scan.points[::4][:MAX_SEARCH_POINTS], np.linspace(-0.1, 0.1, 9),
+        np.zeros(9), shifts, np.zeros(100), blocks=4, cell_size=CELL, near=0.5,
     )  # fmt: skip
     return {
-        "thin_scan": scan.vertices,
-        "add_scans: steps": (words >> 5).astype(np.float64),
-        "add_scans: weights": (words & 31).astype(np.float64),
+        "thin_scan": scan.points,
+        "integrate_scans: steps": (words >> 5).astype(np.float64),
+        "integrate_scans: weights": (words & 31).astype(np.float64),
         "register_scans: offsets": offsets,
         "register_scans: fits": fits,
         "search_scans: scores": scores.astype(np.float64),
@@ -202,7 +197,7 @@ def floors() -> Results:
     """
     from moteslam.kernels.camera import depth_view_of, render_colour, render_disparity, view_of
     from moteslam.kernels.colour_match import match_colours
-    from moteslam.kernels.raycast import build_buckets, cast_scans
+    from moteslam.kernels.raycast import build_buckets, cast_rays
     from moteslam.kernels.texture import add_frame
     from moteslam.robot import kinect
     from moteslam.robot.platform import CameraMount
@@ -225,18 +220,12 @@ def floors() -> Results:
     pixels, starts = kinect.WIDTH * kinect.HEIGHT, np.array((0, 3, 9))
     noise = generator.normal(0, 2, pixels + 2 * kinect.WIDTH + 9).astype(np.float32)
     square = {"corner": (-4.0, -4.0), "cell_size": CELL}
-    packed = render_colour(
-        seen,
-        poses,
-        cast_scans(walls, poses, seen.bearings, max_range=9.0),
-        levels,
-        noise=noise,
-        starts=starts,
-        **square,
-    )
-    disparity = render_disparity(
-        depth, cast_scans(walls, poses, depth.view.bearings, max_range=9.0), noise=noise, starts=starts
-    )
+    fans = [
+        cast_rays(walls, *rays_of(poses, bearings), max_range=9.0).reshape(len(poses), -1)
+        for bearings in (seen.bearings, depth.view.bearings)
+    ]
+    packed = render_colour(seen, poses, fans[0], levels, noise=noise, starts=starts, **square)
+    disparity = render_disparity(depth, fans[1], noise=noise, starts=starts)
     images = np.ascontiguousarray(np.stack([packed >> shift & 255 for shift in (0, 8, 16)], axis=-1), np.uint8)
     sums = np.zeros((160, 160, 4), np.int64)
     for pose, rgb, raw in zip(poses, images, disparity, strict=True):

@@ -1,4 +1,4 @@
-"""Pools of tiles to try the signed-distance kernels on, and scans of a room to write into them."""
+"""Pools of tiles to try the signed-distance kernels on, and scans of a room to integrate into them."""
 
 from __future__ import annotations
 
@@ -7,16 +7,16 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from twins.surfaces import Surface
+from twins.tsdf import Tsdf
 
-from moteslam.kernels.thinning import ThinScan
+from moteslam.kernels.thinning import ThinnedScan
 from moteslam.kernels.tiles import CELLS, FINE_CELLS, MAX_WEIGHT, SIDE, WEIGHT_BITS
 
 CELL = 0.05
 TRUNCATION, COARSE_TRUNCATION = 0.15, 0.4
 OPTIONS = {
-    "cell_size": CELL, "truncation": TRUNCATION, "coarse_truncation": COARSE_TRUNCATION, "sharp": 0.06,
-    "sharp_weight": 8, "max_weight": MAX_WEIGHT,
+    "cell_size": CELL, "truncation": TRUNCATION, "coarse_truncation": COARSE_TRUNCATION,
+    "coarse_chord": 0.5, "near": 0.06, "near_weight": 8, "max_weight": MAX_WEIGHT,
 }  # fmt: skip
 ROOM = (8.0, 6.0)
 MIDDLE = np.array((8.0, 7.2, 0.0))
@@ -25,7 +25,7 @@ MIDDLE = np.array((8.0, 7.2, 0.0))
 
 @dataclass
 class Pool:
-    """What ``add_scans`` works on: see there."""
+    """What ``integrate_scans`` works on: see there."""
 
     pool: NDArray[np.int16]
     tables: NDArray[np.int32]
@@ -46,16 +46,16 @@ class Pool:
         return self.resampled(np.arange(len(self.tables)))
 
     def resampled(self, parents: ArrayLike, *, more_tiles: int = 0) -> Pool:
-        """The particles' children, the shares counted anew, in a pool of their own."""
+        """The particles' children, the shares counted again, in a pool of their own."""
         pool = np.concatenate((self.pool, np.zeros(more_tiles * CELLS, np.int16)))
         return self._counted(pool, self.tables[np.asarray(parents)])
 
-    def add(self, poses: ArrayLike, scan: ThinScan, *, only: int | None = None, **options: Any) -> int | None:
-        """``add_scans`` for all particles, or for one alone; the free tiles that were taken are no longer free."""
-        from moteslam.kernels.surface import add_scans
+    def add(self, poses: ArrayLike, scan: ThinnedScan, *, only: int | None = None, **options: Any) -> int | None:
+        """``integrate_scans`` for all particles, or for one alone; tiles that were taken are no longer free."""
+        from moteslam.kernels.tsdf import integrate_scans
 
         tables = self.tables if only is None else self.tables[only : only + 1]
-        left = add_scans(self.pool, tables, self.shares, self.free, frames(poses), scan, **(OPTIONS | options))
+        left = integrate_scans(self.pool, tables, self.shares, self.free, frames(poses), scan, **(OPTIONS | options))
         self.free = self.free[: left or 0]
         return left
 
@@ -67,10 +67,10 @@ class Pool:
         rows, columns = self.tables.shape[1:]
         return cells.reshape(rows, columns, side, side).swapaxes(1, 2).reshape(rows * side, columns * side)
 
-    def surface(self, particle: int = 0, level: int = 0) -> Surface:
+    def tsdf(self, particle: int = 0, level: int = 0) -> Tsdf:
         """The same for the twins."""
         words = self.words(particle, level).astype(np.int64)
-        return Surface(words >> WEIGHT_BITS, words & MAX_WEIGHT)
+        return Tsdf(words >> WEIGHT_BITS, words & MAX_WEIGHT)
 
     def all_words(self) -> NDArray[np.int16]:
         """All cells of all particles, fine and coarse, whatever the numbers of their tiles."""
@@ -98,7 +98,7 @@ def room_scan(pose: ArrayLike = (0.0, 0.0, 0.0), *, beams: int = 360) -> NDArray
     return (ranges[:, None] * np.stack((np.cos(angles), np.sin(angles)), axis=1)).astype(np.float32)
 
 
-def thinned(points: ArrayLike, **options: float) -> ThinScan:
+def thinned(points: ArrayLike, **options: float) -> ThinnedScan:
     """A scan from its own origin, as the kernels take it."""
     from moteslam.kernels.thinning import thin_scan
 

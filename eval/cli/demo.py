@@ -39,7 +39,7 @@ def demo(
     from moteslam.eval.cli.batch import named_in_errors
     from moteslam.eval.cli.running import Device, run_into, run_summary, score_table, size_of
     from moteslam.eval.cli.simulate import simulate_with_progress
-    from moteslam.robot.files import result_folder
+    from moteslam.robot.result_folder import result_folder
     from moteslam.sim.scenario import load_scenario
 
     driven = load_scenario(scenario)

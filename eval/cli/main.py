@@ -12,11 +12,10 @@ from typing import Annotated, Any
 
 import typer
 
-from moteslam.errors import ExistsError, MoteslamError, OutputError
+from moteslam.errors import ExistsError, MoteslamError, MoteslamWarning, OutputError
 from moteslam.eval.cli import demo, evaluate, inspect, replay, scenarios, simulate
 from moteslam.eval.cli.interrupt import MESSAGE, Interrupted, leave_with, on_interrupt, was_asked
 from moteslam.eval.cli.text import STDOUT, flush, note, say
-from moteslam.plugins import PluginWarning
 
 BAD_INPUT, INTERNAL_ERROR, CLOSED_PIPE = 2, 1, 141
 
@@ -73,13 +72,16 @@ def main() -> None:
 
 
 def run(arguments: list[str]) -> int:
-    """Run one command line and return its exit code; whatever goes wrong is told in one line on stderr."""
+    """Run one command line and return its exit code; an error is one line on stderr."""
+    closed = _reopen_closed()
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure"):  # a terminal that knows no such letter gets an escape, not an error
             stream.reconfigure(errors="backslashreplace")
+    if STDOUT in closed:
+        return _failed(OutputError("is closed, expected somewhere to print to", file=STDOUT))
     try:
         on_interrupt()
-        with plugin_warnings_noted():
+        with warnings_noted():
             code = app(args=arguments, prog_name="moteslam", standalone_mode=False)
         flush()
     except (BrokenPipeError, SystemExit):  # Typer makes the one of the other
@@ -89,22 +91,22 @@ def run(arguments: list[str]) -> int:
     except Exception as error:
         if (asked := was_asked()) is not None:  # an extension that is interrupted in its import makes an error of it
             return _interrupted(asked)
-        return _told(error)
+        return _failed(error)
     return code if isinstance(code, int) else 0
 
 
 @contextmanager
-def plugin_warnings_noted() -> Iterator[None]:
-    """Print a plug-in that is left out as one line, as other warnings are."""
+def warnings_noted() -> Iterator[None]:
+    """Print our own warnings as one line each."""
 
     def show(message: Warning | str, category: type[Warning], *details: Any, **more: Any) -> None:
-        if issubclass(category, PluginWarning):
+        if issubclass(category, MoteslamWarning):
             note(f"warning: {message}")
         else:
             usual(message, category, *details, **more)
 
     with warnings.catch_warnings():
-        warnings.simplefilter("always", PluginWarning)
+        warnings.simplefilter("always", MoteslamWarning)
         usual, warnings.showwarning = warnings.showwarning, show
         yield
 
@@ -114,19 +116,21 @@ def _interrupted(error: BaseException) -> int:
     return error.exit_code if isinstance(error, Interrupted) else 130
 
 
-def _told(error: Exception) -> int:
-    """Tell an error in one line; the exit code that goes with it."""
-    if isinstance(error, MoteslamError):
+def _failed(error: Exception) -> int:
+    """Print an error in one line; the exit code that goes with it."""
+    if not _has_current_folder():
+        note("the current folder was deleted, expected one that exists: change to another")
+    elif isinstance(error, MoteslamError):
         note(f"{error}{_option_for(error)}")
         if error.file == STDOUT:
-            _discard_stdout()  # a full disk behind stdout would be told again at exit
+            _discard_stdout()  # a full disk behind stdout would be reported again at exit
     elif hasattr(error, "format_message"):  # a usage error, of Click or of Typer's own copy of it
         return _usage_error(error)
     elif isinstance(error, MemoryError):
         note(f"out of memory ({error}), expected fewer particles, larger cells or a shorter recording")
     elif isinstance(error, OSError):
         if error.filename is None and error.errno == errno.ENOSPC:  # what Typer printed itself; our files have names
-            return _told(OutputError(f"cannot be written: {error.strerror}", file=STDOUT))
+            return _failed(OutputError(f"cannot be written: {error.strerror}", file=STDOUT))
         name = "" if error.filename is None else f"{error.filename}: "
         note(f"{name}{error.strerror or error}")
     else:
@@ -136,6 +140,25 @@ def _told(error: Exception) -> int:
         note(f"internal error: {where}: {error}; MOTESLAM_TRACEBACK=1 shows where, please report it")
         return INTERNAL_ERROR
     return BAD_INPUT
+
+
+def _has_current_folder() -> bool:
+    try:
+        os.getcwd()  # noqa: PTH109 - a path is made of it only where it is there
+    except OSError:
+        return False
+    return True
+
+
+def _reopen_closed() -> set[str]:
+    """Open null devices in place of standard streams that were closed before the start; which they are."""
+    closed = set()
+    for number, name in enumerate(("stdin", STDOUT, "stderr")):
+        if getattr(sys, name) is None:  # or the next file that is opened takes its place
+            closed.add(name)
+            os.open(os.devnull, os.O_RDWR if number else os.O_RDONLY)
+            setattr(sys, name, open(number, "w" if number else "r", closefd=False))  # noqa: SIM115
+    return closed
 
 
 def _option_for(error: MoteslamError) -> str:

@@ -61,7 +61,7 @@ def replay(
         return
 
     from moteslam.eval.cli.running import Device, run_into, run_summary, score_table, size_of
-    from moteslam.robot.files import result_folder
+    from moteslam.robot.result_folder import result_folder
 
     assert out is not None
     truth, issues = _truth_beside(path, recording)
@@ -120,7 +120,8 @@ def _dead_reckon(
     path: Path, recording: Recording, config: SlamConfig, out: Path | None, run: options.SlamOptions
 ) -> None:
     """Dead reckoning alone: what it came to is printed, and written where ``out`` is given."""
-    from moteslam.robot.files import result_folder, write_atomically
+    from moteslam.robot.files import write_atomically
+    from moteslam.robot.result_folder import result_folder
     from moteslam.robot.trajectory import write_tum
     from moteslam.slam.odometry.dead_reckoning import dead_reckon
 

@@ -54,7 +54,7 @@ def simulate(
       moteslam simulate corridor --out coloured --camera
       moteslam replay corridor --out result
     """  # noqa: D301
-    from moteslam.robot.files import result_folder
+    from moteslam.robot.result_folder import result_folder
     from moteslam.sim.output import write_simulation
     from moteslam.sim.scenario import MAX_SEED, with_camera
 

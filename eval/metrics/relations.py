@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import islice
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -14,6 +13,7 @@ from numpy.typing import NDArray
 from moteslam.errors import InputError
 from moteslam.eval.metrics.association import MAX_GAP
 from moteslam.eval.metrics.statistics import Statistics
+from moteslam.robot.reading import open_regular, read_text
 from moteslam.robot.se2 import Poses, between, wrap
 from moteslam.robot.se2 import interpolate as interpolated
 from moteslam.robot.stamps import nearest_stamp
@@ -21,6 +21,12 @@ from moteslam.robot.trajectory import Trajectory
 
 TOLERANCE = 1e-4
 """Stamps of a relation and of a pose that are the same reading differ by less than this [s]."""
+
+MAX_BYTES = 500_000_000
+"""No file of relations is larger."""
+
+HEAD = 100_000
+"""Bytes by which a file of relations is known."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,10 +118,11 @@ def is_relations(path: str | PathLike[str]) -> bool:
     angle, which is not 1 rad in every line. A file that cannot be read, or has no such lines, holds none.
     """
     try:
-        with Path(path).open(encoding="utf-8") as file:
-            lines = [line.split() for line in islice(file, 1000) if line.strip() and not line.startswith("#")]
-        rows = np.array(lines, np.float64)
-    except (OSError, ValueError):
+        with open_regular(path, "relations") as file:
+            head = file.read(HEAD).decode("utf-8-sig", errors="replace")
+        text = head if len(head) < HEAD else head.rpartition("\n")[0]
+        rows = np.array([line.split() for line in text.splitlines() if line.strip() and line[0] != "#"], np.float64)
+    except (OSError, InputError, ValueError):
         return False
     if rows.ndim != 2 or rows.shape[1] != 8:
         return False
@@ -126,14 +133,10 @@ def read_relations(path: str | PathLike[str]) -> Relations:
     """Read ``t1 t2 x y z roll pitch yaw`` lines (metres, radians), of which x, y and yaw count.
 
     Raises:
-        InputError: not readable, a line without eight finite numbers, or no line.
+        InputError: not a text file of at most ``MAX_BYTES``, a line without eight finite numbers, or no line.
     """
     path = Path(path)
-    try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "not a text file"
-        raise InputError(f"{reason}, expected relations", file=path) from error
+    text = read_text(path, "relations", limit=MAX_BYTES)
     rows: list[list[float]] = []
     for number, line in enumerate(text.splitlines(), start=1):
         words = line.split()

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import ValidationError
 
 from moteslam.errors import InputError
 from moteslam.robot import se2
@@ -23,7 +24,7 @@ from moteslam.robot.formats.text import TextLines
 from moteslam.robot.issues import Issue
 from moteslam.robot.platform import CARMEN, LidarMount, Platform, robot_of
 from moteslam.robot.recording import LidarStream, OdometryStream, Recording
-from moteslam.robot.wording import counted
+from moteslam.robot.wording import counted, first_complaint
 
 MAX_BROKEN = 3
 """Up to this many broken lines are always dropped; more of them only up to a tenth of the log."""
@@ -67,7 +68,7 @@ def read_carmen(path: str | PathLike[str], *, platform: Platform | str | PathLik
     rows = np.array(chosen[1].rows if chosen else (), np.float64).reshape(-1, 8)
     clock = -2 if (rows[:, 6] != 0).any() or (odometry[:, 3] != 0).any() else -1
     if not isinstance(platform, Platform):
-        platform = robot_of(platform, _platform(log, rows))
+        platform = robot_of(platform, _platform(path, log, rows))
     return Recording(
         name=re.sub(r"(\.log|\.clf)?(\.gz)?$", "", path.name) or path.name,
         platform=platform,
@@ -114,10 +115,18 @@ def _choose(path: Path, log: CarmenLines, issues: list[Issue]) -> tuple[ScanKind
     return kind, scans
 
 
-def _platform(log: CarmenLines, rows: NDArray[np.float64]) -> Platform:
-    """The built-in robot, with the size and the lidar's pose that the log gives."""
+def _platform(path: Path, log: CarmenLines, rows: NDArray[np.float64]) -> Platform:
+    """The built-in robot, with the size and the lidar's pose that the log gives.
+
+    Raises:
+        InputError: they are those of no robot.
+    """
     size = {key: log.params[f"robot_{key}"] for key in ("length", "width") if log.params.get(f"robot_{key}", 0) > 0}
-    return Platform(**{**CARMEN.model_dump(), **size, "lidar": _mount(log.params, rows)})
+    try:
+        return Platform(**{**CARMEN.model_dump(), **size, "lidar": _mount(log.params, rows)})
+    except ValidationError as error:
+        field, problem = first_complaint(error, "robot", lambda place: "")
+        raise InputError(problem, file=path, field=f"PARAM {field}") from error
 
 
 def _mount(params: dict[str, float], rows: NDArray[np.float64]) -> LidarMount:

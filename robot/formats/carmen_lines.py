@@ -80,7 +80,10 @@ def parse_lines(lines: Iterable[bytes]) -> CarmenLines:
     """Parse the lines of a log; comments and other kinds of line are passed over."""
     log = CarmenLines()
     parsers = {b"FLASER": _flaser, b"ROBOTLASER1": _robotlaser, b"ODOM": _odometry, b"PARAM": _param}
+    starts = {kind[:1] for kind in parsers} | {b" ", b"\t"}
     for number, line in enumerate(lines, start=1):
+        if line[:1] not in starts:  # most lines of other kinds are passed over without being split
+            continue
         words = line.split()
         if words and (parse := parsers.get(words[0])):
             try:

@@ -17,6 +17,7 @@ from moteslam.errors import InputError
 from moteslam.robot.files import write_atomically
 from moteslam.robot.pictures import decode_picture, encode_png, picture_size
 from moteslam.robot.raster import Raster
+from moteslam.robot.reading import read_bytes, read_text
 
 FREE, OCCUPIED, UNKNOWN = 0, 1, -1
 """The values of a trinary map, int8."""
@@ -123,15 +124,12 @@ def _write_yaml(image: Path, raster: Raster, before: Mapping[str, Any], after: M
 def _read_yaml(path: Path) -> dict[str, Any]:
     import yaml
 
+    text = read_text(path, "a map_server .yaml file", limit=MAX_YAML_BYTES)
     try:
-        if path.stat().st_size > MAX_YAML_BYTES:
-            raise InputError(f"over {MAX_YAML_BYTES // 1000} kB, expected a map_server .yaml file", file=path)
-        about = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (yaml.YAMLError, UnicodeDecodeError, RecursionError) as error:
-        raise InputError(f"not YAML: {str(error).splitlines()[0]}", file=path) from error
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or error
-        raise InputError(f"{reason}, expected a map_server .yaml file", file=path) from error
+        about = yaml.safe_load(text)
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
+        problem = "nested too deep" if isinstance(error, RecursionError) else str(error).splitlines()[0]
+        raise InputError(f"not YAML: {problem.partition(';')[0]}", file=path) from error
     if not isinstance(about, dict):
         raise InputError("not a table, expected image, resolution and origin", file=path)
     for key in ("image", "resolution", "origin"):
@@ -171,14 +169,9 @@ def _read_image(path: Path, yaml_file: Path) -> NDArray[np.float64]:
     import cv2
 
     try:
-        if path.stat().st_size > MAX_IMAGE_BYTES:
-            raise InputError(f"over {MAX_IMAGE_BYTES} bytes, expected a map", file=path)
-        content = path.read_bytes()
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or error
-        raise InputError(
-            f"{path.name}: {reason}, expected a pgm or png image", file=yaml_file, field="image"
-        ) from error
+        content = read_bytes(path, "a pgm or png image", limit=MAX_IMAGE_BYTES)
+    except InputError as error:
+        raise InputError(f"{path.name}: {error.problem}", file=yaml_file, field="image") from error
     size = picture_size(content)
     if size is not None and size[0] * size[1] > MAX_PIXELS:
         raise InputError(f"{size[0]} x {size[1]} pixels, expected at most {MAX_PIXELS} in all", file=path)

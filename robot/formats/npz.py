@@ -1,7 +1,8 @@
 """Arrays out of an ``.npz`` file that nobody vouches for.
 
 The zip directory and the header of every array are read first: names, dtypes, shapes and sizes are checked, and only
-then is an array allocated. Pickles are never loaded.
+then is an array allocated. Pickles are never loaded. (``np.load`` allocates what a header declares, whatever the file
+holds.)
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from numpy.lib import format as npy
 from numpy.typing import NDArray
 
 from moteslam.errors import InputError
+from moteslam.robot.reading import open_regular
 
 MAX_BYTES = 2 << 30
 """No file may declare more than this for the arrays asked for: 2 GiB, over an hour of a 1081-beam lidar at 40 Hz."""
@@ -54,7 +56,7 @@ def read_arrays(path: Path, shapes: Mapping[str, Shape], *, max_bytes: int = MAX
             lies about its size, or is too large.
     """
     try:
-        with zipfile.ZipFile(path) as archive:
+        with open_regular(path, "a .npz file") as file, zipfile.ZipFile(file) as archive:
             members = {member.filename: member for member in archive.infolist()}
             headers = {name: _header(archive, members, path, name) for name in shapes}
             _check_shapes(path, shapes, headers)

@@ -21,6 +21,7 @@ from moteslam.robot.issues import Issue
 from moteslam.robot.kinect import HEIGHT, WIDTH
 from moteslam.robot.pictures import PNG, decode_picture, encode_png, picture_size
 from moteslam.robot.processors import processor_count
+from moteslam.robot.reading import read_bytes
 from moteslam.robot.wording import counted
 
 RGB, DISPARITY = "RGB", "Disparity"
@@ -107,12 +108,8 @@ def read_disparity(path: Path) -> NDArray[np.uint16]:
 
 
 def _decode(path: Path, how: int) -> NDArray[Any]:
-    try:
-        with path.open("rb") as file:
-            data = file.read(MAX_BYTES + 1)
-    except OSError as error:
-        raise InputError(f"{error.strerror}, expected a PNG image", file=path) from error
-    size = picture_size(data) if data.startswith(PNG) and len(data) <= MAX_BYTES else None
+    data = read_bytes(path, "a PNG image", limit=MAX_BYTES)
+    size = picture_size(data) if data.startswith(PNG) else None
     if size is None:
         raise InputError("is empty" if not data else "not a PNG file, expected one", file=path)
     width, height = size

@@ -8,16 +8,16 @@ from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
 from functools import lru_cache
-from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import Field, model_validator
 
-from moteslam.errors import ConfigError
-from moteslam.robot.pictures import decode_picture
+from moteslam.errors import ConfigError, InputError
+from moteslam.robot.pictures import decode_picture, picture_size
 from moteslam.robot.raster import Raster
+from moteslam.robot.reading import read_bytes
 from moteslam.robot.section import Number, Positive, Section, Share, Whole
 from moteslam.sim.world.floor_patterns import PATTERNS, stain_shade
 from moteslam.sim.world.value_noise import Array
@@ -26,6 +26,10 @@ Level = Annotated[Whole, Field(ge=0, le=255)]
 
 MAX_PIXELS = 200_000_000
 """A raster larger than this is refused: at 1 cm, 140 m by 140 m."""
+
+
+MAX_PICTURE_BYTES, MAX_PICTURE_PIXELS = 100_000_000, 64_000_000
+"""Of a floor's picture."""
 
 
 class FloorSettings(Section):
@@ -143,11 +147,15 @@ def _read_picture(path: str) -> NDArray[np.uint8]:
     import cv2
 
     try:
-        data = Path(path).read_bytes()
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or error
-        raise ConfigError(f"{path}: {reason}, expected a picture", field="floor.image") from error
-    picture = decode_picture(data, cv2.IMREAD_COLOR)
+        data = read_bytes(path, "a picture", limit=MAX_PICTURE_BYTES)
+    except InputError as error:
+        raise ConfigError(str(error), field="floor.image") from error
+    width, height = picture_size(data) or (0, 0)
+    if width * height > MAX_PICTURE_PIXELS:
+        raise ConfigError(
+            f"{path}: {width} x {height} pixels, expected at most {MAX_PICTURE_PIXELS} in all", field="floor.image"
+        )
+    picture = decode_picture(data, cv2.IMREAD_COLOR) if width else None
     if picture is None:
         raise ConfigError(f"{path}: no picture that can be read, expected a complete PNG or JPEG", field="floor.image")
     return np.ascontiguousarray(picture[::-1, :, ::-1], np.uint8)

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from moteslam.kernels.thinning import ThinScan, thin_scan
+from moteslam.kernels.thinning import ThinnedScan, thin_scan
 from moteslam.slam.inputs.config import ThinningConfig
 
 
-def thin(points: NDArray[np.float32], origin: NDArray[np.float64], config: ThinningConfig) -> ThinScan:
+def thin(points: NDArray[np.float32], origin: NDArray[np.float64], config: ThinningConfig) -> ThinnedScan:
     """Average neighbouring endpoints.
 
     Args:
@@ -21,8 +21,8 @@ def thin(points: NDArray[np.float32], origin: NDArray[np.float64], config: Thinn
         points,
         origin,
         spacing=config.spacing,
-        widest=config.max_spacing,
-        most=config.max_points,
+        max_spacing=config.max_spacing,
+        max_points=config.max_points,
         gap=config.gap,
         gap_from_range=config.gap_from_range,
     )

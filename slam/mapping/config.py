@@ -31,6 +31,15 @@ class MapConfig(Section):
     """Cells this near to an endpoint are not freed by other rays of the same scan (`scan` only): beams that graze a
     wall pass within a cell of where their neighbours end, and would erase it."""
 
+    @model_validator(mode="after")
+    def _can_reach_the_threshold(self) -> MapConfig:
+        if abs(self.occupied_threshold) >= self.limit:
+            raise ValueError(
+                f"occupied_threshold of {self.occupied_threshold:g}, expected within the limit, {self.limit:g}: beyond "
+                "it no cell counts as occupied, or all do"
+            )
+        return self
+
     @property
     def log_odds_step(self) -> float:
         """The change of a cell [log-odds]: log(p / (1 - p))."""
@@ -48,6 +57,9 @@ class TsdfConfig(Section):
     """Fine cells up to this far from a surface average their distance to it [m]; 1 to 100 cells."""
     coarse_truncation: Positive = 0.4
     """The same of coarse cells [m]; 1 to 100 of them."""
+    coarse_chord: Annotated[Number, Field(ge=0, le=10)] = 0.5
+    """On the coarse level the segments of a scan are joined until their chord is this long [coarse cells]: fewer
+    segments cost less."""
     near: Positive = 0.06
     """Distances below it weigh more in a cell's average [m]: near corners and thin walls a cell has two surfaces beside
     it, and the nearer one counts ..."""

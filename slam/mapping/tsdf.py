@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.errors import InputError
-from moteslam.kernels.surface import ThinScan, add_scans
+from moteslam.kernels.thinning import ThinnedScan
 from moteslam.kernels.tiles import CELLS, EMPTY, SIDE
+from moteslam.kernels.tsdf import integrate_scans
 from moteslam.slam.mapping.config import TsdfConfig
 
 Array = NDArray[np.float64]
@@ -68,7 +69,7 @@ class TsdfMaps:
         self._tables = self._tables[parents]
         self._count()
 
-    def integrate(self, poses: Array, scan: ThinScan) -> None:
+    def integrate(self, poses: Array, scan: ThinnedScan) -> None:
         """Average a scan into every particle's TSDF, each from its own pose.
 
         Args:
@@ -78,13 +79,13 @@ class TsdfMaps:
         Raises:
             InputError: tiles or tables would take more than ``MAX_TILES`` or ``MAX_ENTRIES``.
         """
-        if len(scan.vertices) < 2:
+        if len(scan.points) < 2:
             return
         c = self._config
-        reach = float(np.hypot(*scan.vertices.T).max()) + 2 * max(c.truncation, c.coarse_truncation) + self._tile_size
+        reach = float(np.hypot(*scan.points.T).max()) + 2 * max(c.truncation, c.coarse_truncation) + self._tile_size
         self._cover(poses, reach)
         while True:
-            left = add_scans(
+            left = integrate_scans(
                 self._pool,
                 self._tables,
                 self._shares,
@@ -94,8 +95,9 @@ class TsdfMaps:
                 cell_size=c.cell_size,
                 truncation=c.truncation,
                 coarse_truncation=c.coarse_truncation,
-                sharp=c.near,
-                sharp_weight=c.near_weight,
+                coarse_chord=c.coarse_chord,
+                near=c.near,
+                near_weight=c.near_weight,
                 max_weight=c.max_weight,
             )
             if left is not None:

@@ -15,7 +15,18 @@ class RegistrationConfig(Section):
     """Registration of scans to the particles' TSDFs: Gauss-Newton from coarse to fine."""
 
     residual: Positive = 0.01
-    """Standard deviation of an endpoint's distance to the surface [m]; twice that on the coarse level."""
+    """Standard deviation of an endpoint's distance to the surface [m]."""
+    coarse_residual_factor: Annotated[Number, Field(ge=0.1, le=100)] = 2.0
+    """On the coarse level the residual's standard deviation is this many times as large."""
+    likelihood_width: Annotated[Number, Field(ge=0.1, le=100)] = 2.0
+    """An endpoint at distance r from the surface has the likelihood exp(-(r / (width residual))^2 / 2), 0 to 1: wider
+    than the residual, so that it tells a scan that fits from one that does not."""
+    ray_clearance: Annotated[Number, Field(ge=0, le=100)] = 2.0
+    """A ray crosses a surface of the map if it passes one at least this far before its endpoint [truncations] ..."""
+    ray_weight: Annotated[Whole, Field(ge=0, le=31)] = 4
+    """... in a cell of more than this weight ..."""
+    ray_distance: Share = 1 / 3
+    """... that is nearer to the surface than this [truncations]."""
     translation: Annotated[Number, Field(gt=0, le=1)] = 0.01
     """Standard deviation of the odometry at rest [m] ..."""
     translation_from_translation: Share = 0.07
@@ -94,7 +105,7 @@ class TrackingConfig(SearchConfig):
     prior_tail: Positive = 3.0
     """The prior's tails are heavier than the normal distribution's beyond this many nats, for the predictions by
     odometry and by constant velocity: what odometry is off by has outliers."""
-    lost_score: Number = 0.04
+    lost_score: Annotated[Number, Field(ge=-1, le=2)] = 0.04
     """A scan of a smaller match score, as a share of its points, contradicts the map: it is lost, and looked for in
     a relocation window ..."""
     relocation_distance: Annotated[Number, Field(ge=0, le=10)] = 1.5

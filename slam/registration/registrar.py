@@ -79,10 +79,15 @@ def register(
         truncation=maps.config.truncation,
         coarse_truncation=maps.config.coarse_truncation,
         residual=config.residual,
+        coarse_residual_factor=config.coarse_residual_factor,
         iterations=config.iterations,
         coarse=coarse,
         unknown=config.unknown_cost,
         outlier=config.outlier_cost,
+        likelihood_width=config.likelihood_width,
+        ray_clearance=config.ray_clearance,
+        ray_weight=config.ray_weight,
+        ray_distance=config.ray_distance,
     )
     information = fits.take(SYMMETRIC, axis=1).reshape(-1, 3, 3)
     known = fits[:, KNOWN]

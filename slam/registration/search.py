@@ -61,7 +61,7 @@ def candidates(
         weight * (np.square(shifts).sum(axis=1) / spread[0] ** 2) * STEPS,
         blocks=blocks,
         cell_size=maps.config.cell_size,
-        sharp=config.search_near / maps.config.coarse_truncation,
+        near=config.search_near / maps.config.coarse_truncation,
     )
     best = np.argsort(-scores[0], kind="stable")
     found = np.column_stack((shifts[chosen[0, best]], turns[best // blocks]))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from moteslam.kernels.thinning import ThinScan
+from moteslam.kernels.thinning import ThinnedScan
 from moteslam.robot import se2
 from moteslam.slam.filter.history import History
 from moteslam.slam.filter.kld import choose_parents
@@ -101,19 +101,19 @@ class TsdfFilter(FilterDefaults):
             self._config.colours, self._config.texture, self._config.proposal.information_share
         )
 
-    def _start(self, scan: ThinScan) -> StepResult:
+    def _start(self, scan: ThinnedScan) -> StepResult:
         """The first scan: there is nothing to register to; it goes into the one map that all particles share."""
         self._particles.start(scan)
         return StepResult(self._tracker.pose, np.zeros(3), self.weights.effective_number, 0.0, True, False)
 
-    def _track(self, step: Step, scan: ThinScan) -> Tracked:
+    def _track(self, step: Step, scan: ThinnedScan) -> Tracked:
         """Predict the motion since the last scan, and register the scan to the best particle's map."""
         motion = self._tracker.predict(step.motion, step.dt, measured=step.measured)
         tracked = self._tracker.track(motion, scan, step.origin, self._particles)
         self._since = self._since.plus(motion, tracked.motion, slipped=tracked.slipped)
         return tracked
 
-    def _register(self, step: Step, scan: ThinScan) -> Proposal:
+    def _register(self, step: Step, scan: ThinnedScan) -> Proposal:
         """Register the scan to every particle's map."""
         c = self._config
         return propose(
@@ -159,7 +159,7 @@ class TsdfFilter(FilterDefaults):
         normals = generator.standard_normal((len(self._particles), 3))
         self._particles.move_to(sample(proposal, normals, self._config.proposal, best=self.best_particle))
 
-    def _map(self, scan: ThinScan, proposal: Proposal) -> None:
+    def _map(self, scan: ThinnedScan, proposal: Proposal) -> None:
         """Write the scan, and the floor, into the maps; count motion from here on."""
         if proposal.registered:
             self._particles.integrate(scan)

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
-from moteslam.kernels.thinning import ThinScan
+from moteslam.kernels.thinning import ThinnedScan
 from moteslam.robot import se2
 from moteslam.slam.filter.history import History
 from moteslam.slam.filter.weights import Weights
@@ -60,13 +60,13 @@ class Particles:
         weights = self.weights.values * near
         return np.asarray(weights @ off / weights.sum())
 
-    def start(self, scan: ThinScan) -> None:
+    def start(self, scan: ThinnedScan) -> None:
         """The first update: the scan goes into the one map that all particles share."""
         self.history.append(self.poses)
         self.maps.integrate(self.poses[:1], scan)
         self.maps.resample(np.zeros(len(self), np.int64))
 
-    def revise(self, path: Array, scans: Iterable[ThinScan]) -> None:
+    def revise(self, path: Array, scans: Iterable[ThinnedScan]) -> None:
         """Move all particles by the correction of the best one's path, and redraw one map along it for all of them.
 
         Args:
@@ -94,6 +94,6 @@ class Particles:
         self.poses = poses
         self.history.append(poses)
 
-    def integrate(self, scan: ThinScan) -> None:
+    def integrate(self, scan: ThinnedScan) -> None:
         """Average a scan into every particle's TSDF from its pose."""
         self.maps.integrate(self.poses, scan)

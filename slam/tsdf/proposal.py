@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from moteslam.kernels.thinning import ThinScan
+from moteslam.kernels.thinning import ThinnedScan
 from moteslam.robot import se2
 from moteslam.slam.odometry.noise import odometry_error
 from moteslam.slam.registration.config import RegistrationConfig
@@ -72,7 +72,7 @@ class Proposal:
 def propose(
     particles: Particles,
     since: MotionSinceUpdate,
-    scan: ThinScan,
+    scan: ThinnedScan,
     origin: Array,
     config: ProposalConfig,
     registration: RegistrationConfig,
@@ -95,13 +95,13 @@ def propose(
     n, travelled = len(particles), since.travelled
     predicted = se2.compose(particles.poses, since.odometry)
     spread = odometry_error(config, travelled.distance, travelled.rotation)
-    if len(scan.vertices) < min_points:
+    if len(scan.points) < min_points:
         zeros = np.zeros(n)
         nothing = np.zeros((n, 3, 3))
         return Proposal(predicted, nothing[..., 0], nothing, spread, config.sampled_share, False, zeros, zeros)
     drift = prior_spread(registration, travelled.distance, travelled.rotation, measured=measured)
     starts = np.repeat(se2.between(since.odometry, since.tracked)[None], n, axis=0)
-    points = subsample(scan.vertices, registration.max_points)
+    points = subsample(scan.points, registration.max_points)
     found = register(particles.maps.all(), predicted, drift, points, origin, starts, registration)
     found = keep_odometry(found, drift, registration)
     return Proposal(

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from moteslam.kernels.thinning import ThinScan
+from moteslam.kernels.thinning import ThinnedScan
 from moteslam.robot import se2
 from moteslam.slam.odometry.calibration import OdometryCalibration
 from moteslam.slam.odometry.config import CalibrationConfig
@@ -89,7 +89,7 @@ class Tracker:
         """The motion [3] of a step of ``dt`` [s] at the velocity of the last one."""
         return extrapolated(self._motion, self._seconds, dt, most=self._config.max_extrapolation)
 
-    def track(self, motion: StepMotion, scan: ThinScan, origin: Array, particles: Particles) -> Tracked:
+    def track(self, motion: StepMotion, scan: ThinnedScan, origin: Array, particles: Particles) -> Tracked:
         """Register a scan to the best particle's map.
 
         Args:
@@ -101,12 +101,12 @@ class Tracker:
         predicted = se2.compose(self.pose, motion.corrected)
         usual = prior_spread(self._registration, *magnitude(motion.corrected), measured=motion.measured)
         offset = np.zeros(3)
-        if len(scan.vertices) >= self._config.min_points:
+        if len(scan.points) >= self._config.min_points:
             predictions = np.stack((np.zeros(3), se2.between(motion.corrected, self._extrapolated(motion.dt))))
             found = self._localiser.locate(
-                particles.maps.of(particles.best), predicted, usual + self._slip, scan.vertices, origin, predictions
+                particles.maps.of(particles.best), predicted, usual + self._slip, scan.points, origin, predictions
             )
-            contradicts = self._localiser.lost(found, len(scan.vertices))
+            contradicts = self._localiser.lost(found, len(scan.points))
             if contradicts and self._lost < self._config.max_lost_scans:
                 self._lost += 1
             else:

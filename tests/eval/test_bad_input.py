@@ -135,7 +135,7 @@ def test_evaluate_tells_bad_files_and_lines(tmp_path: Path, capsys) -> None:
     assert "one file, expected trajectories" in refused(capsys, "evaluate", good)
     assert "unit: unit 'feet'" in refused(capsys, "evaluate", good, good, "--unit", "feet")
     assert "delta" in refused(capsys, "evaluate", good, good, "--delta", "nan")
-    assert "Is a directory" in refused(capsys, "evaluate", good, tmp_path)
+    assert "is a folder" in refused(capsys, "evaluate", good, tmp_path)
 
 
 @pytest.mark.parametrize(
@@ -204,7 +204,7 @@ def test_a_folder_that_cannot_be_written(tmp_path: Path, monkeypatch, capsys) ->
     def read_only(*_args, **_keywords):
         raise OSError(30, "Read-only file system")
 
-    monkeypatch.setattr("tempfile.mkdtemp", read_only)
+    monkeypatch.setattr(Path, "mkdir", read_only)
     line = refused(capsys, "simulate", "corridor", "--out", tmp_path / "robot")
     assert f"{tmp_path / 'robot'}: cannot be made: Read-only file system" in line
 

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from kernel_cases import rays_of
 from twins.camera import look
 
 from moteslam.errors import InputError
 from moteslam.kernels.camera import depth_view_of, render_colour, render_disparity, view_of
-from moteslam.kernels.raycast import build_buckets, cast_scans
+from moteslam.kernels.raycast import build_buckets, cast_rays
 from moteslam.robot import kinect
 from moteslam.robot.platform import CameraMount
 from moteslam.robot.se2 import transform_points
@@ -38,7 +39,8 @@ def reaches(bearings: np.ndarray, colour: bool) -> tuple[np.ndarray, np.ndarray]
     cameras = POSES.copy()
     for camera in cameras:
         camera[:2] = transform_points(camera, place(colour)[:2])
-    return cameras, cast_scans(build_buckets(WALLS), cameras, bearings, max_range=100.0)
+    origins, angles = rays_of(cameras, bearings)
+    return cameras, cast_rays(build_buckets(WALLS), origins, angles, max_range=100.0).reshape(len(cameras), -1)
 
 
 @pytest.fixture(scope="module")
@@ -116,7 +118,7 @@ def test_noise_is_added_and_lost_pixels_are_nothing() -> None:
 
 
 @pytest.mark.usefixtures("taichi")
-def test_nonsense_is_refused() -> None:
+def test_bad_input() -> None:
     seen_from = view(True)
     cameras, far = reaches(seen_from.bearings, True)
     floor, noise = np.zeros((4, 4), np.int32), np.zeros(480 * 640 + 2 * 640, np.float32)

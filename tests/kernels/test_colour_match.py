@@ -54,7 +54,7 @@ def test_nothing_known_is_nothing() -> None:
 
 
 @pytest.mark.usefixtures("taichi")
-def test_nonsense_is_refused() -> None:
+def test_bad_input() -> None:
     points, colours, poses, packed = case(2)
     for bad in (
         {"colours": colours[1:].copy()},

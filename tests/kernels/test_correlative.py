@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import ArrayLike, NDArray
 from tile_pools import CELL, MIDDLE, Pool, frames, mapped_room, moved, room_scan
-from twins import surfaces
+from twins import tsdf
 
 from moteslam.errors import InputError
 from moteslam.kernels.correlative import MAX_SEARCH_POINTS, search_scans
@@ -23,12 +23,12 @@ def room() -> Pool:
 
 def search(
     pool: Pool, poses: ArrayLike, points: ArrayLike, turns: ArrayLike, shifts: NDArray[np.float64], *, blocks: int = 1,
-    turn_costs: ArrayLike | None = None, shift_costs: ArrayLike | None = None, sharp: float = 0.5,
+    turn_costs: ArrayLike | None = None, shift_costs: ArrayLike | None = None, near: float = 0.5,
 ) -> tuple[NDArray[np.int32], NDArray[np.int32]]:  # fmt: skip
     return search_scans(
         pool.pool, pool.tables, frames(poses), points, turns,
         np.zeros(len(np.asarray(turns))) if turn_costs is None else turn_costs, shifts,
-        np.zeros(len(shifts)) if shift_costs is None else shift_costs, blocks=blocks, cell_size=CELL, sharp=sharp,
+        np.zeros(len(shifts)) if shift_costs is None else shift_costs, blocks=blocks, cell_size=CELL, near=near,
     )  # fmt: skip
 
 
@@ -45,9 +45,7 @@ def test_search_scores_equal_the_twin(room: Pool) -> None:
     """Equal but for points within float32's rounding of a cell's edge: no more than one in all."""
     pose, points = MIDDLE + np.array((0.1, -0.2, 0.7)), few(room_scan((0.0, 0.0, 0.7)), 40)
     turns, shifts = np.array((-0.1, 0.0, 0.05)), lattice(3, 0.11)
-    expected = surfaces.search(
-        room.surface(level=1), pose, points, turns, shifts, cell_size=2 * CELL, sharp=int(0.5 * STEPS)
-    )
+    expected = tsdf.search(room.tsdf(level=1), pose, points, turns, shifts, cell_size=2 * CELL, near=int(0.5 * STEPS))
     costs = 7.0 * np.arange(3), 3.0 * np.arange(len(shifts))
     scores, chosen = search(room, [pose], points, turns, shifts, turn_costs=costs[0], shift_costs=costs[1], blocks=7)
     expected = expected - costs[0][:, None] - costs[1]
@@ -78,7 +76,7 @@ def test_costs_decide_between_places_that_fit_alike(room: Pool) -> None:
     assert scores.tolist() == [-5, -100_000_000]
 
 
-def test_the_first_of_equal_places_of_a_block_is_told(room: Pool) -> None:
+def test_the_first_of_equal_places_of_a_block_is_returned(room: Pool) -> None:
     _, chosen = search(room, [MIDDLE], np.empty((0, 2), np.float32), (-0.1, 0.0), lattice(2, 0.1), blocks=5)
     assert chosen.tolist() == [[0, 5, 10, 15, 20] * 2]
 
@@ -103,15 +101,15 @@ def test_no_turns(room: Pool) -> None:
         ({"blocks": 3}, "blocks"),
         ({"blocks": 0}, "blocks"),
         ({"cell_size": -0.05}, "cell_size"),
-        ({"sharp": 0.0}, "sharp"),
-        ({"sharp": np.nan}, "sharp"),
+        ({"near": 0.0}, "near"),
+        ({"near": np.nan}, "near"),
     ],
 )
 def test_bad_input_of_the_search(change: dict[str, object], field: str) -> None:
     arguments: dict[str, object] = {
         "pool": np.zeros(CELLS, np.int16), "tables": np.zeros((1, 2, 2), np.int32), "frames": np.ones((1, 4)),
         "points": [(0.1, 0.1)], "turns": [0.0], "turn_costs": [0.0], "shifts": np.zeros((4, 2)),
-        "shift_costs": np.zeros(4), "blocks": 2, "cell_size": 0.05, "sharp": 0.5,
+        "shift_costs": np.zeros(4), "blocks": 2, "cell_size": 0.05, "near": 0.5,
     }  # fmt: skip
     with pytest.raises(InputError, match=f"^{field}: "):
         search_scans(**{**arguments, **change})  # type: ignore[arg-type]

@@ -52,7 +52,7 @@ def test_sampled_motion_agrees(on_both: tuple[Results, Results]) -> None:
     assert np.abs(turned - 2 * np.pi * np.rint(turned / (2 * np.pi))).max() <= 1e-13
 
 
-@pytest.mark.parametrize("kernel", ["cast_rays", "cast_scans", "march_rays"])
+@pytest.mark.parametrize("kernel", ["cast_rays", "cast_surfaces"])
 def test_ranges_agree(on_both: tuple[Results, Results], kernel: str) -> None:
     """Within the error of each against the exact range, twice: ``2 (4 E 2^-23 / |sin a| + 2^-21 r)``, see raycast.py.
 
@@ -66,18 +66,18 @@ def test_ranges_agree(on_both: tuple[Results, Results], kernel: str) -> None:
     assert (np.abs(cuda[seen] - cpu[seen]) <= tolerances()[seen]).all()
 
 
-def test_surfaces_agree(on_both: tuple[Results, Results]) -> None:
+def test_distance_maps_agree(on_both: tuple[Results, Results]) -> None:
     """To the rounding of float32 places, of up to 320 cells: 3e-5 cells, and a fused product halves or doubles that.
 
     Distances in cells are rounded to a step then, or to the next one; a cell whose centre lies so near to the end of
-    a stretch of surface is written or not, so that its weight differs: few. So do the scores of places that have a
-    point so near to a cell's edge. Offsets are what all points say together, and end within Gauss-Newton's last step.
+    a segment is updated or not, so that its weight differs: few. So do the scores of places that have a
+    point so near to a cell's edge. Offsets follow from all points together, and end within Gauss-Newton's last step.
     """
     cpu, cuda = on_both
     np.testing.assert_allclose(cuda["thin_scan"], cpu["thin_scan"], rtol=1e-6, atol=1e-6)
-    alike = cuda["add_scans: weights"] == cpu["add_scans: weights"]
+    alike = cuda["integrate_scans: weights"] == cpu["integrate_scans: weights"]
     assert alike.mean() > 0.999
-    assert np.abs(cuda["add_scans: steps"] - cpu["add_scans: steps"])[alike].max() <= 1
+    assert np.abs(cuda["integrate_scans: steps"] - cpu["integrate_scans: steps"])[alike].max() <= 1
     apart = np.abs(cuda["register_scans: offsets"] - cpu["register_scans: offsets"])
     assert apart[:, :2].max() < 3e-4
     assert apart[:, 2].max() < 1e-4

@@ -8,7 +8,7 @@ from twins import rays
 
 from moteslam.errors import InputError
 from moteslam.kernels import buckets as bucketing
-from moteslam.kernels.raycast import PART, SegmentBuckets, build_buckets, cast_rays, cast_scans, cast_surfaces
+from moteslam.kernels.raycast import SegmentBuckets, build_buckets, cast_rays, cast_surfaces
 
 pytestmark = pytest.mark.usefixtures("taichi")
 
@@ -70,41 +70,12 @@ def test_surfaces_are_the_segments_that_rays_end_on() -> None:
     assert np.hypot(*(ends - a - share[:, None] * along).T).max() < 1e-3
 
 
-@pytest.mark.parametrize("beams", [1, PART - 1, PART, 2 * PART + 3])
-def test_scans_of_any_number_of_beams_are_cast_whole(beams: int) -> None:
-    segments = random_world(7, walls=80, extent=30.0)
-    buckets = build_buckets(segments)
-    angles = np.linspace(-2, 2, beams)
-    scans = cast_scans(buckets, [(4.0, 5.0, 0.0), (20.0, 9.0, 0.0)], angles, max_range=25.0)
-    for scan, place in zip(scans, ((4.0, 5.0), (20.0, 9.0)), strict=True):
-        rays_there = cast_rays(buckets, np.tile(place, (beams, 1)), angles, max_range=25.0)
-        np.testing.assert_allclose(scan, rays_there, rtol=1e-6)
-
-
-def test_scans_are_rays() -> None:
-    segments = random_world(7, walls=80, extent=30.0)
-    buckets = build_buckets(segments)
-    generator = np.random.default_rng(8)
-    poses = np.column_stack((generator.uniform(0, 30, (11, 2)), generator.uniform(-4, 4, 11)))
-    beams = np.linspace(-2.3, 2.3, 57)
-    scans = cast_scans(buckets, poses, beams, max_range=25.0)
-    origins, angles = np.repeat(poses[:, :2], 57, axis=0), (poses[:, 2:] + beams).ravel()
-    assert scans.dtype == np.float32
-    expected, sine = rays.cast_rays(segments, origins, angles, max_range=25.0)
-    both = np.isfinite(expected) & np.isfinite(scans.ravel())
-    close = np.abs(scans.ravel()[both] - expected[both]) <= 60 * 8 * ULP / np.maximum(sine[both], 1e-3)
-    assert close.mean() > 0.998
-    assert (np.isfinite(expected) == np.isfinite(scans.ravel())).mean() > 0.998
-    alike = cast_rays(buckets, origins, angles, max_range=25.0)
-    assert (np.isfinite(alike) == np.isfinite(scans.ravel())).mean() > 0.998
-
-
 def test_a_known_room() -> None:
     room = build_buckets([(0, 0, 10, 0), (10, 0, 10, 6), (10, 6, 0, 6), (0, 6, 0, 0)])
-    ranges = cast_scans(room, [(4.0, 2.0, 0.0)], np.radians([0, 90, 180, 270, 45]), max_range=30.0)
-    np.testing.assert_allclose(ranges[0], [6, 4, 4, 2, 4 * np.sqrt(2)], rtol=2e-6)
-    assert np.isinf(cast_scans(room, [(4.0, 2.0, 0.0)], [0.0], max_range=5.99)).all()
-    assert np.isfinite(cast_scans(room, [(4.0, 2.0, 0.0)], [0.0], max_range=6.01)).all()
+    ranges = cast_rays(room, [(4.0, 2.0)] * 5, np.radians([0, 90, 180, 270, 45]), max_range=30.0)
+    np.testing.assert_allclose(ranges, [6, 4, 4, 2, 4 * np.sqrt(2)], rtol=2e-6)
+    assert np.isinf(cast_rays(room, [(4.0, 2.0)], [0.0], max_range=5.99)).all()
+    assert np.isfinite(cast_rays(room, [(4.0, 2.0)], [0.0], max_range=6.01)).all()
 
 
 @pytest.mark.parametrize("origin", [(-5.0, 3.0), (14.0, 3.0), (5.0, -4.0), (5.0, 11.0), (-3.0, -3.0)])
@@ -156,8 +127,6 @@ def test_a_ray_along_a_wall_stops_at_its_end() -> None:
 def test_nothing_to_cast() -> None:
     buckets = build_buckets([(0, 0, 1, 0)])
     assert cast_rays(buckets, np.empty((0, 2)), [], max_range=1.0).shape == (0,)
-    assert cast_scans(buckets, np.empty((0, 3)), [0.0], max_range=1.0).shape == (0, 1)
-    assert cast_scans(buckets, [(0, 0, 0)], [], max_range=1.0).shape == (1, 0)
 
 
 def test_a_huge_world_has_few_buckets() -> None:
@@ -223,9 +192,3 @@ def test_bad_size(size: float) -> None:
 def test_bad_rays(origins: object, angles: object, max_range: float, field: str) -> None:
     with pytest.raises(InputError, match=f"^{field}: "):
         cast_rays(build_buckets([(0, 0, 1, 0)]), origins, angles, max_range=max_range)  # type: ignore[arg-type]
-
-
-def test_too_many_rays() -> None:
-    poses, beams = np.broadcast_to(0.0, (2**17, 3)), np.zeros(2**15)
-    with pytest.raises(InputError, match=r"^poses: 131072 x 32768 rays"):
-        cast_scans(build_buckets([(0, 0, 1, 0)]), poses, beams, max_range=1.0)

@@ -8,12 +8,11 @@ import numpy as np
 import pytest
 from numpy.typing import ArrayLike, NDArray
 from tile_pools import CELL, COARSE_TRUNCATION, MIDDLE, TRUNCATION, Pool, frames, mapped_room, moved, room_scan, thinned
-from twins import surfaces
+from twins import tsdf
 
 from moteslam.errors import InputError
 from moteslam.kernels import registration
 from moteslam.kernels.registration import (
-    COARSE_LOOSER,
     COST,
     CROSSED,
     FITS,
@@ -29,12 +28,15 @@ from moteslam.kernels.types import F32_2D, kernel
 pytestmark = pytest.mark.usefixtures("taichi")
 
 SD = 0.01
+LOOSER = 1.7
+"""Than ``SD``, on the coarse level."""
 OPTIONS = {
     "cell_size": CELL, "truncation": TRUNCATION, "coarse_truncation": COARSE_TRUNCATION, "residual": SD,
-    "iterations": 8, "unknown": 2.0, "outlier": 8.0,
+    "coarse_residual_factor": LOOSER, "iterations": 8, "unknown": 2.0, "outlier": 8.0, "likelihood_width": 2.5,
+    "ray_clearance": 1.8, "ray_weight": 3, "ray_distance": 0.4,
 }  # fmt: skip
 LOOSE = (1.0, 1.0, 1.0, 0.0, 0.0, 0.0)
-"""A prior that says nothing: a metre, a radian."""
+"""A prior that is negligible: a metre, a radian."""
 
 
 @pytest.fixture(scope="module")
@@ -59,7 +61,7 @@ def register(
 def test_known_offsets_are_found_to_a_millimetre(room: Pool, at: tuple[float, float, float]) -> None:
     """From up to 12 cm and 0.06 rad away, all poses in one map."""
     truth = MIDDLE + np.array(at)
-    points = thinned(room_scan(at)).vertices
+    points = thinned(room_scan(at)).points
     wrong = np.random.default_rng(5).uniform((-0.12, -0.12, -0.06), (0.12, 0.12, 0.06), (30, 3))
     poses = np.array([moved(truth, offset) for offset in wrong])
     offsets, fits = register(room, poses, points)
@@ -75,7 +77,7 @@ def test_each_particle_is_registered_to_its_own_map() -> None:
     pool = Pool.empty().resampled([0, 0, 0], more_tiles=200)
     shifts = np.array([(0.0, 0.0, 0.0), (0.06, 0.0, 0.0), (0.0, -0.04, 0.02)])
     pool.add(MIDDLE + shifts, thinned(room_scan()))
-    offsets, _ = register(pool, [MIDDLE] * 3, thinned(room_scan()).vertices)
+    offsets, _ = register(pool, [MIDDLE] * 3, thinned(room_scan()).points)
     np.testing.assert_allclose(offsets, shifts, rtol=0, atol=1e-3)
 
 
@@ -87,46 +89,42 @@ def away_from_seams(pose: NDArray[np.float64], points: NDArray[np.float32], cell
 
 
 def test_information_cost_and_likelihoods_equal_the_twins_finite_differences(room: Pool) -> None:
-    """Relative to the whole, 1e-4: float32 residuals of up to 15 standard deviations are good to 1e-4 of one."""
+    """Relative to the trace, 2e-4: float32 residuals of up to 15 standard deviations are good to 1e-4 of one."""
     pose, start = MIDDLE + np.array((0.02, -0.03, 0.4)), np.array((0.015, 0.02, -0.03))
-    points = thinned(room_scan((0.0, 0.0, 0.4))).vertices.copy()
+    points = thinned(room_scan((0.0, 0.0, 0.4))).points.copy()
     points[::7] *= 0.93  # known to the coarse level alone
     points[::11] *= 0.5  # known to none
     points = away_from_seams(moved(pose, start), points)
-    surface, scale = room.surface(), TRUNCATION / SD
-    information, _, residuals = surfaces.normal_equations(surface, pose, start, points, cell_size=CELL, scale=scale)
+    cells, scale = room.tsdf(), TRUNCATION / SD
+    information, _, residuals = tsdf.normal_equations(cells, pose, start, points, cell_size=CELL, scale=scale)
     assert 0.7 * len(points) < len(residuals) < len(points)
     _, (fit,) = register(room, [pose], points, starts=[start], iterations=0)
     np.testing.assert_allclose(
         fit[INFORMATION], information[np.triu_indices(3)], rtol=0, atol=2e-4 * np.trace(information)
     )
-    near = surfaces.fit(residuals, len(residuals), unknown=0.0, outlier=8.0)
-    coarse = []  # where the fine level knows nothing the coarse one is asked, in the same standard deviations
+    near = tsdf.fit(residuals, len(residuals), unknown=0.0, outlier=8.0, likelihood_width=2.5)
+    coarse = []  # over cells the fine level never saw the coarse one counts, in the same standard deviations
     for point in points:
-        if surfaces.residual(surface, pose, start, point, cell_size=CELL, scale=scale) is None:
-            r = surfaces.residual(
-                room.surface(level=1), pose, start, point, cell_size=2 * CELL, scale=COARSE_TRUNCATION / SD
-            )
+        if tsdf.residual(cells, pose, start, point, cell_size=CELL, scale=scale) is None:
+            r = tsdf.residual(room.tsdf(level=1), pose, start, point, cell_size=2 * CELL, scale=COARSE_TRUNCATION / SD)
             coarse += [r] if r is not None else []
-    far = surfaces.fit(coarse, len(points) - len(residuals), unknown=2.0, outlier=8.0)
+    far = tsdf.fit(coarse, len(points) - len(residuals), unknown=2.0, outlier=8.0, likelihood_width=2.5)
     np.testing.assert_allclose(fit[COST : LIKELIHOOD + 1], np.add(near, far), rtol=2e-3)
 
 
 def test_a_step_on_each_level_solves_the_twins_normal_equations(room: Pool) -> None:
-    """The coarse level with ``COARSE_LOOSER`` times the standard deviation; a prior that weighs as much as the map."""
+    """The coarse level with ``LOOSER`` times the standard deviation; a prior that weighs as much as the map."""
     pose, start = MIDDLE + np.array((0.02, -0.03, 0.4)), np.array((0.015, 0.02, -0.03))
     prior = np.diag((1e6, 2e6, 4e6))
     noise = np.random.default_rng(2).uniform(0.99, 1.01, (360, 1)).astype(np.float32)  # walls must not lie on seams
     points = room_scan((0.0, 0.0, 0.4)) * noise
-    levels = ((1, 2 * CELL, COARSE_TRUNCATION / (COARSE_LOOSER * SD)), (0, CELL, TRUNCATION / SD))
+    levels = ((1, 2 * CELL, COARSE_TRUNCATION / (LOOSER * SD)), (0, CELL, TRUNCATION / SD))
     while True:  # fewer points lead to other places, where others of them are near a seam
         path, clear = [start], points
         for level, cell, scale in levels:
             clear = away_from_seams(moved(pose, path[-1]), clear, cell)
-            surface = room.surface(level=level)
-            information, pull, _ = surfaces.normal_equations(
-                surface, pose, path[-1], points, cell_size=cell, scale=scale
-            )
+            cells = room.tsdf(level=level)
+            information, pull, _ = tsdf.normal_equations(cells, pose, path[-1], points, cell_size=cell, scale=scale)
             path.append(path[-1] + np.linalg.solve(information + prior, pull - prior @ path[-1]))
         if len(clear) == len(points):
             break
@@ -141,7 +139,7 @@ def test_a_step_on_each_level_solves_the_twins_normal_equations(room: Pool) -> N
 
 
 @pytest.mark.parametrize("points", [np.empty((0, 2)), np.full((40, 2), 0.5), np.full((3, 2), 900.0)])
-def test_the_prior_alone_tells_where_nothing_is_known(room: Pool, points: NDArray[np.float64]) -> None:
+def test_the_prior_alone_decides_over_cells_never_seen(room: Pool, points: NDArray[np.float64]) -> None:
     """A scan of nothing, one in the empty middle, and one beyond the tables."""
     prior = (100.0, 25.0, 4.0, 0.3, -0.2, 0.1)
     (offset,), (fit,) = register(room, [MIDDLE], points, starts=[(0.05, 0.0, -0.05)], prior=prior)
@@ -153,7 +151,7 @@ def test_the_prior_alone_tells_where_nothing_is_known(room: Pool, points: NDArra
 
 
 def test_the_prior_weighs_against_the_map(room: Pool) -> None:
-    points = thinned(room_scan()).vertices
+    points = thinned(room_scan()).points
     wrong = MIDDLE + np.array((0.05, 0.0, 0.0))
     along = [register(room, [wrong], points, prior=(p, 1.0, 1.0, 0.0, 0.0, 0.0))[0][0, 0] for p in (1.0, 1e6, 1e12)]
     assert along[0] == pytest.approx(-0.05, abs=1e-3)
@@ -166,9 +164,10 @@ def test_rays_through_walls_are_counted(room: Pool, origin: tuple[float, float])
     pose, start = MIDDLE + np.array((0.3, -0.2, 0.5)), np.array((0.1, 0.0, -0.2))
     inside = room_scan((0.3, -0.2, 0.5))[::5]
     points = np.concatenate((inside, origin + (inside - origin) / 0.75))  # a ray is looked at there, among others
-    expected = surfaces.crossed(
-        room.surface(), moved(pose, start), origin, points, cell_size=CELL, truncation=TRUNCATION
-    )
+    expected = tsdf.crossed(
+        room.tsdf(), moved(pose, start), origin, points, cell_size=CELL, truncation=TRUNCATION, clearance=1.8,
+        weight=3, distance=0.4,
+    )  # fmt: skip
     _, (fit,) = register(room, [pose], points, starts=[start], origin=origin, iterations=0)
     assert fit[CROSSED] == expected
     assert 5 < expected < len(inside)
@@ -221,6 +220,11 @@ def test_the_solver_and_assignment_of_two_at_once() -> None:
         ({"truncation": np.inf}, "truncation"),
         ({"coarse_truncation": -1.0}, "coarse_truncation"),
         ({"residual": 0.0}, "residual"),
+        ({"coarse_residual_factor": 0.0}, "coarse_residual_factor"),
+        ({"likelihood_width": np.nan}, "likelihood_width"),
+        ({"ray_clearance": -1.0}, "ray_clearance"),
+        ({"ray_weight": 32}, "ray_weight"),
+        ({"ray_distance": 1.5}, "ray_distance"),
         ({"iterations": -1}, "iterations"),
         ({"unknown": np.nan}, "iterations"),
     ],

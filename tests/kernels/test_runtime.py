@@ -16,11 +16,14 @@ POSIX = pytest.mark.skipif(os.name != "posix", reason="file modes and signals of
 LOCK = "ticache.lock"
 KERNEL = """
 import numpy as np
-from moteslam.kernels.scoring import score_poses
+from moteslam.kernels.matching import match_poses
 grid = np.zeros((8, 8), np.uint8)
 grid[3, 4] = 1
-scores = score_poses(grid, (0.0, 0.0), 1.0, [[0, 0, 0], [1, 0, 0]], [[4.5, 3.5], [3.5, 3.5], [3.6, 3.6]])
-assert scores.tolist() == [1, 2], scores
+match = match_poses(
+    grid, (0.0, 0.0), 1.0, [[0, 0, 0], [1, 0, 0]], [[4.5, 3.5], [3.5, 3.5], [3.6, 3.6]], offsets_xy=[0.0],
+    offsets_theta=[0.0],
+)
+assert match.scores.tolist() == [1, 2], match
 """
 SETTINGS = """
 from moteslam.errors import BackendError
@@ -45,7 +48,7 @@ def start(code: str, tmp_path: Path, **variables: str | None) -> subprocess.Pope
 
 
 def run(code: str, tmp_path: Path, **variables: str | None) -> str:
-    """What the code prints; it must end well and say nothing on stderr."""
+    """What the code prints; it must end well and print nothing on stderr."""
     with start(code, tmp_path, **variables) as process:
         out, err = process.communicate(timeout=600)
     assert (process.returncode, err) == (0, "")
@@ -71,7 +74,7 @@ def test_init_and_a_first_kernel_print_nothing_and_fill_the_cache_alone(tmp_path
     assert run(KERNEL, tmp_path, ENABLE_TAICHI_HEADER_PRINT="1") == ""
     kept = sorted(path.name for path in cache_of(tmp_path).glob("*.tic"))
     assert kept
-    assert run(KERNEL, tmp_path) == ""  # and the same answer from the cache, nothing compiled anew
+    assert run(KERNEL, tmp_path) == ""  # and the same answer from the cache, nothing compiled again
     assert sorted(path.name for path in cache_of(tmp_path).glob("*.tic")) == kept
     assert not list((tmp_path / "home").iterdir())
 
@@ -146,8 +149,8 @@ def test_a_lock_just_taken_stays_and_strange_names_among_the_owners_do_no_harm(t
 @pytest.mark.parametrize("home", [None, "", "/proc/none", "a home with spaces"])
 def test_kernels_run_wherever_home_is(home: str | None, tmp_path: Path) -> None:
     home = str(tmp_path / home) if home else home  # an absolute one stays as it is
-    told = f"import os\nassert os.environ.get('HOME') == {home!r}, os.environ.get('HOME')\n"
-    assert run(told + KERNEL + told, tmp_path, HOME=home, MOTESLAM_CACHE=None, XDG_CACHE_HOME=None) == ""
+    check = f"import os\nassert os.environ.get('HOME') == {home!r}, os.environ.get('HOME')\n"
+    assert run(check + KERNEL + check, tmp_path, HOME=home, MOTESLAM_CACHE=None, XDG_CACHE_HOME=None) == ""
 
 
 def test_settings_are_checked_and_taken_once(tmp_path: Path) -> None:
@@ -184,7 +187,7 @@ def test_cuda_is_refused_in_one_line_where_there_is_none_and_the_cpu_serves_stil
     assert "expected a CUDA device" in lines[0]
 
 
-def test_nothing_asks_the_network_even_if_told_to(tmp_path: Path) -> None:
+def test_nothing_asks_the_network_even_if_the_environment_asks_for_it(tmp_path: Path) -> None:
     hook = """
 import os, sys, threading
 def no_network(event, arguments):
@@ -209,7 +212,7 @@ print(sorted({{tuple(sorted(mask)) for mask in masks[-{threads}:]}}) == {expecte
 """
 
 
-@pytest.mark.skipif(not hasattr(os, "sched_getaffinity"), reason="Linux alone tells and sets where threads run")
+@pytest.mark.skipif(not hasattr(os, "sched_getaffinity"), reason="Linux alone reports and sets where threads run")
 @pytest.mark.parametrize(
     ("threads", "expected"),
     [

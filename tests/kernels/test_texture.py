@@ -105,7 +105,7 @@ print(hashlib.sha256(sums.tobytes()).hexdigest(), sums[..., 3].sum())
 @pytest.mark.slow
 def test_the_same_bytes_on_any_number_of_threads(request: pytest.FixtureRequest) -> None:
     tests = str(request.config.rootpath / "tests")
-    said = [
+    printed = [
         subprocess.run(
             [sys.executable, "-c", RUN, threads, tests, __file__],
             check=True,
@@ -115,13 +115,13 @@ def test_the_same_bytes_on_any_number_of_threads(request: pytest.FixtureRequest)
         ).stdout
         for threads in ("1", "2", "3")
     ]
-    assert len(set(said)) == 1
-    assert int(said[0].split()[1]) > 100_000
+    assert len(set(printed)) == 1
+    assert int(printed[0].split()[1]) > 100_000
 
 
 @pytest.mark.usefixtures("taichi")
 @pytest.mark.parametrize(
-    ("changes", "told"),
+    ("changes", "field"),
     [
         ({"mount": MOUNT[:, :3]}, "mount"),
         ({"height_limit": 0.4, "flat": True}, "mount"),
@@ -131,8 +131,8 @@ def test_the_same_bytes_on_any_number_of_threads(request: pytest.FixtureRequest)
         ({"max_depth": np.inf}, "cell_size"),
     ],
 )
-def test_nonsense_is_refused(changes: dict[str, object], told: str) -> None:
-    with pytest.raises(InputError, match=told):
+def test_bad_input(changes: dict[str, object], field: str) -> None:
+    with pytest.raises(InputError, match=field):
         add(np.zeros((10, 10, 4), np.int64), *frame(0), (0.0, 0.0, 0.0), **changes)
 
 

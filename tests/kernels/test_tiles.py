@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 from tile_pools import CELL, MIDDLE, Pool, room_scan, thinned
-from twins import surfaces
+from twins import tsdf
 
 from moteslam.errors import InputError
 from moteslam.kernels import tiles
@@ -68,8 +68,8 @@ def test_interpolation_equals_the_twin_across_the_seams_of_tiles(level: int) -> 
     places[300:600, 1] = side + generator.uniform(-0.6, 0.6, 300)
     found = np.empty((len(places), 4), np.float32)
     _bilinear(pool.pool, pool.tables.reshape(-1), 3, places, level, found)
-    surface = pool.surface(level=level)
-    expected = np.array([surfaces.bilinear(surface, float(x), float(y)) for x, y in places])
+    cells = pool.tsdf(level=level)
+    expected = np.array([tsdf.bilinear(cells, float(x), float(y)) for x, y in places])
     np.testing.assert_allclose(found[:, :3], expected[:, :3], rtol=0, atol=2e-5)
     np.testing.assert_array_equal(found[:, 3], expected[:, 3])
     assert 0.4 < expected[:, 3].mean() < 0.9
@@ -90,7 +90,7 @@ def test_writing_into_one_particles_map_leaves_the_others_as_they_were(particles
     np.testing.assert_array_equal(pool.pool[:CELLS], 0)  # the empty tile stays empty
 
 
-def test_tiles_that_nobody_writes_to_stay_shared() -> None:
+def test_tiles_that_no_particle_writes_to_stay_shared() -> None:
     pool = Pool.empty()
     points = room_scan()
     pool.add([MIDDLE], thinned(points))
@@ -117,7 +117,7 @@ def test_each_of_many_particles_writes_what_it_would_write_alone() -> None:
         np.testing.assert_array_equal(together.all_words()[i], alone.all_words()[0])
 
 
-def test_a_tile_is_taken_for_each_that_is_claimed_and_no_other() -> None:
+def test_one_free_tile_is_taken_for_each_tile_written_to_and_no_other() -> None:
     pool = Pool.empty(3)
     free = pool.free.copy()
     left = pool.add([MIDDLE] * 3, thinned(room_scan()))

@@ -259,7 +259,7 @@ def test_a_gzip_bomb_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "x.log.gz"
     path.write_bytes(gzip.compress(b"FLASER\n" * 3_000_000))
     lines = TextLines(path, max_text=1_000_000)
-    with pytest.raises(InputError, match="unpacks to more than the 1000000 bytes allowed"):
+    with pytest.raises(InputError, match="over 1000000 bytes of text, expected a log"):
         list(lines)
     path.write_bytes(gzip.compress(b"FLASER " + b"0" * 30_000_000))
     with pytest.raises(InputError, match="a line longer than 1048576 bytes"):

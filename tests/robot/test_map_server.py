@@ -91,10 +91,10 @@ def test_nonsense_is_refused(tmp_path: Path, changes: dict[str, Any], field: str
     ("content", "words"),
     [
         (b"image: [", "not YAML"),
-        (b"\xff\xfe", "not YAML"),
+        (b"\xff\xfe", "not UTF-8 text, expected a map_server"),
         (b"- 1\n", "not a table"),
-        (b"a: 2001-99-99\n", "expected a map_server .yaml file"),
-        (b"#" * 200_000, "over 100 kB"),
+        (b"a: 2001-99-99\n", "not YAML: month must be in"),
+        (b"#" * 200_000, "over 0.1 MB"),
         (b"image: m.png\nresolution: 1\n", "missing, expected in every map_server file"),
     ],
 )

@@ -163,5 +163,5 @@ def test_other_compressions_are_refused(tmp_path: Path) -> None:
 
 
 def test_a_folder_in_place_of_the_file_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"Is a directory, expected a \.npz file"):
+    with pytest.raises(InputError, match=r"is a folder, expected a \.npz file"):
         read_arrays(tmp_path, SHAPES)

@@ -91,7 +91,7 @@ def test_files_that_are_none(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="No such file or directory, expected a TUM trajectory"):
         read_tum(tmp_path / "none.tum")
     (tmp_path / "b.tum").write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(InputError, match="not a text file, expected a TUM trajectory"):
+    with pytest.raises(InputError, match="not UTF-8 text, expected a TUM trajectory"):
         read_tum(tmp_path / "b.tum")
     with pytest.raises(OutputError, match="cannot be written"):
         write_tum(tmp_path / "no" / "t.tum", made())

@@ -148,7 +148,7 @@ def test_overlapping_doors_are_refused(table: dict[str, Any]) -> None:
         ("nowhere/", None, "No such file"),
         ("", None, "no scenario of this name"),
         ("broken.toml", b"world = [", "not TOML"),
-        ("binary.toml", b"\xff\xfe\x00", "not TOML"),
+        ("binary.toml", b"\xff\xfe\x00", "not UTF-8 text"),
         ("empty.toml", b"", "missing, expected in every scenario"),
         ("huge.toml", b"#" * 5_000_000, "expected a scenario"),
     ],

@@ -83,7 +83,7 @@ def look(
         infinity where neither floor nor wall is met.
     """
     row, column = pixel
-    if colour:  # invert the published alignment: at infinity dd is 0, and each dd moves the colour pixel by so much
+    if colour:  # invert the published alignment: at infinity dd is 0, and the colour pixel moves in proportion to dd
         right = (585.051 * column - 19276) / 526.37
         down = (585.051 * row - 16662) / 526.37
         eye = np.array((4.5 * 1750.46 * 1.03 / 526.37 / FX, 0.0, 0.0))

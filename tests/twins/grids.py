@@ -1,4 +1,4 @@
-"""The grid kernels in plain Python and NumPy: update, scoring, matching."""
+"""The grid kernels in plain Python and NumPy: update and matching."""
 
 from __future__ import annotations
 
@@ -75,13 +75,6 @@ def values(occupied: NDArray[np.uint8], cells: NDArray[np.int64]) -> NDArray[np.
     found = np.zeros(len(cells), np.int64)
     found[inside] = occupied[cells[inside, 1], cells[inside, 0]]
     return found
-
-
-def score_poses(
-    occupied: NDArray[np.uint8], origin: ArrayLike, cell_size: float, poses: ArrayLike, points: ArrayLike
-) -> list[int]:
-    """The score of each pose."""
-    return [int(values(occupied, cells_under(origin, cell_size, pose, points)).sum()) for pose in np.asarray(poses)]
 
 
 def match_poses(

@@ -28,7 +28,7 @@ def cast_rays(
     return np.where(ranges <= max_range, ranges, np.inf), sine
 
 
-def march(
+def range_in_grid(
     occupied: NDArray[np.bool_], origin: ArrayLike, cell_size: float, pose: ArrayLike, beam: float, *, max_range: float
 ) -> float:
     """How far a beam gets before it enters an occupied cell: every cell side it crosses, in order."""

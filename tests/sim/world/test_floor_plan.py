@@ -70,7 +70,7 @@ def test_rays_in_the_traced_world_are_rays_in_the_image(tmp_path: Path, name: st
     angles = generator.uniform(-np.pi, np.pi, 400)
     traced = cast_rays(build_buckets(wall_segments(grid)), origins, angles, max_range=30.0)
     image = [
-        rays.march(cells, (-3.0, 2.0), 0.1, (*origin, angle), 0.0, max_range=30.0)
+        rays.range_in_grid(cells, (-3.0, 2.0), 0.1, (*origin, angle), 0.0, max_range=30.0)
         for origin, angle in zip(origins, angles, strict=True)
     ]
     differs = np.abs(traced - image) > 1e-3

@@ -7,7 +7,7 @@ import pytest
 from tile_pools import room_scan, thinned
 
 from moteslam.errors import InputError
-from moteslam.kernels.thinning import ThinScan
+from moteslam.kernels.thinning import ThinnedScan
 from moteslam.kernels.tiles import CELLS, FINE_CELLS, SIDE
 from moteslam.slam.mapping import tsdf
 from moteslam.slam.mapping.config import TsdfConfig
@@ -101,12 +101,12 @@ def test_scans_are_found_in_the_maps_they_were_written_to():
     maps.integrate(truth, scan)
     spread = np.full(3, 2.0)
     found = register(
-        maps.all(), np.zeros((2, 3)), spread, scan.vertices, np.zeros(2), np.zeros((2, 3)), RegistrationConfig()
+        maps.all(), np.zeros((2, 3)), spread, scan.points, np.zeros(2), np.zeros((2, 3)), RegistrationConfig()
     )
     np.testing.assert_allclose(found.offsets, truth, rtol=0, atol=1e-3)
     window = Window(np.array((0.5, 0.5, 0.02)), 0.1, 0.02)
     start = truth[1] + np.array((0.3, -0.4, 0.0))
-    (best,) = candidates(maps.of(1), start, spread, scan.vertices, window, 1, TrackingConfig())
+    (best,) = candidates(maps.of(1), start, spread, scan.points, window, 1, TrackingConfig())
     np.testing.assert_allclose(best[:2], (-0.3, 0.4), atol=0.11)
 
 
@@ -149,7 +149,7 @@ def test_nobody_writes_into_the_empty_tile_or_one_that_is_shared(step: float) ->
     for seed in range(20):
         generator = np.random.default_rng(seed)
         ways = np.cumsum(generator.normal(0, step, (generator.integers(2, 60), 2)), axis=0)
-        scan = ThinScan(ways.astype(np.float32), (generator.random(len(ways)) < 0.9).astype(np.int32))
+        scan = ThinnedScan(ways.astype(np.float32), (generator.random(len(ways)) < 0.9).astype(np.int32))
         maps, poses = TsdfMaps(TsdfConfig()), generator.uniform(-6, 6, (4, 3))
         maps.resample(np.zeros(4, np.int64))
         maps.integrate(poses, scan)

@@ -81,7 +81,7 @@ def room(taichi: None) -> TsdfView:
 
 def locate(room: TsdfView, at: tuple[float, float, float], predicted: Array, predictions: Array = ODOMETRY) -> Array:
     """Where a scan taken there is found to be, from where the odometry puts it."""
-    points = thinned(room_scan(at)).vertices
+    points = thinned(room_scan(at)).points
     result = localiser().locate(room, predicted, SPREAD, points, np.zeros(2), predictions)
     return se2.compose(predicted, result.offsets[0])
 
@@ -100,7 +100,7 @@ def test_a_scan_near_its_prediction_is_found_without_a_search(room: TsdfView, mo
 def test_a_scan_is_found_where_the_same_velocity_would_put_it(room: TsdfView) -> None:
     """Odometry that misses 0.9 m and half a radian, and no relocation window to look in."""
     at, stood = (0.7, 0.5, 0.5), np.zeros(3)
-    points = thinned(room_scan(at)).vertices
+    points = thinned(room_scan(at)).points
     narrow = localiser(relocation_distance=0.0, relocation_rotation=0.0)
     predictions = np.stack((np.zeros(3), se2.between(stood, np.array(at) + 0.02)))
     (with_velocity,) = narrow.locate(room, stood, SPREAD, points, np.zeros(2), predictions).offsets

@@ -1,16 +1,16 @@
-"""Thinning scans and writing them into signed-distance maps, against the twins."""
+"""Thinning scans and integrating them into signed-distance maps, against the twins."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 from tile_pools import CELL, COARSE_TRUNCATION, MIDDLE, OPTIONS, TRUNCATION, Pool, frames, room_scan, thinned
-from twins import surfaces
+from twins import tsdf
 
 from moteslam.errors import InputError
-from moteslam.kernels.surface import CHORD, ThinScan, add_scans
-from moteslam.kernels.thinning import thin_scan
+from moteslam.kernels.thinning import ThinnedScan, thin_scan
 from moteslam.kernels.tiles import CELLS, STEPS
+from moteslam.kernels.tsdf import integrate_scans
 
 pytestmark = pytest.mark.usefixtures("taichi")
 
@@ -28,61 +28,47 @@ def cluttered(seed: int, beams: int = 240) -> np.ndarray:
 
 
 @pytest.mark.parametrize("seed", range(4))
-@pytest.mark.parametrize("straight_gap", [1.0, 5.0])
 @pytest.mark.parametrize("spacing", [0.0, 0.02, 0.3])
-def test_thinning_equals_the_twin(seed: int, straight_gap: float, spacing: float) -> None:
+def test_thinning_equals_the_twin(seed: int, spacing: float) -> None:
     points = cluttered(seed, (0, 1, 2, 240)[seed])
     origin = (0.1, -0.05)
-    gaps = {"gap": 0.05, "gap_from_range": 0.01, "straight_gap": straight_gap, "straightness": 0.02}
-    joined = surfaces.joined(points, origin, **gaps)
-    vertices, linked = surfaces.thin(points, joined, spacing)
+    gaps = {"gap": 0.05, "gap_from_range": 0.01}
+    ends_joined = tsdf.ends_joined(points, origin, **gaps)
+    thinned_points, joined = tsdf.thin(points, ends_joined, spacing)
     found = thin_scan(points, origin, spacing=spacing, **gaps)
-    assert found.linked.tolist() == linked
-    np.testing.assert_array_equal(found.vertices, np.array(vertices, np.float32).reshape(-1, 2))
+    assert found.joined.tolist() == joined
+    np.testing.assert_array_equal(found.points, np.array(thinned_points, np.float32).reshape(-1, 2))
     if seed == 3:
-        assert 0 < sum(linked) < len(linked)
+        assert 0 < sum(joined) < len(joined)
 
 
-@pytest.mark.parametrize(("spacing", "most"), [(0.0, 150), (0.02, 150), (0.02, 60), (0.02, 1), (0.02, 240), (0.7, 10)])
-def test_a_scan_of_many_vertices_is_thinned_as_with_the_first_spacing_that_leaves_few_enough(
-    spacing: float, most: int
+@pytest.mark.parametrize(
+    ("spacing", "max_points"), [(0.0, 150), (0.02, 150), (0.02, 60), (0.02, 1), (0.02, 240), (0.7, 10)]
+)
+def test_a_scan_of_many_points_is_thinned_as_with_the_first_spacing_that_leaves_few_enough(
+    spacing: float, max_points: int
 ) -> None:
-    points, widest, within = cluttered(3, 240), 0.5, np.float32(spacing)
-    gaps = {"gap": 0.05, "gap_from_range": 0.1, "straight_gap": 1.0, "straightness": 0.0}
-    joined = surfaces.joined(points, (0, 0), **gaps)
+    points, max_spacing, within = cluttered(3, 240), 0.5, np.float32(spacing)
+    gaps = {"gap": 0.05, "gap_from_range": 0.1}
+    ends_joined = tsdf.ends_joined(points, (0, 0), **gaps)
     while True:
-        vertices, linked = surfaces.thin(points, joined, float(within))
-        if len(vertices) <= most or within >= np.float32(widest):
+        thinned_points, joined = tsdf.thin(points, ends_joined, float(within))
+        if len(thinned_points) <= max_points or within >= np.float32(max_spacing):
             break
-        within = min(max(within * np.float32(1.2), np.float32(0.001)), np.float32(widest))
-    found = thin_scan(points, (0, 0), spacing=spacing, widest=widest, most=most, **gaps)
-    assert found.linked.tolist() == linked
-    np.testing.assert_array_equal(found.vertices, np.array(vertices, np.float32))
-    assert len(found.vertices) <= most or most < 60
-
-
-def test_endpoints_that_go_to_and_fro_on_a_line_are_joined_as_the_twin_does() -> None:
-    generator = np.random.default_rng(8)
-    points = np.column_stack((generator.uniform(1, 4, 200), generator.normal(0.3, 0.01, 200))).astype(np.float32)
-    gaps = {"gap": 0.2, "gap_from_range": 0.0, "straight_gap": 10.0, "straightness": 0.2}
-    found = thin_scan(points, (0, 0), spacing=0.0, **gaps)
-    assert found.linked.tolist() == surfaces.joined(points, (0, 0), **gaps)
-    assert 20 < found.linked.sum() < 180
-
-
-def test_a_wall_at_a_grazing_angle_is_joined_where_it_is_straight() -> None:
-    wall = np.array([(0.5 * 1.25**k, 0.3) for k in range(14)], np.float32)
-    gaps = {"gap": 0.2, "spacing": 0.0}
-    assert thinned(wall, **gaps, gap_from_range=0.0).linked.sum() == 3
-    straight = thinned(wall, **gaps, gap_from_range=0.0, straight_gap=8.0, straightness=0.03)
-    assert straight.linked.tolist() == [1] * 12 + [0] * 2  # the last has three in a row alone
-    wall[1::2, 1] += 0.2
-    assert thinned(wall, **gaps, gap_from_range=0.0, straight_gap=8.0, straightness=0.03).linked.sum() == 0
+        within = min(max(within * np.float32(1.2), np.float32(0.001)), np.float32(max_spacing))
+    found = thin_scan(points, (0, 0), spacing=spacing, max_spacing=max_spacing, max_points=max_points, **gaps)
+    assert found.joined.tolist() == joined
+    np.testing.assert_array_equal(found.points, np.array(thinned_points, np.float32))
+    assert len(found.points) <= max_points or max_points < 60
 
 
 @pytest.mark.parametrize("level", [0, 1])
-@pytest.mark.parametrize(("sharp_weight", "max_weight"), [(1, 31), (8, 31), (8, 10)])
-def test_written_cells_equal_the_twin_to_a_step(level: int, sharp_weight: int, max_weight: int) -> None:
+@pytest.mark.parametrize(
+    ("near_weight", "max_weight", "coarse_chord"), [(1, 31, 0.5), (8, 31, 0.0), (8, 10, 0.5), (8, 31, 1.3)]
+)
+def test_integrated_cells_equal_the_twin_to_a_step(
+    level: int, near_weight: int, max_weight: int, coarse_chord: float
+) -> None:
     """Weights are equal, distances within one step of 1/1023 truncation.
 
     An average of both is ``(old w + d g) / (w + g)``. The distances d differ by float32's rounding of places below
@@ -91,17 +77,18 @@ def test_written_cells_equal_the_twin_to_a_step(level: int, sharp_weight: int, m
     another decision, within 1e-4 cells of a bound, cells are not compared.
     """
     pool, unit = Pool.empty(), CELL * (1 + level)
-    reach, sharp = ((TRUNCATION, COARSE_TRUNCATION)[level] / unit, OPTIONS["sharp"] / unit)
-    twin = surfaces.Surface.empty(*pool.words(level=level).shape)
+    truncation, near = (TRUNCATION, COARSE_TRUNCATION)[level] / unit, OPTIONS["near"] / unit
+    twin = tsdf.Tsdf.empty(*pool.words(level=level).shape)
     for seed, pose in enumerate(POSES):
         scan = thinned(cluttered(seed))
-        assert pool.add([pose], scan, sharp_weight=sharp_weight, max_weight=max_weight) is not None
+        options = {"near_weight": near_weight, "max_weight": max_weight, "coarse_chord": coarse_chord}
+        assert pool.add([pose], scan, **options) is not None
         in_cells = frames([pose])[0] * (1, 1, 1 / unit, 1 / unit)
-        surfaces.write(
-            twin, in_cells, scan.vertices / unit, scan.linked, reach=reach, sharp=sharp, boost=sharp_weight,
-            cap=max_weight, chord=(0.0, CHORD)[level],
+        tsdf.integrate(
+            twin, in_cells, scan.points / unit, scan.joined, truncation=truncation, near=near, near_weight=near_weight,
+            max_weight=max_weight, chord=(0.0, coarse_chord)[level],
         )  # fmt: skip
-    found = pool.surface(level=level)
+    found = pool.tsdf(level=level)
     sure = ~twin.doubtful
     assert sure.mean() > 0.98
     np.testing.assert_array_equal(found.weights[sure], twin.weights[sure])
@@ -116,7 +103,7 @@ def test_distances_are_positive_inside_the_room_and_exact() -> None:
     pool = Pool.empty()
     pool.add([MIDDLE], thinned(room_scan(beams=1440)))
     row = round(MIDDLE[1] / CELL)
-    cells = pool.surface()
+    cells = pool.tsdf()
     x = (np.arange(cells.steps.shape[1]) + 0.5) * CELL
     distance = MIDDLE[0] + 4.0 - x
     near = np.abs(distance) < TRUNCATION - 1e-3
@@ -125,37 +112,39 @@ def test_distances_are_positive_inside_the_room_and_exact() -> None:
     assert not cells.weights[row, np.abs(distance - 2) < 1].any()
 
 
-def test_the_coarse_level_follows_a_run_of_short_stretches_to_its_end() -> None:
-    """The end lies between two chords, with the last vertex or before a gap."""
+def test_the_coarse_level_follows_a_run_of_short_segments_to_its_end() -> None:
+    """The end lies between two chords, with the last point or before a gap."""
     corner = [(1.0, 0.02 * k) for k in range(26)] + [(1.0 - 0.02 * k, 0.5) for k in range(1, 26)]
     unit = 2 * CELL
     for last in (2, 26, 27, 33, 50):
-        linked = np.ones(51, np.int32)
-        linked[last:50] = 0
+        joined = np.ones(51, np.int32)
+        joined[last:50] = 0
         pool = Pool.empty()
-        pool.add([MIDDLE], ThinScan(np.array(corner, np.float32), linked))
-        coarse = pool.surface(level=1)
+        pool.add([MIDDLE], ThinnedScan(np.array(corner, np.float32), joined))
+        coarse = pool.tsdf(level=1)
         for k in range(last + 1):
             column, row = ((MIDDLE[:2] + corner[k]) / unit).astype(int)
             around = np.s_[row - 1 : row + 2, column - 1 : column + 2]
             assert coarse.weights[around].max() > 0, (last, k)
             nearest = abs(coarse.steps[around])[coarse.weights[around] > 0].min() * COARSE_TRUNCATION / STEPS
-            assert nearest < unit * (0.5 + CHORD / 2), (last, k)
+            assert nearest < unit * (0.5 + OPTIONS["coarse_chord"] / 2), (last, k)
 
 
-def test_no_surface_is_written_where_none_is_linked() -> None:
-    scan = ThinScan(np.array([(1, -1), (1, 0), (1, 1)], np.float32), np.array((0, 1, 0), np.int32))
+def test_no_cell_is_updated_where_no_points_are_joined() -> None:
+    scan = ThinnedScan(np.array([(1, -1), (1, 0), (1, 1)], np.float32), np.array((0, 1, 0), np.int32))
     pool = Pool.empty()
     pool.add([MIDDLE], scan)
-    rows = np.flatnonzero(pool.surface().weights.any(axis=1)) * CELL - MIDDLE[1]
+    rows = np.flatnonzero(pool.tsdf().weights.any(axis=1)) * CELL - MIDDLE[1]
     assert -0.05 < rows.min() < rows.max() < 1.05
 
 
-def test_the_first_tile_of_the_tables_is_claimed_whatever_comes_before_it_in_a_scan() -> None:
-    """All of it in that tile, and nothing linked to the first vertex: everybody's empty tile stays empty."""
+def test_the_first_tile_of_the_tables_is_copied_whatever_comes_before_it_in_a_scan() -> None:
+    """All of it in that tile, and nothing joined to the first point: the empty tile stays empty."""
     pool = Pool.empty(2, rows=1, columns=1, tiles=4)
     middle = 0.8
-    scan = ThinScan(np.array([(0.05, 0.0), (-0.05, -0.02), (-0.05, 0.02)], np.float32), np.array([0, 1, 0], np.int32))
+    scan = ThinnedScan(
+        np.array([(0.05, 0.0), (-0.05, -0.02), (-0.05, 0.02)], np.float32), np.array([0, 1, 0], np.int32)
+    )
     pool.add([(middle, middle, 0.0)] * 2, scan, truncation=0.1, coarse_truncation=0.2)
     assert (pool.tables > 0).all()
     assert not pool.pool[:CELLS].any()
@@ -163,20 +152,20 @@ def test_the_first_tile_of_the_tables_is_claimed_whatever_comes_before_it_in_a_s
     np.testing.assert_array_equal(pool.words(0), pool.words(1))
 
 
-@pytest.mark.parametrize("vertices", [0, 1])
-def test_scans_of_nothing_and_of_one_endpoint_write_nothing(vertices: int) -> None:
-    scan = thinned(np.ones((vertices, 2), np.float32))
-    assert len(scan.vertices) == vertices
+@pytest.mark.parametrize("count", [0, 1])
+def test_scans_of_nothing_and_of_one_endpoint_write_nothing(count: int) -> None:
+    scan = thinned(np.ones((count, 2), np.float32))
+    assert len(scan.points) == count
     pool = Pool.empty()
     assert pool.add([MIDDLE], scan) == len(pool.free)
     assert not pool.tables.any()
 
 
-def test_vertices_that_coincide_write_nothing_wrong() -> None:
-    scan = ThinScan(np.array([(1, 0), (1, 0), (1, 1)], np.float32), np.array((1, 1, 0), np.int32))
+def test_points_that_coincide_write_nothing_wrong() -> None:
+    scan = ThinnedScan(np.array([(1, 0), (1, 0), (1, 1)], np.float32), np.array((1, 1, 0), np.int32))
     double, single = Pool.empty(), Pool.empty()
     double.add([MIDDLE], scan)
-    single.add([MIDDLE], ThinScan(scan.vertices[1:], scan.linked[1:]))
+    single.add([MIDDLE], ThinnedScan(scan.points[1:], scan.joined[1:]))
     np.testing.assert_array_equal(double.all_words(), single.all_words())
 
 
@@ -187,11 +176,9 @@ def test_vertices_that_coincide_write_nothing_wrong() -> None:
         ({"points": [(0, 0, 0)]}, "points"),
         ({"origin": (0, 0, 0)}, "origin"),
         ({"spacing": -1.0}, "spacing"),
-        ({"widest": np.nan}, "widest"),
+        ({"max_spacing": np.nan}, "max_spacing"),
         ({"gap": np.inf}, "gap"),
         ({"gap_from_range": -0.1}, "gap_from_range"),
-        ({"straight_gap": 0.5}, "straight_gap"),
-        ({"straightness": np.nan}, "straightness"),
     ],
 )
 def test_bad_input_of_thinning(change: dict[str, object], field: str) -> None:
@@ -211,23 +198,24 @@ def test_bad_input_of_thinning(change: dict[str, object], field: str) -> None:
         ({"frames": frames([(0.0, 0.0, 0.0)])}, "frames"),  # the scan would leave the tables
         ({"frames": frames([(12.0, 7.2, 0.0)])}, "frames"),
         ({"frames": [(1.0, 0.0, np.inf, 0.0)]}, "frames"),
-        ({"scan": ThinScan(np.full((2, 2), np.nan, np.float32), np.ones(2, np.int32))}, "scan"),
-        ({"scan": ThinScan(np.ones((2, 2), np.float32), np.ones(3, np.int32))}, "scan"),
+        ({"scan": ThinnedScan(np.full((2, 2), np.nan, np.float32), np.ones(2, np.int32))}, "scan"),
+        ({"scan": ThinnedScan(np.ones((2, 2), np.float32), np.ones(3, np.int32))}, "scan"),
         ({"cell_size": 0.0}, "cell_size"),
         ({"truncation": -0.1}, "truncation"),
         ({"coarse_truncation": np.nan}, "coarse_truncation"),
         ({"coarse_truncation": 9.0}, "frames"),
-        ({"sharp": 0.0}, "sharp"),
-        ({"sharp_weight": 32}, "sharp_weight"),
+        ({"coarse_chord": -0.1}, "coarse_chord"),
+        ({"near": 0.0}, "near"),
+        ({"near_weight": 32}, "near_weight"),
         ({"max_weight": 0}, "max_weight"),
     ],
 )
-def test_bad_input_of_writing(change: dict[str, object], field: str) -> None:
+def test_bad_input_of_integrating(change: dict[str, object], field: str) -> None:
     pool = Pool.empty()
     arguments: dict[str, object] = {
         "pool": pool.pool, "tables": pool.tables, "shares": pool.shares, "free": pool.free,
         "frames": frames([MIDDLE]), "scan": thinned(room_scan()), **OPTIONS,
     }  # fmt: skip
     with pytest.raises(InputError, match=f"^{field}: "):
-        add_scans(**{**arguments, **change})  # type: ignore[arg-type]
+        integrate_scans(**{**arguments, **change})  # type: ignore[arg-type]
     assert not pool.tables.any()
