@@ -126,7 +126,7 @@ def _at_scans(lidar: LidarStream, path: OdometryPath, config: SyncConfig, *, nam
 def _sweeps(recording: Recording, lidar: LidarStream, path: OdometryPath | None, config: SyncConfig) -> Array | None:
     """How the robot moves while each scan is taken, [n, 3] in its frame at the first beam; None where unknown.
 
-    Zeros where the odometry jumps between the reading before the sweep and the one after: it did not measure the motion.
+    Zeros where the odometry jumps between the reading before the sweep and the one after, and so did not measure it.
     """
     seconds = (lidar.time_increment or recording.platform.lidar.time_increment) * (lidar.ranges.shape[1] - 1)
     if seconds <= 0 or path is None:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from slam_rooms import circled_room
 
-from moteslam.kernels.scoring import score_poses
+from moteslam.kernels.matching import match_poses
 from moteslam.slam.inputs.step import Step, steps
 from moteslam.slam.inputs.synchronise import synchronise
 from moteslam.slam.paper.config import PaperFilterConfig
@@ -39,7 +39,9 @@ def test_the_reported_score_is_the_best_particles_in_the_map_before_the_scan():
         if not result.updated or not step.index:
             assert result.score == 0
             continue
-        scores = score_poses(occupied, origin, paper.grid.cell_size, paper.history.last, step.points)
+        cell_size, poses, here = paper.grid.cell_size, paper.history.last, np.zeros(1)
+        found = match_poses(occupied, origin, cell_size, poses, step.points, offsets_xy=here, offsets_theta=here)
+        scores = found.scores
         # resampled after every update, the weights are equal before each: the best particle is that of the best score
         assert result.score == scores[paper.best_particle] == scores.max()
         updates += 1
