@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import io
 import os
+import struct
 import sys
 import tempfile
 import time
@@ -51,6 +52,8 @@ with _environment(HOME=_home(), ENABLE_TAICHI_HEADER_PRINT="0"), warnings.catch_
 __all__ = ["ARCHES", "Runtime", "init", "one_thread", "runtime", "ti"]
 
 ARCHES = ("cpu", "cuda")
+RECENT = 5.0
+"""What another process left in the cache longer ago than this [s] is no longer being written."""
 
 
 @dataclass(frozen=True)
@@ -115,6 +118,7 @@ def init(arch: str = "cpu", threads: int | None = None, *, debug: bool = False) 
     cache = _cache_folder()
     if cache is not None:
         _remove_stale_lock(cache)
+        _empty_if_truncated(cache)
     before = _threads()
     # no query of the newest version over the network; and TI_ARCH would overrule the arch that is asked for here
     environment = _environment(HOME=_home(), TI_SKIP_VERSION_CHECK="ON", TI_ARCH=None)
@@ -218,13 +222,47 @@ def _remove_stale_lock(cache: Path) -> None:
                 owner.unlink(missing_ok=True)
         others = [owner for owner in owners.iterdir() if owner.name != str(os.getpid())]
         for lock in cache.rglob("ticache.lock"):
-            if not others and time.time() - lock.stat().st_mtime > 5:
+            if not others and time.time() - lock.stat().st_mtime > RECENT:
                 lock.unlink(missing_ok=True)
         mine = owners / str(os.getpid())
         mine.touch()
         import atexit
 
         atexit.register(mine.unlink, missing_ok=True)
+
+
+def _empty_if_truncated(cache: Path) -> None:
+    """Empty the cache if a compiled kernel or their index was cut off, by a full disk or a killed process.
+
+    Taichi compiles such a kernel anew in every process and never replaces the file, nor one that the index lists and
+    that is missing. A file has a head of 24 bytes, ``TIC`` and the lengths of two parts, then these parts, and their
+    SHA-256 in 64 hexadecimal digits; the index begins with its own length.
+    """
+    kernels, index = list(cache.rglob("T*.tic")), list(cache.rglob("ticache.tcb"))
+    try:
+        complete = all(map(_complete_kernel, kernels)) and all(map(_complete_index, index))
+    except OSError:  # other processes remove files, too
+        return
+    if not complete:
+        for path in (*kernels, *index):
+            path.unlink(missing_ok=True)
+
+
+def _complete_kernel(path: Path) -> bool:
+    head, size, age = _head(path, 24)
+    return age < RECENT or (len(head) == 24 and sum(struct.unpack("<8xQQ", head)) + 24 + 64 == size)
+
+
+def _complete_index(path: Path) -> bool:
+    head, size, age = _head(path, 8)
+    return age < RECENT or (len(head) == 8 and struct.unpack("<Q", head)[0] == size)
+
+
+def _head(path: Path, length: int) -> tuple[bytes, int, float]:
+    """The first bytes of a file, its size, and how long ago it was written [s]: just now it may not be complete."""
+    status = path.stat()
+    with path.open("rb") as file:
+        return file.read(length), status.st_size, time.time() - status.st_mtime
 
 
 def _alive(pid: int) -> bool:

@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 import multiprocessing
+import os
 import signal
+import threading
 from collections.abc import Iterator
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,7 +22,6 @@ if TYPE_CHECKING:
     from moteslam.sim.scenario import Scenario
     from moteslam.sim.simulate import Simulation
 
-RANDOM = "random-corridors"
 MAX_BATCH = 100_000
 
 
@@ -47,8 +51,9 @@ def chosen_scenario(name: str, seed: int | None) -> Scenario:
         ConfigError: there is none, or it is not well made.
     """
     from moteslam.sim.scenario import load_scenario
+    from moteslam.sim.world.random_corridors import NAME as RANDOM_CORRIDORS
 
-    return load_scenario(f"{RANDOM}-{seed or 0}" if name == RANDOM else name)
+    return load_scenario(f"{name}-{seed or 0}" if name == RANDOM_CORRIDORS else name)
 
 
 @contextmanager
@@ -65,11 +70,11 @@ def named_in_errors(scenario: str) -> Iterator[None]:
 
 
 def run_batch(jobs: list[Job], *, processes: int | None = None) -> list[dict[str, Any]]:
-    """Do all of the jobs, with a progress bar; what ``about`` gives of each, in their job.
+    """Do all of the jobs, with a progress bar; what ``about`` gives of each, in their order.
 
     Args:
         jobs: at most 100 000.
-        processes: at a time; as many as there are cores by default.
+        processes: at a time; as many as there are processors by default.
 
     Raises:
         MoteslamError: the first that fails ends them all, and is named with its seed.
@@ -78,23 +83,41 @@ def run_batch(jobs: list[Job], *, processes: int | None = None) -> list[dict[str
         raise ConfigError(f"{len(jobs)} simulations, expected at most {MAX_BATCH}", field="batch")
     from moteslam.robot.processors import processor_count
 
-    spawn = multiprocessing.get_context("spawn")
+    count = min(processes or processor_count(), len(jobs))
     found: dict[int, dict[str, Any]] = {}
-    with (
-        spawn.Pool(min(processes or processor_count(), len(jobs)), _start) as pool,
-        progress_bar("batch", len(jobs), "runs") as bar,
-    ):
-        coming = pool.imap_unordered(_do, list(enumerate(jobs)))
+    with progress_bar("batch", len(jobs), "runs") as bar, _workers(count) as pool:
+        waiting = iter(enumerate(jobs))
+        running: dict[Future[dict[str, Any] | str], int] = {}
         while len(found) < len(jobs):
+            for index, job in islice(waiting, 2 * count - len(running)):  # one more for each, to begin at once
+                running[pool.submit(_do, job)] = index
+            for future in wait(running, timeout=0.2, return_when=FIRST_COMPLETED).done:
+                job = jobs[index := running.pop(future)]
+                try:
+                    outcome = future.result()
+                except BrokenProcessPool:
+                    outcome = "its process was killed, expected enough memory"
+                if isinstance(outcome, str):
+                    raise MoteslamError(outcome, file=job.scenario, field=f"seed {job.seed}")
+                found[index] = outcome
             bar.update(len(found))
-            try:
-                index, outcome = coming.next(timeout=0.2)
-            except multiprocessing.TimeoutError:
-                continue
-            if isinstance(outcome, str):
-                raise MoteslamError(outcome, file=jobs[index].scenario, field=f"seed {jobs[index].seed}")
-            found[index] = outcome
     return [found[index] for index in range(len(jobs))]
+
+
+@contextmanager
+def _workers(count: int) -> Iterator[ProcessPoolExecutor]:
+    """Processes that end with the block, whatever they are at."""
+    others = set(multiprocessing.active_children())
+    pool = ProcessPoolExecutor(count, multiprocessing.get_context("spawn"), _start)
+    try:
+        yield pool
+    finally:
+        pool.shutdown(wait=False, cancel_futures=True)
+        mine = set(multiprocessing.active_children()) - others
+        for worker in mine:
+            worker.terminate()
+        for worker in mine:
+            worker.join()
 
 
 def about(simulation: Simulation) -> dict[str, Any]:
@@ -116,27 +139,35 @@ def about(simulation: Simulation) -> dict[str, Any]:
 
 
 def _start() -> None:
-    """In each process: leave Ctrl-C to the parent, and use one thread."""
+    """In each process: leave Ctrl-C to the parent, end with it, and use one thread."""
     from moteslam.kernels import runtime
 
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
     runtime.init("cpu", 1)
 
 
-def _do(numbered: tuple[int, Job]) -> tuple[int, dict[str, Any] | str]:
+def _end_with_parent() -> None:
+    """Wait for the parent's end, and end this process at once: nobody is left to take what it makes."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
+
+
+def _do(job: Job) -> dict[str, Any] | str:
     """Simulate and write one; what is wrong with it as text, since exceptions with fields cannot be pickled."""
     from moteslam.sim.output import write_simulation
     from moteslam.sim.scenario import with_camera
     from moteslam.sim.simulate import simulate
 
-    index, job = numbered
     try:
         scenario = chosen_scenario(job.scenario, job.seed)
         simulation = simulate(with_camera(scenario) if job.camera else scenario, job.seed)
         job.folder.mkdir(parents=True, exist_ok=True)
         write_simulation(job.folder, simulation, map_resolution=job.map_resolution)
     except MoteslamError as error:
-        return index, str(error)
+        return str(error)
     except OSError as error:
-        return index, f"{error.filename}: {error.strerror}"
-    return index, about(simulation)
+        return f"{error.filename}: {error.strerror}"
+    return about(simulation)

@@ -9,7 +9,7 @@ import typer
 
 from moteslam.errors import ConfigError
 from moteslam.eval.cli import options
-from moteslam.eval.cli.batch import MAX_BATCH, RANDOM, Job, about, chosen_scenario, named_in_errors, run_batch
+from moteslam.eval.cli.batch import MAX_BATCH, Job, about, chosen_scenario, named_in_errors, run_batch
 from moteslam.eval.cli.progress import progress_bar
 from moteslam.eval.cli.text import literal, note, say, say_json, table
 
@@ -57,6 +57,7 @@ def simulate(
     from moteslam.robot.result_folder import result_folder
     from moteslam.sim.output import write_simulation
     from moteslam.sim.scenario import MAX_SEED, with_camera
+    from moteslam.sim.world.random_corridors import NAME as RANDOM_CORRIDORS
 
     loaded = chosen_scenario(scenario, seed)
     if true_map is not None and not 0.001 <= true_map <= 10:
@@ -66,7 +67,7 @@ def simulate(
         if first > MAX_SEED - (batch - 1):
             raise ConfigError(f"{first}, expected at most {MAX_SEED - (batch - 1)} for {batch} of them", field="--seed")
         with result_folder(out, force=force) as folder:
-            name = RANDOM if scenario == RANDOM else loaded.name
+            name = scenario if scenario == RANDOM_CORRIDORS else loaded.name
             todo = [
                 Job(scenario, number, folder / f"{_file_name(name)}-{number}", true_map, camera)
                 for number in range(first, first + batch)

@@ -3,6 +3,12 @@
 from __future__ import annotations
 
 import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
 from pathlib import Path
 
 import cv2
@@ -144,3 +150,49 @@ def test_a_batch_that_fails_leaves_nothing(program, scenario_file: Path, tmp_pat
     assert "seed 0" in done.stderr or "seed 1" in done.stderr
     assert len(done.stderr.strip().splitlines()) == 1
     assert not (tmp_path / "many").exists()
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not Path("/proc").exists(), reason="children of a process as Linux lists them")
+@pytest.mark.parametrize("killed", ["parent", "worker"])
+def test_a_batch_of_which_a_process_is_killed_ends(killed: str, tmp_path: Path) -> None:
+    """Its workers end with it, in the middle of their work; a worker that is killed ends it with a line."""
+    arguments = ("simulate", "two_halls", "--out", "many", "--batch", "50", "--jobs", "2")
+    command = [sys.executable, "-m", "moteslam", *arguments]
+    with subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True) as batch:
+        until(lambda: len(workers(batch.pid)) == 2 and min(map(seconds, workers(batch.pid))) > 2)
+        both = workers(batch.pid)
+        if killed == "parent":
+            batch.kill()
+        else:
+            os.kill(both[0], signal.SIGKILL)
+            _, said = batch.communicate(timeout=120)
+            assert batch.returncode == 2
+            assert "its process was killed" in said
+            assert len(said.splitlines()) == 1
+            assert not list(tmp_path.iterdir())
+        until(lambda: all(seconds(worker) == 0 for worker in both))
+        assert not list(tmp_path.rglob("truth.tum"))
+
+
+def until(done: Callable[[], bool]) -> None:
+    """Wait, for two minutes at most."""
+    deadline = time.monotonic() + 120
+    while not done():
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+
+
+def workers(parent: int) -> list[int]:
+    """The processes that a batch simulates in."""
+    children = Path(f"/proc/{parent}/task/{parent}/children").read_text().split()
+    return [int(child) for child in children if b"spawn_main" in Path(f"/proc/{child}/cmdline").read_bytes()]
+
+
+def seconds(process: int) -> float:
+    """What it has computed [s of a processor]; 0 once it has ended, whether or not anybody has waited for it."""
+    try:
+        state, *fields = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()
+    except OSError:
+        return 0.0
+    return 0.0 if state == "Z" else (int(fields[10]) + int(fields[11])) / os.sysconf("SC_CLK_TCK")

@@ -113,6 +113,19 @@ def test_the_lock_of_a_killed_process_is_removed_and_kernels_are_kept_again(tmp_
     assert not list((cache / "owners").iterdir())
 
 
+@pytest.mark.parametrize("name", ["T*.tic", "ticache.tcb"])
+@pytest.mark.parametrize("length", [0, 100])
+def test_a_file_of_the_cache_that_was_cut_off_is_replaced(name: str, length: int, tmp_path: Path) -> None:
+    run(KERNEL, tmp_path)
+    cache = cache_of(tmp_path)
+    cut = next(cache.glob(name))
+    size = cut.stat().st_size
+    os.truncate(cut, length)
+    os.utime(cut, (time.time() - 60,) * 2)
+    assert run(KERNEL, tmp_path) == ""
+    assert cut.stat().st_size == size
+
+
 @POSIX
 def test_the_lock_stays_while_its_owner_may_live(tmp_path: Path) -> None:
     setup = "from moteslam.kernels.runtime import init; init('cpu', 1)"
