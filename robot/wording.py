@@ -73,6 +73,8 @@ def _in_words(error: ErrorDetails) -> str:
     kind, context = error["type"], error.get("ctx", {})
     found = repr(error["input"])
     found = found if len(found) <= _LONGEST else f"{found[: _LONGEST - 3]}..."
+    if kind == "bool_type":
+        return f"{found}, expected true or false"
     if kind in ("model_type", "model_attributes_type", "dict_type"):
         return f"{found}, expected a table"
     if kind in ("tuple_type", "list_type"):

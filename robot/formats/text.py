@@ -50,7 +50,7 @@ class TextLines:
                 raise InputError(f"over {self._max_text} bytes of text, expected a log", file=self.path)
             lines_read += chunk.count(b"\n")
             if lines_read > MAX_LINES:
-                raise InputError(f"over {MAX_LINES} lines, expected a log", file=self.path)
+                raise InputError(f"over {MAX_LINES:,} lines, expected a log", file=self.path)
             *lines, rest = (rest + chunk).split(b"\n")
             if len(rest) > self._max_line:
                 raise InputError(f"a line longer than {self._max_line} bytes, expected lines of text", file=self.path)

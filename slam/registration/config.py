@@ -14,7 +14,7 @@ from moteslam.robot.section import NotNegative, Number, Positive, Section, Share
 class RegistrationConfig(Section):
     """Registration of scans to the particles' TSDFs: Gauss-Newton from coarse to fine."""
 
-    residual: Positive = 0.01
+    residual: Annotated[Number, Field(ge=1e-4, le=1)] = 0.01
     """Standard deviation of an endpoint's distance to the surface [m]."""
     coarse_residual_factor: Annotated[Number, Field(ge=0.1, le=100)] = 2.0
     """On the coarse level the residual's standard deviation is this many times as large."""

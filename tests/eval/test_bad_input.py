@@ -14,19 +14,10 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from command_lines import refused
 
 from moteslam.eval.cli import interrupt, main
 from moteslam.eval.cli.text import literal
-
-
-def refused(capsys: pytest.CaptureFixture[str], *arguments: object, code: int = 2) -> str:
-    """Run a command line that must be refused, and return its one line."""
-    assert main.run([str(argument) for argument in arguments]) == code
-    said = capsys.readouterr()
-    assert said.out == ""
-    assert said.err.startswith("moteslam: ")
-    assert said.err.count("\n") == 1
-    return said.err
 
 
 @pytest.mark.parametrize(

@@ -14,6 +14,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from command_lines import refused
 
 from moteslam.errors import OutputError
 from moteslam.eval.cli.main import run
@@ -23,14 +24,6 @@ from moteslam.robot.formats.ucsd import read_ucsd
 from moteslam.robot.trajectory import read_tum
 from moteslam.sim.scenario import bundled_scenarios, load_scenario
 from moteslam.sim.simulate import simulate
-
-
-def refused(capsys: pytest.CaptureFixture[str], *arguments: object) -> str:
-    """The one line on stderr that a command is refused with."""
-    assert run([str(argument) for argument in arguments]) == 2
-    said = capsys.readouterr().err.strip()
-    assert "\n" not in said
-    return said
 
 
 def test_each_is_listed_with_why_it_is_hard(capsys: pytest.CaptureFixture[str]) -> None:

@@ -54,7 +54,7 @@ def test_a_flag_goes_over_the_file_over_the_preset(tmp_path: Path):
         ("particles=true", "particles: True, expected a valid integer"),
         ("particles='30'", "particles: '30', expected a valid integer"),
         ("map.cell_size=true", "map.cell_size: True, expected a valid number"),
-        ("kld.enabled=1", "kld.enabled: 1, expected a valid boolean"),
+        ("kld.enabled=1", "kld.enabled: 1, expected true or false"),
         ("map.cell_size=nan", "map.cell_size"),
         ("map.hit_probability=0.5", "map.hit_probability"),
         ("search.offsets_xy=[0.1, 0.2]", "search.offsets_xy: expected rising offsets, zero among them"),

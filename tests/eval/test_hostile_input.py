@@ -1,0 +1,204 @@
+"""Files and values that nobody means well with: refused at once, in one line, whatever reads them."""
+
+from __future__ import annotations
+
+import gzip
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from command_lines import refused
+
+from moteslam.eval.cli import main
+from moteslam.robot.formats import open_recording
+from moteslam.robot.trajectory import read_tum
+
+TUM = "0 0 0 0 0 0 0 1\n1 1 0 0 0 0 0 1\n2 2 0 0 0 0 0 1\n"
+FLASER = f"FLASER 180 {' '.join(['1.5'] * 180)} 0 0 0 0 0 0 {{0}} host {{0}}\n"
+CARMEN = "".join(FLASER.format(stamp) for stamp in range(5))
+DIGITS = "1" * 5000
+BRACKETS = "[" * 20_000 + "]" * 20_000
+PLAN = "image: {0}\nresolution: 0.05\norigin: [0, 0, 0]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.25\n"
+WALL = "[[world.walls]]\npoints = [[-5.0, 3.0], [5.0, 3.0]]\n"
+ROUTE = "[route]\nwaypoints = [[0.0, 0.0], [1.0, 0.0]]\n"
+
+
+@pytest.fixture(autouse=True)
+def _here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Good files beside the bad ones, in the working folder."""
+    monkeypatch.chdir(tmp_path)
+    Path("ok.tum").write_text(TUM)
+    Path("ok.log").write_text(CARMEN)
+
+
+@pytest.mark.skipif(not Path("/dev/zero").exists(), reason="devices of POSIX")
+@pytest.mark.parametrize(("strange", "kind"), [("/dev/zero", "is a device"), ("pipe", "is a named pipe")])
+@pytest.mark.parametrize(
+    "line",
+    [
+        "replay ok.log --out x --config {}",
+        "replay ok.log --out x --platform {}",
+        "replay {} --out x",
+        "inspect {}",
+        "evaluate {} ok.tum",
+        "evaluate ok.tum {}",
+        "simulate plan.toml --out x",
+        "simulate image.toml --out x",
+        "simulate floor.toml --out x",
+        "simulate linked.toml --out x",
+    ],
+)
+def test_devices_and_pipes_are_refused_at_once(line: str, strange: str, kind: str, capsys) -> None:
+    os.mkfifo("pipe")
+    path = Path(strange).absolute()
+    Path("plan.toml").write_text(f"{ROUTE}[world.plan]\nfile = '{path}'\n")
+    Path("image.toml").write_text(f"{ROUTE}[world.plan]\nfile = 'map.yaml'\n")
+    Path("map.yaml").write_text(PLAN.format(path))
+    Path("floor.toml").write_text(f"{ROUTE}[floor]\nmaterial = 'image'\nimage = '{path}'\n{WALL}")
+    Path("linked.toml").symlink_to(path)
+    before = sorted(Path().iterdir())
+    said = refused(capsys, *line.format(strange).split())
+    assert kind in said or "neither a file nor a folder" in said
+    assert sorted(Path().iterdir()) == before
+
+
+def bomb(name: str) -> None:
+    """A gzip of some 4 MB that unpacks to a short log and 1.1 GB of comments."""
+    member = gzip.compress(b"# a comment of a log that goes on and on\n" * 25_000)
+    Path(name).write_bytes(gzip.compress(CARMEN.encode()) + member * 1075)
+
+
+PEAK = """
+import resource, sys
+from moteslam.eval.cli.main import run
+code = run(sys.argv[1:])
+print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
+sys.exit(code)
+"""
+
+
+@pytest.mark.slow
+def test_a_gzip_that_unpacks_to_a_gigabyte_of_comments_is_refused_in_little_memory() -> None:
+    bomb("bomb.log.gz")
+    done = subprocess.run(
+        [sys.executable, "-c", PEAK, "inspect", "bomb.log.gz"], capture_output=True, text=True, check=False, timeout=300
+    )
+    assert done.returncode == 2
+    assert done.stderr.startswith("moteslam: bomb.log.gz: over 20,000,000 lines")
+    assert done.stderr.count("\n") == 1
+    assert int(done.stdout) * 1024 < 300e6
+
+
+def test_lines_are_counted_before_they_are_kept(monkeypatch: pytest.MonkeyPatch, capsys) -> None:
+    monkeypatch.setattr("moteslam.robot.formats.text.MAX_LINES", 100)
+    Path("long.log").write_text("# a comment\n" * 101 + CARMEN)
+    assert "long.log: over 100 lines" in refused(capsys, "inspect", "long.log")
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "line", "words"),
+    [
+        ("a.toml", f"particles = {DIGITS}\n", "demo --config a.toml", "a.toml"),
+        ("a.toml", f"particles = {BRACKETS}\n", "demo --config a.toml", "a.toml: not TOML: tables nested too deep"),
+        ("a.toml", f"seed = {DIGITS}\n", "simulate a.toml --out x", "a.toml"),
+        ("a.toml", f"seed = {BRACKETS}\n", "simulate a.toml --out x", "a.toml: not TOML: tables nested too deep"),
+        ("a.toml", "particles = 9\n# " + 4_000_000 * "x", "demo --config a.toml", "a.toml: over 4 MB"),
+        ("a.toml", f"lidar_x = {DIGITS}\n", "inspect ok.log --platform a.toml", "a.toml"),
+        ("a.tum", TUM + f"{DIGITS} 1 1 0 0 0 0 1\n", "evaluate a.tum ok.tum", "a.tum:4: "),
+        ("a.log", FLASER.format(DIGITS), "inspect a.log", "a.log"),
+        ("map.yaml", PLAN.format(DIGITS), "simulate plan.toml --out x", "map.yaml"),
+        ("map.yaml", PLAN.format(BRACKETS), "simulate plan.toml --out x", "map.yaml"),
+    ],
+    ids=lambda value: value[:20] if isinstance(value, str) else None,
+)
+def test_long_numbers_and_deep_brackets(name: str, content: str, line: str, words: str, capsys) -> None:
+    Path("plan.toml").write_text(f"{ROUTE}[world.plan]\nfile = 'map.yaml'\n")
+    Path(name).write_text(content)
+    before = sorted(Path().iterdir())
+    said = refused(capsys, *line.split())
+    assert words in said
+    assert len(said) < 1000
+    assert sorted(Path().iterdir()) == before
+
+
+@pytest.mark.parametrize(
+    ("option", "words"),
+    [
+        (f"particles={DIGITS}", "--set particles"),
+        (f"particles={BRACKETS}", "--set particles"),
+        ("map.occupied_threshold=100", "--set map: occupied_threshold of 100, expected within the limit, 50"),
+        ("tracking.lost_score=-5", "--set tracking.lost_score: -5, expected "),
+        ("colours.enabled=False", "--set colours.enabled: 'False', expected true or false"),
+        ("tsdf.cell_size=1e300", "--set tsdf.cell_size: "),
+        ("registration.residual=1e-300", "--set registration.residual: "),
+    ],
+    ids=lambda value: value[:30],
+)
+def test_values_beyond_reason(option: str, words: str, capsys) -> None:
+    said = refused(capsys, "replay", "ok.log", "--out", "x", "--set", option)
+    assert words in said
+    assert len(said) < 1000
+    assert not Path("x").exists()
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        ("time_increment = 10.0", "time_increment"),
+        ("yaw = 1e300", "yaw"),
+        ("x = 1e200", "x"),
+    ],
+)
+def test_absurd_platforms_are_refused(content: str, words: str, capsys, recwarn: pytest.WarningsRecorder) -> None:
+    Path("absurd.toml").write_text(f"[lidar]\n{content}\n")
+    assert f"absurd.toml: lidar.{words}" in refused(capsys, "inspect", "ok.log", "--platform", "absurd.toml")
+    assert not recwarn.list
+
+
+def written(name: str, text: str) -> Path:
+    file = Path(name)
+    file.write_bytes(b"\xef\xbb\xbf" + text.encode())
+    return file
+
+
+def test_a_byte_order_mark_changes_nothing(capsys) -> None:
+    """Editors of Windows put one before the text."""
+    marked = written("marked.tum", TUM)
+    assert read_tum(marked).poses.tobytes() == read_tum("ok.tum").poses.tobytes()
+    with_mark, without = open_recording(written("marked.log", CARMEN)), open_recording("ok.log")
+    assert with_mark.lidar is not None
+    assert without.lidar is not None
+    assert with_mark.lidar.ranges.tobytes() == without.lidar.ranges.tobytes()
+    written("marked.toml", "particles = 7\n")
+    assert main.run(["demo", "--config", "marked.toml", "--print-config"]) == 0
+    assert "particles = 7\n" in capsys.readouterr().out
+    written("marked.relations", "0 1 1 0 0 0 0 0\n")
+    assert main.run(["evaluate", "ok.tum", "marked.relations"]) == 0
+
+
+SHELL = pytest.mark.skipif(os.name != "posix", reason="a shell of POSIX")
+
+
+def in_shell(command: str) -> subprocess.CompletedProcess[str]:
+    program: Callable[..., str] = command.format
+    line = program(moteslam=f"{sys.executable} -W error -m moteslam")
+    return subprocess.run(["bash", "-c", line], capture_output=True, text=True, check=False, timeout=300)
+
+
+@SHELL
+@pytest.mark.parametrize("line", ["scenarios", "--version", "inspect ok.log", "evaluate ok.tum ok.tum --json"])
+def test_a_closed_stdout_is_one_line(line: str) -> None:
+    done = in_shell(f"{{moteslam}} {line} >&-")
+    assert (done.returncode, done.stderr) == (2, "moteslam: stdout: is closed, expected somewhere to print to\n")
+
+
+@SHELL
+def test_a_working_folder_that_is_gone_is_one_line() -> None:
+    done = in_shell("mkdir gone && cd gone && rmdir ../gone && {moteslam} demo")
+    assert done.returncode == 2
+    assert done.stderr.startswith("moteslam: ")
+    assert "the current folder was deleted" in done.stderr
+    assert done.stderr.count("\n") == 1
