@@ -224,10 +224,10 @@ class SlamSession:
     def _warnings(self) -> tuple[Issue, ...]:
         """What SLAM had to do without."""
         issues = [*warnings(self.recording, self._inputs)]
-        extrapolated = int((~self._inputs.measured[: self._done]).sum())
-        if extrapolated and self._inputs.moves and not METHODS[self.config.method].needs_odometry:
-            text = f"odometry jumps at {extrapolated} of {self._done} scans: constant velocity there"
-            issues.append(Issue("odometry-jumps", text, extrapolated))
+        jumps = int(self._inputs.jumped[: self._done].sum())
+        if jumps and not METHODS[self.config.method].needs_odometry:
+            text = f"odometry jumps at {jumps} of {self._done} scans: constant velocity there"
+            issues.append(Issue("odometry-jumps", text, jumps))
         if self._missing:
             issues.append(Issue("no-colours", f"colours: {self._missing}: particles are weighed without"))
         if self._views is not None:

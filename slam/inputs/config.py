@@ -27,7 +27,7 @@ class SyncConfig(Section):
     max_turn_rate: Positive = 4.0
     """See ``max_speed`` [rad/s]."""
     jump_factor: Positive = 10.0
-    """Odometry has jumped only in steps this many times as long as the 90th percentile of the recording's steps."""
+    """Odometry has jumped only in steps this many times as long as the 90th percentile of the latest 1000."""
     min_jump_distance: NotNegative = 0.2
     """Odometry has jumped only in steps longer than this [m]: registration corrects shorter ones."""
     min_jump_rotation: NotNegative = 0.2
