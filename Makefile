@@ -58,11 +58,12 @@ test: .venv/.stamp ## every test, then the kernels once more with bounds checks
 test-fast: .venv/.stamp ## the tests that take no whole run, in under two minutes
 	$(PYTEST) -n $(WORKERS) --dist worksteal -m "not slow"
 
-lint: .venv-lint/.stamp .venv-lint/.links ## style, types and floors
+lint: .venv-lint/.stamp .venv-lint/.links ## style, types, floors and words
 	$(LINT)/ruff check .
 	$(LINT)/ruff format --check .
 	$(LINT)/mypy -p moteslam
 	$(LINT)/lint-imports --no-logo
+	$(LINT)/python .ci/words.py
 
 bench: .venv/.stamp ## the benchmarks, ratios measured side by side in one run
 	@set -e; for script in benchmarks/*.py; do echo "== $$script"; .venv/bin/python $$script; done

@@ -8,28 +8,51 @@ from __future__ import annotations
 from importlib import import_module
 from typing import Any
 
-_WHERE = {
-    "BackendError": "moteslam.errors",
-    "ConfigError": "moteslam.errors",
-    "InputError": "moteslam.errors",
-    "MoteslamError": "moteslam.errors",
-    "OutputError": "moteslam.errors",
-    "PictureStyle": "moteslam.robot.picture_style",
-    "Platform": "moteslam.robot.platform",
-    "Recording": "moteslam.robot.recording",
-    "Trajectory": "moteslam.robot.trajectory",
-    "open_recording": "moteslam.robot.formats",
-    "Scenario": "moteslam.sim.scenario",
-    "Simulation": "moteslam.sim.simulate",
-    "load_scenario": "moteslam.sim.scenario",
-    "simulate": "moteslam.sim.simulate",
-    "Estimate": "moteslam.slam.estimate",
-    "SlamConfig": "moteslam.slam.config",
-    "load_preset": "moteslam.slam.settings",
-    "run_slam": "moteslam.slam.run",
-    "absolute_trajectory_error": "moteslam.eval.metrics.ate",
-    "relative_pose_error": "moteslam.eval.metrics.rpe",
+PUBLIC = {
+    "moteslam.errors": (
+        "BackendError",
+        "ConfigError",
+        "ExistsError",
+        "InputError",
+        "MoteslamError",
+        "MoteslamWarning",
+        "OutputError",
+    ),
+    "moteslam.robot.picture_style": ("PictureStyle",),
+    "moteslam.robot.platform": ("Platform", "read_platform", "write_platform"),
+    "moteslam.robot.recording": (
+        "EncoderStream",
+        "ImuStream",
+        "LidarStream",
+        "OdometryStream",
+        "Recording",
+        "RgbdStream",
+    ),
+    "moteslam.robot.formats": ("open_recording",),
+    "moteslam.robot.formats.carmen": ("write_carmen",),
+    "moteslam.robot.formats.ucsd": ("write_ucsd",),
+    "moteslam.robot.formats.map_server": ("read_map", "write_map"),
+    "moteslam.robot.inspection": ("inspect_recording",),
+    "moteslam.robot.issues": ("Issue",),
+    "moteslam.robot.raster": ("Raster",),
+    "moteslam.robot.trajectory": ("Trajectory", "read_tum", "write_tum"),
+    "moteslam.sim.scenario": ("Scenario", "bundled_scenarios", "load_scenario"),
+    "moteslam.sim.simulate": ("Simulation", "simulate"),
+    "moteslam.sim.output": ("write_simulation",),
+    "moteslam.slam.config": ("SlamConfig",),
+    "moteslam.slam.settings": ("load_preset", "preset_names", "resolve_config"),
+    "moteslam.slam.odometry.dead_reckoning": ("dead_reckon",),
+    "moteslam.slam.estimate": ("Estimate",),
+    "moteslam.slam.run": ("SlamSession", "run_slam"),
+    "moteslam.eval.metrics.ate": ("absolute_trajectory_error",),
+    "moteslam.eval.metrics.rpe": ("relative_pose_error",),
+    "moteslam.eval.metrics.relations": ("Relations", "evaluate_relations", "read_relations"),
+    "moteslam.eval.scores": ("Scores", "score_estimate", "score_trajectory"),
+    "moteslam.eval.results": ("write_results",),
 }
+"""Every public name, by the module that it is defined in."""
+
+_WHERE = {name: module for module, names in PUBLIC.items() for name in names}
 
 __all__ = ["__version__", *_WHERE]  # noqa: PLE0604 - the keys are strings
 

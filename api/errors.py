@@ -9,7 +9,7 @@ from os import PathLike
 
 
 class MoteslamError(Exception):
-    """What went wrong with an input, told in one line.
+    """What is wrong with an input, in one line.
 
     Args:
         problem: what was found and what was expected, without a full stop.

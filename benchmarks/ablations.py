@@ -80,10 +80,8 @@ def jobs(sweep: Sweep, chosen: range) -> list[tuple[str, str, float, int]]:
 def measured(sweep: Sweep, job: tuple[str, str, float, int]) -> dict[str, Any]:
     """One of them: its error [m]."""
     name, preset, value, seed = job
-    told = run(name, preset, [f"{sweep.setting}={value:g}"], seed, 1.0)
-    keep = {
-        key: told[key] for key in ("final", "online", "dead_reckoning", "cpu_seconds_a_scan", "error") if key in told
-    }
+    row = run(name, preset, [f"{sweep.setting}={value:g}"], seed, 1.0)
+    keep = {key: row[key] for key in ("final", "online", "dead_reckoning", "cpu_seconds_a_scan", "error") if key in row}
     return {"run": name, "preset": preset, "value": value, "seed": seed, **keep}
 
 

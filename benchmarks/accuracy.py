@@ -115,7 +115,7 @@ def summarised(rows: list[dict[str, Any]], options: argparse.Namespace) -> dict[
     return summaries
 
 
-def told(name: str, summary: dict[str, Any]) -> str:
+def described(name: str, summary: dict[str, Any]) -> str:
     """What a run is called in the table."""
     counts = [f"{summary[key]} {key[2:]}" for key in summary if key.startswith("n_")]
     if summary.get("lost"):
@@ -164,7 +164,9 @@ def main() -> None:
             save(options.out, {**about, "summary": summarised(rows, options), "rows": rows})
     summaries = summarised(rows, options)
     print()
-    print(table(summary_lines({told(name, summary): summary for name, summary in summaries.items()}), right=(3, 4)))
+    print(
+        table(summary_lines({described(name, summary): summary for name, summary in summaries.items()}), right=(3, 4))
+    )
 
 
 if __name__ == "__main__":

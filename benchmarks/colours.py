@@ -97,8 +97,8 @@ def summarised(rows: list[dict[str, Any]]) -> dict[str, dict[str, Any]]:
             "median_of_ratios": statistics.median(row["ratio"] for row in mine),
             "limit": limit,
         }
-        told = summaries[name]
-        told["holds"] = max(told["of_medians"], told["median_of_ratios"]) <= limit
+        summary = summaries[name]
+        summary["holds"] = max(summary["of_medians"], summary["median_of_ratios"]) <= limit
     return summaries
 
 
@@ -138,10 +138,10 @@ def main() -> None:
         print(f"{name} {seed} {figures}", flush=True)
         save(options.out, {**about, "summary": summarised(rows), "rows": rows})
     lines = [("run", "seeds", "without", "with", "of medians", "median of ratios", "limit", "holds")]
-    for name, told in summarised(rows).items():
-        figures = [told[key] for key in ("without_median", "with_median", "of_medians", "median_of_ratios", "limit")]
+    for name, summary in summarised(rows).items():
+        figures = [summary[key] for key in ("without_median", "with_median", "of_medians", "median_of_ratios", "limit")]
         lines.append(
-            (name, str(told["seeds"]), *(f"{value:.3f}" for value in figures), "yes" if told["holds"] else "NO")
+            (name, str(summary["seeds"]), *(f"{value:.3f}" for value in figures), "yes" if summary["holds"] else "NO")
         )
     print(table(lines))
 

@@ -15,7 +15,7 @@ processor times.
 |---|---|
 | filter | `intel_key_scans`, 30 particles, 1 thread: processor time of the filter and of `run_slam` a scan |
 | process, process_figures | the same by `moteslam replay`, without and with figures: the whole process |
-| real_time_100, real_time_1000 | `corridor` (1081 beams, 40 Hz), so many particles, 2 threads: against real time |
+| real_time_100, real_time_1000 | `corridor` (1081 beams, 40 Hz), 100 and 1000 particles, 2 threads: against real time |
 | memory_1000, memory_1000_figures | `intel_raw_part` by `moteslam replay`, 1000 particles, 2 threads: most memory |
 | played_again | a ring of corridors driven ten times over, 1 thread: memory after each round |
 | same_bytes | `freiburg-101` by `moteslam replay` on 1 and on 2 threads: trajectories and map compared |

@@ -30,7 +30,7 @@ MATERIAL = "tiles"
 
 
 def processor_seconds() -> float:
-    """Processor time of this process so far [s]."""
+    """Processor time of this process since its start [s]."""
     used = resource.getrusage(resource.RUSAGE_SELF)
     return used.ru_utime + used.ru_stime
 

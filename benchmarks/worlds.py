@@ -38,7 +38,7 @@ def start() -> None:
 
 
 def look_at(seed: int) -> dict[str, Any]:
-    """Simulate the building of a seed and tell what was found."""
+    """Simulate the building of a seed and report what was found."""
     from moteslam.sim.scenario import parse_scenario
     from moteslam.sim.simulate import simulate
     from moteslam.sim.world.random_corridors import random_corridors
@@ -52,7 +52,7 @@ def look_at(seed: int) -> dict[str, Any]:
     return {
         "seed": seed,
         "end": simulation.end,
-        "way [m]": truth.length,
+        "distance [m]": truth.length,
         "time [s]": float(np.ptp(truth.stamps)),
         "segments": len(world.segments),
         "truth is free": bool(world.is_free(truth.poses[:, :2], scenario.platform.width / 2).all()),
@@ -74,7 +74,7 @@ def complete(recording: Any) -> bool:
 
 
 def rays_through_walls(world: Any, poses: np.ndarray, seed: int) -> int:
-    """How many of RAYS random rays along the way cross a wall before their end, exactly, or end beside every wall."""
+    """How many of RAYS random rays along the path cross a wall before their end, exactly, or end beside every wall."""
     from moteslam.kernels.raycast import build_buckets, cast_rays
 
     segments = world.segments

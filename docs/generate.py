@@ -6,14 +6,20 @@ commands, in the docstrings of the public names. A test compares the pages with 
 
 from __future__ import annotations
 
+import inspect
+import re
 import sys
 from collections.abc import Iterable, Iterator
+from importlib import import_module
 from pathlib import Path
 from typing import Any, Literal, get_args, get_origin
 
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
+from typer.testing import CliRunner
 
+from moteslam import PUBLIC
+from moteslam.eval.cli.main import app
 from moteslam.robot.section import LARGEST, SMALLEST
 from moteslam.slam.config import ParticleFilterConfig, SlamConfig
 from moteslam.slam.methods import METHODS
@@ -21,11 +27,74 @@ from moteslam.slam.methods import METHODS
 REFERENCE = Path(__file__).parent / "reference"
 BUNDLED = ("tsdf", "paper")
 """The methods whose keys are listed."""
+COMMANDS = ("demo", "simulate", "replay", "evaluate", "inspect", "scenarios")
 
 
 def pages() -> dict[str, str]:
     """The generated pages by the name of their file."""
-    return {"configuration.md": configuration()}
+    return {"configuration.md": configuration(), "commands.md": commands(), "python.md": python()}
+
+
+def commands() -> str:
+    """What every command prints of itself."""
+    lines = [
+        "# Commands",
+        "",
+        "What `--help` prints, by `python docs/generate.py`. How they are used: [the guide](../guide/commands.md).",
+    ]
+    for name in (*COMMANDS, "scenarios show", "scenarios animate"):
+        done = CliRunner().invoke(app, [*name.split(), "--help"], prog_name="moteslam", terminal_width=100)
+        assert done.exit_code == 0, done.output
+        lines += ["", f"## `moteslam {name}`", "", "```", inspect.cleandoc(done.output), "```"]
+    return "\n".join(lines) + "\n"
+
+
+def python() -> str:
+    """Every public name, by the module that defines it."""
+    lines = [
+        "# Python",
+        "",
+        "Generated from the docstrings by `python docs/generate.py`. `import moteslam` has all of these names; each is "
+        "imported when it is first used.",
+    ]
+    for module, names in PUBLIC.items():
+        lines += ["", f"## `{module}`"]
+        for name in names:
+            found = getattr(import_module(module), name)
+            lines += ["", f"### `{name}`", "", *_signature(name, found), *_docstring(inspect.getdoc(found) or "")]
+            for key, member in vars(found).items() if inspect.isclass(found) else ():
+                inner = member.fget if isinstance(member, property) else getattr(member, "__func__", member)
+                if not key.startswith("_") and inspect.isfunction(inner) and inner.__doc__:
+                    shown = f"`{key}`" if isinstance(member, property) else f"`{key}{_parameters(inner)}`"
+                    first = inspect.cleandoc(inner.__doc__).split("\n\n")[0]
+                    lines += ["", f"- {shown}: {_paragraph(first)}"]
+    return "\n".join(lines) + "\n"
+
+
+def _signature(name: str, found: Any) -> list[str]:
+    """A function's, or a dataclass's, as code; none of exceptions and of models, whose keys have tables."""
+    if inspect.isclass(found) and (issubclass(found, BaseException | BaseModel)):
+        return []
+    return ["```python", f"{name}{_parameters(found)}", "```", ""]
+
+
+def _parameters(function: Any) -> str:
+    signature = inspect.signature(function)
+    own = [parameter for parameter in signature.parameters.values() if parameter.name not in ("self", "cls")]
+    return str(signature.replace(parameters=own)).replace("moteslam.", "").replace("'", "")
+
+
+def _docstring(text: str) -> list[str]:
+    """A docstring of Google's style as Markdown: paragraphs, and a list for each of its sections."""
+    lines: list[str] = []
+    for part in text.replace("``", "`").split("\n\n"):
+        head, *rest = part.splitlines()
+        if rest and head in ("Args:", "Attributes:", "Raises:", "Returns:", "Yields:"):
+            entries = re.sub(r"\n +", " ", inspect.cleandoc("\n".join(rest))).splitlines()
+            lines += [head, "", *("- " + re.sub(r"^([\w, *]+):", r"`\1`:", entry) for entry in entries), ""]
+        else:
+            lines += [" ".join(part.split()), ""]
+    return lines[:-1]
 
 
 def configuration() -> str:

@@ -8,7 +8,7 @@ from typing import Any
 from moteslam.errors import InputError
 from moteslam.eval.metrics.association import MAX_DIFFERENCE
 from moteslam.eval.metrics.ate import AteResult, absolute_trajectory_error
-from moteslam.eval.metrics.relations import TOLERANCE, RelationResult, Relations, relation_errors
+from moteslam.eval.metrics.relations import TOLERANCE, RelationResult, Relations, evaluate_relations
 from moteslam.eval.metrics.rpe import RpeResult, relative_pose_error
 from moteslam.robot.issues import Issue
 from moteslam.robot.trajectory import Trajectory
@@ -112,6 +112,6 @@ def against_trajectory(
 def against_relations(
     estimate: Trajectory, relations: Relations, *, interpolate: bool = True, tolerance: float | None = None
 ) -> AgainstRelations:
-    """Score a trajectory by relations; arguments and errors as in ``relation_errors``."""
+    """Score a trajectory by relations; arguments and errors as in ``evaluate_relations``."""
     tolerance = TOLERANCE if tolerance is None else tolerance
-    return AgainstRelations(relation_errors(estimate, relations, interpolate=interpolate, tolerance=tolerance))
+    return AgainstRelations(evaluate_relations(estimate, relations, interpolate=interpolate, tolerance=tolerance))

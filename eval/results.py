@@ -17,11 +17,12 @@ from moteslam.eval.report.maps import write_map_png, write_map_server
 from moteslam.eval.report.snapshots import Snapshot
 from moteslam.eval.report.textures import draw_texture_over_time, write_texture
 from moteslam.eval.scores import Scores, score_estimate
-from moteslam.robot.files import write_atomically
+from moteslam.robot.files import make_folder, write_atomically
 from moteslam.robot.processors import processor_count
 from moteslam.robot.recording import Recording
 from moteslam.robot.se2 import between, compose
 from moteslam.robot.trajectory import Trajectory, write_tum
+from moteslam.robot.wording import expect_type
 from moteslam.slam.estimate import Estimate
 from moteslam.slam.texture.floor_map import TextureMap
 
@@ -40,7 +41,7 @@ def write_results(
     """Fill a result folder (its files: ``docs/reference/formats.md``).
 
     Args:
-        folder: exists; files in it are replaced.
+        folder: made if need be; files in it are replaced.
         estimate: what to write.
         truth: what to score it with, on the clock of the recording; it is written too.
         recording: whose scans are drawn along dead reckoning.
@@ -56,7 +57,9 @@ def write_results(
         OutputError: a file cannot be written.
         InputError: the truth has no stamps in common with the run.
     """
+    expect_type(estimate, Estimate, "estimate", "run_slam(recording) makes one")
     folder = Path(folder)
+    make_folder(folder)
     scores = None if truth is None else score_estimate(estimate, truth)
     write_tum(folder / "trajectory.tum", estimate.trajectory)
     write_tum(folder / "trajectory_final.tum", estimate.trajectory_final)

@@ -11,6 +11,7 @@ from moteslam.eval.metrics.ate import AteResult
 from moteslam.eval.metrics.kinds import METRICS, Result
 from moteslam.eval.metrics.rpe import RpeResult
 from moteslam.robot.trajectory import Trajectory
+from moteslam.robot.wording import expect_type
 from moteslam.slam.estimate import Estimate
 
 
@@ -66,6 +67,7 @@ def score_estimate(estimate: Estimate, truth: Trajectory) -> Scores:
     Raises:
         InputError: the truth has no stamps in common with the run.
     """
+    expect_type(estimate, Estimate, "estimate", "run_slam(recording) makes one")
     return Scores(
         online=score_trajectory(estimate.trajectory, truth),
         final=score_trajectory(estimate.trajectory_final, truth),

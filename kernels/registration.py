@@ -32,7 +32,7 @@ COARSE_STEP = 10.0
 LEAST_PIVOT = 1e-9
 """Keeps the square roots of the Cholesky factors real where rounding would not."""
 RAY_SHARES = (0.9, 0.75, 0.6, 0.45, 0.3, 0.15)
-"""Where along each ray, as shares of the way from sensor to endpoint, the map is looked up: evenly, at 6 places."""
+"""Where along each ray the map is looked up, as shares of the distance from sensor to endpoint: at 6 places."""
 
 INFORMATION = slice(0, 6)
 COST, KNOWN, LIKELIHOOD, CROSSED = range(6, 10)

@@ -167,7 +167,7 @@ def integrate_scans(
         pool: int16 [t * CELLS] of all tiles; written to.
         tables: int32 [n, rows, columns] each particle's tiles; written to.
         shares: int32 [t] how many table entries name each tile, above 1 for tile 0; written to.
-        free: int32 [f] the tiles that nobody has, taken from the end.
+        free: int32 [f] the tiles that no table names, taken from the end.
         frames: [n, 4] cos, sin, x, y of the particles, from the tables' corner [m].
         scan: in the frame of the particles.
         cell_size: of the fine level [m].

@@ -7,6 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
+from moteslam.errors import InputError
+from moteslam.robot.wording import shortened
+
 
 def frozen(values: ArrayLike, dtype: DTypeLike | None = None) -> NDArray[Any]:
     """The values as a contiguous array that cannot be written to.
@@ -18,8 +21,14 @@ def frozen(values: ArrayLike, dtype: DTypeLike | None = None) -> NDArray[Any]:
     Args:
         values: of the array.
         dtype: to convert to; as they are if None.
+
+    Raises:
+        InputError: they are no numbers, or rows of several lengths.
     """
-    array: NDArray[Any] = np.ascontiguousarray(values, dtype)
+    try:
+        array: NDArray[Any] = np.ascontiguousarray(values, dtype)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{type(values).__name__} {shortened(values)}, expected an array of numbers") from error
     if isinstance(values, np.ndarray) and np.may_share_memory(array, values) and _writable(array):
         array = array.copy()
     array.setflags(write=False)

@@ -61,6 +61,18 @@ def folder_for(path: str | PathLike[str]) -> Iterator[None]:
                 folder.rmdir()
 
 
+def make_folder(folder: str | PathLike[str]) -> None:
+    """Make a folder and those above it, unless it is there.
+
+    Raises:
+        OutputError: it cannot be made.
+    """
+    try:
+        Path(folder).mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(f"cannot be made: {error.strerror or error}", file=folder) from error
+
+
 def _make_parents(path: Path) -> None:
     target = path.absolute()
     try:

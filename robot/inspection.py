@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from moteslam.robot.issues import Issue
 from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream, Recording
-from moteslam.robot.wording import counted
+from moteslam.robot.wording import counted, expect_type
 
 GAP = 5.0
 """A silence of more than this many median intervals is a gap."""
@@ -119,6 +119,7 @@ class Inspection:
 
 def inspect_recording(recording: Recording) -> Inspection:
     """Summarise a recording's streams and list what is wrong with them."""
+    expect_type(recording, Recording, "recording", "open_recording(path) reads one")
     streams = tuple(_stream(name, stamps) for name, stamps in _stamps(recording).items() if len(stamps))
     rest = [] if recording.encoders is None else _rests(recording.encoders)
     lidar = None if recording.lidar is None else _lidar(recording.lidar)

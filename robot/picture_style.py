@@ -13,8 +13,7 @@ class PictureStyle:
     In a picture of one's own: ``with matplotlib.rc_context(moteslam.PictureStyle().rc_params()): ...``
 
     Attributes:
-        slam: colour of SLAM's paths; all four are from the palette of Okabe and Ito, which colour-blind eyes tell
-            apart.
+        slam: colour of SLAM's paths; all four are from the palette of Okabe and Ito, made for colour-blind readers.
         truth: colour of the truth.
         dead_reckoning: colour of dead reckoning.
         particle: colour of particles.

@@ -116,7 +116,7 @@ UCSD = Platform(
 """The robot of the UCSD sequences, its origin midway between the axles."""
 
 CARMEN = Platform(name="carmen")
-"""A robot of which a CARMEN log tells nothing else: odometry poses and a lidar at its centre."""
+"""A robot of which a CARMEN log states nothing else: odometry poses and a lidar at its centre."""
 
 
 def read_platform(path: str | PathLike[str], *, base: Platform | None = None) -> Platform:
@@ -146,8 +146,8 @@ def write_platform(path: str | PathLike[str], platform: Platform) -> None:
     write_atomically(path, tomli_w.dumps({key: False if value is None else value for key, value in values.items()}))
 
 
-def robot_of(told: Platform | str | PathLike[str] | None, base: Platform) -> Platform:
-    """The robot that a caller tells: as it is, by a ``platform.toml`` over the format's own, or that one."""
-    if isinstance(told, Platform):
-        return told
-    return base if told is None else read_platform(told, base=base)
+def robot_of(given: Platform | str | PathLike[str] | None, base: Platform) -> Platform:
+    """The robot that a caller gives: as it is, by a ``platform.toml`` over the format's own, or that one."""
+    if isinstance(given, Platform):
+        return given
+    return base if given is None else read_platform(given, base=base)

@@ -71,8 +71,7 @@ class Raster(Summarised):
         found[inside] = self.values[row, column]
         return found
 
-    def summary(self) -> str:
-        """What is in it, in one line."""
+    def _summary(self) -> str:
         rows, columns = self.shape
         size = f"{columns * self.cell_size:.1f} x {rows * self.cell_size:.1f} m"
         return f"{self.values.dtype}{list(self.values.shape)}, {size} in cells of {self.cell_size:g} m"

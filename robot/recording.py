@@ -82,8 +82,7 @@ class LidarStream(_Frozen):
         """The beams' angles [beams] in the lidar's frame [rad]."""
         return self.angle_min + self.angle_increment * np.arange(self.ranges.shape[1], dtype=np.float64)
 
-    def summary(self) -> str:
-        """What is in it, in one line."""
+    def _summary(self) -> str:
         return f"{counted(len(self), 'scan')} of {counted(self.ranges.shape[1], 'beam')}, {span(self.stamps)}"
 
 
@@ -102,8 +101,7 @@ class EncoderStream(_Frozen):
     def __len__(self) -> int:
         return len(self.stamps)
 
-    def summary(self) -> str:
-        """What is in it, in one line."""
+    def _summary(self) -> str:
         return f"{counted(len(self), 'reading')}, {span(self.stamps)}"
 
 
@@ -117,8 +115,7 @@ class OdometryStream(_Frozen):
     def __len__(self) -> int:
         return len(self.stamps)
 
-    def summary(self) -> str:
-        """What is in it, in one line."""
+    def _summary(self) -> str:
         return f"{counted(len(self), 'pose')}, {span(self.stamps)}"
 
 
@@ -139,8 +136,7 @@ class ImuStream(_Frozen):
     def __len__(self) -> int:
         return len(self.stamps)
 
-    def summary(self) -> str:
-        """What is in it, in one line."""
+    def _summary(self) -> str:
         return f"{counted(len(self), 'reading')}, {span(self.stamps)}"
 
 
@@ -171,8 +167,7 @@ class RgbdStream(Summarised):
     disparity_files: tuple[Path | None, ...] = ()
     images: ImageSource | None = None
 
-    def summary(self) -> str:
-        """What is in it, in one line."""
+    def _summary(self) -> str:
         colour, disparity = len(self.rgb_stamps), len(self.disparity_stamps)
         return f"{counted(colour, 'colour image')}, {counted(disparity, 'disparity image')}"
 
@@ -201,9 +196,8 @@ class Recording(Summarised):
         """A copy with some of its attributes changed."""
         return replace(self, **changes)
 
-    def summary(self) -> str:
-        """What is in it, in one line."""
+    def _summary(self) -> str:
         streams = [(name, getattr(self, name)) for name in ("lidar", "encoders", "odometry", "imu", "rgbd")]
-        parts = [f"{name}: {stream.summary()}" for name, stream in streams if stream is not None]
+        parts = [f"{name}: {stream._summary()}" for name, stream in streams if stream is not None]
         warnings = [counted(len(self.warnings), "warning")] if self.warnings else []
         return "; ".join((repr(self.name), *parts, *warnings))

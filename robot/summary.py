@@ -14,13 +14,13 @@ from moteslam.robot.wording import counted
 class Summarised:
     """Base of a dataclass (made with ``repr=False``) whose ``repr`` is its name and one line about what it holds."""
 
-    def summary(self) -> str:
+    def _summary(self) -> str:
         """What is in it: every field, arrays as their type and shape; fields that are None are left out."""
         named = [(field.name, getattr(self, field.name)) for field in fields(self)]  # type: ignore[arg-type]
         return ", ".join(f"{name}={_brief(value)}" for name, value in named if value is not None)
 
     def __repr__(self) -> str:
-        return f"{type(self).__name__}({self.summary()})"
+        return f"{type(self).__name__}({self._summary()})"
 
 
 def span(stamps: NDArray[np.float64]) -> str:

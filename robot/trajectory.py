@@ -15,7 +15,7 @@ from moteslam.robot.arrays import frozen
 from moteslam.robot.files import write_atomically
 from moteslam.robot.reading import read_text
 from moteslam.robot.summary import Summarised, span
-from moteslam.robot.wording import counted
+from moteslam.robot.wording import counted, expect_type
 
 MAX_BYTES = 500_000_000
 """No TUM file is larger: some five million poses."""
@@ -52,8 +52,7 @@ class Trajectory(Summarised):
         """The trajectory interpolated at other stamps [m] [s], held beyond its ends."""
         return Trajectory(stamps, se2.interpolate(self.stamps, self.poses, stamps))
 
-    def summary(self) -> str:
-        """What is in it, in one line."""
+    def _summary(self) -> str:
         return f"{counted(len(self), 'pose')}, {span(self.stamps)}, {self.length:.1f} m"
 
 
@@ -63,6 +62,7 @@ def write_tum(path: str | PathLike[str], trajectory: Trajectory) -> None:
     Stamps and coordinates are written with the fewest digits that round-trip (Unix seconds with microseconds keep
     them). The heading goes through a quaternion and comes back to within an ulp or two.
     """
+    expect_type(trajectory, Trajectory, "trajectory")
     half = trajectory.poses[:, 2] / 2
     rows = zip(
         trajectory.stamps.tolist(),

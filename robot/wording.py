@@ -1,4 +1,4 @@
-"""The words of messages: what pydantic finds wrong with a table, told as what was found and expected; and plurals."""
+"""The words of messages: what is wrong with a table or a type, as what was found and what was expected; and plurals."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ from typing import Any, get_args, get_origin
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
+from moteslam.errors import InputError
+
 Place = tuple[int | str, ...]
 """Where in a table something stands: keys, and indices of lists."""
 
@@ -16,14 +18,38 @@ _LONGEST = 40
 
 
 def counted(count: int, what: str) -> str:
-    """So many of something, ``1 frame`` and ``2 frames``."""
+    """A number of things, ``1 frame`` and ``2 frames``."""
     return f"{count} {what}" if count == 1 else f"{count} {what}s"
+
+
+def expect_type(value: object, kind: type, field: str, hint: str = "") -> None:
+    """Refuse a value of another type in words, where a mistake of the caller would end deep in NumPy.
+
+    Args:
+        value: what was given.
+        kind: what it must be an instance of.
+        field: name of the parameter.
+        hint: how to come by one, for the message: ``open_recording(path) reads one``.
+
+    Raises:
+        InputError: it is of another type.
+    """
+    if not isinstance(value, kind):
+        shown = f" {shortened(value)}" if isinstance(value, str | int | float) else ""
+        kinds = f"{'an' if kind.__name__[0] in 'AEIO' else 'a'} {kind.__name__}"
+        raise InputError(f"{type(value).__name__}{shown}, expected {kinds}{f': {hint}' if hint else ''}", field=field)
+
+
+def shortened(value: object) -> str:
+    """A value as Python writes it, its middle left out where it is long."""
+    text = repr(value)
+    return text if len(text) <= _LONGEST else f"{text[: _LONGEST - 3]}..."
 
 
 def first_complaint(error: ValidationError, whole: str, expected: Callable[[Place], str]) -> tuple[str, str]:
     """The field, with dots, and the problem of the first thing that is wrong.
 
-    A key that is missing where another is unknown is most likely misspelt: the unknown one is told first.
+    A key that is missing where another is unknown is most likely misspelt: the unknown one is named first.
 
     Args:
         error: of a model that the table was validated by.
@@ -71,8 +97,7 @@ def _models(kind: Any) -> Iterator[type[BaseModel]]:
 
 def _in_words(error: ErrorDetails) -> str:
     kind, context = error["type"], error.get("ctx", {})
-    found = repr(error["input"])
-    found = found if len(found) <= _LONGEST else f"{found[: _LONGEST - 3]}..."
+    found = shortened(error["input"])
     if kind == "bool_type":
         return f"{found}, expected true or false"
     if kind in ("model_type", "model_attributes_type", "dict_type"):

@@ -8,10 +8,11 @@ from pathlib import Path
 
 import tomli_w
 
-from moteslam.robot.files import write_atomically
+from moteslam.robot.files import make_folder, write_atomically
 from moteslam.robot.formats.map_server import write_map, write_picture
 from moteslam.robot.formats.ucsd import write_ucsd
 from moteslam.robot.trajectory import write_tum
+from moteslam.robot.wording import expect_type
 from moteslam.sim.sensors.rgbd import write_frames
 from moteslam.sim.simulate import Progress, Simulation
 
@@ -32,7 +33,7 @@ def write_simulation(
     comes ``truth_floor.png`` with its ``.yaml``.
 
     Args:
-        folder: exists.
+        folder: made if need be.
         simulation: to write.
         sequence: the number in the file names.
         map_resolution: of the true map [m]; None for no such map.
@@ -41,9 +42,11 @@ def write_simulation(
 
     Raises:
         ConfigError: a resolution that is not positive, or too fine.
-        OutputError: the folder is missing or read-only, or the disk is full.
+        OutputError: the folder cannot be made or written to, or the disk is full.
     """
+    expect_type(simulation, Simulation, "simulation", "simulate(scenario) makes one")
     folder = Path(folder)
+    make_folder(folder)
     write_ucsd(folder, simulation.recording, sequence=sequence)
     if simulation.frames is not None:
         report = progress or (lambda _what, _share: None)

@@ -12,6 +12,7 @@ from moteslam.robot.raster import Raster
 from moteslam.robot.recording import Recording
 from moteslam.robot.summary import Summarised
 from moteslam.robot.trajectory import Trajectory
+from moteslam.robot.wording import expect_type
 from moteslam.sim.actors.actors import Actors
 from moteslam.sim.actors.tracks import TRUTH_RATE, Tracks
 from moteslam.sim.robot.drive import Drive, drive
@@ -89,9 +90,8 @@ class Simulation(Summarised):
         """
         return rasterise(self.scenario.floor or FloorSettings(), self.world.bounds, resolution, samples=3)
 
-    def summary(self) -> str:
-        """What is in it, in one line."""
-        return f"{self.scenario.name!r}, seed {self.scenario.seed}, {self.end}, truth: {self.truth.summary()}"
+    def _summary(self) -> str:
+        return f"{self.scenario.name!r}, seed {self.scenario.seed}, {self.end}, truth: {self.truth._summary()}"
 
 
 def simulate(scenario: Scenario, seed: int | None = None, *, progress: Progress | None = None) -> Simulation:
@@ -105,6 +105,7 @@ def simulate(scenario: Scenario, seed: int | None = None, *, progress: Progress 
     Raises:
         ConfigError: a negative seed, or a robot that gets stuck on its route.
     """
+    expect_type(scenario, Scenario, "scenario", "load_scenario(name) reads one")
     scenario = _seeded(scenario, seed)
     report = progress or (lambda _what, _share: None)
     rngs = _rngs(scenario.seed)

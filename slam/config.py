@@ -1,4 +1,4 @@
-"""What every run of SLAM can be told; each method has a model of its own under this one, with its own keys alone.
+"""The keys of every run of SLAM; each method has a model of its own under this one, with its own keys alone.
 
 Frozen, unknown keys refused. Where the values come from: ``settings``.
 """

@@ -61,7 +61,6 @@ class Estimate(Summarised):
         """What a notebook shows: the map, and the path as known at the end."""
         return preview_png(self.map, self.trajectory_final.poses)
 
-    def summary(self) -> str:
-        """What is in it, in one line."""
-        path = self.trajectory_final.summary()
-        return f"{self.name!r}, method {self.config.method}, seed {self.seed}, {path}, map: {self.map.summary()}"
+    def _summary(self) -> str:
+        path = self.trajectory_final._summary()
+        return f"{self.name!r}, method {self.config.method}, seed {self.seed}, {path}, map: {self.map._summary()}"

@@ -1,4 +1,4 @@
-"""Configuration keys that had another name: whoever uses the old one is told the new one."""
+"""Configuration keys that had another name: an old one is refused with the new one."""
 
 from __future__ import annotations
 

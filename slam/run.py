@@ -17,6 +17,7 @@ from moteslam.robot.raster import Raster
 from moteslam.robot.recording import Recording
 from moteslam.robot.summary import Summarised
 from moteslam.robot.trajectory import Trajectory
+from moteslam.robot.wording import expect_type
 from moteslam.slam.backend.kinds import BACKENDS
 from moteslam.slam.backend.protocol import KeyScan
 from moteslam.slam.colouring import with_texture
@@ -79,6 +80,9 @@ class SlamSession:
     """
 
     def __init__(self, recording: Recording, config: SlamConfig | None = None, *, seed: int = 0) -> None:
+        expect_type(recording, Recording, "recording", "open_recording(path) reads one")
+        if config is not None:
+            expect_type(config, SlamConfig, "config", "load_preset() gives one")
         if not 0 <= seed < 2**63:
             raise ConfigError(f"{seed}, expected 0 to 2^63 - 1", field="seed")
         self.recording, self.seed = recording, seed
@@ -143,12 +147,12 @@ class SlamSession:
         return self._filter.map_bytes
 
     def preview(self, scans: int) -> Raster:
-        """The map as it stands, for a small picture: of at most so many scans, evenly chosen, where it is drawn."""
+        """The map as it stands, for a small picture: of at most ``scans`` scans, evenly chosen."""
         own = self._filter.occupancy()
         return self._draw(self._path(), scans) if own is None else own
 
     def estimate(self) -> Estimate:
-        """The result of the scans taken in so far.
+        """The result of the scans taken in until now.
 
         Raises:
             ConfigError: none was: iterate first.
@@ -219,7 +223,7 @@ class SlamSession:
         return self._filter.history.path(self._filter.best_particle)
 
     def _draw(self, path: Array, scans: int) -> Raster:
-        """The occupancy map along a path [u, 3], of at most so many scans, evenly chosen."""
+        """The occupancy map along a path [u, 3], of at most ``scans`` scans, evenly chosen."""
         updates = np.array(self._updates)[: len(path)]
         some = np.unique(np.linspace(0, len(path) - 1, min(len(path), scans)).round().astype(int))
         return draw_map(self.config.map, self._inputs.scans, updates[some].tolist(), path[some])
@@ -227,10 +231,10 @@ class SlamSession:
     def _warnings(self) -> tuple[Issue, ...]:
         """What SLAM had to do without."""
         issues = [*warnings(self.recording, self._inputs)]
-        extrapolated = int((~self._inputs.measured[: self._done]).sum())
-        if extrapolated and self._inputs.moves and not METHODS[self.config.method].needs_odometry:
-            text = f"odometry jumps at {extrapolated} of {self._done} scans: constant velocity there"
-            issues.append(Issue("odometry-jumps", text, extrapolated))
+        jumps = int(self._inputs.jumped[: self._done].sum())
+        if jumps and not METHODS[self.config.method].needs_odometry:
+            text = f"odometry jumps at {jumps} of {self._done} scans: constant velocity there"
+            issues.append(Issue("odometry-jumps", text, jumps))
         if self._missing:
             issues.append(Issue("no-colours", f"colours: {self._missing}: particles are weighed without"))
         if self._views is not None:

@@ -17,7 +17,7 @@ def flaser(
     robot: Pose = (1.0, 2.0, 0.5),
     laser: Pose | None = None,
 ) -> str:
-    """A FLASER line; the laser stands at the robot's pose unless told."""
+    """A FLASER line; the laser stands at the robot's pose unless given."""
     return " ".join(map(str, ["FLASER", len(ranges), *ranges, *(laser or robot), *robot, stamp, "host", logged]))
 
 

@@ -1,4 +1,4 @@
-"""A robot with a camera over a floor of tiles, for tests of what the colours of the floor tell a filter."""
+"""A robot with a camera over a floor of tiles, for tests of what the colours of the floor give a filter."""
 
 from __future__ import annotations
 

@@ -21,11 +21,11 @@ def circled_room(*, scans: int = 120, drift: float = 0.03) -> tuple[Recording, n
     for a, b in np.array(walls, float):
         for scan, (x, y, theta) in enumerate(true):
             direction = np.stack((np.cos(angles + theta), np.sin(angles + theta)))
-            edge, way = b - a, a - (x, y)
+            edge, offset = b - a, a - (x, y)
             cross = direction[0] * edge[1] - direction[1] * edge[0]
             with np.errstate(divide="ignore", invalid="ignore"):  # beams along a wall
-                t = (way[0] * edge[1] - way[1] * edge[0]) / cross
-                u = (way[0] * direction[1] - way[1] * direction[0]) / cross
+                t = (offset[0] * edge[1] - offset[1] * edge[0]) / cross
+                u = (offset[0] * direction[1] - offset[1] * direction[0]) / cross
             hit = (t > 0) & (u >= 0) & (u <= 1)
             ranges[scan] = np.where(hit, np.minimum(ranges[scan], t), ranges[scan])
     lidar = LidarStream(

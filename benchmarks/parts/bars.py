@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
 NO_FIGURES = ("run", "seed", "error", "load", "scans", "updates", "seconds")
-"""What a row tells beside its figures; counts that are the same for all seeds begin with ``n_``."""
+"""What a row holds beside its figures; counts that are the same for all seeds begin with ``n_``."""
 
 
 @dataclass(frozen=True)
@@ -72,9 +72,9 @@ def summary_lines(summaries: Mapping[str, Mapping[str, Any]]) -> list[tuple[str,
         if not summary["figures"]:
             lines.append((run, seeds, "-", "-", "-", "-", "no"))
         for figure, value in summary["figures"].items():
-            told = (run, seeds, figure, f"{value['median']:.4f}", f"{value['worst']:.4f}")
+            row = (run, seeds, figure, f"{value['median']:.4f}", f"{value['worst']:.4f}")
             bars = [bar for bar in summary["bars"] if bar["figure"] == figure]
-            lines.append((*told, *_verdict(bars[0] if bars else None)))
+            lines.append((*row, *_verdict(bars[0] if bars else None)))
             lines += [("", "", "", "", "", *_verdict(bar)) for bar in bars[1:]]
     return lines
 

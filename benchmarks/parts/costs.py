@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from moteslam.slam.config import SlamConfig
 
 FIRST = 30
-"""Scans that are run before the clock starts, so that the kernels are loaded; what that takes is told apart."""
+"""Scans that are run before the clock starts, so that the kernels are loaded; its time is given apart."""
 
 
 def start(given: dict[str, Any]) -> SlamConfig:
@@ -127,7 +127,7 @@ def played_again(given: dict[str, Any]) -> dict[str, Any]:
 def repeated(
     recording: Recording, truth: Trajectory, config: SlamConfig, *, times: int, every: int
 ) -> tuple[Recording, NDArray[np.float64]]:
-    """A recording that begins and ends at the same place, at rest, so many times in a row; and its true poses.
+    """A recording that begins and ends at the same place, at rest, repeated ``times`` times; and its true poses.
 
     Stamps go on, and so do the odometry's poses, which are logged with the scans: a round's own dead reckoning, and
     from its last pose to the next round's first the true step of a few centimetres.
@@ -137,7 +137,7 @@ def repeated(
         truth: of it.
         config: how its streams are synchronised.
         times: how many rounds.
-        every: takes only every so many-th scan.
+        every: takes every ``every``-th scan only.
     """
     from moteslam.robot import se2
     from moteslam.slam.odometry.dead_reckoning import dead_reckon
@@ -176,7 +176,7 @@ def load_kernels(recording: Recording, config: SlamConfig) -> None:
 
 
 def resident_bytes() -> int:
-    """Memory of this process that is in use now; the most it ever had, where the system does not tell."""
+    """Memory of this process that is in use now; the most it ever had, where the system gives none."""
     with suppress(OSError):
         pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
         return pages * os.sysconf("SC_PAGE_SIZE")

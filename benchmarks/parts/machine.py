@@ -1,4 +1,4 @@
-"""Where and when a benchmark was run, and the file that tells it."""
+"""Where and when a benchmark was run, and the file that records it."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def stamp() -> dict[str, Any]:
 
 
 def processor() -> str:
-    """The processor's name, where the system tells it; else its kind."""
+    """The processor's name, where the system gives it; else its kind."""
     with suppress(OSError):
         for line in Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines():
             if line.startswith("model name"):

@@ -36,7 +36,7 @@ def factor(text: str) -> float:
 
 
 def result_file(text: str) -> Path:
-    """A file that can be written, told before anything is measured; the folders above it are made."""
+    """A file that can be written, checked before anything is measured; the folders above it are made."""
     path = Path(text)
     if path.is_dir():
         raise argparse.ArgumentTypeError(f"{text!r} is a folder, expected a file")

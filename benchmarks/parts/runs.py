@@ -38,7 +38,7 @@ SCENARIOS = ("corridor", "loop", "office")
 HALL = "hall"
 """Simulated, scored along and across its only direction."""
 LOST = 0.15
-"""An ATE of so much [m] is a divergence."""
+"""A larger ATE [m] counts as a divergence."""
 
 NOT_MUCH_WORSE_AT_ONCE = Bar("online_over_final", "worst", 1.5)
 NEVER_LOST = Bar("final", "worst", LOST, strict=True)
@@ -103,7 +103,7 @@ def simulate_case(
         name: of the scenario.
         seed: of its noise.
         odometry_noise: how many times the scenario's own noise of wheels and gyro.
-        duration: ends it after so much time [s].
+        duration: ends it after this time [s].
         laps: how many times round its closed route.
     """
     from moteslam.sim.scenario import load_scenario
@@ -149,13 +149,13 @@ def relation_figures(trajectories: dict[str, Trajectory]) -> dict[str, float]:
 
     At a stamp of several scans the first counts.
     """
-    from moteslam.eval.metrics.relations import read_relations, relation_errors
+    from moteslam.eval.metrics.relations import evaluate_relations, read_relations
 
     figures: dict[str, float] = {}
     for which, file in (("clear", reference_file(RELATIONS)), ("all", DATA / "intel" / "intel.relations")):
         relations = read_relations(file)
         for key, trajectory in trajectories.items():
-            score = relation_errors(trajectory, relations, interpolate=False).all
+            score = evaluate_relations(trajectory, relations, interpolate=False).all
             figures[f"{key}_{which}"] = score.translation.mean
             figures[f"{key}_{which}_deg"] = score.rotation.mean
             figures[f"n_{which}"] = score.translation.count
@@ -163,7 +163,7 @@ def relation_figures(trajectories: dict[str, Trajectory]) -> dict[str, float]:
 
 
 def hall_figures(trajectories: dict[str, Trajectory], truth: Trajectory, scenario: Scenario) -> dict[str, float]:
-    """RMSE along and across the way from the first waypoint to the last [m], aligned; and as it is, from the start on.
+    """RMSE along and across the line from the first waypoint to the last [m], aligned; and as it is, from the start on.
 
     The alignment takes out a constant heading error and half of a drift along the hall; ``_from_start`` puts the first
     pose of each trajectory on the true one and changes nothing else.
@@ -173,8 +173,8 @@ def hall_figures(trajectories: dict[str, Trajectory], truth: Trajectory, scenari
     from moteslam.robot import se2
 
     assert scenario.route is not None
-    way = scenario.route.corners[-1] - scenario.route.corners[0]
-    axes = np.array((way, (-way[1], way[0]))) / np.hypot(*way)
+    line = scenario.route.corners[-1] - scenario.route.corners[0]
+    axes = np.array((line, (-line[1], line[0]))) / np.hypot(*line)
     figures: dict[str, float] = {}
     for key, trajectory in trajectories.items():
         aligned = absolute_trajectory_error(trajectory, truth)

@@ -15,9 +15,7 @@ from moteslam.eval.cli.text import literal, say, say_json
 def demo(
     out: Annotated[Path, typer.Option(help=options.OUT)] = Path("demo"),
     scenario: Annotated[str, typer.Option(metavar="NAME", help="Scenario to drive.")] = "corridor",
-    duration: Annotated[
-        float | None, typer.Option(min=12, metavar="S", help="Stop the drive after so many seconds.")
-    ] = None,
+    duration: Annotated[float | None, typer.Option(min=12, metavar="S", help="Stop the drive after S seconds.")] = None,
     *,
     run: options.SlamOptions,
 ) -> None:

@@ -43,7 +43,7 @@ def on_interrupt() -> None:
 
 
 def leave_with(code: int) -> None:
-    """From here on a signal ends the program with this code: all is done and told."""
+    """From here on a signal ends the program with this code: all is done and printed."""
     _handle(lambda _number, _frame: os._exit(code))
 
 

@@ -1,4 +1,4 @@
-"""The options that several commands share, told once."""
+"""The options that several commands share, declared once."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ Force = Annotated[bool, typer.Option("--force", help="Replace an existing --out,
 Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
 Sequence = Annotated[str | None, typer.Option(help="Which of several sequences in a folder.")]
 PlatformFile = Annotated[
-    Path | None, typer.Option(metavar="FILE", help="platform.toml over the robot that the recording tells.")
+    Path | None, typer.Option(metavar="FILE", help="platform.toml over the robot that the recording states.")
 ]
 
 
@@ -38,7 +38,7 @@ def refuse_existing(file: Path | None, *, force: bool) -> None:
 
 @dataclass(frozen=True)
 class SlamOptions:
-    """What a run of SLAM can be told on the command line: each field is an option."""
+    """How a run of SLAM is configured on the command line: each field is an option."""
 
     preset: Annotated[str | None, typer.Option(metavar="NAME", help="Named configuration; the best by default.")] = None
     config: Annotated[

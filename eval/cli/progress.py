@@ -13,7 +13,7 @@ class Bar:
     """One line of progress; this one shows nothing, and only looks whether the user wants to stop."""
 
     def update(self, done: float) -> None:
-        """So much of the total is done."""
+        """Show how much of the total is done."""
         check_interrupt()
 
 

@@ -38,7 +38,7 @@ def scenarios(context: typer.Context, as_json: options.Json = False) -> None:
         say_json(bundled)
         return
     say(table([(name, literal(why)) for name, why in bundled.items()]))
-    say("random-corridors-N  building number N of as many as you like, which nobody has seen")
+    say("random-corridors-N  building number N of as many as you like")
 
 
 @app.command()
@@ -85,7 +85,7 @@ def animate(
     ],
     out: Annotated[Path, typer.Option(help="The .gif, .webp or .mp4 to write; folders above it are made.")],
     seed: Annotated[int | None, typer.Option(min=0, max=2**63 - 1, help="Of all randomness.")] = None,
-    duration: Annotated[float | None, typer.Option(min=12, metavar="S", help="Stop after so many seconds.")] = None,
+    duration: Annotated[float | None, typer.Option(min=12, metavar="S", help="Stop after S seconds.")] = None,
     fps: Annotated[float, typer.Option(metavar="N", help="Frames a second, 1 to 50.")] = 15.0,
     speed: Annotated[
         float | None,
@@ -116,7 +116,7 @@ def animate(
     check_film(out)
     options.refuse_existing(out, force=force)
     with _options_named():
-        Pace(fps, 1.0 if speed is None else speed)  # before the simulation: how long that drives, nobody knows yet
+        Pace(fps, 1.0 if speed is None else speed)  # before the simulation, whose duration is not known yet
     config = options.SlamOptions(preset=preset, settings=settings).resolved()
     from moteslam.eval.cli.batch import chosen_scenario, named_in_errors
     from moteslam.eval.cli.progress import progress_bar

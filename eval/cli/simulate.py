@@ -33,7 +33,7 @@ def simulate(
         int | None, typer.Option(min=1, max=1024, help="Processes of a batch; all cores by default.")
     ] = None,
     true_map: Annotated[
-        float | None, typer.Option(metavar="M", help="Write the true map too, in cells of so many metres.")
+        float | None, typer.Option(metavar="M", help="Write the true map too, in cells of M metres.")
     ] = None,
     camera: Annotated[
         bool, typer.Option("--camera", help="Record colour and depth images, even if the scenario does not.")

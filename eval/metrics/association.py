@@ -13,6 +13,7 @@ from moteslam.robot.se2 import Poses
 from moteslam.robot.stamps import nearest_stamp
 from moteslam.robot.summary import Summarised
 from moteslam.robot.trajectory import Trajectory
+from moteslam.robot.wording import expect_type
 
 MAX_DIFFERENCE = 0.01
 """Stamps further apart than this [s] do not belong together, as evo has it."""
@@ -60,6 +61,8 @@ def match(
     Raises:
         InputError: a trajectory is empty, or not one pose has a partner.
     """
+    expect_type(estimate, Trajectory, "estimate", "read_tum(path) reads one")
+    expect_type(reference, Trajectory, "reference", "read_tum(path) reads one")
     if not len(estimate) or not len(reference):
         raise InputError("a trajectory without poses, expected at least one in each")
     if interpolate is None:

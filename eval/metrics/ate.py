@@ -84,8 +84,7 @@ class AteResult(Summarised):
             "transform": self.transform.tolist(),
         }
 
-    def summary(self) -> str:
-        """What is in it, in one line."""
+    def _summary(self) -> str:
         return f"{counted(self.pairs, 'pose')}, RMSE {self.rmse:.3f} m and {np.rad2deg(self.rotation.rmse):.2f} deg"
 
 

@@ -19,6 +19,7 @@ from moteslam.robot.se2 import interpolate as interpolated
 from moteslam.robot.stamps import nearest_stamp
 from moteslam.robot.summary import Summarised
 from moteslam.robot.trajectory import Trajectory
+from moteslam.robot.wording import expect_type
 
 TOLERANCE = 1e-4
 """Stamps of a relation and of a pose that are the same reading differ by less than this [s]."""
@@ -156,7 +157,7 @@ def read_relations(path: str | PathLike[str]) -> Relations:
     return Relations(table[:, :2], np.stack((table[:, 2], table[:, 3], wrap(table[:, 7])), axis=-1))
 
 
-def relation_errors(
+def evaluate_relations(
     trajectory: Trajectory, relations: Relations, *, interpolate: bool = True, tolerance: float = TOLERANCE
 ) -> RelationResult:
     """How far the trajectory's relative poses are from the relations'.
@@ -164,7 +165,7 @@ def relation_errors(
     The error of a relation is the pose est (-) ref, where both are the pose at t2 seen from the pose at t1: the
     length of its translation [m] and its absolute angle [deg].
 
-    A log may repeat a stamp for distinct scans, and then nobody knows which of them a relation meant. The *clear*
+    A log may repeat a stamp for distinct scans, and then it is unknown which of them a relation meant. The *clear*
     relations are those whose two stamps each belong to exactly one pose of the trajectory: quote these. Of several
     poses with one stamp the first stands for it. A stamp between two poses at most ``MAX_GAP`` apart has the pose
     interpolated there.
@@ -178,6 +179,8 @@ def relation_errors(
     Raises:
         InputError: no relation can be used.
     """
+    expect_type(trajectory, Trajectory, "trajectory", "read_tum(path) reads one")
+    expect_type(relations, Relations, "relations", "read_relations(path) reads some")
     if not len(trajectory):
         raise InputError("a trajectory without poses, expected one at every scan")
     first, poses_there = _poses_at(trajectory.stamps, relations.stamps, tolerance)

@@ -64,8 +64,7 @@ class RpeResult(Summarised):
             "rotation_deg": Statistics.of(np.rad2deg(self.rotation_errors)).as_dict(),
         }
 
-    def summary(self) -> str:
-        """What is in it, in one line."""
+    def _summary(self) -> str:
         errors = f"RMSE {self.rmse:.3f} m and {np.rad2deg(self.rotation.rmse):.2f} deg"
         return f"{counted(self.pairs, 'pair')} {self.delta:g} {self.unit} apart, {errors}"
 

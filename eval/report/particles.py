@@ -1,4 +1,4 @@
-"""The figure of the particles: what their deviations and their common ancestors tell about the uncertainty."""
+"""The figure of the particles: their deviations and their common ancestors, which show the uncertainty."""
 
 from __future__ import annotations
 

@@ -10,9 +10,9 @@ from moteslam.robot.raster import Raster
 from moteslam.slam.run import SlamSession, Update
 
 STAGES = 6
-"""So many panels has the figure."""
+"""Panels of the figure."""
 SCANS = 250
-"""At most so many are drawn into the map of a stage but the last: its panel is small."""
+"""At most this many scans are drawn into the map of a stage but the last: its panel is small."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -37,7 +37,7 @@ def saved_figure(path: str | PathLike[str], *, size: tuple[float, float]) -> Ite
     Raises:
         OutputError: it cannot be written.
     """
-    logging.getLogger("matplotlib").setLevel(logging.ERROR)  # it tells of font caches
+    logging.getLogger("matplotlib").setLevel(logging.ERROR)  # it reports font caches
     import matplotlib
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure

@@ -143,7 +143,7 @@ def _is_readable(film: bytes, frames: int) -> bool:
 
 @contextmanager
 def _stderr_discarded() -> Iterator[None]:
-    """Send what libraries write to stderr nowhere: FFmpeg tells of every encoder that is not there."""
+    """Send what libraries write to stderr nowhere: FFmpeg reports every encoder that is missing."""
     try:
         kept = os.dup(2)
     except OSError:  # closed

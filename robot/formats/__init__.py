@@ -22,7 +22,7 @@ def open_recording(
     Args:
         path: a file or folder.
         sequence: which of several, where the format holds several.
-        platform: the robot, instead of what the recording (or the format) tells; or a ``platform.toml`` that overrides
+        platform: the robot, instead of what the recording (or the format) states; or a ``platform.toml`` that overrides
             that key by key.
 
     Raises:

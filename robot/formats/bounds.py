@@ -20,7 +20,7 @@ MAX_PLACE = 1e7
 """No robot is farther from where it began [m], nor has turned more in all [rad]: a quarter of the globe."""
 
 SLACK = 1.0
-"""Travel [m] that a reading may tell beyond that, for stamps jitter: a late one leaves the next no time."""
+"""Travel [m] that a reading may give beyond that, for stamps jitter: a late one leaves the next no time."""
 
 
 def check_fan(beams: int, increment: float, *, file: Path | None = None, field: str) -> None:

@@ -24,7 +24,7 @@ from moteslam.robot.formats.text import TextLines
 from moteslam.robot.issues import Issue
 from moteslam.robot.platform import CARMEN, LidarMount, Platform, robot_of
 from moteslam.robot.recording import LidarStream, OdometryStream, Recording
-from moteslam.robot.wording import counted, first_complaint
+from moteslam.robot.wording import counted, expect_type, first_complaint
 
 MAX_BROKEN = 3
 """Up to this many broken lines are always dropped; more of them only up to a tenth of the log."""
@@ -205,6 +205,7 @@ def write_carmen(path: str | PathLike[str], recording: Recording) -> None:
         InputError: no odometry poses.
         OutputError: the file cannot be written.
     """
+    expect_type(recording, Recording, "recording", "open_recording(path) reads one")
     lidar, odometry, robot = recording.lidar, recording.odometry, recording.platform
     mount = robot.lidar
     entries: list[tuple[float, int, str]] = []

@@ -1,4 +1,4 @@
-"""The lines of a CARMEN log, parsed into flat arrays; what is broken is counted, not guessed at.
+"""The lines of a CARMEN log, parsed into flat arrays; what is broken is counted, not repaired.
 
 ``FLASER n r1..rn laser(x y theta) robot(x y theta) ipc_timestamp host logger_timestamp``
 ``ROBOTLASER1 type angle_min fov increment range_max accuracy remission_mode n r1..rn m e1..em laser(x y theta)
@@ -95,7 +95,7 @@ def parse_lines(lines: Iterable[bytes]) -> CarmenLines:
 
 
 def fov_of(beams: int) -> tuple[float, float]:
-    """First angle and step [rad] of a FLASER line, which does not tell: by the number of beams.
+    """First angle and step [rad] of a FLASER line, which states neither: by the number of beams.
 
     180 and 181 beams are one degree apart, 360 and 361 half a degree; any other number spans 180 degrees. The first
     looks to -90 degrees.

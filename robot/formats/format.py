@@ -20,10 +20,10 @@ Robot = Platform | str | PathLike[str] | None
 
 @dataclass(frozen=True)
 class Format:
-    """A way to store a recording.
+    """How a recording is stored.
 
     Attributes:
-        name: what it is called, and how to tell one by its looks.
+        name: what it is called, and how to recognise it.
         is_folder: whether a recording is a folder or a file.
         recognise: whether the content of a path (of that kind) is of this format; must not raise for any other.
         read: ``read(path, sequence, platform)``.

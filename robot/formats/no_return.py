@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 SICK_REACH = 80.0
-"""A SICK LMS reaches 80 m and tells 'no return' and its errors as 81.83, 81.91 and the like [m]."""
+"""A SICK LMS reaches 80 m and reports 'no return' and its errors as 81.83, 81.91 and the like [m]."""
 
 SICK_CODES = 82.0
 """Its codes end below this [m]."""
@@ -23,7 +23,7 @@ or ten times that [m]."""
 def no_return_limit(ranges: NDArray[np.float32], stated: float | None) -> float:
     """The range from which on a reading is no endpoint [m]. No table of data sets, only what the log itself says.
 
-    1. What the log tells, unless that lies among the codes of a SICK (80 to 82 m), of which it has several: 80 m.
+    1. What the log states, unless that lies among the codes of a SICK (80 to 82 m), of which it has several: 80 m.
     2. Else 80 m, if any range is that long.
     3. Else the most frequent of the longest ranges, those within 0.15 % of the longest (lidars have several codes), if
        it is a spike: at least 0.2 % of all beams and 10 of them stand at this value, to a tenth of a millimetre, 5

@@ -25,6 +25,7 @@ from moteslam.robot.formats.ucsd_rgbd import DISPARITY, RGB, find_images
 from moteslam.robot.issues import Issue
 from moteslam.robot.platform import UCSD, Platform, robot_of, write_platform
 from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream, Recording, RgbdStream
+from moteslam.robot.wording import expect_type
 
 Array = NDArray[Any]
 
@@ -228,6 +229,7 @@ def write_ucsd(folder: str | PathLike[str], recording: Recording, *, sequence: s
         InputError: encoder counts beyond int16.
         ConfigError: a sequence that cannot stand in a file name.
     """
+    expect_type(recording, Recording, "recording", "open_recording(path) reads one")
     folder, number = Path(folder), str(sequence)
     if not _FILE.fullmatch(f"Imu{number}.npz"):
         raise ConfigError(f"{number!r}, expected letters, digits, - and _", field="sequence")

@@ -176,7 +176,7 @@ def write_images(
         draw: makes the images of some frames.
         count: of frames.
         batch: frames drawn at a time.
-        progress: called with the number written so far.
+        progress: called with the number already written.
 
     Returns:
         the bytes written.

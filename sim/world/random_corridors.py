@@ -92,7 +92,7 @@ def random_corridors(
     table: dict[str, Any] = {
         "name": f"{NAME}-{seed}",
         "description": f"A random building of {len(building.edges)} corridors, number {seed}.",
-        "why": "Nobody has seen it: corridors of several widths, crossings, rooms and clutter as the seed has it.",
+        "why": "Corridors of several widths, crossings, rooms and clutter, all by the seed: nothing was tuned on them.",
         "seed": seed,
         "duration": min(1800.0, 60.0 + 2.5 * legs),
         "world": {

@@ -23,27 +23,28 @@ class SyncConfig(Section):
     """Move every beam by the motion of the robot since the first beam of its scan, by the odometry. Scans stay as they
     are where a recording does not say how long a sweep takes, and where the odometry jumps."""
     max_speed: Positive = 4.0
-    """Odometry that is faster than this has jumped [m/s] ..."""
+    """Odometry has jumped only in steps faster than this [m/s] or than ``max_turn_rate``."""
     max_turn_rate: Positive = 4.0
-    """... or turns faster than this [rad/s] ..."""
+    """See ``max_speed`` [rad/s]."""
     jump_factor: Positive = 10.0
-    """... if the step is also this many times the 90th percentile of the recording's steps ..."""
+    """Odometry has jumped only in steps this many times as long as the 90th percentile of the latest 1000."""
     min_jump_distance: NotNegative = 0.2
-    """... and longer than this [m] ..."""
+    """Odometry has jumped only in steps longer than this [m]: registration corrects shorter ones."""
     min_jump_rotation: NotNegative = 0.2
-    """... or turns by more than this [rad]: registration mends shorter ones."""
+    """Odometry has jumped only in steps that turn by more than this [rad], where it is the turn that is too fast."""
 
 
 class ThinningConfig(Section):
     """How neighbouring endpoints are averaged, and which neighbours see the same surface."""
 
     spacing: Positive = 0.02
-    """Endpoints nearer than this to each other are averaged to one point [m] ..."""
+    """Endpoints nearer than this to each other are averaged to one point [m]."""
     max_spacing: Positive = 0.06
-    """... and those up to this far from each other [m], step by step, while a scan has more points than ..."""
+    """While a scan has more than ``max_points`` points, the spacing is raised step by step, up to this [m]."""
     max_points: Annotated[Whole, Field(ge=8, le=100_000)] = 200
-    """... this: what a scan costs, and what it weighs, depends little on how many beams the lidar has."""
+    """Points of a thinned scan that ``max_spacing`` aims at: what a scan costs and weighs then depends little on the
+    number of beams."""
     gap: Positive = 0.3
-    """A surface runs between neighbouring points up to this far apart [m] ..."""
+    """A surface joins neighbouring points up to this far apart [m], plus ``gap_from_range``."""
     gap_from_range: NotNegative = 0.03
-    """... plus this much for every metre of range [m/m]."""
+    """Added to ``gap`` for every metre of range [m/m]."""

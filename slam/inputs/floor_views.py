@@ -71,16 +71,17 @@ class FloorViews:
         self._stream, self._mount = stream, mount
         self._disparity, self._rgb, _ = pairs(stream, largest_gap=largest_gap)
         self._taken = stream.rgb_stamps[self._rgb]
-        # when both images of a frame, and those of all frames before it, have arrived
-        self._arrived = np.maximum.accumulate(np.maximum(self._taken, stream.disparity_stamps[self._disparity]))
+        # when no colour image nearer to the disparity image can arrive any more, as for all frames before it
+        shown = stream.disparity_stamps[self._disparity]
+        self._arrived = np.maximum.accumulate(shown + np.abs(self._taken - shown))
         self._scans, self._path = inputs.stamps, inputs.path
-        self._jumps = np.cumsum(inputs.jumped)
+        self._unmeasured = np.cumsum(~inputs.measured)
         self._last = -np.inf
 
     def at(self, index: int, max_age: float) -> FloorView | None:
         """The newest frame when a scan is taken; None where it is too old, was handed out before, or is broken.
 
-        None, too, where the odometry has jumped in between.
+        None, too, where the odometry did not measure all of the motion in between.
 
         Args:
             index: of the scan; successive calls ask for rising indices.
@@ -95,7 +96,7 @@ class FloorViews:
         if taken <= self._last or stamp - taken > max_age:
             return None
         before = max(int(np.searchsorted(self._scans, taken, side="right")) - 1, 0)
-        if self._jumps[index] != self._jumps[before]:
+        if self._unmeasured[index] != self._unmeasured[before]:
             return None
         self._last = taken
         frame = read_frame(self._stream, int(self._disparity[newest]), int(self._rgb[newest]))

@@ -60,32 +60,29 @@ def odometry_path(recording: Recording, config: SyncConfig) -> OdometryPath | No
     return None
 
 
-def ever_moves(recording: Recording) -> bool:
-    """Whether the odometry measures motion: logged poses that are all the same do not, as in logs of zeros."""
-    if recording.encoders is not None and len(recording.encoders):
-        return True
-    lidar, odometry = recording.lidar, recording.odometry
-    poses = lidar.odometry if lidar is not None else None
-    if poses is None and odometry is not None and len(odometry):
-        poses = odometry.poses
-    return poses is not None and (len(poses) < 3 or bool((poses != poses[0]).any()))
-
-
-def low_pass(values: Array, rate: float, cut_off: float) -> Array:
+def low_pass(values: Array, stamps: Array, cut_off: float) -> Array:
     """A causal first-order Butterworth low-pass, settled at the first value.
 
-    Args:
-        values: [n], evenly sampled.
-        rate: of the samples [Hz].
-        cut_off: [Hz]; at or above half the rate nothing is filtered.
-    """
-    if not 0 < cut_off < rate / 2 or not len(values):
-        return values
-    from scipy.signal import butter, sosfilt, sosfilt_zi
+    The readings are taken to be evenly spaced: stamps jitter more than a sensor does. The rate is the mean one up to
+    each reading, so that no output follows from a later reading.
 
-    sections = butter(1, cut_off, fs=rate, output="sos")
-    filtered, _ = sosfilt(sections, values, zi=sosfilt_zi(sections) * values[0])
-    return np.asarray(filtered, np.float64)
+    Args:
+        values: [n].
+        stamps: [n] of the readings, rising [s].
+        cut_off: [Hz]; 0 filters nothing, and nor does one at or above half the rate.
+    """
+    if not cut_off > 0:
+        return values
+    intervals, elapsed = np.arange(len(values)), stamps - stamps[:1]
+    passed = elapsed * 2 * cut_off >= intervals
+    # the bilinear transform of the analogue filter: y_i = (1 - p) (x_i + x_{i-1}) / 2 + p y_{i-1}
+    warped = np.tan(np.pi * cut_off * np.where(passed, 0.0, elapsed) / np.maximum(intervals, 1))
+    poles = np.where(passed, 0.0, (1 - warped) / (1 + warped))
+    inputs = np.where(passed, values, (1 - poles) * (values + np.roll(values, 1)) / 2)
+    filtered, last = np.empty(len(values)), 0.0
+    for index, (pole, value) in enumerate(zip(poles.tolist(), inputs.tolist(), strict=True)):
+        filtered[index] = last = value + pole * last
+    return filtered
 
 
 def _integrated(encoders: EncoderStream, imu: ImuStream | None, wheels: Wheels, config: SyncConfig) -> OdometryPath:
@@ -105,9 +102,7 @@ def _integrated(encoders: EncoderStream, imu: ImuStream | None, wheels: Wheels, 
 
 def _gyro_turn(stamps: Array, imu: ImuStream, config: SyncConfig) -> Array:
     """The turn [n] [rad] between consecutive stamps [n] by the gyro; the first is 0."""
-    span = imu.stamps[-1] - imu.stamps[0]
-    rate = (len(imu) - 1) / span if span > 0 else 0.0
-    yaw_rate = low_pass(imu.angular_velocity[:, 2].astype(np.float64), rate, config.low_pass_hz)
+    yaw_rate = low_pass(imu.angular_velocity[:, 2].astype(np.float64), imu.stamps, config.low_pass_hz)
     if config.method == "nearest":
         return np.asarray(yaw_rate[nearest_stamp(imu.stamps, stamps)] * np.diff(stamps, prepend=stamps[0]))
     steps = (yaw_rate[1:] + yaw_rate[:-1]) / 2 * np.diff(imu.stamps)

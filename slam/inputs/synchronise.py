@@ -1,4 +1,9 @@
-"""From streams with their own clocks to what SLAM takes in: scans, and the motion between them, settled once."""
+"""From streams with their own clocks to what SLAM takes in: scans, and the motion between them, settled once.
+
+It is causal: a scan and the motion up to it depend on what has arrived when the scan is complete and the odometry has
+given its next reading (wheels with a gyro: when the gyro has given its next one after that). Interpolation between
+readings costs this delay of one reading. No statistic of the complete recording is used.
+"""
 
 from __future__ import annotations
 
@@ -13,8 +18,9 @@ from moteslam.robot.recording import LidarStream, Recording
 from moteslam.robot.stamps import nearest_stamp
 from moteslam.slam.inputs.config import SyncConfig
 from moteslam.slam.inputs.jumps import jumps
-from moteslam.slam.inputs.odometry_path import OdometryPath, ever_moves, odometry_path
+from moteslam.slam.inputs.odometry_path import OdometryPath, odometry_path
 from moteslam.slam.inputs.scans import Scans
+from moteslam.slam.inputs.standing import has_moved, stands
 
 Array = NDArray[np.float64]
 APART = 1.0
@@ -34,8 +40,9 @@ class Inputs:
         motions: [n, 3] the increment since the scan before, in the frame of the pose there; zeros where nothing
             measured it.
         jumped: [n] whether the odometry jumps at the scan.
-        measured: [n] whether the odometry measured the motion since the scan before: it is there, it ever moves, and
-            it does not jump.
+        measured: [n] whether the odometry measured the motion since the scan before: it does not jump there, and it is
+            of wheel encoders, has moved by then, or the robot is seen to stand.
+        moves: whether the odometry measures any motion.
     """
 
     name: str
@@ -46,14 +53,10 @@ class Inputs:
     motions: Array
     jumped: NDArray[np.bool_]
     measured: NDArray[np.bool_]
+    moves: bool
 
     def __len__(self) -> int:
         return len(self.stamps)
-
-    @property
-    def moves(self) -> bool:
-        """Whether there is an odometry that measures motion."""
-        return bool(self.measured.any() or self.jumped.any())
 
 
 def synchronise(recording: Recording, config: SyncConfig | None = None, *, max_range: float = np.inf) -> Inputs:
@@ -72,14 +75,25 @@ def synchronise(recording: Recording, config: SyncConfig | None = None, *, max_r
     n = len(lidar)
     path = odometry_path(recording, config)
     odometry = np.zeros((n, 3)) if path is None else _at_scans(lidar, path, config, name=recording.name)
-    jumped, measured, motions = np.zeros(n, np.bool_), np.zeros(n, np.bool_), np.zeros((n, 3))
-    if ever_moves(recording):
-        jumped = jumps(lidar.stamps, odometry, config)
-        measured = ~jumped
-        motions = np.vstack((np.zeros(3), se2.between(odometry[:-1], odometry[1:])))
-    sweeps = _sweeps(recording, lidar, path, jumped) if config.deskew else None
+    jumped = jumps(lidar.stamps, odometry, config)
+    motions = np.vstack((np.zeros(3), se2.between(odometry[:-1], odometry[1:])))
+    moved = measures = np.full(n, path is not None)
+    if path is not None and (recording.encoders is None or not len(recording.encoders)):
+        moved = has_moved(odometry)
+        measures = moved | stands(lidar.ranges, moved)
+    sweeps = _sweeps(recording, lidar, path, config) if config.deskew else None
     scans = Scans(lidar, recording.platform.lidar, sweeps=sweeps, max_range=max_range)
-    return Inputs(recording.name, lidar.stamps, scans, path, odometry, motions, jumped, measured)
+    return Inputs(
+        name=recording.name,
+        stamps=lidar.stamps,
+        scans=scans,
+        path=path,
+        odometry=odometry,
+        motions=motions,
+        jumped=jumped,
+        measured=measures & ~jumped,
+        moves=bool(moved.any()),
+    )
 
 
 def require_lidar(recording: Recording) -> LidarStream:
@@ -109,13 +123,18 @@ def _at_scans(lidar: LidarStream, path: OdometryPath, config: SyncConfig, *, nam
     return path.poses[nearest_stamp(path.stamps, lidar.stamps)]
 
 
-def _sweeps(
-    recording: Recording, lidar: LidarStream, path: OdometryPath | None, jumped: NDArray[np.bool_]
-) -> Array | None:
-    """How the robot moves while each scan is taken, [n, 3] in its frame at the first beam; None where unknown."""
+def _sweeps(recording: Recording, lidar: LidarStream, path: OdometryPath | None, config: SyncConfig) -> Array | None:
+    """How the robot moves while each scan is taken, [n, 3] in its frame at the first beam; None where unknown.
+
+    Zeros where the odometry jumps between the reading before the sweep and the one after, and so did not measure it.
+    """
     seconds = (lidar.time_increment or recording.platform.lidar.time_increment) * (lidar.ranges.shape[1] - 1)
     if seconds <= 0 or path is None:
         return None
-    motion = se2.between(path.at(lidar.stamps), path.at(lidar.stamps + seconds))
-    motion[:-1][jumped[1:]] = 0.0  # odometry that jumps before the next scan did not measure the motion in this one
+    ends = lidar.stamps + seconds
+    motion = se2.between(path.at(lidar.stamps), path.at(ends))
+    count = np.concatenate(([0], np.cumsum(jumps(path.stamps, path.poses, config))))  # before each reading
+    first = np.searchsorted(path.stamps, lidar.stamps, side="right")
+    last = np.minimum(np.searchsorted(path.stamps, ends, side="left"), len(path.stamps) - 1)
+    motion[count[last + 1] > count[first]] = 0.0
     return motion

@@ -32,8 +32,10 @@ def warnings(recording: Recording, inputs: Inputs) -> tuple[Issue, ...]:
         text = f"no odometry: constant velocity over {len(lidar)} scans; dead reckoning stands still"
         issues.append(Issue("no-odometry", text, len(lidar)))
     elif not inputs.moves:
-        text = f"odometry that never moves: constant velocity over {len(lidar)} scans"
-        issues.append(Issue("still-odometry", text, len(lidar)))
+        scans = int((~inputs.measured).sum())
+        if scans:
+            text = f"odometry that never moves: constant velocity over {scans} scans"
+            issues.append(Issue("still-odometry", text, scans))
     return tuple(issues)
 
 

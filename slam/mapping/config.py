@@ -62,9 +62,9 @@ class TsdfConfig(Section):
     segments cost less."""
     near: Positive = 0.06
     """Distances below it weigh more in a cell's average [m]: near corners and thin walls a cell has two surfaces beside
-    it, and the nearer one counts ..."""
+    it, and the nearer one must count."""
     near_weight: Annotated[Whole, Field(ge=1, le=31)] = 8
-    """... this many times as much."""
+    """Distances below ``near`` weigh this many times as much."""
     max_weight: Annotated[Whole, Field(ge=1, le=31)] = 31
     """Largest weight of a cell's average against the next observation: how fast a map forgets."""
 

@@ -1,8 +1,8 @@
 """Systematic errors of the odometry, estimated from the scans while driving.
 
-Wheels are not as large, nor as far apart, as the platform says, carpets drag to a side, and the lidar is not where the
-log says: recorded odometry is off by some percent, always the same way, so the error can be estimated (Censi, Franchi,
-Marchionni and Oriolo 2013, Simultaneous calibration of odometry and sensor parameters).
+Wheels are not as large, nor as far apart, as the platform states, carpets drag to a side, and the lidar is not where
+the log puts it: recorded odometry is off by some percent, always in the same direction, so the error can be estimated
+(Censi, Franchi, Marchionni and Oriolo 2013, Simultaneous calibration of odometry and sensor parameters).
 """
 
 from __future__ import annotations

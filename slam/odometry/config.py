@@ -40,12 +40,12 @@ class CalibrationConfig(Section):
     change: NotNegative = 0.001
     """Standard deviation by which these gains change over a metre [1/sqrt(m)]."""
     translation: Positive = 0.005
-    """Standard deviation of the odometry's random error of one motion [m] ..."""
+    """Standard deviation of the odometry's random error of one motion, at rest [m]."""
     translation_from_translation: NotNegative = 0.03
-    """... and what every metre adds [m/m]."""
+    """Added to that for every metre [m/m]."""
     rotation: Positive = 0.01
-    """The same of the heading [rad] ..."""
+    """Standard deviation of the random error of its heading, at rest [rad]."""
     rotation_from_rotation: NotNegative = 0.1
-    """... and what every radian adds [rad/rad]."""
+    """Added to that for every radian [rad/rad]."""
     gate: Positive = 3.0
     """Validation gate: an innovation of more standard deviations is left out; wheels slipped."""

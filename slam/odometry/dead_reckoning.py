@@ -8,6 +8,7 @@ from moteslam.errors import InputError
 from moteslam.robot import se2
 from moteslam.robot.recording import Recording
 from moteslam.robot.trajectory import Trajectory
+from moteslam.robot.wording import expect_type
 from moteslam.slam.inputs.config import SyncConfig
 from moteslam.slam.inputs.odometry_path import odometry_path
 from moteslam.slam.inputs.synchronise import Inputs, synchronise
@@ -26,6 +27,7 @@ def dead_reckon(recording: Recording, config: SyncConfig | None = None) -> Traje
     Raises:
         InputError: there is no odometry of any kind, or the streams do not overlap in time.
     """
+    expect_type(recording, Recording, "recording", "open_recording(path) reads one")
     config = config or SyncConfig()
     path = odometry_path(recording, config)
     if path is None:

@@ -35,7 +35,7 @@ class MatchConfig(Section):
 
 
 class PaperFilterConfig(ParticleFilterConfig):
-    """Everything that a run of the method ``paper`` can be told; the defaults are the preset ``paper``."""
+    """All keys of a run of the method ``paper``; the defaults are the preset ``paper``."""
 
     method: Literal["paper"] = "paper"
     # III.4 as printed is 1 / sum of weights = 1, always under N/2: the printed filter resamples after every update.

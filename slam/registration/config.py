@@ -20,25 +20,25 @@ class RegistrationConfig(Section):
     """On the coarse level the residual's standard deviation is this many times as large."""
     likelihood_width: Annotated[Number, Field(ge=0.1, le=100)] = 2.0
     """An endpoint at distance r from the surface has the likelihood exp(-(r / (width residual))^2 / 2), 0 to 1: wider
-    than the residual, so that it tells a scan that fits from one that does not."""
+    than the residual, so that it separates scans that fit from those that do not."""
     ray_clearance: Annotated[Number, Field(ge=0, le=100)] = 2.0
-    """A ray crosses a surface of the map if it passes one at least this far before its endpoint [truncations] ..."""
+    """A ray crosses a surface of the map if it meets one at least this far before its endpoint [truncations]."""
     ray_weight: Annotated[Whole, Field(ge=0, le=31)] = 4
-    """... in a cell of more than this weight ..."""
+    """Cells of at most this weight are no surface that a ray can cross."""
     ray_distance: Share = 1 / 3
-    """... that is nearer to the surface than this [truncations]."""
+    """A ray meets a surface where a cell's distance to it is below this [truncations]."""
     translation: Annotated[Number, Field(gt=0, le=1)] = 0.01
-    """Standard deviation of the odometry at rest [m] ..."""
+    """Standard deviation of the odometry of one motion, at rest [m]."""
     translation_from_translation: Share = 0.07
-    """... and what every metre adds [m/m]: a loose prior, since the odometry's errors are systematic."""
+    """Added to that for every metre [m/m]: a loose prior, since the odometry's errors are systematic."""
     rotation: Annotated[Number, Field(gt=0, le=1)] = 0.01
-    """The same of the heading [rad] ..."""
+    """Standard deviation of the odometry's heading of one motion, at rest [rad]."""
     rotation_from_rotation: Share = 0.2
-    """... and what every radian of turn adds [rad/rad]."""
+    """Added to that for every radian of turn [rad/rad]."""
     extrapolated_translation: Share = 0.05
-    """Added where the motion was not measured but extrapolated at a constant velocity [m] ..."""
+    """Added to the standard deviation of a motion that was extrapolated at a constant velocity, not measured [m]."""
     extrapolated_rotation: Share = 0.05
-    """... and to the heading [rad]."""
+    """Added to that of its heading [rad]."""
     prior_weight: Positive = 5.0
     """The number of independent endpoints that weigh as much as the odometry: neighbouring endpoints err alike."""
     iterations: Annotated[Whole, Field(ge=1, le=100)] = 8
@@ -62,9 +62,9 @@ class SearchConfig(Section):
     heading_step: Annotated[Number, Field(gt=0, le=1)] = 0.02
     """Between the headings that are searched [rad]; positions are a cell apart."""
     basin_distance: Positive = 0.2
-    """Gauss-Newton converges from starts up to this far off [m] ..."""
+    """Gauss-Newton converges from starts up to this far off [m]."""
     basin_rotation: Positive = 0.06
-    """... and turned by up to this [rad]."""
+    """Gauss-Newton converges from starts whose heading is off by up to this [rad]."""
     separation: Positive = 0.6
     """Starts are at least this share of the basin apart."""
     search_near: Positive = 0.2
@@ -85,21 +85,21 @@ class TrackingConfig(SearchConfig):
 
     accept_likelihood: Share = 0.75
     """A scan whose endpoints have at least this mean likelihood, 0 to 1, where registration finds it from the
-    prediction is accepted without a search ..."""
+    prediction is accepted without a search, if ``accept_deviation`` allows."""
     accept_deviation: Positive = 6.0
-    """... if it is within this many standard deviations of the prediction."""
+    """A scan is accepted without a search only within this many standard deviations of the prediction."""
     window: Positive = 3.0
     """Half width of the search window [standard deviations of the prediction]."""
     retry_likelihood: Share = 0.6
     """A scan of less mean likelihood after the search is searched for again, from more starts."""
     min_starts: Annotated[Whole, Field(ge=1, le=1000)] = 2
-    """Registrations started in a search at least ..."""
+    """Smallest number of registrations started in a search."""
     max_starts: Annotated[Whole, Field(ge=1, le=1000)] = 16
-    """... and at most, as the window needs ..."""
+    """Largest number of registrations started in a search; it grows with the window."""
     retry_starts: Annotated[Whole, Field(ge=1, le=1000)] = 200
-    """... when a scan is searched for again ..."""
+    """Registrations started where a scan is searched for again."""
     relocation_starts: Annotated[Whole, Field(ge=1, le=1000)] = 300
-    """... and in the relocation window."""
+    """Registrations started in the relocation window."""
     start_points: Annotated[Whole, Field(ge=8, le=100_000)] = 90
     """Points of a scan that are registered from every start."""
     prior_tail: Positive = 3.0
@@ -107,21 +107,22 @@ class TrackingConfig(SearchConfig):
     odometry and by constant velocity: what odometry is off by has outliers."""
     lost_score: Annotated[Number, Field(ge=-1, le=2)] = 0.04
     """A scan of a smaller match score, as a share of its points, contradicts the map: it is lost, and looked for in
-    a relocation window ..."""
+    the relocation window."""
     relocation_distance: Annotated[Number, Field(ge=0, le=10)] = 1.5
-    """... up to this far to each side [m] ..."""
+    """Half width of the relocation window [m]."""
     relocation_rotation: Annotated[Number, Field(ge=0, le=3.2)] = 1.4
-    """... and with up to this turn [rad] ..."""
+    """Half width of the relocation window in heading [rad]."""
     relocation_gain: NotNegative = 0.3
-    """... and taken to be there if its match score is larger by this share of its points."""
+    """A lost scan is relocated where its match score is larger by this share of its points."""
     max_lost_scans: Annotated[Whole, Field(ge=0)] = 3
     """Up to this many lost scans in a row are left out of the maps; the next is accepted where it was found."""
     score_likelihood: Positive = 1.5
-    """Match score: what an endpoint of likelihood 1 gains [points] ..."""
+    """Added to the match score for an endpoint of likelihood 1 [points]."""
     score_known: NotNegative = 0.3
-    """... less this for every endpoint where the map is known [points] ..."""
+    """Subtracted from the match score for every endpoint where the map is known [points]."""
     score_crossing: NotNegative = 0.3
-    """... less this for every ray through a surface [points]: doors open, people walk, gaps get closed."""
+    """Subtracted from the match score for every ray through a surface [points]: little, since doors open and people
+    walk."""
     min_points: Annotated[Whole, Field(ge=1)] = 5
     """Scans of fewer thinned points carry no information: the odometry alone moves the particles."""
     slip_threshold: Positive = 2.0

@@ -1,4 +1,4 @@
-"""Localising a scan in one particle's TSDF: near the prediction, else after a search, at last in a wide window."""
+"""Localising a scan in one particle's TSDF: near the prediction, after a search, or in the relocation window."""
 
 from __future__ import annotations
 

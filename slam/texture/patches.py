@@ -18,7 +18,7 @@ from moteslam.slam.texture.floor_map import TextureMap, TextureMapper
 
 SLANT = 0.5
 """The turn of a patch's cells against the robot's axes [rad]. Were they parallel to a map's cells, all would move from
-one to the next at the same shift, and nothing finer than a cell could be told."""
+one to the next at the same shift, and nothing finer than a cell could be measured."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,25 +21,26 @@ class ProposalConfig(Section):
     information_share: Annotated[Number, Field(gt=0, le=1)] = 1.0
     """Share of the endpoints' information that counts when particles are sampled."""
     translation: NotNegative = 0.001
-    """Standard deviation of the odometry at rest where the endpoints carry no information [m] ..."""
+    """Standard deviation that particles are sampled with where the endpoints carry no information, at rest [m]."""
     translation_from_translation: NotNegative = 0.02
-    """... and what every metre adds [m/m]."""
+    """Added to that for every metre [m/m]."""
     rotation: NotNegative = 0.0005
-    """The same of the heading [rad] ..."""
+    """Standard deviation that headings are sampled with where the endpoints carry no information, at rest [rad]."""
     rotation_from_rotation: NotNegative = 0.02
-    """... and what every radian of turn adds [rad/rad]."""
+    """Added to that for every radian of turn [rad/rad]."""
     sampled_share: Share = 0.25
     """Share of that standard deviation of the position which particles are sampled with; all of it where colours weigh
-    them. Where no measurement tells particles apart, resampling keeps one of them by chance, and its error is of the
+    them. Where no measurement tells particles apart, resampling keeps one of them at random, and its error is of the
     size of their spread."""
     evidence_share: Annotated[Number, Field(gt=0, le=1)] = 0.03
     """Share of the endpoints' log-likelihood that counts in the weights: neighbouring endpoints err alike."""
     crossing_cost: NotNegative = 1.0
     """Negative log-likelihood of a ray through a surface of the map."""
     mode_distance: Positive = 0.5
-    """Particles within this of the best one [m] ..."""
+    """Particles within this distance of the best one, and ``mode_rotation`` in heading, form its mode [m]; the online
+    pose is the mean of that mode."""
     mode_rotation: Positive = 0.2
-    """... and within this heading [rad] form its mode; the online pose is the mean of that mode."""
+    """See ``mode_distance`` [rad]."""
 
 
 class ColourConfig(Section):
@@ -56,17 +57,17 @@ class ColourConfig(Section):
     map_length: Annotated[Number, Field(ge=0.2, le=20)] = 1.0
     """Distance for which a map of the floor is built [m]; it is compared with for as long again."""
     reach: Annotated[Number, Field(ge=0.02, le=0.5)] = 0.04
-    """How far to each side of the registered pose the floor is searched [m] ..."""
+    """How far to each side of the registered pose the floor is searched [m]."""
     coarse_step: Annotated[Number, Field(ge=0.002, le=0.5)] = 0.02
-    """... first in steps of this [m] ..."""
+    """Steps of the first search over the floor [m]."""
     fine_step: Annotated[Number, Field(ge=0.0005, le=0.5)] = 0.004
-    """... then of this, around the best of those [m]."""
+    """Steps of the second search, around the best place of the first [m]."""
     least_known: Annotated[Number, Field(gt=0, le=1)] = 0.3
     """Share of a frame's cells that must lie on known floor."""
     spread: Positive = 60.0
-    """Scale of a cell's difference, red, green and blue together [levels] ..."""
+    """Scale of a cell's difference, red, green and blue together [levels]."""
     limit: Annotated[Whole, Field(ge=1, le=765)] = 150
-    """... which counts as at most this [levels]."""
+    """Largest difference of a cell that counts [levels]."""
     share: Annotated[Number, Field(gt=0, le=1)] = 0.1
     """Share of the cells' log-likelihood that counts: neighbouring cells err alike."""
     spread_translation: Positive = 0.01
@@ -74,7 +75,7 @@ class ColourConfig(Section):
 
 
 class TsdfFilterConfig(ParticleFilterConfig):
-    """Everything that a run of the method ``tsdf`` can be told; the defaults are the preset ``default``."""
+    """All keys of a run of the method ``tsdf``; the defaults are the preset ``default``."""
 
     method: Literal["tsdf"] = "tsdf"
     particles: Annotated[Whole, Field(ge=1, le=1_000_000)] = 30

@@ -4,7 +4,7 @@ A map of the floor belongs to a place, its *anchor*: one pose a particle, at whi
 relative to that, and what a frame says of a particle is how the particle's own motion since then agrees with the
 colours. So one map serves all particles, however far apart their paths lie, and no matter which of them is the best:
 over the few metres for which a map is used, their motions differ by millimetres. No particle is judged by where
-another one believes to be, and none is bound to a path that a closing loop has proved wrong.
+another one is, and none is bound to a path that a closing loop has proved wrong.
 
 Frames go into the newest map for ``map_length``, and are compared with the one before it, which no longer changes: a
 map that took in what is compared with it would follow its own errors. Older ones are dropped, so memory does not grow.
@@ -168,7 +168,7 @@ class FloorTracker:
 
 
 def _square(steps: int, step: float) -> Array:
-    """The shifts [n, 2] of a square lattice, so many steps to each side."""
+    """The shifts [n, 2] of a square lattice, ``steps`` to each side."""
     ticks = np.arange(-steps, steps + 1) * step
     return np.stack(np.meshgrid(ticks, ticks, indexing="ij"), axis=-1).reshape(-1, 2)
 

@@ -52,8 +52,8 @@ class Particles:
         """The weighted mean [3] of the best particle's mode, in the frame of the best particle.
 
         Args:
-            distance: particles within this of the best one [m] ...
-            rotation: ... and within this heading [rad] are of its mode.
+            distance: of the particles of its mode from it, at most [m].
+            rotation: of their headings from its heading, at most [rad].
         """
         off = se2.between(self.poses[self.best], self.poses)
         near = (np.hypot(off[:, 0], off[:, 1]) <= distance) & (abs(off[:, 2]) <= rotation)

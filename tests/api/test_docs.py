@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import importlib.util
+import json
 import re
+from operator import attrgetter
 from pathlib import Path
 from types import ModuleType
 
 import pytest
 from pydantic import BaseModel
 
+from moteslam.sim.sensors.noise import Noise
 from moteslam.slam.settings import load_preset, preset_names
 
 ROOT = Path(__file__).parents[2]
@@ -94,6 +97,19 @@ def test_the_paper_page_gives_the_values_of_the_preset():
     ):
         rows = [line for line in PAPER.splitlines() if line.startswith("|") and f"`{key}" in line]
         assert any(f"{value} ".strip() in row for row in rows), f"{key}: {value}"
+
+
+def test_the_page_on_scenarios_gives_the_noise_of_the_models():
+    page = (ROOT / "docs" / "reference" / "scenarios.md").read_text(encoding="utf-8")
+    section = page.partition("### `[noise]`")[2].partition("\n#")[0]
+    rows = re.findall(r"^\| (`[a-z].*?`) \| ([^|]+) \|", section, re.M)
+    assert len(rows) > 15
+    for keys, defaults in rows:
+        names = re.findall(r"`([a-z_.]+)`", keys)
+        values = json.loads("[" + defaults.replace("`", "") + "]")
+        for name, value in zip(names, values, strict=True):
+            at_hand = attrgetter(name)(Noise())
+            assert at_hand == pytest.approx(tuple(value) if isinstance(value, list) else value, rel=0.002), name
 
 
 def generator() -> ModuleType:

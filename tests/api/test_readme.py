@@ -1,4 +1,4 @@
-"""What the README tells a stranger to do works."""
+"""What the README asks a newcomer to do works."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def test_the_example_finds_its_way():
     assert example is not None
     run = run_beside_python(Path(sys.executable).name, "-c", example.group(1))
     assert run.returncode == 0, run.stderr
-    told = re.fullmatch(r"off by ([0-9.]+) cm over ([0-9]+) m\n", run.stdout)
-    assert told is not None, run.stdout
-    assert float(told.group(1)) < 20
-    assert int(told.group(2)) >= 80
+    found = re.fullmatch(r"off by ([0-9.]+) cm over ([0-9]+) m\n", run.stdout)
+    assert found is not None, run.stdout
+    assert float(found.group(1)) < 20
+    assert int(found.group(2)) >= 80

@@ -144,7 +144,7 @@ def test_names_with_markup_and_escape_codes_are_printed_as_they_are(
     monkeypatch.chdir(tmp_path)
     line = refused(capsys, "inspect", name)
     assert line == f"moteslam: {shown}: No such file or directory, expected a recording\n"
-    assert "\x1b" not in refused(capsys, "evaluate", "one", "two", name)  # a usage error, told by Typer
+    assert "\x1b" not in refused(capsys, "evaluate", "one", "two", name)  # a usage error, printed by Typer
     Path(name).write_text("0 0 0 0 0 0 0 1\n1 1 0 0 0 0 0 1\n")
     assert main.run(["evaluate", name, name]) == 0
     assert capsys.readouterr().out.startswith(f"{shown} against {shown}\n")

@@ -71,7 +71,7 @@ def test_rpe_by_time_of_a_known_drift() -> None:
     estimate = line(101, speed=1.02)
     for all_pairs in (True, False):
         error = relative_pose_error(estimate, line(101), delta=2.0, unit="s", all_pairs=all_pairs)
-        # with all pairs the last two stretches are 1.9 and 1.8 s long
+        # with all pairs the last two pairs are 1.9 and 1.8 s long
         np.testing.assert_allclose(error.errors, 0.04, atol=0.0041 if all_pairs else 1e-9)
     assert error.pairs == 5
 

@@ -140,8 +140,8 @@ def test_a_batch_is_what_its_parts_are(program, scenario_file: Path, tmp_path: P
     arguments = ("--batch", 2, "--seed", 5, "--jobs", 2, "--true-map", 0.1, "--json")
     done = program("simulate", scenario_file, "--out", "many", *arguments, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
-    told = json.loads(done.stdout)["simulations"]
-    assert [one["seed"] for one in told] == [5, 6]
+    found = json.loads(done.stdout)["simulations"]
+    assert [one["seed"] for one in found] == [5, 6]
     alone = program("simulate", scenario_file, "--out", "one", "--seed", 6, cwd=tmp_path)
     assert alone.returncode == 0, alone.stderr
     first, second = read_ucsd(tmp_path / "many" / "room-6"), read_ucsd(tmp_path / "one")

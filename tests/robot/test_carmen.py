@@ -79,16 +79,16 @@ def test_the_mount_comes_from_the_caller_the_parameters_or_the_poses(tmp_path: P
         "PARAM robot_length 0.7 host 0",
         "PARAM robot_name frank host 0",
     ]
-    told = read_carmen(write_log(tmp_path / "told.log", [*params, *ahead])).platform
-    assert told.lidar.pose == (0.3, 0.1, 0.0)
-    assert told.length == 0.7
+    stated = read_carmen(write_log(tmp_path / "given.log", [*params, *ahead])).platform
+    assert stated.lidar.pose == (0.3, 0.1, 0.0)
+    assert stated.length == 0.7
     assert read_carmen(write_log(tmp_path / "poses.log", ahead)).platform.lidar.pose == (0.2, 0.0, 0.0)
     corrected = [flaser([1.0], laser=(k * 1.1, 1.0, 0.0), robot=(k, 1.0, 0.0), stamp=k) for k in range(5)]
     assert read_carmen(write_log(tmp_path / "moved.log", corrected)).platform.lidar.pose == (0, 0, 0)
     (tmp_path / "turned.toml").write_text("[lidar]\nyaw = 0.2\n")
-    assert read_carmen(tmp_path / "told.log", platform=tmp_path / "turned.toml").platform.lidar.pose == (0.3, 0.1, 0.2)
+    assert read_carmen(tmp_path / "given.log", platform=tmp_path / "turned.toml").platform.lidar.pose == (0.3, 0.1, 0.2)
     mine = Platform(lidar=LidarMount(x=-1, time_increment=1e-3))
-    recording = read_carmen(tmp_path / "told.log", platform=mine)
+    recording = read_carmen(tmp_path / "given.log", platform=mine)
     assert recording.platform == mine
     assert lidar_of(recording).time_increment == 1e-3
 

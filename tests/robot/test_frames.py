@@ -111,7 +111,7 @@ def folder_instead(path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("harm", "told"),
+    ("harm", "words"),
     [
         (lambda path: path.write_bytes(b""), "is empty"),
         (lambda path: path.write_text("hello" * 100), "not a PNG file"),
@@ -123,7 +123,7 @@ def folder_instead(path: Path) -> None:
     ],
 )
 @pytest.mark.parametrize("kind", ["RGB", "Disparity"])
-def test_unreadable_images_are_counted_and_the_first_is_named(folder: Path, harm: Any, told: str, kind: str) -> None:
+def test_unreadable_images_are_counted_and_the_first_is_named(folder: Path, harm: Any, words: str, kind: str) -> None:
     name = f"{kind.lower()}20_4.png"
     harm(folder / "dataRGBD" / f"{kind}20" / name)
     found, count, _ = frames(folder)
@@ -132,7 +132,7 @@ def test_unreadable_images_are_counted_and_the_first_is_named(folder: Path, harm
     (line,) = messages(count.issues())
     assert line.startswith("camera: 1 frame left out, unreadable; the first: ")
     assert name in line
-    assert told in line
+    assert words in line
     assert "\n" not in line
 
 

@@ -1,4 +1,4 @@
-"""What an inspection tells."""
+"""What an inspection reports."""
 
 from __future__ import annotations
 
@@ -105,8 +105,8 @@ def test_the_gyro_is_judged_where_the_wheels_rest() -> None:
 def test_the_shortest_recordings_give_valid_json(n: int) -> None:
     stamps = np.zeros(n)
     recording = Recording("x", UCSD, lidar=scans(stamps), encoders=wheels(stamps, 0))
-    told = inspect_recording(recording).to_dict()
-    assert json.loads(json.dumps(told, allow_nan=False))["streams"][0]["mean_rate"] is None
+    found = inspect_recording(recording).to_dict()
+    assert json.loads(json.dumps(found, allow_nan=False))["streams"][0]["mean_rate"] is None
 
 
 def test_the_warnings_of_the_reader_come_first() -> None:

@@ -1,4 +1,4 @@
-"""How the limit of a laser is told from its readings."""
+"""How the limit of a laser is found from its readings."""
 
 from __future__ import annotations
 
@@ -64,8 +64,8 @@ def test_a_robot_that_sees_the_same_wall_has_no_limit(ranges: NDArray[np.float64
     assert no_return_limit(ranges.astype(np.float32), None) == SICK_REACH
 
 
-@pytest.mark.parametrize(("told", "limit"), [(30.0, 30.0), (80.0, 80.0), (81.9, 80.0), (81.92, 80.0), (120.0, 120.0)])
-def test_what_the_log_tells_goes_first(told: float, limit: float) -> None:
+@pytest.mark.parametrize(("stated", "limit"), [(30.0, 30.0), (80.0, 80.0), (81.9, 80.0), (81.92, 80.0), (120.0, 120.0)])
+def test_what_the_log_states_goes_first(stated: float, limit: float) -> None:
     ranges = readings()
     ranges[:1000] = 81.83
-    assert no_return_limit(ranges, told) == limit
+    assert no_return_limit(ranges, stated) == limit

@@ -1,4 +1,4 @@
-"""The UCSD layout: what is written reads back the same, and what is broken is told in one line."""
+"""The UCSD layout: what is written reads back the same, and what is broken is refused in one line."""
 
 from __future__ import annotations
 

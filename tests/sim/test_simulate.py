@@ -112,9 +112,10 @@ def test_a_written_recording_reads_back_identical(simulation: Simulation, tmp_pa
     assert load_scenario(tmp_path / "scenario.toml") == simulation.scenario
 
 
-def test_writing_into_no_folder_is_refused(simulation: Simulation, tmp_path: Path) -> None:
-    with pytest.raises(OutputError):
-        write_simulation(tmp_path / "absent", simulation)
+def test_writing_where_no_folder_can_be_is_refused(simulation: Simulation, tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    with pytest.raises(OutputError, match="cannot be made"):
+        write_simulation(tmp_path / "file" / "robot", simulation)
 
 
 def test_progress_is_reported_and_ends_at_one(scenario: Scenario) -> None:

@@ -20,6 +20,7 @@ from moteslam.sim.scenario import load_scenario
 from moteslam.sim.simulate import Simulation, simulate
 from moteslam.slam.estimate import Estimate
 from moteslam.slam.inputs.jumps import jumps
+from moteslam.slam.inputs.standing import stands
 from moteslam.slam.inputs.step import steps
 from moteslam.slam.inputs.synchronise import synchronise
 from moteslam.slam.inputs.warnings import warnings
@@ -63,9 +64,9 @@ def test_without_odometry_the_corridor_is_driven_at_a_constant_velocity(corridor
     assert ate(corridor, estimate) < 0.15
     assert estimate.trajectory.length > 5
     assert estimate.dead_reckoning.length == 0
-    told = [line for line in messages(estimate.warnings) if line.startswith("no odometry: constant velocity")]
-    assert len(told) == 1
-    assert f"{len(corridor.recording.lidar)} scans" in told[0]
+    issues = [line for line in messages(estimate.warnings) if line.startswith("no odometry: constant velocity")]
+    assert len(issues) == 1
+    assert f"{len(corridor.recording.lidar)} scans" in issues[0]
 
 
 @pytest.mark.slow
@@ -149,20 +150,53 @@ def test_steps_without_odometry_and_after_a_jump_are_not_measured(corridor: Simu
     assert all(np.hypot(*step.motion[:2]) > 0.9 for step in jumps_there)
 
 
-def test_odometry_that_never_moves_counts_as_none(corridor: Simulation):
+def test_odometry_that_never_moves_counts_as_none_once_the_scans_change(corridor: Simulation):
     lone = without_odometry(corridor.recording)
+    true = corridor.truth.at(lone.lidar.stamps).poses
+    driven = np.hypot(*(true - true[0])[:, :2].T)
     zeros = np.zeros((len(lone.lidar), 3))
     logged = lone.replace(lidar=replace(lone.lidar, odometry=zeros))
     stream = lone.replace(odometry=OdometryStream(lone.lidar.stamps, zeros))
     for still in (logged, stream):
         inputs = synchronise(still)
-        assert not any(step.measured for step in steps(inputs))
+        assert inputs.measured[driven < 1e-3].all()
+        assert not inputs.measured[driven > 0.2].any()
         assert messages(warnings(still, inputs)) == (
-            f"odometry that never moves: constant velocity over {len(zeros)} scans",
+            f"odometry that never moves: constant velocity over {int((~inputs.measured).sum())} scans",
         )
     moved = zeros.copy()
     moved[-1, 2] = 1e-3
-    assert synchronise(lone.replace(lidar=replace(lone.lidar, odometry=moved))).measured.all()
+    inputs = synchronise(lone.replace(lidar=replace(lone.lidar, odometry=moved)))
+    assert np.flatnonzero(inputs.measured & (driven > 0.2)).tolist() == [len(zeros) - 1]
+
+
+def test_who_walks_by_a_standing_robot_does_not_move_it():
+    ranges = np.full((5, 100), 4.0, np.float32)
+    ranges += np.random.default_rng(0).normal(0, 0.01, ranges.shape).astype(np.float32)
+    ranges[1, :15] = 1.0
+    ranges[2, 20:] = np.inf
+    ranges[3, :25] = 1.0
+    still = np.zeros(5, np.bool_)
+    assert stands(ranges, still).tolist() == [True, True, True, False, False]
+    assert stands(ranges, np.arange(5) >= 2).tolist() == [True, True, False, False, False]
+    ranges[1] = np.inf
+    assert stands(ranges, still).tolist() == [True, False, True, False, False]
+
+
+def test_a_jump_stands_out_among_the_steps_before_it_and_is_none_of_the_first_nine():
+    stamps = np.arange(60) * 0.1
+    for at in (5, 9, 11, 40):
+        path = se2.accumulate(np.tile([0.05, 0, 0.02], (60, 1)))
+        path[at:, 0] += 1.0
+        assert np.flatnonzero(jumps(stamps, path)).tolist() == ([at] if at > 9 else [])
+        path[50:, 0] += 3.0  # whatever comes later
+        assert jumps(stamps, path)[:50].tolist() == jumps(stamps[:50], path[:50]).tolist()
+    # a robot that from some time on drives 0.6 m a step, too fast for a robot by its stamps: soon that is usual
+    path = np.zeros((60, 3))
+    path[:, 0] = np.cumsum(np.where(np.arange(60) < 30, 0.01, 0.6))
+    found = np.flatnonzero(jumps(stamps, path)).tolist()
+    assert found == list(range(30, 30 + len(found)))
+    assert 0 < len(found) < 5
 
 
 def test_a_jump_is_faster_than_robots_are_and_than_this_one_usually_is():

@@ -134,3 +134,20 @@ def test_a_wander_with_nowhere_to_go_is_refused(table: dict[str, Any]) -> None:
     with pytest.raises(ConfigError, match="no free leg") as caught:
         driven(parse_scenario(table))
     assert caught.value.field == "wander"
+
+
+@pytest.mark.parametrize("rate", [-0.5, 0.5])
+def test_in_a_bend_the_tyres_give_way_outwards(table: dict[str, Any], rate: float) -> None:
+    speed = 0.8
+    scenario = commanded(table, {"duration": 8.0, "speed": speed, "turn_rate": rate}, start=(5.0, 4.0, 0.0))
+    run = driven(scenario)
+    steady = (run.stamps > 4.0) & (run.stamps < 8.5)
+    (vx, vy, turn_rate), heading = run.velocities[steady].T, run.poses[steady, 2]
+    forward, left = np.cos(heading) * vx + np.sin(heading) * vy, np.cos(heading) * vy - np.sin(heading) * vx
+    # four tyres of this sideways stiffness carry the centripetal force m v w
+    wheels, body = scenario.platform.wheels, scenario.body
+    assert wheels is not None
+    sideways = body.stiffness * (wheels.effective_track - wheels.track) * wheels.track / wheels.wheel_base**2
+    expected = -body.mass * forward * turn_rate / (4 * sideways)
+    assert np.abs(expected).min() > 0.01
+    np.testing.assert_allclose(left, expected, rtol=0.05)

@@ -27,7 +27,7 @@ def pose_at(t: np.ndarray) -> np.ndarray:
 
 
 def turning(*, in_stream: bool = True, in_platform: bool = False, sweep: float = SWEEP) -> Recording:
-    """A robot that turns past a wall; the time between beams is told by the stream, the platform, or nobody."""
+    """A robot that turns past a wall; the time between beams is given by the stream, the platform, or not at all."""
     increment = SWEEP / (BEAMS - 1)
     angles = np.linspace(-1.2, 1.2, BEAMS)
     stamps = np.array([0.1, 0.2, 0.3])

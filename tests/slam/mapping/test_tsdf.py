@@ -148,8 +148,8 @@ def test_nobody_writes_into_the_empty_tile_or_one_that_is_shared(step: float) ->
     """Whatever the path of the surface: every tile that a cell of it lies in is copied before."""
     for seed in range(20):
         generator = np.random.default_rng(seed)
-        ways = np.cumsum(generator.normal(0, step, (generator.integers(2, 60), 2)), axis=0)
-        scan = ThinnedScan(ways.astype(np.float32), (generator.random(len(ways)) < 0.9).astype(np.int32))
+        path = np.cumsum(generator.normal(0, step, (generator.integers(2, 60), 2)), axis=0)
+        scan = ThinnedScan(path.astype(np.float32), (generator.random(len(path)) < 0.9).astype(np.int32))
         maps, poses = TsdfMaps(TsdfConfig()), generator.uniform(-6, 6, (4, 3))
         maps.resample(np.zeros(4, np.int64))
         maps.integrate(poses, scan)

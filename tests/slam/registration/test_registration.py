@@ -107,3 +107,16 @@ def test_a_scan_is_found_where_the_same_velocity_would_put_it(room: TsdfView) ->
     (without,) = narrow.locate(room, stood, SPREAD, points, np.zeros(2), ODOMETRY).offsets
     assert np.abs(with_velocity - at).max() < 0.005
     assert np.abs(without - at).max() > 0.1
+
+
+def test_rays_through_a_surface_lower_the_match_score_and_can_lose_a_scan() -> None:
+    def matched(crossed: float) -> Registration:
+        """A scan of 100 points that all fit well, with ``crossed`` rays through a surface."""
+        return Registration(*np.zeros((2, 1, 3)), *np.array([[10.0], [100.0], [0.9], [crossed]]))  # type: ignore[arg-type]
+
+    config = TrackingConfig()
+    free, blocked = (localiser().score(matched(crossed))[0] for crossed in (0.0, 40.0))
+    assert free - blocked == pytest.approx(40 * config.score_crossing)
+    strict = localiser(score_crossing=3.0)
+    assert not strict.lost(matched(0.0), 100)
+    assert strict.lost(matched(40.0), 100)

@@ -169,8 +169,8 @@ def test_what_cannot_be_mapped_is_refused(driven: tuple[Simulation, Path], recor
         (recording, nowhere, "trajectory: no poses"),
         (recording, far, r"texture\.cell_size: .* expected at most"),
     )
-    for what, along, told in cases:
-        with pytest.raises(InputError, match=told):
+    for what, along, words in cases:
+        with pytest.raises(InputError, match=words):
             map_texture(what, along)
     assert not can_map(stamps_only)
     assert not can_map(blind)

@@ -14,7 +14,7 @@ from slam_cameras import tiled_room, with_images
 from moteslam.errors import ConfigError
 from moteslam.eval.metrics.ate import absolute_trajectory_error
 from moteslam.robot import se2
-from moteslam.robot.recording import Recording
+from moteslam.robot.recording import Recording, RgbdStream
 from moteslam.sim.scenario import load_scenario, with_camera
 from moteslam.sim.simulate import Simulation, simulate
 from moteslam.slam.estimate import Estimate
@@ -86,6 +86,38 @@ def test_a_scan_gets_the_newest_frame_and_each_frame_is_used_once(room: tuple[Si
     assert views.asked > len(ages) == views.count.used
 
 
+class Blank:
+    """Images that show nothing."""
+
+    def rgb(self, index: int) -> np.ndarray:
+        return np.zeros((480, 640, 3), np.uint8)
+
+    def disparity(self, index: int) -> np.ndarray:
+        return np.zeros((480, 640), np.uint16)
+
+
+def test_which_frame_a_scan_gets_does_not_depend_on_images_that_come_later(room: tuple[Simulation, Recording]) -> None:
+    recording, inputs = room[1], synchronise(room[1])
+    lidar, rgbd = recording.lidar, recording.rgbd
+    # colours at odd times: the nearest ones come before a disparity image or after it
+    odd = np.sort(rgbd.rgb_stamps + np.random.default_rng(0).uniform(0.0, 0.04, len(rgbd.rgb_stamps)))
+    stream = replace(rgbd, rgb_stamps=odd, images=Blank())
+
+    def handed_out(stream: RgbdStream, scans: range) -> list[tuple[float, float] | None]:
+        """The stamps of the frames that the scans get."""
+        views = FloorViews(recording.replace(rgbd=stream), inputs, largest_gap=CONFIG.texture.largest_gap)
+        got = (views.at(scan, OLDEST) for scan in scans)
+        return [None if view is None else (view.frame.stamp, view.frame.rgb_stamp) for view in got]
+
+    complete = handed_out(stream, range(40, 120))
+    assert sum(frame is not None for frame in complete) > 20
+    for scans in range(1, len(complete) + 1):
+        now = lidar.stamps[40 + scans - 1]
+        rgb, disparity = (stamps[stamps <= now] for stamps in (stream.rgb_stamps, stream.disparity_stamps))
+        arrived = replace(stream, rgb_stamps=rgb, disparity_stamps=disparity)
+        assert handed_out(arrived, range(40, 40 + scans)) == complete[:scans]
+
+
 def test_a_frame_is_placed_where_the_robot_was(room: tuple[Simulation, Recording]) -> None:
     simulation, recording = room
     assert recording.lidar is not None
@@ -112,7 +144,7 @@ def test_the_odometrys_error_is_spread_over_the_motion(room: tuple[Simulation, R
 
 
 def walked(room: tuple[Simulation, Recording]) -> tuple[FloorTracker, FloorView, np.ndarray, np.ndarray]:
-    """A tracker taken along the true way with four particles whose paths lie apart; the last view and poses there."""
+    """A tracker taken along the true path with four particles whose paths lie apart; the last view and poses there."""
     simulation, recording = room
     assert recording.lidar is not None
     apart = np.array([(0.0, 0.0, 0.0), (3.0, 1.0, 0.5), (-2.0, 0.4, -2.0), (40.0, 50.0, 3.0)])

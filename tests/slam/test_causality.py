@@ -1,0 +1,145 @@
+"""Online means causal: no online pose depends on what was measured after its scan.
+
+A recording is cut at several scans: what is left is what has arrived when the last scan is complete and the
+odometry has given its next reading. The online poses up to then are the same bytes as those of the complete recording.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import fields, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from slam_faults import jumping_odometry
+
+from moteslam.robot.formats import open_recording
+from moteslam.robot.recording import OdometryStream, Recording
+from moteslam.sim.scenario import load_scenario
+from moteslam.sim.simulate import simulate
+from moteslam.slam.inputs.step import Step, steps
+from moteslam.slam.inputs.synchronise import synchronise
+from moteslam.slam.odometry.dead_reckoning import dead_reckon
+from moteslam.slam.run import SlamSession
+from moteslam.slam.settings import resolve_config
+
+pytestmark = pytest.mark.usefixtures("taichi")
+
+Change = Callable[[Recording], Recording]
+METHODS = {"paper": ["particles=20"], "default": ["particles=5"]}
+
+
+def first(stream: Any, count: int) -> Any:
+    """The first readings of a stream."""
+    arrays = {f.name: value for f in fields(stream) if isinstance(value := getattr(stream, f.name), np.ndarray)}
+    return replace(stream, **{name: array[:count] for name, array in arrays.items()})
+
+
+def cut(recording: Recording, scans: int) -> Recording:
+    """What has arrived when the first ``scans`` scans are complete.
+
+    Of wheels and logged odometry all readings up to the first at or after the end of the last scan's sweep; of the gyro
+    all up to the first at or after that of the wheels.
+    """
+    lidar = recording.lidar
+    assert lidar is not None
+    now = lidar.stamps[scans - 1] + (lidar.ranges.shape[1] - 1) * lidar.time_increment
+    left: dict[str, Any] = {"lidar": first(lidar, scans)}
+    for name in ("odometry", "encoders", "imu"):
+        stream = getattr(recording, name)
+        if stream is not None:
+            left[name] = first(stream, int(np.searchsorted(stream.stamps, now, side="left")) + 1)
+            now = max(now, left[name].stamps[-1])
+    return recording.replace(**left)
+
+
+@pytest.fixture(scope="module")
+def corridor() -> Recording:
+    """Twenty seconds in the corridor, ten scans a second of 271 beams."""
+    recording = simulate(load_scenario("corridor").model_copy(update={"duration": 20.0}), seed=1).recording
+    lidar = recording.lidar
+    assert lidar is not None
+    sparse = replace(
+        lidar,
+        stamps=lidar.stamps[::4],
+        ranges=lidar.ranges[::4, ::4],
+        angle_increment=4 * lidar.angle_increment,
+        time_increment=4 * lidar.time_increment,
+    )
+    return recording.replace(lidar=sparse)
+
+
+def logged(recording: Recording) -> Recording:
+    """The odometry as logged poses of wheels alone: while the robot stands at first they are all the same."""
+    path = dead_reckon(recording.replace(imu=None, lidar=None))
+    assert not path.poses[:50].any()
+    return recording.replace(encoders=None, imu=None, odometry=OdometryStream(path.stamps, path.poses))
+
+
+def jumping(recording: Recording) -> Recording:
+    """The odometry jumps while the robot hardly moves, by less than ten times what it moves later; then twice more."""
+    early = jumping_odometry(recording, 2.0, np.array([0.5, 0.0, 0.3]))
+    return jumping_odometry(early, 9.0, np.array([1.0, 0.0, 0.0]), back=13.0)
+
+
+def beginning_late(recording: Recording) -> Recording:
+    """The odometry repeats its first pose for eight seconds, while the robot drives, and only then moves."""
+    odometry = logged(recording).odometry
+    assert odometry is not None
+    first_poses = odometry.stamps < odometry.stamps[0] + 8.0
+    poses = np.where(first_poses[:, None], odometry.poses[0], odometry.poses)
+    return recording.replace(encoders=None, imu=None, odometry=OdometryStream(odometry.stamps, poses))
+
+
+def same_step(a: Step, b: Step) -> bool:
+    arrays = ("motion", "points", "origin")
+    return (a.index, a.stamp, a.dt, a.measured) == (b.index, b.stamp, b.dt, b.measured) and all(
+        getattr(a, name).tobytes() == getattr(b, name).tobytes() for name in arrays
+    )
+
+
+def online(recording: Recording, preset: str) -> np.ndarray:
+    config = resolve_config(preset, METHODS[preset])
+    return np.array([update.pose for update in SlamSession(recording, config, seed=0)])
+
+
+def check(recording: Recording, preset: str, *, every: int, cuts: tuple[int, ...]) -> None:
+    """Compare what the filter takes in and the online trajectory with those of the recording when cut.
+
+    Args:
+        recording: complete.
+        preset: of the run.
+        every: what the filter takes in is compared after every ``every``-th scan, and before and after each jump.
+        cuts: after how many scans the online trajectory is compared.
+    """
+    sync = resolve_config(preset).sync
+
+    def taken_in(recording: Recording) -> Iterator[Step]:
+        return steps(synchronise(recording, sync))
+
+    complete, jumped = list(taken_in(recording)), np.flatnonzero(synchronise(recording, sync).jumped)
+    for scans in sorted({*range(1, len(complete), every), *jumped.tolist(), *(jumped + 1).tolist()}):
+        assert all(same_step(a, b) for a, b in zip(taken_in(cut(recording, scans)), complete[:scans], strict=True)), (
+            scans
+        )
+    trajectory = online(recording, preset)
+    for scans in cuts:
+        assert online(cut(recording, scans), preset).tobytes() == trajectory[:scans].tobytes(), scans
+
+
+@pytest.mark.parametrize("preset", METHODS)
+@pytest.mark.parametrize(
+    "change", [lambda r: r, logged, jumping, beginning_late], ids=["wheels", "logged", "jumping", "late"]
+)
+def test_online_poses_in_the_corridor_do_not_depend_on_what_comes_later(
+    corridor: Recording, change: Change, preset: str
+):
+    check(change(corridor), preset, every=7, cuts=(40, 110))
+
+
+@pytest.mark.parametrize("preset", METHODS)
+def test_online_poses_of_a_real_log_do_not_depend_on_what_comes_later(data_folder: Path, preset: str):
+    recording = open_recording(data_folder / "intel" / "intel_key_scans.log.gz")
+    check(cut(recording, 240), preset, every=17, cuts=(30, 120))

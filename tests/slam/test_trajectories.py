@@ -1,0 +1,51 @@
+"""The two trajectories of a run: online, as known at every scan, and final, as known at the end."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from slam_rooms import circled_room
+
+from moteslam.robot import se2
+from moteslam.slam.estimate import Estimate
+from moteslam.slam.run import SlamSession
+from moteslam.slam.settings import resolve_config
+
+pytestmark = pytest.mark.usefixtures("taichi")
+
+
+def finished(*settings: str) -> tuple[Estimate, np.ndarray]:
+    """The paper's filter in a room, with updates 0.3 m apart, and the indices of the scans that it was updated with."""
+    recording, _ = circled_room(scans=60)
+    sparse = ("particles=20", "update.distance=0.3", "update.rotation=10")
+    session = SlamSession(recording, resolve_config("paper", [*sparse, *settings]), seed=0)
+    updates = [update.index for update in session if update.updated]
+    return session.estimate(), np.array(updates)
+
+
+def test_the_final_trajectory_is_one_particles_path_and_the_online_one_is_not():
+    estimate, updates = finished()
+    np.testing.assert_array_equal(estimate.particle_stamps, estimate.trajectory.stamps[updates])
+
+    def from_nearest_path(poses: np.ndarray) -> float:
+        """How far the poses at the updates are from those of the particle's path that is nearest to them."""
+        return float(np.abs(se2.between(estimate.particle_paths, poses[updates])).max(axis=(1, 2)).min())
+
+    assert from_nearest_path(estimate.trajectory_final.poses) < 1e-9
+    assert from_nearest_path(estimate.trajectory.poses) > 0.01
+    np.testing.assert_allclose(estimate.trajectory_final.poses[updates[-1]], estimate.trajectory.poses[updates[-1]])
+
+
+def test_between_updates_the_misfit_of_motion_and_path_is_spread_evenly():
+    estimate, updates = finished()
+    # the paper's filter moves by odometry alone between updates
+    odometry, final = estimate.dead_reckoning.poses, estimate.trajectory_final.poses
+    off = se2.wrap(np.diff(final[:, 2]) - np.diff(odometry[:, 2]))
+    largest = 0.0
+    for before, after in pairwise(updates):
+        assert after - before > 2
+        np.testing.assert_allclose(off[before:after], off[before:after].mean(), atol=1e-9)
+        largest = max(largest, abs(off[before:after].sum()))
+    assert largest > 0.01
