@@ -3,12 +3,14 @@
     python benchmarks/accuracy.py --preset default --out benchmarks/results/accuracy-default-YYYY-MM-DD.json
     python benchmarks/accuracy.py --preset default --odometry-noise 3 --out benchmarks/results/accuracy-...-noise-3.json
     python benchmarks/accuracy.py --preset default --all-scenarios --out benchmarks/results/scenarios-...json
+    python benchmarks/accuracy.py --preset default --unseen --out benchmarks/results/unseen-...json
     python benchmarks/accuracy.py --preset default --runs freiburg-101 hall --seeds 5-9 --set particles=100
 
 Simulated scenarios are scored by ATE RMSE after alignment, the Intel log by its relations, the others against the
 reference beside them (where MOTESLAM_DATA is). Without --runs: all of these, real logs and the hall on seeds 0 to 4,
 corridor, loop and office on seeds 0 to 19; with --odometry-noise these three alone; with --all-scenarios every bundled
-scenario on seeds 0 to 4. A row a run; at the end the median and the worst seed of every figure beside what is asked.
+scenario on seeds 0 to 4; with --unseen two logs on seeds 0 to 4 and twenty random buildings, which no setting was
+chosen on. A row a run; at the end the median and the worst seed of every figure beside what is asked.
 
 Every run is on one thread; the errors do not depend on how many run at once, the processor time a little: two virtual
 cores may be halves of one.
@@ -25,7 +27,21 @@ from typing import Any
 from parts.bars import Bar, summarise, summary_lines
 from parts.machine import save, stamp
 from parts.options import count, factor, result_file, seeds
-from parts.runs import BARS, DATA, HALL, LOGS, LOST, NEVER_LOST, SCENARIOS, errors, load_log, log_file, simulate_case
+from parts.runs import (
+    BARS,
+    DATA,
+    HALL,
+    LOGS,
+    LOST,
+    NEVER_LOST,
+    SCENARIOS,
+    UNSEEN_BUILDINGS,
+    UNSEEN_LOGS,
+    errors,
+    load_log,
+    log_file,
+    simulate_case,
+)
 
 from moteslam.errors import ConfigError
 from moteslam.eval.cli.text import table
@@ -78,21 +94,29 @@ def chosen(options: argparse.Namespace) -> dict[str, range]:
                 raise ConfigError(f"{name} is recorded, expected simulated scenarios", field="--odometry-noise")
     elif options.all_scenarios:
         names = list(bundled_scenarios())
+    elif options.unseen:
+        names = [*UNSEEN_LOGS, *UNSEEN_BUILDINGS]
     elif options.odometry_noise != 1.0:
         names = list(SCENARIOS)
     else:
-        names = [*LOGS, *SCENARIOS, HALL]
+        names = [*(name for name in LOGS if name not in UNSEEN_LOGS), *SCENARIOS, HALL]
     if not DATA.is_dir() and any(name in LOGS for name in names):
         print(f"no {DATA}: the real logs are left out; MOTESLAM_DATA names their folder")
         names = [name for name in names if name not in LOGS]
-    many = not options.all_scenarios
-    return {name: options.seeds or range(20 if many and name in SCENARIOS else 5) for name in names}
+    return {name: options.seeds or range(usual_seeds(name, options)) for name in names}
+
+
+def usual_seeds(name: str, options: argparse.Namespace) -> int:
+    """How many seeds of a run where none are asked for."""
+    if name in UNSEEN_BUILDINGS:
+        return 1
+    return 20 if name in SCENARIOS and not options.all_scenarios else 5
 
 
 def asked_of(name: str, options: argparse.Namespace) -> tuple[Bar, ...]:
     """The bars of a run; with other noise, and where every scenario is looked at, not to get lost is all."""
     if name in LOGS or (name in BARS and not options.all_scenarios and options.odometry_noise == 1.0):
-        return BARS[name]
+        return BARS.get(name, ())
     return () if diverges(name) else (NEVER_LOST,)
 
 
@@ -132,6 +156,7 @@ def main() -> None:
     which = parser.add_mutually_exclusive_group()
     which.add_argument("--runs", nargs="+", metavar="NAME", help="real logs and scenarios by name")
     which.add_argument("--all-scenarios", action="store_true", help="every bundled scenario")
+    which.add_argument("--unseen", action="store_true", help="logs and buildings that no setting was chosen on")
     parser.add_argument("--seeds", type=seeds, metavar="N", help="of each run, from 0; or 10-19")
     parser.add_argument("--odometry-noise", type=factor, default=1.0, metavar="X", help="times the scenarios' own")
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", dest="settings")
