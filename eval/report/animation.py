@@ -83,6 +83,7 @@ class Film:
 
     def _set_up(self, figure: Figure, walls: NDArray[np.float64]) -> None:
         from matplotlib.collections import LineCollection
+        from matplotlib.lines import Line2D
         from matplotlib.patches import Polygon
 
         width, height = figure.get_size_inches()
@@ -122,8 +123,8 @@ class Film:
         handles, labels = axes.get_legend_handles_labels()
         legend = figure.legend(handles, labels, loc="lower center", ncols=4 if width > 8 else 3, markerscale=2.5)
         for handle in legend.legend_handles:
-            if isinstance(handle, LineCollection):
-                handle.set(linewidth=1.5, alpha=1.0)
+            if isinstance(handle, Line2D):
+                handle.set_linewidth(2.0)
         self._artists["title"] = figure.text(0.5, 1 - 0.1 / height, "", ha="center", va="top", parse_math=False)
 
     def _show(self, update: Update, path: NDArray[np.float64]) -> None:
