@@ -15,8 +15,8 @@ def frozen(values: ArrayLike, dtype: DTypeLike | None = None) -> NDArray[Any]:
     """The values as a contiguous array that cannot be written to.
 
     An array that somebody can still write to is copied: neither is a caller's array frozen under him, nor does what he
-    writes into it change the value. One that nobody can write to is taken as it is; so readers freeze what they hand
-    over.
+    writes into it change the value. One that nobody can write to is taken as it is; so readers hand over what is
+    large ``given_up``.
 
     Args:
         values: of the array.
@@ -32,6 +32,15 @@ def frozen(values: ArrayLike, dtype: DTypeLike | None = None) -> NDArray[Any]:
     if isinstance(values, np.ndarray) and np.may_share_memory(array, values) and _writable(array):
         array = array.copy()
     array.setflags(write=False)
+    return array
+
+
+def given_up(array: NDArray[Any]) -> NDArray[Any]:
+    """An array that its only owner writes to no more, so that the value it goes into need not copy it."""
+    base: Any = array
+    while isinstance(base, np.ndarray):
+        base.setflags(write=False)
+        base = base.base
     return array
 
 

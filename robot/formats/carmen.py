@@ -13,6 +13,7 @@ from pydantic import ValidationError
 
 from moteslam.errors import InputError
 from moteslam.robot import se2
+from moteslam.robot.arrays import given_up
 from moteslam.robot.files import write_atomically
 from moteslam.robot.formats.bounds import check_fan
 from moteslam.robot.formats.carmen_lines import CarmenLines, ScanKind, Scans, parse_lines
@@ -170,7 +171,7 @@ def _lidar(
     ranges[ranges == 0] = np.nan
     return LidarStream(
         stamps=stamps,
-        ranges=ranges,
+        ranges=given_up(ranges),
         angle_min=kind.angle_min,
         angle_increment=kind.angle_increment,
         range_min=0.0,

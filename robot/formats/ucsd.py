@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.errors import ConfigError, InputError
+from moteslam.robot.arrays import given_up
 from moteslam.robot.files import write_atomically
 from moteslam.robot.formats.bounds import check_fan, plausible_counts, plausible_rates
 from moteslam.robot.formats.format import Format, Robot
@@ -123,7 +124,8 @@ def _lidar(path: Path, platform: Platform, issues: list[Issue]) -> LidarStream |
     stamps, (ranges,) = _sorted(path, "time_stamps", arrays["time_stamps"], issues, arrays["ranges"].T)
     ranges, found = clean_ranges(_float32(ranges), range_min, range_max, file=path, field="ranges")
     issues.extend(found)
-    return LidarStream(stamps, ranges, angle_min, increment, range_min, range_max, platform.lidar.time_increment)
+    time_increment = platform.lidar.time_increment
+    return LidarStream(stamps, given_up(ranges), angle_min, increment, range_min, range_max, time_increment)
 
 
 def _encoders(path: Path, platform: Platform, issues: list[Issue]) -> EncoderStream | None:

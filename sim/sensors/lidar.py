@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
+from moteslam.robot.arrays import given_up
 from moteslam.robot.platform import LidarMount
 from moteslam.robot.recording import LidarStream
 from moteslam.robot.section import NotNegative, Number, Positive, Section, Share
@@ -106,7 +107,7 @@ def simulate_lidar(
             progress(min(1.0, (start + _CHUNK) / len(times)))
     return LidarStream(
         stamps=stamps,
-        ranges=ranges,
+        ranges=given_up(ranges),
         angle_min=ANGLE_MIN,
         angle_increment=ANGLE_INCREMENT,
         range_min=noise.range_min,

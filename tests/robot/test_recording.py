@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from moteslam.errors import InputError
+from moteslam.robot.arrays import frozen, given_up
 from moteslam.robot.platform import UCSD
 from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream, OdometryStream, Recording
 from moteslam.robot.trajectory import Trajectory
@@ -57,6 +58,14 @@ def test_equal_stamps_are_allowed() -> None:
 def test_what_does_not_fit_is_refused(changes: dict[str, Any], message: str) -> None:
     with pytest.raises(InputError, match=message):
         lidar(**changes)
+
+
+def test_an_array_that_is_given_up_is_not_copied() -> None:
+    table = np.ones((4, 6), np.float32)
+    for values in (np.ones((4, 3), np.float32), table.reshape(8, 3)):
+        assert np.shares_memory(frozen(given_up(values)), values)
+    assert not table.flags.writeable
+    assert not np.shares_memory(frozen(mine := np.ones(3)), mine)
 
 
 def test_a_callers_arrays_are_neither_frozen_nor_followed() -> None:
