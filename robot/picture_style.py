@@ -17,6 +17,7 @@ class PictureStyle:
         truth: colour of the truth.
         dead_reckoning: colour of dead reckoning.
         particle: colour of particles.
+        map_free, map_unknown, map_occupied: greys of the map, 0 black to 1 white.
         font_size: of all text [pt]; a figure's title is 1 pt larger.
         dpi: pixels an inch.
     """
@@ -25,6 +26,9 @@ class PictureStyle:
     truth: str = "#009E73"
     dead_reckoning: str = "#D55E00"
     particle: str = "#56B4E9"
+    map_free: float = 1.0
+    map_unknown: float = 0.88
+    map_occupied: float = 0.15
     font_size: float = 9.0
     dpi: float = 150.0
 

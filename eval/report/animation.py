@@ -89,7 +89,7 @@ class Film:
         width, height = figure.get_size_inches()
         left, right, below, above = MARGINS
         axes = figure.add_axes((left / width, below / height, 1 - (left + right) / width, 1 - (below + above) / height))
-        axes.set_facecolor("0.88")
+        style.show_unknown(axes)
         self._artists["map"] = axes.imshow(
             np.ones((1, 1)), cmap="gray", vmin=0, vmax=1, origin="lower", zorder=0, interpolation="nearest"
         )
@@ -133,8 +133,7 @@ class Film:
         lidar, platform = simulation.recording.lidar, simulation.recording.platform
         assert lidar is not None
         occupancy = self.session.map
-        belief = np.tanh(occupancy.values / 2)
-        artists["map"].set_data(0.88 + np.where(belief < 0, -0.12 * belief, -0.73 * belief))
+        artists["map"].set_data(style.map_greys(occupancy.values))
         artists["map"].set_extent(occupancy.extent)
         true = simulation.truth.poses[simulation.truth.stamps <= update.stamp, :2]
         artists["truth"].set_data(*self._to_slam(true).T)

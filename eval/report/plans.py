@@ -148,11 +148,9 @@ def draw_dead_reckoning(
 
 def _draw_map(axes: Axes, occupancy: Raster) -> None:
     """The map: white where free, a light grey where unknown, dark where occupied."""
-    belief = np.tanh(occupancy.values / 2)
-    grey = 0.88 + np.where(belief < 0, -0.12 * belief, -0.73 * belief)
-    axes.set_facecolor("0.88")
+    style.show_unknown(axes)
     look: dict[str, Any] = {"cmap": "gray", "vmin": 0, "vmax": 1, "interpolation": "antialiased"}
-    axes.imshow(grey, origin="lower", extent=occupancy.extent, zorder=0, **look)
+    axes.imshow(style.map_greys(occupancy.values), origin="lower", extent=occupancy.extent, zorder=0, **look)
 
 
 def _draw_path(

@@ -26,6 +26,18 @@ ONLINE, FINAL = "SLAM (online)", "SLAM (final)"
 """The two trajectories of SLAM: each pose as it was known then, and all as they were known at the end."""
 
 
+def map_greys(log_odds: NDArray[np.float32]) -> NDArray[np.float64]:
+    """The greys of a map, 0 black to 1 white, of log-odds [H, W]: those of ``STYLE`` and in between."""
+    belief = np.tanh(np.asarray(log_odds, np.float64) / 2)  # 2 p - 1: -1 free, 0 unknown, 1 occupied
+    end = np.where(belief < 0, STYLE.map_free, STYLE.map_occupied)
+    return np.asarray(STYLE.map_unknown + (end - STYLE.map_unknown) * np.abs(belief))
+
+
+def show_unknown(axes: Axes) -> None:
+    """The grey of unknown cells beyond the map, too."""
+    axes.set_facecolor(str(STYLE.map_unknown))
+
+
 @contextmanager
 def saved_figure(path: str | PathLike[str], *, size: tuple[float, float]) -> Iterator[Figure]:
     """A figure to draw on, written as a PNG when the block ends.

@@ -89,9 +89,9 @@ def draw_texture_over_time(
         grid = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
         panels = list(grid.flat)
         for axes in panels[:count]:
-            axes.set_facecolor("0.88")
+            style.show_unknown(axes)
             style.plan(axes, labels=False)
-        grey = 0.88 + np.where(belief < 0, -0.12 * belief, -0.73 * belief)
+        grey = style.map_greys(occupancy.values)
         panels[0].imshow(grey, cmap="gray", vmin=0, vmax=1, origin="lower", extent=walls, interpolation="antialiased")
         panels[0].plot(*trajectory.poses[:, :2].T, color=style.SLAM, lw=1.0, label="SLAM")
         style.mark_start(panels[0], trajectory.poses)
