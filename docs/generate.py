@@ -6,11 +6,15 @@ commands, in the docstrings of the public names. A test compares the pages with 
 
 from __future__ import annotations
 
+import ast
 import inspect
 import re
 import sys
+import textwrap
 from collections.abc import Iterable, Iterator
+from functools import cache
 from importlib import import_module
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, Literal, get_args, get_origin
 
@@ -111,7 +115,10 @@ def configuration() -> str:
     ]
     shared = {**SlamConfig.model_fields, **ParticleFilterConfig.model_fields}
     lines += ["## Keys of both methods", ""]
-    lines += _table(["key", *(f"`{name}`" for name in BUNDLED), "allowed", "meaning"], _rows(shared, defaults.values()))
+    lines += _table(
+        ["key", *(f"`{name}`" for name in BUNDLED), "allowed", "meaning"],
+        _rows(ParticleFilterConfig, shared, defaults.values()),
+    )
     for name in BUNDLED:
         own = {key: field for key, field in models[name].model_fields.items() if key not in shared}
         lines += ["", f"## Keys of the method `{name}`", ""]
@@ -120,26 +127,49 @@ def configuration() -> str:
             assert isinstance(section, type)
             assert issubclass(section, BaseModel)
             lines += [f"### `{key}`", "", _paragraph(section.__doc__), ""]
-            lines += _table(["key", "default", "allowed", "meaning"], _rows({key: field}, [defaults[name]]))
+            lines += _table(
+                ["key", "default", "allowed", "meaning"], _rows(models[name], {key: field}, [defaults[name]])
+            )
             lines.append("")
     return "\n".join(lines).rstrip() + "\n"
 
 
-def _rows(fields: dict[str, FieldInfo], configs: Iterable[BaseModel]) -> Iterator[list[str]]:
+def _rows(model: type, fields: dict[str, FieldInfo], configs: Iterable[BaseModel]) -> Iterator[list[str]]:
     """A row a key: its dotted name, the values in the configurations, what is allowed, what it means."""
     configs = list(configs)
     for key, field in fields.items():
         values = [getattr(config, key) for config in configs]
         if all(isinstance(value, BaseModel) for value in values):
             inner = type(values[0]).model_fields
-            for row in _rows(inner, values):
+            for row in _rows(type(values[0]), inner, values):
                 yield [f"`{key}.{row[0].strip('`')}`", *row[1:]]
         else:
             if type(configs[0]).model_fields[key].annotation != field.annotation:
                 allowed = ", ".join(f"`{value}`" for value in values)
             else:
                 allowed = _allowed(field)
-            yield [f"`{key}`", *(_shown(value) for value in values), allowed, _paragraph(field.description)]
+            yield [
+                f"`{key}`",
+                *(_shown(value) for value in values),
+                allowed,
+                _paragraph(_meanings(model)[key]),
+            ]
+
+
+@cache
+def _meanings(model: type) -> dict[str, str]:
+    """The docstrings below a model's attributes, and those of its bases."""
+    meanings: dict[str, str] = {}
+    for base in reversed(model.__mro__):
+        if not base.__module__.startswith("moteslam."):
+            continue
+        (tree,) = ast.parse(textwrap.dedent(inspect.getsource(base))).body
+        assert isinstance(tree, ast.ClassDef)
+        for attribute, text in pairwise(tree.body):
+            match attribute, text:
+                case ast.AnnAssign(target=ast.Name(id=name)), ast.Expr(value=ast.Constant(value=str(meaning))):
+                    meanings[name] = inspect.cleandoc(meaning)
+    return meanings
 
 
 def _allowed(field: FieldInfo) -> str:

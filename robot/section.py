@@ -22,6 +22,6 @@ Share = Annotated[float, Strict(), AllowInfNan(False), Field(ge=0, le=1)]
 
 
 class Section(BaseModel):
-    """A table; unknown keys are refused."""
+    """A table; unknown keys are refused. What a key means stands in the docstring below it, for the reference."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
+    model_config = ConfigDict(frozen=True, extra="forbid")

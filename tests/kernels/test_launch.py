@@ -5,7 +5,7 @@ import pytest
 
 from moteslam.kernels.launch import _kinds, fast_kernel
 from moteslam.kernels.runtime import ti
-from moteslam.kernels.types import F32, F32_1D, I32, I32_2D, U32, template
+from moteslam.kernels.types import F32, F32_1D, I32, I32_2D, U32, func, template
 
 pytestmark = pytest.mark.usefixtures("taichi")
 
@@ -18,6 +18,13 @@ def test_numbers_and_arrays_arrive_and_each_template_has_its_own_form() -> None:
             fill(np.array([1.5, 2.5], np.float32), np.float32(0.5), 2**31 + 4, add, factor, out)
             expected = [(int(x + 0.5) * factor + int(add)) for x in (1.5, 2.5)]
             assert out.tolist() == [[value, 2**30 + 2, 3] for value in expected]
+
+
+def test_an_error_in_a_kernel_names_file_line_and_code() -> None:
+    with pytest.raises(ti.TaichiNameError) as caught:
+        unknown(np.zeros(2, np.float32))
+    for part in (f'File "{__file__}", line ', "in unknown:", "values[0] = inlined(1.0)", "in inlined:", "x + absent"):
+        assert part in str(caught.value)
 
 
 def test_arguments_that_change_between_launches_arrive() -> None:
@@ -74,3 +81,13 @@ def _keep(value: F32, out: F32_1D):
 
 keep = fast_kernel(_keep)
 fill, fill_by_taichi = fast_kernel(_fill), ti.kernel(_fill)
+
+
+@func
+def inlined(x):
+    return x + absent  # noqa: F821
+
+
+@fast_kernel
+def unknown(values: F32_1D):
+    values[0] = inlined(1.0)

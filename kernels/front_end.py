@@ -1,0 +1,69 @@
+"""Loading kernels that were compiled before, in two thirds of the time that Taichi needs.
+
+In every process Taichi runs its front end over a kernel, to find it in the cache on disk. It looks up the source of a
+function at each of its calls, and for error messages it draws carets under every expression of every kernel. The
+kernels of this package have a front end of their own: copies of three of Taichi's functions that see other globals,
+where sources are looked up once and an expression is described by file, line and code. The copies are bound to our
+kernels and functions alone; Taichi, and what others compile with it, stay as they are.
+
+This uses internals of one release of Taichi; with any other release its own front end runs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+from types import FunctionType, MethodType
+from typing import Any
+
+from moteslam.kernels.runtime import ti
+
+KNOWN = (1, 7, 4)
+"""The release whose internals are used."""
+
+
+class _Context(ti.lang.ast.ast_transformer_utils.ASTTransformerContext):  # type: ignore[misc]
+    """The context of a function that is transformed; it describes places without carets."""
+
+    def get_pos_info(self, node: Any) -> str:
+        """File, line, function and code of an expression."""
+        line = node.lineno + self.lineno_offset
+        return f'File "{self.file}", line {line}, in {self.func.func.__name__}:\n{self.src[node.lineno - 1]}\n'
+
+
+def _with_globals(function: Any, **others: Any) -> FunctionType:
+    """A copy of a function that sees other values for some of its globals."""
+    scope = {**function.__globals__, **others}
+    copy = FunctionType(function.__code__, scope, function.__name__, function.__defaults__, function.__closure__)
+    copy.__kwdefaults__ = function.__kwdefaults__
+    return copy
+
+
+@cache
+def _front_end() -> tuple[FunctionType, FunctionType]:
+    """Copies of what compiles a kernel, and of what inlines a function into one."""
+    taichi = ti.lang.kernel_impl
+    tree = _with_globals(
+        taichi._get_tree_and_ctx,
+        getsourcefile=cache(taichi.getsourcefile),
+        getsourcelines=cache(taichi.getsourcelines),
+        ASTTransformerContext=_Context,
+    )
+    return (
+        _with_globals(taichi.Kernel.materialize, _get_tree_and_ctx=tree),
+        _with_globals(taichi.Func.__call__, _get_tree_and_ctx=tree),
+    )
+
+
+def use_front_end(kernel: Any) -> None:
+    """Give a kernel, as ``ti.kernel`` returns it, this front end."""
+    if ti.__version__ == KNOWN:
+        kernel._primal.materialize = MethodType(_front_end()[0], kernel._primal)
+
+
+def fast_func(function: Callable[..., Any]) -> Callable[..., Any]:
+    """``ti.func`` with this front end."""
+    inlined = ti.func(function)
+    if ti.__version__ == KNOWN:
+        inlined.func.__call__ = MethodType(_front_end()[1], inlined.func)
+    return inlined  # type: ignore[no-any-return]
