@@ -10,9 +10,9 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from importlib.metadata import EntryPoint, entry_points
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 from moteslam.errors import ConfigError, MoteslamWarning
 
@@ -80,7 +80,7 @@ class Plugins(Generic[T]):
     def _others(self) -> dict[str, EntryPoint]:
         """Those of other packages by name, sorted; of two with one name the first package's."""
         others: dict[str, EntryPoint] = {}
-        for entry in sorted(entry_points(group=self.group), key=lambda entry: (entry.name, _package(entry))):
+        for entry in sorted(_installed().select(group=self.group), key=lambda entry: (entry.name, _package(entry))):
             if entry.name in self._bundled:
                 _warn(entry, "its name is taken")
             elif _package(others.setdefault(entry.name, entry)) != _package(entry):
@@ -102,6 +102,12 @@ class Plugins(Generic[T]):
         if isinstance(found, self._kind):
             return found
         return _Failure(f"{entry.value} is a {type(found).__name__}, expected a {self._kind.__name__}")
+
+
+@cache
+def _installed() -> Any:
+    """The entry points of all installed packages, looked up once: that reads a file of each."""
+    return entry_points()
 
 
 def _package(entry: EntryPoint) -> str:

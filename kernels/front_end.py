@@ -2,7 +2,7 @@
 
 In every process Taichi runs its front end over a kernel, to find it in the cache on disk. It looks up the source of a
 function at each of its calls, and for error messages it draws carets under every expression of every kernel. The
-kernels of this package have a front end of their own: copies of three of Taichi's functions that see other globals,
+kernels of this package have a front end of their own: copies of some of Taichi's functions that see other globals,
 where sources are looked up once and an expression is described by file, line and code. The copies are bound to our
 kernels and functions alone; Taichi, and what others compile with it, stay as they are.
 
@@ -39,9 +39,14 @@ def _with_globals(function: Any, **others: Any) -> FunctionType:
     return copy
 
 
+def _outside_classes(level_of_class_stackframe: int) -> bool:
+    """Taichi looks up the source of the caller to see whether a kernel is a method; ours never are."""
+    return False
+
+
 @cache
-def _front_end() -> tuple[FunctionType, FunctionType]:
-    """Copies of what compiles a kernel, and of what inlines a function into one."""
+def _front_end() -> dict[str, FunctionType]:
+    """Copies of Taichi's functions, by their purpose."""
     taichi = ti.lang.kernel_impl
     tree = _with_globals(
         taichi._get_tree_and_ctx,
@@ -49,21 +54,27 @@ def _front_end() -> tuple[FunctionType, FunctionType]:
         getsourcelines=cache(taichi.getsourcelines),
         ASTTransformerContext=_Context,
     )
-    return (
-        _with_globals(taichi.Kernel.materialize, _get_tree_and_ctx=tree),
-        _with_globals(taichi.Func.__call__, _get_tree_and_ctx=tree),
-    )
+    return {
+        "kernel": _with_globals(taichi._kernel_impl, _inside_class=_outside_classes),
+        "func": _with_globals(taichi.func, _inside_class=_outside_classes),
+        "compile": _with_globals(taichi.Kernel.materialize, _get_tree_and_ctx=tree),
+        "inline": _with_globals(taichi.Func.__call__, _get_tree_and_ctx=tree),
+    }
 
 
-def use_front_end(kernel: Any) -> None:
-    """Give a kernel, as ``ti.kernel`` returns it, this front end."""
-    if ti.__version__ == KNOWN:
-        kernel._primal.materialize = MethodType(_front_end()[0], kernel._primal)
+def own_kernel(function: Callable[..., Any]) -> Any:
+    """``ti.kernel`` with this front end, for a function that is no method."""
+    if ti.__version__ != KNOWN:
+        return ti.kernel(function)
+    kernel = _front_end()["kernel"](function, level_of_class_stackframe=3)
+    kernel._primal.materialize = MethodType(_front_end()["compile"], kernel._primal)
+    return kernel
 
 
-def fast_func(function: Callable[..., Any]) -> Callable[..., Any]:
-    """``ti.func`` with this front end."""
-    inlined = ti.func(function)
-    if ti.__version__ == KNOWN:
-        inlined.func.__call__ = MethodType(_front_end()[1], inlined.func)
+def own_func(function: Callable[..., Any]) -> Callable[..., Any]:
+    """``ti.func`` with this front end, for a function that is no method."""
+    if ti.__version__ != KNOWN:
+        return ti.func(function)  # type: ignore[no-any-return]
+    inlined: Any = _front_end()["func"](function)
+    inlined.func.__call__ = MethodType(_front_end()["inline"], inlined.func)
     return inlined  # type: ignore[no-any-return]

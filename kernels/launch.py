@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from moteslam.kernels.front_end import KNOWN, use_front_end
+from moteslam.kernels.front_end import KNOWN, own_kernel
 from moteslam.kernels.runtime import runtime, ti
 
 
@@ -46,8 +46,7 @@ _NUMBERS = {ti.i32: Kind.SIGNED, ti.u32: Kind.UNSIGNED, ti.f32: Kind.REAL, ti.f6
 
 def fast_kernel(function: Callable[..., Any]) -> Callable[..., Any]:
     """``ti.kernel`` with cheap launches, for kernels of NumPy arrays and numbers that return nothing."""
-    kernel = ti.kernel(function)
-    use_front_end(kernel)
+    kernel = own_kernel(function)
     kinds = _kinds(kernel)
     if kinds is None:
         return kernel  # type: ignore[no-any-return]

@@ -7,7 +7,7 @@ as it is. Kernel files do without ``from __future__ import annotations``: Taichi
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from moteslam.kernels.front_end import fast_func
+from moteslam.kernels.front_end import own_func
 from moteslam.kernels.launch import fast_kernel
 from moteslam.kernels.runtime import ti
 
@@ -45,7 +45,7 @@ if TYPE_CHECKING:
         """``ti.func`` that loads faster."""
         return function
 else:
-    kernel, func, template = fast_kernel, fast_func, ti.template()
+    kernel, func, template = fast_kernel, own_func, ti.template()
     F32, F64, I32, U32 = ti.f32, ti.f64, ti.i32, ti.u32
     F32_1D = ti.types.ndarray(dtype=ti.f32, ndim=1)
     F32_2D = ti.types.ndarray(dtype=ti.f32, ndim=2)
