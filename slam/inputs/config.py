@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from moteslam.robot.section import NotNegative, Positive, Section, Truth, Whole
+from moteslam.robot.section import NotNegative, Positive, Section, Share, Truth, Whole
 
 
 class SyncConfig(Section):
@@ -32,6 +32,11 @@ class SyncConfig(Section):
     """Odometry has jumped only in steps longer than this [m]: registration corrects shorter ones."""
     min_jump_rotation: NotNegative = 0.2
     """Odometry has jumped only in steps that turn by more than this [rad], where it is the turn that is too fast."""
+    same_range: Positive = 0.05
+    """While odometry has not moved, a range has changed where it differs by more than this from the first scan [m]."""
+    moved_share: Share = 0.2
+    """The robot has left where it began when more than this share of the ranges has changed: people who walk by change
+    fewer. Odometry that has not moved by then is no measurement."""
 
 
 class ThinningConfig(Section):

@@ -9,10 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-SAME_RANGE = 0.05
-"""Ranges that differ by less are the same [m]: noise."""
-CHANGED = 0.2
-"""The robot has left its place where more than this share of the ranges differs: people who walk by change fewer."""
+from moteslam.slam.inputs.config import SyncConfig
 
 
 def has_moved(odometry: NDArray[np.float64]) -> NDArray[np.bool_]:
@@ -20,21 +17,25 @@ def has_moved(odometry: NDArray[np.float64]) -> NDArray[np.bool_]:
     return np.logical_or.accumulate((odometry != odometry[0]).any(axis=1))
 
 
-def stands(ranges: NDArray[np.float32], moved: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def stands(
+    ranges: NDArray[np.float32], moved: NDArray[np.bool_], config: SyncConfig | None = None
+) -> NDArray[np.bool_]:
     """At which scans the robot is seen to stand where it began, before its odometry moves.
 
     Args:
         ranges: [n, beams] of the scans [m].
         moved: [n] whether the odometry has moved by each.
+        config: what counts as another place; the defaults if None.
 
     Returns:
         [n]; False from the first scan on that differs from scan 0, and where no beam has an endpoint in both.
     """
+    c = config or SyncConfig()
     there = np.zeros(len(moved), np.bool_)
     for scan in range(int((~moved).sum())):
         both = np.isfinite(ranges[0]) & np.isfinite(ranges[scan])
-        differs = np.abs(ranges[scan, both] - ranges[0, both]) > SAME_RANGE
-        if differs.sum() > CHANGED * both.sum():
+        differs = np.abs(ranges[scan, both] - ranges[0, both]) > c.same_range
+        if differs.sum() > c.moved_share * both.sum():
             break
         there[scan] = both.any()
     return there

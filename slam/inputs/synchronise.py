@@ -80,7 +80,7 @@ def synchronise(recording: Recording, config: SyncConfig | None = None, *, max_r
     moved = measures = np.full(n, path is not None)
     if path is not None and (recording.encoders is None or not len(recording.encoders)):
         moved = has_moved(odometry)
-        measures = moved | stands(lidar.ranges, moved)
+        measures = moved | stands(lidar.ranges, moved, config)
     sweeps = _sweeps(recording, lidar, path, config) if config.deskew else None
     scans = Scans(lidar, recording.platform.lidar, sweeps=sweeps, max_range=max_range)
     return Inputs(
