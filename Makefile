@@ -10,7 +10,7 @@ SHELL := /bin/sh
 .PHONY: help setup demo test test-fast lint bench clean FORCE
 
 PACKAGES := api kernels robot sim slam eval
-PYTEST := $(if $(PROCESSORS),MOTESLAM_TEST_PROCESSORS=$(PROCESSORS) PYTHONPATH=tests/processors )\
+PYTEST := $(if $(PROCESSORS),MOTESLAM_TEST_PROCESSORS=$(PROCESSORS) PYTHONPATH='$(CURDIR)/tests/processors' )\
     .venv/bin/python -m pytest
 PIP_FLAGS := --quiet --disable-pip-version-check --constraint constraints.txt
 LINT := .venv-lint/bin

@@ -1,8 +1,8 @@
 """The lint of words: names, configuration keys and phrases that the project has given up, for the field's own.
 
-``python .ci/words.py`` looks through every text file that git would keep, and prints a line for each find: file, line,
-what was found and what to write. Everyday and technical uses stay (typing's cast, a validation gate, the way home, to
-tell apart): the patterns leave them room. ``words: ok`` in a line excepts it.
+``python .ci/words.py`` looks through the code, the TOML files and the pages that git would keep, and prints a line for
+each find: file, line, what was found and what to write. Everyday and technical uses stay (typing's cast, a validation
+gate, the way home, to tell apart): the patterns leave them room. ``words: ok`` in a line excepts it.
 """
 
 from __future__ import annotations

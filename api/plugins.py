@@ -52,6 +52,10 @@ class Plugins(Generic[T]):
         """Whether that one is of this package."""
         return name in self._bundled
 
+    def warn(self, name: str, problem: str) -> None:
+        """Warn that a plug-in of another package failed while it was used."""
+        _warn(self._others[name], problem)
+
     def __getitem__(self, name: str) -> T:
         """The plug-in of that name.
 

@@ -1,4 +1,4 @@
-"""Writes the pages of docs/reference that are generated from the code: ``python docs/generate.py``.
+"""Writes the pages of docs/reference that are generated from the code: ``.venv/bin/python docs/generate.py``.
 
 Their text stands beside what it is about: in the attribute docstrings of the configuration models, in the help of the
 commands, in the docstrings of the public names. A test compares the pages with what this makes of them.
@@ -44,7 +44,8 @@ def commands() -> str:
     lines = [
         "# Commands",
         "",
-        "What `--help` prints, by `python docs/generate.py`. How they are used: [the guide](../guide/commands.md).",
+        "What `--help` prints, by `.venv/bin/python docs/generate.py`. How they are used: "
+        "[the guide](../guide/commands.md).",
     ]
     for name in (*COMMANDS, "scenarios show", "scenarios animate"):
         done = CliRunner().invoke(app, [*name.split(), "--help"], prog_name="moteslam", terminal_width=100)
@@ -58,8 +59,8 @@ def python() -> str:
     lines = [
         "# Python",
         "",
-        "Generated from the docstrings by `python docs/generate.py`. `import moteslam` has all of these names; each is "
-        "imported when it is first used.",
+        "Generated from the docstrings by `.venv/bin/python docs/generate.py`. `import moteslam` has all of these "
+        "names; each is imported when it is first used.",
     ]
     for module, names in PUBLIC.items():
         lines += ["", f"## `{module}`"]
@@ -85,7 +86,20 @@ def _signature(name: str, found: Any) -> list[str]:
 def _parameters(function: Any) -> str:
     signature = inspect.signature(function)
     own = [parameter for parameter in signature.parameters.values() if parameter.name not in ("self", "cls")]
-    return str(signature.replace(parameters=own)).replace("moteslam.", "").replace("'", "")
+    bare = [p.replace(annotation=p.annotation if p.annotation is p.empty else _Bare(p.annotation)) for p in own]
+    returned = signature.return_annotation
+    returned = returned if returned is signature.empty else _Bare(returned)
+    return str(signature.replace(parameters=bare, return_annotation=returned)).replace("moteslam.", "")
+
+
+class _Bare:
+    """An annotation, which is a string in our modules, without quotes."""
+
+    def __init__(self, annotation: Any) -> None:
+        self.text = annotation if isinstance(annotation, str) else inspect.formatannotation(annotation)
+
+    def __repr__(self) -> str:
+        return self.text
 
 
 def _docstring(text: str) -> list[str]:
@@ -94,7 +108,7 @@ def _docstring(text: str) -> list[str]:
     for part in text.replace("``", "`").split("\n\n"):
         head, *rest = part.splitlines()
         if rest and head in ("Args:", "Attributes:", "Raises:", "Returns:", "Yields:"):
-            entries = re.sub(r"\n +", " ", inspect.cleandoc("\n".join(rest))).splitlines()
+            entries = re.sub(r"\n(?: +|(?![\w, *]+:))", " ", inspect.cleandoc("\n".join(rest))).splitlines()
             lines += [head, "", *("- " + re.sub(r"^([\w, *]+):", r"`\1`:", entry) for entry in entries), ""]
         else:
             lines += [" ".join(part.split()), ""]
@@ -108,7 +122,7 @@ def configuration() -> str:
     lines = [
         "# Configuration of a SLAM run",
         "",
-        "Generated from the models by `python docs/generate.py`. How to set keys: "
+        "Generated from the models by `.venv/bin/python docs/generate.py`. How to set keys: "
         "[the guide](../guide/configure.md). A run's `config.toml` holds the keys of its own method; every other key "
         "is refused. Columns named by a method give its default, which is the value of its preset.",
         "",

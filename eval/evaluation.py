@@ -13,6 +13,9 @@ from moteslam.eval.metrics.rpe import RpeResult, relative_pose_error
 from moteslam.robot.issues import Issue
 from moteslam.robot.trajectory import Trajectory
 
+FEW = 0.5
+"""Where less than this share of the shorter trajectory's poses has a partner, the two may not belong together."""
+
 
 @dataclass(frozen=True, eq=False)
 class AgainstTrajectory:
@@ -22,7 +25,7 @@ class AgainstTrajectory:
         ate: the absolute error.
         aligned: whether after rigid alignment.
         rpe: the relative error; None where it cannot be had.
-        issues: why it cannot be had.
+        issues: why it cannot be had; that few poses have a partner.
     """
 
     ate: AteResult
@@ -92,6 +95,11 @@ def against_trajectory(
     """
     apart = MAX_DIFFERENCE if max_difference is None else max_difference
     ate = absolute_trajectory_error(estimate, reference, align=align, max_difference=apart)
+    issues: list[Issue] = []
+    matched, shorter = len(ate.stamps), min(len(estimate), len(reference))
+    if matched < FEW * shorter:
+        text = f"{matched} of {shorter} poses have a partner: are these the same drive, on the same clock?"
+        issues.append(Issue("few-matched", text, matched))
     try:
         rpe = relative_pose_error(
             estimate,
@@ -104,9 +112,9 @@ def against_trajectory(
     except InputError as error:
         if error.field != "pairs":
             raise
-        issue = Issue("no-relative-error", f"no relative error: {error.problem}")
-        return AgainstTrajectory(ate, align, None, (issue,))
-    return AgainstTrajectory(ate, align, rpe)
+        issues.append(Issue("no-relative-error", f"no relative error: {error.problem}"))
+        return AgainstTrajectory(ate, align, None, tuple(issues))
+    return AgainstTrajectory(ate, align, rpe, tuple(issues))
 
 
 def against_relations(

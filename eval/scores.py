@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -85,7 +86,14 @@ def score_trajectory(trajectory: Trajectory, truth: Trajectory) -> Score:
     for name, metric in METRICS.items():
         if name not in results:
             try:
-                results[name] = metric.score(trajectory, truth)
+                results[name] = result = metric.score(trajectory, truth)
+                if not METRICS.is_bundled(name):
+                    json.dumps(result.as_dict())
             except InputError:  # cannot be had: a robot that hardly moved
+                results[name] = None
+            except Exception as error:  # a plug-in's fault must not cost the run
+                if METRICS.is_bundled(name):
+                    raise
+                METRICS.warn(name, f"{type(error).__name__}: {error}")
                 results[name] = None
     return Score(results)

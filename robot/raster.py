@@ -31,6 +31,8 @@ class Raster(Summarised):
     origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
+        if not isinstance(self.values, np.ndarray):
+            object.__setattr__(self, "values", np.array(self.values))
         if self.values.ndim not in (2, 3):
             raise InputError(f"values of {self.values.shape}, expected [H, W] or [H, W, C]")
         if not (math.isfinite(self.cell_size) and self.cell_size > 0):

@@ -155,7 +155,8 @@ class RgbdStream(Summarised):
     """Camera frames: stamps of the two cameras, which do not fire together, and where their images are.
 
     Attributes:
-        rgb_stamps: [m] [s]; disparity_stamps: [n] [s].
+        rgb_stamps: [m] of the colour images [s].
+        disparity_stamps: [n] of the disparity images [s].
         rgb_files, disparity_files: the images in the order of the stamps, None for one that is missing; empty where
             none are there. ``moteslam.robot.frames.camera_frames`` decodes them as they are needed.
         images: gives the images of all stamps in place of files; None where they are files, or where none are there.

@@ -16,7 +16,7 @@ from pydantic import ValidationError
 
 from moteslam.errors import ConfigError
 from moteslam.robot.tables import Table, merged, read_toml, toml_value
-from moteslam.robot.wording import Place, first_complaint, known_keys
+from moteslam.robot.wording import Place, expect_type, first_complaint, known_keys
 from moteslam.slam.config import SlamConfig
 from moteslam.slam.methods import METHODS
 from moteslam.slam.renamed import new_name
@@ -53,6 +53,9 @@ def resolve_config(
     Raises:
         ConfigError: an unknown preset, method or key, or a value out of bounds; what was expected is named.
     """
+    expect_type(preset, str, "preset", f"one of {', '.join(preset_names())}")
+    if isinstance(settings, str):
+        raise ConfigError(f"{settings!r}, expected a list of key=value", field="settings")
     base = _preset(preset)
     given: Table = {}
     if file is not None:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from moteslam.errors import InputError, MoteslamError
+from moteslam.errors import InputError, MoteslamError, OutputError
 from moteslam.eval.cli import options
 from moteslam.eval.cli.text import bold, literal, note, say, say_json, table
 
@@ -71,6 +71,8 @@ def evaluate(
         )
     for file in (save, plot):
         options.refuse_existing(file, force=force)
+    if plot is not None and plot.suffix.lower() != ".png":
+        raise OutputError("expected a name that ends in .png", file=plot)
     *estimates, reference = paths
     for file in estimates:
         if is_relations(file):
@@ -97,6 +99,8 @@ def evaluate(
                     max_difference=max_difference,
                 )
     except MoteslamError as error:
+        if error.file is None and error.field in ("delta", "unit", "max_difference"):
+            raise InputError(error.problem, field=f"--{error.field.replace('_', '-')}") from error
         if error.file is None:
             raise InputError(error.problem, file=reference, field=error.field) from error
         raise

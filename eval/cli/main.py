@@ -137,9 +137,17 @@ def _failed(error: Exception) -> int:
         if os.environ.get("MOTESLAM_TRACEBACK") == "1":
             raise error
         where = f"{type(error).__module__}.{type(error).__qualname__}".removeprefix("builtins.")
-        note(f"internal error: {where}: {error}; MOTESLAM_TRACEBACK=1 shows where, please report it")
+        note(f"internal error: {where}: {error}{_place(error)}; MOTESLAM_TRACEBACK=1 shows more, please report it")
         return INTERNAL_ERROR
     return BAD_INPUT
+
+
+def _place(error: Exception) -> str:
+    """Where an error was raised: the module of another package, say, that brings a plug-in."""
+    trace = error.__traceback__
+    while trace is not None and trace.tb_next is not None:
+        trace = trace.tb_next
+    return "" if trace is None else f" in {trace.tb_frame.f_globals.get('__name__')}, line {trace.tb_lineno}"
 
 
 def _has_current_folder() -> bool:

@@ -95,7 +95,7 @@ def relative_pose_error(
         InputError: no stamps in common, a delta that is no length, or a trajectory shorter than delta.
     """
     if unit not in get_args(Unit):
-        raise InputError(f"unit {unit!r}, expected one of {', '.join(get_args(Unit))}", field="unit")
+        raise InputError(f"{unit!r}, expected one of {', '.join(get_args(Unit))}", field="unit")
     if not (np.isfinite(delta) and delta > 0) or (unit == "frames" and delta != int(delta)):
         kind = "a whole number of poses from 1 on" if unit == "frames" else "a length above 0"
         raise InputError(f"{delta:g} {unit}, expected {kind}", field="delta")

@@ -7,6 +7,7 @@ import os
 import subprocess
 import sys
 import warnings
+from importlib.metadata import entry_points
 from pathlib import Path
 
 import numpy as np
@@ -138,6 +139,25 @@ def test_one_that_fails_to_load_is_one_warning(recording: Path, tmp_path: Path):
     assert "plug-in 'odd' of package toys (moteslam.metrics) is left out: os:sep is a str" in done.stderr
 
 
+def test_a_metric_that_fails_costs_a_warning_and_not_the_run(recording: Path, tmp_path: Path):
+    (tmp_path / "bad").mkdir()
+    (tmp_path / "bad" / "bad_metrics.py").write_text(
+        "from moteslam.eval.metrics.kinds import Metric\n"
+        "def fails(estimate, truth):\n    raise RuntimeError('boom')\n"
+        "RAISES = Metric('m', 'Raises.', fails)\nNO_RESULT = Metric('m', 'Not for JSON.', lambda *_: 3)\n",
+        encoding="utf-8",
+    )
+    entries = "[moteslam.metrics]\nraises = bad_metrics:RAISES\nempty = bad_metrics:NO_RESULT\n"
+    path = [installed(tmp_path / "packages", entries, "bad"), str(tmp_path / "bad")]
+    done = moteslam(path, "replay", recording, "--particles", 3, "--no-figures", "--out", "result", cwd=tmp_path)
+    assert done.returncode == 0
+    assert "'raises' of package bad (moteslam.metrics) is left out: RuntimeError: boom" in done.stderr
+    assert "'empty' of package bad (moteslam.metrics) is left out: AttributeError" in done.stderr
+    scores = json.loads((tmp_path / "result/metrics.json").read_text(encoding="utf-8"))["scores"]
+    assert scores["final"]["raises"] is scores["final"]["empty"] is None
+    assert scores["final"]["ate"]["translation_m"]["rmse"] < 0.1
+
+
 def test_one_that_is_asked_for_and_fails_to_load_is_an_error(recording: Path, tmp_path: Path):
     broken = [installed(tmp_path / "site", "[moteslam.filters]\nbad = nowhere_at_all:METHOD\n")]
     done = moteslam(broken, "replay", recording, "--out", "x", "--set", "method=bad", cwd=tmp_path)
@@ -150,6 +170,7 @@ def test_one_that_is_asked_for_and_fails_to_load_is_an_error(recording: Path, tm
 def test_the_name_of_a_bundled_one_is_not_taken(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.syspath_prepend(installed(tmp_path / "one", "[toy.group]\nmine = os:sep\nsame = os:linesep\n", "one"))
     monkeypatch.syspath_prepend(installed(tmp_path / "two", "[toy.group]\nsame = os:curdir\n", "two"))
+    monkeypatch.setattr("moteslam.plugins._installed", entry_points)
     table: Plugins[str] = Plugins("toy.group", str, bundled={"mine": "os:pardir"})
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import moteslam
-from moteslam import InputError, Recording, Trajectory
+from moteslam import InputError, MoteslamError, Recording, Trajectory
 
 PATH = moteslam.Trajectory(np.arange(3.0), np.zeros((3, 3)))
 
@@ -34,6 +34,11 @@ PATH = moteslam.Trajectory(np.arange(3.0), np.zeros((3, 3)))
         (lambda: moteslam.relative_pose_error(PATH, np.zeros((3, 3))), "reference: ndarray, expected a Trajectory"),
         (lambda: moteslam.evaluate_relations(PATH, PATH), "relations: Trajectory, expected a Relations"),
         (lambda: moteslam.write_tum("x.tum", np.zeros((3, 3))), "trajectory: ndarray, expected a Trajectory"),
+        (lambda: moteslam.resolve_config(None), "preset: NoneType, expected a str: one of default, paper"),  # type: ignore[arg-type]
+        (
+            lambda: moteslam.resolve_config("paper", "particles=3"),
+            "settings: 'particles=3', expected a list of key=value",
+        ),
         (lambda: Trajectory("now", [[0, 0, 0]]), "str 'now', expected an array of numbers"),  # type: ignore[arg-type]
         (lambda: Trajectory([0.0, 1.0], [[0, 0], [0]]), "list [[0, 0], [0]], expected an array of numbers"),  # type: ignore[arg-type]
     ],
@@ -42,7 +47,7 @@ def test_the_line_names_parameter_type_and_what_makes_one(
     call: Callable[[], Any], words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(InputError) as caught:
+    with pytest.raises(MoteslamError) as caught:
         call()
     assert str(caught.value).startswith(words)
     assert "\n" not in str(caught.value)

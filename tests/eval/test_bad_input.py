@@ -124,9 +124,20 @@ def test_evaluate_tells_bad_files_and_lines(tmp_path: Path, capsys) -> None:
     assert "holds relations, expected TUM trajectories" in refused(capsys, "evaluate", relations, good)
     assert "none of 1 relations" in refused(capsys, "evaluate", late, relations)
     assert "one file, expected trajectories" in refused(capsys, "evaluate", good)
-    assert "unit: unit 'feet'" in refused(capsys, "evaluate", good, good, "--unit", "feet")
-    assert "delta" in refused(capsys, "evaluate", good, good, "--delta", "nan")
+    assert "--unit: 'feet', expected one of m, s, frames" in refused(capsys, "evaluate", good, good, "--unit", "feet")
+    assert "moteslam: --delta: nan m" in refused(capsys, "evaluate", good, good, "--delta", "nan")
     assert "is a folder" in refused(capsys, "evaluate", good, tmp_path)
+    assert "x.pdf: expected a name that ends in .png" in refused(capsys, "evaluate", good, good, "--plot", "x.pdf")
+
+
+def test_evaluate_warns_where_few_poses_have_a_partner(tmp_path: Path, capsys) -> None:
+    one, other = tmp_path / "one", tmp_path / "other"
+    one.write_text("".join(f"{t} {t} 0 0 0 0 0 1\n" for t in range(10)))
+    other.write_text("".join(f"{t + 7} {t} 0 0 0 0 0 1\n" for t in range(10)))
+    assert main.run(["evaluate", str(one), str(other)]) == 0
+    assert "3 of 10 poses have a partner" in capsys.readouterr().err
+    assert main.run(["evaluate", str(one), str(one)]) == 0
+    assert "partner" not in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -218,11 +229,13 @@ SIGNALS = pytest.mark.parametrize(
 
 
 @pytest.fixture
-def hang_up_is_heard() -> Iterator[None]:
-    """Where the tests themselves run under nohup, their children would ignore SIGHUP too, and rightly."""
-    before = signal.signal(signal.SIGHUP, signal.SIG_DFL)
+def signals_are_heard() -> Iterator[None]:
+    """Where the tests themselves run under nohup or in the background, their children would ignore signals, rightly."""
+    usual = {signal.SIGHUP: signal.SIG_DFL, signal.SIGINT: signal.default_int_handler}
+    before = {number: signal.signal(number, handler) for number, handler in usual.items()}
     yield
-    signal.signal(signal.SIGHUP, before)
+    for number, handler in before.items():
+        signal.signal(number, handler)
 
 
 WHILE_IMPORTING = """
@@ -238,7 +251,7 @@ runpy.run_module("moteslam", run_name="__main__")
 
 
 @SIGNALS
-@pytest.mark.usefixtures("hang_up_is_heard")
+@pytest.mark.usefixtures("signals_are_heard")
 @pytest.mark.parametrize("module", ["typer", "moteslam.eval.cli.text", "pydantic", "numpy._core._multiarray_umath"])
 def test_an_interrupt_while_the_program_is_read(number: int, code: int, module: str, tmp_path: Path) -> None:
     done = subprocess.run(
@@ -260,7 +273,7 @@ def test_what_is_ignored_from_the_start_stays_so(tmp_path: Path) -> None:
 
 
 @SIGNALS
-@pytest.mark.usefixtures("hang_up_is_heard")
+@pytest.mark.usefixtures("signals_are_heard")
 def test_an_interrupt_leaves_nothing(number: int, code: int, tmp_path: Path) -> None:
     process = subprocess.Popen(
         [sys.executable, "-m", "moteslam", "demo", "--particles", "5000"],
@@ -322,7 +335,9 @@ def test_a_fault_of_ours_is_one_line_too(monkeypatch, capsys) -> None:
 
     monkeypatch.setattr("moteslam.sim.scenario.bundled_scenarios", broken)
     line = refused(capsys, "scenarios", code=1)
-    assert "internal error: ZeroDivisionError: by zero\\nof all things; MOTESLAM_TRACEBACK=1" in line
+    assert "internal error: ZeroDivisionError: by zero\\nof all things in " in line
+    assert f"{__name__.rpartition('.')[2]}, line " in line
+    assert "; MOTESLAM_TRACEBACK=1 shows more" in line
     monkeypatch.setenv("MOTESLAM_TRACEBACK", "1")
     with pytest.raises(ZeroDivisionError):
         main.run(["scenarios"])
