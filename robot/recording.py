@@ -18,7 +18,7 @@ from moteslam.robot.arrays import frozen
 from moteslam.robot.issues import Issue
 from moteslam.robot.platform import Platform
 from moteslam.robot.summary import Summarised, span
-from moteslam.robot.wording import counted
+from moteslam.robot.wording import counted, expect_type
 
 _COLUMNS = {"counts": 4, "poses": 3, "odometry": 3, "angular_velocity": 3, "linear_acceleration_g": 3}
 """How many columns the arrays of this name have."""
@@ -193,12 +193,28 @@ class Recording(Summarised):
     rgbd: RgbdStream | None = None
     warnings: tuple[Issue, ...] = ()
 
+    def __post_init__(self) -> None:
+        expect_type(self.platform, Platform, "platform", "Platform() is one of which nothing is known")
+        for name, kind in _STREAMS.items():
+            if (stream := getattr(self, name)) is not None:
+                expect_type(stream, kind, name)
+
     def replace(self, **changes: Any) -> Recording:
         """A copy with some of its attributes changed."""
         return replace(self, **changes)
 
     def _summary(self) -> str:
-        streams = [(name, getattr(self, name)) for name in ("lidar", "encoders", "odometry", "imu", "rgbd")]
+        streams = [(name, getattr(self, name)) for name in _STREAMS]
         parts = [f"{name}: {stream._summary()}" for name, stream in streams if stream is not None]
         warnings = [counted(len(self.warnings), "warning")] if self.warnings else []
         return "; ".join((repr(self.name), *parts, *warnings))
+
+
+_STREAMS = {
+    "lidar": LidarStream,
+    "encoders": EncoderStream,
+    "odometry": OdometryStream,
+    "imu": ImuStream,
+    "rgbd": RgbdStream,
+}
+"""The streams of a recording by their names."""

@@ -37,6 +37,8 @@ class Trajectory(Summarised):
         stamps, poses = frozen(self.stamps, np.float64), frozen(self.poses, np.float64)
         if stamps.ndim != 1 or poses.shape != (len(stamps), 3):
             raise InputError(f"stamps {list(stamps.shape)} and poses {list(poses.shape)}, expected [n] and [n, 3]")
+        if (np.diff(stamps) < 0).any():
+            raise InputError("stamps go back, expected rising seconds", field="stamps")
         object.__setattr__(self, "stamps", stamps)
         object.__setattr__(self, "poses", poses)
 

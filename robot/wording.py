@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from os import PathLike
 from typing import Any, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
@@ -38,6 +39,16 @@ def expect_type(value: object, kind: type, field: str, hint: str = "") -> None:
         shown = f" {shortened(value)}" if isinstance(value, str | int | float) else ""
         kinds = f"{'an' if kind.__name__[0] in 'AEIO' else 'a'} {kind.__name__}"
         raise InputError(f"{type(value).__name__}{shown}, expected {kinds}{f': {hint}' if hint else ''}", field=field)
+
+
+def expect_path(value: object, field: str, expected: str) -> None:
+    """Refuse what is no path of a file.
+
+    Raises:
+        InputError: it is neither a text nor a path.
+    """
+    if not isinstance(value, str | PathLike):
+        raise InputError(f"{type(value).__name__} {shortened(value)}, expected the path of {expected}", field=field)
 
 
 def shortened(value: object) -> str:

@@ -16,7 +16,7 @@ from moteslam.errors import ConfigError, InputError
 from moteslam.robot.platform import UCSD, Platform
 from moteslam.robot.section import Number, Section, Truth, Whole
 from moteslam.robot.tables import merged, read_toml
-from moteslam.robot.wording import first_complaint, known_keys
+from moteslam.robot.wording import expect_path, first_complaint, known_keys
 from moteslam.sim.actors.checks import check_doors, check_people
 from moteslam.sim.actors.crowd import Crowd
 from moteslam.sim.actors.doors import MAX_DOORS, Door
@@ -172,6 +172,7 @@ def load_scenario(name_or_path: str | PathLike[str]) -> Scenario:
         ConfigError: no such scenario, not TOML, an unknown key, a value of the wrong type or out of bounds, a world
             that is empty, or a robot, waypoint or leg that touches a wall. File, key and expectation are named.
     """
+    expect_path(name_or_path, "name_or_path", "a scenario's .toml file, or a name")
     path = Path(name_or_path)
     text = str(name_or_path)
     if random := _RANDOM.fullmatch(text):

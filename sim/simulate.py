@@ -226,8 +226,8 @@ def _record(scenario: Scenario, driven: Drive, scene: Scene, rngs: Rngs, report:
 def _seeded(scenario: Scenario, seed: int | None) -> Scenario:
     if seed is None:
         return scenario
-    if not 0 <= seed < 2**63:
-        raise ConfigError(f"{seed}, expected 0 or more", field="seed")
+    if not isinstance(seed, int | np.integer) or not 0 <= seed < 2**63:
+        raise ConfigError(f"{seed!r}, expected a whole number from 0 to 2^63 - 1", field="seed")
     return scenario.model_copy(update={"seed": seed})
 
 

@@ -83,8 +83,8 @@ class SlamSession:
         expect_type(recording, Recording, "recording", "open_recording(path) reads one")
         if config is not None:
             expect_type(config, SlamConfig, "config", "load_preset() gives one")
-        if not 0 <= seed < 2**63:
-            raise ConfigError(f"{seed}, expected 0 to 2^63 - 1", field="seed")
+        if not isinstance(seed, int | np.integer) or not 0 <= seed < 2**63:
+            raise ConfigError(f"{seed!r}, expected a whole number from 0 to 2^63 - 1", field="seed")
         self.recording, self.seed = recording, seed
         self.config = config = config or load_preset()
         self._inputs = synchronise(recording, config.sync, max_range=config.max_range)

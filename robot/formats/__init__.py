@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Mapping
 from os import PathLike
 from pathlib import Path
 
@@ -10,6 +11,7 @@ from moteslam.errors import InputError
 from moteslam.plugins import PluginWarning
 from moteslam.robot.formats.format import FORMATS, Format, Robot
 from moteslam.robot.recording import Recording
+from moteslam.robot.wording import expect_path
 
 __all__ = ["FORMATS", "Format", "Robot", "open_recording"]
 
@@ -29,6 +31,7 @@ def open_recording(
         InputError: nothing there, no format known here, or a recording that is broken; one line says which.
         ConfigError: a ``platform.toml`` that is none.
     """
+    expect_path(path, "path", "a recording")
     path = Path(path)
     try:
         is_folder = path.is_dir()
@@ -44,6 +47,8 @@ def open_recording(
     for name, known in formats.items():
         if known.is_folder == is_folder and _recognises(name, known, path):
             return known.read(path, sequence, platform)
+    if is_folder and (inside := _first_inside(path, formats)) is not None:
+        raise InputError(f"a folder of recordings, expected one of them, as {inside}", file=path)
     names = " or a ".join(known.name for known in formats.values())
     if not is_folder and _holds_arrays(path):
         raise InputError("holds NumPy arrays, expected the folder it is in, with all files of the recording", file=path)
@@ -59,6 +64,16 @@ def _recognises(name: str, known: Format, path: Path) -> bool:
             raise
         warnings.warn(f"format {name!r} is left out: {type(error).__name__}: {error}", PluginWarning, stacklevel=3)
         return False
+
+
+def _first_inside(folder: Path, formats: Mapping[str, Format]) -> Path | None:
+    """The first folder within a folder that is a recording, as in one of ``simulate --batch``."""
+    kinds = [(name, known) for name, known in formats.items() if known.is_folder]
+    try:
+        folders = sorted(child for child in folder.iterdir() if child.is_dir())
+    except OSError:
+        return None
+    return next((child for child in folders if any(_recognises(name, known, child) for name, known in kinds)), None)
 
 
 def _holds_arrays(path: Path) -> bool:

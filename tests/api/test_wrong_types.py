@@ -39,6 +39,16 @@ PATH = moteslam.Trajectory(np.arange(3.0), np.zeros((3, 3)))
             lambda: moteslam.resolve_config("paper", "particles=3"),
             "settings: 'particles=3', expected a list of key=value",
         ),
+        (lambda: moteslam.simulate(moteslam.load_scenario("corridor"), seed="0"), "seed: '0', expected a whole number"),
+        (
+            lambda: moteslam.run_slam(Recording("x", moteslam.Platform()), seed=1.5),
+            "seed: 1.5, expected a whole number",
+        ),  # type: ignore[arg-type]
+        (lambda: moteslam.load_scenario(3), "name_or_path: int 3, expected the path of a scenario"),  # type: ignore[arg-type]
+        (lambda: moteslam.open_recording(3), "path: int 3, expected the path of a recording"),  # type: ignore[arg-type]
+        (lambda: Recording("x", None), "platform: NoneType, expected a Platform"),  # type: ignore[arg-type]
+        (lambda: Recording("x", moteslam.Platform(), lidar="l"), "lidar: str 'l', expected a LidarStream"),  # type: ignore[arg-type]
+        (lambda: Trajectory([1.0, 0.0], np.zeros((2, 3))), "stamps: stamps go back, expected rising seconds"),  # type: ignore[arg-type]
         (lambda: Trajectory("now", [[0, 0, 0]]), "str 'now', expected an array of numbers"),  # type: ignore[arg-type]
         (lambda: Trajectory([0.0, 1.0], [[0, 0], [0]]), "list [[0, 0], [0]], expected an array of numbers"),  # type: ignore[arg-type]
     ],

@@ -130,6 +130,14 @@ def test_evaluate_tells_bad_files_and_lines(tmp_path: Path, capsys) -> None:
     assert "x.pdf: expected a name that ends in .png" in refused(capsys, "evaluate", good, good, "--plot", "x.pdf")
 
 
+def test_a_folder_of_recordings_names_one_of_them(simulated_folder: Path, tmp_path: Path, capsys) -> None:
+    (tmp_path / "many").mkdir()
+    (tmp_path / "many" / "room-1").symlink_to(simulated_folder)
+    (tmp_path / "many" / "empty").mkdir()
+    line = refused(capsys, "inspect", tmp_path / "many")
+    assert f"many: a folder of recordings, expected one of them, as {tmp_path / 'many' / 'room-1'}" in line
+
+
 def test_evaluate_warns_where_few_poses_have_a_partner(tmp_path: Path, capsys) -> None:
     one, other = tmp_path / "one", tmp_path / "other"
     one.write_text("".join(f"{t} {t} 0 0 0 0 0 1\n" for t in range(10)))
