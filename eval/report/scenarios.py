@@ -178,7 +178,7 @@ def _draw_people(axes: Axes, scenario: Scenario) -> list[Label]:
             "ms": 5,
             "lw": 1.2,
         }
-        axes.plot(*waypoints.T, "o:", markevery=[0], label=None if what in known else what, **look)
+        axes.plot(*waypoints.T, "o" if strolls else "o:", markevery=[0], label=None if what in known else what, **look)
         known.add(what)
         labels.append(Label(f"person {i + 1}", person.waypoints[0], PERSON))
     if scenario.crowd is not None:

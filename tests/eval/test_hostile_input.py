@@ -72,15 +72,18 @@ def bomb(name: str) -> None:
 
 
 PEAK = """
-import resource, sys
+import sys
 from moteslam.eval.cli.main import run
 code = run(sys.argv[1:])
-print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
+with open("/proc/self/status") as status:
+    print(next(line.split()[1] for line in status if line.startswith("VmHWM")))
 sys.exit(code)
 """
+"""Prints the most memory that the process ever had [kB]; ``ru_maxrss`` counts that of the process before it, too."""
 
 
 @pytest.mark.slow
+@pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="memory as Linux counts it")
 def test_a_gzip_that_unpacks_to_a_gigabyte_of_comments_is_refused_in_little_memory() -> None:
     bomb("bomb.log.gz")
     done = subprocess.run(
