@@ -51,7 +51,7 @@ class Trajectory(Summarised):
         return float(np.hypot(*np.diff(self.poses[:, :2], axis=0).T).sum())
 
     def at(self, stamps: NDArray[np.float64]) -> Trajectory:
-        """The trajectory interpolated at other stamps [m] [s], held beyond its ends."""
+        """The trajectory interpolated at other stamps [m] [s], not decreasing, and held beyond its ends."""
         return Trajectory(stamps, se2.interpolate(self.stamps, self.poses, stamps))
 
     def _summary(self) -> str:

@@ -82,7 +82,7 @@ def first_complaint(error: ValidationError, whole: str, expected: Callable[[Plac
     if first["type"] == "missing":
         table = ".".join(str(part) for part in parent if not isinstance(part, int))
         return _dotted(first["loc"]), f"missing, expected in every {table or whole}"
-    return _dotted(first["loc"]), _in_words(first)
+    return _dotted(first["loc"]), in_words(first)
 
 
 def known_keys(model: type[BaseModel], place: Place) -> list[str]:
@@ -106,15 +106,38 @@ def _models(kind: Any) -> Iterator[type[BaseModel]]:
         yield from _models(part)
 
 
-def _in_words(error: ErrorDetails) -> str:
+_PLAIN = {
+    "bool_type": "true or false",
+    "int_type": "a whole number",
+    "int_parsing": "a whole number",
+    "int_from_float": "a whole number",
+    "float_type": "a number",
+    "float_parsing": "a number",
+    "string_type": "a text",
+    "model_type": "a table",
+    "model_attributes_type": "a table",
+    "dict_type": "a table",
+    "tuple_type": "a list",
+    "list_type": "a list",
+}
+"""What was expected, by pydantic's kind of an error."""
+_BOUNDS = {
+    "greater_than_equal": "at least",
+    "greater_than": "above",
+    "less_than_equal": "at most",
+    "less_than": "below",
+}
+"""The same of bounds."""
+
+
+def in_words(error: ErrorDetails) -> str:
+    """An error of pydantic as what was found and what was expected."""
     kind, context = error["type"], error.get("ctx", {})
     found = shortened(error["input"])
-    if kind == "bool_type":
-        return f"{found}, expected true or false"
-    if kind in ("model_type", "model_attributes_type", "dict_type"):
-        return f"{found}, expected a table"
-    if kind in ("tuple_type", "list_type"):
-        return f"{found}, expected a list"
+    if kind in _PLAIN:
+        return f"{found}, expected {_PLAIN[kind]}"
+    if kind in _BOUNDS:
+        return f"{found}, expected {_BOUNDS[kind]} {_number(next(iter(context.values())))}"
     if kind in ("too_short", "too_long"):
         return f"{counted(context['actual_length'], 'item')}, expected {_bound(context)}"
     if kind in ("string_too_short", "string_too_long"):
@@ -123,6 +146,11 @@ def _in_words(error: ErrorDetails) -> str:
     if said.startswith("Input should "):
         return f"{found}, expected {said.removeprefix('Input should ').removeprefix('be ')}"
     return said
+
+
+def _number(value: float) -> str:
+    """A bound as it is written: whole numbers in full."""
+    return str(value) if isinstance(value, int) else f"{value:g}"
 
 
 def _bound(context: dict[str, Any]) -> str:

@@ -182,8 +182,25 @@ def _usage_error(error: Any) -> int:
         return BAD_INPUT
     context = getattr(error, "ctx", None)
     hint = f" (see {context.command_path} --help)" if context is not None else ""
-    note(f"{error.format_message()}{hint}")
+    note(f"{_complaint(error)}{hint}")
     return BAD_INPUT
+
+
+def _complaint(error: Any) -> str:
+    """What is wrong with an option, in the words of every other message: option, what was found, what was expected."""
+    from pydantic import ValidationError
+
+    from moteslam.robot.wording import in_words
+
+    names = getattr(getattr(error, "param", None), "opts", ())
+    option = next((name for name in names if name.startswith("--")), None)
+    if option is not None and isinstance(error.__cause__, ValidationError):
+        details = error.__cause__.errors()[0]
+        if isinstance(details["input"], str):  # as it was typed, without quotes
+            return f"{option}: {in_words(details).replace(repr(details['input']), details['input'], 1)}"
+    if option is not None and type(error).__name__ == "MissingParameter":
+        return f"{option}: missing, expected a value"
+    return str(error.format_message())
 
 
 def _closed_pipe() -> int:

@@ -44,7 +44,7 @@ from moteslam.eval.cli.text import literal
         ("demo --threads 0", "--threads"),
         ("demo --arch abacus", "abacus"),
         ("demo --config absent.toml", "absent.toml: No such file"),
-        ("simulate corridor", "Missing option '--out'"),
+        ("simulate corridor", "--out: missing, expected a value"),
         ("simulate corridor --out x --seed -1", "--seed"),
         ("simulate random-corridors --out x --batch 2 --seed 9223372036854775807", "--seed: 9223372036854775807"),
         ("simulate random-corridors-9223372036854775808 --out x", "no such building, expected a number up to"),

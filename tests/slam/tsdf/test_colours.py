@@ -125,7 +125,7 @@ def test_a_frame_is_placed_where_the_robot_was(room: tuple[Simulation, Recording
     for index in range(60, 260, 20):
         view = views.at(index, OLDEST)
         if view is not None:
-            now, then = simulation.truth.at(np.array([recording.lidar.stamps[index], view.frame.rgb_stamp])).poses
+            then, now = simulation.truth.at(np.array([view.frame.rgb_stamp, recording.lidar.stamps[index]])).poses
             np.testing.assert_allclose(view.place, se2.between(now, then), atol=0.01)
 
 
