@@ -84,7 +84,7 @@ def run(code: str, *arguments: str, **variables: str) -> str:
     """What the code prints, in a process of its own."""
     done = subprocess.run(
         [sys.executable, "-c", code, *arguments],
-        env=os.environ | {"TI_SKIP_VERSION_CHECK": "ON"} | variables,
+        env={"HOME": os.sep} | os.environ | {"TI_SKIP_VERSION_CHECK": "ON"} | variables,  # Taichi aborts without HOME
         capture_output=True,
         text=True,
         timeout=600,
