@@ -15,21 +15,18 @@ import ctypes
 import itertools
 import json
 import os
-import platform
-import shutil
 import statistics
 import subprocess
 import sys
 import tempfile
-import time
 from collections.abc import Callable
-from datetime import date
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from parts.machine import save, stamp
 from parts.options import result_file
+from parts.timing import compile_loops, compiler, in_turns, pointers
 
 ROOT = Path(__file__).parents[1]
 BEAMS = 1081
@@ -39,34 +36,13 @@ ROUNDS = 3
 SPENT = "processor [ms a call]"
 SERIAL = ("grid update",)
 """Kernels that use one thread on purpose: no gain is asked of a second."""
-FLAGS = ["-O3", "-march=native", "-ffast-math", "-fopenmp", "-shared", "-fPIC", "-lm"]
 
 
-def compile_loops(folder: Path) -> ctypes.CDLL | None:
-    """The plain C loops, or None where there is no compiler."""
-    if shutil.which("gcc") is None:
-        return None
-    library = folder / "loops.so"
-    subprocess.run(["gcc", str(Path(__file__).with_name("loops.c")), *FLAGS, "-o", str(library)], check=True)
-    return ctypes.CDLL(str(library))
-
-
-def in_turns(contenders: dict[str, Callable[[], Any]], repeats: int = REPEATS) -> dict[str, float]:
-    """The median wall time [s] of each, taking turns after one call not counted; and the first's SPENT, a mean [ms]."""
-    times: dict[str, list[float]] = {name: [] for name in contenders}
-    spent = dict.fromkeys(contenders, 0.0)
-    for call in contenders.values():
-        call()
-    order = np.random.default_rng(0)
-    for _ in range(repeats):
-        for name in order.permutation(list(contenders)):  # the order changes, and with it whose data is in the caches
-            call = contenders[name]
-            began, spent_before = time.perf_counter(), time.process_time()
-            call()
-            times[name].append(time.perf_counter() - began)
-            spent[name] += time.process_time() - spent_before
+def rates(contenders: dict[str, Callable[[], Any]], work: float, repeats: int = REPEATS) -> dict[str, float]:
+    """Work a second of each contender's calls by wall time, and the processor time of the first's [ms]."""
+    found = in_turns(contenders, repeats)
     first = next(iter(contenders))
-    return {name: statistics.median(seconds) for name, seconds in times.items()} | {SPENT: 1e3 * spent[first] / repeats}
+    return {name: work / seconds.wall for name, seconds in found.items()} | {SPENT: 1e3 * found[first].processor}
 
 
 def world(segments: int = 500, *, size: float = 90.0, seed: int = 1) -> np.ndarray:
@@ -102,7 +78,7 @@ def measure(threads: int) -> dict[str, Any]:
 
     runtime.init("cpu", threads)
     with tempfile.TemporaryDirectory() as folder:
-        loops = compile_loops(Path(folder))
+        loops = compile_loops(Path(__file__).with_name("loops.c"), Path(folder))
         return {
             **arithmetic(loops),
             **distance_maps(threads),
@@ -117,8 +93,11 @@ def arithmetic(loops: ctypes.CDLL | None) -> dict[str, Any]:
     if loops is None:
         return {}
     out = np.empty(2000, np.float32)
-    seconds = in_turns({"c": lambda: loops.arithmetic(out.size, 1000, *pointers(out))})
-    return {"arithmetic alone [M steps/s]": {"c": out.size / seconds["c"] / 1e3, SPENT: seconds[SPENT]}}
+    return {
+        "arithmetic alone [M steps/s]": rates(
+            {"c": lambda: loops.arithmetic(out.size, 1000, *pointers(out))}, out.size / 1e3
+        )
+    }
 
 
 def distance_maps(threads: int) -> dict[str, Any]:
@@ -166,16 +145,14 @@ def distance_maps(threads: int) -> dict[str, Any]:
         (f"integrating {len(scan.points)} points, {n} particles [thousand particles/s]", integrate),
         (f"registering {len(scan.points)} points, {n} particles [thousand particles/s]", register),
     ):
-        seconds = in_turns({"moteslam": call})
-        results[task] = {"moteslam": n / seconds["moteslam"] / 1e3, SPENT: seconds[SPENT]}
-    seconds = in_turns({"moteslam": search})
-    rates = {"moteslam": n * len(turns) * len(shifts) / seconds["moteslam"] / 1e6, SPENT: seconds[SPENT]}
+        results[task] = rates({"moteslam": call}, n / 1e3)
+    found = rates({"moteslam": search}, n * len(turns) * len(shifts) / 1e6)
     if threads == 1:
         coarse = pool.tsdf(level=1)
         options = {"cell_size": 2 * CELL, "near": int(0.5 * STEPS)}
         twin = in_turns({"python": lambda: tsdf.search(coarse, poses[0], few, turns[:1], shifts, **options)}, 3)
-        rates["python"] = len(shifts) / twin["python"] / 1e6
-    return results | {f"searching with {len(few)} points, {n} particles [M places/s]": rates}
+        found["python"] = len(shifts) / twin["python"].wall / 1e6
+    return results | {f"searching with {len(few)} points, {n} particles [M places/s]": found}
 
 
 def matching(threads: int) -> dict[str, Any]:
@@ -188,13 +165,13 @@ def matching(threads: int) -> dict[str, Any]:
     poses = np.random.default_rng(5).normal((50.0, 48.0, 0.0), (0.1, 0.1, 0.05), (2000, 3))
     offsets = np.array((-0.1, -0.05, 0.0, 0.05, 0.1))
     options = {"offsets_xy": offsets, "offsets_theta": offsets}
-    seconds = in_turns({"moteslam": lambda: match_poses(grid, (0.0, 0.0), CELL, poses, points, **options)})
-    rates = {"moteslam": len(poses) / seconds["moteslam"] / 1e3}
+    kernel = {"moteslam": lambda: match_poses(grid, (0.0, 0.0), CELL, poses, points, **options)}
+    found = rates(kernel, len(poses) / 1e3)
     if threads == 1:
         few = poses[:4]
         twin = in_turns({"numpy": lambda: grids.match_poses(grid, (0.0, 0.0), CELL, few, points, **options)}, 3)
-        rates["numpy"] = len(few) / twin["numpy"] / 1e3
-    return {f"matching 5x5x5, {BEAMS} beams [thousand particles/s]": {**rates, SPENT: seconds[SPENT]}}
+        found["numpy"] = len(few) / twin["numpy"].wall / 1e3
+    return {f"matching 5x5x5, {BEAMS} beams [thousand particles/s]": found}
 
 
 def raycasting(loops: ctypes.CDLL | None, threads: int) -> dict[str, Any]:
@@ -222,8 +199,7 @@ def raycasting(loops: ctypes.CDLL | None, threads: int) -> dict[str, Any]:
     contenders: dict[str, Callable[[], np.ndarray]] = {"moteslam": kernel}
     if loops is not None and threads == 1:
         contenders["c, every segment"] = plain
-    seconds = in_turns(contenders, 5)
-    rates = {name: out.size / seconds[name] / 1e6 for name in contenders}
+    found = rates(contenders, out.size / 1e6, 5)
     exact = kernel()
     hit = np.isfinite(exact)
     if threads == 1:
@@ -234,11 +210,11 @@ def raycasting(loops: ctypes.CDLL | None, threads: int) -> dict[str, Any]:
         def twin() -> np.ndarray:
             return twins.cast_rays(segments, origins[some], angles[some], max_range=30.0)[0]
 
-        rates["numpy"] = 4 * BEAMS / in_turns({"numpy": twin}, 3)["numpy"] / 1e6
+        found["numpy"] = 4 * BEAMS / in_turns({"numpy": twin}, 3)["numpy"].wall / 1e6
         close = np.isclose(twin(), exact[some], rtol=0, atol=1e-3)
         assert close.mean() > 0.999, close.mean()  # the same work; a ray through a corner may slip past it in float32
     return {
-        "raycasting, 500 segments [M rays/s]": {**rates, SPENT: seconds[SPENT]},
+        "raycasting, 500 segments [M rays/s]": found,
         "raycasting world": {"mean range of hits [m]": float(exact[hit].mean()), "hits": float(hit.mean())},
     }
 
@@ -270,20 +246,14 @@ def updating(loops: ctypes.CDLL | None, threads: int) -> dict[str, Any]:
     contenders: dict[str, Callable[[], Any]] = {"moteslam": per_ray, "moteslam, each cell once": each_once}
     if loops is not None:
         contenders["c"] = plain
-    seconds = in_turns(contenders)
+    found = rates(contenders, 1)
     if loops is not None:
         assert (grid == plain_grid).all()
     if threads == 1:
         empty = np.zeros(occupied.shape, np.int16)
-        contenders["python"] = lambda: grids.update_grid(empty, start, ends, per_ray=True, **options)
-        seconds["python"] = in_turns({"python": contenders["python"]}, 1)["python"]
-    rates = {name: 1 / seconds[name] for name in contenders}
-    return {f"grid update, {BEAMS} beams [scans/s]": {**rates, SPENT: seconds[SPENT]}}
-
-
-def pointers(*arrays: np.ndarray) -> list[ctypes.c_void_p]:
-    """The addresses of arrays."""
-    return [ctypes.c_void_p(array.ctypes.data) for array in arrays]
+        twin = in_turns({"python": lambda: grids.update_grid(empty, start, ends, per_ray=True, **options)}, 1)
+        found["python"] = 1 / twin["python"].wall
+    return {f"grid update, {BEAMS} beams [scans/s]": found}
 
 
 def main() -> None:
@@ -322,34 +292,7 @@ def main() -> None:
             print(f"{threads} threads  {task}: " + ", ".join(f"{name} {rate:.4g}" for name, rate in rates.items()))
     for what, ratio in ratios.items():
         print(f"{what}: {ratio:.2f}")
-    if options.out:
-        result = {
-            "date": date.today().isoformat(),
-            "hardware": {"machine": platform.machine(), "cpu": cpu_name(), "cores": os.cpu_count()},
-            "compiler": compiler(),
-            "versions": {name: version(name) for name in ("moteslam", "taichi", "numpy")},
-            "figures by threads": figures,
-            "ratios": ratios,
-        }
-        options.out.parent.mkdir(parents=True, exist_ok=True)
-        options.out.write_text(json.dumps(result, indent=1) + "\n")
-
-
-def cpu_name() -> str:
-    """The processor's name."""
-    try:
-        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
-    except OSError:
-        return platform.processor()
-    return next((line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")), "")
-
-
-def compiler() -> str:
-    """The C compiler and its flags, or ``none``."""
-    if shutil.which("gcc") is None:
-        return "none"
-    name = subprocess.run(["gcc", "--version"], check=True, capture_output=True, text=True).stdout.splitlines()[0]
-    return f"{name} {' '.join(FLAGS)}"
+    save(options.out, {**stamp(), "compiler": compiler(), "figures by threads": figures, "ratios": ratios})
 
 
 if __name__ == "__main__":

@@ -12,19 +12,15 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
-import platform
-import statistics
 import subprocess
 import sys
-import time
-from collections.abc import Callable
-from datetime import date
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from parts.machine import dated_file, save, stamp
 from parts.options import result_file
+from parts.timing import in_turns
 
 BEAMS, POSES, SIZE, ROOM, DOOR = 1081, 200, 100.0, 4.0, 1.2
 REPEATS = 15
@@ -52,22 +48,6 @@ def office(seed: int = 1) -> np.ndarray:
             )
             rows += [(*a, *b) for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True)]
     return np.array(rows, np.float64)
-
-
-def in_turns(contenders: dict[str, Callable[[], Any]], repeats: int) -> dict[str, tuple[float, float]]:
-    """The median wall and processor time [s] of each, taking turns after one call that is not counted."""
-    times: dict[str, list[tuple[float, float]]] = {name: [] for name in contenders}
-    for call in contenders.values():
-        call()
-    for _ in range(repeats):
-        for name, call in contenders.items():
-            wall, spent = time.perf_counter(), time.process_time()
-            call()
-            times[name].append((time.perf_counter() - wall, time.process_time() - spent))
-    return {
-        name: (statistics.median(wall for wall, _ in found), statistics.median(spent for _, spent in found))
-        for name, found in times.items()
-    }
 
 
 def measure(threads: int) -> dict[str, Any]:
@@ -137,35 +117,22 @@ def others(segments: np.ndarray, poses: np.ndarray, beams: np.ndarray, exact: np
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    today = date.today().isoformat()
-    parser.add_argument("--out", type=result_file, default=Path(__file__).parent / "results" / f"raycast-{today}.json")
+    parser.add_argument("--out", type=result_file, default=dated_file("raycast"))
     parser.add_argument("--threads", type=int, help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.threads is not None:
         print(json.dumps(measure(options.threads)))
         return
     result: dict[str, Any] = {
-        "date": today,
-        "machine": f"{cpu_name()}, {os.cpu_count()} cores, Python {platform.python_version()}",
-        "load before": os.getloadavg()[0],
+        **stamp(),
         "world": f"{SIZE:g} m x {SIZE:g} m, offices of {ROOM:g} m, a box in every other; {POSES} scans, {BEAMS} beams",
     }
     for threads in (1, 2):  # fixed for a process
         command = [sys.executable, __file__, "--threads", str(threads)]
         done = subprocess.run(command, check=True, capture_output=True, text=True)
         result[f"{threads} threads"] = json.loads(done.stdout.splitlines()[-1])
-    options.out.parent.mkdir(exist_ok=True)
-    options.out.write_text(json.dumps(result, indent=1) + "\n")
+    save(options.out, result)
     print(json.dumps(result, indent=1))
-
-
-def cpu_name() -> str:
-    """The name of the processor."""
-    try:
-        lines = Path("/proc/cpuinfo").read_text().splitlines()
-    except OSError:
-        return platform.processor() or platform.machine()
-    return next((line.split(":")[1].strip() for line in lines if line.startswith("model name")), platform.machine())
 
 
 if __name__ == "__main__":

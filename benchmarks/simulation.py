@@ -10,14 +10,11 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
-import platform
 import time
-from datetime import date
-from pathlib import Path
 from typing import Any
 
 import numpy as np
+from parts.machine import dated_file, save, stamp
 from parts.options import result_file
 
 
@@ -46,20 +43,14 @@ def main() -> None:
     from moteslam.sim.scenario import bundled_scenarios
 
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    today = date.today().isoformat()
-    parser.add_argument(
-        "--out", type=result_file, default=Path(__file__).parent / "results" / f"simulation-{today}.json"
-    )
+    parser.add_argument("--out", type=result_file, default=dated_file("simulation"))
     options = parser.parse_args()
     runtime.init("cpu", 2)
     result: dict[str, Any] = {
-        "date": today,
-        "machine": f"{platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}",
-        "load before": os.getloadavg()[0],
+        **stamp(),
         "scenarios": {name: measure(name) for name in (*bundled_scenarios(), "random-corridors-7")},
     }
-    options.out.parent.mkdir(exist_ok=True)
-    options.out.write_text(json.dumps(result, indent=1) + "\n")
+    save(options.out, result)
     print(json.dumps(result, indent=1))
 
 

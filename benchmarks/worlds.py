@@ -13,15 +13,13 @@ import argparse
 import json
 import multiprocessing
 import os
-import platform
 import statistics
 import time
-from datetime import date
 from fractions import Fraction
-from pathlib import Path
 from typing import Any
 
 import numpy as np
+from parts.machine import dated_file, save, stamp
 from parts.options import result_file
 
 RAYS = 100
@@ -110,11 +108,10 @@ def side(p: tuple[Fraction, ...], q: tuple[Fraction, ...], r: tuple[Fraction, ..
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    today = date.today().isoformat()
     parser.add_argument("--count", type=int, default=200)
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--jobs", type=int, default=os.cpu_count())
-    parser.add_argument("--out", type=result_file, default=Path(__file__).parent / "results" / f"worlds-{today}.json")
+    parser.add_argument("--out", type=result_file, default=dated_file("worlds"))
     options = parser.parse_args()
     seeds = range(options.first, options.first + options.count)
     with multiprocessing.get_context("spawn").Pool(options.jobs, start) as pool:
@@ -124,8 +121,7 @@ def main() -> None:
             print(json.dumps(one), flush=True)
     found.sort(key=lambda one: one["seed"])
     result = {
-        "date": today,
-        "machine": f"{platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}",
+        **stamp(),
         "buildings": len(found),
         "arrived": sum(one["end"] == "arrived" for one in found),
         "complete": sum(one["complete"] for one in found),
@@ -136,8 +132,7 @@ def main() -> None:
         "median time to simulate [s]": statistics.median(one["simulated in [s]"] for one in found),
         "each": found,
     }
-    options.out.parent.mkdir(exist_ok=True)
-    options.out.write_text(json.dumps(result, indent=1) + "\n")
+    save(options.out, result)
     print({key: value for key, value in result.items() if key != "each"})
 
 

@@ -9,6 +9,8 @@ import tomllib
 from pathlib import Path
 
 import pytest
+from figures import legend_of
+from matplotlib.figure import Figure
 
 from moteslam import __version__
 from moteslam.eval.cli.main import run as run_program
@@ -131,17 +133,13 @@ def test_dead_reckoning_of_the_real_encoders(data_folder: Path, tmp_path: Path, 
 
 
 def test_dead_reckoning_is_drawn_with_the_truth_beside_the_recording(
-    simulated_folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    simulated_folder: Path, tmp_path: Path, drawn: list[Figure]
 ) -> None:
-    from matplotlib.figure import Figure
-
-    legends: list[list[str]] = []
-    monkeypatch.setattr(
-        Figure, "savefig", lambda figure, *_, **__: legends.append([t.get_text() for t in figure.legends[0].texts])
-    )
     arguments = ["replay", str(simulated_folder), "--dead-reckoning", "--out", str(tmp_path / "out")]
     assert run_program(arguments) == 0
-    assert legends == [["endpoints of scans", "truth", "dead reckoning", "start", "end"]]
+    assert [legend_of(figure) for figure in drawn] == [
+        ["endpoints of scans", "truth", "dead reckoning", "start", "end"]
+    ]
 
 
 def test_dead_reckoning_needs_no_out(data_folder: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from figures import legend_of
 from matplotlib.figure import Figure
 
 from moteslam.eval.report.cloud import Cloud
@@ -26,13 +27,10 @@ def cloud() -> Cloud:
 
 
 @pytest.fixture
-def figure(cloud: Cloud, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Figure:
+def figure(cloud: Cloud, tmp_path: Path, drawn: list[Figure]) -> Figure:
     """The figure of these particles."""
-    figures: list[Figure] = []
-    save = Figure.savefig
-    monkeypatch.setattr(Figure, "savefig", lambda figure, *a, **k: (figures.append(figure), save(figure, *a, **k)))
     draw_particles(tmp_path / "particles.png", cloud)
-    return figures[0]
+    return drawn[0]
 
 
 def test_ancestors_are_counted_and_lineages_part(cloud: Cloud) -> None:
@@ -73,8 +71,9 @@ def test_ancestors_and_partings_are_drawn(figure: Figure) -> None:
     assert counts.get_ydata().tolist() == [1, 1, 1, 1, 1, 2, 2, 2, 4, 4]
     assert partings.get_xdata().tolist() == [5, 8]
     assert panel.get_title("left") == "ancestors of the 4 particles of the last update: one common ancestor until 4 s"
-    legend = [text.get_text() for text in figure.legends[0].get_texts()]
-    assert {"start", "end", "lineages part (2 times)", "paths of 4 particles of the last update"} <= set(legend)
+    assert {"start", "end", "lineages part (2 times)", "paths of 4 particles of the last update"} <= set(
+        legend_of(figure)
+    )
 
 
 @pytest.mark.parametrize(("largest", "factor"), [(0.0, 5000), (0.001, 500), (0.01, 50), (3.0, 1), (50.0, 1)])
@@ -82,13 +81,11 @@ def test_magnification_is_a_round_number(largest: float, factor: int) -> None:
     assert magnification(largest, 10.0) == factor
 
 
-def test_a_spread_far_beyond_the_panel_is_stated(cloud: Cloud, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_spread_far_beyond_the_panel_is_stated(tmp_path: Path, drawn: list[Figure]) -> None:
     stamps = np.arange(500.0)
     spread = np.full((500, 3), 0.002)
     spread[123, 0] = 3.0
     paths = np.zeros((2, 500, 3))
     paths[..., 0] = stamps / 10
-    figures: list[Figure] = []
-    monkeypatch.setattr(Figure, "savefig", lambda figure, file, **_: figures.append(figure))
     draw_particles(tmp_path / "x.png", Cloud(stamps, paths, np.zeros((2, 500), np.int64), spread))
-    assert figures[0].axes[1].get_title("right") == "standard deviation up to 300 at 123 s"
+    assert drawn[0].axes[1].get_title("right") == "standard deviation up to 300 at 123 s"

@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 import pytest
 import yaml
+from figures import legend_of
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -99,19 +100,6 @@ def test_figures_are_white_outside_and_drawn_inside(run, simulation, tmp_path: P
         assert (image[0] == 255).all()
         assert (image[:, 0] == 255).all()
         assert len(np.unique(image.astype(int) @ [1, 256, 65536])) > 20
-
-
-@pytest.fixture
-def drawn(monkeypatch: pytest.MonkeyPatch) -> list[Figure]:
-    """The figures that were written."""
-    figures: list[Figure] = []
-    save = Figure.savefig
-    monkeypatch.setattr(Figure, "savefig", lambda figure, *a, **k: (figures.append(figure), save(figure, *a, **k)))
-    return figures
-
-
-def legend_of(figure: Figure) -> list[str]:
-    return [text.get_text() for text in figure.legends[0].get_texts()]
 
 
 def test_legends_name_each_path_its_start_and_its_end(run, simulation, tmp_path: Path, drawn: list[Figure]) -> None:

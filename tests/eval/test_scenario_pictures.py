@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from figures import legend_of
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -14,19 +15,6 @@ from moteslam.eval.report.labels import Label, place_labels
 from moteslam.eval.report.scenarios import draw_scenario
 from moteslam.robot.tables import merged
 from moteslam.sim.scenario import Scenario, bundled_scenarios, load_scenario
-
-
-@pytest.fixture
-def drawn(monkeypatch: pytest.MonkeyPatch) -> list[Figure]:
-    """The figures that were written."""
-    figures: list[Figure] = []
-    save = Figure.savefig
-    monkeypatch.setattr(Figure, "savefig", lambda figure, *a, **k: (figures.append(figure), save(figure, *a, **k)))
-    return figures
-
-
-def legend_of(figure: Figure) -> list[str]:
-    return [text.get_text() for text in figure.legends[0].get_texts()]
 
 
 def boxes_of_texts(axes: Axes) -> np.ndarray:
