@@ -39,11 +39,11 @@ def speed(folder: Path, seconds: float) -> dict[str, Any]:
     """Simulate and write with every frame at 30 Hz."""
     from moteslam.sim.output import write_simulation
     from moteslam.sim.scenario import load_scenario, with_camera
-    from moteslam.sim.sensors.camera import CameraSettings
     from moteslam.sim.simulate import simulate
 
     scenario = with_camera(load_scenario("corridor"))
-    settings = CameraSettings(gap=0.0)
+    assert scenario.camera is not None
+    settings = scenario.camera.model_copy(update={"gap": 0.0})
     scenario = scenario.model_copy(update={"camera": settings, "duration": min(seconds, scenario.duration)})
     load, used, began = os.getloadavg()[0], processor_seconds(), time.perf_counter()
     simulation = simulate(scenario, 0)

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
-    from moteslam.robot.platform import CameraMount
+    from moteslam.robot.specs import CameraSpec
 
 HEIGHT, WIDTH = 480, 640
 """Rows and columns of both images."""
@@ -56,7 +56,7 @@ OPTICAL_TO_BODY: NDArray[np.float64] = np.array(((0.0, 0.0, 1.0), (-1.0, 0.0, 0.
 OPTICAL_TO_BODY.setflags(write=False)
 
 
-def mount_rotation(mount: CameraMount) -> NDArray[np.float64]:
+def mount_rotation(mount: CameraSpec) -> NDArray[np.float64]:
     """The rotation [3, 3] from optical axes to the robot's: III.7, then roll, pitch and yaw of the mount.
 
     They turn about the robot's x, y and z, so that a positive pitch looks down.

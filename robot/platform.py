@@ -1,29 +1,22 @@
-"""The robot's body: wheels, lidar, IMU and camera, where they are and what they measure.
+"""A robot: body, wheels and sensors, where they are, what they measure, and what they get wrong.
 
-A platform comes with a recording (its file, the log's own parameters, or the built-in robot of the format) and can
-be overridden by a ``platform.toml``. Facts and sources: ``docs/reference/formats.md``.
+A platform comes with a recording (its file, the log's own parameters, or the robot that the format is known for), or
+is one of the bundled ones (`moteslam.robot.platforms`). Facts and sources: ``docs/reference/platforms.md``.
 """
 
 from __future__ import annotations
 
-import math
-from os import PathLike
-from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-import tomli_w
-from pydantic import Field, ValidationError, field_validator
+from pydantic import Field, field_validator, model_validator
 
-from moteslam.errors import ConfigError
-from moteslam.robot.files import write_atomically
-from moteslam.robot.section import Number, Section
-from moteslam.robot.tables import merged, read_toml
-from moteslam.robot.wording import first_complaint, known_keys
+from moteslam.robot.noise import Noise
+from moteslam.robot.section import NotNegative, Number, Section
+from moteslam.robot.specs import CameraSpec, EncoderSpec, ImuSpec, LidarSpec
+from moteslam.robot.tables import merged
 
 Length = Annotated[Number, Field(gt=0, le=100)]
-Position = Annotated[Number, Field(ge=-100, le=100)]
-Angle = Annotated[Number, Field(ge=-2 * math.pi, le=2 * math.pi)]
 
 
 class Wheels(Section):
@@ -32,122 +25,91 @@ class Wheels(Section):
     Attributes:
         metres_per_count: travel of a wheel for one encoder count [m].
         diameter: of a wheel [m].
-        wheel_base: distance between the axles [m].
+        wheel_base: distance between the axles [m]; 0 for two wheels on one axle, which give their counts twice.
         track: distance between the left and right wheel centres [m].
         effective_track: the track that explains how it turns [m]; a skid-steered robot's is larger than the drawn.
     """
 
-    metres_per_count: Annotated[Number, Field(ge=1e-7, le=10)] = 0.0022
-    diameter: Length = 0.254
-    wheel_base: Length = 0.3302
-    track: Length = 0.31115
-    effective_track: Annotated[Number, Field(ge=0.001, le=100)] = 0.73
+    metres_per_count: Annotated[Number, Field(ge=1e-7, le=10)]
+    diameter: Length
+    wheel_base: Annotated[Number, Field(ge=0, le=100)]
+    track: Length
+    effective_track: Annotated[Number, Field(ge=0.001, le=100)]
 
 
-class LidarMount(Section):
-    """Where the lidar is, in the robot's frame, and how fast it sweeps.
+class Body(Section):
+    """The robot as a mass on its wheels.
 
     Attributes:
-        x, y, z: forward, left, up [m].
-        yaw: of its forward axis [rad].
-        time_increment: between beams [s]; 0 where it is not known and a scan counts as taken at once.
+        mass: [kg].
+        wheel_mass: what a wheel and its motor weigh at the rim, gears included [kg].
+        grip: friction of a wheel on the floor, 1 = its share of the weight.
+        stiffness: contact force of a wheel for a slip of 1 m/s [N s/m], before the grip gives way.
+        wheel_force: the largest force of a motor at the rim [N].
+        wall_friction: of the body against what it runs into.
     """
 
-    x: Position = 0.0
-    y: Position = 0.0
-    yaw: Angle = 0.0
-    z: Position = 0.0
-    time_increment: Annotated[Number, Field(ge=0, le=0.01)] = 0.0
-
-    @property
-    def pose(self) -> tuple[float, float, float]:
-        """The mount as a planar pose (x, y, yaw)."""
-        return (self.x, self.y, self.yaw)
-
-
-class CameraMount(Section):
-    """Where the RGB-D camera is: position [m], roll, pitch (down positive) and yaw [rad], in the robot's frame."""
-
-    x: Position = 0.18
-    y: Position = 0.005
-    z: Position = 0.36
-    roll: Angle = 0.0
-    pitch: Angle = 0.36
-    yaw: Angle = 0.021
+    mass: Annotated[Number, Field(gt=0.1, le=1000)]
+    wheel_mass: Annotated[Number, Field(ge=0.01, le=100)]
+    grip: Annotated[Number, Field(gt=0, le=2)]
+    stiffness: Annotated[Number, Field(gt=0, le=200)]
+    wheel_force: Annotated[Number, Field(gt=0, le=1000)]
+    wall_friction: NotNegative
 
 
 class Platform(Section):
-    """A robot: its name, body and sensors.
+    """A robot.
 
     Attributes:
-        name: what the robot is called.
+        name: what it is called.
+        description: what it is, one sentence.
         length, width: of the body [m].
+        top_speed: that it can drive [m/s]; None where that is not known.
+        top_turn_rate: that it can turn with [rad/s]; None where that is not known.
         wheels: None (``false`` in TOML, which has no other word for it) where only odometry poses are known.
-        lidar: where it stands.
+        body: its masses and forces; None (``false``) where they are not known.
+        lidar: where it stands and what it measures.
+        encoders: of the wheels; None (``false``) where they are not known.
+        imu: None (``false``) where there is none.
         camera: None (``false``) where there is none.
+        noise: of the sensors, as data sheets and careful measurements have it.
+        as_recorded: of the sensors and their surroundings, as recordings show it; a table holds what differs from
+            ``noise``. None (``false``) where that is not known.
     """
 
     name: str = "robot"
+    description: str = ""
     length: Length = 0.5
     width: Length = 0.5
+    top_speed: Annotated[Number, Field(gt=0, le=100)] | None = None
+    top_turn_rate: Annotated[Number, Field(gt=0, le=100)] | None = None
     wheels: Wheels | None = None
-    lidar: LidarMount = LidarMount()
-    camera: CameraMount | None = None
+    body: Body | None = None
+    lidar: LidarSpec = LidarSpec()
+    encoders: EncoderSpec | None = None
+    imu: ImuSpec | None = None
+    camera: CameraSpec | None = None
+    noise: Noise = Noise()
+    as_recorded: Noise | None = None
 
     @property
     def radius(self) -> float:
         """The radius of the circle about the body [m]."""
         return float(np.hypot(self.length, self.width) / 2)
 
-    @field_validator("wheels", "camera", mode="before")
+    @field_validator(
+        "top_speed", "top_turn_rate", "wheels", "body", "encoders", "imu", "camera", "as_recorded", mode="before"
+    )
     @classmethod
     def _none_of_false(cls, value: Any) -> Any:
         return None if value is False else value
 
-
-UCSD = Platform(
-    name="ucsd",
-    length=0.5842,
-    width=0.47625,
-    wheels=Wheels(),
-    lidar=LidarMount(x=0.30183 - 0.3302 / 2, z=0.51435, time_increment=0.025 / 1440),
-    camera=CameraMount(),
-)
-"""The robot of the UCSD sequences, its origin midway between the axles."""
-
-CARMEN = Platform(name="carmen")
-"""A robot of which a CARMEN log states nothing else: odometry poses and a lidar at its centre."""
-
-
-def read_platform(path: str | PathLike[str], *, base: Platform | None = None) -> Platform:
-    """Read a ``platform.toml``.
-
-    Args:
-        path: the file.
-        base: the robot that it overrides, key by key; a robot of which nothing is known by default.
-
-    Raises:
-        ConfigError: not readable, not TOML, an unknown key, or a value out of bounds; file and key are named.
-    """
-    path = Path(path)
-    values = read_toml(path, "a platform.toml")
-    try:
-        return Platform.model_validate(values if base is None else merged(base.model_dump(), values))
-    except ValidationError as error:
-        field, problem = first_complaint(
-            error, "platform.toml", lambda place: f"expected one of {', '.join(known_keys(Platform, place))}"
-        )
-        raise ConfigError(problem, file=path, field=field) from error
-
-
-def write_platform(path: str | PathLike[str], platform: Platform) -> None:
-    """Write a platform as TOML with every key; it reads back equal, bit for bit, whatever it overrides."""
-    values = platform.model_dump()
-    write_atomically(path, tomli_w.dumps({key: False if value is None else value for key, value in values.items()}))
-
-
-def robot_of(given: Platform | str | PathLike[str] | None, base: Platform) -> Platform:
-    """The robot that a caller gives: as it is, by a ``platform.toml`` over the format's own, or that one."""
-    if isinstance(given, Platform):
-        return given
-    return base if given is None else read_platform(given, base=base)
+    @model_validator(mode="before")
+    @classmethod
+    def _over_the_data_sheet(cls, values: Any) -> Any:
+        match values:
+            case {"as_recorded": dict() as changes}:
+                noise = values.get("noise", {})
+                noise = noise.model_dump() if isinstance(noise, Noise) else noise
+                return {**values, "as_recorded": merged(noise, changes) if isinstance(noise, dict) else changes}
+        return values

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tomllib
+from collections.abc import Sequence
 from os import PathLike
 from typing import Any
 
@@ -50,3 +51,23 @@ def merged(base: Table, over: Table) -> Table:
         below = result.get(key)
         result[key] = merged(below, value) if isinstance(below, dict) and isinstance(value, dict) else value
     return result
+
+
+def assigned(settings: Sequence[str]) -> Table:
+    """The table of settings ``key=value`` with dotted keys; a value is TOML, a bare word a string, the last counts.
+
+    Raises:
+        ConfigError: no list of ``key=value``; the field is ``settings``.
+    """
+    if isinstance(settings, str):
+        raise ConfigError(f"{settings!r}, expected a list of key=value", field="settings")
+    table: Table = {}
+    for setting in settings:
+        key, equals, value = setting.partition("=")
+        if not equals or not key.strip():
+            raise ConfigError(f"expected key=value, found {setting!r}", field="settings")
+        tree: Any = toml_value(value.strip())
+        for part in reversed(key.strip().split(".")):
+            tree = {part: tree}
+        table = merged(table, tree)
+    return table

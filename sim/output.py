@@ -13,6 +13,7 @@ from moteslam.robot.formats.map_server import write_map, write_picture
 from moteslam.robot.formats.ucsd import write_ucsd
 from moteslam.robot.trajectory import write_tum
 from moteslam.robot.wording import expect_type
+from moteslam.sim.scenario import scenario_table
 from moteslam.sim.sensors.rgbd import write_frames
 from moteslam.sim.simulate import Progress, Simulation
 
@@ -58,7 +59,7 @@ def write_simulation(
             progress=lambda share: report("images", share),
         )
     write_tum(folder / "truth.tum", simulation.truth)
-    write_atomically(folder / "scenario.toml", tomli_w.dumps(simulation.scenario.model_dump(exclude_none=True)))
+    write_atomically(folder / "scenario.toml", tomli_w.dumps(scenario_table(simulation.scenario)))
     if map_resolution is not None:
         write_map(folder / "truth_map.pgm", simulation.true_map(map_resolution))
         if simulation.frames is not None:

@@ -4,33 +4,36 @@ from __future__ import annotations
 
 import re
 import tomllib
+from collections.abc import Sequence
 from os import PathLike
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, ValidationError, model_validator
 
 from moteslam.errors import ConfigError, InputError
-from moteslam.robot.platform import UCSD, Platform
+from moteslam.robot.noise import Noise
+from moteslam.robot.platform import Platform
+from moteslam.robot.platforms import UCSD, load_platform, platform_table
 from moteslam.robot.section import Number, Section, Truth, Whole
-from moteslam.robot.tables import merged, read_toml
+from moteslam.robot.specs import CameraSettings
+from moteslam.robot.tables import Table, assigned, merged, read_toml
 from moteslam.robot.wording import expect_path, first_complaint, known_keys
 from moteslam.sim.actors.checks import check_doors, check_people
 from moteslam.sim.actors.crowd import Crowd
 from moteslam.sim.actors.doors import MAX_DOORS, Door
 from moteslam.sim.actors.people import MAX_PEOPLE, Person
+from moteslam.sim.robot.choice import chosen_platform, with_its_robot
 from moteslam.sim.robot.commands import Commands
 from moteslam.sim.robot.limits import MAX_DURATION, Limits
 from moteslam.sim.robot.route import Route
 from moteslam.sim.robot.task import Task, check_duration, check_task
-from moteslam.sim.robot.vehicle import Body, check_body, check_wheels
+from moteslam.sim.robot.vehicle import check_body, check_wheels
 from moteslam.sim.robot.wander import Wander
-from moteslam.sim.sensors.camera import CameraSettings, check_camera
+from moteslam.sim.sensors.checks import check_camera, check_sensors
 from moteslam.sim.sensors.faults import Outage
-from moteslam.sim.sensors.mounts import check_mounts
-from moteslam.sim.sensors.noise import Noise
 from moteslam.sim.world.clearance import check_world
 from moteslam.sim.world.floor import FloorSettings
 from moteslam.sim.world.layout import Layout
@@ -53,18 +56,19 @@ class Scenario(Section):
         why: why it is hard, one sentence.
         expect_divergence: whether an estimate that is lost is no surprise here.
         seed: of all that is random, unless ``simulate`` is given another.
-        duration: of the run at most [s].
+        duration: of the run at most [s]; longer in proportion for a robot that is slower than ``drive.speed``.
         world: what stands in it.
         people, crowd: who walks in it.
         doors: what opens and shuts in it.
         route, wander, commands: what the robot does; exactly one of them.
-        drive: the limits it drives within.
-        body: the robot as a mass on wheels.
-        platform: the robot; a file changes single values of the UCSD robot.
-        noise: of the sensors; a file changes single values of the measured ones.
+        drive: the limits it drives within, at most the robot's own.
+        platform: the robot: a bundled one's name, a ``.toml`` file beside the scenario's, or a table of all its keys
+            or of a ``base`` and what differs from it.
+        noise_class: whose figures ``noise`` begins with: the robot's ``datasheet`` or ``as_recorded``.
+        noise: of the sensors; a file changes single values of the robot's own.
         outages: when a sensor is dead.
         floor: what it looks like; tiles if None.
-        camera: of the robot; no images are recorded if None.
+        camera: of the robot, which a file changes in single values; no images are recorded if None.
     """
 
     name: Annotated[str, Field(min_length=1, max_length=200)] = "scenario"
@@ -81,12 +85,17 @@ class Scenario(Section):
     wander: Wander | None = None
     commands: Commands | None = None
     drive: Limits = Limits()
-    body: Body = Body()
     platform: Platform = UCSD
-    noise: Noise = Noise()
+    noise_class: Literal["datasheet", "as_recorded"] = "datasheet"
+    noise: Noise = UCSD.noise
     outages: Annotated[tuple[Outage, ...], Field(max_length=100)] = ()
     floor: FloorSettings | None = None
     camera: CameraSettings | None = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _over_its_robot(cls, values: Any) -> Any:
+        return with_its_robot(values) if isinstance(values, dict) else values
 
     @model_validator(mode="after")
     def _is_possible(self) -> Scenario:
@@ -128,8 +137,8 @@ def _check(scenario: Scenario) -> None:
     platform, start = scenario.platform, scenario.start[:2]
     check_duration(scenario.task, scenario.drive, scenario.duration)
     check_wheels(platform)
-    check_mounts(platform)
-    check_body(scenario.body, platform)
+    check_sensors(platform)
+    check_body(platform)
     if scenario.camera is not None:
         check_camera(platform.camera)
     if scenario.floor is not None:
@@ -148,11 +157,17 @@ def with_camera(scenario: Scenario) -> Scenario:
     """The scenario with a camera that records and a floor to see, where it has none of its own.
 
     Raises:
-        ConfigError: the platform has no camera, or not above the floor.
+        ConfigError: the platform has no camera, one of which nothing is known, or one not above the floor.
     """
-    check_camera(scenario.platform.camera)
-    changes = {"camera": scenario.camera or CameraSettings(), "floor": scenario.floor or FloorSettings()}
-    return scenario.model_copy(update=changes)
+    sensor = scenario.camera or check_camera(scenario.platform.camera).sensor
+    if sensor is None:
+        raise ConfigError("not known, expected the camera's figures", field="platform.camera.sensor")
+    return scenario.model_copy(update={"camera": sensor, "floor": scenario.floor or FloorSettings()})
+
+
+def scenario_table(scenario: Scenario) -> Table:
+    """A scenario as TOML holds it, with every key that has a value; it reads back equal."""
+    return {**scenario.model_dump(exclude_none=True), "platform": platform_table(scenario.platform)}
 
 
 def bundled_scenarios() -> dict[str, str]:
@@ -163,10 +178,23 @@ def bundled_scenarios() -> dict[str, str]:
     return found
 
 
-def load_scenario(name_or_path: str | PathLike[str]) -> Scenario:
+def load_scenario(
+    name_or_path: str | PathLike[str],
+    *,
+    platform: Platform | str | PathLike[str] | None = None,
+    noise: str | None = None,
+    settings: Sequence[str] = (),
+) -> Scenario:
     """Read a scenario: the name of a bundled one, or the path of a TOML file (anything with ``.toml`` or a ``/``).
 
     ``random-corridors-7`` is the random building of seed 7 (`random_corridors`).
+
+    Args:
+        name_or_path: of the scenario.
+        platform: the robot in place of the scenario's own: a bundled one's name, a ``platform.toml`` of a whole robot,
+            or the robot itself.
+        noise: ``datasheet`` or ``as_recorded``, in place of the scenario's own class.
+        settings: ``key=value`` over the scenario's, with dotted keys, ``drive.speed=0.5``.
 
     Raises:
         ConfigError: no such scenario, not TOML, an unknown key, a value of the wrong type or out of bounds, a world
@@ -178,13 +206,28 @@ def load_scenario(name_or_path: str | PathLike[str]) -> Scenario:
     if random := _RANDOM.fullmatch(text):
         if (seed := int(random[1] or 0)) > MAX_SEED:
             raise ConfigError(f"no such building, expected a number up to {MAX_SEED}", file=text)
-        return parse_scenario(random_corridors(seed), file=f"{RANDOM_CORRIDORS}-{seed}")
+        table = _changed(random_corridors(seed), platform, noise, settings)
+        return parse_scenario(table, file=f"{RANDOM_CORRIDORS}-{seed}")
     if path.suffix != ".toml" and path.name == text:
         path = SCENARIOS / f"{text}.toml"
         if text not in bundled_scenarios():
             raise ConfigError(_no_such(Path(text)), file=text)
-    table = read_toml(path, "a scenario's .toml file")
-    return parse_scenario({"name": path.stem, **table}, file=name_or_path)
+    table = {"name": path.stem, **read_toml(path, "a scenario's .toml file")}
+    return parse_scenario(_changed(_with_files_beside(table, path), platform, noise, settings), file=name_or_path)
+
+
+def _changed(
+    table: Table, platform: Platform | str | PathLike[str] | None, noise: str | None, settings: Sequence[str]
+) -> Table:
+    """The table with another robot, another class of noise, and single values changed."""
+    if platform is not None:
+        table = {**table, "platform": platform if isinstance(platform, Platform) else load_platform(platform)}
+    if noise is not None:
+        table = {**table, "noise_class": noise}
+    changes = assigned(settings)
+    if isinstance(changes.get("platform"), dict):  # single values of the robot, whichever it is
+        table = {**table, "platform": platform_table(chosen_platform(table.get("platform")))}
+    return merged(table, changes)
 
 
 def _no_such(path: Path) -> str:
@@ -203,13 +246,7 @@ def parse_scenario(table: dict[str, Any], *, file: str | PathLike[str] | None = 
     Raises:
         ConfigError: as ``load_scenario``.
     """
-    floor = table.get("floor")
-    if file is not None and isinstance(floor, dict) and isinstance(floor.get("image"), str):
-        table = {**table, "floor": {**floor, "image": str(Path(file).absolute().parent / floor["image"])}}
-    for key, default in (("platform", UCSD), ("noise", Noise())):
-        if isinstance(table.get(key), dict):
-            table = {**table, key: merged(default.model_dump(mode="json", exclude_none=True), table[key])}
-    table = _with_plan_beside(table, file)
+    table = _with_files_beside(table, None if file is None else Path(file))
     try:
         return Scenario.model_validate(table)
     except ConfigError as error:
@@ -221,10 +258,16 @@ def parse_scenario(table: dict[str, Any], *, file: str | PathLike[str] | None = 
         raise ConfigError(problem, file=file, field=field or None) from error
 
 
-def _with_plan_beside(table: dict[str, Any], file: str | PathLike[str] | None) -> dict[str, Any]:
-    """The table with its floor plan's file as an absolute path; a relative one is relative to the scenario's folder."""
+def _with_files_beside(table: Table, file: Path | None) -> Table:
+    """The table with absolute paths of its floor plan, floor picture and platform; relative ones lie beside it."""
+    folder = Path.cwd() if file is None else file.absolute().parent
     match table:
         case {"world": {"plan": {"file": str(name)} as plan} as world} if name and "\0" not in name:
-            folder = Path.cwd() if file is None else Path(file).absolute().parent
-            return {**table, "world": {**world, "plan": {**plan, "file": str(folder / name)}}}
+            table = {**table, "world": {**world, "plan": {**plan, "file": str(folder / name)}}}
+    match table:
+        case {"floor": {"image": str(name)} as floor} if file is not None:
+            table = {**table, "floor": {**floor, "image": str(folder / name)}}
+    match table:
+        case {"platform": str(name)} if name.endswith(".toml") and "\0" not in name:
+            table = {**table, "platform": str(folder / name)}
     return table

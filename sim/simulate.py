@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from moteslam.errors import ConfigError
+from moteslam.robot.noise import ClockNoise
 from moteslam.robot.raster import Raster
 from moteslam.robot.recording import Recording
 from moteslam.robot.summary import Summarised
@@ -19,7 +20,6 @@ from moteslam.sim.robot.drive import Drive, drive
 from moteslam.sim.robot.task import driver_for
 from moteslam.sim.robot.vehicle import PHYSICS_RATE, Vehicle
 from moteslam.sim.scenario import Scenario
-from moteslam.sim.sensors.clock import ClockNoise
 from moteslam.sim.sensors.echoes import Scene
 from moteslam.sim.sensors.encoders import simulate_encoders
 from moteslam.sim.sensors.faults import Stream, with_faults
@@ -155,7 +155,7 @@ def drive_scenario(
     Raises:
         ConfigError: no room for a crowd, or a wander that finds no free leg.
     """
-    vehicle = Vehicle(scenario.platform, scenario.body, scenario.start, world)
+    vehicle = Vehicle(scenario.platform, scenario.start, world)
     actors = None
     if scenario.has_actors:
         actors = Actors(
@@ -185,13 +185,14 @@ def true_drive(scenario: Scenario, seed: int | None = None) -> Drive:
 
 def _record(scenario: Scenario, driven: Drive, scene: Scene, rngs: Rngs, report: Progress) -> Recording:
     """What lidar, encoders and IMU record of a drive, faults included."""
-    wheels, noise = scenario.platform.wheels, scenario.noise
-    assert wheels is not None  # a scenario without is refused
+    platform, noise = scenario.platform, scenario.noise
+    assert platform.wheels is not None  # a scenario without is refused, as one without encoders
+    assert platform.encoders is not None
     spans = _spans(float(driven.stamps[-1]), rngs["clocks"])
     scans = simulate_lidar(
         driven,
         scene,
-        scenario.platform.lidar,
+        platform.lidar,
         noise.lidar,
         spans["lidar"],
         rngs["lidar"],
@@ -200,14 +201,17 @@ def _record(scenario: Scenario, driven: Drive, scene: Scene, rngs: Rngs, report:
     )
     counts = simulate_encoders(
         driven,
-        wheels,
+        platform.wheels,
+        platform.encoders,
         noise.encoders,
         noise.odometry_scale,
         spans["encoders"],
         rngs["encoders"],
         effects=rngs["wheels"],
     )
-    inertial = simulate_imu(driven, noise.imu, noise.odometry_scale, spans["imu"], rngs["imu"])
+    inertial = None
+    if platform.imu is not None:
+        inertial = simulate_imu(driven, platform.imu, noise.imu, noise.odometry_scale, spans["imu"], rngs["imu"])
     faults = dict(zip(("lidar", "encoders", "imu"), rngs["faults"].spawn(3), strict=True))
 
     def arrived(sensor: str, stream: Stream, clock: ClockNoise) -> Stream:
@@ -216,10 +220,10 @@ def _record(scenario: Scenario, driven: Drive, scene: Scene, rngs: Rngs, report:
 
     return Recording(
         name=scenario.name,
-        platform=scenario.platform,
+        platform=platform,
         lidar=arrived("lidar", scans, noise.lidar.clock),
         encoders=arrived("encoders", counts, noise.encoders.clock),
-        imu=arrived("imu", inertial, noise.imu.clock),
+        imu=None if inertial is None else arrived("imu", inertial, noise.imu.clock),
     )
 
 

@@ -10,12 +10,11 @@ import tomllib
 from collections.abc import Iterator
 from importlib import resources
 from pathlib import Path
-from typing import Any
 
 from pydantic import ValidationError
 
 from moteslam.errors import ConfigError
-from moteslam.robot.tables import Table, merged, read_toml, toml_value
+from moteslam.robot.tables import Table, assigned, merged, read_toml
 from moteslam.robot.wording import Place, expect_type, first_complaint, known_keys
 from moteslam.slam.config import SlamConfig
 from moteslam.slam.methods import METHODS
@@ -54,21 +53,12 @@ def resolve_config(
         ConfigError: an unknown preset, method or key, or a value out of bounds; what was expected is named.
     """
     expect_type(preset, str, "preset", f"one of {', '.join(preset_names())}")
-    if isinstance(settings, str):
-        raise ConfigError(f"{settings!r}, expected a list of key=value", field="settings")
     base = _preset(preset)
     given: Table = {}
     if file is not None:
         given = read_toml(file, "a TOML file")
         _resolved(base, given, file=file)
-    for setting in settings:
-        key, equals, value = setting.partition("=")
-        if not equals or not key.strip():
-            raise ConfigError(f"expected key=value, found {setting!r}", field="settings")
-        tree: Any = toml_value(value.strip())
-        for part in reversed(key.strip().split(".")):
-            tree = {part: tree}
-        given = merged(given, tree)
+    given = merged(given, assigned(settings))
     return _resolved(base, given, file=None)
 
 

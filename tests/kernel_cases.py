@@ -195,15 +195,16 @@ def floors() -> Results:
 
     Which cell a ray meets is decided in float32: levels and sums are real numbers, to be compared as such.
     """
+    from ucsd_robot import CAMERA
+
     from moteslam.kernels.camera import depth_view_of, render_colour, render_disparity, view_of
     from moteslam.kernels.colour_match import match_colours
     from moteslam.kernels.raycast import build_buckets, cast_rays
     from moteslam.kernels.texture import add_frame
     from moteslam.robot import kinect
-    from moteslam.robot.platform import CameraMount
     from moteslam.slam.texture.floor_map import calibration
 
-    generator, mount = np.random.default_rng(11), CameraMount()
+    generator, mount = np.random.default_rng(11), CAMERA
     rotation, place = kinect.mount_rotation(mount), np.array((mount.x, mount.y, mount.z))
     rays = [kinect.optical_rays(colour=colour) for colour in (True, False)]
     above = [float((place + rotation @ (kinect.RGB_OFFSET * colour, 0.0, 0.0))[2]) for colour in (True, False)]

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import numpy as np
+from ucsd_robot import WHEELS
 
-from moteslam.robot.platform import UCSD
 from moteslam.sim.robot.drive import Drive
 
 
 def steady(seconds: float, *, speed: float = 0.0, turn_rate: float = 0.0) -> Drive:
     """A robot whose wheels do not slip, at one speed [m/s] or turning on the spot [rad/s]."""
-    assert UCSD.wheels is not None
     assert not (speed and turn_rate)
     stamps = np.arange(round(seconds * 400) + 1) / 400
-    zeros, side = np.zeros_like(stamps), turn_rate * UCSD.wheels.effective_track / 2
+    zeros, side = np.zeros_like(stamps), turn_rate * WHEELS.effective_track / 2
     return Drive(
         stamps,
         poses=np.stack((speed * stamps, zeros, turn_rate * stamps), axis=1),

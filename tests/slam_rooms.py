@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from moteslam.robot import se2
-from moteslam.robot.platform import CARMEN
+from moteslam.robot.platforms import CARMEN
 from moteslam.robot.recording import LidarStream, Recording
 
 

@@ -18,13 +18,16 @@ from moteslam.robot.files import write_atomically
 from moteslam.robot.formats.bounds import check_fan
 from moteslam.robot.formats.carmen_lines import CarmenLines, ScanKind, Scans, parse_lines
 from moteslam.robot.formats.format import Format, Robot
-from moteslam.robot.formats.no_return import no_return_limit
+from moteslam.robot.formats.no_return import no_return_codes, no_return_limit
 from moteslam.robot.formats.ranges import clean_ranges
 from moteslam.robot.formats.stamps import stamp_order
 from moteslam.robot.formats.text import TextLines
 from moteslam.robot.issues import Issue
-from moteslam.robot.platform import CARMEN, LidarMount, Platform, robot_of
+from moteslam.robot.platform import Platform
+from moteslam.robot.platforms import CARMEN, given_figures, robot_of
 from moteslam.robot.recording import LidarStream, OdometryStream, Recording
+from moteslam.robot.specs import LidarSpec
+from moteslam.robot.tables import Table
 from moteslam.robot.wording import counted, expect_type, first_complaint
 
 MAX_BROKEN = 3
@@ -68,12 +71,12 @@ def read_carmen(path: str | PathLike[str], *, platform: Platform | str | PathLik
     odometry = np.array(log.odometry, np.float64).reshape(-1, 5)
     rows = np.array(chosen[1].rows if chosen else (), np.float64).reshape(-1, 8)
     clock = -2 if (rows[:, 6] != 0).any() or (odometry[:, 3] != 0).any() else -1
-    if not isinstance(platform, Platform):
-        platform = robot_of(platform, _platform(path, log, rows))
+    robot = platform if isinstance(platform, Platform) else robot_of(platform, _platform(path, log, rows))
+    figures = given_figures(platform)
     return Recording(
         name=re.sub(r"(\.log|\.clf)?(\.gz)?$", "", path.name) or path.name,
-        platform=platform,
-        lidar=chosen and _lidar(path, log, chosen, rows=rows, clock=clock, platform=platform, issues=issues),
+        platform=robot,
+        lidar=chosen and _lidar(path, log, chosen, rows=rows, clock=clock, robot=robot, given=figures, issues=issues),
         odometry=_odometry(path, odometry, clock, issues),
         warnings=tuple(issues),
     )
@@ -130,20 +133,20 @@ def _platform(path: Path, log: CarmenLines, rows: NDArray[np.float64]) -> Platfo
         raise InputError(problem, file=path, field=f"PARAM {field}") from error
 
 
-def _mount(params: dict[str, float], rows: NDArray[np.float64]) -> LidarMount:
+def _mount(params: dict[str, float], rows: NDArray[np.float64]) -> LidarSpec:
     """The lidar's pose on the robot: from parameters; else from logged poses, if they agree at every scan; else 0."""
     for prefix in ("robot_frontlaser", "frontlaser", "robot_front_laser", "front_laser"):
         if f"{prefix}_offset" in params:
             sideways, turned = (params.get(f"{prefix}_{key}_offset", 0.0) for key in ("side", "angular"))
-            return LidarMount(x=params[f"{prefix}_offset"], y=sideways, yaw=turned)
+            return LidarSpec(x=params[f"{prefix}_offset"], y=sideways, yaw=turned)
     if len(rows):
         mounts = se2.between(rows[:, 3:6], rows[:, :3])
         middle = np.median(mounts, axis=0)
         apart = np.abs(np.column_stack((mounts[:, :2] - middle[:2], se2.wrap(mounts[:, 2] - middle[2]))))
         if np.quantile(apart.max(axis=1), 0.99) < _SAME:
             x, y, yaw = np.round(middle, 6).tolist()  # logs have six digits
-            return LidarMount(x=x, y=y, yaw=yaw)
-    return LidarMount()
+            return LidarSpec(x=x, y=y, yaw=yaw)
+    return LidarSpec()
 
 
 def _lidar(
@@ -153,30 +156,32 @@ def _lidar(
     *,
     rows: NDArray[np.float64],
     clock: int,
-    platform: Platform,
+    robot: Platform,
+    given: Table,
     issues: list[Issue],
 ) -> LidarStream:
+    """The scans; ``given`` are the figures that a caller's ``platform.toml`` puts in place of the log's."""
     kind, scans = chosen
     check_fan(kind.beams, kind.angle_increment, file=path, field=f"{kind.line} angular resolution")
     ranges = np.array(scans.ranges, np.float32).reshape(-1, kind.beams)
     stated = next((log.params[key] for key in _LIMITS if log.params.get(key, 0) > 0), scans.stated)
-    range_max = no_return_limit(ranges, stated)
+    range_min, range_max = given.get("range_min", 0.0), given.get("range_max") or no_return_limit(ranges, stated)
     stamps = rows[:, clock]
     order, found = stamp_order(stamps, file=path, field=kind.line)
     issues.extend(found)
     if order is not None:
         stamps, rows, ranges = stamps[order], rows[order], ranges[order]
-    ranges, found = clean_ranges(ranges, 0.0, range_max, file=path, field=kind.line)
+    ranges, found = clean_ranges(ranges, range_min, range_max, file=path, field=kind.line)
     issues.extend(found)
     ranges[ranges == 0] = np.nan
     return LidarStream(
         stamps=stamps,
         ranges=given_up(ranges),
-        angle_min=kind.angle_min,
-        angle_increment=kind.angle_increment,
-        range_min=0.0,
+        angle_min=given.get("angle_min", kind.angle_min),
+        angle_increment=given.get("angle_increment", kind.angle_increment),
+        range_min=range_min,
         range_max=range_max,
-        time_increment=platform.lidar.time_increment,
+        time_increment=robot.lidar.time_increment,
         odometry=rows[:, 3:6],
     )
 
@@ -238,9 +243,10 @@ def write_carmen(path: str | PathLike[str], recording: Recording) -> None:
     write_atomically(path, gzip.compress(data, mtime=0) if Path(path).suffix == ".gz" else data)
 
 
-def _scan_entries(lidar: LidarStream, poses: NDArray[np.float64], mount: LidarMount) -> list[tuple[float, int, str]]:
+def _scan_entries(lidar: LidarStream, poses: NDArray[np.float64], mount: LidarSpec) -> list[tuple[float, int, str]]:
     beams = lidar.ranges.shape[1]
-    coded = np.where(np.isinf(lidar.ranges), np.float32(lidar.range_max), lidar.ranges)
+    codes = no_return_codes(mount.no_return, lidar.range_max, lidar.range_max, beams)
+    coded = np.where(np.isinf(lidar.ranges), codes, lidar.ranges)
     coded = np.where(np.isnan(coded), np.float32(0), coded)
     kind = (
         f"ROBOTLASER1 0 {lidar.angle_min!r} {lidar.angle_increment * (beams - 1)!r} "

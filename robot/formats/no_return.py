@@ -1,4 +1,4 @@
-"""Which ranges of a laser that says nothing about its limit mean 'no return'."""
+"""What stands for 'no return': which ranges of a laser that says nothing about its limit, and what is written."""
 
 from __future__ import annotations
 
@@ -49,3 +49,16 @@ def no_return_limit(ranges: NDArray[np.float32], stated: float | None) -> float:
     if spike and (values[:code] > 0).any():
         return float(finite[rounded == values[code]].min())
     return SICK_REACH
+
+
+def no_return_codes(codes: tuple[float, ...], range_max: float, otherwise: float, beams: int) -> NDArray[np.float32]:
+    """What is written for no return, a value a beam [beams] [m]: the lidar's codes in turns.
+
+    Args:
+        codes: of the lidar; those below ``range_max`` would read as endpoints and are left aside.
+        range_max: from which on a range is no return [m].
+        otherwise: written where there is no such code [m].
+        beams: how many.
+    """
+    usable = [code for code in codes if code >= range_max] or [otherwise]
+    return np.resize(np.asarray(usable, np.float32), beams)

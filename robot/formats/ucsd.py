@@ -19,13 +19,16 @@ from moteslam.robot.arrays import given_up
 from moteslam.robot.files import write_atomically
 from moteslam.robot.formats.bounds import check_fan, plausible_counts, plausible_rates
 from moteslam.robot.formats.format import Format, Robot
+from moteslam.robot.formats.no_return import no_return_codes
 from moteslam.robot.formats.npz import read_arrays
 from moteslam.robot.formats.ranges import clean_ranges
 from moteslam.robot.formats.stamps import stamp_order
 from moteslam.robot.formats.ucsd_rgbd import DISPARITY, RGB, find_images
 from moteslam.robot.issues import Issue
-from moteslam.robot.platform import UCSD, Platform, robot_of, write_platform
+from moteslam.robot.platform import Platform
+from moteslam.robot.platforms import UCSD, given_figures, leaves_out, robot_of, write_platform
 from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream, Recording, RgbdStream
+from moteslam.robot.tables import Table
 from moteslam.robot.wording import expect_type
 
 Array = NDArray[Any]
@@ -59,8 +62,8 @@ def read_ucsd(
     Args:
         folder: where the ``.npz`` files lie.
         sequence: which; may be left out where there is only one.
-        platform: the robot, or a ``platform.toml`` that overrides the built-in UCSD robot key by key; the folder's own
-            by default, if there is one.
+        platform: the robot, or a ``platform.toml`` that lies, key by key, over the folder's own; over the UCSD robot
+            where it has none.
 
     Returns:
         the recording; ``warnings`` lists what was repaired.
@@ -72,13 +75,16 @@ def read_ucsd(
     folder = Path(folder)
     number = _choose(folder, sequence)
     beside = folder / "platform.toml"
-    platform = robot_of(beside if platform is None and beside.exists() else platform, UCSD)
+    own = beside if beside.exists() else None
+    robot = robot_of(platform, robot_of(own, UCSD, assumed=True), assumed=own is None)
     issues: list[Issue] = []
+    if leaves_out(file := platform if own is None else own):
+        issues.append(Issue("assumed-robot", f"{file}: what it leaves out of wheels and lidar is the UCSD robot's"))
     return Recording(
         name=f"{folder.resolve().name}-{number}",
-        platform=platform,
-        lidar=_lidar(folder / f"Hokuyo{number}.npz", platform, issues),
-        encoders=_encoders(folder / f"Encoders{number}.npz", platform, issues),
+        platform=robot,
+        lidar=_lidar(folder / f"Hokuyo{number}.npz", robot, given_figures(platform), issues),
+        encoders=_encoders(folder / f"Encoders{number}.npz", robot, issues),
         imu=_imu(folder / f"Imu{number}.npz", issues),
         rgbd=_rgbd(folder, number, issues),
         warnings=tuple(issues),
@@ -100,7 +106,8 @@ def _choose(folder: Path, sequence: str | int | None) -> str:
     raise InputError(f"{found}, expected {choice}", file=folder, field="sequence")
 
 
-def _lidar(path: Path, platform: Platform, issues: list[Issue]) -> LidarStream | None:
+def _lidar(path: Path, platform: Platform, given: Table, issues: list[Issue]) -> LidarStream | None:
+    """The scans; ``given`` are the figures that a caller's ``platform.toml`` puts in place of the file's."""
     if not path.exists():
         return None
     scalars = ("angle_min", "angle_max", "angle_increment", "range_min", "range_max")
@@ -109,8 +116,8 @@ def _lidar(path: Path, platform: Platform, issues: list[Issue]) -> LidarStream |
     for name, value in zip(scalars, (angle_min, angle_max, increment, range_min, range_max), strict=True):
         if not np.isfinite(value):
             raise InputError(f"{value}, expected a finite number", file=path, field=name)
-    if increment <= 0:
-        raise InputError(f"{increment}, expected more than 0 rad", file=path, field="angle_increment")
+    if increment == 0:
+        raise InputError("0, expected an angle between beams [rad]", file=path, field="angle_increment")
     if range_min < 0:
         raise InputError(f"{range_min}, expected 0 m or more", file=path, field="range_min")
     if range_max <= range_min:
@@ -118,9 +125,11 @@ def _lidar(path: Path, platform: Platform, issues: list[Issue]) -> LidarStream |
     beams = len(arrays["ranges"])
     check_fan(beams, increment, file=path, field="angle_increment")
     last = angle_min + (beams - 1) * increment
-    if abs(last - angle_max) > increment:
+    if abs(last - angle_max) > abs(increment):
         text = f"{path.name}: angle_max: {angle_max:.4f} rad, but {beams} beams end at {last:.4f}; the beams are used"
         issues.append(Issue("angle-max", text))
+    angle_min, increment = given.get("angle_min", angle_min), given.get("angle_increment", increment)
+    range_min, range_max = given.get("range_min", range_min), given.get("range_max", range_max)
     stamps, (ranges,) = _sorted(path, "time_stamps", arrays["time_stamps"], issues, arrays["ranges"].T)
     ranges, found = clean_ranges(_float32(ranges), range_min, range_max, file=path, field="ranges")
     issues.extend(found)
@@ -237,7 +246,10 @@ def write_ucsd(folder: str | PathLike[str], recording: Recording, *, sequence: s
         raise ConfigError(f"{number!r}, expected letters, digits, - and _", field="sequence")
     write_platform(folder / "platform.toml", recording.platform)
     if (lidar := recording.lidar) is not None and len(lidar):
-        coded = np.where(np.isinf(lidar.ranges), np.float32(lidar.range_max + 1), lidar.ranges)
+        codes = no_return_codes(
+            recording.platform.lidar.no_return, lidar.range_max, lidar.range_max + 1, lidar.ranges.shape[1]
+        )
+        coded = np.where(np.isinf(lidar.ranges), codes, lidar.ranges)
         if lidar.range_min > NO_ECHO:
             coded[np.isnan(coded)] = NO_ECHO
         _write(

@@ -4,21 +4,19 @@ Contact of a wheel with the floor: a force against the slip between rim and floo
 gives way (Probabilistic Robotics has no such model; this is the usual linear tyre with a friction circle). A
 skid-steered robot slips sideways in every turn. With a sideways stiffness k_y and a lengthwise k_x, base B and track
 T, four wheels turn on the spot as if their track were T + (k_y / k_x) B^2 / T: so k_y / k_x follows from the
-platform's effective track.
+platform's effective track. Two wheels on one axle, with a caster that only carries, hold sideways as lengthwise and
+turn as their effective track says.
 """
 
 from __future__ import annotations
 
 import math
-from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
 
 from moteslam.errors import ConfigError
-from moteslam.robot.platform import Platform, Wheels
-from moteslam.robot.section import NotNegative, Number, Section
+from moteslam.robot.platform import Body, Platform, Wheels
 from moteslam.sim.actors.people import ROBOT
 from moteslam.sim.world.world import World
 
@@ -28,32 +26,11 @@ GRAVITY = 9.80665
 """[m/s^2]"""
 
 
-class Body(Section):
-    """The robot as a mass on four wheels.
-
-    Attributes:
-        mass: [kg].
-        wheel_mass: what a wheel and its motor weigh at the rim [kg].
-        grip: friction of a wheel on the floor, 1 = its share of the weight.
-        stiffness: contact force for a slip of 1 m/s [N s/m], before the grip gives way.
-        wheel_force: the largest force of a motor at the rim [N].
-        wall_friction: of the body against what it runs into.
-    """
-
-    mass: Annotated[Number, Field(gt=0.1, le=1000)] = 20.0
-    wheel_mass: Annotated[Number, Field(gt=0.1, le=100)] = 1.5
-    grip: Annotated[Number, Field(gt=0, le=2)] = 0.8
-    stiffness: Annotated[Number, Field(gt=0, le=200)] = 100.0
-    wheel_force: Annotated[Number, Field(gt=0, le=1000)] = 60.0
-    wall_friction: NotNegative = 0.4
-
-
 class Vehicle:
     """The robot's body on four wheels, among the walls of a physics engine's space.
 
     Args:
-        platform: the robot, with wheels.
-        body: its masses and forces.
+        platform: the robot, with wheels and a body.
         start: the pose [3] it starts at.
         world: the walls, and the patches of slippery floor.
 
@@ -62,11 +39,12 @@ class Vehicle:
         platform: the robot.
     """
 
-    def __init__(self, platform: Platform, body: Body, start: NDArray[np.float64], world: World) -> None:
+    def __init__(self, platform: Platform, start: NDArray[np.float64], world: World) -> None:
         import pymunk
 
-        wheels = platform.wheels
-        assert wheels is not None  # a scenario without wheels is refused
+        wheels, body = platform.wheels, platform.body
+        assert wheels is not None  # a scenario without wheels or body is refused
+        assert body is not None
         self.platform, self._settings, self._slippery = platform, body, world.slippery
         self.space = pymunk.Space()
         self.space.iterations = 20
@@ -81,14 +59,13 @@ class Vehicle:
         hull.friction = body.wall_friction
         hull.filter = pymunk.ShapeFilter(categories=ROBOT)
         self.space.add(self._body, hull)
-        base, track = wheels.wheel_base / 2, wheels.track / 2
-        self._places = ((base, -track), (base, track), (-base, -track), (-base, track))  # FR, FL, RR, RL
+        self._places = _places(wheels)
         self._lengthwise = body.stiffness
         self._sideways = body.stiffness * _sideways_ratio(wheels)
         self._half_track = wheels.effective_track / 2
-        self._grip = body.grip * body.mass * GRAVITY / 4
-        self._rims = [0.0, 0.0, 0.0, 0.0]
-        self._travel = [0.0, 0.0, 0.0, 0.0]
+        self._grip = body.grip * body.mass * GRAVITY / len(self._places)
+        self._rims = [0.0] * len(self._places)
+        self._travel = [0.0] * len(self._places)
 
     @property
     def position(self) -> tuple[float, float]:
@@ -96,9 +73,9 @@ class Vehicle:
         return self._body.position.x, self._body.position.y
 
     def state(self) -> tuple[float, ...]:
-        """x, y, theta, their velocities, and the travel of the four wheels."""
-        body = self._body
-        return (*body.position, body.angle, *body.velocity, body.angular_velocity, *self._travel)
+        """x, y, theta, their velocities, and the travel of the FR, FL, RR, RL wheel; of two, each stands twice."""
+        body, travel = self._body, self._travel
+        return (*body.position, body.angle, *body.velocity, body.angular_velocity, *travel, *travel[: 4 - len(travel)])
 
     def push(self, speed: float, turn_rate: float) -> None:
         """Set the forces of the next physics step, with the motors asked for a speed [m/s] and turn rate [rad/s]."""
@@ -153,6 +130,11 @@ def check_wheels(platform: Platform) -> None:
             f"{wheels.effective_track:g} m, expected at least the track, {wheels.track:g} m",
             field="platform.wheels.effective_track",
         )
+    if wheels.wheel_base == 0 and wheels.effective_track > platform.width:
+        raise ConfigError(
+            f"{wheels.effective_track:g} m, expected two wheels on one axle within the body, {platform.width:g} m",
+            field="platform.wheels.effective_track",
+        )
     for side, inner, outer in (("length", wheels.wheel_base, platform.length), ("width", wheels.track, platform.width)):
         if inner > outer:
             raise ConfigError(
@@ -160,22 +142,24 @@ def check_wheels(platform: Platform) -> None:
             )
 
 
-def check_body(body: Body, platform: Platform) -> None:
+def check_body(platform: Platform) -> None:
     """Refuse a contact so stiff, for masses so small, that a step of the physics overshoots by more than half.
 
     Raises:
         ConfigError: so it is.
     """
-    wheels = platform.wheels
+    wheels, body = platform.wheels, platform.body
+    if body is None:
+        raise ConfigError("none, expected the robot's masses and forces", field="platform.body")
     assert wheels is not None
-    ratio = _sideways_ratio(wheels)
-    arm = ratio * wheels.wheel_base**2 + wheels.track**2  # four wheels, half a base and half a track away
-    softest = min(body.wheel_mass, body.mass / 4 / max(ratio, 1.0), _inertia(body, platform) / arm)
+    ratio, places = _sideways_ratio(wheels), _places(wheels)
+    arm = sum(ratio * x**2 + y**2 for x, y in places)
+    softest = min(body.wheel_mass, body.mass / len(places) / max(ratio, 1.0), _inertia(body, platform) / arm)
     stiffest = softest * PHYSICS_RATE / 2
     if body.stiffness > stiffest:
         raise ConfigError(
             f"{body.stiffness:g} N s/m, expected at most {stiffest:.3g} for these masses and this effective track",
-            field="body.stiffness",
+            field="platform.body.stiffness",
         )
 
 
@@ -186,4 +170,14 @@ def _inertia(body: Body, platform: Platform) -> float:
 
 def _sideways_ratio(wheels: Wheels) -> float:
     """Stiffness of the wheels' contact sideways over lengthwise, from the effective track (see above)."""
+    if wheels.wheel_base == 0:
+        return 1.0
     return (wheels.effective_track - wheels.track) * wheels.track / wheels.wheel_base**2
+
+
+def _places(wheels: Wheels) -> tuple[tuple[float, float], ...]:
+    """Where the wheels stand (x, y) in the robot's frame [m]: FR, FL, RR, RL, or right and left of one axle."""
+    if wheels.wheel_base == 0:
+        return ((0.0, -wheels.effective_track / 2), (0.0, wheels.effective_track / 2))
+    base, track = wheels.wheel_base / 2, wheels.track / 2
+    return ((base, -track), (base, track), (-base, -track), (-base, track))

@@ -2,40 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Annotated
-
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
 
-from moteslam.robot.section import NotNegative, Number, Section, Share
-
-
-class ClockNoise(Section):
-    """How a host stamps the readings of a device that itself ticks steadily.
-
-    On the real robot the counts do not follow the intervals between the stamps: the jitter is in the stamping. So a
-    stamp is the time of the reading plus a delay; readings that were held up come out in a burst.
-
-    Attributes:
-        jitter: scale of the usual, half-normal delay [s].
-        late: probability that a reading is held up.
-        late_delay: longest such delay [s], uniform from 0.
-        burst_interval: shortest interval between two stamps [s].
-        rate_error: standard deviation of the device's rate, relative, drawn once a recording.
-        offset: that all of its stamps are too late [s]; negative: too early.
-        drift: by how much the offset grows [s/s].
-        lost: share of its messages that never arrive.
-    """
-
-    jitter: NotNegative = 0.0
-    late: Share = 0.0
-    late_delay: NotNegative = 0.0
-    burst_interval: NotNegative = 0.0
-    rate_error: NotNegative = 0.0
-    offset: Annotated[Number, Field(ge=-10, le=10)] = 0.0
-    drift: Annotated[Number, Field(ge=-0.01, le=0.01)] = 0.0
-    lost: Annotated[Number, Field(ge=0, lt=1)] = 0.0
+from moteslam.robot.noise import ClockNoise
 
 
 def readings(

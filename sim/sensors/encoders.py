@@ -2,60 +2,24 @@
 
 from __future__ import annotations
 
-from typing import Annotated
-
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
 
+from moteslam.robot.noise import EncoderNoise
 from moteslam.robot.platform import Wheels
 from moteslam.robot.recording import EncoderStream
-from moteslam.robot.section import NotNegative, Number, Positive, Section, Share
+from moteslam.robot.specs import EncoderSpec
 from moteslam.sim.robot.drive import Drive
-from moteslam.sim.sensors.clock import ClockNoise, readings
-
-ENCODER_RATE = 40.0
-"""Readings of the wheel counters a second [Hz]."""
-
-Factor = Annotated[Number, Field(ge=0.5, le=2)]
+from moteslam.sim.sensors.clock import readings
 
 _RIGHT = np.array((True, False, True, False))
 """Which of FR, FL, RR, RL are on the right."""
 
 
-class EncoderNoise(Section):
-    """Wheels that are not what the data sheet says, on a floor that is not even.
-
-    Attributes:
-        scale_error: of all the wheels' radius, relative, drawn once a recording.
-        radius_error: of each wheel's radius, relative, drawn once a recording.
-        track_error: of the effective track, relative, drawn once a recording.
-        slip: standard deviation of each side's momentary slip, relative to its travel.
-        slip_time: correlation time of the slip [s].
-        radius_factors: what the true radii of the FR, FL, RR, RL wheel are times what they should be.
-        missed: share of the ticks that a counter misses.
-        bursts: slip bursts a minute, of one side at a time.
-        burst_slip: how much more the wheels of that side turn in a burst than they travel, relative.
-        burst_time: how long a burst lasts, on average (exponential) [s].
-        clock: of the readings (measured: intervals of 25 ms, standard deviation 3.7 to 6.1 ms, 3 to 68 ms).
-    """
-
-    scale_error: NotNegative = 0.004
-    radius_error: NotNegative = 0.0005
-    track_error: NotNegative = 0.01
-    slip: NotNegative = 0.02
-    slip_time: Positive = 0.5
-    radius_factors: tuple[Factor, Factor, Factor, Factor] = (1.0, 1.0, 1.0, 1.0)
-    missed: Share = 0.0
-    bursts: Annotated[Number, Field(ge=0, le=600)] = 0.0
-    burst_slip: Annotated[Number, Field(ge=-1, le=10)] = 0.5
-    burst_time: Positive = 0.4
-    clock: ClockNoise = ClockNoise(jitter=0.002, late=0.02, late_delay=0.04, burst_interval=0.0032, rate_error=2e-4)
-
-
 def simulate_encoders(
     drive: Drive,
     wheels: Wheels,
+    spec: EncoderSpec,
     noise: EncoderNoise,
     scale: float,
     span: tuple[float, float],
@@ -71,6 +35,7 @@ def simulate_encoders(
     Args:
         drive: what the wheels truly did.
         wheels: the robot's.
+        spec: of the counters.
         noise: of the counters and their clock.
         scale: multiplies slip, scale, radius and track errors.
         span: of the first and last reading [s].
@@ -81,9 +46,9 @@ def simulate_encoders(
     Returns:
         counts int64 [n, 4], order FR, FL, RR, RL; stamps [n] from 0 [s].
     """
-    times, stamps = readings(ENCODER_RATE, *span, noise.clock, rng)
+    times, stamps = readings(spec.rate, *span, noise.clock, rng)
     travel = np.stack([np.interp(times, drive.stamps, wheel) for wheel in drive.wheel_travel.T], axis=-1)
-    seen = _with_errors(np.diff(travel, axis=0, prepend=travel[:1]), noise, scale, rng)
+    seen = _with_errors(np.diff(travel, axis=0, prepend=travel[:1]), spec.rate, noise, scale, rng)
     effects = np.random.default_rng(0) if effects is None else effects
     seen *= 1.0 / np.asarray(noise.radius_factors)  # a larger wheel turns less over the same distance
     if noise.bursts > 0:
@@ -93,6 +58,8 @@ def simulate_encoders(
     counts = np.diff(ticks, axis=0, prepend=ticks[:1])
     if noise.missed > 0:
         counts = np.sign(counts) * (np.abs(counts) - effects.binomial(np.abs(counts), noise.missed))
+    if wheels.wheel_base == 0:  # two wheels, whose counts stand for front and rear
+        counts[:, 2:] = counts[:, :2]
     return EncoderStream(stamps=stamps, counts=counts.astype(np.int64))
 
 
@@ -109,14 +76,14 @@ def _bursts(times: NDArray[np.float64], noise: EncoderNoise, rng: np.random.Gene
 
 
 def _with_errors(
-    steps: NDArray[np.float64], noise: EncoderNoise, scale: float, rng: np.random.Generator
+    steps: NDArray[np.float64], rate: float, noise: EncoderNoise, scale: float, rng: np.random.Generator
 ) -> NDArray[np.float64]:
     """The travel between readings [n, 4] [m] as the counters see it."""
     common = noise.scale_error * rng.standard_normal()
     wheel = noise.radius_error * rng.standard_normal(4)
     track = noise.track_error * rng.standard_normal()
     # momentary slip: first-order noise, the same for both wheels of a side
-    keep = np.exp(-1 / (ENCODER_RATE * noise.slip_time))
+    keep = np.exp(-1 / (rate * noise.slip_time))
     white = rng.standard_normal((len(steps), 2))
     white[1:] *= np.sqrt(1 - keep**2)
     slip = noise.slip * _first_order(white, keep)

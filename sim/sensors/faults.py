@@ -9,9 +9,9 @@ from typing import Annotated, Any, Literal, TypeVar
 import numpy as np
 from pydantic import Field
 
+from moteslam.robot.noise import ClockNoise
 from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream
 from moteslam.robot.section import Number, Section
-from moteslam.sim.sensors.clock import ClockNoise
 
 Stream = TypeVar("Stream", LidarStream, EncoderStream, ImuStream)
 

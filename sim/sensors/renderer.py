@@ -6,9 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.robot import kinect
-from moteslam.robot.platform import CameraMount
 from moteslam.robot.se2 import transform_points
-from moteslam.sim.sensors.camera import CameraSettings
+from moteslam.robot.specs import CameraSettings, CameraSpec
 from moteslam.sim.sensors.echoes import Scene
 from moteslam.sim.world.floor import FloorSettings, rasterise
 
@@ -40,7 +39,7 @@ class Renderer:
 
     def __init__(
         self,
-        mount: CameraMount,
+        mount: CameraSpec,
         settings: CameraSettings,
         scene: Scene,
         floor: FloorSettings,

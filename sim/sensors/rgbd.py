@@ -23,12 +23,12 @@ from moteslam.robot.formats.ucsd_rgbd import (
     size_in_words,
     write_images,
 )
-from moteslam.robot.platform import CameraMount
 from moteslam.robot.recording import RgbdStream
 from moteslam.robot.se2 import interpolate
+from moteslam.robot.specs import CameraSettings, CameraSpec
 from moteslam.robot.summary import Summarised
 from moteslam.sim.robot.drive import Drive
-from moteslam.sim.sensors.camera import CameraSettings, check_camera
+from moteslam.sim.sensors.checks import check_camera
 from moteslam.sim.sensors.clock import readings
 from moteslam.sim.sensors.echoes import Scene
 from moteslam.sim.sensors.renderer import Renderer
@@ -56,7 +56,7 @@ class CameraFrames(Summarised):
     disparity_poses: NDArray[np.float64]
     rgb_times: NDArray[np.float64]
     disparity_times: NDArray[np.float64]
-    mount: CameraMount
+    mount: CameraSpec
     settings: CameraSettings
     scene: Scene = field(repr=False)
     floor: FloorSettings
@@ -93,7 +93,7 @@ def schedule_frames(
     drive: Drive,
     scene: Scene,
     floor: FloorSettings,
-    mount: CameraMount | None,
+    mount: CameraSpec | None,
     settings: CameraSettings,
     seed: int,
     *,

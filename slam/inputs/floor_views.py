@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from moteslam.robot import se2
 from moteslam.robot.frames import CameraFrame, FrameCount, has_images, pairs, read_frame
 from moteslam.robot.issues import Issue
-from moteslam.robot.platform import CameraMount
 from moteslam.robot.recording import Recording
+from moteslam.robot.specs import CameraSpec
 from moteslam.robot.wording import counted
 from moteslam.slam.inputs.synchronise import Inputs
 
@@ -28,7 +28,7 @@ class FloorView:
     """
 
     frame: CameraFrame
-    mount: CameraMount
+    mount: CameraSpec
     place: NDArray[np.float64]
     age: float
 

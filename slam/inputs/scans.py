@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from moteslam.robot.platform import LidarMount
 from moteslam.robot.recording import LidarStream
+from moteslam.robot.specs import LidarSpec
 
 Array = NDArray[np.float64]
 
@@ -26,7 +26,7 @@ class Scans:
     """
 
     def __init__(
-        self, lidar: LidarStream, mount: LidarMount, *, sweeps: Array | None = None, max_range: float = np.inf
+        self, lidar: LidarStream, mount: LidarSpec, *, sweeps: Array | None = None, max_range: float = np.inf
     ) -> None:
         self._lidar, self._sweeps, self._max_range = lidar, sweeps, max_range
         x, y, yaw = mount.pose

@@ -15,9 +15,9 @@ from moteslam.errors import InputError
 from moteslam.robot import kinect
 from moteslam.robot.frames import CameraFrame, FrameCount, camera_frames, has_images
 from moteslam.robot.issues import Issue
-from moteslam.robot.platform import CameraMount
 from moteslam.robot.raster import Raster
 from moteslam.robot.recording import Recording
+from moteslam.robot.specs import CameraSpec
 from moteslam.robot.trajectory import Trajectory
 from moteslam.robot.wording import counted
 from moteslam.slam.texture.config import TextureConfig
@@ -62,7 +62,7 @@ class TextureMapper:
         InputError: an area of more than ``MAX_CELLS`` cells.
     """
 
-    def __init__(self, mount: CameraMount, config: TextureConfig, low: ArrayLike, high: ArrayLike) -> None:
+    def __init__(self, mount: CameraSpec, config: TextureConfig, low: ArrayLike, high: ArrayLike) -> None:
         self.config = config
         self._first = np.floor(np.asarray(low, np.float64) / config.cell_size).astype(np.int64)
         width, height = np.floor(np.asarray(high, np.float64) / config.cell_size).astype(np.int64) + 1 - self._first

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from moteslam.robot import se2
 from moteslam.robot.frames import CameraFrame
-from moteslam.robot.platform import CameraMount
+from moteslam.robot.specs import CameraSpec
 from moteslam.slam.texture.config import TextureConfig
 from moteslam.slam.texture.floor_map import TextureMap, TextureMapper
 
@@ -34,7 +34,7 @@ class FloorPatch:
     colours: NDArray[np.int32]
 
 
-def floor_patch(frame: CameraFrame, mount: CameraMount, config: TextureConfig, *, max_depth: float) -> FloorPatch:
+def floor_patch(frame: CameraFrame, mount: CameraSpec, config: TextureConfig, *, max_depth: float) -> FloorPatch:
     """The floor near the robot as one frame shows it, a point a cell.
 
     Args:

@@ -12,7 +12,7 @@ from types import ModuleType
 import pytest
 from pydantic import BaseModel
 
-from moteslam.sim.sensors.noise import Noise
+from moteslam.robot.noise import Noise
 from moteslam.slam.settings import load_preset, preset_names
 
 ROOT = Path(__file__).parents[2]

@@ -21,7 +21,7 @@ from moteslam.eval.report.particles import draw_particles
 from moteslam.eval.report.style import saved_figure
 from moteslam.eval.results import from_same_start
 from moteslam.robot.formats.map_server import FREE, OCCUPIED, UNKNOWN, map_image
-from moteslam.robot.platform import UCSD
+from moteslam.robot.platforms import UCSD
 from moteslam.robot.raster import Raster
 from moteslam.robot.recording import LidarStream, Recording
 from moteslam.robot.trajectory import Trajectory

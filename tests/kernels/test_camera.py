@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 from kernel_cases import rays_of
 from twins.camera import look
+from ucsd_robot import CAMERA
 
 from moteslam.errors import InputError
 from moteslam.kernels.camera import depth_view_of, render_colour, render_disparity, view_of
 from moteslam.kernels.raycast import build_buckets, cast_rays
 from moteslam.robot import kinect
-from moteslam.robot.platform import CameraMount
 from moteslam.robot.se2 import transform_points
 
-MOUNT = CameraMount()
+MOUNT = CAMERA
 ROTATION = kinect.mount_rotation(MOUNT)
 # a room with a slanted wall, a box, and an opening in the east through which nothing is seen
 WALLS = np.array(

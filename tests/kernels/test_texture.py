@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from twins.camera import add_frame as twin
 from twins.camera import disparity_of
+from ucsd_robot import CAMERA
 
 from moteslam.errors import InputError
 from moteslam.robot.kinect import mount_rotation
-from moteslam.robot.platform import CameraMount
 from moteslam.slam.texture.floor_map import calibration
 
-MOUNT = np.column_stack((mount_rotation(CameraMount()), (0.18, 0.005, 0.36)))
+MOUNT = np.column_stack((mount_rotation(CAMERA), (0.18, 0.005, 0.36)))
 PLACE = {"corner": (-4.0, -4.0), "cell_size": 0.05}
 
 

@@ -15,8 +15,9 @@ from moteslam.errors import InputError, OutputError
 from moteslam.robot.formats import open_recording
 from moteslam.robot.formats.carmen import MAX_BROKEN, is_carmen, read_carmen, write_carmen
 from moteslam.robot.formats.text import TextLines
-from moteslam.robot.platform import LidarMount, Platform
+from moteslam.robot.platform import Platform
 from moteslam.robot.recording import LidarStream, OdometryStream, Recording
+from moteslam.robot.specs import LidarSpec
 
 GOOD = [flaser([1.0, 2.0, 3.0], stamp=100.0 + k, robot=(0.1 * k, 0, 0)) for k in range(8)]
 
@@ -87,7 +88,7 @@ def test_the_mount_comes_from_the_caller_the_parameters_or_the_poses(tmp_path: P
     assert read_carmen(write_log(tmp_path / "moved.log", corrected)).platform.lidar.pose == (0, 0, 0)
     (tmp_path / "turned.toml").write_text("[lidar]\nyaw = 0.2\n")
     assert read_carmen(tmp_path / "given.log", platform=tmp_path / "turned.toml").platform.lidar.pose == (0.3, 0.1, 0.2)
-    mine = Platform(lidar=LidarMount(x=-1, time_increment=1e-3))
+    mine = Platform(lidar=LidarSpec(x=-1, time_increment=1e-3))
     recording = read_carmen(tmp_path / "given.log", platform=mine)
     assert recording.platform == mine
     assert lidar_of(recording).time_increment == 1e-3
@@ -283,7 +284,7 @@ def test_round_trip(tmp_path: Path, name: str) -> None:
     ranges[3, 4], ranges[5] = np.nan, np.inf
     stamps = 976052857.0 + np.cumsum(rng.uniform(0, 0.2, 20))
     stamps[7] = stamps[6]
-    robot = Platform(name="carmen", length=0.6, width=0.4, lidar=LidarMount(x=0.1, y=-0.02, yaw=0.3))
+    robot = Platform(name="carmen", length=0.6, width=0.4, lidar=LidarSpec(x=0.1, y=-0.02, yaw=0.3))
     recording = Recording(
         "x",
         robot,

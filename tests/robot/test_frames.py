@@ -15,7 +15,7 @@ from moteslam.errors import InputError, OutputError
 from moteslam.robot.formats import ucsd_rgbd
 from moteslam.robot.formats.ucsd import read_ucsd, write_ucsd
 from moteslam.robot.frames import FrameCount, camera_frames, has_images, pairs
-from moteslam.robot.platform import UCSD
+from moteslam.robot.platforms import UCSD
 from moteslam.robot.recording import Recording, RgbdStream
 
 N = 8

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from twins.camera import optical_to_robot
+from ucsd_robot import CAMERA
 
 from moteslam.robot import kinect
-from moteslam.robot.platform import CameraMount
 
 
 def test_the_alignment_is_a_camera_26_mm_to_the_right() -> None:
@@ -22,15 +22,15 @@ def test_the_alignment_is_a_camera_26_mm_to_the_right() -> None:
 
 def test_the_mount_turns_as_the_twin_does() -> None:
     points = np.random.default_rng(0).normal(size=(20, 3))
-    mount = CameraMount()
+    mount = CAMERA
     turned = points @ kinect.mount_rotation(mount).T + (mount.x, mount.y, mount.z)
     assert turned == pytest.approx(optical_to_robot(points), abs=1e-12)
     assert np.linalg.det(kinect.mount_rotation(mount)) == pytest.approx(1.0)
 
 
 def test_the_camera_looks_ahead_and_down() -> None:
-    ahead = kinect.mount_rotation(CameraMount()) @ (0, 0, 1)
+    ahead = kinect.mount_rotation(CAMERA) @ (0, 0, 1)
     assert np.arctan2(-ahead[2], np.hypot(*ahead[:2])) == pytest.approx(0.36)
     assert np.arctan2(ahead[1], ahead[0]) == pytest.approx(0.021)
-    right = kinect.mount_rotation(CameraMount(yaw=0.0)) @ (1, 0, 0)
+    right = kinect.mount_rotation(CAMERA.model_copy(update={"yaw": 0.0})) @ (1, 0, 0)
     assert right == pytest.approx((0, -1, 0), abs=1e-12)

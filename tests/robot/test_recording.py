@@ -10,7 +10,7 @@ import pytest
 
 from moteslam.errors import InputError
 from moteslam.robot.arrays import frozen, given_up
-from moteslam.robot.platform import UCSD
+from moteslam.robot.platforms import UCSD
 from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream, OdometryStream, Recording
 from moteslam.robot.trajectory import Trajectory
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from moteslam.robot.issues import Issue
-from moteslam.robot.platform import UCSD
+from moteslam.robot.platforms import UCSD
 from moteslam.robot.raster import Raster
 from moteslam.robot.recording import (
     EncoderStream,

@@ -15,8 +15,10 @@ from moteslam.robot import files, se2
 from moteslam.robot.formats import open_recording
 from moteslam.robot.formats.ucsd import read_ucsd, ucsd_sequences, write_ucsd
 from moteslam.robot.kinematics import arc_increment
-from moteslam.robot.platform import UCSD, LidarMount, Platform
+from moteslam.robot.platform import Platform
+from moteslam.robot.platforms import UCSD
 from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream, Recording, RgbdStream
+from moteslam.robot.specs import LidarSpec
 
 START = 1298445274.5
 
@@ -124,8 +126,7 @@ BAD = [
     ("Hokuyo_ranges", np.ones((12, 7)), r"Hokuyo20\.npz: ranges: shape \[12, 7\], expected \[beams, 12\]"),
     ("Hokuyo_ranges", np.ones((0, 12)), r"ranges: shape \[0, 12\], expected \[beams, 12\], none of them 0"),
     ("Hokuyo_ranges", None, "ranges: missing"),
-    ("Hokuyo_angle_increment", np.float64(0), "angle_increment: 0.0, expected more than 0 rad"),
-    ("Hokuyo_angle_increment", np.float64(-0.1), "angle_increment: -0.1, expected more than 0 rad"),
+    ("Hokuyo_angle_increment", np.float64(0), "angle_increment: 0, expected an angle between beams"),
     ("Hokuyo_angle_min", np.float64(np.nan), "angle_min: nan, expected a finite number"),
     ("Hokuyo_angle_min", np.ones(2), r"angle_min: shape \[2\], expected one number"),
     ("Hokuyo_range_max", np.float64(0.05), r"range_max: 0\.05, expected more than range_min, 0\.1 m"),
@@ -256,7 +257,7 @@ def test_sequences_are_listed_and_chosen(tmp_path: Path) -> None:
 
 
 def test_the_platform_comes_from_the_caller_then_the_folder_then_the_format(tmp_path: Path) -> None:
-    mine = Platform(name="mine", lidar=LidarMount(x=0.5, time_increment=1e-4))
+    mine = Platform(name="mine", lidar=LidarSpec(x=0.5, time_increment=1e-4))
     write_ucsd(tmp_path, make_recording().replace(platform=mine), sequence=20)
     recording = read_ucsd(tmp_path)
     assert recording.platform == mine
@@ -272,10 +273,60 @@ def test_the_platform_comes_from_the_caller_then_the_folder_then_the_format(tmp_
     expected = UCSD.model_copy(update={"lidar": UCSD.lidar.model_copy(update={"yaw": 0.1})})
     assert read_ucsd(tmp_path).platform == expected
     assert open_recording(tmp_path, platform=tmp_path / "platform.toml").platform == expected
+    assert [issue.code for issue in read_ucsd(tmp_path).warnings] == ["assumed-robot"]
     (tmp_path / "platform.toml").write_text("wheels = false")
     assert read_ucsd(tmp_path).platform == UCSD.model_copy(update={"wheels": None})
     (tmp_path / "platform.toml").unlink()
     assert read_ucsd(tmp_path).platform == UCSD
+
+
+def test_a_platform_file_lies_over_what_the_recording_tells(tmp_path: Path) -> None:
+    folder, over = tmp_path / "recording", tmp_path / "over.toml"
+    folder.mkdir()
+    told = UCSD.model_copy(update={"name": "told", "lidar": UCSD.lidar.model_copy(update={"x": 0.7})})
+    write_ucsd(folder, make_recording().replace(platform=told), sequence=20)
+    over.write_text("")
+    plain, empty = read_ucsd(folder), read_ucsd(folder, platform=over)
+    assert empty.platform == plain.platform == told
+    assert plain.lidar is not None
+    assert empty.lidar is not None
+    assert empty.lidar.ranges.tobytes() == plain.lidar.ranges.tobytes()
+    assert empty.warnings == plain.warnings == ()
+    over.write_text("[wheels]\ntrack = 0.5\n[lidar]\nangle_min = -1.0\nrange_max = 2.0\n")
+    changed = read_ucsd(folder, platform=over)
+    assert changed.platform.lidar.x == 0.7
+    assert changed.platform.wheels is not None
+    assert UCSD.wheels is not None
+    assert changed.platform.wheels == UCSD.wheels.model_copy(update={"track": 0.5})
+    assert changed.lidar is not None
+    assert changed.lidar.angle_min == -1.0
+    assert changed.lidar.angle_increment == plain.lidar.angle_increment
+    far = plain.lidar.ranges >= 2.0
+    assert far.any()
+    assert np.isinf(changed.lidar.ranges[far]).all()
+    np.testing.assert_array_equal(changed.lidar.ranges[~far], plain.lidar.ranges[~far])
+    # the arrays alone tell nothing of wheels: those of another robot must be complete
+    (folder / "platform.toml").unlink()
+    with pytest.raises(ConfigError, match="wheels: metres_per_count, diameter, wheel_base, effective_track missing"):
+        read_ucsd(folder, platform=over)
+    over.write_text("[lidar]\nx = 0.2\n")
+    assert [issue.code for issue in read_ucsd(folder, platform=over).warnings] == ["assumed-robot"]
+
+
+def test_a_lidar_that_turns_clockwise_reads_back_and_its_codes_are_written(tmp_path: Path) -> None:
+    lidar = make_recording().lidar
+    assert lidar is not None
+    ranges = lidar.ranges.copy()
+    ranges[0, :3] = np.inf
+    clockwise = replace(lidar, angle_min=2.356, angle_increment=-0.7853, ranges=ranges)
+    codes = UCSD.model_copy(update={"lidar": UCSD.lidar.model_copy(update={"no_return": (31.0, 32.5)})})
+    write_ucsd(tmp_path, make_recording().replace(platform=codes, lidar=clockwise), sequence=20)
+    with np.load(tmp_path / "Hokuyo20.npz") as arrays:
+        np.testing.assert_array_equal(arrays["ranges"][:3, 0], [31.0, 32.5, 31.0])
+    read = read_ucsd(tmp_path).lidar
+    assert read is not None
+    assert read.angles.tobytes() == clockwise.angles.tobytes()
+    np.testing.assert_array_equal(read.ranges, ranges)
 
 
 def test_streams_without_readings_are_not_written(tmp_path: Path) -> None:

@@ -10,13 +10,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from ucsd_robot import ENCODERS, IMU, WHEELS
 
-from moteslam.robot.platform import UCSD
+from moteslam.robot.platforms import UCSD
 from moteslam.robot.recording import EncoderStream, ImuStream
 from moteslam.sim.robot.drive import Drive
 from moteslam.sim.scenario import load_scenario
-from moteslam.sim.sensors.encoders import EncoderNoise, simulate_encoders
-from moteslam.sim.sensors.imu import ImuNoise, simulate_imu
+from moteslam.sim.sensors.encoders import simulate_encoders
+from moteslam.sim.sensors.imu import simulate_imu
 from moteslam.sim.simulate import drive_scenario
 from moteslam.sim.world.world import World
 
@@ -36,13 +37,13 @@ def corridor() -> Drive:
 
 
 def encoders(run: Drive, seed: int, scale: float = 1.0) -> EncoderStream:
-    assert UCSD.wheels is not None
     span = (0.1, float(run.stamps[-1]))
-    return simulate_encoders(run, UCSD.wheels, EncoderNoise(), scale, span, np.random.default_rng(seed))
+    return simulate_encoders(run, WHEELS, ENCODERS, UCSD.noise.encoders, scale, span, np.random.default_rng(seed))
 
 
 def imu(run: Drive, seed: int, scale: float = 1.0) -> ImuStream:
-    return simulate_imu(run, ImuNoise(), scale, (0.5, float(run.stamps[-1]) - 1.5), np.random.default_rng(seed))
+    span = (0.5, float(run.stamps[-1]) - 1.5)
+    return simulate_imu(run, IMU, UCSD.noise.imu, scale, span, np.random.default_rng(seed))
 
 
 def at_rest(duration: float) -> Drive:

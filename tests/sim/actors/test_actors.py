@@ -9,9 +9,9 @@ import pytest
 
 from moteslam.errors import ConfigError
 from moteslam.robot import se2
+from moteslam.robot.noise import Noise
 from moteslam.sim.robot.drive import Drive
 from moteslam.sim.scenario import Scenario, parse_scenario
-from moteslam.sim.sensors.noise import Noise
 from moteslam.sim.simulate import EPOCH, simulate, true_drive
 from moteslam.sim.world.world import World
 
@@ -82,7 +82,7 @@ def test_the_same_seed_the_same_people_and_no_people_the_same_drive() -> None:
 @pytest.mark.usefixtures("taichi")
 @pytest.mark.parametrize("legs", [True, False])
 def test_beams_see_people_where_they_are_at_the_beams_moment(legs: bool) -> None:
-    noise = Noise.none().model_dump()
+    noise = Noise().model_dump()
     person = {"waypoints": [[6.0, 0.8], [6.0, 3.2]], "speed": 1.4, "legs": legs, "pause": 0.0}
     commands = {"start": [2.0, 2.0, 0.0], "steps": [{"duration": 4.0}]}
     scenario = parse_scenario({"world": HALL, "drive": REST, "commands": commands, "people": [person], "noise": noise})

@@ -71,7 +71,7 @@ def test_against_a_wall_the_robot_stops_and_its_wheels_turn_on(table: dict[str, 
 
 
 def test_a_box_too_weak_a_motor_cannot_be_forced(table: dict[str, Any]) -> None:
-    weak = {**table, "body": {"wheel_force": 5.0}}
+    weak = {**table, "platform": {"base": "ucsd", "body": {"wheel_force": 5.0}}}
     run = driven(commanded(weak, {"duration": 10.0, "speed": 0.8}, start=(7.0, 4.0, 0.0)))
     pushing = (run.stamps > 6.0) & (run.stamps < 10.0)
     assert (np.ptp(run.wheel_travel[pushing], axis=0) < 0.3).all()  # the wheels stall too
@@ -104,7 +104,7 @@ def test_out_of_time_is_recorded(table: dict[str, Any]) -> None:
 
 def test_the_softest_masses_that_are_taken_stay_put_and_drive(table: dict[str, Any]) -> None:
     for body in ({"mass": 3.0, "wheel_mass": 0.6}, {"mass": 1000.0}, {"stiffness": 200.0}):
-        run = driven(parse_scenario({**table, "body": body}))
+        run = driven(parse_scenario({**table, "platform": {"base": "ucsd", "body": body}}))
         assert run.end == "arrived"
         assert np.hypot(*run.velocities[:, :2].T).max() < 1.1
 
@@ -145,7 +145,7 @@ def test_in_a_bend_the_tyres_give_way_outwards(table: dict[str, Any], rate: floa
     (vx, vy, turn_rate), heading = run.velocities[steady].T, run.poses[steady, 2]
     forward, left = np.cos(heading) * vx + np.sin(heading) * vy, np.cos(heading) * vy - np.sin(heading) * vx
     # four tyres of this sideways stiffness carry the centripetal force m v w
-    wheels, body = scenario.platform.wheels, scenario.body
+    wheels, body = scenario.platform.wheels, scenario.platform.body
     assert wheels is not None
     sideways = body.stiffness * (wheels.effective_track - wheels.track) * wheels.track / wheels.wheel_base**2
     expected = -body.mass * forward * turn_rate / (4 * sideways)

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from moteslam.robot.noise import LidarNoise
+from moteslam.robot.platforms import UCSD
 from moteslam.sim.sensors.echoes import Scene
-from moteslam.sim.sensors.lidar import LidarNoise, beam_ranges, measured
-from moteslam.sim.sensors.noise import Noise
+from moteslam.sim.sensors.lidar import beam_ranges, measured
 from moteslam.sim.world.blocks import Box
 from moteslam.sim.world.layout import Layout
 from moteslam.sim.world.walls import Room
@@ -16,6 +19,7 @@ from moteslam.sim.world.world import World
 pytestmark = pytest.mark.usefixtures("taichi")
 
 N = 20_000
+SCAN = UCSD.lidar.scan
 BOX = Scene(
     World.of(Layout(rooms=(Room(corner=(-10, -10), size=(20, 20)),), boxes=(Box(centre=(9.5, 3), size=(1, 6)),)))
 )
@@ -23,12 +27,12 @@ BOX = Scene(
 
 
 def noise(**changed: float) -> LidarNoise:
-    return Noise.none().lidar.model_copy(update=changed)
+    return LidarNoise().model_copy(update=changed)
 
 
 def ranges_of(settings: LidarNoise, angles: np.ndarray, scene: Scene = BOX) -> np.ndarray:
     count = len(angles)
-    return beam_ranges(scene, np.zeros((count, 2)), angles, np.zeros(count), settings, np.random.default_rng(2))
+    return beam_ranges(scene, np.zeros((count, 2)), angles, np.zeros(count), SCAN, settings, np.random.default_rng(2))
 
 
 def test_a_line_meets_one_side_of_the_edge() -> None:
@@ -70,5 +74,5 @@ def test_false_returns_are_short_and_as_many_as_asked_for() -> None:
 
 
 def test_the_smallest_range_can_be_set() -> None:
-    ranges = measured(np.array([0.2, 0.6], np.float32), noise(range_min=0.5), np.random.default_rng(0))
+    ranges = measured(np.array([0.2, 0.6], np.float32), replace(SCAN, range_min=0.5), noise(), np.random.default_rng(0))
     np.testing.assert_array_equal(np.isnan(ranges), [True, False])

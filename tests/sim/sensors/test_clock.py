@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from moteslam.sim.sensors.clock import ClockNoise, readings
-from moteslam.sim.sensors.encoders import EncoderNoise
-from moteslam.sim.sensors.imu import ImuNoise
-from moteslam.sim.sensors.lidar import LidarNoise
+from moteslam.robot.noise import ClockNoise
+from moteslam.robot.platforms import UCSD
+from moteslam.sim.sensors.clock import readings
 
 
 def test_a_perfect_clock() -> None:
@@ -17,7 +16,7 @@ def test_a_perfect_clock() -> None:
     np.testing.assert_array_equal(times, stamps)
 
 
-@pytest.mark.parametrize("noise", [EncoderNoise().clock, ImuNoise().clock, LidarNoise().clock])
+@pytest.mark.parametrize("noise", [UCSD.noise.encoders.clock, UCSD.noise.imu.clock, UCSD.noise.lidar.clock])
 def test_stamps_are_late_rise_and_catch_up(noise: ClockNoise) -> None:
     times, stamps = readings(100.0, 0.0, 100.0, noise, np.random.default_rng(1))
     assert (stamps >= times).all()

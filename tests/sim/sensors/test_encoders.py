@@ -5,28 +5,26 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from sim_drives import steady
+from ucsd_robot import ENCODERS, WHEELS
 
-from moteslam.robot.platform import UCSD
+from moteslam.robot.noise import EncoderNoise
 from moteslam.sim.robot.drive import Drive
-from moteslam.sim.sensors.clock import ClockNoise
-from moteslam.sim.sensors.encoders import ENCODER_RATE, EncoderNoise, simulate_encoders
+from moteslam.sim.sensors.encoders import simulate_encoders
 
 
 def travel(drive: Drive, seed: int = 0, **errors: float) -> np.ndarray:
     """The travel [n, 4] [m] of the FR, FL, RR, RL wheel between readings as counted, with these errors alone."""
-    assert UCSD.wheels is not None
-    none = {"scale_error": 0.0, "radius_error": 0.0, "track_error": 0.0, "slip": 0.0}
-    noise = EncoderNoise(**{**none, **errors}, clock=ClockNoise())  # type: ignore[arg-type]
+    noise = EncoderNoise(**errors)  # type: ignore[arg-type]
     span = (0.0, float(drive.stamps[-1]))
-    stream = simulate_encoders(drive, UCSD.wheels, noise, 1.0, span, np.random.default_rng(seed))
-    return stream.counts[1:] * UCSD.wheels.metres_per_count
+    stream = simulate_encoders(drive, WHEELS, ENCODERS, noise, 1.0, span, np.random.default_rng(seed))
+    return stream.counts[1:] * WHEELS.metres_per_count
 
 
 def test_a_side_slips_for_half_a_second_at_a_time_and_the_other_side_as_it_likes() -> None:
-    slip, window = 0.02, round(0.5 * ENCODER_RATE)
+    slip, window = 0.02, round(0.5 * ENCODERS.rate)
     counted = travel(steady(400.0, speed=1.0), slip=slip, slip_time=0.5)
     parts = counted[: len(counted) // window * window].reshape(-1, window, 4).sum(axis=1)
-    off = parts / (window / ENCODER_RATE) - 1  # relative, over half seconds
+    off = parts / (window / ENCODERS.rate) - 1  # relative, over half seconds
     # the mean of noise of this correlation time over a window of the same length has (2 / e) of its variance
     assert off.std(axis=0) == pytest.approx(slip * np.sqrt(2 / np.e), rel=0.1)
     correlation = np.corrcoef(off.T)
@@ -41,8 +39,7 @@ def test_a_wrong_track_shows_in_turns_and_not_straight_on() -> None:
     def turned(seed: int) -> float:
         """The turn that the counters show over the true one, less 1."""
         counted = travel(steady(10.0, turn_rate=1.0), seed, track_error=0.03).sum(axis=0)
-        assert UCSD.wheels is not None
-        return float((counted[[0, 2]].mean() - counted[[1, 3]].mean()) / UCSD.wheels.effective_track / 10.0 - 1)
+        return float((counted[[0, 2]].mean() - counted[[1, 3]].mean()) / WHEELS.effective_track / 10.0 - 1)
 
     errors = np.array([turned(seed) for seed in range(100)])
     assert errors.std() == pytest.approx(0.03, rel=0.2)

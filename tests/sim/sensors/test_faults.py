@@ -6,16 +6,15 @@ from typing import Any
 
 import numpy as np
 import pytest
+from ucsd_robot import ENCODERS, WHEELS
 
 from moteslam.errors import ConfigError
-from moteslam.robot.platform import UCSD
+from moteslam.robot.noise import ClockNoise, EncoderNoise, Noise
 from moteslam.robot.recording import EncoderStream
 from moteslam.sim.robot.drive import Drive
 from moteslam.sim.scenario import parse_scenario
-from moteslam.sim.sensors.clock import ClockNoise
-from moteslam.sim.sensors.encoders import EncoderNoise, simulate_encoders
+from moteslam.sim.sensors.encoders import simulate_encoders
 from moteslam.sim.sensors.faults import Outage, with_faults
-from moteslam.sim.sensors.noise import Noise
 from moteslam.sim.simulate import EPOCH, Simulation, simulate
 
 
@@ -60,10 +59,9 @@ def straight(speed: float = 0.5, duration: float = 60.0) -> Drive:
 
 def travelled(**changed: Any) -> np.ndarray:
     """What the four counters make of 29.5 m [m]."""
-    assert UCSD.wheels is not None
-    noise = EncoderNoise(clock=ClockNoise()).model_copy(update=changed)
-    found = simulate_encoders(straight(), UCSD.wheels, noise, 0.0, (0.5, 59.5), np.random.default_rng(0))
-    return found.counts.sum(0) * UCSD.wheels.metres_per_count
+    noise = EncoderNoise(**changed)
+    found = simulate_encoders(straight(), WHEELS, ENCODERS, noise, 0.0, (0.5, 59.5), np.random.default_rng(0))
+    return found.counts.sum(0) * WHEELS.metres_per_count
 
 
 def test_wheels_that_are_too_large_turn_less() -> None:
@@ -86,13 +84,13 @@ def test_slip_bursts_turn_the_wheels_of_one_side_at_a_time_further() -> None:
 
 @pytest.fixture
 def plain(table: dict[str, Any], taichi: None) -> Simulation:
-    return simulate(parse_scenario({**table, "noise": Noise.none().model_dump()}), seed=2)
+    return simulate(parse_scenario({**table, "noise": Noise().model_dump()}), seed=2)
 
 
 def test_faults_of_one_sensor_leave_the_others_and_the_truth_as_they_were(
     table: dict[str, Any], plain: Simulation
 ) -> None:
-    noise = Noise.none().model_dump()
+    noise = Noise().model_dump()
     noise["lidar"]["clock"]["lost"] = 0.3
     noise["lidar"]["clock"]["offset"] = 0.25
     outages = [{"sensor": "lidar", "start": 2.0, "duration": 1.5}]

@@ -5,18 +5,18 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from sim_drives import steady
+from ucsd_robot import IMU
 
+from moteslam.robot.noise import ImuNoise
 from moteslam.sim.robot.drive import Drive
-from moteslam.sim.sensors.clock import ClockNoise
-from moteslam.sim.sensors.imu import ImuNoise, simulate_imu
+from moteslam.sim.sensors.imu import simulate_imu
 
 
 def angular_velocity(drive: Drive, seed: int = 0, **errors: float) -> np.ndarray:
     """The readings [n, 3] [rad/s] with these errors alone."""
-    none = {"gyro_noise": 0.0, "gyro_bias": 0.0, "gyro_bias_walk": 0.0, "gyro_scale_error": 0.0, "tilting": 0.0}
-    noise = ImuNoise(**{**none, **errors}, clock=ClockNoise())  # type: ignore[arg-type]
+    noise = ImuNoise(**errors)  # type: ignore[arg-type]
     span = (0.01, float(drive.stamps[-1]))
-    return simulate_imu(drive, noise, 1.0, span, np.random.default_rng(seed)).angular_velocity
+    return simulate_imu(drive, IMU, noise, 1.0, span, np.random.default_rng(seed)).angular_velocity
 
 
 def test_without_errors_the_gyro_reads_the_true_rate() -> None:

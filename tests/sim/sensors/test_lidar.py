@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from moteslam.robot import se2
-from moteslam.robot.platform import UCSD
+from moteslam.robot.noise import ClockNoise, LidarNoise
+from moteslam.robot.platforms import UCSD
 from moteslam.robot.recording import LidarStream
 from moteslam.sim.robot.drive import Drive
 from moteslam.sim.sensors.echoes import Scene
-from moteslam.sim.sensors.lidar import LidarNoise, measured, simulate_lidar
-from moteslam.sim.sensors.noise import Noise
+from moteslam.sim.sensors.lidar import measured, simulate_lidar
 from moteslam.sim.world.blocks import Box
 from moteslam.sim.world.layout import Layout
 from moteslam.sim.world.walls import Room
@@ -19,6 +19,7 @@ from moteslam.sim.world.world import World
 
 ROOM = World.of(Layout(rooms=(Room(corner=(0, 0), size=(12, 9)),), boxes=(Box(centre=(8, 6), size=(1, 1)),)))
 MOUNT = UCSD.lidar
+WITHOUT_DROPOUT = UCSD.noise.lidar.model_copy(update={"dropout": 0.0})
 
 
 def moving(start: tuple[float, float, float], velocity: tuple[float, float, float], duration: float) -> Drive:
@@ -45,7 +46,7 @@ def endpoints(run: Drive, stream: LidarStream, swept: bool) -> np.ndarray:
 @pytest.mark.usefixtures("taichi")
 def test_perfect_beams_end_on_the_walls() -> None:
     run = moving((3.0, 3.0, 0.3), (0.8, 0.3, 0.9), 2.0)
-    stream = scan(run, Noise.none().lidar)
+    stream = scan(run, LidarNoise())
     assert stream.ranges.shape[1] == 1081
     assert stream.ranges.dtype == np.float32
     assert stream.angles[[0, -1]] == pytest.approx(np.radians([-135, 135]))
@@ -60,7 +61,7 @@ def test_perfect_beams_end_on_the_walls() -> None:
 @pytest.mark.usefixtures("taichi")
 def test_noisy_beams_end_near_the_walls() -> None:
     run = moving((3.0, 3.0, 0.3), (0.8, 0.3, 0.9), 2.0)
-    exact, noisy = scan(run, Noise.none().lidar), scan(run, LidarNoise(clock=Noise.none().lidar.clock))
+    exact, noisy = scan(run, LidarNoise()), scan(run, UCSD.noise.lidar.model_copy(update={"clock": ClockNoise()}))
     seen = np.isfinite(noisy.ranges)
     assert 1 - seen.mean() == pytest.approx(0.005, abs=0.002)
     error = (noisy.ranges - exact.ranges)[seen]
@@ -72,7 +73,7 @@ def test_noisy_beams_end_near_the_walls() -> None:
 @pytest.mark.usefixtures("taichi")
 def test_nothing_within_reach_is_infinite() -> None:
     wall = World.of(Layout(rooms=(Room(corner=(-100, -2), size=(200, 4)),)))
-    stream = scan(moving((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.5), Noise.none().lidar, world=wall)
+    stream = scan(moving((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.5), LidarNoise(), world=wall)
     assert np.isposinf(stream.ranges[:, 540]).all()
     finite = stream.ranges[np.isfinite(stream.ranges)]
     assert 25 < finite.max() <= 30
@@ -82,7 +83,7 @@ def test_nothing_within_reach_is_infinite() -> None:
 @pytest.mark.usefixtures("taichi")
 def test_same_seed_same_ranges() -> None:
     run = moving((3.0, 3.0, 0.3), (0.8, 0.3, 0.9), 0.5)
-    first, again, other = (scan(run, LidarNoise(), seed).ranges.tobytes() for seed in (1, 1, 2))
+    first, again, other = (scan(run, UCSD.noise.lidar, seed).ranges.tobytes() for seed in (1, 1, 2))
     assert first == again
     assert first != other
 
@@ -90,7 +91,7 @@ def test_same_seed_same_ranges() -> None:
 @pytest.mark.parametrize(("metres", "data_sheet"), [(0.5, 0.01), (5.0, 0.01), (10.0, 0.01), (20.0, 0.02), (29.0, 0.03)])
 def test_range_noise_is_the_data_sheets(metres: float, data_sheet: float) -> None:
     # UTM-30LX, repeated accuracy: sigma < 10 mm from 0.1 to 10 m, < 30 mm from 10 to 30 m
-    ranges = measured(np.full(200_000, metres, np.float32), LidarNoise(), np.random.default_rng(0))
+    ranges = measured(np.full(200_000, metres, np.float32), MOUNT.scan, UCSD.noise.lidar, np.random.default_rng(0))
     spread = np.nanstd(ranges)
     assert data_sheet / 1.5 <= spread <= data_sheet * 1.5
     assert np.nanmean(ranges) == pytest.approx(metres, abs=0.001)
@@ -98,20 +99,20 @@ def test_range_noise_is_the_data_sheets(metres: float, data_sheet: float) -> Non
 
 def test_ranges_come_in_millimetres() -> None:
     exact = np.random.default_rng(0).uniform(0.2, 29, 10_000).astype(np.float32)
-    ranges = measured(exact, LidarNoise(dropout=0.0), np.random.default_rng(1))
+    ranges = measured(exact, MOUNT.scan, WITHOUT_DROPOUT, np.random.default_rng(1))
     np.testing.assert_allclose(ranges * 1000, np.round(ranges * 1000), atol=2e-3)
 
 
 def test_limits_of_the_ranges() -> None:
     exact = np.array([0.05, 0.2, 29.99, 30.5, np.inf], np.float32)
-    ranges = measured(exact, Noise.none().lidar, np.random.default_rng(0))
+    ranges = measured(exact, MOUNT.scan, LidarNoise(), np.random.default_rng(0))
     np.testing.assert_array_equal(ranges, np.array([np.nan, 0.2, 29.99, np.inf, np.inf], np.float32))
-    noisy = measured(np.full(10_000, 29.99, np.float32), LidarNoise(dropout=0.0), np.random.default_rng(0))
+    noisy = measured(np.full(10_000, 29.99, np.float32), MOUNT.scan, WITHOUT_DROPOUT, np.random.default_rng(0))
     assert np.isposinf(noisy).any()
     assert noisy[np.isfinite(noisy)].max() <= 30
 
 
 def test_dropouts_are_unknown_not_far() -> None:
-    ranges = measured(np.full(10_000, 5.0, np.float32), LidarNoise(dropout=0.1), np.random.default_rng(0))
+    ranges = measured(np.full(10_000, 5.0, np.float32), MOUNT.scan, LidarNoise(dropout=0.1), np.random.default_rng(0))
     assert np.isnan(ranges).mean() == pytest.approx(0.1, abs=0.01)
     assert not np.isinf(ranges).any()

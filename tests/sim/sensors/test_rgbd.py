@@ -10,17 +10,16 @@ import cv2
 import numpy as np
 import pytest
 from twins.camera import look
+from ucsd_robot import CAMERA, KINECT
 
 from moteslam.errors import ConfigError, OutputError
 from moteslam.robot.formats import open_recording
 from moteslam.robot.frames import camera_frames
-from moteslam.robot.platform import UCSD, CameraMount
+from moteslam.robot.specs import CameraSettings
 from moteslam.sim.actors.tracks import Tracks
 from moteslam.sim.output import write_simulation
 from moteslam.sim.robot.drive import Drive
 from moteslam.sim.scenario import Scenario, parse_scenario, with_camera
-from moteslam.sim.sensors.camera import CameraSettings
-from moteslam.sim.sensors.clock import ClockNoise
 from moteslam.sim.sensors.echoes import Scene
 from moteslam.sim.sensors.rgbd import CameraFrames, schedule_frames
 from moteslam.sim.sensors.visibility import seen_cells
@@ -33,9 +32,8 @@ from moteslam.sim.world.world import World
 
 ROOM = World.of(Layout(rooms=(Room(corner=(0, 0), size=(12, 9)),), boxes=(Box(centre=(5, 3.4), size=(0.6, 0.6)),)))
 FLOOR = FloorSettings(seed=3)
-STILL = CameraSettings(
-    gap=0.0, disparity_noise=0.0, dropout=0.0, colour_noise=0.0, clock=ClockNoise()
-)  # nothing random but the phase
+STILL = CameraSettings(rate=30.0, nearest=0.4, farthest=8.0, grazing=0.05)
+"""Nothing is random but the phase."""
 
 
 def moving(velocity: tuple[float, float, float], duration: float, tracks: Tracks | None = None) -> Drive:
@@ -47,7 +45,7 @@ def moving(velocity: tuple[float, float, float], duration: float, tracks: Tracks
 
 def frames_of(settings: CameraSettings = STILL, seed: int = 0, run: Drive | None = None) -> CameraFrames:
     run = run or moving((0.5, 0.2, 0.4), 4.0)
-    return schedule_frames(run, Scene(ROOM, run.tracks), FLOOR, UCSD.camera, settings, seed)
+    return schedule_frames(run, Scene(ROOM, run.tracks), FLOOR, CAMERA, settings, seed)
 
 
 def test_frames_come_at_the_rate_and_out_of_phase() -> None:
@@ -60,7 +58,7 @@ def test_frames_come_at_the_rate_and_out_of_phase() -> None:
 
 
 def test_frames_are_lost_as_on_the_real_robot() -> None:
-    frames = frames_of(CameraSettings(), run=moving((0.0, 0.0, 0.0), 120.0))
+    frames = frames_of(KINECT, run=moving((0.0, 0.0, 0.0), 120.0))
     for stamps in (frames.rgb_stamps, frames.disparity_stamps):
         steps = np.diff(stamps)
         assert (steps > 0).all()
@@ -127,7 +125,7 @@ def test_people_stand_before_the_floor() -> None:
 @pytest.mark.usefixtures("taichi")
 def test_same_seed_same_images() -> None:
     index = np.array((0, 5))
-    first, again, other = (frames_of(CameraSettings(), seed) for seed in (1, 1, 2))
+    first, again, other = (frames_of(KINECT, seed) for seed in (1, 1, 2))
     assert first.rgb_stamps.tobytes() == again.rgb_stamps.tobytes() != other.rgb_stamps.tobytes()
     for draw in ("draw_rgb", "draw_disparity"):
         a, b, c = (getattr(frames, draw)(index).tobytes() for frames in (first, again, other))
@@ -138,7 +136,7 @@ def test_same_seed_same_images() -> None:
 def test_a_robot_without_a_camera_is_refused() -> None:
     with pytest.raises(ConfigError, match=r"platform\.camera: none, expected a camera"):
         schedule_frames(moving((0, 0, 0), 3.0), Scene(ROOM), FLOOR, None, STILL, 0)
-    sunk = CameraMount(z=0.0)
+    sunk = CAMERA.model_copy(update={"z": 0.0})
     with pytest.raises(ConfigError, match=r"platform\.camera\.z: 0 m, expected above 0"):
         schedule_frames(moving((0, 0, 0), 3.0), Scene(ROOM), FLOOR, sunk, STILL, 0)
 
@@ -241,7 +239,7 @@ def test_a_full_disk_is_refused_before_the_first_image(
 
 def test_any_scenario_can_be_given_a_camera(scenario: Scenario) -> None:
     seen = with_camera(scenario)
-    assert seen.camera == CameraSettings()
+    assert seen.camera == KINECT
     assert seen.floor == FloorSettings()
     assert with_camera(seen) == seen
 

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from moteslam.robot import se2
-from moteslam.robot.platform import LidarMount, Platform
+from moteslam.robot.platform import Platform
 from moteslam.robot.recording import LidarStream, OdometryStream, Recording
+from moteslam.robot.specs import LidarSpec
 from moteslam.slam.inputs.config import SyncConfig
 from moteslam.slam.inputs.synchronise import synchronise
 
@@ -41,7 +42,7 @@ def turning(*, in_stream: bool = True, in_platform: bool = False, sweep: float =
     x, y, yaw = MOUNT
     return Recording(
         "turning",
-        Platform(lidar=LidarMount(x=x, y=y, yaw=yaw, time_increment=increment if in_platform else 0.0)),
+        Platform(lidar=LidarSpec(x=x, y=y, yaw=yaw, time_increment=increment if in_platform else 0.0)),
         lidar=LidarStream(
             stamps, ranges, angles[0], angles[1] - angles[0], 0.1, 30.0, time_increment=increment if in_stream else 0.0
         ),

@@ -9,7 +9,7 @@ import pytest
 from issues import messages
 
 from moteslam.errors import InputError
-from moteslam.robot.platform import CARMEN, UCSD
+from moteslam.robot.platforms import CARMEN, UCSD
 from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream, OdometryStream, Recording
 from moteslam.slam.inputs.config import SyncConfig
 from moteslam.slam.inputs.odometry_path import low_pass

@@ -7,8 +7,9 @@ import pytest
 
 from moteslam.errors import InputError
 from moteslam.robot import se2
-from moteslam.robot.platform import LidarMount, Platform
+from moteslam.robot.platform import Platform
 from moteslam.robot.recording import LidarStream, OdometryStream, Recording
+from moteslam.robot.specs import LidarSpec
 from moteslam.slam.inputs.synchronise import synchronise
 from moteslam.slam.mapping.config import MapConfig
 from moteslam.slam.mapping.occupancy import CHUNK, UNIT, OccupancyGrid, draw_map
@@ -84,7 +85,7 @@ def test_a_map_is_drawn_of_some_scans_from_where_they_were_seen():
     stamps, poses = np.arange(3.0), np.array([(0, 0, 0), (0.5, 0.1, 0.3), (1.0, -0.2, -0.4)])
     recording = Recording(
         "drawn",
-        Platform(lidar=LidarMount(x=0.2, y=-0.1)),
+        Platform(lidar=LidarSpec(x=0.2, y=-0.1)),
         lidar=LidarStream(stamps, ranges, -2.0, 0.1, 0.1, 30.0),
         odometry=OdometryStream(stamps, poses),
     )
