@@ -31,7 +31,7 @@ from moteslam.slam.methods import METHODS
 REFERENCE = Path(__file__).parent / "reference"
 BUNDLED = ("tsdf", "paper")
 """The methods whose keys are listed."""
-COMMANDS = ("demo", "simulate", "replay", "evaluate", "inspect", "scenarios")
+COMMANDS = ("demo", "simulate", "replay", "evaluate", "inspect", "platforms", "scenarios")
 
 
 def pages() -> dict[str, str]:

@@ -129,9 +129,7 @@ def test_a_file_may_change_a_bundled_robot_if_it_names_it(tmp_path: Path) -> Non
 
 
 def test_an_unknown_name_is_refused_with_those_there_are() -> None:
-    with pytest.raises(
-        ConfigError, match=r"nobody: no robot of this name, expected one of lms200, .*"
-    ):
+    with pytest.raises(ConfigError, match=r"nobody: no robot of this name, expected one of lms200, .*"):
         load_platform("nobody")
 
 
