@@ -9,8 +9,10 @@ from pathlib import Path
 import tomli_w
 
 from moteslam.robot.files import make_folder, write_atomically
+from moteslam.robot.formats.carmen import write_carmen
 from moteslam.robot.formats.map_server import write_map, write_picture
 from moteslam.robot.formats.ucsd import write_ucsd
+from moteslam.robot.platforms import write_platform
 from moteslam.robot.trajectory import write_tum
 from moteslam.robot.wording import expect_type
 from moteslam.sim.scenario import scenario_table
@@ -23,32 +25,39 @@ def write_simulation(
     simulation: Simulation,
     *,
     sequence: str = "20",
+    file_format: str = "ucsd",
     map_resolution: float | None = None,
     progress: Progress | None = None,
     announce: Callable[[str], None] | None = None,
 ) -> None:
-    """Write a simulation as a folder in the UCSD layout, which reads back equal.
+    """Write a simulation as a folder, in the UCSD layout or with a CARMEN log in it, which reads back equal.
 
-    Beside the arrays and ``platform.toml`` go ``truth.tum`` and ``scenario.toml``, and, where it is asked for,
+    Beside the recording and ``platform.toml`` go ``truth.tum`` and ``scenario.toml``, and, where it is asked for,
     ``truth_map.pgm`` with its ``.yaml``. Where a camera records, its images go to ``dataRGBD/``, and with the true map
     comes ``truth_floor.png`` with its ``.yaml``.
 
     Args:
         folder: made if need be.
         simulation: to write.
-        sequence: the number in the file names.
+        sequence: the number in the file names of the UCSD layout.
+        file_format: ``ucsd``, or ``carmen`` for a recording with odometry.
         map_resolution: of the true map [m]; None for no such map.
         progress: called with ``images`` and the share of them that is written.
         announce: called, before the first image is written, with a line on how large all will be.
 
     Raises:
         ConfigError: a resolution that is not positive, or too fine.
+        InputError: a CARMEN log of a recording without odometry.
         OutputError: the folder cannot be made or written to, or the disk is full.
     """
     expect_type(simulation, Simulation, "simulation", "simulate(scenario) makes one")
     folder = Path(folder)
     make_folder(folder)
-    write_ucsd(folder, simulation.recording, sequence=sequence)
+    if file_format == "carmen":
+        write_carmen(folder / f"{file_name(simulation.scenario.name)}.log.gz", simulation.recording)
+        write_platform(folder / "platform.toml", simulation.recording.platform)
+    else:
+        write_ucsd(folder, simulation.recording, sequence=sequence)
     if simulation.frames is not None:
         report = progress or (lambda _what, _share: None)
         write_frames(
@@ -64,3 +73,8 @@ def write_simulation(
         write_map(folder / "truth_map.pgm", simulation.true_map(map_resolution))
         if simulation.frames is not None:
             write_picture(folder / "truth_floor.png", simulation.true_floor(map_resolution))
+
+
+def file_name(name: str) -> str:
+    """A scenario's name as part of a file's or folder's name."""
+    return "".join(letter if letter.isalnum() or letter in "-_." else "_" for letter in name).lstrip(".") or "scenario"

@@ -39,7 +39,7 @@ Progress = Callable[[str, float], None]
 Rngs = dict[str, np.random.Generator]
 """Random generators by concern."""
 
-_CONCERNS = ("driver", "clocks", "lidar", "encoders", "imu", "actors", "echoes", "wheels", "faults")
+_CONCERNS = ("driver", "clocks", "lidar", "encoders", "imu", "actors", "echoes", "wheels", "faults", "odometry")
 """What random numbers are drawn for. New ones go to the end: a concern's numbers depend on its place here alone."""
 
 
@@ -247,6 +247,11 @@ def _spans(duration: float, rng: np.random.Generator) -> dict[str, tuple[float, 
         "imu": (start + rng.uniform(0.3, 0.5), end - rng.uniform(1.4, 1.6)),
         "lidar": (start + rng.uniform(0.05, 0.25), end - rng.uniform(0.2, 1.0)),
     }
+
+
+def rng_of(seed: int, concern: str) -> np.random.Generator:
+    """The random generator of one concern of a simulation."""
+    return _rngs(seed)[concern]
 
 
 def _rngs(seed: int) -> Rngs:

@@ -7,14 +7,13 @@ out, and its other values stay. The resolved configuration is saved with the res
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Iterator
 from importlib import resources
 from pathlib import Path
 
 from pydantic import ValidationError
 
 from moteslam.errors import ConfigError
-from moteslam.robot.tables import Table, assigned, merged, read_toml
+from moteslam.robot.tables import Table, assigned, leaves, merged, read_toml
 from moteslam.robot.wording import Place, expect_type, first_complaint, known_keys
 from moteslam.slam.config import SlamConfig
 from moteslam.slam.methods import METHODS
@@ -81,7 +80,7 @@ def _resolved(preset: Table, given: Table, *, file: Path | None) -> SlamConfig:
         raise ConfigError(error.problem, file=file, field=error.field) from error
     except ValidationError as error:
         field, problem = first_complaint(error, "configuration", lambda place: _expected(model, place))
-        for key in _leaves(given):
+        for key in leaves(given):
             if key == field or key.startswith(f"{field}."):
                 field, problem = (key, new) if (new := new_name(key)) else (field, problem)
         raise ConfigError(_other_method(field, base["method"]) or problem, file=file, field=field) from error
@@ -95,15 +94,6 @@ def _model(method: object, *, file: Path | None) -> type[SlamConfig]:
         return METHODS[method].config
     except ConfigError as error:
         raise ConfigError(new_name(f"method={method}") or error.problem, file=file, field="method") from error
-
-
-def _leaves(table: Table, prefix: str = "") -> Iterator[str]:
-    """The dotted keys of a table's values."""
-    for key, value in table.items():
-        if isinstance(value, dict):
-            yield from _leaves(value, f"{prefix}{key}.")
-        else:
-            yield f"{prefix}{key}"
 
 
 def _other_method(field: str, method: str) -> str | None:

@@ -26,34 +26,82 @@ MAX_BATCH = 100_000
 
 
 @dataclass(frozen=True)
-class Job:
-    """One simulation to make.
+class Wanted:
+    """What is to be simulated, and how it is recorded.
 
     Attributes:
         scenario: name of a bundled one, ``random-corridors``, or a path.
-        seed: of its randomness, and of a random building; None for the scenario's own.
-        folder: to write it into, made if need be.
-        map_resolution: of the true map [m], None for none.
+        platform: the robot in place of the scenario's own: a bundled one's name, or a file.
+        noise: the class of its sensors' noise, in place of the scenario's own.
+        settings: ``key=value`` over the scenario's.
         camera: record images, even if the scenario does not.
+        map_resolution: of the true map [m], None for none.
+        logging: what of the recording is logged.
+        format: in which it is written, ``ucsd`` or ``carmen``.
     """
 
     scenario: str
-    seed: int | None
-    folder: Path
-    map_resolution: float | None = None
+    platform: str | None = None
+    noise: str | None = None
+    settings: tuple[str, ...] = ()
     camera: bool = False
+    map_resolution: float | None = None
+    logging: Logging = Logging()
+    format: str = "ucsd"
+
+    def load(self, seed: int | None) -> Scenario:
+        """The scenario; ``random-corridors`` is the building of that seed.
+
+        Raises:
+            ConfigError: there is none, it is not well made, or an option that changes it is wrong; that one is named.
+        """
+        from moteslam.robot.tables import assigned
+        from moteslam.sim.scenario import load_scenario, with_camera
+        from moteslam.sim.world.random_corridors import NAME as RANDOM_CORRIDORS
+
+        name = f"{self.scenario}-{seed or 0}" if self.scenario == RANDOM_CORRIDORS else self.scenario
+        try:
+            loaded = load_scenario(name, platform=self.platform, noise=self.noise, settings=self.settings)
+        except ConfigError as error:
+            if error.field == "settings":
+                raise ConfigError(error.problem, field="--set") from error
+            if error.field and any(_begins(key, error.field) for key in leaves(assigned(self.settings))):
+                raise ConfigError(error.problem, field=f"--set {error.field}") from error
+            if error.field == "noise_class" and self.noise is not None:
+                raise ConfigError(error.problem, field="--noise") from error
+            if self.platform is not None and error.file is None and error.field in (self.platform, "platform"):
+                raise ConfigError(f"{self.platform}: {error.problem}", field="--platform") from error
+            raise
+        return with_camera(loaded) if self.camera else loaded
+
+    def simulate(self, seed: int | None, progress: Progress | None = None) -> Simulation:
+        """Simulate it, and log it.
+
+        Raises:
+            ConfigError: a robot that gets stuck on its route, or a recording that its format cannot hold.
+        """
+        from moteslam.robot.formats.carmen import check_fits_carmen
+        from moteslam.sim.logged import logged
+        from moteslam.sim.simulate import simulate
+
+        loaded = self.load(seed)
+        if self.format == "carmen":
+            check_fits_carmen(loaded.platform.lidar.scan)
+        return logged(simulate(loaded, seed, progress=progress), self.logging)
 
 
-def chosen_scenario(name: str, seed: int | None) -> Scenario:
-    """The scenario of that name; ``random-corridors`` is the building of that seed.
+def _begins(key: str, field: str) -> bool:
+    """Whether one of two dotted keys is the other, or a table above it."""
+    return f"{key}.".startswith(f"{field}.") or f"{field}.".startswith(f"{key}.")
 
-    Raises:
-        ConfigError: there is none, or it is not well made.
-    """
-    from moteslam.sim.scenario import load_scenario
-    from moteslam.sim.world.random_corridors import NAME as RANDOM_CORRIDORS
 
-    return load_scenario(f"{name}-{seed or 0}" if name == RANDOM_CORRIDORS else name)
+@dataclass(frozen=True)
+class Job:
+    """One simulation to make: what is wanted, its seed, and the folder for it, which is made if need be."""
+
+    wanted: Wanted
+    seed: int
+    folder: Path
 
 
 @contextmanager
@@ -98,7 +146,7 @@ def run_batch(jobs: list[Job], *, processes: int | None = None) -> list[dict[str
                 except BrokenProcessPool:
                     outcome = "its process was killed, expected enough memory"
                 if isinstance(outcome, str):
-                    raise MoteslamError(outcome, file=job.scenario, field=f"seed {job.seed}")
+                    raise MoteslamError(outcome, file=job.wanted.scenario, field=f"seed {job.seed}")
                 found[index] = outcome
             bar.update(len(found))
     return [found[index] for index in range(len(jobs))]
@@ -158,14 +206,12 @@ def _end_with_parent() -> None:
 def _do(job: Job) -> dict[str, Any] | str:
     """Simulate and write one; what is wrong with it as text, since exceptions with fields cannot be pickled."""
     from moteslam.sim.output import write_simulation
-    from moteslam.sim.scenario import with_camera
-    from moteslam.sim.simulate import simulate
 
+    wanted = job.wanted
     try:
-        scenario = chosen_scenario(job.scenario, job.seed)
-        simulation = simulate(with_camera(scenario) if job.camera else scenario, job.seed)
+        simulation = wanted.simulate(job.seed)
         job.folder.mkdir(parents=True, exist_ok=True)
-        write_simulation(job.folder, simulation, map_resolution=job.map_resolution)
+        write_simulation(job.folder, simulation, map_resolution=wanted.map_resolution, file_format=wanted.format)
     except MoteslamError as error:
         return str(error)
     except OSError as error:

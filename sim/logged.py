@@ -1,0 +1,56 @@
+"""A simulation as a robot's own software logs it: base odometry, key scans, and noise on the odometry's steps.
+
+Apart from ``simulate``, which ends where the sensors end: nothing here looks at the world or the truth.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+from moteslam.sim.base_odometry import with_odometry
+from moteslam.sim.key_scans import key_scans
+from moteslam.sim.odometry_noise import with_odometry_noise
+from moteslam.sim.simulate import Simulation, rng_of
+
+
+@dataclass(frozen=True)
+class Logging:
+    """What is logged.
+
+    Attributes:
+        odometry: log the base's odometry poses, as a CARMEN log needs them.
+        every: keep a scan only after so much distance [m] (or so much ``turn``); None to keep all.
+        turn: keep a scan only after so much turn [rad] (or so much distance); None to keep all.
+        noise: shares of noise that are added to each step of the odometry, to its length and to its turn.
+    """
+
+    odometry: bool = False
+    every: float | None = None
+    turn: float | None = None
+    noise: tuple[float, float] | None = None
+
+    @property
+    def is_plain(self) -> bool:
+        """Whether all is logged as the sensors gave it."""
+        return self == Logging()
+
+
+def logged(simulation: Simulation, logging: Logging) -> Simulation:
+    """The simulation with its recording as it is logged: odometry first, then key scans, then noise on their steps.
+
+    Raises:
+        ConfigError: a distance, turn or share out of bounds.
+        InputError: no scans or no encoder readings are left to log.
+    """
+    if logging.is_plain:
+        return simulation
+    recording = with_odometry(simulation.recording, gyro=simulation.recording.imu is not None)
+    if logging.every is not None or logging.turn is not None:
+        distance = math.inf if logging.every is None else logging.every
+        recording = key_scans(recording, distance=distance, turn=math.inf if logging.turn is None else logging.turn)
+    if logging.noise is not None:
+        rng = rng_of(simulation.scenario.seed, "odometry")
+        distance, rotation = logging.noise
+        recording = with_odometry_noise(recording, distance=distance, rotation=rotation, rng=rng)
+    return replace(simulation, recording=recording)
