@@ -34,7 +34,9 @@ def key_scans(recording: Recording, *, distance: float = 0.75, turn: float = 0.5
       of the nearest reading.
 
     Camera frames and the lidar's ``time_increment`` stay. A pose between two kept scans is not recorded any more: what
-    integrates counts takes the path for one arc, and its positions, unlike its headings, differ from the dense ones.
+    integrates counts takes the path between two kept scans for one arc, and its positions, unlike its headings, differ
+    from the dense ones (by 0.1 m on 100 m of ``loop``, by metres where no scan was recorded for seconds). Logged poses
+    do not: a CARMEN log holds them, a UCSD folder has no place for them.
 
     Args:
         recording: with an odometry pose at every scan, as `with_odometry` gives it.

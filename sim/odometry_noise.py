@@ -60,7 +60,9 @@ def with_odometry_noise(
     if distance == rotation == 0:
         return recording
     if encoders is not None and not np.array_equal(encoders.stamps, odometry.stamps):
-        raise InputError("encoders and odometry at other stamps, expected the same", file=recording.name, field="stamps")
+        raise InputError(
+            "encoders and odometry at other stamps, expected the same", file=recording.name, field="stamps"
+        )
     factors = 1 + rng.standard_normal((len(odometry) - 1, 2)) * (distance, rotation)
     if encoders is not None:
         if (wheels := recording.platform.wheels) is None:
@@ -79,13 +81,13 @@ def _scaled(steps: Array, length: Array, turn: Array) -> Array:
     """Steps [n, 3] whose length and turn are multiplied by [n] each: of an arc comes the longer, more bent arc."""
     turns = steps[:, 2] * turn
     bend = (turns - steps[:, 2]) / 2
-    stretch = length * np.sinc(turns / (2 * np.pi)) / np.sinc(steps[:, 2] / (2 * np.pi))  # of the chord
-    cos, sin = stretch * np.cos(bend), stretch * np.sin(bend)
+    chord = length * np.sinc(turns / (2 * np.pi)) / np.sinc(steps[:, 2] / (2 * np.pi))
+    cos, sin = chord * np.cos(bend), chord * np.sin(bend)
     return np.stack((cos * steps[:, 0] - sin * steps[:, 1], sin * steps[:, 0] + cos * steps[:, 1], turns), axis=1)
 
 
 def _with_whole_counts(counts: NDArray[np.int64], factors: Array, wheels: Wheels) -> NDArray[np.int64]:
-    """Counts [n, 4] with the same noise [n - 1, 2] of distance and turn on all steps; the first reading is no step's."""
+    """Counts [n, 4] with the noise of all steps [n - 1, 2], of distance and turn; the first reading is of no step."""
     distance, turn = wheel_motion(*side_travel(counts[1:], wheels), wheels.effective_track)
     longer, turned = distance * (factors[:, 0] - 1), turn * (factors[:, 1] - 1) * wheels.effective_track / 2
     right, left = longer + turned, longer - turned

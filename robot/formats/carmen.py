@@ -257,10 +257,10 @@ def expect_classic_fan(beams: int, angle_min: float, angle_increment: float) -> 
     first, step = fov_of(beams)
     off = max(abs(angle_min - first), abs(angle_min + (beams - 1) * angle_increment - first - (beams - 1) * step))
     if beams not in CLASSIC_STEPS or off > _SAME_ANGLE:
-        fan = (beams - 1) * math.degrees(angle_increment)
+        span, start = (beams - 1) * math.degrees(angle_increment), math.degrees(angle_min)
         raise ConfigError(
-            f"{counted(beams, 'beam')} over {fan:.4g} degrees from {math.degrees(angle_min):.4g}, expected for a CARMEN "
-            "log 180 or 181 beams a degree apart, or 360 or 361 half a degree, from -90",
+            f"{counted(beams, 'beam')} over {span:.4g} degrees from {start:.4g}, expected for a CARMEN log 180 or "
+            "181 beams a degree apart, or 360 or 361 half a degree, from -90",
             field="format",
         )
 

@@ -1,6 +1,6 @@
 """The robot's path by its own odometry: wheel counters with the gyro's yaw rate, or the poses that a log has.
 
-How counts and yaw rates are integrated is in `robot/wheel_odometry.py`; here are the choices that a configuration makes.
+How counts and yaw rates are integrated is in `robot/wheel_odometry.py`; here are the choices of a configuration.
 """
 
 from __future__ import annotations
