@@ -12,15 +12,15 @@ START = 1_300_000_000.0
 
 
 def winding(seed: int = 0, seconds: float = 60.0) -> Recording:
-    """A winding drive with jittered stamps: scans and encoders at 40 Hz, an IMU that starts late and ends early."""
+    """A drive of two turns that winds, with jittered stamps; its IMU starts late and ends early."""
     rng = np.random.default_rng(seed)
     stamps = jittered(0.0, seconds, 40, rng)
     swing = 2 * np.sin(stamps / 3)
-    sides = np.stack((15 + swing, 15 - swing, 15 + swing, 15 - swing), axis=1)
+    sides = np.stack((16 + swing, 14 - swing, 16 + swing, 14 - swing), axis=1)
     counts = np.rint(sides + rng.normal(0, 1, sides.shape)).astype(np.int64)
     at = jittered(0.4, seconds - 1.5, 100, rng)
     angular = rng.normal(0, 0.004, (len(at), 3))
-    angular[:, 2] += 0.47 * np.sin(at / 3)
+    angular[:, 2] += 0.24 + 0.47 * np.sin(at / 3)
     scans = jittered(0.1, seconds - 0.3, 40, rng)
     return Recording(
         "winding",

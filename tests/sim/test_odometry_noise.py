@@ -8,7 +8,7 @@ from sim_logs import winding
 
 from moteslam.errors import ConfigError, InputError
 from moteslam.robot import se2
-from moteslam.robot.platform import UCSD
+from moteslam.robot.platform import UCSD, Wheels
 from moteslam.robot.recording import EncoderStream, OdometryStream, Recording
 from moteslam.sim.base_odometry import with_odometry
 from moteslam.sim.key_scans import key_scans
@@ -25,9 +25,10 @@ def steps(recording: Recording) -> np.ndarray:
     return se2.between(recording.odometry.poses[:-1], recording.odometry.poses[1:])
 
 
-def arcs(count: int, left: int, right: int) -> Recording:
+def arcs(count: int, left: int, right: int, wheels: Wheels | None = None) -> Recording:
     encoders = EncoderStream(np.arange(count) / 40, np.tile([right, left, right, left], (count, 1)))
-    return with_odometry(Recording("arcs", UCSD, encoders=encoders))
+    robot = UCSD if wheels is None else UCSD.model_copy(update={"wheels": wheels})
+    return with_odometry(Recording("arcs", robot, encoders=encoders))
 
 
 def arrays(recording: Recording) -> list[bytes]:
@@ -104,6 +105,14 @@ def test_what_is_rounded_off_is_carried_on() -> None:
     counted = np.cumsum(result.encoders.counts[1:, 0]) * UCSD.wheels.metres_per_count
     assert (result.encoders.counts != 1).any()
     assert np.abs(counted - result.odometry.poses[1:, 0]).max() <= 0.51 * UCSD.wheels.metres_per_count
+
+
+def test_poses_are_those_of_the_counts_where_these_are_fine() -> None:
+    result = noisy(arcs(100, 400_000, 1_000_000, Wheels(metres_per_count=1e-6)), 0.1, 0.2)
+    assert result.odometry is not None
+    assert np.ptp(steps(result)[:, 2]) > 0.5
+    integrated = dead_reckon(result.replace(odometry=None)).poses
+    np.testing.assert_allclose(se2.between(result.odometry.poses, integrated), 0.0, atol=1e-4)
 
 
 def test_dense_poses_are_those_that_slam_integrates_from_the_counts() -> None:
