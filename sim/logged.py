@@ -16,24 +16,17 @@ from moteslam.sim.simulate import Simulation, rng_of
 
 @dataclass(frozen=True)
 class Logging:
-    """What is logged.
+    """What is logged, besides the base's odometry pose at every scan.
 
     Attributes:
-        odometry: log the base's odometry poses, as a CARMEN log needs them.
         every: keep a scan only after so much distance [m] (or so much ``turn``); None to keep all.
         turn: keep a scan only after so much turn [rad] (or so much distance); None to keep all.
         noise: shares of noise that are added to each step of the odometry, to its length and to its turn.
     """
 
-    odometry: bool = False
     every: float | None = None
     turn: float | None = None
     noise: tuple[float, float] | None = None
-
-    @property
-    def is_plain(self) -> bool:
-        """Whether all is logged as the sensors gave it."""
-        return self == Logging()
 
 
 def logged(simulation: Simulation, logging: Logging) -> Simulation:
@@ -43,8 +36,6 @@ def logged(simulation: Simulation, logging: Logging) -> Simulation:
         ConfigError: a distance, turn or share out of bounds.
         InputError: no scans or no encoder readings are left to log.
     """
-    if logging.is_plain:
-        return simulation
     recording = with_odometry(simulation.recording, gyro=simulation.recording.imu is not None)
     if logging.every is not None or logging.turn is not None:
         distance = math.inf if logging.every is None else logging.every

@@ -19,80 +19,10 @@ from moteslam.errors import ConfigError, MoteslamError
 from moteslam.eval.cli.progress import progress_bar
 
 if TYPE_CHECKING:
-    from moteslam.sim.scenario import Scenario
+    from moteslam.eval.cli.wanted import Wanted
     from moteslam.sim.simulate import Simulation
 
 MAX_BATCH = 100_000
-
-
-@dataclass(frozen=True)
-class Wanted:
-    """What is to be simulated, and how it is recorded.
-
-    Attributes:
-        scenario: name of a bundled one, ``random-corridors``, or a path.
-        platform: the robot in place of the scenario's own: a bundled one's name, or a file.
-        noise: the class of its sensors' noise, in place of the scenario's own.
-        settings: ``key=value`` over the scenario's.
-        camera: record images, even if the scenario does not.
-        map_resolution: of the true map [m], None for none.
-        logging: what of the recording is logged.
-        format: in which it is written, ``ucsd`` or ``carmen``.
-    """
-
-    scenario: str
-    platform: str | None = None
-    noise: str | None = None
-    settings: tuple[str, ...] = ()
-    camera: bool = False
-    map_resolution: float | None = None
-    logging: Logging = Logging()
-    format: str = "ucsd"
-
-    def load(self, seed: int | None) -> Scenario:
-        """The scenario; ``random-corridors`` is the building of that seed.
-
-        Raises:
-            ConfigError: there is none, it is not well made, or an option that changes it is wrong; that one is named.
-        """
-        from moteslam.robot.tables import assigned
-        from moteslam.sim.scenario import load_scenario, with_camera
-        from moteslam.sim.world.random_corridors import NAME as RANDOM_CORRIDORS
-
-        name = f"{self.scenario}-{seed or 0}" if self.scenario == RANDOM_CORRIDORS else self.scenario
-        try:
-            loaded = load_scenario(name, platform=self.platform, noise=self.noise, settings=self.settings)
-        except ConfigError as error:
-            if error.field == "settings":
-                raise ConfigError(error.problem, field="--set") from error
-            if error.field and any(_begins(key, error.field) for key in leaves(assigned(self.settings))):
-                raise ConfigError(error.problem, field=f"--set {error.field}") from error
-            if error.field == "noise_class" and self.noise is not None:
-                raise ConfigError(error.problem, field="--noise") from error
-            if self.platform is not None and error.file is None and error.field in (self.platform, "platform"):
-                raise ConfigError(f"{self.platform}: {error.problem}", field="--platform") from error
-            raise
-        return with_camera(loaded) if self.camera else loaded
-
-    def simulate(self, seed: int | None, progress: Progress | None = None) -> Simulation:
-        """Simulate it, and log it.
-
-        Raises:
-            ConfigError: a robot that gets stuck on its route, or a recording that its format cannot hold.
-        """
-        from moteslam.robot.formats.carmen import check_fits_carmen
-        from moteslam.sim.logged import logged
-        from moteslam.sim.simulate import simulate
-
-        loaded = self.load(seed)
-        if self.format == "carmen":
-            check_fits_carmen(loaded.platform.lidar.scan)
-        return logged(simulate(loaded, seed, progress=progress), self.logging)
-
-
-def _begins(key: str, field: str) -> bool:
-    """Whether one of two dotted keys is the other, or a table above it."""
-    return f"{key}.".startswith(f"{field}.") or f"{field}.".startswith(f"{key}.")
 
 
 @dataclass(frozen=True)
@@ -102,19 +32,6 @@ class Job:
     wanted: Wanted
     seed: int
     folder: Path
-
-
-@contextmanager
-def named_in_errors(scenario: str) -> Iterator[None]:
-    """Name the scenario, as the user wrote it, in what a run finds wrong with it."""
-    try:
-        yield
-    except ConfigError as error:
-        if error.file is not None:
-            raise
-        if error.field == "resolution":  # the only one that the command line sets
-            raise ConfigError(error.problem, field="--true-map") from error
-        raise ConfigError(error.problem, file=scenario, field=error.field) from error
 
 
 def run_batch(jobs: list[Job], *, processes: int | None = None) -> list[dict[str, Any]]:
@@ -211,7 +128,7 @@ def _do(job: Job) -> dict[str, Any] | str:
     try:
         simulation = wanted.simulate(job.seed)
         job.folder.mkdir(parents=True, exist_ok=True)
-        write_simulation(job.folder, simulation, map_resolution=wanted.map_resolution, file_format=wanted.format)
+        write_simulation(job.folder, simulation, map_resolution=wanted.map_resolution, file_format=wanted.file_format)
     except MoteslamError as error:
         return str(error)
     except OSError as error:

@@ -34,11 +34,12 @@ def demo(
         options.print_config(resolved, as_json=run.as_json)
         return
 
-    from moteslam.eval.cli.batch import named_in_errors
+    from moteslam.eval.cli.progress import simulation_bar
     from moteslam.eval.cli.running import Device, run_into, run_summary, score_table, size_of
-    from moteslam.eval.cli.simulate import simulate_with_progress
+    from moteslam.eval.cli.wanted import named_in_errors
     from moteslam.robot.result_folder import result_folder
     from moteslam.sim.scenario import load_scenario
+    from moteslam.sim.simulate import simulate
 
     driven = load_scenario(scenario)
     if duration is not None:
@@ -46,8 +47,8 @@ def demo(
     device = Device(run.arch, run.threads)
     with result_folder(out, force=run.force) as folder:
         device.start()
-        with named_in_errors(scenario):
-            simulation = simulate_with_progress(driven, run.seed)
+        with named_in_errors(scenario), simulation_bar() as report:
+            simulation = simulate(driven, run.seed, progress=report)
         done = run_into(
             folder,
             simulation.recording,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from moteslam.eval.cli.interrupt import check_interrupt
@@ -56,3 +56,10 @@ def progress_bar(what: str, total: float, unit: str) -> Iterator[Bar]:
     )
     with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
         yield _RichBar(progress, progress.add_task(what, total=total))
+
+
+@contextmanager
+def simulation_bar() -> Iterator[Callable[[str, float], None]]:
+    """A bar for a simulation's progress: first the drive, then the lidar."""
+    with progress_bar("simulation", 2.0, "") as bar:
+        yield lambda what, share: bar.update(share + (1.0 if what == "lidar" else 0.0))

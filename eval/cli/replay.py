@@ -38,7 +38,7 @@ def replay(
 ) -> None:
     """Run SLAM over a recording and fill a result folder.
 
-    A folder with truth.tum in it is scored with it; SLAM does not see it.
+    A folder with truth.tum in it, or a log with one beside it, is scored with it; SLAM does not see it.
 
     \b
     Examples:
@@ -95,7 +95,7 @@ def replay(
 
 
 def _truth_beside(path: Path, stamps: NDArray[np.float64]) -> tuple[Trajectory | None, tuple[Issue, ...]]:
-    """The truth in a recording's folder, if there is one on the clock of these stamps; if not, why it is not used.
+    """The truth in a recording's folder, or beside a log, if it is on the clock of these stamps; if not, why not.
 
     Raises:
         InputError: a ``truth.tum`` that cannot be read.
@@ -105,8 +105,8 @@ def _truth_beside(path: Path, stamps: NDArray[np.float64]) -> tuple[Trajectory |
     from moteslam.eval.metrics.association import match
     from moteslam.robot.trajectory import Trajectory, read_tum
 
-    file = path / "truth.tum"
-    if not path.is_dir() or not file.exists():
+    file = (path if path.is_dir() else path.parent) / "truth.tum"
+    if not file.exists():
         return None, ()
     truth = read_tum(file)
     try:

@@ -59,14 +59,14 @@ def show(
       moteslam scenarios show random-corridors --seed 7 --drive --out unseen.png
     """  # noqa: D301
     from moteslam.errors import OutputError
-    from moteslam.eval.cli.batch import chosen_scenario, named_in_errors
+    from moteslam.eval.cli.wanted import Wanted, named_in_errors
     from moteslam.eval.report.scenarios import draw_scenario
     from moteslam.robot.files import folder_for
 
     if out.suffix.lower() != ".png":
         raise OutputError("no .png file, expected one to write", file=out)
     options.refuse_existing(out, force=force)
-    chosen = chosen_scenario(scenario, seed)
+    chosen = Wanted(scenario).load(seed)
     driven = None
     if drive:
         from moteslam.sim.simulate import true_drive
@@ -118,19 +118,19 @@ def animate(
     with _options_named():
         Pace(fps, 1.0 if speed is None else speed)  # before the simulation, whose duration is not known yet
     config = options.SlamOptions(preset=preset, settings=settings).resolved()
-    from moteslam.eval.cli.batch import chosen_scenario, named_in_errors
-    from moteslam.eval.cli.progress import progress_bar
-    from moteslam.eval.cli.simulate import simulate_with_progress
+    from moteslam.eval.cli.progress import progress_bar, simulation_bar
+    from moteslam.eval.cli.wanted import Wanted, named_in_errors
     from moteslam.eval.report.animation import Film
     from moteslam.robot.files import folder_for
+    from moteslam.sim.simulate import simulate
     from moteslam.slam.run import SlamSession
 
-    chosen = chosen_scenario(scenario, seed)
+    chosen = Wanted(scenario).load(seed)
     if duration is not None:
         chosen = chosen.model_copy(update={"duration": min(duration, chosen.duration)})
     with folder_for(out):
-        with named_in_errors(scenario):
-            simulation = simulate_with_progress(chosen, seed)
+        with named_in_errors(scenario), simulation_bar() as report:
+            simulation = simulate(chosen, seed, progress=report)
         assert simulation.recording.lidar is not None
         stamps = simulation.recording.lidar.stamps
         with _options_named():

@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any, Literal
 
 import typer
 
 from moteslam.errors import ConfigError
 from moteslam.eval.cli import options
-from moteslam.eval.cli.batch import MAX_BATCH, Job, about, chosen_scenario, named_in_errors, run_batch
-from moteslam.eval.cli.progress import progress_bar
+from moteslam.eval.cli.batch import MAX_BATCH, Job, about, run_batch
+from moteslam.eval.cli.progress import progress_bar, simulation_bar
 from moteslam.eval.cli.text import literal, note, say, say_json, table
-
-if TYPE_CHECKING:
-    from moteslam.sim.scenario import Scenario
-    from moteslam.sim.simulate import Simulation
+from moteslam.eval.cli.wanted import Wanted, named_in_errors
 
 
 def simulate(
@@ -26,6 +23,30 @@ def simulate(
     seed: Annotated[
         int | None, typer.Option(min=0, max=2**63 - 1, help="Of all randomness; the scenario's own by default.")
     ] = None,
+    platform: Annotated[
+        str | None, typer.Option(metavar="NAME|FILE", help="Another robot: see moteslam platforms.")
+    ] = None,
+    noise: Annotated[
+        str | None,
+        typer.Option(metavar="datasheet|as_recorded", help="How wrong the sensors are; datasheet by default."),
+    ] = None,
+    settings: Annotated[
+        list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Change one value; may be repeated.")
+    ] = None,
+    no_gyro: Annotated[bool, typer.Option("--no-gyro", help="A robot without IMU.")] = False,
+    log_every: Annotated[
+        float | None, typer.Option(metavar="M", help="Keep a scan only after M metres, or after --log-turn.")
+    ] = None,
+    log_turn: Annotated[
+        float | None, typer.Option(metavar="RAD", help="Keep a scan only after this turn, or after --log-every.")
+    ] = None,
+    odometry_noise: Annotated[
+        tuple[float, float] | None,
+        typer.Option(metavar="DISTANCE ROTATION", help="Add these shares of noise to each step of the odometry."),
+    ] = None,
+    file_format: Annotated[
+        Literal["ucsd", "carmen"], typer.Option("--format", metavar="ucsd|carmen", help="To write the recording in.")
+    ] = "ucsd",
     batch: Annotated[
         int | None, typer.Option(min=1, max=MAX_BATCH, metavar="N", help="Make N, with seeds from --seed on.")
     ] = None,
@@ -43,45 +64,62 @@ def simulate(
 ) -> None:
     """Simulate a scenario and write what is recorded.
 
-    The folder has the UCSD layout, with the truth beside the arrays; of a batch, one such folder a seed.
+    The folder has the UCSD layout, or a CARMEN log, with the truth beside it; of a batch, one such folder a seed.
 
     \b
     Examples:
       moteslam simulate corridor --out corridor --seed 3
-      moteslam simulate random-corridors --out unseen --seed 7
+      moteslam simulate office --platform turtlebot3 --set noise.lidar.dropout=0.1 --out small
+      moteslam simulate big_loop --platform lms200 --log-every 0.75 --log-turn 0.5 --format carmen --out keys
       moteslam simulate random-corridors --out many --batch 20 --true-map 0.05
       moteslam simulate my_rooms.toml --out rooms
       moteslam simulate corridor --out coloured --camera
       moteslam replay corridor --out result
     """  # noqa: D301
     from moteslam.robot.result_folder import result_folder
-    from moteslam.sim.output import write_simulation
-    from moteslam.sim.scenario import MAX_SEED, with_camera
+    from moteslam.sim.logged import Logging
+    from moteslam.sim.output import file_name, write_simulation
+    from moteslam.sim.scenario import MAX_SEED
     from moteslam.sim.world.random_corridors import NAME as RANDOM_CORRIDORS
 
-    loaded = chosen_scenario(scenario, seed)
     if true_map is not None and not 0.001 <= true_map <= 10:
         raise ConfigError(f"{true_map:g} m, expected 0.001 to 10", field="--true-map")
+    for option, value in (("--log-every", log_every), ("--log-turn", log_turn)):
+        if value is not None and not value > 0:
+            raise ConfigError(f"{value:g}, expected more than 0", field=option)
+    if odometry_noise is not None and not all(0 <= share <= 1 for share in odometry_noise):
+        raise ConfigError(f"{odometry_noise[0]:g} {odometry_noise[1]:g}, expected 0 to 1", field="--odometry-noise")
+    plain = file_format == "ucsd" and log_every is None and log_turn is None and odometry_noise is None
+    wanted = Wanted(
+        scenario,
+        platform=platform,
+        noise=noise,
+        settings=(*(settings or ()), *(("platform.imu=false",) if no_gyro else ())),
+        camera=camera,
+        map_resolution=true_map,
+        logging=None if plain else Logging(log_every, log_turn, odometry_noise),
+        file_format=file_format,
+    )
+    loaded = wanted.load(seed)
     if batch is not None:
         first = loaded.seed if seed is None else seed
         if first > MAX_SEED - (batch - 1):
             raise ConfigError(f"{first}, expected at most {MAX_SEED - (batch - 1)} for {batch} of them", field="--seed")
         with result_folder(out, force=force) as folder:
-            name = scenario if scenario == RANDOM_CORRIDORS else loaded.name
-            todo = [
-                Job(scenario, number, folder / f"{_file_name(name)}-{number}", true_map, camera)
-                for number in range(first, first + batch)
-            ]
+            name = file_name(scenario if scenario == RANDOM_CORRIDORS else loaded.name)
+            todo = [Job(wanted, number, folder / f"{name}-{number}") for number in range(first, first + batch)]
             found = run_batch(todo, processes=jobs)
         _say_batch(found, out, as_json=as_json)
         return
     with result_folder(out, force=force) as folder, named_in_errors(scenario):
-        simulation = simulate_with_progress(with_camera(loaded) if camera else loaded, seed)
+        with simulation_bar() as report:
+            simulation = wanted.simulate(seed, report)
         with progress_bar("images", 1.0, "") as bar:
             write_simulation(
                 folder,
                 simulation,
                 map_resolution=true_map,
+                file_format=file_format,
                 announce=note,
                 progress=lambda _what, share: bar.update(share),
             )
@@ -106,20 +144,3 @@ def _say_batch(found: list[dict[str, Any]], out: Path, *, as_json: bool) -> None
     ]
     say(table(rows, right=(1, 2, 3)))
     say(f"recordings and truths in {literal(out)}")
-
-
-def _file_name(name: str) -> str:
-    """A scenario's name as part of a folder's name."""
-    return "".join(letter if letter.isalnum() or letter in "-_." else "_" for letter in name).lstrip(".") or "scenario"
-
-
-def simulate_with_progress(scenario: Scenario, seed: int | None) -> Simulation:
-    """Simulate with a progress bar on a terminal.
-
-    Raises:
-        ConfigError: a robot that gets stuck on its route.
-    """
-    from moteslam.sim.simulate import simulate as run
-
-    with progress_bar("simulation", 2.0, "") as bar:
-        return run(scenario, seed, progress=lambda what, share: bar.update(share + (1.0 if what == "lidar" else 0.0)))

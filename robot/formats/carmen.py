@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gzip
+import math
 import re
 from os import PathLike
 from pathlib import Path
@@ -11,12 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
-from moteslam.errors import InputError
+from moteslam.errors import ConfigError, InputError
 from moteslam.robot import se2
 from moteslam.robot.arrays import given_up
 from moteslam.robot.files import write_atomically
 from moteslam.robot.formats.bounds import check_fan
-from moteslam.robot.formats.carmen_lines import CarmenLines, ScanKind, Scans, parse_lines
+from moteslam.robot.formats.carmen_lines import CLASSIC_STEPS, CarmenLines, ScanKind, Scans, fov_of, parse_lines
 from moteslam.robot.formats.format import Format, Robot
 from moteslam.robot.formats.no_return import no_return_codes, no_return_limit
 from moteslam.robot.formats.ranges import clean_ranges
@@ -36,6 +37,7 @@ MAX_BROKEN = 3
 _LINE = re.compile(rb"^(?:FLASER|ROBOTLASER1|ODOM|PARAM)\s", re.MULTILINE)
 _LIMITS = ("robot_front_laser_max", "robot_frontlaser_max", "laser_front_max_range", "front_laser_max")
 _SAME = 0.005
+_SAME_ANGLE = 1e-4
 
 
 def is_carmen(path: Path) -> bool:
@@ -241,6 +243,31 @@ def write_carmen(path: str | PathLike[str], recording: Recording) -> None:
     text = "\n".join([*head, *(line for _, _, line in entries)]) + "\n"
     data = text.encode()
     write_atomically(path, gzip.compress(data, mtime=0) if Path(path).suffix == ".gz" else data)
+
+
+def expect_classic_fan(beams: int, angle_min: float, angle_increment: float) -> None:
+    """Refuse a lidar that no FLASER line can hold: these state a number of beams, and neither angles nor steps.
+
+    Readers take 180 and 181 beams for a degree apart, 360 and 361 for half a degree, the first at -90 degrees.
+    ``write_carmen`` itself writes any fan: its ROBOTLASER1 lines state the angles.
+
+    Args:
+        beams: of a scan.
+        angle_min: of the first beam, in the lidar's frame [rad].
+        angle_increment: between beams [rad].
+
+    Raises:
+        ConfigError: other beams; its field is ``format``.
+    """
+    first, step = fov_of(beams)
+    off = max(abs(angle_min - first), abs(angle_min + (beams - 1) * angle_increment - first - (beams - 1) * step))
+    if beams not in CLASSIC_STEPS or off > _SAME_ANGLE:
+        span, start = (beams - 1) * math.degrees(angle_increment), math.degrees(angle_min)
+        raise ConfigError(
+            f"{counted(beams, 'beam')} over {span:.4g} degrees from {start:.4g}, expected for a CARMEN log 180 or "
+            "181 beams a degree apart, or 360 or 361 half a degree, from -90",
+            field="format",
+        )
 
 
 def _scan_entries(lidar: LidarStream, poses: NDArray[np.float64], mount: LidarSpec) -> list[tuple[float, int, str]]:

@@ -22,6 +22,9 @@ FLASER_TAIL = 9
 ROBOTLASER_TAIL = 14
 ODOM_WORDS = 10
 
+CLASSIC_STEPS = {180: 1.0, 181: 1.0, 360: 0.5, 361: 0.5}
+"""Degrees between the beams of the lasers that classic logs are of, by the number of beams."""
+
 
 class ScanKind(NamedTuple):
     """What the scans of one laser have in common: kind of line, number of beams, first angle and step [rad]."""
@@ -100,7 +103,7 @@ def fov_of(beams: int) -> tuple[float, float]:
     180 and 181 beams are one degree apart, 360 and 361 half a degree; any other number spans 180 degrees. The first
     looks to -90 degrees.
     """
-    step = {180: 1.0, 181: 1.0, 360: 0.5, 361: 0.5}.get(beams, 180 / max(beams - 1, 1))
+    step = CLASSIC_STEPS.get(beams, 180 / max(beams - 1, 1))
     return -math.pi / 2, math.radians(step)
 
 

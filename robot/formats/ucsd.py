@@ -38,6 +38,9 @@ _FILE = re.compile(r"(?:Encoders|Hokuyo|Imu|Kinect)([\w-]+)\.npz", re.ASCII)
 MAX_DROPPED = 3
 """Up to this many implausible readings are always dropped; more of them only up to a tenth of the stream."""
 
+MAX_COUNT = 2**31
+"""Counts of one reading stay below it."""
+
 NO_ECHO = 0.001
 """Written for an invalid reading [m], as the UTM-30LX does."""
 
@@ -144,7 +147,7 @@ def _encoders(path: Path, platform: Platform, issues: list[Issue]) -> EncoderStr
     counts = arrays["counts"]
     if counts.dtype.kind == "f" and not (np.isfinite(counts).all() and (counts == np.round(counts)).all()):
         raise InputError("not whole numbers, expected encoder counts", file=path, field="counts")
-    if np.abs(counts.astype(np.float64)).max() >= 2**31:
+    if np.abs(counts.astype(np.float64)).max() >= MAX_COUNT:
         raise InputError("beyond 2^31, expected counts since the last reading", file=path, field="counts")
     stamps, (counts,) = _sorted(path, "time_stamps", arrays["time_stamps"], issues, counts.T)
     if platform.wheels is not None:
@@ -237,7 +240,7 @@ def write_ucsd(folder: str | PathLike[str], recording: Recording, *, sequence: s
 
     Raises:
         OutputError: the folder is missing or read-only, or the disk is full.
-        InputError: encoder counts beyond int16.
+        InputError: encoder counts beyond what ``read_ucsd`` takes.
         ConfigError: a sequence that cannot stand in a file name.
     """
     expect_type(recording, Recording, "recording", "open_recording(path) reads one")
@@ -263,10 +266,7 @@ def write_ucsd(folder: str | PathLike[str], recording: Recording, *, sequence: s
             time_stamps=lidar.stamps,
         )
     if (encoders := recording.encoders) is not None and len(encoders):
-        counts = encoders.counts.astype(np.int16)
-        if (counts != encoders.counts).any():
-            raise InputError("beyond int16, expected -32768 to 32767 counts a reading", field="counts")
-        _write(folder / f"Encoders{number}.npz", counts=counts.T, time_stamps=encoders.stamps)
+        _write(folder / f"Encoders{number}.npz", counts=_compact(encoders.counts).T, time_stamps=encoders.stamps)
     if (imu := recording.imu) is not None and len(imu):
         _write(
             folder / f"Imu{number}.npz",
@@ -280,6 +280,14 @@ def write_ucsd(folder: str | PathLike[str], recording: Recording, *, sequence: s
             disparity_time_stamps=rgbd.disparity_stamps,
             rgb_time_stamps=rgbd.rgb_stamps,
         )
+
+
+def _compact(counts: NDArray[np.int64]) -> Array:
+    """Counts as int16, as the recordings have them; as int32 where they are sums over a long way."""
+    if np.abs(counts.astype(np.float64)).max() >= MAX_COUNT:
+        raise InputError("beyond 2^31, expected counts since the last reading", field="counts")
+    narrow = counts.astype(np.int16)
+    return narrow if (narrow == counts).all() else counts.astype(np.int32)
 
 
 def _write(path: Path, **arrays: Array | np.float64) -> None:

@@ -71,10 +71,8 @@ def whole_platform(table: Table, *, file: str | PathLike[str] | None = None) -> 
         ConfigError: as ``load_platform``.
     """
     table = _over_its_base(table, file)
-    platform = _platform(table, file=file)
-    if missing := list(_missing(table, Platform)):
-        some = ", ".join(missing)
-        raise ConfigError(f'{some} missing, expected a whole robot, or base = "{_names()[-1]}"', file=file)
+    platform = _platform(table, file=file, whole=True)
+    _expect_whole(table, file)
     return platform
 
 
@@ -176,13 +174,20 @@ def _over_its_base(table: Table, file: str | PathLike[str] | None) -> Table:
         raise ConfigError(f"{name!r}: {error.problem}", file=file, field=BASE) from error
 
 
-def _platform(table: Table, *, file: str | PathLike[str] | None) -> Platform:
+def _expect_whole(table: Table, file: str | PathLike[str] | None) -> None:
+    if missing := ", ".join(_missing(table, Platform)):
+        raise ConfigError(f'{missing} missing, expected a whole robot, or base = "{_names()[-1]}"', file=file)
+
+
+def _platform(table: Table, *, file: str | PathLike[str] | None, whole: bool = False) -> Platform:
     try:
         return Platform.model_validate(table)
     except ValidationError as error:
         field, problem = first_complaint(error, "platform.toml", _expected)
         missing = [".".join(map(str, entry["loc"])) for entry in error.errors() if entry["type"] == "missing"]
         if missing and field == missing[0]:
+            if whole:
+                _expect_whole(table, file)
             field = field.rpartition(".")[0]
             keys = ", ".join(key.rpartition(".")[2] for key in missing if key.rpartition(".")[0] == field)
             problem = f"{keys} missing, expected a complete [{field}] where nothing else is known of it"

@@ -1,22 +1,21 @@
 """The robot's path by its own odometry: wheel counters with the gyro's yaw rate, or the poses that a log has.
 
-Distances are integrated from wheel counts, never from velocities: the real robot's encoder intervals run from 3 to
-68 ms at a constant speed, so a count divided by its interval spikes to ten times the truth (docs/reference/formats.md).
+How counts and yaw rates are integrated is in `robot/wheel_odometry.py`; here are the choices of a configuration.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
-from moteslam.errors import InputError
 from moteslam.robot import se2
-from moteslam.robot.kinematics import arc_increment, euler_increment, wheel_motion
-from moteslam.robot.platform import Wheels
-from moteslam.robot.recording import EncoderStream, ImuStream, Recording
+from moteslam.robot.kinematics import arc_increment, euler_increment
+from moteslam.robot.recording import ImuStream, Recording
 from moteslam.robot.stamps import nearest_stamp
+from moteslam.robot.wheel_odometry import gyro_turn, wheel_path
 from moteslam.slam.inputs.config import SyncConfig
 
 Array = NDArray[np.float64]
@@ -49,10 +48,9 @@ def odometry_path(recording: Recording, config: SyncConfig) -> OdometryPath | No
         InputError: encoders on a platform without wheels.
     """
     if recording.encoders is not None and len(recording.encoders):
-        wheels = recording.platform.wheels
-        if wheels is None:
-            raise InputError("encoders without wheels, expected a platform with [wheels]", file=recording.name)
-        return _integrated(recording.encoders, recording.imu, wheels, config)
+        increment = euler_increment if config.kinematics == "euler" else arc_increment
+        poses = wheel_path(recording, turn_of=partial(_gyro_turn, config=config), increment=increment)
+        return OdometryPath(recording.encoders.stamps, poses)
     if recording.odometry is not None and len(recording.odometry):
         return OdometryPath(recording.odometry.stamps, recording.odometry.poses)
     if recording.lidar is not None and recording.lidar.odometry is not None:
@@ -85,26 +83,9 @@ def low_pass(values: Array, stamps: Array, cut_off: float) -> Array:
     return filtered
 
 
-def _integrated(encoders: EncoderStream, imu: ImuStream | None, wheels: Wheels, config: SyncConfig) -> OdometryPath:
-    """The path at the encoders' stamps from counts [n, 4] and yaw rates; the first count has no interval before it."""
-    front_right, front_left, rear_right, rear_left = encoders.counts.T.astype(np.float64)
-    left = (front_left + rear_left) / 2 * wheels.metres_per_count
-    right = (front_right + rear_right) / 2 * wheels.metres_per_count
-    distance, wheel_turn = wheel_motion(left, right, wheels.effective_track)
-    turn = wheel_turn
-    if imu is not None and len(imu) > 1:
-        covered = (encoders.stamps >= imu.stamps[0]) & (encoders.stamps <= imu.stamps[-1])
-        turn = np.where(covered, _gyro_turn(encoders.stamps, imu, config), wheel_turn)
-    distance[0], turn[0] = 0.0, 0.0
-    increment = euler_increment if config.kinematics == "euler" else arc_increment
-    return OdometryPath(encoders.stamps, se2.accumulate(increment(distance, turn)))
-
-
 def _gyro_turn(stamps: Array, imu: ImuStream, config: SyncConfig) -> Array:
     """The turn [n] [rad] between consecutive stamps [n] by the gyro; the first is 0."""
     yaw_rate = low_pass(imu.angular_velocity[:, 2].astype(np.float64), imu.stamps, config.low_pass_hz)
     if config.method == "nearest":
         return np.asarray(yaw_rate[nearest_stamp(imu.stamps, stamps)] * np.diff(stamps, prepend=stamps[0]))
-    steps = (yaw_rate[1:] + yaw_rate[:-1]) / 2 * np.diff(imu.stamps)
-    heading = np.concatenate(([0.0], np.cumsum(steps)))
-    return np.diff(np.interp(stamps, imu.stamps, heading), prepend=0.0)
+    return gyro_turn(stamps, imu, yaw_rate)

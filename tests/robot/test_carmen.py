@@ -11,9 +11,10 @@ import pytest
 from issues import messages
 from robot_logs import flaser, odom, robotlaser, write_log
 
-from moteslam.errors import InputError, OutputError
+from moteslam.errors import ConfigError, InputError, OutputError
 from moteslam.robot.formats import open_recording
-from moteslam.robot.formats.carmen import MAX_BROKEN, is_carmen, read_carmen, write_carmen
+from moteslam.robot.formats.carmen import MAX_BROKEN, expect_classic_fan, is_carmen, read_carmen, write_carmen
+from moteslam.robot.formats.carmen_lines import fov_of
 from moteslam.robot.formats.text import TextLines
 from moteslam.robot.platform import Platform
 from moteslam.robot.recording import LidarStream, OdometryStream, Recording
@@ -351,3 +352,26 @@ def test_a_real_log_written_reads_back_the_same(data_folder: Path, tmp_path: Pat
     assert one.ranges.tobytes() == two.ranges.tobytes()
     assert one.stamps.tobytes() == two.stamps.tobytes()
     assert (one.angle_min, one.angle_increment) == (two.angle_min, two.angle_increment)
+
+
+@pytest.mark.parametrize("beams", [180, 181, 360, 361])
+def test_the_fans_of_classic_logs_are_those_that_flaser_lines_stand_for(beams: int) -> None:
+    expect_classic_fan(beams, *fov_of(beams))
+
+
+@pytest.mark.parametrize(
+    ("fan", "found"),
+    [
+        ((1081, math.radians(-135), math.radians(0.25)), "1081 beams over 270 degrees from -135"),
+        ((181, math.radians(-45), math.radians(0.5)), "181 beams over 90 degrees from -45"),
+        ((180, math.radians(-89.5), math.radians(1)), "180 beams over 179 degrees from -89.5"),
+        ((180, math.radians(-90), math.radians(180 / 179)), "180 beams over 180 degrees from -90"),
+        ((91, math.radians(-90), math.radians(2)), "91 beams over 180 degrees from -90"),
+        ((1, math.radians(-90), math.radians(1)), "1 beam over 0 degrees from -90"),
+    ],
+)
+def test_other_fans_are_refused_in_one_line(fan: tuple[int, float, float], found: str) -> None:
+    line = f"format: {found}, expected for a CARMEN log 180 or 181 beams a degree apart, or 360 or 361 half a degree, "
+    with pytest.raises(ConfigError) as refused:
+        expect_classic_fan(*fan)
+    assert str(refused.value) == f"{line}from -90"

@@ -376,9 +376,19 @@ def test_images_are_listed_in_numeric_order_and_missing_ones_counted(tmp_path: P
     assert messages(recording.warnings[1:]) == ("Disparity20: 0 images, none of them for one of the 4 stamps",)
 
 
-def test_counts_beyond_int16_are_not_written(tmp_path: Path) -> None:
-    encoders = EncoderStream(np.arange(2.0), np.array([[0, 0, 0, 40000]] * 2))
-    with pytest.raises(InputError, match="counts: beyond int16"):
+def test_counts_beyond_int16_are_written_as_int32(tmp_path: Path) -> None:
+    encoders = EncoderStream(np.arange(2.0), np.array([[0, 0, 0, 0], [0, 0, 0, -40_000]]))
+    write_ucsd(tmp_path, Recording("x", UCSD, encoders=encoders), sequence=1)
+    with np.load(tmp_path / "Encoders1.npz", allow_pickle=False) as file:
+        assert file["counts"].dtype == np.int32
+    again = read_ucsd(tmp_path).encoders
+    assert again is not None
+    np.testing.assert_array_equal(again.counts, encoders.counts)
+
+
+def test_counts_that_would_not_be_read_are_not_written(tmp_path: Path) -> None:
+    encoders = EncoderStream(np.arange(2.0), np.array([[0, 0, 0, 2**31]] * 2))
+    with pytest.raises(InputError, match="counts: beyond 2"):
         write_ucsd(tmp_path, Recording("x", UCSD, encoders=encoders), sequence=1)
 
 
