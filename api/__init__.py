@@ -19,7 +19,8 @@ PUBLIC = {
         "OutputError",
     ),
     "moteslam.robot.picture_style": ("PictureStyle",),
-    "moteslam.robot.platform": ("Platform", "read_platform", "write_platform"),
+    "moteslam.robot.platform": ("Platform",),
+    "moteslam.robot.platforms": ("bundled_platforms", "load_platform", "read_platform", "write_platform"),
     "moteslam.robot.recording": (
         "EncoderStream",
         "ImuStream",

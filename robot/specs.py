@@ -1,6 +1,6 @@
 """What a robot's sensors are by their data sheets: where they stand, how often and how far they measure.
 
-A figure that is None is not known: of a recording the stream itself tells it, and nothing can be simulated with it.
+A figure that is None is not known: of a recording the stream itself states it, and nothing can be simulated with it.
 """
 
 from __future__ import annotations

@@ -19,8 +19,8 @@ class Logging:
     """What is logged, besides the base's odometry pose at every scan.
 
     Attributes:
-        every: keep a scan only after so much distance [m] (or so much ``turn``); None to keep all.
-        turn: keep a scan only after so much turn [rad] (or so much distance); None to keep all.
+        every: keep a scan only after this distance [m] (or this ``turn``); None to keep all.
+        turn: keep a scan only after this turn [rad] (or this distance); None to keep all.
         noise: shares of noise that are added to each step of the odometry, to its length and to its turn.
     """
 

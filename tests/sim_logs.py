@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from moteslam.robot.platform import UCSD
+from moteslam.robot.platforms import UCSD
 from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream, Recording
 
 START = 1_300_000_000.0

@@ -63,7 +63,7 @@ def platforms(
 
 
 def _figures(robot: Platform) -> dict[str, object]:
-    """What tells a robot from another, for JSON."""
+    """What sets a robot apart, for JSON."""
     scan = robot.lidar.scan
     return {
         "description": robot.description,

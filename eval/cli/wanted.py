@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from moteslam.errors import ConfigError
-from moteslam.robot.tables import assigned, leaves
 
 if TYPE_CHECKING:
     from moteslam.sim.logged import Logging
@@ -44,10 +43,11 @@ class Wanted:
         """The scenario; ``random-corridors`` is the building of that seed.
 
         Raises:
-            ConfigError: there is none, it is not well made, the lidar does not fit the format, or an option that changes it
-                is wrong; that one is named.
+            ConfigError: there is none, it is not well made, its lidar does not fit the format, or an option that
+                changes it is wrong; that one is named.
         """
         from moteslam.robot.formats.carmen import expect_classic_fan
+        from moteslam.robot.tables import assigned, leaves
         from moteslam.sim.scenario import load_scenario, with_camera
         from moteslam.sim.world.random_corridors import NAME as RANDOM_CORRIDORS
 
@@ -70,7 +70,10 @@ class Wanted:
                 expect_classic_fan(scan.beams, scan.angle_min, scan.angle_increment)
             except ConfigError as error:
                 raise ConfigError(error.problem, field="--format") from error
-        return with_camera(loaded) if self.camera else loaded
+        if not self.camera:
+            return loaded
+        with named_in_errors(self.scenario):
+            return with_camera(loaded)
 
     def simulate(self, seed: int | None, progress: Progress | None = None) -> Simulation:
         """Simulate it, and log it.

@@ -101,13 +101,13 @@ def platform_table(platform: Platform) -> Table:
     return _without_none(platform.model_dump())
 
 
-def robot_of(given: Platform | str | PathLike[str] | None, told: Platform, *, assumed: bool = False) -> Platform:
+def robot_of(given: Platform | str | PathLike[str] | None, stated: Platform, *, assumed: bool = False) -> Platform:
     """The robot of a recording.
 
     Args:
-        given: by the caller: as it is, or a ``platform.toml`` that lies, key by key, over what the recording tells.
-        told: the robot that the recording tells.
-        assumed: whether the recording tells nothing, and ``told`` is the robot that its format is known for: wheels
+        given: by the caller: as it is, or a ``platform.toml`` that lies, key by key, over what the recording states.
+        stated: the robot that the recording states.
+        assumed: whether the recording states nothing, and ``stated`` is the robot that its format is known for: wheels
             of another robot then have to be given completely.
 
     Raises:
@@ -116,11 +116,11 @@ def robot_of(given: Platform | str | PathLike[str] | None, told: Platform, *, as
     if isinstance(given, Platform):
         return given
     if given is None:
-        return told
+        return stated
     table = read_toml(Path(given), "a platform.toml")
-    base = told
+    base = stated
     if assumed and isinstance(table.get("wheels"), dict) and BASE not in table:
-        base = told.model_copy(update={"wheels": None})
+        base = stated.model_copy(update={"wheels": None})
     return read_platform(given, base=base)
 
 

@@ -17,7 +17,7 @@ from moteslam.sim.sensors.clock import readings
 from moteslam.sim.sensors.echoes import Floats, Scene
 
 _RAYS = 512 * 1081
-"""Cast at a time; scans are not divided."""
+"""Rays at a time; scans are not divided."""
 
 
 def simulate_lidar(

@@ -69,13 +69,24 @@ CROWD = "[crowd]\ncount = 1\naway = 100.0\n"
 WANDER = "[wander]\nstart = [0.0, 0.0]\ndistance = 9.0\nclearance = 3.0\n"
 
 
+UCSD_WITHOUT = '[platform]\nbase = "ucsd"\n'
+
+
 @pytest.mark.parametrize(
     ("line", "more", "words"),
     [
         ("simulate my.toml --out x", CROWD, "crowd.count: room for 0 of 1 people"),
         ("simulate my.toml --out new/and/x", WANDER, "wander: no free leg"),
-        ("simulate my.toml --out x --camera", "[platform]\ncamera = false\n", "platform.camera: none, expected"),
-        ("simulate my.toml --out x --camera", "[platform.camera]\nz = 0.0\n", "platform.camera.z: 0 m, expected"),
+        (
+            "simulate my.toml --out x --camera",
+            UCSD_WITHOUT + "camera = false\n",
+            "platform.camera: none, expected",
+        ),
+        (
+            "simulate my.toml --out x --camera",
+            UCSD_WITHOUT + "camera.z = 0.0\n",
+            "platform.camera.z: 0 m, expected",
+        ),
         ("demo --scenario my.toml --out x", CROWD, "crowd.count: room for 0 of 1 people"),
         ("scenarios show my.toml --drive --out x.png", WANDER, "wander: no free leg"),
         ("scenarios animate my.toml --out new/and/x.gif", CROWD, "crowd.count: room for 0 of 1 people"),

@@ -280,14 +280,14 @@ def test_the_platform_comes_from_the_caller_then_the_folder_then_the_format(tmp_
     assert read_ucsd(tmp_path).platform == UCSD
 
 
-def test_a_platform_file_lies_over_what_the_recording_tells(tmp_path: Path) -> None:
+def test_a_platform_file_lies_over_what_the_recording_states(tmp_path: Path) -> None:
     folder, over = tmp_path / "recording", tmp_path / "over.toml"
     folder.mkdir()
-    told = UCSD.model_copy(update={"name": "told", "lidar": UCSD.lidar.model_copy(update={"x": 0.7})})
-    write_ucsd(folder, make_recording().replace(platform=told), sequence=20)
+    stated = UCSD.model_copy(update={"name": "stated", "lidar": UCSD.lidar.model_copy(update={"x": 0.7})})
+    write_ucsd(folder, make_recording().replace(platform=stated), sequence=20)
     over.write_text("")
     plain, empty = read_ucsd(folder), read_ucsd(folder, platform=over)
-    assert empty.platform == plain.platform == told
+    assert empty.platform == plain.platform == stated
     assert plain.lidar is not None
     assert empty.lidar is not None
     assert empty.lidar.ranges.tobytes() == plain.lidar.ranges.tobytes()
@@ -305,7 +305,7 @@ def test_a_platform_file_lies_over_what_the_recording_tells(tmp_path: Path) -> N
     assert far.any()
     assert np.isinf(changed.lidar.ranges[far]).all()
     np.testing.assert_array_equal(changed.lidar.ranges[~far], plain.lidar.ranges[~far])
-    # the arrays alone tell nothing of wheels: those of another robot must be complete
+    # the arrays alone state nothing of wheels: those of another robot must be complete
     (folder / "platform.toml").unlink()
     with pytest.raises(ConfigError, match="wheels: metres_per_count, diameter, wheel_base, effective_track missing"):
         read_ucsd(folder, platform=over)

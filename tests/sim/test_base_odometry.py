@@ -7,7 +7,8 @@ import pytest
 from sim_logs import winding
 
 from moteslam.errors import InputError
-from moteslam.robot.platform import UCSD, Wheels
+from moteslam.robot.platform import Wheels
+from moteslam.robot.platforms import UCSD
 from moteslam.robot.recording import EncoderStream, Recording
 from moteslam.sim.base_odometry import odometry_of, with_odometry
 from moteslam.slam.odometry.dead_reckoning import dead_reckon

@@ -12,7 +12,7 @@ from moteslam.errors import ConfigError, InputError
 from moteslam.robot import se2
 from moteslam.robot.formats.carmen import read_carmen, write_carmen
 from moteslam.robot.formats.ucsd import read_ucsd, write_ucsd
-from moteslam.robot.platform import UCSD
+from moteslam.robot.platforms import UCSD
 from moteslam.robot.recording import EncoderStream, LidarStream, Recording
 from moteslam.sim.base_odometry import with_odometry
 from moteslam.sim.key_scans import key_scans

@@ -8,7 +8,8 @@ from sim_logs import winding
 
 from moteslam.errors import ConfigError, InputError
 from moteslam.robot import se2
-from moteslam.robot.platform import UCSD, Wheels
+from moteslam.robot.platform import Wheels
+from moteslam.robot.platforms import UCSD
 from moteslam.robot.recording import EncoderStream, OdometryStream, Recording
 from moteslam.sim.base_odometry import with_odometry
 from moteslam.sim.key_scans import key_scans
