@@ -48,7 +48,9 @@ def _print_against(results: Mapping[str, AgainstTrajectory | AgainstRelations], 
 
 def _residual_table(results: Mapping[str, UnderRecording]) -> str:
     """A row a trajectory."""
-    rows = [("estimate", "scans", "residual median [mm]", "90 % below [mm]", "beyond 3 cm", "unseen", "no return")]
+    rows: list[tuple[str, ...]] = [
+        ("estimate", "scans", "residual median [mm]", "90 % below [mm]", "beyond 3 cm", "unseen", "no return")
+    ]
     for name, under in results.items():
         result = under.result
         shares = (result.beyond_3_cm, result.unseen, result.no_return)

@@ -224,7 +224,7 @@ def _pairs(path: Array, used: NDArray[np.intp]) -> Iterator[tuple[int, list[int]
 
 
 def _spread(some: NDArray[np.intp], most: int) -> NDArray[np.intp]:
-    """At most so many of them, evenly spread, the first and the last among them."""
+    """Those [n], or ``most`` of them where there are more: evenly spread, the first and the last among them."""
     return some if len(some) <= most else some[np.linspace(0, len(some) - 1, most).round().astype(np.intp)]
 
 
@@ -267,11 +267,11 @@ class _Lines:
     def distances(self, points: Array) -> Array:
         """The residuals [n] of points [n, 2] against these lines [m]; infinite where there is none."""
         distances = np.full(len(points), np.inf)
-        if self.tree is None or not len(points):
+        if self.tree is None:
             return distances
-        nearest = self.tree.query(points, distance_upper_bound=REACH)[1]
-        near = np.flatnonzero(nearest < len(self.points))
-        nearest = nearest[near]
+        found = np.asarray(self.tree.query(points, distance_upper_bound=REACH)[1])
+        near = np.flatnonzero(found < len(self.points))
+        nearest = found[near]
         offsets = points[near] - self.points[nearest]
         along = self.along[:, nearest]
         squares = np.maximum((along**2).sum(axis=-1), np.finfo(float).tiny)

@@ -12,6 +12,7 @@ import pytest
 from moteslam import read_tum, scan_residuals
 from moteslam.errors import InputError
 from moteslam.eval.cli import main
+from moteslam.eval.evaluation import under_recording
 from moteslam.eval.metrics import residuals
 from moteslam.robot.formats import open_recording
 from moteslam.robot.formats.carmen import write_carmen
@@ -123,6 +124,24 @@ def test_beyond_the_end_of_a_surface_there_is_no_residual() -> None:
     assert result.quantile_90 < 1e-6
 
 
+def test_off_a_convex_corner_the_corner_is_nearest() -> None:
+    """A corner that points at the robot; the scan compared is laid 5 cm before it."""
+    angles = np.linspace(BEAMS[0], BEAMS[-1], 121)
+    corner = 0.15
+
+    def ranges(x: float) -> np.ndarray:
+        right = (WALL + 0.5 * (x - corner)) / (np.sin(angles) - 0.5 * np.cos(angles))
+        left = (WALL - 0.5 * (x - corner)) / (np.sin(angles) + 0.5 * np.cos(angles))
+        return np.maximum(right, left)
+
+    first = np.where(np.abs(angles - np.pi / 2) < np.deg2rad(10), ranges(0.0), np.inf)
+    recording = recording_of(np.stack((first, ranges(0.3))))
+    poses = np.array(((0.0, -0.05, 0.0), (0.3, 0.0, 0.0)))
+    result = scan_residuals(recording, Trajectory(np.array((0.0, 0.1)), poses))
+    assert result.unseen == 0.0
+    assert result.median == pytest.approx(0.05 * np.cos(np.arctan(0.5)), abs=1e-3)
+
+
 def test_what_is_compared_with_what() -> None:
     dense = scan_residuals(*along_wall(100, step=0.01))  # 99 cm: four scans 25 cm apart, of which two are compared
     assert dense.stamps.tolist() == pytest.approx([0.0, 5.0])
@@ -130,7 +149,10 @@ def test_what_is_compared_with_what() -> None:
     assert dense.residuals <= dense.endpoints * 3
     assert scan_residuals(*along_wall(2, step=1.9)).residuals > 0
     with pytest.raises(InputError, match="no endpoint lies near the lines of another scan, expected scans less than 2"):
-        scan_residuals(*along_wall(2, step=2.1))
+        scan_residuals(*along_wall(3, step=2.05))
+    recording, truth = along_wall(2)
+    with pytest.raises(InputError, match="no endpoint lies near"):
+        scan_residuals(recording, Trajectory(truth.stamps, truth.poses + ((0, 0, 0), (0, 0.6, 0))))
 
 
 def test_long_recordings_are_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -220,9 +242,10 @@ def test_scans_without_endpoints_are_no_fault() -> None:
     assert recording.lidar is not None
     ranges = recording.lidar.ranges.copy()
     ranges[2:4] = np.inf
-    result = scan_residuals(recording.replace(lidar=replace(recording.lidar, ranges=ranges)), truth)
-    assert np.isnan(result.medians).tolist() == [False, True, False]
-    assert result.endpoints == 2 * len(BEAMS)
+    evaluated = under_recording(truth, recording.replace(lidar=replace(recording.lidar, ranges=ranges)))
+    assert np.isnan(evaluated.result.medians).tolist() == [False, True, False]
+    assert [median is None for median in evaluated.errors()["median_m"]] == [False, True, False]
+    assert evaluated.result.endpoints == 2 * len(BEAMS)
 
 
 @pytest.fixture
@@ -278,6 +301,13 @@ def test_the_command_scores_by_both(folder: Path, capsys: pytest.CaptureFixture[
     text = printed(capsys, "true.tum", "poor.tum", "--recording", "wall.log")
     assert text.splitlines()[0] == "true.tum against poor.tum"
     assert text.splitlines()[-1].split()[0] == "true.tum"
+
+
+def test_what_is_wrong_with_the_recording_is_printed(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with (folder / "wall.log").open("a", encoding="utf-8") as log:
+        log.write("ODOM 1 2 broken\n")
+    assert main.run(["evaluate", "true.tum", "--recording", "wall.log"]) == 0
+    assert "moteslam: warning: " in capsys.readouterr().err
 
 
 def test_a_trajectory_of_a_small_part_is_warned_of(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
