@@ -152,7 +152,7 @@ def test_what_is_compared_with_what() -> None:
         scan_residuals(*along_wall(3, step=2.05))
     recording, truth = along_wall(2)
     with pytest.raises(InputError, match="no endpoint lies near"):
-        scan_residuals(recording, Trajectory(truth.stamps, truth.poses + ((0, 0, 0), (0, 0.6, 0))))
+        scan_residuals(recording, Trajectory(truth.stamps, truth.poses + np.array(((0, 0, 0), (0, 0.6, 0)))))
 
 
 def test_long_recordings_are_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
