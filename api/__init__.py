@@ -47,6 +47,7 @@ PUBLIC = {
     "moteslam.slam.run": ("SlamSession", "run_slam"),
     "moteslam.eval.metrics.ate": ("absolute_trajectory_error",),
     "moteslam.eval.metrics.rpe": ("relative_pose_error",),
+    "moteslam.eval.metrics.residuals": ("ResidualResult", "scan_residuals"),
     "moteslam.eval.metrics.relations": ("Relations", "evaluate_relations", "read_relations"),
     "moteslam.eval.scores": ("Scores", "score_estimate", "score_trajectory"),
     "moteslam.eval.results": ("write_results",),

@@ -1,16 +1,19 @@
-"""A trajectory scored against a reference as a value: against another trajectory, or against relations."""
+"""A trajectory scored as a value: against another trajectory, against relations, or by the scans of its recording."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import isnan
 from typing import Any
 
 from moteslam.errors import InputError
 from moteslam.eval.metrics.association import MAX_DIFFERENCE
 from moteslam.eval.metrics.ate import AteResult, absolute_trajectory_error
 from moteslam.eval.metrics.relations import TOLERANCE, RelationResult, Relations, evaluate_relations
+from moteslam.eval.metrics.residuals import ResidualResult, scan_residuals
 from moteslam.eval.metrics.rpe import RpeResult, relative_pose_error
 from moteslam.robot.issues import Issue
+from moteslam.robot.recording import Recording
 from moteslam.robot.trajectory import Trajectory
 
 FEW = 0.5
@@ -71,6 +74,38 @@ class AgainstRelations:
         }
 
 
+@dataclass(frozen=True, eq=False)
+class UnderRecording:
+    """The scans of a recording under a trajectory.
+
+    Attributes:
+        result: their residuals.
+        issues: that few poses have a scan.
+    """
+
+    result: ResidualResult
+    issues: tuple[Issue, ...] = ()
+
+    def as_dict(self) -> dict[str, Any]:
+        """The statistics as they go into JSON."""
+        return {**self.result.as_dict(), "warnings": [issue.as_dict() for issue in self.issues]}
+
+    def errors(self) -> dict[str, Any]:
+        """The median residual of every scan that was compared, as it goes into JSON; null for a scan without any."""
+        return {
+            "stamps": self.result.stamps.tolist(),
+            "median_m": [None if isnan(median) else median for median in self.result.medians.tolist()],
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class Evaluated:
+    """What a trajectory was scored by: a reference, the scans of its recording, or both; None where it was not."""
+
+    against: AgainstTrajectory | AgainstRelations | None = None
+    under: UnderRecording | None = None
+
+
 def against_trajectory(
     estimate: Trajectory,
     reference: Trajectory,
@@ -123,3 +158,14 @@ def against_relations(
     """Score a trajectory by relations; arguments and errors as in ``evaluate_relations``."""
     tolerance = TOLERANCE if tolerance is None else tolerance
     return AgainstRelations(evaluate_relations(estimate, relations, interpolate=interpolate, tolerance=tolerance))
+
+
+def under_recording(estimate: Trajectory, recording: Recording) -> UnderRecording:
+    """Score a trajectory by the scans of its recording; errors as in ``scan_residuals``."""
+    result = scan_residuals(recording, estimate)
+    assert recording.lidar is not None  # or there would be no residuals
+    matched, shorter = result.matched, min(len(estimate), len(recording.lidar))
+    if matched >= FEW * shorter:
+        return UnderRecording(result)
+    text = f"{matched} of {shorter} scans or poses have a partner: is this its recording, on the same clock?"
+    return UnderRecording(result, (Issue("few-matched", text, matched),))

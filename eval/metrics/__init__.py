@@ -1,1 +1,1 @@
-"""Scores of a trajectory, in NumPy alone: absolute and relative errors, and hand-checked relations."""
+"""Scores of a trajectory: absolute and relative errors, hand-checked relations, and residuals of its scans."""

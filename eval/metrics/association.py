@@ -68,7 +68,7 @@ def match(
     if interpolate is None:
         interpolate = len(reference) > len(estimate)
     if interpolate:
-        keep = _covered(estimate.stamps, reference.stamps, max_difference)
+        keep = covered(estimate.stamps, reference.stamps, max_difference)
         stamps = estimate.stamps[keep]
         matched = Matched(stamps, estimate.poses[keep], se2.interpolate(reference.stamps, reference.poses, stamps))
     else:
@@ -79,8 +79,8 @@ def match(
         matched = Matched(estimate.stamps[in_estimate], estimate.poses[in_estimate], reference.poses[in_reference])
     if not len(matched):
         raise InputError(
-            f"no stamps in common: the estimate covers {_span(estimate)}, the reference {_span(reference)}, "
-            f"expected stamps within {max_difference:g} s of each other"
+            f"no stamps in common: the estimate covers {span(estimate.stamps)}, the reference "
+            f"{span(reference.stamps)}, expected stamps within {max_difference:g} s of each other"
         )
     return matched
 
@@ -100,8 +100,11 @@ def within(
     return found, nearest[found]
 
 
-def _covered(stamps: NDArray[np.float64], reference: NDArray[np.float64], max_difference: float) -> NDArray[np.bool_]:
-    """Which stamps [n] the reference says something about."""
+def covered(stamps: NDArray[np.float64], reference: NDArray[np.float64], max_difference: float) -> NDArray[np.bool_]:
+    """Which stamps [n] a reference [m] can be interpolated at.
+
+    Those that two of its stamps at most ``MAX_GAP`` apart enclose, and those within ``max_difference`` of one [s].
+    """
     after = np.searchsorted(reference, stamps, side="left")
     last = len(reference) - 1
     upper, lower = reference[np.minimum(after, last)], reference[np.maximum(after - 1, 0)]
@@ -110,5 +113,6 @@ def _covered(stamps: NDArray[np.float64], reference: NDArray[np.float64], max_di
     return np.asarray(enclosed | near)
 
 
-def _span(trajectory: Trajectory) -> str:
-    return f"{trajectory.stamps[0]:.3f} to {trajectory.stamps[-1]:.3f} s"
+def span(stamps: NDArray[np.float64]) -> str:
+    """The time that stamps [n], at least one, cover, in words."""
+    return f"{stamps[0]:.3f} to {stamps[-1]:.3f} s"

@@ -56,7 +56,7 @@ from moteslam.eval.cli.text import literal
         ("inspect absent", "absent: No such file"),
         ("inspect", "PATH"),
         ("evaluate absent also", "absent: No such file"),
-        ("evaluate", "EST... REF"),
+        ("evaluate", "EST... [REF]"),
     ],
 )
 def test_one_line_and_exit_code_2(line: str, words: str, tmp_path: Path, monkeypatch, capsys) -> None:

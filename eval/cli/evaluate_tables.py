@@ -1,0 +1,103 @@
+"""The tables that ``moteslam evaluate`` prints: errors against a reference, and residuals of scans."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from math import degrees
+from pathlib import Path
+
+from moteslam.eval.cli.text import bold, literal, note, say, table
+from moteslam.eval.evaluation import AgainstRelations, AgainstTrajectory, Evaluated, UnderRecording
+
+
+def say_scores(scores: Mapping[str, Evaluated], reference: Path | None, recording: Path | None) -> None:
+    """Print the scores of trajectories by their names, and a warning for each of their issues.
+
+    Args:
+        scores: by the name of the trajectory, all by the same.
+        reference, recording: what they are scored by; None where they are not.
+    """
+    against = {name: score.against for name, score in scores.items() if score.against is not None}
+    under = {name: score.under for name, score in scores.items() if score.under is not None}
+    if against:
+        _print_against(against, str(reference))
+    if under:
+        for name, result in under.items():
+            for issue in result.issues:
+                note(f"warning: {name}: {issue}")
+        say(f"scans of {literal(recording)}")
+        say(_residual_table(under))
+
+
+def _print_against(results: Mapping[str, AgainstTrajectory | AgainstRelations], reference: str) -> None:
+    for name, result in results.items():
+        if isinstance(result, AgainstRelations):
+            say(f"{literal(name)} against {literal(reference)}")
+            say(_relation_table(result))
+        elif len(results) == 1:
+            say(f"{literal(name)} against {literal(reference)}")
+            say(_trajectory_table(result))
+        if isinstance(result, AgainstTrajectory):
+            for issue in result.issues:
+                note(f"warning: {name}: {issue}")
+    compared = {name: result for name, result in results.items() if isinstance(result, AgainstTrajectory)}
+    if len(compared) > 1:
+        say(f"against {literal(reference)}")
+        say(_comparison_table(compared))
+
+
+def _residual_table(results: Mapping[str, UnderRecording]) -> str:
+    """A row a trajectory."""
+    rows: list[tuple[str, ...]] = [
+        ("estimate", "scans", "residual median [mm]", "90 % below [mm]", "beyond 3 cm", "unseen", "no return")
+    ]
+    for name, under in results.items():
+        result = under.result
+        shares = (result.beyond_3_cm, result.unseen, result.no_return)
+        values = (f"{1000 * result.median:.1f}", f"{1000 * result.quantile_90:.1f}")
+        rows.append((literal(name), str(len(result.stamps)), *values, *(f"{100 * share:.1f} %" for share in shares)))
+    return table(rows, right=range(1, 7))
+
+
+def _relation_table(against: AgainstRelations) -> str:
+    result = against.result
+    rows = [("relations", "count", "translation [m]", "rotation [deg]")]
+    for name, score in (("clear", result.clear), ("at stamps", result.at_stamps), ("all used", result.all)):
+        if score is None:
+            rows.append((name, "0", "-", "-"))
+            continue
+        along, turn = score.translation, score.rotation
+        values = (f"{along.mean:.4f} +- {along.std:.4f}", f"{turn.mean:.3f} +- {turn.std:.3f}")
+        rows.append((name, str(along.count), *values))
+    used = bold(f"{result.used} of {result.total} relations used, {result.interpolated} of them between poses")
+    return f"{table(rows, right=(1, 2, 3))}\n{used}"
+
+
+def _trajectory_table(result: AgainstTrajectory) -> str:
+    rows: list[tuple[str, ...]] = [("error", "count", "RMSE", "mean", "median", "std", "max")]
+    scores = [("ATE" if result.aligned else "ATE, not aligned", result.ate.translation, result.ate.rotation)]
+    if result.rpe is not None:
+        rpe = result.rpe
+        scores.append((f"RPE over {rpe.delta:g} {rpe.unit}", rpe.translation, rpe.rotation))
+    for name, along, turn in scores:
+        for what, form in (("m", "{:.4f}"), ("deg", "{:.3f}")):
+            s = along if what == "m" else turn
+            values = (s.rmse, s.mean, s.median, s.std, s.max)
+            shown: Sequence[float] = values if what == "m" else [degrees(value) for value in values]
+            rows.append((f"{name} [{what}]", str(s.count), *(form.format(value) for value in shown)))
+    return table(rows, right=range(1, 7))
+
+
+def _comparison_table(results: dict[str, AgainstTrajectory]) -> str:
+    """A row a trajectory."""
+    first = next(iter(results.values()))
+    ate = "ATE" if first.aligned else "ATE, not aligned,"
+    pairs = next((f"{r.rpe.delta:g} {r.rpe.unit}" for r in results.values() if r.rpe is not None), None)
+    head = ("estimate", "poses", f"{ate} RMSE [m]", "median", "max", "heading RMSE [deg]")
+    rows: list[tuple[str, ...]] = [(*head, f"RPE over {pairs}, RMSE [m]") if pairs else head]
+    for name, result in results.items():
+        along, turn = result.ate.translation, result.ate.rotation
+        values = (f"{along.rmse:.4f}", f"{along.median:.4f}", f"{along.max:.4f}", f"{degrees(turn.rmse):.3f}")
+        rpe = ("-" if result.rpe is None else f"{result.rpe.rmse:.4f}",) if pairs else ()
+        rows.append((literal(name), str(along.count), *values, *rpe))
+    return table(rows, right=range(1, len(rows[0])))

@@ -1,0 +1,282 @@
+"""Residuals of scans under a trajectory: how far endpoints are from what the scans nearby saw of the same surface."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from moteslam.errors import InputError
+from moteslam.eval.metrics.association import MAX_DIFFERENCE, covered, span, within
+from moteslam.robot import se2
+from moteslam.robot.recording import LidarStream, Recording
+from moteslam.robot.se2 import Poses
+from moteslam.robot.summary import Summarised
+from moteslam.robot.trajectory import Trajectory
+from moteslam.robot.wording import counted, expect_type
+from moteslam.slam.inputs.scans import Scans
+from moteslam.slam.inputs.synchronise import require_lidar, synchronise
+
+if TYPE_CHECKING:
+    from scipy.spatial import cKDTree
+
+Array = NDArray[np.float64]
+
+PATH_REACH = 2.0
+"""Scans less than this far apart along the path are compared [m]: little drift, much seen by both."""
+
+SPACING = 0.25
+"""Of the scans within each such length of path the first is used [m]; a turn by a radian counts as a metre."""
+
+MAX_NEIGHBOURS = 8
+"""A scan is compared with at most this many others, spread evenly over those within ``PATH_REACH``."""
+
+MAX_SCANS = 600
+"""At most this many scans are compared with others, spread evenly over the path."""
+
+REACH = 0.5
+"""An endpoint has no residual against a scan whose nearest endpoint is farther away than this [m]."""
+
+MAX_STRETCH = 4.0
+"""A line joins adjacent endpoints up to this many times as far apart as their beams are at that range: a surface that
+the beams meet at less than 75 degrees from its normal."""
+
+MIN_JOINED = 0.05
+"""Adjacent endpoints this near to each other are joined whatever the range [m]: so far apart noise alone puts them."""
+
+MAX_JOINED = 1.0
+"""No line is longer [m]."""
+
+FAR = 0.03
+"""The share of residuals beyond this distance [m] is reported."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ResidualResult(Summarised):
+    """The residuals of a recording's scans under a trajectory.
+
+    Attributes:
+        median: of the residuals [m].
+        quantile_90: nine of ten residuals are below it [m].
+        beyond_3_cm: share of the residuals above 3 cm.
+        unseen: share of the endpoints compared that have no residual against any other scan.
+        no_return: share of all beams of the recording without a return.
+        residuals: how many there are.
+        endpoints: how many endpoints were compared.
+        matched: how many scans have a pose.
+        stamps: [n] of the scans whose endpoints were compared [s].
+        medians: [n] median residual of each of them [m]; NaN for a scan without any.
+    """
+
+    median: float
+    quantile_90: float
+    beyond_3_cm: float
+    unseen: float
+    no_return: float
+    residuals: int
+    endpoints: int
+    matched: int
+    stamps: Array
+    medians: Array
+
+    def as_dict(self) -> dict[str, Any]:
+        """The statistics as they go into JSON: metres, and shares from 0 to 1."""
+        return {
+            "median_m": self.median,
+            "quantile_90_m": self.quantile_90,
+            "beyond_3_cm_share": self.beyond_3_cm,
+            "unseen_share": self.unseen,
+            "no_return_share": self.no_return,
+            "residuals": self.residuals,
+            "endpoints": self.endpoints,
+            "scans": len(self.stamps),
+            "matched": self.matched,
+        }
+
+    def _summary(self) -> str:
+        figures = f"median {1000 * self.median:.1f} mm, 90 % below {1000 * self.quantile_90:.1f} mm"
+        return f"{counted(self.residuals, 'residual')} of {counted(len(self.stamps), 'scan')}, {figures}"
+
+
+def scan_residuals(recording: Recording, trajectory: Trajectory) -> ResidualResult:
+    """How noisy the scans of a recording are, and how well a trajectory lays them on each other.
+
+    The scans used are the first within each ``SPACING`` of path or turn. Every second of them is compared with the
+    others less than ``PATH_REACH`` of path away, at most ``MAX_NEIGHBOURS`` of them; of a long recording, ``MAX_SCANS``
+    are compared. Where there are more, they are spread evenly. Scans are de-skewed as SLAM's default does.
+
+    A residual is the distance of an endpoint of the one scan to the lines of another: to the nearer of the two that
+    end at the other scan's endpoint nearest to it, much as in point-to-line ICP (Censi 2008). Lines join the endpoints
+    of adjacent beams that lie on one surface: at most ``MAX_STRETCH`` times as far apart as the beams are there, or
+    ``MIN_JOINED``, and never over ``MAX_JOINED``. There is no residual where the other scan did not see the place: its
+    nearest endpoint is more than ``REACH`` away, or on no line, or the last of a surface with the foot beyond it. An
+    endpoint has a residual against each scan that saw its place, so that the statistics depend little on how many
+    scans there are.
+
+    Noise of standard deviation s across a surface gives a median of about 0.87 s: both scans have it, and a line
+    averages that of two endpoints.
+
+    Args:
+        recording: with a lidar.
+        trajectory: of the robot, on the recording's clock. Where it has a pose for every scan, in order, these are
+            taken; else poses are interpolated at the scans' stamps: if it has more poses than there are scans
+            wherever it covers them, if not at the scans within ``MAX_DIFFERENCE`` of a pose.
+
+    Raises:
+        InputError: no scans, fewer than two of them with a pose, a robot that stands, poses that are not finite, or
+            no residual at all.
+    """
+    expect_type(recording, Recording, "recording", "open_recording(path) reads one")
+    expect_type(trajectory, Trajectory, "trajectory", "read_tum(path) reads one")
+    lidar = require_lidar(recording)
+    if not np.isfinite(trajectory.poses).all():
+        raise InputError("poses that are not finite, expected x, y and theta", field="trajectory")
+    index, poses = _poses_of_scans(lidar.stamps, trajectory)
+    path, turned = _travelled(poses)
+    used = np.unique(np.floor((path + turned) / SPACING), return_index=True)[1]
+    if len(used) < 2:
+        raise InputError(
+            f"{path[-1]:.2f} m driven and {np.rad2deg(turned[-1]):.0f} deg turned over "
+            f"{counted(len(index), 'scan')}, expected at least {SPACING:g} m or {np.rad2deg(SPACING):.0f} deg",
+            field="trajectory",
+        )
+    scans = synchronise(recording).scans
+
+    @lru_cache(maxsize=64)  # those within reach of a scan and of the next
+    def lines(scan: int) -> _Lines:
+        return _Lines.of(scans, lidar, int(index[scan]), poses[scan])
+
+    compared, residuals, endpoints, unseen = [], [], 0, 0
+    for scan, others in _pairs(path, used):
+        points = lines(scan).points
+        distances = [lines(other).distances(points) for other in others] or [np.full(len(points), np.inf)]
+        found = np.isfinite(distances)
+        endpoints += len(points)
+        unseen += int(np.count_nonzero(~found.any(axis=0)))
+        residuals.append(np.array(distances)[found])
+        compared.append(scan)
+    everything = np.concatenate(residuals)
+    if not len(everything):
+        raise InputError(
+            f"no endpoint lies near the lines of another scan, expected scans less than {PATH_REACH:g} m of path "
+            "apart that see the same surfaces, and their own trajectory",
+            field="trajectory",
+        )
+    return ResidualResult(
+        median=float(np.median(everything)),
+        quantile_90=float(np.quantile(everything, 0.9)),
+        beyond_3_cm=float(np.mean(everything > FAR)),
+        unseen=unseen / endpoints,
+        no_return=1.0 - sum(int(np.isfinite(scan).sum()) for scan in lidar.ranges) / lidar.ranges.size,
+        residuals=len(everything),
+        endpoints=endpoints,
+        matched=len(index),
+        stamps=lidar.stamps[index[compared]],
+        medians=np.array([np.median(some) if len(some) else np.nan for some in residuals]),
+    )
+
+
+def _poses_of_scans(stamps: Array, trajectory: Trajectory) -> tuple[NDArray[np.intp], Poses]:
+    """The scans that have a pose: their indices [k] among the stamps [n] of all, and the poses [k, 3]."""
+    if not len(trajectory):
+        raise InputError("a trajectory without poses, expected one for every scan", field="trajectory")
+    times = trajectory.stamps
+    if len(times) == len(stamps) and np.abs(times - stamps).max() <= MAX_DIFFERENCE:
+        return np.arange(len(stamps)), trajectory.poses  # scans that share a stamp keep a pose of their own
+    if len(times) > len(stamps):
+        index = np.flatnonzero(covered(stamps, times, MAX_DIFFERENCE))
+    else:
+        index, _ = within(stamps, times, MAX_DIFFERENCE)
+    if len(index) < 2:
+        raise InputError(
+            f"poses at {len(index)} of {counted(len(stamps), 'scan')}, expected at two or more: the scans cover "
+            f"{span(stamps)}, the trajectory {span(times)}",
+            field="trajectory",
+        )
+    return index, se2.interpolate(times, trajectory.poses, stamps[index])
+
+
+def _travelled(poses: Poses) -> tuple[Array, Array]:
+    """The path [m] and the turns, left or right, [rad] up to each of the poses [n, 3], both [n]."""
+    x, y, turns = np.diff(poses, axis=0).T
+    steps = np.stack((np.hypot(x, y), np.abs(se2.wrap(turns))))
+    path, turned = np.concatenate((np.zeros((2, 1)), np.cumsum(steps, axis=1)), axis=1)
+    return path, turned
+
+
+def _pairs(path: Array, used: NDArray[np.intp]) -> Iterator[tuple[int, list[int]]]:
+    """The scans to compare, in order, and those that each is compared with.
+
+    Args:
+        path: [n] driven up to each scan [m].
+        used: [k] the scans to choose from, rising.
+    """
+    at = path[used]
+    for place in _spread(np.arange(0, len(used), 2), MAX_SCANS):
+        first = np.searchsorted(at, at[place] - PATH_REACH, side="right")
+        last = np.searchsorted(at, at[place] + PATH_REACH, side="left")
+        others = np.concatenate((used[first:place], used[place + 1 : last]))
+        yield int(used[place]), _spread(others, MAX_NEIGHBOURS).tolist()
+
+
+def _spread(some: NDArray[np.intp], most: int) -> NDArray[np.intp]:
+    """Those [n], or ``most`` of them where there are more: evenly spread, the first and the last among them."""
+    return some if len(some) <= most else some[np.linspace(0, len(some) - 1, most).round().astype(np.intp)]
+
+
+@dataclass(frozen=True, eq=False)
+class _Lines:
+    """The endpoints of a scan, and the lines between adjacent ones on one surface.
+
+    Attributes:
+        points: [k, 2] the endpoints in the frame of the trajectory [m].
+        along: [2, k, 2] from each endpoint along its line to the next one and to the one before [m]; zeros where
+            there is no line.
+        inner: [k] whether an endpoint has both lines.
+        tree: of the points; None where there are none.
+    """
+
+    points: Array
+    along: Array
+    inner: NDArray[np.bool_]
+    tree: cKDTree | None
+
+    @classmethod
+    def of(cls, scans: Scans, lidar: LidarStream, index: int, pose: Poses) -> _Lines:
+        """The lines of a scan, its index in the recording, taken at a pose [3]."""
+        from scipy.spatial import cKDTree
+
+        beams = np.flatnonzero(np.isfinite(lidar.ranges[index]))
+        ranges = lidar.ranges[index, beams].astype(np.float64)
+        points = se2.transform_points(pose, scans.points(index))
+        steps = np.diff(points, axis=0)
+        between_beams = np.minimum(ranges[:-1], ranges[1:]) * abs(lidar.angle_increment)
+        longest = np.clip(MAX_STRETCH * between_beams, MIN_JOINED, MAX_JOINED)
+        joined = (np.diff(beams) == 1) & (np.hypot(*steps.T) <= longest)
+        along = np.zeros((2, *points.shape))
+        along[0, :-1][joined] = steps[joined]
+        along[1, 1:][joined] = -steps[joined]
+        inner = np.zeros(len(points), np.bool_)
+        inner[1:-1] = joined[:-1] & joined[1:]
+        return cls(points, along, inner, cKDTree(points) if len(points) else None)
+
+    def distances(self, points: Array) -> Array:
+        """The residuals [n] of points [n, 2] against these lines [m]; infinite where there is none."""
+        distances = np.full(len(points), np.inf)
+        if self.tree is None:
+            return distances
+        found = np.asarray(self.tree.query(points, distance_upper_bound=REACH)[1])
+        near = np.flatnonzero(found < len(self.points))
+        nearest = found[near]
+        offsets = points[near] - self.points[nearest]
+        along = self.along[:, nearest]
+        squares = np.maximum((along**2).sum(axis=-1), np.finfo(float).tiny)
+        feet = np.clip((along * offsets).sum(axis=-1) / squares, 0.0, 1.0)  # as shares of the line
+        missed = offsets - feet[..., None] * along
+        beside = self.inner[nearest] | (feet > 0).any(axis=0)
+        distances[near[beside]] = np.hypot(missed[..., 0], missed[..., 1]).min(axis=0)[beside]
+        return distances
