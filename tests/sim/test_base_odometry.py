@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from sim_logs import winding
+from ucsd_robot import WHEELS
 
 from moteslam.errors import InputError
-from moteslam.robot.platform import Wheels
 from moteslam.robot.platforms import UCSD
 from moteslam.robot.recording import EncoderStream, Recording
 from moteslam.sim.base_odometry import odometry_of, with_odometry
@@ -15,7 +15,7 @@ from moteslam.slam.odometry.dead_reckoning import dead_reckon
 
 
 def test_a_straight_drive_and_a_turn_on_the_spot_are_exact() -> None:
-    wheels = Wheels(metres_per_count=0.01, effective_track=0.5)
+    wheels = WHEELS.model_copy(update={"metres_per_count": 0.01, "effective_track": 0.5})
     counts = np.array([[7, 7, 7, 7], [10, 10, 10, 10], [25, -25, 25, -25], [10, 10, 10, 10]])
     robot = UCSD.model_copy(update={"wheels": wheels})
     poses = odometry_of(Recording("x", robot, encoders=EncoderStream(np.arange(4.0), counts))).poses

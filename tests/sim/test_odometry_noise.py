@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from sim_logs import winding
+from ucsd_robot import WHEELS
 
 from moteslam.errors import ConfigError, InputError
 from moteslam.robot import se2
-from moteslam.robot.platform import Wheels
 from moteslam.robot.platforms import UCSD
 from moteslam.robot.recording import EncoderStream, OdometryStream, Recording
 from moteslam.sim.base_odometry import with_odometry
@@ -109,7 +109,7 @@ def test_what_is_rounded_off_is_carried_on() -> None:
 
 
 def test_poses_are_those_of_the_counts_where_these_are_fine() -> None:
-    result = noisy(arcs(100, 400_000, 1_000_000, Wheels(metres_per_count=1e-6)), 0.1, 0.2)
+    result = noisy(arcs(100, 400_000, 1_000_000, WHEELS.model_copy(update={"metres_per_count": 1e-6})), 0.1, 0.2)
     assert result.odometry is not None
     assert np.ptp(steps(result)[:, 2]) > 0.5
     integrated = dead_reckon(result.replace(odometry=None)).poses
