@@ -9,6 +9,7 @@ from ucsd_robot import WHEELS
 
 from moteslam.errors import ConfigError, InputError
 from moteslam.robot import se2
+from moteslam.robot.platform import Wheels
 from moteslam.robot.platforms import UCSD
 from moteslam.robot.recording import EncoderStream, OdometryStream, Recording
 from moteslam.sim.base_odometry import with_odometry
