@@ -12,6 +12,7 @@ from pydantic import Field, model_validator
 
 from moteslam.robot.section import NotNegative, Number, Positive, Section, Share
 
+SmallAngle = Annotated[Number, Field(ge=0, le=0.3)]
 Factor = Annotated[Number, Field(ge=0.5, le=2)]
 
 
@@ -29,6 +30,7 @@ class ClockNoise(Section):
         rate_error: standard deviation of the device's rate, relative, drawn once a recording.
         offset: that all of its stamps are too late [s]; negative: too early.
         drift: by how much the offset grows [s/s].
+        offset_error: standard deviation of a further offset, drawn once a recording [s].
         lost: share of its messages that never arrive.
     """
 
@@ -39,6 +41,7 @@ class ClockNoise(Section):
     rate_error: NotNegative = 0.0
     offset: Annotated[Number, Field(ge=-10, le=10)] = 0.0
     drift: Annotated[Number, Field(ge=-0.01, le=0.01)] = 0.0
+    offset_error: Annotated[Number, Field(ge=0, le=1)] = 0.0
     lost: Annotated[Number, Field(ge=0, lt=1)] = 0.0
 
 
@@ -57,6 +60,11 @@ class LidarNoise(Section):
         false_return: share of the beams that meet rain, dust or snow.
         false_scale: mean distance of such an echo [m] (exponential, the short readings of table 6.1 of Probabilistic
             Robotics).
+        range_bias: standard deviation of what all ranges are too long by, drawn once a recording [m].
+        range_scale_error: of all ranges, relative, drawn once a recording.
+        mount_error: standard deviation of where the lidar stands, forward and to the left, drawn once a recording [m].
+        mount_yaw_error: of how it is turned [rad].
+        mount_tilt_error: of its roll and pitch [rad]: where it looks down it sees the floor.
         clock: of the scans.
     """
 
@@ -69,6 +77,11 @@ class LidarNoise(Section):
     pulse: NotNegative = 1.0
     false_return: Share = 0.0
     false_scale: Positive = 3.0
+    range_bias: Annotated[Number, Field(ge=0, le=1)] = 0.0
+    range_scale_error: Annotated[Number, Field(ge=0, le=0.1)] = 0.0
+    mount_error: Annotated[Number, Field(ge=0, le=1)] = 0.0
+    mount_yaw_error: SmallAngle = 0.0
+    mount_tilt_error: SmallAngle = 0.0
     clock: ClockNoise = ClockNoise()
 
 
@@ -142,16 +155,60 @@ class ImuNoise(Section):
         return self
 
 
+class DriveNoise(Section):
+    """What a body does that its encoders and a flat map do not show.
+
+    Attributes:
+        rolling_resistance: force against the motion over the weight: the wheels turn further than the robot drives.
+        mass_height: of the centre of mass above the floor [m]: braking and bends shift the load between the wheels,
+            and with it what each of them holds.
+        sway: roll and pitch for an acceleration [rad per m/s^2].
+        shake: standard deviation of roll and pitch at 1 m/s [rad]; in proportion to the speed.
+    """
+
+    rolling_resistance: Annotated[Number, Field(ge=0, le=0.2)] = 0.0
+    mass_height: Annotated[Number, Field(ge=0, le=2)] = 0.0
+    sway: SmallAngle = 0.0
+    shake: SmallAngle = 0.0
+
+
+class Surroundings(Section):
+    """What buildings have and plans do not: walls that are not flat, things along them, surfaces that swallow light.
+
+    Attributes:
+        relief: standard deviation of a wall's distance from its straight line [m].
+        relief_length: over which that changes [m].
+        clutter: things that stand along the walls, on either side, a metre [1/m].
+        clutter_depth: how far they stand out, on average [m].
+        clutter_width: how wide they are, on average [m].
+        reach: from where the last echo of a surface comes that is met square on, the median over the surfaces [m]; it
+            shrinks aslant (see the materials of a world). 0 for any distance.
+        reach_spread: standard deviation of its logarithm over the surfaces.
+    """
+
+    relief: Annotated[Number, Field(ge=0, le=0.2)] = 0.0
+    relief_length: Annotated[Number, Field(ge=0.02, le=10)] = 0.1
+    clutter: Annotated[Number, Field(ge=0, le=5)] = 0.0
+    clutter_depth: Annotated[Number, Field(ge=0.01, le=0.5)] = 0.15
+    clutter_width: Annotated[Number, Field(ge=0.01, le=3)] = 0.3
+    reach: NotNegative = 0.0
+    reach_spread: Annotated[Number, Field(ge=0, le=3)] = 0.0
+
+
 class Noise(Section):
-    """All the sensors' noise.
+    """All that sensors, drive and surroundings add to a perfect world.
 
     Attributes:
         odometry_scale: multiplies the slip, scale, radius and track errors of the encoders and the noise, bias and
             scale error of the gyro.
         lidar, encoders, imu: of each sensor.
+        drive: of the body.
+        surroundings: of the building.
     """
 
     odometry_scale: NotNegative = 1.0
     lidar: LidarNoise = LidarNoise()
     encoders: EncoderNoise = EncoderNoise()
     imu: ImuNoise = ImuNoise()
+    drive: DriveNoise = DriveNoise()
+    surroundings: Surroundings = Surroundings()

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from moteslam.errors import ConfigError
-from moteslam.robot.noise import ClockNoise
+from moteslam.robot.noise import ClockNoise, Surroundings
 from moteslam.robot.raster import Raster
 from moteslam.robot.recording import Recording
 from moteslam.robot.summary import Summarised
@@ -24,9 +24,11 @@ from moteslam.sim.sensors.echoes import Scene
 from moteslam.sim.sensors.encoders import simulate_encoders
 from moteslam.sim.sensors.faults import Stream, with_faults
 from moteslam.sim.sensors.imu import simulate_imu
-from moteslam.sim.sensors.lidar import simulate_lidar
+from moteslam.sim.sensors.lidar import LidarErrors, simulate_lidar
 from moteslam.sim.sensors.rgbd import CameraFrames, schedule_frames
+from moteslam.sim.sensors.tilt import tilt_of
 from moteslam.sim.world.floor import FloorSettings, rasterise
+from moteslam.sim.world.surroundings import lived_in
 from moteslam.sim.world.true_map import true_map
 from moteslam.sim.world.world import World
 
@@ -39,7 +41,21 @@ Progress = Callable[[str, float], None]
 Rngs = dict[str, np.random.Generator]
 """Random generators by concern."""
 
-_CONCERNS = ("driver", "clocks", "lidar", "encoders", "imu", "actors", "echoes", "wheels", "faults", "odometry")
+_CONCERNS = (
+    "driver",
+    "clocks",
+    "lidar",
+    "encoders",
+    "imu",
+    "actors",
+    "echoes",
+    "wheels",
+    "faults",
+    "odometry",
+    "constants",
+    "surroundings",
+    "sway",
+)
 """What random numbers are drawn for. New ones go to the end: a concern's numbers depend on its place here alone."""
 
 
@@ -51,6 +67,7 @@ class Simulation(Summarised):
         recording: the sensors' streams; nothing of the truth is in it.
         truth: the robot's true poses in the world at 100 Hz, over all that the sensors recorded.
         scenario: what was simulated, with the seed that was used.
+        world: its standing parts as the lidar saw them: the plan's, and what noise ``as_recorded`` adds to them.
         end: why the drive ended: ``arrived``, ``stuck`` or ``out of time``.
         tracks: where people and doors were, from the first true pose on; None where there are none.
         frames: the camera's, drawn when they are asked for; None where it records none.
@@ -59,14 +76,10 @@ class Simulation(Summarised):
     recording: Recording
     truth: Trajectory
     scenario: Scenario
+    world: World
     end: str
     tracks: Tracks | None = None
     frames: CameraFrames | None = None
-
-    @property
-    def world(self) -> World:
-        """The standing parts of the true world."""
-        return World.of(self.scenario.world)
 
     def true_map(self, resolution: float) -> Raster:
         """The true occupancy of what stands, in all places that can be reached from the robot's start; see `true_map`.
@@ -121,6 +134,9 @@ def simulate(scenario: Scenario, seed: int | None = None, *, progress: Progress 
             field="route",
         )
     report("drive", 1.0)
+    if scenario.noise.surroundings != Surroundings():
+        path, radius = driven.poses[:: PHYSICS_RATE // 20, :2], scenario.platform.radius
+        world = lived_in(world, scenario.noise.surroundings, rngs["surroundings"], path=path, radius=radius)
     scene = Scene(world, driven.tracks)
     frames = None
     if scenario.camera is not None:
@@ -132,7 +148,7 @@ def simulate(scenario: Scenario, seed: int | None = None, *, progress: Progress 
     every = PHYSICS_RATE // TRUTH_RATE
     kept = np.unique(np.append(np.arange(0, len(driven.stamps), every), len(driven.stamps) - 1))
     truth = Trajectory(EPOCH + driven.stamps[kept], driven.truth.poses[kept])
-    return Simulation(recording, truth, scenario, driven.end, driven.tracks, frames)
+    return Simulation(recording, truth, scenario, world, driven.end, driven.tracks, frames)
 
 
 def drive_scenario(
@@ -155,7 +171,7 @@ def drive_scenario(
     Raises:
         ConfigError: no room for a crowd, or a wander that finds no free leg.
     """
-    vehicle = Vehicle(scenario.platform, scenario.start, world)
+    vehicle = Vehicle(scenario.platform, scenario.start, world, scenario.noise.drive)
     actors = None
     if scenario.has_actors:
         actors = Actors(
@@ -189,6 +205,8 @@ def _record(scenario: Scenario, driven: Drive, scene: Scene, rngs: Rngs, report:
     assert platform.wheels is not None  # a scenario without is refused, as one without encoders
     assert platform.encoders is not None
     spans = _spans(float(driven.stamps[-1]), rngs["clocks"])
+    errors = LidarErrors.drawn(noise.lidar, rngs["constants"])
+    moves = noise.drive.sway or noise.drive.shake
     scans = simulate_lidar(
         driven,
         scene,
@@ -196,6 +214,8 @@ def _record(scenario: Scenario, driven: Drive, scene: Scene, rngs: Rngs, report:
         noise.lidar,
         spans["lidar"],
         rngs["lidar"],
+        errors=errors,
+        tilt=tilt_of(driven, noise.drive, rngs["sway"]) if moves else None,
         effects=rngs["echoes"],
         progress=lambda share: report("lidar", share),
     )
@@ -216,6 +236,9 @@ def _record(scenario: Scenario, driven: Drive, scene: Scene, rngs: Rngs, report:
 
     def arrived(sensor: str, stream: Stream, clock: ClockNoise) -> Stream:
         outages = [outage for outage in scenario.outages if outage.sensor == sensor]
+        if clock.offset_error:
+            off = clock.offset + clock.offset_error * rngs["constants"].standard_normal()
+            clock = clock.model_copy(update={"offset": off})
         return _at_epoch(with_faults(stream, clock, outages, faults[sensor]))
 
     return Recording(

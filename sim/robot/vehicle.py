@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.errors import ConfigError
+from moteslam.robot.noise import DriveNoise
 from moteslam.robot.platform import Body, Platform, Wheels
 from moteslam.sim.actors.people import ROBOT
 from moteslam.sim.world.world import World
@@ -24,6 +25,8 @@ PHYSICS_RATE = 400
 """Physics steps a second [Hz]."""
 GRAVITY = 9.80665
 """[m/s^2]"""
+SHIFTS = 0.02
+"""Time in which the load shifts between the wheels [s]."""
 
 
 class Vehicle:
@@ -33,13 +36,14 @@ class Vehicle:
         platform: the robot, with wheels and a body.
         start: the pose [3] it starts at.
         world: the walls, and the patches of slippery floor.
+        noise: rolling resistance, and the height of the mass, by which the load shifts between the wheels.
 
     Attributes:
         space: of the physics engine; others may be put into it.
         platform: the robot.
     """
 
-    def __init__(self, platform: Platform, start: NDArray[np.float64], world: World) -> None:
+    def __init__(self, platform: Platform, start: NDArray[np.float64], world: World, noise: DriveNoise) -> None:
         import pymunk
 
         wheels, body = platform.wheels, platform.body
@@ -64,6 +68,8 @@ class Vehicle:
         self._sideways = body.stiffness * _sideways_ratio(wheels)
         self._half_track = wheels.effective_track / 2
         self._grip = body.grip * body.mass * GRAVITY / len(self._places)
+        self._noise = noise
+        self._loads = [1.0] * len(self._places)
         self._rims = [0.0] * len(self._places)
         self._travel = [0.0] * len(self._places)
 
@@ -86,12 +92,12 @@ class Vehicle:
         forward, left = cos * vx + sin * vy, cos * vy - sin * vx
         total_x = total_y = moment = 0.0
         for i, (px, py) in enumerate(self._places):
-            rim = self._rims[i]
+            rim, load = self._rims[i], self._loads[i]
             # the floor's force on the wheel, against the slip at its contact
-            fx = self._lengthwise * (rim - (forward - yaw_rate * py))
-            fy = -self._sideways * (left + yaw_rate * px)
+            fx = load * self._lengthwise * (rim - (forward - yaw_rate * py))
+            fy = -load * self._sideways * (left + yaw_rate * px)
             size = math.hypot(fx, fy)
-            grip = self._grip
+            grip = load * self._grip
             if self._slippery:
                 grip *= self._grip_share(body.position.x + cos * px - sin * py, body.position.y + sin * px + cos * py)
             if size > grip:
@@ -103,8 +109,24 @@ class Vehicle:
             push = min(max(push, -settings.wheel_force), settings.wheel_force)
             self._rims[i] = rim = rim + (push - fx) * dt / settings.wheel_mass
             self._travel[i] += rim * dt
+        if self._noise.mass_height > 0:
+            self._shift_load(total_x / settings.mass, total_y / settings.mass)
+        total_x -= self._rolling_resistance(forward)
         body.force = (cos * total_x - sin * total_y, sin * total_x + cos * total_y)
         body.torque = moment
+
+    def _shift_load(self, forward: float, left: float) -> None:
+        """Share the weight between the wheels anew, for accelerations [m/s^2]; in 20 ms, as springs do."""
+        height, keep = self._noise.mass_height / GRAVITY, math.exp(-1 / (PHYSICS_RATE * SHIFTS))
+        for i, (px, py) in enumerate(self._places):
+            shifted = -height * (forward / px if px else 0.0) - height * left / py
+            wanted = min(max(1.0 + shifted, 0.0), 2.0)
+            self._loads[i] = keep * self._loads[i] + (1 - keep) * wanted
+
+    def _rolling_resistance(self, forward: float) -> float:
+        """The force [N] against a speed [m/s]: constant, and in proportion below 1 cm/s so that nothing rolls back."""
+        share = min(max(forward / 0.01, -1.0), 1.0)
+        return share * self._noise.rolling_resistance * self._settings.mass * GRAVITY
 
     def _grip_share(self, x: float, y: float) -> float:
         """The grip at a place over that of the floor: the least of the patches there."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +17,41 @@ from moteslam.sim.sensors.beams import add_false_returns, mix_at_edges
 from moteslam.sim.sensors.clock import readings
 from moteslam.sim.sensors.echoes import Floats, Scene
 
+
+@dataclass(frozen=True)
+class LidarErrors:
+    """What is wrong with one lidar on one robot, the same over a recording.
+
+    Attributes:
+        bias: that all ranges are too long [m].
+        scale: that they are too long, relative.
+        x, y, yaw: where the lidar truly is beside its mount [m, rad].
+        roll, pitch: how it truly tilts [rad].
+    """
+
+    bias: float = 0.0
+    scale: float = 0.0
+    x: float = 0.0
+    y: float = 0.0
+    yaw: float = 0.0
+    roll: float = 0.0
+    pitch: float = 0.0
+
+    @classmethod
+    def drawn(cls, noise: LidarNoise, rng: np.random.Generator) -> LidarErrors:
+        """Those of one recording."""
+        spread = (
+            noise.range_bias,
+            noise.range_scale_error,
+            noise.mount_error,
+            noise.mount_error,
+            noise.mount_yaw_error,
+            noise.mount_tilt_error,
+            noise.mount_tilt_error,
+        )
+        return cls(*(rng.standard_normal(len(spread)) * spread).tolist())
+
+
 _RAYS = 512 * 1081
 """Rays at a time; scans are not divided."""
 
@@ -28,6 +64,8 @@ def simulate_lidar(
     span: tuple[float, float],
     rng: np.random.Generator,
     *,
+    errors: LidarErrors = LidarErrors(),
+    tilt: Floats | None = None,
     effects: np.random.Generator | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> LidarStream:
@@ -42,6 +80,8 @@ def simulate_lidar(
         noise: of the ranges and the clock.
         span: of the first scan's and the last scan's first beam [s].
         rng: random generator of noise and clock.
+        errors: of this lidar, over the recording.
+        tilt: [n, 2] roll and pitch of the body at the drive's stamps [rad]; None for a body that stays level.
         effects: random generator of surfaces, edges and rain; of seed 0 by default.
         progress: called with the share of the scans done.
 
@@ -58,12 +98,21 @@ def simulate_lidar(
     angles = scan.angle_min + scan.angle_increment * np.arange(scan.beams)
     ranges = np.empty((len(times), scan.beams), np.float32)
     at_a_time = max(1, _RAYS // scan.beams)
+    true_mount = lidar.model_copy(
+        update={"x": lidar.x + errors.x, "y": lidar.y + errors.y, "yaw": lidar.yaw + errors.yaw}
+    )
+    is_level = tilt is None and not errors.roll and not errors.pitch
     for start in range(0, len(times), at_a_time):
         rows = slice(start, start + at_a_time)
         moments = times[rows, None] + offsets
-        poses = _poses_at(drive, moments, lidar)
+        poses = _poses_at(drive, moments, true_mount)
         origins, directions = poses[..., :2].reshape(-1, 2), (poses[..., 2] + angles).reshape(-1)
         exact = beam_ranges(scene, origins, directions, moments.reshape(-1), scan, noise, effects)
+        if not is_level:
+            leans = np.array((errors.roll, errors.pitch)) + (0.0 if tilt is None else _at(drive, moments, tilt))
+            exact = tilted(exact, leans.reshape(-1, 2), np.tile(lidar.yaw + angles, len(moments)), lidar.z)
+        if errors.scale or errors.bias:
+            exact = (exact * (1 + errors.scale) + errors.bias).astype(np.float32)
         ranges[rows] = measured(exact.reshape(-1, scan.beams), scan, noise, rng)
         if progress is not None:
             progress(min(1.0, (start + at_a_time) / len(times)))
@@ -114,6 +163,25 @@ def beam_ranges(
     return ranges
 
 
+def tilted(level: NDArray[np.float32], leans: Floats, bearings: Floats, height: float) -> NDArray[np.float32]:
+    """The ranges [n] of beams that do not lie level: walls are a little further, and who looks down sees the floor.
+
+    Args:
+        level: [n] of the level beams [m].
+        leans: roll and pitch of the lidar [2] or [n, 2] [rad].
+        bearings: [n] of the beams in the robot's frame [rad].
+        height: of the lidar above the floor [m]; at 0 or below no floor is seen.
+    """
+    leans = np.broadcast_to(leans, (len(level), 2))
+    down = leans[:, 1] * np.cos(bearings) + leans[:, 0] * -np.sin(bearings)
+    slant = level / np.cos(down)
+    if height > 0:
+        with np.errstate(divide="ignore"):
+            floor = np.where(down > 0, height / np.sin(np.maximum(down, 0.0)), np.inf)
+        slant = np.where(slant < floor, slant, np.where(np.isnan(slant), slant, floor))
+    return slant.astype(np.float32)
+
+
 def measured(
     exact: NDArray[np.float32], scan: ScanFigures, noise: LidarNoise, rng: np.random.Generator
 ) -> NDArray[np.float32]:
@@ -141,14 +209,19 @@ def measured(
 
 
 def _poses_at(drive: Drive, times: NDArray[np.float64], mount: LidarSpec) -> NDArray[np.float64]:
-    """The lidar's true poses [n, beams, 3], heading not wrapped; the drive's steps are evenly spaced."""
-    step = drive.stamps[1] - drive.stamps[0]
-    at = np.clip(times / step, 0, len(drive.stamps) - 1)
-    i = np.minimum(at.astype(np.int64), len(drive.stamps) - 2)
-    share = (at - i)[..., None]
-    robot = drive.poses[i] * (1 - share) + drive.poses[i + 1] * share
+    """The lidar's true poses [n, beams, 3], heading not wrapped."""
+    robot = _at(drive, times, drive.poses)
     cos, sin = np.cos(robot[..., 2]), np.sin(robot[..., 2])
     robot[..., 0] += cos * mount.x - sin * mount.y
     robot[..., 1] += sin * mount.x + cos * mount.y
     robot[..., 2] += mount.yaw
     return np.asarray(robot, np.float64)
+
+
+def _at(drive: Drive, times: NDArray[np.float64], values: Floats) -> Floats:
+    """The values [m, k] of a drive's stamps at other times [...], linear between them; stamps are evenly spaced."""
+    step = drive.stamps[1] - drive.stamps[0]
+    at = np.clip(times / step, 0, len(drive.stamps) - 1)
+    i = np.minimum(at.astype(np.int64), len(drive.stamps) - 2)
+    share = (at - i)[..., None]
+    return np.asarray(values[i] * (1 - share) + values[i + 1] * share)
