@@ -111,6 +111,7 @@ def against_trajectory(
     reference: Trajectory,
     *,
     align: bool = True,
+    scale: bool = False,
     delta: float = 1.0,
     unit: str = "m",
     all_pairs: bool = False,
@@ -121,6 +122,7 @@ def against_trajectory(
     Args:
         estimate, reference: the trajectories.
         align: lay the estimate on the reference first.
+        scale: multiply it by the scale of least squares, too.
         delta, unit, all_pairs: of the relative error, as in ``relative_pose_error``.
         max_difference: between stamps that belong together [s].
 
@@ -129,7 +131,7 @@ def against_trajectory(
             relative error, and the rest all the same.
     """
     apart = MAX_DIFFERENCE if max_difference is None else max_difference
-    ate = absolute_trajectory_error(estimate, reference, align=align, max_difference=apart)
+    ate = absolute_trajectory_error(estimate, reference, align=align, scale=scale, max_difference=apart)
     issues: list[Issue] = []
     matched, shorter = len(ate.stamps), min(len(estimate), len(reference))
     if matched < FEW * shorter:

@@ -35,6 +35,9 @@ def evaluate(
     no_align: Annotated[
         bool, typer.Option("--no-align", help="Take all in the frame they are in, for the absolute error.")
     ] = False,
+    scale: Annotated[
+        bool, typer.Option("--scale", help="Fit the scale too, for the absolute error: ranges or wheels may be off.")
+    ] = False,
     delta: Annotated[float, typer.Option(help="Length of a pair for the relative error.")] = 1.0,
     unit: Annotated[str, typer.Option(metavar="m|s|frames", help="Unit of --delta.")] = "m",
     all_pairs: Annotated[
@@ -77,6 +80,8 @@ def evaluate(
     from moteslam.eval.metrics.relations import is_relations
     from moteslam.robot.trajectory import read_tum
 
+    if scale and no_align:
+        raise typer.BadParameter("given with --no-align, expected one of the two", param_hint="'--scale'")
     _refuse_options(paths, recording, sequence, platform, plot)
     for file in (save, plot):
         options.refuse_existing(file, force=force)
@@ -93,6 +98,7 @@ def evaluate(
             trajectories,
             reference,
             align=not no_align,
+            scale=scale,
             delta=delta,
             unit=unit,
             all_pairs=all_pairs,
@@ -132,6 +138,7 @@ def _against(
     reference: Path,
     *,
     align: bool,
+    scale: bool,
     delta: float,
     unit: str,
     all_pairs: bool,
@@ -158,6 +165,7 @@ def _against(
                     trajectory,
                     truth,
                     align=align,
+                    scale=scale,
                     delta=delta,
                     unit=unit,
                     all_pairs=all_pairs,

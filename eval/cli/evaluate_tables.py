@@ -73,9 +73,15 @@ def _relation_table(against: AgainstRelations) -> str:
     return f"{table(rows, right=(1, 2, 3))}\n{used}"
 
 
+def _ate_name(result: AgainstTrajectory) -> str:
+    if result.ate.scale != 1:
+        return f"ATE, scaled by {result.ate.scale:.4f}"
+    return "ATE" if result.aligned else "ATE, not aligned"
+
+
 def _trajectory_table(result: AgainstTrajectory) -> str:
     rows: list[tuple[str, ...]] = [("error", "count", "RMSE", "mean", "median", "std", "max")]
-    scores = [("ATE" if result.aligned else "ATE, not aligned", result.ate.translation, result.ate.rotation)]
+    scores = [(_ate_name(result), result.ate.translation, result.ate.rotation)]
     if result.rpe is not None:
         rpe = result.rpe
         scores.append((f"RPE over {rpe.delta:g} {rpe.unit}", rpe.translation, rpe.rotation))
@@ -91,7 +97,8 @@ def _trajectory_table(result: AgainstTrajectory) -> str:
 def _comparison_table(results: dict[str, AgainstTrajectory]) -> str:
     """A row a trajectory."""
     first = next(iter(results.values()))
-    ate = "ATE" if first.aligned else "ATE, not aligned,"
+    scaled = any(result.ate.scale != 1 for result in results.values())
+    ate = "ATE, scale fitted," if scaled else "ATE" if first.aligned else "ATE, not aligned,"
     pairs = next((f"{r.rpe.delta:g} {r.rpe.unit}" for r in results.values() if r.rpe is not None), None)
     head = ("estimate", "poses", f"{ate} RMSE [m]", "median", "max", "heading RMSE [deg]")
     rows: list[tuple[str, ...]] = [(*head, f"RPE over {pairs}, RMSE [m]") if pairs else head]

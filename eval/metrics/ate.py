@@ -27,6 +27,7 @@ class AteResult(Summarised):
         aligned: [n, 3] the estimate's poses, laid on the reference.
         reference: [n, 3] the poses they are compared with.
         transform: [3] what laid them there, a pose of the estimate's frame in the reference's.
+        scale: that the estimate was multiplied by before; 1 unless it was asked for.
         translation: statistics of ``errors`` [m].
         rotation: statistics of ``rotation_errors`` [rad].
     """
@@ -37,6 +38,7 @@ class AteResult(Summarised):
     aligned: Poses
     reference: Poses
     transform: Poses
+    scale: float
     translation: Statistics
     rotation: Statistics
 
@@ -82,6 +84,7 @@ class AteResult(Summarised):
             "translation_m": self.translation.as_dict(),
             "rotation_deg": in_degrees.as_dict(),
             "transform": self.transform.tolist(),
+            "scale": self.scale,
         }
 
     def _summary(self) -> str:
@@ -93,6 +96,7 @@ def absolute_trajectory_error(
     reference: Trajectory,
     *,
     align: bool = True,
+    scale: bool = False,
     max_difference: float = MAX_DIFFERENCE,
     interpolate: bool | None = None,
 ) -> AteResult:
@@ -102,6 +106,8 @@ def absolute_trajectory_error(
         estimate, reference: the trajectories; equal stamps are distinct poses.
         align: lay the estimate on the reference first, by the rigid motion of least squares; a SLAM starts at its
             own origin, so that without it the error says where that origin is.
+        scale: with the alignment, multiply the estimate by the scale of least squares: what is left where the lidar's
+            or the wheels' scale is off.
         max_difference: between stamps that belong together [s].
         interpolate: evaluate the reference at the estimate's stamps rather than take its nearest pose; None does
             so where the reference has more poses than the estimate, as a simulator's truth has.
@@ -110,8 +116,12 @@ def absolute_trajectory_error(
         InputError: no poses, or no stamps in common.
     """
     matched = match(estimate, reference, max_difference=max_difference, interpolate=interpolate)
-    transform = umeyama(matched.estimate[:, :2], matched.reference[:, :2]) if align else IDENTITY
-    aligned = compose(transform, matched.estimate)
+    estimated, factor = matched.estimate, 1.0
+    if align and scale:
+        factor = umeyama_scale(estimated[:, :2], matched.reference[:, :2])
+        estimated = estimated * (factor, factor, 1.0)
+    transform = umeyama(estimated[:, :2], matched.reference[:, :2]) if align else IDENTITY
+    aligned = compose(transform, estimated)
     errors = np.hypot(*(aligned[:, :2] - matched.reference[:, :2]).T)
     rotation_errors = np.abs(wrap(aligned[:, 2] - matched.reference[:, 2]))
     return AteResult(
@@ -121,6 +131,7 @@ def absolute_trajectory_error(
         aligned=aligned,
         reference=matched.reference,
         transform=np.array(transform),
+        scale=factor,
         translation=Statistics.of(errors),
         rotation=Statistics.of(rotation_errors),
     )
@@ -153,3 +164,14 @@ def umeyama(source: NDArray[np.float64], target: NDArray[np.float64]) -> Poses:
             angle,
         ]
     )
+
+
+def umeyama_scale(source: NDArray[np.float64], target: NDArray[np.float64]) -> float:
+    """The factor that lays ``source`` [n, 2] on ``target`` [n, 2] with the least squared distance; 1 for a point.
+
+    In the plane it is the length of the summed dot and cross products of the centred points, over the sum of squares.
+    """
+    a, b = source - source.mean(axis=0), target - target.mean(axis=0)
+    size = float((a * a).sum())
+    dot, cross = float((a * b).sum()), float((a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum())
+    return float(np.hypot(dot, cross)) / size if size > 0 else 1.0

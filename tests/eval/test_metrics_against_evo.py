@@ -46,14 +46,14 @@ def associated(estimate: Trajectory, reference: Trajectory, **how):
     return sync.associate_trajectories(as_evo(reference), as_evo(estimate), max_diff=0.01, **how)
 
 
-def evo_ape(pair, relation: str, *, align: bool) -> np.ndarray:
+def evo_ape(pair, relation: str, *, align: bool, scale: bool = False) -> np.ndarray:
     import copy
 
     from evo.core.metrics import APE, PoseRelation
 
     pair = copy.deepcopy(pair)
     if align:
-        pair[1].align(pair[0])
+        pair[1].align(pair[0], correct_scale=scale)
     metric = APE(PoseRelation[relation])
     metric.process_data(pair)
     return metric.error
@@ -90,6 +90,19 @@ def test_ate_by_nearest_stamp_is_evos(seed: int, every: int, align: bool) -> Non
     np.testing.assert_allclose(
         ours.rotation_errors, evo_ape(pair, "rotation_angle_rad", align=align), atol=3e-8
     )  # evo's angle comes from an arc cosine, which knows small angles to the root of an ulp
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_ate_with_scale_is_evos(seed: int) -> None:
+    estimate, reference = random_pair(seed)
+    estimate = Trajectory(estimate.stamps, estimate.poses * (1.07, 1.07, 1.0))
+    ours = absolute_trajectory_error(estimate, reference, scale=True, interpolate=False)
+    evo = evo_ape(associated(estimate, reference), "translation_part", align=True, scale=True)
+    np.testing.assert_allclose(ours.errors, evo, atol=1e-9)
+    assert ours.scale != pytest.approx(1.0, abs=0.01)
+    rigid = absolute_trajectory_error(estimate, reference, interpolate=False)
+    assert rigid.scale == 1.0
+    assert rigid.rmse > ours.rmse
 
 
 @pytest.mark.parametrize("longer", ["estimate", "reference"])

@@ -1,0 +1,233 @@
+"""What another robot, another lidar, key scans and the noise of real recordings do to the error; dated result files.
+
+    python benchmarks/sensors.py classes      all scenarios, both noise classes, presets paper and default, seeds 0 to 4
+    python benchmarks/sensors.py lidars       three lidars, dense and as key scans, three scenarios, seeds 0 to 19
+    python benchmarks/sensors.py key-scans    key scans of the LMS200 in all scenarios, seeds 0 to 19
+    python benchmarks/sensors.py turtlebot3   the TurtleBot3 in worlds small enough for it, seeds 0 to 19
+    python benchmarks/sensors.py residuals    scan residuals of the simulated LMS200, seeds 0 to 4, beside real logs
+
+Every run is simulated, replayed, and scored by ATE RMSE after alignment, with and without scale. A run is lost from an
+ATE of 0.15 m on, and is counted as such, never left out. Every run is on one thread.
+"""
+
+from __future__ import annotations
+
+import argparse
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import asdict, dataclass
+from multiprocessing import get_context
+from typing import Any
+
+import numpy as np
+from parts.machine import dated_file, save, stamp
+from parts.options import count, result_file, seeds
+from parts.runs import DATA, LOST, load_log
+
+from moteslam.eval.cli.text import table
+
+KEY_SCANS = (0.75, 0.5)
+"""The distance [m] and turn [rad] between the scans of the classic key-scan logs."""
+TEN_HERTZ = ("platform.lidar.rate=10.0", "platform.lidar.time_increment=0.00027")
+"""Makes of the RPLidar A1 a lidar of 360 beams, 12 m and 10 Hz."""
+REAL = ("csail", "intel_key_scans", "freiburg-101")
+
+
+@dataclass(frozen=True)
+class Setup:
+    """What is simulated: robot, noise class, settings of the scenario, key scans (or None), and the preset of SLAM."""
+
+    name: str
+    platform: str
+    noise: str = "datasheet"
+    settings: tuple[str, ...] = ()
+    key_scans: tuple[float, float] | None = None
+    preset: str = "default"
+
+
+@dataclass(frozen=True)
+class Study:
+    """Setups, scenarios (None for all of them), seeds, and whether the residuals of the scans are measured too."""
+
+    setups: tuple[Setup, ...]
+    scenarios: tuple[str, ...] | None
+    seeds: range
+    residuals: bool = False
+
+
+STUDIES = {
+    "classes": Study(
+        tuple(
+            Setup(f"{preset}, {noise}", "ucsd", noise, preset=preset)
+            for preset in ("default", "paper")
+            for noise in ("datasheet", "as_recorded")
+        ),
+        None,
+        range(5),
+    ),
+    "lidars": Study(
+        (
+            Setup("UTM-30LX", "ucsd"),
+            Setup("UTM-30LX, key scans", "ucsd", key_scans=KEY_SCANS),
+            Setup("360 beams, 12 m, 10 Hz", "rplidar_a1", settings=TEN_HERTZ),
+            Setup("360 beams, 12 m, 10 Hz, key scans", "rplidar_a1", settings=TEN_HERTZ, key_scans=KEY_SCANS),
+            Setup("LMS200", "lms200"),
+            Setup("LMS200, key scans", "lms200", key_scans=KEY_SCANS),
+        ),
+        ("corridor", "office", "big_loop"),
+        range(20),
+    ),
+    "key-scans": Study(
+        (
+            Setup("LMS200, key scans", "lms200", key_scans=KEY_SCANS),
+            Setup("LMS200, key scans, as recorded", "lms200", "as_recorded", key_scans=KEY_SCANS),
+        ),
+        None,
+        range(20),
+    ),
+    "turtlebot3": Study((Setup("TurtleBot3", "turtlebot3"),), ("lab", "office", "corridor"), range(20)),
+    "residuals": Study(
+        (Setup("LMS200, datasheet", "lms200"), Setup("LMS200, as recorded", "lms200", "as_recorded")),
+        None,
+        range(5),
+        residuals=True,
+    ),
+}
+
+
+def run(setup: Setup, scenario: str, seed: int, residuals: bool) -> dict[str, Any]:
+    """One run: its errors [m] and, where asked for, the residuals of its scans; what went wrong, if it crashes."""
+    from moteslam.eval.metrics.ate import absolute_trajectory_error
+    from moteslam.eval.metrics.residuals import scan_residuals
+    from moteslam.kernels import runtime
+    from moteslam.sim.logged import Logging, logged
+    from moteslam.sim.scenario import load_scenario
+    from moteslam.sim.simulate import simulate
+    from moteslam.slam.run import run_slam
+    from moteslam.slam.settings import resolve_config
+
+    row: dict[str, Any] = {"setup": setup.name, "scenario": scenario, "seed": seed}
+    try:
+        runtime.init("cpu", 1)
+        loaded = load_scenario(scenario, platform=setup.platform, noise=setup.noise, settings=setup.settings)
+        simulation = simulate(loaded.model_copy(update={"camera": None}), seed)
+        if setup.key_scans is not None:
+            simulation = logged(simulation, Logging(*setup.key_scans))
+        estimate = run_slam(simulation.recording, resolve_config(setup.preset), seed=seed)
+        final, truth = estimate.trajectory_final, simulation.truth
+        scaled = absolute_trajectory_error(final, truth, scale=True)
+        row |= {
+            "scans": len(final),
+            "end": simulation.end,
+            "final": absolute_trajectory_error(final, truth).rmse,
+            "final_scaled": scaled.rmse,
+            "scale": scaled.scale,
+            "online": absolute_trajectory_error(estimate.trajectory, truth).rmse,
+            "dead_reckoning": absolute_trajectory_error(estimate.dead_reckoning, truth).rmse,
+        }
+        if residuals:
+            row |= figures(scan_residuals(simulation.recording, final))
+    except Exception as error:  # one crash is a result, and no reason to lose the others
+        row["error"] = f"{type(error).__name__}: {error}"
+    return row
+
+
+def figures(found: Any) -> dict[str, float]:
+    """The four figures by which recordings are compared: median and 90 % [m], shares beyond 3 cm, without return."""
+    return {
+        "residual_median": found.median,
+        "residual_90": found.quantile_90,
+        "residual_beyond_3_cm": found.beyond_3_cm,
+        "no_return": found.no_return,
+    }
+
+
+def real_rows() -> list[dict[str, Any]]:
+    """The residuals of the real logs, under the final poses of the preset ``default``."""
+    from moteslam.eval.metrics.residuals import scan_residuals
+    from moteslam.kernels import runtime
+    from moteslam.slam.run import run_slam
+    from moteslam.slam.settings import resolve_config
+
+    if not DATA.is_dir():
+        print(f"no {DATA}: the real logs are left out; MOTESLAM_DATA names their folder")
+        return []
+    runtime.init("cpu", 1)
+    rows = []
+    for name in REAL:
+        recording = load_log(name).recording
+        estimate = run_slam(recording, resolve_config("default"), seed=0)
+        found = figures(scan_residuals(recording, estimate.trajectory_final))
+        rows.append({"setup": "real", "scenario": name, "seed": 0, **found})
+    return rows
+
+
+def summarised(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Median and worst of every figure, and how many were lost, by setup and scenario."""
+    groups: dict[tuple[str, str], list[dict[str, Any]]] = {}
+    for row in rows:
+        groups.setdefault((row["setup"], row["scenario"]), []).append(row)
+    found = []
+    for (setup, scenario), mine in groups.items():
+        whole = [row for row in mine if "error" not in row]
+        one: dict[str, Any] = {
+            "setup": setup,
+            "scenario": scenario,
+            "runs": len(mine),
+            "crashed": len(mine) - len(whole),
+        }
+        for key in dict.fromkeys(key for row in whole for key, value in row.items() if isinstance(value, float)):
+            values = [row[key] for row in whole]
+            one |= {f"{key}_median": float(np.median(values)), f"{key}_worst": max(values)}
+        one["lost"] = sum(row.get("final", 0.0) >= LOST for row in whole)
+        found.append(one)
+    return found
+
+
+def printed(summary: list[dict[str, Any]]) -> str:
+    """The summary as a table."""
+    rows = [("setup", "scenario", "runs", "lost", "ATE [m]", "worst", "scaled", "worst", "dead reckoning", "residuals")]
+    for one in summary:
+        known = "final_median" in one
+        keys = ("final_median", "final_worst", "final_scaled_median", "final_scaled_worst", "dead_reckoning_median")
+        shown = tuple(f"{one[key]:.3f}" if known else "-" for key in keys)
+        residuals = "-"
+        if "residual_median_median" in one:
+            median, most = 1000 * one["residual_median_median"], 1000 * one["residual_90_median"]
+            far, none = 100 * one["residual_beyond_3_cm_median"], 100 * one["no_return_median"]
+            residuals = f"{median:.1f}, {most:.0f} mm, {far:.1f} %, {none:.1f} %"
+        rows.append((one["setup"], one["scenario"], str(one["runs"]), str(one["lost"]), *shown, residuals))
+    return table(rows, right=range(2, 9))
+
+
+def main() -> None:
+    """Run a study, print its table, and write the result file, anew after every run."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("study", choices=STUDIES)
+    parser.add_argument("--seeds", type=seeds, metavar="N", help="of each run, from 0; or 10-19")
+    parser.add_argument("--scenarios", nargs="+", metavar="NAME", help="in place of the study's own")
+    parser.add_argument("--workers", type=count, default=2)
+    parser.add_argument("--out", type=result_file, help="today's file in benchmarks/results by default")
+    options = parser.parse_args()
+    from moteslam.sim.scenario import bundled_scenarios
+
+    study = STUDIES[options.study]
+    scenarios = options.scenarios or study.scenarios or tuple(bundled_scenarios())
+    about = {**stamp(), "study": options.study, "setups": [asdict(setup) for setup in study.setups]}
+    out = options.out or dated_file(f"sensors-{options.study}")
+    rows = real_rows() if study.residuals else []
+    with ProcessPoolExecutor(options.workers, mp_context=get_context("spawn")) as pool:
+        jobs = [
+            pool.submit(run, setup, scenario, seed, study.residuals)
+            for scenario in scenarios
+            for setup in study.setups
+            for seed in options.seeds or study.seeds
+        ]
+        for job in jobs:
+            rows.append(job.result())
+            print("  ".join(f"{k} {v:.4f}" if isinstance(v, float) else f"{k} {v}" for k, v in rows[-1].items()))
+            save(out, {**about, "summary": summarised(rows), "rows": rows})
+    print(printed(summarised(rows)))
+
+
+if __name__ == "__main__":
+    main()
