@@ -64,7 +64,7 @@ class LidarNoise(Section):
         range_scale_error: of all ranges, relative, drawn once a recording.
         mount_error: standard deviation of where the lidar stands, forward and to the left, drawn once a recording [m].
         mount_yaw_error: of how it is turned [rad].
-        mount_tilt_error: of its roll and pitch [rad]: where it looks down it sees the floor.
+        mount_tilt_error: of its roll and pitch [rad]: beams that end on the floor are lost.
         clock: of the scans.
     """
 

@@ -164,13 +164,15 @@ def beam_ranges(
 
 
 def tilted(level: NDArray[np.float32], leans: Floats, bearings: Floats, height: float) -> NDArray[np.float32]:
-    """The ranges [n] of beams that do not lie level: walls are a little further, and who looks down sees the floor.
+    """The ranges [n] of beams that do not lie level: walls are a little further, and some beams end on the floor.
+
+    A floor that is met at a degree or two sends nothing back (the power falls with the angle, as of the materials).
 
     Args:
         level: [n] of the level beams [m].
         leans: roll and pitch of the lidar [2] or [n, 2] [rad].
         bearings: [n] of the beams in the robot's frame [rad].
-        height: of the lidar above the floor [m]; at 0 or below no floor is seen.
+        height: of the lidar above the floor [m]; at 0 or below no floor is met.
     """
     leans = np.broadcast_to(leans, (len(level), 2))
     down = leans[:, 1] * np.cos(bearings) + leans[:, 0] * -np.sin(bearings)
@@ -178,7 +180,7 @@ def tilted(level: NDArray[np.float32], leans: Floats, bearings: Floats, height: 
     if height > 0:
         with np.errstate(divide="ignore"):
             floor = np.where(down > 0, height / np.sin(np.maximum(down, 0.0)), np.inf)
-        slant = np.where(slant < floor, slant, np.where(np.isnan(slant), slant, floor))
+        slant[slant > floor] = np.inf
     return slant.astype(np.float32)
 
 
