@@ -151,3 +151,24 @@ def test_in_a_bend_the_tyres_give_way_outwards(table: dict[str, Any], rate: floa
     expected = -body.mass * forward * turn_rate / (4 * sideways)
     assert np.abs(expected).min() > 0.01
     np.testing.assert_allclose(left, expected, rtol=0.05)
+
+
+def test_rolling_resistance_turns_the_wheels_further_than_the_robot_drives(table: dict[str, Any]) -> None:
+    def slipped(resistance: float) -> float:
+        noise = {"drive": {"rolling_resistance": resistance}}
+        run = driven(commanded({**table, "noise": noise}, {"duration": 6.0, "speed": 0.8}, start=(2.0, 4.0, 0.0)))
+        return float(run.wheel_travel[-1].mean() - run.truth.length)
+
+    expected = 0.02 * 20.0 * 9.80665 / (4 * 100.0) * 6.0  # the slip that carries the force, for 6 s
+    assert slipped(0.02) - slipped(0.0) == pytest.approx(expected, rel=0.1)
+
+
+def test_load_moves_to_the_outer_wheels_in_a_bend(table: dict[str, Any]) -> None:
+    def distance(height: float) -> float:
+        noise = {"drive": {"mass_height": height}}
+        steps = {"duration": 8.0, "speed": 0.8, "turn_rate": 0.8}
+        run = driven(commanded({**table, "noise": noise}, steps, start=(5.0, 4.0, 0.0)))
+        return float(run.truth.length / run.wheel_travel[-1].mean())
+
+    # the outer wheels turn further, and hold more: the robot drives further than its wheels on average
+    assert distance(0.3) > distance(0.0) * 1.002
