@@ -12,6 +12,7 @@ from pydantic import Field, model_validator
 
 from moteslam.robot.section import NotNegative, Number, Positive, Section, Share
 
+Seconds = Annotated[Number, Field(ge=0, le=60)]
 SmallAngle = Annotated[Number, Field(ge=0, le=0.3)]
 Factor = Annotated[Number, Field(ge=0.5, le=2)]
 
@@ -32,6 +33,8 @@ class ClockNoise(Section):
         drift: by how much the offset grows [s/s].
         offset_error: standard deviation of a further offset, drawn once a recording [s].
         lost: share of its messages that never arrive.
+        begins: how long after the wheel counters its first reading is taken, at least and at most [s].
+        ends: how long before them its last one is, at least and at most [s].
     """
 
     jitter: NotNegative = 0.0
@@ -43,6 +46,8 @@ class ClockNoise(Section):
     drift: Annotated[Number, Field(ge=-0.01, le=0.01)] = 0.0
     offset_error: Annotated[Number, Field(ge=0, le=1)] = 0.0
     lost: Annotated[Number, Field(ge=0, lt=1)] = 0.0
+    begins: tuple[Seconds, Seconds] = (0.0, 0.0)
+    ends: tuple[Seconds, Seconds] = (0.0, 0.0)
 
 
 class LidarNoise(Section):

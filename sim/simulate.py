@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from moteslam.errors import ConfigError
-from moteslam.robot.noise import ClockNoise, Surroundings
+from moteslam.robot.noise import ClockNoise, Noise, Surroundings
 from moteslam.robot.raster import Raster
 from moteslam.robot.recording import Recording
 from moteslam.robot.summary import Summarised
@@ -204,7 +204,7 @@ def _record(scenario: Scenario, driven: Drive, scene: Scene, rngs: Rngs, report:
     platform, noise = scenario.platform, scenario.noise
     assert platform.wheels is not None  # a scenario without is refused, as one without encoders
     assert platform.encoders is not None
-    spans = _spans(float(driven.stamps[-1]), rngs["clocks"])
+    spans = _spans(float(driven.stamps[-1]), noise, rngs["clocks"])
     errors = LidarErrors.drawn(noise.lidar, rngs["constants"])
     moves = noise.drive.sway or noise.drive.shake
     scans = simulate_lidar(
@@ -258,18 +258,14 @@ def _seeded(scenario: Scenario, seed: int | None) -> Scenario:
     return scenario.model_copy(update={"seed": seed})
 
 
-def _spans(duration: float, rng: np.random.Generator) -> dict[str, tuple[float, float]]:
-    """When each sensor's first and last reading is taken [s].
-
-    As measured on the real robot: the IMU starts 0.3 to 0.5 s after the encoders, which end 1.4 to 1.6 s after it.
-    """
+def _spans(duration: float, noise: Noise, rng: np.random.Generator) -> dict[str, tuple[float, float]]:
+    """When each sensor's first and last reading is taken [s]: those of IMU and lidar within those of the encoders."""
     start = 0.1 + rng.uniform(0.0, 0.025)
     end = duration - 0.1
-    return {
-        "encoders": (start, end),
-        "imu": (start + rng.uniform(0.3, 0.5), end - rng.uniform(1.4, 1.6)),
-        "lidar": (start + rng.uniform(0.05, 0.25), end - rng.uniform(0.2, 1.0)),
-    }
+    spans = {"encoders": (start, end)}
+    for sensor, clock in (("imu", noise.imu.clock), ("lidar", noise.lidar.clock)):
+        spans[sensor] = (start + rng.uniform(*clock.begins), end - rng.uniform(*clock.ends))
+    return spans
 
 
 def rng_of(seed: int, concern: str) -> np.random.Generator:
