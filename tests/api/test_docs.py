@@ -47,7 +47,9 @@ def test_links_within_the_project_lead_somewhere(page: Path):
 def test_keys_given_to_set_exist(page: Path):
     for line in page.read_text(encoding="utf-8").splitlines():
         for key in re.findall(r"--set ([a-z_.]+)=", line):
-            assert key in (SCENARIO_KEYS if "moteslam simulate" in line else KEYS), f"{page.name} sets {key}"
+            command = re.search(r"moteslam (simulate|replay|demo)", line)
+            known = {None: SCENARIO_KEYS | KEYS, "simulate": SCENARIO_KEYS}.get(command and command[1], KEYS)
+            assert key in known, f"{page.name} sets {key}"
 
 
 @pytest.mark.parametrize("equation", [*(f"II.{i}" for i in range(1, 8)), *(f"III.{i}" for i in range(1, 9))])

@@ -72,12 +72,13 @@ def test_noise_is_measured_within_each_rest_and_not_on_the_way() -> None:
     ranges[50:100] += np.linspace(0, 3, 50)[:, None]  # on the way
     ranges[::7, 3], ranges[::9, 4] = np.nan, np.inf
     ranges[:, 0] += RNG.uniform(0, 3, 200)  # somebody walks through one beam
+    ranges[:50, 200:] = np.inf  # in the first rest these meet nothing
     counts = np.repeat((0, 10, 0, 0), 50)
     noise = measured(ranges, counts=counts).noise_at_rest
     assert noise is not None
     assert noise.deviation == pytest.approx(0.012, rel=0.05)
-    assert noise.at_range == pytest.approx(3.0, abs=0.05)
-    assert noise.beams == 600
+    assert noise.at_range == pytest.approx(4.0, abs=0.01)
+    assert noise.beams == 500
 
 
 def test_there_is_no_noise_at_rest_without_a_rest_or_encoders() -> None:
