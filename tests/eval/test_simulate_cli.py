@@ -110,6 +110,9 @@ def test_a_file_beside_the_scenario_is_its_robot(scenario_file: Path, tmp_path: 
 def test_the_class_of_noise_is_chosen(scenario_file: Path, tmp_path: Path) -> None:
     file = tmp_path / "mine.toml"
     file.write_text('base = "turtlebot3"\n[as_recorded.lidar]\ndropout = 0.3\n')
+    recorded = load_platform(file).as_recorded
+    assert recorded is not None
+    assert recorded.lidar.range_noise == bundled_platform("turtlebot3").noise.lidar.range_noise
     shares = []
     for name, options in (("plain", ()), ("datasheet", ("--noise", "datasheet")), ("rec", ("--noise", "as_recorded"))):
         lidar = simulated(scenario_file, tmp_path / name, "--platform", file, *options).lidar
