@@ -58,8 +58,8 @@ def _print(found: Inspection, platform: Platform) -> None:
             )
         )
     say(table(rows, right=range(1, 7)))
-    if rows := figures(found, platform):
-        say(table([("sensors", "measured", "platform"), *rows], right=(1, 2)))
+    if measured := figures(found, platform):
+        say(table([("sensors", "measured", "platform"), *measured], right=(1, 2)))
     if found.wheels is not None:
         say(f"wheels: {or_dash(found.wheels.distance, '{:.1f} m')} driven, {found.wheels.at_rest:.1f} s at rest")
     if found.odometry_distance is not None:

@@ -9,6 +9,7 @@ if TYPE_CHECKING:
     from moteslam.robot.inspection import Inspection
     from moteslam.robot.lidar_inspection import LidarReport
     from moteslam.robot.platform import Platform
+    from moteslam.robot.specs import EncoderSpec, ImuSpec
 
 Row = tuple[str, str, str]
 """A figure's name, as measured, and by the platform."""
@@ -28,11 +29,10 @@ def figures(found: Inspection, platform: Platform) -> list[Row]:
     if found.lidar is not None:
         rows += _lidar(found.lidar, rates.get("lidar"), platform)
     if found.wheels is not None:
-        spec = platform.encoders
-        rows.append(("encoder rate", or_dash(rates.get("encoders"), "{:.1f} Hz"), _hertz(spec and spec.rate)))
+        rows.append(("encoder rate", or_dash(rates.get("encoders"), "{:.1f} Hz"), _rate_of(platform.encoders)))
         rows.append(("encoder counts FR FL RR RL", " ".join(map(str, found.wheels.counts)), NONE))
     if "imu" in rates:
-        rows.append(("IMU rate", or_dash(rates["imu"], "{:.1f} Hz"), _hertz(platform.imu and platform.imu.rate)))
+        rows.append(("IMU rate", or_dash(rates["imu"], "{:.1f} Hz"), _rate_of(platform.imu)))
     if (gyro := found.gyro_at_rest) is not None:
         noise = platform.noise.imu
         known = platform.imu is not None
@@ -55,8 +55,8 @@ def _lidar(found: LidarReport, rate: float | None, platform: Platform) -> list[R
         ("lidar beams", str(found.beams), or_dash(spec.beams, "{}")),
         ("first beam", _angle(found.angle_min), _angle(spec.angle_min)),
         ("between beams", _angle(found.angle_increment), _angle(spec.angle_increment)),
-        ("turns", found.turns, or_dash(spec.angle_increment and _turns(spec.angle_increment), "{}")),
-        ("scan rate", or_dash(rate, "{:.2f} Hz"), _hertz(spec.rate)),
+        ("turns", found.turns, _turns(spec.angle_increment)),
+        ("scan rate", or_dash(rate, "{:.2f} Hz"), or_dash(spec.rate, "{:g} Hz")),
         ("shortest limit", f"{found.range_min:g} m", or_dash(spec.range_min, "{:g} m")),
         ("longest limit", f"{found.range_max:g} m", or_dash(spec.range_max, "{:g} m")),
         ("nearest endpoint", or_dash(found.nearest, "{:.3f} m"), NONE),
@@ -74,23 +74,21 @@ def _lidar(found: LidarReport, rate: float | None, platform: Platform) -> list[R
         )
     else:
         rows.append(("range noise at rest", NONE, NONE))
-    rows.append(
-        ("dropouts", f"{100 * found.invalid:.2f} %", f"{100 * noise.dropout:.2f} %" if simulated else NONE),
-    )
+    rows.append(("dropouts", f"{100 * found.invalid:.2f} %", f"{100 * noise.dropout:.2f} %" if simulated else NONE))
     rows.append(("no return", f"{100 * found.no_return:.2f} %", NONE))
     return rows
 
 
-def _turns(increment: float) -> str:
-    return "clockwise" if increment < 0 else "counterclockwise"
+def _turns(increment: float | None) -> str:
+    return NONE if increment is None else "clockwise" if increment < 0 else "counterclockwise"
 
 
 def _angle(value: float | None) -> str:
     return NONE if value is None else f"{degrees(value):.4g} deg"
 
 
-def _hertz(value: float | None) -> str:
-    return or_dash(value, "{:g} Hz")
+def _rate_of(sensor: EncoderSpec | ImuSpec | None) -> str:
+    return NONE if sensor is None else f"{sensor.rate:g} Hz"
 
 
 def _millimetres(value: float | None) -> str:

@@ -149,7 +149,9 @@ def test_dead_reckoning_needs_no_out(data_folder: Path, capsys: pytest.CaptureFi
 
 def test_inspect(simulated_folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert run_program(["inspect", str(simulated_folder)]) == 0
-    rows = {line.partition("  ")[0]: line.split("  ", 1)[-1].split("  ") for line in capsys.readouterr().out.splitlines()}
+    rows = {
+        line.partition("  ")[0]: line.split("  ", 1)[-1].split("  ") for line in capsys.readouterr().out.splitlines()
+    }
     found = {name: [cell.strip() for cell in cells if cell.strip()] for name, cells in rows.items()}
     assert found["sensors"] == ["measured", "platform"]
     assert found["lidar beams"] == ["1081", "1081"]

@@ -37,7 +37,7 @@ def simulated(scenario: Path, out: Path, *options: object) -> Recording:
         ("--platform text.toml", "text.toml: "),
         ("--platform", "Option '--platform' requires an argument."),
         ("--noise loud", "--noise: 'loud', expected datasheet or as_recorded"),
-        ("--platform plain.toml --noise as_recorded", "--noise: as_recorded, expected a robot with [as_recorded]; mine"),
+        ("--platform plain.toml --noise as_recorded", "--noise: as_recorded, expected a robot with [as_recorded]"),
         ("--set noise.lidar.dropout=2", "--set noise.lidar.dropout: 2, expected at most 1"),
         ("--set noise.lidar.dropout", "--set: expected key=value, found 'noise.lidar.dropout'"),
         ("--set =3", "--set: expected key=value, found '=3'"),

@@ -14,7 +14,7 @@ RNG = np.random.default_rng(1)
 
 
 def measured(ranges: np.ndarray, *, increment: float = 0.01, counts: np.ndarray | None = None) -> LidarReport:
-    """The report on scans ten times a second, of a robot whose wheels count so much at each of them."""
+    """The report on scans ten times a second, of a robot whose wheels count this at each of them."""
     stamps = np.arange(len(ranges)) / 10
     counts = np.zeros(len(ranges), np.int64) if counts is None else counts
     recording = Recording(
