@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.robot.issues import Issue
-from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream, Recording
+from moteslam.robot.lidar_inspection import LidarReport, lidar_report
+from moteslam.robot.recording import EncoderStream, ImuStream, Recording
 from moteslam.robot.wording import counted, expect_type
 
 GAP = 5.0
@@ -56,25 +57,16 @@ class StreamReport:
 
 
 @dataclass(frozen=True)
-class LidarReport:
-    """The scans: beams, field of view [degrees], range limits [m]; shares (0 to 1) of the beams without return and
-    of the invalid ones; scans without a single endpoint; median of the endpoints' ranges [m], if any.
+class WheelReport:
+    """The encoders.
+
+    Attributes:
+        counts: of the FR, FL, RR, RL wheel, whichever way it turned.
+        distance: driven [m]; None without wheels in the platform.
+        at_rest: that the wheels stood still [s], in rests of at least a second.
     """
 
-    beams: int
-    field_of_view: float
-    range_min: float
-    range_max: float
-    no_return: float
-    invalid: float
-    blind_scans: int
-    median_range: float | None
-
-
-@dataclass(frozen=True)
-class WheelReport:
-    """The encoders: distance driven [m] (None without wheels in the platform) and seconds at rest."""
-
+    counts: tuple[int, int, int, int]
     distance: float | None
     at_rest: float
 
@@ -122,7 +114,7 @@ def inspect_recording(recording: Recording) -> Inspection:
     expect_type(recording, Recording, "recording", "open_recording(path) reads one")
     streams = tuple(_stream(name, stamps) for name, stamps in _stamps(recording).items() if len(stamps))
     rest = [] if recording.encoders is None else _rests(recording.encoders)
-    lidar = None if recording.lidar is None else _lidar(recording.lidar)
+    lidar = None if recording.lidar is None else lidar_report(recording.lidar, rest)
     problems = [*recording.warnings, *_missing(recording), *_gaps(streams), *_meetings(streams)]
     if lidar is not None and lidar.blind_scans:
         text = f"lidar: {counted(lidar.blind_scans, 'scan')} without a single endpoint"
@@ -170,21 +162,6 @@ def _stream(name: str, stamps: NDArray[np.float64]) -> StreamReport:
     )
 
 
-def _lidar(lidar: LidarStream) -> LidarReport:
-    beams = lidar.ranges.shape[1]
-    finite = np.isfinite(lidar.ranges)
-    return LidarReport(
-        beams=beams,
-        field_of_view=float(np.degrees((beams - 1) * lidar.angle_increment)),
-        range_min=lidar.range_min,
-        range_max=lidar.range_max,
-        no_return=float(np.isinf(lidar.ranges).mean()),
-        invalid=float(np.isnan(lidar.ranges).mean()),
-        blind_scans=int((~finite.any(axis=1)).sum()),
-        median_range=float(np.median(lidar.ranges[finite])) if finite.any() else None,
-    )
-
-
 def _rests(encoders: EncoderStream) -> list[tuple[float, float]]:
     """From when to when [s] the wheels stood still, each at least a second."""
     still = np.concatenate(([False], (encoders.counts == 0).all(axis=1), [False]))
@@ -198,7 +175,9 @@ def _wheels(recording: Recording, rest: list[tuple[float, float]]) -> WheelRepor
         return None
     wheels = recording.platform.wheels
     travelled = np.abs(recording.encoders.counts.mean(axis=1)).sum()
+    front_right, front_left, rear_right, rear_left = np.abs(recording.encoders.counts).sum(axis=0).tolist()
     return WheelReport(
+        counts=(front_right, front_left, rear_right, rear_left),
         distance=None if wheels is None else float(travelled * wheels.metres_per_count),
         at_rest=sum(end - start for start, end in rest),
     )

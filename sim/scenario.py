@@ -16,7 +16,7 @@ from pydantic import Field, ValidationError, model_validator
 from moteslam.errors import ConfigError, InputError
 from moteslam.robot.noise import Noise
 from moteslam.robot.platform import Platform
-from moteslam.robot.platforms import UCSD, load_platform, platform_table
+from moteslam.robot.platforms import BASE, UCSD, load_platform, platform_table
 from moteslam.robot.section import Number, Section, Truth, Whole
 from moteslam.robot.specs import CameraSettings
 from moteslam.robot.tables import Table, assigned, merged, read_toml
@@ -225,7 +225,8 @@ def _changed(
     if noise is not None:
         table = {**table, "noise_class": noise}
     changes = assigned(settings)
-    if isinstance(changes.get("platform"), dict):  # single values of the robot, whichever it is
+    robot = changes.get("platform")
+    if isinstance(robot, dict) and BASE not in robot:  # single values of the robot, whichever it is
         table = {**table, "platform": platform_table(chosen_platform(table.get("platform")))}
     return merged(table, changes)
 

@@ -15,6 +15,9 @@ from moteslam.robot.wording import expect_path
 
 __all__ = ["FORMATS", "Format", "Robot", "open_recording"]
 
+_FILES = 100
+"""Of a folder that are looked into for a log."""
+
 
 def open_recording(
     path: str | PathLike[str], *, sequence: str | int | None = None, platform: Robot = None
@@ -48,7 +51,7 @@ def open_recording(
         if known.is_folder == is_folder and _recognises(name, known, path):
             return known.read(path, sequence, platform)
     if is_folder and (inside := _first_inside(path, formats)) is not None:
-        raise InputError(f"a folder of recordings, expected one of them, as {inside}", file=path)
+        raise InputError(f"a folder with recordings in it, expected one of them, as {inside}", file=path)
     names = " or a ".join(known.name for known in formats.values())
     if not is_folder and _holds_arrays(path):
         raise InputError("holds NumPy arrays, expected the folder it is in, with all files of the recording", file=path)
@@ -67,13 +70,19 @@ def _recognises(name: str, known: Format, path: Path) -> bool:
 
 
 def _first_inside(folder: Path, formats: Mapping[str, Format]) -> Path | None:
-    """The first folder within a folder that is a recording, as in one of ``simulate --batch``."""
-    kinds = [(name, known) for name, known in formats.items() if known.is_folder]
+    """The first recording within a folder: a folder, as of ``simulate --batch``, else one of the first files, a log."""
     try:
-        folders = sorted(child for child in folder.iterdir() if child.is_dir())
+        children = sorted(folder.iterdir())
     except OSError:
         return None
-    return next((child for child in folders if any(_recognises(name, known, child) for name, known in kinds)), None)
+    folders = [child for child in children if child.is_dir()]
+    files = [child for child in children if child.is_file()][:_FILES]
+    for is_folder, found in ((True, folders), (False, files)):
+        kinds = [(name, known) for name, known in formats.items() if known.is_folder == is_folder]
+        for child in found:
+            if any(_recognises(name, known, child) for name, known in kinds):
+                return child
+    return None
 
 
 def _holds_arrays(path: Path) -> bool:

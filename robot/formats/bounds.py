@@ -43,6 +43,26 @@ def check_fan(beams: int, increment: float, *, file: Path | None = None, field: 
         )
 
 
+def check_figures(beams: int, increment: float, range_min: float, range_max: float, *, file: Path) -> None:
+    """Refuse a caller's figures of a lidar, a ``platform.toml``'s, that do not fit the recording's own.
+
+    Args:
+        beams: of the recording.
+        increment: between beams [rad]; range_min, range_max: limits [m], some of them the caller's.
+        file: of the recording.
+
+    Raises:
+        InputError: beams that go round more than once, or limits the wrong way round.
+    """
+    check_fan(beams, increment, file=file, field="platform.lidar.angle_increment")
+    if range_min >= range_max:
+        raise InputError(
+            f"{range_min:g} m, expected less than the {range_max:g} m that are its range_max",
+            file=file,
+            field="platform.lidar.range_min",
+        )
+
+
 def plausible_rates(angular_velocity: NDArray[np.floating]) -> NDArray[np.bool_]:
     """Which readings [n] of a gyro [n, 3] [rad/s] can be a robot's: none beyond 100 rad/s about any axis."""
     return np.asarray((np.abs(angular_velocity) <= MAX_RATE).all(axis=1))

@@ -16,7 +16,7 @@ from moteslam.errors import ConfigError, InputError
 from moteslam.robot import se2
 from moteslam.robot.arrays import given_up
 from moteslam.robot.files import write_atomically
-from moteslam.robot.formats.bounds import check_fan
+from moteslam.robot.formats.bounds import check_fan, check_figures
 from moteslam.robot.formats.carmen_lines import CLASSIC_STEPS, CarmenLines, ScanKind, Scans, fov_of, parse_lines
 from moteslam.robot.formats.format import Format, Robot
 from moteslam.robot.formats.no_return import no_return_codes, no_return_limit
@@ -168,6 +168,8 @@ def _lidar(
     ranges = np.array(scans.ranges, np.float32).reshape(-1, kind.beams)
     stated = next((log.params[key] for key in _LIMITS if log.params.get(key, 0) > 0), scans.stated)
     range_min, range_max = given.get("range_min", 0.0), given.get("range_max") or no_return_limit(ranges, stated)
+    increment = given.get("angle_increment", kind.angle_increment)
+    check_figures(kind.beams, increment, range_min, range_max, file=path)
     stamps = rows[:, clock]
     order, found = stamp_order(stamps, file=path, field=kind.line)
     issues.extend(found)
@@ -180,7 +182,7 @@ def _lidar(
         stamps=stamps,
         ranges=given_up(ranges),
         angle_min=given.get("angle_min", kind.angle_min),
-        angle_increment=given.get("angle_increment", kind.angle_increment),
+        angle_increment=increment,
         range_min=range_min,
         range_max=range_max,
         time_increment=robot.lidar.time_increment,

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from moteslam.errors import ConfigError, InputError
 from moteslam.robot.arrays import given_up
 from moteslam.robot.files import write_atomically
-from moteslam.robot.formats.bounds import check_fan, plausible_counts, plausible_rates
+from moteslam.robot.formats.bounds import check_fan, check_figures, plausible_counts, plausible_rates
 from moteslam.robot.formats.format import Format, Robot
 from moteslam.robot.formats.no_return import no_return_codes
 from moteslam.robot.formats.npz import read_arrays
@@ -133,6 +133,7 @@ def _lidar(path: Path, platform: Platform, given: Table, issues: list[Issue]) ->
         issues.append(Issue("angle-max", text))
     angle_min, increment = given.get("angle_min", angle_min), given.get("angle_increment", increment)
     range_min, range_max = given.get("range_min", range_min), given.get("range_max", range_max)
+    check_figures(beams, increment, range_min, range_max, file=path)
     stamps, (ranges,) = _sorted(path, "time_stamps", arrays["time_stamps"], issues, arrays["ranges"].T)
     ranges, found = clean_ranges(_float32(ranges), range_min, range_max, file=path, field="ranges")
     issues.extend(found)

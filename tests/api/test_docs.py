@@ -12,7 +12,8 @@ from types import ModuleType
 import pytest
 from pydantic import BaseModel
 
-from moteslam.robot.noise import Noise
+from moteslam.robot.platforms import UCSD, bundled_platform, bundled_platforms
+from moteslam.sim.scenario import load_scenario
 from moteslam.slam.settings import load_preset, preset_names
 
 ROOT = Path(__file__).parents[2]
@@ -33,6 +34,8 @@ def keys(model: BaseModel, prefix: str = "") -> set[str]:
 KEYS = set().union(*(keys(load_preset(name)) for name in preset_names()))
 """Of all bundled methods."""
 
+SCENARIO_KEYS = keys(load_scenario("corridor"))
+
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_links_within_the_project_lead_somewhere(page: Path):
@@ -42,8 +45,11 @@ def test_links_within_the_project_lead_somewhere(page: Path):
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_keys_given_to_set_exist(page: Path):
-    for key in re.findall(r"--set ([a-z_.]+)=", page.read_text(encoding="utf-8")):
-        assert key in KEYS, f"{page.name} sets {key}"
+    for line in page.read_text(encoding="utf-8").splitlines():
+        for key in re.findall(r"--set ([a-z_.]+)=", line):
+            command = re.search(r"moteslam (simulate|replay|demo)", line)
+            known = {None: SCENARIO_KEYS | KEYS, "simulate": SCENARIO_KEYS}.get(command and command[1], KEYS)
+            assert key in known, f"{page.name} sets {key}"
 
 
 @pytest.mark.parametrize("equation", [*(f"II.{i}" for i in range(1, 8)), *(f"III.{i}" for i in range(1, 9))])
@@ -108,8 +114,26 @@ def test_the_page_on_scenarios_gives_the_noise_of_the_models():
         names = re.findall(r"`([a-z_.]+)`", keys)
         values = json.loads("[" + defaults.replace("`", "") + "]")
         for name, value in zip(names, values, strict=True):
-            at_hand = attrgetter(name)(Noise())
+            at_hand = attrgetter(name)(UCSD.noise)
             assert at_hand == pytest.approx(tuple(value) if isinstance(value, list) else value, rel=0.002), name
+
+
+def test_the_page_on_robots_gives_their_figures():
+    page = (ROOT / "docs" / "reference" / "platforms.md").read_text(encoding="utf-8")
+    tables = re.findall(r"^\| \|((?: `\w+` \|)+) \|\n\|[-|]+\|\n((?:\|.*\|\n)+)", page, re.M)
+    assert len(tables) == 3
+    for head, rows in tables:
+        robots = re.findall(r"`(\w+)`", head)
+        assert set(robots) == set(bundled_platforms())
+        for key, *cells in (re.split(r" *\| *", row.strip("| ")) for row in rows.splitlines()):
+            for robot, cell in zip(robots, cells, strict=False):  # the last cell is the unit
+                figure = bundled_platform(robot)
+                for name in key.strip("`").split("."):
+                    figure = getattr(figure, name, None)
+                values = () if figure is None else figure if isinstance(figure, tuple) else (figure,)
+                assert [float(word) for word in cell.split(", ") if word != "-"] == pytest.approx(values, rel=0.001), (
+                    f"{robot}: {key}"
+                )
 
 
 def generator() -> ModuleType:

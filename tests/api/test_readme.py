@@ -20,7 +20,15 @@ def run_beside_python(program: str, *arguments: str) -> subprocess.CompletedProc
 
 
 def test_the_table_has_the_commands():
-    assert [name for name, _ in COMMANDS] == ["demo", "simulate", "replay", "evaluate", "inspect", "scenarios"]
+    assert [name for name, _ in COMMANDS] == [
+        "demo",
+        "simulate",
+        "replay",
+        "evaluate",
+        "inspect",
+        "platforms",
+        "scenarios",
+    ]
 
 
 @pytest.mark.parametrize(("command", "usage"), COMMANDS, ids=[name for name, _ in COMMANDS])

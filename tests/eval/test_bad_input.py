@@ -146,7 +146,7 @@ def test_a_folder_of_recordings_names_one_of_them(simulated_folder: Path, tmp_pa
     (tmp_path / "many" / "room-1").symlink_to(simulated_folder)
     (tmp_path / "many" / "empty").mkdir()
     line = refused(capsys, "inspect", tmp_path / "many")
-    assert f"many: a folder of recordings, expected one of them, as {tmp_path / 'many' / 'room-1'}" in line
+    assert f"many: a folder with recordings in it, expected one of them, as {tmp_path / 'many' / 'room-1'}" in line
 
 
 def test_evaluate_warns_where_few_poses_have_a_partner(tmp_path: Path, capsys) -> None:

@@ -17,7 +17,7 @@ from moteslam.eval.cli.main import run as run_program
 from moteslam.robot.trajectory import read_tum
 
 HEAVY = {"numpy", "scipy", "matplotlib", "taichi", "cv2", "pymunk", "rich"}  # Typer itself loads some of Pydantic
-COMMANDS = ("demo", "simulate", "replay", "evaluate", "inspect", "scenarios")
+COMMANDS = ("demo", "simulate", "replay", "evaluate", "inspect", "platforms", "scenarios")
 
 
 @pytest.mark.parametrize("command", ["", *COMMANDS])
@@ -147,9 +147,26 @@ def test_dead_reckoning_needs_no_out(data_folder: Path, capsys: pytest.CaptureFi
     assert "ends at x " in capsys.readouterr().out
 
 
-def test_inspect(simulated_folder: Path, data_folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_inspect(simulated_folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert run_program(["inspect", str(simulated_folder)]) == 0
-    assert "1081 beams over 270.0 deg" in capsys.readouterr().out
+    rows = {
+        line.partition("  ")[0]: line.split("  ", 1)[-1].split("  ") for line in capsys.readouterr().out.splitlines()
+    }
+    found = {name: [cell.strip() for cell in cells if cell.strip()] for name, cells in rows.items()}
+    assert found["sensors"] == ["measured", "platform"]
+    assert found["lidar beams"] == ["1081", "1081"]
+    assert found["first beam"] == ["-135 deg", "-135 deg"]
+    assert found["turns"] == ["counterclockwise", "counterclockwise"]
+    assert found["range resolution"] == ["1 mm", "1 mm"]
+    assert found["encoder rate"] == ["40.0 Hz", "40 Hz"]
+    assert found["gyro at rest, noise"][1] == "0.00400 rad/s"
+    assert run_program(["inspect", str(simulated_folder), "--json"]) == 0
+    lidar = json.loads(capsys.readouterr().out)["lidar"]
+    assert lidar["resolution"] == pytest.approx(0.001)
+    assert lidar["noise_at_rest"]["deviation"] == pytest.approx(0.009, abs=0.002)
+
+
+def test_inspect_of_a_real_recording(data_folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert run_program(["inspect", str(data_folder / "ucsd"), "--sequence", "20", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["problems"][0]["message"].startswith("lidar: none")
 

@@ -95,6 +95,20 @@ def test_the_mount_comes_from_the_caller_the_parameters_or_the_poses(tmp_path: P
     assert lidar_of(recording).time_increment == 1e-3
 
 
+@pytest.mark.parametrize(
+    ("lidar", "line"),
+    [
+        ("angle_increment = 6.0", r"x\.log: platform\.lidar\.angle_increment: 6 rad between 3 beams is 1\.9 turns"),
+        ("range_min = 4.0", r"x\.log: platform\.lidar\.range_min: 4 m, expected less than the 3 m that"),
+    ],
+)
+def test_figures_of_a_platform_that_do_not_fit_the_log_are_refused(tmp_path: Path, lidar: str, line: str) -> None:
+    log = write_log(tmp_path / "x.log", ["PARAM robot_front_laser_max 3.0 host 0", *GOOD])
+    (tmp_path / "p.toml").write_text(f"[lidar]\n{lidar}\n")
+    with pytest.raises(InputError, match=line):
+        read_carmen(log, platform=tmp_path / "p.toml")
+
+
 def test_the_stamp_is_the_ipc_one_or_the_loggers_where_all_are_zero(tmp_path: Path) -> None:
     lines = [flaser([1.0], stamp=0.0, logged=5.0 + k) for k in range(3)]
     np.testing.assert_array_equal(lidar_of(read_carmen(write_log(tmp_path / "x.log", lines))).stamps, [5, 6, 7])

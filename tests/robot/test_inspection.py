@@ -101,6 +101,13 @@ def test_the_gyro_is_judged_where_the_wheels_rest() -> None:
     assert report.wheels.distance == pytest.approx(counts.sum() * 0.0022)
 
 
+def test_counts_are_summed_whichever_way_a_wheel_turned() -> None:
+    counts = np.array([[1, 2, 3, 4], [-10, 20, -30, 40]])
+    report = inspect_recording(Recording("x", UCSD, encoders=EncoderStream(np.arange(2.0), counts)))
+    assert report.wheels is not None
+    assert report.wheels.counts == (11, 22, 33, 44)
+
+
 @pytest.mark.parametrize("n", [1, 2])
 def test_the_shortest_recordings_give_valid_json(n: int) -> None:
     stamps = np.zeros(n)

@@ -280,6 +280,15 @@ def test_the_platform_comes_from_the_caller_then_the_folder_then_the_format(tmp_
     assert read_ucsd(tmp_path).platform == UCSD
 
 
+def test_limits_of_a_platform_that_do_not_fit_the_arrays_are_refused(tmp_path: Path) -> None:
+    recording = make_recording()
+    assert recording.lidar is not None
+    write_ucsd(tmp_path, recording.replace(lidar=replace(recording.lidar, range_max=3.5)), sequence=20)
+    (tmp_path / "over.toml").write_text("[lidar]\nrange_min = 4.0\n")
+    with pytest.raises(InputError, match=r"Hokuyo20\.npz: platform\.lidar\.range_min: 4 m, expected less than"):
+        read_ucsd(tmp_path, platform=tmp_path / "over.toml")
+
+
 def test_a_platform_file_lies_over_what_the_recording_states(tmp_path: Path) -> None:
     folder, over = tmp_path / "recording", tmp_path / "over.toml"
     folder.mkdir()

@@ -13,8 +13,9 @@ import tomli_w
 
 from moteslam.errors import ConfigError
 from moteslam.robot.noise import ClockNoise, EncoderNoise, ImuNoise, LidarNoise, Noise
-from moteslam.robot.platform import Body
+from moteslam.robot.platform import Body, Platform, Wheels
 from moteslam.robot.platforms import UCSD
+from moteslam.robot.specs import CameraSpec, EncoderSpec, ImuSpec, LidarSpec
 from moteslam.sim.actors.crowd import Crowd
 from moteslam.sim.actors.doors import Door
 from moteslam.sim.actors.people import Person
@@ -250,13 +251,18 @@ def _right_angles(poses: np.ndarray) -> int:
 
 
 def test_every_key_stands_in_the_documentation() -> None:
-    text = (Path(__file__).parents[2] / "docs" / "reference" / "scenarios.md").read_text(encoding="utf-8")
-    parts = [Scenario, Route, Wander, Commands, Command, Limits, Body, Noise, LidarNoise, EncoderNoise, ImuNoise,
+    pages = Path(__file__).parents[2] / "docs" / "reference"
+    parts = [Scenario, Route, Wander, Commands, Command, Limits, Noise, LidarNoise, EncoderNoise, ImuNoise,
              ClockNoise, Layout, Wall, Room, RoomDoorway, Recess, Box, Pillar, Table, Chair, Shelf, FloorPlan, Slippery,
              Material, Person, Crowd, Door, Outage]  # fmt: skip
+    text = (pages / "scenarios.md").read_text(encoding="utf-8")
     for part in parts:
         for key in part.model_fields:
             assert re.search(rf"[`\.\[{{, ]{key}[`\.\]}}, ]", text), f"{part.__name__}.{key}"
+    example = (pages / "formats.md").read_text(encoding="utf-8").partition("## platform.toml")[2].partition("## Bad")[0]
+    for robot in (Platform, Wheels, Body, LidarSpec, EncoderSpec, ImuSpec, CameraSpec):
+        for key in robot.model_fields:
+            assert re.search(rf"^(?:\[(?:\w+\.)*{key}[\].]|{key} = )", example, re.M), f"{robot.__name__}.{key}"
 
 
 def test_the_example_of_the_documentation_runs(tmp_path: Any) -> None:

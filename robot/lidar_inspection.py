@@ -1,0 +1,141 @@
+"""What the scans of a recording show of their lidar, to be held beside its data sheet."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from moteslam.robot.recording import LidarStream
+
+_SAMPLE = 1_000_000
+"""Ranges that the resolution is measured on, of scans spread over the recording."""
+_UNIT = 1e-5
+"""To which ranges are rounded before they are compared [m]: float32 at 80 m is good for 4e-6."""
+_COMMON = 0.2
+"""Share of the steps between distinct ranges that have to be alike for a resolution."""
+_REST_SCANS = 1000
+"""Of one rest, for the range noise."""
+_REST_READINGS = 10
+"""Of one beam in one rest, for its range noise."""
+
+Spans = list[tuple[float, float]]
+"""From when to when [s]."""
+
+
+@dataclass(frozen=True)
+class RangeNoise:
+    """How much ranges scatter while the robot stands still.
+
+    Attributes:
+        deviation: median over the beams of the standard deviation of a beam's endpoints [m].
+        at_range: median range of those beams [m].
+        beams: how many there were, a beam counted once a rest.
+    """
+
+    deviation: float
+    at_range: float
+    beams: int
+
+
+@dataclass(frozen=True)
+class LidarReport:
+    """The scans.
+
+    Attributes:
+        beams: in a scan.
+        angle_min: of the first beam, in the lidar's frame [rad].
+        angle_increment: between beams [rad].
+        turns: which way the beams go round.
+        field_of_view: from the first beam to the last [degrees].
+        range_min, range_max: limits of the recording [m].
+        nearest, farthest: shortest and longest range of an endpoint [m]; None without endpoints.
+        resolution: the usual step between distinct ranges [m]; None where they have no common one.
+        noise_at_rest: None without encoders, or where the wheels never rest.
+        no_return, invalid: shares (0 to 1) of the beams without return, and of those without a usable reading.
+        blind_scans: scans without a single endpoint.
+        median_range: of the endpoints [m]; None without.
+    """
+
+    beams: int
+    angle_min: float
+    angle_increment: float
+    turns: Literal["clockwise", "counterclockwise"]
+    field_of_view: float
+    range_min: float
+    range_max: float
+    nearest: float | None
+    farthest: float | None
+    resolution: float | None
+    noise_at_rest: RangeNoise | None
+    no_return: float
+    invalid: float
+    blind_scans: int
+    median_range: float | None
+
+
+def lidar_report(lidar: LidarStream, rests: Spans) -> LidarReport:
+    """Measure a lidar's figures.
+
+    Args:
+        lidar: the scans.
+        rests: when the wheels stood still.
+    """
+    beams = lidar.ranges.shape[1]
+    finite = np.isfinite(lidar.ranges)
+    endpoints = lidar.ranges[finite]
+    return LidarReport(
+        beams=beams,
+        angle_min=lidar.angle_min,
+        angle_increment=lidar.angle_increment,
+        turns="clockwise" if lidar.angle_increment < 0 else "counterclockwise",
+        field_of_view=float(np.degrees((beams - 1) * abs(lidar.angle_increment))),
+        range_min=lidar.range_min,
+        range_max=lidar.range_max,
+        nearest=float(endpoints.min()) if len(endpoints) else None,
+        farthest=float(endpoints.max()) if len(endpoints) else None,
+        resolution=_resolution(lidar.ranges),
+        noise_at_rest=_noise_at_rest(lidar, rests),
+        no_return=float(np.isinf(lidar.ranges).mean()),
+        invalid=float(np.isnan(lidar.ranges).mean()),
+        blind_scans=int((~finite.any(axis=1)).sum()),
+        median_range=float(np.median(endpoints)) if len(endpoints) else None,
+    )
+
+
+def _resolution(ranges: NDArray[np.float32]) -> float | None:
+    """The most frequent step between distinct ranges [m], the smallest of equally frequent ones.
+
+    A single range off the grid changes two steps and not the most frequent one. Ranges that are not rounded have no
+    step that is frequent, or, where they are dense, none that is longer than two units of comparison.
+    """
+    every = max(1, ranges.size // _SAMPLE)
+    sample = ranges[::every]
+    units = np.unique(np.rint(sample[np.isfinite(sample)].astype(np.float64) / _UNIT))
+    steps, counts = np.unique(np.diff(units), return_counts=True)
+    if not len(steps):
+        return None
+    usual = steps[np.argmax(counts)]
+    alike = np.abs(steps - usual) <= 1  # a step of 390.6 units is 390 or 391
+    if usual <= 2 or counts[alike].sum() < _COMMON * counts.sum():
+        return None
+    return float(np.average(steps[alike], weights=counts[alike]) * _UNIT)
+
+
+def _noise_at_rest(lidar: LidarStream, rests: Spans) -> RangeNoise | None:
+    deviations, means = [], []
+    for start, end in rests:
+        first, last = np.searchsorted(lidar.stamps, (start, end), side="left")
+        ranges = lidar.ranges[first : min(last, first + _REST_SCANS)].astype(np.float64)
+        finite = np.isfinite(ranges)
+        ranges = ranges[:, finite.sum(axis=0) >= _REST_READINGS]
+        if ranges.size:
+            ranges[np.isinf(ranges)] = np.nan
+            deviations.append(np.nanstd(ranges, axis=0, ddof=1))
+            means.append(np.nanmean(ranges, axis=0))
+    if not deviations:
+        return None
+    spread = np.concatenate(deviations)
+    return RangeNoise(float(np.median(spread)), float(np.median(np.concatenate(means))), len(spread))
