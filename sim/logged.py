@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
+from moteslam.errors import InputError
 from moteslam.sim.base_odometry import with_odometry
 from moteslam.sim.key_scans import key_scans
 from moteslam.sim.odometry_noise import with_odometry_noise
@@ -40,6 +41,8 @@ def logged(simulation: Simulation, logging: Logging) -> Simulation:
     if logging.every is not None or logging.turn is not None:
         distance = math.inf if logging.every is None else logging.every
         recording = key_scans(recording, distance=distance, turn=math.inf if logging.turn is None else logging.turn)
+        if recording.lidar is None or len(recording.lidar) < 2:
+            raise InputError("one key scan alone, expected a drive that moves further", file=recording.name)
     if logging.noise is not None:
         rng = rng_of(simulation.scenario.seed, "odometry")
         distance, rotation = logging.noise

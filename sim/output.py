@@ -54,7 +54,7 @@ def write_simulation(
     folder = Path(folder)
     make_folder(folder)
     if file_format == "carmen":
-        write_carmen(folder / f"{file_name(simulation.scenario.name)}.log.gz", simulation.recording)
+        write_carmen(folder / log_name(simulation.scenario.name), simulation.recording)
         write_platform(folder / "platform.toml", simulation.recording.platform)
     else:
         write_ucsd(folder, simulation.recording, sequence=sequence)
@@ -73,6 +73,11 @@ def write_simulation(
         write_map(folder / "truth_map.pgm", simulation.true_map(map_resolution))
         if simulation.frames is not None:
             write_picture(folder / "truth_floor.png", simulation.true_floor(map_resolution))
+
+
+def log_name(scenario: str) -> str:
+    """The name of a scenario's CARMEN log."""
+    return f"{file_name(scenario)}.log.gz"
 
 
 def file_name(name: str) -> str:

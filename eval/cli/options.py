@@ -22,7 +22,8 @@ Force = Annotated[bool, typer.Option("--force", help="Replace an existing --out,
 Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
 Sequence = Annotated[str | None, typer.Option(help="Which of several sequences in a folder.")]
 PlatformFile = Annotated[
-    Path | None, typer.Option(metavar="FILE", help="platform.toml over the robot that the recording states.")
+    Path | None,
+    typer.Option(metavar="NAME|FILE", help="Another robot; a platform.toml lies over what the recording states."),
 ]
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from math import inf
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -78,14 +79,14 @@ def simulate(
     """  # noqa: D301
     from moteslam.robot.result_folder import result_folder
     from moteslam.sim.logged import Logging
-    from moteslam.sim.output import file_name, write_simulation
+    from moteslam.sim.output import file_name, log_name, write_simulation
     from moteslam.sim.scenario import MAX_SEED
     from moteslam.sim.world.random_corridors import NAME as RANDOM_CORRIDORS
 
     if true_map is not None and not 0.001 <= true_map <= 10:
         raise ConfigError(f"{true_map:g} m, expected 0.001 to 10", field="--true-map")
     for option, value in (("--log-every", log_every), ("--log-turn", log_turn)):
-        if value is not None and not value > 0:
+        if value is not None and not 0 < value < inf:
             raise ConfigError(f"{value:g}, expected more than 0", field=option)
     if odometry_noise is not None and not all(0 <= share <= 1 for share in odometry_noise):
         raise ConfigError(f"{odometry_noise[0]:g} {odometry_noise[1]:g}, expected 0 to 1", field="--odometry-noise")
@@ -130,7 +131,10 @@ def simulate(
     counts = ", ".join(f"{count} {name}" for name, count in one["readings"].items())
     distance = f"{one['distance_m']:.1f} m in {one['duration_s']:.0f} s ({one['end']})"
     say(f"{literal(loaded.name)}: {distance}; readings: {counts}")
-    say(f"recording and truth in {literal(out)}")
+    if file_format == "carmen":
+        say(f"log in {literal(out / log_name(loaded.name))}, truth beside it")
+    else:
+        say(f"recording and truth in {literal(out)}")
 
 
 def _say_batch(found: list[dict[str, Any]], out: Path, *, as_json: bool) -> None:

@@ -10,6 +10,8 @@ from pathlib import Path
 from moteslam.errors import InputError
 from moteslam.plugins import PluginWarning
 from moteslam.robot.formats.format import FORMATS, Format, Robot
+from moteslam.robot.platform import Platform
+from moteslam.robot.platforms import bundled_platform
 from moteslam.robot.recording import Recording
 from moteslam.robot.wording import expect_path
 
@@ -27,15 +29,15 @@ def open_recording(
     Args:
         path: a file or folder.
         sequence: which of several, where the format holds several.
-        platform: the robot, instead of what the recording (or the format) states; or a ``platform.toml`` that overrides
-            that key by key.
+        platform: the robot, or the name of a bundled one, instead of what the recording (or the format) states; or a
+            ``platform.toml`` that lies over that key by key.
 
     Raises:
         InputError: nothing there, no format known here, or a recording that is broken; one line says which.
         ConfigError: a ``platform.toml`` that is none.
     """
     expect_path(path, "path", "a recording")
-    path = Path(path)
+    path, platform = Path(path), _bundled_or_file(platform)
     try:
         is_folder = path.is_dir()
         empty = not is_folder and path.stat().st_size == 0 and path.is_file()
@@ -56,6 +58,15 @@ def open_recording(
     if not is_folder and _holds_arrays(path):
         raise InputError("holds NumPy arrays, expected the folder it is in, with all files of the recording", file=path)
     raise InputError(f"not a recording known here, expected a {names}", file=path)
+
+
+def _bundled_or_file(platform: Robot) -> Robot:
+    """The bundled robot, where a robot is given by a bare name that is no file's."""
+    if platform is None or isinstance(platform, Platform):
+        return platform
+    file = Path(platform)
+    is_name = file.name == str(platform) and file.suffix != ".toml" and not file.exists()
+    return bundled_platform(file.name) if is_name else platform
 
 
 def _recognises(name: str, known: Format, path: Path) -> bool:

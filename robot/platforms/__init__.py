@@ -153,6 +153,10 @@ def _names() -> list[str]:
     return sorted(path.stem for path in FOLDER.glob("*.toml"))
 
 
+def _quoted() -> str:
+    return ", ".join(f'"{name}"' for name in _names())
+
+
 def _bundled_table(name: str) -> Table:
     if name not in _names():
         raise ConfigError(
@@ -176,7 +180,7 @@ def _over_its_base(table: Table, file: str | PathLike[str] | None) -> Table:
 
 def _expect_whole(table: Table, file: str | PathLike[str] | None) -> None:
     if missing := ", ".join(_missing(table, Platform)):
-        raise ConfigError(f'{missing} missing, expected a whole robot, or base = "{_names()[-1]}"', file=file)
+        raise ConfigError(f"{missing} missing, expected a whole robot, or base = one of {_quoted()}", file=file)
 
 
 def _platform(table: Table, *, file: str | PathLike[str] | None, whole: bool = False) -> Platform:

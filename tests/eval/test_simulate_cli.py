@@ -112,7 +112,9 @@ def test_the_class_of_noise_is_chosen(scenario_file: Path, tmp_path: Path) -> No
     file.write_text('base = "turtlebot3"\n[as_recorded.lidar]\ndropout = 0.3\n')
     recorded = load_platform(file).as_recorded
     assert recorded is not None
-    assert recorded.lidar.range_noise == bundled_platform("turtlebot3").noise.lidar.range_noise
+    theirs = bundled_platform("turtlebot3").as_recorded
+    assert theirs is not None
+    assert recorded.lidar == theirs.lidar.model_copy(update={"dropout": 0.3})
     shares = []
     for name, options in (("plain", ()), ("datasheet", ("--noise", "datasheet")), ("rec", ("--noise", "as_recorded"))):
         lidar = simulated(scenario_file, tmp_path / name, "--platform", file, *options).lidar

@@ -100,6 +100,9 @@ def test_a_bundled_robot_is_whole_and_reads_back(name: str, tmp_path: Path) -> N
     assert (lidar.scan.beams - 1) * lidar.time_increment < 1 / lidar.scan.rate
 
 
+NAMES = ", ".join(f'"{name}"' for name in sorted(bundled_platforms()))
+
+
 @pytest.mark.parametrize(
     ("key", "table"),
     [("width", ""), ("imu", ""), ("camera", ""), ("body", ""), ("encoders", ""), ("wheels", ""), ("lidar", "")]
@@ -115,7 +118,7 @@ def test_a_whole_robot_that_is_not_is_refused_with_the_keys_that_are_missing(
     missing = f"{table}.{key}" if table else key
     with pytest.raises(ConfigError) as caught:
         load_platform(path)
-    assert str(caught.value) == f'{path}: {missing} missing, expected a whole robot, or base = "urg04lx"'
+    assert str(caught.value) == f"{path}: {missing} missing, expected a whole robot, or base = one of {NAMES}"
 
 
 def test_a_file_may_change_a_bundled_robot_if_it_names_it(tmp_path: Path) -> None:

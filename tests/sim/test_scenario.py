@@ -108,7 +108,6 @@ WALL = {"points": [[0.0, 0.0], [4.0, 0.0], [4.0, 4.0]]}
         ("body.mass", 0.2, "body", "is called platform.body now"),
         ("noise.lidar.range_min", 0.2, "noise.lidar.range_min", "is called platform.lidar.range_min now"),
         ("noise_class", "kind", "noise_class", "'kind', expected datasheet or as_recorded"),
-        ("noise_class", "as_recorded", "noise_class", "expected a robot with [as_recorded]; ucsd has none"),
         ("platform", "nobody", "platform", "no robot of this name, expected one of lms200"),
         ("platform", 3, "platform", "3, expected a robot's name, a .toml file, or a table"),
         ("platform", {"wheels": {"track": 0.3}}, "platform", "length, width, wheels.metres_per_count,"),
@@ -272,3 +271,18 @@ def test_the_example_of_the_documentation_runs(tmp_path: Any) -> None:
     (tmp_path / "example.toml").write_text(example[1], encoding="utf-8")
     scenario = load_scenario(tmp_path / "example.toml")
     assert drive_scenario(scenario, World.of(scenario.world), np.random.default_rng(0)).end == "arrived"
+
+
+def test_a_class_of_noise_that_the_robot_has_not_is_refused(table: dict[str, Any]) -> None:
+    plain = UCSD.model_copy(update={"as_recorded": None})
+    with pytest.raises(ConfigError, match=r"noise_class: as_recorded, expected a robot with \[as_recorded\]; ucsd has"):
+        parse_scenario({**table, "platform": plain, "noise_class": "as_recorded"})
+
+
+def test_noise_as_recorded_is_the_robots_with_single_values_over_it(table: dict[str, Any]) -> None:
+    scenario = parse_scenario({**table, "noise_class": "as_recorded", "noise": {"lidar": {"range_bias": 0.5}}})
+    recorded = UCSD.as_recorded
+    assert recorded is not None
+    assert recorded.surroundings != UCSD.noise.surroundings
+    assert scenario.noise.lidar == recorded.lidar.model_copy(update={"range_bias": 0.5})
+    assert scenario.noise.surroundings == recorded.surroundings
