@@ -4,6 +4,7 @@
     python benchmarks/sensors.py lidars       three lidars, dense and as key scans, three scenarios, seeds 0 to 19
     python benchmarks/sensors.py key-scans    key scans of the LMS200 in all scenarios, seeds 0 to 19
     python benchmarks/sensors.py turtlebot3   the TurtleBot3 in worlds small enough for it, seeds 0 to 19
+    python benchmarks/sensors.py robots       three small robots and shorter ranges of one of them, seeds 0 to 4
     python benchmarks/sensors.py residuals    scan residuals of the simulated LMS200, seeds 0 to 4, beside real logs
 
 Every run is simulated, replayed, and scored by ATE RMSE after alignment, with and without scale. A run is lost from an
@@ -85,6 +86,17 @@ STUDIES = {
         range(20),
     ),
     "turtlebot3": Study((Setup("TurtleBot3", "turtlebot3"),), ("lab", "office", "corridor"), range(20)),
+    "robots": Study(
+        (
+            Setup("turtlebot3", "turtlebot3"),
+            Setup("rplidar_a1", "rplidar_a1"),
+            Setup("rplidar_s2", "rplidar_s2"),
+            Setup("rplidar_a1, 6 m", "rplidar_a1", settings=("platform.lidar.range_max=6.0",)),
+            Setup("rplidar_a1, 3 m", "rplidar_a1", settings=("platform.lidar.range_max=3.0",)),
+        ),
+        ("office", "corridor", "two_halls"),
+        range(5),
+    ),
     "residuals": Study(
         (Setup("LMS200, datasheet", "lms200"), Setup("LMS200, as recorded", "lms200", "as_recorded")),
         None,
