@@ -15,6 +15,8 @@ from moteslam.eval.cli.text import literal, say, say_json
 def demo(
     out: Annotated[Path, typer.Option(help=options.OUT)] = Path("demo"),
     scenario: Annotated[str, typer.Option(metavar="NAME", help="Scenario to drive.")] = "corridor",
+    platform: options.Robot = None,
+    noise: options.NoiseClass = None,
     duration: Annotated[float | None, typer.Option(min=12, metavar="S", help="Stop the drive after S seconds.")] = None,
     *,
     run: options.SlamOptions,
@@ -28,6 +30,7 @@ def demo(
       moteslam demo
       moteslam demo --duration 20 --out short
       moteslam demo --scenario loop --seed 7 --out loop
+      moteslam demo --scenario office --platform turtlebot3 --noise as_recorded --out small
     """  # noqa: D301
     resolved = run.resolved()
     if run.print_config:
@@ -36,12 +39,11 @@ def demo(
 
     from moteslam.eval.cli.progress import simulation_bar
     from moteslam.eval.cli.running import Device, run_into, run_summary, score_table, size_of
-    from moteslam.eval.cli.wanted import named_in_errors
+    from moteslam.eval.cli.wanted import Wanted, named_in_errors
     from moteslam.robot.result_folder import result_folder
-    from moteslam.sim.scenario import load_scenario
     from moteslam.sim.simulate import simulate
 
-    driven = load_scenario(scenario)
+    driven = Wanted(scenario, platform=platform, noise=noise).load(None)
     if duration is not None:
         driven = driven.model_copy(update={"duration": min(duration, driven.duration)})
     device = Device(run.arch, run.threads)

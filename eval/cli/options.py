@@ -21,6 +21,13 @@ OUT = "Folder for the result; it must not exist."
 Force = Annotated[bool, typer.Option("--force", help="Replace an existing --out, whole, at the end.")]
 Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
 Sequence = Annotated[str | None, typer.Option(help="Which of several sequences in a folder.")]
+Robot = Annotated[
+    str | None, typer.Option("--platform", metavar="NAME|FILE", help="Another robot: see moteslam platforms.")
+]
+NoiseClass = Annotated[
+    str | None,
+    typer.Option("--noise", metavar="datasheet|as_recorded", help="How wrong the sensors are; datasheet by default."),
+]
 PlatformFile = Annotated[
     Path | None,
     typer.Option(metavar="NAME|FILE", help="Another robot; a platform.toml lies over what the recording states."),

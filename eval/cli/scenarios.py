@@ -85,6 +85,8 @@ def animate(
     ],
     out: Annotated[Path, typer.Option(help="The .gif, .webp or .mp4 to write; folders above it are made.")],
     seed: Annotated[int | None, typer.Option(min=0, max=2**63 - 1, help="Of all randomness.")] = None,
+    platform: options.Robot = None,
+    noise: options.NoiseClass = None,
     duration: Annotated[float | None, typer.Option(min=12, metavar="S", help="Stop after S seconds.")] = None,
     fps: Annotated[float, typer.Option(metavar="N", help="Frames a second, 1 to 50.")] = 15.0,
     speed: Annotated[
@@ -125,7 +127,7 @@ def animate(
     from moteslam.sim.simulate import simulate
     from moteslam.slam.run import SlamSession
 
-    chosen = Wanted(scenario).load(seed)
+    chosen = Wanted(scenario, platform=platform, noise=noise).load(seed)
     if duration is not None:
         chosen = chosen.model_copy(update={"duration": min(duration, chosen.duration)})
     with folder_for(out):

@@ -24,13 +24,8 @@ def simulate(
     seed: Annotated[
         int | None, typer.Option(min=0, max=2**63 - 1, help="Of all randomness; the scenario's own by default.")
     ] = None,
-    platform: Annotated[
-        str | None, typer.Option(metavar="NAME|FILE", help="Another robot: see moteslam platforms.")
-    ] = None,
-    noise: Annotated[
-        str | None,
-        typer.Option(metavar="datasheet|as_recorded", help="How wrong the sensors are; datasheet by default."),
-    ] = None,
+    platform: options.Robot = None,
+    noise: options.NoiseClass = None,
     settings: Annotated[
         list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Change one value; may be repeated.")
     ] = None,
