@@ -16,12 +16,12 @@ from moteslam.sim.simulate import Simulation, simulate
 STEPS = [{"duration": 3.0, "speed": 0.5, "turn_rate": 0.4}]
 
 
-def recorded(table: dict[str, Any], seed: int, **lidar: Any) -> Simulation:
+def recorded(table: dict[str, Any], seed: int, drive: dict[str, float] | None = None, **lidar: Any) -> Simulation:
     """A short drive with the LMS200, whose only errors are these."""
     task = {key: value for key, value in table.items() if key != "route"}
     task["commands"] = {"start": [3.0, 3.0, 0.0], "steps": STEPS}
     base = parse_scenario({**task, "platform": "lms200"}).platform
-    perfect = base.model_copy(update={"noise": base.noise.model_validate({"lidar": lidar})})
+    perfect = base.model_copy(update={"noise": base.noise.model_validate({"lidar": lidar, "drive": drive or {}})})
     return simulate(parse_scenario({**task, "platform": perfect}), seed)
 
 
@@ -88,6 +88,18 @@ def test_a_clock_offset_is_another_in_every_recording(table: dict[str, Any], pla
     assert max(np.ptp(one) for one in off) < 1e-6
     assert abs(off[0][0]) > 0.005
     assert abs(off[0][0] - off[1][0]) > 0.005
+
+
+@pytest.mark.parametrize("errors", [{"mount_tilt_error": 0.1}, {"drive": {"sway": 0.1}}, {"drive": {"shake": 0.1}}])
+def test_a_lidar_that_tilts_measures_further_or_loses_beams_on_the_floor(
+    table: dict[str, Any], plain: Simulation, errors: dict[str, Any]
+) -> None:
+    tilted_ranges, level = ranges(recorded(table, 1, **errors)), ranges(plain)
+    assert np.isinf(tilted_ranges).any()
+    seen = np.isfinite(tilted_ranges)
+    assert (tilted_ranges[seen] >= level[seen] - 1e-4).all()
+    assert (tilted_ranges[seen] > level[seen] + 1e-3).any()
+    assert recorded(table, 1, **errors).truth.poses.tobytes() == plain.truth.poses.tobytes()
 
 
 def test_a_beam_that_dips_is_longer_until_it_ends_on_the_floor() -> None:
