@@ -68,7 +68,6 @@ STUDIES = {
     "lidars": Study(
         (
             Setup("UTM-30LX", "ucsd"),
-            Setup("UTM-30LX, key scans", "ucsd", key_scans=KEY_SCANS),
             Setup("360 beams, 12 m, 10 Hz", "rplidar_a1", settings=TEN_HERTZ),
             Setup("360 beams, 12 m, 10 Hz, key scans", "rplidar_a1", settings=TEN_HERTZ, key_scans=KEY_SCANS),
             Setup("LMS200", "lms200"),
