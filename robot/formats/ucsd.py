@@ -28,6 +28,7 @@ from moteslam.robot.issues import Issue
 from moteslam.robot.platform import Platform
 from moteslam.robot.platforms import UCSD, given_figures, leaves_out, robot_of, write_platform
 from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream, Recording, RgbdStream
+from moteslam.robot.specs import LidarSpec
 from moteslam.robot.tables import Table
 from moteslam.robot.wording import expect_type
 
@@ -40,6 +41,9 @@ MAX_DROPPED = 3
 
 MAX_COUNT = 2**31
 """Counts of one reading stay below it."""
+
+FAN = 0.01
+"""Angles of beams that differ by less [rad] are those of one lidar."""
 
 NO_ECHO = 0.001
 """Written for an invalid reading [m], as the UTM-30LX does."""
@@ -83,10 +87,14 @@ def read_ucsd(
     issues: list[Issue] = []
     if leaves_out(file := platform if own is None else own):
         issues.append(Issue("assumed-robot", f"{file}: what it leaves out of wheels and lidar is the UCSD robot's"))
+    lidar = _lidar(folder / f"Hokuyo{number}.npz", robot, given_figures(platform), issues)
+    if own is None and platform is None and lidar is not None and not _is_its_lidar(lidar, UCSD.lidar):
+        text = f"{folder}: no platform.toml, and a lidar that is not the UCSD robot's; wheels and mount are taken as its"
+        issues.append(Issue("assumed-robot", text))
     return Recording(
         name=f"{folder.resolve().name}-{number}",
         platform=robot,
-        lidar=_lidar(folder / f"Hokuyo{number}.npz", robot, given_figures(platform), issues),
+        lidar=lidar,
         encoders=_encoders(folder / f"Encoders{number}.npz", robot, issues),
         imu=_imu(folder / f"Imu{number}.npz", issues),
         rgbd=_rgbd(folder, number, issues),
@@ -139,6 +147,13 @@ def _lidar(path: Path, platform: Platform, given: Table, issues: list[Issue]) ->
     issues.extend(found)
     time_increment = platform.lidar.time_increment
     return LidarStream(stamps, given_up(ranges), angle_min, increment, range_min, range_max, time_increment)
+
+
+def _is_its_lidar(stream: LidarStream, spec: LidarSpec) -> bool:
+    """Whether scans have the beams and the angles of a lidar."""
+    scan = spec.scan
+    angles = scan.angle_min + scan.angle_increment * np.arange(scan.beams)
+    return stream.ranges.shape[1] == scan.beams and bool(np.abs(stream.angles - angles).max() < FAN)
 
 
 def _encoders(path: Path, platform: Platform, issues: list[Issue]) -> EncoderStream | None:

@@ -170,12 +170,9 @@ def _over_its_base(table: Table, file: str | PathLike[str] | None) -> Table:
     if BASE not in table:
         return table
     name, changes = table[BASE], {key: value for key, value in table.items() if key != BASE}
-    if not isinstance(name, str):
+    if name not in _names():
         raise ConfigError(f"{name!r}, expected one of {', '.join(_names())}", file=file, field=BASE)
-    try:
-        return merged(platform_table(bundled_platform(name)), changes)
-    except ConfigError as error:
-        raise ConfigError(f"{name!r}: {error.problem}", file=file, field=BASE) from error
+    return merged(platform_table(bundled_platform(name)), changes)
 
 
 def _expect_whole(table: Table, file: str | PathLike[str] | None) -> None:

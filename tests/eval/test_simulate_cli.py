@@ -45,7 +45,7 @@ def simulated(scenario: Path, out: Path, *options: object) -> Recording:
         ("--set body.mass=2", "--set body: is called platform.body now"),
         ("--set noise.lidar.range_min=2", "--set noise.lidar.range_min: is called platform.lidar.range_min now"),
         ("--set platform=nobody", "--set platform: no robot of this name, expected one of lms200, "),
-        ("--set platform.base=nobody", "--set platform.base: 'nobody': no robot of this name, expected one of "),
+        ("--set platform.base=nobody", "--set platform.base: 'nobody', expected one of "),
         ("--set platform.wheels=false", "--set platform.wheels: none, expected wheels to drive on"),
         ("--set platform.lidar.range_max=50", "--set platform.lidar: no_return of 31 m, expected at least range_max"),
         ("--set platform.lidar.rate=100", "room.toml: platform.lidar.time_increment: 1081 beams take 0.01875 s"),

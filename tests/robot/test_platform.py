@@ -46,7 +46,7 @@ def test_the_ucsd_robot_is_that_of_the_drawing() -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ('base = "nobody"', "base: 'nobody': no robot of this name, expected one of lms200"),
+        ('base = "nobody"', "base: 'nobody', expected one of lms200"),
         ("base = 3", "base: 3, expected one of lms200"),
         ("[lidar]\nbeams = 361\nangle_increment = 0.0349", r"lidar: 361 beams 0\.0349 rad apart are 2\.00 turns"),
         ("[lidar]\nangle_increment = 0", "lidar: angle_increment of 0, expected an angle between beams"),

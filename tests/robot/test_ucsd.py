@@ -318,6 +318,7 @@ def test_a_platform_file_lies_over_what_the_recording_states(tmp_path: Path) -> 
     (folder / "platform.toml").unlink()
     with pytest.raises(ConfigError, match="wheels: metres_per_count, diameter, wheel_base, effective_track missing"):
         read_ucsd(folder, platform=over)
+    assert [issue.code for issue in read_ucsd(folder).warnings] == ["assumed-robot"]  # 7 beams are not its lidar's
     over.write_text("[lidar]\nx = 0.2\n")
     assert [issue.code for issue in read_ucsd(folder, platform=over).warnings] == ["assumed-robot"]
 

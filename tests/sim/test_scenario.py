@@ -111,7 +111,7 @@ WALL = {"points": [[0.0, 0.0], [4.0, 0.0], [4.0, 4.0]]}
         ("platform", "nobody", "platform", "no robot of this name, expected one of lms200"),
         ("platform", 3, "platform", "3, expected a robot's name, a .toml file, or a table"),
         ("platform", {"wheels": {"track": 0.3}}, "platform", "length, width, wheels.metres_per_count,"),
-        ("platform", {"base": "nobody"}, "platform.base", "'nobody': no robot of this name"),
+        ("platform", {"base": "nobody"}, "platform.base", "'nobody', expected one of lms200"),
         ("platform.lidar.beams", False, "platform.lidar", "beams not known"),
         ("platform.lidar.beams", 2000, "platform.lidar", "1.39 turns, expected one at most"),
         ("platform.encoders", False, "platform.encoders", "none, expected wheels with encoders"),
