@@ -6,6 +6,7 @@
     python benchmarks/sensors.py turtlebot3   the TurtleBot3 in worlds small enough for it, seeds 0 to 19
     python benchmarks/sensors.py robots       three small robots and shorter ranges of one of them, seeds 0 to 4
     python benchmarks/sensors.py residuals    scan residuals of the simulated LMS200, seeds 0 to 4, beside real logs
+    python benchmarks/sensors.py half-degree  the same of an LMS200 of 361 beams
 
 Every run is simulated, replayed, and scored by ATE RMSE after alignment, with and without scale. A run is lost from an
 ATE of 0.15 m on, and is counted as such, never left out. Every run is on one thread.
@@ -28,6 +29,13 @@ from moteslam.eval.cli.text import table
 
 KEY_SCANS = (0.75, 0.5)
 """The distance [m] and turn [rad] between the scans of the classic key-scan logs."""
+HALF_DEGREE = (
+    "platform.lidar.beams=361",
+    "platform.lidar.angle_increment=0.008726646259971648",
+    "platform.lidar.rate=5.0",
+    "platform.lidar.time_increment=3.7e-5",
+)
+"""Makes of the LMS200 one of 361 beams half a degree apart, as of csail and freiburg-101."""
 TEN_HERTZ = ("platform.lidar.rate=10.0", "platform.lidar.time_increment=0.00027")
 """Makes of the RPLidar A1 a lidar of 360 beams, 12 m and 10 Hz."""
 REAL = ("csail", "intel_key_scans", "freiburg-101")
@@ -95,6 +103,15 @@ STUDIES = {
         ),
         ("office", "corridor", "two_halls"),
         range(5),
+    ),
+    "half-degree": Study(
+        (
+            Setup("LMS200 at half a degree, datasheet", "lms200", settings=HALF_DEGREE),
+            Setup("LMS200 at half a degree, as recorded", "lms200", "as_recorded", settings=HALF_DEGREE),
+        ),
+        ("corridor", "office", "loop", "big_loop"),
+        range(5),
+        residuals=True,
     ),
     "residuals": Study(
         (Setup("LMS200, datasheet", "lms200"), Setup("LMS200, as recorded", "lms200", "as_recorded")),
