@@ -89,9 +89,7 @@ def read_ucsd(
         issues.append(Issue("assumed-robot", f"{file}: what it leaves out of wheels and lidar is the UCSD robot's"))
     lidar = _lidar(folder / f"Hokuyo{number}.npz", robot, given_figures(platform), issues)
     if own is None and platform is None and lidar is not None and not _is_its_lidar(lidar, UCSD.lidar):
-        text = (
-            f"{folder}: no platform.toml, and a lidar that is not the UCSD robot's; wheels and mount are taken as its"
-        )
+        text = f"{folder}: no platform.toml, a lidar that is not the UCSD robot's; wheels and mount are assumed its"
         issues.append(Issue("assumed-robot", text))
     return Recording(
         name=f"{folder.resolve().name}-{number}",
