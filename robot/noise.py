@@ -56,6 +56,8 @@ class LidarNoise(Section):
     Attributes:
         range_noise: standard deviation of a range at the sensor [m].
         range_noise_per_metre: how it grows with the range [m/m].
+        outliers: share of the beams whose range is that much worse: two things in one beam, another height, mist.
+        outlier_noise: standard deviation that comes on top of theirs [m].
         dropout: probability that a beam gives no usable reading (``nan``).
         resolution: ranges are rounded to this [m]; 0 for not at all.
         divergence: the angle that a beam is wide, in the scan's plane [rad]; 0 for a line.
@@ -75,6 +77,8 @@ class LidarNoise(Section):
 
     range_noise: NotNegative = 0.0
     range_noise_per_metre: NotNegative = 0.0
+    outliers: Share = 0.0
+    outlier_noise: NotNegative = 0.0
     dropout: Share = 0.0
     resolution: NotNegative = 0.0
     divergence: Annotated[Number, Field(ge=0, le=0.1)] = 0.0

@@ -193,7 +193,7 @@ def measured(
         exact: ranges [m], any shape; ``inf`` where nothing is within reach, ``nan`` where an echo is of no use.
         scan: limits of the lidar.
         noise: what to add.
-        rng: drawn from, two numbers a range.
+        rng: drawn from, two numbers a range; three with outliers.
 
     Returns:
         float32, the same shape.
@@ -201,6 +201,9 @@ def measured(
     hit = np.isfinite(exact)
     useless = np.isnan(exact)
     spread = noise.range_noise + noise.range_noise_per_metre * np.where(hit, exact, 0)
+    if noise.outliers > 0:
+        strays = rng.random(exact.shape, np.float32) < noise.outliers
+        spread = np.where(strays, np.hypot(spread, noise.outlier_noise), spread)
     ranges = np.where(hit, exact + spread * rng.standard_normal(exact.shape, np.float32), np.inf)
     if noise.resolution > 0:
         ranges = np.round(ranges / noise.resolution) * noise.resolution

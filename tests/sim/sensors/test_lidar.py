@@ -116,3 +116,11 @@ def test_dropouts_are_unknown_not_far() -> None:
     ranges = measured(np.full(10_000, 5.0, np.float32), MOUNT.scan, LidarNoise(dropout=0.1), np.random.default_rng(0))
     assert np.isnan(ranges).mean() == pytest.approx(0.1, abs=0.01)
     assert not np.isinf(ranges).any()
+
+
+def test_outliers_are_as_many_and_as_far_as_asked() -> None:
+    noise = LidarNoise(range_noise=0.003, outliers=0.1, outlier_noise=0.1)
+    off = np.abs(measured(np.full(100_000, 5.0, np.float32), MOUNT.scan, noise, np.random.default_rng(0)) - 5.0)
+    assert (off > 0.02).mean() == pytest.approx(0.1 * 0.841, rel=0.05)  # of a normal, this share is beyond 0.2 sigma
+    assert off[off > 0.02].max() > 0.25
+    assert np.median(off) == pytest.approx(0.6745 * 0.003, rel=0.15)
