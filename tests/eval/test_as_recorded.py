@@ -17,6 +17,9 @@ from moteslam.slam.run import run_slam
 from moteslam.slam.settings import resolve_config
 
 FACTOR = 1.3
+TAIL = 1.4
+"""For the share beyond 3 cm: logs of one and of half a degree differ by 1.7 in it beyond what the angle explains, and
+the simulation lies between them; no one class is within 1.3 of both with room for chance."""
 OFFICE_FLOORS = ("corridor", "office", "loop")
 """Buildings like those of the logs: corridors and offices."""
 HALF_DEGREE = (
@@ -64,9 +67,9 @@ def test_as_recorded_is_as_hard_as_real_logs(
 ) -> None:
     median = simulated("as_recorded", (7, 8, 9), settings)
     for log, real in logs.items():
-        for found, measured in zip(median, real, strict=True):
+        for found, measured, factor in zip(median, real, (FACTOR, FACTOR, TAIL, FACTOR), strict=True):
             if measured is not None:
-                assert measured / FACTOR < found < measured * FACTOR, (log, found, measured)
+                assert measured / factor < found < measured * factor, (log, found, measured)
 
 
 def test_the_data_sheet_is_easier_than_any_log() -> None:
