@@ -64,7 +64,8 @@ class ResidualResult(Summarised):
         quantile_90: nine of ten residuals are below it [m].
         beyond_3_cm: share of the residuals above 3 cm.
         unseen: share of the endpoints compared that have no residual against any other scan.
-        no_return: share of all beams of the recording without a return.
+        no_return: share of all beams of the recording without a return (``inf``); readings of no use (``nan``) have no
+            endpoint and count as neither.
         residuals: how many there are.
         endpoints: how many endpoints were compared.
         matched: how many scans have a pose.
@@ -171,7 +172,7 @@ def scan_residuals(recording: Recording, trajectory: Trajectory) -> ResidualResu
         quantile_90=float(np.quantile(everything, 0.9)),
         beyond_3_cm=float(np.mean(everything > FAR)),
         unseen=unseen / endpoints,
-        no_return=1.0 - sum(int(np.isfinite(scan).sum()) for scan in lidar.ranges) / lidar.ranges.size,
+        no_return=sum(int(np.isinf(scan).sum()) for scan in lidar.ranges) / lidar.ranges.size,
         residuals=len(everything),
         endpoints=endpoints,
         matched=len(index),
