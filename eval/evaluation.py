@@ -15,6 +15,7 @@ from moteslam.eval.metrics.rpe import RpeResult, relative_pose_error
 from moteslam.robot.issues import Issue
 from moteslam.robot.recording import Recording
 from moteslam.robot.trajectory import Trajectory
+from moteslam.slam.inputs.scans import Scans
 
 FEW = 0.5
 """Where less than this share of the shorter trajectory's poses has a partner, the two may not belong together."""
@@ -27,12 +28,14 @@ class AgainstTrajectory:
     Attributes:
         ate: the absolute error.
         aligned: whether after rigid alignment.
+        scaled: whether the alignment fitted the scale, too.
         rpe: the relative error; None where it cannot be had.
         issues: why it cannot be had; that few poses have a partner.
     """
 
     ate: AteResult
     aligned: bool
+    scaled: bool
     rpe: RpeResult | None
     issues: tuple[Issue, ...] = ()
 
@@ -41,6 +44,7 @@ class AgainstTrajectory:
         return {
             "kind": "trajectory",
             "aligned": self.aligned,
+            "scaled": self.scaled,
             "ate": self.ate.as_dict(),
             "rpe": None if self.rpe is None else self.rpe.as_dict(),
             "warnings": [issue.as_dict() for issue in self.issues],
@@ -132,11 +136,10 @@ def against_trajectory(
     """
     apart = MAX_DIFFERENCE if max_difference is None else max_difference
     ate = absolute_trajectory_error(estimate, reference, align=align, scale=scale, max_difference=apart)
-    issues: list[Issue] = []
-    matched, shorter = len(ate.stamps), min(len(estimate), len(reference))
-    if matched < FEW * shorter:
-        text = f"{matched} of {shorter} poses have a partner: are these the same drive, on the same clock?"
-        issues.append(Issue("few-matched", text, matched))
+    issues = _few_matched(
+        len(ate.stamps), min(len(estimate), len(reference)), "poses", "are these the same drive, on the same clock?"
+    )
+    rpe: RpeResult | None = None
     try:
         rpe = relative_pose_error(
             estimate,
@@ -149,9 +152,8 @@ def against_trajectory(
     except InputError as error:
         if error.field != "pairs":
             raise
-        issues.append(Issue("no-relative-error", f"no relative error: {error.problem}"))
-        return AgainstTrajectory(ate, align, None, tuple(issues))
-    return AgainstTrajectory(ate, align, rpe, tuple(issues))
+        issues += (Issue("no-relative-error", f"no relative error: {error.problem}"),)
+    return AgainstTrajectory(ate, align, align and scale, rpe, issues)
 
 
 def against_relations(
@@ -162,12 +164,17 @@ def against_relations(
     return AgainstRelations(evaluate_relations(estimate, relations, interpolate=interpolate, tolerance=tolerance))
 
 
-def under_recording(estimate: Trajectory, recording: Recording) -> UnderRecording:
-    """Score a trajectory by the scans of its recording; errors as in ``scan_residuals``."""
-    result = scan_residuals(recording, estimate)
+def under_recording(estimate: Trajectory, recording: Recording, *, scans: Scans | None = None) -> UnderRecording:
+    """Score a trajectory by the scans of its recording; arguments and errors as in ``scan_residuals``."""
+    result = scan_residuals(recording, estimate, scans=scans)
     assert recording.lidar is not None  # or there would be no residuals
-    matched, shorter = result.matched, min(len(estimate), len(recording.lidar))
+    shorter = min(len(estimate), len(recording.lidar))
+    question = "is this its recording, on the same clock?"
+    return UnderRecording(result, _few_matched(result.matched, shorter, "scans or poses", question))
+
+
+def _few_matched(matched: int, shorter: int, what: str, question: str) -> tuple[Issue, ...]:
+    """The issue that few of the shorter one's stamps have a partner, if they are few."""
     if matched >= FEW * shorter:
-        return UnderRecording(result)
-    text = f"{matched} of {shorter} scans or poses have a partner: is this its recording, on the same clock?"
-    return UnderRecording(result, (Issue("few-matched", text, matched),))
+        return ()
+    return (Issue("few-matched", f"{matched} of {shorter} {what} have a partner: {question}", matched),)

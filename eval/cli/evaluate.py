@@ -18,7 +18,17 @@ if TYPE_CHECKING:
     from moteslam.robot.trajectory import Trajectory
 
 
+NEEDED = {
+    **dict.fromkeys(("sequence", "platform"), "a recording"),
+    **dict.fromkeys(("plot", "max_difference"), "a reference"),
+    **dict.fromkeys(("no_align", "scale", "delta", "unit", "all_pairs"), "a TUM reference"),
+    "no_interpolate": "a .relations reference",
+}
+"""What an option is about: without it the option would change nothing, and is refused."""
+
+
 def evaluate(
+    context: typer.Context,
     paths: Annotated[
         list[Path],
         typer.Argument(
@@ -80,9 +90,7 @@ def evaluate(
     from moteslam.eval.metrics.relations import is_relations
     from moteslam.robot.trajectory import read_tum
 
-    if scale and no_align:
-        raise typer.BadParameter("given with --no-align, expected one of the two", param_hint="'--scale'")
-    _refuse_options(paths, recording, sequence, platform, plot)
+    _refuse_options(context, paths, recording)
     for file in (save, plot):
         options.refuse_existing(file, force=force)
     if plot is not None and plot.suffix.lower() != ".png":
@@ -116,21 +124,34 @@ def evaluate(
         say_scores(scores, reference, recording)
 
 
-def _refuse_options(
-    paths: list[Path], recording: Path | None, sequence: str | None, platform: Path | None, plot: Path | None
-) -> None:
+def _refuse_options(context: typer.Context, paths: list[Path], recording: Path | None) -> None:
     """Refuse what does not go together."""
+    from moteslam.eval.metrics.relations import is_relations
+
     if len(paths) < 2 and recording is None:
         raise typer.BadParameter(
             "one file, expected trajectories and, last, their reference, or a --recording", param_hint="'EST... [REF]'"
         )
-    for name, value in (("--sequence", sequence), ("--platform", platform)):
-        if value is not None and recording is None:
-            raise typer.BadParameter("given without a recording, expected a --recording", param_hint=f"'{name}'")
-    if plot is not None and len(paths) < 2:
-        raise typer.BadParameter(
-            "given without a reference, expected one to draw errors against", param_hint="'--plot'"
-        )
+    there = set() if recording is None else {"a recording"}
+    if len(paths) > 1:
+        there |= {"a reference", "a .relations reference" if is_relations(paths[-1]) else "a TUM reference"}
+    given = {name for name in NEEDED if _is_given(context, name)}
+    for name, needed in NEEDED.items():
+        if name in given and needed not in there:
+            expected = "a --recording" if needed == "a recording" else "one as the last file"
+            raise typer.BadParameter(f"given without {needed}, expected {expected}", param_hint=_hint(name))
+    if given.issuperset(("scale", "no_align")):
+        raise typer.BadParameter("given with --no-align, expected one of the two", param_hint=_hint("scale"))
+
+
+def _is_given(context: typer.Context, name: str) -> bool:
+    """Whether an option stands on the command line, be it with the value that it has by default."""
+    source = context.get_parameter_source(name)
+    return source is not None and source.name == "COMMANDLINE"
+
+
+def _hint(name: str) -> str:
+    return f"'--{name.replace('_', '-')}'"
 
 
 def _against(
@@ -186,12 +207,14 @@ def _under(
     """The recording's scans under every trajectory; errors of one name its file."""
     from moteslam.eval.evaluation import under_recording
     from moteslam.robot.formats import open_recording
+    from moteslam.slam.inputs.synchronise import synchronise
 
     recording = open_recording(path, sequence=sequence, platform=platform)
+    scans = synchronise(recording).scans
     results: dict[str, UnderRecording] = {}
     for name, trajectory in trajectories.items():
         try:
-            results[name] = under_recording(trajectory, recording)
+            results[name] = under_recording(trajectory, recording, scans=scans)
         except MoteslamError as error:
             if error.file is not None:
                 raise
@@ -236,9 +259,10 @@ def _write(
         with folder_for(save):
             rows = [_row(name, score, reference, recording, errors=True) for name, score in scores.items()]
             write_json(save, {"results": rows})
-    if plot is not None and reference is not None:
+    if plot is not None:
         from moteslam.eval.report.comparison import draw_comparison
 
+        assert reference is not None  # or --plot was refused
         results = {name: score.against for name, score in scores.items() if score.against is not None}
         with folder_for(plot):
             draw_comparison(plot, results, title=f"against {reference.name}")

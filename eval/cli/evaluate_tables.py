@@ -74,7 +74,7 @@ def _relation_table(against: AgainstRelations) -> str:
 
 
 def _ate_name(result: AgainstTrajectory) -> str:
-    if result.ate.scale != 1:
+    if result.scaled:
         return f"ATE, scaled by {result.ate.scale:.4f}"
     return "ATE" if result.aligned else "ATE, not aligned"
 
@@ -97,8 +97,7 @@ def _trajectory_table(result: AgainstTrajectory) -> str:
 def _comparison_table(results: dict[str, AgainstTrajectory]) -> str:
     """A row a trajectory."""
     first = next(iter(results.values()))
-    scaled = any(result.ate.scale != 1 for result in results.values())
-    ate = "ATE, scale fitted," if scaled else "ATE" if first.aligned else "ATE, not aligned,"
+    ate = "ATE, scale fitted," if first.scaled else "ATE" if first.aligned else "ATE, not aligned,"
     pairs = next((f"{r.rpe.delta:g} {r.rpe.unit}" for r in results.values() if r.rpe is not None), None)
     head = ("estimate", "poses", f"{ate} RMSE [m]", "median", "max", "heading RMSE [deg]")
     rows: list[tuple[str, ...]] = [(*head, f"RPE over {pairs}, RMSE [m]") if pairs else head]

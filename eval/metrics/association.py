@@ -79,8 +79,8 @@ def match(
         matched = Matched(estimate.stamps[in_estimate], estimate.poses[in_estimate], reference.poses[in_reference])
     if not len(matched):
         raise InputError(
-            f"no stamps in common: the estimate covers {span(estimate.stamps)}, the reference "
-            f"{span(reference.stamps)}, expected stamps within {max_difference:g} s of each other"
+            f"no stamps in common: the estimate covers {from_to(estimate.stamps)}, the reference "
+            f"{from_to(reference.stamps)}, expected stamps within {max_difference:g} s of each other"
         )
     return matched
 
@@ -113,6 +113,6 @@ def covered(stamps: NDArray[np.float64], reference: NDArray[np.float64], max_dif
     return np.asarray(enclosed | near)
 
 
-def span(stamps: NDArray[np.float64]) -> str:
-    """The time that stamps [n], at least one, cover, in words."""
+def from_to(stamps: NDArray[np.float64]) -> str:
+    """The first and the last of stamps [n], at least one, in words: ``0.000 to 60.000 s``."""
     return f"{stamps[0]:.3f} to {stamps[-1]:.3f} s"

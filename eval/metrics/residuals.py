@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.errors import InputError
-from moteslam.eval.metrics.association import MAX_DIFFERENCE, covered, span, within
+from moteslam.eval.metrics.association import MAX_DIFFERENCE, covered, from_to, within
 from moteslam.robot import se2
 from moteslam.robot.recording import LidarStream, Recording
 from moteslam.robot.se2 import Poses
@@ -64,8 +64,8 @@ class ResidualResult(Summarised):
         quantile_90: nine of ten residuals are below it [m].
         beyond_3_cm: share of the residuals above 3 cm.
         unseen: share of the endpoints compared that have no residual against any other scan.
-        no_return: share of all beams of the recording without a return (``inf``); readings of no use (``nan``) have no
-            endpoint and count as neither.
+        no_return: share of all beams of the recording without a return (``inf``); those without a usable reading
+            (``nan``) are not among them.
         residuals: how many there are.
         endpoints: how many endpoints were compared.
         matched: how many scans have a pose.
@@ -103,7 +103,7 @@ class ResidualResult(Summarised):
         return f"{counted(self.residuals, 'residual')} of {counted(len(self.stamps), 'scan')}, {figures}"
 
 
-def scan_residuals(recording: Recording, trajectory: Trajectory) -> ResidualResult:
+def scan_residuals(recording: Recording, trajectory: Trajectory, *, scans: Scans | None = None) -> ResidualResult:
     """How noisy the scans of a recording are, and how well a trajectory lays them on each other.
 
     The scans used are the first within each ``SPACING`` of path or turn. Every second of them is compared with the
@@ -126,6 +126,8 @@ def scan_residuals(recording: Recording, trajectory: Trajectory) -> ResidualResu
         trajectory: of the robot, on the recording's clock. Where it has a pose for every scan, in order, these are
             taken; else poses are interpolated at the scans' stamps: if it has more poses than there are scans
             wherever it covers them, if not at the scans within ``MAX_DIFFERENCE`` of a pose.
+        scans: the recording's as ``synchronise(recording)`` gives them, for those who score several trajectories by
+            them; made here by default.
 
     Raises:
         InputError: no scans, fewer than two of them with a pose, a robot that stands, poses that are not finite, or
@@ -145,11 +147,11 @@ def scan_residuals(recording: Recording, trajectory: Trajectory) -> ResidualResu
             f"{counted(len(index), 'scan')}, expected at least {SPACING:g} m or {np.rad2deg(SPACING):.0f} deg",
             field="trajectory",
         )
-    scans = synchronise(recording).scans
+    synchronised = synchronise(recording).scans if scans is None else scans
 
     @lru_cache(maxsize=64)  # those within reach of a scan and of the next
     def lines(scan: int) -> _Lines:
-        return _Lines.of(scans, lidar, int(index[scan]), poses[scan])
+        return _Lines.of(synchronised, lidar, int(index[scan]), poses[scan])
 
     compared, residuals, endpoints, unseen = [], [], 0, 0
     for scan, others in _pairs(path, used):
@@ -195,7 +197,7 @@ def _poses_of_scans(stamps: Array, trajectory: Trajectory) -> tuple[NDArray[np.i
     if len(index) < 2:
         raise InputError(
             f"poses at {len(index)} of {counted(len(stamps), 'scan')}, expected at two or more: the scans cover "
-            f"{span(stamps)}, the trajectory {span(times)}",
+            f"{from_to(stamps)}, the trajectory {from_to(times)}",
             field="trajectory",
         )
     return index, se2.interpolate(times, trajectory.poses, stamps[index])

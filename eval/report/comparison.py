@@ -54,7 +54,7 @@ def _draw_errors_and_paths(path: str | PathLike[str], results: Mapping[str, Agai
                 plan.plot(*ate.reference[:, :2].T, color=style.TRUTH, lw=4.0, alpha=0.55, label="reference")
             time = ate.stamps - start
             plan.plot(*ate.aligned[:, :2].T, lw=1.1, **look)
-            label = f"{name}, ATE RMSE {100 * ate.rmse:.1f} cm"
+            label = f"{name}, ATE RMSE {100 * ate.rmse:.1f} cm" + (", scale fitted" if result.scaled else "")
             distance.plot(*broken(time, 100 * ate.errors), lw=1.0, label=label, **look)
             angle.plot(*broken(time, np.rad2deg(ate.rotation_errors)), lw=1.0, **look)
         for axes, unit in ((distance, "position error [cm]"), (angle, "heading error [deg]")):

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 import pytest
 
 from moteslam.eval.cli import main, text
-from moteslam.robot.trajectory import Trajectory, write_tum
+from moteslam.eval.report import comparison
+from moteslam.robot.trajectory import Trajectory, read_tum, write_tum
 
 
 @pytest.fixture
@@ -94,3 +96,62 @@ def test_results_are_kept_and_drawn(folder: Path, capsys: pytest.CaptureFixture[
     assert "new/result.json: exists already" in capsys.readouterr().err
     said(capsys, "good.tum", reference, *files, "--force")
     assert len(json.loads((folder / "new/result.json").read_text(encoding="utf-8"))["results"]) == 1
+
+
+def test_the_scale_is_fitted_where_it_is_asked_for(
+    folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    truth = read_tum("truth.tum")
+    write_tum("large.tum", Trajectory(truth.stamps, truth.poses * (1.1, 1.1, 1.0)))
+    assert "ATE, scaled by 0.9091 [m]" in said(capsys, "large.tum", "truth.tum", "--scale")
+    assert "scaled" not in said(capsys, "large.tum", "truth.tum")
+    assert "ATE, scaled by 1.0000 [m]" in said(capsys, "truth.tum", "truth.tum", "--scale")
+    head = said(capsys, "truth.tum", "large.tum", "truth.tum", "--scale").splitlines()[1]
+    assert "ATE, scale fitted, RMSE [m]" in head
+    found = json.loads(said(capsys, "large.tum", "truth.tum", "--scale", "--json"))
+    assert found["scaled"] is True
+    assert found["ate"]["scale"] == pytest.approx(1 / 1.1)
+    assert found["ate"]["translation_m"]["rmse"] < 1e-6
+    assert json.loads(said(capsys, "truth.tum", "truth.tum", "--json"))["scaled"] is False
+
+    labels: list[str] = []
+    legend = comparison.style.legend_below
+
+    def watched(figure: Any, *axes: Any, **options: Any) -> None:
+        labels.extend(axes[0].get_legend_handles_labels()[1])
+        legend(figure, *axes, **options)
+
+    monkeypatch.setattr(comparison.style, "legend_below", watched)
+    said(capsys, "large.tum", "truth.tum", "--scale", "--plot", "scaled.png")
+    said(capsys, "large.tum", "truth.tum", "--plot", "rigid.png")
+    assert labels[0] == "large.tum, ATE RMSE 0.0 cm, scale fitted"
+    assert labels[1].endswith(" cm")
+
+
+TRAJECTORY_OPTIONS = [["--no-align"], ["--scale"], ["--delta", "1.0"], ["--unit", "s"], ["--all-pairs"]]
+
+
+@pytest.mark.parametrize(
+    ("paths", "option", "needed"),
+    [
+        *((["good.tum", "some.relations"], option, "a TUM reference") for option in TRAJECTORY_OPTIONS),
+        *((["good.tum", "--recording", "any.log"], option, "a TUM reference") for option in TRAJECTORY_OPTIONS),
+        (["good.tum", "--recording", "any.log"], ["--max-difference", "0.1"], "a reference"),
+        (["good.tum", "--recording", "any.log"], ["--plot", "x.png"], "a reference"),
+        (["good.tum", "--recording", "any.log"], ["--no-interpolate"], "a .relations reference"),
+        (["good.tum", "truth.tum"], ["--no-interpolate"], "a .relations reference"),
+    ],
+)
+def test_an_option_that_would_change_nothing_is_refused(
+    folder: Path, capsys: pytest.CaptureFixture[str], paths: list[str], option: list[str], needed: str
+) -> None:
+    assert main.run(["evaluate", *paths, *option]) == 2
+    out, err = capsys.readouterr()
+    assert f"'{option[0]}': given without {needed}, expected one as the last file" in err
+    assert err.count("\n") == 1
+    assert out == ""
+
+
+def test_scale_and_no_align_exclude_each_other(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main.run(["evaluate", "good.tum", "truth.tum", "--scale", "--no-align"]) == 2
+    assert "'--scale': given with --no-align, expected one of the two" in capsys.readouterr().err
