@@ -8,6 +8,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from moteslam.robot.fan import field_of_view
 from moteslam.robot.recording import LidarStream
 
 _SAMPLE = 1_000_000
@@ -91,7 +92,7 @@ def lidar_report(lidar: LidarStream, rests: Spans) -> LidarReport:
         angle_min=lidar.angle_min,
         angle_increment=lidar.angle_increment,
         turns="clockwise" if lidar.angle_increment < 0 else "counterclockwise",
-        field_of_view=float(np.degrees((beams - 1) * abs(lidar.angle_increment))),
+        field_of_view=float(np.degrees(field_of_view(beams, lidar.angle_increment))),
         range_min=lidar.range_min,
         range_max=lidar.range_max,
         nearest=float(endpoints.min()) if len(endpoints) else None,

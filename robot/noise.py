@@ -49,6 +49,13 @@ class ClockNoise(Section):
     begins: tuple[Seconds, Seconds] = (0.0, 0.0)
     ends: tuple[Seconds, Seconds] = (0.0, 0.0)
 
+    @model_validator(mode="after")
+    def _are_spans(self) -> ClockNoise:
+        for key, (least, most) in (("begins", self.begins), ("ends", self.ends)):
+            if least > most:
+                raise ValueError(f"{key} of {least:g} and {most:g} s, expected the shorter time first")
+        return self
+
 
 class LidarNoise(Section):
     """What is wrong with ranges.

@@ -12,6 +12,7 @@ from typing import Annotated, Any
 from pydantic import Field, field_validator, model_validator
 
 from moteslam.errors import ConfigError
+from moteslam.robot.fan import too_wide
 from moteslam.robot.noise import ClockNoise
 from moteslam.robot.section import NotNegative, Number, Positive, Section, Share, Whole
 
@@ -81,12 +82,9 @@ class LidarSpec(Section):
         if self.angle_increment == 0:
             raise ValueError("angle_increment of 0, expected an angle between beams, negative if it turns clockwise")
         if self.beams is not None and self.angle_increment is not None:
-            turn = (self.beams - 1) * abs(self.angle_increment)
-            if turn > 2 * math.pi + abs(self.angle_increment) / 2:
-                raise ValueError(
-                    f"{self.beams} beams {self.angle_increment:.6g} rad apart are {turn / (2 * math.pi):.2f} turns, "
-                    "expected one at most"
-                )
+            problem = too_wide(self.beams, self.angle_increment)
+            if problem is not None:
+                raise ValueError(problem)
         if self.range_max is not None:
             if self.range_min is not None and self.range_min >= self.range_max:
                 raise ValueError(f"range_min of {self.range_min:g} m, expected less than {self.range_max:g} m")

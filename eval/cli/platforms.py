@@ -30,6 +30,7 @@ def platforms(
       moteslam platforms turtlebot3 > mine.toml
       moteslam simulate corridor --platform mine.toml --out run
     """  # noqa: D301
+    from moteslam.robot.fan import field_of_view
     from moteslam.robot.platforms import bundled_platforms, load_platform, platform_table
 
     if name is not None:
@@ -52,7 +53,7 @@ def platforms(
             (
                 each,
                 str(scan.beams),
-                f"{degrees((scan.beams - 1) * abs(scan.angle_increment)):.1f} deg",
+                f"{degrees(field_of_view(scan.beams, scan.angle_increment)):.1f} deg",
                 f"{scan.rate:g} Hz",
                 f"{scan.range_min:g} to {scan.range_max:g} m",
                 "-" if robot.top_speed is None else f"{robot.top_speed:g} m/s",

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.errors import InputError
+from moteslam.robot.fan import too_wide
 
 MAX_RATE = 100.0
 """No robot turns faster [rad/s]: 16 turns a second; common gyros end at 35 rad/s, the largest range sold is 70."""
@@ -34,13 +34,8 @@ def check_fan(beams: int, increment: float, *, file: Path | None = None, field: 
     Raises:
         InputError: the beams go round more than once.
     """
-    turn = (beams - 1) * abs(increment)
-    if turn > 2 * math.pi + abs(increment) / 2:
-        raise InputError(
-            f"{increment:.6g} rad between {beams} beams is {turn / (2 * math.pi):.1f} turns, expected one at most",
-            file=file,
-            field=field,
-        )
+    if (problem := too_wide(beams, increment)) is not None:
+        raise InputError(problem, file=file, field=field)
 
 
 def check_figures(beams: int, increment: float, range_min: float, range_max: float, *, file: Path) -> None:

@@ -23,9 +23,10 @@ from moteslam.robot.formats.no_return import no_return_codes, no_return_limit
 from moteslam.robot.formats.ranges import clean_ranges
 from moteslam.robot.formats.stamps import stamp_order
 from moteslam.robot.formats.text import TextLines
+from moteslam.robot.given_robot import GivenRobot
 from moteslam.robot.issues import Issue
 from moteslam.robot.platform import Platform
-from moteslam.robot.platforms import CARMEN, given_figures, robot_of
+from moteslam.robot.platforms import CARMEN
 from moteslam.robot.recording import LidarStream, OdometryStream, Recording
 from moteslam.robot.specs import LidarSpec
 from moteslam.robot.tables import Table
@@ -73,8 +74,9 @@ def read_carmen(path: str | PathLike[str], *, platform: Platform | str | PathLik
     odometry = np.array(log.odometry, np.float64).reshape(-1, 5)
     rows = np.array(chosen[1].rows if chosen else (), np.float64).reshape(-1, 8)
     clock = -2 if (rows[:, 6] != 0).any() or (odometry[:, 3] != 0).any() else -1
-    robot = platform if isinstance(platform, Platform) else robot_of(platform, _platform(path, log, rows))
-    figures = given_figures(platform)
+    given = GivenRobot.read(platform)
+    robot = given.platform or given.over(_platform(path, log, rows))
+    figures = given.lidar_figures
     return Recording(
         name=re.sub(r"(\.log|\.clf)?(\.gz)?$", "", path.name) or path.name,
         platform=robot,

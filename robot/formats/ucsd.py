@@ -24,9 +24,10 @@ from moteslam.robot.formats.npz import read_arrays
 from moteslam.robot.formats.ranges import clean_ranges
 from moteslam.robot.formats.stamps import stamp_order
 from moteslam.robot.formats.ucsd_rgbd import DISPARITY, RGB, find_images
+from moteslam.robot.given_robot import GivenRobot
 from moteslam.robot.issues import Issue
 from moteslam.robot.platform import Platform
-from moteslam.robot.platforms import UCSD, given_figures, leaves_out, robot_of, write_platform
+from moteslam.robot.platforms import UCSD, write_platform
 from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream, Recording, RgbdStream
 from moteslam.robot.specs import LidarSpec
 from moteslam.robot.tables import Table
@@ -82,13 +83,14 @@ def read_ucsd(
     folder = Path(folder)
     number = _choose(folder, sequence)
     beside = folder / "platform.toml"
-    own = beside if beside.exists() else None
-    robot = robot_of(platform, robot_of(own, UCSD, assumed=True), assumed=own is None)
+    own, given = GivenRobot.read(beside if beside.exists() else None), GivenRobot.read(platform)
+    robot = given.over(own.over(UCSD, assumed=True), assumed=own.is_nothing)
     issues: list[Issue] = []
-    if leaves_out(file := platform if own is None else own):
-        issues.append(Issue("assumed-robot", f"{file}: what it leaves out of wheels and lidar is the UCSD robot's"))
-    lidar = _lidar(folder / f"Hokuyo{number}.npz", robot, given_figures(platform), issues)
-    if own is None and platform is None and lidar is not None and not _is_its_lidar(lidar, UCSD.lidar):
+    if (last := given if own.is_nothing else own).leaves_out:
+        text = f"{last.file}: what it leaves out of wheels and lidar is the UCSD robot's"
+        issues.append(Issue("assumed-robot", text))
+    lidar = _lidar(folder / f"Hokuyo{number}.npz", robot, given.lidar_figures, issues)
+    if own.is_nothing and given.is_nothing and lidar is not None and not _is_its_lidar(lidar, UCSD.lidar):
         text = f"{folder}: no platform.toml, a lidar that is not the UCSD robot's; wheels and mount are assumed its"
         issues.append(Issue("assumed-robot", text))
     return Recording(

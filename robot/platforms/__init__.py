@@ -25,9 +25,6 @@ FOLDER = Path(__file__).parent
 BASE = "base"
 """The key of a file that names the bundled robot whose values it changes."""
 
-_MOUNT = ("x", "y", "yaw", "time_increment")
-"""What SLAM knows of where the lidar stands."""
-
 _MAY_BE_LEFT_OUT = frozenset({"name", "description", "top_speed", "top_turn_rate", "no_return", "noise", "as_recorded"})
 """By a whole robot: words, limits and codes that not every one has, errors that are not there unless they are given."""
 
@@ -87,8 +84,13 @@ def read_platform(path: str | PathLike[str], *, base: Platform | None = None) ->
         ConfigError: not readable, not TOML, an unknown key, a value out of bounds, or a table that is begun and
             misses keys that the robot below has not; file and keys are named.
     """
-    table = _over_its_base(read_toml(Path(path), "a platform.toml"), path)
-    return _platform(table if base is None else merged(base.model_dump(), table), file=path)
+    return platform_of(read_toml(Path(path), "a platform.toml"), file=path, base=base)
+
+
+def platform_of(table: Table, *, file: str | PathLike[str], base: Platform | None = None) -> Platform:
+    """The robot of the table in a ``platform.toml``; arguments and errors as of ``read_platform``."""
+    table = _over_its_base(table, file)
+    return _platform(table if base is None else merged(base.model_dump(), table), file=file)
 
 
 def write_platform(path: str | PathLike[str], platform: Platform) -> None:
@@ -99,47 +101,6 @@ def write_platform(path: str | PathLike[str], platform: Platform) -> None:
 def platform_table(platform: Platform) -> Table:
     """Every key of a platform, ``False`` for what it has not: TOML has no other word for it."""
     return _without_none(platform.model_dump())
-
-
-def robot_of(given: Platform | str | PathLike[str] | None, stated: Platform, *, assumed: bool = False) -> Platform:
-    """The robot of a recording.
-
-    Args:
-        given: by the caller: as it is, or a ``platform.toml`` that lies, key by key, over what the recording states.
-        stated: the robot that the recording states.
-        assumed: whether the recording states nothing, and ``stated`` is the robot that its format is known for: wheels
-            of another robot then have to be given completely.
-
-    Raises:
-        ConfigError: as `read_platform`.
-    """
-    if isinstance(given, Platform):
-        return given
-    if given is None:
-        return stated
-    table = read_toml(Path(given), "a platform.toml")
-    base = stated
-    if assumed and isinstance(table.get("wheels"), dict) and BASE not in table:
-        base = stated.model_copy(update={"wheels": None})
-    return read_platform(given, base=base)
-
-
-def leaves_out(given: Platform | str | PathLike[str] | None) -> bool:
-    """Whether a file names some of what SLAM goes by, wheels and the lidar's mount, and leaves the rest to another."""
-    if given is None or isinstance(given, Platform):
-        return False
-    table = read_toml(Path(given), "a platform.toml")
-    lidar = table.get("lidar", {})
-    named = ["wheels" in table, *(isinstance(lidar, dict) and key in lidar for key in _MOUNT)]
-    return BASE not in table and any(named) and not all(named)
-
-
-def given_figures(given: Platform | str | PathLike[str] | None) -> Table:
-    """What a ``platform.toml`` says itself of the lidar's scans: ``angle_min``, ``range_max`` and so on."""
-    if given is None or isinstance(given, Platform):
-        return {}
-    lidar = read_toml(Path(given), "a platform.toml").get("lidar")
-    return {key: value for key, value in lidar.items() if value is not False} if isinstance(lidar, dict) else {}
 
 
 def _without_none(table: Table) -> Table:

@@ -55,7 +55,7 @@ def test_robotlaser_tells_its_own_angles_limit_and_poses(tmp_path: Path) -> None
 
 def test_beams_that_go_round_more_than_once_are_refused(tmp_path: Path) -> None:
     path = write_log(tmp_path / "x.log", [robotlaser([1.0] * 90, step=0.1)])
-    with pytest.raises(InputError, match=r"x\.log: ROBOTLASER1 angular resolution: 0\.1 rad between 90 beams is 1\.4"):
+    with pytest.raises(InputError, match=r"x\.log: ROBOTLASER1 angular resolution: 90 beams 0\.1 rad apart are 1\.42"):
         read_carmen(path)
 
 
@@ -98,7 +98,7 @@ def test_the_mount_comes_from_the_caller_the_parameters_or_the_poses(tmp_path: P
 @pytest.mark.parametrize(
     ("lidar", "line"),
     [
-        ("angle_increment = 6.0", r"x\.log: platform\.lidar\.angle_increment: 6 rad between 3 beams is 1\.9 turns"),
+        ("angle_increment = 6.0", r"x\.log: platform\.lidar\.angle_increment: 3 beams 6 rad apart are 1\.91 turns"),
         ("range_min = 4.0", r"x\.log: platform\.lidar\.range_min: 4 m, expected less than the 3 m that"),
     ],
 )

@@ -11,7 +11,7 @@ import pytest
 from issues import messages
 
 from moteslam.errors import ConfigError, InputError, OutputError
-from moteslam.robot import files, se2
+from moteslam.robot import files, given_robot, se2
 from moteslam.robot.formats import open_recording
 from moteslam.robot.formats.ucsd import read_ucsd, ucsd_sequences, write_ucsd
 from moteslam.robot.kinematics import arc_increment
@@ -19,6 +19,7 @@ from moteslam.robot.platform import Platform
 from moteslam.robot.platforms import UCSD
 from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream, Recording, RgbdStream
 from moteslam.robot.specs import LidarSpec
+from moteslam.robot.tables import Table, read_toml
 
 START = 1298445274.5
 
@@ -131,7 +132,7 @@ BAD = [
     ("Hokuyo_angle_min", np.ones(2), r"angle_min: shape \[2\], expected one number"),
     ("Hokuyo_range_max", np.float64(0.05), r"range_max: 0\.05, expected more than range_min, 0\.1 m"),
     ("Hokuyo_range_min", np.float64(-1), r"range_min: -1\.0, expected 0 m or more"),
-    ("Hokuyo_angle_increment", np.float64(7.853), r"angle_increment: 7\.853 rad between 7 beams is 7\.5 turns"),
+    ("Hokuyo_angle_increment", np.float64(7.853), r"angle_increment: 7 beams 7\.853 rad apart are 7\.50 turns"),
     ("Imu_angular_velocity", np.full((3, 12), 1e30), "angular_velocity: 12 of 12 readings beyond 100 rad/s"),
     ("Encoders_counts", np.full((4, 12), 30_000), "counts: 12 of 12 readings beyond 100 m/s"),
     ("Hokuyo_range_max", np.float64(np.inf), "range_max: inf, expected a finite number"),
@@ -453,6 +454,24 @@ def test_real_counts_and_gyro_give_the_known_dead_reckoning(
     assert np.abs(travel).sum() == pytest.approx(distance, abs=0.1)
     assert (x, y) == pytest.approx(end, abs=0.1)
     assert np.degrees(theta) == pytest.approx(heading, abs=0.5)
+
+
+def test_every_platform_file_is_read_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    read: list[Path] = []
+
+    def counted(path: Path, what: str) -> Table:
+        read.append(path)
+        return read_toml(path, what)
+
+    monkeypatch.setattr(given_robot, "read_toml", counted)
+    mine = tmp_path / "mine.toml"
+    mine.write_text("[lidar]\nx = 0.2\nrange_max = 20.0\n", encoding="utf-8")
+    (tmp_path / "made").mkdir()
+    recording = read_ucsd(written(tmp_path / "made"), platform=mine)
+    assert recording.platform.lidar.x == 0.2
+    assert recording.lidar is not None
+    assert recording.lidar.range_max == 20.0
+    assert read == [tmp_path / "made" / "platform.toml", mine]
 
 
 def test_a_real_scan_of_the_utm_30lx(data_folder: Path, tmp_path: Path) -> None:

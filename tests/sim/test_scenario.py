@@ -129,6 +129,8 @@ WALL = {"points": [[0.0, 0.0], [4.0, 0.0], [4.0, 4.0]]}
         ("world.walls", [{**WALL, "recesses": [NICHE]}], "world.walls.0.recesses.0", "a depth of 0 m, expected one to"),
         ("noise.lidar.dropout", 2, "noise.lidar.dropout", "expected at most 1"),
         ("noise.imu.gyro_correlation", [0.9, 0.1], "noise.imu", "that some noise has"),
+        ("noise.imu.clock.begins", [0.5, 0.3], "noise.imu.clock", "begins of 0.5 and 0.3 s, expected the shorter"),
+        ("noise.lidar.clock.ends", [2, 1], "noise.lidar.clock", "ends of 2 and 1 s, expected the shorter time first"),
         ("world.walls", [{**WALL, "doors": [{"at": 7.5, "width": 1.0}]}], "world.walls.0", "within the wall's 8 m"),
         ("world.walls", [{**WALL, "doors": [{"at": 3.5, "width": 1.0}]}], "world.walls.0", "goes round a corner"),
     ],
