@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
-from moteslam.errors import InputError
+from moteslam.errors import ConfigError, InputError
 from moteslam.sim.base_odometry import with_odometry
 from moteslam.sim.key_scans import key_scans
 from moteslam.sim.odometry_noise import with_odometry_noise
@@ -22,19 +22,28 @@ class Logging:
     Attributes:
         every: keep a scan only after this distance [m] (or this ``turn``); None to keep all.
         turn: keep a scan only after this turn [rad] (or this distance); None to keep all.
-        noise: shares of noise that are added to each step of the odometry, to its length and to its turn.
+        noise: shares of noise that are added to each step of the odometry, to its length and to its turn, 0 to 1.
+
+    Raises:
+        ConfigError: a distance, turn or share out of bounds.
     """
 
     every: float | None = None
     turn: float | None = None
     noise: tuple[float, float] | None = None
 
+    def __post_init__(self) -> None:
+        for field, value in (("every", self.every), ("turn", self.turn)):
+            if value is not None and not 0 < value < math.inf:
+                raise ConfigError(f"{value:g}, expected more than 0", field=field)
+        if self.noise is not None and not all(0 <= share <= 1 for share in self.noise):
+            raise ConfigError(f"{self.noise[0]:g} {self.noise[1]:g}, expected 0 to 1", field="noise")
+
 
 def logged(simulation: Simulation, logging: Logging) -> Simulation:
     """The simulation with its recording as it is logged: odometry first, then key scans, then noise on their steps.
 
     Raises:
-        ConfigError: a distance, turn or share out of bounds.
         InputError: no scans or no encoder readings are left to log.
     """
     recording = with_odometry(simulation.recording, gyro=simulation.recording.imu is not None)

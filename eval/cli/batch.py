@@ -126,7 +126,7 @@ def _do(job: Job) -> dict[str, Any] | str:
 
     wanted = job.wanted
     try:
-        simulation = wanted.simulate(job.seed)
+        simulation = wanted.simulate(wanted.load(job.seed), job.seed)
         job.folder.mkdir(parents=True, exist_ok=True)
         write_simulation(job.folder, simulation, map_resolution=wanted.map_resolution, file_format=wanted.file_format)
     except MoteslamError as error:

@@ -43,7 +43,7 @@ def demo(
     from moteslam.robot.result_folder import result_folder
     from moteslam.sim.simulate import simulate
 
-    driven = Wanted(scenario, platform=platform, noise=noise).load(None)
+    driven = Wanted(scenario, platform=platform, noise=noise).load(run.seed)
     if duration is not None:
         driven = driven.model_copy(update={"duration": min(duration, driven.duration)})
     device = Device(run.arch, run.threads)

@@ -32,6 +32,9 @@ PlatformFile = Annotated[
     Path | None,
     typer.Option(metavar="NAME|FILE", help="Another robot; a platform.toml lies over what the recording states."),
 ]
+Settings = Annotated[
+    list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Change one value; may be repeated.")
+]
 
 
 def refuse_existing(file: Path | None, *, force: bool) -> None:
@@ -52,9 +55,7 @@ class SlamOptions:
     config: Annotated[
         Path | None, typer.Option("--config", metavar="FILE", help="TOML file over the preset, under --set.")
     ] = None
-    settings: Annotated[
-        list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Change one value; may be repeated.")
-    ] = None
+    settings: Settings = None
     particles: Annotated[int | None, typer.Option(min=1, help="The same as --set particles=N.")] = None
     seed: Annotated[int, typer.Option(min=0, max=2**63 - 1, help="Of all randomness; same seed, same bytes.")] = 0
     threads: Annotated[int | None, typer.Option(min=1, max=1024, help="CPU threads; all cores by default.")] = None

@@ -98,9 +98,7 @@ def animate(
     preset: Annotated[
         str | None, typer.Option(metavar="NAME", help="Named configuration; the best by default.")
     ] = None,
-    settings: Annotated[
-        list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Change one value; may be repeated.")
-    ] = None,
+    settings: options.Settings = None,
     force: Annotated[bool, typer.Option("--force", help="Replace an existing --out.")] = False,
 ) -> None:
     """Simulate a scenario, run SLAM, and film it: robot, beams, particles, and the map as it grows.

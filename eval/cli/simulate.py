@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from math import inf
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -13,7 +12,7 @@ from moteslam.eval.cli import options
 from moteslam.eval.cli.batch import MAX_BATCH, Job, about, run_batch
 from moteslam.eval.cli.progress import progress_bar, simulation_bar
 from moteslam.eval.cli.text import literal, note, say, say_json, table
-from moteslam.eval.cli.wanted import Wanted, named_in_errors
+from moteslam.eval.cli.wanted import Wanted, logging_of, named_in_errors
 
 
 def simulate(
@@ -26,9 +25,7 @@ def simulate(
     ] = None,
     platform: options.Robot = None,
     noise: options.NoiseClass = None,
-    settings: Annotated[
-        list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Change one value; may be repeated.")
-    ] = None,
+    settings: options.Settings = None,
     no_gyro: Annotated[bool, typer.Option("--no-gyro", help="A robot without IMU.")] = False,
     log_every: Annotated[
         float | None, typer.Option(metavar="M", help="Keep a scan only after M metres, or after --log-turn.")
@@ -73,19 +70,12 @@ def simulate(
       moteslam replay corridor --out result
     """  # noqa: D301
     from moteslam.robot.result_folder import result_folder
-    from moteslam.sim.logged import Logging
     from moteslam.sim.output import file_name, log_name, write_simulation
     from moteslam.sim.scenario import MAX_SEED
     from moteslam.sim.world.random_corridors import NAME as RANDOM_CORRIDORS
 
     if true_map is not None and not 0.001 <= true_map <= 10:
         raise ConfigError(f"{true_map:g} m, expected 0.001 to 10", field="--true-map")
-    for option, value in (("--log-every", log_every), ("--log-turn", log_turn)):
-        if value is not None and not 0 < value < inf:
-            raise ConfigError(f"{value:g}, expected more than 0", field=option)
-    if odometry_noise is not None and not all(0 <= share <= 1 for share in odometry_noise):
-        raise ConfigError(f"{odometry_noise[0]:g} {odometry_noise[1]:g}, expected 0 to 1", field="--odometry-noise")
-    plain = file_format == "ucsd" and log_every is None and log_turn is None and odometry_noise is None
     wanted = Wanted(
         scenario,
         platform=platform,
@@ -93,7 +83,7 @@ def simulate(
         settings=(*(settings or ()), *(("platform.imu=false",) if no_gyro else ())),
         camera=camera,
         map_resolution=true_map,
-        logging=None if plain else Logging(log_every, log_turn, odometry_noise),
+        logging=logging_of(log_every, log_turn, odometry_noise, file_format=file_format),
         file_format=file_format,
     )
     loaded = wanted.load(seed)
@@ -109,7 +99,7 @@ def simulate(
         return
     with result_folder(out, force=force) as folder, named_in_errors(scenario):
         with simulation_bar() as report:
-            simulation = wanted.simulate(seed, report)
+            simulation = wanted.simulate(loaded, seed, report)
         with progress_bar("images", 1.0, "") as bar:
             write_simulation(
                 folder,

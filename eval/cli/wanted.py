@@ -14,6 +14,9 @@ if TYPE_CHECKING:
     from moteslam.sim.scenario import Scenario
     from moteslam.sim.simulate import Progress, Simulation
 
+_LOGGING = {"every": "--log-every", "turn": "--log-turn", "noise": "--odometry-noise"}
+"""The options that set the fields of ``Logging``."""
+
 
 @dataclass(frozen=True)
 class Wanted:
@@ -75,18 +78,36 @@ class Wanted:
         with named_in_errors(self.scenario):
             return with_camera(loaded)
 
-    def simulate(self, seed: int | None, progress: Progress | None = None) -> Simulation:
-        """Simulate it, and log it.
+    def simulate(self, loaded: Scenario, seed: int | None, progress: Progress | None = None) -> Simulation:
+        """Simulate the scenario, as ``load(seed)`` gives it, and log it.
 
         Raises:
-            ConfigError: as ``load``, or a robot that gets stuck on its route.
+            ConfigError: a robot that gets stuck on its route.
+            InputError: no scans or no encoder readings are left to log.
         """
         from moteslam.sim.logged import logged
         from moteslam.sim.simulate import simulate
 
-        loaded = self.load(seed)
         simulation = simulate(loaded, seed, progress=progress)
         return simulation if self.logging is None else logged(simulation, self.logging)
+
+
+def logging_of(
+    every: float | None, turn: float | None, noise: tuple[float, float] | None, *, file_format: str
+) -> Logging | None:
+    """What the command line asks to log; None where that is all that the sensors gave.
+
+    Raises:
+        ConfigError: a distance, turn or share out of bounds; the option is named.
+    """
+    if file_format == "ucsd" and every is None and turn is None and noise is None:
+        return None
+    from moteslam.sim.logged import Logging
+
+    try:
+        return Logging(every, turn, noise)
+    except ConfigError as error:
+        raise ConfigError(error.problem, field=_LOGGING[error.field or ""]) from error
 
 
 def _begins(key: str, field: str) -> bool:

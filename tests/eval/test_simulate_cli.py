@@ -11,10 +11,12 @@ import pytest
 from command_lines import refused
 
 from moteslam.eval.cli.main import run
+from moteslam.eval.cli.wanted import Wanted
 from moteslam.robot.formats import open_recording
 from moteslam.robot.platforms import bundled_platform, bundled_platforms, load_platform
 from moteslam.robot.recording import Recording
 from moteslam.robot.trajectory import read_tum
+from moteslam.sim.scenario import Scenario
 from moteslam.slam.odometry.dead_reckoning import dead_reckon
 
 CLASSIC = ("--platform", "lms200", "--format", "carmen")
@@ -233,6 +235,25 @@ def test_a_batch_that_fails_while_it_logs_leaves_nothing(program, scenario_file:
     assert "no encoder readings" in done.stderr
     assert len(done.stderr.strip().splitlines()) == 1
     assert not (tmp_path / "many").exists()
+
+
+def test_a_random_building_of_the_demo_is_that_of_its_seed(taichi, tmp_path: Path, capsys) -> None:
+    options = ("--duration", "12", "--particles", "2", "--no-figures", "--out", str(tmp_path / "out"))
+    assert run(["demo", "--scenario", "random-corridors", "--seed", "3", *options]) == 0
+    assert capsys.readouterr().out.startswith("random-corridors-3: ")
+
+
+def test_a_scenario_is_loaded_once(scenario_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    loaded: list[int | None] = []
+    load = Wanted.load
+
+    def counted(wanted: Wanted, seed: int | None) -> Scenario:
+        loaded.append(seed)
+        return load(wanted, seed)
+
+    monkeypatch.setattr(Wanted, "load", counted)
+    simulated(scenario_file, tmp_path / "out", "--seed", 4)
+    assert loaded == [4]
 
 
 @pytest.mark.parametrize("name", bundled_platforms())
