@@ -20,16 +20,14 @@ from __future__ import annotations
 
 import argparse
 import time
-from concurrent.futures import Future, ProcessPoolExecutor
-from multiprocessing import get_context
 from typing import Any
 
 from parts.bars import Bar, summarise, summary_lines
 from parts.machine import save, stamp
 from parts.options import count, factor, result_file, seeds
+from parts.pool import rows_of
 from parts.runs import (
     BARS,
-    DATA,
     HALL,
     LOGS,
     LOST,
@@ -38,9 +36,11 @@ from parts.runs import (
     UNSEEN_BUILDINGS,
     UNSEEN_LOGS,
     errors,
+    expect_names,
     load_log,
     log_file,
     simulate_case,
+    that_are_there,
 )
 
 from moteslam.errors import ConfigError
@@ -85,9 +85,8 @@ def chosen(options: argparse.Namespace) -> dict[str, range]:
     known = [*LOGS, *dict.fromkeys((*SCENARIOS, HALL, *bundled_scenarios()))]
     if options.runs:
         names = options.runs
+        expect_names(names, known, field="--runs")
         for name in names:
-            if name not in known and not name.startswith("random-corridors"):
-                raise ConfigError(f"no {name!r}, expected of {', '.join(known)}, random-corridors-7", field="--runs")
             if name in LOGS and not log_file(name).is_file():
                 raise ConfigError("not there; MOTESLAM_DATA names the folder of the real logs", file=log_file(name))
             if name in LOGS and options.odometry_noise != 1.0:
@@ -100,10 +99,7 @@ def chosen(options: argparse.Namespace) -> dict[str, range]:
         names = list(SCENARIOS)
     else:
         names = [*(name for name in LOGS if name not in UNSEEN_LOGS), *SCENARIOS, HALL]
-    if not DATA.is_dir() and any(name in LOGS for name in names):
-        print(f"no {DATA}: the real logs are left out; MOTESLAM_DATA names their folder")
-        names = [name for name in names if name not in LOGS]
-    return {name: options.seeds or range(usual_seeds(name, options)) for name in names}
+    return {name: options.seeds or range(usual_seeds(name, options)) for name in that_are_there(names)}
 
 
 def usual_seeds(name: str, options: argparse.Namespace) -> int:
@@ -176,17 +172,14 @@ def main() -> None:
         "odometry_noise": options.odometry_noise,
         "workers": options.workers,
     }
-    with ProcessPoolExecutor(options.workers, mp_context=get_context("spawn")) as pool:
-        jobs: list[Future[dict[str, Any]]] = [
-            pool.submit(run, name, options.preset, options.settings, seed, options.odometry_noise)
-            for name, these in runs.items()
-            for seed in these
-        ]
-        for job in jobs:
-            rows.append(job.result())
-            line = (f"{k} {v:.4f}" if isinstance(v, float) else f"{k} {v}" for k, v in rows[-1].items())
-            print("  ".join(line), flush=True)
-            save(options.out, {**about, "summary": summarised(rows, options), "rows": rows})
+    calls = [
+        (name, options.preset, options.settings, seed, options.odometry_noise)
+        for name, these in runs.items()
+        for seed in these
+    ]
+    for row in rows_of(run, calls, options.workers):
+        rows.append(row)
+        save(options.out, {**about, "summary": summarised(rows, options), "rows": rows})
     summaries = summarised(rows, options)
     print()
     print(

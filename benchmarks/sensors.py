@@ -5,40 +5,33 @@
     python benchmarks/sensors.py key-scans    key scans of the LMS200 in all scenarios, seeds 0 to 19
     python benchmarks/sensors.py turtlebot3   the TurtleBot3 in worlds small enough for it, seeds 0 to 19
     python benchmarks/sensors.py robots       three small robots and shorter ranges of one of them, seeds 0 to 4
-    python benchmarks/sensors.py residuals    scan residuals of the simulated LMS200, seeds 0 to 4, beside real logs
-    python benchmarks/sensors.py half-degree  the same of an LMS200 of 361 beams
+    python benchmarks/sensors.py residuals    scan residuals of the simulated LMS200, seeds 0 to 4, beside Intel
+    python benchmarks/sensors.py half-degree  the same of one of 361 beams, beside csail and freiburg-101
 
 Every run is simulated, replayed, and scored by ATE RMSE after alignment, with and without scale. A run is lost from an
-ATE of 0.15 m on, and is counted as such, never left out. Every run is on one thread.
+ATE of 0.15 m on, and is counted as such, never left out. Every run is on one thread. A study goes into today's file in
+benchmarks/results; a part of one (--scenarios, --seeds) only into the file that --out names.
 """
 
 from __future__ import annotations
 
 import argparse
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass
-from multiprocessing import get_context
 from typing import Any
 
-import numpy as np
+from parts.bars import summarise
 from parts.machine import dated_file, save, stamp
 from parts.options import count, result_file, seeds
-from parts.runs import DATA, LOST, load_log
+from parts.pool import rows_of
+from parts.runs import HALF_DEGREE, LOST, errors, expect_names, load_log, simulate_case, that_are_there
 
+from moteslam.errors import ConfigError
 from moteslam.eval.cli.text import table
 
 KEY_SCANS = (0.75, 0.5)
 """The distance [m] and turn [rad] between the scans of the classic key-scan logs."""
-HALF_DEGREE = (
-    "platform.lidar.beams=361",
-    "platform.lidar.angle_increment=0.008726646259971648",
-    "platform.lidar.rate=5.0",
-    "platform.lidar.time_increment=3.7e-5",
-)
-"""Makes of the LMS200 one of 361 beams half a degree apart, as of csail and freiburg-101."""
 TEN_HERTZ = ("platform.lidar.rate=10.0", "platform.lidar.time_increment=0.00027")
 """Makes of the RPLidar A1 a lidar of 360 beams, 12 m and 10 Hz."""
-REAL = ("csail", "intel_key_scans", "freiburg-101")
 
 
 @dataclass(frozen=True)
@@ -55,12 +48,12 @@ class Setup:
 
 @dataclass(frozen=True)
 class Study:
-    """Setups, scenarios (None for all of them), seeds, and whether the residuals of the scans are measured too."""
+    """Setups, scenarios (None for all of them), seeds, and real logs beside whose residuals those of the runs stand."""
 
     setups: tuple[Setup, ...]
     scenarios: tuple[str, ...] | None
     seeds: range
-    residuals: bool = False
+    logs: tuple[str, ...] = ()
 
 
 STUDIES = {
@@ -111,13 +104,13 @@ STUDIES = {
         ),
         ("corridor", "office", "loop", "big_loop"),
         range(5),
-        residuals=True,
+        logs=("csail", "freiburg-101"),
     ),
     "residuals": Study(
         (Setup("LMS200, datasheet", "lms200"), Setup("LMS200, as recorded", "lms200", "as_recorded")),
         None,
         range(5),
-        residuals=True,
+        logs=("intel_key_scans",),
     ),
 }
 
@@ -127,36 +120,48 @@ def run(setup: Setup, scenario: str, seed: int, residuals: bool) -> dict[str, An
     from moteslam.eval.metrics.ate import absolute_trajectory_error
     from moteslam.eval.metrics.residuals import scan_residuals
     from moteslam.kernels import runtime
-    from moteslam.sim.logged import Logging, logged
-    from moteslam.sim.scenario import load_scenario
-    from moteslam.sim.simulate import simulate
     from moteslam.slam.run import run_slam
     from moteslam.slam.settings import resolve_config
 
     row: dict[str, Any] = {"setup": setup.name, "scenario": scenario, "seed": seed}
     try:
         runtime.init("cpu", 1)
-        loaded = load_scenario(scenario, platform=setup.platform, noise=setup.noise, settings=setup.settings)
-        simulation = simulate(loaded.model_copy(update={"camera": None}), seed)
-        if setup.key_scans is not None:
-            simulation = logged(simulation, Logging(*setup.key_scans))
-        estimate = run_slam(simulation.recording, resolve_config(setup.preset), seed=seed)
-        final, truth = estimate.trajectory_final, simulation.truth
-        scaled = absolute_trajectory_error(final, truth, scale=True)
-        row |= {
-            "scans": len(final),
-            "end": simulation.end,
-            "final": absolute_trajectory_error(final, truth).rmse,
-            "final_scaled": scaled.rmse,
-            "scale": scaled.scale,
-            "online": absolute_trajectory_error(estimate.trajectory, truth).rmse,
-            "dead_reckoning": absolute_trajectory_error(estimate.dead_reckoning, truth).rmse,
-        }
+        case = simulate_case(
+            scenario,
+            seed,
+            platform=setup.platform,
+            noise_class=setup.noise,
+            settings=setup.settings,
+            key_scans=setup.key_scans,
+        )
+        estimate = run_slam(case.recording, resolve_config(setup.preset), seed=seed)
+        row |= {"scans": len(estimate.trajectory), "end": case.end, **errors(scenario, estimate, case)}
+        assert case.reference is not None  # a simulation has a truth
+        scaled = absolute_trajectory_error(estimate.trajectory_final, case.reference, scale=True)
+        row |= {"final_scaled": scaled.rmse, "scale": scaled.scale}
         if residuals:
-            row |= figures(scan_residuals(simulation.recording, final))
+            row |= figures(scan_residuals(case.recording, estimate.trajectory_final))
     except Exception as error:  # one crash is a result, and no reason to lose the others
         row["error"] = f"{type(error).__name__}: {error}"
     return row
+
+
+def run_log(name: str) -> dict[str, Any]:
+    """The residuals of a real log, under the final poses of the preset ``default``."""
+    from moteslam.eval.metrics.residuals import scan_residuals
+    from moteslam.kernels import runtime
+    from moteslam.slam.run import run_slam
+    from moteslam.slam.settings import resolve_config
+
+    runtime.init("cpu", 1)
+    recording = load_log(name).recording
+    estimate = run_slam(recording, resolve_config("default"), seed=0)
+    return {
+        "setup": "real",
+        "scenario": name,
+        "seed": 0,
+        **figures(scan_residuals(recording, estimate.trajectory_final)),
+    }
 
 
 def figures(found: Any) -> dict[str, float]:
@@ -169,26 +174,6 @@ def figures(found: Any) -> dict[str, float]:
     }
 
 
-def real_rows() -> list[dict[str, Any]]:
-    """The residuals of the real logs, under the final poses of the preset ``default``."""
-    from moteslam.eval.metrics.residuals import scan_residuals
-    from moteslam.kernels import runtime
-    from moteslam.slam.run import run_slam
-    from moteslam.slam.settings import resolve_config
-
-    if not DATA.is_dir():
-        print(f"no {DATA}: the real logs are left out; MOTESLAM_DATA names their folder")
-        return []
-    runtime.init("cpu", 1)
-    rows = []
-    for name in REAL:
-        recording = load_log(name).recording
-        estimate = run_slam(recording, resolve_config("default"), seed=0)
-        found = figures(scan_residuals(recording, estimate.trajectory_final))
-        rows.append({"setup": "real", "scenario": name, "seed": 0, **found})
-    return rows
-
-
 def summarised(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
     """Median and worst of every figure, and how many were lost, by setup and scenario."""
     groups: dict[tuple[str, str], list[dict[str, Any]]] = {}
@@ -196,18 +181,11 @@ def summarised(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
         groups.setdefault((row["setup"], row["scenario"]), []).append(row)
     found = []
     for (setup, scenario), mine in groups.items():
-        whole = [row for row in mine if "error" not in row]
-        one: dict[str, Any] = {
-            "setup": setup,
-            "scenario": scenario,
-            "runs": len(mine),
-            "crashed": len(mine) - len(whole),
-        }
-        for key in dict.fromkeys(key for row in whole for key, value in row.items() if isinstance(value, float)):
-            values = [row[key] for row in whole]
-            one |= {f"{key}_median": float(np.median(values)), f"{key}_worst": max(values)}
-        one["lost"] = sum(row.get("final", 0.0) >= LOST for row in whole)
-        found.append(one)
+        summary = summarise(mine, ())
+        counts = {"runs": summary["seeds"], "crashed": summary["crashed"]}
+        figures = {f"{key}_{over}": value for key, both in summary["figures"].items() for over, value in both.items()}
+        lost = sum(row.get("final", 0.0) >= LOST for row in mine)
+        found.append({"setup": setup, "scenario": scenario, **counts, **figures, "lost": lost})
     return found
 
 
@@ -223,7 +201,8 @@ def printed(summary: list[dict[str, Any]]) -> str:
             median, most = 1000 * one["residual_median_median"], 1000 * one["residual_90_median"]
             far, none = 100 * one["residual_beyond_3_cm_median"], 100 * one["no_return_median"]
             residuals = f"{median:.1f}, {most:.0f} mm, {far:.1f} %, {none:.1f} %"
-        rows.append((one["setup"], one["scenario"], str(one["runs"]), str(one["lost"]), *shown, residuals))
+        runs = str(one["runs"]) + (f", {one['crashed']} crashed" if one["crashed"] else "")
+        rows.append((one["setup"], one["scenario"], runs, str(one["lost"]), *shown, residuals))
     return table(rows, right=range(2, 9))
 
 
@@ -234,26 +213,29 @@ def main() -> None:
     parser.add_argument("--seeds", type=seeds, metavar="N", help="of each run, from 0; or 10-19")
     parser.add_argument("--scenarios", nargs="+", metavar="NAME", help="in place of the study's own")
     parser.add_argument("--workers", type=count, default=2)
-    parser.add_argument("--out", type=result_file, help="today's file in benchmarks/results by default")
+    parser.add_argument("--out", type=result_file, help="of a complete study today's file in benchmarks/results")
     options = parser.parse_args()
     from moteslam.sim.scenario import bundled_scenarios
 
     study = STUDIES[options.study]
     scenarios = options.scenarios or study.scenarios or tuple(bundled_scenarios())
+    try:
+        expect_names(scenarios, tuple(bundled_scenarios()), field="--scenarios")
+    except ConfigError as error:
+        parser.error(str(error))
+    complete = options.scenarios is None and options.seeds is None
+    out = options.out or (dated_file(f"sensors-{options.study}") if complete else None)
     about = {**stamp(), "study": options.study, "setups": [asdict(setup) for setup in study.setups]}
-    out = options.out or dated_file(f"sensors-{options.study}")
-    rows = real_rows() if study.residuals else []
-    with ProcessPoolExecutor(options.workers, mp_context=get_context("spawn")) as pool:
-        jobs = [
-            pool.submit(run, setup, scenario, seed, study.residuals)
-            for scenario in scenarios
-            for setup in study.setups
-            for seed in options.seeds or study.seeds
-        ]
-        for job in jobs:
-            rows.append(job.result())
-            print("  ".join(f"{k} {v:.4f}" if isinstance(v, float) else f"{k} {v}" for k, v in rows[-1].items()))
-            save(out, {**about, "summary": summarised(rows), "rows": rows})
+    calls = [
+        (setup, scenario, seed, bool(study.logs))
+        for scenario in scenarios
+        for setup in study.setups
+        for seed in options.seeds or study.seeds
+    ]
+    rows = list(rows_of(run_log, [(name,) for name in that_are_there(study.logs)], options.workers))
+    for row in rows_of(run, calls, options.workers):
+        rows.append(row)
+        save(out, {**about, "summary": summarised(rows), "rows": rows})
     print(printed(summarised(rows)))
 
 

@@ -7,12 +7,14 @@ Cartographer and Hector on the same logs (docs/notes/2026-11-22-accuracy.md).
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from moteslam.errors import ConfigError
 from parts.bars import Bar
 
 if TYPE_CHECKING:
@@ -43,6 +45,13 @@ SCENARIOS = ("corridor", "loop", "office")
 """Simulated, scored by ATE over 20 seeds."""
 HALL = "hall"
 """Simulated, scored along and across its only direction."""
+HALF_DEGREE = (
+    "platform.lidar.beams=361",
+    "platform.lidar.angle_increment=0.008726646259971648",
+    "platform.lidar.rate=5.0",
+    "platform.lidar.time_increment=3.7e-5",
+)
+"""Makes of the robot ``lms200`` one with 361 beams half a degree apart, as of csail and freiburg-101."""
 LOST = 0.15
 """A larger ATE [m] counts as a divergence."""
 
@@ -75,11 +84,37 @@ class Case:
         recording: what SLAM gets.
         reference: truth or reference trajectory; None where there are relations.
         scenario: None of a real log.
+        end: why the simulated drive ended; empty of a real log.
     """
 
     recording: Recording
     reference: Trajectory | None
     scenario: Scenario | None = None
+    end: str = ""
+
+
+def expect_names(names: Sequence[str], known: Sequence[str], *, field: str) -> None:
+    """Refuse what cannot be run, before anything is measured.
+
+    Args:
+        names: of runs.
+        known: those that there are; random buildings are known besides.
+        field: for the message.
+
+    Raises:
+        ConfigError: a name that is not known.
+    """
+    for name in names:
+        if name not in known and not name.startswith("random-corridors"):
+            raise ConfigError(f"no {name!r}, expected of {', '.join(known)}, random-corridors-7", field=field)
+
+
+def that_are_there(names: Sequence[str]) -> list[str]:
+    """The names without the real logs where there is no ``DATA``, which is printed then."""
+    if DATA.is_dir() or not any(name in LOGS for name in names):
+        return list(names)
+    print(f"no {DATA}: the real logs are left out; MOTESLAM_DATA names their folder")
+    return [name for name in names if name not in LOGS]
 
 
 def log_file(name: str) -> Path:
@@ -101,21 +136,34 @@ def load_log(name: str) -> Case:
 
 
 def simulate_case(
-    name: str, seed: int, *, odometry_noise: float = 1.0, duration: float | None = None, laps: float | None = None
+    name: str,
+    seed: int,
+    *,
+    platform: str | None = None,
+    noise_class: str | None = None,
+    settings: Sequence[str] = (),
+    key_scans: tuple[float, float] | None = None,
+    odometry_noise: float = 1.0,
+    duration: float | None = None,
+    laps: float | None = None,
 ) -> Case:
     """A bundled scenario, simulated, without its camera.
 
     Args:
         name: of the scenario.
         seed: of its noise.
+        platform, noise_class: in place of the scenario's own robot and class of noise.
+        settings: ``key=value`` over the scenario's.
+        key_scans: keep a scan only after this distance [m] or this turn [rad]; None to keep all.
         odometry_noise: how many times the scenario's own noise of wheels and gyro.
         duration: ends it after this time [s].
         laps: how many times round its closed route.
     """
+    from moteslam.sim.logged import Logging, logged
     from moteslam.sim.scenario import load_scenario
     from moteslam.sim.simulate import simulate
 
-    scenario = load_scenario(name)
+    scenario = load_scenario(name, platform=platform, noise=noise_class, settings=settings)
     noise = scenario.noise.model_copy(update={"odometry_scale": scenario.noise.odometry_scale * odometry_noise})
     changes: dict[str, Any] = {"camera": None, "noise": noise}
     if duration is not None:
@@ -124,7 +172,9 @@ def simulate_case(
         assert scenario.route is not None
         changes["route"] = scenario.route.model_copy(update={"laps": laps})
     simulation = simulate(scenario.model_copy(update=changes), seed=seed)
-    return Case(simulation.recording, simulation.truth, scenario)
+    if key_scans is not None:
+        simulation = logged(simulation, Logging(*key_scans))
+    return Case(simulation.recording, simulation.truth, scenario, simulation.end)
 
 
 def errors(name: str, estimate: Estimate, case: Case) -> dict[str, float]:

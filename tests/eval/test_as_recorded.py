@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from parts.runs import HALF_DEGREE, LOGS
 
 from moteslam.eval.metrics.residuals import ResidualResult, scan_residuals
 from moteslam.robot.formats import open_recording
@@ -22,18 +23,6 @@ TAIL = 1.4
 the simulation lies between them; no one class is within 1.3 of both with room for chance."""
 OFFICE_FLOORS = ("corridor", "office", "loop")
 """Buildings like those of the logs: corridors and offices."""
-HALF_DEGREE = (
-    "platform.lidar.beams=361",
-    "platform.lidar.angle_increment=0.008726646259971648",
-    "platform.lidar.rate=5.0",
-    "platform.lidar.time_increment=3.7e-5",
-)
-"""An LMS200 as two of the logs have it: residuals depend on the angle between beams."""
-LOGS = {
-    "csail": "csail/csail",
-    "intel_key_scans": "intel/intel_key_scans",
-    "freiburg-101": "key_scans/freiburg-101",
-}
 HALF = {"csail": (0.0090, 0.0306, 0.103, 0.0281), "freiburg-101": (0.0089, 0.0271, 0.0826, None)}
 ONE = {"intel_key_scans": (0.0080, 0.0263, 0.0805, 0.0255)}
 """Median and 90 % quantile [m], shares beyond 3 cm and without return, of the logs of beams half a degree and a degree

@@ -1,0 +1,27 @@
+"""Runs side by side, each in a process of a pool."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
+from typing import Any
+
+Row = dict[str, Any]
+
+
+def rows_of(run: Callable[..., Row], calls: Iterable[tuple[Any, ...]], workers: int) -> Iterator[Row]:
+    """The rows that a function of a module returns, printed as they come, in the order of the calls.
+
+    Args:
+        run: what is called.
+        calls: the arguments of each call.
+        workers: processes at a time; spawned, since Taichi cannot fork.
+    """
+    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
+        for job in [pool.submit(run, *call) for call in calls]:
+            row = job.result()
+            print(
+                *(f"{k} {v:.4f}" if isinstance(v, float) else f"{k} {v}" for k, v in row.items()), sep="  ", flush=True
+            )
+            yield row
