@@ -183,9 +183,9 @@ def summarised(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
     for (setup, scenario), mine in groups.items():
         summary = summarise(mine, ())
         counts = {"runs": summary["seeds"], "crashed": summary["crashed"]}
-        figures = {f"{key}_{over}": value for key, both in summary["figures"].items() for over, value in both.items()}
+        values = {f"{key}_{over}": value for key, both in summary["figures"].items() for over, value in both.items()}
         lost = sum(row.get("final", 0.0) >= LOST for row in mine)
-        found.append({"setup": setup, "scenario": scenario, **counts, **figures, "lost": lost})
+        found.append({"setup": setup, "scenario": scenario, **counts, **values, "lost": lost})
     return found
 
 
