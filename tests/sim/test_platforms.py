@@ -247,8 +247,15 @@ def test_what_files_change_is_changed_and_nothing_else(tmp_path: Path) -> None:
     assert (based.wheels, based.lidar) != (burger.wheels, burger.lidar)
 
 
+LARGE = {"campus": ("turtlebot3",), "twins": ("ucsd", "rplidar_a1"), "grid": ("ucsd",)}
+"""Worlds that take long to drive, each with its robots here: the slowest one, those that differ most in the doors.
+The tests of these worlds drive them with ucsd and lms200."""
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("scenario", bundled_scenarios())
-@pytest.mark.parametrize("robot", robots())
+@pytest.mark.parametrize(
+    ("robot", "scenario"),
+    [(robot, scenario) for scenario in bundled_scenarios() for robot in LARGE.get(scenario, robots())],
+)
 def test_every_robot_arrives(robot: str, scenario: str) -> None:
     assert true_drive(load_scenario(scenario, platform=robot)).end == "arrived"

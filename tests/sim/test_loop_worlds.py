@@ -1,0 +1,145 @@
+"""The worlds for loop closing: how far is driven, which loops there are, and which places look alike."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from moteslam.kernels.raycast import build_buckets, cast_rays
+from moteslam.robot import se2
+from moteslam.sim.logged import Logging, logged
+from moteslam.sim.robot.drive import Drive
+from moteslam.sim.scenario import load_scenario
+from moteslam.sim.simulate import Simulation, simulate, true_drive
+from moteslam.sim.world.world import World
+
+Array = NDArray[np.float64]
+
+WORLDS = [pytest.param("campus", marks=pytest.mark.slow), "twins", "grid"]
+STEP = 0.5
+"""Between the places of a path that are compared [m]."""
+APART = 15.0
+"""A place seen again after more than this much of path closes a loop [m]."""
+REACH = 8.0
+"""How far a look at the surroundings goes: that of a small lidar [m]."""
+
+
+@cache
+def drive(name: str) -> Drive:
+    return true_drive(load_scenario(name))
+
+
+@cache
+def key_scan_log(name: str) -> Simulation:
+    """A log as of a robot with an LMS200 and wheels alone."""
+    scenario = load_scenario(name, platform="lms200", settings=["platform.imu=false"])
+    return logged(simulate(scenario, 1), Logging(0.75, 0.5, (0.05, 0.1)))
+
+
+def path_of(name: str) -> tuple[Array, Array]:
+    """The true path of seed 0, every ``STEP``: places [n, 2] [m] and headings [n] [rad]."""
+    poses = drive(name).poses[::40]
+    driven = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(poses[:, :2], axis=0).T))))
+    x, y, heading = (np.interp(np.arange(0.0, driven[-1], STEP), driven, column) for column in poses.T)
+    return np.stack((x, y), axis=-1), heading
+
+
+def meetings(places: Array, driven: Array, within: float) -> NDArray[np.int64]:
+    """The pairs [k, 2] of places [n, 2] at most ``within`` [m] from each other, over ``APART`` of path apart."""
+    pairs = cKDTree(places).query_pairs(within, output_type="ndarray")
+    return pairs[np.abs(np.diff(driven[pairs], axis=1)[:, 0]) > APART]
+
+
+def look_alike(name: str) -> float:
+    """The share of the places on the route from which everything within ``REACH`` looks as from another place.
+
+    Another place is over 3 m away; alike are two views whose ranges differ by over 5 cm in at most one beam of 50.
+    """
+    scenario = load_scenario(name)
+    assert scenario.route is not None
+    corners = scenario.route.path()
+    driven = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(corners, axis=0).T))))
+    length = np.arange(0.0, driven[-1], 0.2)
+    places = np.unique(np.stack([np.interp(length, driven, axis) for axis in corners.T], axis=-1).round(1), axis=0)
+    angles = np.linspace(-np.pi, np.pi, 100, endpoint=False) + 0.01
+    origins = np.repeat(places, len(angles), axis=0)
+    ranges = cast_rays(
+        build_buckets(World.of(scenario.world).segments), origins, np.tile(angles, len(places)), max_range=REACH
+    )
+    views = np.minimum(ranges, REACH).reshape(len(places), -1)
+    asked = range(0, len(places), 10)
+    found = 0
+    for i in asked:
+        alike = (np.abs(views - views[i]) > 0.05).mean(axis=1) <= 0.02
+        found += bool((alike & (np.hypot(*(places - places[i]).T) > 3.0)).any())
+    return found / len(asked)
+
+
+@pytest.mark.slow
+def test_campus_is_driven_for_more_than_a_kilometre_and_a_half() -> None:
+    run = drive("campus")
+    assert run.end == "arrived"
+    assert 1500.0 < run.truth.length < 1700.0
+    assert run.stamps[-1] < 1500.0
+
+
+@pytest.mark.slow
+def test_campus_closes_its_large_loop_first_and_smaller_ones_within_it() -> None:
+    places, _ = path_of("campus")
+    first, again = meetings(places, STEP * np.arange(len(places)), 1.0).T
+    lap = STEP * (again - first)
+    # a room is left where it was entered: such loops are shorter than any round of corridors
+    earliest = again[lap > 50].min()
+    assert 400.0 < lap[(again == earliest) & (lap > 50)].min() < 480.0
+    shortest = np.full(len(places), np.inf)
+    np.minimum.at(shortest, again[lap > 50], lap[lap > 50])
+    for low, high in ((100.0, 200.0), (200.0, 350.0)):
+        assert STEP * ((shortest > low) & (shortest < high)).sum() > 20.0
+
+
+@pytest.mark.slow
+def test_campus_is_driven_in_the_same_direction_here_and_in_opposite_ones_alone_there() -> None:
+    places, heading = path_of("campus")
+    pairs = meetings(places, STEP * np.arange(len(places)), 1.0)
+    turn = np.abs(se2.wrap(np.diff(heading[pairs], axis=1)[:, 0]))
+    opposite, same = (np.unique(pairs[chosen]) for chosen in (turn > np.radians(150), turn < np.radians(30)))
+    assert STEP * len(np.setdiff1d(opposite, same)) > 600.0  # 300 m of corridor, there and back
+    assert STEP * len(same) > 400.0
+
+
+@pytest.mark.parametrize("name", ["twins", "grid"])
+@pytest.mark.usefixtures("taichi")
+def test_most_places_look_like_another_one(name: str) -> None:
+    assert look_alike(name) > 0.5
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("taichi")
+def test_places_in_campus_do_not_look_alike() -> None:
+    assert look_alike("campus") < 0.02
+
+
+@pytest.mark.parametrize("name", WORLDS)
+def test_key_scans_close_loops(name: str) -> None:
+    simulation = key_scan_log(name)
+    assert simulation.end == "arrived"
+    lidar = simulation.recording.lidar
+    assert lidar is not None
+    assert simulation.recording.imu is None
+    length = simulation.truth.length
+    assert len(lidar) > length
+    places = simulation.truth.at(lidar.stamps).poses[:, :2]
+    driven = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(places, axis=0).T))))
+    closing = np.unique(meetings(places, driven, 2.0))
+    assert len(closing) > 0.5 * len(places)
+
+
+@pytest.mark.parametrize("name", ["campus", "twins", "grid"])
+def test_seeds_differ(name: str) -> None:
+    begun = load_scenario(name).model_copy(update={"duration": 60.0})
+    one, other = (true_drive(begun, seed).poses for seed in (0, 1))
+    assert np.hypot(*(one - other)[:, :2].T).max() > 0.02
