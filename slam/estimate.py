@@ -11,6 +11,7 @@ from moteslam.robot.issues import Issue
 from moteslam.robot.raster import Raster
 from moteslam.robot.summary import Summarised
 from moteslam.robot.trajectory import Trajectory
+from moteslam.slam.backend.ledger import LoopCandidate
 from moteslam.slam.config import SlamConfig
 from moteslam.slam.preview import preview_png
 from moteslam.slam.texture.floor_map import TextureMap
@@ -37,6 +38,7 @@ class Estimate(Summarised):
         diagnostics: per scan [n]: ``particles``, ``n_eff``, ``score``, ``updated``, ``resampled``, ``seconds``.
         warnings: what SLAM had to do without.
         seconds: time spent in the filter [s].
+        loops: what the back end looked for and found, in the order of the search; empty without one.
         texture: the floor in colours, None where there are no images, it was not asked for, or it could not be made.
     """
 
@@ -55,6 +57,7 @@ class Estimate(Summarised):
     diagnostics: dict[str, NDArray[np.float64]]
     warnings: tuple[Issue, ...]
     seconds: float
+    loops: tuple[LoopCandidate, ...] = ()
     texture: TextureMap | None = None
 
     def _repr_png_(self) -> bytes:

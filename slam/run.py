@@ -181,6 +181,7 @@ class SlamSession:
             diagnostics={key: values[:n] for key, values in self._diagnostics.items()},
             warnings=self._warnings(),
             seconds=float(self._diagnostics["seconds"].sum()),
+            loops=self._backend.loops,
         )
 
     def _must_have_odometry(self) -> None:

@@ -7,6 +7,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from moteslam.slam.backend.ledger import LoopCandidate
 from moteslam.slam.backend.protocol import BackendConfig, KeyScan
 
 
@@ -22,6 +23,11 @@ class NoBackend:
 
     def __init__(self, config: NoBackendConfig) -> None:
         del config
+
+    @property
+    def loops(self) -> tuple[LoopCandidate, ...]:
+        """None."""
+        return ()
 
     def add(self, key: KeyScan) -> None:
         """Nothing to correct."""

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from moteslam.robot.section import Section
 from moteslam.robot.summary import Summarised
+from moteslam.slam.backend.ledger import LoopCandidate
 
 Array = NDArray[np.float64]
 
@@ -47,6 +48,10 @@ class KeyScan(Summarised):
 
 class Backend(Protocol):
     """Corrects the path of the key scans, while the run goes on and at its end."""
+
+    @property
+    def loops(self) -> tuple[LoopCandidate, ...]:
+        """The loops that it looked for so far, in the order of the search."""
 
     def add(self, key: KeyScan) -> Array | None:
         """Take in the next key scan.

@@ -1,0 +1,54 @@
+"""The ledger of a back end: every loop that it looked for, what was found, and why it was taken or not."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from moteslam.robot.summary import Summarised
+
+Array = NDArray[np.float64]
+Verdict = Literal["accepted", "weak", "ambiguous", "outside", "contradicted"]
+"""What became of a candidate: `accepted`; `weak`: too few endpoints on surfaces; `ambiguous`: another place fits nearly
+as well; `outside`: found beyond what the relative covariance allows; `contradicted`: the other edges of the graph
+outvoted it."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class LoopCandidate(Summarised):
+    """A pair of scans that may show the same place.
+
+    Attributes:
+        earlier, later: indices of the scans in the recording.
+        stamps: theirs [s], the earlier first.
+        predicted: [3] pose of the later scan in the frame of the earlier one, by the graph as it was.
+        found: [3] the same, where the search found it.
+        window: half widths of the search: [m], [rad].
+        share: of the endpoints that lie on surfaces of the submap, less what contradicts it, at most 1.
+        runner_up: the largest share at a place half a metre or more off, 0 where there is none.
+        known: share of the endpoints where the submap is known.
+        likelihood: mean likelihood of those, 0 to 1.
+        crossed: share of the rays that pass through a surface of the submap.
+        verdict: what became of it.
+    """
+
+    earlier: int
+    later: int
+    stamps: tuple[float, float]
+    predicted: Array
+    found: Array
+    window: tuple[float, float]
+    share: float
+    runner_up: float
+    known: float
+    likelihood: float
+    crossed: float
+    verdict: Verdict
+
+    @property
+    def accepted(self) -> bool:
+        """Whether it is an edge of the final graph."""
+        return self.verdict == "accepted"
