@@ -45,16 +45,16 @@ class SlamConfig(Section):
     @field_validator("backend", mode="before")
     @classmethod
     def _of_its_kind(cls, table: Any) -> Any:
-        """The table of a back end as the model that its name chooses."""
+        """The table of a back end as the model that its method chooses."""
         if not isinstance(table, dict):
             return table
-        name = table.get("name", "none")
+        name = table.get("method", cls.model_fields["backend"].default.method)
         if not isinstance(name, str):
-            raise ConfigError(f"{name!r}, expected one of {', '.join(BACKENDS.names())}", field="backend.name")
+            raise ConfigError(f"{name!r}, expected one of {', '.join(BACKENDS.names())}", field="backend.method")
         try:
             model = BACKENDS[name].config
         except ConfigError as error:
-            raise ConfigError(error.problem, field="backend.name") from error
+            raise ConfigError(error.problem, field="backend.method") from error
         try:
             return model.model_validate(table)
         except ValidationError as error:

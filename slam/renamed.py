@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 RENAMED = {
+    "backend.name": "backend.method",
     "method=surface": 'method = "tsdf"',
     "surface": "tsdf and thinning",
     "surface.cell_size": "tsdf.cell_size",

@@ -25,6 +25,7 @@ from moteslam.slam.config import SlamConfig
 from moteslam.slam.estimate import Estimate
 from moteslam.slam.filter.protocol import StepResult
 from moteslam.slam.filter.spread import spread
+from moteslam.slam.inputs.filling import between_known
 from moteslam.slam.inputs.floor_views import FloorViews, missing_for_floor_views
 from moteslam.slam.inputs.step import Step, steps
 from moteslam.slam.inputs.synchronise import synchronise
@@ -90,7 +91,7 @@ class SlamSession:
         self._inputs = synchronise(recording, config.sync, max_range=config.max_range)
         self._filter = METHODS[config.method].make(config, seed)
         self._must_have_odometry()
-        self._backend = BACKENDS[config.backend.name].make(config.backend)
+        self._backend = BACKENDS[config.backend.method].make(config.backend)
         self._missing = missing_for_floor_views(recording, self._inputs) if self._filter.uses_camera else ""
         self._views: FloorViews | None = None
         if self._filter.uses_camera and not self._missing:
@@ -164,7 +165,7 @@ class SlamSession:
         history, odometry = self._filter.history, dead_reckoning(self._inputs)
         path, particles = self._path(), np.arange(history.particles)
         corrected = self._backend.finish(path)
-        final = _between_updates(path if corrected is None else corrected, updates, se2.accumulate(self._motions[:n]))
+        final = between_known(path if corrected is None else corrected, updates, se2.accumulate(self._motions[:n]))
         return Estimate(
             name=self.recording.name,
             config=self.config,
@@ -265,23 +266,3 @@ def run_slam(
         if watch is not None:
             watch(update)
     return with_texture(session.estimate(), recording)
-
-
-def _between_updates(path: Array, updates: NDArray[np.intp], motion: Array) -> Array:
-    """Fill the poses between updates [u] of a path [u, 3] along the motion [n, 3], shape [n, 3].
-
-    Motion on from the update before and back from the update after do not quite meet; the misfit is spread evenly
-    over the scans between.
-    """
-    scans = np.arange(len(motion))
-    before = np.clip(np.searchsorted(updates, scans, side="right") - 1, 0, len(updates) - 1)
-    after = np.minimum(before + 1, len(updates) - 1)
-    forward = se2.compose(path[before], se2.between(motion[updates[before]], motion))
-    backward = se2.compose(path[after], se2.between(motion[updates[after]], motion))
-    span = updates[after] - updates[before]
-    share = np.where(span > 0, (scans - updates[before]) / np.maximum(span, 1), 0.0)[:, None]
-    misfit = backward - forward
-    misfit[:, 2] = se2.wrap(misfit[:, 2])
-    poses = forward + share * misfit
-    poses[:, 2] = se2.wrap(poses[:, 2])
-    return np.asarray(poses)

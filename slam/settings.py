@@ -72,6 +72,8 @@ def _resolved(preset: Table, given: Table, *, file: Path | None) -> SlamConfig:
     """The configuration of a preset and what is given over it; ``file`` is named in errors."""
     model = _model(given.get("method", preset["method"]), file=file)
     base = model.model_validate({}).model_dump(mode="json")
+    if _backend_of(given) not in (None, base["backend"]["method"]):
+        base["backend"] = {}  # another back end has other keys
     known = {key: value for key, value in preset.items() if key in base and key != "method"}
     values = merged(merged(base, known), {**given, "method": base["method"]})
     try:
@@ -84,6 +86,12 @@ def _resolved(preset: Table, given: Table, *, file: Path | None) -> SlamConfig:
             if key == field or key.startswith(f"{field}."):
                 field, problem = (key, new) if (new := new_name(key)) else (field, problem)
         raise ConfigError(_other_method(field, base["method"]) or problem, file=file, field=field) from error
+
+
+def _backend_of(given: Table) -> object:
+    """The back end that a table asks for, None where it asks for none by name."""
+    backend = given.get("backend")
+    return backend.get("method") if isinstance(backend, dict) else None
 
 
 def _model(method: object, *, file: Path | None) -> type[SlamConfig]:

@@ -16,7 +16,7 @@ class BackendKind:
     """A kind of back end.
 
     Attributes:
-        config: the model of its section ``[backend]``; its ``name`` is the entry point's.
+        config: the model of its section ``[backend]``; its ``method`` is the entry point's.
         make: makes one for a run, of its configuration.
     """
 
@@ -27,6 +27,6 @@ class BackendKind:
 NONE = BackendKind(NoBackendConfig, NoBackend)
 
 BACKENDS: Plugins[BackendKind] = Plugins(
-    "moteslam.backends", BackendKind, bundled={"none": "moteslam.slam.backend.kinds:NONE"}
+    "moteslam.backends", BackendKind, bundled={"none": "moteslam.slam.backend.kinds:NONE", "graph": "moteslam.slam.backend.graph.backend:GRAPH"}
 )
-"""By name; the configuration key ``backend.name`` chooses one."""
+"""By name; the configuration key ``backend.method`` chooses one."""

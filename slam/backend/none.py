@@ -14,8 +14,8 @@ from moteslam.slam.backend.protocol import BackendConfig, KeyScan
 class NoBackendConfig(BackendConfig):
     """No back end: what the filter finds is final."""
 
-    name: Literal["none"] = "none"
-    """The back end behind the filter: `none`, or one that another package brings."""
+    method: Literal["none"] = "none"
+    """The back end behind the filter: `none`, `graph`, or one that another package brings."""
 
 
 class NoBackend:

@@ -18,8 +18,8 @@ Array = NDArray[np.float64]
 class BackendConfig(Section):
     """Which back end runs behind the filter; each back end has a model of its own under this one."""
 
-    name: str = "none"
-    """The back end: `none`, or one that another package brings."""
+    method: str = "none"
+    """The back end: `none`, `graph`, or one that another package brings."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import Field, SerializeAsAny
 
 from moteslam.robot.section import NotNegative, Number, Positive, Section, Share, Truth, Whole
+from moteslam.slam.backend.graph.config import GraphConfig
+from moteslam.slam.backend.protocol import BackendConfig
 from moteslam.slam.config import ParticleFilterConfig
 from moteslam.slam.filter.config import UpdateConfig
 from moteslam.slam.inputs.config import ThinningConfig
@@ -87,4 +89,5 @@ class TsdfFilterConfig(ParticleFilterConfig):
     tracking: TrackingConfig = TrackingConfig()
     calibration: CalibrationConfig = CalibrationConfig()
     proposal: ProposalConfig = ProposalConfig()
+    backend: SerializeAsAny[BackendConfig] = GraphConfig()
     colours: ColourConfig = ColourConfig()

@@ -101,7 +101,7 @@ def test_a_back_end_of_another_package_moves_path_map_and_filter(
 
     arguments = ["replay", recording, "--preset", preset, "--particles", 8, "--no-figures"]
     assert moteslam(toys, *arguments, "--out", "alone", cwd=tmp_path).returncode == 0
-    done = moteslam(toys, *arguments, "--set", "backend.name=toy", "--out", "moved", cwd=tmp_path)
+    done = moteslam(toys, *arguments, "--set", "backend.method=toy", "--out", "moved", cwd=tmp_path)
     assert (done.returncode, done.stderr) == (0, "")
     alone, moved = (read_tum(tmp_path / name / "trajectory_final.tum") for name in ("alone", "moved"))
     np.testing.assert_allclose(moved.poses[:, :2], alone.poses[:, :2] + (0.0, 2.0), atol=0.1)

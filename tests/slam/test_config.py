@@ -162,8 +162,8 @@ def test_the_new_names_exist(old: str, new: str):
 @pytest.mark.parametrize(
     ("setting", "line"),
     [
-        ("backend.name=mine", "backend.name: 'mine', expected one of none"),
-        ("backend.name=3", "backend.name: 3, expected one of none"),
+        ("backend.method=mine", "backend.method: 'mine', expected one of graph, none"),
+        ("backend.method=3", "backend.method: 3, expected one of graph, none"),
         ("backend.size=3", "backend.size: unknown key, expected one of name"),
         ("backend=3", "backend: 3, expected a table"),
     ],

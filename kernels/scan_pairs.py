@@ -1,0 +1,227 @@
+"""Endpoints of scans held to surfaces of other scans: which lies on which, and the normal equations of all poses.
+
+The residual of an endpoint is its distance to the line through the matched endpoint of another scan, along that one's
+normal (point to line). Both scans' poses move: their blocks of the normal equations are summed a pair of scans at a
+time, each pair by one thread, so that the sums do not depend on the number of threads.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from moteslam.errors import InputError
+from moteslam.kernels.checks import as_finite, check_array
+from moteslam.kernels.runtime import one_thread, runtime, ti
+from moteslam.kernels.types import F32, F32_2D, F64, F64_2D, I32, I32_1D, I32_2D, func, kernel
+
+MAX_PARTNERS = 32
+"""Other scans that one scan's endpoints are held to; kept on the stack of each thread."""
+MAX_CELLS = 4_000_000
+"""Of the grid that endpoints are looked up in; its cells grow where there would be more."""
+OWN, PAIR = 9, 18
+"""Numbers of a scan's own sums, and of a pair's."""
+
+
+@kernel
+def _match(
+    points: F32_2D, normals: F32_2D, owners: I32_1D, partners: I32_2D, begin: I32_1D, order: I32_1D, columns: I32,
+    rows: I32, inverse: F32, reach: F32, agreement: F32, matches: I32_2D,
+):  # fmt: skip
+    """The nearest endpoint of every partner; ``order`` are the points cell by cell, within a cell scan by scan."""
+    slots = partners.shape[1]
+    ti.loop_config(serialize=ti.static(one_thread()))
+    for i in range(points.shape[0]):
+        best = ti.Vector([0.0] * MAX_PARTNERS, dt=ti.f32)
+        for s in range(slots):
+            best[s] = reach * reach
+            matches[i, s] = -1
+        px, py, nx, ny = points[i, 0], points[i, 1], normals[i, 0], normals[i, 1]
+        if nx * nx + ny * ny > 0.5:
+            cx, cy = ti.cast(px * inverse, ti.i32), ti.cast(py * inverse, ti.i32)
+            for row in range(ti.max(cy - 1, 0), ti.min(cy + 2, rows)):
+                first, last = row * columns + ti.max(cx - 1, 0), row * columns + ti.min(cx + 1, columns - 1)
+                owner, slot = -1, -1
+                for e in range(begin[first], begin[last + 1]):
+                    j = order[e]
+                    if owners[j] != owner:
+                        owner, slot = owners[j], -1
+                        for s in range(slots):
+                            if partners[owners[i], s] == owner:
+                                slot = s
+                    if slot >= 0:
+                        dx, dy = points[j, 0] - px, points[j, 1] - py
+                        square = dx * dx + dy * dy
+                        if square < best[slot] and nx * normals[j, 0] + ny * normals[j, 1] > agreement:
+                            best[slot] = square
+                            matches[i, slot] = j
+
+
+@func
+def _turned(pose_cos: F64, pose_sin: F64, x: F32, y: F32):
+    """A vector turned by a heading."""
+    return ti.Vector([pose_cos * x - pose_sin * y, pose_sin * x + pose_cos * y], dt=ti.f64)
+
+
+@kernel
+def _accumulate(
+    points: F32_2D, normals: F32_2D, starts: I32_1D, frames: F64_2D, partners: I32_2D, matches: I32_2D, scale: F64,
+    own: F64_2D, pairs: F64_2D, costs: F64_2D,
+):  # fmt: skip
+    """The sums of ``accumulate``; frames are cos, sin, x, y."""
+    slots = partners.shape[1]
+    ti.loop_config(block_dim=1, serialize=ti.static(one_thread()))
+    for a in range(frames.shape[0]):
+        for c in range(OWN):
+            own[a, c] = 0.0
+        for c in range(slots * PAIR):
+            pairs[a, c] = 0.0
+        cost, total = ti.cast(0.0, ti.f64), ti.cast(0.0, ti.f64)
+        for i in range(starts[a], starts[a + 1]):
+            count = 0
+            for s in range(slots):
+                if matches[i, s] >= 0:
+                    count += 1
+            share = 1.0 / ti.sqrt(ti.cast(ti.max(count, 1), ti.f64))
+            lever = _turned(frames[a, 0], frames[a, 1], points[i, 0], points[i, 1])
+            wx, wy = lever[0] + frames[a, 2], lever[1] + frames[a, 3]
+            for s in range(slots):
+                j = matches[i, s]
+                if j >= 0:
+                    b = partners[a, s]
+                    other = _turned(frames[b, 0], frames[b, 1], points[j, 0], points[j, 1])
+                    n = _turned(frames[b, 0], frames[b, 1], normals[j, 0], normals[j, 1])
+                    bx, by = wx - frames[b, 2], wy - frames[b, 3]
+                    r = n[0] * (bx - other[0]) + n[1] * (by - other[1])
+                    square = r * r / (scale * scale)
+                    w = share / ((1.0 + square) * (1.0 + square))
+                    cost += 0.5 * share * scale * scale * square / (1.0 + square)
+                    total += share
+                    ja = ti.Vector([n[0], n[1], n[1] * lever[0] - n[0] * lever[1]], dt=ti.f64)
+                    jb = ti.Vector([-n[0], -n[1], n[0] * by - n[1] * bx], dt=ti.f64)
+                    at = s * PAIR
+                    for p in ti.static(range(3)):
+                        own[a, 6 + p] += w * ja[p] * r
+                        pairs[a, at + 15 + p] += w * jb[p] * r
+                        for q in ti.static(range(3)):
+                            pairs[a, at + 3 * p + q] += w * ja[p] * jb[q]
+                    for k in ti.static(range(6)):
+                        p, q = ti.static((0, 0, 0, 1, 1, 2)[k]), ti.static((0, 1, 2, 1, 2, 2)[k])
+                        own[a, k] += w * ja[p] * ja[q]
+                        pairs[a, at + 9 + k] += w * jb[p] * jb[q]
+        costs[a, 0], costs[a, 1] = cost, total
+
+
+def match_endpoints(
+    points: ArrayLike,
+    normals: ArrayLike,
+    owners: ArrayLike,
+    partners: ArrayLike,
+    *,
+    reach: float,
+    agreement: float,
+) -> NDArray[np.int32]:
+    """For every endpoint the nearest endpoint of each of its scan's partners.
+
+    Args:
+        points: [p, 2] of n scans, scan by scan, in the map frame [m].
+        normals: [p, 2] of their surfaces, in the map frame; points whose normal is zero match nothing.
+        owners: int32 [p] the scan of each point.
+        partners: int32 [n, k] the scans that each scan's endpoints are held to, -1 for none, at most ``MAX_PARTNERS``.
+        reach: largest distance of a match [m].
+        agreement: smallest cosine between the normals of a match.
+
+    Returns:
+        int32 [p, k] indices of points, -1 where there is none.
+
+    Raises:
+        InputError: arrays that do not fit together, or numbers out of bounds.
+    """
+    ends = as_finite("points", points, np.float32, (None, 2))
+    across = as_finite("normals", normals, np.float32, (len(ends), 2))
+    scans = as_finite("owners", owners, np.int32, (len(ends),))
+    mates = _checked_partners(partners)
+    if not (math.isfinite(reach) and reach > 0):
+        raise InputError(f"{reach:g} m, expected above 0", field="reach")
+    if len(scans) and not (scans.min() >= 0 and scans.max() < len(mates)):
+        raise InputError(f"a scan beyond the {len(mates)}", field="owners")
+    matches = np.full((len(ends), mates.shape[1]), -1, np.int32)
+    if not len(ends):
+        return matches
+    placed = ends - ends.min(axis=0)
+    extent = placed.max(axis=0).astype(float)
+    size = max(reach, math.sqrt((extent[0] + reach) * (extent[1] + reach) / MAX_CELLS))
+    columns, rows = (int(length / size) + 2 for length in extent)
+    inverse = np.float32(1 / size)
+    cells = (placed * inverse).astype(np.int32) @ np.array((1, columns), np.int32)
+    order = np.argsort(cells, kind="stable").astype(np.int32)
+    begin = np.searchsorted(cells[order], np.arange(columns * rows + 1)).astype(np.int32)
+    runtime()
+    _match(
+        placed, across, scans, mates, begin, order, columns, rows, float(inverse), reach, agreement, matches
+    )  # fmt: skip
+    return matches
+
+
+def accumulate(
+    points: ArrayLike,
+    normals: ArrayLike,
+    starts: ArrayLike,
+    poses: ArrayLike,
+    partners: ArrayLike,
+    matches: NDArray[np.int32],
+    *,
+    scale: float,
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """The sums of the normal equations of all poses over all matches, and what they cost.
+
+    A residual r weighs 1 / (1 + (r / scale)^2)^2 (Geman-McClure), divided by the root of how many matches its endpoint
+    has: surfaces seen by many scans would outweigh the others.
+
+    Args:
+        points: [p, 2] of n scans, scan by scan, each in its robot's frame [m].
+        normals: [p, 2] likewise.
+        starts: int32 [n + 1] of each scan among the points, and p.
+        poses: [n, 3] in the map frame.
+        partners: int32 [n, k] as ``match_endpoints`` had them.
+        matches: int32 [p, k] what it returned.
+        scale: of the residuals' weights [m].
+
+    Returns:
+        own: [n, OWN] the upper triangle 00 01 02 11 12 22 of J^T J by the scan's own pose (x, y, theta), and J^T r.
+        pairs: [n, k, PAIR] of each scan with each partner: J_own^T J_other row by row (9), the upper triangle of
+            J_other^T J_other (6), and J_other^T r (3).
+        costs: [n, 2] half the weighted squares of the residuals [m^2], and the sum of the weights without robustness.
+
+    Raises:
+        InputError: arrays that do not fit together, or numbers out of bounds.
+    """
+    ends = as_finite("points", points, np.float32, (None, 2))
+    across = as_finite("normals", normals, np.float32, (len(ends), 2))
+    mates = _checked_partners(partners)
+    n, slots = mates.shape
+    begin = as_finite("starts", starts, np.int32, (n + 1,))
+    placed = as_finite("poses", poses, np.float64, (n, 3))
+    check_array("matches", matches, np.int32, (len(ends), slots))
+    if n and (begin[0] != 0 or begin[-1] != len(ends) or (np.diff(begin) < 0).any()):
+        raise InputError(f"not rising from 0 to the {len(ends)} points", field="starts")
+    if matches.size and not (matches.min() >= -1 and matches.max() < len(ends)):
+        raise InputError(f"a point beyond the {len(ends)}", field="matches")
+    if not (math.isfinite(scale) and scale > 0):
+        raise InputError(f"{scale:g} m, expected above 0", field="scale")
+    frames = np.column_stack((np.cos(placed[:, 2]), np.sin(placed[:, 2]), placed[:, :2]))
+    own, pairs, costs = np.zeros((n, OWN)), np.zeros((n, slots * PAIR)), np.zeros((n, 2))
+    runtime()
+    if n and len(ends):
+        _accumulate(ends, across, begin, frames, mates, matches, scale, own, pairs, costs)
+    return own, pairs.reshape(n, slots, PAIR), costs
+
+
+def _checked_partners(partners: ArrayLike) -> NDArray[np.int32]:
+    mates: NDArray[np.int32] = as_finite("partners", partners, np.int32, (None, None))
+    n, slots = mates.shape
+    if slots > MAX_PARTNERS:
+        raise InputError(f"{slots} of them, expected at most {MAX_PARTNERS}", field="partners")
+    if mates.size and not (mates.min() >= -1 and mates.max() < n):
+        raise InputError(f"a scan beyond the {n}", field="partners")
+    return mates

@@ -1,0 +1,94 @@
+"""The configuration of the back end ``graph``."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from moteslam.robot.section import Number, Positive, Section, Share, Truth, Whole
+from moteslam.slam.backend.protocol import BackendConfig
+from moteslam.slam.inputs.config import ThinningConfig
+from moteslam.slam.mapping.config import TsdfConfig
+from moteslam.slam.registration.config import RegistrationConfig
+
+MAX_PARTNERS = 32
+"""The kernels keep no more: ``moteslam.kernels.scan_pairs.MAX_PARTNERS``, which is not imported for its Taichi."""
+
+
+class ChainConfig(Section):
+    """Edges from each node to the one before: registration to a local TSDF of the latest nodes."""
+
+    length: Positive = 8.0
+    """Path that the local TSDF covers, at most; at least half of it [m]: short, so that no loop is in it already."""
+    nodes: Annotated[Whole, Field(ge=1, le=1000)] = 12
+    """Nodes in it, likewise."""
+    max_points: Annotated[Whole, Field(ge=8, le=100_000)] = 400
+    """At most this many points of a scan, evenly chosen, are registered."""
+
+
+class LoopConfig(Section):
+    """The search for loops, and what proves them."""
+
+    enabled: Truth = True
+    """Look for loops."""
+    least_path: Positive = 15.0
+    """Two nodes form a loop from this much path between them on [m]."""
+    every: Positive = 1.0
+    """A node is searched for in other nodes' submaps each time the robot has driven this far [m]."""
+    near: Positive = 2.0
+    """Places this far apart may show the same walls: candidates are nodes within it, and two standard deviations of
+    their relative position [m]."""
+    first_deviation: Positive = 0.5
+    """Loops whose relative position has up to this standard deviation are searched first; each round doubles it [m].
+    What is proved makes the next searches smaller."""
+    max_window: Positive = 12.0
+    """Half width of the largest search [m]: three standard deviations of the relative position."""
+    rounds: Annotated[Whole, Field(ge=1, le=100)] = 8
+    """Rounds of search and solution, at most."""
+    candidates: Annotated[Whole, Field(ge=1, le=100)] = 3
+    """Passages of the same place that one node is searched for in, a round."""
+    submap_length: Positive = 5.0
+    """Path of the nodes whose scans form a submap [m]."""
+    query_length: Positive = 4.0
+    """Path of the nodes whose scans are searched for together [m]."""
+    least_share: Share = 0.3
+    """Share of the endpoints that must lie on surfaces of the submap, less what contradicts it."""
+    least_margin: Share = 0.1
+    """No place half a metre off may have a share within this of the best one's."""
+
+
+class JointConfig(Section):
+    """The joint registration of all nodes."""
+
+    enabled: Truth = True
+    """Register all nodes at once at the end."""
+    partners: Annotated[Whole, Field(ge=1, le=MAX_PARTNERS)] = 20
+    """Other scans that the endpoints of one are held to, at most."""
+    first_reach: Positive = 0.3
+    """Largest distance of an endpoint to the surface that it is held to, in the first round [m]."""
+    last_reach: Positive = 0.1
+    """The same in the last rounds [m]."""
+    rounds: Annotated[Whole, Field(ge=1, le=1000)] = 40
+    """Rounds at most; it ends when no pose moves by a millimetre."""
+
+
+class GraphConfig(BackendConfig):
+    """Loops, pose graph and joint registration behind the filter."""
+
+    method: Literal["graph"] = "graph"
+    """The back end behind the filter: `none`, `graph`, or one that another package brings."""
+    distance: Positive = 0.5
+    """A key scan becomes a node of the graph after this distance [m] ..."""
+    rotation: Positive = 0.5
+    """... or this turn [rad]."""
+    correlation: Annotated[Number, Field(ge=1, le=1000)] = 10.0
+    """Neighbouring endpoints err alike: this many of them count as one."""
+    graduated: Truth = True
+    """Reject loops that the others contradict, by graduated non-convexity."""
+    chain: ChainConfig = ChainConfig()
+    loops: LoopConfig = LoopConfig()
+    joint: JointConfig = JointConfig()
+    thinning: ThinningConfig = ThinningConfig()
+    tsdf: TsdfConfig = TsdfConfig()
+    registration: RegistrationConfig = RegistrationConfig()

@@ -1,0 +1,190 @@
+"""The joint registration: the poses of all nodes at once, endpoints against the surfaces of the other scans.
+
+As Lu and Milios (1997, Globally consistent range scan alignment for environment mapping) in spirit: every endpoint is
+held to the nearest lines of endpoints of other scans, within a reach that shrinks, and all poses follow from one sparse
+system a round. The corrected odometry is the prior, robustly: wheels slip.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_matrix
+
+from moteslam.kernels.normals import scan_normals
+from moteslam.kernels.scan_pairs import accumulate, match_endpoints
+from moteslam.kernels.thinning import ThinnedScan
+from moteslam.robot import se2
+from moteslam.slam.backend.graph.config import JointConfig
+from moteslam.slam.backend.graph.odometry_model import OdometryModel
+from moteslam.slam.backend.graph.pose_graph import ANCHOR, relative_jacobians
+from moteslam.slam.backend.graph.sparse_blocks import BlockSystem
+
+Array = NDArray[np.float64]
+
+NORMAL_REACH, NORMAL_NOISE, NORMAL_LARGEST = 0.3, 0.005, 0.1
+"""See ``scan_normals``: 30 cm of wall, points good to 5 mm, directions good to 0.1 rad."""
+RESIDUAL, CORRELATION = 0.02, 10.0
+"""Standard deviation of an endpoint's distance to a line [m], and how many endpoints err alike."""
+SHRINK = 0.75
+"""Of the reach, a round."""
+SCALE_SHARE, LEAST_SCALE = 0.25, 0.03
+"""The robust scale of the residuals: as a share of the reach, at least [m]."""
+AGREEMENT = 0.8
+"""Smallest cosine between the normals of a match."""
+SLIP = 3.0
+"""The robust scale of the odometry [standard deviations]."""
+OVERLAP_CELL, LEAST_OVERLAP = 0.5, 0.2
+"""Two scans are partners where they share this much of the cells [m] that the endpoints of one lie in."""
+NEAR_SHARE = 1 / 3
+"""Of the partners, those nearest along the path; the others are spread over all that overlap."""
+EVERY = 5
+"""Rounds between two choices of partners."""
+STILL = 1e-3
+"""It ends when no pose moves farther in a round [m]."""
+SHARPNESS_CELL, SHARPNESS_GRIDS = 0.05, 4
+"""Edge of the cells [m], and how many directions of the grid."""
+SYMMETRIC = [0, 1, 2, 1, 3, 4, 2, 4, 5]
+"""Where in an upper triangle the elements of the full 3 x 3 block are."""
+
+
+class Endpoints(NamedTuple):
+    """The endpoints of n scans, scan by scan.
+
+    Attributes:
+        points, normals: float32 [p, 2] in the robot's frame of each scan.
+        starts: int32 [n + 1] of each scan among them, and p.
+        owners: int32 [p] the scan of each.
+    """
+
+    points: NDArray[np.float32]
+    normals: NDArray[np.float32]
+    starts: NDArray[np.int32]
+    owners: NDArray[np.int32]
+
+    @classmethod
+    def of(cls, scans: tuple[ThinnedScan, ...]) -> Endpoints:
+        """Of thinned scans, with their normals."""
+        counts = [len(scan.points) for scan in scans]
+        points = np.vstack([scan.points for scan in scans])
+        joined = np.concatenate([scan.joined for scan in scans]).astype(np.int32)
+        starts = np.r_[0, np.cumsum(counts)].astype(np.int32)
+        normals = scan_normals(
+            points, joined, starts, reach=NORMAL_REACH, noise=NORMAL_NOISE, largest=NORMAL_LARGEST
+        )
+        return cls(points, normals, starts, np.repeat(np.arange(len(scans)), counts).astype(np.int32))
+
+    def placed(self, poses: Array) -> tuple[Array, Array]:
+        """Points and normals [p, 2] in the map frame."""
+        pose = poses[self.owners]
+        c, s = np.cos(pose[:, 2]), np.sin(pose[:, 2])
+
+        def turned(v: NDArray[np.float32]) -> Array:
+            return np.column_stack((c * v[:, 0] - s * v[:, 1], s * v[:, 0] + c * v[:, 1]))
+
+        return turned(self.points) + pose[:, :2], turned(self.normals)
+
+
+def sharpness(endpoints: Endpoints, poses: Array) -> float:
+    """The mean number of cells that hold an endpoint: fewer are sharper, and a wall drawn twice counts twice.
+
+    Over grids of several directions: a wall along the cells' edges would count once or twice by chance.
+    """
+    points, _ = endpoints.placed(poses)
+    counts = []
+    for angle in np.arange(1, SHARPNESS_GRIDS + 1) * (np.pi / 2 / (SHARPNESS_GRIDS + 1)):
+        c, s = np.cos(angle), np.sin(angle)
+        cells = np.floor(points @ np.array(((c, -s), (s, c))) / SHARPNESS_CELL).astype(np.int64)
+        counts.append(len(np.unique(cells @ np.array((1, 1 << 32)))))
+    return float(np.mean(counts))
+
+
+def register_jointly(endpoints: Endpoints, poses: Array, odometry: OdometryModel, config: JointConfig) -> Array:
+    """Move all poses to where the scans fit each other best; the first stays.
+
+    Args:
+        endpoints: of n scans.
+        poses: [n, 3] to begin with.
+        odometry: of the steps between them.
+        config: reach, partners, rounds.
+
+    Returns:
+        [n, 3] poses.
+    """
+    poses, reach, n = poses.copy(), config.first_reach, len(poses)
+    steps = np.arange(n - 1)
+    for turn in range(config.rounds):
+        if turn % EVERY == 0:
+            partners = choose_partners(endpoints, poses, config.partners)
+            own_scan, slot = np.nonzero(partners >= 0)
+            other = partners[own_scan, slot].astype(np.intp)
+            system = BlockSystem(n, np.r_[own_scan, steps], np.r_[other, steps + 1])
+        points, normals = endpoints.placed(poses)
+        matches = match_endpoints(
+            points - points.min(axis=0), normals, endpoints.owners, partners, reach=reach, agreement=AGREEMENT
+        )
+        scale = max(SCALE_SHARE * reach, LEAST_SCALE)
+        own, pairs, _ = accumulate(
+            endpoints.points, endpoints.normals, endpoints.starts, poses, partners, matches, scale=scale
+        )
+        information = 1 / (CORRELATION * RESIDUAL**2)
+        some = information * pairs[own_scan, slot]
+        blocks = information * own[:, SYMMETRIC].reshape(-1, 3, 3)
+        right = information * own[:, 6:]
+        np.add.at(blocks, other, some[:, 9:15][:, SYMMETRIC].reshape(-1, 3, 3))
+        np.add.at(right, other, some[:, 15:])
+        between = _add_odometry(poses, odometry, blocks, right)
+        blocks[0] += ANCHOR * np.eye(3)
+        step = system.solve(blocks, np.concatenate((some[:, :9].reshape(-1, 3, 3), between)), -right)
+        poses += step
+        poses[:, 2] = se2.wrap(poses[:, 2])
+        if reach <= config.last_reach and np.hypot(step[:, 0], step[:, 1]).max() < STILL:
+            break
+        reach = max(SHRINK * reach, config.last_reach)
+    return poses
+
+
+def choose_partners(endpoints: Endpoints, poses: Array, most: int) -> NDArray[np.int32]:
+    """The scans that each scan's endpoints are held to: int32 [n, most], -1 for none.
+
+    Scans that see the same places: some of those nearest along the path, and some spread over all that overlap, so that
+    every passage is bound to every other.
+    """
+    n = len(poses)
+    points, _ = endpoints.placed(poses)
+    cells = np.floor(points / OVERLAP_CELL).astype(np.int64)
+    cells -= cells.min(axis=0)
+    _, column = np.unique(cells @ np.array((1, int(cells[:, 0].max()) + 1)), return_inverse=True)
+    seen = csr_matrix((np.ones(len(column), np.float32), (endpoints.owners, column)), shape=(n, int(column.max()) + 1))
+    seen.sum_duplicates()
+    seen.data[:] = 1
+    shared, sizes = (seen @ seen.T).tocsr(), np.diff(seen.indptr)
+    partners = np.full((n, most), -1, np.int32)
+    near_count = int(NEAR_SHARE * most)
+    for a in range(n):
+        row = slice(shared.indptr[a], shared.indptr[a + 1])
+        others, overlap = shared.indices[row], shared.data[row]
+        others = np.sort(others[(others != a) & (overlap >= LEAST_OVERLAP * sizes[a])])
+        if len(others) > most:
+            near = others[np.argsort(np.abs(others - a), kind="stable")[:near_count]]
+            rest = np.setdiff1d(others, near)
+            spread = np.linspace(0, len(rest) - 1, most - near_count).round().astype(int)
+            others = np.sort(np.r_[near, rest[spread]])
+        partners[a, : len(others)] = others
+    return partners
+
+
+def _add_odometry(poses: Array, odometry: OdometryModel, blocks: Array, right: Array) -> Array:
+    """Add the odometry of the steps to the system; returns the blocks [n - 1, 3, 3] between neighbours."""
+    off = np.asarray(se2.between(poses[:-1], poses[1:])) - odometry.steps
+    off[:, 2] = se2.wrap(off[:, 2])
+    weights = 1 / np.square(odometry.spread * (1 + np.square(off / (SLIP * odometry.spread))))
+    first, second = relative_jacobians(poses[:-1], poses[1:], np.zeros(len(off)))
+    weighted_first, weighted_second = weights[:, :, None] * first, weights[:, :, None] * second
+    blocks[:-1] += np.swapaxes(first, 1, 2) @ weighted_first
+    blocks[1:] += np.swapaxes(second, 1, 2) @ weighted_second
+    right[:-1] += np.einsum("eki,ek->ei", weighted_first, off)
+    right[1:] += np.einsum("eki,ek->ei", weighted_second, off)
+    return np.asarray(np.swapaxes(first, 1, 2) @ weighted_second)

@@ -1,0 +1,142 @@
+"""Looking for one node's surroundings in another node's submap, and what proves that they are the same place.
+
+A query of some metres of path is searched for on a lattice (Olson 2009), the best places are registered, and the best
+of these must have enough endpoints on surfaces, no rival half a metre off, and lie within what the relative covariance
+allows.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from moteslam.robot import se2
+from moteslam.slam.backend.graph.config import GraphConfig
+from moteslam.slam.backend.graph.information import measured_information
+from moteslam.slam.backend.graph.submaps import Submaps
+from moteslam.slam.backend.ledger import Verdict
+from moteslam.slam.mapping.tsdf import TsdfView
+from moteslam.slam.registration.config import RegistrationConfig, SearchConfig
+from moteslam.slam.registration.registrar import Registration, register, subsample
+from moteslam.slam.registration.search import Window, candidates
+
+Array = NDArray[np.float64]
+Points = NDArray[np.float32]
+
+RESIDUAL = 0.03
+"""Standard deviation of an endpoint's distance to another submap's surface [m]: both submaps bend a little."""
+FLOOR = np.array([0.02, 0.02, np.radians(0.3)])
+"""No loop is known better: [m], [m], [rad]."""
+WEAKEST = 1e-3
+"""Information of a direction that nothing binds [1/m^2]."""
+STARTS, START_POINTS, FINALISTS = 40, 120, 12
+"""Places of the lattice that are registered with some points, and how many of them with all."""
+RIVAL_DISTANCE, RIVAL_ROTATION = 0.5, 0.15
+"""A place this far from the best one is another place [m], [rad]."""
+CROSSING = 0.3
+"""What a ray through a surface costs [endpoints]: little, since doors open and people walk."""
+WIDE, FINE_TURN, COARSE_TURN = 0.1, 0.02, 0.04
+"""Windows wider than the first [rad] are searched in the coarser steps."""
+SLACK, SLACK_DISTANCE = 1.2, 0.2
+"""A place may lie this far beyond the window: Gauss-Newton moves it [windows], [m]."""
+NEGLIGIBLE_PRIOR = 1e-6
+LOOSE = 3.0
+"""Standard deviation of the prediction in the registration [windows]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Match:
+    """Where a query was found in a submap.
+
+    Attributes:
+        relative: [3] pose of the query's node in the frame of the submap's.
+        information: [3, 3] of it; next to none along a direction that nothing binds.
+        share: of the endpoints on surfaces, less what rays through surfaces cost.
+        runner_up: largest share at another place, 0 where there is none.
+        known, likelihood, crossed: share of the endpoints where the submap is known, the mean likelihood of those, and
+            the share of rays that cross a surface.
+        verdict: whether that proves a loop.
+    """
+
+    relative: Array
+    information: Array
+    share: float
+    runner_up: float
+    known: float
+    likelihood: float
+    crossed: float
+    verdict: Verdict
+
+
+class LoopSearch:
+    """Searches queries in submaps.
+
+    Args:
+        submaps: of all nodes.
+        config: of the back end.
+    """
+
+    def __init__(self, submaps: Submaps, config: GraphConfig) -> None:
+        self._submaps, self._config = submaps, config
+        self._registration = RegistrationConfig(**{**config.registration.model_dump(), "residual": RESIDUAL})
+        self._lattice = SearchConfig(search_prior=NEGLIGIBLE_PRIOR)
+
+    def match(self, submap: int, query: int, predicted: Array, half: Array) -> Match | None:
+        """Search a query in a submap.
+
+        Args:
+            submap, query: their nodes.
+            predicted: [3] pose of the query's node in the frame of the submap's.
+            half: [3] half widths of the window about it.
+
+        Returns:
+            None where there is nothing to compare.
+        """
+        maps, points = self._submaps.around(submap).of(0), self._submaps.query(query)
+        if not len(points):
+            return None
+        step = FINE_TURN if half[2] <= WIDE else COARSE_TURN
+        window = Window(half, 2 * maps.config.cell_size, step)
+        starts = candidates(maps, predicted, half, points, window, STARTS, self._lattice)
+        few = subsample(points, START_POINTS)
+        tried = self._register(maps, predicted, half, few, starts)
+        finalists = np.argsort(-_shares(tried, len(few)), kind="stable")[:FINALISTS]
+        found = self._register(maps, predicted, half, points, tried.offsets[finalists])
+        shares = _shares(found, len(points))
+        best = int(shares.argmax())
+        off = np.abs(found.offsets - found.offsets[best])
+        rivals = (np.hypot(off[:, 0], off[:, 1]) > RIVAL_DISTANCE) | (off[:, 2] > RIVAL_ROTATION)
+        runner_up = max(float(shares[rivals].max()), 0.0) if rivals.any() else 0.0
+        information = measured_information(found, best, self._registration, self._config.correlation)
+        covariance = np.linalg.inv(information + WEAKEST * np.eye(3)) + np.diag(np.square(FLOOR))
+        return Match(
+            relative=np.asarray(se2.compose(predicted, found.offsets[best])),
+            information=np.linalg.inv(covariance),
+            share=float(shares[best]),
+            runner_up=runner_up,
+            known=float(found.known[best]) / len(points),
+            likelihood=float(found.likelihoods[best]),
+            crossed=float(found.crossed[best]) / len(points),
+            verdict=self._verdict(float(shares[best]), runner_up, found.offsets[best], half),
+        )
+
+    def _register(self, maps: TsdfView, predicted: Array, half: Array, points: Points, starts: Array) -> Registration:
+        """Register endpoints from many starts, all but free of the prediction."""
+        many = np.repeat(predicted[None], len(starts), axis=0)
+        return register(maps, many, LOOSE * half, points, np.zeros(2), starts, self._registration)
+
+    def _verdict(self, share: float, runner_up: float, offset: Array, half: Array) -> Verdict:
+        c = self._config.loops
+        if share <= c.least_share:
+            return "weak"
+        if share - runner_up <= c.least_margin:
+            return "ambiguous"
+        inside = (np.abs(offset) <= SLACK * half + SLACK_DISTANCE).all()
+        return "accepted" if inside else "outside"
+
+
+def _shares(found: Registration, points: int) -> Array:
+    """Of the endpoints on surfaces, less what rays through surfaces cost [N]."""
+    return np.asarray((found.known * found.likelihoods - CROSSING * found.crossed) / points)

@@ -1,0 +1,73 @@
+"""The odometry's own errors, as measured by registration: what is systematic is taken out, the rest is its noise."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from moteslam.robot import se2
+
+Array = NDArray[np.float64]
+
+AT_REST = np.array([0.005, 0.005, 0.005])
+"""The shape of the noise before it is scaled to what is measured: [m], [m], [rad] ..."""
+FROM_DISTANCE = np.array([0.05, 0.05, 0.02])
+"""... and for every metre ..."""
+FROM_ROTATION = np.array([0.02, 0.02, 0.05])
+"""... and for every radian."""
+ROUNDS = 8
+GAIN_INFORMATION = 100.0
+"""Prior on the gains, of standard deviation 0.1."""
+LEAST_SCALE = 0.1
+SAFETY = 2.0
+"""The measured standard deviation counts so many times: errors of neighbouring steps are alike."""
+NORMAL_MAD = 1.4826
+"""A normal distribution's standard deviation over its median absolute deviation."""
+
+
+class OdometryModel(NamedTuple):
+    """Odometry of n - 1 steps, corrected.
+
+    Attributes:
+        steps: [n - 1, 3] motions, in the frames where they begin.
+        spread: [n - 1, 3] standard deviations.
+    """
+
+    steps: Array
+    spread: Array
+
+
+def fit_odometry(odometry: Array, registered: Array, covariance: Array) -> OdometryModel:
+    """Correct the odometry by a linear map of each step, and measure what noise is left.
+
+    Alternately the gains of forward, left and turning error are fitted, robustly, and the scale of the noise: the
+    median absolute residual of the steps that registration knows better than odometry.
+
+    Args:
+        odometry: [n - 1, 3] steps.
+        registered: [n - 1, 3] the same by registration.
+        covariance: [n - 1, 3, 3] of that.
+    """
+    distance, rotation = np.hypot(odometry[:, 0], odometry[:, 1])[:, None], np.abs(odometry[:, 2])[:, None]
+    shape = AT_REST + FROM_DISTANCE * distance + FROM_ROTATION * rotation
+    errors = np.asarray(se2.between(odometry, registered))
+    errors[:, 2] = se2.wrap(errors[:, 2])
+    variance = np.diagonal(covariance, axis1=1, axis2=2)
+    gains, scales = np.zeros((3, 3)), np.ones(3)
+    for _ in range(ROUNDS):
+        for axis in range(3):
+            noise = np.square(scales[axis] * shape[:, axis])
+            rest = errors[:, axis] - odometry @ gains[axis]
+            total = variance[:, axis] + noise
+            weights = 1 / total / (1 + rest * rest / total / 4)
+            weighted = odometry * weights[:, None]
+            gains[axis] = np.linalg.solve(
+                weighted.T @ odometry + GAIN_INFORMATION * np.eye(3), weighted.T @ errors[:, axis]
+            )
+            rest = errors[:, axis] - odometry @ gains[axis]
+            known = variance[:, axis] < 2 * noise
+            if known.sum() > 10:
+                scales[axis] = max(NORMAL_MAD * float(np.median(np.abs(rest[known]) / shape[known, axis])), LEAST_SCALE)
+    return OdometryModel(np.asarray(se2.compose(odometry, odometry @ gains.T)), SAFETY * scales * shape)

@@ -1,0 +1,131 @@
+"""The pose graph: relative poses between nodes, solved by Gauss-Newton with graduated non-convexity.
+
+Graduated non-convexity (Yang, Antonante, Tzoumas and Carlone 2020, with the kernel of Geman and McClure): first every
+loop is believed, then less and less those that the others contradict. With the last scale from the start true loops
+would be thrown out, since the skewed estimate contradicts them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from moteslam.robot import se2
+from moteslam.slam.backend.graph.sparse_blocks import BlockSystem
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+SCHEDULE = (1e5, 1e4, 3e3, 1e3, 300.0, 100.0, 30.0, 10.0)
+"""Squared scales of the kernel, in squared standard deviations: the last is beyond the 98 % quantile of chi^2 with
+three degrees of freedom."""
+ITERATIONS, CONVERGED = 6, 1e-4
+"""Gauss-Newton steps on each scale at most; a smaller step [m, rad] ends it."""
+ANCHOR = 1e9
+"""Information that holds the first pose where it is [1/m^2, 1/rad^2]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Edges:
+    """Measured relative poses.
+
+    Attributes:
+        first, second: [e] nodes.
+        relative: [e, 3] measured pose of the second in the frame of the first.
+        information: [e, 3, 3] of its error, in the frame of the measured pose.
+        robust: [e] whether graduated non-convexity may reject it.
+    """
+
+    first: Indices
+    second: Indices
+    relative: Array
+    information: Array
+    robust: NDArray[np.bool_]
+
+    def __len__(self) -> int:
+        return len(self.first)
+
+    def plus(self, others: Edges) -> Edges:
+        """These and others."""
+        return Edges(
+            np.r_[self.first, others.first],
+            np.r_[self.second, others.second],
+            np.concatenate((self.relative, others.relative)),
+            np.concatenate((self.information, others.information)),
+            np.r_[self.robust, others.robust],
+        )
+
+    def errors(self, poses: Array) -> Array:
+        """The errors [e, 3] of the measured relative poses, in their frames, where the nodes are at ``poses``."""
+        off = np.asarray(se2.between(self.relative, se2.between(poses[self.first], poses[self.second])))
+        off[:, 2] = se2.wrap(off[:, 2])
+        return off
+
+    def jacobians(self, poses: Array) -> tuple[Array, Array]:
+        """Of the errors by (x, y, theta) of the first and of the second pose, [e, 3, 3] each."""
+        return relative_jacobians(poses[self.first], poses[self.second], self.relative[:, 2])
+
+
+def relative_jacobians(first: Array, second: Array, heading: Array) -> tuple[Array, Array]:
+    """Of the pose of ``second`` in the frame of ``first``, turned back by a heading, by both poses.
+
+    Args:
+        first, second: [e, 3].
+        heading: [e] of the measured relative pose.
+
+    Returns:
+        [e, 3, 3] by (x, y, theta) of the first pose, and by those of the second.
+    """
+    off = second - first
+    turn = first[:, 2] + heading
+    c, s = np.cos(turn), np.sin(turn)
+    by_first, by_second = np.zeros((len(off), 3, 3)), np.zeros((len(off), 3, 3))
+    by_second[:, 0, 0], by_second[:, 0, 1], by_second[:, 1, 0], by_second[:, 1, 1] = c, s, -s, c
+    by_second[:, 2, 2] = 1.0
+    by_first[:, :2, :2] = -by_second[:, :2, :2]
+    by_first[:, 0, 2] = -s * off[:, 0] + c * off[:, 1]
+    by_first[:, 1, 2] = -c * off[:, 0] - s * off[:, 1]
+    by_first[:, 2, 2] = -1.0
+    return by_first, by_second
+
+
+def solve(poses: Array, edges: Edges, *, graduated: bool = True) -> tuple[Array, Array]:
+    """The poses that fit the edges best; the first pose stays.
+
+    Args:
+        poses: [n, 3] to begin with.
+        edges: that bind all nodes together.
+        graduated: reject loops step by step; else all edges are believed.
+
+    Returns:
+        [n, 3] poses, and the weights [e] of the edges, 0 to 1.
+    """
+    system, poses = BlockSystem(len(poses), edges.first, edges.second), poses.copy()
+    weights = np.ones(len(edges))
+    for scale in SCHEDULE if graduated and edges.robust.any() else SCHEDULE[:1]:
+        for _ in range(ITERATIONS):
+            errors = edges.errors(poses)
+            if graduated:
+                weights = _weights(errors, edges, scale)
+            first, second = edges.jacobians(poses)
+            information = weights[:, None, None] * edges.information
+            weighted_first, weighted_second = information @ first, information @ second
+            own = system.sums(np.swapaxes(first, 1, 2) @ weighted_first, np.swapaxes(second, 1, 2) @ weighted_second)
+            right = system.sums(
+                np.einsum("eki,ek->ei", weighted_first, errors), np.einsum("eki,ek->ei", weighted_second, errors)
+            )
+            own[0] += ANCHOR * np.eye(3)
+            step = system.solve(own, np.swapaxes(first, 1, 2) @ weighted_second, -right)
+            poses += step
+            poses[:, 2] = se2.wrap(poses[:, 2])
+            if np.abs(step).max() < CONVERGED:
+                break
+    return poses, _weights(edges.errors(poses), edges, scale) if graduated else weights
+
+
+def _weights(errors: Array, edges: Edges, scale: float) -> Array:
+    """Of Geman and McClure, for the edges that may be rejected."""
+    squares = np.einsum("ei,eij,ej->e", errors, edges.information, errors)
+    return np.where(edges.robust, np.square(scale / (scale + squares)), 1.0)

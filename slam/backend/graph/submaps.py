@@ -1,0 +1,65 @@
+"""Submaps: the scans of some neighbouring nodes in one TSDF, and as one set of endpoints that is searched for in it."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from moteslam.robot import se2
+from moteslam.slam.backend.graph.config import GraphConfig
+from moteslam.slam.backend.graph.nodes import Nodes
+from moteslam.slam.mapping.tsdf import TsdfMaps
+from moteslam.slam.registration.registrar import subsample
+
+Array = NDArray[np.float64]
+Points = NDArray[np.float32]
+
+MAP_NODES, QUERY_NODES = 12, 6
+"""Nodes of a submap and of a query, at most: where the robot turns on the spot many lie close together."""
+SPACING = 0.1
+"""Endpoints of a query are at least about this far apart [m]."""
+MAX_POINTS = 400
+"""Endpoints of a query, at most."""
+
+
+class Submaps:
+    """The submaps around the nodes, built when they are asked for; nodes lie in them as the chain has them.
+
+    Args:
+        nodes: n of them.
+        poses: [n, 3] of the chain.
+        config: of the back end.
+
+    Attributes:
+        path: [n] distance driven up to each node [m].
+    """
+
+    def __init__(self, nodes: Nodes, poses: Array, config: GraphConfig) -> None:
+        self._nodes, self._poses, self._config = nodes, poses, config
+        self.path = np.r_[0.0, np.cumsum(np.hypot(*np.diff(poses[:, :2], axis=0).T))]
+        self._maps: dict[int, TsdfMaps] = {}
+
+    def around(self, node: int) -> TsdfMaps:
+        """The TSDF of the nodes around one, in its frame."""
+        if node not in self._maps:
+            maps = TsdfMaps(self._config.tsdf)
+            for k in self._members(node, self._config.loops.submap_length, MAP_NODES):
+                maps.integrate(self._pose(node, k)[None], self._nodes.scans[k])
+            self._maps[node] = maps
+        return self._maps[node]
+
+    def query(self, node: int) -> Points:
+        """The endpoints [k, 2] of the nodes around one, in its frame [m]."""
+        members = self._members(node, self._config.loops.query_length, QUERY_NODES)
+        seen = [se2.transform_points(self._pose(node, k), self._nodes.scans[k].points) for k in members]
+        points = np.vstack(seen)
+        cells = np.floor(points / SPACING).astype(np.int64)
+        _, first = np.unique(cells, axis=0, return_index=True)
+        return subsample(points[np.sort(first)].astype(np.float32), MAX_POINTS)
+
+    def _members(self, node: int, length: float, most: int) -> list[int]:
+        near = np.flatnonzero(np.abs(self.path - self.path[node]) <= length / 2)
+        return near[np.abs(near - node) <= most // 2].tolist()
+
+    def _pose(self, node: int, other: int) -> Array:
+        return np.asarray(se2.between(self._poses[node], self._poses[other]))
