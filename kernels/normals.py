@@ -45,7 +45,7 @@ def _line(points: template, first: I32, last: I32, noise: F32):
 
 @func
 def _until(points: template, joined: template, i: I32, step: I32, first: I32, last: I32, reach: F32, least: I32):
-    """The farthest point from i in steps of +-1 that joined points lead to: within the reach, or the first ``least``."""
+    """The farthest point from i, in steps of +-1 along joined points: within the reach, or of the first ``least``."""
     j = i
     going = 1
     while going == 1:

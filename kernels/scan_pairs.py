@@ -83,8 +83,8 @@ def _accumulate(
                 if matches[i, s] >= 0:
                     count += 1
             share = 1.0 / ti.sqrt(ti.cast(ti.max(count, 1), ti.f64))
-            lever = _turned(frames[a, 0], frames[a, 1], points[i, 0], points[i, 1])
-            wx, wy = lever[0] + frames[a, 2], lever[1] + frames[a, 3]
+            arm = _turned(frames[a, 0], frames[a, 1], points[i, 0], points[i, 1])
+            wx, wy = arm[0] + frames[a, 2], arm[1] + frames[a, 3]
             for s in range(slots):
                 j = matches[i, s]
                 if j >= 0:
@@ -97,7 +97,7 @@ def _accumulate(
                     w = share / ((1.0 + square) * (1.0 + square))
                     cost += 0.5 * share * scale * scale * square / (1.0 + square)
                     total += share
-                    ja = ti.Vector([n[0], n[1], n[1] * lever[0] - n[0] * lever[1]], dt=ti.f64)
+                    ja = ti.Vector([n[0], n[1], n[1] * arm[0] - n[0] * arm[1]], dt=ti.f64)
                     jb = ti.Vector([-n[0], -n[1], n[0] * by - n[1] * bx], dt=ti.f64)
                     at = s * PAIR
                     for p in ti.static(range(3)):

@@ -27,6 +27,8 @@ class BackendKind:
 NONE = BackendKind(NoBackendConfig, NoBackend)
 
 BACKENDS: Plugins[BackendKind] = Plugins(
-    "moteslam.backends", BackendKind, bundled={"none": "moteslam.slam.backend.kinds:NONE", "graph": "moteslam.slam.backend.graph.backend:GRAPH"}
+    "moteslam.backends",
+    BackendKind,
+    bundled={"none": "moteslam.slam.backend.kinds:NONE", "graph": "moteslam.slam.backend.graph.backend:GRAPH"},
 )
 """By name; the configuration key ``backend.method`` chooses one."""

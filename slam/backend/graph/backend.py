@@ -31,6 +31,8 @@ LEAST_WINDOW, LARGEST_TURN = np.array([0.5, 0.5, 0.06]), 0.5
 """Half widths of a search window: at least [m, m, rad], and at most [rad]."""
 DEVIATIONS = 3.0
 """Half width of a window [standard deviations]."""
+FITS_DISTANCE, FITS_ROTATION = 0.2, 0.035
+"""A loop within this of the final poses is confirmed by them [m], [rad]."""
 PASSAGE_GAP = 3
 """Nodes within reach that follow each other with at most this many between are one passage."""
 
@@ -46,7 +48,6 @@ class GraphBackend:
         self._config = config
         self._keys: list[KeyScan] = []
         self._loops: tuple[LoopCandidate, ...] = ()
-        self._finished: tuple[Array, Array] | None = None
 
     @property
     def loops(self) -> tuple[LoopCandidate, ...]:
@@ -67,8 +68,8 @@ class GraphBackend:
         chain = build_chain(nodes, filtered, c)
         graph = LoopGraph(nodes, chain, c)
         poses = graph.close() if c.loops.enabled else chain.poses
-        self._loops = graph.ledger
         best = self._sharpest(nodes, chain, (filtered, poses))
+        self._loops = checked(graph.ledger, nodes, best)
         return between_known(best, nodes.updates, path)
 
     def _sharpest(self, nodes: Nodes, chain: Chain, found: tuple[Array, ...]) -> Array:
@@ -99,14 +100,12 @@ class LoopGraph:
     def __init__(self, nodes: Nodes, chain: Chain, config: GraphConfig) -> None:
         n = len(nodes)
         self._nodes, self._config = nodes, config
-        self._chain = Edges(
-            np.arange(n - 1), np.arange(1, n), chain.steps, np.linalg.inv(chain.covariance), np.zeros(n - 1, bool)
-        )
+        information = np.asarray(np.linalg.inv(chain.covariance))
+        self._chain = Edges(np.arange(n - 1), np.arange(1, n), chain.steps, information, np.zeros(n - 1, bool))
         self._start = chain.poses
         self._submaps = Submaps(nodes, chain.poses, config)
         self._search = LoopSearch(self._submaps, config)
         self._candidates: dict[tuple[int, int], tuple[LoopCandidate, Match]] = {}
-        self._past: list[LoopCandidate] = []
         self.poses = chain.poses
 
     @property
@@ -208,6 +207,27 @@ class LoopGraph:
             match,
         )
         return True
+
+
+def checked(ledger: tuple[LoopCandidate, ...], nodes: Nodes, poses: Array) -> tuple[LoopCandidate, ...]:
+    """The ledger with the loops that the final poses contradict marked so.
+
+    Args:
+        ledger: of all candidates.
+        nodes: n of them.
+        poses: [n, 3] final.
+    """
+    if not ledger:
+        return ledger
+    earlier = np.searchsorted(nodes.indices, [candidate.earlier for candidate in ledger])
+    later = np.searchsorted(nodes.indices, [candidate.later for candidate in ledger])
+    found = np.array([candidate.found for candidate in ledger])
+    off = np.asarray(se2.between(found, se2.between(poses[earlier], poses[later])))
+    fits = (np.hypot(off[:, 0], off[:, 1]) < FITS_DISTANCE) & (np.abs(se2.wrap(off[:, 2])) < FITS_ROTATION)
+    return tuple(
+        replace(candidate, verdict="contradicted") if candidate.accepted and not fit else candidate
+        for candidate, fit in zip(ledger, fits, strict=True)
+    )
 
 
 def _passages(near: NDArray[np.intp], cost: Array) -> list[int]:

@@ -35,6 +35,8 @@ DOUBT = 4.0
 """Nats by which evidence and prior may be misjudged: the logistic scale of the doubt that is left."""
 AGREEING = 5.0
 """Odometry farther off than this many standard deviations is left out of a step."""
+LEAST_INFORMATION = 1e-2
+"""Of a step that was not registered [1/m^2]."""
 FEW_POINTS = 20
 """A scan of fewer points is not registered."""
 
@@ -74,7 +76,7 @@ def build_chain(nodes: Nodes, path: Array, config: GraphConfig) -> Chain:
     ).reshape(-1, 3)
     first = _Registered.empty(n)
     _run(first, nodes, path, OdometryModel(raw, spread), config, proved=False)
-    model = fit_odometry(raw, first.steps, np.linalg.inv(first.information + 1e-2 * np.eye(3)))
+    model = fit_odometry(raw, first.steps, np.asarray(np.linalg.inv(first.information + LEAST_INFORMATION * np.eye(3))))
     # what nothing measured was extrapolated: nothing is known of it but the wide prior
     unmeasured = ~nodes.measured[1:]
     model.steps[unmeasured], model.spread[unmeasured] = raw[unmeasured], spread[unmeasured]

@@ -24,7 +24,7 @@ def measured_information(found: Registration, which: int, config: RegistrationCo
         found: of N particles or starts.
         which: one of them.
         config: that it was registered with.
-        correlation: neighbouring endpoints err alike: so many of them count as one.
+        correlation: neighbouring endpoints err alike: this many of them count as one.
     """
     mean = float(np.clip(found.likelihoods[which], *LIKELIHOODS))
     variance = config.likelihood_width**2 * (1 / mean**2 - 1)  # in squares of config.residual, as the information is

@@ -71,9 +71,7 @@ class Endpoints(NamedTuple):
         points = np.vstack([scan.points for scan in scans])
         joined = np.concatenate([scan.joined for scan in scans]).astype(np.int32)
         starts = np.r_[0, np.cumsum(counts)].astype(np.int32)
-        normals = scan_normals(
-            points, joined, starts, reach=NORMAL_REACH, noise=NORMAL_NOISE, largest=NORMAL_LARGEST
-        )
+        normals = scan_normals(points, joined, starts, reach=NORMAL_REACH, noise=NORMAL_NOISE, largest=NORMAL_LARGEST)
         return cls(points, normals, starts, np.repeat(np.arange(len(scans)), counts).astype(np.int32))
 
     def placed(self, poses: Array) -> tuple[Array, Array]:

@@ -16,8 +16,8 @@ from moteslam.slam.inputs.thinning import thin
 Array = NDArray[np.float64]
 
 MAX_RANGE = 30.0
-"""Endpoints farther from the sensor are left out [m]: there neighbouring beams are half a metre apart, and the heading's
-error moves them as far."""
+"""Endpoints farther from the sensor are left out [m]: neighbouring beams are half a metre apart there, and the error of
+the heading moves them as far."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,9 +45,7 @@ class Nodes:
         return len(self.updates)
 
 
-def choose_nodes(
-    keys: list[KeyScan], path: Array, distance: float, rotation: float, thinning: ThinningConfig
-) -> Nodes:
+def choose_nodes(keys: list[KeyScan], path: Array, distance: float, rotation: float, thinning: ThinningConfig) -> Nodes:
     """The key scans that become nodes: as few as leave no two neighbours farther apart than need be.
 
     The first and the last are; another one is where the next would be too far from the node before.
@@ -85,4 +83,5 @@ def choose_nodes(
 
 
 def _near(key: KeyScan) -> NDArray[np.float32]:
-    return key.points[np.hypot(*(key.points - key.origin).T) < MAX_RANGE]
+    near: NDArray[np.bool_] = np.hypot(*(key.points - key.origin).T) < MAX_RANGE
+    return np.asarray(key.points[near])

@@ -22,7 +22,7 @@ GAIN_INFORMATION = 100.0
 """Prior on the gains, of standard deviation 0.1."""
 LEAST_SCALE = 0.1
 SAFETY = 2.0
-"""The measured standard deviation counts so many times: errors of neighbouring steps are alike."""
+"""Factor on the measured standard deviation: errors of neighbouring steps are alike."""
 NORMAL_MAD = 1.4826
 """A normal distribution's standard deviation over its median absolute deviation."""
 

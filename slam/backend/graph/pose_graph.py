@@ -1,7 +1,7 @@
 """The pose graph: relative poses between nodes, solved by Gauss-Newton with graduated non-convexity.
 
 Graduated non-convexity (Yang, Antonante, Tzoumas and Carlone 2020, with the kernel of Geman and McClure): first every
-loop is believed, then less and less those that the others contradict. With the last scale from the start true loops
+loop counts in full, then less and less those that the others contradict. With the last scale from the start true loops
 would be thrown out, since the skewed estimate contradicts them.
 """
 
@@ -97,7 +97,7 @@ def solve(poses: Array, edges: Edges, *, graduated: bool = True) -> tuple[Array,
     Args:
         poses: [n, 3] to begin with.
         edges: that bind all nodes together.
-        graduated: reject loops step by step; else all edges are believed.
+        graduated: reject loops step by step; else all edges count in full.
 
     Returns:
         [n, 3] poses, and the weights [e] of the edges, 0 to 1.

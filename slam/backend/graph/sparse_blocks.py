@@ -59,7 +59,5 @@ class BlockSystem:
         size = 3 * self._n
         matrix = csc_matrix((blocks.ravel()[self._sources], self._rows, self._begin), shape=(size, size))
         # positive definite: no pivoting, and an order of elimination for symmetric matrices
-        factors = splu(
-            matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
-        )
+        factors = splu(matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
         return np.asarray(factors.solve(right.ravel()).reshape(-1, 3))

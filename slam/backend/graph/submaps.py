@@ -59,7 +59,7 @@ class Submaps:
 
     def _members(self, node: int, length: float, most: int) -> list[int]:
         near = np.flatnonzero(np.abs(self.path - self.path[node]) <= length / 2)
-        return near[np.abs(near - node) <= most // 2].tolist()
+        return [int(k) for k in near if abs(k - node) <= most // 2]
 
     def _pose(self, node: int, other: int) -> Array:
         return np.asarray(se2.between(self._poses[node], self._poses[other]))

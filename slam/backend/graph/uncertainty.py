@@ -1,7 +1,7 @@
-"""How uncertain two nodes' relative pose is: along the surest way through the graph that joins them.
+"""How uncertain two nodes' relative pose is: along the surest path of the graph that joins them.
 
 As the Dijkstra projection of Olson (2008, Robust and efficient robotic mapping): an upper bound of the marginal
-covariance, in the time of a shortest path. An error of a heading moves all that follows by its lever arm.
+covariance, in the time of a shortest path. An error of a heading moves all that follows in proportion to its distance.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ from moteslam.slam.backend.graph.pose_graph import Edges
 
 Array = NDArray[np.float64]
 
-LEVER = 5.0
-"""What a heading's error counts for in the choice of the way [m]."""
+TURN_DISTANCE = 5.0
+"""At this distance a heading's error counts in the choice of the path [m]."""
 
 
 class Uncertainty:
@@ -32,7 +32,7 @@ class Uncertainty:
         covariance = np.linalg.inv(edges.information)
         position = np.linalg.eigvalsh(covariance[:, :2, :2])[:, 1]
         heading = covariance[:, 2, 2]
-        cost = position + LEVER**2 * heading
+        cost = position + TURN_DISTANCE**2 * heading
         pairs = np.minimum(edges.first, edges.second) * n + np.maximum(edges.first, edges.second)
         order = np.lexsort((cost, pairs))
         _, kept = np.unique(pairs[order], return_index=True)
@@ -46,21 +46,19 @@ class Uncertainty:
     def of(self, node: int) -> tuple[Array, Array]:
         """The standard deviations of all nodes' positions [n] and headings [n] as seen from one node [m], [rad]."""
         n = len(self._places)
-        _, before = dijkstra(self._graph, directed=False, indices=node, return_predecessors=True)
+        _, before = dijkstra(self._graph, False, [node], True)
         everyone = np.arange(n)
-        before = np.where(before < 0, everyone, before).astype(np.intp)
+        before = np.where(before[0] < 0, everyone, before[0]).astype(np.intp)
         pairs = np.minimum(everyone, before) * n + np.maximum(everyone, before)
         edge = np.minimum(np.searchsorted(self._pairs, pairs), len(self._pairs) - 1)
         root = before == everyone
         position, heading = np.where(root, 0.0, self._position[edge]), np.where(root, 0.0, self._heading[edge])
         pivot = self._places[before]
-        sums = np.column_stack(
-            (position, heading, heading[:, None] * pivot, heading * np.square(pivot).sum(axis=1))
-        )
-        # sums along the way back, doubling its length each time
+        sums = np.column_stack((position, heading, heading[:, None] * pivot, heading * np.square(pivot).sum(axis=1)))
+        # sums back along the shortest path, over twice as many edges each time
         while not (before == before[before]).all():
             sums = sums + np.where((before != everyone)[:, None], sums[before], 0.0)
             before = before[before]
         x = self._places
-        levers = sums[:, 1] * np.square(x).sum(axis=1) - 2 * (x * sums[:, 2:4]).sum(axis=1) + sums[:, 4]
-        return np.sqrt(np.maximum(sums[:, 0] + levers, 0.0)), np.sqrt(sums[:, 1])
+        by_turns = sums[:, 1] * np.square(x).sum(axis=1) - 2 * (x * sums[:, 2:4]).sum(axis=1) + sums[:, 4]
+        return np.sqrt(np.maximum(sums[:, 0] + by_turns, 0.0)), np.sqrt(sums[:, 1])
