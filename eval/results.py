@@ -45,7 +45,7 @@ def write_results(
         folder: made if need be; files in it are replaced.
         estimate: what to write.
         truth: what to score it with, on the clock of the recording; it is written too.
-        recording: whose scans are drawn along dead reckoning.
+        recording: whose scans are drawn along dead reckoning, and show which loops were to be had.
         snapshots: of the map over time, for the figure that shows it.
         stages: of the coloured floor over time, likewise.
         figures: draw them.
@@ -61,7 +61,7 @@ def write_results(
     expect_type(estimate, Estimate, "estimate", "run_slam(recording) makes one")
     folder = Path(folder)
     make_folder(folder)
-    scores = None if truth is None else score_estimate(estimate, truth)
+    scores = None if truth is None else score_estimate(estimate, truth, recording=recording)
     write_tum(folder / "trajectory.tum", estimate.trajectory)
     write_tum(folder / "trajectory_final.tum", estimate.trajectory_final)
     write_tum(folder / "dead_reckoning.tum", estimate.dead_reckoning)

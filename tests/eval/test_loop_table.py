@@ -11,8 +11,10 @@ import pytest
 from loop_candidates import candidate
 
 from moteslam.errors import InputError
+from moteslam.eval.cli.running import score_table
 from moteslam.eval.loop_table import COLUMNS, VERDICTS, read_loops, write_loops
 from moteslam.eval.results import write_results
+from moteslam.eval.scores import score_estimate
 from moteslam.robot.result_folder import result_folder
 from moteslam.slam.backend.ledger import LoopCandidate
 from moteslam.slam.backend.protocol import BackendConfig
@@ -75,7 +77,7 @@ def test_a_broken_table_is_refused_with_its_line(tmp_path: Path, change, problem
 
 def test_a_run_that_looks_for_loops_has_its_ledger(run, simulation, tmp_path: Path) -> None:
     estimate = looking(run[0])
-    write_results(tmp_path, estimate, simulation.truth, recording=simulation.recording, figures=False)
+    scores = write_results(tmp_path, estimate, simulation.truth, recording=simulation.recording, figures=False)
     assert len(read_loops(tmp_path / "loops.csv")) == len(LOOPS)
     about = json.loads((tmp_path / "run.json").read_text())
     assert about["loops"] == {
@@ -86,6 +88,17 @@ def test_a_run_that_looks_for_loops_has_its_ledger(run, simulation, tmp_path: Pa
         "contradicted": 1,
     }
     assert list(about["loops"])[:2] == ["candidates", "accepted"]
+    assert scores is not None
+    assert scores.loops is not None
+    assert json.loads((tmp_path / "metrics.json").read_text())["scores"]["loops"] == scores.loops.as_dict()
+    assert score_table(scores).splitlines()[-2:] == [
+        "no precision of the loops: the truth covers no accepted loop",
+        "no recall of the loops: no key scan has a loop to be had",
+    ]
+
+
+def test_what_replay_prints_of_a_run_without_back_end_has_no_loops(run, simulation) -> None:
+    assert "loop" not in score_table(score_estimate(run[0], simulation.truth, recording=simulation.recording))
 
 
 def test_without_a_candidate_there_is_the_header_alone_and_no_figure(run, tmp_path: Path) -> None:
