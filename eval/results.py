@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from moteslam.eval.loop_table import looks_for_loops, loop_counts, write_loops
 from moteslam.eval.report.maps import write_map_png, write_map_server
 from moteslam.eval.report.snapshots import Snapshot
 from moteslam.eval.report.textures import draw_texture_over_time, write_texture
@@ -44,7 +45,7 @@ def write_results(
         folder: made if need be; files in it are replaced.
         estimate: what to write.
         truth: what to score it with, on the clock of the recording; it is written too.
-        recording: whose scans are drawn along dead reckoning.
+        recording: whose scans are drawn along dead reckoning, and show which loops were to be had.
         snapshots: of the map over time, for the figure that shows it.
         stages: of the coloured floor over time, likewise.
         figures: draw them.
@@ -60,7 +61,7 @@ def write_results(
     expect_type(estimate, Estimate, "estimate", "run_slam(recording) makes one")
     folder = Path(folder)
     make_folder(folder)
-    scores = None if truth is None else score_estimate(estimate, truth)
+    scores = None if truth is None else score_estimate(estimate, truth, recording=recording)
     write_tum(folder / "trajectory.tum", estimate.trajectory)
     write_tum(folder / "trajectory_final.tum", estimate.trajectory_final)
     write_tum(folder / "dead_reckoning.tum", estimate.dead_reckoning)
@@ -70,6 +71,9 @@ def write_results(
     write_map_server(folder / "map.pgm", estimate.map)
     if estimate.texture is not None:
         write_texture(folder / "texture.png", estimate.texture)
+    looked = looks_for_loops(estimate.config)
+    if looked:
+        write_loops(folder / "loops.csv", estimate.loops)
     write_json(folder / "metrics.json", _metrics(estimate, scores))
     write_atomically(folder / "config.toml", estimate.config.to_toml())
     if figures:
@@ -88,6 +92,7 @@ def write_results(
         "seed": estimate.seed,
         "filter_seconds": estimate.seconds,
         "warnings": [issue.as_dict() for issue in issues],
+        **({"loops": loop_counts(estimate.loops)} if looked else {}),
     }
     versions = {"python": platform.python_version(), **estimate.versions}
     write_json(folder / "run.json", {**about, **(run or {}), "versions": versions, "hardware": hardware()})
@@ -108,7 +113,7 @@ def draw_figures(
     Raises:
         OutputError: one cannot be written.
     """
-    from moteslam.eval.report import curves, particles, plans
+    from moteslam.eval.report import curves, loops, particles, plans
     from moteslam.eval.report.cloud import Cloud
 
     name = estimate.name
@@ -134,6 +139,14 @@ def draw_figures(
         truth=None if truth is None else from_same_start(truth, estimate.dead_reckoning),
         title=f"{name}: dead reckoning",
     )
+    if estimate.loops:
+        loops.draw_loops(
+            folder / "loops.png",
+            estimate.map,
+            estimate.loops,
+            trajectory=estimate.trajectory_final,
+            title=f"{name}: loops on the map",
+        )
     if len(estimate.particle_stamps):
         particles.draw_particles(folder / "particles.png", Cloud.of(estimate), title=f"{name}: particles")
         updated = estimate.diagnostics["updated"] > 0

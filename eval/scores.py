@@ -8,9 +8,12 @@ from dataclasses import dataclass
 from typing import Any
 
 from moteslam.errors import InputError
+from moteslam.eval.loop_table import looks_for_loops
 from moteslam.eval.metrics.ate import AteResult
 from moteslam.eval.metrics.kinds import METRICS, Result
+from moteslam.eval.metrics.loops import LoopResult, score_loops
 from moteslam.eval.metrics.rpe import RpeResult
+from moteslam.robot.recording import Recording
 from moteslam.robot.trajectory import Trajectory
 from moteslam.robot.wording import expect_type
 from moteslam.slam.estimate import Estimate
@@ -47,11 +50,19 @@ class Score:
 
 @dataclass(frozen=True)
 class Scores:
-    """The scores of a run: SLAM as known at each scan (online) and at the end (final), and dead reckoning."""
+    """The scores of a run.
+
+    Attributes:
+        online: of SLAM's poses as known at each scan.
+        final: of SLAM's poses as known at the end.
+        dead_reckoning: of odometry alone.
+        loops: of the loops that the back end accepted; None where it looks for none.
+    """
 
     online: Score
     final: Score
     dead_reckoning: Score
+    loops: LoopResult | None = None
 
     def as_dict(self) -> dict[str, Any]:
         """The statistics as they go into ``metrics.json``."""
@@ -59,11 +70,17 @@ class Scores:
             "online": self.online.as_dict(),
             "final": self.final.as_dict(),
             "dead_reckoning": self.dead_reckoning.as_dict(),
+            **({} if self.loops is None else {"loops": self.loops.as_dict()}),
         }
 
 
-def score_estimate(estimate: Estimate, truth: Trajectory) -> Scores:
+def score_estimate(estimate: Estimate, truth: Trajectory, *, recording: Recording | None = None) -> Scores:
     """Score a run.
+
+    Args:
+        estimate: the run.
+        truth: on the clock of its recording.
+        recording: its scans show which loops were to be had; without it there is no recall of loops.
 
     Raises:
         InputError: the truth has no stamps in common with the run.
@@ -73,6 +90,7 @@ def score_estimate(estimate: Estimate, truth: Trajectory) -> Scores:
         online=score_trajectory(estimate.trajectory, truth),
         final=score_trajectory(estimate.trajectory_final, truth),
         dead_reckoning=score_trajectory(estimate.dead_reckoning, truth),
+        loops=score_loops(estimate.loops, truth, recording) if looks_for_loops(estimate.config) else None,
     )
 
 

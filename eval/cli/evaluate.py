@@ -11,17 +11,19 @@ import typer
 
 from moteslam.errors import InputError, MoteslamError, OutputError
 from moteslam.eval.cli import options
-from moteslam.eval.cli.text import say_json, warn
+from moteslam.eval.cli.text import literal, say, say_json, warn
 
 if TYPE_CHECKING:
     from moteslam.eval.evaluation import AgainstRelations, AgainstTrajectory, Evaluated, UnderRecording
+    from moteslam.robot.recording import Recording
     from moteslam.robot.trajectory import Trajectory
+    from moteslam.slam.inputs.scans import Scans
 
 
 NEEDED = {
     **dict.fromkeys(("sequence", "platform"), "a recording"),
     **dict.fromkeys(("plot", "max_difference"), "a reference"),
-    **dict.fromkeys(("no_align", "scale", "delta", "unit", "all_pairs"), "a TUM reference"),
+    **dict.fromkeys(("no_align", "scale", "delta", "unit", "all_pairs", "loops"), "a TUM reference"),
     "no_interpolate": "a .relations reference",
 }
 """What an option is about: without it the option would change nothing, and is refused."""
@@ -39,6 +41,10 @@ def evaluate(
     recording: Annotated[
         Path | None,
         typer.Option(metavar="PATH", help="Also the residuals of this recording's scans; one EST needs no REF then."),
+    ] = None,
+    loops: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Also precision, with --recording recall, of the loops of a loops.csv."),
     ] = None,
     sequence: options.Sequence = None,
     platform: options.PlatformFile = None,
@@ -77,6 +83,9 @@ def evaluate(
     With --recording, the residuals of every EST: the distances of endpoints to the lines of scans less than 2 m of
     path away.
 
+    With --loops, the loops that a run accepted: how many are right by the reference, and of the key scans whose place
+    was seen before, how many are bound to it.
+
     \b
     Examples:
       moteslam evaluate demo/trajectory.tum demo/truth.tum
@@ -84,11 +93,16 @@ def evaluate(
       moteslam evaluate mine.tum theirs.tum odometry.tum truth.tum --plot errors.png
       moteslam evaluate result/trajectory.tum intel.relations
       moteslam evaluate result/trajectory_final.tum --recording robot.log.gz
+      moteslam evaluate result/trajectory_final.tum truth.tum --loops result/loops.csv --recording robot.log.gz
     """  # noqa: D301
-    from moteslam.eval.cli.evaluate_tables import say_scores
+    from moteslam.eval.cli.evaluate_tables import loop_lines, say_scores
     from moteslam.eval.evaluation import Evaluated
+    from moteslam.eval.loop_table import read_loops
+    from moteslam.eval.metrics.loops import score_loops
     from moteslam.eval.metrics.relations import is_relations
+    from moteslam.robot.formats import open_recording
     from moteslam.robot.trajectory import read_tum
+    from moteslam.slam.inputs.synchronise import synchronise
 
     _refuse_options(context, paths, recording)
     for file in (save, plot):
@@ -114,14 +128,25 @@ def evaluate(
             interpolate=not no_interpolate,
         )
         scores = {name: Evaluated(against=result) for name, result in against.items()}
+    opened, scans = None, None
     if recording is not None:
-        under = _under(trajectories, recording, sequence, platform)
+        opened = open_recording(recording, sequence=sequence, platform=platform)
+        scans = synchronise(opened).scans
+        under = _under(trajectories, opened, scans)
         scores = {name: replace(score, under=under[name]) for name, score in scores.items()}
-    _write(scores, reference, recording, save=save, plot=plot)
+    ledger = None
+    if loops is not None:
+        assert reference is not None  # or --loops was refused
+        ledger = score_loops(read_loops(loops), read_tum(reference), opened, scans=scans)
+    more = {} if ledger is None else {"loops": {"file": str(loops), **ledger.as_dict()}}
+    _write(scores, reference, recording, more, save=save, plot=plot)
     if as_json:
-        say_json(_summary(scores, reference, recording))
-    else:
-        say_scores(scores, reference, recording)
+        say_json(_summary(scores, reference, recording) | more)
+        return
+    say_scores(scores, reference, recording)
+    if ledger is not None:
+        say(f"loops of {literal(loops)}")
+        say(loop_lines(ledger))
 
 
 def _refuse_options(context: typer.Context, paths: list[Path], recording: Path | None) -> None:
@@ -201,16 +226,10 @@ def _against(
     return results
 
 
-def _under(
-    trajectories: Mapping[str, Trajectory], path: Path, sequence: str | None, platform: Path | None
-) -> dict[str, UnderRecording]:
+def _under(trajectories: Mapping[str, Trajectory], recording: Recording, scans: Scans) -> dict[str, UnderRecording]:
     """The recording's scans under every trajectory; errors of one name its file."""
     from moteslam.eval.evaluation import under_recording
-    from moteslam.robot.formats import open_recording
-    from moteslam.slam.inputs.synchronise import synchronise
 
-    recording = open_recording(path, sequence=sequence, platform=platform)
-    scans = synchronise(recording).scans
     results: dict[str, UnderRecording] = {}
     for name, trajectory in trajectories.items():
         try:
@@ -247,6 +266,7 @@ def _write(
     scores: Mapping[str, Evaluated],
     reference: Path | None,
     recording: Path | None,
+    more: Mapping[str, Any],
     *,
     save: Path | None,
     plot: Path | None,
@@ -258,7 +278,7 @@ def _write(
 
         with folder_for(save):
             rows = [_row(name, score, reference, recording, errors=True) for name, score in scores.items()]
-            write_json(save, {"results": rows})
+            write_json(save, {"results": rows, **more})
     if plot is not None:
         from moteslam.eval.report.comparison import draw_comparison
 

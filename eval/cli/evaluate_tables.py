@@ -1,4 +1,4 @@
-"""The tables that ``moteslam evaluate`` prints: errors against a reference, and residuals of scans."""
+"""The tables that ``moteslam evaluate`` prints: errors against a reference, residuals of scans, and loops."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ from pathlib import Path
 
 from moteslam.eval.cli.text import bold, literal, note, say, table
 from moteslam.eval.evaluation import AgainstRelations, AgainstTrajectory, Evaluated, UnderRecording
+from moteslam.eval.metrics.loops import LoopResult
+from moteslam.robot.wording import counted
 
 
 def say_scores(scores: Mapping[str, Evaluated], reference: Path | None, recording: Path | None) -> None:
@@ -27,6 +29,18 @@ def say_scores(scores: Mapping[str, Evaluated], reference: Path | None, recordin
                 note(f"warning: {name}: {issue}")
         say(f"scans of {literal(recording)}")
         say(_residual_table(under))
+
+
+def loop_lines(result: LoopResult) -> str:
+    """Precision and recall of loops, a line each, with the counts that they are shares of, or why there is none."""
+    lines = []
+    if result.precision is not None:
+        right, accepted = result.accepted - result.false, counted(result.accepted, "accepted loop")
+        lines.append(f"loop precision {100 * result.precision:.1f} %: {right} of {accepted} right")
+    if result.recall is not None:
+        share = f"{result.bound} of {counted(result.to_be_had or 0, 'key scan')} with a loop to be had bound by one"
+        lines.append(f"loop recall {100 * result.recall:.1f} %: {share}")
+    return "\n".join([*lines, *map(str, result.issues)])
 
 
 def _print_against(results: Mapping[str, AgainstTrajectory | AgainstRelations], reference: str) -> None:

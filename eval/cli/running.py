@@ -10,6 +10,7 @@ from math import degrees
 from pathlib import Path
 from typing import Any
 
+from moteslam.eval.cli.evaluate_tables import loop_lines
 from moteslam.eval.cli.progress import progress_bar
 from moteslam.eval.cli.text import table, warn
 from moteslam.eval.report.snapshots import Snapshots
@@ -126,7 +127,10 @@ def _coloured(estimate: Estimate, recording: Recording) -> tuple[Estimate, list[
 
 
 def score_table(scores: Scores) -> str:
-    """The scores as a small table: absolute error, and relative error over 1 m, which is drift a metre."""
+    """The scores as a small table: absolute error, and relative error over 1 m, which is drift a metre.
+
+    Below it, where the back end looked for loops, their precision and recall.
+    """
     rows: list[tuple[str, ...]] = [("", "ATE RMSE", "median", "max", "heading RMSE", "RPE over 1 m")]
     for name, score in (
         ("dead reckoning", scores.dead_reckoning),
@@ -143,7 +147,8 @@ def score_table(scores: Scores) -> str:
                 over_1m,
             )
         )
-    return table(rows, right=(1, 2, 3, 4, 5))
+    errors = table(rows, right=(1, 2, 3, 4, 5))
+    return errors if scores.loops is None else f"{errors}\n{loop_lines(scores.loops)}"
 
 
 def size_of(estimate: Estimate) -> str:

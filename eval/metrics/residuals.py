@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.errors import InputError
-from moteslam.eval.metrics.association import MAX_DIFFERENCE, covered, from_to, within
+from moteslam.eval.metrics.scan_poses import evenly, poses_of_scans, travelled
 from moteslam.robot import se2
 from moteslam.robot.recording import LidarStream, Recording
 from moteslam.robot.se2 import Poses
@@ -138,8 +138,8 @@ def scan_residuals(recording: Recording, trajectory: Trajectory, *, scans: Scans
     lidar = require_lidar(recording)
     if not np.isfinite(trajectory.poses).all():
         raise InputError("poses that are not finite, expected x, y and theta", field="trajectory")
-    index, poses = _poses_of_scans(lidar.stamps, trajectory)
-    path, turned = _travelled(poses)
+    index, poses = poses_of_scans(lidar.stamps, trajectory)
+    path, turned = travelled(poses)
     used = np.unique(np.floor((path + turned) / SPACING), return_index=True)[1]
     if len(used) < 2:
         raise InputError(
@@ -183,34 +183,6 @@ def scan_residuals(recording: Recording, trajectory: Trajectory, *, scans: Scans
     )
 
 
-def _poses_of_scans(stamps: Array, trajectory: Trajectory) -> tuple[NDArray[np.intp], Poses]:
-    """The scans that have a pose: their indices [k] among the stamps [n] of all, and the poses [k, 3]."""
-    if not len(trajectory):
-        raise InputError("a trajectory without poses, expected one for every scan", field="trajectory")
-    times = trajectory.stamps
-    if len(times) == len(stamps) and np.abs(times - stamps).max() <= MAX_DIFFERENCE:
-        return np.arange(len(stamps)), trajectory.poses  # scans that share a stamp keep a pose of their own
-    if len(times) > len(stamps):
-        index = np.flatnonzero(covered(stamps, times, MAX_DIFFERENCE))
-    else:
-        index, _ = within(stamps, times, MAX_DIFFERENCE)
-    if len(index) < 2:
-        raise InputError(
-            f"poses at {len(index)} of {counted(len(stamps), 'scan')}, expected at two or more: the scans cover "
-            f"{from_to(stamps)}, the trajectory {from_to(times)}",
-            field="trajectory",
-        )
-    return index, se2.interpolate(times, trajectory.poses, stamps[index])
-
-
-def _travelled(poses: Poses) -> tuple[Array, Array]:
-    """The path [m] and the turns, left or right, [rad] up to each of the poses [n, 3], both [n]."""
-    x, y, turns = np.diff(poses, axis=0).T
-    steps = np.stack((np.hypot(x, y), np.abs(se2.wrap(turns))))
-    path, turned = np.concatenate((np.zeros((2, 1)), np.cumsum(steps, axis=1)), axis=1)
-    return path, turned
-
-
 def _pairs(path: Array, used: NDArray[np.intp]) -> Iterator[tuple[int, list[int]]]:
     """The scans to compare, in order, and those that each is compared with.
 
@@ -219,16 +191,11 @@ def _pairs(path: Array, used: NDArray[np.intp]) -> Iterator[tuple[int, list[int]
         used: [k] the scans to choose from, rising.
     """
     at = path[used]
-    for place in _spread(np.arange(0, len(used), 2), MAX_SCANS):
+    for place in evenly(np.arange(0, len(used), 2), MAX_SCANS):
         first = np.searchsorted(at, at[place] - PATH_REACH, side="right")
         last = np.searchsorted(at, at[place] + PATH_REACH, side="left")
         others = np.concatenate((used[first:place], used[place + 1 : last]))
-        yield int(used[place]), _spread(others, MAX_NEIGHBOURS).tolist()
-
-
-def _spread(some: NDArray[np.intp], most: int) -> NDArray[np.intp]:
-    """Those [n], or ``most`` of them where there are more: evenly spread, the first and the last among them."""
-    return some if len(some) <= most else some[np.linspace(0, len(some) - 1, most).round().astype(np.intp)]
+        yield int(used[place]), evenly(others, MAX_NEIGHBOURS).tolist()
 
 
 @dataclass(frozen=True, eq=False)

@@ -46,10 +46,10 @@ def draw_trajectories(
         OutputError: it cannot be written.
     """
     shown = [t.poses[:, :2] for t in (slam, dead_reckoning, truth) if t is not None]
-    points = np.concatenate([*shown, _corners(occupancy)])
+    points = np.concatenate([*shown, map_corners(occupancy)])
     with style.saved_figure(path, size=style.plan_size(points)) as figure:
         axes = figure.subplots()
-        _draw_map(axes, occupancy)
+        draw_map(axes, occupancy)
         if truth is not None:
             _draw_path(axes, truth, style.TRUTH, "truth", width=4.0, alpha=0.55)
         if dead_reckoning is not None:
@@ -78,7 +78,7 @@ def draw_over_time(
     Raises:
         OutputError: it cannot be written.
     """
-    points = np.concatenate([trajectory.poses[:, :2], _corners(snapshots[-1].map)])
+    points = np.concatenate([trajectory.poses[:, :2], map_corners(snapshots[-1].map)])
     width, height = np.ptp(points, axis=0) + 1.0
     columns = min(len(snapshots), 6 if height > 2 * width else 2 if height < 0.3 * width else 3)
     rows = -(-len(snapshots) // columns)
@@ -87,7 +87,7 @@ def draw_over_time(
         grid = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
         for axes, snapshot in zip(grid.flat, snapshots, strict=False):
             until = trajectory.poses[: snapshot.index + 1]
-            _draw_map(axes, snapshot.map)
+            draw_map(axes, snapshot.map)
             axes.plot(until[:, 0], until[:, 1], color=style.SLAM, lw=1.1, label=style.ONLINE)
             style.mark_start(axes, until)
             style.mark_ends(axes, (until, style.SLAM), label="robot")
@@ -146,7 +146,7 @@ def draw_dead_reckoning(
         style.heading(figure, title)
 
 
-def _draw_map(axes: Axes, occupancy: Raster) -> None:
+def draw_map(axes: Axes, occupancy: Raster) -> None:
     """The map: white where free, a light grey where unknown, dark where occupied."""
     style.show_unknown(axes)
     look: dict[str, Any] = {"cmap": "gray", "vmin": 0, "vmax": 1, "interpolation": "antialiased"}
@@ -167,7 +167,7 @@ def _draw_path(
     )
 
 
-def _corners(occupancy: Raster) -> NDArray[np.float64]:
+def map_corners(occupancy: Raster) -> NDArray[np.float64]:
     """Lower left and upper right corner [2, 2] of what the map knows [m]."""
     known = occupancy.values != 0
     rows, columns = np.flatnonzero(known.any(axis=1)), np.flatnonzero(known.any(axis=0))

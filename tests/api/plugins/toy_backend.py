@@ -20,6 +20,8 @@ class ToyConfig(BackendConfig):
 class ToyBackend:
     """Corrects by a shift."""
 
+    loops = ()  # it looks for none
+
     def __init__(self, config: ToyConfig) -> None:
         self.config, self.poses = config, []
 
@@ -31,15 +33,11 @@ class ToyBackend:
     def add(self, key: KeyScan) -> np.ndarray | None:
         """After some key scans all of them are moved."""
         self.poses.append(key.pose)
-        return self.moved(np.array(self.poses)) if len(self.poses) == self.config.after else None
+        return self.finish(np.array(self.poses)) if len(self.poses) == self.config.after else None
 
     def finish(self, path: np.ndarray) -> np.ndarray:
-        """Once more."""
-        return self.moved(path)
-
-    def moved(self, poses: np.ndarray) -> np.ndarray:
-        """Poses so far to the north [m]."""
-        return poses + np.array((0.0, self.config.north, 0.0))
+        """The path moved to the north [m], once more at the end."""
+        return path + np.array((0.0, self.config.north, 0.0))
 
 
 BACKEND = BackendKind(ToyConfig, ToyBackend)

@@ -1,0 +1,263 @@
+"""Precision and recall of loops against the truth (``docs/theory/loops.md``)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from moteslam.errors import InputError
+from moteslam.eval.metrics.association import MAX_DIFFERENCE, covered
+from moteslam.eval.metrics.scan_poses import evenly, poses_of_scans, travelled
+from moteslam.eval.metrics.statistics import Statistics
+from moteslam.robot import se2
+from moteslam.robot.issues import Issue
+from moteslam.robot.recording import Recording
+from moteslam.robot.summary import Summarised
+from moteslam.robot.trajectory import Trajectory
+from moteslam.robot.wording import counted, expect_type
+from moteslam.slam.backend.ledger import LoopCandidate
+from moteslam.slam.inputs.scans import Scans
+from moteslam.slam.inputs.synchronise import require_lidar, synchronise
+
+Array = NDArray[np.float64]
+
+MAX_TRANSLATION, MAX_ROTATION = 0.3, np.deg2rad(3.0)
+"""A loop whose relative pose is farther from the true one than either, [m] and [rad], is false."""
+
+SPACING = 0.5
+"""Key scans are the first within each such length of path [m]; a turn by a radian counts as a metre."""
+
+MAX_KEY_SCANS = 3000
+"""Of a longer drive this many key scans, spread evenly over it, are looked at."""
+
+MIN_PATH = 15.0
+"""A loop binds scans more than this far apart along the path [m]."""
+
+MAX_DISTANCE = 2.0
+"""A loop is to be had between scans at most this far apart in truth [m]."""
+
+SAME_PLACE = 0.2
+"""An endpoint closer than this to one of the other scan [m] is shared with it."""
+
+MIN_SHARED = 0.5
+"""A loop is to be had where at least this share of the later scan's endpoints is shared with the earlier one."""
+
+MAX_ENDPOINTS = 100
+"""At most this many endpoints of the later scan are looked up, spread evenly over its beams."""
+
+BOUND_PATH = 2.5
+"""A loop binds the scans up to this far before and after its own along the path [m]."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class LoopResult(Summarised):
+    """The accepted loops of a run against the truth.
+
+    Attributes:
+        translation_errors: [a] distance of each accepted loop's relative pose to the true one [m].
+        rotation_errors: [a] absolute difference of their headings [rad].
+        to_be_had: how many later key scans have a loop to be had; None where it is not known.
+        bound: how many of those a loop binds that was accepted and is not false.
+        issues: why precision or recall cannot be had.
+    """
+
+    translation_errors: Array
+    rotation_errors: Array
+    to_be_had: int | None
+    bound: int
+    issues: tuple[Issue, ...] = ()
+
+    @property
+    def accepted(self) -> int:
+        """How many accepted loops were compared: those whose scans the truth covers."""
+        return len(self.translation_errors)
+
+    @property
+    def false(self) -> int:
+        """How many of those are false."""
+        return int(np.count_nonzero(_is_false(self.translation_errors, self.rotation_errors)))
+
+    @property
+    def precision(self) -> float | None:
+        """Share of the accepted loops that are not false; None where no loop was accepted."""
+        return 1 - self.false / self.accepted if self.accepted else None
+
+    @property
+    def recall(self) -> float | None:
+        """Share of the key scans with a loop to be had that are bound; None where there are none."""
+        return self.bound / self.to_be_had if self.to_be_had else None
+
+    def as_dict(self) -> dict[str, Any]:
+        """The same as plain values, as they go into ``metrics.json``: metres and degrees, shares from 0 to 1."""
+        in_degrees = np.rad2deg(self.rotation_errors)
+        return {
+            "precision": self.precision,
+            "accepted": self.accepted,
+            "false": self.false,
+            "recall": self.recall,
+            "to_be_had": self.to_be_had,
+            "bound": self.bound,
+            "translation_m": Statistics.of(self.translation_errors).as_dict() if self.accepted else None,
+            "rotation_deg": Statistics.of(in_degrees).as_dict() if self.accepted else None,
+            "warnings": [issue.as_dict() for issue in self.issues],
+        }
+
+    def _summary(self) -> str:
+        shares = (f"{name} {'-' if share is None else f'{share:.3f}'}" for name, share in self._shares())
+        return f"{counted(self.accepted, 'accepted loop')}, {', '.join(shares)}"
+
+    def _shares(self) -> tuple[tuple[str, float | None], ...]:
+        return ("precision", self.precision), ("recall", self.recall)
+
+
+def score_loops(
+    loops: Sequence[LoopCandidate],
+    truth: Trajectory,
+    recording: Recording | None = None,
+    *,
+    scans: Scans | None = None,
+) -> LoopResult:
+    """Score the loops that a back end accepted.
+
+    An accepted loop is false where its relative pose is farther than ``MAX_TRANSLATION`` or ``MAX_ROTATION`` from that
+    of the true poses. Precision is the share of the accepted loops that are not false.
+
+    Recall is the share of the later key scans with a loop to be had (``loops_to_be_had``) that are bound: by a loop
+    that was accepted and is not false, whose later scan is at most ``BOUND_PATH`` of path from the key scan, and whose
+    earlier scan is at most as far from one of the key scan's partners. Not every scan needs a loop of its own: one
+    every few metres holds the path.
+
+    Args:
+        loops: the candidates, whatever became of them.
+        truth: on the clock of the recording; accepted loops outside of it are left out.
+        recording: whose endpoints show which loops were to be had; without it there is no recall.
+        scans: the recording's as ``synchronise(recording)`` gives them; made here by default.
+
+    Raises:
+        InputError: something of another type, a truth without poses, or a recording without scans.
+    """
+    expect_type(truth, Trajectory, "truth", "read_tum(path) reads one")
+    if not len(truth):
+        raise InputError("a trajectory without poses, expected the true ones", field="truth")
+    accepted = [loop for loop in loops if loop.accepted]
+    stamps = np.array([loop.stamps for loop in accepted]).reshape(-1, 2)
+    there = covered(stamps.ravel(), truth.stamps, MAX_DIFFERENCE).reshape(-1, 2).all(axis=1)
+    stamps, found = stamps[there], np.array([loop.found for loop in accepted]).reshape(-1, 3)[there]
+    earlier, later = (se2.interpolate(truth.stamps, truth.poses, column) for column in stamps.T)
+    true = se2.between(earlier, later)
+    translation = np.hypot(*(found - true)[:, :2].T)
+    rotation = np.abs(se2.wrap(found[:, 2] - true[:, 2]))
+    issues: tuple[Issue, ...] = ()
+    if not len(stamps):
+        why = "no loop was accepted" if not accepted else "the truth covers no accepted loop"
+        issues = (Issue("no-loop-precision", f"no precision of the loops: {why}"),)
+    to_be_had, bound, why = None, 0, "there is no recording whose endpoints show which loops were to be had"
+    if recording is not None:
+        expect_type(recording, Recording, "recording", "open_recording(path) reads one")
+        try:
+            possible = loops_to_be_had(recording, truth, scans=scans)
+        except InputError as error:
+            if error.field != "trajectory":
+                raise
+            why = error.problem
+        else:
+            good = stamps[~_is_false(translation, rotation)]
+            to_be_had, bound = len(np.unique(possible.later)), possible.bound_by(good)
+            why = "no key scan has a loop to be had"
+    if not to_be_had:
+        issues += (Issue("no-loop-recall", f"no recall of the loops: {why}"),)
+    return LoopResult(translation, rotation, to_be_had, bound, issues)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class PossibleLoops(Summarised):
+    """The pairs of key scans between which a loop is to be had.
+
+    Attributes:
+        earlier, later: [p] indices of the scans in the recording.
+        stamps: [n] of all scans that the truth covers [s].
+        path: [n] driven up to each of those [m].
+        places: [p, 2] driven up to the earlier and the later scan of each pair [m].
+    """
+
+    earlier: NDArray[np.intp]
+    later: NDArray[np.intp]
+    stamps: Array
+    path: Array
+    places: Array
+
+    def bound_by(self, stamps: Array) -> int:
+        """How many of the later scans are bound by loops.
+
+        Args:
+            stamps: [a, 2] of the earlier and the later scan of each loop [s].
+        """
+        from scipy.spatial import cKDTree
+
+        if not len(stamps) or not len(self.places):
+            return 0
+        loops = cKDTree(np.interp(stamps, self.stamps, self.path))
+        apart = np.asarray(loops.query(self.places, p=np.inf)[0])  # the larger of the two distances along the path
+        return len(np.unique(self.later[apart <= BOUND_PATH]))
+
+
+def loops_to_be_had(recording: Recording, truth: Trajectory, *, scans: Scans | None = None) -> PossibleLoops:
+    """The loops that a search could have found.
+
+    Key scans are the first within each ``SPACING`` of true path or turn, whatever the run took for its own, so that
+    runs over one recording have one measure. A loop is to be had between two of them that are more than ``MIN_PATH``
+    of path apart, at most ``MAX_DISTANCE`` apart, and share at least ``MIN_SHARED`` of their endpoints: of the later
+    scan's, de-skewed and laid at its true pose, that share is less than ``SAME_PLACE`` from some endpoint of the
+    earlier scan, laid likewise. All endpoints of the earlier scan count, and at most ``MAX_ENDPOINTS`` of the later.
+
+    Args:
+        recording: with a lidar.
+        truth: on its clock.
+        scans: as for ``score_loops``.
+
+    Raises:
+        InputError: no scans; or, of the field ``trajectory``, fewer than two of them with a true pose.
+    """
+    from scipy.spatial import cKDTree
+
+    lidar = require_lidar(recording)
+    index, poses = poses_of_scans(lidar.stamps, truth)
+    path, turned = travelled(poses)
+    keys = evenly(np.unique(np.floor((path + turned) / SPACING), return_index=True)[1], MAX_KEY_SCANS)
+    pairs = cKDTree(poses[keys, :2]).query_pairs(MAX_DISTANCE, output_type="ndarray")
+    pairs = keys[np.sort(pairs, axis=1)].reshape(-1, 2)
+    pairs = pairs[path[pairs[:, 1]] - path[pairs[:, 0]] > MIN_PATH]
+    pairs = pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))]
+    synchronised = synchronise(recording).scans if scans is None else scans
+    clouds = {
+        scan: se2.transform_points(poses[scan], synchronised.points(int(index[scan])))
+        for scan in np.unique(pairs).tolist()
+    }
+    few = {scan: cloud[evenly(np.arange(len(cloud)), MAX_ENDPOINTS)] for scan, cloud in clouds.items()}
+    shared = np.zeros(len(pairs))
+    starts = np.flatnonzero(np.diff(pairs[:, 0], prepend=-1))
+    for block in np.split(np.arange(len(pairs)), starts[1:]) if len(pairs) else ():
+        shared[block] = _shared(clouds[int(pairs[block[0], 0])], [few[scan] for scan in pairs[block, 1].tolist()])
+    pairs = pairs[shared >= MIN_SHARED]
+    return PossibleLoops(index[pairs[:, 0]], index[pairs[:, 1]], lidar.stamps[index], path, path[pairs])
+
+
+def _shared(cloud: Array, others: list[Array]) -> Array:
+    """The share [n] of each scan's endpoints, n arrays [k, 2], that is next to one of ``cloud`` [m, 2]; 0 of none."""
+    from scipy.spatial import cKDTree
+
+    counts = np.array([len(other) for other in others])
+    if not len(cloud):
+        return np.zeros(len(others))
+    distances = cKDTree(cloud).query(np.concatenate(others), distance_upper_bound=SAME_PLACE)[0]
+    scan = np.repeat(np.arange(len(others)), counts)
+    return np.asarray(np.bincount(scan[np.isfinite(distances)], minlength=len(others)) / np.maximum(counts, 1))
+
+
+def _is_false(translation: Array, rotation: Array) -> NDArray[np.bool_]:
+    """Which loops [a] are false, by their errors [a] in [m] and [rad]."""
+    return np.asarray((translation > MAX_TRANSLATION) | (rotation > MAX_ROTATION))

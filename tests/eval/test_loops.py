@@ -1,0 +1,283 @@
+"""Precision and recall of loops: rounds in a square room, what is false, what binds, and what cannot be had."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from loop_candidates import candidate
+
+from moteslam.errors import InputError
+from moteslam.eval.cli import main
+from moteslam.eval.loop_table import read_loops, write_loops
+from moteslam.eval.metrics import loops as metric
+from moteslam.eval.metrics.loops import loops_to_be_had, score_loops
+from moteslam.robot import se2
+from moteslam.robot.formats import open_recording
+from moteslam.robot.formats.carmen import write_carmen
+from moteslam.robot.platform import Platform
+from moteslam.robot.recording import LidarStream, Recording
+from moteslam.robot.trajectory import Trajectory, read_tum, write_tum
+
+RADIUS = 3.0
+"""Of the rounds [m]; one of them is 18.8 m."""
+HALF = 5.0
+"""Half the side of the room, whose middle is that of the rounds [m]."""
+BEAMS = np.deg2rad(np.arange(-90.0, 91.0))
+
+
+def ranges_at(poses: np.ndarray) -> np.ndarray:
+    """Ranges [n, beams] to the walls of the room, from poses [n, 3]."""
+    directions = poses[:, 2:] + BEAMS
+    with np.errstate(divide="ignore"):
+        x = (HALF * np.copysign(1.0, np.cos(directions)) - poses[:, :1]) / np.cos(directions)
+        y = (HALF * np.copysign(1.0, np.sin(directions)) - poses[:, 1:2]) / np.sin(directions)
+    return np.minimum(x, y)
+
+
+def drive(angles: np.ndarray, heading: np.ndarray | float = np.pi / 2) -> tuple[Recording, Trajectory]:
+    """Scans at these angles on the round, and the truth; the heading is that on the round, plus ``heading`` [rad]."""
+    poses = np.stack((RADIUS * np.cos(angles), RADIUS * np.sin(angles), se2.wrap(angles + heading)), axis=-1)
+    stamps = 100.0 + 0.5 * np.arange(len(angles))
+    lidar = LidarStream(
+        stamps,
+        ranges_at(poses).astype(np.float32),
+        angle_min=float(BEAMS[0]),
+        angle_increment=float(BEAMS[1] - BEAMS[0]),
+        range_min=0.1,
+        range_max=30.0,
+    )
+    return Recording("rounds", Platform(), lidar=lidar), Trajectory(stamps, poses)
+
+
+def rounds(count: float = 2.0) -> tuple[Recording, Trajectory]:
+    """Rounds with a scan every 0.6 m."""
+    return drive(np.arange(0.0, count * 2 * np.pi, 0.2))
+
+
+def loop(truth: Trajectory, earlier: int, later: int, off=(0.0, 0.0, 0.0), verdict="accepted"):
+    """A candidate, found this far off the true relative pose."""
+    true = se2.between(truth.poses[earlier], truth.poses[later])
+    stamps = (float(truth.stamps[earlier]), float(truth.stamps[later]))
+    return candidate(earlier, later, stamps=stamps, found=true + np.array(off), verdict=verdict)
+
+
+def test_a_loop_is_false_beyond_30_cm_or_3_degrees() -> None:
+    _, truth = rounds()
+    offs = ((0.0, 0.0, 0.0), (0.2, 0.2, 0.05), (0.25, 0.25, 0.0), (0.31, 0.0, 0.0), (0.0, 0.0, 0.053), (0, 0, -0.053))
+    result = score_loops([loop(truth, 2, 33, off) for off in offs], truth)
+    assert (result.accepted, result.false, result.precision) == (6, 4, pytest.approx(2 / 6))
+    assert result.translation_errors == pytest.approx([np.hypot(*off[:2]) for off in offs])
+    assert result.rotation_errors == pytest.approx([abs(off[2]) for off in offs])
+    written = result.as_dict()
+    assert written["translation_m"]["max"] == pytest.approx(np.hypot(0.25, 0.25))
+    assert written["rotation_deg"]["max"] == pytest.approx(np.rad2deg(0.053))
+
+
+def test_the_rotation_error_is_wrapped_and_candidates_not_accepted_do_not_count() -> None:
+    _, truth = rounds()
+    far = [loop(truth, 2, 33, (9.0, 0, 0), verdict) for verdict in ("weak", "ambiguous", "outside", "contradicted")]
+    result = score_loops([loop(truth, 2, 33, (0.0, 0.0, 2 * np.pi)), *far], truth)
+    assert (result.accepted, result.precision) == (1, 1.0)
+
+
+def test_without_an_accepted_loop_there_is_no_precision() -> None:
+    recording, truth = rounds()
+    result = score_loops([loop(truth, 2, 33, verdict="weak")], truth, recording)
+    assert result.precision is None
+    assert result.recall == 0.0
+    assert [(issue.code, str(issue)) for issue in result.issues] == [
+        ("no-loop-precision", "no precision of the loops: no loop was accepted")
+    ]
+    assert result.as_dict()["translation_m"] is None
+    beyond = candidate(1, 9, stamps=(0.0, 101.0))
+    assert "truth covers no accepted loop" in str(score_loops([beyond], truth, recording).issues[0])
+
+
+def test_without_loops_to_be_had_there_is_no_recall() -> None:
+    recording, truth = rounds(0.7)  # 13 m
+    result = score_loops([], truth, recording)
+    assert (result.recall, result.to_be_had) == (None, 0)
+    assert str(result.issues[1]) == "no recall of the loops: no key scan has a loop to be had"
+    assert "no recording" in str(score_loops([], truth).issues[1])
+    assert score_loops([], truth).to_be_had is None
+    elsewhere = Trajectory(truth.stamps[:1], truth.poses[:1])
+    assert "poses at 1 of 22 scans" in str(score_loops([], elsewhere, recording).issues[1])
+    with pytest.raises(InputError, match="expected a Trajectory"):
+        score_loops([], None)  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="truth: a trajectory without poses"):
+        score_loops([], Trajectory(np.zeros(0), np.zeros((0, 3))))
+
+
+def test_loops_to_be_had_are_those_that_plain_numpy_finds() -> None:
+    """Every scan is a key scan here, and all endpoints of the earlier scan count."""
+    recording, truth = rounds(2.3)
+    assert recording.lidar is not None
+    clouds = [
+        se2.transform_points(pose, np.stack((scan * np.cos(BEAMS), scan * np.sin(BEAMS)), axis=-1).astype(np.float32))
+        for pose, scan in zip(truth.poses, recording.lidar.ranges, strict=True)
+    ]
+    steps = np.hypot(*np.diff(truth.poses[:, :2], axis=0).T)
+    path = np.concatenate(([0.0], np.cumsum(steps)))
+    expected = []
+    for i in range(len(truth)):
+        for j in range(i):
+            if path[i] - path[j] <= 15.0 or np.hypot(*(truth.poses[i] - truth.poses[j])[:2]) > 2.0:
+                continue
+            some = clouds[i][np.linspace(0, 180, 100).round().astype(int)]
+            nearest = np.hypot(*(some[:, None] - clouds[j]).transpose(2, 0, 1)).min(axis=1)
+            if np.mean(nearest < 0.2) >= 0.5:
+                expected.append((j, i))
+    found = loops_to_be_had(recording, truth)
+    assert sorted(zip(found.earlier.tolist(), found.later.tolist(), strict=True)) == sorted(expected)
+    assert set(range(32, len(truth))) <= set(found.later.tolist())  # all of the second round
+    assert min(found.later) > 25
+
+
+def test_from_the_other_side_half_of_the_endpoints_are_not_shared() -> None:
+    """The same round, driven back: a lidar that looks ahead sees the other half of the room."""
+    there = np.arange(0.0, 2 * np.pi, 0.2)
+    angles = np.concatenate((there, there[-1] - 0.2 - there))
+    heading = np.where(np.arange(len(angles)) < len(there), np.pi / 2, -np.pi / 2)
+    back = loops_to_be_had(*drive(angles, heading))
+    ahead = loops_to_be_had(*rounds())
+    assert len(back.later) < 0.1 * len(ahead.later)
+
+
+def test_a_loop_binds_the_scans_of_some_metres() -> None:
+    """Scans are 0.6 m apart: a loop binds its own and four before and after it."""
+    recording, truth = rounds()
+    scores = score_loops([loop(truth, 10, 41)], truth, recording)
+    assert scores.bound == 9
+    assert scores.to_be_had == len(np.unique(loops_to_be_had(recording, truth).later))
+    assert scores.recall == 9 / scores.to_be_had
+    assert score_loops([loop(truth, 10, 41), loop(truth, 12, 43)], truth, recording).bound == 11
+    every = score_loops([loop(truth, k, k + 31) for k in range(0, 32, 3)], truth, recording)
+    assert (every.precision, every.recall) == (1.0, 1.0)
+
+
+def test_false_and_rejected_loops_and_those_between_other_places_bind_nothing() -> None:
+    recording, truth = rounds()
+    elsewhere = loop(truth, 25, 41)  # right, but not where scan 41 and those around it were before
+    for bad in (loop(truth, 10, 41, (0.4, 0.0, 0.0)), loop(truth, 10, 41, verdict="ambiguous"), elsewhere):
+        assert score_loops([bad], truth, recording).bound == 0
+
+
+def test_dense_recordings_and_truths_are_measured_at_the_same_key_scans() -> None:
+    """Ten times the scans: the share of those bound by the same loops is about the same."""
+    sparse, truth = rounds()
+    dense, dense_truth = drive(np.arange(0.0, 4 * np.pi, 0.02))
+    found = [loop(truth, 10, 41), loop(truth, 20, 51)]
+    again = [loop(dense_truth, 100, 410), loop(dense_truth, 200, 510)]
+    one, other = score_loops(found, truth, sparse), score_loops(again, dense_truth, dense)
+    assert other.to_be_had is not None
+    assert one.to_be_had is not None
+    assert other.to_be_had <= 2 * one.to_be_had  # a turn of a radian is a metre, too
+    assert other.recall == pytest.approx(one.recall, abs=0.1)
+    stamps = np.linspace(truth.stamps[0], truth.stamps[-1], 2000)
+    assert score_loops(found, truth.at(stamps), sparse).recall == pytest.approx(one.recall, abs=0.05)
+
+
+def test_of_a_long_drive_a_bounded_number_of_key_scans_is_looked_at(monkeypatch: pytest.MonkeyPatch) -> None:
+    recording, truth = rounds()
+    monkeypatch.setattr(metric, "MAX_KEY_SCANS", 21)
+    found = loops_to_be_had(recording, truth)
+    assert 0 < len(np.unique((found.earlier, found.later))) <= 21
+
+
+def test_scans_without_endpoints_have_no_loop_to_be_had() -> None:
+    recording, truth = rounds()
+    assert recording.lidar is not None
+    everywhere = np.full_like(recording.lidar.ranges, np.inf)
+    blind = recording.replace(lidar=LidarStream(**{**vars(recording.lidar), "ranges": everywhere}))
+    assert not len(loops_to_be_had(blind, truth).later)
+    seen = recording.lidar.ranges.copy()
+    seen[40:] = np.inf
+    half = recording.replace(lidar=LidarStream(**{**vars(recording.lidar), "ranges": seen}))
+    assert max(loops_to_be_had(half, truth).later) == 39
+
+
+def test_a_simulated_run_round_a_block(tmp_path) -> None:
+    """The simulator's lidar, odometry and truth: two rounds about a block, the second one to be had."""
+    from moteslam.sim.scenario import load_scenario
+    from moteslam.sim.simulate import simulate
+
+    file = tmp_path / "block.toml"
+    file.write_text(
+        'description = "twice round a block"\n[route]\n'
+        "waypoints = [[0, 0], [6, 0], [6, 5], [0, 5], [0, 0], [6, 0], [6, 5], [0, 5], [0, 0]]\n"
+        "[[world.walls]]\npoints = [[-1.5, -1.5], [7.5, -1.5], [7.5, 6.5], [-1.5, 6.5]]\nclosed = true\n"
+        "[[world.walls]]\npoints = [[1.5, 1.5], [4.5, 1.5], [4.5, 3.5], [1.5, 3.5]]\nclosed = true\n"
+    )
+    made = simulate(load_scenario(file), 1)
+    recording, truth = made.recording, made.truth
+    assert recording.lidar is not None
+    stamps = recording.lidar.stamps
+    path = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(truth.at(stamps).poses[:, :2], axis=0).T))))
+    possible = loops_to_be_had(recording, truth)
+    assert path[possible.later].min() > 15
+    assert len(np.unique(possible.later)) > 20
+    poses = truth.at(stamps).poses
+    pairs = list(zip(possible.earlier.tolist(), possible.later.tolist(), strict=True))[::7]
+    found = [
+        candidate(i, j, stamps=(float(stamps[i]), float(stamps[j])), found=se2.between(poses[i], poses[j]))
+        for i, j in pairs
+    ]
+    result = score_loops(found, truth, recording)
+    assert result.precision == 1.0
+    assert result.recall is not None
+    assert result.recall > 0.95
+    assert result.translation_errors.max() < 0.01
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A log of two rounds, its truth, and a ledger of one right loop and one false one."""
+    recording, truth = rounds()
+    assert recording.lidar is not None
+    write_carmen(tmp_path / "rounds.log", recording.replace(lidar=replace(recording.lidar, odometry=truth.poses)))
+    write_tum(tmp_path / "truth.tum", truth)
+    write_loops(tmp_path / "loops.csv", [loop(truth, 10, 41), loop(truth, 12, 43, (1.0, 0, 0))])
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def printed(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
+    assert main.run(["evaluate", "truth.tum", "truth.tum", "--loops", "loops.csv", *arguments]) == 0
+    return capsys.readouterr().out
+
+
+def test_the_command_scores_a_ledger(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    result = score_loops(read_loops("loops.csv"), read_tum("truth.tum"), open_recording("rounds.log"))
+    assert result.recall is not None
+    assert printed(capsys, "--recording", "rounds.log").splitlines()[-3:] == [
+        "loops of loops.csv",
+        "loop precision 50.0 %: 1 of 2 accepted loops right",
+        f"loop recall {100 * result.recall:.1f} %: "
+        f"9 of {result.to_be_had} key scans with a loop to be had bound by one",
+    ]
+    found = json.loads(printed(capsys, "--recording", "rounds.log", "--json", "--save", "out.json"))
+    assert found["loops"] == {"file": "loops.csv", **result.as_dict()}
+    assert json.loads((folder / "out.json").read_text())["loops"] == found["loops"]
+    assert printed(capsys).splitlines()[-2:] == [
+        "loop precision 50.0 %: 1 of 2 accepted loops right",
+        "no recall of the loops: there is no recording whose endpoints show which loops were to be had",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "line"),
+    [
+        (["truth.tum", "--recording", "rounds.log"], "given without a TUM reference, expected one as the last file"),
+        (["truth.tum", "truth.tum", "--loops", "no.csv"], "no.csv: No such file or directory, expected a table"),
+        (["truth.tum", "truth.tum", "--loops", "truth.tum"], "truth.tum:1: expected the columns earlier,later,"),
+    ],
+)
+def test_what_the_command_refuses(
+    folder: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], line: str
+) -> None:
+    assert main.run(["evaluate", "--loops", "loops.csv", *arguments]) == 2
+    assert line in capsys.readouterr().err
