@@ -25,6 +25,8 @@ from typer.testing import CliRunner
 from moteslam import PUBLIC
 from moteslam.eval.cli.main import app
 from moteslam.robot.section import LARGEST, SMALLEST
+from moteslam.slam.backend.kinds import BACKENDS
+from moteslam.slam.backend.protocol import BackendConfig
 from moteslam.slam.config import ParticleFilterConfig, SlamConfig
 from moteslam.slam.methods import METHODS
 
@@ -128,13 +130,33 @@ def configuration() -> str:
         "",
     ]
     shared = {**SlamConfig.model_fields, **ParticleFilterConfig.model_fields}
+    del shared["backend"]
     lines += ["## Keys of both methods", ""]
     lines += _table(
         ["key", *(f"`{name}`" for name in BUNDLED), "allowed", "meaning"],
         _rows(ParticleFilterConfig, shared, defaults.values()),
     )
+    lines += ["", "## The back end", "", "Another back end than a preset's has keys of its own alone.", ""]
+    lines += _table(
+        ["key", *(f"`{name}`" for name in BUNDLED), "allowed", "meaning"],
+        [
+            [
+                "`backend.method`",
+                *(f"`{config.backend.method}`" for config in defaults.values()),
+                ", ".join(f"`{kind}`" for kind in BACKENDS.names()),
+                _paragraph(_meanings(BackendConfig)["method"]),
+            ]
+        ],
+    )
+    graph = BACKENDS["graph"].config
+    lines += ["", "### Keys of the back end `graph`", "", _paragraph(graph.__doc__), ""]
+    fields = {key: field for key, field in graph.model_fields.items() if key != "method"}
+    rows = _rows(graph, fields, [graph.model_validate({})])
+    lines += _table(
+        ["key", "default", "allowed", "meaning"], [[f"`backend.{row[0].strip('`')}`", *row[1:]] for row in rows]
+    )
     for name in BUNDLED:
-        own = {key: field for key, field in models[name].model_fields.items() if key not in shared}
+        own = {key: field for key, field in models[name].model_fields.items() if key not in shared and key != "backend"}
         lines += ["", f"## Keys of the method `{name}`", ""]
         for key, field in own.items():
             section = field.annotation

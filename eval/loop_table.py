@@ -31,7 +31,7 @@ MAX_BYTES = 200_000_000
 
 def looks_for_loops(config: SlamConfig) -> bool:
     """Whether the back end of a run looks for loops: any but the null one."""
-    return config.backend.name != "none"
+    return config.backend.method != "none"
 
 
 def loop_counts(loops: Sequence[LoopCandidate]) -> dict[str, int]:

@@ -79,7 +79,7 @@ def _resolved(preset: Table, given: Table, *, file: Path | None) -> SlamConfig:
     try:
         return model.model_validate(values)
     except ConfigError as error:
-        raise ConfigError(error.problem, file=file, field=error.field) from error
+        raise ConfigError(new_name(error.field or "") or error.problem, file=file, field=error.field) from error
     except ValidationError as error:
         field, problem = first_complaint(error, "configuration", lambda place: _expected(model, place))
         for key in leaves(given):

@@ -27,7 +27,8 @@ class LoopCandidate(Summarised):
         predicted: [3] pose of the later scan in the frame of the earlier one, by the graph as it was.
         found: [3] the same, where the search found it.
         window: half widths of the search: [m], [rad].
-        share: of the endpoints that lie on surfaces of the submap, less what contradicts it, at most 1.
+        share: of the endpoints that lie on surfaces of the submap, at most 1, less what rays through surfaces and the
+            offset from the prediction cost.
         runner_up: the largest share at a place half a metre or more off, 0 where there is none.
         known: share of the endpoints where the submap is known.
         likelihood: mean likelihood of those, 0 to 1.

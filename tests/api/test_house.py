@@ -13,7 +13,7 @@ ROOT = Path(__file__).parents[2]
 FOLDERS = ("kernels", "robot", "sim", "slam", "eval")
 COMPOSERS = {
     "sim": {"simulate.py", "scenario.py"},
-    "slam": {"run.py", "config.py", "tsdf/config.py", "paper/config.py"},
+    "slam": {"run.py", "config.py", "tsdf/config.py", "paper/config.py", "backend/graph/config.py"},
 }
 """The packages that are held to this, and the files that compose a simulation, a run, or the configuration of a run and
 may import from every subfolder."""

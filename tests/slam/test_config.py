@@ -162,9 +162,9 @@ def test_the_new_names_exist(old: str, new: str):
 @pytest.mark.parametrize(
     ("setting", "line"),
     [
-        ("backend.method=mine", "backend.method: 'mine', expected one of graph, none"),
-        ("backend.method=3", "backend.method: 3, expected one of graph, none"),
-        ("backend.size=3", "backend.size: unknown key, expected one of name"),
+        ("backend.method=mine", "backend.method: 'mine', expected one of none, graph"),
+        ("backend.method=3", "backend.method: 3, expected one of none, graph"),
+        ("backend.size=3", "backend.size: unknown key, expected one of method, distance, "),
         ("backend=3", "backend: 3, expected a table"),
     ],
 )

@@ -11,7 +11,7 @@ from moteslam.robot import se2
 from moteslam.slam.backend.graph.chain import Chain, build_chain
 from moteslam.slam.backend.graph.config import GraphConfig
 from moteslam.slam.backend.graph.joint import Endpoints, register_jointly, sharpness
-from moteslam.slam.backend.graph.loop_search import LoopSearch, Match
+from moteslam.slam.backend.graph.loop_search import WINDOW_DEVIATIONS, LoopSearch, Match
 from moteslam.slam.backend.graph.nodes import Nodes, choose_nodes
 from moteslam.slam.backend.graph.pose_graph import Edges, solve
 from moteslam.slam.backend.graph.submaps import Submaps
@@ -29,8 +29,6 @@ SAME_PREDICTION, SAME_WINDOW = 0.3, 0.5
 """A pair is not searched again where the prediction moved by less [m], and the window changed by less [share]."""
 LEAST_WINDOW, LARGEST_TURN = np.array([0.5, 0.5, 0.06]), 0.5
 """Half widths of a search window: at least [m, m, rad], and at most [rad]."""
-DEVIATIONS = 3.0
-"""Half width of a window [standard deviations]."""
 FITS_DISTANCE, FITS_ROTATION = 0.2, 0.035
 """A loop within this of the final poses is confirmed by them [m], [rad]."""
 PASSAGE_GAP = 3
@@ -68,20 +66,28 @@ class GraphBackend:
         chain = build_chain(nodes, filtered, c)
         graph = LoopGraph(nodes, chain, c)
         poses = graph.close() if c.loops.enabled else chain.poses
-        best = self._sharpest(nodes, chain, (filtered, poses))
+        best = self._sharpest(nodes, chain, poses, filtered)
         self._loops = checked(graph.ledger, nodes, best)
         return between_known(best, nodes.updates, path)
 
-    def _sharpest(self, nodes: Nodes, chain: Chain, found: tuple[Array, ...]) -> Array:
-        """The path that draws the sharpest map, after joint registration if that makes it sharper still."""
+    def _sharpest(self, nodes: Nodes, chain: Chain, solved: Array, filtered: Array) -> Array:
+        """The path that draws the sharpest map: registered jointly from the graph's, or as a last resort the filter's.
+
+        Args:
+            nodes, chain: n nodes and the odometry between them.
+            solved: [n, 3] by the pose graph.
+            filtered: [n, 3] by the filter.
+        """
         endpoints = Endpoints.of(nodes.scans)
         if not len(endpoints.points):
-            return found[0]
-        best = min(found, key=lambda poses: sharpness(endpoints, poses))
-        if not self._config.joint.enabled:
-            return best
-        joint = register_jointly(endpoints, best, chain.odometry, self._config.joint)
-        return min((best, joint), key=lambda poses: sharpness(endpoints, poses))
+            return filtered
+        paths = [solved, filtered]
+        if self._config.joint.enabled:
+            for start in (solved, filtered):
+                paths.append(register_jointly(endpoints, start, chain.odometry, self._config.joint))
+                if sharpness(endpoints, paths[-1]) < sharpness(endpoints, filtered):
+                    break
+        return min(paths, key=lambda poses: sharpness(endpoints, poses))
 
 
 class LoopGraph:
@@ -122,7 +128,7 @@ class LoopGraph:
             if searched:
                 self._solve()
                 uncertainty = Uncertainty(self.poses, self._edges())
-            elif DEVIATIONS * deviation >= c.max_window:
+            elif WINDOW_DEVIATIONS * deviation >= c.max_window:
                 break
             deviation *= 2
         return self.poses
@@ -168,9 +174,9 @@ class LoopGraph:
             position, heading = uncertainty.of(query)
             distance = np.hypot(*(self.poses[:, :2] - self.poses[query, :2]).T)
             near = before & (distance < c.near + 2 * position)
-            near &= (position < deviation) & (DEVIATIONS * position < c.max_window)
+            near &= (position < deviation) & (WINDOW_DEVIATIONS * position < c.max_window)
             for submap in _passages(np.flatnonzero(near), distance + position)[: c.candidates]:
-                half = np.array([position[submap], position[submap], heading[submap]]) * DEVIATIONS
+                half = np.array([position[submap], position[submap], heading[submap]]) * WINDOW_DEVIATIONS
                 half = np.maximum(half, LEAST_WINDOW)
                 half[2] = min(half[2], LARGEST_TURN)
                 searched += self._try(submap, query, half)

@@ -34,7 +34,7 @@ class LoopConfig(Section):
     """Look for loops."""
     least_path: Positive = 15.0
     """Two nodes form a loop from this much path between them on [m]."""
-    every: Positive = 1.0
+    every: Positive = 2.0
     """A node is searched for in other nodes' submaps each time the robot has driven this far [m]."""
     near: Positive = 2.0
     """Places this far apart may show the same walls: candidates are nodes within it, and two standard deviations of
@@ -63,7 +63,7 @@ class JointConfig(Section):
 
     enabled: Truth = True
     """Register all nodes at once at the end."""
-    partners: Annotated[Whole, Field(ge=1, le=MAX_PARTNERS)] = 20
+    partners: Annotated[Whole, Field(ge=1, le=MAX_PARTNERS)] = 16
     """Other scans that the endpoints of one are held to, at most."""
     first_reach: Positive = 0.3
     """Largest distance of an endpoint to the surface that it is held to, in the first round [m]."""

@@ -42,6 +42,8 @@ WIDE, FINE_TURN, COARSE_TURN = 0.1, 0.02, 0.04
 SLACK, SLACK_DISTANCE = 1.2, 0.2
 """A place may lie this far beyond the window: Gauss-Newton moves it [windows], [m]."""
 NEGLIGIBLE_PRIOR = 1e-6
+WINDOW_DEVIATIONS = 3.0
+"""The half width of a window, in standard deviations of the prediction."""
 LOOSE = 3.0
 """Standard deviation of the prediction in the registration [windows]."""
 
@@ -53,7 +55,7 @@ class Match:
     Attributes:
         relative: [3] pose of the query's node in the frame of the submap's.
         information: [3, 3] of it; next to none along a direction that nothing binds.
-        share: of the endpoints on surfaces, less what rays through surfaces cost.
+        share: of the endpoints on surfaces, less what rays through surfaces and the offset from the prediction cost.
         runner_up: largest share at another place, 0 where there is none.
         known, likelihood, crossed: share of the endpoints where the submap is known, the mean likelihood of those, and
             the share of rays that cross a surface.
@@ -102,9 +104,9 @@ class LoopSearch:
         starts = candidates(maps, predicted, half, points, window, STARTS, self._lattice)
         few = subsample(points, START_POINTS)
         tried = self._register(maps, predicted, half, few, starts)
-        finalists = np.argsort(-_shares(tried, len(few)), kind="stable")[:FINALISTS]
+        finalists = np.argsort(-self._shares(tried, len(few), half), kind="stable")[:FINALISTS]
         found = self._register(maps, predicted, half, points, tried.offsets[finalists])
-        shares = _shares(found, len(points))
+        shares = self._shares(found, len(points), half)
         best = int(shares.argmax())
         off = np.abs(found.offsets - found.offsets[best])
         rivals = (np.hypot(off[:, 0], off[:, 1]) > RIVAL_DISTANCE) | (off[:, 2] > RIVAL_ROTATION)
@@ -127,6 +129,15 @@ class LoopSearch:
         many = np.repeat(predicted[None], len(starts), axis=0)
         return register(maps, many, LOOSE * half, points, np.zeros(2), starts, self._registration)
 
+    def _shares(self, found: Registration, points: int, half: Array) -> Array:
+        """Of the endpoints on surfaces, less what rays through surfaces and the offset from the prediction cost [N].
+
+        The offset costs half its square in standard deviations, in endpoints that err independently: of two places that
+        look alike the one nearer to the prediction is meant.
+        """
+        off = 0.5 * self._config.correlation * np.square(found.offsets * WINDOW_DEVIATIONS / half).sum(axis=1)
+        return np.asarray((found.known * found.likelihoods - CROSSING * found.crossed - off) / points)
+
     def _verdict(self, share: float, runner_up: float, offset: Array, half: Array) -> Verdict:
         c = self._config.loops
         if share <= c.least_share:
@@ -135,8 +146,3 @@ class LoopSearch:
             return "ambiguous"
         inside = (np.abs(offset) <= SLACK * half + SLACK_DISTANCE).all()
         return "accepted" if inside else "outside"
-
-
-def _shares(found: Registration, points: int) -> Array:
-    """Of the endpoints on surfaces, less what rays through surfaces cost [N]."""
-    return np.asarray((found.known * found.likelihoods - CROSSING * found.crossed) / points)

@@ -5,7 +5,6 @@ from typing import Literal
 import numpy as np
 
 from moteslam.slam.backend.kinds import BackendKind
-from moteslam.slam.backend.ledger import LoopCandidate
 from moteslam.slam.backend.protocol import BackendConfig, KeyScan
 
 
@@ -24,11 +23,6 @@ class ToyBackend:
 
     def __init__(self, config: ToyConfig) -> None:
         self.config, self.poses = config, []
-
-    @property
-    def loops(self) -> tuple[LoopCandidate, ...]:
-        """None."""
-        return ()
 
     def add(self, key: KeyScan) -> np.ndarray | None:
         """After some key scans all of them are moved."""

@@ -1,0 +1,171 @@
+"""Endpoints held to surfaces of other scans: against the twin, and by derivatives."""
+
+import numpy as np
+import pytest
+from twins import scan_pairs
+
+from moteslam.errors import InputError
+from moteslam.kernels.scan_pairs import MAX_PARTNERS, OWN, PAIR, accumulate, match_endpoints
+from moteslam.robot import se2
+from moteslam.slam.backend.graph import config
+
+pytestmark = pytest.mark.usefixtures("taichi")
+
+SCANS, POINTS = 5, 40
+
+
+@pytest.fixture(scope="module")
+def case() -> dict[str, np.ndarray]:
+    """Scans of a square room from poses that are a little off."""
+    rng = np.random.default_rng(3)
+    true = np.column_stack((rng.uniform(-1, 1, (SCANS, 2)), rng.uniform(-3, 3, SCANS)))
+    points, normals = [], []
+    for pose in true:
+        side, along = rng.integers(0, 4, POINTS), rng.uniform(-1.9, 1.9, POINTS)
+        turn = side * np.pi / 2
+        wall = np.column_stack((2 * np.cos(turn) - along * np.sin(turn), 2 * np.sin(turn) + along * np.cos(turn)))
+        inverse = se2.between(pose, np.zeros(3))
+        points.append(se2.transform_points(inverse, wall))
+        normals.append(se2.transform_points(inverse, wall - np.column_stack((np.cos(turn), np.sin(turn)))) - points[-1])
+    normals[0][:5] = 0.0
+    partners = np.array([[1, 2, -1], [0, 3, 4], [4, 0, -1], [1, -1, -1], [-1, 2, 0]], np.int32)
+    return {
+        "points": np.vstack(points).astype(np.float32),
+        "normals": np.vstack(normals).astype(np.float32),
+        "owners": np.repeat(np.arange(SCANS), POINTS).astype(np.int32),
+        "starts": np.arange(SCANS + 1, dtype=np.int32) * POINTS,
+        "partners": partners,
+        "poses": true + rng.normal(0, 0.02, true.shape),
+    }
+
+
+def placed(case: dict[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    pose = case["poses"][case["owners"]]
+    c, s = np.cos(pose[:, 2]), np.sin(pose[:, 2])
+    turned = [
+        np.column_stack((c * v[:, 0] - s * v[:, 1], s * v[:, 0] + c * v[:, 1]))
+        for v in (case["points"], case["normals"])
+    ]
+    return turned[0] + pose[:, :2], turned[1]
+
+
+def matched(case: dict[str, np.ndarray], reach: float = 0.3) -> np.ndarray:
+    points, normals = placed(case)
+    return match_endpoints(points, normals, case["owners"], case["partners"], reach=reach, agreement=0.8)
+
+
+@pytest.mark.parametrize("reach", [0.05, 0.3, 5.0])
+def test_the_nearest_endpoint_of_every_partner_is_found(case: dict[str, np.ndarray], reach: float):
+    points, normals = placed(case)
+    twin = scan_pairs.match(points, normals, case["owners"], case["partners"], reach, 0.8)
+    found = matched(case, reach)
+    assert (twin >= 0).sum() > 20
+    differ = found != twin
+    assert differ.mean() < 0.01  # distances that are equal in float32
+    np.testing.assert_array_equal(found < 0, twin < 0)
+
+
+def test_the_sums_are_derivatives_of_the_cost(case: dict[str, np.ndarray]):
+    matches = matched(case)
+    scale = 1.0  # so large that the weights hardly change
+    own, pairs, costs = accumulate(
+        case["points"], case["normals"], case["starts"], case["poses"], case["partners"], matches, scale=scale
+    )
+    assert own.shape == (SCANS, OWN)
+    assert pairs.shape == (SCANS, 3, PAIR)
+
+    def cost(poses: np.ndarray) -> float:
+        return scan_pairs.cost(
+            case["points"].astype(float), case["normals"].astype(float), case["owners"], poses, matches, scale
+        )
+
+    assert costs[:, 0].sum() == pytest.approx(cost(case["poses"]), rel=1e-4)
+    gradient = own[:, 6:].copy()
+    for a in range(SCANS):
+        for slot, b in enumerate(case["partners"][a]):
+            if b >= 0:
+                gradient[b] += pairs[a, slot, 15:]
+    numeric = np.zeros((SCANS, 3))
+    for a in range(SCANS):
+        for axis in range(3):
+            step = np.zeros((SCANS, 3))
+            step[a, axis] = 1e-5
+            numeric[a, axis] = (cost(case["poses"] + step) - cost(case["poses"] - step)) / 2e-5
+    np.testing.assert_allclose(gradient, numeric, atol=2e-3 * np.abs(numeric).max())
+
+
+def test_the_blocks_solve_for_the_poses(case: dict[str, np.ndarray]):
+    """A step of Gauss-Newton with all of them lowers the cost to next to nothing."""
+    poses, matches = case["poses"].copy(), matched(case)
+    before = None
+    for _ in range(3):
+        own, pairs, costs = accumulate(
+            case["points"], case["normals"], case["starts"], poses, case["partners"], matches, scale=1.0
+        )
+        before = before or costs[:, 0].sum()
+        h, g = np.zeros((3 * SCANS, 3 * SCANS)), np.zeros(3 * SCANS)
+        full = [0, 1, 2, 1, 3, 4, 2, 4, 5]
+        for a in range(SCANS):
+            at = slice(3 * a, 3 * a + 3)
+            h[at, at] += own[a, full].reshape(3, 3)
+            g[at] += own[a, 6:]
+            for slot, b in enumerate(case["partners"][a]):
+                if b >= 0:
+                    to = slice(3 * b, 3 * b + 3)
+                    h[at, to] += pairs[a, slot, :9].reshape(3, 3)
+                    h[to, at] += pairs[a, slot, :9].reshape(3, 3).T
+                    h[to, to] += pairs[a, slot, 9:15][full].reshape(3, 3)
+                    g[to] += pairs[a, slot, 15:]
+        h[:3, :3] += 1e6 * np.eye(3)
+        poses -= np.linalg.solve(h + 1e-9 * np.eye(len(h)), g).reshape(-1, 3)
+    after = accumulate(case["points"], case["normals"], case["starts"], poses, case["partners"], matches, scale=1.0)[2]
+    assert after[:, 0].sum() < 0.01 * before
+
+
+def test_nothing_matches_nothing(case: dict[str, np.ndarray]):
+    none = np.zeros((0, 2), np.float32)
+    found = match_endpoints(none, none, np.zeros(0, np.int32), case["partners"], reach=1.0, agreement=0.8)
+    assert found.shape == (0, 3)
+
+
+def test_the_back_end_asks_for_no_more_partners_than_the_kernel_keeps():
+    assert config.MAX_PARTNERS == MAX_PARTNERS
+
+
+@pytest.mark.parametrize(
+    ("change", "field"),
+    [
+        ({"partners": np.zeros((SCANS, MAX_PARTNERS + 1), np.int32)}, "partners"),
+        ({"partners": np.full((SCANS, 3), SCANS, np.int32)}, "partners"),
+        ({"owners": np.full(SCANS * POINTS, SCANS, np.int32)}, "owners"),
+        ({"reach": 0.0}, "reach"),
+        ({"reach": np.nan}, "reach"),
+    ],
+)
+def test_matches_that_would_read_other_memory_are_refused(
+    case: dict[str, np.ndarray], change: dict[str, np.ndarray], field: str
+):
+    points, normals = placed(case)
+    given = {"owners": case["owners"], "partners": case["partners"], "reach": 1.0} | change
+    with pytest.raises(InputError, match=rf"^{field}: "):
+        match_endpoints(points, normals, given["owners"], given["partners"], reach=float(given["reach"]), agreement=0.8)
+
+
+@pytest.mark.parametrize(
+    ("change", "field"),
+    [
+        ({"matches": np.full((SCANS * POINTS, 3), SCANS * POINTS, np.int32)}, "matches"),
+        ({"matches": np.zeros((3, 3), np.int32)}, "matches"),
+        ({"starts": np.zeros(SCANS + 1, np.int32)}, "starts"),
+        ({"scale": 0.0}, "scale"),
+    ],
+)
+def test_sums_that_would_read_other_memory_are_refused(
+    case: dict[str, np.ndarray], change: dict[str, np.ndarray], field: str
+):
+    given = {"matches": matched(case), "starts": case["starts"], "scale": 1.0} | change
+    with pytest.raises(InputError, match=rf"^{field}: "):
+        accumulate(
+            case["points"], case["normals"], given["starts"], case["poses"], case["partners"], given["matches"],
+            scale=float(given["scale"]),
+        )  # fmt: skip

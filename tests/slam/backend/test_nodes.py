@@ -1,0 +1,66 @@
+"""Which key scans become nodes, and what the odometry's errors are."""
+
+import numpy as np
+
+from moteslam.robot import se2
+from moteslam.slam.backend.graph.nodes import MAX_RANGE, choose_nodes
+from moteslam.slam.backend.graph.odometry_model import SAFETY, fit_odometry
+from moteslam.slam.backend.protocol import KeyScan
+from moteslam.slam.inputs.config import ThinningConfig
+
+
+def key_scans(steps: np.ndarray) -> tuple[list[KeyScan], np.ndarray]:
+    path = np.vstack((np.zeros(3), se2.accumulate(steps)))
+    points = np.array([[1.0, y] for y in np.arange(-1, 1, 0.1)] + [[50.0, 0.0]], np.float32)
+    odometry = np.vstack((np.zeros(3), steps))
+    keys = [
+        KeyScan(10 * k, 0.1 * k, points, np.zeros(2), pose, motion, measured=True)
+        for k, (pose, motion) in enumerate(zip(path, odometry, strict=True))
+    ]
+    return keys, path
+
+
+def test_close_key_scans_become_a_node_every_half_metre():
+    keys, path = key_scans(np.tile((0.1, 0.0, 0.0), (50, 1)))
+    nodes = choose_nodes(keys, path, 0.5, 0.5, ThinningConfig())
+    assert nodes.updates[0] == 0
+    assert nodes.updates[-1] == 50
+    assert set(np.diff(nodes.updates)[:-1].tolist()) <= {4, 5}
+    np.testing.assert_allclose(nodes.odometry[1:, 0], 0.1 * np.diff(nodes.updates))
+    np.testing.assert_array_equal(nodes.indices, 10 * nodes.updates)
+
+
+def test_turns_make_nodes_too():
+    keys, path = key_scans(np.tile((0.0, 0.0, 0.1), (30, 1)))
+    assert len(choose_nodes(keys, path, 0.5, 0.5, ThinningConfig())) == 8
+
+
+def test_key_scans_that_are_far_apart_are_all_nodes():
+    """Also one close to its neighbour before a long step: what the filter did in that step decides nothing."""
+    steps = np.tile((1.0, 0.0, 0.0), (10, 1))
+    steps[4, 0] = 0.1
+    keys, path = key_scans(steps)
+    assert len(choose_nodes(keys, path, 0.5, 0.5, ThinningConfig())) == 11
+
+
+def test_far_endpoints_are_left_out():
+    keys, path = key_scans(np.tile((1.0, 0.0, 0.0), (2, 1)))
+    nodes = choose_nodes(keys, path, 0.5, 0.5, ThinningConfig())
+    assert all(np.hypot(*scan.points.T).max() < MAX_RANGE for scan in nodes.scans)
+
+
+def test_systematic_errors_are_taken_out_and_the_rest_is_measured():
+    rng = np.random.default_rng(1)
+    n = 400
+    true = np.column_stack((rng.uniform(0.3, 1.0, n), rng.normal(0, 0.02, n), rng.normal(0, 0.3, n)))
+    wrong = true * (1.04, 1.0, 0.95) + rng.normal(0, 1, true.shape) * (0.01, 0.002, 0.004)
+    slips = rng.choice(n, 12, replace=False)
+    wrong[slips, 0] += 0.6
+    covariance = np.tile(np.diag((1e-6, 1e-6, 1e-7)), (n, 1, 1))
+    model = fit_odometry(wrong, true, covariance)
+    straight = np.delete(np.arange(n), slips)
+    off = (model.steps - true)[straight]
+    assert abs(off[:, 0].mean()) < 0.002
+    assert off[:, 0].std() < 0.014
+    assert 0.7 < model.spread[straight, 0].mean() / (SAFETY * off[:, 0].std()) < 1.4
+    assert 0.7 < model.spread[straight, 2].mean() / (SAFETY * off[:, 2].std()) < 1.4

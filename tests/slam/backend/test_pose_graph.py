@@ -1,0 +1,133 @@
+"""The pose graph: exact where edges agree, derivatives, and loops that the others contradict."""
+
+import numpy as np
+import pytest
+
+from moteslam.robot import se2
+from moteslam.slam.backend.graph.pose_graph import Edges, relative_jacobians, solve
+from moteslam.slam.backend.graph.uncertainty import Uncertainty
+
+STEP_NOISE = np.array([0.02, 0.01, 0.01])
+
+
+def laps(rng: np.random.Generator, nodes: int = 120, per_lap: int = 40) -> np.ndarray:
+    """True poses along a circle of 40 m, three times round."""
+    angle = np.arange(nodes) * 2 * np.pi / per_lap
+    radius = 40 / (2 * np.pi)
+    return np.column_stack((radius * np.sin(angle), radius * (1 - np.cos(angle)), se2.wrap(angle)))
+
+
+def edges_between(first: np.ndarray, second: np.ndarray, true: np.ndarray, noise: np.ndarray, *, robust: bool) -> Edges:
+    relative = np.asarray(se2.compose(se2.between(true[first], true[second]), noise))
+    sd = STEP_NOISE if not robust else np.array([0.03, 0.03, 0.01])
+    information = np.tile(np.diag(1 / sd**2), (len(first), 1, 1))
+    return Edges(first, second, relative, information, np.full(len(first), robust))
+
+
+def case(seed: int, false: int = 0) -> tuple[np.ndarray, np.ndarray, Edges]:
+    """True poses, those of the chain, and a chain with true loops and clusters of five false ones."""
+    rng = np.random.default_rng(seed)
+    true = laps(rng)
+    n = len(true)
+    chain = edges_between(
+        np.arange(n - 1), np.arange(1, n), true, rng.normal(0, 1, (n - 1, 3)) * STEP_NOISE, robust=False
+    )
+    first = rng.integers(0, 80, 60)
+    loops = edges_between(first, first + 40, true, rng.normal(0, 1, (60, 3)) * (0.03, 0.03, 0.01), robust=True)
+    edges = chain.plus(loops)
+    for _ in range(false // 5):
+        at = rng.integers(0, 60) + np.arange(5)
+        wrong = np.append(rng.uniform(-3, 3, 2), rng.uniform(-0.3, 0.3))
+        edges = edges.plus(edges_between(at, at + 50, true, np.tile(wrong, (5, 1)), robust=True))
+    start = np.vstack((true[:1], se2.accumulate(chain.relative, true[0])))
+    return true, start, edges
+
+
+def rmse(poses: np.ndarray, true: np.ndarray) -> float:
+    return float(np.sqrt(np.square(poses[:, :2] - true[:, :2]).sum(axis=1).mean()))
+
+
+def test_edges_without_errors_are_met_exactly():
+    true = laps(np.random.default_rng(0))
+    n = len(true)
+    first, second = np.r_[np.arange(n - 1), 0, 90], np.r_[np.arange(1, n), 80, 10]
+    edges = edges_between(first, second, true, np.zeros((n + 1, 3)), robust=False)
+    start = true + np.random.default_rng(1).normal(0, 0.1, true.shape) * (np.arange(n) > 0)[:, None]
+    poses, weights = solve(start, edges, graduated=False)
+    np.testing.assert_allclose(poses[:, :2], true[:, :2], atol=1e-5)
+    np.testing.assert_allclose(se2.wrap(poses[:, 2] - true[:, 2]), 0, atol=1e-6)
+    assert (weights == 1).all()
+
+
+def test_loops_spread_the_error_of_the_chain():
+    true, start, edges = case(2)
+    poses, weights = solve(start, edges)
+    assert rmse(poses, true) < 0.25 * rmse(start, true)
+    assert (weights > 0.25).mean() > 0.97
+    np.testing.assert_allclose(poses[0], start[0], atol=1e-12)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_false_loops_in_clusters_move_hardly_anything(seed: int):
+    _, start, edges = case(seed)
+    alone, _ = solve(start, edges)
+    true, start, edges = case(seed, false=10)
+    poses, weights = solve(start, edges)
+    assert (weights[-10:] < 0.25).all()
+    assert (weights[:-10] > 0.25).mean() > 0.95
+    assert np.hypot(*(poses - alone)[:, :2].T).max() < 0.1 * rmse(alone, true) + 0.02
+
+
+def test_without_non_convexity_false_loops_spoil_the_graph():
+    true, start, edges = case(3, false=10)
+    poses, _ = solve(start, edges, graduated=False)
+    assert rmse(poses, true) > 0.3
+
+
+def test_the_jacobians_are_derivatives():
+    rng = np.random.default_rng(5)
+    first, second, heading = rng.normal(0, 2, (20, 3)), rng.normal(0, 2, (20, 3)), rng.uniform(-3, 3, 20)
+
+    def error(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+        off = np.asarray(se2.between(a, b))
+        c, s = np.cos(heading), np.sin(heading)
+        return np.column_stack((c * off[:, 0] + s * off[:, 1], -s * off[:, 0] + c * off[:, 1], off[:, 2]))
+
+    by_first, by_second = relative_jacobians(first, second, heading)
+    for axis in range(3):
+        step = np.zeros(3)
+        step[axis] = 1e-6
+        for jacobian, forth, back in (
+            (by_first, error(first + step, second), error(first - step, second)),
+            (by_second, error(first, second + step), error(first, second - step)),
+        ):
+            numeric = forth - back
+            numeric[:, 2] = se2.wrap(numeric[:, 2])
+            np.testing.assert_allclose(jacobian[:, :, axis], numeric / 2e-6, atol=1e-6)
+
+
+def test_the_uncertainty_of_a_chain_is_its_marginal():
+    """Along a chain the bound is exact: heading errors times distance, and position errors, add up."""
+    rng = np.random.default_rng(6)
+    n = 30
+    steps = np.column_stack((rng.uniform(0.5, 1.5, n - 1), rng.normal(0, 0.1, n - 1), rng.normal(0, 0.4, n - 1)))
+    poses = np.vstack((np.zeros(3), se2.accumulate(steps)))
+    information = np.tile(np.diag((1 / 0.02**2, 1 / 0.02**2, 1 / 0.01**2)), (n - 1, 1, 1))
+    edges = Edges(np.arange(n - 1), np.arange(1, n), steps, information, np.zeros(n - 1, bool))
+    position, heading = Uncertainty(poses, edges).of(0)
+    noise = rng.normal(0, 1, (4000, n - 1, 3)) * (0.02, 0.02, 0.01)
+    ends = np.array([np.asarray(se2.accumulate(se2.compose(steps, one)))[-1] for one in noise])
+    spread = np.sqrt(np.square(ends[:, :2] - ends[:, :2].mean(axis=0)).sum(axis=1).mean())
+    # in the plane the position's variance is counted once along its worst direction
+    assert position[-1] == pytest.approx(spread, rel=0.1)
+    assert heading[-1] == pytest.approx(ends[:, 2].std(), rel=0.05)
+    assert position[0] == heading[0] == 0.0
+
+
+def test_a_loop_makes_both_its_ends_surer():
+    _, start, edges = case(7)
+    chain = Edges(*(getattr(edges, name)[:119] for name in ("first", "second", "relative", "information", "robust")))
+    before, _ = Uncertainty(start, chain).of(119)
+    after, _ = Uncertainty(start, edges).of(119)
+    assert (after <= before + 1e-9).all()
+    assert after[5] < 0.5 * before[5]
