@@ -17,6 +17,7 @@ from moteslam.eval.results import write_results
 from moteslam.eval.scores import score_estimate
 from moteslam.robot.result_folder import result_folder
 from moteslam.slam.backend.ledger import LoopCandidate
+from moteslam.slam.backend.none import NoBackendConfig
 from moteslam.slam.backend.protocol import BackendConfig
 from moteslam.slam.estimate import Estimate
 
@@ -30,8 +31,14 @@ LOOPS = (
 
 def looking(estimate: Estimate, loops: tuple[LoopCandidate, ...] = LOOPS) -> Estimate:
     """A run as a back end leaves it that looked for loops."""
-    config = estimate.config.model_copy(update={"backend": BackendConfig(name="looks")})
+    config = estimate.config.model_copy(update={"backend": BackendConfig(method="looks")})
     return replace(estimate, config=config, loops=loops)
+
+
+def alone(estimate: Estimate) -> Estimate:
+    """The same without a back end."""
+    config = estimate.config.model_copy(update={"backend": NoBackendConfig()})
+    return replace(estimate, config=config, loops=())
 
 
 def test_what_is_written_reads_back_bit_for_bit(tmp_path: Path) -> None:
@@ -98,7 +105,7 @@ def test_a_run_that_looks_for_loops_has_its_ledger(run, simulation, tmp_path: Pa
 
 
 def test_what_replay_prints_of_a_run_without_back_end_has_no_loops(run, simulation) -> None:
-    assert "loop" not in score_table(score_estimate(run[0], simulation.truth, recording=simulation.recording))
+    assert "loop" not in score_table(score_estimate(alone(run[0]), simulation.truth, recording=simulation.recording))
 
 
 def test_without_a_candidate_there_is_the_header_alone_and_no_figure(run, tmp_path: Path) -> None:
@@ -110,10 +117,10 @@ def test_without_a_candidate_there_is_the_header_alone_and_no_figure(run, tmp_pa
 
 
 def test_a_folder_replaced_by_a_run_without_back_end_keeps_no_ledger(run, simulation, tmp_path: Path) -> None:
-    for estimate in (looking(run[0]), run[0]):
+    for estimate in (looking(run[0]), alone(run[0])):
         with result_folder(tmp_path / "result", force=True) as folder:
             write_results(folder, estimate, simulation.truth)
-            assert (folder / "loops.csv").exists() == (folder / "loops.png").exists() == (estimate is not run[0])
+            assert (folder / "loops.csv").exists() == (folder / "loops.png").exists() == bool(estimate.loops)
     assert not list((tmp_path / "result").glob("loops*"))
     assert "loops" not in (tmp_path / "result" / ".moteslam").read_text()
     assert "loops" not in json.loads((tmp_path / "result" / "run.json").read_text())
