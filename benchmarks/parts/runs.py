@@ -143,6 +143,7 @@ def simulate_case(
     noise_class: str | None = None,
     settings: Sequence[str] = (),
     key_scans: tuple[float, float] | None = None,
+    step_noise: tuple[float, float] | None = None,
     odometry_noise: float = 1.0,
     duration: float | None = None,
     laps: float | None = None,
@@ -155,6 +156,7 @@ def simulate_case(
         platform, noise_class: in place of the scenario's own robot and class of noise.
         settings: ``key=value`` over the scenario's.
         key_scans: keep a scan only after this distance [m] or this turn [rad]; None to keep all.
+        step_noise: shares of noise added to the length and the turn of each of their steps.
         odometry_noise: how many times the scenario's own noise of wheels and gyro.
         duration: ends it after this time [s].
         laps: how many times round its closed route.
@@ -173,7 +175,7 @@ def simulate_case(
         changes["route"] = scenario.route.model_copy(update={"laps": laps})
     simulation = simulate(scenario.model_copy(update=changes), seed=seed)
     if key_scans is not None:
-        simulation = logged(simulation, Logging(*key_scans))
+        simulation = logged(simulation, Logging(*key_scans, step_noise))
     return Case(simulation.recording, simulation.truth, scenario, simulation.end)
 
 

@@ -84,7 +84,7 @@ class GraphBackend:
         paths = [solved, filtered]
         if self._config.joint.enabled:
             for start in (solved, filtered):
-                paths.append(register_jointly(endpoints, start, chain.odometry, self._config.joint))
+                paths.append(register_jointly(endpoints, start, chain, self._config.joint))
                 if sharpness(endpoints, paths[-1]) < sharpness(endpoints, filtered):
                     break
         return min(paths, key=lambda poses: sharpness(endpoints, poses))

@@ -50,12 +50,16 @@ class Chain:
         steps: [n - 1, 3] in the frames where they begin.
         covariance: [n - 1, 3, 3] of them, in the frames where they end.
         odometry: the corrected odometry of the same steps.
+        filtered: [n - 1, 3] the filter's steps.
+        excess: [n - 1, 3, 3] information of these that the nodes' own scans do not have: of the key scans between.
     """
 
     poses: Array
     steps: Array
     covariance: Array
     odometry: OdometryModel
+    filtered: Array
+    excess: Array
 
 
 def build_chain(nodes: Nodes, path: Array, config: GraphConfig) -> Chain:
@@ -82,7 +86,7 @@ def build_chain(nodes: Nodes, path: Array, config: GraphConfig) -> Chain:
     model.steps[unmeasured], model.spread[unmeasured] = raw[unmeasured], spread[unmeasured]
     second = _Registered.empty(n)
     _run(second, nodes, path, model, config, proved=True)
-    return _fused(second, path[0], model)
+    return _fused(second, nodes, path, model)
 
 
 @dataclass(eq=False)
@@ -199,8 +203,12 @@ def _overrules(
     return evidence - TAIL * float(np.log1p(off / (2 * TAIL))) - SLIP
 
 
-def _fused(registered: _Registered, start: Array, odometry: OdometryModel) -> Chain:
-    """Registration and odometry together, weighted by their information."""
+def _fused(registered: _Registered, nodes: Nodes, path: Array, odometry: OdometryModel) -> Chain:
+    """Registration, odometry and the filter's steps together, weighted by their information.
+
+    Between two nodes of a dense recording the filter has registered the key scans between them, too: its step knows as
+    many times what one registration does. Where it contradicts the registration, it may have closed a loop.
+    """
     off = np.asarray(se2.between(registered.steps, odometry.steps))
     off[:, 2] = se2.wrap(off[:, 2])
     weights = 1 / np.square(odometry.spread)
@@ -208,7 +216,15 @@ def _fused(registered: _Registered, start: Array, odometry: OdometryModel) -> Ch
     # where the registration overruled the odometry this says nothing
     weights = np.where(np.abs(off) < AGREEING * odometry.spread, weights, 0.0)
     steps = np.asarray(se2.compose(registered.steps, np.einsum("nij,nj->ni", covariance, weights * off)))
+    filtered = np.asarray(se2.between(path[:-1], path[1:]))
+    off = np.asarray(se2.between(steps, filtered))
+    off[:, 2] = se2.wrap(off[:, 2])
+    precision = np.linalg.inv(covariance + np.diag(np.square(FLOOR)))
+    agree = np.einsum("ni,nij,nj->n", off, precision, off) < AGREEING**2
+    excess = (agree * (np.diff(nodes.updates) - 1))[:, None, None] * registered.information
+    covariance = np.linalg.inv(np.linalg.inv(covariance) + excess)
+    steps = np.asarray(se2.compose(steps, np.einsum("nij,njk,nk->ni", covariance, excess, off)))
     doubt = registered.doubt
     covariance = covariance + np.diag(np.square(FLOOR)) + doubt[:, :, None] * doubt[:, None, :]
-    poses = np.vstack((start, se2.accumulate(steps, start)))
-    return Chain(poses, steps, covariance, odometry)
+    poses = np.vstack((path[0], se2.accumulate(steps, path[0])))
+    return Chain(poses, steps, covariance, odometry, filtered, excess)

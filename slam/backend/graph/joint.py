@@ -17,6 +17,7 @@ from moteslam.kernels.normals import scan_normals
 from moteslam.kernels.scan_pairs import accumulate, match_endpoints
 from moteslam.kernels.thinning import ThinnedScan
 from moteslam.robot import se2
+from moteslam.slam.backend.graph.chain import Chain
 from moteslam.slam.backend.graph.config import JointConfig
 from moteslam.slam.backend.graph.odometry_model import OdometryModel
 from moteslam.slam.backend.graph.pose_graph import ANCHOR, relative_jacobians
@@ -99,13 +100,13 @@ def sharpness(endpoints: Endpoints, poses: Array) -> float:
     return float(np.mean(counts))
 
 
-def register_jointly(endpoints: Endpoints, poses: Array, odometry: OdometryModel, config: JointConfig) -> Array:
+def register_jointly(endpoints: Endpoints, poses: Array, chain: Chain, config: JointConfig) -> Array:
     """Move all poses to where the scans fit each other best; the first stays.
 
     Args:
         endpoints: of n scans.
         poses: [n, 3] to begin with.
-        odometry: of the steps between them.
+        chain: the odometry of the steps between them, and what the filter knows of them besides.
         config: reach, partners, rounds.
 
     Returns:
@@ -133,7 +134,7 @@ def register_jointly(endpoints: Endpoints, poses: Array, odometry: OdometryModel
         right = information * own[:, 6:]
         np.add.at(blocks, other, some[:, 9:15][:, SYMMETRIC].reshape(-1, 3, 3))
         np.add.at(right, other, some[:, 15:])
-        between = _add_odometry(poses, odometry, blocks, right)
+        between = _add_odometry(poses, chain.odometry, blocks, right) + _add_filtered(poses, chain, blocks, right)
         blocks[0] += ANCHOR * np.eye(3)
         step = system.solve(blocks, np.concatenate((some[:, :9].reshape(-1, 3, 3), between)), -right)
         poses += step
@@ -179,8 +180,30 @@ def _add_odometry(poses: Array, odometry: OdometryModel, blocks: Array, right: A
     off = np.asarray(se2.between(poses[:-1], poses[1:])) - odometry.steps
     off[:, 2] = se2.wrap(off[:, 2])
     weights = 1 / np.square(odometry.spread * (1 + np.square(off / (SLIP * odometry.spread))))
-    first, second = relative_jacobians(poses[:-1], poses[1:], np.zeros(len(off)))
-    weighted_first, weighted_second = weights[:, :, None] * first, weights[:, :, None] * second
+    return _add_steps(poses, np.zeros(len(off)), off, weights[:, :, None] * np.eye(3), blocks, right)
+
+
+def _add_filtered(poses: Array, chain: Chain, blocks: Array, right: Array) -> Array:
+    """Add what the filter knows of the steps besides; likewise."""
+    off = np.asarray(se2.between(chain.filtered, se2.between(poses[:-1], poses[1:])))
+    off[:, 2] = se2.wrap(off[:, 2])
+    squares = np.einsum("ni,nij,nj->n", off, chain.excess, off)
+    weights = 1 / np.square(1 + squares / SLIP**2)
+    return _add_steps(poses, chain.filtered[:, 2], off, weights[:, None, None] * chain.excess, blocks, right)
+
+
+def _add_steps(poses: Array, heading: Array, off: Array, information: Array, blocks: Array, right: Array) -> Array:
+    """Add steps between neighbours to the system; returns the blocks [n - 1, 3, 3] between them.
+
+    Args:
+        poses: [n, 3].
+        heading: [n - 1] of the frames that the errors are in.
+        off: [n - 1, 3] errors.
+        information: [n - 1, 3, 3] of them.
+        blocks, right: [n, 3, 3] and [n, 3] of the system; added to.
+    """
+    first, second = relative_jacobians(poses[:-1], poses[1:], heading)
+    weighted_first, weighted_second = information @ first, information @ second
     blocks[:-1] += np.swapaxes(first, 1, 2) @ weighted_first
     blocks[1:] += np.swapaxes(second, 1, 2) @ weighted_second
     right[:-1] += np.einsum("eki,ek->ei", weighted_first, off)
