@@ -35,7 +35,9 @@ def test_what_is_written_is_what_was_estimated(run, simulation, tmp_path: Path) 
     about = json.loads((tmp_path / "run.json").read_text())
     assert (about["seed"], about["threads"]) == (1, 2)
     assert not list(tmp_path.glob("*figure*"))
-    assert {file.suffix for file in tmp_path.iterdir()} == {".tum", ".png", ".pgm", ".yaml", ".json", ".toml"}
+    assert {file.suffix for file in tmp_path.iterdir()} == {
+        *(".tum", ".png", ".pgm", ".yaml", ".json", ".toml", ".csv")
+    }
 
 
 def test_without_truth_there_are_no_scores(run, tmp_path: Path) -> None:
