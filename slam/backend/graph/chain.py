@@ -71,7 +71,9 @@ def build_chain(nodes: Nodes, path: Array, config: GraphConfig) -> Chain:
         config: of the back end.
     """
     n = len(nodes)
-    raw = nodes.odometry[1:]
+    # what nothing measured is taken from the filter, loosely
+    unmeasured = ~nodes.measured[1:]
+    raw = np.where(unmeasured[:, None], se2.between(path[:-1], path[1:]), nodes.odometry[1:])
     spread = np.array(
         [
             prior_spread(config.registration, float(np.hypot(*step[:2])), abs(float(step[2])), measured=bool(measured))
@@ -81,8 +83,7 @@ def build_chain(nodes: Nodes, path: Array, config: GraphConfig) -> Chain:
     first = _Registered.empty(n)
     _run(first, nodes, path, OdometryModel(raw, spread), config, proved=False)
     model = fit_odometry(raw, first.steps, np.asarray(np.linalg.inv(first.information + LEAST_INFORMATION * np.eye(3))))
-    # what nothing measured was extrapolated: nothing is known of it but the wide prior
-    unmeasured = ~nodes.measured[1:]
+    # the corrections are those of the odometry
     model.steps[unmeasured], model.spread[unmeasured] = raw[unmeasured], spread[unmeasured]
     second = _Registered.empty(n)
     _run(second, nodes, path, model, config, proved=True)
