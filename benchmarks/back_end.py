@@ -66,9 +66,11 @@ def run(
         for key, trajectory in (("final", estimate.trajectory_final), ("online", estimate.trajectory)):
             reference = case.reference if name in LOGS else case.reference.at(trajectory.stamps)
             row[key] = absolute_trajectory_error(trajectory, reference).rmse
-        if name not in LOGS and estimate.loops:
+        if name not in LOGS:
             loops = score_loops(estimate.loops, case.reference, case.recording)
-            row |= {"accepted": loops.accepted, "false": loops.false, "recall": loops.recall}
+            row |= {"accepted": loops.accepted, "false": loops.false}
+            if loops.recall is not None:
+                row["recall"] = loops.recall
     except Exception as error:  # one crash is a result, and no reason to lose the others
         row["error"] = f"{type(error).__name__}: {error}"
     return row

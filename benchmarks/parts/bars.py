@@ -42,23 +42,27 @@ class Bar:
 def summarise(rows: Sequence[Mapping[str, Any]], bars: Sequence[Bar]) -> dict[str, Any]:
     """Median and worst of every figure of a run's rows, and its bars with what they came to.
 
-    A seed that crashed has an ``error`` and no figures: then no bar holds.
+    A seed that crashed has an ``error`` and no figures: then no bar holds. A figure that some rows do not have is that
+    of the others, with their number.
     """
     good = [row for row in rows if "error" not in row]
-    numbers = [key for key, value in good[0].items() if isinstance(value, (int, float))] if good else []
+    numbers = list(dict.fromkeys(key for row in good for key, value in row.items() if isinstance(value, (int, float))))
     keys = [key for key in numbers if key not in NO_FIGURES and not key.startswith("n_")]
     more_is_better = {bar.figure for bar in bars if bar.least}
     figures = {
         key: {
-            "median": statistics.median(row[key] for row in good),
-            "worst": (min if key in more_is_better else max)(row[key] for row in good),
+            "median": statistics.median(values),
+            "worst": (min if key in more_is_better else max)(values),
+            **({"seeds": len(values)} if len(values) < len(good) else {}),
         }
         for key in keys
+        if (values := [row[key] for row in good if key in row])
     }
     judged = []
     for bar in bars:
         value = figures.get(bar.figure, {}).get(bar.over)
-        holds = value is not None and len(good) == len(rows) and bar.holds(value)
+        everywhere = all(bar.figure in row for row in rows)
+        holds = value is not None and everywhere and bar.holds(value)
         judged.append({**asdict(bar), "text": str(bar), "value": value, "holds": holds})
     counts = {key: good[0][key] for key in numbers if key.startswith("n_")}
     return {"seeds": len(rows), "crashed": len(rows) - len(good), **counts, "figures": figures, "bars": judged}

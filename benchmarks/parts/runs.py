@@ -38,7 +38,8 @@ LOGS = {
 }
 """Real logs under ``DATA``: ``.log.gz``, and beside it ``.reference.tum`` (or ``.relations``)."""
 UNSEEN_LOGS = ("aces", "fhw")
-"""Logs that no setting was chosen on; the others were looked at while the preset ``default`` was made."""
+"""Logs that no setting of the filter was chosen on, though the back end was made looking at them; the others were
+looked at while the preset ``default`` was made."""
 UNSEEN_BUILDINGS = tuple(f"random-corridors-{number}" for number in range(1000, 1020))
 """Simulated buildings that no setting was chosen on, a seed each."""
 SCENARIOS = ("corridor", "loop", "office")
@@ -59,15 +60,17 @@ NOT_MUCH_WORSE_AT_ONCE = Bar("online_over_final", "worst", 1.5)
 NEVER_LOST = Bar("final", "worst", LOST, strict=True)
 BARS: dict[str, tuple[Bar, ...]] = {
     RELATIONS: (
-        Bar("final_clear", "worst", 0.0155),
-        Bar("final_clear_deg", "worst", 0.22),
+        Bar("final_clear", "worst", 0.0145),
+        Bar("final_clear_deg", "worst", 0.215),
         NOT_MUCH_WORSE_AT_ONCE,
         Bar("online_over_final_deg", "worst", 1.5),
     ),
-    "intel_key_scans": (Bar("final", "worst", 0.09), NOT_MUCH_WORSE_AT_ONCE),
-    "freiburg-101": (Bar("final", "worst", 0.06), NOT_MUCH_WORSE_AT_ONCE),
-    "belgioioso": (Bar("final", "worst", 0.13), NOT_MUCH_WORSE_AT_ONCE),
-    "csail": (Bar("final", "worst", 0.115), NOT_MUCH_WORSE_AT_ONCE),
+    "aces": (Bar("final", "worst", 0.12),),
+    "fhw": (Bar("final", "worst", 0.17),),
+    "intel_key_scans": (Bar("final", "worst", 0.078), NOT_MUCH_WORSE_AT_ONCE),
+    "freiburg-101": (Bar("final", "worst", 0.046), NOT_MUCH_WORSE_AT_ONCE),
+    "belgioioso": (Bar("final", "worst", 0.095), NOT_MUCH_WORSE_AT_ONCE),
+    "csail": (Bar("final", "worst", 0.105), NOT_MUCH_WORSE_AT_ONCE),
     HALL: (
         Bar("final_across", "worst", 0.05, strict=True),
         Bar("along_over_dead_reckoning", "worst", 1.0),
