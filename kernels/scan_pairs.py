@@ -137,7 +137,7 @@ def match_endpoints(
     Raises:
         InputError: arrays that do not fit together, or numbers out of bounds.
     """
-    ends = as_finite("points", points, np.float32, (None, 2))
+    ends = as_finite("points", points, np.float64, (None, 2))
     across = as_finite("normals", normals, np.float32, (len(ends), 2))
     scans = as_finite("owners", owners, np.int32, (len(ends),))
     mates = _checked_partners(partners)
@@ -148,7 +148,7 @@ def match_endpoints(
     matches = np.full((len(ends), mates.shape[1]), -1, np.int32)
     if not len(ends):
         return matches
-    placed = ends - ends.min(axis=0)
+    placed = (ends - ends.min(axis=0)).astype(np.float32)
     extent = placed.max(axis=0).astype(float)
     size = max(reach, math.sqrt((extent[0] + reach) * (extent[1] + reach) / MAX_CELLS))
     columns, rows = (int(length / size) + 2 for length in extent)

@@ -57,17 +57,12 @@ class Localiser:
         window = Window(half, 2 * maps.config.cell_size, 2 * c.heading_step)
         wider = np.maximum(half / 2, spread)
         wide = self._best(maps, predicted, wider, points, origin, window, c.relocation_starts, predictions)
-        clearly = self.score(wide)[0] >= self.score(found)[0] + c.relocation_gain * len(points)
+        clearly = match_score(wide, c)[0] >= match_score(found, c)[0] + c.relocation_gain * len(points)
         return wide if clearly else found
 
     def lost(self, found: Registration, points: int) -> bool:
         """Whether a scan of this many points contradicts the map where it was found."""
-        return bool(self.score(found)[0] < self._config.lost_score * points)
-
-    def score(self, found: Registration) -> Array:
-        """The match score [N] in points: endpoints that match, less what contradicts the map."""
-        c = self._config
-        return found.known * (c.score_likelihood * found.likelihoods - c.score_known) - c.score_crossing * found.crossed
+        return bool(match_score(found, self._config)[0] < self._config.lost_score * points)
 
     def _best(
         self,
@@ -91,9 +86,20 @@ class Localiser:
         off = np.square(tried.offsets / spread).sum(axis=1)
         cost = off / 2
         heavy = slice(len(predictions))
-        cost[heavy] = c.prior_tail * np.log1p(off[heavy] / (2 * c.prior_tail))
-        best = [int((self.score(tried) * len(points) / len(some) - cost).argmax())]
+        cost[heavy] = heavy_tail(off[heavy], c)
+        best = [int((match_score(tried, c) * len(points) / len(some) - cost).argmax())]
         start, mean = tried.offsets[best], means[best]
         return register(
             maps, predicted[None], spread, points, origin, start, self._registration, means=mean, coarse=False
         )
+
+
+def match_score(found: Registration, config: TrackingConfig) -> Array:
+    """The match score [N] in points: endpoints that match, less what contradicts the map."""
+    c = config
+    return found.known * (c.score_likelihood * found.likelihoods - c.score_known) - c.score_crossing * found.crossed
+
+
+def heavy_tail(squares: Array, config: TrackingConfig) -> Array:
+    """What offsets from the odometry cost [nats]: half their squares in standard deviations, with a heavy tail."""
+    return np.asarray(config.prior_tail * np.log1p(squares / (2 * config.prior_tail)))

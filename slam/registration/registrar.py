@@ -7,15 +7,15 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from moteslam.kernels.registration import COST, CROSSED, FITS, INFORMATION, KNOWN, LIKELIHOOD, register_scans
+from moteslam.kernels.registration import COST, CROSSED, INFORMATION, KNOWN, LIKELIHOOD, register_scans
 from moteslam.slam.mapping.tsdf import TsdfView
 from moteslam.slam.odometry.noise import odometry_error
 from moteslam.slam.registration.config import RegistrationConfig
 
 Array = NDArray[np.float64]
 Points = NDArray[np.float32]
-SYMMETRIC = np.arange(FITS)[INFORMATION][[0, 1, 2, 1, 3, 4, 2, 4, 5]]
-"""Where in a row of fits the elements of the full information matrix are."""
+FULL = [0, 1, 2, 1, 3, 4, 2, 4, 5]
+"""Where in an upper triangle 00 01 02 11 12 22 the elements of the full 3 x 3 matrix are, row by row."""
 
 
 class Registration(NamedTuple):
@@ -89,7 +89,7 @@ def register(
         ray_weight=config.ray_weight,
         ray_distance=config.ray_distance,
     )
-    information = fits.take(SYMMETRIC, axis=1).reshape(-1, 3, 3)
+    information = fits[:, INFORMATION][:, FULL].reshape(-1, 3, 3)
     known = fits[:, KNOWN]
     likelihoods = fits[:, LIKELIHOOD] / np.maximum(known, 1)
     return Registration(offsets, information, fits[:, COST], known, likelihoods, fits[:, CROSSED])

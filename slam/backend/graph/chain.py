@@ -7,6 +7,7 @@ odometry by many standard deviations only where the evidence allows: see ``_over
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +19,9 @@ from moteslam.slam.backend.graph.information import measured_information
 from moteslam.slam.backend.graph.nodes import Nodes
 from moteslam.slam.backend.graph.odometry_model import OdometryModel, fit_odometry
 from moteslam.slam.mapping.tsdf import TsdfMaps
+from moteslam.slam.registration.config import TrackingConfig
 from moteslam.slam.registration.degeneracy import keep_odometry
+from moteslam.slam.registration.localisation import heavy_tail, match_score
 from moteslam.slam.registration.registrar import Registration, prior_spread, register, subsample
 
 Array = NDArray[np.float64]
@@ -27,8 +30,8 @@ FLOOR = np.array([0.003, 0.003, np.radians(0.05)])
 """No step is known better [m], [rad]: the standard deviation of what the TSDF's cells resolve."""
 GATE = 6.0
 """An offset of more standard deviations of the odometry must be proved."""
-TAIL = 3.0
-"""The odometry's tails are heavier than the normal distribution's beyond this many nats."""
+SCORES = TrackingConfig()
+"""Match score and heavy tail are those of tracking."""
 SLIP = 7.0
 """Negative log-probability that the wheels slip in one step: one in a thousand."""
 DOUBT = 4.0
@@ -70,7 +73,6 @@ def build_chain(nodes: Nodes, path: Array, config: GraphConfig) -> Chain:
         path: [n, 3] the filter's poses of them: its steps are tried, too.
         config: of the back end.
     """
-    n = len(nodes)
     # what nothing measured is taken from the filter, loosely
     unmeasured = ~nodes.measured[1:]
     raw = np.where(unmeasured[:, None], se2.between(path[:-1], path[1:]), nodes.odometry[1:])
@@ -80,38 +82,32 @@ def build_chain(nodes: Nodes, path: Array, config: GraphConfig) -> Chain:
             for step, measured in zip(raw, nodes.measured[1:], strict=True)
         ]
     ).reshape(-1, 3)
-    first = _Registered.empty(n)
-    _run(first, nodes, path, OdometryModel(raw, spread), config, proved=False)
+    first = _registered(nodes, path, OdometryModel(raw, spread), config, proved=False)
     model = fit_odometry(raw, first.steps, np.asarray(np.linalg.inv(first.information + LEAST_INFORMATION * np.eye(3))))
     # the corrections are those of the odometry
     model.steps[unmeasured], model.spread[unmeasured] = raw[unmeasured], spread[unmeasured]
-    second = _Registered.empty(n)
-    _run(second, nodes, path, model, config, proved=True)
-    return _fused(second, nodes, path, model)
+    return _fused(_registered(nodes, path, model, config, proved=True), nodes, path, model)
 
 
-@dataclass(eq=False)
-class _Registered:
+class _Registered(NamedTuple):
     """Steps [n - 1, 3] by registration, their information, and [n - 1, 3] how far off they may be if misjudged."""
 
     steps: Array
     information: Array
     doubt: Array
 
-    @classmethod
-    def empty(cls, n: int) -> _Registered:
-        return cls(np.zeros((n - 1, 3)), np.zeros((n - 1, 3, 3)), np.zeros((n - 1, 3)))
 
-
-def _run(
-    result: _Registered, nodes: Nodes, path: Array, odometry: OdometryModel, config: GraphConfig, *, proved: bool
-) -> None:
-    """Register every node to the local TSDF, into ``result``; with ``proved`` overrule the odometry by proof alone."""
-    poses = np.zeros((len(nodes), 3))
+def _registered(
+    nodes: Nodes, path: Array, odometry: OdometryModel, config: GraphConfig, *, proved: bool
+) -> _Registered:
+    """Register every node to the local TSDF; with ``proved`` the odometry is overruled by proof alone."""
+    n = len(nodes)
+    result = _Registered(np.zeros((n - 1, 3)), np.zeros((n - 1, 3, 3)), np.zeros((n - 1, 3)))
+    poses = np.zeros((n, 3))
     local = _LocalMaps(config)
     local.add(poses[0], nodes.scans[0], 0.0)
     filtered = np.asarray(se2.between(path[:-1], path[1:]))
-    for k in range(1, len(nodes)):
+    for k in range(1, n):
         predicted = odometry.steps[k - 1]
         points = subsample(nodes.scans[k].points, config.chain.max_points)
         result.steps[k - 1] = predicted
@@ -139,6 +135,7 @@ def _run(
             result.information[k - 1] = measured_information(found, best, config.registration, config.correlation)
         poses[k] = se2.compose(poses[k - 1], result.steps[k - 1])
         local.add(poses[k], nodes.scans[k], float(np.hypot(*result.steps[k - 1, :2])))
+    return result
 
 
 class _LocalMaps:
@@ -177,9 +174,8 @@ class _LocalMaps:
 
 def _better(found: Registration, spread: Array) -> int:
     """Which registration has the better match, less what its offset costs by the odometry."""
-    match = found.known * (1.5 * found.likelihoods - 0.3) - 0.3 * found.crossed
     off = np.square(found.offsets / spread).sum(axis=1)
-    return int((match - TAIL * np.log1p(off / (2 * TAIL))).argmax())
+    return int((match_score(found, SCORES) - heavy_tail(off, SCORES)).argmax())
 
 
 def _overrules(
@@ -200,8 +196,8 @@ def _overrules(
 
     both = min(float(held.known[0]), float(found.known[best]))
     evidence = (mean_cost(held, 0) - mean_cost(found, best)) * both / config.correlation
-    off = float(np.square(found.offsets[best] / spread).sum())
-    return evidence - TAIL * float(np.log1p(off / (2 * TAIL))) - SLIP
+    off = np.square(found.offsets[best] / spread).sum()
+    return evidence - float(heavy_tail(off, SCORES)) - SLIP
 
 
 def _fused(registered: _Registered, nodes: Nodes, path: Array, odometry: OdometryModel) -> Chain:
@@ -211,7 +207,6 @@ def _fused(registered: _Registered, nodes: Nodes, path: Array, odometry: Odometr
     many times what one registration does. Where it contradicts the registration, it may have closed a loop.
     """
     off = np.asarray(se2.between(registered.steps, odometry.steps))
-    off[:, 2] = se2.wrap(off[:, 2])
     weights = 1 / np.square(odometry.spread)
     covariance = np.linalg.inv(registered.information + weights[:, :, None] * np.eye(3))
     # where the registration overruled the odometry this says nothing
@@ -219,7 +214,6 @@ def _fused(registered: _Registered, nodes: Nodes, path: Array, odometry: Odometr
     steps = np.asarray(se2.compose(registered.steps, np.einsum("nij,nj->ni", covariance, weights * off)))
     filtered = np.asarray(se2.between(path[:-1], path[1:]))
     off = np.asarray(se2.between(steps, filtered))
-    off[:, 2] = se2.wrap(off[:, 2])
     precision = np.linalg.inv(covariance + np.diag(np.square(FLOOR)))
     agree = np.einsum("ni,nij,nj->n", off, precision, off) < AGREEING**2
     excess = (agree * (np.diff(nodes.updates) - 1))[:, None, None] * registered.information

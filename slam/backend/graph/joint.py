@@ -7,28 +7,24 @@ system a round. The corrected odometry is the prior, robustly: wheels slip.
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 
-from moteslam.kernels.normals import scan_normals
 from moteslam.kernels.scan_pairs import accumulate, match_endpoints
-from moteslam.kernels.thinning import ThinnedScan
 from moteslam.robot import se2
 from moteslam.slam.backend.graph.chain import Chain
-from moteslam.slam.backend.graph.config import JointConfig
+from moteslam.slam.backend.graph.config import GraphConfig
+from moteslam.slam.backend.graph.endpoints import Endpoints
 from moteslam.slam.backend.graph.odometry_model import OdometryModel
 from moteslam.slam.backend.graph.pose_graph import ANCHOR, relative_jacobians
 from moteslam.slam.backend.graph.sparse_blocks import BlockSystem
+from moteslam.slam.registration.registrar import FULL
 
 Array = NDArray[np.float64]
 
-NORMAL_REACH, NORMAL_NOISE, NORMAL_LARGEST = 0.3, 0.005, 0.1
-"""See ``scan_normals``: 30 cm of wall, points good to 5 mm, directions good to 0.1 rad."""
-RESIDUAL, CORRELATION = 0.02, 10.0
-"""Standard deviation of an endpoint's distance to a line [m], and how many endpoints err alike."""
+RESIDUAL = 0.02
+"""Standard deviation of an endpoint's distance to a line [m]."""
 SHRINK = 0.75
 """Of the reach, a round."""
 SCALE_SHARE, LEAST_SCALE = 0.25, 0.03
@@ -45,103 +41,49 @@ EVERY = 5
 """Rounds between two choices of partners."""
 STILL = 1e-3
 """It ends when no pose moves farther in a round [m]."""
-SHARPNESS_CELL, SHARPNESS_GRIDS = 0.05, 4
-"""Edge of the cells [m], and how many directions of the grid."""
-SYMMETRIC = [0, 1, 2, 1, 3, 4, 2, 4, 5]
-"""Where in an upper triangle the elements of the full 3 x 3 block are."""
 
 
-class Endpoints(NamedTuple):
-    """The endpoints of n scans, scan by scan.
-
-    Attributes:
-        points, normals: float32 [p, 2] in the robot's frame of each scan.
-        starts: int32 [n + 1] of each scan among them, and p.
-        owners: int32 [p] the scan of each.
-    """
-
-    points: NDArray[np.float32]
-    normals: NDArray[np.float32]
-    starts: NDArray[np.int32]
-    owners: NDArray[np.int32]
-
-    @classmethod
-    def of(cls, scans: tuple[ThinnedScan, ...]) -> Endpoints:
-        """Of thinned scans, with their normals."""
-        counts = [len(scan.points) for scan in scans]
-        points = np.vstack([scan.points for scan in scans])
-        joined = np.concatenate([scan.joined for scan in scans]).astype(np.int32)
-        starts = np.r_[0, np.cumsum(counts)].astype(np.int32)
-        normals = scan_normals(points, joined, starts, reach=NORMAL_REACH, noise=NORMAL_NOISE, largest=NORMAL_LARGEST)
-        return cls(points, normals, starts, np.repeat(np.arange(len(scans)), counts).astype(np.int32))
-
-    def placed(self, poses: Array) -> tuple[Array, Array]:
-        """Points and normals [p, 2] in the map frame."""
-        pose = poses[self.owners]
-        c, s = np.cos(pose[:, 2]), np.sin(pose[:, 2])
-
-        def turned(v: NDArray[np.float32]) -> Array:
-            return np.column_stack((c * v[:, 0] - s * v[:, 1], s * v[:, 0] + c * v[:, 1]))
-
-        return turned(self.points) + pose[:, :2], turned(self.normals)
-
-
-def sharpness(endpoints: Endpoints, poses: Array) -> float:
-    """The mean number of cells that hold an endpoint: fewer are sharper, and a wall drawn twice counts twice.
-
-    Over grids of several directions: a wall along the cells' edges would count once or twice by chance.
-    """
-    points, _ = endpoints.placed(poses)
-    counts = []
-    for angle in np.arange(1, SHARPNESS_GRIDS + 1) * (np.pi / 2 / (SHARPNESS_GRIDS + 1)):
-        c, s = np.cos(angle), np.sin(angle)
-        cells = np.floor(points @ np.array(((c, -s), (s, c))) / SHARPNESS_CELL).astype(np.int64)
-        counts.append(len(np.unique(cells @ np.array((1, 1 << 32)))))
-    return float(np.mean(counts))
-
-
-def register_jointly(endpoints: Endpoints, poses: Array, chain: Chain, config: JointConfig) -> Array:
+def register_jointly(endpoints: Endpoints, poses: Array, chain: Chain, config: GraphConfig) -> Array:
     """Move all poses to where the scans fit each other best; the first stays.
 
     Args:
         endpoints: of n scans.
         poses: [n, 3] to begin with.
         chain: the odometry of the steps between them, and what the filter knows of them besides.
-        config: reach, partners, rounds.
+        config: of the back end.
 
     Returns:
         [n, 3] poses.
     """
-    poses, reach, n = poses.copy(), config.first_reach, len(poses)
+    joint = config.joint
+    poses, reach, n = poses.copy(), joint.first_reach, len(poses)
     steps = np.arange(n - 1)
-    for turn in range(config.rounds):
+    for turn in range(joint.rounds):
         if turn % EVERY == 0:
-            partners = choose_partners(endpoints, poses, config.partners)
+            partners = choose_partners(endpoints, poses, joint.partners)
             own_scan, slot = np.nonzero(partners >= 0)
             other = partners[own_scan, slot].astype(np.intp)
             system = BlockSystem(n, np.r_[own_scan, steps], np.r_[other, steps + 1])
         points, normals = endpoints.placed(poses)
-        matches = match_endpoints(
-            points - points.min(axis=0), normals, endpoints.owners, partners, reach=reach, agreement=AGREEMENT
-        )
+        matches = match_endpoints(points, normals, endpoints.owners, partners, reach=reach, agreement=AGREEMENT)
         scale = max(SCALE_SHARE * reach, LEAST_SCALE)
         own, pairs, _ = accumulate(
             endpoints.points, endpoints.normals, endpoints.starts, poses, partners, matches, scale=scale
         )
-        information = 1 / (CORRELATION * RESIDUAL**2)
+        information = 1 / (config.correlation * RESIDUAL**2)
         some = information * pairs[own_scan, slot]
-        blocks = information * own[:, SYMMETRIC].reshape(-1, 3, 3)
+        blocks = information * own[:, FULL].reshape(-1, 3, 3)
         right = information * own[:, 6:]
-        np.add.at(blocks, other, some[:, 9:15][:, SYMMETRIC].reshape(-1, 3, 3))
+        np.add.at(blocks, other, some[:, 9:15][:, FULL].reshape(-1, 3, 3))
         np.add.at(right, other, some[:, 15:])
         between = _add_odometry(poses, chain.odometry, blocks, right) + _add_filtered(poses, chain, blocks, right)
         blocks[0] += ANCHOR * np.eye(3)
         step = system.solve(blocks, np.concatenate((some[:, :9].reshape(-1, 3, 3), between)), -right)
         poses += step
         poses[:, 2] = se2.wrap(poses[:, 2])
-        if reach <= config.last_reach and np.hypot(step[:, 0], step[:, 1]).max() < STILL:
+        if reach <= joint.last_reach and np.hypot(step[:, 0], step[:, 1]).max() < STILL:
             break
-        reach = max(SHRINK * reach, config.last_reach)
+        reach = max(SHRINK * reach, joint.last_reach)
     return poses
 
 
@@ -186,7 +128,6 @@ def _add_odometry(poses: Array, odometry: OdometryModel, blocks: Array, right: A
 def _add_filtered(poses: Array, chain: Chain, blocks: Array, right: Array) -> Array:
     """Add what the filter knows of the steps besides; likewise."""
     off = np.asarray(se2.between(chain.filtered, se2.between(poses[:-1], poses[1:])))
-    off[:, 2] = se2.wrap(off[:, 2])
     squares = np.einsum("ni,nij,nj->n", off, chain.excess, off)
     weights = 1 / np.square(1 + squares / SLIP**2)
     return _add_steps(poses, chain.filtered[:, 2], off, weights[:, None, None] * chain.excess, blocks, right)

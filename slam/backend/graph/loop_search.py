@@ -7,7 +7,7 @@ allows.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 from moteslam.robot import se2
 from moteslam.slam.backend.graph.config import GraphConfig
 from moteslam.slam.backend.graph.information import measured_information
+from moteslam.slam.backend.graph.nodes import Nodes
 from moteslam.slam.backend.graph.submaps import Submaps
-from moteslam.slam.backend.ledger import Verdict
+from moteslam.slam.backend.ledger import LoopCandidate, Verdict
 from moteslam.slam.mapping.tsdf import TsdfView
 from moteslam.slam.registration.config import RegistrationConfig, SearchConfig
 from moteslam.slam.registration.registrar import Registration, register, subsample
@@ -48,44 +49,31 @@ LOOSE = 3.0
 """Standard deviation of the prediction in the registration [windows]."""
 
 
-@dataclass(frozen=True, eq=False)
-class Match:
-    """Where a query was found in a submap.
+class Loop(NamedTuple):
+    """A candidate as searched, and the information [3, 3] of its relative pose.
 
-    Attributes:
-        relative: [3] pose of the query's node in the frame of the submap's.
-        information: [3, 3] of it; next to none along a direction that nothing binds.
-        share: of the endpoints on surfaces, less what rays through surfaces and the offset from the prediction cost.
-        runner_up: largest share at another place, 0 where there is none.
-        known, likelihood, crossed: share of the endpoints where the submap is known, the mean likelihood of those, and
-            the share of rays that cross a surface.
-        verdict: whether that proves a loop.
+    It is next to none along a direction that nothing binds.
     """
 
-    relative: Array
+    candidate: LoopCandidate
     information: Array
-    share: float
-    runner_up: float
-    known: float
-    likelihood: float
-    crossed: float
-    verdict: Verdict
 
 
 class LoopSearch:
     """Searches queries in submaps.
 
     Args:
-        submaps: of all nodes.
+        nodes: all of them.
+        submaps: theirs.
         config: of the back end.
     """
 
-    def __init__(self, submaps: Submaps, config: GraphConfig) -> None:
-        self._submaps, self._config = submaps, config
+    def __init__(self, nodes: Nodes, submaps: Submaps, config: GraphConfig) -> None:
+        self._nodes, self._submaps, self._config = nodes, submaps, config
         self._registration = RegistrationConfig(**{**config.registration.model_dump(), "residual": RESIDUAL})
         self._lattice = SearchConfig(search_prior=NEGLIGIBLE_PRIOR)
 
-    def match(self, submap: int, query: int, predicted: Array, half: Array) -> Match | None:
+    def match(self, submap: int, query: int, predicted: Array, half: Array) -> Loop | None:
         """Search a query in a submap.
 
         Args:
@@ -113,9 +101,14 @@ class LoopSearch:
         runner_up = max(float(shares[rivals].max()), 0.0) if rivals.any() else 0.0
         information = measured_information(found, best, self._registration, self._config.correlation)
         covariance = np.linalg.inv(information + WEAKEST * np.eye(3)) + np.diag(np.square(FLOOR))
-        return Match(
-            relative=np.asarray(se2.compose(predicted, found.offsets[best])),
-            information=np.linalg.inv(covariance),
+        indices, stamps = self._nodes.indices, self._nodes.stamps
+        candidate = LoopCandidate(
+            earlier=int(indices[submap]),
+            later=int(indices[query]),
+            stamps=(float(stamps[submap]), float(stamps[query])),
+            predicted=predicted,
+            found=np.asarray(se2.compose(predicted, found.offsets[best])),
+            window=(float(half[0]), float(half[2])),
             share=float(shares[best]),
             runner_up=runner_up,
             known=float(found.known[best]) / len(points),
@@ -123,6 +116,7 @@ class LoopSearch:
             crossed=float(found.crossed[best]) / len(points),
             verdict=self._verdict(float(shares[best]), runner_up, found.offsets[best], half),
         )
+        return Loop(candidate, np.linalg.inv(covariance))
 
     def _register(self, maps: TsdfView, predicted: Array, half: Array, points: Points, starts: Array) -> Registration:
         """Register endpoints from many starts, all but free of the prediction."""

@@ -53,7 +53,6 @@ def fit_odometry(odometry: Array, registered: Array, covariance: Array) -> Odome
     distance, rotation = np.hypot(odometry[:, 0], odometry[:, 1])[:, None], np.abs(odometry[:, 2])[:, None]
     shape = AT_REST + FROM_DISTANCE * distance + FROM_ROTATION * rotation
     errors = np.asarray(se2.between(odometry, registered))
-    errors[:, 2] = se2.wrap(errors[:, 2])
     variance = np.diagonal(covariance, axis1=1, axis2=2)
     gains, scales = np.zeros((3, 3)), np.ones(3)
     for _ in range(ROUNDS):

@@ -59,9 +59,7 @@ class Edges:
 
     def errors(self, poses: Array) -> Array:
         """The errors [e, 3] of the measured relative poses, in their frames, where the nodes are at ``poses``."""
-        off = np.asarray(se2.between(self.relative, se2.between(poses[self.first], poses[self.second])))
-        off[:, 2] = se2.wrap(off[:, 2])
-        return off
+        return np.asarray(se2.between(self.relative, se2.between(poses[self.first], poses[self.second])))
 
     def jacobians(self, poses: Array) -> tuple[Array, Array]:
         """Of the errors by (x, y, theta) of the first and of the second pose, [e, 3, 3] each."""

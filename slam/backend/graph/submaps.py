@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections import OrderedDict
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -22,6 +24,10 @@ MAX_POINTS = 400
 """Endpoints of a query, at most."""
 
 
+CACHED = 64
+"""TSDFs of submaps that are kept, those used last: about half a megabyte each."""
+
+
 class Submaps:
     """The submaps around the nodes, built when they are asked for; nodes lie in them as the chain has them.
 
@@ -37,15 +43,19 @@ class Submaps:
     def __init__(self, nodes: Nodes, poses: Array, config: GraphConfig) -> None:
         self._nodes, self._poses, self._config = nodes, poses, config
         self.path = np.r_[0.0, np.cumsum(np.hypot(*np.diff(poses[:, :2], axis=0).T))]
-        self._maps: dict[int, TsdfMaps] = {}
+        self._maps: OrderedDict[int, TsdfMaps] = OrderedDict()
 
     def around(self, node: int) -> TsdfMaps:
         """The TSDF of the nodes around one, in its frame."""
-        if node not in self._maps:
+        if node in self._maps:
+            self._maps.move_to_end(node)
+        else:
             maps = TsdfMaps(self._config.tsdf)
             for k in self._members(node, self._config.loops.submap_length, MAP_NODES):
                 maps.integrate(self._pose(node, k)[None], self._nodes.scans[k])
             self._maps[node] = maps
+            if len(self._maps) > CACHED:
+                self._maps.popitem(last=False)
         return self._maps[node]
 
     def query(self, node: int) -> Points:

@@ -13,7 +13,7 @@ from moteslam.slam.mapping.tsdf import TsdfMaps, TsdfView
 from moteslam.slam.registration import localisation
 from moteslam.slam.registration.config import RegistrationConfig, TrackingConfig
 from moteslam.slam.registration.degeneracy import keep_odometry, least_informed
-from moteslam.slam.registration.localisation import Localiser
+from moteslam.slam.registration.localisation import Localiser, match_score
 from moteslam.slam.registration.registrar import Registration
 
 Array = NDArray[np.float64]
@@ -115,7 +115,7 @@ def test_rays_through_a_surface_lower_the_match_score_and_can_lose_a_scan() -> N
         return Registration(*np.zeros((2, 1, 3)), *np.array([[10.0], [100.0], [0.9], [crossed]]))  # type: ignore[arg-type]
 
     config = TrackingConfig()
-    free, blocked = (localiser().score(matched(crossed))[0] for crossed in (0.0, 40.0))
+    free, blocked = (match_score(matched(crossed), TrackingConfig())[0] for crossed in (0.0, 40.0))
     assert free - blocked == pytest.approx(40 * config.score_crossing)
     strict = localiser(score_crossing=3.0)
     assert not strict.lost(matched(0.0), 100)
