@@ -57,7 +57,7 @@ def resolve_config(
     if file is not None:
         given = read_toml(file, "a TOML file")
         _resolved(base, given, file=file)
-    given = merged(given, assigned(settings))
+    given = _over(given, assigned(settings))
     return _resolved(base, given, file=None)
 
 
@@ -72,10 +72,8 @@ def _resolved(preset: Table, given: Table, *, file: Path | None) -> SlamConfig:
     """The configuration of a preset and what is given over it; ``file`` is named in errors."""
     model = _model(given.get("method", preset["method"]), file=file)
     base = model.model_validate({}).model_dump(mode="json")
-    if _backend_of(given) not in (None, base["backend"]["method"]):
-        base["backend"] = {}  # another back end has other keys
     known = {key: value for key, value in preset.items() if key in base and key != "method"}
-    values = merged(merged(base, known), {**given, "method": base["method"]})
+    values = _over(_over(base, known), {**given, "method": base["method"]})
     try:
         return model.model_validate(values)
     except ConfigError as error:
@@ -88,9 +86,17 @@ def _resolved(preset: Table, given: Table, *, file: Path | None) -> SlamConfig:
         raise ConfigError(_other_method(field, base["method"]) or problem, file=file, field=field) from error
 
 
-def _backend_of(given: Table) -> object:
+def _over(values: Table, others: Table) -> Table:
+    """Values with others over them; where these name another back end, the keys of the one below are left out."""
+    below, above = _backend_of(values), _backend_of(others)
+    if None not in (below, above) and above != below:
+        values = {**values, "backend": {}}
+    return merged(values, others)
+
+
+def _backend_of(table: Table) -> object:
     """The back end that a table asks for, None where it asks for none by name."""
-    backend = given.get("backend")
+    backend = table.get("backend")
     return backend.get("method") if isinstance(backend, dict) else None
 
 

@@ -43,6 +43,15 @@ def test_a_flag_goes_over_the_file_over_the_preset(tmp_path: Path):
     assert config.map.limit == 50
 
 
+def test_another_back_end_drops_the_keys_of_the_one_below(tmp_path: Path):
+    file = tmp_path / "mine.toml"
+    file.write_text('[backend]\nmethod = "graph"\ndistance = 0.25\n')
+    assert resolve_config("default", file=file).backend.model_dump()["distance"] == 0.25
+    assert resolve_config("default", ["backend.method=none"], file).backend.model_dump() == {"method": "none"}
+    with pytest.raises(ConfigError, match="distance"):
+        resolve_config("default", ["backend.method=none", "backend.distance=0.3"], file)
+
+
 @pytest.mark.parametrize(
     ("setting", "words"),
     [

@@ -1,4 +1,4 @@
-"""The endpoints of all nodes' scans in one array, and how sharp a map they draw along a path."""
+"""The endpoints of all nodes' scans in one array, and the sharpness of the map that they draw along a path."""
 
 from __future__ import annotations
 
