@@ -38,7 +38,7 @@ def loop_lines(result: LoopResult) -> str:
         right, accepted = result.accepted - result.false, counted(result.accepted, "accepted loop")
         lines.append(f"loop precision {100 * result.precision:.1f} %: {right} of {accepted} right")
     if result.recall is not None:
-        share = f"{result.bound} of {counted(result.to_be_had or 0, 'key scan')} with a loop to be had bound by one"
+        share = f"{result.bound} of {counted(result.possible or 0, 'key scan')} with a possible loop bound by an accepted one"
         lines.append(f"loop recall {100 * result.recall:.1f} %: {share}")
     return "\n".join([*lines, *map(str, result.issues)])
 
