@@ -103,11 +103,12 @@ def runs(study: str, chosen: range | None) -> list[Run]:
         return [Run(label + more, name, seed, noise) for more, noise in noises for label, name, seed in logs] + dense
     if study == "worlds":
         return [Run(name, name, seed, STEP_NOISE) for name in WORLDS for seed in chosen or range(5)]
-    of_stages = [(name, 0, None) for name in that_are_there(LOGS_OF_STAGES)]
-    simulated = [(name, seed, STEP_NOISE) for name in (*SCENARIOS, "twins", "grid") for seed in chosen or range(200, 203)]
+    numbers = chosen or range(200, 203)
+    real = [(name, 0, None) for name in that_are_there(LOGS_OF_STAGES)]
+    simulated = [(name, seed, STEP_NOISE) for name in (*SCENARIOS, "twins", "grid") for seed in numbers]
     return [
         Run(f"{name}, {stage}", name, seed, noise, settings=settings)
-        for name, seed, noise in (*of_stages, *simulated)
+        for name, seed, noise in (*real, *simulated)
         for stage, settings in STAGES.items()
     ]
 

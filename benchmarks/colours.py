@@ -4,10 +4,10 @@
     python benchmarks/colours.py --runs two_halls hall --seeds 5-9 --set colours.share=0.05
 
 Each scenario is simulated with its camera, at its full rate and with lost frames, and run twice with the filter of the
-preset `default`, without its back end, which knows nothing of colours: as it is, and with `colours.enabled`. Both get the same recording and the same seed. No image is written:
-the frames that SLAM asks for are drawn then, the very pixels that files would hold. Scored is the ATE RMSE of the final
-trajectory. Without --runs: `two_halls` on seeds 0 to 9, then every other bundled scenario on seeds 0 and 1. What was
-broken off goes on with --resume.
+preset `default`, without its back end, which knows nothing of colours: as it is, and with `colours.enabled`. Both get
+the same recording and the same seed. No image is written: the frames that SLAM asks for are drawn then, the very pixels
+that files would hold. Scored is the ATE RMSE of the final trajectory. Without --runs: `two_halls` on seeds 0 to 9, then
+every other bundled scenario on seeds 0 and 1. What was broken off goes on with --resume.
 """
 
 from __future__ import annotations
