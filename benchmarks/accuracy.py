@@ -25,7 +25,7 @@ from typing import Any
 from parts.bars import Bar, summarise, summary_lines
 from parts.machine import save, stamp
 from parts.options import count, factor, result_file, seeds
-from parts.pool import rows_of
+from parts.pool import Row, row_or_error, rows_of
 from parts.runs import (
     BARS,
     HALL,
@@ -48,30 +48,30 @@ from moteslam.eval.cli.text import table
 from moteslam.slam.settings import resolve_config
 
 
-def run(name: str, preset: str, settings: list[str], seed: int, odometry_noise: float) -> dict[str, Any]:
+def run(name: str, preset: str, settings: list[str], seed: int, odometry_noise: float) -> Row:
     """One seed of a log or a scenario: its errors, and the processor time a scan; what went wrong, if it crashes."""
+    return row_or_error({"run": name, "seed": seed}, measure, name, preset, settings, seed, odometry_noise)
+
+
+def measure(name: str, preset: str, settings: list[str], seed: int, odometry_noise: float) -> Row:
+    """The figures of one seed."""
     from moteslam.kernels import runtime
     from moteslam.slam.run import run_slam
 
-    row: dict[str, Any] = {"run": name, "seed": seed}
-    try:
-        runtime.init("cpu", 1)
-        config = resolve_config(preset, settings)
-        case = load_log(name) if name in LOGS else simulate_case(name, seed, odometry_noise=odometry_noise)
-        began, spent = time.perf_counter(), time.process_time()
-        estimate = run_slam(case.recording, config, seed=seed)
-        seconds, spent = time.perf_counter() - began, time.process_time() - spent
-        scans = len(estimate.trajectory)
-        return {
-            **row,
-            **errors(name, estimate, case),
-            "cpu_seconds_a_scan": spent / scans,
-            "scans": scans,
-            "updates": int(estimate.diagnostics["updated"].sum()),
-            "seconds": seconds,
-        }
-    except Exception as error:  # one crash is a result, and no reason to lose the others
-        return {**row, "error": f"{type(error).__name__}: {error}"}
+    runtime.init("cpu", 1)
+    config = resolve_config(preset, settings)
+    case = load_log(name) if name in LOGS else simulate_case(name, seed, odometry_noise=odometry_noise)
+    began, spent = time.perf_counter(), time.process_time()
+    estimate = run_slam(case.recording, config, seed=seed)
+    seconds, spent = time.perf_counter() - began, time.process_time() - spent
+    scans = len(estimate.trajectory)
+    return {
+        **errors(name, estimate, case),
+        "cpu_seconds_a_scan": spent / scans,
+        "scans": scans,
+        "updates": int(estimate.diagnostics["updated"].sum()),
+        "seconds": seconds,
+    }
 
 
 def chosen(options: argparse.Namespace) -> dict[str, range]:

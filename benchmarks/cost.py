@@ -1,6 +1,6 @@
 """What SLAM costs: processor time a scan, speed beside real time, memory; a dated result file.
 
-    python benchmarks/cost.py --preset default --out benchmarks/results/cost-default-YYYY-MM-DD.json
+    python benchmarks/cost.py --set backend.method=none --out benchmarks/results/cost-default-YYYY-MM-DD.json
     python benchmarks/cost.py --cases filter real_time_100 --seeds 1
     python benchmarks/cost.py --quick
     python benchmarks/cost.py --against ../older-clone
@@ -9,7 +9,7 @@ Everything is measured in a fresh process of its own, with the kernels in the ca
 apart, and counted where the whole process is measured. The error of the same run stands beside its cost. --quick is a
 trial of a minute or two with other, shorter recordings: whether it runs, and no more. --against runs the same command
 in this checkout and in another one, in turns, each with the Python of its own `.venv`, and prints the ratios of their
-processor times.
+processor times. The bars are of the filter alone, without back end.
 
 | case | what |
 |---|---|

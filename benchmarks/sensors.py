@@ -8,7 +8,8 @@
     python benchmarks/sensors.py residuals    scan residuals of the simulated LMS200, seeds 0 to 4, beside Intel
     python benchmarks/sensors.py half-degree  the same of one of 361 beams, beside csail and freiburg-101
 
-Every run is simulated, replayed, and scored by ATE RMSE after alignment, with and without scale. A run is lost from an
+Every run is simulated, replayed by the filter alone (the joint registration of the back end minimises the residuals
+that are measured here), and scored by ATE RMSE after alignment, with and without scale. A run is lost from an
 ATE of 0.15 m on, and is counted as such, never left out. Every run is on one thread. A study goes into today's file in
 benchmarks/results; a part of one (--scenarios, --seeds) only into the file that --out names.
 """
@@ -22,16 +23,22 @@ from typing import Any
 from parts.bars import summarise
 from parts.machine import dated_file, save, stamp
 from parts.options import count, result_file, seeds
-from parts.pool import rows_of
-from parts.runs import HALF_DEGREE, LOST, errors, expect_names, load_log, simulate_case, that_are_there
+from parts.pool import Row, row_or_error, rows_of
+from parts.runs import (
+    FILTER_ALONE,
+    HALF_DEGREE,
+    KEY_SCANS,
+    LOST,
+    errors,
+    expect_names,
+    load_log,
+    simulate_case,
+    that_are_there,
+)
 
 from moteslam.errors import ConfigError
 from moteslam.eval.cli.text import table
 
-FILTER_ALONE = ("backend.method=none",)
-"""The joint registration of the back end minimises the residuals that are measured here."""
-KEY_SCANS = (0.75, 0.5)
-"""The distance [m] and turn [rad] between the scans of the classic key-scan logs."""
 TEN_HERTZ = ("platform.lidar.rate=10.0", "platform.lidar.time_increment=0.00027")
 """Makes of the RPLidar A1 a lidar of 360 beams, 12 m and 10 Hz."""
 
@@ -117,34 +124,36 @@ STUDIES = {
 }
 
 
-def run(setup: Setup, scenario: str, seed: int, residuals: bool) -> dict[str, Any]:
+def run(setup: Setup, scenario: str, seed: int, residuals: bool) -> Row:
     """One run: its errors [m] and, where asked for, the residuals of its scans; what went wrong, if it crashes."""
+    about = {"setup": setup.name, "scenario": scenario, "seed": seed}
+    return row_or_error(about, measure, setup, scenario, seed, residuals)
+
+
+def measure(setup: Setup, scenario: str, seed: int, residuals: bool) -> Row:
+    """The figures of one run."""
     from moteslam.eval.metrics.ate import absolute_trajectory_error
     from moteslam.eval.metrics.residuals import scan_residuals
     from moteslam.kernels import runtime
     from moteslam.slam.run import run_slam
     from moteslam.slam.settings import resolve_config
 
-    row: dict[str, Any] = {"setup": setup.name, "scenario": scenario, "seed": seed}
-    try:
-        runtime.init("cpu", 1)
-        case = simulate_case(
-            scenario,
-            seed,
-            platform=setup.platform,
-            noise_class=setup.noise,
-            settings=setup.settings,
-            key_scans=setup.key_scans,
-        )
-        estimate = run_slam(case.recording, resolve_config(setup.preset, FILTER_ALONE), seed=seed)
-        row |= {"scans": len(estimate.trajectory), "end": case.end, **errors(scenario, estimate, case)}
-        assert case.reference is not None  # a simulation has a truth
-        scaled = absolute_trajectory_error(estimate.trajectory_final, case.reference, scale=True)
-        row |= {"final_scaled": scaled.rmse, "scale": scaled.scale}
-        if residuals:
-            row |= figures(scan_residuals(case.recording, estimate.trajectory_final))
-    except Exception as error:  # one crash is a result, and no reason to lose the others
-        row["error"] = f"{type(error).__name__}: {error}"
+    runtime.init("cpu", 1)
+    case = simulate_case(
+        scenario,
+        seed,
+        platform=setup.platform,
+        noise_class=setup.noise,
+        settings=setup.settings,
+        key_scans=setup.key_scans,
+    )
+    estimate = run_slam(case.recording, resolve_config(setup.preset, FILTER_ALONE), seed=seed)
+    row = {"scans": len(estimate.trajectory), "end": case.end, **errors(scenario, estimate, case)}
+    assert case.reference is not None  # a simulation has a truth
+    scaled = absolute_trajectory_error(estimate.trajectory_final, case.reference, scale=True)
+    row |= {"final_scaled": scaled.rmse, "scale": scaled.scale}
+    if residuals:
+        row |= figures(scan_residuals(case.recording, estimate.trajectory_final))
     return row
 
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
+from contextlib import suppress
+from math import isfinite
 from os import PathLike
 from pathlib import Path
 from typing import get_args
@@ -27,6 +29,9 @@ VERDICTS: tuple[Verdict, ...] = get_args(Verdict)
 
 MAX_BYTES = 200_000_000
 """No table of loops is larger: some million candidates."""
+
+MAX_DIGITS = 18
+"""Of an index: what fits into 64 bits."""
 
 
 def looks_for_loops(config: SlamConfig) -> bool:
@@ -76,13 +81,10 @@ def _candidate(row: str, path: Path, line: int) -> LoopCandidate:
     verdict = next((known for known in VERDICTS if known == word), None)
     if verdict is None:
         raise InputError(f"{word!r}, expected one of {', '.join(VERDICTS)}", file=path, line=line, field="verdict")
-    try:
-        earlier, later = int(texts[0]), int(texts[1])
-        numbers = [float(text) for text in texts[2:]]
-    except ValueError:
-        raise InputError("expected two indices of scans and 15 numbers first", file=path, line=line) from None
-    if not np.isfinite(numbers).all() or not 0 <= earlier < later:
-        raise InputError("expected finite numbers, and the index of the earlier scan first", file=path, line=line)
+    earlier, later = (_index(text, name, path, line) for name, text in zip(COLUMNS, texts[:2], strict=False))
+    numbers = [_number(text, name, path, line) for name, text in zip(COLUMNS[2:-1], texts[2:], strict=True)]
+    if earlier >= later:
+        raise InputError(f"{later}, expected more than that of earlier, {earlier}", file=path, line=line, field="later")
     return LoopCandidate(
         earlier=earlier,
         later=later,
@@ -97,3 +99,16 @@ def _candidate(row: str, path: Path, line: int) -> LoopCandidate:
         crossed=numbers[14],
         verdict=verdict,
     )
+
+
+def _index(text: str, field: str, path: Path, line: int) -> int:
+    if not (text.isascii() and text.isdecimal() and len(text) <= MAX_DIGITS):
+        raise InputError(f"{text!r}, expected the index of a scan", file=path, line=line, field=field)
+    return int(text)
+
+
+def _number(text: str, field: str, path: Path, line: int) -> float:
+    with suppress(ValueError):
+        if isfinite(number := float(text)):
+            return number
+    raise InputError(f"{text!r}, expected a finite number", file=path, line=line, field=field)

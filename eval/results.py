@@ -45,7 +45,7 @@ def write_results(
         folder: made if need be; files in it are replaced.
         estimate: what to write.
         truth: what to score it with, on the clock of the recording; it is written too.
-        recording: whose scans are drawn along dead reckoning, and show which loops were to be had.
+        recording: whose scans are drawn along dead reckoning, and show which loops are possible.
         snapshots: of the map over time, for the figure that shows it.
         stages: of the coloured floor over time, likewise.
         figures: draw them.

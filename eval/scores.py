@@ -80,7 +80,7 @@ def score_estimate(estimate: Estimate, truth: Trajectory, *, recording: Recordin
     Args:
         estimate: the run.
         truth: on the clock of its recording.
-        recording: its scans show which loops were to be had; without it there is no recall of loops.
+        recording: its scans show which loops are possible; without it there is no recall of loops.
 
     Raises:
         InputError: the truth has no stamps in common with the run.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import statistics
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
@@ -39,20 +39,27 @@ class Bar:
         return f"{self.over} {sign} {self.limit:g}"
 
 
-def summarise(rows: Sequence[Mapping[str, Any]], bars: Sequence[Bar]) -> dict[str, Any]:
+def summarise(
+    rows: Sequence[Mapping[str, Any]], bars: Sequence[Bar], *, more_is_better: Collection[str] = ()
+) -> dict[str, Any]:
     """Median and worst of every figure of a run's rows, and its bars with what they came to.
 
     A seed that crashed has an ``error`` and no figures: then no bar holds. A figure that some rows do not have is that
     of the others, with their number.
+
+    Args:
+        rows: of the seeds of one run.
+        bars: of that run.
+        more_is_better: figures without a bar whose worst value is the smallest one.
     """
     good = [row for row in rows if "error" not in row]
     numbers = list(dict.fromkeys(key for row in good for key, value in row.items() if isinstance(value, (int, float))))
     keys = [key for key in numbers if key not in NO_FIGURES and not key.startswith("n_")]
-    more_is_better = {bar.figure for bar in bars if bar.least}
+    smallest = {*more_is_better, *(bar.figure for bar in bars if bar.least)}
     figures = {
         key: {
             "median": statistics.median(values),
-            "worst": (min if key in more_is_better else max)(values),
+            "worst": (min if key in smallest else max)(values),
             **({"seeds": len(values)} if len(values) < len(good) else {}),
         }
         for key in keys

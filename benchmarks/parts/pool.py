@@ -10,6 +10,20 @@ from typing import Any
 Row = dict[str, Any]
 
 
+def row_or_error(about: Row, measure: Callable[..., Row], *arguments: Any) -> Row:
+    """A row of what is measured; of the ``error``, if that crashes: a result, too, and no reason to lose other rows.
+
+    Args:
+        about: which run it is, the beginning of the row.
+        measure: gives the figures.
+        arguments: of the call.
+    """
+    try:
+        return {**about, **measure(*arguments)}
+    except Exception as error:
+        return {**about, "error": f"{type(error).__name__}: {error}"}
+
+
 def rows_of(run: Callable[..., Row], calls: Iterable[tuple[Any, ...]], workers: int) -> Iterator[Row]:
     """The rows that a function of a module returns, printed as they come, in the order of the calls.
 

@@ -53,6 +53,12 @@ HALF_DEGREE = (
     "platform.lidar.time_increment=3.7e-5",
 )
 """Makes of the robot ``lms200`` one with 361 beams half a degree apart, as of csail and freiburg-101."""
+KEY_SCANS = (0.75, 0.5)
+"""The distance [m] and turn [rad] between the scans of the classic key-scan logs."""
+STEP_NOISE = (0.05, 0.1)
+"""Noise of a poor odometry, as shares of the length and of the turn of each step between key scans."""
+FILTER_ALONE = ("backend.method=none",)
+"""Leaves the back end out of the preset ``default``."""
 LOST = 0.15
 """A larger ATE [m] counts as a divergence."""
 
@@ -180,6 +186,27 @@ def simulate_case(
     if key_scans is not None:
         simulation = logged(simulation, Logging(*key_scans, step_noise))
     return Case(simulation.recording, simulation.truth, scenario, simulation.end)
+
+
+def wheels_case(
+    name: str, seed: int, *, step_noise: tuple[float, float] | None = None, every_scan: bool = False
+) -> Case:
+    """A bundled scenario driven by the robot ``lms200`` without gyro, as a log of key scans (``KEY_SCANS``).
+
+    Args:
+        name: of the scenario.
+        seed: of its noise.
+        step_noise: noise added to each step, as ``STEP_NOISE``.
+        every_scan: keep all scans; without noise of the steps.
+    """
+    return simulate_case(
+        name,
+        seed,
+        platform="lms200",
+        settings=("platform.imu=false",),
+        key_scans=None if every_scan else KEY_SCANS,
+        step_noise=step_noise,
+    )
 
 
 def errors(name: str, estimate: Estimate, case: Case) -> dict[str, float]:

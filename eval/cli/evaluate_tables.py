@@ -38,8 +38,8 @@ def loop_lines(result: LoopResult) -> str:
         right, accepted = result.accepted - result.false, counted(result.accepted, "accepted loop")
         lines.append(f"loop precision {100 * result.precision:.1f} %: {right} of {accepted} right")
     if result.recall is not None:
-        share = f"{result.bound} of {counted(result.to_be_had or 0, 'key scan')} with a loop to be had bound by one"
-        lines.append(f"loop recall {100 * result.recall:.1f} %: {share}")
+        share = f"{result.bound} of {counted(result.possible or 0, 'key scan')} with a possible loop"
+        lines.append(f"loop recall {100 * result.recall:.1f} %: {share} bound by an accepted one")
     return "\n".join([*lines, *map(str, result.issues)])
 
 

@@ -38,13 +38,13 @@ MIN_PATH = 15.0
 """A loop binds scans more than this far apart along the path [m]."""
 
 MAX_DISTANCE = 2.0
-"""A loop is to be had between scans at most this far apart in truth [m]."""
+"""A loop is possible between scans at most this far apart in truth [m]."""
 
 SAME_PLACE = 0.2
 """An endpoint closer than this to one of the other scan [m] is shared with it."""
 
 MIN_SHARED = 0.5
-"""A loop is to be had where at least this share of the later scan's endpoints is shared with the earlier one."""
+"""A loop is possible where at least this share of the later scan's endpoints is shared with the earlier one."""
 
 MAX_ENDPOINTS = 100
 """At most this many endpoints of the later scan are looked up, spread evenly over its beams."""
@@ -60,14 +60,14 @@ class LoopResult(Summarised):
     Attributes:
         translation_errors: [a] distance of each accepted loop's relative pose to the true one [m].
         rotation_errors: [a] absolute difference of their headings [rad].
-        to_be_had: how many later key scans have a loop to be had; None where it is not known.
+        possible: how many later key scans have a possible loop; None where it is not known.
         bound: how many of those a loop binds that was accepted and is not false.
         issues: why precision or recall cannot be had.
     """
 
     translation_errors: Array
     rotation_errors: Array
-    to_be_had: int | None
+    possible: int | None
     bound: int
     issues: tuple[Issue, ...] = ()
 
@@ -88,8 +88,8 @@ class LoopResult(Summarised):
 
     @property
     def recall(self) -> float | None:
-        """Share of the key scans with a loop to be had that are bound; None where there are none."""
-        return self.bound / self.to_be_had if self.to_be_had else None
+        """Share of the key scans with a possible loop that are bound; None where there are none."""
+        return self.bound / self.possible if self.possible else None
 
     def as_dict(self) -> dict[str, Any]:
         """The same as plain values, as they go into ``metrics.json``: metres and degrees, shares from 0 to 1."""
@@ -99,7 +99,7 @@ class LoopResult(Summarised):
             "accepted": self.accepted,
             "false": self.false,
             "recall": self.recall,
-            "to_be_had": self.to_be_had,
+            "possible": self.possible,
             "bound": self.bound,
             "translation_m": Statistics.of(self.translation_errors).as_dict() if self.accepted else None,
             "rotation_deg": Statistics.of(in_degrees).as_dict() if self.accepted else None,
@@ -126,7 +126,7 @@ def score_loops(
     An accepted loop is false where its relative pose is farther than ``MAX_TRANSLATION`` or ``MAX_ROTATION`` from that
     of the true poses. Precision is the share of the accepted loops that are not false.
 
-    Recall is the share of the later key scans with a loop to be had (``loops_to_be_had``) that are bound: by a loop
+    Recall is the share of the later key scans with a possible loop (``possible_loops``) that are bound: by a loop
     that was accepted and is not false, whose later scan is at most ``BOUND_PATH`` of path from the key scan, and whose
     earlier scan is at most as far from one of the key scan's partners. Not every scan needs a loop of its own: one
     every few metres holds the path.
@@ -134,7 +134,7 @@ def score_loops(
     Args:
         loops: the candidates, whatever became of them.
         truth: on the clock of the recording; accepted loops outside of it are left out.
-        recording: whose endpoints show which loops were to be had; without it there is no recall.
+        recording: whose endpoints show which loops are possible; without it there is no recall.
         scans: the recording's as ``synchronise(recording)`` gives them; made here by default.
 
     Raises:
@@ -155,27 +155,27 @@ def score_loops(
     if not len(stamps):
         why = "no loop was accepted" if not accepted else "the truth covers no accepted loop"
         issues = (Issue("no-loop-precision", f"no precision of the loops: {why}"),)
-    to_be_had, bound, why = None, 0, "there is no recording whose endpoints show which loops were to be had"
+    possible, bound, why = None, 0, "there is no recording whose endpoints show which loops are possible"
     if recording is not None:
         expect_type(recording, Recording, "recording", "open_recording(path) reads one")
         try:
-            possible = loops_to_be_had(recording, truth, scans=scans)
+            among = possible_loops(recording, truth, scans=scans)
         except InputError as error:
             if error.field != "trajectory":
                 raise
             why = error.problem
         else:
             good = stamps[~_is_false(translation, rotation)]
-            to_be_had, bound = len(np.unique(possible.later)), possible.bound_by(good)
-            why = "no key scan has a loop to be had"
-    if not to_be_had:
+            possible, bound = len(np.unique(among.later)), among.bound_by(good)
+            why = "no key scan has a possible loop"
+    if not possible:
         issues += (Issue("no-loop-recall", f"no recall of the loops: {why}"),)
-    return LoopResult(translation, rotation, to_be_had, bound, issues)
+    return LoopResult(translation, rotation, possible, bound, issues)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class PossibleLoops(Summarised):
-    """The pairs of key scans between which a loop is to be had.
+    """The pairs of key scans between which a loop is possible.
 
     Attributes:
         earlier, later: [p] indices of the scans in the recording.
@@ -205,11 +205,11 @@ class PossibleLoops(Summarised):
         return len(np.unique(self.later[apart <= BOUND_PATH]))
 
 
-def loops_to_be_had(recording: Recording, truth: Trajectory, *, scans: Scans | None = None) -> PossibleLoops:
+def possible_loops(recording: Recording, truth: Trajectory, *, scans: Scans | None = None) -> PossibleLoops:
     """The loops that a search could have found.
 
     Key scans are the first within each ``SPACING`` of true path or turn, whatever the run took for its own, so that
-    runs over one recording have one measure. A loop is to be had between two of them that are more than ``MIN_PATH``
+    runs over one recording have one measure. A loop is possible between two of them that are more than ``MIN_PATH``
     of path apart, at most ``MAX_DISTANCE`` apart, and share at least ``MIN_SHARED`` of their endpoints: of the later
     scan's, de-skewed and laid at its true pose, that share is less than ``SAME_PLACE`` from some endpoint of the
     earlier scan, laid likewise. All endpoints of the earlier scan count, and at most ``MAX_ENDPOINTS`` of the later.

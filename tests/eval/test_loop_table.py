@@ -68,9 +68,13 @@ def test_what_is_written_reads_back_bit_for_bit(tmp_path: Path) -> None:
         (lambda text: text.replace("share,", ""), "1: expected the columns"),
         (lambda text: text.replace(",weak", "", 1), "3: 17 columns, expected 18"),
         (lambda text: text.replace("weak", "lost", 1), "3: verdict: 'lost', expected one of accepted, weak"),
-        (lambda text: text.replace("\n4,", "\n4.5,", 1), "3: expected two indices of scans and 15 numbers"),
-        (lambda text: text.replace("0.95", "nan", 1), "2: expected finite numbers"),
-        (lambda text: text.replace("\n9,", "\n182,"), "5: expected finite numbers, and the index of the earlier scan"),
+        (lambda text: text.replace("\n4,", "\n4.5,", 1), "3: earlier: '4.5', expected the index of a scan"),
+        (lambda text: text.replace("\n4,171", "\n4,-171", 1), "3: later: '-171', expected the index of a scan"),
+        (lambda text: text.replace("\n4,", f"\n{9 * '9999'},", 1), f"3: earlier: '{9 * '9999'}', expected the index"),
+        (lambda text: text.replace("0.95", "nan", 1), "2: known: 'nan', expected a finite number"),
+        (lambda text: text.replace("0.95", "", 1), "2: known: '', expected a finite number"),
+        (lambda text: text.replace("1543234.3", "soon", 1), "2: earlier_stamp: 'soon', expected a finite number"),
+        (lambda text: text.replace("\n9,", "\n182,"), "5: later: 181, expected more than that of earlier, 182"),
     ],
 )
 def test_a_broken_table_is_refused_with_its_line(tmp_path: Path, change, problem: str) -> None:
@@ -100,7 +104,7 @@ def test_a_run_that_looks_for_loops_has_its_ledger(run, simulation, tmp_path: Pa
     assert json.loads((tmp_path / "metrics.json").read_text())["scores"]["loops"] == scores.loops.as_dict()
     assert score_table(scores).splitlines()[-2:] == [
         "no precision of the loops: the truth covers no accepted loop",
-        "no recall of the loops: no key scan has a loop to be had",
+        "no recall of the loops: no key scan has a possible loop",
     ]
 
 

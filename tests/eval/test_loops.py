@@ -14,7 +14,7 @@ from moteslam.errors import InputError
 from moteslam.eval.cli import main
 from moteslam.eval.loop_table import read_loops, write_loops
 from moteslam.eval.metrics import loops as metric
-from moteslam.eval.metrics.loops import loops_to_be_had, score_loops
+from moteslam.eval.metrics.loops import possible_loops, score_loops
 from moteslam.robot import se2
 from moteslam.robot.formats import open_recording
 from moteslam.robot.formats.carmen import write_carmen
@@ -97,13 +97,13 @@ def test_without_an_accepted_loop_there_is_no_precision() -> None:
     assert "truth covers no accepted loop" in str(score_loops([beyond], truth, recording).issues[0])
 
 
-def test_without_loops_to_be_had_there_is_no_recall() -> None:
+def test_without_possible_loops_there_is_no_recall() -> None:
     recording, truth = rounds(0.7)  # 13 m
     result = score_loops([], truth, recording)
-    assert (result.recall, result.to_be_had) == (None, 0)
-    assert str(result.issues[1]) == "no recall of the loops: no key scan has a loop to be had"
+    assert (result.recall, result.possible) == (None, 0)
+    assert str(result.issues[1]) == "no recall of the loops: no key scan has a possible loop"
     assert "no recording" in str(score_loops([], truth).issues[1])
-    assert score_loops([], truth).to_be_had is None
+    assert score_loops([], truth).possible is None
     elsewhere = Trajectory(truth.stamps[:1], truth.poses[:1])
     assert "poses at 1 of 22 scans" in str(score_loops([], elsewhere, recording).issues[1])
     with pytest.raises(InputError, match="expected a Trajectory"):
@@ -112,7 +112,7 @@ def test_without_loops_to_be_had_there_is_no_recall() -> None:
         score_loops([], Trajectory(np.zeros(0), np.zeros((0, 3))))
 
 
-def test_loops_to_be_had_are_those_that_plain_numpy_finds() -> None:
+def test_possible_loops_are_those_that_plain_numpy_finds() -> None:
     """Every scan is a key scan here, and all endpoints of the earlier scan count."""
     recording, truth = rounds(2.3)
     assert recording.lidar is not None
@@ -131,7 +131,7 @@ def test_loops_to_be_had_are_those_that_plain_numpy_finds() -> None:
             nearest = np.hypot(*(some[:, None] - clouds[j]).transpose(2, 0, 1)).min(axis=1)
             if np.mean(nearest < 0.2) >= 0.5:
                 expected.append((j, i))
-    found = loops_to_be_had(recording, truth)
+    found = possible_loops(recording, truth)
     assert sorted(zip(found.earlier.tolist(), found.later.tolist(), strict=True)) == sorted(expected)
     assert set(range(32, len(truth))) <= set(found.later.tolist())  # all of the second round
     assert min(found.later) > 25
@@ -142,8 +142,8 @@ def test_from_the_other_side_half_of_the_endpoints_are_not_shared() -> None:
     there = np.arange(0.0, 2 * np.pi, 0.2)
     angles = np.concatenate((there, there[-1] - 0.2 - there))
     heading = np.where(np.arange(len(angles)) < len(there), np.pi / 2, -np.pi / 2)
-    back = loops_to_be_had(*drive(angles, heading))
-    ahead = loops_to_be_had(*rounds())
+    back = possible_loops(*drive(angles, heading))
+    ahead = possible_loops(*rounds())
     assert len(back.later) < 0.1 * len(ahead.later)
 
 
@@ -152,8 +152,8 @@ def test_a_loop_binds_the_scans_of_some_metres() -> None:
     recording, truth = rounds()
     scores = score_loops([loop(truth, 10, 41)], truth, recording)
     assert scores.bound == 9
-    assert scores.to_be_had == len(np.unique(loops_to_be_had(recording, truth).later))
-    assert scores.recall == 9 / scores.to_be_had
+    assert scores.possible == len(np.unique(possible_loops(recording, truth).later))
+    assert scores.recall == 9 / scores.possible
     assert score_loops([loop(truth, 10, 41), loop(truth, 12, 43)], truth, recording).bound == 11
     every = score_loops([loop(truth, k, k + 31) for k in range(0, 32, 3)], truth, recording)
     assert (every.precision, every.recall) == (1.0, 1.0)
@@ -173,9 +173,9 @@ def test_dense_recordings_and_truths_are_measured_at_the_same_key_scans() -> Non
     found = [loop(truth, 10, 41), loop(truth, 20, 51)]
     again = [loop(dense_truth, 100, 410), loop(dense_truth, 200, 510)]
     one, other = score_loops(found, truth, sparse), score_loops(again, dense_truth, dense)
-    assert other.to_be_had is not None
-    assert one.to_be_had is not None
-    assert other.to_be_had <= 2 * one.to_be_had  # a turn of a radian is a metre, too
+    assert other.possible is not None
+    assert one.possible is not None
+    assert other.possible <= 2 * one.possible  # a turn of a radian is a metre, too
     assert other.recall == pytest.approx(one.recall, abs=0.1)
     stamps = np.linspace(truth.stamps[0], truth.stamps[-1], 2000)
     assert score_loops(found, truth.at(stamps), sparse).recall == pytest.approx(one.recall, abs=0.05)
@@ -184,24 +184,24 @@ def test_dense_recordings_and_truths_are_measured_at_the_same_key_scans() -> Non
 def test_of_a_long_drive_a_bounded_number_of_key_scans_is_looked_at(monkeypatch: pytest.MonkeyPatch) -> None:
     recording, truth = rounds()
     monkeypatch.setattr(metric, "MAX_KEY_SCANS", 21)
-    found = loops_to_be_had(recording, truth)
+    found = possible_loops(recording, truth)
     assert 0 < len(np.unique((found.earlier, found.later))) <= 21
 
 
-def test_scans_without_endpoints_have_no_loop_to_be_had() -> None:
+def test_scans_without_endpoints_have_no_possible_loop() -> None:
     recording, truth = rounds()
     assert recording.lidar is not None
     everywhere = np.full_like(recording.lidar.ranges, np.inf)
     blind = recording.replace(lidar=LidarStream(**{**vars(recording.lidar), "ranges": everywhere}))
-    assert not len(loops_to_be_had(blind, truth).later)
+    assert not len(possible_loops(blind, truth).later)
     seen = recording.lidar.ranges.copy()
     seen[40:] = np.inf
     half = recording.replace(lidar=LidarStream(**{**vars(recording.lidar), "ranges": seen}))
-    assert max(loops_to_be_had(half, truth).later) == 39
+    assert max(possible_loops(half, truth).later) == 39
 
 
 def test_a_simulated_run_round_a_block(tmp_path) -> None:
-    """The simulator's lidar, odometry and truth: two rounds about a block, the second one to be had."""
+    """The simulator's lidar, odometry and truth: two rounds about a block, a loop possible in the second."""
     from moteslam.sim.scenario import load_scenario
     from moteslam.sim.simulate import simulate
 
@@ -217,7 +217,7 @@ def test_a_simulated_run_round_a_block(tmp_path) -> None:
     assert recording.lidar is not None
     stamps = recording.lidar.stamps
     path = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(truth.at(stamps).poses[:, :2], axis=0).T))))
-    possible = loops_to_be_had(recording, truth)
+    possible = possible_loops(recording, truth)
     assert path[possible.later].min() > 15
     assert len(np.unique(possible.later)) > 20
     poses = truth.at(stamps).poses
@@ -257,14 +257,14 @@ def test_the_command_scores_a_ledger(folder: Path, capsys: pytest.CaptureFixture
         "loops of loops.csv",
         "loop precision 50.0 %: 1 of 2 accepted loops right",
         f"loop recall {100 * result.recall:.1f} %: "
-        f"9 of {result.to_be_had} key scans with a loop to be had bound by one",
+        f"9 of {result.possible} key scans with a possible loop bound by an accepted one",
     ]
     found = json.loads(printed(capsys, "--recording", "rounds.log", "--json", "--save", "out.json"))
     assert found["loops"] == {"file": "loops.csv", **result.as_dict()}
     assert json.loads((folder / "out.json").read_text())["loops"] == found["loops"]
     assert printed(capsys).splitlines()[-2:] == [
         "loop precision 50.0 %: 1 of 2 accepted loops right",
-        "no recall of the loops: there is no recording whose endpoints show which loops were to be had",
+        "no recall of the loops: there is no recording whose endpoints show which loops are possible",
     ]
 
 

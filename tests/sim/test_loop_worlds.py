@@ -7,14 +7,14 @@ from functools import cache
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from parts.runs import STEP_NOISE, wheels_case
 from scipy.spatial import cKDTree
 
 from moteslam.kernels.raycast import build_buckets, cast_rays
 from moteslam.robot import se2
-from moteslam.sim.logged import Logging, logged
 from moteslam.sim.robot.drive import Drive
 from moteslam.sim.scenario import load_scenario
-from moteslam.sim.simulate import Simulation, simulate, true_drive
+from moteslam.sim.simulate import true_drive
 from moteslam.sim.world.world import World
 
 Array = NDArray[np.float64]
@@ -31,13 +31,6 @@ REACH = 8.0
 @cache
 def drive(name: str) -> Drive:
     return true_drive(load_scenario(name))
-
-
-@cache
-def key_scan_log(name: str) -> Simulation:
-    """A log as of a robot with an LMS200 and wheels alone."""
-    scenario = load_scenario(name, platform="lms200", settings=["platform.imu=false"])
-    return logged(simulate(scenario, 1), Logging(0.75, 0.5, (0.05, 0.1)))
 
 
 def path_of(name: str) -> tuple[Array, Array]:
@@ -125,14 +118,14 @@ def test_places_in_campus_do_not_look_alike() -> None:
 
 @pytest.mark.parametrize("name", WORLDS)
 def test_key_scans_close_loops(name: str) -> None:
-    simulation = key_scan_log(name)
-    assert simulation.end == "arrived"
-    lidar = simulation.recording.lidar
+    case = wheels_case(name, 1, step_noise=STEP_NOISE)
+    assert case.end == "arrived"
+    lidar, truth = case.recording.lidar, case.reference
     assert lidar is not None
-    assert simulation.recording.imu is None
-    length = simulation.truth.length
-    assert len(lidar) > length
-    places = simulation.truth.at(lidar.stamps).poses[:, :2]
+    assert truth is not None
+    assert case.recording.imu is None
+    assert len(lidar) > truth.length
+    places = truth.at(lidar.stamps).poses[:, :2]
     driven = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(places, axis=0).T))))
     closing = np.unique(meetings(places, driven, 2.0))
     assert len(closing) > 0.5 * len(places)

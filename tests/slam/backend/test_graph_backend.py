@@ -4,14 +4,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from parts.runs import STEP_NOISE, Case, wheels_case
 
 from moteslam.eval.metrics.ate import absolute_trajectory_error
 from moteslam.eval.metrics.loops import score_loops
 from moteslam.robot.formats import open_recording
 from moteslam.robot.trajectory import Trajectory, read_tum
-from moteslam.sim.logged import Logging, logged
-from moteslam.sim.scenario import load_scenario
-from moteslam.sim.simulate import Simulation, simulate
 from moteslam.slam.estimate import Estimate
 from moteslam.slam.run import SlamSession, run_slam
 from moteslam.slam.settings import resolve_config
@@ -19,45 +17,50 @@ from moteslam.slam.settings import resolve_config
 pytestmark = pytest.mark.usefixtures("taichi")
 
 
-def key_scan_log(name: str, seed: int, noise: tuple[float, float] | None = None) -> Simulation:
-    """Key scans of 181 beams every 0.75 m or 0.5 rad, by wheels alone."""
-    scenario = load_scenario(name, platform="lms200", settings=["platform.imu=false"])
-    return logged(simulate(scenario, seed=seed), Logging(every=0.75, turn=0.5, noise=noise))
+def error(trajectory: Trajectory, case: Case) -> float:
+    """The ATE RMSE against the truth [m]."""
+    assert case.reference is not None
+    return absolute_trajectory_error(trajectory, case.reference).rmse
 
 
-def error(trajectory: Trajectory, simulation: Simulation) -> float:
-    truth = simulation.truth.at(trajectory.stamps)
-    return absolute_trajectory_error(trajectory, truth).translation.rmse
-
-
-def estimate(simulation: Simulation, *settings: str) -> Estimate:
-    return run_slam(simulation.recording, resolve_config("default", settings))
+def estimate(case: Case, *settings: str) -> Estimate:
+    return run_slam(case.recording, resolve_config("default", settings))
 
 
 @pytest.fixture(scope="module")
-def doors() -> Simulation:
-    return key_scan_log("doors", 220)
+def doors() -> Case:
+    return wheels_case("doors", 220)
 
 
-def test_where_a_door_opens_the_odometry_is_kept(doors: Simulation):
+@pytest.fixture(scope="module")
+def alone(doors: Case, taichi: None) -> Estimate:
+    """The filter's estimate of it."""
+    return estimate(doors, "backend.method=none")
+
+
+@pytest.fixture(scope="module")
+def behind(doors: Case, taichi: None) -> Estimate:
+    """The same with the back end."""
+    return estimate(doors)
+
+
+def test_where_a_door_opens_the_odometry_is_kept(doors: Case, alone: Estimate, behind: Estimate):
     """At the key scan after the door opened the filter jumps back by a metre; the chain demands evidence for that."""
-    alone, behind = estimate(doors, "backend.method=none"), estimate(doors)
     assert error(behind.trajectory_final, doors) < 0.05
     assert error(behind.trajectory_final, doors) < 1.1 * error(alone.trajectory_final, doors)
     assert alone.loops == ()
     assert any(loop.accepted for loop in behind.loops)
-    result = score_loops(behind.loops, doors.truth, doors.recording)
-    assert result.false == 0
+    assert doors.reference is not None
+    assert score_loops(behind.loops, doors.reference, doors.recording).false == 0
 
 
-def test_the_filter_itself_does_not_know_of_it(doors: Simulation):
+def test_the_filter_itself_does_not_know_of_it(alone: Estimate, behind: Estimate):
     """The graph corrects at the end alone: what was estimated online is the same, bit for bit."""
-    alone, behind = estimate(doors, "backend.method=none"), estimate(doors)
     np.testing.assert_array_equal(alone.trajectory.poses, behind.trajectory.poses)
     np.testing.assert_array_equal(alone.dead_reckoning.poses, behind.dead_reckoning.poses)
 
 
-def test_every_stage_can_be_switched_off(doors: Simulation):
+def test_every_stage_can_be_switched_off(doors: Case):
     """With none of them the filter's path remains, or the chain, whichever is sharper."""
     off = ("backend.loops.enabled=false", "backend.joint.enabled=false", "backend.graduated=false")
     for stage in off:
@@ -65,7 +68,7 @@ def test_every_stage_can_be_switched_off(doors: Simulation):
     assert estimate(doors, *off).loops == ()
 
 
-def test_a_run_of_two_scans_has_nothing_to_correct(doors: Simulation):
+def test_a_run_of_two_scans_has_nothing_to_correct(doors: Case):
     session = SlamSession(doors.recording, resolve_config("default"))
     for _ in zip(session, range(2), strict=False):
         pass
@@ -75,11 +78,11 @@ def test_a_run_of_two_scans_has_nothing_to_correct(doors: Simulation):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("noise", [None, (0.05, 0.1)])
+@pytest.mark.parametrize("noise", [None, STEP_NOISE])
 @pytest.mark.parametrize("name", ["lab", "loop", "corridor", "doors"])
 def test_key_scans_are_placed_within_centimetres(name: str, noise: tuple[float, float] | None):
-    simulation = key_scan_log(name, 221, noise)
-    assert error(estimate(simulation).trajectory_final, simulation) < 0.03
+    case = wheels_case(name, 221, step_noise=noise)
+    assert error(estimate(case).trajectory_final, case) < 0.03
 
 
 @pytest.mark.slow
