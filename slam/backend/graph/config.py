@@ -70,7 +70,7 @@ class JointConfig(Section):
     last_reach: Positive = 0.1
     """The same in the last rounds [m]."""
     rounds: Annotated[Whole, Field(ge=1, le=1000)] = 40
-    """Rounds at most; it ends when no pose moves by a millimetre."""
+    """Rounds at most; it ends when the poses move by less than a millimetre (root mean square)."""
 
 
 class GraphConfig(BackendConfig):

@@ -42,6 +42,12 @@ class Endpoints(NamedTuple):
         normals = scan_normals(points, joined, starts, reach=NORMAL_REACH, noise=NORMAL_NOISE, largest=NORMAL_LARGEST)
         return cls(points, normals, starts, np.repeat(np.arange(len(scans)), counts).astype(np.int32))
 
+    def thinned(self, every: int) -> Endpoints:
+        """The first endpoint of each scan, and each ``every``-th after it."""
+        kept = (np.arange(len(self.points)) - self.starts[self.owners]) % every == 0
+        starts = np.r_[0, np.cumsum(kept)][self.starts].astype(np.int32)
+        return Endpoints(self.points[kept], self.normals[kept], starts, self.owners[kept])
+
     def placed(self, poses: Array) -> tuple[Array, Array]:
         """Points and normals [p, 2] in the map frame."""
         pose = poses[self.owners]

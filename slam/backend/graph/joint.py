@@ -37,10 +37,10 @@ OVERLAP_CELL, LEAST_OVERLAP = 0.5, 0.2
 """Two scans are partners where they share this much of the cells [m] that the endpoints of one lie in."""
 NEAR_SHARE = 1 / 3
 """Of the partners, those nearest along the path; the others are spread over all that overlap."""
-EVERY = 5
-"""Rounds between two choices of partners."""
+FIRST_POINTS = 3
+"""While the reach shrinks every third endpoint is enough."""
 STILL = 1e-3
-"""It ends when no pose moves farther in a round [m]."""
+"""It ends when the root mean square of the poses' steps is below this [m]."""
 
 
 def register_jointly(endpoints: Endpoints, poses: Array, chain: Chain, config: GraphConfig) -> Array:
@@ -57,20 +57,20 @@ def register_jointly(endpoints: Endpoints, poses: Array, chain: Chain, config: G
     """
     joint = config.joint
     poses, reach, n = poses.copy(), joint.first_reach, len(poses)
-    steps = np.arange(n - 1)
+    steps, seen = np.arange(n - 1), endpoints.thinned(FIRST_POINTS)
     for turn in range(joint.rounds):
-        if turn % EVERY == 0:
-            partners = choose_partners(endpoints, poses, joint.partners)
+        last = reach <= joint.last_reach
+        if turn == 0 or (last and seen is not endpoints):
+            seen = endpoints if last else seen
+            partners = choose_partners(seen, poses, joint.partners)
             own_scan, slot = np.nonzero(partners >= 0)
             other = partners[own_scan, slot].astype(np.intp)
             system = BlockSystem(n, np.r_[own_scan, steps], np.r_[other, steps + 1])
-        points, normals = endpoints.placed(poses)
-        matches = match_endpoints(points, normals, endpoints.owners, partners, reach=reach, agreement=AGREEMENT)
+        points, normals = seen.placed(poses)
+        matches = match_endpoints(points, normals, seen.owners, partners, reach=reach, agreement=AGREEMENT)
         scale = max(SCALE_SHARE * reach, LEAST_SCALE)
-        own, pairs, _ = accumulate(
-            endpoints.points, endpoints.normals, endpoints.starts, poses, partners, matches, scale=scale
-        )
-        information = 1 / (config.correlation * RESIDUAL**2)
+        own, pairs, _ = accumulate(seen.points, seen.normals, seen.starts, poses, partners, matches, scale=scale)
+        information = len(endpoints.points) / len(seen.points) / (config.correlation * RESIDUAL**2)
         some = information * pairs[own_scan, slot]
         blocks = information * own[:, FULL].reshape(-1, 3, 3)
         right = information * own[:, 6:]
@@ -81,7 +81,7 @@ def register_jointly(endpoints: Endpoints, poses: Array, chain: Chain, config: G
         step = system.solve(blocks, np.concatenate((some[:, :9].reshape(-1, 3, 3), between)), -right)
         poses += step
         poses[:, 2] = se2.wrap(poses[:, 2])
-        if reach <= joint.last_reach and np.hypot(step[:, 0], step[:, 1]).max() < STILL:
+        if last and np.square(step[:, :2]).sum(axis=1).mean() < STILL**2:
             break
         reach = max(SHRINK * reach, joint.last_reach)
     return poses

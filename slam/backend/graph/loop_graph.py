@@ -112,8 +112,10 @@ class LoopGraph:
             before = path < path[query] - c.least_path
             if not before.any():
                 continue
-            position, heading = uncertainty.of(query)
             distance = np.hypot(*(self.poses[:, :2] - self.poses[query, :2]).T)
+            if not (before & (distance < c.near + 2 * min(deviation, c.max_window / WINDOW_DEVIATIONS))).any():
+                continue
+            position, heading = uncertainty.of(query)
             near = before & (distance < c.near + 2 * position)
             near &= (position < deviation) & (WINDOW_DEVIATIONS * position < c.max_window)
             for submap in _passages(np.flatnonzero(near), distance + position)[: c.candidates]:
@@ -128,6 +130,8 @@ class LoopGraph:
         predicted = np.asarray(se2.between(self.poses[submap], self.poses[query]))
         if (submap, query) in self._candidates:
             last = self._candidates[submap, query].candidate
+            if last.accepted and (np.abs(se2.between(predicted, last.found)) < half).all():
+                return False
             moved = np.asarray(se2.between(last.predicted, predicted))
             same = abs(last.window[0] - half[0]) < SAME_WINDOW * half[0]
             if same and np.abs(moved[:2]).max() < SAME_PREDICTION:

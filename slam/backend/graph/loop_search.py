@@ -32,8 +32,9 @@ FLOOR = np.array([0.02, 0.02, np.radians(0.3)])
 """No loop is known better: [m], [m], [rad]."""
 WEAKEST = 1e-3
 """Information of a direction that nothing binds [1/m^2]."""
-STARTS, START_POINTS, FINALISTS = 40, 120, 12
-"""Places of the lattice that are registered with some points, and how many of them with all."""
+LEAST_STARTS, STARTS, START_POINTS, FINALISTS = 8, 40, 120, 12
+"""Places of the lattice that are registered with some points, at least and at most: as many as basins of Gauss-Newton
+fit into the window; and how many of them with all points."""
 RIVAL_DISTANCE, RIVAL_ROTATION = 0.5, 0.15
 """A place this far from the best one is another place [m], [rad]."""
 CROSSING = 0.3
@@ -89,7 +90,8 @@ class LoopSearch:
             return None
         step = FINE_TURN if half[2] <= WIDE else COARSE_TURN
         window = Window(half, 2 * maps.config.cell_size, step)
-        starts = candidates(maps, predicted, half, points, window, STARTS, self._lattice)
+        number = int(np.clip(np.ceil(np.prod(half / self._lattice.basin)), LEAST_STARTS, STARTS))
+        starts = candidates(maps, predicted, half, points, window, number, self._lattice)
         few = subsample(points, START_POINTS)
         tried = self._register(maps, predicted, half, few, starts)
         finalists = np.argsort(-self._shares(tried, len(few), half), kind="stable")[:FINALISTS]
