@@ -33,11 +33,14 @@ def _match(
     ti.loop_config(serialize=ti.static(one_thread()))
     for i in range(points.shape[0]):
         best = ti.Vector([0.0] * MAX_PARTNERS, dt=ti.f32)
+        some = 0
         for s in range(slots):
             best[s] = reach * reach
             matches[i, s] = -1
+            if partners[owners[i], s] >= 0:
+                some = 1
         px, py, nx, ny = points[i, 0], points[i, 1], normals[i, 0], normals[i, 1]
-        if nx * nx + ny * ny > 0.5:
+        if some == 1 and nx * nx + ny * ny > 0.5:
             cx, cy = ti.cast(px * inverse, ti.i32), ti.cast(py * inverse, ti.i32)
             for row in range(ti.max(cy - 1, 0), ti.min(cy + 2, rows)):
                 first, last = row * columns + ti.max(cx - 1, 0), row * columns + ti.min(cx + 1, columns - 1)

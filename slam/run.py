@@ -198,16 +198,17 @@ class SlamSession:
     def _tell_backend(self, step: Step, result: StepResult) -> None:
         """Give the back end a key scan; where it corrects the path, the filter goes on from there."""
         last = self._updates[-2] if len(self._updates) > 1 else step.index
-        odometry = self._inputs.odometry
+        odometry, best = self._inputs.odometry, self._filter.best_particle
         revised = self._backend.add(
             KeyScan(
                 index=step.index,
                 stamp=step.stamp,
                 points=step.points,
                 origin=step.origin,
-                pose=self._filter.history.last[self._filter.best_particle].copy(),
+                pose=self._filter.history.last[best].copy(),
                 odometry=np.asarray(se2.between(odometry[last], odometry[step.index])),
                 measured=bool(self._inputs.measured[last + 1 : step.index + 1].all()),
+                motion=self._filter.history.step(best),
             )
         )
         if revised is not None:

@@ -35,6 +35,7 @@ class KeyScan(Summarised):
         odometry: [3] motion since the key scan before by odometry alone, in the frame of the pose there; zeros where
             nothing measured it.
         measured: whether the odometry measured all of that motion.
+        motion: [3] the same motion as the filter estimates it, along the path of its best particle.
     """
 
     index: int
@@ -44,6 +45,7 @@ class KeyScan(Summarised):
     pose: Array
     odometry: Array
     measured: bool
+    motion: Array
 
 
 class Backend(Protocol):

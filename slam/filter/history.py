@@ -30,6 +30,14 @@ class History:
         """The poses [N, 3] at the last update, before its resampling."""
         return self._poses[-1]
 
+    def step(self, particle: int) -> Array:
+        """The motion [3] of a particle of the last update since the update before; zeros at the first."""
+        if len(self) < 2:
+            return np.zeros(3)
+        parents = self._parents[-2]
+        parent = particle if parents is None else int(parents[particle])
+        return np.asarray(se2.between(self._poses[-2][parent], self._poses[-1][particle]))
+
     def append(self, poses: Array, parents: NDArray[np.int64] | None = None) -> None:
         """Add the poses [N, 3] of an update, and which of them the next update's particles descend from.
 

@@ -1,225 +1,208 @@
-"""The chain: each node registered to a local TSDF of the latest ones, and what that and the odometry say together.
+"""The chain: the steps from node to node, by registration, odometry and the filter together.
 
-Registration to the particle's whole map would hold the loops already, right or wrong. A registration overrules the
-odometry by many standard deviations only where the evidence allows: see ``_overrules``.
+Every node is registered twice: with the recorded odometry, to learn the odometry's errors, and with the corrected
+odometry, which only evidence overrules.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from moteslam.kernels.thinning import ThinnedScan
 from moteslam.robot import se2
 from moteslam.slam.backend.graph.config import GraphConfig
-from moteslam.slam.backend.graph.information import measured_information
 from moteslam.slam.backend.graph.nodes import Nodes
 from moteslam.slam.backend.graph.odometry_model import OdometryModel, fit_odometry
-from moteslam.slam.mapping.tsdf import TsdfMaps
-from moteslam.slam.registration.config import TrackingConfig
-from moteslam.slam.registration.degeneracy import keep_odometry
-from moteslam.slam.registration.localisation import heavy_tail, match_score
-from moteslam.slam.registration.registrar import Registration, prior_spread, register, subsample
+from moteslam.slam.backend.graph.step_registration import Prediction, RegisteredStep, StepRegistration
+from moteslam.slam.registration.registrar import prior_spread
 
 Array = NDArray[np.float64]
 
 FLOOR = np.array([0.003, 0.003, np.radians(0.05)])
 """No step is known better [m], [rad]: the standard deviation of what the TSDF's cells resolve."""
-GATE = 6.0
-"""An offset of more standard deviations of the odometry must be proved."""
-SCORES = TrackingConfig()
-"""Match score and heavy tail are those of tracking."""
-SLIP = 7.0
-"""Negative log-probability that the wheels slip in one step: one in a thousand."""
-DOUBT = 4.0
-"""Nats by which evidence and prior may be misjudged: the logistic scale of the doubt that is left."""
 AGREEING = 5.0
 """Odometry farther off than this many standard deviations is left out of a step."""
 LEAST_INFORMATION = 1e-2
 """Of a step that was not registered [1/m^2]."""
-FEW_POINTS = 20
-"""A scan of fewer points is not registered."""
+FIRST_FIT, FIT_EVERY, ENOUGH = 16, 4, 256
+"""The odometry's errors are fitted at this many steps, and again when there are four times as many; at the end, too,
+where the last fit was to fewer steps than the third."""
+SAME_STEP, SAME_SPREAD = 0.5, 1.5
+"""The registrations stand where a new fit moves no step by more than this many standard deviations, and changes no
+standard deviation by more than this factor."""
 
 
-@dataclass(frozen=True, eq=False)
+class Odometry(NamedTuple):
+    """Odometry of n - 1 steps, corrected: [n - 1, 3] motions in the frames where they begin, and their spread."""
+
+    steps: Array
+    spread: Array
+
+
 class Chain:
-    """The steps between n nodes.
+    """The steps between the nodes.
+
+    Args:
+        nodes: all of them; it grows with them.
+        config: of the back end.
 
     Attributes:
-        poses: [n, 3] that follow from them, from the first pose on.
-        steps: [n - 1, 3] in the frames where they begin.
-        covariance: [n - 1, 3, 3] of them, in the frames where they end.
-        odometry: the corrected odometry of the same steps.
-        filtered: [n - 1, 3] the filter's steps.
-        excess: [n - 1, 3, 3] information of these that the nodes' own scans do not have: of the key scans between.
+        fits: how often all steps changed, since the odometry's errors were fitted anew.
     """
 
-    poses: Array
-    steps: Array
-    covariance: Array
-    odometry: OdometryModel
-    filtered: Array
-    excess: Array
+    def __init__(self, nodes: Nodes, config: GraphConfig) -> None:
+        self._nodes, self._config = nodes, config
+        self._plain: list[RegisteredStep] = []  # with the recorded odometry
+        self._proved: list[RegisteredStep] = []  # with the corrected one
+        self._raw: list[Prediction] = []
+        self._predicted: list[Prediction] = []
+        self._model: OdometryModel | None = None
+        self._fit_at = FIRST_FIT
+        self._fused = _Fused.none()
+        self._begin()
+        self.fits = 0
 
-
-def build_chain(nodes: Nodes, path: Array, config: GraphConfig) -> Chain:
-    """Register the nodes twice: with the recorded odometry, to learn its errors, then with the corrected one.
-
-    Args:
-        nodes: n of them.
-        path: [n, 3] the filter's poses of them: its steps are tried, too.
-        config: of the back end.
-    """
-    # what nothing measured is taken from the filter, loosely
-    unmeasured = ~nodes.measured[1:]
-    raw = np.where(unmeasured[:, None], se2.between(path[:-1], path[1:]), nodes.odometry[1:])
-    spread = np.array(
-        [
-            prior_spread(config.registration, float(np.hypot(*step[:2])), abs(float(step[2])), measured=bool(measured))
-            for step, measured in zip(raw, nodes.measured[1:], strict=True)
-        ]
-    ).reshape(-1, 3)
-    first = _registered(nodes, path, OdometryModel(raw, spread), config, proved=False)
-    model = fit_odometry(raw, first.steps, np.asarray(np.linalg.inv(first.information + LEAST_INFORMATION * np.eye(3))))
-    # the corrections are those of the odometry
-    model.steps[unmeasured], model.spread[unmeasured] = raw[unmeasured], spread[unmeasured]
-    return _fused(_registered(nodes, path, model, config, proved=True), nodes, path, model)
-
-
-class _Registered(NamedTuple):
-    """Steps [n - 1, 3] by registration, their information, and [n - 1, 3] how far off they may be if misjudged."""
-
-    steps: Array
-    information: Array
-    doubt: Array
-
-
-def _registered(
-    nodes: Nodes, path: Array, odometry: OdometryModel, config: GraphConfig, *, proved: bool
-) -> _Registered:
-    """Register every node to the local TSDF; with ``proved`` the odometry is overruled by proof alone."""
-    n = len(nodes)
-    result = _Registered(np.zeros((n - 1, 3)), np.zeros((n - 1, 3, 3)), np.zeros((n - 1, 3)))
-    poses = np.zeros((n, 3))
-    local = _LocalMaps(config)
-    local.add(poses[0], nodes.scans[0], 0.0)
-    filtered = np.asarray(se2.between(path[:-1], path[1:]))
-    for k in range(1, n):
-        predicted = odometry.steps[k - 1]
-        points = subsample(nodes.scans[k].points, config.chain.max_points)
-        result.steps[k - 1] = predicted
-        if len(points) >= FEW_POINTS:
-            maps, at = local.current.of(0), np.asarray(se2.compose(poses[k - 1], predicted))
-            spread = odometry.spread[k - 1]
-            loose = np.maximum(3 * spread, 0.01) if proved else spread
-            starts = np.stack((np.zeros(3), np.asarray(se2.between(predicted, filtered[k - 1]))))
-            both = np.repeat(at[None], 2, axis=0)
-            found = register(maps, both, loose, points, nodes.origin, starts, config.registration)
-            found = keep_odometry(found, loose, config.registration)
-            best = _better(found, loose)
-            if proved and nodes.measured[k] and (np.abs(found.offsets[best]) > GATE * spread).any():
-                held = register(
-                    maps, at[None], spread, points, nodes.origin, np.zeros((1, 3)), config.registration,
-                    coarse=False,
-                )  # fmt: skip
-                held = keep_odometry(held, spread, config.registration)
-                nats = _overrules(found, best, held, len(points), spread, config)
-                belief = 1 / (1 + np.exp(-np.clip(nats / DOUBT, -50, 50)))
-                result.doubt[k - 1] = np.sqrt(belief * (1 - belief)) * found.offsets[best]
-                if nats < 0:
-                    found, best = held, 0
-            result.steps[k - 1] = se2.compose(predicted, found.offsets[best])
-            result.information[k - 1] = measured_information(found, best, config.registration, config.correlation)
-        poses[k] = se2.compose(poses[k - 1], result.steps[k - 1])
-        local.add(poses[k], nodes.scans[k], float(np.hypot(*result.steps[k - 1, :2])))
-    return result
-
-
-class _LocalMaps:
-    """Two TSDFs of the latest nodes that overlap by half: one to register to, one that will follow it.
-
-    Args:
-        config: of the back end.
-    """
-
-    def __init__(self, config: GraphConfig) -> None:
-        self._config = config
-        self._maps: list[tuple[TsdfMaps, float, int]] = []  # with the path and the nodes before each began
-        self._length, self._count = 0.0, 0
+    def __len__(self) -> int:
+        return len(self._raw)
 
     @property
-    def current(self) -> TsdfMaps:
-        """The older one."""
-        return self._maps[0][0]
+    def steps(self) -> Array:
+        """[n - 1, 3] in the frames where they begin."""
+        return np.array(self._fused.steps).reshape(-1, 3)
 
-    def add(self, pose: Array, scan: ThinnedScan, driven: float) -> None:
-        """Integrate a node's scan, ``driven`` [m] after the node before."""
-        self._length += driven
-        if not self._maps or self._full(self._maps[-1], 0.5):
-            self._maps.append((TsdfMaps(self._config.tsdf), self._length, self._count))
-        if len(self._maps) > 1 and self._full(self._maps[0], 1.0):
-            del self._maps[0]
-        self._count += 1
-        for maps, _, _ in self._maps:
-            maps.integrate(pose[None], scan)
+    @property
+    def covariance(self) -> Array:
+        """[n - 1, 3, 3] of them, in the frames where they end."""
+        return np.array(self._fused.covariance).reshape(-1, 3, 3)
 
-    def _full(self, maps: tuple[TsdfMaps, float, int], share: float) -> bool:
-        """Whether a map covers this share of the path, or of the nodes, that one covers at most."""
-        c = self._config.chain
-        return self._length - maps[1] >= share * c.length or self._count - maps[2] >= share * c.nodes
+    @property
+    def excess(self) -> Array:
+        """[n - 1, 3, 3] information of the filter's steps that the nodes' own scans do not have."""
+        return np.array(self._fused.excess).reshape(-1, 3, 3)
+
+    @property
+    def odometry(self) -> Odometry:
+        """Corrected, as the steps were registered with it."""
+        steps, spread = ([getattr(step, name) for step in self._predicted] for name in ("step", "spread"))
+        return Odometry(np.array(steps).reshape(-1, 3), np.array(spread).reshape(-1, 3))
+
+    @property
+    def filtered(self) -> Array:
+        """[n - 1, 3] the filter's steps."""
+        return np.array(self._nodes.filtered[1 : len(self) + 1]).reshape(-1, 3)
+
+    def last(self) -> tuple[Array, Array]:
+        """The latest step [3] and its covariance [3, 3]."""
+        return self._fused.steps[-1], self._fused.covariance[-1]
+
+    def add(self) -> None:
+        """Register the latest node to those before it."""
+        k = len(self) + 1
+        self._raw.append(self._unregistered(k))
+        self._plain.append(self._plainly.add(self._nodes.scans[k], self._raw[-1]))
+        if len(self) >= self._fit_at:
+            self._fit_at *= FIT_EVERY
+            self.fit()
+        if len(self._proved) < len(self):
+            self._register(k)
+
+    def settle(self) -> None:
+        """Fit the odometry's errors at the end, unless they are known well."""
+        if self._fit_at <= FIT_EVERY * ENOUGH:
+            self.fit()
+
+    def fit(self) -> None:
+        """Fit the odometry's errors to all steps, and register the nodes anew where that changes the odometry."""
+        if not self._raw:
+            return
+        plain = np.array([found.step for found in self._plain])
+        information = np.array([found.information for found in self._plain])
+        covariance = np.asarray(np.linalg.inv(information + LEAST_INFORMATION * np.eye(3)))
+        self._model = fit_odometry(np.array([raw.step for raw in self._raw]), plain, covariance)
+        predicted = [self._corrected(raw) for raw in self._raw]
+        if _same(self._predicted, predicted[: len(self._predicted)]) and self._proved:
+            return
+        self._begin(plainly=False)
+        for k in range(1, len(self) + 1):
+            self._register(k)
+        self.fits += 1
+
+    def _begin(self, *, plainly: bool = True) -> None:
+        """Begin at the first node."""
+        scan, origin = self._nodes.scans[0], self._nodes.origin
+        if plainly:
+            self._plainly = StepRegistration(scan, origin, self._config, proved=False)
+        self._provenly = StepRegistration(scan, origin, self._config, proved=True)
+        self._proved, self._predicted, self._fused = [], [], _Fused.none()
+
+    def _unregistered(self, k: int) -> Prediction:
+        """A step by the recorded odometry; what nothing measured is taken from the filter, loosely."""
+        nodes, measured = self._nodes, self._nodes.measured[k]
+        step = nodes.odometry[k] if measured else nodes.filtered[k]
+        distance, rotation = float(np.hypot(*step[:2])), abs(float(step[2]))
+        spread = prior_spread(self._config.registration, distance, rotation, measured=measured)
+        return Prediction(step, spread, measured, nodes.filtered[k])
+
+    def _corrected(self, raw: Prediction) -> Prediction:
+        """The same by the corrected odometry, as far as its errors are known yet."""
+        if self._model is None or not raw.measured:
+            return raw
+        step = raw.step[None]
+        return raw._replace(step=self._model.corrected(step)[0], spread=self._model.spread(step)[0])
+
+    def _register(self, k: int) -> None:
+        """Register a node with the corrected odometry, and put all that is known of its step together."""
+        predicted = self._corrected(self._raw[k - 1])
+        found = self._provenly.add(self._nodes.scans[k], predicted)
+        between = self._nodes.updates[k] - self._nodes.updates[k - 1] - 1
+        self._predicted.append(predicted)
+        self._proved.append(found)
+        for values, value in zip(self._fused, _fuse(found, predicted, between), strict=True):
+            values.append(value)
 
 
-def _better(found: Registration, spread: Array) -> int:
-    """Which registration has the better match, less what its offset costs by the odometry."""
-    off = np.square(found.offsets / spread).sum(axis=1)
-    return int((match_score(found, SCORES) - heavy_tail(off, SCORES)).argmax())
+class _Fused(NamedTuple):
+    """Of every step: [3], its covariance [3, 3], and the filter's excess information [3, 3]."""
+
+    steps: list[Array]
+    covariance: list[Array]
+    excess: list[Array]
+
+    @classmethod
+    def none(cls) -> _Fused:
+        return cls([], [], [])
 
 
-def _overrules(
-    found: Registration, best: int, held: Registration, points: int, spread: Array, config: GraphConfig
-) -> float:
-    """By how many nats a registration far from the odometry is more probable than the one held near it.
-
-    The evidence is the difference of the mean costs of the endpoints that each place knows, times the smaller number of
-    them, counting as many as err independently. That a place knows more is no evidence for it, nor are rays through
-    what was a surface evidence against one: doors open. Against the evidence stand the odometry's heavy tail and how
-    seldom wheels slip.
-    """
-    unknown = config.registration.unknown_cost
-
-    def mean_cost(fit: Registration, which: int) -> float:
-        known = float(fit.known[which])
-        return (float(fit.costs[which]) - unknown * (points - known)) / max(known, 1.0)
-
-    both = min(float(held.known[0]), float(found.known[best]))
-    evidence = (mean_cost(held, 0) - mean_cost(found, best)) * both / config.correlation
-    off = np.square(found.offsets[best] / spread).sum()
-    return evidence - float(heavy_tail(off, SCORES)) - SLIP
+def _same(before: list[Prediction], after: list[Prediction]) -> bool:
+    """Whether two corrections of the odometry come to about the same."""
+    if not before:
+        return True
+    old, new = np.array([step.spread for step in before]), np.array([step.spread for step in after])
+    off = np.array([se2.between(a.step, b.step) for a, b in zip(before, after, strict=True)])
+    ratio = new / old
+    return bool(
+        (np.abs(off) < SAME_STEP * old).all() and (ratio < SAME_SPREAD).all() and (ratio > 1 / SAME_SPREAD).all()
+    )
 
 
-def _fused(registered: _Registered, nodes: Nodes, path: Array, odometry: OdometryModel) -> Chain:
-    """Registration, odometry and the filter's steps together, weighted by their information.
+def _fuse(found: RegisteredStep, predicted: Prediction, between: int) -> tuple[Array, Array, Array]:
+    """Registration, odometry and the filter's step together, weighted by their information: see ``_Fused``.
 
     Between two nodes of a dense recording the filter has registered the key scans between them, too: its step knows as
     many times what one registration does. Where it contradicts the registration, it may have closed a loop.
     """
-    off = np.asarray(se2.between(registered.steps, odometry.steps))
-    weights = 1 / np.square(odometry.spread)
-    covariance = np.linalg.inv(registered.information + weights[:, :, None] * np.eye(3))
+    off = se2.between(found.step, predicted.step)
+    weights = 1 / np.square(predicted.spread)
+    covariance = np.linalg.inv(found.information + np.diag(weights))
     # where the registration overruled the odometry this says nothing
-    weights = np.where(np.abs(off) < AGREEING * odometry.spread, weights, 0.0)
-    steps = np.asarray(se2.compose(registered.steps, np.einsum("nij,nj->ni", covariance, weights * off)))
-    filtered = np.asarray(se2.between(path[:-1], path[1:]))
-    off = np.asarray(se2.between(steps, filtered))
-    precision = np.linalg.inv(covariance + np.diag(np.square(FLOOR)))
-    agree = np.einsum("ni,nij,nj->n", off, precision, off) < AGREEING**2
-    excess = (agree * (np.diff(nodes.updates) - 1))[:, None, None] * registered.information
+    weights = np.where(np.abs(off) < AGREEING * predicted.spread, weights, 0.0)
+    step = se2.compose(found.step, covariance @ (weights * off))
+    off = se2.between(step, predicted.filtered)
+    floor = np.diag(np.square(FLOOR))
+    agree = off @ np.linalg.inv(covariance + floor) @ off < AGREEING**2
+    excess = agree * between * found.information
     covariance = np.linalg.inv(np.linalg.inv(covariance) + excess)
-    steps = np.asarray(se2.compose(steps, np.einsum("nij,njk,nk->ni", covariance, excess, off)))
-    doubt = registered.doubt
-    covariance = covariance + np.diag(np.square(FLOOR)) + doubt[:, :, None] * doubt[:, None, :]
-    poses = np.vstack((path[0], se2.accumulate(steps, path[0])))
-    return Chain(poses, steps, covariance, odometry, filtered, excess)
+    step = se2.compose(step, covariance @ excess @ off)
+    return step, covariance + floor + np.outer(found.doubt, found.doubt), excess

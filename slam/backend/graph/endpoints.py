@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -33,7 +34,7 @@ class Endpoints(NamedTuple):
     owners: NDArray[np.int32]
 
     @classmethod
-    def of(cls, scans: tuple[ThinnedScan, ...]) -> Endpoints:
+    def of(cls, scans: Sequence[ThinnedScan]) -> Endpoints:
         """Of thinned scans, with their normals."""
         counts = [len(scan.points) for scan in scans]
         points = np.vstack([scan.points for scan in scans])

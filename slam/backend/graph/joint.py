@@ -13,10 +13,9 @@ from scipy.sparse import csr_matrix
 
 from moteslam.kernels.scan_pairs import accumulate, match_endpoints
 from moteslam.robot import se2
-from moteslam.slam.backend.graph.chain import Chain
+from moteslam.slam.backend.graph.chain import Chain, Odometry
 from moteslam.slam.backend.graph.config import GraphConfig
 from moteslam.slam.backend.graph.endpoints import Endpoints
-from moteslam.slam.backend.graph.odometry_model import OdometryModel
 from moteslam.slam.backend.graph.pose_graph import ANCHOR, relative_jacobians
 from moteslam.slam.backend.graph.sparse_blocks import BlockSystem
 from moteslam.slam.registration.registrar import FULL
@@ -38,12 +37,20 @@ OVERLAP_CELL, LEAST_OVERLAP = 0.5, 0.2
 NEAR_SHARE = 1 / 3
 """Of the partners, those nearest along the path; the others are spread over all that overlap."""
 FIRST_POINTS = 3
-"""While the reach shrinks every third endpoint is enough."""
+"""While the reach shrinks every third endpoint is enough, and for a correction while the robot drives."""
 STILL = 1e-3
 """It ends when the root mean square of the poses' steps is below this [m]."""
 
 
-def register_jointly(endpoints: Endpoints, poses: Array, chain: Chain, config: GraphConfig) -> Array:
+def register_jointly(
+    endpoints: Endpoints,
+    poses: Array,
+    chain: Chain,
+    config: GraphConfig,
+    free: NDArray[np.bool_] | None = None,
+    *,
+    rounds: int | None = None,
+) -> Array:
     """Move all poses to where the scans fit each other best; the first stays.
 
     Args:
@@ -51,18 +58,25 @@ def register_jointly(endpoints: Endpoints, poses: Array, chain: Chain, config: G
         poses: [n, 3] to begin with.
         chain: the odometry of the steps between them, and what the filter knows of them besides.
         config: of the back end.
+        free: [n] the scans that move, from within the last reach; by default all do, from within the first reach.
+        rounds: at most; by default those of the configuration.
 
     Returns:
         [n, 3] poses.
     """
     joint = config.joint
-    poses, reach, n = poses.copy(), joint.first_reach, len(poses)
+    poses, n = poses.copy(), len(poses)
+    reach = joint.first_reach if free is None else joint.last_reach
+    moving = np.ones(n, bool) if free is None else free
+    held = np.where(moving, 0.0, ANCHOR)
+    held[0] = ANCHOR
     steps, seen = np.arange(n - 1), endpoints.thinned(FIRST_POINTS)
-    for turn in range(joint.rounds):
+    odometry, filtered, excess = chain.odometry, chain.filtered, chain.excess
+    for turn in range(rounds or joint.rounds):
         last = reach <= joint.last_reach
         if turn == 0 or (last and seen is not endpoints):
             seen = endpoints if last else seen
-            partners = choose_partners(seen, poses, joint.partners)
+            partners = choose_partners(seen, poses, joint.partners, moving)
             own_scan, slot = np.nonzero(partners >= 0)
             other = partners[own_scan, slot].astype(np.intp)
             system = BlockSystem(n, np.r_[own_scan, steps], np.r_[other, steps + 1])
@@ -76,22 +90,23 @@ def register_jointly(endpoints: Endpoints, poses: Array, chain: Chain, config: G
         right = information * own[:, 6:]
         np.add.at(blocks, other, some[:, 9:15][:, FULL].reshape(-1, 3, 3))
         np.add.at(right, other, some[:, 15:])
-        between = _add_odometry(poses, chain.odometry, blocks, right) + _add_filtered(poses, chain, blocks, right)
-        blocks[0] += ANCHOR * np.eye(3)
+        between = _add_odometry(poses, odometry, blocks, right)
+        between += _add_filtered(poses, filtered, excess, blocks, right)
+        blocks += held[:, None, None] * np.eye(3)
         step = system.solve(blocks, np.concatenate((some[:, :9].reshape(-1, 3, 3), between)), -right)
         poses += step
         poses[:, 2] = se2.wrap(poses[:, 2])
-        if last and np.square(step[:, :2]).sum(axis=1).mean() < STILL**2:
+        if last and np.square(step[moving, :2]).sum(axis=1).mean() < STILL**2:
             break
         reach = max(SHRINK * reach, joint.last_reach)
     return poses
 
 
-def choose_partners(endpoints: Endpoints, poses: Array, most: int) -> NDArray[np.int32]:
+def choose_partners(endpoints: Endpoints, poses: Array, most: int, moving: NDArray[np.bool_]) -> NDArray[np.int32]:
     """The scans that each scan's endpoints are held to: int32 [n, most], -1 for none.
 
     Scans that see the same places: some of those nearest along the path, and some spread over all that overlap, so that
-    every passage is bound to every other.
+    every passage is bound to every other. Those that do not move have none.
     """
     n = len(poses)
     points, _ = endpoints.placed(poses)
@@ -101,12 +116,13 @@ def choose_partners(endpoints: Endpoints, poses: Array, most: int) -> NDArray[np
     seen = csr_matrix((np.ones(len(column), np.float32), (endpoints.owners, column)), shape=(n, int(column.max()) + 1))
     seen.sum_duplicates()
     seen.data[:] = 1
-    shared, sizes = (seen @ seen.T).tocsr(), np.diff(seen.indptr)
+    movers = np.flatnonzero(moving)
+    shared, sizes = (seen[movers] @ seen.T).tocsr(), np.diff(seen.indptr)
     partners = np.full((n, most), -1, np.int32)
     near_count = int(NEAR_SHARE * most)
-    for a in range(n):
-        row = slice(shared.indptr[a], shared.indptr[a + 1])
-        others, overlap = shared.indices[row], shared.data[row]
+    for row, a in enumerate(movers.tolist()):
+        entries = slice(shared.indptr[row], shared.indptr[row + 1])
+        others, overlap = shared.indices[entries], shared.data[entries]
         others = np.sort(others[(others != a) & (overlap >= LEAST_OVERLAP * sizes[a])])
         if len(others) > most:
             near = others[np.argsort(np.abs(others - a), kind="stable")[:near_count]]
@@ -117,7 +133,7 @@ def choose_partners(endpoints: Endpoints, poses: Array, most: int) -> NDArray[np
     return partners
 
 
-def _add_odometry(poses: Array, odometry: OdometryModel, blocks: Array, right: Array) -> Array:
+def _add_odometry(poses: Array, odometry: Odometry, blocks: Array, right: Array) -> Array:
     """Add the odometry of the steps to the system; returns the blocks [n - 1, 3, 3] between neighbours."""
     off = np.asarray(se2.between(poses[:-1], poses[1:])) - odometry.steps
     off[:, 2] = se2.wrap(off[:, 2])
@@ -125,12 +141,12 @@ def _add_odometry(poses: Array, odometry: OdometryModel, blocks: Array, right: A
     return _add_steps(poses, np.zeros(len(off)), off, weights[:, :, None] * np.eye(3), blocks, right)
 
 
-def _add_filtered(poses: Array, chain: Chain, blocks: Array, right: Array) -> Array:
+def _add_filtered(poses: Array, filtered: Array, excess: Array, blocks: Array, right: Array) -> Array:
     """Add what the filter knows of the steps besides; likewise."""
-    off = np.asarray(se2.between(chain.filtered, se2.between(poses[:-1], poses[1:])))
-    squares = np.einsum("ni,nij,nj->n", off, chain.excess, off)
+    off = np.asarray(se2.between(filtered, se2.between(poses[:-1], poses[1:])))
+    squares = np.einsum("ni,nij,nj->n", off, excess, off)
     weights = 1 / np.square(1 + squares / SLIP**2)
-    return _add_steps(poses, chain.filtered[:, 2], off, weights[:, None, None] * chain.excess, blocks, right)
+    return _add_steps(poses, filtered[:, 2], off, weights[:, None, None] * excess, blocks, right)
 
 
 def _add_steps(poses: Array, heading: Array, off: Array, information: Array, blocks: Array, right: Array) -> Array:

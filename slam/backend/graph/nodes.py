@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.kernels.thinning import ThinnedScan
 from moteslam.robot import se2
+from moteslam.slam.backend.graph.config import GraphConfig
 from moteslam.slam.backend.protocol import KeyScan
-from moteslam.slam.inputs.config import ThinningConfig
 from moteslam.slam.inputs.thinning import thin
 
 Array = NDArray[np.float64]
@@ -20,66 +18,74 @@ MAX_RANGE = 30.0
 the heading moves them as far."""
 
 
-@dataclass(frozen=True, eq=False)
 class Nodes:
-    """n nodes.
+    """The nodes so far; as few as leave no two neighbours farther apart than need be.
+
+    The first key scan is one; another one is where the next would be too far from the node before.
+
+    Args:
+        config: distance and turn between two nodes, where key scans allow, and how scans are thinned.
 
     Attributes:
-        updates: [n] which of the key scans they are.
-        indices, stamps: [n] of their scans in the recording.
+        updates: which of the key scans they are.
+        indices, stamps: of their scans in the recording.
         scans: theirs, thinned, in the robot's frame.
         origin: [2] where the rays start, in that frame [m].
-        odometry: [n, 3] motion since the node before by odometry alone, in the frame of the pose there.
-        measured: [n] whether odometry measured all of it.
+        odometry: [3] each: motion since the node before by odometry alone, in the frame of the pose there.
+        filtered: [3] each: the same as the filter estimates it.
+        measured: whether odometry measured all of it.
     """
 
-    updates: NDArray[np.intp]
-    indices: NDArray[np.intp]
-    stamps: Array
-    scans: tuple[ThinnedScan, ...]
-    origin: Array
-    odometry: Array
-    measured: NDArray[np.bool_]
+    def __init__(self, config: GraphConfig) -> None:
+        self._config = config
+        self.updates: list[int] = []
+        self.indices: list[int] = []
+        self.stamps: list[float] = []
+        self.scans: list[ThinnedScan] = []
+        self.origin = np.zeros(2)
+        self.odometry: list[Array] = []
+        self.filtered: list[Array] = []
+        self.measured: list[bool] = []
+        self._keys = 0  # key scans so far
+        self._last: KeyScan | None = None  # the latest, while it is no node
+        self._begin()
 
     def __len__(self) -> int:
         return len(self.updates)
 
+    def add(self, key: KeyScan) -> bool:
+        """Take in a key scan; whether there is a new node: this one if it is the first, else the one before."""
+        distance, rotation = float(np.hypot(*key.motion[:2])), abs(float(key.motion[2]))
+        too_far = self._far + distance > self._config.distance or self._turn + rotation > self._config.rotation
+        added = too_far and self.close()
+        self._odometry = np.asarray(se2.compose(self._odometry, key.odometry))
+        self._filtered = np.asarray(se2.compose(self._filtered, key.motion))
+        self._known &= key.measured
+        self._far, self._turn = self._far + distance, self._turn + rotation
+        self._last, self._keys = key, self._keys + 1
+        return self.close() if self._keys == 1 else added
 
-def choose_nodes(keys: list[KeyScan], path: Array, distance: float, rotation: float, thinning: ThinningConfig) -> Nodes:
-    """The key scans that become nodes: as few as leave no two neighbours farther apart than need be.
+    def close(self) -> bool:
+        """Make the latest key scan a node; whether it was none."""
+        key = self._last
+        if key is None:
+            return False
+        self.updates.append(self._keys - 1)
+        self.indices.append(key.index)
+        self.stamps.append(key.stamp)
+        self.scans.append(thin(_near(key), key.origin, self._config.thinning))
+        self.odometry.append(self._odometry)
+        self.filtered.append(self._filtered)
+        self.measured.append(self._known)
+        self.origin = key.origin
+        self._begin()
+        return True
 
-    The first and the last are; another one is where the next would be too far from the node before.
-
-    Args:
-        keys: all u key scans.
-        path: [u, 3] their poses.
-        distance: between two nodes, where key scans allow [m].
-        rotation: likewise [rad].
-        thinning: of their scans.
-    """
-    steps = np.asarray(se2.between(path[:-1], path[1:]))
-    driven, turned = np.hypot(steps[:, 0], steps[:, 1]), np.abs(steps[:, 2])
-    chosen, odometry, measured = [0], [np.zeros(3)], [True]
-    motion, known, far, turn = np.zeros(3), True, 0.0, 0.0
-    for k in range(1, len(keys)):
-        motion, known = np.asarray(se2.compose(motion, keys[k].odometry)), known and keys[k].measured
-        far, turn = far + float(driven[k - 1]), turn + float(turned[k - 1])
-        last = k == len(keys) - 1
-        if last or far + float(driven[k]) > distance or turn + float(turned[k]) > rotation:
-            chosen.append(k)
-            odometry.append(motion)
-            measured.append(known)
-            motion, known, far, turn = np.zeros(3), True, 0.0, 0.0
-    some = [keys[k] for k in chosen]
-    return Nodes(
-        updates=np.array(chosen),
-        indices=np.array([key.index for key in some]),
-        stamps=np.array([key.stamp for key in some]),
-        scans=tuple(thin(_near(key), key.origin, thinning) for key in some),
-        origin=keys[0].origin,
-        odometry=np.array(odometry),
-        measured=np.array(measured),
-    )
+    def _begin(self) -> None:
+        """Count motion from here on."""
+        self._odometry, self._filtered = np.zeros(3), np.zeros(3)
+        self._known, self._far, self._turn = True, 0.0, 0.0
+        self._last = None
 
 
 def _near(key: KeyScan) -> NDArray[np.float32]:

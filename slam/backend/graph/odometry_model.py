@@ -28,19 +28,27 @@ NORMAL_MAD = 1.4826
 
 
 class OdometryModel(NamedTuple):
-    """Odometry of n - 1 steps, corrected.
+    """What odometry is off by.
 
     Attributes:
-        steps: [n - 1, 3] motions, in the frames where they begin.
-        spread: [n - 1, 3] standard deviations.
+        gains: [3, 3] of forward, left and turning error for forward, left and turning motion.
+        scales: [3] of the noise that is left, over its shape.
     """
 
-    steps: Array
-    spread: Array
+    gains: Array
+    scales: Array
+
+    def corrected(self, odometry: Array) -> Array:
+        """Steps [n, 3] with what is systematic taken out."""
+        return np.asarray(se2.compose(odometry, odometry @ self.gains.T))
+
+    def spread(self, odometry: Array) -> Array:
+        """The standard deviations [n, 3] of corrected steps."""
+        return np.asarray(SAFETY * self.scales * _shape(odometry))
 
 
 def fit_odometry(odometry: Array, registered: Array, covariance: Array) -> OdometryModel:
-    """Correct the odometry by a linear map of each step, and measure what noise is left.
+    """Fit a linear map of each step that corrects it, and measure what noise is left.
 
     Alternately the gains of forward, left and turning error are fitted, robustly, and the scale of the noise: the
     median absolute residual of the steps that registration knows better than odometry.
@@ -50,8 +58,7 @@ def fit_odometry(odometry: Array, registered: Array, covariance: Array) -> Odome
         registered: [n - 1, 3] the same by registration.
         covariance: [n - 1, 3, 3] of that.
     """
-    distance, rotation = np.hypot(odometry[:, 0], odometry[:, 1])[:, None], np.abs(odometry[:, 2])[:, None]
-    shape = AT_REST + FROM_DISTANCE * distance + FROM_ROTATION * rotation
+    shape = _shape(odometry)
     errors = np.asarray(se2.between(odometry, registered))
     variance = np.diagonal(covariance, axis1=1, axis2=2)
     gains, scales = np.zeros((3, 3)), np.ones(3)
@@ -69,4 +76,10 @@ def fit_odometry(odometry: Array, registered: Array, covariance: Array) -> Odome
             known = variance[:, axis] < 2 * noise
             if known.sum() > 10:
                 scales[axis] = max(NORMAL_MAD * float(np.median(np.abs(rest[known]) / shape[known, axis])), LEAST_SCALE)
-    return OdometryModel(np.asarray(se2.compose(odometry, odometry @ gains.T)), SAFETY * scales * shape)
+    return OdometryModel(gains, scales)
+
+
+def _shape(odometry: Array) -> Array:
+    """The noise [n, 3] of steps before it is scaled."""
+    distance, rotation = np.hypot(odometry[:, 0], odometry[:, 1])[:, None], np.abs(odometry[:, 2])[:, None]
+    return np.asarray(AT_REST + FROM_DISTANCE * distance + FROM_ROTATION * rotation)

@@ -21,6 +21,8 @@ Indices = NDArray[np.intp]
 SCHEDULE = (1e5, 1e4, 3e3, 1e3, 300.0, 100.0, 30.0, 10.0)
 """Squared scales of the kernel, in squared standard deviations: the last is beyond the 98 % quantile of chi^2 with
 three degrees of freedom."""
+CONVEX = 10.0
+"""The first scale is at least this many times the largest error's square, or the largest there is."""
 ITERATIONS, CONVERGED = 6, 1e-4
 """Gauss-Newton steps on each scale at most; a smaller step [m, rad] ends it."""
 ANCHOR = 1e9
@@ -60,6 +62,10 @@ class Edges:
     def errors(self, poses: Array) -> Array:
         """The errors [e, 3] of the measured relative poses, in their frames, where the nodes are at ``poses``."""
         return np.asarray(se2.between(self.relative, se2.between(poses[self.first], poses[self.second])))
+
+    def squares(self, errors: Array) -> Array:
+        """The squares [e] of errors [e, 3], in standard deviations."""
+        return np.asarray(np.einsum("ei,eij,ej->e", errors, self.information, errors))
 
     def jacobians(self, poses: Array) -> tuple[Array, Array]:
         """Of the errors by (x, y, theta) of the first and of the second pose, [e, 3, 3] each."""
@@ -102,7 +108,7 @@ def solve(poses: Array, edges: Edges, *, graduated: bool = True) -> tuple[Array,
     """
     system, poses = BlockSystem(len(poses), edges.first, edges.second), poses.copy()
     weights = np.ones(len(edges))
-    for scale in SCHEDULE if graduated and edges.robust.any() else SCHEDULE[:1]:
+    for scale in _schedule(edges.squares(edges.errors(poses))[edges.robust]) if graduated else SCHEDULE[:1]:
         for _ in range(ITERATIONS):
             errors = edges.errors(poses)
             if graduated:
@@ -125,5 +131,14 @@ def solve(poses: Array, edges: Edges, *, graduated: bool = True) -> tuple[Array,
 
 def _weights(errors: Array, edges: Edges, scale: float) -> Array:
     """Of Geman and McClure, for the edges that may be rejected."""
-    squares = np.einsum("ei,eij,ej->e", errors, edges.information, errors)
-    return np.where(edges.robust, np.square(scale / (scale + squares)), 1.0)
+    return np.where(edges.robust, np.square(scale / (scale + edges.squares(errors))), 1.0)
+
+
+def _schedule(squares: Array) -> tuple[float, ...]:
+    """The scales to go through: from where the largest error still counts almost in full.
+
+    Args:
+        squares: of the errors at the start, in standard deviations.
+    """
+    first = CONVEX * float(squares.max(initial=0.0))
+    return tuple(scale for scale in SCHEDULE[:-1] if scale < first) + SCHEDULE[-1:]

@@ -32,18 +32,33 @@ class Submaps:
     """The submaps around the nodes, built when they are asked for; nodes lie in them as the chain has them.
 
     Args:
-        nodes: n of them.
-        poses: [n, 3] of the chain.
+        nodes: all of them.
         config: of the back end.
 
     Attributes:
+        poses: [n, 3] of the chain.
         path: [n] distance driven up to each node [m].
     """
 
-    def __init__(self, nodes: Nodes, poses: Array, config: GraphConfig) -> None:
-        self._nodes, self._poses, self._config = nodes, poses, config
-        self.path = np.r_[0.0, np.cumsum(np.hypot(*np.diff(poses[:, :2], axis=0).T))]
+    def __init__(self, nodes: Nodes, config: GraphConfig) -> None:
+        self._nodes, self._config = nodes, config
+        self.poses, self.path = np.zeros((1, 3)), np.zeros(1)
         self._maps: OrderedDict[int, TsdfMaps] = OrderedDict()
+
+    def follow(self, steps: Array) -> None:
+        """Lay the nodes along the chain anew, by its steps [n - 1, 3]."""
+        self.poses = np.vstack((np.zeros(3), se2.accumulate(steps)))
+        self.path = np.r_[0.0, np.cumsum(np.hypot(steps[:, 0], steps[:, 1]))]
+        self.forget()
+
+    def extend(self, step: Array) -> None:
+        """Append a node."""
+        self.poses = np.vstack((self.poses, se2.compose(self.poses[-1], step)))
+        self.path = np.append(self.path, self.path[-1] + np.hypot(*step[:2]))
+
+    def forget(self) -> None:
+        """Build the TSDFs anew when they are asked for."""
+        self._maps.clear()
 
     def around(self, node: int) -> TsdfMaps:
         """The TSDF of the nodes around one, in its frame."""
@@ -72,4 +87,4 @@ class Submaps:
         return [int(k) for k in near if abs(k - node) <= most // 2]
 
     def _pose(self, node: int, other: int) -> Array:
-        return np.asarray(se2.between(self._poses[node], self._poses[other]))
+        return np.asarray(se2.between(self.poses[node], self.poses[other]))

@@ -6,17 +6,30 @@ covariance, in the time of a shortest path. An error of a heading moves all that
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import dijkstra
 
-from moteslam.slam.backend.graph.pose_graph import Edges
-
 Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
 
 TURN_DISTANCE = 5.0
 """At this distance a heading's error counts in the choice of the path [m]."""
+
+
+class Variances(NamedTuple):
+    """Of e edges: the largest variance of the position [e] [m^2], and that of the heading [e] [rad^2]."""
+
+    position: Array
+    heading: Array
+
+    @classmethod
+    def of(cls, covariance: Array) -> Variances:
+        """Of relative poses of covariance [e, 3, 3]."""
+        return cls(np.linalg.eigvalsh(covariance[:, :2, :2])[:, 1], covariance[:, 2, 2])
 
 
 class Uncertainty:
@@ -24,23 +37,20 @@ class Uncertainty:
 
     Args:
         poses: [n, 3] of the nodes.
-        edges: of the graph; where a pair is bound more than once the surest counts.
+        first, second: [e] the nodes that each edge binds; where a pair is bound more than once the surest counts.
+        variances: of the edges.
     """
 
-    def __init__(self, poses: Array, edges: Edges) -> None:
+    def __init__(self, poses: Array, first: Indices, second: Indices, variances: Variances) -> None:
         n = len(poses)
-        covariance = np.linalg.inv(edges.information)
-        position = np.linalg.eigvalsh(covariance[:, :2, :2])[:, 1]
-        heading = covariance[:, 2, 2]
-        cost = position + TURN_DISTANCE**2 * heading
-        pairs = np.minimum(edges.first, edges.second) * n + np.maximum(edges.first, edges.second)
+        cost = variances.position + TURN_DISTANCE**2 * variances.heading
+        pairs = np.minimum(first, second) * n + np.maximum(first, second)
         order = np.lexsort((cost, pairs))
         _, kept = np.unique(pairs[order], return_index=True)
         kept = order[kept]
         self._pairs = pairs[kept]
-        self._position, self._heading = position[kept], heading[kept]
-        first, second = edges.first[kept], edges.second[kept]
-        self._graph = csr_matrix((cost[kept], (first, second)), shape=(n, n))
+        self._position, self._heading = variances.position[kept], variances.heading[kept]
+        self._graph = csr_matrix((cost[kept], (first[kept], second[kept])), shape=(n, n))
         self._places = poses[:, :2]
 
     def of(self, node: int) -> tuple[Array, Array]:

@@ -54,10 +54,40 @@ def test_where_a_door_opens_the_odometry_is_kept(doors: Case, alone: Estimate, b
     assert score_loops(behind.loops, doors.reference, doors.recording).false == 0
 
 
-def test_the_filter_itself_does_not_know_of_it(alone: Estimate, behind: Estimate):
-    """The graph corrects at the end alone: what was estimated online is the same, bit for bit."""
-    np.testing.assert_array_equal(alone.trajectory.poses, behind.trajectory.poses)
-    np.testing.assert_array_equal(alone.dead_reckoning.poses, behind.dead_reckoning.poses)
+def test_without_a_loop_the_filter_is_as_it_was(doors: Case, alone: Estimate):
+    """What was estimated online is the same, bit for bit."""
+    without = estimate(doors, "backend.loops.enabled=false")
+    np.testing.assert_array_equal(alone.trajectory.poses, without.trajectory.poses)
+    np.testing.assert_array_equal(alone.dead_reckoning.poses, without.dead_reckoning.poses)
+
+
+def test_a_closed_loop_corrects_the_filter_while_it_drives():
+    """From the last correction on the online poses are about as good as the final ones."""
+    case = wheels_case("corridor", 221, step_noise=STEP_NOISE)
+    filter_alone, corrected = estimate(case, "backend.method=none"), estimate(case)
+    jumps = corrected.diagnostics["corrected"]
+    last = int(np.flatnonzero(jumps)[-1])
+    assert not filter_alone.diagnostics["corrected"].any()
+    np.testing.assert_array_equal(
+        filter_alone.trajectory.poses[: np.flatnonzero(jumps)[0] + 1],
+        corrected.trajectory.poses[: np.flatnonzero(jumps)[0] + 1],
+    )
+    assert case.reference is not None
+    off = [
+        absolute_trajectory_error(trajectory, case.reference, align=False).translation.values[last + 1 :]
+        for trajectory in (filter_alone.trajectory, corrected.trajectory, corrected.trajectory_final)
+    ]
+    filtered, online, final = (float(np.sqrt(np.square(values).mean())) for values in off)
+    assert online < 2 * final
+    assert online < 0.5 * filtered
+
+
+def test_an_estimate_in_the_middle_of_a_run_changes_nothing(doors: Case, behind: Estimate):
+    session = SlamSession(doors.recording, resolve_config("default"))
+    for update in session:
+        if update.index == len(session) // 2:
+            session.estimate()
+    np.testing.assert_array_equal(session.estimate().trajectory_final.poses, behind.trajectory_final.poses)
 
 
 def test_every_stage_can_be_switched_off(doors: Case):

@@ -3,49 +3,48 @@
 import numpy as np
 
 from moteslam.robot import se2
-from moteslam.slam.backend.graph.nodes import MAX_RANGE, choose_nodes
+from moteslam.slam.backend.graph.config import GraphConfig
+from moteslam.slam.backend.graph.nodes import MAX_RANGE, Nodes
 from moteslam.slam.backend.graph.odometry_model import SAFETY, fit_odometry
 from moteslam.slam.backend.protocol import KeyScan
-from moteslam.slam.inputs.config import ThinningConfig
 
 
-def key_scans(steps: np.ndarray) -> tuple[list[KeyScan], np.ndarray]:
+def nodes_of(steps: np.ndarray) -> Nodes:
+    """The nodes of a run by these steps, the last key scan among them."""
     path = np.vstack((np.zeros(3), se2.accumulate(steps)))
     points = np.array([[1.0, y] for y in np.arange(-1, 1, 0.1)] + [[50.0, 0.0]], np.float32)
     odometry = np.vstack((np.zeros(3), steps))
-    keys = [
-        KeyScan(10 * k, 0.1 * k, points, np.zeros(2), pose, motion, measured=True)
-        for k, (pose, motion) in enumerate(zip(path, odometry, strict=True))
-    ]
-    return keys, path
+    nodes = Nodes(GraphConfig())
+    for k, (pose, motion) in enumerate(zip(path, odometry, strict=True)):
+        nodes.add(KeyScan(10 * k, 0.1 * k, points, np.zeros(2), pose, motion, measured=True, motion=motion))
+    nodes.close()
+    return nodes
 
 
 def test_close_key_scans_become_a_node_every_half_metre():
-    keys, path = key_scans(np.tile((0.1, 0.0, 0.0), (50, 1)))
-    nodes = choose_nodes(keys, path, 0.5, 0.5, ThinningConfig())
+    nodes = nodes_of(np.tile((0.1, 0.0, 0.0), (50, 1)))
     assert nodes.updates[0] == 0
     assert nodes.updates[-1] == 50
     assert set(np.diff(nodes.updates)[:-1].tolist()) <= {4, 5}
-    np.testing.assert_allclose(nodes.odometry[1:, 0], 0.1 * np.diff(nodes.updates))
-    np.testing.assert_array_equal(nodes.indices, 10 * nodes.updates)
+    np.testing.assert_allclose(np.array(nodes.odometry)[1:, 0], 0.1 * np.diff(nodes.updates))
+    np.testing.assert_array_equal(nodes.indices, 10 * np.array(nodes.updates))
 
 
 def test_turns_make_nodes_too():
-    keys, path = key_scans(np.tile((0.0, 0.0, 0.1), (30, 1)))
-    assert len(choose_nodes(keys, path, 0.5, 0.5, ThinningConfig())) == 8
+    nodes = nodes_of(np.tile((0.0, 0.0, 0.1), (30, 1)))
+    assert len(nodes) == 7
 
 
 def test_key_scans_that_are_far_apart_are_all_nodes():
     """Also one close to its neighbour before a long step: what the filter did in that step decides nothing."""
     steps = np.tile((1.0, 0.0, 0.0), (10, 1))
     steps[4, 0] = 0.1
-    keys, path = key_scans(steps)
-    assert len(choose_nodes(keys, path, 0.5, 0.5, ThinningConfig())) == 11
+    nodes = nodes_of(steps)
+    assert len(nodes) == 11
 
 
 def test_far_endpoints_are_left_out():
-    keys, path = key_scans(np.tile((1.0, 0.0, 0.0), (2, 1)))
-    nodes = choose_nodes(keys, path, 0.5, 0.5, ThinningConfig())
+    nodes = nodes_of(np.tile((1.0, 0.0, 0.0), (2, 1)))
     assert all(np.hypot(*scan.points.T).max() < MAX_RANGE for scan in nodes.scans)
 
 
@@ -59,8 +58,9 @@ def test_systematic_errors_are_taken_out_and_the_rest_is_measured():
     covariance = np.tile(np.diag((1e-6, 1e-6, 1e-7)), (n, 1, 1))
     model = fit_odometry(wrong, true, covariance)
     straight = np.delete(np.arange(n), slips)
-    off = (model.steps - true)[straight]
+    off = (model.corrected(wrong) - true)[straight]
+    spread = model.spread(wrong)[straight]
     assert abs(off[:, 0].mean()) < 0.002
     assert off[:, 0].std() < 0.014
-    assert 0.7 < model.spread[straight, 0].mean() / (SAFETY * off[:, 0].std()) < 1.4
-    assert 0.7 < model.spread[straight, 2].mean() / (SAFETY * off[:, 2].std()) < 1.4
+    assert 0.7 < spread[:, 0].mean() / (SAFETY * off[:, 0].std()) < 1.4
+    assert 0.7 < spread[:, 2].mean() / (SAFETY * off[:, 2].std()) < 1.4

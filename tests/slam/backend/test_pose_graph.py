@@ -5,7 +5,7 @@ import pytest
 
 from moteslam.robot import se2
 from moteslam.slam.backend.graph.pose_graph import Edges, relative_jacobians, solve
-from moteslam.slam.backend.graph.uncertainty import Uncertainty
+from moteslam.slam.backend.graph.uncertainty import Uncertainty, Variances
 
 STEP_NOISE = np.array([0.02, 0.01, 0.01])
 
@@ -106,6 +106,10 @@ def test_the_jacobians_are_derivatives():
             np.testing.assert_allclose(jacobian[:, :, axis], numeric / 2e-6, atol=1e-6)
 
 
+def uncertainty(poses: np.ndarray, edges: Edges) -> Uncertainty:
+    return Uncertainty(poses, edges.first, edges.second, Variances.of(np.linalg.inv(edges.information)))
+
+
 def test_the_uncertainty_of_a_chain_is_its_marginal():
     """Along a chain the bound is exact: heading errors times distance, and position errors, add up."""
     rng = np.random.default_rng(6)
@@ -114,7 +118,7 @@ def test_the_uncertainty_of_a_chain_is_its_marginal():
     poses = np.vstack((np.zeros(3), se2.accumulate(steps)))
     information = np.tile(np.diag((1 / 0.02**2, 1 / 0.02**2, 1 / 0.01**2)), (n - 1, 1, 1))
     edges = Edges(np.arange(n - 1), np.arange(1, n), steps, information, np.zeros(n - 1, bool))
-    position, heading = Uncertainty(poses, edges).of(0)
+    position, heading = uncertainty(poses, edges).of(0)
     noise = rng.normal(0, 1, (4000, n - 1, 3)) * (0.02, 0.02, 0.01)
     ends = np.array([np.asarray(se2.accumulate(se2.compose(steps, one)))[-1] for one in noise])
     spread = np.sqrt(np.square(ends[:, :2] - ends[:, :2].mean(axis=0)).sum(axis=1).mean())
@@ -127,7 +131,7 @@ def test_the_uncertainty_of_a_chain_is_its_marginal():
 def test_a_loop_makes_both_its_ends_surer():
     _, start, edges = case(7)
     chain = Edges(*(getattr(edges, name)[:119] for name in ("first", "second", "relative", "information", "robust")))
-    before, _ = Uncertainty(start, chain).of(119)
-    after, _ = Uncertainty(start, edges).of(119)
+    before, _ = uncertainty(start, chain).of(119)
+    after, _ = uncertainty(start, edges).of(119)
     assert (after <= before + 1e-9).all()
     assert after[5] < 0.5 * before[5]

@@ -1,0 +1,171 @@
+"""Registering each node to a local TSDF of the latest ones.
+
+Registration to the particle's whole map would hold the loops already, right or wrong. A registration overrules the
+odometry by many standard deviations only where the evidence allows: see ``_overrules``.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from moteslam.kernels.thinning import ThinnedScan
+from moteslam.robot import se2
+from moteslam.slam.backend.graph.config import GraphConfig
+from moteslam.slam.backend.graph.information import measured_information
+from moteslam.slam.mapping.tsdf import TsdfMaps
+from moteslam.slam.registration.config import TrackingConfig
+from moteslam.slam.registration.degeneracy import keep_odometry
+from moteslam.slam.registration.localisation import heavy_tail, match_score
+from moteslam.slam.registration.registrar import Registration, register, subsample
+
+Array = NDArray[np.float64]
+
+GATE = 6.0
+"""An offset of more standard deviations of the odometry must be proved."""
+SCORES = TrackingConfig()
+"""Match score and heavy tail are those of tracking."""
+SLIP = 7.0
+"""Negative log-probability that the wheels slip in one step: one in a thousand."""
+DOUBT = 4.0
+"""Nats by which evidence and prior may be misjudged: the logistic scale of the doubt that is left."""
+FEW_POINTS = 20
+"""A scan of fewer points is not registered."""
+
+
+class Prediction(NamedTuple):
+    """What is known of a step before it is registered.
+
+    Attributes:
+        step: [3] by the odometry.
+        spread: [3] standard deviations.
+        measured: whether odometry measured it; else it may be overruled without proof.
+        filtered: [3] as the filter estimates it: it is tried, too.
+    """
+
+    step: Array
+    spread: Array
+    measured: bool
+    filtered: Array
+
+
+class RegisteredStep(NamedTuple):
+    """A step [3], its information [3, 3], and [3] how far off it may be if the evidence was misjudged."""
+
+    step: Array
+    information: Array
+    doubt: Array
+
+
+class StepRegistration:
+    """Registers nodes one after the other, each to the TSDF of the latest ones before it.
+
+    Args:
+        scan: of the first node.
+        origin: [2] where the rays start, in the robot's frame.
+        config: of the back end.
+        proved: the odometry is overruled by proof alone.
+    """
+
+    def __init__(self, scan: ThinnedScan, origin: Array, config: GraphConfig, *, proved: bool) -> None:
+        self._origin, self._config, self._proved = origin, config, proved
+        self._pose = np.zeros(3)
+        self._local = _LocalMaps(config)
+        self._local.add(self._pose, scan, 0.0)
+
+    def add(self, scan: ThinnedScan, predicted: Prediction) -> RegisteredStep:
+        """Register the next node's scan, and integrate it."""
+        points = subsample(scan.points, self._config.chain.max_points)
+        found = RegisteredStep(predicted.step, np.zeros((3, 3)), np.zeros(3))
+        if len(points) >= FEW_POINTS:
+            found = self._registered(points, predicted)
+        self._pose = se2.compose(self._pose, found.step)
+        self._local.add(self._pose, scan, float(np.hypot(*found.step[:2])))
+        return found
+
+    def _registered(self, points: NDArray[np.float32], predicted: Prediction) -> RegisteredStep:
+        """From the odometry's prediction and from the filter's, and where need be held near the odometry's."""
+        c, spread, doubt = self._config, predicted.spread, np.zeros(3)
+        maps, at = self._local.current.of(0), se2.compose(self._pose, predicted.step)
+        loose = np.maximum(3 * spread, 0.01) if self._proved else spread
+        starts = np.stack((np.zeros(3), se2.between(predicted.step, predicted.filtered)))
+        both = np.repeat(at[None], 2, axis=0)
+        found = register(maps, both, loose, points, self._origin, starts, c.registration)
+        found = keep_odometry(found, loose, c.registration)
+        best = _better(found, loose)
+        far = bool((np.abs(found.offsets[best]) > GATE * spread).any())
+        if self._proved and predicted.measured and far:
+            start = np.zeros((1, 3))
+            held = register(maps, at[None], spread, points, self._origin, start, c.registration, coarse=False)
+            held = keep_odometry(held, spread, c.registration)
+            nats = _overrules(found, best, held, len(points), spread, c)
+            belief = 1 / (1 + np.exp(-np.clip(nats / DOUBT, -50, 50)))
+            doubt = np.sqrt(belief * (1 - belief)) * found.offsets[best]
+            if nats < 0:
+                found, best = held, 0
+        step = se2.compose(predicted.step, found.offsets[best])
+        return RegisteredStep(step, measured_information(found, best, c.registration, c.correlation), doubt)
+
+
+class _LocalMaps:
+    """Two TSDFs of the latest nodes that overlap by half: one to register to, one that will follow it.
+
+    Args:
+        config: of the back end.
+    """
+
+    def __init__(self, config: GraphConfig) -> None:
+        self._config = config
+        self._maps: list[tuple[TsdfMaps, float, int]] = []  # with the path and the nodes before each began
+        self._length, self._count = 0.0, 0
+
+    @property
+    def current(self) -> TsdfMaps:
+        """The older one."""
+        return self._maps[0][0]
+
+    def add(self, pose: Array, scan: ThinnedScan, driven: float) -> None:
+        """Integrate a node's scan, ``driven`` [m] after the node before."""
+        self._length += driven
+        if not self._maps or self._full(self._maps[-1], 0.5):
+            self._maps.append((TsdfMaps(self._config.tsdf), self._length, self._count))
+        if len(self._maps) > 1 and self._full(self._maps[0], 1.0):
+            del self._maps[0]
+        self._count += 1
+        for maps, _, _ in self._maps:
+            maps.integrate(pose[None], scan)
+
+    def _full(self, maps: tuple[TsdfMaps, float, int], share: float) -> bool:
+        """Whether a map covers this share of the path, or of the nodes, that one covers at most."""
+        c = self._config.chain
+        return self._length - maps[1] >= share * c.length or self._count - maps[2] >= share * c.nodes
+
+
+def _better(found: Registration, spread: Array) -> int:
+    """Which registration has the better match, less what its offset costs by the odometry."""
+    off = np.square(found.offsets / spread).sum(axis=1)
+    return int((match_score(found, SCORES) - heavy_tail(off, SCORES)).argmax())
+
+
+def _overrules(
+    found: Registration, best: int, held: Registration, points: int, spread: Array, config: GraphConfig
+) -> float:
+    """By how many nats a registration far from the odometry is more probable than the one held near it.
+
+    The evidence is the difference of the mean costs of the endpoints that each place knows, times the smaller number of
+    them, counting as many as err independently. That a place knows more is no evidence for it, nor are rays through
+    what was a surface evidence against one: doors open. Against the evidence stand the odometry's heavy tail and how
+    seldom wheels slip.
+    """
+    unknown = config.registration.unknown_cost
+
+    def mean_cost(fit: Registration, which: int) -> float:
+        known = float(fit.known[which])
+        return (float(fit.costs[which]) - unknown * (points - known)) / max(known, 1.0)
+
+    both = min(float(held.known[0]), float(found.known[best]))
+    evidence = (mean_cost(held, 0) - mean_cost(found, best)) * both / config.correlation
+    off = np.square(found.offsets[best] / spread).sum()
+    return evidence - float(heavy_tail(off, SCORES)) - SLIP
