@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 from moteslam.kernels.thinning import ThinnedScan
 from moteslam.robot import se2
 from moteslam.slam.backend.graph.config import GraphConfig
-from moteslam.slam.backend.graph.information import measured_information
 from moteslam.slam.backend.graph.nodes import Nodes
 from moteslam.slam.backend.graph.odometry_model import OdometryModel, fit_odometry
 from moteslam.slam.mapping.tsdf import TsdfMaps
 from moteslam.slam.registration.degeneracy import keep_odometry
+from moteslam.slam.registration.information import measured_information
 from moteslam.slam.registration.registrar import Registration, prior_spread, register, subsample
 
 Array = NDArray[np.float64]
