@@ -37,7 +37,7 @@ class Fit(NamedTuple):
         information: [3, 3] of the endpoints, in standard residuals.
         likelihood: mean of the endpoints, 0 to 1.
         spread: [3] standard deviation of the prediction that it was registered with.
-        score: match score a point.
+        score: match score as a share of the points where the map is known.
     """
 
     information: Array

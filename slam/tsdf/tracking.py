@@ -109,7 +109,7 @@ class Tracker:
             found = self._localiser.locate(
                 particles.maps.of(particles.best), predicted, usual + self._slip, scan.points, origin, predictions
             )
-            score = float(self._localiser.score(found)[0]) / len(scan.points)
+            score = float(self._localiser.score(found)[0]) / max(float(found.known[0]), 1.0)
             fit = Fit(found.information[0], float(found.likelihoods[0]), usual + self._slip, score)
             contradicts = self._localiser.lost(found, len(scan.points))
             if contradicts and self._lost < self._config.max_lost_scans:
