@@ -114,7 +114,8 @@ def score_localisation(
         truth: on their clock.
 
     Raises:
-        InputError: arrays that do not fit together; or, of the field ``truth``, no scan with a map around it there.
+        InputError: arrays that do not fit together, or a covariance that is not positive definite; or, of the field
+            ``truth``, no scan with a map around it there.
     """
     expect_type(trajectory, Trajectory, "trajectory")
     expect_type(truth, Trajectory, "truth", "read_tum(path) reads one")
@@ -130,6 +131,8 @@ def score_localisation(
     offset = _frame_offset(errors, effects)
     errors = errors - effects @ offset
     scans = there[chosen]
+    if not (np.linalg.eigvalsh(covariances[scans]) > 0).all():
+        raise InputError("a covariance that is not positive definite", field="covariances")
     nees = np.einsum("ni,ni->n", errors, np.linalg.solve(covariances[scans], errors[..., None])[..., 0])
     return LocalisationResult(trajectory.stamps[scans], errors, nees, states[scans].astype(np.int64), offset)
 

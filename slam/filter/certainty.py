@@ -24,6 +24,8 @@ LOST_DISTANCE = 0.5
 """A pose that is off by more than this distance from the map around it is wrong [m]; ..."""
 LOST_ROTATION = 0.2
 """... or whose heading is off by more than this [rad]."""
+FLOOR = 0.003**2, math.radians(0.05) ** 2
+"""Variance that no pose falls below: what the cells of a map resolve [m^2], [rad^2]."""
 DOUBTFUL_FROM, LOST_FROM = 0.05, 0.5
 """Probability of a wrong pose from which on it is doubtful, and lost."""
 
@@ -91,7 +93,7 @@ def certainty_of_particles(poses: Array, weights: Array, pose: Array) -> Certain
         pose: [3] the estimate.
     """
     off = se2.between(pose, poses)
-    covariance = np.asarray((off * weights[:, None]).T @ off)
+    covariance = (off * weights[:, None]).T @ off + np.diag((FLOOR[0], *FLOOR))
     position = math.sqrt(float(np.linalg.eigvalsh(covariance[:2, :2])[1]))
     return Certainty(covariance, math.nan, state_by_spread(position, math.sqrt(covariance[2, 2])))
 

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from moteslam.slam.filter.certainty import NEIGHBOURHOOD
+from moteslam.slam.filter.certainty import FLOOR, NEIGHBOURHOOD
 from moteslam.slam.filter.covariance import Symmetric, inverse, moved, plus, plus_diagonal, sandwiched, symmetric
 from moteslam.slam.registration.config import RegistrationConfig
 from moteslam.slam.registration.information import residual_variance
@@ -24,8 +24,6 @@ Array = NDArray[np.float64]
 
 CORRELATION = 14.0
 """Neighbouring endpoints err alike: this many of them count as one. Chosen on simulated drives of seeds from 200 on."""
-FLOOR = 0.003**2, math.radians(0.05) ** 2
-"""Variance that no pose falls below: what the cells of the TSDF resolve [m^2], [rad^2]."""
 START = (1e-8, 0.0, 0.0, 1e-8, 0.0, 1e-8)
 """Of the first pose, from which the map is made: not quite zero, so that there is an inverse."""
 

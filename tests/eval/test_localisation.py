@@ -115,6 +115,9 @@ def test_what_does_not_fit_is_refused():
     path = Trajectory(np.arange(3.0), np.zeros((3, 3)))
     with pytest.raises(InputError, match=r"covariances: expected \[n, 3, 3\], \[n\] and \[n\] of 3 poses"):
         score_localisation(path, np.zeros((2, 3, 3)), np.zeros(3), np.ones(3), path)
+    covariances = np.tile(np.diag([1.0, 1.0, 0.0]), (3, 1, 1))
+    with pytest.raises(InputError, match="covariances: a covariance that is not positive definite"):
+        score_localisation(path, covariances, np.zeros(3), np.ones(3), path)
     later = Trajectory(path.stamps + 100, path.poses)
     for truth, updated in ((later, np.ones(3)), (path, np.zeros(3))):
         with pytest.raises(InputError, match="truth: it covers no scan with a map around it, expected two updates"):

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from moteslam.slam.filter.certainty import (
+    FLOOR,
     LOST_DISTANCE,
     LOST_ROTATION,
     LocalisationState,
@@ -47,6 +48,6 @@ def test_particles_give_their_covariance_in_the_frame_of_the_pose():
     """They are spread along the map's x; the robot looks along its y, so that this is to its sides."""
     poses = np.array([[-1.0, 0, np.pi / 2], [1.0, 0, np.pi / 2]])
     found = certainty_of_particles(poses, np.full(2, 0.5), np.array([0, 0, np.pi / 2]))
-    np.testing.assert_allclose(found.covariance, np.diag([0, 1.0, 0]), atol=1e-12)
+    np.testing.assert_allclose(found.covariance, np.diag([0, 1.0, 0]) + np.diag((FLOOR[0], *FLOOR)), atol=1e-12)
     assert math.isnan(found.degenerate)
     assert found.state is LOST

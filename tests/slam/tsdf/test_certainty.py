@@ -9,14 +9,14 @@ import pytest
 from slam_rooms import bare_corridor, carried_into_another_room, circled_room
 
 from moteslam.slam.estimate import Estimate
-from moteslam.slam.filter.certainty import LOST_DISTANCE, NEIGHBOURHOOD, LocalisationState, state_by_spread
+from moteslam.slam.filter.certainty import FLOOR, LOST_DISTANCE, NEIGHBOURHOOD, LocalisationState, state_by_spread
 from moteslam.slam.filter.covariance import as_array, largest_deviation
 from moteslam.slam.registration.config import RegistrationConfig
 from moteslam.slam.registration.registrar import prior_spread
 from moteslam.slam.run import SlamSession, run_slam
 from moteslam.slam.settings import resolve_config
 from moteslam.slam.tsdf.motion import StepMotion
-from moteslam.slam.tsdf.pose_covariance import CORRELATION, FLOOR, Fit, PoseCovariance
+from moteslam.slam.tsdf.pose_covariance import CORRELATION, Fit, PoseCovariance
 
 SURE, DOUBTFUL, LOST = LocalisationState
 METHODS = {"default": ["particles=5"], "paper": ["particles=30"]}
