@@ -45,14 +45,17 @@ PUBLIC = {
     "moteslam.slam.odometry.dead_reckoning": ("dead_reckon",),
     "moteslam.slam.backend.ledger": ("LoopCandidate",),
     "moteslam.slam.estimate": ("Estimate",),
+    "moteslam.slam.filter.certainty": ("LocalisationState",),
     "moteslam.slam.run": ("SlamSession", "run_slam"),
     "moteslam.eval.metrics.ate": ("absolute_trajectory_error",),
     "moteslam.eval.metrics.rpe": ("relative_pose_error",),
     "moteslam.eval.metrics.residuals": ("ResidualResult", "scan_residuals"),
     "moteslam.eval.metrics.loops": ("LoopResult", "score_loops"),
+    "moteslam.eval.metrics.localisation": ("LocalisationResult", "score_localisation"),
     "moteslam.eval.metrics.relations": ("Relations", "evaluate_relations", "read_relations"),
     "moteslam.eval.scores": ("Scores", "score_estimate", "score_trajectory"),
     "moteslam.eval.loop_table": ("read_loops", "write_loops"),
+    "moteslam.eval.diagnostics_table": ("read_diagnostics",),
     "moteslam.eval.results": ("write_results",),
 }
 """Every public name, by the module that it is defined in."""

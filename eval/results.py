@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from moteslam.eval.diagnostics_table import localisation_summary, write_diagnostics
 from moteslam.eval.loop_table import looks_for_loops, loop_counts, write_loops
 from moteslam.eval.report.maps import write_map_png, write_map_server
 from moteslam.eval.report.snapshots import Snapshot
@@ -67,6 +68,7 @@ def write_results(
     write_tum(folder / "dead_reckoning.tum", estimate.dead_reckoning)
     if truth is not None:
         write_tum(folder / "truth.tum", truth)
+    write_diagnostics(folder / "diagnostics.csv", estimate)
     write_map_png(folder / "map.png", estimate.map)
     write_map_server(folder / "map.pgm", estimate.map)
     if estimate.texture is not None:
@@ -92,6 +94,7 @@ def write_results(
         "seed": estimate.seed,
         "filter_seconds": estimate.seconds,
         "warnings": [issue.as_dict() for issue in issues],
+        "localisation": localisation_summary(estimate),
         **({"loops": loop_counts(estimate.loops)} if looked else {}),
     }
     versions = {"python": platform.python_version(), **estimate.versions}
@@ -204,6 +207,7 @@ def _metrics(estimate: Estimate, scores: Scores | None) -> dict[str, Any]:
         "resampled": int(estimate.diagnostics["resampled"].sum()),
         "mean_particles": float(estimate.diagnostics["particles"].mean()),
         "mean_effective_particles": float(estimate.diagnostics["n_eff"].mean()),
+        "localisation": localisation_summary(estimate),
         "scores": None if scores is None else scores.as_dict(),
     }
 

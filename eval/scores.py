@@ -11,6 +11,7 @@ from moteslam.errors import InputError
 from moteslam.eval.loop_table import looks_for_loops
 from moteslam.eval.metrics.ate import AteResult
 from moteslam.eval.metrics.kinds import METRICS, Result
+from moteslam.eval.metrics.localisation import LocalisationResult, score_localisation
 from moteslam.eval.metrics.loops import LoopResult, score_loops
 from moteslam.eval.metrics.rpe import RpeResult
 from moteslam.robot.recording import Recording
@@ -56,12 +57,14 @@ class Scores:
         online: of SLAM's poses as known at each scan.
         final: of SLAM's poses as known at the end.
         dead_reckoning: of odometry alone.
+        localisation: of covariances and states; None where no scan has a map around it.
         loops: of the loops that the back end accepted; None where it looks for none.
     """
 
     online: Score
     final: Score
     dead_reckoning: Score
+    localisation: LocalisationResult | None = None
     loops: LoopResult | None = None
 
     def as_dict(self) -> dict[str, Any]:
@@ -70,6 +73,7 @@ class Scores:
             "online": self.online.as_dict(),
             "final": self.final.as_dict(),
             "dead_reckoning": self.dead_reckoning.as_dict(),
+            "localisation": None if self.localisation is None else self.localisation.as_dict(),
             **({} if self.loops is None else {"loops": self.loops.as_dict()}),
         }
 
@@ -90,8 +94,20 @@ def score_estimate(estimate: Estimate, truth: Trajectory, *, recording: Recordin
         online=score_trajectory(estimate.trajectory, truth),
         final=score_trajectory(estimate.trajectory_final, truth),
         dead_reckoning=score_trajectory(estimate.dead_reckoning, truth),
+        localisation=_score_localisation(estimate, truth),
         loops=score_loops(estimate.loops, truth, recording) if looks_for_loops(estimate.config) else None,
     )
+
+
+def _score_localisation(estimate: Estimate, truth: Trajectory) -> LocalisationResult | None:
+    """The scores of covariances and states; None where they cannot be had: a robot that hardly moved."""
+    states, updated = estimate.diagnostics["state"], estimate.diagnostics["updated"]
+    try:
+        return score_localisation(estimate.trajectory, estimate.covariances, states, updated, truth)
+    except InputError as error:
+        if error.field != "truth":
+            raise
+        return None
 
 
 def score_trajectory(trajectory: Trajectory, truth: Trajectory) -> Score:

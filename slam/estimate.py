@@ -26,7 +26,7 @@ class Estimate(Summarised):
         config, seed: that it was run with.
         versions: of moteslam, taichi, numpy.
         trajectory: a pose at every scan, as it was known then (online).
-        trajectory_final: a pose at every scan, as known at the end: the path of the best particle.
+        trajectory_final: a pose at every scan, as known at the end: the path of the best particle, or the back end's.
         dead_reckoning: a pose at every scan by odometry alone.
         map: of the environment: float32 log-odds, 0 unknown, above 0 occupied.
         particle_stamps: [u] of the updates of the filter [s].
@@ -35,7 +35,11 @@ class Estimate(Summarised):
             have the same past.
         particle_spread: [u, 3] weighted standard deviation of all particles after every update: along and across their
             mean heading [m], and of the heading [rad].
-        diagnostics: per scan [n]: ``particles``, ``n_eff``, ``score``, ``updated``, ``resampled``, ``seconds``.
+        covariances: [n, 3, 3] of the online pose at every scan, in the robot's frame, relative to the map around it.
+        diagnostics: per scan [n]: ``particles``, ``n_eff``, ``score``, ``updated``, ``resampled``, ``seconds``;
+            ``degenerate``, the heading of a degenerate direction in the robot's frame [rad], NaN where there is none;
+            ``state``, a ``LocalisationState`` (0 sure, 1 doubtful, 2 lost); ``corrected``, how far the back end moved the
+            robot after the scan, with the map [m], 0 where it did not.
         warnings: what SLAM had to do without.
         seconds: time spent in the filter [s].
         loops: what the back end looked for and found, in the order of the search; empty without one.
@@ -54,6 +58,7 @@ class Estimate(Summarised):
     particle_paths: NDArray[np.float64]
     particle_ancestors: NDArray[np.int64]
     particle_spread: NDArray[np.float64]
+    covariances: NDArray[np.float64]
     diagnostics: dict[str, NDArray[np.float64]]
     warnings: tuple[Issue, ...]
     seconds: float

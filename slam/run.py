@@ -23,6 +23,7 @@ from moteslam.slam.backend.protocol import KeyScan
 from moteslam.slam.colouring import with_texture
 from moteslam.slam.config import SlamConfig
 from moteslam.slam.estimate import Estimate
+from moteslam.slam.filter.certainty import Certainty, LocalisationState, certainty_of_particles
 from moteslam.slam.filter.protocol import StepResult
 from moteslam.slam.filter.spread import spread
 from moteslam.slam.inputs.filling import between_known
@@ -36,7 +37,7 @@ from moteslam.slam.odometry.dead_reckoning import dead_reckoning
 from moteslam.slam.settings import load_preset
 
 Array = NDArray[np.float64]
-DIAGNOSTICS = ("particles", "n_eff", "score", "updated", "resampled", "seconds")
+DIAGNOSTICS = ("particles", "n_eff", "score", "updated", "resampled", "seconds", "degenerate", "state", "corrected")
 """What is kept of every step: see ``Estimate.diagnostics``."""
 
 
@@ -50,6 +51,9 @@ class Update(Summarised):
         poses, weights: [N, 3] and [N] of the particles, at the last scan that the filter updated them with.
         n_eff, score, updated, resampled: see ``StepResult``.
         seconds: spent on it.
+        corrected: how far the back end then moved the robot, with the map [m]; 0 where it did not. The next pose is
+            the first after it.
+        covariance, degenerate, state: how sure the filter is of the pose, see ``Certainty``.
     """
 
     index: int
@@ -62,6 +66,10 @@ class Update(Summarised):
     updated: bool
     resampled: bool
     seconds: float
+    corrected: float
+    covariance: Array
+    degenerate: float
+    state: LocalisationState
 
 
 class SlamSession:
@@ -99,6 +107,7 @@ class SlamSession:
         self._steps = steps(self._inputs, self._views)
         n = len(self._inputs)
         self._online, self._motions = np.zeros((n, 3)), np.zeros((n, 3))
+        self._covariances = np.zeros((n, 3, 3))
         self._diagnostics = {key: np.zeros(n) for key in DIAGNOSTICS}
         self._updates: list[int] = []
         self._spreads: list[Array] = []
@@ -111,15 +120,16 @@ class SlamSession:
     def __iter__(self) -> Iterator[Update]:
         for step in self._steps:
             began = time.perf_counter()
-            result = self._filter.step(step)
+            result, corrected = self._filter.step(step), 0.0
             if result.updated:
                 self._updates.append(step.index)
-                self._tell_backend(step, result)
+                corrected = self._tell_backend(step)
             seconds = time.perf_counter() - began
             poses, weights = self._filter.poses, self._filter.weights.values
             if result.updated:
                 self._spreads.append(spread(poses, weights))
-            self._record(step.index, result, particles=len(poses), seconds=seconds)
+            certainty = result.certainty or certainty_of_particles(poses, weights, result.pose)
+            self._record(step.index, result, certainty, particles=len(poses), seconds=seconds, corrected=corrected)
             yield Update(
                 index=step.index,
                 stamp=step.stamp,
@@ -131,6 +141,8 @@ class SlamSession:
                 updated=result.updated,
                 resampled=result.resampled,
                 seconds=seconds,
+                corrected=corrected,
+                **certainty._asdict(),
             )
 
     @property
@@ -179,6 +191,7 @@ class SlamSession:
             particle_paths=history.paths(particles),
             particle_ancestors=history.ancestors(particles),
             particle_spread=np.array(self._spreads),
+            covariances=self._covariances[:n],
             diagnostics={key: values[:n] for key, values in self._diagnostics.items()},
             warnings=self._warnings(),
             seconds=float(self._diagnostics["seconds"].sum()),
@@ -195,29 +208,37 @@ class SlamSession:
             file=self.recording.name,
         )
 
-    def _tell_backend(self, step: Step, result: StepResult) -> None:
-        """Give the back end a key scan; where it corrects the path, the filter goes on from there."""
+    def _tell_backend(self, step: Step) -> float:
+        """Give the back end a key scan; where it corrects the path, the filter goes on from there.
+
+        Returns:
+            how far that moved the robot [m], 0 where nothing was corrected.
+        """
         last = self._updates[-2] if len(self._updates) > 1 else step.index
         odometry, best = self._inputs.odometry, self._filter.best_particle
-        revised = self._backend.add(
-            KeyScan(
-                index=step.index,
-                stamp=step.stamp,
-                points=step.points,
-                origin=step.origin,
-                pose=self._filter.history.last[best].copy(),
-                odometry=np.asarray(se2.between(odometry[last], odometry[step.index])),
-                measured=bool(self._inputs.measured[last + 1 : step.index + 1].all()),
-                motion=self._filter.history.step(best),
-            )
+        key = KeyScan(
+            index=step.index,
+            stamp=step.stamp,
+            points=step.points,
+            origin=step.origin,
+            pose=self._filter.history.last[best].copy(),
+            odometry=np.asarray(se2.between(odometry[last], odometry[step.index])),
+            measured=bool(self._inputs.measured[last + 1 : step.index + 1].all()),
+            motion=self._filter.history.step(best),
         )
-        if revised is not None:
-            self._filter.revise(revised, np.array(self._updates), self._inputs.scans)
+        revised = self._backend.add(key)
+        if revised is None:
+            return 0.0
+        self._filter.revise(revised, np.array(self._updates), self._inputs.scans)
+        return float(np.hypot(*(revised[-1] - key.pose)[:2]))
 
-    def _record(self, index: int, result: StepResult, *, particles: int, seconds: float) -> None:
+    def _record(
+        self, index: int, result: StepResult, certainty: Certainty, *, particles: int, seconds: float, corrected: float
+    ) -> None:
         self._online[index], self._motions[index] = result.pose, result.motion
+        self._covariances[index] = certainty.covariance
         values = (particles, result.n_eff, result.score, result.updated, result.resampled, seconds)
-        for key, value in zip(DIAGNOSTICS, values, strict=True):
+        for key, value in zip(DIAGNOSTICS, (*values, certainty.degenerate, certainty.state, corrected), strict=True):
             self._diagnostics[key][index] = value
         self._done = index + 1
 

@@ -2,11 +2,19 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 
 from moteslam.robot import se2
 from moteslam.robot.platforms import CARMEN
 from moteslam.robot.recording import LidarStream, Recording
+
+STEP = np.radians(1.5)
+ANGLES = np.radians(np.arange(-135, 135, 1.5))
+"""Of the beams [rad], and between them."""
+REACH = 4.0
+"""Of the lidar in ``bare_corridor`` [m]."""
 
 
 def circled_room(*, scans: int = 120, drift: float = 0.03) -> tuple[Recording, np.ndarray]:
@@ -14,13 +22,36 @@ def circled_room(*, scans: int = 120, drift: float = 0.03) -> tuple[Recording, n
     turn = 2 * np.pi / 60
     true = se2.accumulate(np.vstack(([0, 0, 0], np.tile([0.08, 0, turn], (scans - 1, 1)))))
     odometry = se2.accumulate(np.vstack(([0, 0, 0], np.tile([0.08, 0, turn * (1 + drift)], (scans - 1, 1)))))
-    angles = np.radians(np.arange(-135, 135, 1.5))
     walls = [((-3, -1.5), (3, -1.5)), ((3, -1.5), (3, 2.5)), ((3, 2.5), (-3, 2.5)), ((-3, 2.5), (-3, -1.5))]
     walls += [((1.5, -0.8), (2.2, -0.8)), ((1.5, -0.8), (1.5, -0.2))]
-    ranges = np.full((scans, len(angles)), np.inf)
+    return recorded(seen_from(true, walls), odometry), true
+
+
+def bare_corridor(*, scans: int = 120) -> Recording:
+    """A robot that drives 0.1 m a scan along a corridor 2 m wide, past a cupboard and then along bare walls."""
+    true = np.column_stack((0.1 * np.arange(scans), np.zeros((scans, 2))))
+    walls = [((-99, -1), (99, -1)), ((-99, 1), (99, 1))]
+    walls += [((2, 1), (2, 0.5)), ((2, 0.5), (2.5, 0.5)), ((2.5, 0.5), (2.5, 1))]
+    ranges = seen_from(true, walls)
+    return recorded(np.where(ranges <= REACH, ranges, np.inf), true)
+
+
+def carried_into_another_room(*, scans: int = 120, at: int = 60) -> Recording:
+    """The robot of ``circled_room`` without drift, which from scan ``at`` on stands in another room."""
+    recording, true = circled_room(scans=scans, drift=0.0)
+    assert recording.lidar is not None
+    corners = [(-4, -5), (1.5, -5), (1.5, -1.2), (3, -1.2), (3, 3.5), (0.5, 5), (-1.5, 3.2)]
+    other = seen_from(true, [*pairwise(corners), (corners[-1], corners[0])])
+    ranges = np.where(np.arange(scans)[:, None] < at, recording.lidar.ranges, other)
+    return recorded(ranges, true)
+
+
+def seen_from(poses: np.ndarray, walls: list[tuple[tuple[float, float], tuple[float, float]]]) -> np.ndarray:
+    """The ranges [n, beams] of walls, from point to point, seen from poses [n, 3]; infinite where there are none."""
+    ranges = np.full((len(poses), len(ANGLES)), np.inf)
     for a, b in np.array(walls, float):
-        for scan, (x, y, theta) in enumerate(true):
-            direction = np.stack((np.cos(angles + theta), np.sin(angles + theta)))
+        for scan, (x, y, theta) in enumerate(poses):
+            direction = np.stack((np.cos(ANGLES + theta), np.sin(ANGLES + theta)))
             edge, offset = b - a, a - (x, y)
             cross = direction[0] * edge[1] - direction[1] * edge[0]
             with np.errstate(divide="ignore", invalid="ignore"):  # beams along a wall
@@ -28,7 +59,11 @@ def circled_room(*, scans: int = 120, drift: float = 0.03) -> tuple[Recording, n
                 u = (offset[0] * direction[1] - offset[1] * direction[0]) / cross
             hit = (t > 0) & (u >= 0) & (u <= 1)
             ranges[scan] = np.where(hit, np.minimum(ranges[scan], t), ranges[scan])
-    lidar = LidarStream(
-        np.arange(scans) * 0.1, ranges.astype(np.float32), angles[0], np.radians(1.5), 0.1, 30.0, odometry=odometry
-    )
-    return Recording("room", CARMEN, lidar=lidar), true
+    return ranges
+
+
+def recorded(ranges: np.ndarray, odometry: np.ndarray) -> Recording:
+    """The recording of ranges [n, beams] and of the odometry's poses [n, 3], ten scans a second."""
+    stamps = np.arange(len(ranges)) * 0.1
+    lidar = LidarStream(stamps, ranges.astype(np.float32), ANGLES[0], STEP, 0.1, 30.0, odometry=odometry)
+    return Recording("room", CARMEN, lidar=lidar)

@@ -38,7 +38,7 @@ def demo(
         return
 
     from moteslam.eval.cli.progress import simulation_bar
-    from moteslam.eval.cli.running import Device, run_into, run_summary, score_table, size_of
+    from moteslam.eval.cli.running import Device, lost_line, run_into, run_summary, score_table, size_of
     from moteslam.eval.cli.wanted import Wanted, named_in_errors
     from moteslam.robot.result_folder import result_folder
     from moteslam.sim.simulate import simulate
@@ -70,5 +70,7 @@ def demo(
         f"{literal(driven.name)}: {simulation.truth.length:.1f} m in {stamps[-1] - stamps[0]:.0f} s, "
         f"{size_of(done.estimate)}"
     )
+    if lost := lost_line(done.estimate):
+        say(lost)
     say(score_table(done.scores))
     say(f"result in {literal(out)}" + ("" if run.no_figures else f"; look at {literal(out / 'trajectories.png')}"))

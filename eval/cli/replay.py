@@ -63,7 +63,7 @@ def replay(
         _dead_reckon(path, recording, resolved, out, run)
         return
 
-    from moteslam.eval.cli.running import Device, run_into, run_summary, score_table, size_of
+    from moteslam.eval.cli.running import Device, lost_line, run_into, run_summary, score_table, size_of
     from moteslam.robot.result_folder import result_folder
 
     assert out is not None
@@ -89,6 +89,8 @@ def replay(
         f"{size_of(estimate)}, "
         f"{1000 * estimate.seconds / len(stamps):.1f} ms a scan"
     )
+    if lost := lost_line(estimate):
+        say(lost)
     if done.scores is not None:
         say(score_table(done.scores))
     say(f"result in {literal(out)}")

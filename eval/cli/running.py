@@ -13,6 +13,7 @@ from typing import Any
 from moteslam.eval.cli.evaluate_tables import loop_lines
 from moteslam.eval.cli.progress import progress_bar
 from moteslam.eval.cli.text import table, warn
+from moteslam.eval.diagnostics_table import localisation_summary
 from moteslam.eval.report.snapshots import Snapshots
 from moteslam.eval.report.textures import TextureStages
 from moteslam.eval.results import write_results
@@ -159,6 +160,15 @@ def size_of(estimate: Estimate) -> str:
     return f"{counted(len(estimate.trajectory), 'scan')}, {particles}"
 
 
+def lost_line(estimate: Estimate) -> str | None:
+    """Where the robot was lost, in one line; None if it never was."""
+    found = localisation_summary(estimate)
+    if found["first_lost_stamp"] is None:
+        return None
+    scans, after = counted(found["states"]["lost"], "scan"), found["first_lost_stamp"] - estimate.trajectory.stamps[0]
+    return f"lost at {scans}, first after {after:.1f} s: see diagnostics.csv"
+
+
 def run_summary(run: Run, folder: Path) -> dict[str, Any]:
     """What ``--json`` prints of a run."""
     estimate, scores = run.estimate, run.scores
@@ -169,6 +179,7 @@ def run_summary(run: Run, folder: Path) -> dict[str, Any]:
         "scans": len(estimate.trajectory),
         "distance_m": estimate.trajectory_final.length,
         "filter_seconds": estimate.seconds,
+        "localisation": localisation_summary(estimate),
         "scores": None if scores is None else scores.as_dict(),
         "warnings": [issue.as_dict() for issue in run.issues],
     }

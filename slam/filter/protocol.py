@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.robot.raster import Raster
+from moteslam.slam.filter.certainty import Certainty
 from moteslam.slam.filter.history import History
 from moteslam.slam.filter.weights import Weights
 from moteslam.slam.inputs.scans import Scans
@@ -28,6 +29,8 @@ class StepResult(NamedTuple):
         score: of the best particle's scan in its map; what it counts is the filter's own.
         updated: the filter updated particles and map with this scan; else the pose followed the motion.
         resampled: particles were resampled.
+        certainty: how sure the filter is of the pose; None where it measures nothing of the kind: then it follows from
+            the spread of the particles.
     """
 
     pose: Array
@@ -36,6 +39,7 @@ class StepResult(NamedTuple):
     score: float
     updated: bool
     resampled: bool
+    certainty: Certainty | None = None
 
 
 class Filter(Protocol):

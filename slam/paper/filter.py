@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.kernels.matching import match_poses
 from moteslam.robot import se2
 from moteslam.robot.raster import Raster
+from moteslam.slam.filter.certainty import Certainty, certainty_of
 from moteslam.slam.filter.history import History
 from moteslam.slam.filter.kld import choose_parents
+from moteslam.slam.filter.misfit import Misfit
 from moteslam.slam.filter.protocol import FilterDefaults, Scans, Step, StepResult
 from moteslam.slam.filter.update_policy import Travelled, update_due
 from moteslam.slam.filter.weights import Weights
 from moteslam.slam.mapping.occupancy import OccupancyGrid
 from moteslam.slam.paper.config import PaperFilterConfig
+from moteslam.slam.paper.covariance import ParticleCovariance
 from moteslam.slam.paper.prediction import predict
 
 Array = NDArray[np.float64]
@@ -46,26 +51,31 @@ class PaperFilter(FilterDefaults):
         self.best_particle = 0
         self._best = self.poses[0].copy()
         self._motion, self._travelled = np.zeros(3), Travelled()  # since the last update
+        self._covariance, self._misfit = ParticleCovariance(config.motion, config.search), Misfit()
 
     def step(self, step: Step) -> StepResult:
         """Take in one scan and the motion since the scan before."""
         self._motion = se2.compose(self._motion, step.motion)
         self._travelled = self._travelled.plus(step.motion, step.dt)
+        self._covariance.move(step.motion, step.dt)
         if len(self.history) and not update_due(self._config.update, self._travelled):
             pose = se2.compose(self._best, self._motion)
-            return StepResult(pose, step.motion, self.weights.effective_number, 0, False, False)
-        score = 0
+            return StepResult(pose, step.motion, self.weights.effective_number, 0, False, False, self._certainty())
+        score, driven = 0, self._travelled.distance
         if len(self.history):
             self._predict(step)
             scores = self._match(step)
             self.weights = self.weights.times(scores)
             self.best_particle = self.weights.best
             score = int(scores[self.best_particle])
+            self._misfit.look(driven, score / len(step.points) if len(step.points) else None)
         self._best = self.poses[self.best_particle].copy()
+        self._covariance.update(self.poses, self.weights.values, self._best)
+        self._misfit.update(self._best)
         n_eff = self.weights.effective_number
         resampled = self._resample(step.index, n_eff)
         self._map(self._best, step.points, step.origin)
-        return StepResult(self._best, step.motion, n_eff, score, True, resampled)
+        return StepResult(self._best, step.motion, n_eff, score, True, resampled, self._certainty())
 
     def occupancy(self) -> Raster:
         """The shared map."""
@@ -80,6 +90,7 @@ class PaperFilter(FilterDefaults):
             scans: endpoints of all scans.
         """
         self.history.revise(self.history.path(self.best_particle), poses)
+        self._misfit.revise(poses)
         last, self._best = self._best, poses[-1].copy()
         self.poses = se2.compose(self._best, se2.between(last, self.poses))
         self.grid = OccupancyGrid(self._config.map)
@@ -115,6 +126,10 @@ class PaperFilter(FilterDefaults):
         self.poses = self.poses[parents]
         self.weights = Weights.uniform(len(parents))
         return True
+
+    def _certainty(self) -> Certainty:
+        """How sure the pose is."""
+        return certainty_of(self._covariance.value, math.nan, self._misfit.state)
 
     def _map(self, pose: Array, points: NDArray[np.float32], origin: Array) -> None:
         """III.2: the best particle's scan goes into the map."""

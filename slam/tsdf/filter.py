@@ -7,8 +7,10 @@ from numpy.typing import NDArray
 
 from moteslam.kernels.thinning import ThinnedScan
 from moteslam.robot import se2
+from moteslam.slam.filter.certainty import Certainty, certainty_of
 from moteslam.slam.filter.history import History
 from moteslam.slam.filter.kld import choose_parents
+from moteslam.slam.filter.misfit import Misfit
 from moteslam.slam.filter.protocol import FilterDefaults, Scans, Step, StepResult
 from moteslam.slam.filter.resampling import Draws, generator_for
 from moteslam.slam.filter.update_policy import update_due
@@ -16,8 +18,9 @@ from moteslam.slam.filter.weights import Weights
 from moteslam.slam.inputs.thinning import thin
 from moteslam.slam.tsdf.config import TsdfFilterConfig
 from moteslam.slam.tsdf.floor_likelihood import FloorLikelihood
-from moteslam.slam.tsdf.motion import MotionSinceUpdate
+from moteslam.slam.tsdf.motion import MotionSinceUpdate, magnitude
 from moteslam.slam.tsdf.particles import Particles
+from moteslam.slam.tsdf.pose_covariance import PoseCovariance
 from moteslam.slam.tsdf.proposal import Proposal, propose, sample
 from moteslam.slam.tsdf.tracking import Tracked, Tracker
 
@@ -37,6 +40,7 @@ class TsdfFilter(FilterDefaults):
         self._particles = Particles(config.particles, config.tsdf)
         self._tracker = Tracker(config.tracking, config.registration, config.calibration)
         self._floor = FloorLikelihood(config.colours, config.texture, config.proposal.information_share)
+        self._covariance, self._misfit = PoseCovariance(config.registration), Misfit()
         self._since = MotionSinceUpdate()
         self._mode_mean = np.zeros(3)  # of the best particle's mode at the last update, in that particle's frame
 
@@ -77,14 +81,16 @@ class TsdfFilter(FilterDefaults):
             return self._start(scan)
         tracked = self._track(step, scan)
         if tracked.lost or not update_due(self._config.update, self._since.travelled, self._since.tracked):
-            return StepResult(self._pose(), tracked.motion, self.weights.effective_number, 0.0, False, False)
+            return StepResult(
+                self._pose(), tracked.motion, self.weights.effective_number, 0.0, False, False, self._certainty()
+            )
         proposal = self._register(step, scan)
         proposal = self._weigh(step, proposal)
         n_eff, score = self.weights.effective_number, float(proposal.likelihoods[self.best_particle])
         proposal, resampled = self._resample(step, proposal)
         self._sample(step, proposal)
         self._map(scan, proposal)
-        return StepResult(self._pose(), tracked.motion, n_eff, score, True, resampled)
+        return StepResult(self._pose(), tracked.motion, n_eff, score, True, resampled, self._certainty())
 
     def revise(self, poses: Array, updates: NDArray[np.intp], scans: Scans) -> None:
         """Go on from a path that the back end has corrected: with one map, drawn along it, that all particles share.
@@ -97,6 +103,7 @@ class TsdfFilter(FilterDefaults):
         thinned = (thin(scans.points(int(k)), scans.origin, self._config.thinning) for k in updates)
         self._particles.revise(poses, thinned)
         self._tracker.pose = self._particles.best_pose
+        self._misfit.revise(poses)
         self._floor = FloorLikelihood(
             self._config.colours, self._config.texture, self._config.proposal.information_share
         )
@@ -104,13 +111,19 @@ class TsdfFilter(FilterDefaults):
     def _start(self, scan: ThinnedScan) -> StepResult:
         """The first scan: there is nothing to register to; it goes into the one map that all particles share."""
         self._particles.start(scan)
-        return StepResult(self._tracker.pose, np.zeros(3), self.weights.effective_number, 0.0, True, False)
+        self._misfit.update(self._tracker.pose)
+        pose, n_eff = self._tracker.pose, self.weights.effective_number
+        return StepResult(pose, np.zeros(3), n_eff, 0.0, True, False, self._certainty())
 
     def _track(self, step: Step, scan: ThinnedScan) -> Tracked:
         """Predict the motion since the last scan, and register the scan to the best particle's map."""
         motion = self._tracker.predict(step.motion, step.dt, measured=step.measured)
         tracked = self._tracker.track(motion, scan, step.origin, self._particles)
         self._since = self._since.plus(motion, tracked.motion, slipped=tracked.slipped)
+        fit = tracked.fit
+        self._covariance.step(motion, tracked.motion, None if tracked.lost else fit)
+        driven, _ = magnitude(tracked.motion)
+        self._misfit.look(driven, None if fit is None else fit.score, left_out=tracked.lost)
         return tracked
 
     def _register(self, step: Step, scan: ThinnedScan) -> Proposal:
@@ -163,12 +176,18 @@ class TsdfFilter(FilterDefaults):
         """Write the scan, and the floor, into the maps; count motion from here on."""
         if proposal.registered:
             self._particles.integrate(scan)
+            self._covariance.mapped()
         self._floor.integrate(self._particles, self._since)
         self._tracker.pose = self._particles.best_pose
+        self._misfit.update(self._tracker.pose)
         self._since = MotionSinceUpdate()
         self._mode_mean = self._particles.mode_mean(
             self._config.proposal.mode_distance, self._config.proposal.mode_rotation
         )
+
+    def _certainty(self) -> Certainty:
+        """How sure the online pose is."""
+        return certainty_of(self._covariance.value, self._covariance.degenerate, self._misfit.state)
 
     def _pose(self) -> Array:
         """The online pose [3]: the mean of the best particle's mode, moved by what was tracked since."""

@@ -20,6 +20,7 @@ from moteslam.slam.registration.localisation import Localiser
 from moteslam.slam.registration.registrar import prior_spread
 from moteslam.slam.tsdf.motion import MotionSinceUpdate, StepMotion, magnitude
 from moteslam.slam.tsdf.particles import Particles
+from moteslam.slam.tsdf.pose_covariance import Fit
 
 Array = NDArray[np.float64]
 
@@ -31,11 +32,13 @@ class Tracked(NamedTuple):
         motion: [3] since the scan before, in the frame of the pose there.
         slipped: the odometry was off by more than it usually is.
         lost: the scan contradicts the map: it is left out.
+        fit: how it was registered; None where it was not, since it has too few points.
     """
 
     motion: Array
     slipped: bool
     lost: bool
+    fit: Fit | None
 
 
 class Tracker:
@@ -100,12 +103,14 @@ class Tracker:
         """
         predicted = se2.compose(self.pose, motion.corrected)
         usual = prior_spread(self._registration, *magnitude(motion.corrected), measured=motion.measured)
-        offset = np.zeros(3)
+        offset, fit = np.zeros(3), None
         if len(scan.points) >= self._config.min_points:
             predictions = np.stack((np.zeros(3), se2.between(motion.corrected, self._extrapolated(motion.dt))))
             found = self._localiser.locate(
                 particles.maps.of(particles.best), predicted, usual + self._slip, scan.points, origin, predictions
             )
+            score = float(self._localiser.score(found)[0]) / max(float(found.known[0]), 1.0)
+            fit = Fit(found.information[0], float(found.likelihoods[0]), usual + self._slip, score)
             contradicts = self._localiser.lost(found, len(scan.points))
             if contradicts and self._lost < self._config.max_lost_scans:
                 self._lost += 1
@@ -117,4 +122,4 @@ class Tracker:
         moved = se2.compose(predicted, offset)
         self._motion, self._seconds = se2.between(self.pose, moved), motion.dt
         self.pose = moved
-        return Tracked(self._motion, bool(self._slip.any()), self._lost > 0)
+        return Tracked(self._motion, bool(self._slip.any()), self._lost > 0, fit)

@@ -80,7 +80,7 @@ def test_simulate_then_replay_then_evaluate(program, scenario_file: Path, tmp_pa
         *("trajectory.tum", "trajectory_final.tum", "dead_reckoning.tum", "truth.tum"),
         *("map.png", "map.pgm", "map.yaml", "metrics.json", "config.toml", "run.json"),
         *("trajectories.png", "over_time.png", "dead_reckoning.png", "particles.png", "error.png"),
-        *("effective_particles.png", "loops.csv", ".moteslam"),
+        *("effective_particles.png", "loops.csv", "diagnostics.csv", ".moteslam"),
     }
     assert summary["scans"] == len(read_tum(tmp_path / "result/trajectory.tum"))
     about = json.loads((tmp_path / "result/run.json").read_text())

@@ -101,8 +101,10 @@ def same_step(a: Step, b: Step) -> bool:
 
 
 def online(recording: Recording, preset: str) -> np.ndarray:
+    """Every online pose, with its covariance, degenerate direction and state."""
     config = resolve_config(preset, METHODS[preset])
-    return np.array([update.pose for update in SlamSession(recording, config, seed=0)])
+    updates = SlamSession(recording, config, seed=0)
+    return np.array([(*u.pose, *u.covariance.ravel(), u.degenerate, u.state) for u in updates])
 
 
 def check(recording: Recording, preset: str, *, every: int, cuts: tuple[int, ...]) -> None:

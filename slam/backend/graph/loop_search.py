@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 
 from moteslam.robot import se2
 from moteslam.slam.backend.graph.config import GraphConfig
-from moteslam.slam.backend.graph.information import measured_information
 from moteslam.slam.backend.graph.nodes import Nodes
 from moteslam.slam.backend.graph.submaps import Submaps
 from moteslam.slam.backend.ledger import LoopCandidate, Verdict
 from moteslam.slam.mapping.tsdf import TsdfView
 from moteslam.slam.registration.config import RegistrationConfig, SearchConfig
+from moteslam.slam.registration.information import measured_information
 from moteslam.slam.registration.registrar import Registration, register, subsample
 from moteslam.slam.registration.search import Window, candidates
 

@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 from moteslam.kernels.thinning import ThinnedScan
 from moteslam.robot import se2
 from moteslam.slam.backend.graph.config import GraphConfig
-from moteslam.slam.backend.graph.information import measured_information
 from moteslam.slam.mapping.tsdf import TsdfMaps
 from moteslam.slam.registration.config import TrackingConfig
 from moteslam.slam.registration.degeneracy import keep_odometry
+from moteslam.slam.registration.information import measured_information
 from moteslam.slam.registration.localisation import heavy_tail, match_score
 from moteslam.slam.registration.registrar import Registration, register, subsample
 

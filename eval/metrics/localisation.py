@@ -1,0 +1,193 @@
+"""How sure a filter said it was, against the truth: NEES of its covariances, precision and recall of its states.
+
+A pose is compared with the map around the robot, not with a frame laid over the run: what it is relative to the poses
+from which that map was made (``docs/theory/am-i-lost.md``).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from moteslam.errors import InputError
+from moteslam.eval.metrics.association import MAX_DIFFERENCE, covered
+from moteslam.eval.metrics.scan_poses import evenly
+from moteslam.robot import se2
+from moteslam.robot.se2 import Poses
+from moteslam.robot.summary import Summarised
+from moteslam.robot.trajectory import Trajectory
+from moteslam.robot.wording import counted, expect_type
+from moteslam.slam.filter.certainty import LOST_DISTANCE, LOST_ROTATION, NEIGHBOURHOOD, LocalisationState
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+MAX_SCANS, MAX_AROUND = 5000, 60
+"""At most this many scans are scored, each by at most this many poses of the map around it, evenly chosen."""
+CHI_SQUARED_95 = 7.815
+"""The squared error of three normal variables, in variances, is below this in 95 % of cases."""
+ROUNDS = 8
+"""Of reweighting, for the offset of the robot's frame."""
+TYPICAL = np.array([0.02, 0.02, 0.003])
+"""Errors of this size weigh half in that offset [m], [m], [rad]."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class LocalisationResult(Summarised):
+    """Covariances and states against the truth.
+
+    Attributes:
+        stamps: [n] of the scans that were scored [s]: all that have a map around them, at most ``MAX_SCANS``.
+        errors: [n, 3] of the online poses relative to the map around the robot, in its frame (x, y [m], theta).
+        nees: [n] normalised estimation error squared, e^T C^-1 e: 3 in the mean if the covariances C are right.
+        states: [n] as the filter had them, ``LocalisationState``.
+        offset: [3] of the robot's frame that was taken out, the same for all scans: the lidar stands elsewhere than the
+            recording states.
+    """
+
+    stamps: Array
+    errors: Array
+    nees: Array
+    states: NDArray[np.int64]
+    offset: Array
+
+    @property
+    def wrong(self) -> Flags:
+        """[n] whether the pose is off by more than ``LOST_DISTANCE`` or ``LOST_ROTATION``."""
+        far = np.hypot(self.errors[:, 0], self.errors[:, 1]) > LOST_DISTANCE
+        return np.asarray(far | (np.abs(self.errors[:, 2]) > LOST_ROTATION))
+
+    def precision(self, least: LocalisationState) -> float | None:
+        """The share of wrong poses among those of this state or a worse one; None where there are none."""
+        return _share(self.wrong, self.states >= least)
+
+    def recall(self, least: LocalisationState) -> float | None:
+        """The share of this state or a worse one among the wrong poses; None where there are none."""
+        return _share(self.states >= least, self.wrong)
+
+    def as_dict(self) -> dict[str, Any]:
+        """The statistics as they go into ``metrics.json``. The NEES is that of poses that are not wrong."""
+        right = self.nees[~self.wrong]
+        lost, doubtful = LocalisationState.LOST, LocalisationState.DOUBTFUL
+        return {
+            "scans": len(self.stamps),
+            "wrong": int(self.wrong.sum()),
+            "states": state_counts(self.states),
+            "nees": None
+            if not len(right)
+            else {
+                "mean": float(right.mean()),
+                "median": float(np.median(right)),
+                "within_95": float((right < CHI_SQUARED_95).mean()),
+            },
+            "lost": {"precision": self.precision(lost), "recall": self.recall(lost)},
+            "doubtful_or_lost": {"precision": self.precision(doubtful), "recall": self.recall(doubtful)},
+        }
+
+    def _summary(self) -> str:
+        return f"{counted(len(self.stamps), 'scan')}, {int(self.wrong.sum())} wrong, {int(self.states.sum())} doubted"
+
+
+def state_counts(states: Array | NDArray[np.int64]) -> dict[str, int]:
+    """How many scans are in each state, by its name in small letters."""
+    return {state.name.lower(): int((states == state).sum()) for state in LocalisationState}
+
+
+def score_localisation(
+    trajectory: Trajectory, covariances: Array, states: Array, updated: Array, truth: Trajectory
+) -> LocalisationResult:
+    """Score covariances and states.
+
+    The map around the robot is made of the scans of the updates so far from poses within ``NEIGHBOURHOOD`` of where the
+    robot is, or of where it was estimated to be. The error of an online pose is the mean, over these updates, of the
+    difference between its estimated and its true pose relative to the update's. Drift that has built up before the map
+    around the robot was made is in none of these.
+
+    Args:
+        trajectory: [n] online poses.
+        covariances: [n, 3, 3] of them.
+        states: [n] as of ``LocalisationState``.
+        updated: [n] above 0 where the scan went into the map.
+        truth: on their clock.
+
+    Raises:
+        InputError: arrays that do not fit together, or a covariance that is not positive definite; or, of the field
+            ``truth``, no scan with a map around it there.
+    """
+    expect_type(trajectory, Trajectory, "trajectory")
+    expect_type(truth, Trajectory, "truth", "read_tum(path) reads one")
+    n = len(trajectory)
+    if np.shape(covariances) != (n, 3, 3) or np.shape(states) != (n,) or np.shape(updated) != (n,):
+        raise InputError(f"expected [n, 3, 3], [n] and [n] of {counted(n, 'pose')}", field="covariances")
+    there = np.flatnonzero(covered(trajectory.stamps, truth.stamps, MAX_DIFFERENCE)) if len(truth) else np.arange(0)
+    estimated = trajectory.poses[there]
+    true = se2.interpolate(truth.stamps, truth.poses, trajectory.stamps[there]) if len(there) else estimated
+    chosen, errors, effects = _errors(estimated, true, np.flatnonzero(updated[there] > 0))
+    if not len(chosen):
+        raise InputError("it covers no scan with a map around it, expected two updates or more", field="truth")
+    offset = _frame_offset(errors, effects)
+    errors = errors - effects @ offset
+    scans = there[chosen]
+    if not (np.linalg.eigvalsh(covariances[scans]) > 0).all():
+        raise InputError("a covariance that is not positive definite", field="covariances")
+    nees = np.einsum("ni,ni->n", errors, np.linalg.solve(covariances[scans], errors[..., None])[..., 0])
+    return LocalisationResult(trajectory.stamps[scans], errors, nees, states[scans].astype(np.int64), offset)
+
+
+def _errors(estimated: Poses, true: Poses, updates: NDArray[np.intp]) -> tuple[NDArray[np.intp], Array, Array]:
+    """The scans [k] with a map around them, their errors [k, 3], and how an offset of the frame moves these [k, 3, 3].
+
+    Args:
+        estimated, true: [n, 3] poses.
+        updates: [u] indices of those whose scans went into the map.
+    """
+    from scipy.spatial import cKDTree
+
+    chosen, errors, effects = [], [], []
+    if len(updates):
+        trees = [(poses, cKDTree(poses[updates, :2])) for poses in (estimated, true)]
+        for scan in evenly(np.arange(len(estimated)), MAX_SCANS).tolist():
+            near = [tree.query_ball_point(poses[scan, :2], NEIGHBOURHOOD) for poses, tree in trees]
+            around = updates[np.union1d(*near).astype(np.intp)]
+            around = evenly(around[around < scan], MAX_AROUND)
+            if not len(around):
+                continue
+            relative = se2.between(true[around], true[scan])
+            off = se2.between(relative, se2.between(estimated[around], estimated[scan]))
+            chosen.append(scan)
+            errors.append(off.mean(axis=0))
+            effects.append(np.eye(3) - _seen_from(relative).mean(axis=0))
+    return np.array(chosen, np.intp), np.array(errors).reshape(-1, 3), np.array(effects).reshape(-1, 3, 3)
+
+
+def _seen_from(relative: Poses) -> Array:
+    """How small offsets of frames [k] move the relative poses [k, 3] of another frame, seen from there: [k, 3, 3]."""
+    x, y, theta = relative.T
+    cos, sin = np.cos(theta), np.sin(theta)
+    moves = np.zeros((len(relative), 3, 3))
+    moves[:, 0], moves[:, 1] = (
+        np.stack((cos, sin, sin * x - cos * y), axis=-1),
+        np.stack((-sin, cos, cos * x + sin * y), axis=-1),
+    )
+    moves[:, 2, 2] = 1.0
+    return moves
+
+
+def _frame_offset(errors: Array, effects: Array) -> Array:
+    """The offset [3] of the robot's frame that explains most of the errors [n, 3]: least squares, large errors less."""
+    offset = np.zeros(3)
+    scaled, rows = errors / TYPICAL, effects / TYPICAL[:, None]
+    prior = np.diag(0.01 / TYPICAL**2)  # where the robot has not turned some of it cannot be seen
+    for _ in range(ROUNDS):
+        left = np.square(scaled - rows @ offset).sum(axis=1)
+        weights = 1 / np.square(1 + left)
+        normal = np.einsum("nij,n,nik->jk", rows, weights, rows) + prior
+        offset = np.linalg.solve(normal, np.einsum("nij,n,ni->j", rows, weights, scaled))
+    return np.asarray(offset)
+
+
+def _share(some: Flags, among: Flags) -> float | None:
+    return float(some[among].mean()) if among.any() else None

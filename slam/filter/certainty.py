@@ -1,0 +1,103 @@
+"""How sure a filter is of its pose at a scan: a covariance, the degenerate direction, and a state in one word.
+
+All of it is relative to the map around the robot, the scans taken within ``NEIGHBOURHOOD`` of it: a map that bends
+slowly over a building makes nobody lost (``docs/theory/am-i-lost.md``).
+"""
+
+from __future__ import annotations
+
+import math
+from enum import IntEnum
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from moteslam.robot import se2
+from moteslam.slam.filter.covariance import Symmetric, as_array, largest_deviation
+
+Array = NDArray[np.float64]
+
+NEIGHBOURHOOD = 5.0
+"""The map around the robot was made from poses up to this distance from it [m]."""
+LOST_DISTANCE = 0.5
+"""A pose that is off by more than this distance from the map around it is wrong [m]; ..."""
+LOST_ROTATION = 0.2
+"""... or whose heading is off by more than this [rad]."""
+FLOOR = 0.003**2, math.radians(0.05) ** 2
+"""Variance that no pose falls below: what the cells of a map resolve [m^2], [rad^2]."""
+DOUBTFUL_FROM, LOST_FROM = 0.05, 0.5
+"""Probability of a wrong pose from which on it is doubtful, and lost."""
+
+
+class LocalisationState(IntEnum):
+    """Whether the pose is right within ``LOST_DISTANCE`` and ``LOST_ROTATION`` of the map around the robot.
+
+    Attributes:
+        SURE: nothing speaks against it.
+        DOUBTFUL: it may be wrong.
+        LOST: it is more likely wrong than right.
+    """
+
+    SURE = 0
+    DOUBTFUL = 1
+    LOST = 2
+
+
+class Certainty(NamedTuple):
+    """How sure a filter is of the pose at one scan.
+
+    Attributes:
+        covariance: [3, 3] of the pose's error relative to the map around the robot, in the robot's frame: x forward
+            and y left [m], theta [rad].
+        degenerate: heading of the direction in the plane about which the scan carries less information than the
+            odometry, in the robot's frame, -pi/2 to pi/2 [rad]; NaN where there is none.
+        state: what follows from it and from how the scans fit the map.
+    """
+
+    covariance: Array
+    degenerate: float
+    state: LocalisationState
+
+
+def state_by_spread(position: float, heading: float) -> LocalisationState:
+    """The state that follows from standard deviations alone, by the normal probability of a wrong pose.
+
+    Args:
+        position: largest standard deviation of the position in any direction [m].
+        heading: standard deviation of the heading [rad].
+    """
+    wrong = _beyond(LOST_DISTANCE, position) + _beyond(LOST_ROTATION, heading)
+    if wrong < DOUBTFUL_FROM:
+        return LocalisationState.SURE
+    return LocalisationState.DOUBTFUL if wrong < LOST_FROM else LocalisationState.LOST
+
+
+def certainty_of(covariance: Symmetric, degenerate: float, fits: LocalisationState) -> Certainty:
+    """The certainty of a pose.
+
+    Args:
+        covariance, degenerate: as of ``Certainty``.
+        fits: the state by how the scans fit the map; the worse one counts.
+    """
+    spread = state_by_spread(largest_deviation(covariance), math.sqrt(covariance[5]))
+    return Certainty(as_array(covariance), degenerate, max(fits, spread))
+
+
+def certainty_of_particles(poses: Array, weights: Array, pose: Array) -> Certainty:
+    """What the spread of the particles about a pose shows: for filters that measure no more themselves.
+
+    Args:
+        poses: [N, 3] of the particles.
+        weights: [N], with sum 1.
+        pose: [3] the estimate.
+    """
+    off = se2.between(pose, poses)
+    covariance = (off * weights[:, None]).T @ off + np.diag((FLOOR[0], *FLOOR))
+    position = math.sqrt(float(np.linalg.eigvalsh(covariance[:2, :2])[1]))
+    return Certainty(covariance, math.nan, state_by_spread(position, math.sqrt(covariance[2, 2])))
+
+
+def _beyond(limit: float, deviation: float) -> float:
+    """The probability that a normal error is beyond a limit to either side."""
+    return math.erfc(limit / (math.sqrt(2) * deviation)) if deviation > 0 else 0.0

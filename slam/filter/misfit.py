@@ -1,0 +1,123 @@
+"""Whether the scans still fit the map as they did: a robot that is lost sees another place than its map shows.
+
+The match score of a scan is compared with those along the path before, in their own standard deviations: what is usual
+in a calm room and among people differs. A sudden drop marks a place from which on the robot may be lost: soon after,
+the filter has written the new scans into its map, and they fit again, wherever they are. So a drop counts until the
+map around the robot holds nothing from before it, or the scans fit as well as before.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from moteslam.slam.filter.certainty import NEIGHBOURHOOD, LocalisationState
+
+Array = NDArray[np.float64]
+
+DOUBTFUL_DROP, LOST_DROP = 3.5, 6.0
+"""A scan whose score is below the mean by this many standard deviations is doubtful, or lost. Chosen on simulated
+drives of seeds from 200 on, with and without robots that were carried off (docs/theory/am-i-lost.md)."""
+LEAST_SPREAD = 0.05
+"""The smallest standard deviation, and the first, which counts like ``FIRST_PATH`` of path; chosen likewise."""
+FIRST_PATH = 10.0
+"""See ``LEAST_SPREAD`` [m]."""
+
+
+@dataclass
+class _Drop:
+    """A scan that did not fit, and how those since did.
+
+    Attributes:
+        usual: mean score before, less a standard deviation: what counts as fitting again.
+        before: [u, 2] places of the updates before.
+        path: driven since [m].
+        matched: part of that to scans that were used [m].
+        fit: sum of their scores, each times the distance that it was driven over [m].
+    """
+
+    usual: float
+    before: Array
+    path: float = 0.0
+    matched: float = 0.0
+    fit: float = 0.0
+
+    def over(self, x: float, y: float) -> bool:
+        """Whether the scans since fit as well as those before, or nothing around the robot is from before."""
+        if self.path <= NEIGHBOURHOOD:
+            return False
+        if self.matched > 0 and self.fit >= self.usual * self.matched:
+            return True
+        return not bool((np.hypot(self.before[:, 0] - x, self.before[:, 1] - y) <= NEIGHBOURHOOD).any())
+
+
+class Misfit:
+    """Watches the match scores of one run."""
+
+    def __init__(self) -> None:
+        self._mean = 0.0  # of the scores along the last NEIGHBOURHOOD of path
+        self._scans = 0  # that it is of
+        self._variance, self._path = LEAST_SPREAD**2, FIRST_PATH  # of the scores about it, along all the path
+        self._places: list[tuple[float, float]] = []  # of the updates
+        self._lost: _Drop | None = None
+        self._doubtful: float | None = None  # path since [m]
+
+    @property
+    def state(self) -> LocalisationState:
+        """As the scans until now have it."""
+        if self._lost is not None:
+            return LocalisationState.LOST
+        return LocalisationState.SURE if self._doubtful is None else LocalisationState.DOUBTFUL
+
+    def look(self, driven: float, score: float | None, *, left_out: bool = False) -> None:
+        """Take in a scan.
+
+        Args:
+            driven: since the scan before [m].
+            score: its match score, as a share of the points where the map is known; None where it was not matched.
+            left_out: it contradicts the map and was not used.
+        """
+        if self._lost is not None:
+            self._lost.path += driven
+        if self._doubtful is not None:
+            self._doubtful += driven
+            if self._doubtful > NEIGHBOURHOOD:
+                self._doubtful = None
+        if score is not None:
+            self._compare(driven, score, left_out=left_out)
+
+    def update(self, pose: Array) -> None:
+        """Take in the pose [3] of an update."""
+        x, y, _ = pose.tolist()
+        self._places.append((x, y))
+        if self._lost is not None and self._lost.over(x, y):
+            self._lost = None
+
+    def revise(self, poses: Array) -> None:
+        """Take in corrected poses [u, 3] of all updates."""
+        self._places = [(x, y) for x, y, _ in poses.tolist()]
+        if self._lost is not None:
+            self._lost.before = poses[: len(self._lost.before), :2].copy()
+
+    def _compare(self, driven: float, score: float, *, left_out: bool) -> None:
+        """Compare a score with those before, and take it in among them."""
+        spread = max(math.sqrt(self._variance), LEAST_SPREAD)
+        below = self._mean - score if self._scans else 0.0
+        if below > LOST_DROP * spread:
+            usual = self._mean - spread if self._lost is None else self._lost.usual
+            self._lost = _Drop(usual, np.array(self._places).reshape(-1, 2))
+        elif below > DOUBTFUL_DROP * spread:
+            self._doubtful = 0.0
+        if left_out:
+            return
+        step = min(driven, NEIGHBOURHOOD)
+        self._path += step
+        self._variance += step / self._path * (below * below - self._variance)
+        self._scans += 1
+        self._mean += max(1 / self._scans, step / NEIGHBOURHOOD) * (score - self._mean)
+        if self._lost is not None:
+            self._lost.matched += driven
+            self._lost.fit += score * driven

@@ -1,0 +1,41 @@
+"""The information of a registration, by what its own residuals are."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from moteslam.slam.registration.config import RegistrationConfig
+from moteslam.slam.registration.registrar import Registration
+
+Array = NDArray[np.float64]
+
+LIKELIHOODS = (0.2, 0.98)
+"""Mean likelihoods that residuals are estimated from: beyond these they say nothing."""
+
+
+def residual_variance(likelihood: float, config: RegistrationConfig) -> float:
+    """The variance of the endpoints' residuals by their mean likelihood, in squares of ``config.residual``.
+
+    It is no setting: with normal residuals of variance t^2 the mean of exp(-(r / width)^2 / 2) is
+    1 / sqrt(1 + (t / width)^2).
+
+    Args:
+        likelihood: mean of the endpoints, 0 to 1.
+        config: that they were registered with.
+    """
+    mean = min(max(likelihood, LIKELIHOODS[0]), LIKELIHOODS[1])
+    return config.likelihood_width**2 * (1 / mean**2 - 1)
+
+
+def measured_information(found: Registration, which: int, config: RegistrationConfig, correlation: float) -> Array:
+    """The information [3, 3] of a registration, about its offset, by the variance of its own residuals.
+
+    Args:
+        found: of N particles or starts.
+        which: one of them.
+        config: that it was registered with.
+        correlation: neighbouring endpoints err alike: this many of them count as one.
+    """
+    variance = residual_variance(float(found.likelihoods[which]), config)
+    return np.asarray(found.information[which] / (variance * correlation))

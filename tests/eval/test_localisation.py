@@ -1,0 +1,124 @@
+"""Covariances and states against the truth: errors relative to the map around the robot, NEES, precision and recall."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from moteslam.errors import InputError
+from moteslam.eval.metrics.localisation import CHI_SQUARED_95, LocalisationResult, score_localisation
+from moteslam.robot import se2
+from moteslam.robot.trajectory import Trajectory
+from moteslam.slam.filter.certainty import LocalisationState
+
+SURE, DOUBTFUL, LOST = LocalisationState
+N = 1500
+COVARIANCE = np.array([[4e-4, 1e-4, 0], [1e-4, 1e-4, 0], [0, 0, 2.5e-5]])
+
+
+def driven(turn: float = 0.0) -> np.ndarray:
+    """Poses [N, 3], 0.1 m apart: on a wavy path that comes nowhere twice, or with a turn on a slowly moving circle."""
+    turns = turn + 0.02 * np.sin(np.arange(N) / 40)
+    return se2.accumulate(np.column_stack((np.full(N, 0.1), np.zeros(N), turns)))
+
+
+def score(
+    estimated: np.ndarray, true: np.ndarray, *, covariance: np.ndarray = COVARIANCE, states: np.ndarray | None = None
+) -> LocalisationResult:
+    """With every fifth scan in the map."""
+    stamps, updated = np.arange(len(true)) * 0.1, np.arange(len(true)) % 5 == 0
+    states = np.zeros(len(true)) if states is None else states
+    covariances = np.tile(covariance, (len(true), 1, 1))
+    return score_localisation(
+        Trajectory(stamps, estimated), covariances, states, updated.astype(float), Trajectory(stamps, true)
+    )
+
+
+def noisy(true: np.ndarray, covariance: np.ndarray = COVARIANCE) -> np.ndarray:
+    """The poses off by errors of this covariance, all but those of the map, which are right."""
+    errors = np.random.default_rng(0).multivariate_normal(np.zeros(3), covariance, len(true))
+    errors[::5] = 0.0
+    return se2.compose(true, errors)
+
+
+def test_errors_of_the_stated_covariance_have_a_nees_of_three():
+    result = score(noisy(driven(0.05)), driven(0.05))
+    off = np.arange(N)[1:] % 5 > 0
+    assert len(result.stamps) == N - 1  # the first has no map around it
+    assert result.nees[off].mean() == pytest.approx(3, abs=0.2)
+    assert (result.nees[off] < CHI_SQUARED_95).mean() == pytest.approx(0.95, abs=0.015)
+    np.testing.assert_allclose(np.cov(result.errors[off].T), COVARIANCE, atol=3e-5)
+    assert score(noisy(driven(0.05)), driven(0.05), covariance=4 * COVARIANCE).nees[off].mean() == pytest.approx(
+        0.75, abs=0.1
+    )
+
+
+def test_slow_drift_and_the_frame_of_the_map_are_no_errors():
+    """The estimate lies elsewhere, and bends by 2 m over the drive: 1 mm from one scan to the next."""
+    true = driven()  # comes nowhere twice
+    bent = se2.compose(np.array([5.0, -3.0, 2.0]), true)
+    bent[:, 0] += np.linspace(0, 2.0, N)
+    result = score(bent, true)
+    assert np.hypot(*result.errors[:, :2].T).max() < 0.1
+    assert not result.wrong.any()
+
+
+def test_a_lidar_that_is_not_where_it_is_said_to_be_is_no_error():
+    true, mount = driven(0.05), np.array([0.03, -0.02, 0.04])
+    result = score(se2.compose(noisy(true), mount), true)
+    np.testing.assert_allclose(result.offset, mount, atol=0.003)
+    off = np.arange(N)[1:] % 5 > 0
+    assert result.nees[off].mean() == pytest.approx(3, abs=0.3)
+
+
+def test_a_robot_that_is_carried_off_is_wrong_among_the_old_scans():
+    """It stands 3 m aside from scan 800 on, and the estimate knows nothing of it."""
+    estimated = driven()
+    true = estimated.copy()
+    true[800:, 0] += 3.0
+    result = score(estimated, true)
+    wrong = result.wrong
+    assert not wrong[:799].any()
+    assert wrong[799:820].all()
+    assert not wrong[-300:].any()  # by then all that is around it was seen after that
+
+
+def test_precision_and_recall_count_the_scans():
+    estimated = driven()
+    true = estimated.copy()
+    true[800:, 0] += 3.0
+    wrong = score(estimated, true).wrong
+    first, many = int(np.flatnonzero(wrong)[0]), int(wrong.sum())
+    states = np.zeros(N)
+    states[1:][first : first + 10] = LOST
+    states[1:][first - 30 : first] = DOUBTFUL
+    states[1:][first - 40 : first - 30] = LOST
+    result = score(estimated, true, states=states)
+    assert result.precision(LOST) == 0.5
+    assert result.recall(LOST) == pytest.approx(10 / many)
+    assert result.precision(DOUBTFUL) == 0.2
+    assert result.recall(DOUBTFUL) == pytest.approx(10 / many)
+    found = result.as_dict()
+    assert found["wrong"] == many
+    assert found["states"] == {"sure": N - 1 - 50, "doubtful": 30, "lost": 20}
+    assert found["lost"] == {"precision": 0.5, "recall": result.recall(LOST)}
+    assert found["doubtful_or_lost"]["precision"] == 0.2
+
+
+def test_without_wrong_poses_there_is_no_recall_and_without_doubt_no_precision():
+    found = score(driven(), driven()).as_dict()
+    assert found["lost"] == found["doubtful_or_lost"] == {"precision": None, "recall": None}
+    assert found["nees"] == {"mean": pytest.approx(0, abs=1e-9), "median": pytest.approx(0, abs=1e-9), "within_95": 1}
+
+
+def test_what_does_not_fit_is_refused():
+    path = Trajectory(np.arange(3.0), np.zeros((3, 3)))
+    with pytest.raises(InputError, match=r"covariances: expected \[n, 3, 3\], \[n\] and \[n\] of 3 poses"):
+        score_localisation(path, np.zeros((2, 3, 3)), np.zeros(3), np.ones(3), path)
+    covariances = np.tile(np.diag([1.0, 1.0, 0.0]), (3, 1, 1))
+    with pytest.raises(InputError, match="covariances: a covariance that is not positive definite"):
+        score_localisation(path, covariances, np.zeros(3), np.ones(3), path)
+    later = Trajectory(path.stamps + 100, path.poses)
+    for truth, updated in ((later, np.ones(3)), (path, np.zeros(3))):
+        with pytest.raises(InputError, match="truth: it covers no scan with a map around it, expected two updates"):
+            score_localisation(path, np.tile(COVARIANCE, (3, 1, 1)), np.zeros(3), updated, truth)

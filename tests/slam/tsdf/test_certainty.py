@@ -1,0 +1,124 @@
+"""How sure the filters are: in a calm room, along a bare corridor, after being carried off, without odometry."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from slam_rooms import bare_corridor, carried_into_another_room, circled_room
+
+from moteslam.slam.estimate import Estimate
+from moteslam.slam.filter.certainty import FLOOR, LOST_DISTANCE, NEIGHBOURHOOD, LocalisationState, state_by_spread
+from moteslam.slam.filter.covariance import as_array, largest_deviation
+from moteslam.slam.registration.config import RegistrationConfig
+from moteslam.slam.registration.registrar import prior_spread
+from moteslam.slam.run import SlamSession, run_slam
+from moteslam.slam.settings import resolve_config
+from moteslam.slam.tsdf.motion import StepMotion
+from moteslam.slam.tsdf.pose_covariance import CORRELATION, Fit, PoseCovariance
+
+SURE, DOUBTFUL, LOST = LocalisationState
+METHODS = {"default": ["particles=5"], "paper": ["particles=30"]}
+
+
+def estimated(recording, preset: str = "default") -> Estimate:
+    return run_slam(recording, resolve_config(preset, ["backend.method=none", *METHODS[preset]]), seed=0)
+
+
+@pytest.mark.parametrize("preset", METHODS)
+@pytest.mark.usefixtures("taichi")
+def test_a_robot_in_a_calm_room_is_sure_and_its_covariances_are_positive(preset: str):
+    estimate = estimated(circled_room()[0], preset)
+    assert (estimate.diagnostics["state"] == SURE).all()
+    assert estimate.covariances.shape == (120, 3, 3)
+    np.testing.assert_array_equal(estimate.covariances, estimate.covariances.transpose(0, 2, 1))
+    assert (np.linalg.eigvalsh(estimate.covariances) > 0).all()
+    assert np.sqrt(estimate.covariances[10:, [0, 1], [0, 1]]).max() < (0.02 if preset == "default" else 0.15)
+    assert np.isnan(estimate.diagnostics["degenerate"]).all()
+
+
+@pytest.mark.usefixtures("taichi")
+def test_along_a_bare_corridor_the_variance_grows_and_the_direction_is_degenerate():
+    estimate = estimated(bare_corridor())
+    along, across = (np.sqrt(estimate.covariances[:, i, i]) for i in (0, 1))
+    degenerate = estimate.diagnostics["degenerate"]
+    assert np.isnan(degenerate[:20]).all()  # the cupboard is in sight
+    np.testing.assert_allclose(degenerate[75:], 0.0, atol=0.02)
+    assert along[:20].max() < 0.02
+    assert (np.diff(along[75:100]) > 0).all()
+    assert along[-1] > 4 * along[:20].max()
+    assert across.max() < 0.02
+    # where the map is drawn by the robot as it drives, it is no farther off than the odometry over what is around it
+    bound = prior_spread(RegistrationConfig(), 1.0, 1.0)[0] * math.sqrt(NEIGHBOURHOOD / 3)
+    assert along.max() < bound * 1.01
+
+
+@pytest.mark.parametrize("preset", METHODS)
+@pytest.mark.usefixtures("taichi")
+def test_a_robot_that_is_carried_into_another_room_is_lost_at_once(preset: str):
+    states = estimated(carried_into_another_room(at=60), preset).diagnostics["state"]
+    assert (states[:60] == SURE).all()
+    assert (states[65:] == LOST).all()
+
+
+@pytest.mark.usefixtures("taichi")
+def test_an_update_has_what_the_estimate_keeps():
+    session = SlamSession(circled_room(scans=20)[0], resolve_config("default", METHODS["default"]), seed=0)
+    updates = list(session)
+    estimate = session.estimate()
+    np.testing.assert_array_equal([u.covariance for u in updates], estimate.covariances)
+    np.testing.assert_array_equal([u.degenerate for u in updates], estimate.diagnostics["degenerate"])
+    np.testing.assert_array_equal([u.state for u in updates], estimate.diagnostics["state"])
+    assert all(isinstance(u.state, LocalisationState) for u in updates)
+
+
+def test_without_scans_and_odometry_the_robot_is_soon_lost():
+    covariance = PoseCovariance(RegistrationConfig())
+    states = []
+    for _ in range(400):
+        step = np.array([0.05, 0.0, 0.0])
+        covariance.step(StepMotion(step, step, 0.1, measured=False), step, None)
+        value = covariance.value
+        states.append(state_by_spread(largest_deviation(value), math.sqrt(value[5])))
+    assert states[0] is SURE
+    assert states == sorted(states)
+    assert states[-1] is LOST
+    assert math.sqrt(value[0]) > LOST_DISTANCE
+
+
+def test_a_registration_leaves_the_error_of_its_weighted_mean():
+    """After one registration the error is A e + (1 - A) r, with the prior's share A as ``register`` weighs it."""
+    config = RegistrationConfig()
+    covariance = PoseCovariance(config)
+    step = np.array([0.3, 0.1, 0.2])
+    information = np.array([[4e4, 1e3, 5e3], [1e3, 2e3, -4e2], [5e3, -4e2, 6e4]])
+    spread = np.array([0.03, 0.03, 0.05])
+    covariance.step(StepMotion(step, step, 0.1, measured=True), step, None)
+    before = as_array(covariance._pose)
+    still = np.zeros(3)
+    covariance.step(StepMotion(still, still, 0.1, measured=True), still, Fit(information, 0.8, spread, 1.0))
+    scale = config.likelihood_width**2 * (1 / 0.8**2 - 1) * CORRELATION
+    prior = config.prior_weight * np.diag(1 / spread**2)
+    share = np.linalg.inv(information + prior) @ prior
+    rest = np.eye(3) - share
+    expected = share @ before @ share.T + rest @ (scale * np.linalg.inv(information)) @ rest.T
+    np.testing.assert_allclose(as_array(covariance._pose), expected, rtol=1e-9)
+    around = as_array(covariance._map)
+    bounded = np.linalg.inv(np.linalg.inv(expected) + np.linalg.inv(around))
+    floor = np.diag([FLOOR[0], FLOOR[0], FLOOR[1]])
+    np.testing.assert_allclose(as_array(covariance.value), bounded + floor, rtol=1e-6)
+
+
+def test_the_degenerate_direction_is_that_of_least_information():
+    covariance = PoseCovariance(RegistrationConfig())
+    still = np.zeros(3)
+    for angle in (0.0, 0.3, -1.2, 1.5):
+        along, across = np.array([np.cos(angle), np.sin(angle)]), np.array([-np.sin(angle), np.cos(angle)])
+        information = np.diag([0.0, 0.0, 1e6])
+        information[:2, :2] = 10.0 * np.outer(along, along) + 1e6 * np.outer(across, across)
+        covariance.step(StepMotion(still, still, 0.1, True), still, Fit(information, 0.9, np.full(3, 0.01), 1.0))
+        assert covariance.degenerate == pytest.approx(angle, abs=1e-6)
+        information[:2, :2] += 1e6 * np.outer(along, along)
+        covariance.step(StepMotion(still, still, 0.1, True), still, Fit(information, 0.9, np.full(3, 0.01), 1.0))
+        assert math.isnan(covariance.degenerate)
