@@ -38,8 +38,8 @@ class Estimate(Summarised):
         covariances: [n, 3, 3] of the online pose at every scan, in the robot's frame, relative to the map around it.
         diagnostics: per scan [n]: ``particles``, ``n_eff``, ``score``, ``updated``, ``resampled``, ``seconds``;
             ``degenerate``, the heading of a degenerate direction in the robot's frame [rad], NaN where there is none;
-            ``state``, a ``LocalisationState`` (0 sure, 1 doubtful, 2 lost); ``corrected``, how far the back end moved the
-            robot after the scan, with the map [m], 0 where it did not.
+            ``state``, a ``LocalisationState`` (0 sure, 1 doubtful, 2 lost); ``corrected``, how far the back end moved
+            the robot after the scan, with the map [m], 0 where it did not.
         warnings: what SLAM had to do without.
         seconds: time spent in the filter [s].
         loops: what the back end looked for and found, in the order of the search; empty without one.

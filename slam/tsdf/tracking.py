@@ -16,7 +16,7 @@ from moteslam.slam.odometry.calibration import OdometryCalibration
 from moteslam.slam.odometry.config import CalibrationConfig
 from moteslam.slam.odometry.constant_velocity import extrapolated
 from moteslam.slam.registration.config import RegistrationConfig, TrackingConfig
-from moteslam.slam.registration.localisation import Localiser
+from moteslam.slam.registration.localisation import Localiser, match_score
 from moteslam.slam.registration.registrar import prior_spread
 from moteslam.slam.tsdf.motion import MotionSinceUpdate, StepMotion, magnitude
 from moteslam.slam.tsdf.particles import Particles
@@ -109,7 +109,7 @@ class Tracker:
             found = self._localiser.locate(
                 particles.maps.of(particles.best), predicted, usual + self._slip, scan.points, origin, predictions
             )
-            score = float(self._localiser.score(found)[0]) / max(float(found.known[0]), 1.0)
+            score = float(match_score(found, self._config)[0]) / max(float(found.known[0]), 1.0)
             fit = Fit(found.information[0], float(found.likelihoods[0]), usual + self._slip, score)
             contradicts = self._localiser.lost(found, len(scan.points))
             if contradicts and self._lost < self._config.max_lost_scans:
