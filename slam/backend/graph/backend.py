@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 from moteslam.robot import se2
 from moteslam.robot.alignment import umeyama
-from moteslam.slam.backend.graph.chain import Chain
 from moteslam.slam.backend.graph.config import GraphConfig
 from moteslam.slam.backend.graph.endpoints import Endpoints, sharpness
 from moteslam.slam.backend.graph.joint import register_jointly
+from moteslam.slam.backend.graph.loop_closing import LoopClosing
 from moteslam.slam.backend.graph.loop_graph import LoopGraph, checked
 from moteslam.slam.backend.graph.nodes import Nodes
 from moteslam.slam.backend.kinds import BackendKind
@@ -43,8 +43,7 @@ class GraphBackend:
     def __init__(self, config: GraphConfig) -> None:
         self._config = config
         self._nodes = Nodes(config)
-        self._chain: Chain | None = None
-        self._graph: LoopGraph | None = None
+        self._growing: tuple[LoopGraph, LoopClosing] | None = None  # from the first node on
         self._path: list[Array] = []  # of all key scans, as the filter's map has them
         self._corrected = 0.0  # length of the path at the last correction [m]
         self._loops: tuple[LoopCandidate, ...] = ()
@@ -59,37 +58,29 @@ class GraphBackend:
         self._path.append(key.pose)
         if not self._nodes.add(key):
             return None
-        if self._chain is None or self._graph is None:
-            self._chain = Chain(self._nodes, self._config)
-            self._graph = LoopGraph(self._nodes, self._chain, self._config)
+        if self._growing is None:
+            graph = LoopGraph(self._nodes, self._config)
+            self._growing = graph, LoopClosing(graph, self._config)
             return None
-        self._chain.add()
-        self._graph.follow()
+        graph, closing = self._growing
+        graph.extend()
         if not self._config.loops.enabled:
             return None
-        self._graph.look()
-        return self._correction(self._chain, self._graph)
+        closing.look()
+        return self._correction(graph, closing)
 
-    def _correction(self, chain: Chain, graph: LoopGraph) -> Array | None:
+    def _correction(self, graph: LoopGraph, closing: LoopClosing) -> Array | None:
         """The corrected path of all key scans where a new loop is off by enough, and fits better after it."""
         updates = np.array(self._nodes.updates)
         placed = np.array([self._path[update] for update in self._nodes.updates])
-        off, grown = graph.news(placed), graph.driven / max(self._corrected, 1.0)
+        off, grown = graph.misfit(closing.news, placed), graph.driven / max(self._corrected, 1.0)
         if off < OFF or grown < (GROWN if off > CLEARLY_OFF else WELL_GROWN):
             return None
-        before = graph.before_news()
         graph.solve()
-        poses = graph.poses
-        if self._config.joint.enabled:
-            endpoints = Endpoints.of(self._nodes.scans)
-            moved = np.ones(len(poses), bool)
-            moved[: len(before)] = np.hypot(*(poses[: len(before), :2] - before[:, :2]).T) > MOVED
-            free = moved if len(before) and off < FAR_OFF else None
-            poses = register_jointly(endpoints, poses, chain, self._config, free, rounds=ROUNDS)
-            poses = laid_over(poses, before)
-        better = graph.news(poses) < off
+        poses = self._registered(graph, off) if self._config.joint.enabled else graph.poses
+        better = graph.misfit(closing.news, poses) < off
         self._corrected = graph.driven
-        graph.seen()
+        closing.news.clear()
         if not better:
             return None
         if self._config.joint.enabled:
@@ -98,52 +89,56 @@ class GraphBackend:
         self._path = list(path)
         return path
 
+    def _registered(self, graph: LoopGraph, off: float) -> Array:
+        """The nodes' poses [n, 3] after a joint registration of those that a loop has moved that was ``off`` [m]."""
+        poses, before, free = graph.poses, graph.registered, None
+        if len(before) and off < FAR_OFF:
+            free = np.ones(len(poses), bool)
+            free[: len(before)] = np.hypot(*(poses[: len(before), :2] - before[:, :2]).T) > MOVED
+        endpoints = Endpoints.of(self._nodes.scans)
+        return laid_over(register_jointly(endpoints, poses, graph.chain, self._config, free, rounds=ROUNDS), before)
+
     def finish(self, path: Array) -> Array | None:
         """See ``Backend``."""
-        if self._graph is None:
+        if self._growing is None:
             return None
-        self._graph.forget()
+        self._growing[0].submaps.forget()
         # a run may go on after its estimate was asked for
-        nodes, chain, graph = deepcopy((self._nodes, self._chain, self._graph))
-        if nodes.close():
-            chain.add()
-            graph.follow()
-        if len(nodes) < LEAST_NODES:
+        graph, closing = deepcopy(self._growing)
+        if graph.nodes.close():
+            graph.extend()
+        if len(graph.nodes) < LEAST_NODES:
             return None
-        chain.settle()
-        graph.refit()
+        graph.settle()
         if self._config.loops.enabled:
-            graph.close()
-        updates = np.array(nodes.updates)
-        before = graph.before_news()
-        best = laid_over(sharpest(nodes, chain, graph, path[updates], self._config), before)
-        self._loops = checked(graph.ledger, nodes, best)
+            closing.close()
+        updates, before = np.array(graph.nodes.updates), graph.registered
+        best = laid_over(sharpest(graph, path[updates], self._config), before)
+        self._loops = checked(graph.ledger, graph.nodes, best)
         return between_known(best, updates, path)
 
 
-def sharpest(nodes: Nodes, chain: Chain, graph: LoopGraph, filtered: Array, config: GraphConfig) -> Array:
-    """The path that draws the sharpest map: registered jointly from where the last correction left it, or anew.
+def sharpest(graph: LoopGraph, filtered: Array, config: GraphConfig) -> Array:
+    """The path that draws the sharpest map: registered jointly from the graph as measured, or from the corrections.
 
     Args:
-        nodes, chain: n nodes and the steps between them.
-        graph: of them, as it was solved last.
-        filtered: [n, 3] by the filter.
+        graph: of n nodes, as it was solved last; solved as measured afterwards.
+        filtered: [n, 3] by the filter, with the corrections while it drove.
         config: of the back end.
     """
-    endpoints = Endpoints.of(nodes.scans)
+    endpoints = Endpoints.of(graph.nodes.scans)
     if not len(endpoints.points):
         return filtered
-    paths = [filtered, graph.poses]
+    corrected = graph.poses
+    graph.solve_as_measured()
+    paths = [filtered, corrected, graph.poses]
     values = [sharpness(endpoints, poses) for poses in paths]
-
-    def register(start: Array) -> bool:
-        paths.append(register_jointly(endpoints, start, chain, config))
-        values.append(sharpness(endpoints, paths[-1]))
-        return values[-1] == min(values)
-
-    if config.joint.enabled and not register(graph.poses):
-        register(graph.unregistered())
-        register(filtered)
+    if config.joint.enabled:
+        for start in (graph.poses, corrected, filtered):
+            paths.append(register_jointly(endpoints, start, graph.chain, config))
+            values.append(sharpness(endpoints, paths[-1]))
+            if values[-1] == min(values):
+                break
     return paths[int(np.argmin(values))]
 
 

@@ -48,7 +48,9 @@ class Nodes:
         self.measured: list[bool] = []
         self._keys = 0  # key scans so far
         self._last: KeyScan | None = None  # the latest, while it is no node
-        self._begin()
+        # since the latest node
+        self._odometry, self._filtered, self._known = np.zeros(3), np.zeros(3), True
+        self._far, self._turn = 0.0, 0.0
 
     def __len__(self) -> int:
         return len(self.updates)
@@ -78,14 +80,9 @@ class Nodes:
         self.filtered.append(self._filtered)
         self.measured.append(self._known)
         self.origin = key.origin
-        self._begin()
+        self._odometry, self._filtered, self._known = np.zeros(3), np.zeros(3), True
+        self._far, self._turn, self._last = 0.0, 0.0, None
         return True
-
-    def _begin(self) -> None:
-        """Count motion from here on."""
-        self._odometry, self._filtered = np.zeros(3), np.zeros(3)
-        self._known, self._far, self._turn = True, 0.0, 0.0
-        self._last = None
 
 
 def _near(key: KeyScan) -> NDArray[np.float32]:

@@ -29,7 +29,7 @@ class Variances(NamedTuple):
     @classmethod
     def of(cls, covariance: Array) -> Variances:
         """Of relative poses of covariance [e, 3, 3]."""
-        return cls(np.linalg.eigvalsh(covariance[:, :2, :2])[:, 1], covariance[:, 2, 2])
+        return cls(np.asarray(np.linalg.eigvalsh(covariance[:, :2, :2])[:, 1]), covariance[:, 2, 2])
 
 
 class Uncertainty:

@@ -1,0 +1,143 @@
+"""Which loops are looked for, and when: those of the surest relative position first.
+
+What is proved makes the relative covariance smaller, and with it the next searches.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from moteslam.robot import se2
+from moteslam.slam.backend.graph.config import GraphConfig
+from moteslam.slam.backend.graph.loop_graph import PROVED, LoopGraph, Pair
+from moteslam.slam.backend.graph.loop_search import WINDOW_DEVIATIONS, LoopSearch
+
+Array = NDArray[np.float64]
+
+SAME_PREDICTION, SAME_WINDOW = 0.3, 0.5
+"""A pair is not searched again where the prediction moved by less [m], and the window changed by less [share]."""
+SOLVED = 0.2
+"""The graph is solved anew for a loop that is off by more than this [m]."""
+LEAST_WINDOW, LARGEST_TURN = np.array([0.5, 0.5, 0.06]), 0.5
+"""Half widths of a search window: at least [m, m, rad], and at most [rad]."""
+PASSAGE_GAP = 3
+"""Nodes within reach that follow each other with at most this many between are one passage."""
+
+
+class LoopClosing:
+    """Looks for a node every ``config.loops.every`` metres in the submaps of those that may show the same place.
+
+    Args:
+        graph: that the loops are entered into.
+        config: of the back end.
+
+    Attributes:
+        news: the loops that were accepted since it was emptied last.
+    """
+
+    def __init__(self, graph: LoopGraph, config: GraphConfig) -> None:
+        self._graph, self._config = graph, config
+        self._search = LoopSearch(graph.nodes, graph.submaps, config)
+        self._searched: dict[int, list[int]] = {}  # the submaps that each node was searched for in
+        self._queries: list[int] = []
+        self.news: set[Pair] = set()
+
+    def look(self) -> None:
+        """Look for the nodes that are due and whose surroundings are complete."""
+        path, half = self._graph.submaps.path, self._config.loops.query_length / 2
+        while (query := self._next()) is not None and path[-1] - path[query] >= half:
+            self._queries.append(query)
+            self._look_for(query)
+
+    def close(self) -> None:
+        """Look for all nodes again, with what is known at the end, until nothing new is found."""
+        while (query := self._next()) is not None:
+            self._queries.append(query)
+        for _ in range(self._config.loops.rounds):
+            found = [self._look_for(query) for query in self._queries]
+            self._graph.solve(PROVED)
+            if not any(found):
+                break
+
+    def _next(self) -> int | None:
+        """The next node to look for; None where there is none yet."""
+        path = self._graph.submaps.path
+        if not self._queries:
+            return 0
+        query = int(np.searchsorted(path, path[self._queries[-1]] + self._config.loops.every))
+        return query if query < len(path) else None
+
+    def _look_for(self, query: int) -> bool:
+        """Search a node in the submaps of those that may show the same place; whether a loop was accepted."""
+        c, graph = self._config.loops, self._graph
+        before = graph.submaps.path < graph.submaps.path[query] - c.least_path
+        largest = c.max_window / WINDOW_DEVIATIONS
+        distance = self._distances(query)
+        if not (before & (distance < c.near + 2 * largest)).any():
+            return False
+        accepted, deviation = False, c.first_deviation
+        position, heading = graph.relative(query)
+        while True:
+            near = before & (distance < c.near + 2 * position) & (position < min(deviation, largest))
+            found = []
+            for submap in _passages(np.flatnonzero(near), distance + position)[: c.candidates]:
+                half = np.array([position[submap], position[submap], heading[submap]]) * WINDOW_DEVIATIONS
+                half = np.maximum(half, LEAST_WINDOW)
+                half[2] = min(half[2], LARGEST_TURN)
+                found += self._try(submap, query, half)
+            if found:
+                accepted = True
+                if graph.misfit(found, graph.poses) > SOLVED:
+                    graph.solve()
+                position, heading = graph.relative(query)
+                distance = self._distances(query)
+            if deviation >= largest:
+                return accepted
+            deviation *= 2
+
+    def _distances(self, query: int) -> Array:
+        """Of all nodes from one [n] [m]."""
+        places = self._graph.poses[:, :2]
+        return np.asarray(np.hypot(*(places - places[query]).T))
+
+    def _try(self, submap: int, query: int, half: Array) -> list[Pair]:
+        """Search one pair, unless its passage was, from about the same prediction; the pair if that found a loop."""
+        graph, path = self._graph, self._graph.submaps.path
+        passage = self._config.loops.submap_length / 2
+        before = [node for node in self._searched.get(query, []) if abs(path[node] - path[submap]) <= passage]
+        submap = min(before, key=lambda node: abs(node - submap), default=submap)
+        pair = submap, query
+        predicted = np.asarray(se2.between(graph.poses[submap], graph.poses[query]))
+        if pair in graph.loops:
+            last = graph.loops[pair].candidate
+            if last.accepted and (np.abs(se2.between(predicted, last.found)) < half).all():
+                return []
+            moved = np.asarray(se2.between(last.predicted, predicted))
+            same = abs(last.window[0] - half[0]) < SAME_WINDOW * half[0]
+            if same and np.abs(moved[:2]).max() < SAME_PREDICTION:
+                return []
+        found = self._search.match(submap, query, predicted, half)
+        if found is None:
+            return []
+        if pair not in graph.loops:
+            self._searched.setdefault(query, []).append(submap)
+        graph.enter(pair, found)
+        if not found.candidate.accepted:
+            return []
+        self.news.add(pair)
+        return [pair]
+
+
+def _passages(near: NDArray[np.intp], cost: Array) -> list[int]:
+    """Of every passage among nodes that are near, in order of the path, the one of least cost; the best passage first.
+
+    Args:
+        near: [m] nodes.
+        cost: [n] of all nodes.
+    """
+    if not len(near):
+        return []
+    passages = np.split(near, np.flatnonzero(np.diff(near) > PASSAGE_GAP) + 1)
+    best = [int(passage[cost[passage].argmin()]) for passage in passages]
+    return sorted(best, key=lambda node: float(cost[node]))
