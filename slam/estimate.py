@@ -41,7 +41,7 @@ class Estimate(Summarised):
             ``state``, a ``LocalisationState`` (0 sure, 1 doubtful, 2 lost); ``corrected``, how far the back end moved
             the robot after the scan, with the map [m], 0 where it did not.
         warnings: what SLAM had to do without.
-        seconds: time spent in the filter [s].
+        seconds: time spent in filter and back end [s].
         loops: what the back end looked for and found, in the order of the search; empty without one.
         texture: the floor in colours, None where there are no images, it was not asked for, or it could not be made.
     """

@@ -59,6 +59,18 @@ def progress_bar(what: str, total: float, unit: str) -> Iterator[Bar]:
 
 
 @contextmanager
+def working(what: str) -> Iterator[None]:
+    """A line on stderr while something is done whose end nobody knows, if stderr is a terminal."""
+    if not sys.stderr.isatty():
+        yield
+        return
+    from rich.console import Console
+
+    with Console(stderr=True).status(what):
+        yield
+
+
+@contextmanager
 def simulation_bar() -> Iterator[Callable[[str, float], None]]:
     """A bar for a simulation's progress: first the drive, then the lidar."""
     with progress_bar("simulation", 2.0, "") as bar:

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from moteslam.eval.cli.evaluate_tables import loop_lines
-from moteslam.eval.cli.progress import progress_bar
+from moteslam.eval.cli.progress import progress_bar, working
 from moteslam.eval.cli.text import table, warn
 from moteslam.eval.diagnostics_table import localisation_summary
 from moteslam.eval.report.snapshots import Snapshots
@@ -92,8 +92,10 @@ def run_into(
             if figures:
                 snapshots.look(update)
             bar.update(update.index + 1)
+    with working("final path and map"):
+        estimate = session.estimate()
     seconds = time.perf_counter() - clock
-    estimate, stages = _coloured(session.estimate(), recording)
+    estimate, stages = _coloured(estimate, recording)
     issues = (*issues, *recording.warnings, *estimate.warnings)
     warn(issues)
     run = {

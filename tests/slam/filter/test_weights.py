@@ -83,6 +83,15 @@ def test_parents_may_be_recorded_after_an_update():
     np.testing.assert_array_equal(later.paths(np.array([0, 1])), at_once.paths(np.array([0, 1])))
 
 
+def test_the_last_step_is_from_the_parent():
+    history = History()
+    history.append(np.array([[0.0, 0, 0], [5.0, 0, np.pi / 2]]))
+    np.testing.assert_array_equal(history.step(1), np.zeros(3))
+    history.resampled(np.array([1, 1]))
+    history.append(np.array([[5.0, 1.0, np.pi / 2], [5.0, 2.0, np.pi / 2]]))
+    np.testing.assert_allclose(history.step(0), [1.0, 0.0, 0.0], atol=1e-12)
+
+
 def test_the_last_updates_own_parents_do_not_change_its_paths():
     history = History()
     history.append(np.array([[0, 0, 0], [1, 0, 0]], float), None)

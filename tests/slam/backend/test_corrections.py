@@ -1,0 +1,80 @@
+"""Corrections while the robot drives: what holds the frame, which endpoints are used, what a joint registration leaves."""
+
+import numpy as np
+import pytest
+
+from moteslam.robot import se2
+from moteslam.slam.backend.graph.backend import laid_over
+from moteslam.slam.backend.graph.config import GraphConfig
+from moteslam.slam.backend.graph.endpoints import Endpoints
+from moteslam.slam.backend.graph.loop_graph import LoopGraph
+from moteslam.slam.backend.graph.loop_search import Loop
+from moteslam.slam.backend.graph.nodes import Nodes
+from moteslam.slam.backend.ledger import LoopCandidate
+from moteslam.slam.backend.protocol import KeyScan
+
+CORRIDOR = np.array([[x, y] for x in np.arange(-3, 3, 0.1) for y in (-1.0, 1.0)], np.float32)
+
+
+def key(index: int, odometry: tuple[float, float, float]) -> KeyScan:
+    motion = np.array(odometry)
+    return KeyScan(index, 0.1 * index, CORRIDOR, np.zeros(2), np.zeros(3), motion, measured=True, motion=motion)
+
+
+def graph_of(steps: int) -> LoopGraph:
+    """A graph of one more node than steps of a metre."""
+    config = GraphConfig()
+    nodes = Nodes(config)
+    nodes.add(key(0, (0.0, 0.0, 0.0)))
+    graph = LoopGraph(nodes, config)
+    for k in range(1, steps + 2):
+        if nodes.add(key(k, (1.0, 0.0, 0.0))):
+            graph.extend()
+    return graph
+
+
+def loop(graph: LoopGraph, first: int, second: int, found: tuple[float, float, float]) -> Loop:
+    """An accepted one, good to a centimetre."""
+    predicted = np.asarray(se2.between(graph.poses[first], graph.poses[second]))
+    candidate = LoopCandidate(
+        first, second, (0.0, 1.0), predicted, np.array(found), (1.0, 0.1), 0.9, 0.0, 1.0, 0.9, 0.0, "accepted"
+    )
+    return Loop(candidate, np.diag((1e4, 1e4, 1e5)))
+
+
+def test_a_correction_leaves_the_known_map_where_it_was():
+    rng = np.random.default_rng(3)
+    before = np.column_stack((rng.uniform(0, 50, (20, 2)), rng.uniform(-3, 3, 20)))
+    more = np.vstack((before, [[60.0, 5.0, 0.3]]))
+    turned = np.asarray(se2.compose((0.4, -0.2, 0.003), more))
+    np.testing.assert_allclose(laid_over(turned, before), more, atol=1e-9)
+    np.testing.assert_array_equal(laid_over(turned, np.zeros((0, 3))), turned)
+
+
+def test_thinned_endpoints_are_the_first_of_each_scan_and_every_third_after_it():
+    starts = np.array([0, 4, 4, 6], np.int32)
+    points = np.arange(12, dtype=np.float32).reshape(6, 2)
+    thinned = Endpoints(points, points, starts, np.array([0, 0, 0, 0, 2, 2], np.int32)).thinned(3)
+    np.testing.assert_array_equal(thinned.points, points[[0, 3, 4]])
+    np.testing.assert_array_equal(thinned.starts, [0, 2, 2, 3])
+    np.testing.assert_array_equal(thinned.owners, [0, 0, 2])
+
+
+@pytest.mark.usefixtures("taichi")
+def test_what_was_registered_jointly_is_bent_by_later_loops_alone():
+    graph = graph_of(20)
+    assert len(graph.nodes) == 21
+    graph.enter((0, 10), loop(graph, 0, 10, (10.0, 0.3, 0.0)))
+    graph.solve()
+    bent = graph.poses.copy()
+    assert bent[10, 1] == pytest.approx(0.3, abs=0.05)
+    registered = np.asarray(se2.compose(bent, (0.0, 0.01, 0.0)))
+    graph.register(registered)
+    graph.solve()
+    np.testing.assert_allclose(graph.poses, registered, atol=1e-4)
+    graph.enter((0, 20), loop(graph, 0, 20, (20.0, 1.5, 0.0)))
+    graph.solve()
+    assert graph.poses[20, 1] == pytest.approx(1.5, abs=0.2)
+    graph.solve_as_measured()
+    assert graph.poses[10, 1] == pytest.approx(0.3, abs=0.1)
+    assert all(found.accepted for found in graph.ledger)
