@@ -2,27 +2,42 @@
 
     python benchmarks/back_end.py key-scans --out benchmarks/results/back-end-key-scans-YYYY-MM-DD.json
     python benchmarks/back_end.py worlds --out benchmarks/results/back-end-worlds-YYYY-MM-DD.json
+    python benchmarks/back_end.py false-loops --out benchmarks/results/back-end-false-loops-YYYY-MM-DD.json
     python benchmarks/back_end.py stages --out benchmarks/results/back-end-stages-YYYY-MM-DD.json
     python benchmarks/back_end.py picture --out docs/images/back_end_aces.png
 
 key-scans: the LMS200 by wheels alone, a scan each 0.75 m or 0.5 rad, the steps as they are and with noise of 5 % and
 10 %, six scenarios on seeds 100 to 109 and ten random buildings; and every scan of big_loop. worlds: campus, twins and
-grid as key scans of poor odometry, with the loops judged by the truth. stages: real and simulated key-scan logs with
-each stage off. picture: the map of aces without and with the back end. Every run is on one thread, with seed 0 of SLAM.
+grid as key scans of poor odometry, with the loops judged by the truth. false-loops: the same with false loops in the
+final graph, in clusters of five, a tenth as many as were accepted, and without. stages: real and simulated key-scan
+logs with each stage off. picture: the map of aces without and with the back end. Every run is on one thread, with seed
+0 of SLAM.
 """
 
 from __future__ import annotations
 
 import argparse
+from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from parts.bars import summarise, summary_lines
+from parts.false_loops import false_loops
 from parts.machine import save, stamp
 from parts.options import count, result_file, seeds
 from parts.pool import Row, row_or_error, rows_of
-from parts.runs import FILTER_ALONE, LOGS, STEP_NOISE, errors, load_log, log_file, that_are_there, wheels_case
+from parts.runs import (
+    FILTER_ALONE,
+    LOGS,
+    STEP_NOISE,
+    errors,
+    late_errors,
+    load_log,
+    log_file,
+    that_are_there,
+    wheels_case,
+)
 
 from moteslam.errors import ConfigError
 from moteslam.eval.cli.text import table
@@ -52,6 +67,7 @@ class Run:
         step_noise: shares of noise added to the steps between key scans; None as they are.
         every_scan: no key scans, but all.
         settings: of SLAM.
+        injected: a tenth as many false loops as there are accepted ones are entered into the final graph.
     """
 
     label: str
@@ -60,6 +76,7 @@ class Run:
     step_noise: tuple[float, float] | None = None
     every_scan: bool = False
     settings: tuple[str, ...] = ()
+    injected: bool = False
 
 
 def run(this: Run) -> Row:
@@ -81,12 +98,13 @@ def measure(this: Run) -> Row:
         if real
         else wheels_case(this.name, this.seed, step_noise=this.step_noise, every_scan=this.every_scan)
     )
-    estimate = run_slam(case.recording, resolve_config("default", this.settings), seed=0)
+    with false_loops(this.seed) if this.injected else nullcontext():
+        estimate = run_slam(case.recording, resolve_config("default", this.settings), seed=0)
     row: Row = dict(errors(this.name, estimate, case))
     if not real:  # the references of the logs are no truth
         assert case.reference is not None
         loops = score_loops(estimate.loops, case.reference, case.recording)
-        row |= {"accepted": loops.accepted, "false": loops.false}
+        row |= {"accepted": loops.accepted, "false": loops.false, **late_errors(estimate, case)}
         if loops.recall is not None:
             row["recall"] = loops.recall
     return row
@@ -103,6 +121,13 @@ def runs(study: str, chosen: range | None) -> list[Run]:
         return [Run(label + more, name, seed, noise) for more, noise in noises for label, name, seed in logs] + dense
     if study == "worlds":
         return [Run(name, name, seed, STEP_NOISE) for name in WORLDS for seed in chosen or range(5)]
+    if study == "false-loops":
+        return [
+            Run(f"{name}, false loops" if injected else name, name, seed, STEP_NOISE, injected=injected)
+            for name in WORLDS
+            for seed in chosen or range(5)
+            for injected in (False, True)
+        ]
     numbers = chosen or range(200, 203)
     real = [(name, 0, None) for name in that_are_there(LOGS_OF_STAGES)]
     simulated = [(name, seed, STEP_NOISE) for name in (*SCENARIOS, "twins", "grid") for seed in numbers]
@@ -144,7 +169,7 @@ def draw_before_and_after(path: Path, log: str) -> None:
 def main() -> None:
     """Run a study, print a table, and write the result file, anew after every run; or draw the picture."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("study", choices=("key-scans", "worlds", "stages", "picture"))
+    parser.add_argument("study", choices=("key-scans", "worlds", "false-loops", "stages", "picture"))
     parser.add_argument("--seeds", type=seeds, metavar="N", help="of the simulated runs; or 10-19")
     parser.add_argument("--workers", type=count, default=2)
     parser.add_argument("--out", type=result_file, help="a result file, or the picture")

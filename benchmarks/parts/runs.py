@@ -232,6 +232,29 @@ def errors(name: str, estimate: Estimate, case: Case) -> dict[str, float]:
     return figures
 
 
+def late_errors(estimate: Estimate, case: Case) -> dict[str, float]:
+    """RMSE [m] of online and of final poses over the same late stamps, laid on the truth as the final trajectory is.
+
+    ``_late`` is the last quarter of the scans, ``_after_loops`` what comes after the last accepted loop, if anything.
+    """
+    from moteslam.eval.metrics.ate import absolute_trajectory_error
+    from moteslam.robot import se2
+    from moteslam.robot.trajectory import Trajectory
+
+    assert case.reference is not None
+    placed = absolute_trajectory_error(estimate.trajectory_final, case.reference).transform
+    last_loop = max((loop.stamps[1] for loop in estimate.loops if loop.accepted), default=-np.inf)
+    figures = {}
+    for name, trajectory in (("online", estimate.trajectory), ("final", estimate.trajectory_final)):
+        laid = Trajectory(trajectory.stamps, np.asarray(se2.compose(placed, trajectory.poses)))
+        error = absolute_trajectory_error(laid, case.reference, align=False)
+        quarter = np.arange(len(error.stamps)) >= 0.75 * len(error.stamps)
+        for when, some in (("late", quarter), ("after_loops", error.stamps > last_loop)):
+            if some.any():
+                figures[f"{name}_{when}"] = float(np.sqrt(np.square(error.errors[some]).mean()))
+    return figures
+
+
 def relation_figures(trajectories: dict[str, Trajectory]) -> dict[str, float]:
     """Mean errors of the Intel relations [m], [deg]: of the clear ones, and of all that match, with how many there are.
 

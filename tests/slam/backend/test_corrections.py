@@ -1,4 +1,4 @@
-"""Corrections while the robot drives: what holds the frame, which endpoints are used, what a joint registration leaves."""
+"""Corrections while the robot drives: what holds the frame, which endpoints count, what a registration leaves."""
 
 import numpy as np
 import pytest
