@@ -1,4 +1,4 @@
-"""False loops, entered into the graph before the final path is solved: what would a wrong match cost?"""
+"""False loops, entered into the graph before the final path is solved, to see what a wrong match would cost."""
 
 from __future__ import annotations
 
