@@ -60,7 +60,7 @@ def progress_bar(what: str, total: float, unit: str) -> Iterator[Bar]:
 
 @contextmanager
 def working(what: str) -> Iterator[None]:
-    """A line on stderr while something is done whose end nobody knows, if stderr is a terminal."""
+    """A line on stderr while something is done that has no measure of progress, if stderr is a terminal."""
     if not sys.stderr.isatty():
         yield
         return

@@ -70,15 +70,17 @@ class GraphBackend:
         return self._correction(graph, closing)
 
     def _correction(self, graph: LoopGraph, closing: LoopClosing) -> Array | None:
-        """The corrected path of all key scans where a new loop is off by enough, and fits better after it."""
+        """The corrected path of all key scans where a new loop is off by enough, and the map is sharper after it."""
         updates = np.array(self._nodes.updates)
         placed = np.array([self._path[update] for update in self._nodes.updates])
         off, grown = graph.misfit(closing.news, placed), graph.driven / max(self._corrected, 1.0)
         if off < OFF or grown < (GROWN if off > CLEARLY_OFF else WELL_GROWN):
             return None
         graph.solve()
-        poses = self._registered(graph, off) if self._config.joint.enabled else graph.poses
+        endpoints = Endpoints.of(self._nodes.scans)
+        poses = self._registered(graph, endpoints, off) if self._config.joint.enabled else graph.poses
         better = graph.misfit(closing.news, poses) < off
+        better = better and sharpness(endpoints, poses) < sharpness(endpoints, placed)
         self._corrected = graph.driven
         closing.news.clear()
         if not better:
@@ -89,13 +91,12 @@ class GraphBackend:
         self._path = list(path)
         return path
 
-    def _registered(self, graph: LoopGraph, off: float) -> Array:
+    def _registered(self, graph: LoopGraph, endpoints: Endpoints, off: float) -> Array:
         """The nodes' poses [n, 3] after a joint registration of those that a loop has moved that was ``off`` [m]."""
         poses, before, free = graph.poses, graph.registered, None
         if len(before) and off < FAR_OFF:
             free = np.ones(len(poses), bool)
             free[: len(before)] = np.hypot(*(poses[: len(before), :2] - before[:, :2]).T) > MOVED
-        endpoints = Endpoints.of(self._nodes.scans)
         return laid_over(register_jointly(endpoints, poses, graph.chain, self._config, free, rounds=ROUNDS), before)
 
     def finish(self, path: Array) -> Array | None:
