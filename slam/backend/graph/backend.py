@@ -29,6 +29,9 @@ WELL_GROWN, GROWN = 1.25, 1.03
 MOVED, FAR_OFF, ROUNDS = 0.02, 0.3, 6
 """In the joint registration of a correction the nodes move that the loops have moved by this much [m]; all of them
 where a loop was off by more than the second [m]; rounds at most."""
+FARTHEST, SLACK = 10.0, 0.2
+"""A correction may move a node by this many times what the new loops are off, and by the second [m] besides: farther it
+would follow from steps of the chain that the filter contradicts, and not from the loops."""
 LEAST_NODES = 3
 """Fewer have nothing to correct."""
 
@@ -79,7 +82,8 @@ class GraphBackend:
         graph.solve()
         endpoints = Endpoints.of(self._nodes.scans)
         poses = self._registered(graph, endpoints, off) if self._config.joint.enabled else graph.poses
-        better = graph.misfit(closing.news, poses) < off
+        moved = np.hypot(*(poses[:, :2] - placed[:, :2]).T).max()
+        better = moved < FARTHEST * off + SLACK and graph.misfit(closing.news, poses) < off
         better = better and sharpness(endpoints, poses) < sharpness(endpoints, placed)
         self._corrected = graph.driven
         closing.news.clear()
