@@ -22,7 +22,7 @@ from moteslam.slam.inputs.filling import between_known
 
 Array = NDArray[np.float64]
 
-OFF, CLEARLY_OFF = 0.02, 0.1
+OFF, CLEARLY_OFF = 0.05, 0.1
 """The filter's path is corrected where a new loop is off by this much [m] ..."""
 WELL_GROWN, GROWN = 1.25, 1.03
 """... and the path has grown by this factor since the last correction."""

@@ -109,12 +109,16 @@ class Chain:
             self._register(k)
 
     def settle(self) -> None:
-        """Fit the odometry's errors at the end, unless they are known well."""
+        """Fit the odometry's errors at the end and register the nodes anew, unless the errors are known well."""
         if self._fit_at <= FIT_EVERY * ENOUGH:
-            self.fit()
+            self.fit(anew=True)
 
-    def fit(self) -> None:
-        """Fit the odometry's errors to all steps, and register the nodes anew where that changes the odometry."""
+    def fit(self, *, anew: bool = False) -> None:
+        """Fit the odometry's errors to all steps, and register the nodes anew where that changes the odometry.
+
+        Args:
+            anew: register them anew in any case.
+        """
         if not self._raw:
             return
         plain = np.array([found.step for found in self._plain])
@@ -122,7 +126,7 @@ class Chain:
         covariance = np.asarray(np.linalg.inv(information + LEAST_INFORMATION * np.eye(3)))
         self._model = fit_odometry(np.array([raw.step for raw in self._raw]), plain, covariance)
         predicted = [self._corrected(raw) for raw in self._raw]
-        if _same(self._predicted, predicted[: len(self._predicted)]) and self._proved:
+        if self._proved and not anew and _same(self._predicted, predicted[: len(self._predicted)]):
             return
         self._begin(plainly=False)
         for k in range(1, len(self) + 1):
