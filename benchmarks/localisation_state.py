@@ -14,20 +14,23 @@ from __future__ import annotations
 import argparse
 import statistics
 from dataclasses import dataclass
-from typing import Any
 
 from parts.carried import carried_off
 from parts.machine import save, stamp
 from parts.options import count, result_file, seeds
-from parts.pool import rows_of
-from parts.runs import expect_names, simulate_case
+from parts.pool import Row, row_or_error, rows_of
+from parts.runs import FILTER_ALONE, STEP_NOISE, expect_names, simulate_case, wheels_case
 
 from moteslam.errors import ConfigError
 from moteslam.eval.cli.text import table
 
 LONG = ("campus",)
 """Left out of dense setups, unless asked for: 1.6 km of a scan each 0.1 m take longer than all others together."""
-DENSE, KEY_SCANS, STEP_NOISE = (0.1, 0.1), (0.75, 0.5), (0.05, 0.1)
+DENSE = (0.1, 0.1)
+"""Distance [m] and turn [rad] between the scans of dense setups."""
+
+COUNTS = ("wrong", "lost", "lost_wrong", "doubted", "doubted_wrong")
+"""Figures of a run that are counts of scans."""
 
 
 @dataclass(frozen=True)
@@ -60,56 +63,58 @@ SETUPS = {
 }
 
 
-def run(name: str, scenario: str, seed: int) -> dict[str, Any]:
+def run(name: str, scenario: str, seed: int) -> Row:
+    """The counts of one run, and its NEES; what went wrong, if it crashes."""
+    return row_or_error({"setup": name, "scenario": scenario, "seed": seed}, measure, SETUPS[name], scenario, seed)
+
+
+def measure(setup: Setup, scenario: str, seed: int) -> Row:
     """The counts of one run, and its NEES."""
     from moteslam.eval.metrics.localisation import score_localisation
     from moteslam.kernels import runtime
+    from moteslam.slam.filter.certainty import LocalisationState
     from moteslam.slam.run import run_slam
     from moteslam.slam.settings import resolve_config
 
-    setup, row = SETUPS[name], {"setup": name, "scenario": scenario, "seed": seed}
-    try:
-        runtime.init("cpu", 1)
+    runtime.init("cpu", 1)
+    if setup.dense:
         case = simulate_case(
             scenario,
             seed,
-            platform=None if setup.dense else "lms200",
             noise_class="as_recorded" if setup.recorded else None,
-            settings=() if setup.dense else ("platform.imu=false",),
-            key_scans=DENSE if setup.dense else KEY_SCANS,
-            step_noise=None if setup.dense else STEP_NOISE,
+            key_scans=DENSE,
             odometry_noise=3.0 if setup.recorded else 1.0,
         )
-        recording, truth = case.recording, case.reference
-        assert truth is not None
-        if setup.carried is not None:
-            after, distance = setup.carried
-            recording = carried_off(recording, truth, after=after, distance=distance)
-        estimate = run_slam(recording, resolve_config(setup.preset, ("backend.method=none",)), seed=0)
-        states, updated = estimate.diagnostics["state"], estimate.diagnostics["updated"]
-        found = score_localisation(estimate.trajectory, estimate.covariances, states, updated, truth)
-        nees = found.as_dict()["nees"] or {}
-        return {
-            **row,
-            "scans": len(found.stamps),
-            "wrong": int(found.wrong.sum()),
-            "lost": int((found.states == 2).sum()),
-            "lost_wrong": int((found.wrong & (found.states == 2)).sum()),
-            "doubted": int((found.states >= 1).sum()),
-            "doubted_wrong": int((found.wrong & (found.states >= 1)).sum()),
-            **{f"nees_{key}": value for key, value in nees.items()},
-        }
-    except Exception as error:  # one crash is a result, and no reason to lose the others
-        return {**row, "error": f"{type(error).__name__}: {error}"}
+    else:
+        case = wheels_case(scenario, seed, step_noise=STEP_NOISE)
+    recording, truth = case.recording, case.reference
+    assert truth is not None
+    if setup.carried is not None:
+        after, distance = setup.carried
+        recording = carried_off(recording, truth, after=after, distance=distance)
+    estimate = run_slam(recording, resolve_config(setup.preset, FILTER_ALONE), seed=0)
+    states, updated = estimate.diagnostics["state"], estimate.diagnostics["updated"]
+    found = score_localisation(estimate.trajectory, estimate.covariances, states, updated, truth)
+    nees = found.as_dict()["nees"] or {}
+    lost, doubted = found.states == LocalisationState.LOST, found.states >= LocalisationState.DOUBTFUL
+    return {
+        "scans": len(found.stamps),
+        "wrong": int(found.wrong.sum()),
+        "lost": int(lost.sum()),
+        "lost_wrong": int((found.wrong & lost).sum()),
+        "doubted": int(doubted.sum()),
+        "doubted_wrong": int((found.wrong & doubted).sum()),
+        **{f"nees_{key}": value for key, value in nees.items()},
+    }
 
 
-def pooled(rows: list[dict[str, Any]]) -> dict[str, Any]:
+def pooled(rows: list[Row]) -> Row:
     """NEES as medians over runs; precision and recall over all scans, every run counted alike."""
     good = [row for row in rows if "error" not in row]
     if not good:
         return {"runs": len(rows), "crashed": len(rows)}
     share = {key: sum(row[key] / row["scans"] for row in good) / len(good) for key in COUNTS}
-    result: dict[str, Any] = {"runs": len(rows), "crashed": len(rows) - len(good), **share}
+    result: Row = {"runs": len(rows), "crashed": len(rows) - len(good), **share}
     for key, wrong in (("lost", "lost_wrong"), ("doubted", "doubted_wrong")):
         result[f"{key}_precision"] = share[wrong] / share[key] if share[key] else None
         result[f"{key}_recall"] = share[wrong] / share["wrong"] if share["wrong"] else None
@@ -119,10 +124,7 @@ def pooled(rows: list[dict[str, Any]]) -> dict[str, Any]:
     return result
 
 
-COUNTS = ("wrong", "lost", "lost_wrong", "doubted", "doubted_wrong")
-
-
-def printed(summary: dict[str, dict[str, Any]]) -> str:
+def printed(summary: dict[str, Row]) -> str:
     """The summary as a table."""
     heads = ("", "runs", "NEES mean", "median", "within 95 %", "wrong", "lost", "precision", "recall")
     rows = [(*heads, "doubted or lost", "precision", "recall")]
@@ -133,9 +135,9 @@ def printed(summary: dict[str, dict[str, Any]]) -> str:
     return table(rows, right=range(1, 12))
 
 
-def summarised(rows: list[dict[str, Any]]) -> dict[str, dict[str, Any]]:
+def summarised(rows: list[Row]) -> dict[str, Row]:
     """By setup, and by setup and scenario."""
-    groups: dict[str, list[dict[str, Any]]] = {}
+    groups: dict[str, list[Row]] = {}
     for row in rows:
         groups.setdefault(row["setup"], []).append(row)
     for row in rows:
@@ -165,7 +167,7 @@ def main() -> None:
         if options.scenarios or not (SETUPS[name].dense and scenario in LONG)
         for seed in options.seeds or SETUPS[name].seeds
     ]
-    rows: list[dict[str, Any]] = []
+    rows: list[Row] = []
     for row in rows_of(run, calls, options.workers):
         rows.append(row)
         save(options.out, {**stamp(), "summary": summarised(rows), "rows": rows})

@@ -29,7 +29,7 @@ def false_loops(seed: int) -> Iterator[None]:
 
     def close_and_inject(self: LoopClosing) -> None:
         close(self)
-        inject(self._graph, np.random.default_rng(seed))
+        inject(self.graph, np.random.default_rng(seed))
 
     with patch.object(LoopClosing, "close", close_and_inject):
         yield
