@@ -92,7 +92,7 @@ def write_results(
     about = {
         "recording": estimate.name,
         "seed": estimate.seed,
-        "filter_seconds": estimate.seconds,
+        "filter_and_back_end_seconds": estimate.seconds,
         "warnings": [issue.as_dict() for issue in issues],
         "localisation": localisation_summary(estimate),
         **({"loops": loop_counts(estimate.loops)} if looked else {}),

@@ -180,7 +180,7 @@ def run_summary(run: Run, folder: Path) -> dict[str, Any]:
         "seed": estimate.seed,
         "scans": len(estimate.trajectory),
         "distance_m": estimate.trajectory_final.length,
-        "filter_seconds": estimate.seconds,
+        "filter_and_back_end_seconds": estimate.seconds,
         "localisation": localisation_summary(estimate),
         "scores": None if scores is None else scores.as_dict(),
         "warnings": [issue.as_dict() for issue in run.issues],

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from moteslam.robot import se2
 from moteslam.slam.filter.covariance import Symmetric, as_array, largest_deviation
+from moteslam.slam.mapping.config import RESOLVED
 
 Array = NDArray[np.float64]
 
@@ -24,8 +25,8 @@ LOST_DISTANCE = 0.5
 """A pose that is off by more than this distance from the map around it is wrong [m]; ..."""
 LOST_ROTATION = 0.2
 """... or whose heading is off by more than this [rad]."""
-FLOOR = 0.003**2, math.radians(0.05) ** 2
-"""Variance that no pose falls below: what the cells of a map resolve [m^2], [rad^2]."""
+FLOOR = RESOLVED[0] ** 2, RESOLVED[1] ** 2
+"""Variances that no pose falls below [m^2], [rad^2]."""
 DOUBTFUL_FROM, LOST_FROM = 0.05, 0.5
 """Probability of a wrong pose from which on it is doubtful, and lost."""
 

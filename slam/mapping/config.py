@@ -12,6 +12,9 @@ from moteslam.robot.section import Number, Positive, Section, Whole
 MAX_TRUNCATION = 100
 """Cells of a level; no truncation is longer."""
 
+RESOLVED = 0.003, math.radians(0.05)
+"""Standard deviations [m], [rad] that no pose or step falls below: what the cells of a map resolve."""
+
 
 class MapConfig(Section):
     """The occupancy grid (sections II.A and III.C of the paper)."""

@@ -46,7 +46,7 @@ class GraphBackend:
     def __init__(self, config: GraphConfig) -> None:
         self._config = config
         self._nodes = Nodes(config)
-        self._growing: tuple[LoopGraph, LoopClosing] | None = None  # from the first node on
+        self._closing: LoopClosing | None = None  # from the first node on
         self._path: list[Array] = []  # of all key scans, as the filter's map has them
         self._corrected = 0.0  # length of the path at the last correction [m]
         self._loops: tuple[LoopCandidate, ...] = ()
@@ -61,21 +61,19 @@ class GraphBackend:
         self._path.append(key.pose)
         if not self._nodes.add(key):
             return None
-        if self._growing is None:
-            graph = LoopGraph(self._nodes, self._config)
-            self._growing = graph, LoopClosing(graph, self._config)
+        if self._closing is None:
+            self._closing = LoopClosing(LoopGraph(self._nodes, self._config), self._config)
             return None
-        graph, closing = self._growing
-        graph.extend()
+        self._closing.graph.extend()
         if not self._config.loops.enabled:
             return None
-        closing.look()
-        return self._correction(graph, closing)
+        self._closing.look()
+        return self._correction(self._closing)
 
-    def _correction(self, graph: LoopGraph, closing: LoopClosing) -> Array | None:
+    def _correction(self, closing: LoopClosing) -> Array | None:
         """The corrected path of all key scans where a new loop is off by enough, and the map is sharper after it."""
-        updates = np.array(self._nodes.updates)
-        placed = np.array([self._path[update] for update in self._nodes.updates])
+        graph, updates, path = closing.graph, np.array(self._nodes.updates), np.array(self._path)
+        placed = path[updates]
         off, grown = graph.misfit(closing.news, placed), graph.driven / max(self._corrected, 1.0)
         if off < OFF or grown < (GROWN if off > CLEARLY_OFF else WELL_GROWN):
             return None
@@ -91,7 +89,7 @@ class GraphBackend:
             return None
         if self._config.joint.enabled:
             graph.register(poses)
-        path = between_known(poses, updates, np.array(self._path))
+        path = between_known(poses, updates, path)
         self._path = list(path)
         return path
 
@@ -105,11 +103,12 @@ class GraphBackend:
 
     def finish(self, path: Array) -> Array | None:
         """See ``Backend``."""
-        if self._growing is None:
+        if self._closing is None:
             return None
-        self._growing[0].submaps.forget()
+        self._closing.graph.submaps.forget()
         # a run may go on after its estimate was asked for
-        graph, closing = deepcopy(self._growing)
+        closing = deepcopy(self._closing)
+        graph = closing.graph
         if graph.nodes.close():
             graph.extend()
         if len(graph.nodes) < LEAST_NODES:

@@ -16,12 +16,13 @@ from moteslam.slam.backend.graph.config import GraphConfig
 from moteslam.slam.backend.graph.nodes import Nodes
 from moteslam.slam.backend.graph.odometry_model import OdometryModel, fit_odometry
 from moteslam.slam.backend.graph.step_registration import Prediction, RegisteredStep, StepRegistration
+from moteslam.slam.mapping.config import RESOLVED
 from moteslam.slam.registration.registrar import prior_spread
 
 Array = NDArray[np.float64]
 
-FLOOR = np.array([0.003, 0.003, np.radians(0.05)])
-"""No step is known better [m], [rad]: the standard deviation of what the TSDF's cells resolve."""
+FLOOR = np.diag(np.square([RESOLVED[0], *RESOLVED]))
+"""The covariance [3, 3] of the error that every step has besides."""
 AGREEING = 5.0
 """Odometry farther off than this many standard deviations is left out of a step."""
 LEAST_INFORMATION = 1e-2
@@ -85,8 +86,9 @@ class Chain:
     @property
     def odometry(self) -> Odometry:
         """Corrected, as the steps were registered with it."""
-        steps, spread = ([getattr(step, name) for step in self._predicted] for name in ("step", "spread"))
-        return Odometry(np.array(steps).reshape(-1, 3), np.array(spread).reshape(-1, 3))
+        steps = np.array([predicted.step for predicted in self._predicted])
+        spread = np.array([predicted.spread for predicted in self._predicted])
+        return Odometry(steps.reshape(-1, 3), spread.reshape(-1, 3))
 
     @property
     def filtered(self) -> Array:
@@ -204,9 +206,8 @@ def _fuse(found: RegisteredStep, predicted: Prediction, between: int) -> tuple[A
     weights = np.where(np.abs(off) < AGREEING * predicted.spread, weights, 0.0)
     step = se2.compose(found.step, covariance @ (weights * off))
     off = se2.between(step, predicted.filtered)
-    floor = np.diag(np.square(FLOOR))
-    agree = off @ np.linalg.inv(covariance + floor) @ off < AGREEING**2
+    agree = off @ np.linalg.inv(covariance + FLOOR) @ off < AGREEING**2
     excess = agree * between * found.information
     covariance = np.linalg.inv(np.linalg.inv(covariance) + excess)
     step = se2.compose(step, covariance @ excess @ off)
-    return step, covariance + floor + np.outer(found.doubt, found.doubt), excess
+    return step, covariance + FLOOR + np.outer(found.doubt, found.doubt), excess

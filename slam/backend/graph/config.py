@@ -40,14 +40,14 @@ class LoopConfig(Section):
     """Places this far apart may show the same walls: candidates are nodes within it, and two standard deviations of
     their relative position [m]."""
     first_deviation: Positive = 0.5
-    """Loops whose relative position has up to this standard deviation are searched first; each round doubles it [m].
-    What is proved makes the next searches smaller."""
+    """Loops whose relative position has up to this standard deviation are searched first; then it is doubled, again and
+    again [m]. What is proved makes the next searches smaller."""
     max_window: Positive = 12.0
     """Half width of the largest search [m]: three standard deviations of the relative position."""
     rounds: Annotated[Whole, Field(ge=1, le=100)] = 8
-    """Rounds of search and solution, at most."""
+    """Rounds of search and solution at the end, at most."""
     candidates: Annotated[Whole, Field(ge=1, le=100)] = 3
-    """Passages of the same place that one node is searched for in, a round."""
+    """Passages of the same place that one node is searched for in, for each of these deviations."""
     submap_length: Positive = 5.0
     """Path of the nodes whose scans form a submap [m]."""
     query_length: Positive = 4.0
@@ -55,7 +55,7 @@ class LoopConfig(Section):
     least_share: Share = 0.3
     """Share of the endpoints that must lie on surfaces of the submap, less what contradicts it."""
     least_margin: Share = 0.1
-    """No place half a metre off may have a share within this of the best one's."""
+    """No place half a metre or 0.15 rad off may have a share within this of the best one's."""
 
 
 class JointConfig(Section):

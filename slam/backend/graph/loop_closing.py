@@ -33,11 +33,12 @@ class LoopClosing:
         config: of the back end.
 
     Attributes:
+        graph: as given.
         news: the loops that were accepted since it was emptied last.
     """
 
     def __init__(self, graph: LoopGraph, config: GraphConfig) -> None:
-        self._graph, self._config = graph, config
+        self.graph, self._config = graph, config
         self._search = LoopSearch(graph.nodes, graph.submaps, config)
         self._searched: dict[int, list[int]] = {}  # the submaps that each node was searched for in
         self._queries: list[int] = []
@@ -45,7 +46,7 @@ class LoopClosing:
 
     def look(self) -> None:
         """Look for the nodes that are due and whose surroundings are complete."""
-        path, half = self._graph.submaps.path, self._config.loops.query_length / 2
+        path, half = self.graph.submaps.path, self._config.loops.query_length / 2
         while (query := self._next()) is not None and path[-1] - path[query] >= half:
             self._queries.append(query)
             self._look_for(query)
@@ -56,13 +57,13 @@ class LoopClosing:
             self._queries.append(query)
         for _ in range(self._config.loops.rounds):
             found = [self._look_for(query) for query in self._queries]
-            self._graph.solve(PROVED)
+            self.graph.solve(PROVED)
             if not any(found):
                 break
 
     def _next(self) -> int | None:
         """The next node to look for; None where there is none yet."""
-        path = self._graph.submaps.path
+        path = self.graph.submaps.path
         if not self._queries:
             return 0
         query = int(np.searchsorted(path, path[self._queries[-1]] + self._config.loops.every))
@@ -70,7 +71,7 @@ class LoopClosing:
 
     def _look_for(self, query: int) -> bool:
         """Search a node in the submaps of those that may show the same place; whether a loop was accepted."""
-        c, graph = self._config.loops, self._graph
+        c, graph = self._config.loops, self.graph
         before = graph.submaps.path < graph.submaps.path[query] - c.least_path
         largest = c.max_window / WINDOW_DEVIATIONS
         distance = self._distances(query)
@@ -98,12 +99,12 @@ class LoopClosing:
 
     def _distances(self, query: int) -> Array:
         """Of all nodes from one [n] [m]."""
-        places = self._graph.poses[:, :2]
+        places = self.graph.poses[:, :2]
         return np.asarray(np.hypot(*(places - places[query]).T))
 
     def _try(self, submap: int, query: int, half: Array) -> list[Pair]:
         """Search one pair, unless its passage was, from about the same prediction; the pair if that found a loop."""
-        graph, path = self._graph, self._graph.submaps.path
+        graph, path = self.graph, self.graph.submaps.path
         passage = self._config.loops.submap_length / 2
         before = [node for node in self._searched.get(query, []) if abs(path[node] - path[submap]) <= passage]
         submap = min(before, key=lambda node: abs(node - submap), default=submap)

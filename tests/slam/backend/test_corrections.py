@@ -1,9 +1,12 @@
 """Corrections while the robot drives: what holds the frame, which endpoints count, what a registration leaves."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from moteslam.robot import se2
+from moteslam.slam.backend.graph import backend
 from moteslam.slam.backend.graph.backend import laid_over
 from moteslam.slam.backend.graph.config import GraphConfig
 from moteslam.slam.backend.graph.endpoints import Endpoints
@@ -58,6 +61,25 @@ def test_thinned_endpoints_are_the_first_of_each_scan_and_every_third_after_it()
     np.testing.assert_array_equal(thinned.points, points[[0, 3, 4]])
     np.testing.assert_array_equal(thinned.starts, [0, 2, 2, 3])
     np.testing.assert_array_equal(thinned.owners, [0, 0, 2])
+
+
+@pytest.mark.usefixtures("taichi")
+@pytest.mark.parametrize(("distance", "corrects"), [(0.1, True), (20.0, False)])
+def test_a_correction_moves_no_node_much_farther_than_its_loops_are_off(
+    monkeypatch: pytest.MonkeyPatch, distance: float, corrects: bool
+):
+    """Though its map may have fewer cells: one part of it may lie over another."""
+    monkeypatch.setattr(backend, "sharpness", lambda endpoints, poses: -float(np.abs(poses).max()))
+    one = backend.GraphBackend(GraphConfig())
+    moved = np.array((distance, 0.0, 0.0))
+    monkeypatch.setattr(one, "_registered", lambda graph, endpoints, off: graph.poses + moved)
+    for k in range(22):
+        one.add(replace(key(k, (1.0 if k else 0.0, 0.0, 0.0)), pose=np.array((float(k), 0.0, 0.0))))
+    closing = one._closing
+    assert closing is not None
+    closing.graph.enter((0, 18), loop(closing.graph, 0, 18, (17.9, 0.0, 0.0)))
+    closing.news.add((0, 18))
+    assert (one._correction(closing) is not None) == corrects
 
 
 @pytest.mark.usefixtures("taichi")
