@@ -112,7 +112,7 @@ class Chain:
 
     def settle(self) -> None:
         """Fit the odometry's errors at the end and register the nodes anew, unless the errors are known well."""
-        if self._fit_at <= FIT_EVERY * ENOUGH:
+        if self._fit_at < FIT_EVERY * ENOUGH:
             self.fit(anew=True)
 
     def fit(self, *, anew: bool = False) -> None:

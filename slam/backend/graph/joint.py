@@ -22,8 +22,12 @@ from moteslam.slam.registration.registrar import FULL
 
 Array = NDArray[np.float64]
 
-RESIDUAL = 0.02
-"""Standard deviation of an endpoint's distance to a line [m]."""
+LEAST_RESIDUAL = 0.003
+"""The endpoints' distances to their lines vary by this standard deviation at least [m]; the rest is measured."""
+BOTH_WAYS = 2.0
+"""Two scans that see the same surface are partners of each other: what they tell is counted twice."""
+LEAST_INLIERS = 0.2
+"""Of the weights, in the estimate of that variance."""
 SHRINK = 0.75
 """Of the reach, a round."""
 SCALE_SHARE, LEAST_SCALE = 0.25, 0.03
@@ -83,8 +87,9 @@ def register_jointly(
         points, normals = seen.placed(poses)
         matches = match_endpoints(points, normals, seen.owners, partners, reach=reach, agreement=AGREEMENT)
         scale = max(SCALE_SHARE * reach, LEAST_SCALE)
-        own, pairs, _ = accumulate(seen.points, seen.normals, seen.starts, poses, partners, matches, scale=scale)
-        information = len(endpoints.points) / len(seen.points) / (config.correlation * RESIDUAL**2)
+        own, pairs, costs = accumulate(seen.points, seen.normals, seen.starts, poses, partners, matches, scale=scale)
+        variance = _residual_variance(costs, scale) * BOTH_WAYS * config.correlation
+        information = len(endpoints.points) / len(seen.points) / variance
         some = information * pairs[own_scan, slot]
         blocks = information * own[:, FULL].reshape(-1, 3, 3)
         right = information * own[:, 6:]
@@ -131,6 +136,21 @@ def choose_partners(endpoints: Endpoints, poses: Array, most: int, moving: NDArr
             others = np.sort(np.r_[near, rest[spread]])
         partners[a, : len(others)] = others
     return partners
+
+
+def _residual_variance(costs: Array, scale: float) -> float:
+    """The variance of the endpoints' distances to their lines [m^2].
+
+    A residual r costs half of r^2 / (1 + (r / scale)^2): from the mean cost follows the mean square, where most are
+    smaller than the scale.
+
+    Args:
+        costs: [n, 2] of ``accumulate``.
+        scale: of the weights [m].
+    """
+    cost, total = costs.sum(axis=0)
+    square = 2 * cost / total if total else 0.0
+    return float(max(square / max(1 - square / scale**2, LEAST_INLIERS), LEAST_RESIDUAL**2))
 
 
 def _add_odometry(poses: Array, odometry: Odometry, blocks: Array, right: Array) -> Array:
