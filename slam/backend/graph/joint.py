@@ -78,8 +78,8 @@ def register_jointly(
     odometry, filtered, excess = chain.odometry, chain.filtered, chain.excess
     for turn in range(rounds or joint.rounds):
         last = reach <= joint.last_reach
-        if turn == 0 or (last and seen is not endpoints):
-            seen = endpoints if last else seen
+        if turn == 0 or (last and rounds is None and seen is not endpoints):
+            seen = endpoints if last and rounds is None else seen
             partners = choose_partners(seen, poses, joint.partners, moving)
             own_scan, slot = np.nonzero(partners >= 0)
             other = partners[own_scan, slot].astype(np.intp)
