@@ -27,19 +27,11 @@ AGREEING = 5.0
 """Odometry farther off than this many standard deviations is left out of a step."""
 LEAST_INFORMATION = 1e-2
 """Of a step that was not registered [1/m^2]."""
-FIRST_FIT, FIT_EVERY, ENOUGH = 16, 4, 256
-"""The odometry's errors are fitted at this many steps, and again when there are four times as many; at the end, too,
-where the last fit was to fewer steps than the third."""
+FITS = (16, 64, 256)
+"""The odometry's errors are fitted at these many steps; at the end, too, of a run that has fewer than the last."""
 SAME_STEP, SAME_SPREAD = 0.5, 1.5
 """The registrations stand where a new fit moves no step by more than this many standard deviations, and changes no
 standard deviation by more than this factor."""
-
-
-class Odometry(NamedTuple):
-    """Odometry of n - 1 steps, corrected: [n - 1, 3] motions in the frames where they begin, and their spread."""
-
-    steps: Array
-    spread: Array
 
 
 class Chain:
@@ -55,12 +47,11 @@ class Chain:
 
     def __init__(self, nodes: Nodes, config: GraphConfig) -> None:
         self._nodes, self._config = nodes, config
-        self._plain: list[RegisteredStep] = []  # with the recorded odometry
+        self._plain: list[RegisteredStep] = []  # with the recorded odometry, the first
         self._proved: list[RegisteredStep] = []  # with the corrected one
         self._raw: list[Prediction] = []
         self._predicted: list[Prediction] = []
         self._model: OdometryModel | None = None
-        self._fit_at = FIRST_FIT
         self._fused = _Fused.none()
         self._begin()
         self.fits = 0
@@ -78,23 +69,6 @@ class Chain:
         """[n - 1, 3, 3] of them, in the frames where they end."""
         return np.array(self._fused.covariance).reshape(-1, 3, 3)
 
-    @property
-    def excess(self) -> Array:
-        """[n - 1, 3, 3] information of the filter's steps that the nodes' own scans do not have."""
-        return np.array(self._fused.excess).reshape(-1, 3, 3)
-
-    @property
-    def odometry(self) -> Odometry:
-        """Corrected, as the steps were registered with it."""
-        steps = np.array([predicted.step for predicted in self._predicted])
-        spread = np.array([predicted.spread for predicted in self._predicted])
-        return Odometry(steps.reshape(-1, 3), spread.reshape(-1, 3))
-
-    @property
-    def filtered(self) -> Array:
-        """[n - 1, 3] the filter's steps."""
-        return np.array(self._nodes.filtered[1 : len(self) + 1]).reshape(-1, 3)
-
     def last(self) -> tuple[Array, Array]:
         """The latest step [3] and its covariance [3, 3]."""
         return self._fused.steps[-1], self._fused.covariance[-1]
@@ -103,20 +77,20 @@ class Chain:
         """Register the latest node to those before it."""
         k = len(self) + 1
         self._raw.append(self._unregistered(k))
-        self._plain.append(self._plainly.add(self._nodes.scans[k], self._raw[-1]))
-        if len(self) >= self._fit_at:
-            self._fit_at *= FIT_EVERY
+        if len(self) <= FITS[-1]:
+            self._plain.append(self._plainly.add(self._nodes.scans[k], self._raw[-1]))
+        if len(self) in FITS:
             self.fit()
         if len(self._proved) < len(self):
             self._register(k)
 
     def settle(self) -> None:
         """Fit the odometry's errors at the end and register the nodes anew, unless the errors are known well."""
-        if self._fit_at < FIT_EVERY * ENOUGH:
+        if len(self) < FITS[-1]:
             self.fit(anew=True)
 
     def fit(self, *, anew: bool = False) -> None:
-        """Fit the odometry's errors to all steps, and register the nodes anew where that changes the odometry.
+        """Fit the odometry's errors to the first steps, and register the nodes anew where that changes the odometry.
 
         Args:
             anew: register them anew in any case.
@@ -126,7 +100,7 @@ class Chain:
         plain = np.array([found.step for found in self._plain])
         information = np.array([found.information for found in self._plain])
         covariance = np.asarray(np.linalg.inv(information + LEAST_INFORMATION * np.eye(3)))
-        self._model = fit_odometry(np.array([raw.step for raw in self._raw]), plain, covariance)
+        self._model = fit_odometry(np.array([raw.step for raw in self._raw[: len(plain)]]), plain, covariance)
         predicted = [self._corrected(raw) for raw in self._raw]
         if self._proved and not anew and _same(self._predicted, predicted[: len(self._predicted)]):
             return
@@ -170,15 +144,14 @@ class Chain:
 
 
 class _Fused(NamedTuple):
-    """Of every step: [3], its covariance [3, 3], and the filter's excess information [3, 3]."""
+    """Of every step: [3], and its covariance [3, 3]."""
 
     steps: list[Array]
     covariance: list[Array]
-    excess: list[Array]
 
     @classmethod
     def none(cls) -> _Fused:
-        return cls([], [], [])
+        return cls([], [])
 
 
 def _same(before: list[Prediction], after: list[Prediction]) -> bool:
@@ -193,7 +166,7 @@ def _same(before: list[Prediction], after: list[Prediction]) -> bool:
     )
 
 
-def _fuse(found: RegisteredStep, predicted: Prediction, between: int) -> tuple[Array, Array, Array]:
+def _fuse(found: RegisteredStep, predicted: Prediction, between: int) -> tuple[Array, Array]:
     """Registration, odometry and the filter's step together, weighted by their information: see ``_Fused``.
 
     Between two nodes of a dense recording the filter has registered the key scans between them, too: its step knows as
@@ -210,4 +183,4 @@ def _fuse(found: RegisteredStep, predicted: Prediction, between: int) -> tuple[A
     excess = agree * between * found.information
     covariance = np.linalg.inv(np.linalg.inv(covariance) + excess)
     step = se2.compose(step, covariance @ excess @ off)
-    return step, covariance + FLOOR + np.outer(found.doubt, found.doubt), excess
+    return step, covariance + FLOOR + np.outer(found.doubt, found.doubt)

@@ -2,7 +2,7 @@
 
 As Lu and Milios (1997, Globally consistent range scan alignment for environment mapping) in spirit: every endpoint is
 held to the nearest lines of endpoints of other scans, within a reach that shrinks, and all poses follow from one sparse
-system a round. The corrected odometry is the prior, robustly: wheels slip.
+system a round. The chain is the prior, robustly: along a corridor endpoints slide.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from scipy.sparse import csr_matrix
 
 from moteslam.kernels.scan_pairs import accumulate, match_endpoints
 from moteslam.robot import se2
-from moteslam.slam.backend.graph.chain import Chain, Odometry
+from moteslam.slam.backend.graph.chain import Chain
 from moteslam.slam.backend.graph.config import GraphConfig
 from moteslam.slam.backend.graph.endpoints import Endpoints
 from moteslam.slam.backend.graph.pose_graph import ANCHOR, relative_jacobians
@@ -24,8 +24,6 @@ Array = NDArray[np.float64]
 
 LEAST_RESIDUAL = 0.003
 """The endpoints' distances to their lines vary by this standard deviation at least [m]; the rest is measured."""
-BOTH_WAYS = 2.0
-"""Two scans that see the same surface are partners of each other: what they tell is counted twice."""
 LEAST_INLIERS = 0.2
 """Of the weights, in the estimate of that variance."""
 SHRINK = 0.75
@@ -35,13 +33,13 @@ SCALE_SHARE, LEAST_SCALE = 0.25, 0.03
 AGREEMENT = 0.8
 """Smallest cosine between the normals of a match."""
 SLIP = 3.0
-"""The robust scale of the odometry [standard deviations]."""
+"""The robust scale of the chain's steps [standard deviations] (Cauchy)."""
 OVERLAP_CELL, LEAST_OVERLAP = 0.5, 0.2
 """Two scans are partners where they share this much of the cells [m] that the endpoints of one lie in."""
 NEAR_SHARE = 1 / 3
 """Of the partners, those nearest along the path; the others are spread over all that overlap."""
 FIRST_POINTS = 3
-"""While the reach shrinks every third endpoint is enough, and for a correction while the robot drives."""
+"""Every third endpoint is enough until the poses are still, and for a correction while the robot drives."""
 STILL = 1e-3
 """It ends when the root mean square of the poses' steps is below this [m]."""
 
@@ -60,7 +58,7 @@ def register_jointly(
     Args:
         endpoints: of n scans.
         poses: [n, 3] to begin with.
-        chain: the odometry of the steps between them, and what the filter knows of them besides.
+        chain: the steps between them.
         config: of the back end.
         free: [n] the scans that move, from within the last reach; by default all do, from within the first reach.
         rounds: at most; by default those of the configuration.
@@ -74,12 +72,11 @@ def register_jointly(
     moving = np.ones(n, bool) if free is None else free
     held = np.where(moving, 0.0, ANCHOR)
     held[0] = ANCHOR
-    steps, seen = np.arange(n - 1), endpoints.thinned(FIRST_POINTS)
-    odometry, filtered, excess = chain.odometry, chain.filtered, chain.excess
+    steps, seen, chosen = np.arange(n - 1), endpoints.thinned(FIRST_POINTS), False
+    measured, known = chain.steps, np.asarray(np.linalg.inv(chain.covariance))
     for turn in range(rounds or joint.rounds):
-        last = reach <= joint.last_reach
-        if turn == 0 or (last and rounds is None and seen is not endpoints):
-            seen = endpoints if last and rounds is None else seen
+        if not chosen:
+            chosen = True
             partners = choose_partners(seen, poses, joint.partners, moving)
             own_scan, slot = np.nonzero(partners >= 0)
             other = partners[own_scan, slot].astype(np.intp)
@@ -88,21 +85,23 @@ def register_jointly(
         matches = match_endpoints(points, normals, seen.owners, partners, reach=reach, agreement=AGREEMENT)
         scale = max(SCALE_SHARE * reach, LEAST_SCALE)
         own, pairs, costs = accumulate(seen.points, seen.normals, seen.starts, poses, partners, matches, scale=scale)
-        variance = _residual_variance(costs, scale) * BOTH_WAYS * config.correlation
+        variance = _residual_variance(costs, scale) * config.correlation
         information = len(endpoints.points) / len(seen.points) / variance
         some = information * pairs[own_scan, slot]
         blocks = information * own[:, FULL].reshape(-1, 3, 3)
         right = information * own[:, 6:]
         np.add.at(blocks, other, some[:, 9:15][:, FULL].reshape(-1, 3, 3))
         np.add.at(right, other, some[:, 15:])
-        between = _add_odometry(poses, odometry, blocks, right)
-        between += _add_filtered(poses, filtered, excess, blocks, right)
+        between = _add_chain(poses, measured, known, blocks, right)
         blocks += held[:, None, None] * np.eye(3)
         step = system.solve(blocks, np.concatenate((some[:, :9].reshape(-1, 3, 3), between)), -right)
         poses += step
         poses[:, 2] = se2.wrap(poses[:, 2])
-        if last and np.square(step[moving, :2]).sum(axis=1).mean() < STILL**2:
+        still = reach <= joint.last_reach and np.square(step[moving, :2]).sum(axis=1).mean() < STILL**2
+        if still and (seen is endpoints or rounds is not None):
             break
+        if rounds is None and seen is not endpoints and (still or turn >= joint.rounds // 2):
+            seen, chosen = endpoints, False
         reach = max(SHRINK * reach, joint.last_reach)
     return poses
 
@@ -153,33 +152,19 @@ def _residual_variance(costs: Array, scale: float) -> float:
     return float(max(square / max(1 - square / scale**2, LEAST_INLIERS), LEAST_RESIDUAL**2))
 
 
-def _add_odometry(poses: Array, odometry: Odometry, blocks: Array, right: Array) -> Array:
-    """Add the odometry of the steps to the system; returns the blocks [n - 1, 3, 3] between neighbours."""
-    off = np.asarray(se2.between(poses[:-1], poses[1:])) - odometry.steps
-    off[:, 2] = se2.wrap(off[:, 2])
-    weights = 1 / np.square(odometry.spread * (1 + np.square(off / (SLIP * odometry.spread))))
-    return _add_steps(poses, np.zeros(len(off)), off, weights[:, :, None] * np.eye(3), blocks, right)
-
-
-def _add_filtered(poses: Array, filtered: Array, excess: Array, blocks: Array, right: Array) -> Array:
-    """Add what the filter knows of the steps besides; likewise."""
-    off = np.asarray(se2.between(filtered, se2.between(poses[:-1], poses[1:])))
-    squares = np.einsum("ni,nij,nj->n", off, excess, off)
-    weights = 1 / np.square(1 + squares / SLIP**2)
-    return _add_steps(poses, filtered[:, 2], off, weights[:, None, None] * excess, blocks, right)
-
-
-def _add_steps(poses: Array, heading: Array, off: Array, information: Array, blocks: Array, right: Array) -> Array:
-    """Add steps between neighbours to the system; returns the blocks [n - 1, 3, 3] between them.
+def _add_chain(poses: Array, steps: Array, information: Array, blocks: Array, right: Array) -> Array:
+    """Add the chain to the system; returns the blocks [n - 1, 3, 3] between neighbours.
 
     Args:
         poses: [n, 3].
-        heading: [n - 1] of the frames that the errors are in.
-        off: [n - 1, 3] errors.
+        steps: [n - 1, 3] of the chain.
         information: [n - 1, 3, 3] of them.
         blocks, right: [n, 3, 3] and [n, 3] of the system; added to.
     """
-    first, second = relative_jacobians(poses[:-1], poses[1:], heading)
+    off = np.asarray(se2.between(steps, se2.between(poses[:-1], poses[1:])))
+    squares = np.einsum("ni,nij,nj->n", off, information, off)
+    information = information / (1 + squares / SLIP**2)[:, None, None]
+    first, second = relative_jacobians(poses[:-1], poses[1:], steps[:, 2])
     weighted_first, weighted_second = information @ first, information @ second
     blocks[:-1] += np.swapaxes(first, 1, 2) @ weighted_first
     blocks[1:] += np.swapaxes(second, 1, 2) @ weighted_second
