@@ -129,10 +129,10 @@ def choose_partners(endpoints: Endpoints, poses: Array, most: int, moving: NDArr
         others, overlap = shared.indices[entries], shared.data[entries]
         others = np.sort(others[(others != a) & (overlap >= LEAST_OVERLAP * sizes[a])])
         if len(others) > most:
-            near = others[np.argsort(np.abs(others - a), kind="stable")[:near_count]]
-            rest = np.setdiff1d(others, near)
+            near = np.argsort(np.abs(others - a), kind="stable")[:near_count]
+            rest = np.delete(others, near)
             spread = np.linspace(0, len(rest) - 1, most - near_count).round().astype(int)
-            others = np.sort(np.r_[near, rest[spread]])
+            others = np.sort(np.r_[others[near], rest[spread]])
         partners[a, : len(others)] = others
     return partners
 
