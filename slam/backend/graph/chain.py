@@ -173,10 +173,9 @@ def _fuse(found: RegisteredStep, predicted: Prediction, between: int) -> tuple[A
     many times what one registration does. Where it contradicts the registration, it may have closed a loop.
     """
     off = se2.between(found.step, predicted.step)
-    weights = 1 / np.square(predicted.spread)
-    covariance = np.linalg.inv(found.information + np.diag(weights))
     # where the registration overruled the odometry this says nothing
-    weights = np.where(np.abs(off) < AGREEING * predicted.spread, weights, 0.0)
+    weights = np.where(np.abs(off) < AGREEING * predicted.spread, 1 / np.square(predicted.spread), 0.0)
+    covariance = np.linalg.inv(found.information + np.diag(weights) + LEAST_INFORMATION * np.eye(3))
     step = se2.compose(found.step, covariance @ (weights * off))
     off = se2.between(step, predicted.filtered)
     agree = off @ np.linalg.inv(covariance + FLOOR) @ off < AGREEING**2
