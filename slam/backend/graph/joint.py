@@ -18,7 +18,7 @@ from moteslam.slam.backend.graph.config import GraphConfig
 from moteslam.slam.backend.graph.endpoints import Endpoints
 from moteslam.slam.backend.graph.pose_graph import ANCHOR, relative_jacobians
 from moteslam.slam.backend.graph.sparse_blocks import BlockSystem
-from moteslam.slam.registration.registrar import FULL
+from moteslam.slam.registration.degeneracy import least_informed
 
 Array = NDArray[np.float64]
 
@@ -84,17 +84,14 @@ def register_jointly(
         points, normals = seen.placed(poses)
         matches = match_endpoints(points, normals, seen.owners, partners, reach=reach, agreement=AGREEMENT)
         scale = max(SCALE_SHARE * reach, LEAST_SCALE)
-        own, pairs, costs = accumulate(seen.points, seen.normals, seen.starts, poses, partners, matches, scale=scale)
+        _, pairs, costs = accumulate(seen.points, seen.normals, seen.starts, poses, partners, matches, scale=scale)
         variance = _residual_variance(costs, scale) * config.correlation
         information = len(endpoints.points) / len(seen.points) / variance
-        some = information * pairs[own_scan, slot]
-        blocks = information * own[:, FULL].reshape(-1, 3, 3)
-        right = information * own[:, 6:]
-        np.add.at(blocks, other, some[:, 9:15][:, FULL].reshape(-1, 3, 3))
-        np.add.at(right, other, some[:, 15:])
+        blocks, right = np.zeros((n, 3, 3)), np.zeros((n, 3))
+        bound = _add_pairs(poses, own_scan, other, information * pairs[own_scan, slot], config, blocks, right)
         between = _add_chain(poses, measured, known, blocks, right)
         blocks += held[:, None, None] * np.eye(3)
-        step = system.solve(blocks, np.concatenate((some[:, :9].reshape(-1, 3, 3), between)), -right)
+        step = system.solve(blocks, np.concatenate((bound, between)), -right)
         poses += step
         poses[:, 2] = se2.wrap(poses[:, 2])
         still = reach <= joint.last_reach and np.square(step[moving, :2]).sum(axis=1).mean() < STILL**2
@@ -150,6 +147,57 @@ def _residual_variance(costs: Array, scale: float) -> float:
     cost, total = costs.sum(axis=0)
     square = 2 * cost / total if total else 0.0
     return float(max(square / max(1 - square / scale**2, LEAST_INLIERS), LEAST_RESIDUAL**2))
+
+
+def _add_pairs(
+    poses: Array,
+    first: NDArray[np.intp],
+    second: NDArray[np.intp],
+    sums: Array,
+    config: GraphConfig,
+    blocks: Array,
+    right: Array,
+) -> Array:
+    """Add the matches of all pairs of scans to the system; returns the blocks [e, 3, 3] between them.
+
+    Between bare walls the errors of the normals pull along them. So what the matches of a pair say along their least
+    informed direction has an offset of unknown size besides, whose standard deviation grows with how little they rest
+    on, as in ``keep_odometry``; it is eliminated. All pairs of a scan may have the same one.
+
+    Args:
+        poses: [n, 3].
+        first, second: [e] the scans whose endpoints are held, and those that they are held to.
+        sums: [e, PAIR] of ``accumulate``, times the information of an endpoint.
+        config: of the back end.
+        blocks, right: [n, 3, 3] and [n, 3] of the system; added to.
+    """
+    off = poses[first, :2] - poses[second, :2]
+    # moving the second pose is moving the first one back, and turning it about the second
+    about = np.repeat(np.eye(3)[None], len(off), axis=0)
+    about[:, 0, 2], about[:, 1, 2] = -off[:, 1], off[:, 0]
+    back = about.copy()
+    back[:, :2, 2] *= -1
+    information = -sums[:, :9].reshape(-1, 3, 3) @ back
+    information = (information + np.swapaxes(information, 1, 2)) / 2
+    gradient = -_turned(np.swapaxes(back, 1, 2), sums[:, 15:])
+    ratio, along = least_informed(information)
+    along = np.column_stack((along, np.zeros(len(along))))
+    deviation = config.registration.degenerate / np.maximum(ratio, 1e-9)
+    moved = _turned(information, along)
+    share = 1 / ((along * moved).sum(axis=1) + 1 / (np.bincount(first)[first] * np.square(deviation)))
+    gradient -= (share * (along * gradient).sum(axis=1))[:, None] * moved
+    information -= share[:, None, None] * moved[:, :, None] * moved[:, None, :]
+    between = -information @ about
+    np.add.at(blocks, first, information)
+    np.add.at(blocks, second, -np.swapaxes(about, 1, 2) @ between)
+    np.add.at(right, first, gradient)
+    np.add.at(right, second, -_turned(np.swapaxes(about, 1, 2), gradient))
+    return np.asarray(between)
+
+
+def _turned(matrices: Array, vectors: Array) -> Array:
+    """Matrices [e, 3, 3] times vectors [e, 3]."""
+    return np.asarray((matrices @ vectors[..., None])[..., 0])
 
 
 def _add_chain(poses: Array, steps: Array, information: Array, blocks: Array, right: Array) -> Array:
