@@ -25,6 +25,8 @@ FLOOR = np.diag(np.square([RESOLVED[0], *RESOLVED]))
 """The covariance [3, 3] of the error that every step has besides."""
 AGREEING = 5.0
 """Odometry farther off than this many standard deviations is left out of a step."""
+DOUBTED = 2.0
+"""A registration that differs from the odometry by this many standard deviations is no prior of a joint registration."""
 LEAST_INFORMATION = 1e-2
 """Of a step that was not registered [1/m^2]."""
 FITS = (16, 64, 256)
@@ -68,6 +70,17 @@ class Chain:
     def covariance(self) -> Array:
         """[n - 1, 3, 3] of them, in the frames where they end."""
         return np.array(self._fused.covariance).reshape(-1, 3, 3)
+
+    def prior(self) -> tuple[Array, Array]:
+        """[n - 1, 3] steps for a joint registration, and their covariance [n - 1, 3, 3].
+
+        Where a registration differs much from the odometry, the odometry: all scans together are the better judge.
+        """
+        steps, covariance = self.steps, self.covariance
+        for k, (predicted, found) in enumerate(zip(self._predicted, self._proved, strict=True)):
+            if _overruled(found, predicted, DOUBTED).any():
+                steps[k], covariance[k] = predicted.step, np.diag(np.square(predicted.spread))
+        return steps, covariance
 
     def last(self) -> tuple[Array, Array]:
         """The latest step [3] and its covariance [3, 3]."""
@@ -166,6 +179,11 @@ def _same(before: list[Prediction], after: list[Prediction]) -> bool:
     )
 
 
+def _overruled(found: RegisteredStep, predicted: Prediction, deviations: float) -> NDArray[np.bool_]:
+    """[3] whether a registration differs from the odometry by this many of its standard deviations."""
+    return np.asarray(np.abs(se2.between(found.step, predicted.step)) >= deviations * predicted.spread)
+
+
 def _fuse(found: RegisteredStep, predicted: Prediction, between: int) -> tuple[Array, Array]:
     """Registration, odometry and the filter's step together, weighted by their information: see ``_Fused``.
 
@@ -174,7 +192,7 @@ def _fuse(found: RegisteredStep, predicted: Prediction, between: int) -> tuple[A
     """
     off = se2.between(found.step, predicted.step)
     # where the registration overruled the odometry this says nothing
-    weights = np.where(np.abs(off) < AGREEING * predicted.spread, 1 / np.square(predicted.spread), 0.0)
+    weights = np.where(_overruled(found, predicted, AGREEING), 0.0, 1 / np.square(predicted.spread))
     covariance = np.linalg.inv(found.information + np.diag(weights) + LEAST_INFORMATION * np.eye(3))
     step = se2.compose(found.step, covariance @ (weights * off))
     off = se2.between(step, predicted.filtered)

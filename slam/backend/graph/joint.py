@@ -73,7 +73,8 @@ def register_jointly(
     held = np.where(moving, 0.0, ANCHOR)
     held[0] = ANCHOR
     steps, seen, chosen = np.arange(n - 1), endpoints.thinned(FIRST_POINTS), False
-    measured, known = chain.steps, np.asarray(np.linalg.inv(chain.covariance))
+    measured, covariance = chain.prior()
+    known = np.asarray(np.linalg.inv(covariance))
     for turn in range(rounds or joint.rounds):
         if not chosen:
             chosen = True
