@@ -26,7 +26,7 @@ FLOOR = np.diag(np.square([RESOLVED[0], *RESOLVED]))
 AGREEING = 5.0
 """Odometry farther off than this many standard deviations is left out of a step."""
 DOUBTED = 2.0
-"""A registration that differs from the odometry by this many standard deviations is no prior of a joint registration."""
+"""A registration that differs from the odometry by this many standard deviations is no prior of the joint one."""
 LEAST_INFORMATION = 1e-2
 """Of a step that was not registered [1/m^2]."""
 FITS = (16, 64, 256)
