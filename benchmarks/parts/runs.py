@@ -189,20 +189,26 @@ def simulate_case(
 
 
 def wheels_case(
-    name: str, seed: int, *, step_noise: tuple[float, float] | None = None, every_scan: bool = False
+    name: str,
+    seed: int,
+    *,
+    platform: str = "lms200",
+    step_noise: tuple[float, float] | None = None,
+    every_scan: bool = False,
 ) -> Case:
-    """A bundled scenario driven by the robot ``lms200`` without gyro, as a log of key scans (``KEY_SCANS``).
+    """A bundled scenario driven by a robot without gyro, as a log of key scans (``KEY_SCANS``).
 
     Args:
         name: of the scenario.
         seed: of its noise.
+        platform: the robot.
         step_noise: noise added to each step, as ``STEP_NOISE``.
         every_scan: keep all scans; without noise of the steps.
     """
     return simulate_case(
         name,
         seed,
-        platform="lms200",
+        platform=platform,
         settings=("platform.imu=false",),
         key_scans=None if every_scan else KEY_SCANS,
         step_noise=step_noise,

@@ -1,0 +1,120 @@
+"""The joint registration: its normal equations, what a bare corridor does not give, and which step is its prior."""
+
+from itertools import pairwise
+from typing import cast
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from moteslam.kernels.scan_pairs import accumulate, match_endpoints
+from moteslam.kernels.thinning import ThinnedScan
+from moteslam.robot import se2
+from moteslam.slam.backend.graph.chain import Chain
+from moteslam.slam.backend.graph.config import GraphConfig
+from moteslam.slam.backend.graph.endpoints import Endpoints
+from moteslam.slam.backend.graph.joint import _add_pairs, choose_partners, register_jointly
+from moteslam.slam.backend.graph.nodes import Nodes
+from moteslam.slam.backend.protocol import KeyScan
+from moteslam.slam.inputs.thinning import thin
+from moteslam.slam.registration.config import RegistrationConfig
+from moteslam.slam.registration.registrar import FULL
+
+pytestmark = pytest.mark.usefixtures("taichi")
+
+Array = NDArray[np.float64]
+BEAMS = np.radians(np.arange(-90, 91, 1.0))
+FREE = GraphConfig(registration=RegistrationConfig(degenerate=1e-12))
+"""Without offsets along the least informed directions."""
+
+
+class Given:
+    """A chain of which all steps are known alike."""
+
+    def __init__(self, steps: Array, deviation: tuple[float, float, float]) -> None:
+        self._steps, self._covariance = steps, np.diag(np.square(deviation))
+
+    def prior(self) -> tuple[Array, Array]:
+        return self._steps, np.repeat(self._covariance[None], len(self._steps), axis=0)
+
+
+def scan_between_walls(rng: np.random.Generator, end: float = np.inf) -> ThinnedScan:
+    """A scan forwards between walls at y = +-1 m, of 4 m range and 1 cm noise; ``end`` m ahead is a wall across."""
+    across = np.abs(1.0 / np.maximum(np.abs(np.sin(BEAMS)), 1e-9))
+    ahead = end / np.maximum(np.cos(BEAMS), 1e-9)
+    ranges = np.minimum(across, ahead)
+    seen = ranges < 4.0
+    ranges = ranges[seen] + rng.normal(0, 0.01, int(seen.sum()))
+    points = ranges[:, None] * np.column_stack((np.cos(BEAMS[seen]), np.sin(BEAMS[seen])))
+    return thin(points.astype(np.float32), np.zeros(2), GraphConfig().thinning)
+
+
+def straight_on(steps: int) -> Array:
+    """Poses [steps + 1, 3], half a metre apart."""
+    return np.column_stack((0.5 * np.arange(steps + 1), np.zeros((steps + 1, 2))))
+
+
+def test_the_blocks_of_all_pairs_are_the_sums_of_the_kernel():
+    """What a pair says of its own pose follows from what it says of both, bit for bit but for rounding."""
+    rng = np.random.default_rng(5)
+    poses = straight_on(8) + rng.normal(0, 0.02, (9, 3))
+    endpoints = Endpoints.of([scan_between_walls(rng, 6.0 - pose[0]) for pose in poses])
+    partners = choose_partners(endpoints, poses, 4, np.ones(9, bool))
+    points, normals = endpoints.placed(poses)
+    matches = match_endpoints(points, normals, endpoints.owners, partners, reach=0.2, agreement=0.8)
+    own, pairs, _ = accumulate(
+        endpoints.points, endpoints.normals, endpoints.starts, poses, partners, matches, scale=0.1
+    )
+    first, slot = np.nonzero(partners >= 0)
+    second, sums = partners[first, slot].astype(np.intp), pairs[first, slot]
+    blocks, right = own[:, FULL].reshape(-1, 3, 3), own[:, 6:].copy()
+    np.add.at(blocks, second, sums[:, 9:15][:, FULL].reshape(-1, 3, 3))
+    np.add.at(right, second, sums[:, 15:])
+    found, found_right = np.zeros((9, 3, 3)), np.zeros((9, 3))
+    between = _add_pairs(poses, first, second, sums, FREE, found, found_right)
+    assert len(first) > 16
+    np.testing.assert_allclose(found, blocks, atol=1e-9 * np.abs(blocks).max())
+    np.testing.assert_allclose(found_right, right, atol=1e-9 * np.abs(right).max())
+    np.testing.assert_allclose(between, sums[:, :9].reshape(-1, 3, 3), atol=1e-9 * np.abs(blocks).max())
+
+
+def moved_along(config: GraphConfig, *, end: float) -> float:
+    """How much longer or shorter a joint registration makes a path of 15 m whose chain is 30 cm short, in metres."""
+    rng = np.random.default_rng(7)
+    poses = straight_on(30)
+    scans = [scan_between_walls(rng, end - pose[0]) for pose in poses]
+    short = poses * (0.98, 1, 1)
+    chain = cast(Chain, Given(np.asarray(se2.between(short[:-1], short[1:])), (0.02, 0.005, 0.002)))
+    return float(register_jointly(Endpoints.of(scans), short, chain, config)[-1, 0] - short[-1, 0])
+
+
+def test_between_bare_walls_the_chain_says_how_far_the_robot_came():
+    """The errors of the normals pull along the walls; that pull has an unknown offset, and the chain none."""
+    assert abs(moved_along(GraphConfig(), end=100.0)) < 0.03
+    assert abs(moved_along(FREE, end=100.0)) > 0.06
+
+
+def node(index: int, odometry: tuple[float, float, float], points: NDArray[np.float32]) -> KeyScan:
+    motion = np.array(odometry)
+    return KeyScan(index, 0.1 * index, points, np.zeros(2), np.zeros(3), motion, measured=True, motion=motion)
+
+
+def test_a_registration_far_from_the_odometry_is_no_prior():
+    """A room of 12 m by 8 m, seen every 0.6 m, where one registration found a place half a metre farther."""
+    t = np.linspace(0, 1, 80, endpoint=False)[:, None]
+    corners = np.array([[-6.0, -4.0], [6.0, -4.0], [6.0, 4.0], [-6.0, 4.0], [-6.0, -4.0]])
+    room = np.vstack([a + t * (b - a) for a, b in pairwise(corners)])
+    nodes = Nodes(GraphConfig())
+    nodes.add(node(0, (0.0, 0.0, 0.0), room.astype(np.float32)))
+    chain = Chain(nodes, GraphConfig())
+    for k in range(1, 7):
+        if nodes.add(node(k, (0.6, 0.0, 0.0), (room - (0.6 * k, 0.0)).astype(np.float32))):
+            chain.add()
+    steps, covariance = chain.prior()
+    np.testing.assert_array_equal(steps, chain.steps)
+    np.testing.assert_array_equal(covariance, chain.covariance)
+    chain._proved[2] = chain._proved[2]._replace(step=np.array([1.1, 0.0, 0.0]))
+    doubted, deviations = chain.prior()
+    np.testing.assert_array_equal(doubted[[0, 1, 3, 4]], steps[[0, 1, 3, 4]])
+    np.testing.assert_allclose(doubted[2], (0.6, 0.0, 0.0))
+    assert deviations[2, 0, 0] > 2 * covariance[2, 0, 0]
