@@ -77,9 +77,11 @@ class Chain:
         Where a registration differs much from the odometry, the odometry: all scans together are the better judge.
         """
         steps, covariance = self.steps, self.covariance
-        for k, (predicted, found) in enumerate(zip(self._predicted, self._proved, strict=True)):
-            if _overruled(found, predicted, DOUBTED).any():
-                steps[k], covariance[k] = predicted.step, np.diag(np.square(predicted.spread))
+        predicted = np.array([each.step for each in self._predicted]).reshape(-1, 3)
+        spread = np.array([each.spread for each in self._predicted]).reshape(-1, 3)
+        found = np.array([each.step for each in self._proved]).reshape(-1, 3)
+        doubted = _differs(found, predicted, DOUBTED * spread).any(axis=1)
+        steps[doubted], covariance[doubted] = predicted[doubted], np.square(spread[doubted])[:, None] * np.eye(3)
         return steps, covariance
 
     def last(self) -> tuple[Array, Array]:
@@ -179,9 +181,9 @@ def _same(before: list[Prediction], after: list[Prediction]) -> bool:
     )
 
 
-def _overruled(found: RegisteredStep, predicted: Prediction, deviations: float) -> NDArray[np.bool_]:
-    """[3] whether a registration differs from the odometry by this many of its standard deviations."""
-    return np.asarray(np.abs(se2.between(found.step, predicted.step)) >= deviations * predicted.spread)
+def _differs(found: Array, predicted: Array, most: Array) -> NDArray[np.bool_]:
+    """[..., 3] whether registered steps are off the odometry by more than ``most``, each [..., 3]."""
+    return np.asarray(np.abs(se2.between(found, predicted)) >= most)
 
 
 def _fuse(found: RegisteredStep, predicted: Prediction, between: int) -> tuple[Array, Array]:
@@ -192,7 +194,9 @@ def _fuse(found: RegisteredStep, predicted: Prediction, between: int) -> tuple[A
     """
     off = se2.between(found.step, predicted.step)
     # where the registration overruled the odometry this says nothing
-    weights = np.where(_overruled(found, predicted, AGREEING), 0.0, 1 / np.square(predicted.spread))
+    weights = np.where(
+        _differs(found.step, predicted.step, AGREEING * predicted.spread), 0.0, 1 / np.square(predicted.spread)
+    )
     covariance = np.linalg.inv(found.information + np.diag(weights) + LEAST_INFORMATION * np.eye(3))
     step = se2.compose(found.step, covariance @ (weights * off))
     off = se2.between(step, predicted.filtered)
