@@ -1,8 +1,8 @@
 """Endpoints of scans held to surfaces of other scans: which lies on which, and the normal equations of all poses.
 
 The residual of an endpoint is its distance to the line through the matched endpoint of another scan, along that one's
-normal (point to line). Both scans' poses move: their blocks of the normal equations are summed a pair of scans at a
-time, each pair by one thread, so that the sums do not depend on the number of threads.
+normal (point to line). Its derivatives by the pose of the endpoint's scan are summed a pair of scans at a time, each
+pair by one thread, so that the sums do not depend on the number of threads; those by the other pose follow from them.
 """
 
 import math
@@ -19,8 +19,8 @@ MAX_PARTNERS = 32
 """Other scans that one scan's endpoints are held to; kept on the stack of each thread."""
 MAX_CELLS = 4_000_000
 """Of the grid that endpoints are looked up in; its cells grow where there would be more."""
-OWN, PAIR = 9, 18
-"""Numbers of a scan's own sums, and of a pair's."""
+PAIR = 9
+"""Numbers of a pair's sums."""
 
 
 @kernel
@@ -69,14 +69,12 @@ def _turned(pose_cos: F64, pose_sin: F64, x: F32, y: F32):
 @kernel
 def _accumulate(
     points: F32_2D, normals: F32_2D, starts: I32_1D, frames: F64_2D, partners: I32_2D, matches: I32_2D, scale: F64,
-    own: F64_2D, pairs: F64_2D, costs: F64_2D,
+    pairs: F64_2D, costs: F64_2D,
 ):  # fmt: skip
     """The sums of ``accumulate``; frames are cos, sin, x, y."""
     slots = partners.shape[1]
     ti.loop_config(block_dim=1, serialize=ti.static(one_thread()))
     for a in range(frames.shape[0]):
-        for c in range(OWN):
-            own[a, c] = 0.0
         for c in range(slots * PAIR):
             pairs[a, c] = 0.0
         cost, total = ti.cast(0.0, ti.f64), ti.cast(0.0, ti.f64)
@@ -100,18 +98,13 @@ def _accumulate(
                     w = share / ((1.0 + square) * (1.0 + square))
                     cost += 0.5 * share * scale * scale * square / (1.0 + square)
                     total += share
-                    ja = ti.Vector([n[0], n[1], n[1] * arm[0] - n[0] * arm[1]], dt=ti.f64)
-                    jb = ti.Vector([-n[0], -n[1], n[0] * by - n[1] * bx], dt=ti.f64)
+                    jacobian = ti.Vector([n[0], n[1], n[1] * arm[0] - n[0] * arm[1]], dt=ti.f64)
                     at = s * PAIR
-                    for p in ti.static(range(3)):
-                        own[a, 6 + p] += w * ja[p] * r
-                        pairs[a, at + 15 + p] += w * jb[p] * r
-                        for q in ti.static(range(3)):
-                            pairs[a, at + 3 * p + q] += w * ja[p] * jb[q]
                     for k in ti.static(range(6)):
                         p, q = ti.static((0, 0, 0, 1, 1, 2)[k]), ti.static((0, 1, 2, 1, 2, 2)[k])
-                        own[a, k] += w * ja[p] * ja[q]
-                        pairs[a, at + 9 + k] += w * jb[p] * jb[q]
+                        pairs[a, at + k] += w * jacobian[p] * jacobian[q]
+                    for p in ti.static(range(3)):
+                        pairs[a, at + 6 + p] += w * jacobian[p] * r
         costs[a, 0], costs[a, 1] = cost, total
 
 
@@ -175,8 +168,8 @@ def accumulate(
     matches: NDArray[np.int32],
     *,
     scale: float,
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """The sums of the normal equations of all poses over all matches, and what they cost.
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """The sums of the normal equations over all matches of each pair of scans, and what they cost.
 
     A residual r weighs 1 / (1 + (r / scale)^2)^2 (Geman-McClure), divided by the root of how many matches its endpoint
     has: surfaces seen by many scans would outweigh the others.
@@ -191,9 +184,9 @@ def accumulate(
         scale: of the residuals' weights [m].
 
     Returns:
-        own: [n, OWN] the upper triangle 00 01 02 11 12 22 of J^T J by the scan's own pose (x, y, theta), and J^T r.
-        pairs: [n, k, PAIR] of each scan with each partner: J_own^T J_other row by row (9), the upper triangle of
-            J_other^T J_other (6), and J_other^T r (3).
+        pairs: [n, k, PAIR] of each scan with each partner, by the scan's own pose (x, y, theta): the upper triangle
+            00 01 02 11 12 22 of J^T J, and J^T r. By the pose of the partner J is -J A with A = (1, 0, -dy; 0, 1, dx;
+            0, 0, 1), where (dx, dy) leads from the partner to the scan.
         costs: [n, 2] half the weighted squares of the residuals [m^2], and the sum of the weights without robustness.
 
     Raises:
@@ -213,11 +206,11 @@ def accumulate(
     if not (math.isfinite(scale) and scale > 0):
         raise InputError(f"{scale:g} m, expected above 0", field="scale")
     frames = np.column_stack((np.cos(placed[:, 2]), np.sin(placed[:, 2]), placed[:, :2]))
-    own, pairs, costs = np.zeros((n, OWN)), np.zeros((n, slots * PAIR)), np.zeros((n, 2))
+    pairs, costs = np.zeros((n, slots * PAIR)), np.zeros((n, 2))
     runtime()
     if n and len(ends):
-        _accumulate(ends, across, begin, frames, mates, matches, scale, own, pairs, costs)
-    return own, pairs.reshape(n, slots, PAIR), costs
+        _accumulate(ends, across, begin, frames, mates, matches, scale, pairs, costs)
+    return pairs.reshape(n, slots, PAIR), costs
 
 
 def _checked_partners(partners: ArrayLike) -> NDArray[np.int32]:

@@ -1,11 +1,13 @@
 """Endpoints held to surfaces of other scans: against the twin, and by derivatives."""
 
+from collections.abc import Iterator
+
 import numpy as np
 import pytest
 from twins import scan_pairs
 
 from moteslam.errors import InputError
-from moteslam.kernels.scan_pairs import MAX_PARTNERS, OWN, PAIR, accumulate, match_endpoints
+from moteslam.kernels.scan_pairs import MAX_PARTNERS, PAIR, accumulate, match_endpoints
 from moteslam.robot import se2
 from moteslam.slam.backend.graph import config
 
@@ -54,6 +56,17 @@ def matched(case: dict[str, np.ndarray], reach: float = 0.3) -> np.ndarray:
     return match_endpoints(points, normals, case["owners"], case["partners"], reach=reach, agreement=0.8)
 
 
+def of_pairs(
+    case: dict[str, np.ndarray], poses: np.ndarray, pairs: np.ndarray
+) -> Iterator[tuple[int, int, np.ndarray, np.ndarray]]:
+    """Each scan, its partner, the matrix from the Jacobian by the one pose to that by the other, and the sums."""
+    for a in range(SCANS):
+        for slot, b in enumerate(case["partners"][a]):
+            if b >= 0:
+                dx, dy = poses[a, :2] - poses[b, :2]
+                yield a, int(b), np.array([[1.0, 0.0, -dy], [0.0, 1.0, dx], [0.0, 0.0, 1.0]]), pairs[a, slot]
+
+
 @pytest.mark.parametrize("reach", [0.05, 0.3, 5.0])
 def test_the_nearest_endpoint_of_every_partner_is_found(case: dict[str, np.ndarray], reach: float):
     points, normals = placed(case)
@@ -68,10 +81,9 @@ def test_the_nearest_endpoint_of_every_partner_is_found(case: dict[str, np.ndarr
 def test_the_sums_are_derivatives_of_the_cost(case: dict[str, np.ndarray]):
     matches = matched(case)
     scale = 1.0  # so large that the weights hardly change
-    own, pairs, costs = accumulate(
+    pairs, costs = accumulate(
         case["points"], case["normals"], case["starts"], case["poses"], case["partners"], matches, scale=scale
     )
-    assert own.shape == (SCANS, OWN)
     assert pairs.shape == (SCANS, 3, PAIR)
 
     def cost(poses: np.ndarray) -> float:
@@ -80,11 +92,10 @@ def test_the_sums_are_derivatives_of_the_cost(case: dict[str, np.ndarray]):
         )
 
     assert costs[:, 0].sum() == pytest.approx(cost(case["poses"]), rel=1e-4)
-    gradient = own[:, 6:].copy()
-    for a in range(SCANS):
-        for slot, b in enumerate(case["partners"][a]):
-            if b >= 0:
-                gradient[b] += pairs[a, slot, 15:]
+    gradient = np.zeros((SCANS, 3))
+    for a, b, about, sums in of_pairs(case, case["poses"], pairs):
+        gradient[a] += sums[6:]
+        gradient[b] -= about.T @ sums[6:]
     numeric = np.zeros((SCANS, 3))
     for a in range(SCANS):
         for axis in range(3):
@@ -99,26 +110,23 @@ def test_the_blocks_solve_for_the_poses(case: dict[str, np.ndarray]):
     poses, matches = case["poses"].copy(), matched(case)
     before = None
     for _ in range(3):
-        own, pairs, costs = accumulate(
+        pairs, costs = accumulate(
             case["points"], case["normals"], case["starts"], poses, case["partners"], matches, scale=1.0
         )
         before = before or costs[:, 0].sum()
         h, g = np.zeros((3 * SCANS, 3 * SCANS)), np.zeros(3 * SCANS)
-        full = [0, 1, 2, 1, 3, 4, 2, 4, 5]
-        for a in range(SCANS):
-            at = slice(3 * a, 3 * a + 3)
-            h[at, at] += own[a, full].reshape(3, 3)
-            g[at] += own[a, 6:]
-            for slot, b in enumerate(case["partners"][a]):
-                if b >= 0:
-                    to = slice(3 * b, 3 * b + 3)
-                    h[at, to] += pairs[a, slot, :9].reshape(3, 3)
-                    h[to, at] += pairs[a, slot, :9].reshape(3, 3).T
-                    h[to, to] += pairs[a, slot, 9:15][full].reshape(3, 3)
-                    g[to] += pairs[a, slot, 15:]
+        for a, b, about, sums in of_pairs(case, poses, pairs):
+            at, to = slice(3 * a, 3 * a + 3), slice(3 * b, 3 * b + 3)
+            block = sums[[0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(3, 3)
+            h[at, at] += block
+            h[at, to] -= block @ about
+            h[to, at] -= about.T @ block
+            h[to, to] += about.T @ block @ about
+            g[at] += sums[6:]
+            g[to] -= about.T @ sums[6:]
         h[:3, :3] += 1e6 * np.eye(3)
         poses -= np.linalg.solve(h + 1e-9 * np.eye(len(h)), g).reshape(-1, 3)
-    after = accumulate(case["points"], case["normals"], case["starts"], poses, case["partners"], matches, scale=1.0)[2]
+    after = accumulate(case["points"], case["normals"], case["starts"], poses, case["partners"], matches, scale=1.0)[1]
     assert after[:, 0].sum() < 0.01 * before
 
 

@@ -19,6 +19,7 @@ from moteslam.slam.backend.graph.endpoints import Endpoints
 from moteslam.slam.backend.graph.pose_graph import ANCHOR, relative_jacobians
 from moteslam.slam.backend.graph.sparse_blocks import BlockSystem
 from moteslam.slam.registration.degeneracy import least_informed
+from moteslam.slam.registration.registrar import FULL
 
 Array = NDArray[np.float64]
 
@@ -85,7 +86,7 @@ def register_jointly(
         points, normals = seen.placed(poses)
         matches = match_endpoints(points, normals, seen.owners, partners, reach=reach, agreement=AGREEMENT)
         scale = max(SCALE_SHARE * reach, LEAST_SCALE)
-        _, pairs, costs = accumulate(seen.points, seen.normals, seen.starts, poses, partners, matches, scale=scale)
+        pairs, costs = accumulate(seen.points, seen.normals, seen.starts, poses, partners, matches, scale=scale)
         variance = _residual_variance(costs, scale) * config.correlation
         information = len(endpoints.points) / len(seen.points) / variance
         blocks, right = np.zeros((n, 3, 3)), np.zeros((n, 3))
@@ -172,15 +173,7 @@ def _add_pairs(
         config: of the back end.
         blocks, right: [n, 3, 3] and [n, 3] of the system; added to.
     """
-    off = poses[first, :2] - poses[second, :2]
-    # moving the second pose is moving the first one back, and turning it about the second
-    about = np.repeat(np.eye(3)[None], len(off), axis=0)
-    about[:, 0, 2], about[:, 1, 2] = -off[:, 1], off[:, 0]
-    back = about.copy()
-    back[:, :2, 2] *= -1
-    information = -sums[:, :9].reshape(-1, 3, 3) @ back
-    information = (information + np.swapaxes(information, 1, 2)) / 2
-    gradient = -_turned(np.swapaxes(back, 1, 2), sums[:, 15:])
+    information, gradient = sums[:, FULL].reshape(-1, 3, 3), sums[:, 6:].copy()
     ratio, along = least_informed(information)
     along = np.column_stack((along, np.zeros(len(along))))
     deviation = config.registration.degenerate / np.maximum(ratio, 1e-9)
@@ -188,6 +181,9 @@ def _add_pairs(
     share = 1 / ((along * moved).sum(axis=1) + 1 / (np.bincount(first)[first] * np.square(deviation)))
     gradient -= (share * (along * gradient).sum(axis=1))[:, None] * moved
     information -= share[:, None, None] * moved[:, :, None] * moved[:, None, :]
+    off = poses[first, :2] - poses[second, :2]
+    about = np.repeat(np.eye(3)[None], len(off), axis=0)
+    about[:, 0, 2], about[:, 1, 2] = -off[:, 1], off[:, 0]
     between = -information @ about
     np.add.at(blocks, first, information)
     np.add.at(blocks, second, -np.swapaxes(about, 1, 2) @ between)

@@ -1,4 +1,4 @@
-"""The joint registration: its normal equations, what a bare corridor does not give, and which step is its prior."""
+"""The joint registration: what a bare corridor does not give, and which step is its prior."""
 
 from itertools import pairwise
 from typing import cast
@@ -7,18 +7,16 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from moteslam.kernels.scan_pairs import accumulate, match_endpoints
 from moteslam.kernels.thinning import ThinnedScan
 from moteslam.robot import se2
 from moteslam.slam.backend.graph.chain import Chain
 from moteslam.slam.backend.graph.config import GraphConfig
 from moteslam.slam.backend.graph.endpoints import Endpoints
-from moteslam.slam.backend.graph.joint import _add_pairs, choose_partners, register_jointly
+from moteslam.slam.backend.graph.joint import register_jointly
 from moteslam.slam.backend.graph.nodes import Nodes
 from moteslam.slam.backend.protocol import KeyScan
 from moteslam.slam.inputs.thinning import thin
 from moteslam.slam.registration.config import RegistrationConfig
-from moteslam.slam.registration.registrar import FULL
 
 pytestmark = pytest.mark.usefixtures("taichi")
 
@@ -52,30 +50,6 @@ def scan_between_walls(rng: np.random.Generator, end: float = np.inf) -> Thinned
 def straight_on(steps: int) -> Array:
     """Poses [steps + 1, 3], half a metre apart."""
     return np.column_stack((0.5 * np.arange(steps + 1), np.zeros((steps + 1, 2))))
-
-
-def test_the_blocks_of_all_pairs_are_the_sums_of_the_kernel():
-    """What a pair says of its own pose follows from what it says of both, bit for bit but for rounding."""
-    rng = np.random.default_rng(5)
-    poses = straight_on(8) + rng.normal(0, 0.02, (9, 3))
-    endpoints = Endpoints.of([scan_between_walls(rng, 6.0 - pose[0]) for pose in poses])
-    partners = choose_partners(endpoints, poses, 4, np.ones(9, bool))
-    points, normals = endpoints.placed(poses)
-    matches = match_endpoints(points, normals, endpoints.owners, partners, reach=0.2, agreement=0.8)
-    own, pairs, _ = accumulate(
-        endpoints.points, endpoints.normals, endpoints.starts, poses, partners, matches, scale=0.1
-    )
-    first, slot = np.nonzero(partners >= 0)
-    second, sums = partners[first, slot].astype(np.intp), pairs[first, slot]
-    blocks, right = own[:, FULL].reshape(-1, 3, 3), own[:, 6:].copy()
-    np.add.at(blocks, second, sums[:, 9:15][:, FULL].reshape(-1, 3, 3))
-    np.add.at(right, second, sums[:, 15:])
-    found, found_right = np.zeros((9, 3, 3)), np.zeros((9, 3))
-    between = _add_pairs(poses, first, second, sums, FREE, found, found_right)
-    assert len(first) > 16
-    np.testing.assert_allclose(found, blocks, atol=1e-9 * np.abs(blocks).max())
-    np.testing.assert_allclose(found_right, right, atol=1e-9 * np.abs(right).max())
-    np.testing.assert_allclose(between, sums[:, :9].reshape(-1, 3, 3), atol=1e-9 * np.abs(blocks).max())
 
 
 def moved_along(config: GraphConfig, *, end: float) -> float:
