@@ -40,7 +40,7 @@ OVERLAP_CELL, LEAST_OVERLAP = 0.5, 0.2
 NEAR_SHARE = 1 / 3
 """Of the partners, those nearest along the path; the others are spread over all that overlap."""
 FIRST_POINTS = 3
-"""Every third endpoint is enough until the poses are still, and for a correction while the robot drives."""
+"""Every third endpoint is enough until the poses are still, and for the first half of the rounds at most."""
 STILL = 1e-3
 """It ends when the root mean square of the poses' steps is below this [m]."""
 
@@ -76,7 +76,8 @@ def register_jointly(
     steps, seen, chosen = np.arange(n - 1), endpoints.thinned(FIRST_POINTS), False
     measured, covariance = chain.prior()
     known = np.asarray(np.linalg.inv(covariance))
-    for turn in range(rounds or joint.rounds):
+    most = rounds or joint.rounds
+    for turn in range(most):
         if not chosen:
             chosen = True
             partners = choose_partners(seen, poses, joint.partners, moving)
@@ -97,9 +98,9 @@ def register_jointly(
         poses += step
         poses[:, 2] = se2.wrap(poses[:, 2])
         still = reach <= joint.last_reach and np.square(step[moving, :2]).sum(axis=1).mean() < STILL**2
-        if still and (seen is endpoints or rounds is not None):
+        if still and seen is endpoints:
             break
-        if rounds is None and seen is not endpoints and (still or turn >= joint.rounds // 2):
+        if seen is not endpoints and (still or turn >= most // 2):
             seen, chosen = endpoints, False
         reach = max(SHRINK * reach, joint.last_reach)
     return poses
@@ -178,7 +179,8 @@ def _add_pairs(
     along = np.column_stack((along, np.zeros(len(along))))
     deviation = config.registration.degenerate / np.maximum(ratio, 1e-9)
     moved = _turned(information, along)
-    share = 1 / ((along * moved).sum(axis=1) + 1 / (np.bincount(first)[first] * np.square(deviation)))
+    variance = np.bincount(first)[first] * np.square(deviation)
+    share = variance / (1 + variance * (along * moved).sum(axis=1))
     gradient -= (share * (along * gradient).sum(axis=1))[:, None] * moved
     information -= share[:, None, None] * moved[:, :, None] * moved[:, None, :]
     off = poses[first, :2] - poses[second, :2]
