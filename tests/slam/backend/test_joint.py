@@ -50,14 +50,14 @@ def moved_along(config: GraphConfig) -> float:
     rng = np.random.default_rng(7)
     poses = np.column_stack((0.5 * np.arange(31), np.zeros((31, 2))))
     scans = [scan_between_walls(rng) for _ in poses]
-    chain = cast(Chain, Given(np.asarray(se2.between(poses[:-1], poses[1:])), (0.02, 0.005, 0.002)))
+    chain = cast(Chain, Given(np.asarray(se2.between(poses[:-1], poses[1:])), (0.05, 0.005, 0.002)))
     return float(register_jointly(Endpoints.of(scans), poses, chain, config)[-1, 0] - poses[-1, 0])
 
 
 def test_between_bare_walls_the_chain_says_how_far_the_robot_came():
     """The errors of the normals pull along the walls; that pull has an unknown offset, and the chain none."""
     assert abs(moved_along(GraphConfig())) < 0.03
-    assert abs(moved_along(FREE)) > 0.06
+    assert abs(moved_along(FREE)) > 0.25
 
 
 def node(index: int, odometry: tuple[float, float, float], points: NDArray[np.float32]) -> KeyScan:
