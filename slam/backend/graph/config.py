@@ -62,7 +62,7 @@ class JointConfig(Section):
     """The joint registration of all nodes."""
 
     enabled: Truth = True
-    """Register all nodes at once at the end."""
+    """Register nodes jointly: those that a correction moves while the robot drives, and all of them at the end."""
     partners: Annotated[Whole, Field(ge=1, le=MAX_PARTNERS)] = 16
     """Other scans that the endpoints of one are held to, at most."""
     first_reach: Positive = 0.3
