@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.metadata import version
 
 import numpy as np
@@ -110,6 +110,7 @@ class SlamSession:
         self._covariances = np.zeros((n, 3, 3))
         self._diagnostics = {key: np.zeros(n) for key in DIAGNOSTICS}
         self._updates: list[int] = []
+        self._waiting: list[KeyScan] = []  # for the back end, until the filter is settled
         self._spreads: list[Array] = []
         self._done = 0
         self._drawn: tuple[int, Raster | None] = (0, None)  # the map, and after how many scans
@@ -123,7 +124,9 @@ class SlamSession:
             result, corrected = self._filter.step(step), 0.0
             if result.updated:
                 self._updates.append(step.index)
-                corrected = self._tell_backend(step)
+                self._waiting.append(self._key_scan(step))
+                if self._filter.settled:
+                    corrected = self._hand_over()
             seconds = time.perf_counter() - began
             poses, weights = self._filter.poses, self._filter.weights.values
             if result.updated:
@@ -144,6 +147,7 @@ class SlamSession:
                 corrected=corrected,
                 **certainty._asdict(),
             )
+        self._hand_over()
 
     @property
     def map(self) -> Raster:
@@ -210,15 +214,11 @@ class SlamSession:
             file=self.recording.name,
         )
 
-    def _tell_backend(self, step: Step) -> float:
-        """Give the back end a key scan; where it corrects the path, the filter goes on from there.
-
-        Returns:
-            how far that moved the robot [m], 0 where nothing was corrected.
-        """
+    def _key_scan(self, step: Step) -> KeyScan:
+        """The scan that the filter was updated with last, at the best particle's pose."""
         last = self._updates[-2] if len(self._updates) > 1 else step.index
         odometry, best = self._inputs.odometry, self._filter.best_particle
-        key = KeyScan(
+        return KeyScan(
             index=step.index,
             stamp=step.stamp,
             points=step.points,
@@ -228,11 +228,33 @@ class SlamSession:
             measured=bool(self._inputs.measured[last + 1 : step.index + 1].all()),
             motion=self._filter.history.step(best),
         )
-        revised = self._backend.add(key)
-        if revised is None:
-            return 0.0
-        self._filter.revise(revised, np.array(self._updates), self._inputs.scans)
-        return float(np.hypot(*(revised[-1] - key.pose)[:2]))
+
+    def _hand_over(self) -> float:
+        """Give the back end the key scans that wait; where it corrects the path, the filter goes on from there.
+
+        Those that waited while the particles were at several places are given on the path that turned out to be best.
+
+        Returns:
+            how far that moved the robot [m], 0 where nothing was corrected.
+        """
+        keys, self._waiting = self._waiting, []
+        first, path = len(self._updates) - len(keys), None
+        if len(keys) > 1:
+            path = self._path()
+        before = self._filter.history.last[self._filter.best_particle].copy()
+        now = before
+        for k, key in enumerate(keys, start=first):
+            if path is not None:
+                motion = se2.between(path[k - 1], path[k]) if k else np.zeros(3)
+                key = replace(key, pose=path[k], motion=np.asarray(motion))
+            revised = self._backend.add(key)
+            if revised is None:
+                continue
+            if path is not None:
+                path = revised = np.vstack((revised, se2.compose(revised[-1], se2.between(path[k], path[k + 1 :]))))
+            self._filter.revise(revised, np.array(self._updates), self._inputs.scans)
+            now = revised[-1]
+        return float(np.hypot(*(now - before)[:2]))
 
     def _record(
         self, index: int, result: StepResult, certainty: Certainty, *, particles: int, seconds: float, corrected: float

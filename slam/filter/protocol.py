@@ -62,6 +62,10 @@ class Filter(Protocol):
         """Index of the best particle at the last update, before it was resampled."""
 
     @property
+    def settled(self) -> bool:
+        """Whether the particles are at one place; else the best one's path may yet turn out to be wrong."""
+
+    @property
     def uses_camera(self) -> bool:
         """Whether it asks for camera frames of the floor."""
 
@@ -86,7 +90,12 @@ class Filter(Protocol):
 
 
 class FilterDefaults:
-    """What a filter does that has no camera, keeps no map of its own, and does not follow corrections."""
+    """What a filter does that has one hypothesis, no camera and no map of its own, and does not follow corrections."""
+
+    @property
+    def settled(self) -> bool:
+        """See ``Filter``."""
+        return True
 
     @property
     def uses_camera(self) -> bool:

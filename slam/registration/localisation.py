@@ -2,17 +2,47 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
+from moteslam.robot import se2
 from moteslam.slam.mapping.tsdf import TsdfView
 from moteslam.slam.registration.config import RegistrationConfig, TrackingConfig
 from moteslam.slam.registration.degeneracy import keep_odometry
 from moteslam.slam.registration.registrar import Registration, register, subsample
-from moteslam.slam.registration.search import Window, candidates
+from moteslam.slam.registration.search import Window, apart, candidates
 
 Array = NDArray[np.float64]
 Points = NDArray[np.float32]
+
+APART = np.array([0.5, 0.5, 0.2])
+"""Two places are farther apart than this in one component at least [m], [m], [rad]."""
+RIVALS, RIVAL_SHARE = 4, 0.05
+"""Rivals of the place where a scan is found, at most; the match score of one, less what its offset from the prediction
+costs, is smaller by this share of the points at most."""
+EVIDENCE_SHARE = 0.03
+"""Share of the match score that counts as log-likelihood: neighbouring endpoints err alike."""
+
+
+class Rivals(NamedTuple):
+    """Other places where a scan fits about as well as where it was found.
+
+    Attributes:
+        offsets: [m, 3] from there.
+        log_odds: [m] of them against it.
+    """
+
+    offsets: Array = np.zeros((0, 3))
+    log_odds: Array = np.zeros(0)
+
+
+class Located(NamedTuple):
+    """Where a scan was found."""
+
+    found: Registration
+    rivals: Rivals = Rivals()
 
 
 class Localiser:
@@ -28,7 +58,7 @@ class Localiser:
 
     def locate(
         self, maps: TsdfView, predicted: Array, spread: Array, points: Points, origin: Array, predictions: Array
-    ) -> Registration:
+    ) -> Located:
         """Where a scan fits: from the prediction, else after a search around it, at last in the relocation window.
 
         Args:
@@ -44,21 +74,23 @@ class Localiser:
         found = keep_odometry(found, spread, self._registration)
         near = spread[0] <= c.basin_distance and bool((abs(found.offsets[0]) <= c.accept_deviation * spread).all())
         if near and found.likelihoods[0] >= c.accept_likelihood and not self.lost(found, len(points)):
-            return found
-        window = Window(c.window * spread, maps.config.cell_size, c.heading_step)
-        starts = int(np.clip(np.ceil(np.prod(window.half / c.basin)), c.min_starts, c.max_starts))
-        found = self._best(maps, predicted, spread, points, origin, window, starts, predictions)
-        if found.likelihoods[0] < c.retry_likelihood:
-            found = self._best(maps, predicted, spread, points, origin, window, c.retry_starts, predictions)
-        found = keep_odometry(found, spread, self._registration)
+            return Located(found)
+        half = np.minimum(c.window * spread, (np.inf, np.inf, np.pi))
+        window = Window(half, maps.config.cell_size, c.heading_step)
+        most = c.max_starts if spread[0] <= c.basin_distance else c.retry_starts
+        starts = int(np.clip(np.ceil(np.prod(window.half / c.basin)), c.min_starts, most))
+        best = self._best(maps, predicted, spread, points, origin, window, starts, predictions)
+        if best.found.likelihoods[0] < c.retry_likelihood:
+            best = self._best(maps, predicted, spread, points, origin, window, c.retry_starts, predictions)
+        found = keep_odometry(best.found, spread, self._registration)
         if not self.lost(found, len(points)):
-            return found
+            return Located(found, best.rivals)
         half = np.array([c.relocation_distance, c.relocation_distance, c.relocation_rotation])
         window = Window(half, 2 * maps.config.cell_size, 2 * c.heading_step)
         wider = np.maximum(half / 2, spread)
         wide = self._best(maps, predicted, wider, points, origin, window, c.relocation_starts, predictions)
-        clearly = match_score(wide, c)[0] >= match_score(found, c)[0] + c.relocation_gain * len(points)
-        return wide if clearly else found
+        clearly = match_score(wide.found, c)[0] >= match_score(found, c)[0] + c.relocation_gain * len(points)
+        return wide if clearly else Located(found, best.rivals)
 
     def lost(self, found: Registration, points: int) -> bool:
         """Whether a scan of this many points contradicts the map where it was found."""
@@ -74,12 +106,12 @@ class Localiser:
         window: Window,
         most: int,
         predictions: Array,
-    ) -> Registration:
+    ) -> Located:
         """Registered from the most promising places of a window, the best of them."""
         c = self._config
-        found = candidates(maps, predicted, spread, points, window, most, c)
-        starts = np.vstack((predictions, found))
-        means = np.vstack((predictions, np.zeros_like(found)))
+        likely = candidates(maps, predicted, spread, points, window, most, c)
+        starts = np.vstack((predictions, likely))
+        means = np.vstack((predictions, np.zeros_like(likely)))
         some = subsample(points, c.start_points)
         many = np.repeat(predicted[None], len(starts), axis=0)
         tried = register(maps, many, spread, some, origin, starts, self._registration, means=means)
@@ -87,11 +119,18 @@ class Localiser:
         cost = off / 2
         heavy = slice(len(predictions))
         cost[heavy] = heavy_tail(off[heavy], c)
-        best = [int((match_score(tried, c) * len(points) / len(some) - cost).argmax())]
+        scores = match_score(tried, c) * len(points) / len(some)
+        values = scores - cost
+        best = [int(values.argmax())]
         start, mean = tried.offsets[best], means[best]
-        return register(
+        found = register(
             maps, predicted[None], spread, points, origin, start, self._registration, means=mean, coarse=False
         )
+        order = np.argsort(-values, kind="stable")
+        order = order[values[order] > values[best] - RIVAL_SHARE * len(points)]
+        rivals = order[apart(tried.offsets[order], RIVALS + 1, APART)[1:]]
+        odds = EVIDENCE_SHARE * (scores[rivals] - scores[best]) - (cost[rivals] - cost[best])
+        return Located(found, Rivals(np.asarray(se2.between(start, tried.offsets[rivals])), odds))
 
 
 def match_score(found: Registration, config: TrackingConfig) -> Array:

@@ -65,18 +65,21 @@ def candidates(
     )
     best = np.argsort(-scores[0], kind="stable")
     found = np.column_stack((shifts[chosen[0, best]], turns[best // blocks]))
-    return apart(found, most, config.separation * config.basin)
+    return np.asarray(found[apart(found, most, config.separation * config.basin)])
 
 
-def apart(offsets: Array, most: int, distance: Array) -> Array:
-    """The first ``most`` of offsets [m, 3] that are at least ``distance`` [3], in one component, from those before."""
+def apart(offsets: Array, most: int, distance: Array) -> NDArray[np.intp]:
+    """The indices of the first ``most`` of offsets [m, 3] that are at least ``distance`` [3] from those before.
+
+    In one component.
+    """
     chosen: list[int] = []
     left = np.arange(len(offsets))
     while len(left) and len(chosen) < most:
         chosen.append(int(left[0]))
         near = (np.abs(offsets[left] - offsets[left[0]]) < distance).all(axis=1)
         left = left[~near]
-    return offsets[chosen]
+    return np.array(chosen, np.intp)
 
 
 @lru_cache(maxsize=64)

@@ -18,6 +18,7 @@ from moteslam.slam.filter.weights import Weights
 from moteslam.slam.inputs.thinning import thin
 from moteslam.slam.tsdf.config import TsdfFilterConfig
 from moteslam.slam.tsdf.floor_likelihood import FloorLikelihood
+from moteslam.slam.tsdf.hypotheses import places, settled
 from moteslam.slam.tsdf.motion import MotionSinceUpdate, magnitude
 from moteslam.slam.tsdf.particles import Particles
 from moteslam.slam.tsdf.pose_covariance import PoseCovariance
@@ -65,6 +66,11 @@ class TsdfFilter(FilterDefaults):
         return self._particles.best
 
     @property
+    def settled(self) -> bool:
+        """Whether the particles are at one place."""
+        return settled(self._particles)
+
+    @property
     def uses_camera(self) -> bool:
         """Whether the floor's colours weigh the particles."""
         return self._config.colours.enabled
@@ -84,7 +90,7 @@ class TsdfFilter(FilterDefaults):
             return StepResult(
                 self._pose(), tracked.motion, self.weights.effective_number, 0.0, False, False, self._certainty()
             )
-        proposal = self._register(step, scan)
+        proposal = self._register(step, scan, places(self._particles, tracked.rivals))
         proposal = self._weigh(step, proposal)
         n_eff, score = self.weights.effective_number, float(proposal.likelihoods[self.best_particle])
         proposal, resampled = self._resample(step, proposal)
@@ -126,8 +132,8 @@ class TsdfFilter(FilterDefaults):
         self._misfit.look(driven, None if fit is None else fit.score, left_out=tracked.lost)
         return tracked
 
-    def _register(self, step: Step, scan: ThinnedScan) -> Proposal:
-        """Register the scan to every particle's map."""
+    def _register(self, step: Step, scan: ThinnedScan, starts: Array) -> Proposal:
+        """Register the scan to every particle's map, from these places [N, 3]."""
         c = self._config
         return propose(
             self._particles,
@@ -138,6 +144,7 @@ class TsdfFilter(FilterDefaults):
             c.registration,
             measured=step.measured,
             min_points=c.tracking.min_points,
+            places=starts,
         )
 
     def _weigh(self, step: Step, proposal: Proposal) -> Proposal:

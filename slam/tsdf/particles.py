@@ -48,6 +48,10 @@ class Particles:
         """The pose [3] of the best particle."""
         return np.array(self.poses[self.best])
 
+    def offsets(self) -> Array:
+        """Of all particles from the best one, in its frame [N, 3]."""
+        return np.asarray(se2.between(self.poses[self.best], self.poses))
+
     def mode_mean(self, distance: float, rotation: float) -> Array:
         """The weighted mean [3] of the best particle's mode, in the frame of the best particle.
 
@@ -55,7 +59,7 @@ class Particles:
             distance: of the particles of its mode from it, at most [m].
             rotation: of their headings from its heading, at most [rad].
         """
-        off = se2.between(self.poses[self.best], self.poses)
+        off = self.offsets()
         near = (np.hypot(off[:, 0], off[:, 1]) <= distance) & (abs(off[:, 2]) <= rotation)
         weights = self.weights.values * near
         return np.asarray(weights @ off / weights.sum())

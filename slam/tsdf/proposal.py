@@ -79,6 +79,7 @@ def propose(
     *,
     measured: bool,
     min_points: int,
+    places: Array | None = None,
 ) -> Proposal:
     """Register a scan to every particle's map.
 
@@ -91,9 +92,14 @@ def propose(
         registration: of the registration.
         measured: whether odometry measured the last step.
         min_points: a scan of fewer points is not registered.
+        places: [N, 3] where each looks for the robot, from where the tracked motion leads it; by default there.
     """
     n, travelled = len(particles), since.travelled
     predicted = se2.compose(particles.poses, since.odometry)
+    if places is not None:
+        away = places.any(axis=1)
+        starts = se2.compose(se2.compose(particles.poses[away], since.tracked), places[away])
+        predicted[away] = se2.compose(starts, se2.between(since.tracked, since.odometry))
     spread = odometry_error(config, travelled.distance, travelled.rotation)
     if len(scan.points) < min_points:
         zeros = np.zeros(n)

@@ -16,9 +16,9 @@ from moteslam.slam.odometry.calibration import OdometryCalibration
 from moteslam.slam.odometry.config import CalibrationConfig
 from moteslam.slam.odometry.constant_velocity import extrapolated
 from moteslam.slam.registration.config import RegistrationConfig, TrackingConfig
-from moteslam.slam.registration.localisation import Localiser, match_score
+from moteslam.slam.registration.localisation import Localiser, Rivals, match_score
 from moteslam.slam.registration.registrar import prior_spread
-from moteslam.slam.tsdf.motion import MotionSinceUpdate, StepMotion, magnitude
+from moteslam.slam.tsdf.motion import MotionSinceUpdate, StepMotion, Travelled, magnitude
 from moteslam.slam.tsdf.particles import Particles
 from moteslam.slam.tsdf.pose_covariance import Fit
 
@@ -33,12 +33,14 @@ class Tracked(NamedTuple):
         slipped: the odometry was off by more than it usually is.
         lost: the scan contradicts the map: it is left out.
         fit: how it was registered; None where it was not, since it has too few points.
+        rivals: where else the robot may be, from the tracked pose.
     """
 
     motion: Array
     slipped: bool
     lost: bool
     fit: Fit | None
+    rivals: Rivals
 
 
 class Tracker:
@@ -62,6 +64,7 @@ class Tracker:
         self.pose = np.zeros(3)
         self._motion, self._seconds = np.zeros(3), 0.0  # of the last step, as tracked, and how long it took
         self._slip = np.zeros(3)  # how far the odometry was off in the last step, if it slipped
+        self._blind = Travelled()  # since the last scan that was registered
         self._lost = 0  # scans in a row that contradict the map
 
     def predict(self, motion: Array, dt: float, *, measured: bool) -> StepMotion:
@@ -92,6 +95,17 @@ class Tracker:
         """The motion [3] of a step of ``dt`` [s] at the velocity of the last one."""
         return extrapolated(self._motion, self._seconds, dt, most=self._config.max_extrapolation)
 
+    def _spread(self, motion: StepMotion) -> Array:
+        """Standard deviation [3] of the prediction, after the way on which no scan was registered.
+
+        An error of the heading on that way moves its end aside: by a third of its variance, if it grows evenly.
+        """
+        way = self._blind.plus(motion.corrected, motion.dt)
+        spread = prior_spread(self._registration, way.distance, way.rotation, measured=motion.measured)
+        aside = min(way.distance * spread[2] / np.sqrt(3), self._config.relocation_distance)
+        spread[:2] = np.hypot(spread[:2], aside)
+        return spread
+
     def track(self, motion: StepMotion, scan: ThinnedScan, origin: Array, particles: Particles) -> Tracked:
         """Register a scan to the best particle's map.
 
@@ -102,24 +116,27 @@ class Tracker:
             particles: whose best one is tracked.
         """
         predicted = se2.compose(self.pose, motion.corrected)
-        usual = prior_spread(self._registration, *magnitude(motion.corrected), measured=motion.measured)
-        offset, fit = np.zeros(3), None
+        usual = self._spread(motion)
+        spread = usual + self._slip
+        offset, fit, rivals = np.zeros(3), None, Rivals()
+        self._blind = self._blind.plus(motion.corrected, motion.dt)
         if len(scan.points) >= self._config.min_points:
             predictions = np.stack((np.zeros(3), se2.between(motion.corrected, self._extrapolated(motion.dt))))
-            found = self._localiser.locate(
-                particles.maps.of(particles.best), predicted, usual + self._slip, scan.points, origin, predictions
+            found, elsewhere = self._localiser.locate(
+                particles.maps.of(particles.best), predicted, spread, scan.points, origin, predictions
             )
             score = float(match_score(found, self._config)[0]) / max(float(found.known[0]), 1.0)
-            fit = Fit(found.information[0], float(found.likelihoods[0]), usual + self._slip, score)
+            fit = Fit(found.information[0], float(found.likelihoods[0]), spread, score)
             contradicts = self._localiser.lost(found, len(scan.points))
             if contradicts and self._lost < self._config.max_lost_scans:
                 self._lost += 1
             else:
-                offset, self._lost = found.offsets[0], 0
+                offset, self._lost, self._blind = found.offsets[0], 0, Travelled()
+                rivals = elsewhere
         shift, turn = magnitude(offset)
         off = np.array([shift, shift, turn])
         self._slip = np.where(off > self._config.slip_threshold * usual, off, 0.0)
         moved = se2.compose(predicted, offset)
         self._motion, self._seconds = se2.between(self.pose, moved), motion.dt
         self.pose = moved
-        return Tracked(self._motion, bool(self._slip.any()), self._lost > 0, fit)
+        return Tracked(self._motion, bool(self._slip.any()), self._lost > 0, fit, rivals)

@@ -32,6 +32,8 @@ where a loop was off by more than the second [m]; rounds at most."""
 FARTHEST, SLACK = 10.0, 0.2
 """A correction may move a node by this many times what the new loops are off, and by the second [m] besides: farther it
 would follow from steps of the chain that the filter contradicts, and not from the loops."""
+SAME_START = 0.3
+"""A joint registration is not started from a path no node of which is farther than this from where one was [m]."""
 LEAST_NODES = 3
 """Fewer have nothing to correct."""
 
@@ -138,12 +140,20 @@ def sharpest(graph: LoopGraph, filtered: Array, config: GraphConfig) -> Array:
     paths = [filtered, corrected, graph.poses]
     values = [sharpness(endpoints, poses) for poses in paths]
     if config.joint.enabled:
+        tried: list[Array] = []
         for start in (graph.poses, corrected, filtered):
+            if any(_same(start, other) for other in tried):
+                continue
             paths.append(register_jointly(endpoints, start, graph.chain, config))
             values.append(sharpness(endpoints, paths[-1]))
-            if values[-1] == min(values):
-                break
+            tried += [start, paths[-1]]
     return paths[int(np.argmin(values))]
+
+
+def _same(one: Array, other: Array) -> bool:
+    """Whether a joint registration from one path [n, 3] leads to where one from another does, or has led."""
+    off = se2.compose(umeyama(one[:, :2], other[:, :2]), one) - other
+    return bool(np.hypot(off[:, 0], off[:, 1]).max() < SAME_START)
 
 
 def laid_over(poses: Array, before: Array) -> Array:

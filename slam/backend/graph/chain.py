@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from moteslam.robot import se2
 from moteslam.slam.backend.graph.config import GraphConfig
 from moteslam.slam.backend.graph.nodes import Nodes
-from moteslam.slam.backend.graph.odometry_model import OdometryModel, fit_odometry
+from moteslam.slam.backend.graph.odometry_model import OdometryModel, fit_odometry, turned_aside
 from moteslam.slam.backend.graph.step_registration import Prediction, RegisteredStep, StepRegistration
 from moteslam.slam.mapping.config import RESOLVED
 from moteslam.slam.registration.registrar import prior_spread
@@ -27,6 +27,8 @@ AGREEING = 5.0
 """Odometry farther off than this many standard deviations is left out of a step."""
 DOUBTED = 2.0
 """A registration that differs from the odometry by this many standard deviations is no prior of the joint one."""
+OPEN = 0.5
+"""A step is the filter's where the odometry leaves it open by this much [m]: the filter has searched for the robot."""
 LEAST_INFORMATION = 1e-2
 """Of a step that was not registered [1/m^2]."""
 FITS = (16, 64, 256)
@@ -71,8 +73,8 @@ class Chain:
         """[n - 1, 3, 3] of them, in the frames where they end."""
         return np.array(self._fused.covariance).reshape(-1, 3, 3)
 
-    def prior(self) -> tuple[Array, Array]:
-        """[n - 1, 3] steps for a joint registration, and their covariance [n - 1, 3, 3].
+    def prior(self) -> tuple[Array, Array, NDArray[np.bool_]]:
+        """[n - 1, 3] steps for a joint registration, their covariance [n - 1, 3, 3], and [n - 1] which are doubtful.
 
         Where a registration differs much from the odometry, the odometry: all scans together are the better judge.
         """
@@ -80,9 +82,9 @@ class Chain:
         predicted = np.array([each.step for each in self._predicted]).reshape(-1, 3)
         spread = np.array([each.spread for each in self._predicted]).reshape(-1, 3)
         found = np.array([each.step for each in self._proved]).reshape(-1, 3)
-        doubted = _differs(found, predicted, DOUBTED * spread).any(axis=1)
+        doubted = np.asarray(_differs(found, predicted, DOUBTED * spread).any(axis=1))
         steps[doubted], covariance[doubted] = predicted[doubted], np.square(spread[doubted])[:, None] * np.eye(3)
-        return steps, covariance
+        return steps, covariance, doubted
 
     def last(self) -> tuple[Array, Array]:
         """The latest step [3] and its covariance [3, 3]."""
@@ -133,12 +135,14 @@ class Chain:
         self._proved, self._predicted, self._fused = [], [], _Fused.none()
 
     def _unregistered(self, k: int) -> Prediction:
-        """A step by the recorded odometry; what nothing measured is taken from the filter, loosely."""
-        nodes, measured = self._nodes, self._nodes.measured[k]
-        step = nodes.odometry[k] if measured else nodes.filtered[k]
+        """A step by the recorded odometry; what it leaves open is taken from the filter, loosely."""
+        filtered, measured = self._nodes.filtered[k], self._nodes.measured[k]
+        step = self._nodes.odometry[k] if measured else filtered
         distance, rotation = float(np.hypot(*step[:2])), abs(float(step[2]))
         spread = prior_spread(self._config.registration, distance, rotation, measured=measured)
-        return Prediction(step, spread, measured, nodes.filtered[k])
+        if spread[0] > OPEN:
+            step, measured = filtered, False
+        return Prediction(step, turned_aside(step, spread), measured, filtered)
 
     def _corrected(self, raw: Prediction) -> Prediction:
         """The same by the corrected odometry, as far as its errors are known yet."""

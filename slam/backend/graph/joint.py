@@ -74,7 +74,7 @@ def register_jointly(
     held = np.where(moving, 0.0, ANCHOR)
     held[0] = ANCHOR
     steps, seen, chosen = np.arange(n - 1), endpoints.thinned(FIRST_POINTS), False
-    measured, covariance = chain.prior()
+    measured, covariance, doubted = chain.prior()
     known = np.asarray(np.linalg.inv(covariance))
     most = rounds or joint.rounds
     for turn in range(most):
@@ -92,7 +92,7 @@ def register_jointly(
         information = len(endpoints.points) / len(seen.points) / variance
         blocks, right = np.zeros((n, 3, 3)), np.zeros((n, 3))
         bound = _add_pairs(poses, own_scan, other, information * pairs[own_scan, slot], config, blocks, right)
-        between = _add_chain(poses, measured, known, blocks, right)
+        between = _add_chain(poses, measured, known, doubted, blocks, right)
         blocks += held[:, None, None] * np.eye(3)
         step = system.solve(blocks, np.concatenate((bound, between)), -right)
         poses += step
@@ -199,7 +199,9 @@ def _turned(matrices: Array, vectors: Array) -> Array:
     return np.asarray((matrices @ vectors[..., None])[..., 0])
 
 
-def _add_chain(poses: Array, steps: Array, information: Array, blocks: Array, right: Array) -> Array:
+def _add_chain(
+    poses: Array, steps: Array, information: Array, doubted: NDArray[np.bool_], blocks: Array, right: Array
+) -> Array:
     """Add the chain to the system; returns the blocks [n - 1, 3, 3] between neighbours.
 
     Args:
@@ -210,7 +212,7 @@ def _add_chain(poses: Array, steps: Array, information: Array, blocks: Array, ri
     """
     off = np.asarray(se2.between(steps, se2.between(poses[:-1], poses[1:])))
     squares = np.einsum("ni,nij,nj->n", off, information, off)
-    information = information / (1 + squares / SLIP**2)[:, None, None]
+    information = information / (1 + doubted * squares / SLIP**2)[:, None, None]
     first, second = relative_jacobians(poses[:-1], poses[1:], steps[:, 2])
     weighted_first, weighted_second = information @ first, information @ second
     blocks[:-1] += np.swapaxes(first, 1, 2) @ weighted_first

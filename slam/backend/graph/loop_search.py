@@ -46,6 +46,8 @@ SLACK, SLACK_DISTANCE = 1.2, 0.2
 NEGLIGIBLE_PRIOR = 1e-6
 WINDOW_DEVIATIONS = 3.0
 """The half width of a window, in standard deviations of the prediction."""
+COVERED = 0.5
+"""Wider windows have longer submaps [m]."""
 LOOSE = 3.0
 """Standard deviation of the prediction in the registration [windows]."""
 
@@ -85,7 +87,9 @@ class LoopSearch:
         Returns:
             None where there is nothing to compare.
         """
-        maps, points = self._submaps.around(submap).of(0), self._submaps.query(query)
+        # of a place beyond the submap's ends it would not know whether it is one
+        maps = self._submaps.around(submap, max(half[0] - COVERED, 0.0)).of(0)
+        points = self._submaps.query(query)
         if not len(points):
             return None
         step = FINE_TURN if half[2] <= WIDE else COARSE_TURN

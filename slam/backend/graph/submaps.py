@@ -43,7 +43,7 @@ class Submaps:
     def __init__(self, nodes: Nodes, config: GraphConfig) -> None:
         self._nodes, self._config = nodes, config
         self.poses, self.path = np.zeros((1, 3)), np.zeros(1)
-        self._maps: OrderedDict[int, TsdfMaps] = OrderedDict()
+        self._maps: OrderedDict[tuple[int, int], TsdfMaps] = OrderedDict()
 
     def follow(self, steps: Array) -> None:
         """Lay the nodes along the chain anew, by its steps [n - 1, 3]."""
@@ -60,18 +60,24 @@ class Submaps:
         """Build the TSDFs anew when they are asked for."""
         self._maps.clear()
 
-    def around(self, node: int) -> TsdfMaps:
-        """The TSDF of the nodes around one, in its frame."""
-        if node in self._maps:
-            self._maps.move_to_end(node)
+    def around(self, node: int, reach: float = 0.0) -> TsdfMaps:
+        """The TSDF of the nodes around one, in its frame.
+
+        Args:
+            node: in the middle.
+            reach: that much longer to both ends, in whole metres [m].
+        """
+        extra = 2 * int(np.ceil(reach))
+        if (node, extra) in self._maps:
+            self._maps.move_to_end((node, extra))
         else:
-            maps = TsdfMaps(self._config.tsdf)
-            for k in self._members(node, self._config.loops.submap_length, MAP_NODES):
+            maps, length = TsdfMaps(self._config.tsdf), self._config.loops.submap_length
+            for k in self._members(node, length + extra, round(MAP_NODES * (1 + extra / length))):
                 maps.integrate(self._pose(node, k)[None], self._nodes.scans[k])
-            self._maps[node] = maps
+            self._maps[node, extra] = maps
             if len(self._maps) > CACHED:
                 self._maps.popitem(last=False)
-        return self._maps[node]
+        return self._maps[node, extra]
 
     def query(self, node: int) -> Points:
         """The endpoints [k, 2] of the nodes around one, in its frame [m]."""

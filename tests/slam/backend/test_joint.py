@@ -32,8 +32,9 @@ class Given:
     def __init__(self, steps: Array, deviation: tuple[float, float, float]) -> None:
         self._steps, self._covariance = steps, np.diag(np.square(deviation))
 
-    def prior(self) -> tuple[Array, Array]:
-        return self._steps, np.repeat(self._covariance[None], len(self._steps), axis=0)
+    def prior(self) -> tuple[Array, Array, NDArray[np.bool_]]:
+        n = len(self._steps)
+        return self._steps, np.repeat(self._covariance[None], n, axis=0), np.zeros(n, bool)
 
 
 def scan_between_walls(rng: np.random.Generator) -> ThinnedScan:
@@ -76,11 +77,12 @@ def test_a_registration_far_from_the_odometry_is_no_prior():
     for k in range(1, 7):
         if nodes.add(node(k, (0.6, 0.0, 0.0), (room - (0.6 * k, 0.0)).astype(np.float32))):
             chain.add()
-    steps, covariance = chain.prior()
+    steps, covariance, _ = chain.prior()
     np.testing.assert_array_equal(steps, chain.steps)
     np.testing.assert_array_equal(covariance, chain.covariance)
     chain._proved[2] = chain._proved[2]._replace(step=np.array([1.1, 0.0, 0.0]))
-    doubted, deviations = chain.prior()
+    doubted, deviations, which = chain.prior()
     np.testing.assert_array_equal(doubted[[0, 1, 3, 4]], steps[[0, 1, 3, 4]])
     np.testing.assert_allclose(doubted[2], (0.6, 0.0, 0.0))
     assert deviations[2, 0, 0] > 2 * covariance[2, 0, 0]
+    np.testing.assert_array_equal(which, [False, False, True, False, False])

@@ -82,7 +82,7 @@ def room(taichi: None) -> TsdfView:
 def locate(room: TsdfView, at: tuple[float, float, float], predicted: Array, predictions: Array = ODOMETRY) -> Array:
     """Where a scan taken there is found to be, from where the odometry puts it."""
     points = thinned(room_scan(at)).points
-    result = localiser().locate(room, predicted, SPREAD, points, np.zeros(2), predictions)
+    result = localiser().locate(room, predicted, SPREAD, points, np.zeros(2), predictions).found
     return se2.compose(predicted, result.offsets[0])
 
 
@@ -103,8 +103,8 @@ def test_a_scan_is_found_where_the_same_velocity_would_put_it(room: TsdfView) ->
     points = thinned(room_scan(at)).points
     narrow = localiser(relocation_distance=0.0, relocation_rotation=0.0)
     predictions = np.stack((np.zeros(3), se2.between(stood, np.array(at) + 0.02)))
-    (with_velocity,) = narrow.locate(room, stood, SPREAD, points, np.zeros(2), predictions).offsets
-    (without,) = narrow.locate(room, stood, SPREAD, points, np.zeros(2), ODOMETRY).offsets
+    (with_velocity,) = narrow.locate(room, stood, SPREAD, points, np.zeros(2), predictions).found.offsets
+    (without,) = narrow.locate(room, stood, SPREAD, points, np.zeros(2), ODOMETRY).found.offsets
     assert np.abs(with_velocity - at).max() < 0.005
     assert np.abs(without - at).max() > 0.1
 
