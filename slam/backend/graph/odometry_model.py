@@ -50,8 +50,8 @@ class OdometryModel(NamedTuple):
 def turned_aside(odometry: Array, spread: Array) -> Array:
     """Standard deviations [n, 3] of steps [n, 3], with what errors of the heading on the way move the end aside.
 
-    They grow evenly with the distance, so that the end turns about the beginning by a third of their variance. Between two
-    key scans that is next to nothing, after an outage of ten metres more than all else.
+    They grow evenly with the distance, so that the end turns about the beginning by a third of their variance. Between
+    two key scans that is next to nothing, after an outage of ten metres more than all else.
     """
     aside = np.abs(odometry[..., 1::-1]) * spread[..., 2:] / np.sqrt(3)
     return np.concatenate((np.hypot(spread[..., :2], aside), spread[..., 2:]), axis=-1)

@@ -109,6 +109,28 @@ def test_a_run_of_two_scans_has_nothing_to_correct(doors: Case):
     assert len(estimated.trajectory_final) >= 2
 
 
+def test_after_an_outage_a_second_hypothesis_finds_the_way():
+    """Three corridors look alike where the lidar is back; a niche in one of them shows which, ten metres on."""
+    case = wheels_case("fork", 212, step_noise=STEP_NOISE)
+    found = estimate(case)
+    assert case.reference is not None
+    assert score_loops(found.loops, case.reference, case.recording).false == 0
+    assert error(found.trajectory_final, case) < 0.05
+    assert error(estimate(case, "particles=1").trajectory_final, case) > 0.5
+
+
+@pytest.mark.parametrize("seed", [205, 210])
+def test_a_loop_closes_at_the_right_one_of_equal_openings(seed: int):
+    """And the bare corridors of the loop keep their lengths."""
+    case = wheels_case("lookalikes", seed, platform="urg04lx", step_noise=(0.1, 0.1))
+    found = estimate(case)
+    assert case.reference is not None
+    scores = score_loops(found.loops, case.reference, case.recording)
+    assert scores.accepted >= 5
+    assert scores.false == 0
+    assert error(found.trajectory_final, case) < 0.35
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("noise", [None, STEP_NOISE])
 @pytest.mark.parametrize("name", ["lab", "loop", "corridor", "doors"])

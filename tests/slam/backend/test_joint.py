@@ -1,5 +1,6 @@
 """The joint registration: what a bare corridor does not give, and which step is its prior."""
 
+from dataclasses import replace
 from itertools import pairwise
 from typing import cast
 
@@ -86,3 +87,17 @@ def test_a_registration_far_from_the_odometry_is_no_prior():
     np.testing.assert_allclose(doubted[2], (0.6, 0.0, 0.0))
     assert deviations[2, 0, 0] > 2 * covariance[2, 0, 0]
     np.testing.assert_array_equal(which, [False, False, True, False, False])
+
+
+def test_a_step_that_the_odometry_leaves_open_is_the_filters():
+    """Scans without points: after twelve metres the filter's search decides, after half a metre the odometry."""
+    nothing = np.zeros((0, 2), np.float32)
+    nodes = Nodes(GraphConfig())
+    nodes.add(node(0, (0.0, 0.0, 0.0), nothing))
+    chain = Chain(nodes, GraphConfig())
+    for k, (odometry, filtered) in enumerate(((0.6, 0.7), (12.0, 10.0), (0.6, 0.7), (0.6, 0.7)), start=1):
+        key = replace(node(k, (odometry, 0.0, 0.0), nothing), motion=np.array((filtered, 0.0, 0.0)))
+        if nodes.add(key):
+            chain.add()
+    np.testing.assert_allclose(chain.steps[:, 0], (0.6, 10.0, 0.6), atol=1e-9)
+    assert chain.covariance[1, 1, 1] > 0.5

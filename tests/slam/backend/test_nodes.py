@@ -5,7 +5,7 @@ import numpy as np
 from moteslam.robot import se2
 from moteslam.slam.backend.graph.config import GraphConfig
 from moteslam.slam.backend.graph.nodes import MAX_RANGE, Nodes
-from moteslam.slam.backend.graph.odometry_model import SAFETY, fit_odometry
+from moteslam.slam.backend.graph.odometry_model import SAFETY, fit_odometry, turned_aside
 from moteslam.slam.backend.protocol import KeyScan
 
 
@@ -64,3 +64,15 @@ def test_systematic_errors_are_taken_out_and_the_rest_is_measured():
     assert off[:, 0].std() < 0.014
     assert 0.7 < spread[:, 0].mean() / (SAFETY * off[:, 0].std()) < 1.4
     assert 0.7 < spread[:, 2].mean() / (SAFETY * off[:, 2].std()) < 1.4
+
+
+def test_errors_of_the_heading_on_a_long_step_move_its_end_aside():
+    """As in a simulation, in which the heading errs evenly with the distance; and next to nothing on a short one."""
+    rng = np.random.default_rng(5)
+    spread, steps, length = np.array((0.1, 0.1, 0.2)), 200, 12.0
+    heading = np.cumsum(rng.normal(0, spread[2] / np.sqrt(steps), (4000, steps)), axis=1)
+    aside = (length / steps * heading).sum(axis=1).std()
+    found = turned_aside(np.array(((length, 0.0, 0.0), (0.0, length, 0.0), (0.1, 0.0, 0.0))), np.tile(spread, (3, 1)))
+    np.testing.assert_allclose(found[0], (0.1, np.hypot(0.1, aside), 0.2), rtol=0.05)
+    np.testing.assert_allclose(found[1], (np.hypot(0.1, aside), 0.1, 0.2), rtol=0.05)
+    np.testing.assert_allclose(found[2], spread, rtol=0.01)

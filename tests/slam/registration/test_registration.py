@@ -120,3 +120,32 @@ def test_rays_through_a_surface_lower_the_match_score_and_can_lose_a_scan() -> N
     strict = localiser(score_crossing=3.0)
     assert not strict.lost(matched(0.0), 100)
     assert strict.lost(matched(40.0), 100)
+
+
+def test_places_that_look_alike_are_rivals_by_what_their_offsets_cost(room: TsdfView) -> None:
+    """A room looks the same from the other side; seen from a right angle to both, neither is likelier."""
+    at = np.array((0.3, -0.2, 0.1))
+    points, other = thinned(room_scan(at)).points, se2.wrap(at * (-1, -1, 1) + (0.0, 0.0, np.pi))
+    spread = np.array((0.4, 0.4, 1.5))
+    for lean in (0.0, 0.2):
+        predicted = np.array((0.0, 0.0, at[2] + np.pi / 2 - lean))
+        found, rivals = localiser().locate(room, predicted, spread, points, np.zeros(2), ODOMETRY)
+        here = se2.compose(predicted, found.offsets[0])
+        places = se2.compose(here, rivals.offsets)
+        expected = other if abs(se2.wrap(here[2] - at[2])) < 1 else at
+        if not lean:
+            np.testing.assert_allclose(np.abs(se2.between(places, expected)), 0.0, atol=0.02)
+            assert rivals.log_odds == pytest.approx(0.0, abs=0.2)
+            continue
+        np.testing.assert_allclose(se2.between(here, at), 0.0, atol=0.02)
+        near, far = np.pi / 2 - lean, np.pi / 2 + lean
+        assert rivals.log_odds == pytest.approx((near**2 - far**2) / 2 / spread[2] ** 2, abs=0.2)
+
+
+def test_a_place_that_looks_like_no_other_has_no_rivals(room: TsdfView) -> None:
+    at = np.array((0.3, -0.2, 0.1))
+    points = thinned(room_scan(at)).points
+    found, rivals = localiser().locate(room, at + 0.3, np.full(3, 0.3), points, np.zeros(2), ODOMETRY)
+    np.testing.assert_allclose(se2.between(se2.compose(at + 0.3, found.offsets[0]), at), 0.0, atol=0.005)
+    assert not len(rivals.offsets)
+    assert not len(rivals.log_odds)

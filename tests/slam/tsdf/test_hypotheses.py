@@ -1,0 +1,174 @@
+"""Several hypotheses: particles at every place that a search cannot tell apart, and what waits until one is left."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from slam_rooms import circled_room
+from tile_pools import room_scan, thinned
+
+from moteslam.robot import se2
+from moteslam.slam.backend.protocol import KeyScan
+from moteslam.slam.filter.update_policy import Travelled
+from moteslam.slam.filter.weights import Weights
+from moteslam.slam.mapping.config import TsdfConfig
+from moteslam.slam.odometry.config import CalibrationConfig
+from moteslam.slam.registration.config import RegistrationConfig, TrackingConfig
+from moteslam.slam.registration.localisation import Rivals
+from moteslam.slam.run import SlamSession
+from moteslam.slam.settings import resolve_config
+from moteslam.slam.tsdf.config import ProposalConfig
+from moteslam.slam.tsdf.filter import TsdfFilter
+from moteslam.slam.tsdf.hypotheses import places, settled
+from moteslam.slam.tsdf.motion import MotionSinceUpdate
+from moteslam.slam.tsdf.particles import Particles
+from moteslam.slam.tsdf.proposal import propose
+from moteslam.slam.tsdf.tracking import Tracker
+
+pytestmark = pytest.mark.usefixtures("taichi")
+
+Array = NDArray[np.float64]
+RIVALS = Rivals(np.array([(0.0, 2.6, 0.0), (0.0, -2.6, 0.0)]), np.log((0.5, 0.25)))
+
+
+def particles_at(poses: Array, best: int = 0) -> Particles:
+    particles = Particles(len(poses), TsdfConfig())
+    particles.move_to(poses)
+    particles.best = best
+    return particles
+
+
+def test_particles_are_divided_among_rival_places_by_their_odds_and_the_best_one_stays():
+    found = places(particles_at(np.zeros((28, 3)), best=9), RIVALS)
+    chosen = [int((found == place).all(axis=1).sum()) for place in (np.zeros(3), *RIVALS.offsets)]
+    assert chosen == [16, 8, 4]
+    np.testing.assert_array_equal(found[9], 0.0)
+
+
+def test_a_place_where_a_particle_is_already_gets_none_and_those_away_stay():
+    poses = np.zeros((12, 3))
+    poses[5:] = (0.1, 2.5, 0.05)
+    found = places(particles_at(poses), RIVALS)
+    np.testing.assert_array_equal(found[5:], 0.0)
+    assert set(found[:5, 1].tolist()) == {0.0, -2.6}
+
+
+def test_without_rivals_all_look_where_the_tracked_motion_leads():
+    np.testing.assert_array_equal(places(particles_at(np.zeros((4, 3))), Rivals()), np.zeros((4, 3)))
+
+
+@pytest.mark.parametrize(("weight", "alone"), [(0.005, True), (0.05, False)])
+def test_particles_are_settled_once_next_to_no_weight_is_elsewhere(weight: float, alone: bool):
+    particles = particles_at(np.array([(0.0, 0.0, 0.0), (0.3, -0.3, 0.1), (0.0, 0.7, 0.0)]))
+    particles.weights = Weights(np.log([0.6, 0.4 - weight, weight]))
+    assert settled(particles) is alone
+
+
+def test_a_particle_that_looks_elsewhere_begins_at_its_place_whatever_the_odometry_was_off_by():
+    """The scan fits at the tracked pose only; the second particle looks 0.2 m beside it, and comes back."""
+    particles = Particles(2, TsdfConfig())
+    particles.start(thinned(room_scan()))
+    at, odometry = np.array((0.5, 0.3, 0.6)), np.array((0.3, 0.1, 0.1))
+    since = MotionSinceUpdate(tracked=at, odometry=odometry, travelled=Travelled(0.6, 0.6, 1.0))
+    offset = np.array((0.1, -0.2, 0.05))
+    found = propose(
+        particles,
+        since,
+        thinned(room_scan(at)),
+        np.zeros(2),
+        ProposalConfig(),
+        RegistrationConfig(),
+        measured=True,
+        min_points=5,
+        places=np.stack((np.zeros(3), offset)),
+    )
+    start = se2.compose(found.predicted, se2.between(odometry, at))
+    np.testing.assert_allclose(start, (at, se2.compose(at, offset)), atol=1e-12)
+    np.testing.assert_allclose(found.means[0], at, atol=0.01)
+
+
+def test_after_a_time_without_scans_the_robot_is_looked_for_as_far_as_its_odometry_may_be_off():
+    """Eight metres to and fro without a scan, then one from half a metre beside the prediction."""
+    particles = Particles(1, TsdfConfig())
+    particles.start(thinned(room_scan()))
+    at = np.array((0.1, 0.7, 0.02))
+    blind = thinned(np.zeros((0, 2), np.float32))
+
+    def off(steps: int) -> float:
+        config = TrackingConfig(relocation_distance=0.5, relocation_rotation=0.0, max_lost_scans=0)
+        tracker = Tracker(config, RegistrationConfig(), CalibrationConfig(enabled=False))
+        for k in range(steps):
+            motion = tracker.predict(np.array((0.4 if k % 2 else -0.4, 0.0, 0.0)), 1.0, measured=True)
+            tracker.track(motion, blind, np.zeros(2), particles)
+        motion = tracker.predict(np.zeros(3), 1.0, measured=True)
+        tracker.track(motion, thinned(room_scan(at)), np.zeros(2), particles)
+        return float(np.abs(se2.between(tracker.pose, at)).max())
+
+    assert off(0) > 0.1
+    assert off(20) < 0.01
+
+
+class Watched:
+    """A back end that keeps what it is given, and corrects once."""
+
+    loops = ()
+
+    def __init__(self, correct_at: int = -1) -> None:
+        self.keys: list[KeyScan] = []
+        self._correct_at = correct_at
+
+    def add(self, key: KeyScan) -> Array | None:
+        self.keys.append(key)
+        if len(self.keys) != self._correct_at:
+            return None
+        return np.asarray(se2.compose((0.0, 1.0, 0.0), np.array([each.pose for each in self.keys])))
+
+    def finish(self, path: Array) -> Array | None:
+        return None
+
+
+def run(monkeypatch: pytest.MonkeyPatch, backend: Watched, *, open_at: range) -> tuple[SlamSession, list[int]]:
+    """A run that is not settled at some updates; how many key scans the back end had after each update."""
+    updates = [0]
+
+    def now_settled(self: TsdfFilter) -> bool:
+        updates[0] += 1
+        return updates[0] not in open_at
+
+    monkeypatch.setattr(TsdfFilter, "settled", property(now_settled))
+    session = SlamSession(circled_room(scans=60)[0], resolve_config("default", ["particles=8"]))
+    monkeypatch.setattr(session, "_backend", backend)
+    return session, [len(backend.keys) for update in session if update.updated]
+
+
+def test_key_scans_wait_until_the_particles_are_settled_and_come_in_order(monkeypatch: pytest.MonkeyPatch):
+    backend = Watched()
+    session, given = run(monkeypatch, backend, open_at=range(5, 9))
+    assert given[:10] == [1, 2, 3, 4, 4, 4, 4, 4, 9, 10]
+    indices = [key.index for key in backend.keys]
+    assert indices == sorted(set(indices))
+    assert len(indices) == len(given)
+    steps = se2.between(np.array([key.pose for key in backend.keys[4:8]]), [key.pose for key in backend.keys[5:9]])
+    np.testing.assert_allclose(steps, [key.motion for key in backend.keys[5:9]], atol=1e-12)
+    assert np.isfinite(session.estimate().trajectory_final.poses).all()
+
+
+def test_key_scans_that_wait_at_the_end_are_given_too(monkeypatch: pytest.MonkeyPatch):
+    backend = Watched()
+    _, given = run(monkeypatch, backend, open_at=range(5, 10_000))
+    assert set(given[4:]) == {4}
+    assert len(backend.keys) == len(given)
+
+
+def test_a_correction_by_a_scan_that_has_waited_moves_those_after_it(monkeypatch: pytest.MonkeyPatch):
+    plain, corrected = Watched(), Watched(correct_at=7)
+    with monkeypatch.context() as context:
+        run(context, plain, open_at=range(5, 9))
+    run(monkeypatch, corrected, open_at=range(5, 9))
+    before, after = (np.array([key.pose for key in backend.keys]) for backend in (plain, corrected))
+    np.testing.assert_array_equal(before[:7], after[:7])
+    np.testing.assert_allclose(after[7:9], se2.compose((0.0, 1.0, 0.0), before[7:9]), atol=1e-9)
+    np.testing.assert_allclose(
+        [key.motion for key in plain.keys[7:9]], [key.motion for key in corrected.keys[7:9]], atol=1e-9
+    )
