@@ -17,6 +17,8 @@ NORMAL_REACH, NORMAL_NOISE, NORMAL_LARGEST = 0.3, 0.005, 0.1
 """See ``scan_normals``: 30 cm of wall, points good to 5 mm, directions good to 0.1 rad."""
 SHARPNESS_CELL, SHARPNESS_GRIDS = 0.05, 4
 """Edge of the cells [m], and how many directions of the grid."""
+LARGEST_GRID = 1 << 27
+"""Grids of more cells are counted by sorting: two kilometres square have more than a byte a cell is worth."""
 
 
 class Endpoints(NamedTuple):
@@ -66,9 +68,22 @@ def sharpness(endpoints: Endpoints, poses: Array) -> float:
     Over grids of several directions: a wall along the cells' edges would count once or twice by chance.
     """
     points, _ = endpoints.placed(poses)
+    x, y = np.ascontiguousarray(points.T) / SHARPNESS_CELL
     counts = []
     for angle in np.arange(1, SHARPNESS_GRIDS + 1) * (np.pi / 2 / (SHARPNESS_GRIDS + 1)):
         c, s = np.cos(angle), np.sin(angle)
-        cells = np.floor(points @ np.array(((c, -s), (s, c))) / SHARPNESS_CELL).astype(np.int64)
-        counts.append(len(np.unique(cells @ np.array((1, 1 << 32)))))
+        counts.append(_distinct(np.floor(c * x + s * y), np.floor(c * y - s * x)))
     return float(np.mean(counts))
+
+
+def _distinct(columns: Array, rows: Array) -> int:
+    """How many different cells there are among these, in whole numbers [p] each."""
+    columns, rows = columns - columns.min(), rows - rows.min()
+    width = int(columns.max()) + 1
+    cells = (rows * width + columns).astype(np.int64)
+    size = width * (int(rows.max()) + 1)
+    if size > LARGEST_GRID:
+        return len(np.unique(cells))
+    seen = np.zeros(size, bool)
+    seen[cells] = True
+    return int(np.count_nonzero(seen))
