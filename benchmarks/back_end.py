@@ -2,6 +2,8 @@
 
     python benchmarks/back_end.py key-scans --out benchmarks/results/back-end-key-scans-YYYY-MM-DD.json
     python benchmarks/back_end.py worlds --out benchmarks/results/back-end-worlds-YYYY-MM-DD.json
+    python benchmarks/back_end.py worlds --runs twins grid --seeds 0-99 --out benchmarks/results/back-end-...json
+    python benchmarks/back_end.py dense --noise as_recorded --out benchmarks/results/back-end-dense-...json
     python benchmarks/back_end.py false-loops --out benchmarks/results/back-end-false-loops-YYYY-MM-DD.json
     python benchmarks/back_end.py stages --out benchmarks/results/back-end-stages-YYYY-MM-DD.json
     python benchmarks/back_end.py particles --out benchmarks/results/back-end-particles-YYYY-MM-DD.json
@@ -9,11 +11,12 @@
 
 key-scans: the LMS200 by wheels alone, a scan each 0.75 m or 0.5 rad, the steps as they are and with noise of 5 % and
 10 %, six scenarios on seeds 100 to 109 and ten random buildings; and every scan of big_loop. worlds: campus, twins and
-grid as key scans of poor odometry, with the loops judged by the truth. false-loops: the same with false loops in the
-final graph, in clusters of five, a tenth as many as were accepted, and without. stages: real and simulated key-scan
-logs with each stage off. particles: fork and lookalikes as key scans, seeds 100 to 149, with 1, 10, 30 and 100
-particles, with the back end and without: how often the final path is right. picture: the map of aces without and with
-the back end. Every run is on one thread, with seed 0 of SLAM.
+grid as key scans of poor odometry, with the loops judged by the truth. dense: every scan of campus, by the scenario's
+own robot. With --noise as_recorded errors are stated with the scale fitted, too. false-loops: the worlds with false
+loops in the final graph, in clusters of five, a tenth as many as were accepted, and without. stages: real and
+simulated key-scan logs with each stage off. particles: fork and lookalikes as key scans, seeds 100 to 149, with 1, 10,
+30 and 100 particles, with the back end and without: how often the final path is right. picture: the map of aces
+without and with the back end. Every run is on one thread, with seed 0 of SLAM.
 """
 
 from __future__ import annotations
@@ -33,10 +36,12 @@ from parts.runs import (
     FILTER_ALONE,
     LOGS,
     STEP_NOISE,
+    Case,
     errors,
     late_errors,
     load_log,
     log_file,
+    simulate_case,
     that_are_there,
     wheels_case,
 )
@@ -46,6 +51,7 @@ from moteslam.eval.cli.text import table
 
 SCENARIOS = ("doors", "lab", "corridor", "loop", "big_loop", "people")
 WORLDS = ("campus", "twins", "grid")
+DENSE = "campus"
 LOGS_OF_STAGES = ("aces", "fhw", "intel_key_scans", "freiburg-101", "belgioioso")
 LOG_OF_PICTURE = "aces"
 STAGES: dict[str, tuple[str, ...]] = {
@@ -78,6 +84,8 @@ class Run:
         every_scan: no key scans, but all.
         settings: of SLAM.
         platform: the robot.
+        noise_class: of the sensors, in place of that of data sheets.
+        own_robot: the scenario's own robot with its gyro, and all its scans.
         injected: a tenth as many false loops as there are accepted ones are entered into the final graph.
     """
 
@@ -88,6 +96,8 @@ class Run:
     every_scan: bool = False
     settings: tuple[str, ...] = ()
     platform: str = "lms200"
+    noise_class: str | None = None
+    own_robot: bool = False
     injected: bool = False
 
 
@@ -98,6 +108,7 @@ def run(this: Run) -> Row:
 
 def measure(this: Run) -> Row:
     """The figures of one run."""
+    from moteslam.eval.metrics.ate import absolute_trajectory_error
     from moteslam.eval.metrics.loops import score_loops
     from moteslam.kernels import runtime
     from moteslam.slam.run import run_slam
@@ -105,23 +116,16 @@ def measure(this: Run) -> Row:
 
     runtime.init("cpu", 1)
     real = this.name in LOGS
-    case = (
-        load_log(this.name)
-        if real
-        else wheels_case(
-            this.name,
-            this.seed,
-            platform=this.platform,
-            step_noise=this.step_noise,
-            every_scan=this.every_scan,
-        )
-    )
+    case = load_log(this.name) if real else simulated(this)
     with false_loops(this.seed) if this.injected else nullcontext():
         estimate = run_slam(case.recording, resolve_config("default", this.settings), seed=0)
     row: Row = dict(errors(this.name, estimate, case))
     if not real:  # the references of the logs are no truth
         assert case.reference is not None
         loops = score_loops(estimate.loops, case.reference, case.recording)
+        if this.noise_class is not None:
+            score = absolute_trajectory_error(estimate.trajectory_final, case.reference, scale=True)
+            row["final_scaled"] = score.rmse
         row |= {"accepted": loops.accepted, "false": loops.false, **late_errors(estimate, case)}
         if this.name in FORKS:
             row["right"] = float(row["final"] < RIGHT)
@@ -130,7 +134,21 @@ def measure(this: Run) -> Row:
     return row
 
 
-def runs(study: str, chosen: range | None) -> list[Run]:
+def simulated(this: Run) -> Case:
+    """The recording of a run that is simulated."""
+    if this.own_robot:
+        return simulate_case(this.name, this.seed, noise_class=this.noise_class)
+    return wheels_case(
+        this.name,
+        this.seed,
+        platform=this.platform,
+        noise_class=this.noise_class,
+        step_noise=this.step_noise,
+        every_scan=this.every_scan,
+    )
+
+
+def runs(study: str, chosen: range | None, noise_class: str | None) -> list[Run]:
     """The runs of a study, in their order; real logs that are not there are left out."""
     if study == "key-scans":
         numbers = chosen or range(100, 110)
@@ -140,7 +158,14 @@ def runs(study: str, chosen: range | None) -> list[Run]:
         dense = [Run("big_loop, every scan", "big_loop", seed, every_scan=True) for seed in numbers]
         return [Run(label + more, name, seed, noise) for more, noise in noises for label, name, seed in logs] + dense
     if study == "worlds":
-        return [Run(name, name, seed, STEP_NOISE) for name in WORLDS for seed in chosen or range(5)]
+        return [
+            Run(name, name, seed, STEP_NOISE, noise_class=noise_class) for name in WORLDS for seed in chosen or range(5)
+        ]
+    if study == "dense":
+        return [
+            Run(f"{DENSE}, every scan", DENSE, seed, noise_class=noise_class, own_robot=True)
+            for seed in chosen or range(5)
+        ]
     if study == "false-loops":
         return [
             Run(f"{name}, false loops" if injected else name, name, seed, STEP_NOISE, injected=injected)
@@ -204,11 +229,17 @@ def draw_before_and_after(path: Path, log: str) -> None:
 def main() -> None:
     """Run a study, print a table, and write the result file, anew after every run; or draw the picture."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("study", choices=("key-scans", "worlds", "false-loops", "stages", "particles", "picture"))
+    parser.add_argument(
+        "study", choices=("key-scans", "worlds", "dense", "false-loops", "stages", "particles", "picture")
+    )
     parser.add_argument("--seeds", type=seeds, metavar="N", help="of the simulated runs; or 10-19")
+    parser.add_argument("--noise", choices=("datasheet", "as_recorded"), help="of the sensors, of worlds and dense")
     parser.add_argument("--workers", type=count, default=2)
     parser.add_argument("--out", type=result_file, help="a result file, or the picture")
+    parser.add_argument("--runs", nargs="+", metavar="NAME", help="of the study, by the names of logs and scenarios")
     options = parser.parse_args()
+    if options.noise is not None and options.study not in ("worlds", "dense"):
+        parser.error(f"--noise: not of {options.study}, expected worlds or dense")
     if options.study == "picture":
         if options.out is None:
             parser.error("picture: no --out, expected a PNG")
@@ -217,12 +248,18 @@ def main() -> None:
             parser.error(str(ConfigError(error, file=log_file(LOG_OF_PICTURE))))
         draw_before_and_after(options.out, LOG_OF_PICTURE)
         return
+    chosen = runs(options.study, options.seeds, options.noise)
+    known = list(dict.fromkeys(each.name for each in chosen))
+    for name in options.runs or ():
+        if name not in known:
+            parser.error(f"--runs: {name!r}, expected of {', '.join(known)}")
+    chosen = [each for each in chosen if not options.runs or each.name in options.runs]
     rows: list[Row] = []
     summary: dict[str, Any] = {}
-    for row in rows_of(run, [(each,) for each in runs(options.study, options.seeds)], options.workers):
+    for row in rows_of(run, [(each,) for each in chosen], options.workers):
         rows.append(row)
         summary = summarised(rows)
-        save(options.out, {**stamp(), "study": options.study, "summary": summary, "rows": rows})
+        save(options.out, {**stamp(), "study": options.study, "noise": options.noise, "summary": summary, "rows": rows})
     print()
     print(table(summary_lines(summary), right=(3, 4)))
     if options.study == "particles":

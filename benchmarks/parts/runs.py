@@ -193,6 +193,7 @@ def wheels_case(
     seed: int,
     *,
     platform: str = "lms200",
+    noise_class: str | None = None,
     step_noise: tuple[float, float] | None = None,
     every_scan: bool = False,
 ) -> Case:
@@ -202,6 +203,7 @@ def wheels_case(
         name: of the scenario.
         seed: of its noise.
         platform: the robot.
+        noise_class: in place of that of data sheets.
         step_noise: noise added to each step, as ``STEP_NOISE``.
         every_scan: keep all scans; without noise of the steps.
     """
@@ -209,6 +211,7 @@ def wheels_case(
         name,
         seed,
         platform=platform,
+        noise_class=noise_class,
         settings=("platform.imu=false",),
         key_scans=None if every_scan else KEY_SCANS,
         step_noise=step_noise,
