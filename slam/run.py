@@ -237,10 +237,11 @@ class SlamSession:
         Returns:
             how far that moved the robot [m], 0 where nothing was corrected.
         """
+        if not self._waiting:
+            return 0.0
         keys, self._waiting = self._waiting, []
-        first, path = len(self._updates) - len(keys), None
-        if len(keys) > 1:
-            path = self._path()
+        first = len(self._updates) - len(keys)
+        path = self._path() if len(keys) > 1 else None
         before = self._filter.history.last[self._filter.best_particle].copy()
         now = before
         for k, key in enumerate(keys, start=first):

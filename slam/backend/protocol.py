@@ -58,16 +58,19 @@ class Backend(Protocol):
     def add(self, key: KeyScan) -> Array | None:
         """Take in the next key scan.
 
+        While the filter is not settled none comes; then all that have waited do, one after the other.
+
         Returns:
-            [u, 3] corrected poses of all u key scans so far, from which the filter goes on; None where there is
-            nothing to correct.
+            [u, 3] corrected poses of all u key scans taken in so far, from which the filter goes on; None where there
+            is nothing to correct.
         """
 
     def finish(self, path: Array) -> Array | None:
         """The path of all key scans as known at the end.
 
         Args:
-            path: [u, 3] of the filter's best particle; where the filter was corrected, with these corrections.
+            path: [u, 3] of the filter's best particle; where the filter was corrected, with these corrections. In the
+                middle of a run the last ones may be of key scans that wait.
 
         Returns:
             [u, 3] corrected poses, along which the final trajectory, the map and the texture are drawn; None where

@@ -172,3 +172,13 @@ def test_a_correction_by_a_scan_that_has_waited_moves_those_after_it(monkeypatch
     np.testing.assert_allclose(
         [key.motion for key in plain.keys[7:9]], [key.motion for key in corrected.keys[7:9]], atol=1e-9
     )
+
+
+def test_an_estimate_while_key_scans_wait_has_all_poses(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(TsdfFilter, "settled", property(lambda self: len(self.history) < 8))
+    session = SlamSession(circled_room(scans=60)[0], resolve_config("default", ["particles=8"]))
+    for update in session:
+        if update.index == 50:
+            final = session.estimate().trajectory_final
+    assert len(final) == 51
+    np.testing.assert_allclose(final.poses[-1], session.estimate().trajectory_final.poses[50], atol=0.02)
