@@ -19,6 +19,7 @@ from moteslam.slam.backend.graph.submaps import Submaps
 from moteslam.slam.backend.ledger import LoopCandidate, Verdict
 from moteslam.slam.mapping.tsdf import TsdfView
 from moteslam.slam.registration.config import RegistrationConfig, SearchConfig
+from moteslam.slam.registration.degeneracy import keep_odometry
 from moteslam.slam.registration.information import measured_information
 from moteslam.slam.registration.registrar import Registration, register, subsample
 from moteslam.slam.registration.search import Window, candidates
@@ -105,7 +106,9 @@ class LoopSearch:
         off = np.abs(found.offsets - found.offsets[best])
         rivals = (np.hypot(off[:, 0], off[:, 1]) > RIVAL_DISTANCE) | (off[:, 2] > RIVAL_ROTATION)
         runner_up = max(float(shares[rivals].max()), 0.0) if rivals.any() else 0.0
-        information = measured_information(found, best, self._registration, self._config.correlation)
+        # along bare walls the prediction is kept, and the loop binds next to nothing there
+        kept = keep_odometry(found, half / WINDOW_DEVIATIONS, self._registration)
+        information = measured_information(kept, best, self._registration, self._config.correlation)
         covariance = np.linalg.inv(information + WEAKEST * np.eye(3)) + np.diag(np.square(FLOOR))
         indices, stamps = self._nodes.indices, self._nodes.stamps
         candidate = LoopCandidate(
@@ -113,7 +116,7 @@ class LoopSearch:
             later=int(indices[query]),
             stamps=(float(stamps[submap]), float(stamps[query])),
             predicted=predicted,
-            found=np.asarray(se2.compose(predicted, found.offsets[best])),
+            found=np.asarray(se2.compose(predicted, kept.offsets[best])),
             window=(float(half[0]), float(half[2])),
             share=float(shares[best]),
             runner_up=runner_up,
