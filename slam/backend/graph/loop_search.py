@@ -106,7 +106,7 @@ class LoopSearch:
         off = np.abs(found.offsets - found.offsets[best])
         rivals = (np.hypot(off[:, 0], off[:, 1]) > RIVAL_DISTANCE) | (off[:, 2] > RIVAL_ROTATION)
         runner_up = max(float(shares[rivals].max()), 0.0) if rivals.any() else 0.0
-        # along bare walls the prediction is kept, and the loop binds next to nothing there
+        # along bare walls the prediction is kept, and the loop binds less there
         kept = keep_odometry(found, half / WINDOW_DEVIATIONS, self._registration)
         information = measured_information(kept, best, self._registration, self._config.correlation)
         covariance = np.linalg.inv(information + WEAKEST * np.eye(3)) + np.diag(np.square(FLOOR))

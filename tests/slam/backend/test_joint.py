@@ -14,7 +14,9 @@ from moteslam.slam.backend.graph.chain import Chain
 from moteslam.slam.backend.graph.config import GraphConfig
 from moteslam.slam.backend.graph.endpoints import Endpoints
 from moteslam.slam.backend.graph.joint import register_jointly
+from moteslam.slam.backend.graph.loop_search import LoopSearch
 from moteslam.slam.backend.graph.nodes import Nodes
+from moteslam.slam.backend.graph.submaps import Submaps
 from moteslam.slam.backend.protocol import KeyScan
 from moteslam.slam.inputs.thinning import thin
 from moteslam.slam.registration.config import RegistrationConfig
@@ -101,3 +103,26 @@ def test_a_step_that_the_odometry_leaves_open_is_the_filters():
             chain.add()
     np.testing.assert_allclose(chain.steps[:, 0], (0.6, 10.0, 0.6), atol=1e-9)
     assert chain.covariance[1, 1, 1] > 0.5
+
+
+def test_a_loop_between_bare_walls_keeps_the_prediction_along_them_and_binds_less_there():
+    """All nodes are where they say: what the endpoints find along the walls is the error of their normals."""
+    rng = np.random.default_rng(3)
+    nodes = Nodes(GraphConfig())
+    for k in range(14):
+        nodes.add(node(k, (0.0 if k == 0 else 0.5, 0.0, 0.0), scan_between_walls(rng).points))
+    submaps = Submaps(nodes, GraphConfig())
+    submaps.follow(np.tile((0.5, 0.0, 0.0), (len(nodes) - 1, 1)))
+    half = np.array((0.5, 0.5, 0.06))
+
+    def searched(config: GraphConfig, along: float) -> tuple[float, float]:
+        """By how much the prediction is changed along the walls, and the information along them."""
+        found = LoopSearch(nodes, submaps, config).match(4, 6, np.array((along, 0.06, 0.02)), half)
+        assert found is not None
+        np.testing.assert_allclose(found.candidate.found[1:], 0.0, atol=0.005)
+        return abs(float(found.candidate.found[0]) - along), float(found.information[0, 0])
+
+    for along in (1.0, 1.2):
+        (kept, less), (moved, more) = searched(GraphConfig(), along), searched(FREE, along)
+        assert kept < 0.5 * moved
+        assert less < 0.5 * more
