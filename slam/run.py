@@ -147,7 +147,10 @@ class SlamSession:
                 corrected=corrected,
                 **certainty._asdict(),
             )
-        self._hand_over()
+        began = time.perf_counter()
+        if self._waiting:
+            self._diagnostics["corrected"][self._done - 1] += self._hand_over()
+            self._diagnostics["seconds"][self._done - 1] += time.perf_counter() - began
 
     @property
     def map(self) -> Raster:
@@ -237,8 +240,6 @@ class SlamSession:
         Returns:
             how far that moved the robot [m], 0 where nothing was corrected.
         """
-        if not self._waiting:
-            return 0.0
         keys, self._waiting = self._waiting, []
         first = len(self._updates) - len(keys)
         path = self._path() if len(keys) > 1 else None

@@ -22,6 +22,8 @@ APART = np.array([0.5, 0.5, 0.2])
 RIVALS, RIVAL_SHARE = 4, 0.05
 """Rivals of the place where a scan is found, at most; the match score of one, less what its offset from the prediction
 costs, is smaller by this share of the points at most."""
+OPEN_HEADING = 0.5
+"""A scan is searched for where the heading is known no better [rad]."""
 EVIDENCE_SHARE = 0.03
 """Share of the match score that counts as log-likelihood: neighbouring endpoints err alike."""
 
@@ -31,7 +33,7 @@ class Rivals(NamedTuple):
 
     Attributes:
         offsets: [m, 3] from there.
-        log_odds: [m] of them against it.
+        log_odds: [m] of them against it, 0 at most.
     """
 
     offsets: Array = np.zeros((0, 3))
@@ -72,12 +74,13 @@ class Localiser:
         c = self._config
         found = register(maps, predicted[None], spread, points, origin, np.zeros((1, 3)), self._registration)
         found = keep_odometry(found, spread, self._registration)
-        near = spread[0] <= c.basin_distance and bool((abs(found.offsets[0]) <= c.accept_deviation * spread).all())
+        sure = spread[0] <= c.basin_distance and spread[2] <= OPEN_HEADING
+        near = sure and bool((abs(found.offsets[0]) <= c.accept_deviation * spread).all())
         if near and found.likelihoods[0] >= c.accept_likelihood and not self.lost(found, len(points)):
             return Located(found)
         half = np.minimum(c.window * spread, (np.inf, np.inf, np.pi))
         window = Window(half, maps.config.cell_size, c.heading_step)
-        most = c.max_starts if spread[0] <= c.basin_distance else c.retry_starts
+        most = c.max_starts if sure else c.retry_starts
         starts = int(np.clip(np.ceil(np.prod(window.half / c.basin)), c.min_starts, most))
         best = self._best(maps, predicted, spread, points, origin, window, starts, predictions)
         if best.found.likelihoods[0] < c.retry_likelihood:
@@ -130,6 +133,8 @@ class Localiser:
         order = order[values[order] > values[best] - RIVAL_SHARE * len(points)]
         rivals = order[apart(tried.offsets[order], RIVALS + 1, APART)[1:]]
         odds = EVIDENCE_SHARE * (scores[rivals] - scores[best]) - (cost[rivals] - cost[best])
+        # where the match score chose a place of smaller odds, the others are as likely at most
+        odds = np.minimum(odds, 0.0)
         return Located(found, Rivals(np.asarray(se2.between(start, tried.offsets[rivals])), odds))
 
 

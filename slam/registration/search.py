@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from moteslam.kernels.correlative import MAX_SEARCH_POINTS, search_scans
 from moteslam.kernels.tiles import STEPS
+from moteslam.robot import se2
 from moteslam.slam.mapping.tsdf import TsdfView
 from moteslam.slam.registration.config import SearchConfig
 from moteslam.slam.registration.registrar import subsample
@@ -77,8 +78,9 @@ def apart(offsets: Array, most: int, distance: Array) -> NDArray[np.intp]:
     left = np.arange(len(offsets))
     while len(left) and len(chosen) < most:
         chosen.append(int(left[0]))
-        near = (np.abs(offsets[left] - offsets[left[0]]) < distance).all(axis=1)
-        left = left[~near]
+        off = offsets[left] - offsets[left[0]]
+        off[:, 2] = se2.wrap(off[:, 2])
+        left = left[~(np.abs(off) < distance).all(axis=1)]
     return np.array(chosen, np.intp)
 
 

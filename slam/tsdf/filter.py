@@ -18,7 +18,7 @@ from moteslam.slam.filter.weights import Weights
 from moteslam.slam.inputs.thinning import thin
 from moteslam.slam.tsdf.config import TsdfFilterConfig
 from moteslam.slam.tsdf.floor_likelihood import FloorLikelihood
-from moteslam.slam.tsdf.hypotheses import places, settled
+from moteslam.slam.tsdf.hypotheses import divide, join, settled
 from moteslam.slam.tsdf.motion import MotionSinceUpdate, magnitude
 from moteslam.slam.tsdf.particles import Particles
 from moteslam.slam.tsdf.pose_covariance import PoseCovariance
@@ -67,7 +67,7 @@ class TsdfFilter(FilterDefaults):
 
     @property
     def settled(self) -> bool:
-        """Whether the particles are at one place."""
+        """Whether the particles are of one hypothesis."""
         return settled(self._particles)
 
     @property
@@ -86,11 +86,12 @@ class TsdfFilter(FilterDefaults):
         if not len(self.history):
             return self._start(scan)
         tracked = self._track(step, scan)
-        if tracked.lost or not update_due(self._config.update, self._since.travelled, self._since.tracked):
+        due = update_due(self._config.update, self._since.travelled, self._since.tracked)
+        if tracked.lost or not (due or len(tracked.rivals.offsets)):
             return StepResult(
                 self._pose(), tracked.motion, self.weights.effective_number, 0.0, False, False, self._certainty()
             )
-        proposal = self._register(step, scan, places(self._particles, tracked.rivals))
+        proposal = self._register(step, scan, divide(self._particles, tracked.rivals))
         proposal = self._weigh(step, proposal)
         n_eff, score = self.weights.effective_number, float(proposal.likelihoods[self.best_particle])
         proposal, resampled = self._resample(step, proposal)
@@ -181,6 +182,7 @@ class TsdfFilter(FilterDefaults):
 
     def _map(self, scan: ThinnedScan, proposal: Proposal) -> None:
         """Write the scan, and the floor, into the maps; count motion from here on."""
+        join(self._particles)
         if proposal.registered:
             self._particles.integrate(scan)
             self._covariance.mapped()

@@ -5,40 +5,53 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from moteslam.robot import se2
 from moteslam.slam.registration.localisation import APART, Rivals
 from moteslam.slam.tsdf.particles import Particles
 
 Array = NDArray[np.float64]
 
 OPEN = 0.01
-"""Weight of the particles away from the best one from which on it is open where the robot is."""
+"""Weight of the particles of other hypotheses than the best one's from which on it is open where the robot is."""
 
 
 def settled(particles: Particles) -> bool:
-    """Whether next to no weight is on particles at another place than the best one's."""
-    away = (np.abs(particles.offsets()) >= APART).any(axis=1)
-    return bool(particles.weights.values[away].sum() < OPEN)
+    """Whether next to no weight is on particles of another hypothesis than the best one's."""
+    others = particles.hypotheses != particles.hypotheses[particles.best]
+    return bool(particles.weights.values[others].sum() < OPEN)
 
 
-def places(particles: Particles, rivals: Rivals) -> Array:
-    """Where each particle looks for the robot, from where the tracked motion leads it [N, 3].
+def join(particles: Particles) -> None:
+    """Particles that have come to where the best one is are of its hypothesis."""
+    together = (np.abs(particles.offsets()) < APART).all(axis=1)
+    particles.hypotheses[together] = particles.hypotheses[particles.best]
 
-    The particles around the best one are divided among the places by their odds, but for places where a particle is
-    already; the best one stays.
+
+def divide(particles: Particles, rivals: Rivals) -> Array:
+    """Divide the particles around the best one among rival places by their odds; the best one stays.
+
+    A place where a particle is already is left out.
 
     Args:
         particles: N of them.
         rivals: places as likely as the tracked one, from there.
+
+    Returns:
+        [N, 3] where each looks for the robot, from where the tracked motion leads it.
     """
-    found, off = np.zeros((len(particles), 3)), particles.offsets()
-    free = (np.abs(off[:, None] - rivals.offsets) >= APART).any(axis=2).all(axis=0)
+    places, off = np.zeros((len(particles), 3)), particles.offsets()
+    away = off[:, None] - rivals.offsets
+    away[..., 2] = se2.wrap(away[..., 2])
+    free = (np.abs(away) >= APART).any(axis=2).all(axis=0)
     if not free.any():
-        return found
+        return places
     mode = np.flatnonzero((np.abs(off) < APART).all(axis=1))
     mode = np.append(particles.best, mode[mode != particles.best])
     odds = np.append(0.0, rivals.log_odds[free])
     shares = np.exp(odds - odds.max())
     chosen = np.searchsorted(np.cumsum(shares) / shares.sum(), (np.arange(len(mode)) + 0.5) / len(mode))
     chosen[0] = 0
-    found[mode] = np.vstack((np.zeros(3), rivals.offsets[free]))[chosen]
-    return found
+    places[mode] = np.vstack((np.zeros(3), rivals.offsets[free]))[chosen]
+    sent = mode[chosen > 0]
+    particles.hypotheses[sent] = particles.hypotheses.max() + chosen[chosen > 0]
+    return places

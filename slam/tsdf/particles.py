@@ -28,6 +28,7 @@ class Particles:
         poses: [N, 3] at the last update.
         weights: theirs.
         best: index of the best one.
+        hypotheses: [N] numbers of the places that they were sent to; equal where a search left no choice.
         maps: their TSDFs.
         history: their poses at every update.
     """
@@ -36,6 +37,7 @@ class Particles:
         self._config = config
         self.poses = np.zeros((n, 3))
         self.weights = Weights.uniform(n)
+        self.hypotheses = np.zeros(n, np.int64)
         self.best = 0
         self.maps = TsdfMaps(config)
         self.history = History()
@@ -80,6 +82,7 @@ class Particles:
         last = self.best_pose
         self.history.revise(self.history.path(self.best), path)
         self.poses = se2.compose(path[-1], se2.between(last, self.poses))
+        self.hypotheses[:] = 0
         self.maps = TsdfMaps(self._config)
         for pose, scan in zip(path, scans, strict=True):
             self.maps.integrate(pose[None], scan)
@@ -90,6 +93,7 @@ class Particles:
         # the best one itself, unless the draw left it out
         self.best = int(self.weights.values[parents].argmax())
         self.poses, self.weights = self.poses[parents], Weights.uniform(len(parents))
+        self.hypotheses = self.hypotheses[parents]
         self.history.resampled(parents)
         self.maps.resample(parents)
 

@@ -24,6 +24,10 @@ from moteslam.slam.tsdf.pose_covariance import Fit
 
 Array = NDArray[np.float64]
 
+LARGEST_SPREAD = 2.0
+"""Of a predicted position [m], however far no scan was registered: a search looks three times as far, in about a
+second."""
+
 
 class Tracked(NamedTuple):
     """A step as tracked.
@@ -64,7 +68,7 @@ class Tracker:
         self.pose = np.zeros(3)
         self._motion, self._seconds = np.zeros(3), 0.0  # of the last step, as tracked, and how long it took
         self._slip = np.zeros(3)  # how far the odometry was off in the last step, if it slipped
-        self._blind = Travelled()  # since the last scan that was registered
+        self._blind, self._blind_measured = Travelled(), True  # since the last scan that was registered
         self._lost = 0  # scans in a row that contradict the map
 
     def predict(self, motion: Array, dt: float, *, measured: bool) -> StepMotion:
@@ -96,14 +100,14 @@ class Tracker:
         return extrapolated(self._motion, self._seconds, dt, most=self._config.max_extrapolation)
 
     def _spread(self, motion: StepMotion) -> Array:
-        """Standard deviation [3] of the prediction, after the way on which no scan was registered.
+        """Standard deviation [3] of the prediction, over the distance since the last scan that was registered.
 
-        An error of the heading on that way moves its end aside: by a third of its variance, if it grows evenly.
+        An error of the heading that grows evenly moves the position by distance times deviation over root three.
         """
-        way = self._blind.plus(motion.corrected, motion.dt)
-        spread = prior_spread(self._registration, way.distance, way.rotation, measured=motion.measured)
-        aside = min(way.distance * spread[2] / np.sqrt(3), self._config.relocation_distance)
-        spread[:2] = np.hypot(spread[:2], aside)
+        driven, measured = self._blind.plus(motion.corrected, motion.dt), self._blind_measured and motion.measured
+        spread = prior_spread(self._registration, driven.distance, driven.rotation, measured=measured)
+        aside = driven.distance * spread[2] / np.sqrt(3)
+        spread[:2] = np.minimum(np.hypot(spread[:2], aside), LARGEST_SPREAD)
         return spread
 
     def track(self, motion: StepMotion, scan: ThinnedScan, origin: Array, particles: Particles) -> Tracked:
@@ -120,6 +124,7 @@ class Tracker:
         spread = usual + self._slip
         offset, fit, rivals = np.zeros(3), None, Rivals()
         self._blind = self._blind.plus(motion.corrected, motion.dt)
+        self._blind_measured &= motion.measured
         if len(scan.points) >= self._config.min_points:
             predictions = np.stack((np.zeros(3), se2.between(motion.corrected, self._extrapolated(motion.dt))))
             found, elsewhere = self._localiser.locate(
@@ -131,12 +136,15 @@ class Tracker:
             if contradicts and self._lost < self._config.max_lost_scans:
                 self._lost += 1
             else:
-                offset, self._lost, self._blind = found.offsets[0], 0, Travelled()
+                offset, self._lost = found.offsets[0], 0
+                self._blind, self._blind_measured = Travelled(), True
                 rivals = elsewhere
         shift, turn = magnitude(offset)
         off = np.array([shift, shift, turn])
         self._slip = np.where(off > self._config.slip_threshold * usual, off, 0.0)
+        step = prior_spread(self._registration, *magnitude(motion.corrected), measured=motion.measured)
+        slipped = bool((off > self._config.slip_threshold * step).any())
         moved = se2.compose(predicted, offset)
         self._motion, self._seconds = se2.between(self.pose, moved), motion.dt
         self.pose = moved
-        return Tracked(self._motion, bool(self._slip.any()), self._lost > 0, fit, rivals)
+        return Tracked(self._motion, slipped, self._lost > 0, fit, rivals)

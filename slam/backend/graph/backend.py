@@ -33,7 +33,7 @@ FARTHEST, SLACK = 10.0, 0.2
 """A correction may move a node by this many times what the new loops are off, and by the second [m] besides: farther it
 would follow from steps of the chain that the filter contradicts, and not from the loops."""
 SAME_START = 0.3
-"""A joint registration is not started from a path no node of which is farther than this from where one was [m]."""
+"""A joint registration starts from a path if some node is this far off, laid over each earlier start and result [m]."""
 LEAST_NODES = 3
 """Fewer have nothing to correct."""
 

@@ -76,15 +76,17 @@ class Chain:
     def prior(self) -> tuple[Array, Array, NDArray[np.bool_]]:
         """[n - 1, 3] steps for a joint registration, their covariance [n - 1, 3, 3], and [n - 1] which are doubtful.
 
-        Where a registration differs much from the odometry, the odometry: all scans together are the better judge.
+        Where a registration differs much from the odometry, the odometry: all scans together are the better judge. That
+        is doubtful, and so is a step that was not registered.
         """
         steps, covariance = self.steps, self.covariance
         predicted = np.array([each.step for each in self._predicted]).reshape(-1, 3)
         spread = np.array([each.spread for each in self._predicted]).reshape(-1, 3)
         found = np.array([each.step for each in self._proved]).reshape(-1, 3)
         doubted = np.asarray(_differs(found, predicted, DOUBTED * spread).any(axis=1))
+        unregistered = np.array([not each.information.any() for each in self._proved], bool)
         steps[doubted], covariance[doubted] = predicted[doubted], np.square(spread[doubted])[:, None] * np.eye(3)
-        return steps, covariance, doubted
+        return steps, covariance, doubted | unregistered
 
     def last(self) -> tuple[Array, Array]:
         """The latest step [3] and its covariance [3, 3]."""
@@ -139,10 +141,11 @@ class Chain:
         filtered, measured = self._nodes.filtered[k], self._nodes.measured[k]
         step = self._nodes.odometry[k] if measured else filtered
         distance, rotation = float(np.hypot(*step[:2])), abs(float(step[2]))
-        spread = prior_spread(self._config.registration, distance, rotation, measured=measured)
-        if spread[0] > OPEN:
-            step, measured = filtered, False
-        return Prediction(step, turned_aside(step, spread), measured, filtered)
+        error = prior_spread(self._config.registration, distance, rotation, measured=measured)
+        spread = turned_aside(step, error)
+        if spread[:2].max() > OPEN:
+            step, spread, measured = filtered, turned_aside(filtered, error), False
+        return Prediction(step, spread, measured, filtered)
 
     def _corrected(self, raw: Prediction) -> Prediction:
         """The same by the corrected odometry, as far as its errors are known yet."""

@@ -49,7 +49,7 @@ class LoopConfig(Section):
     candidates: Annotated[Whole, Field(ge=1, le=100)] = 3
     """Passages of the same place that one node is searched for in, for each of these deviations."""
     submap_length: Positive = 5.0
-    """Path of the nodes whose scans form a submap [m]."""
+    """Path of the nodes whose scans form a submap [m]; longer by what the window is wider than half a metre."""
     query_length: Positive = 4.0
     """Path of the nodes whose scans are searched for together [m]."""
     least_share: Share = 0.3

@@ -18,7 +18,7 @@ NORMAL_REACH, NORMAL_NOISE, NORMAL_LARGEST = 0.3, 0.005, 0.1
 SHARPNESS_CELL, SHARPNESS_GRIDS = 0.05, 4
 """Edge of the cells [m], and how many directions of the grid."""
 LARGEST_GRID = 1 << 27
-"""Grids of more cells are counted by sorting: two kilometres square have more than a byte a cell is worth."""
+"""Cells of larger grids, 580 m square, are counted by sorting."""
 
 
 class Endpoints(NamedTuple):

@@ -2,7 +2,7 @@
 
 As Lu and Milios (1997, Globally consistent range scan alignment for environment mapping) in spirit: every endpoint is
 held to the nearest lines of endpoints of other scans, within a reach that shrinks, and all poses follow from one sparse
-system a round. The chain is the prior, robustly: along a corridor endpoints slide.
+system a round. The chain is the prior: along a corridor endpoints slide.
 """
 
 from __future__ import annotations
@@ -208,6 +208,7 @@ def _add_chain(
         poses: [n, 3].
         steps: [n - 1, 3] of the chain.
         information: [n - 1, 3, 3] of them.
+        doubted: [n - 1] which may be far off: these have heavy tails.
         blocks, right: [n, 3, 3] and [n, 3] of the system; added to.
     """
     off = np.asarray(se2.between(steps, se2.between(poses[:-1], poses[1:])))

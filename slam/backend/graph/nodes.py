@@ -16,6 +16,8 @@ Array = NDArray[np.float64]
 MAX_RANGE = 30.0
 """Endpoints farther from the sensor are left out [m]: neighbouring beams are half a metre apart there, and the error of
 the heading moves them as far."""
+FEW_POINTS = 20
+"""A scan of fewer points is not registered, and no node but the first."""
 
 
 class Nodes:
@@ -68,14 +70,17 @@ class Nodes:
         return self.close() if self._keys == 1 else added
 
     def close(self) -> bool:
-        """Make the latest key scan a node; whether it was none."""
+        """Make the latest key scan a node, unless it is one or has few points; whether it became one."""
         key = self._last
         if key is None:
+            return False
+        scan = thin(_near(key), key.origin, self._config.thinning)
+        if self.updates and len(scan.points) < FEW_POINTS:
             return False
         self.updates.append(self._keys - 1)
         self.indices.append(key.index)
         self.stamps.append(key.stamp)
-        self.scans.append(thin(_near(key), key.origin, self._config.thinning))
+        self.scans.append(scan)
         self.odometry.append(self._odometry)
         self.filtered.append(self._filtered)
         self.measured.append(self._known)

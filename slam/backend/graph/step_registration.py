@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from moteslam.kernels.thinning import ThinnedScan
 from moteslam.robot import se2
 from moteslam.slam.backend.graph.config import GraphConfig
+from moteslam.slam.backend.graph.nodes import FEW_POINTS
 from moteslam.slam.mapping.tsdf import TsdfMaps
 from moteslam.slam.registration.config import TrackingConfig
 from moteslam.slam.registration.degeneracy import keep_odometry
@@ -31,8 +32,6 @@ SLIP = 7.0
 """Negative log-probability that the wheels slip in one step: one in a thousand."""
 DOUBT = 4.0
 """Nats by which evidence and prior may be misjudged: the logistic scale of the doubt that is left."""
-FEW_POINTS = 20
-"""A scan of fewer points is not registered."""
 
 
 class Prediction(NamedTuple):

@@ -25,7 +25,7 @@ MAX_POINTS = 400
 
 
 CACHED = 64
-"""TSDFs of submaps that are kept, those used last: about half a megabyte each."""
+"""TSDFs of submaps that are kept, those used last: about half a megabyte each, those of wide windows more."""
 
 
 class Submaps:

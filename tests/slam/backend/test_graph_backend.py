@@ -64,7 +64,7 @@ def test_without_a_loop_the_filter_is_as_it_was(doors: Case, alone: Estimate):
 
 def test_a_closed_loop_corrects_the_filter_while_it_drives():
     """Before the first correction nothing changes; after the last one the online poses are those in a straight map."""
-    case = wheels_case("corridor", 221, step_noise=STEP_NOISE)
+    case = wheels_case("corridor", 224, step_noise=STEP_NOISE)
     filter_alone, corrected = estimate(case, "backend.method=none"), estimate(case)
     jumps = corrected.diagnostics["corrected"]
     last = int(np.flatnonzero(jumps)[-1])

@@ -91,18 +91,30 @@ def test_a_registration_far_from_the_odometry_is_no_prior():
     np.testing.assert_array_equal(which, [False, False, True, False, False])
 
 
-def test_a_step_that_the_odometry_leaves_open_is_the_filters():
-    """Scans without points: after twelve metres the filter's search decides, after half a metre the odometry."""
-    nothing = np.zeros((0, 2), np.float32)
+def test_a_step_that_the_odometry_leaves_open_is_the_filters_and_scans_without_points_are_no_nodes():
+    """After twelve metres without a point the filter's search decides, after half a metre the odometry."""
+    rng = np.random.default_rng(3)
     nodes = Nodes(GraphConfig())
-    nodes.add(node(0, (0.0, 0.0, 0.0), nothing))
+    nodes.add(node(0, (0.0, 0.0, 0.0), scan_between_walls(rng).points))
     chain = Chain(nodes, GraphConfig())
-    for k, (odometry, filtered) in enumerate(((0.6, 0.7), (12.0, 10.0), (0.6, 0.7), (0.6, 0.7)), start=1):
-        key = replace(node(k, (odometry, 0.0, 0.0), nothing), motion=np.array((filtered, 0.0, 0.0)))
+    k = 0
+
+    def drive(odometry: float, filtered: float, points: NDArray[np.float32]) -> None:
+        nonlocal k
+        k += 1
+        key = replace(node(k, (odometry, 0.0, 0.0), points), motion=np.array((filtered, 0.0, 0.0)))
         if nodes.add(key):
             chain.add()
-    np.testing.assert_allclose(chain.steps[:, 0], (0.6, 10.0, 0.6), atol=1e-9)
-    assert chain.covariance[1, 1, 1] > 0.5
+
+    drive(0.6, 0.6, scan_between_walls(rng).points)
+    for _ in range(23):
+        drive(0.5, 0.5, np.zeros((0, 2), np.float32))
+    drive(0.5, -1.5, scan_between_walls(rng).points)
+    for _ in range(2):
+        drive(0.6, 0.6, scan_between_walls(rng).points)
+    np.testing.assert_allclose(chain.steps[:, 0], (0.6, 10.0, 0.6), atol=0.05)
+    assert chain.covariance[1, 0, 0] > 0.3
+    np.testing.assert_array_equal(chain.prior()[2], [False, True, False])
 
 
 def test_a_loop_between_bare_walls_keeps_the_prediction_along_them_and_binds_less_there():

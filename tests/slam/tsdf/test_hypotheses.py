@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -12,15 +14,16 @@ from moteslam.robot import se2
 from moteslam.slam.backend.protocol import KeyScan
 from moteslam.slam.filter.update_policy import Travelled
 from moteslam.slam.filter.weights import Weights
+from moteslam.slam.inputs.step import Step
 from moteslam.slam.mapping.config import TsdfConfig
 from moteslam.slam.odometry.config import CalibrationConfig
 from moteslam.slam.registration.config import RegistrationConfig, TrackingConfig
-from moteslam.slam.registration.localisation import Rivals
+from moteslam.slam.registration.localisation import Localiser, Located, Rivals
 from moteslam.slam.run import SlamSession
 from moteslam.slam.settings import resolve_config
-from moteslam.slam.tsdf.config import ProposalConfig
+from moteslam.slam.tsdf.config import ProposalConfig, TsdfFilterConfig
 from moteslam.slam.tsdf.filter import TsdfFilter
-from moteslam.slam.tsdf.hypotheses import places, settled
+from moteslam.slam.tsdf.hypotheses import divide, join, settled
 from moteslam.slam.tsdf.motion import MotionSinceUpdate
 from moteslam.slam.tsdf.particles import Particles
 from moteslam.slam.tsdf.proposal import propose
@@ -40,7 +43,7 @@ def particles_at(poses: Array, best: int = 0) -> Particles:
 
 
 def test_particles_are_divided_among_rival_places_by_their_odds_and_the_best_one_stays():
-    found = places(particles_at(np.zeros((28, 3)), best=9), RIVALS)
+    found = divide(particles_at(np.zeros((28, 3)), best=9), RIVALS)
     chosen = [int((found == place).all(axis=1).sum()) for place in (np.zeros(3), *RIVALS.offsets)]
     assert chosen == [16, 8, 4]
     np.testing.assert_array_equal(found[9], 0.0)
@@ -49,20 +52,48 @@ def test_particles_are_divided_among_rival_places_by_their_odds_and_the_best_one
 def test_a_place_where_a_particle_is_already_gets_none_and_those_away_stay():
     poses = np.zeros((12, 3))
     poses[5:] = (0.1, 2.5, 0.05)
-    found = places(particles_at(poses), RIVALS)
+    found = divide(particles_at(poses), RIVALS)
     np.testing.assert_array_equal(found[5:], 0.0)
     assert set(found[:5, 1].tolist()) == {0.0, -2.6}
 
 
 def test_without_rivals_all_look_where_the_tracked_motion_leads():
-    np.testing.assert_array_equal(places(particles_at(np.zeros((4, 3))), Rivals()), np.zeros((4, 3)))
+    np.testing.assert_array_equal(divide(particles_at(np.zeros((4, 3))), Rivals()), np.zeros((4, 3)))
+
+
+def test_a_place_turned_by_a_whole_circle_is_the_same():
+    poses = np.zeros((6, 3))
+    poses[1:] = (0.0, 0.0, 3.12)
+    found = divide(particles_at(poses), Rivals(np.array([(0.0, 0.0, -3.12)]), np.zeros(1)))
+    np.testing.assert_array_equal(found, 0.0)
 
 
 @pytest.mark.parametrize(("weight", "alone"), [(0.005, True), (0.05, False)])
-def test_particles_are_settled_once_next_to_no_weight_is_elsewhere(weight: float, alone: bool):
-    particles = particles_at(np.array([(0.0, 0.0, 0.0), (0.3, -0.3, 0.1), (0.0, 0.7, 0.0)]))
-    particles.weights = Weights(np.log([0.6, 0.4 - weight, weight]))
+def test_particles_are_settled_once_next_to_no_weight_is_on_another_hypothesis(weight: float, alone: bool):
+    particles = particles_at(np.zeros((28, 3)))
+    assert settled(particles)
+    divide(particles, RIVALS)
+    assert not settled(particles)
+    sent = particles.hypotheses != particles.hypotheses[0]
+    particles.weights = Weights(np.log(np.where(sent, weight / sent.sum(), (1 - weight) / (~sent).sum())))
     assert settled(particles) is alone
+
+
+def test_particles_that_drift_apart_are_of_one_hypothesis_and_those_that_come_together_too():
+    particles = Particles(28, TsdfConfig())
+    particles.start(thinned(room_scan()))
+    divide(particles, RIVALS)
+    numbers = particles.hypotheses.copy()
+    assert len(set(numbers.tolist())) == 3
+    particles.resample(np.arange(28)[::-1].copy())
+    np.testing.assert_array_equal(particles.hypotheses, numbers[::-1])
+    join(particles)
+    assert settled(particles)
+    drifted = np.zeros((28, 3))
+    drifted[14:, 0] = 0.9
+    particles.move_to(drifted)
+    join(particles)
+    assert settled(particles)
 
 
 def test_a_particle_that_looks_elsewhere_begins_at_its_place_whatever_the_odometry_was_off_by():
@@ -86,6 +117,41 @@ def test_a_particle_that_looks_elsewhere_begins_at_its_place_whatever_the_odomet
     start = se2.compose(found.predicted, se2.between(odometry, at))
     np.testing.assert_allclose(start, (at, se2.compose(at, offset)), atol=1e-12)
     np.testing.assert_allclose(found.means[0], at, atol=0.01)
+
+
+def test_a_scan_after_an_outage_is_no_slip_of_the_wheels_but_does_not_weigh_as_measured_motion():
+    """A hundred scans without points, 0.1 m each to and fro; then the robot is 0.6 m off: all particles fit alike."""
+    config = resolve_config("default", ["particles=12", "calibration.enabled=false"])
+    assert isinstance(config, TsdfFilterConfig)
+    tsdf, origin = TsdfFilter(config, 0), np.zeros(2)
+
+    def scan(index: int, motion: tuple[float, float, float], points: NDArray[np.float32]) -> None:
+        tsdf.step(Step(index, 0.1 * index, 0.1, np.array(motion), True, points, origin))
+
+    scan(0, (0.0, 0.0, 0.0), room_scan())
+    for k in range(1, 101):
+        scan(k, (0.1 if k % 2 else -0.1, 0.0, 0.0), room_scan()[:0])
+    at = np.array((0.4, 0.45, 0.01))
+    scan(101, (0.1, 0.0, 0.0), room_scan(at))
+    assert tsdf.weights.effective_number > 6
+    np.testing.assert_allclose(tsdf.poses[tsdf.best_particle], at, atol=0.002)
+
+
+def test_rivals_divide_the_particles_even_where_no_update_is_due(monkeypatch: pytest.MonkeyPatch):
+    config = resolve_config("default", ["particles=12"])
+    assert isinstance(config, TsdfFilterConfig)
+    tsdf, origin = TsdfFilter(config, 0), np.zeros(2)
+    tsdf.step(Step(0, 0.0, 0.0, np.zeros(3), True, room_scan(), origin))
+    locate = Localiser.locate
+
+    def with_rival(self: Localiser, *arguments: Any) -> Located:
+        return locate(self, *arguments)._replace(rivals=Rivals(np.array([(0.0, 0.0, np.pi)]), np.zeros(1)))
+
+    monkeypatch.setattr(Localiser, "locate", with_rival)
+    result = tsdf.step(Step(1, 0.1, 0.1, np.zeros(3), True, room_scan(), origin))
+    assert result.updated
+    assert not tsdf.settled
+    assert int((np.abs(tsdf.poses[:, 2]) > 3).sum()) == 6
 
 
 def test_after_a_time_without_scans_the_robot_is_looked_for_as_far_as_its_odometry_may_be_off():
