@@ -102,12 +102,14 @@ class Tracker:
     def _spread(self, motion: StepMotion) -> Array:
         """Standard deviation [3] of the prediction, over the distance since the last scan that was registered.
 
-        An error of the heading that grows evenly moves the position by distance times deviation over root three.
+        An error of the heading that grows evenly moves the position by distance times deviation over root three: next
+        to nothing in a step between two scans, most of all after an outage.
         """
         driven, measured = self._blind.plus(motion.corrected, motion.dt), self._blind_measured and motion.measured
         spread = prior_spread(self._registration, driven.distance, driven.rotation, measured=measured)
         aside = driven.distance * spread[2] / np.sqrt(3)
-        spread[:2] = np.minimum(np.hypot(spread[:2], aside), LARGEST_SPREAD)
+        if aside > self._config.basin_distance:  # less is covered by the error of a step
+            spread[:2] = np.minimum(np.hypot(spread[:2], aside), LARGEST_SPREAD)
         return spread
 
     def track(self, motion: StepMotion, scan: ThinnedScan, origin: Array, particles: Particles) -> Tracked:
