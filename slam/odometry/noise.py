@@ -49,6 +49,18 @@ def prediction_noise(noise: MotionNoise, distance: float, rotation: float, elaps
     return np.array([np.hypot(forward, slip), slip, np.hypot(heading, noise.rotation_from_rotation * rotation)])
 
 
+def aside(distance: NDArray[np.float64] | float, heading: NDArray[np.float64] | float) -> NDArray[np.float64]:
+    """The standard deviation of a position to the side of a motion [m], by an error of the heading on it.
+
+    An error that grows evenly with the distance turns the end about the beginning by a third of its variance.
+
+    Args:
+        distance: of the motion [m].
+        heading: standard deviation of the heading at its end [rad].
+    """
+    return np.asarray(distance * heading / np.sqrt(3))
+
+
 def odometry_error(noise: OdometryNoise, distance: float, rotation: float) -> NDArray[np.float64]:
     """The standard deviations of a motion that odometry measured: forward [m], left [m], turn [rad].
 

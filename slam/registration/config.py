@@ -96,7 +96,7 @@ class TrackingConfig(SearchConfig):
     """Smallest number of registrations started in a search."""
     max_starts: Annotated[Whole, Field(ge=1, le=1000)] = 16
     """Largest number of registrations started in a search; it grows with the window. Where the prediction is uncertain
-    by more than ``basin_distance``, it is ``retry_starts``."""
+    by more than ``basin_distance`` or half a radian, it is ``retry_starts``."""
     retry_starts: Annotated[Whole, Field(ge=1, le=1000)] = 200
     """Registrations started where a scan is searched for again."""
     relocation_starts: Annotated[Whole, Field(ge=1, le=1000)] = 300

@@ -24,8 +24,6 @@ RIVALS, RIVAL_SHARE = 4, 0.05
 costs, is smaller by this share of the points at most."""
 OPEN_HEADING = 0.5
 """A scan is searched for where the heading is known no better [rad]."""
-EVIDENCE_SHARE = 0.03
-"""Share of the match score that counts as log-likelihood: neighbouring endpoints err alike."""
 
 
 class Rivals(NamedTuple):
@@ -33,11 +31,21 @@ class Rivals(NamedTuple):
 
     Attributes:
         offsets: [m, 3] from there.
-        log_odds: [m] of them against it, 0 at most.
+        scores: [m] match scores, less that of the place found [points].
+        costs: [m] of the offsets from the prediction, less that of the place found [nats].
     """
 
     offsets: Array = np.zeros((0, 3))
-    log_odds: Array = np.zeros(0)
+    scores: Array = np.zeros(0)
+    costs: Array = np.zeros(0)
+
+    def log_odds(self, evidence_share: float) -> Array:
+        """The log-odds [m] against the place found, 0 at most: it was chosen, if only by the match score.
+
+        Args:
+            evidence_share: share of the match score that counts as log-likelihood: neighbouring endpoints err alike.
+        """
+        return np.asarray(np.minimum(evidence_share * self.scores - self.costs, 0.0))
 
 
 class Located(NamedTuple):
@@ -132,10 +140,8 @@ class Localiser:
         order = np.argsort(-values, kind="stable")
         order = order[values[order] > values[best] - RIVAL_SHARE * len(points)]
         rivals = order[apart(tried.offsets[order], RIVALS + 1, APART)[1:]]
-        odds = EVIDENCE_SHARE * (scores[rivals] - scores[best]) - (cost[rivals] - cost[best])
-        # where the match score chose a place of smaller odds, the others are as likely at most
-        odds = np.minimum(odds, 0.0)
-        return Located(found, Rivals(np.asarray(se2.between(start, tried.offsets[rivals])), odds))
+        offsets = np.asarray(se2.between(start, tried.offsets[rivals]))
+        return Located(found, Rivals(offsets, scores[rivals] - scores[best], cost[rivals] - cost[best]))
 
 
 def match_score(found: Registration, config: TrackingConfig) -> Array:

@@ -91,7 +91,8 @@ class TsdfFilter(FilterDefaults):
             return StepResult(
                 self._pose(), tracked.motion, self.weights.effective_number, 0.0, False, False, self._certainty()
             )
-        proposal = self._register(step, scan, divide(self._particles, tracked.rivals))
+        places = divide(self._particles, tracked.rivals, self._config.proposal.evidence_share)
+        proposal = self._register(step, scan, places)
         proposal = self._weigh(step, proposal)
         n_eff, score = self.weights.effective_number, float(proposal.likelihoods[self.best_particle])
         proposal, resampled = self._resample(step, proposal)
@@ -133,7 +134,7 @@ class TsdfFilter(FilterDefaults):
         self._misfit.look(driven, None if fit is None else fit.score, left_out=tracked.lost)
         return tracked
 
-    def _register(self, step: Step, scan: ThinnedScan, starts: Array) -> Proposal:
+    def _register(self, step: Step, scan: ThinnedScan, places: Array) -> Proposal:
         """Register the scan to every particle's map, from these places [N, 3]."""
         c = self._config
         return propose(
@@ -145,7 +146,7 @@ class TsdfFilter(FilterDefaults):
             c.registration,
             measured=step.measured,
             min_points=c.tracking.min_points,
-            places=starts,
+            places=places,
         )
 
     def _weigh(self, step: Step, proposal: Proposal) -> Proposal:

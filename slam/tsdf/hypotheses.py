@@ -27,14 +27,15 @@ def join(particles: Particles) -> None:
     particles.hypotheses[together] = particles.hypotheses[particles.best]
 
 
-def divide(particles: Particles, rivals: Rivals) -> Array:
+def divide(particles: Particles, rivals: Rivals, evidence_share: float) -> Array:
     """Divide the particles around the best one among rival places by their odds; the best one stays.
 
     A place where a particle is already is left out.
 
     Args:
         particles: N of them.
-        rivals: places as likely as the tracked one, from there.
+        rivals: of the tracked place.
+        evidence_share: share of the match score that counts in the odds.
 
     Returns:
         [N, 3] where each looks for the robot, from where the tracked motion leads it.
@@ -47,7 +48,7 @@ def divide(particles: Particles, rivals: Rivals) -> Array:
         return places
     mode = np.flatnonzero((np.abs(off) < APART).all(axis=1))
     mode = np.append(particles.best, mode[mode != particles.best])
-    odds = np.append(0.0, rivals.log_odds[free])
+    odds = np.append(0.0, rivals.log_odds(evidence_share)[free])
     shares = np.exp(odds - odds.max())
     chosen = np.searchsorted(np.cumsum(shares) / shares.sum(), (np.arange(len(mode)) + 0.5) / len(mode))
     chosen[0] = 0

@@ -15,6 +15,7 @@ from moteslam.robot import se2
 from moteslam.slam.odometry.calibration import OdometryCalibration
 from moteslam.slam.odometry.config import CalibrationConfig
 from moteslam.slam.odometry.constant_velocity import extrapolated
+from moteslam.slam.odometry.noise import aside
 from moteslam.slam.registration.config import RegistrationConfig, TrackingConfig
 from moteslam.slam.registration.localisation import Localiser, Rivals, match_score
 from moteslam.slam.registration.registrar import prior_spread
@@ -102,14 +103,15 @@ class Tracker:
     def _spread(self, motion: StepMotion) -> Array:
         """Standard deviation [3] of the prediction, over the distance since the last scan that was registered.
 
-        An error of the heading that grows evenly moves the position by distance times deviation over root three: next
-        to nothing in a step between two scans, most of all after an outage.
+        What errors of the heading move the position aside counts in any direction, since the robot may have turned;
+        where it is less than a basin of the registration the error of a step covers it.
         """
         driven, measured = self._blind.plus(motion.corrected, motion.dt), self._blind_measured and motion.measured
         spread = prior_spread(self._registration, driven.distance, driven.rotation, measured=measured)
-        aside = driven.distance * spread[2] / np.sqrt(3)
-        if aside > self._config.basin_distance:  # less is covered by the error of a step
-            spread[:2] = np.minimum(np.hypot(spread[:2], aside), LARGEST_SPREAD)
+        moved = float(aside(driven.distance, spread[2]))
+        if moved > self._config.basin_distance:
+            spread[:2] = np.hypot(spread[:2], moved)
+        spread[:2] = np.minimum(spread[:2], LARGEST_SPREAD)
         return spread
 
     def track(self, motion: StepMotion, scan: ThinnedScan, origin: Array, particles: Particles) -> Tracked:
@@ -144,6 +146,7 @@ class Tracker:
         shift, turn = magnitude(offset)
         off = np.array([shift, shift, turn])
         self._slip = np.where(off > self._config.slip_threshold * usual, off, 0.0)
+        # this step alone decides whether its odometry is to be used: what was off may lie in the blind ones before
         step = prior_spread(self._registration, *magnitude(motion.corrected), measured=motion.measured)
         slipped = bool((off > self._config.slip_threshold * step).any())
         moved = se2.compose(predicted, offset)

@@ -142,7 +142,7 @@ def sharpest(graph: LoopGraph, filtered: Array, config: GraphConfig) -> Array:
     if config.joint.enabled:
         tried: list[Array] = []
         for start in (graph.poses, corrected, filtered):
-            if any(_same(start, other) for other in tried):
+            if any(_off(start, other) < SAME_START for other in tried):
                 continue
             paths.append(register_jointly(endpoints, start, graph.chain, config))
             values.append(sharpness(endpoints, paths[-1]))
@@ -150,10 +150,10 @@ def sharpest(graph: LoopGraph, filtered: Array, config: GraphConfig) -> Array:
     return paths[int(np.argmin(values))]
 
 
-def _same(one: Array, other: Array) -> bool:
-    """Whether a joint registration from one path [n, 3] leads to where one from another does, or has led."""
-    off = se2.compose(umeyama(one[:, :2], other[:, :2]), one) - other
-    return bool(np.hypot(off[:, 0], off[:, 1]).max() < SAME_START)
+def _off(one: Array, other: Array) -> float:
+    """How far the farthest node of a path [n, 3] is off, laid over another one [m]."""
+    off = laid_over(one, other) - other
+    return float(np.hypot(off[:, 0], off[:, 1]).max())
 
 
 def laid_over(poses: Array, before: Array) -> Array:

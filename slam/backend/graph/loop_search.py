@@ -88,7 +88,7 @@ class LoopSearch:
         Returns:
             None where there is nothing to compare.
         """
-        # of a place beyond the submap's ends it would not know whether it is one
+        # a place beyond the ends of the submap could be no rival of a wrong one
         maps = self._submaps.around(submap, max(half[0] - COVERED, 0.0)).of(0)
         points = self._submaps.query(query)
         if not len(points):

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.robot import se2
+from moteslam.slam.odometry.noise import aside
 
 Array = NDArray[np.float64]
 
@@ -50,11 +51,10 @@ class OdometryModel(NamedTuple):
 def turned_aside(odometry: Array, spread: Array) -> Array:
     """Standard deviations [n, 3] of steps [n, 3], with what errors of the heading on the way move the end aside.
 
-    They grow evenly with the distance, so that the end turns about the beginning by a third of their variance. Between
-    two key scans that is next to nothing, after an outage of ten metres more than all else.
+    Between two key scans that is next to nothing, after an outage of ten metres more than all else.
     """
-    aside = np.abs(odometry[..., 1::-1]) * spread[..., 2:] / np.sqrt(3)
-    return np.concatenate((np.hypot(spread[..., :2], aside), spread[..., 2:]), axis=-1)
+    moved = aside(np.abs(odometry[..., 1::-1]), spread[..., 2:])
+    return np.concatenate((np.hypot(spread[..., :2], moved), spread[..., 2:]), axis=-1)
 
 
 def fit_odometry(odometry: Array, registered: Array, covariance: Array) -> OdometryModel:

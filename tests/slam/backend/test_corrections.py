@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from moteslam.robot import se2
-from moteslam.slam.backend.graph import backend
-from moteslam.slam.backend.graph.backend import laid_over
+from moteslam.slam.backend.graph import backend, endpoints
+from moteslam.slam.backend.graph.backend import laid_over, sharpest
 from moteslam.slam.backend.graph.config import GraphConfig
-from moteslam.slam.backend.graph.endpoints import Endpoints
+from moteslam.slam.backend.graph.endpoints import Endpoints, sharpness
 from moteslam.slam.backend.graph.loop_graph import LoopGraph
 from moteslam.slam.backend.graph.loop_search import Loop
 from moteslam.slam.backend.graph.nodes import Nodes
@@ -100,3 +100,39 @@ def test_what_was_registered_jointly_is_bent_by_later_loops_alone():
     graph.solve_as_measured()
     assert graph.poses[10, 1] == pytest.approx(0.3, abs=0.1)
     assert all(found.accepted for found in graph.ledger)
+
+
+@pytest.mark.usefixtures("taichi")
+@pytest.mark.parametrize(("elsewhere", "starts"), [(0.0, 1), (0.1, 1), (2.0, 2)])
+def test_a_joint_registration_starts_from_each_path_that_is_elsewhere(
+    monkeypatch: pytest.MonkeyPatch, elsewhere: float, starts: int
+):
+    """Laid over each other rigidly first; and the path of fewest cells is the one that is taken."""
+    graph, started = graph_of(12), []
+
+    def register(endpoints: Endpoints, poses: np.ndarray, *_: object) -> np.ndarray:
+        started.append(poses)
+        return poses + np.array((0.0, 0.001, 0.0))
+
+    monkeypatch.setattr(backend, "register_jointly", register)
+    monkeypatch.setattr(backend, "sharpness", lambda endpoints, poses: -float(np.abs(np.diff(poses[:, 1])).max()))
+    filtered = np.asarray(se2.compose((3.0, 2.0, 1.0), graph.poses + np.eye(13, 3, k=-6)[:, [1, 0, 2]] * elsewhere))
+    found = sharpest(graph, filtered, GraphConfig())
+    assert len(started) == starts
+    np.testing.assert_array_equal(started[-1], filtered if starts == 2 else graph.poses)
+    assert np.abs(found - filtered).max() <= 0.001
+
+
+def test_cells_are_counted_alike_on_a_grid_and_by_sorting(monkeypatch: pytest.MonkeyPatch):
+    rng = np.random.default_rng(4)
+    points = rng.uniform(-3, 3, (400, 2)).astype(np.float32)
+    owners = np.repeat(np.arange(4), 100).astype(np.int32)
+    scans = Endpoints(points, points, np.arange(0, 401, 100, dtype=np.int32), owners)
+    poses = rng.uniform(-20, 20, (4, 3))
+    counted = sharpness(scans, poses)
+    monkeypatch.setattr(endpoints, "LARGEST_GRID", 0)
+    assert sharpness(scans, poses) == counted
+    assert 300 < counted <= 400
+    assert sharpness(scans, poses[[0, 0, 0, 0]]) <= 400
+    again = Endpoints(points[np.arange(400) % 100], points, scans.starts, owners)
+    assert sharpness(again, poses[[0, 0, 0, 0]]) <= 100

@@ -136,11 +136,11 @@ def test_places_that_look_alike_are_rivals_by_what_their_offsets_cost(room: Tsdf
         assert len(rivals.offsets) == 1
         if not lean:
             np.testing.assert_allclose(np.abs(se2.between(places, expected)), 0.0, atol=0.02)
-            assert rivals.log_odds[0] == pytest.approx(0.0, abs=0.2)
+            assert rivals.log_odds(0.03)[0] == pytest.approx(0.0, abs=0.2)
             continue
         np.testing.assert_allclose(se2.between(here, at), 0.0, atol=0.02)
         near, far = np.pi / 2 - lean, np.pi / 2 + lean
-        assert rivals.log_odds[0] == pytest.approx((near**2 - far**2) / 2 / spread[2] ** 2, abs=0.2)
+        assert rivals.log_odds(0.03)[0] == pytest.approx((near**2 - far**2) / 2 / spread[2] ** 2, abs=0.2)
 
 
 def test_a_place_that_looks_like_no_other_has_no_rivals(room: TsdfView) -> None:
@@ -149,4 +149,4 @@ def test_a_place_that_looks_like_no_other_has_no_rivals(room: TsdfView) -> None:
     found, rivals = localiser().locate(room, at + 0.3, np.full(3, 0.3), points, np.zeros(2), ODOMETRY)
     np.testing.assert_allclose(se2.between(se2.compose(at + 0.3, found.offsets[0]), at), 0.0, atol=0.005)
     assert not len(rivals.offsets)
-    assert not len(rivals.log_odds)
+    assert not len(rivals.log_odds(0.03))
