@@ -25,39 +25,46 @@ PAIR = 9
 
 @kernel
 def _match(
-    points: F32_2D, normals: F32_2D, owners: I32_1D, partners: I32_2D, begin: I32_1D, order: I32_1D, columns: I32,
-    rows: I32, inverse: F32, reach: F32, agreement: F32, matches: I32_2D,
+    points: F32_2D, normals: F32_2D, order: I32_1D, runs: I32_2D, begin: I32_1D, owners: I32_1D, partners: I32_2D,
+    columns: I32, rows: I32, inverse: F32, reach: F32, agreement: F32, matches: I32_2D,
 ):  # fmt: skip
-    """The nearest endpoint of every partner; ``order`` are the points cell by cell, within a cell scan by scan."""
+    """The nearest endpoint of every partner; points and normals are given in ``order``: cell by cell, scan by scan.
+
+    Runs are what a cell holds of one scan: its first point, and the scan. ``begin`` are the cells' first runs. The
+    scans of a cell rise as a scan's partners do, so both are gone through once.
+    """
     slots = partners.shape[1]
     ti.loop_config(serialize=ti.static(one_thread()))
-    for i in range(points.shape[0]):
+    for k in range(points.shape[0]):
+        i = order[k]
+        mine = owners[i]
         best = ti.Vector([0.0] * MAX_PARTNERS, dt=ti.f32)
-        some = 0
+        count = 0
         for s in range(slots):
             best[s] = reach * reach
             matches[i, s] = -1
-            if partners[owners[i], s] >= 0:
-                some = 1
-        px, py, nx, ny = points[i, 0], points[i, 1], normals[i, 0], normals[i, 1]
-        if some == 1 and nx * nx + ny * ny > 0.5:
+            if partners[mine, s] >= 0:
+                count = s + 1
+        px, py, nx, ny = points[k, 0], points[k, 1], normals[k, 0], normals[k, 1]
+        if count > 0 and nx * nx + ny * ny > 0.5:
             cx, cy = ti.cast(px * inverse, ti.i32), ti.cast(py * inverse, ti.i32)
             for row in range(ti.max(cy - 1, 0), ti.min(cy + 2, rows)):
                 first, last = row * columns + ti.max(cx - 1, 0), row * columns + ti.min(cx + 1, columns - 1)
-                owner, slot = -1, -1
-                for e in range(begin[first], begin[last + 1]):
-                    j = order[e]
-                    if owners[j] != owner:
-                        owner, slot = owners[j], -1
-                        for s in range(slots):
-                            if partners[owners[i], s] == owner:
-                                slot = s
-                    if slot >= 0:
-                        dx, dy = points[j, 0] - px, points[j, 1] - py
-                        square = dx * dx + dy * dy
-                        if square < best[slot] and nx * normals[j, 0] + ny * normals[j, 1] > agreement:
-                            best[slot] = square
-                            matches[i, slot] = j
+                owner, slot, partner = -1, 0, partners[mine, 0]
+                for run in range(begin[first], begin[last + 1]):
+                    if runs[run, 1] < owner:  # the next cell
+                        slot, partner = 0, partners[mine, 0]
+                    owner = runs[run, 1]
+                    while partner < owner and slot + 1 < count:
+                        slot += 1
+                        partner = partners[mine, slot]
+                    if partner == owner:
+                        for e in range(runs[run, 0], runs[run + 1, 0]):
+                            dx, dy = points[e, 0] - px, points[e, 1] - py
+                            square = dx * dx + dy * dy
+                            if square < best[slot] and nx * normals[e, 0] + ny * normals[e, 1] > agreement:
+                                best[slot] = square
+                                matches[i, slot] = order[e]
 
 
 @func
@@ -123,7 +130,8 @@ def match_endpoints(
         points: [p, 2] of n scans, scan by scan, in the map frame [m].
         normals: [p, 2] of their surfaces, in the map frame; points whose normal is zero match nothing.
         owners: int32 [p] the scan of each point.
-        partners: int32 [n, k] the scans that each scan's endpoints are held to, -1 for none, at most ``MAX_PARTNERS``.
+        partners: int32 [n, k] the scans that each scan's endpoints are held to, rising, at most ``MAX_PARTNERS``; -1
+            after them.
         reach: largest distance of a match [m].
         agreement: smallest cosine between the normals of a match.
 
@@ -151,10 +159,14 @@ def match_endpoints(
     inverse = np.float32(1 / size)
     cells = (placed * inverse).astype(np.int32) @ np.array((1, columns), np.int32)
     order = np.argsort(cells, kind="stable").astype(np.int32)
-    begin = np.searchsorted(cells[order], np.arange(columns * rows + 1)).astype(np.int32)
+    cells, sources = cells[order], scans[order]
+    starts = np.flatnonzero(np.r_[True, (np.diff(cells) != 0) | (np.diff(sources) != 0)])
+    runs = np.column_stack((np.r_[starts, len(ends)], np.r_[sources[starts], len(mates)])).astype(np.int32)
+    begin = np.searchsorted(cells[starts], np.arange(columns * rows + 1)).astype(np.int32)
     runtime()
     _match(
-        placed, across, scans, mates, begin, order, columns, rows, float(inverse), reach, agreement, matches
+        placed[order], across[order], order, runs, begin, scans, mates, columns, rows, float(inverse), reach,
+        agreement, matches,
     )  # fmt: skip
     return matches
 
@@ -220,4 +232,7 @@ def _checked_partners(partners: ArrayLike) -> NDArray[np.int32]:
         raise InputError(f"{slots} of them, expected at most {MAX_PARTNERS}", field="partners")
     if mates.size and not (mates.min() >= -1 and mates.max() < n):
         raise InputError(f"a scan beyond the {n}", field="partners")
+    before, after = mates[:, :-1], mates[:, 1:]
+    if ((after >= 0) & (after <= before) | (after >= 0) & (before < 0)).any():
+        raise InputError("scans in any order, expected rising ones, -1 after them", field="partners")
     return mates

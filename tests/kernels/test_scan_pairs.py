@@ -30,7 +30,7 @@ def case() -> dict[str, np.ndarray]:
         points.append(se2.transform_points(inverse, wall))
         normals.append(se2.transform_points(inverse, wall - np.column_stack((np.cos(turn), np.sin(turn)))) - points[-1])
     normals[0][:5] = 0.0
-    partners = np.array([[1, 2, -1], [0, 3, 4], [4, 0, -1], [1, -1, -1], [-1, 2, 0]], np.int32)
+    partners = np.array([[1, 2, -1], [0, 3, 4], [0, 4, -1], [1, -1, -1], [0, 2, -1]], np.int32)
     return {
         "points": np.vstack(points).astype(np.float32),
         "normals": np.vstack(normals).astype(np.float32),
@@ -145,12 +145,14 @@ def test_the_back_end_asks_for_no_more_partners_than_the_kernel_keeps():
     [
         ({"partners": np.zeros((SCANS, MAX_PARTNERS + 1), np.int32)}, "partners"),
         ({"partners": np.full((SCANS, 3), SCANS, np.int32)}, "partners"),
+        ({"partners": np.tile((2, 1, -1), (SCANS, 1)).astype(np.int32)}, "partners"),
+        ({"partners": np.tile((-1, 1, 2), (SCANS, 1)).astype(np.int32)}, "partners"),
         ({"owners": np.full(SCANS * POINTS, SCANS, np.int32)}, "owners"),
         ({"reach": 0.0}, "reach"),
         ({"reach": np.nan}, "reach"),
     ],
 )
-def test_matches_that_would_read_other_memory_are_refused(
+def test_matches_that_would_read_other_memory_or_miss_partners_are_refused(
     case: dict[str, np.ndarray], change: dict[str, np.ndarray], field: str
 ):
     points, normals = placed(case)

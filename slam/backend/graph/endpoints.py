@@ -51,6 +51,18 @@ class Endpoints(NamedTuple):
         starts = np.r_[0, np.cumsum(kept)][self.starts].astype(np.int32)
         return Endpoints(self.points[kept], self.normals[kept], starts, self.owners[kept])
 
+    def only(self, scans: NDArray[np.intp]) -> Endpoints:
+        """Those of some scans [m], which rise; numbered anew."""
+        if len(scans) == len(self.starts) - 1:
+            return self
+        counts = np.diff(self.starts)
+        wanted = np.zeros(len(counts), bool)
+        wanted[scans] = True
+        kept = wanted[self.owners]
+        starts = np.r_[0, np.cumsum(counts[scans])].astype(np.int32)
+        owners = np.repeat(np.arange(len(scans)), counts[scans]).astype(np.int32)
+        return Endpoints(self.points[kept], self.normals[kept], starts, owners)
+
     def placed(self, poses: Array) -> tuple[Array, Array]:
         """Points and normals [p, 2] in the map frame."""
         pose = poses[self.owners]

@@ -7,6 +7,8 @@ system a round. The chain is the prior: along a corridor endpoints slide.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
@@ -16,12 +18,13 @@ from moteslam.robot import se2
 from moteslam.slam.backend.graph.chain import Chain
 from moteslam.slam.backend.graph.config import GraphConfig
 from moteslam.slam.backend.graph.endpoints import Endpoints
-from moteslam.slam.backend.graph.pose_graph import ANCHOR, relative_jacobians
+from moteslam.slam.backend.graph.pose_graph import relative_jacobians
 from moteslam.slam.backend.graph.sparse_blocks import BlockSystem
 from moteslam.slam.registration.degeneracy import least_informed
 from moteslam.slam.registration.registrar import FULL
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
 
 LEAST_RESIDUAL = 0.003
 """The endpoints' distances to their lines vary by this standard deviation at least [m]; the rest is measured."""
@@ -70,47 +73,114 @@ def register_jointly(
     joint = config.joint
     poses, n = poses.copy(), len(poses)
     reach = joint.first_reach if free is None else joint.last_reach
-    moving = np.ones(n, bool) if free is None else free
-    held = np.where(moving, 0.0, ANCHOR)
-    held[0] = ANCHOR
-    steps, seen, chosen = np.arange(n - 1), endpoints.thinned(FIRST_POINTS), False
-    measured, covariance, doubted = chain.prior()
-    known = np.asarray(np.linalg.inv(covariance))
+    held = np.ones(n, bool) if free is None else free
+    moving = held & (np.arange(n) > 0)
+    if not moving.any():
+        return poses
+    seen, problem = endpoints.thinned(FIRST_POINTS), None
     most = rounds or joint.rounds
     for turn in range(most):
-        if not chosen:
-            chosen = True
-            partners = choose_partners(seen, poses, joint.partners, moving)
-            own_scan, slot = np.nonzero(partners >= 0)
-            other = partners[own_scan, slot].astype(np.intp)
-            system = BlockSystem(n, np.r_[own_scan, steps], np.r_[other, steps + 1])
-        points, normals = seen.placed(poses)
-        matches = match_endpoints(points, normals, seen.owners, partners, reach=reach, agreement=AGREEMENT)
-        scale = max(SCALE_SHARE * reach, LEAST_SCALE)
-        pairs, costs = accumulate(seen.points, seen.normals, seen.starts, poses, partners, matches, scale=scale)
-        variance = _residual_variance(costs, scale) * config.correlation
-        information = len(endpoints.points) / len(seen.points) / variance
-        blocks, right = np.zeros((n, 3, 3)), np.zeros((n, 3))
-        bound = _add_pairs(poses, own_scan, other, information * pairs[own_scan, slot], config, blocks, right)
-        between = _add_chain(poses, measured, known, doubted, blocks, right)
-        blocks += held[:, None, None] * np.eye(3)
-        step = system.solve(blocks, np.concatenate((bound, between)), -right)
-        poses += step
-        poses[:, 2] = se2.wrap(poses[:, 2])
-        still = reach <= joint.last_reach and np.square(step[moving, :2]).sum(axis=1).mean() < STILL**2
+        if problem is None:
+            partners = choose_partners(seen, poses, joint.partners, held)
+            problem = _Problem(seen, partners, moving, chain, config, len(endpoints.points) / len(seen.points))
+        step = problem.step(poses, reach)
+        poses[moving] += step
+        poses[moving, 2] = se2.wrap(poses[moving, 2])
+        still = reach <= joint.last_reach and np.square(step[:, :2]).sum(axis=1).mean() < STILL**2
         if still and seen is endpoints:
             break
         if seen is not endpoints and (still or turn >= most // 2):
-            seen, chosen = endpoints, False
+            seen, problem = endpoints, None
         reach = max(SHRINK * reach, joint.last_reach)
     return poses
 
 
-def choose_partners(endpoints: Endpoints, poses: Array, most: int, moving: NDArray[np.bool_]) -> NDArray[np.int32]:
+class _Problem:
+    """The normal equations of the scans that move: with their partners, and with the ends of their steps.
+
+    Args:
+        seen: endpoints of n scans.
+        partners: int32 [n, k] of each, as of ``choose_partners``.
+        moving: [n] which of them move.
+        chain: the steps between all of them.
+        config: of the back end.
+        weight: of an endpoint.
+    """
+
+    def __init__(
+        self,
+        seen: Endpoints,
+        partners: NDArray[np.int32],
+        moving: NDArray[np.bool_],
+        chain: Chain,
+        config: GraphConfig,
+        weight: float,
+    ) -> None:
+        bound = moving[:-1] | moving[1:]
+        some: NDArray[np.bool_] = np.zeros(len(moving), bool)
+        some[(partners >= 0).any(axis=1)] = True
+        some[partners[partners >= 0]] = True
+        some[:-1] |= bound
+        some[1:] |= bound
+        number = np.cumsum(some) - 1
+        self._config, self._weight = config, weight
+        self._nodes, steps = np.flatnonzero(some), np.flatnonzero(bound)
+        self._seen = seen.only(self._nodes)
+        self._partners = np.where(partners >= 0, number[partners], -1).astype(np.int32)[self._nodes]
+        self._first, self._slots = np.nonzero(self._partners >= 0)
+        self._second = self._partners[self._first, self._slots].astype(np.intp)
+        measured, covariance, doubted = chain.prior()
+        self._steps = _Steps(
+            number[steps],
+            number[steps + 1],
+            measured[steps],
+            np.asarray(np.linalg.inv(covariance[steps])),
+            doubted[steps],
+        )
+        self._moving = moving[self._nodes]
+        one, other = np.r_[self._first, self._steps.before], np.r_[self._second, self._steps.after]
+        self._inner = self._moving[one] & self._moving[other]
+        unknown = np.cumsum(self._moving) - 1
+        self._system = BlockSystem(int(self._moving.sum()), unknown[one[self._inner]], unknown[other[self._inner]])
+
+    def step(self, poses: Array, reach: float) -> Array:
+        """The Gauss-Newton step [m, 3] of the scans that move, from all poses [n, 3], with matches within reach [m]."""
+        poses, seen = poses[self._nodes], self._seen
+        points, normals = seen.placed(poses)
+        matches = match_endpoints(points, normals, seen.owners, self._partners, reach=reach, agreement=AGREEMENT)
+        scale = max(SCALE_SHARE * reach, LEAST_SCALE)
+        pairs, costs = accumulate(seen.points, seen.normals, seen.starts, poses, self._partners, matches, scale=scale)
+        information = self._weight / (_residual_variance(costs, scale) * self._config.correlation)
+        sums = information * pairs[self._first, self._slots]
+        blocks, right = np.zeros((len(poses), 3, 3)), np.zeros((len(poses), 3))
+        by_pair = _add_pairs(poses, self._first, self._second, sums, self._config, blocks, right)
+        by_step = _add_steps(poses, self._steps, blocks, right)
+        between = np.concatenate((by_pair, by_step))[self._inner]
+        return self._system.solve(blocks[self._moving], between, -right[self._moving])
+
+
+class _Steps(NamedTuple):
+    """Steps of the chain.
+
+    Attributes:
+        before, after: [s] the scans that each leads from and to.
+        measured: [s, 3].
+        information: [s, 3, 3] of them.
+        doubted: [s] which may be far off: these have heavy tails.
+    """
+
+    before: Indices
+    after: Indices
+    measured: Array
+    information: Array
+    doubted: NDArray[np.bool_]
+
+
+def choose_partners(endpoints: Endpoints, poses: Array, most: int, held: NDArray[np.bool_]) -> NDArray[np.int32]:
     """The scans that each scan's endpoints are held to: int32 [n, most], -1 for none.
 
     Scans that see the same places: some of those nearest along the path, and some spread over all that overlap, so that
-    every passage is bound to every other. Those that do not move have none.
+    every passage is bound to every other. Those that are not to be held to others have none.
     """
     n = len(poses)
     points, _ = endpoints.placed(poses)
@@ -120,11 +190,11 @@ def choose_partners(endpoints: Endpoints, poses: Array, most: int, moving: NDArr
     seen = csr_matrix((np.ones(len(column), np.float32), (endpoints.owners, column)), shape=(n, int(column.max()) + 1))
     seen.sum_duplicates()
     seen.data[:] = 1
-    movers = np.flatnonzero(moving)
-    shared, sizes = (seen[movers] @ seen.T).tocsr(), np.diff(seen.indptr)
+    rows = np.flatnonzero(held)
+    shared, sizes = (seen[rows] @ seen.T).tocsr(), np.diff(seen.indptr)
     partners = np.full((n, most), -1, np.int32)
     near_count = int(NEAR_SHARE * most)
-    for row, a in enumerate(movers.tolist()):
+    for row, a in enumerate(rows.tolist()):
         entries = slice(shared.indptr[row], shared.indptr[row + 1])
         others, overlap = shared.indices[entries], shared.data[entries]
         others = np.sort(others[(others != a) & (overlap >= LEAST_OVERLAP * sizes[a])])
@@ -154,8 +224,8 @@ def _residual_variance(costs: Array, scale: float) -> float:
 
 def _add_pairs(
     poses: Array,
-    first: NDArray[np.intp],
-    second: NDArray[np.intp],
+    first: Indices,
+    second: Indices,
     sums: Array,
     config: GraphConfig,
     blocks: Array,
@@ -199,25 +269,22 @@ def _turned(matrices: Array, vectors: Array) -> Array:
     return np.asarray((matrices @ vectors[..., None])[..., 0])
 
 
-def _add_chain(
-    poses: Array, steps: Array, information: Array, doubted: NDArray[np.bool_], blocks: Array, right: Array
-) -> Array:
-    """Add the chain to the system; returns the blocks [n - 1, 3, 3] between neighbours.
+def _add_steps(poses: Array, steps: _Steps, blocks: Array, right: Array) -> Array:
+    """Add steps of the chain to the system; returns the blocks [s, 3, 3] between their ends.
 
     Args:
         poses: [n, 3].
-        steps: [n - 1, 3] of the chain.
-        information: [n - 1, 3, 3] of them.
-        doubted: [n - 1] which may be far off: these have heavy tails.
+        steps: that bind them; each scan is before at most one, and after at most one.
         blocks, right: [n, 3, 3] and [n, 3] of the system; added to.
     """
-    off = np.asarray(se2.between(steps, se2.between(poses[:-1], poses[1:])))
-    squares = np.einsum("ni,nij,nj->n", off, information, off)
-    information = information / (1 + doubted * squares / SLIP**2)[:, None, None]
-    first, second = relative_jacobians(poses[:-1], poses[1:], steps[:, 2])
+    before, after = poses[steps.before], poses[steps.after]
+    off = np.asarray(se2.between(steps.measured, se2.between(before, after)))
+    squares = np.einsum("ni,nij,nj->n", off, steps.information, off)
+    information = steps.information / (1 + steps.doubted * squares / SLIP**2)[:, None, None]
+    first, second = relative_jacobians(before, after, steps.measured[:, 2])
     weighted_first, weighted_second = information @ first, information @ second
-    blocks[:-1] += np.swapaxes(first, 1, 2) @ weighted_first
-    blocks[1:] += np.swapaxes(second, 1, 2) @ weighted_second
-    right[:-1] += np.einsum("eki,ek->ei", weighted_first, off)
-    right[1:] += np.einsum("eki,ek->ei", weighted_second, off)
+    blocks[steps.before] += np.swapaxes(first, 1, 2) @ weighted_first
+    blocks[steps.after] += np.swapaxes(second, 1, 2) @ weighted_second
+    right[steps.before] += np.einsum("eki,ek->ei", weighted_first, off)
+    right[steps.after] += np.einsum("eki,ek->ei", weighted_second, off)
     return np.asarray(np.swapaxes(first, 1, 2) @ weighted_second)

@@ -63,6 +63,18 @@ def test_thinned_endpoints_are_the_first_of_each_scan_and_every_third_after_it()
     np.testing.assert_array_equal(thinned.owners, [0, 0, 2])
 
 
+def test_endpoints_of_some_scans_are_numbered_anew():
+    starts = np.array([0, 4, 4, 6], np.int32)
+    points = np.arange(12, dtype=np.float32).reshape(6, 2)
+    scans = Endpoints(points, -points, starts, np.array([0, 0, 0, 0, 2, 2], np.int32))
+    some = scans.only(np.array([1, 2]))
+    np.testing.assert_array_equal(some.points, points[4:])
+    np.testing.assert_array_equal(some.normals, -points[4:])
+    np.testing.assert_array_equal(some.starts, [0, 0, 2])
+    np.testing.assert_array_equal(some.owners, [1, 1])
+    assert scans.only(np.arange(3)) is scans
+
+
 @pytest.mark.usefixtures("taichi")
 @pytest.mark.parametrize(("distance", "corrects"), [(0.1, True), (20.0, False)])
 def test_a_correction_moves_no_node_much_farther_than_its_loops_are_off(

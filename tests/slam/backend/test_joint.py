@@ -64,6 +64,29 @@ def test_between_bare_walls_the_chain_says_how_far_the_robot_came():
     assert abs(moved_along(FREE)) > 0.25
 
 
+def test_scans_that_are_not_free_stay_where_they_are():
+    """Three scans of a path through a room are off; one of them is free, then all three, then none."""
+    rng = np.random.default_rng(3)
+    t = np.linspace(0, 1, 80, endpoint=False)[:, None]
+    corners = np.array([[-6.0, -4.0], [6.0, -4.0], [6.0, 4.0], [-6.0, 4.0], [-6.0, -4.0]])
+    room = np.vstack([a + t * (b - a) for a, b in pairwise(corners)])
+    true = np.column_stack((np.linspace(0, 3, 7), np.zeros((7, 2))))
+    true[1:, 2] = rng.uniform(-0.2, 0.2, 6)
+    inverses = np.asarray(se2.between(true, np.zeros(3)))
+    scans = [
+        thin(se2.transform_points(inverse, room).astype(np.float32), np.zeros(2), GraphConfig().thinning)
+        for inverse in inverses
+    ]
+    chain = cast(Chain, Given(np.asarray(se2.between(true[:-1], true[1:])), (0.1, 0.1, 0.1)))
+    off = true.copy()
+    off[[2, 3, 5], 0] += 0.02
+    for free in ([3], [2, 3, 5], []):
+        which = np.isin(np.arange(7), free)
+        found = register_jointly(Endpoints.of(scans), off, chain, GraphConfig(), which)
+        np.testing.assert_array_equal(found[~which], off[~which])
+        np.testing.assert_allclose(found[which], true[which], atol=0.012 if free == [3] else 0.005)
+
+
 def node(index: int, odometry: tuple[float, float, float], points: NDArray[np.float32]) -> KeyScan:
     motion = np.array(odometry)
     return KeyScan(index, 0.1 * index, points, np.zeros(2), np.zeros(3), motion, measured=True, motion=motion)
