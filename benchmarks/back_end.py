@@ -127,6 +127,7 @@ def measure(this: Run) -> Row:
             score = absolute_trajectory_error(estimate.trajectory_final, case.reference, scale=True)
             row["final_scaled"] = score.rmse
         row |= {"accepted": loops.accepted, "false": loops.false, **late_errors(estimate, case)}
+        row |= {"overruled": loops.overruled, "overruled_false": loops.overruled_false}
         if this.name in FORKS:
             row["right"] = float(row["final"] < RIGHT)
         if loops.recall is not None:

@@ -35,8 +35,9 @@ MAX_DIGITS = 18
 
 
 def looks_for_loops(config: SlamConfig) -> bool:
-    """Whether the back end of a run looks for loops: any but the null one."""
-    return config.backend.method != "none"
+    """Whether the back end of a run looks for loops: any but the null one, unless they are switched off."""
+    loops = getattr(config.backend, "loops", None)
+    return config.backend.method != "none" and getattr(loops, "enabled", True)
 
 
 def loop_counts(loops: Sequence[LoopCandidate]) -> dict[str, int]:

@@ -35,7 +35,7 @@ class Logging:
     def __post_init__(self) -> None:
         for field, value in (("every", self.every), ("turn", self.turn)):
             if value is not None and not 0 < value < math.inf:
-                raise ConfigError(f"{value:g}, expected more than 0", field=field)
+                raise ConfigError(f"{value:g}, expected a finite number above 0", field=field)
         if self.noise is not None and not all(0 <= share <= 1 for share in self.noise):
             raise ConfigError(f"{self.noise[0]:g} {self.noise[1]:g}, expected 0 to 1", field="noise")
 
@@ -51,7 +51,10 @@ def logged(simulation: Simulation, logging: Logging) -> Simulation:
         distance = math.inf if logging.every is None else logging.every
         recording = key_scans(recording, distance=distance, turn=math.inf if logging.turn is None else logging.turn)
         if recording.lidar is None or len(recording.lidar) < 2:
-            raise InputError("one key scan alone, expected a drive that moves further", file=recording.name)
+            raise InputError(
+                f"one key scan alone in {simulation.truth.length:.1f} m, expected less distance or turn between two",
+                file=recording.name,
+            )
     if logging.noise is not None:
         rng = rng_of(simulation.scenario.seed, "odometry")
         distance, rotation = logging.noise

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,18 @@ from moteslam.slam.backend.ledger import LoopCandidate
 from moteslam.slam.config import SlamConfig
 from moteslam.slam.preview import preview_png
 from moteslam.slam.texture.floor_map import TextureMap
+
+
+class Correction(NamedTuple):
+    """A path that the back end corrected, and the map with it.
+
+    Attributes:
+        scan: index of the scan after which.
+        path: [k, 3] poses of the first k updates, in the map from then on.
+    """
+
+    scan: int
+    path: NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -42,6 +55,7 @@ class Estimate(Summarised):
             the robot after the scan, with the map [m], 0 where it did not.
         warnings: what SLAM had to do without.
         seconds: time spent in filter and back end [s].
+        corrections: what the back end corrected while the robot drove, in order.
         loops: what the back end looked for and found, in the order of the search; empty without one.
         texture: the floor in colours, None where there are no images, it was not asked for, or it could not be made.
     """
@@ -62,6 +76,7 @@ class Estimate(Summarised):
     diagnostics: dict[str, NDArray[np.float64]]
     warnings: tuple[Issue, ...]
     seconds: float
+    corrections: tuple[Correction, ...] = ()
     loops: tuple[LoopCandidate, ...] = ()
     texture: TextureMap | None = None
 

@@ -22,7 +22,7 @@ from moteslam.slam.backend.kinds import BACKENDS
 from moteslam.slam.backend.protocol import KeyScan
 from moteslam.slam.colouring import with_texture
 from moteslam.slam.config import SlamConfig
-from moteslam.slam.estimate import Estimate
+from moteslam.slam.estimate import Correction, Estimate
 from moteslam.slam.filter.certainty import Certainty, LocalisationState, certainty_of_particles
 from moteslam.slam.filter.protocol import StepResult
 from moteslam.slam.filter.spread import spread
@@ -112,6 +112,7 @@ class SlamSession:
         self._updates: list[int] = []
         self._waiting: list[KeyScan] = []  # for the back end, until the filter is settled
         self._spreads: list[Array] = []
+        self._corrections: list[Correction] = []
         self._done = 0
         self._drawn: tuple[int, Raster | None] = (0, None)  # the map, and after how many scans
 
@@ -204,6 +205,7 @@ class SlamSession:
             diagnostics={key: values[:n] for key, values in self._diagnostics.items()},
             warnings=self._warnings(),
             seconds=float(self._diagnostics["seconds"].sum()) + finishing,
+            corrections=tuple(self._corrections),
             loops=self._backend.loops,
         )
 
@@ -256,6 +258,7 @@ class SlamSession:
                 path = revised = np.vstack((revised, se2.compose(revised[-1], se2.between(path[k], path[k + 1 :]))))
             self._filter.revise(revised, np.array(self._updates), self._inputs.scans)
             now = revised[-1]
+            self._corrections.append(Correction(self._updates[-1], revised))
         return float(np.hypot(*(now - before)[:2]))
 
     def _record(

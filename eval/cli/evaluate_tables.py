@@ -37,6 +37,9 @@ def loop_lines(result: LoopResult) -> str:
     if result.precision is not None:
         right, accepted = result.accepted - result.false, counted(result.accepted, "accepted loop")
         lines.append(f"loop precision {100 * result.precision:.1f} %: {right} of {accepted} right")
+    if result.overruled:
+        overruled = counted(result.overruled, "loop")
+        lines.append(f"overruled by the final path: {overruled}, {result.overruled_false} of them false")
     if result.recall is not None:
         share = f"{result.bound} of {counted(result.possible or 0, 'key scan')} with a possible loop"
         lines.append(f"loop recall {100 * result.recall:.1f} %: {share} bound by an accepted one")

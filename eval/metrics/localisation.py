@@ -6,6 +6,7 @@ from which that map was made (``docs/theory/am-i-lost.md``).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,6 +21,7 @@ from moteslam.robot.se2 import Poses
 from moteslam.robot.summary import Summarised
 from moteslam.robot.trajectory import Trajectory
 from moteslam.robot.wording import counted, expect_type
+from moteslam.slam.estimate import Correction
 from moteslam.slam.filter.certainty import LOST_DISTANCE, LOST_ROTATION, NEIGHBOURHOOD, LocalisationState
 
 Array = NDArray[np.float64]
@@ -97,14 +99,21 @@ def state_counts(states: Array | NDArray[np.int64]) -> dict[str, int]:
 
 
 def score_localisation(
-    trajectory: Trajectory, covariances: Array, states: Array, updated: Array, truth: Trajectory
+    trajectory: Trajectory,
+    covariances: Array,
+    states: Array,
+    updated: Array,
+    truth: Trajectory,
+    *,
+    corrections: Sequence[Correction] = (),
 ) -> LocalisationResult:
     """Score covariances and states.
 
     The map around the robot is made of the scans of the updates so far from poses within ``NEIGHBOURHOOD`` of where the
     robot is, or of where it was estimated to be. The error of an online pose is the mean, over these updates, of the
     difference between its estimated and its true pose relative to the update's. Drift that has built up before the map
-    around the robot was made is in none of these.
+    around the robot was made is in none of these. Where a back end corrected the path, and the map with it, the updates
+    before count where the correction put them.
 
     Args:
         trajectory: [n] online poses.
@@ -112,6 +121,7 @@ def score_localisation(
         states: [n] as of ``LocalisationState``.
         updated: [n] above 0 where the scan went into the map.
         truth: on their clock.
+        corrections: of the path while the robot drove, in order.
 
     Raises:
         InputError: arrays that do not fit together, or a covariance that is not positive definite; or, of the field
@@ -125,7 +135,10 @@ def score_localisation(
     there = np.flatnonzero(covered(trajectory.stamps, truth.stamps, MAX_DIFFERENCE)) if len(truth) else np.arange(0)
     estimated = trajectory.poses[there]
     true = se2.interpolate(truth.stamps, truth.poses, trajectory.stamps[there]) if len(there) else estimated
-    chosen, errors, effects = _errors(estimated, true, np.flatnonzero(updated[there] > 0))
+    updates = np.flatnonzero(updated > 0)
+    numbers = np.full(n, -1)
+    numbers[updates] = np.arange(len(updates))
+    chosen, errors, effects = _errors(estimated, true, there, numbers[there], corrections)
     if not len(chosen):
         raise InputError("it covers no scan with a map around it, expected two updates or more", field="truth")
     offset = _frame_offset(errors, effects)
@@ -137,30 +150,52 @@ def score_localisation(
     return LocalisationResult(trajectory.stamps[scans], errors, nees, states[scans].astype(np.int64), offset)
 
 
-def _errors(estimated: Poses, true: Poses, updates: NDArray[np.intp]) -> tuple[NDArray[np.intp], Array, Array]:
+def _errors(
+    estimated: Poses, true: Poses, scans: NDArray[np.intp], numbers: NDArray[np.intp], corrections: Sequence[Correction]
+) -> tuple[NDArray[np.intp], Array, Array]:
     """The scans [k] with a map around them, their errors [k, 3], and how an offset of the frame moves these [k, 3, 3].
 
     Args:
         estimated, true: [n, 3] poses.
-        updates: [u] indices of those whose scans went into the map.
+        scans: [n] indices of their scans in the recording.
+        numbers: [n] of those whose scans went into the map among all updates; -1 of the others.
+        corrections: see ``score_localisation``.
     """
     from scipy.spatial import cKDTree
 
     chosen, errors, effects = [], [], []
+    updates = np.flatnonzero(numbers >= 0)
     if len(updates):
-        trees = [(poses, cKDTree(poses[updates, :2])) for poses in (estimated, true)]
-        for scan in evenly(np.arange(len(estimated)), MAX_SCANS).tolist():
-            near = [tree.query_ball_point(poses[scan, :2], NEIGHBOURHOOD) for poses, tree in trees]
-            around = updates[np.union1d(*near).astype(np.intp)]
-            around = evenly(around[around < scan], MAX_AROUND)
-            if not len(around):
-                continue
-            relative = se2.between(true[around], true[scan])
-            off = se2.between(relative, se2.between(estimated[around], estimated[scan]))
-            chosen.append(scan)
-            errors.append(off.mean(axis=0))
-            effects.append(np.eye(3) - _seen_from(relative).mean(axis=0))
+        candidates = evenly(np.arange(len(estimated)), MAX_SCANS)
+        # how many corrections each scan comes after
+        epochs = np.searchsorted([correction.scan for correction in corrections], scans[candidates], side="left")
+        true_tree = cKDTree(true[updates, :2])
+        for epoch in np.unique(epochs).tolist():
+            mapped = _mapped(estimated, numbers, corrections[epoch - 1] if epoch else None)
+            tree = cKDTree(mapped[updates, :2])
+            for scan in candidates[epochs == epoch].tolist():
+                near = (
+                    tree.query_ball_point(estimated[scan, :2], NEIGHBOURHOOD),
+                    true_tree.query_ball_point(true[scan, :2], NEIGHBOURHOOD),
+                )
+                around = updates[np.union1d(*near).astype(np.intp)]
+                around = evenly(around[around < scan], MAX_AROUND)
+                if not len(around):
+                    continue
+                relative = se2.between(true[around], true[scan])
+                off = se2.between(relative, se2.between(mapped[around], estimated[scan]))
+                chosen.append(scan)
+                errors.append(off.mean(axis=0))
+                effects.append(np.eye(3) - _seen_from(relative).mean(axis=0))
     return np.array(chosen, np.intp), np.array(errors).reshape(-1, 3), np.array(effects).reshape(-1, 3, 3)
+
+
+def _mapped(estimated: Poses, numbers: NDArray[np.intp], correction: Correction | None) -> Poses:
+    """Where the map has the poses [n, 3] after a correction: see ``_errors``."""
+    if correction is None:
+        return estimated
+    corrected = (numbers >= 0) & (numbers < len(correction.path))
+    return np.where(corrected[:, None], correction.path[np.where(corrected, numbers, 0)], estimated)
 
 
 def _seen_from(relative: Poses) -> Array:

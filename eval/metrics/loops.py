@@ -62,6 +62,8 @@ class LoopResult(Summarised):
         rotation_errors: [a] absolute difference of their headings [rad].
         possible: how many later key scans have a possible loop; None where it is not known.
         bound: how many of those a loop binds that was accepted and is not false.
+        overruled: how many loops were edges of the graph, but not confirmed by the final path.
+        overruled_false: how many of those are false.
         issues: why precision or recall cannot be had.
     """
 
@@ -69,6 +71,8 @@ class LoopResult(Summarised):
     rotation_errors: Array
     possible: int | None
     bound: int
+    overruled: int = 0
+    overruled_false: int = 0
     issues: tuple[Issue, ...] = ()
 
     @property
@@ -101,6 +105,8 @@ class LoopResult(Summarised):
             "recall": self.recall,
             "possible": self.possible,
             "bound": self.bound,
+            "overruled": self.overruled,
+            "overruled_false": self.overruled_false,
             "translation_m": Statistics.of(self.translation_errors).as_dict() if self.accepted else None,
             "rotation_deg": Statistics.of(in_degrees).as_dict() if self.accepted else None,
             "warnings": [issue.as_dict() for issue in self.issues],
@@ -144,13 +150,8 @@ def score_loops(
     if not len(truth):
         raise InputError("a trajectory without poses, expected the true ones", field="truth")
     accepted = [loop for loop in loops if loop.accepted]
-    stamps = np.array([loop.stamps for loop in accepted]).reshape(-1, 2)
-    there = covered(stamps.ravel(), truth.stamps, MAX_DIFFERENCE).reshape(-1, 2).all(axis=1)
-    stamps, found = stamps[there], np.array([loop.found for loop in accepted]).reshape(-1, 3)[there]
-    earlier, later = (se2.interpolate(truth.stamps, truth.poses, column) for column in stamps.T)
-    true = se2.between(earlier, later)
-    translation = np.hypot(*(found - true)[:, :2].T)
-    rotation = np.abs(se2.wrap(found[:, 2] - true[:, 2]))
+    stamps, translation, rotation = _errors(accepted, truth)
+    _, *overruled = _errors([loop for loop in loops if loop.verdict == "overruled"], truth)
     issues: tuple[Issue, ...] = ()
     if not len(stamps):
         why = "no loop was accepted" if not accepted else "the truth covers no accepted loop"
@@ -170,7 +171,18 @@ def score_loops(
             why = "no key scan has a possible loop"
     if not possible:
         issues += (Issue("no-loop-recall", f"no recall of the loops: {why}"),)
-    return LoopResult(translation, rotation, possible, bound, issues)
+    false = int(np.count_nonzero(_is_false(*overruled)))
+    return LoopResult(translation, rotation, possible, bound, len(overruled[0]), false, issues)
+
+
+def _errors(loops: Sequence[LoopCandidate], truth: Trajectory) -> tuple[Array, Array, Array]:
+    """Of the loops that the truth covers: stamps [a, 2], errors of translation [a] and of rotation [a]."""
+    stamps = np.array([loop.stamps for loop in loops]).reshape(-1, 2)
+    there = covered(stamps.ravel(), truth.stamps, MAX_DIFFERENCE).reshape(-1, 2).all(axis=1)
+    stamps, found = stamps[there], np.array([loop.found for loop in loops]).reshape(-1, 3)[there]
+    earlier, later = (se2.interpolate(truth.stamps, truth.poses, column) for column in stamps.T)
+    true = se2.between(earlier, later)
+    return stamps, np.hypot(*(found - true)[:, :2].T), np.abs(se2.wrap(found[:, 2] - true[:, 2]))
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from os import PathLike
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,32 +17,52 @@ GAP = 10
 """Median intervals, and at least a second: a curve is broken at a longer gap, in which nothing was measured."""
 SINGLE_VALUES = 300
 """A curve of more values is unreadable: their range in windows of time and their running median are drawn instead."""
+FAR_APART = 20
+"""Errors of which one is this many times another are drawn on logarithmic axes ..."""
+LEAST_SHOWN = 0.01
+"""... from there on [cm], [deg]."""
 WINDOWS, MEDIANS = 240, 25
 """How many of the windows of the range, and of the running median, make a run."""
 
 
 def draw_error(
-    path: str | PathLike[str], *, slam: AteResult, dead_reckoning: AteResult | None = None, title: str = ""
+    path: str | PathLike[str],
+    *,
+    slam: AteResult,
+    final: AteResult | None = None,
+    dead_reckoning: AteResult | None = None,
+    title: str = "",
 ) -> None:
-    """Distance and angle between estimate (of SLAM, online) and truth over time, after alignment.
+    """Distance and angle between estimate and truth over time, after alignment.
+
+    Of SLAM (online), of its final path, and of dead reckoning; on logarithmic axes where one is ``FAR_APART`` times as
+    far off as another.
 
     Raises:
         OutputError: it cannot be written.
     """
-    results = [(style.SLAM, style.ONLINE, slam)]
+    results: list[tuple[dict[str, Any], str, AteResult]] = [({"color": style.SLAM}, style.ONLINE, slam)]
     if dead_reckoning is not None:
-        results.insert(0, (style.DEAD_RECKONING, "dead reckoning", dead_reckoning))
+        results.insert(0, ({"color": style.DEAD_RECKONING}, "dead reckoning", dead_reckoning))
+    if final is not None:
+        results.append(({"color": style.SLAM, "ls": (0, (3, 1.5))}, style.FINAL, final))
+    rmse = [result.rmse for _, _, result in results]
+    logarithmic = max(rmse) > FAR_APART * min(rmse)
     start = min(float(result.stamps[0]) for _, _, result in results)
     with style.saved_figure(path, size=(8.0, 5.0)) as figure:
         distance, angle = figure.subplots(2, 1, sharex=True)
-        for colour, name, result in results:
+        for look, name, result in results:
             label = f"{name}, RMSE {100 * result.rmse:.1f} cm"
             time = result.stamps - start
-            distance.plot(*broken(time, 100 * result.errors), color=colour, lw=1.0, label=label)
-            angle.plot(*broken(time, np.rad2deg(result.rotation_errors)), color=colour, lw=1.0)
+            distance.plot(*broken(time, 100 * result.errors), lw=1.0, label=label, **look)
+            angle.plot(*broken(time, np.rad2deg(result.rotation_errors)), lw=1.0, **look)
         for axes, unit in ((distance, "position error [cm]"), (angle, "heading error [deg]")):
             axes.set_ylabel(unit)
-            axes.set_ylim(bottom=0)
+            if logarithmic:
+                axes.set_yscale("log")
+                axes.set_ylim(bottom=LEAST_SHOWN)
+            else:
+                axes.set_ylim(bottom=0)
             axes.margins(x=0.01)
             axes.grid(axis="y", color="0.9", lw=0.6)
         angle.set_xlabel("time [s]")

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 ACCEPTED, REJECTED = "#D55E00", "#CC79A7"
 """From the palette of Okabe and Ito, as the path's blue."""
-DRAWN = ("contradicted", "ambiguous")
+DRAWN = ("overruled", "contradicted", "ambiguous")
 """Verdicts of the rejected candidates that are drawn: a place was found there. The others are counted alone."""
 
 

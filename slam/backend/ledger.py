@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from moteslam.robot.summary import Summarised
 
 Array = NDArray[np.float64]
-Verdict = Literal["accepted", "weak", "ambiguous", "outside", "contradicted"]
+Verdict = Literal["accepted", "weak", "ambiguous", "outside", "contradicted", "overruled"]
 """What became of a candidate: `accepted`; `weak`: too few endpoints on surfaces; `ambiguous`: another place fits nearly
 as well; `outside`: found beyond what the relative covariance allows; `contradicted`: the other edges of the graph
-outvoted it."""
+outvoted it; `overruled`: it was an edge of the graph, but the final path, from all scans, lies elsewhere."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -51,5 +51,5 @@ class LoopCandidate(Summarised):
 
     @property
     def accepted(self) -> bool:
-        """Whether it is an edge of the final graph."""
+        """Whether it is an edge of the graph that the final path confirms."""
         return self.verdict == "accepted"

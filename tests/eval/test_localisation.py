@@ -9,6 +9,7 @@ from moteslam.errors import InputError
 from moteslam.eval.metrics.localisation import CHI_SQUARED_95, LocalisationResult, score_localisation
 from moteslam.robot import se2
 from moteslam.robot.trajectory import Trajectory
+from moteslam.slam.estimate import Correction
 from moteslam.slam.filter.certainty import LocalisationState
 
 SURE, DOUBTFUL, LOST = LocalisationState
@@ -51,6 +52,20 @@ def test_errors_of_the_stated_covariance_have_a_nees_of_three():
     assert score(noisy(driven(0.05)), driven(0.05), covariance=4 * COVARIANCE).nees[off].mean() == pytest.approx(
         0.75, abs=0.1
     )
+
+
+def test_after_a_correction_the_map_is_where_it_was_drawn_anew():
+    """The estimate is 2 m off until scan 700; there the back end moves it, and the map, to the truth."""
+    true = driven(0.05)
+    early = se2.compose(np.array([2.0, 0.0, 0.1]), true)
+    online = np.vstack((early[:701], true[701:]))
+    stamps, updated = np.arange(N) * 0.1, (np.arange(N) % 5 == 0).astype(float)
+    covariances = np.tile(COVARIANCE, (N, 1, 1))
+    given = (Trajectory(stamps, online), covariances, np.zeros(N), updated, Trajectory(stamps, true))
+    correction = Correction(700, true[np.flatnonzero(updated)[:141]])
+    corrected = score_localisation(*given, corrections=(correction,))
+    assert np.abs(corrected.errors).max() < 1e-9
+    assert score_localisation(*given).wrong.sum() > 100
 
 
 def test_slow_drift_and_the_frame_of_the_map_are_no_errors():

@@ -84,6 +84,15 @@ def test_the_rotation_error_is_wrapped_and_candidates_not_accepted_do_not_count(
     assert (result.accepted, result.precision) == (1, 1.0)
 
 
+def test_loops_that_the_final_path_overruled_are_counted_apart() -> None:
+    """They were edges of the graph; that they are no longer accepted does not make the others right."""
+    _, truth = rounds()
+    overruled = [loop(truth, 2, 33, off, "overruled") for off in ((0.4, 0, 0), (0, 0, 0.06), (0.25, 0, 0))]
+    result = score_loops([loop(truth, 2, 33), *overruled], truth)
+    assert (result.accepted, result.false, result.overruled, result.overruled_false) == (1, 0, 3, 2)
+    assert result.as_dict()["overruled_false"] == 2
+
+
 def test_without_an_accepted_loop_there_is_no_precision() -> None:
     recording, truth = rounds()
     result = score_loops([loop(truth, 2, 33, verdict="weak")], truth, recording)

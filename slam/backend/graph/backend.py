@@ -22,18 +22,22 @@ from moteslam.slam.inputs.filling import between_known
 
 Array = NDArray[np.float64]
 
-OFF, CLEARLY_OFF = 0.05, 0.1
-"""The filter's path is corrected where a new loop is off by this much [m] ..."""
-WELL_GROWN, GROWN = 1.25, 1.03
-"""... and the path has grown by this factor since the last correction."""
-MOVED, FAR_OFF, ROUNDS = 0.02, 0.3, 6
-"""In the joint registration of a correction the nodes move that the loops have moved by this much [m]; all of them
-where a loop was off by more than the second [m]; rounds at most."""
+OFF, WELL_GROWN = 0.05, 1.25
+"""The filter's path is corrected where a new loop is off by the first [m], and the path has grown by the second factor
+since the last correction ..."""
+CLEARLY_OFF, GROWN = 0.1, 1.03
+"""... or by these."""
+MOVED = 0.02
+"""A correction registers jointly the nodes that the loops have moved by this much [m] ..."""
+FAR_OFF = 0.3
+"""... and all of them where a loop was off by more than this [m] ..."""
+ROUNDS = 6
+"""... in at most this many rounds."""
 FARTHEST, SLACK = 10.0, 0.2
-"""A correction may move a node by this many times what the new loops are off, and by the second [m] besides: farther it
-would follow from steps of the chain that the filter contradicts, and not from the loops."""
+"""A correction moves no node farther than the first factor times what the new loops are off, plus the second [m]: so
+large a move follows from a wrong step of the chain, not from the loops."""
 SAME_START = 0.3
-"""A joint registration starts from a path if some node is this far off, laid over each earlier start and result [m]."""
+"""Two paths, laid over each other, are the same start of a joint registration if no node differs by more [m]."""
 LEAST_NODES = 3
 """Fewer have nothing to correct."""
 
@@ -55,8 +59,8 @@ class GraphBackend:
 
     @property
     def loops(self) -> tuple[LoopCandidate, ...]:
-        """See ``Backend``."""
-        return self._loops
+        """See ``Backend``: of the latest estimate, or before there is one as the graph has them."""
+        return self._closing.graph.ledger if self._closing is not None and not self._loops else self._loops
 
     def add(self, key: KeyScan) -> Array | None:
         """See ``Backend``."""

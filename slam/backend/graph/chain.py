@@ -27,10 +27,12 @@ AGREEING = 5.0
 """Odometry farther off than this many standard deviations is left out of a step."""
 DOUBTED = 2.0
 """A registration that differs from the odometry by this many standard deviations is no prior of the joint one."""
+CONTRADICTED = 10.0
+"""A path that differs from a step by this many standard deviations is no error of that step but contradicts it."""
 OPEN = 0.5
 """A step is the filter's where the odometry leaves it open by this much [m]: the filter has searched for the robot."""
 LEAST_INFORMATION = 1e-2
-"""Of a step that was not registered [1/m^2]."""
+"""That every step has besides [1/m^2], [1/rad^2]: one that was not registered has no other."""
 FITS = (16, 64, 256)
 """The odometry's errors are fitted at these many steps; at the end, too, of a run that has fewer than the last."""
 SAME_STEP, SAME_SPREAD = 0.5, 1.5
@@ -73,11 +75,15 @@ class Chain:
         """[n - 1, 3, 3] of them, in the frames where they end."""
         return np.array(self._fused.covariance).reshape(-1, 3, 3)
 
-    def prior(self) -> tuple[Array, Array, NDArray[np.bool_]]:
+    def prior(self, start: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
         """[n - 1, 3] steps for a joint registration, their covariance [n - 1, 3, 3], and [n - 1] which are doubtful.
 
         Where a registration differs much from the odometry, the odometry: all scans together are the better judge. That
-        is doubtful, and so is a step that was not registered.
+        is doubtful, and so is a step that was not registered. Where the start contradicts a step, it is the hypothesis
+        that odometry or registration failed there: its own step then, loosely.
+
+        Args:
+            start: [n, 3] poses from which the joint registration starts.
         """
         steps, covariance = self.steps, self.covariance
         predicted = np.array([each.step for each in self._predicted]).reshape(-1, 3)
@@ -86,7 +92,14 @@ class Chain:
         doubted = np.asarray(_differs(found, predicted, DOUBTED * spread).any(axis=1))
         unregistered = np.array([not each.information.any() for each in self._proved], bool)
         steps[doubted], covariance[doubted] = predicted[doubted], np.square(spread[doubted])[:, None] * np.eye(3)
-        return steps, covariance, doubted | unregistered
+        begun = np.asarray(se2.between(start[:-1], start[1:]))
+        deviations = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
+        contradicted = _differs(begun, steps, CONTRADICTED * deviations).any(axis=1)
+        for k in np.flatnonzero(contradicted):
+            distance, rotation = float(np.hypot(*begun[k, :2])), abs(float(begun[k, 2]))
+            loose = prior_spread(self._config.registration, distance, rotation, measured=False)
+            steps[k], covariance[k] = begun[k], np.diag(np.square(loose))
+        return steps, covariance, doubted | unregistered | contradicted
 
     def last(self) -> tuple[Array, Array]:
         """The latest step [3] and its covariance [3, 3]."""

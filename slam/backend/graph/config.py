@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from moteslam.robot.section import Number, Positive, Section, Share, Truth, Whole
 from moteslam.slam.backend.protocol import BackendConfig
@@ -71,6 +71,12 @@ class JointConfig(Section):
     """The same in the last rounds [m]."""
     rounds: Annotated[Whole, Field(ge=1, le=1000)] = 40
     """Rounds at most; it ends when the poses move by less than a millimetre (root mean square)."""
+
+    @model_validator(mode="after")
+    def _shrinks(self) -> JointConfig:
+        if self.last_reach > self.first_reach:
+            raise ValueError(f"last_reach {self.last_reach:g}, expected at most first_reach, {self.first_reach:g}")
+        return self
 
 
 class GraphConfig(BackendConfig):

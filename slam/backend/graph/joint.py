@@ -78,11 +78,12 @@ def register_jointly(
     if not moving.any():
         return poses
     seen, problem = endpoints.thinned(FIRST_POINTS), None
+    prior = chain.prior(poses)
     most = rounds or joint.rounds
     for turn in range(most):
         if problem is None:
             partners = choose_partners(seen, poses, joint.partners, held)
-            problem = _Problem(seen, partners, moving, chain, config, len(endpoints.points) / len(seen.points))
+            problem = _Problem(seen, partners, moving, prior, config, len(endpoints.points) / len(seen.points))
         step = problem.step(poses, reach)
         poses[moving] += step
         poses[moving, 2] = se2.wrap(poses[moving, 2])
@@ -102,7 +103,7 @@ class _Problem:
         seen: endpoints of n scans.
         partners: int32 [n, k] of each, as of ``choose_partners``.
         moving: [n] which of them move.
-        chain: the steps between all of them.
+        prior: steps [n - 1, 3] between all of them, their covariance, and which are doubtful, see ``Chain.prior``.
         config: of the back end.
         weight: of an endpoint.
     """
@@ -112,7 +113,7 @@ class _Problem:
         seen: Endpoints,
         partners: NDArray[np.int32],
         moving: NDArray[np.bool_],
-        chain: Chain,
+        prior: tuple[Array, Array, NDArray[np.bool_]],
         config: GraphConfig,
         weight: float,
     ) -> None:
@@ -129,7 +130,7 @@ class _Problem:
         self._partners = np.where(partners >= 0, number[partners], -1).astype(np.int32)[self._nodes]
         self._first, self._slots = np.nonzero(self._partners >= 0)
         self._second = self._partners[self._first, self._slots].astype(np.intp)
-        measured, covariance, doubted = chain.prior()
+        measured, covariance, doubted = prior
         self._steps = _Steps(
             number[steps],
             number[steps + 1],

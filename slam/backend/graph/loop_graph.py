@@ -44,7 +44,7 @@ class LoopGraph:
         nodes: as given.
         chain: the steps between them.
         submaps: around them.
-        loops: every candidate, the latest search of each pair, in the order of the searches.
+        loops: every candidate, the latest search of each pair, in the order of these.
         poses: [n, 3] as solved last, from there on along the chain.
         registered: [m, 3] by the latest joint registration; m is 0 before the first.
     """
@@ -68,7 +68,7 @@ class LoopGraph:
 
     @property
     def ledger(self) -> tuple[LoopCandidate, ...]:
-        """Every candidate, in the order of the searches."""
+        """Every candidate, in the order of the latest searches."""
         return tuple(loop.candidate for loop in self.loops.values())
 
     def extend(self) -> None:
@@ -179,7 +179,7 @@ class LoopGraph:
 
 
 def checked(ledger: tuple[LoopCandidate, ...], nodes: Nodes, poses: Array) -> tuple[LoopCandidate, ...]:
-    """The ledger with the loops that the final poses contradict marked so.
+    """The ledger with the accepted loops that the final poses do not confirm marked as overruled.
 
     Args:
         ledger: of all candidates.
@@ -194,6 +194,6 @@ def checked(ledger: tuple[LoopCandidate, ...], nodes: Nodes, poses: Array) -> tu
     off = np.asarray(se2.between(found, se2.between(poses[earlier], poses[later])))
     fits = (np.hypot(off[:, 0], off[:, 1]) < FITS_DISTANCE) & (np.abs(off[:, 2]) < FITS_ROTATION)
     return tuple(
-        replace(candidate, verdict="contradicted") if candidate.accepted and not fit else candidate
+        replace(candidate, verdict="overruled") if candidate.accepted and not fit else candidate
         for candidate, fit in zip(ledger, fits, strict=True)
     )

@@ -45,6 +45,7 @@ WIDE, FINE_TURN, COARSE_TURN = 0.1, 0.02, 0.04
 SLACK, SLACK_DISTANCE = 1.2, 0.2
 """A place may lie this far beyond the window: Gauss-Newton moves it [windows], [m]."""
 NEGLIGIBLE_PRIOR = 1e-6
+"""Of the lattice: within the window the prediction counts for nothing until the end."""
 WINDOW_DEVIATIONS = 3.0
 """The half width of a window, in standard deviations of the prediction."""
 COVERED = 0.5

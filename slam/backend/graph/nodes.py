@@ -21,9 +21,7 @@ FEW_POINTS = 20
 
 
 class Nodes:
-    """The nodes so far; as few as leave no two neighbours farther apart than need be.
-
-    The first key scan is one; another one is where the next would be too far from the node before.
+    """The nodes so far: the first key scan, and each after which the next one would be too far from the node before.
 
     Args:
         config: distance and turn between two nodes, where key scans allow, and how scans are thinned.

@@ -19,9 +19,16 @@ FROM_DISTANCE = np.array([0.05, 0.05, 0.02])
 FROM_ROTATION = np.array([0.02, 0.02, 0.05])
 """... and for every radian."""
 ROUNDS = 8
+"""Of fitting gains and scales alternately."""
+TAIL = 4.0
+"""Squared robust scale of the fit [variances] (Cauchy)."""
+KNOWN, FEWEST = 2.0, 10
+"""The noise is measured on steps whose registration has less than the first factor times the odometry's variance, where
+there are more than the second."""
 GAIN_INFORMATION = 100.0
 """Prior on the gains, of standard deviation 0.1."""
 LEAST_SCALE = 0.1
+"""Of the noise, over its shape: no odometry is better."""
 SAFETY = 2.0
 """Factor on the measured standard deviation: errors of neighbouring steps are alike."""
 NORMAL_MAD = 1.4826
@@ -77,14 +84,14 @@ def fit_odometry(odometry: Array, registered: Array, covariance: Array) -> Odome
             noise = np.square(scales[axis] * shape[:, axis])
             rest = errors[:, axis] - odometry @ gains[axis]
             total = variance[:, axis] + noise
-            weights = 1 / total / (1 + rest * rest / total / 4)
+            weights = 1 / total / (1 + rest * rest / total / TAIL)
             weighted = odometry * weights[:, None]
             gains[axis] = np.linalg.solve(
                 weighted.T @ odometry + GAIN_INFORMATION * np.eye(3), weighted.T @ errors[:, axis]
             )
             rest = errors[:, axis] - odometry @ gains[axis]
-            known = variance[:, axis] < 2 * noise
-            if known.sum() > 10:
+            known = variance[:, axis] < KNOWN * noise
+            if known.sum() > FEWEST:
                 scales[axis] = max(NORMAL_MAD * float(np.median(np.abs(rest[known]) / shape[known, axis])), LEAST_SCALE)
     return OdometryModel(gains, scales)
 

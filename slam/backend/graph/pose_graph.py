@@ -22,7 +22,8 @@ SCHEDULE = (1e5, 1e4, 3e3, 1e3, 300.0, 100.0, 30.0, 10.0)
 """Squared scales of the kernel, in squared standard deviations: the last is beyond the 98 % quantile of chi^2 with
 three degrees of freedom."""
 CONVEX = 10.0
-"""The first scale is at least this many times the largest error's square, or the largest there is."""
+"""The first scale is the largest below this many times the largest error's square: that loop then counts by half or
+so, since the scales are a factor of three or ten apart."""
 ITERATIONS, CONVERGED = 6, 1e-4
 """Gauss-Newton steps on each scale at most; a smaller step [m, rad] ends it."""
 ANCHOR = 1e9
@@ -135,7 +136,7 @@ def _weights(errors: Array, edges: Edges, scale: float) -> Array:
 
 
 def _schedule(squares: Array) -> tuple[float, ...]:
-    """The scales to go through: from where the largest error still counts almost in full.
+    """The scales to go through: from where the largest error counts by half or so.
 
     Args:
         squares: of the errors at the start, in standard deviations.

@@ -28,6 +28,11 @@ GATE = 6.0
 """An offset of more standard deviations of the odometry must be proved."""
 SCORES = TrackingConfig()
 """Match score and heavy tail are those of tracking."""
+LOOSE, LOOSEST = 3.0, 0.01
+"""With the corrected odometry the registration searches within this many of its standard deviations, and the second at
+least [m], [rad]: what is found farther off must be proved."""
+MOST_NATS = 50.0
+"""Certainty enough [nats]; the exponential of more overflows."""
 SLIP = 7.0
 """Negative log-probability that the wheels slip in one step: one in a thousand."""
 DOUBT = 4.0
@@ -88,7 +93,7 @@ class StepRegistration:
         """From the odometry's prediction and from the filter's, and where need be held near the odometry's."""
         c, spread, doubt = self._config, predicted.spread, np.zeros(3)
         maps, at = self._local.current.of(0), se2.compose(self._pose, predicted.step)
-        loose = np.maximum(3 * spread, 0.01) if self._proved else spread
+        loose = np.maximum(LOOSE * spread, LOOSEST) if self._proved else spread
         starts = np.stack((np.zeros(3), se2.between(predicted.step, predicted.filtered)))
         both = np.repeat(at[None], 2, axis=0)
         found = register(maps, both, loose, points, self._origin, starts, c.registration)
@@ -100,7 +105,7 @@ class StepRegistration:
             held = register(maps, at[None], spread, points, self._origin, start, c.registration, coarse=False)
             held = keep_odometry(held, spread, c.registration)
             nats = _overrules(found, best, held, len(points), spread, c)
-            belief = 1 / (1 + np.exp(-np.clip(nats / DOUBT, -50, 50)))
+            belief = 1 / (1 + np.exp(-np.clip(nats / DOUBT, -MOST_NATS, MOST_NATS)))
             doubt = np.sqrt(belief * (1 - belief)) * found.offsets[best]
             if nats < 0:
                 found, best = held, 0

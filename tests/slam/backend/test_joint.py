@@ -35,7 +35,7 @@ class Given:
     def __init__(self, steps: Array, deviation: tuple[float, float, float]) -> None:
         self._steps, self._covariance = steps, np.diag(np.square(deviation))
 
-    def prior(self) -> tuple[Array, Array, NDArray[np.bool_]]:
+    def prior(self, start: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
         n = len(self._steps)
         return self._steps, np.repeat(self._covariance[None], n, axis=0), np.zeros(n, bool)
 
@@ -103,15 +103,40 @@ def test_a_registration_far_from_the_odometry_is_no_prior():
     for k in range(1, 7):
         if nodes.add(node(k, (0.6, 0.0, 0.0), (room - (0.6 * k, 0.0)).astype(np.float32))):
             chain.add()
-    steps, covariance, _ = chain.prior()
+    driven = np.column_stack((0.6 * np.arange(6), np.zeros((6, 2))))
+    steps, covariance, _ = chain.prior(driven)
     np.testing.assert_array_equal(steps, chain.steps)
     np.testing.assert_array_equal(covariance, chain.covariance)
     chain._proved[2] = chain._proved[2]._replace(step=np.array([1.1, 0.0, 0.0]))
-    doubted, deviations, which = chain.prior()
+    doubted, deviations, which = chain.prior(driven)
     np.testing.assert_array_equal(doubted[[0, 1, 3, 4]], steps[[0, 1, 3, 4]])
     np.testing.assert_allclose(doubted[2], (0.6, 0.0, 0.0))
     assert deviations[2, 0, 0] > 2 * covariance[2, 0, 0]
     np.testing.assert_array_equal(which, [False, False, True, False, False])
+
+
+def test_a_path_that_contradicts_a_step_is_its_own_prior_there():
+    """The wheels did not count on one step of seven; what the path has in its place is held loosely."""
+    nodes = Nodes(GraphConfig())
+    rng = np.random.default_rng(3)
+    nodes.add(node(0, (0.0, 0.0, 0.0), scan_between_walls(rng).points))
+    chain = Chain(nodes, GraphConfig())
+    for k in range(1, 8):
+        if nodes.add(node(k, (0.0 if k == 4 else 0.6, 0.0, 0.0), scan_between_walls(rng).points)):
+            chain.add()
+    counted = np.vstack((np.zeros(3), se2.accumulate(chain.steps)))
+    steps, covariance, _ = chain.prior(counted)
+    lacking = int(np.argmin(steps[:, 0]))
+    assert steps[lacking, 0] < 0.01
+    true = counted.copy()
+    true[lacking + 1 :, 0] += 0.6
+    held, loose, doubted = chain.prior(true)
+    assert held[lacking, 0] == pytest.approx(steps[lacking, 0] + 0.6, abs=1e-3)
+    assert doubted[lacking]
+    assert loose[lacking, 0, 0] > 4 * covariance[lacking, 0, 0]
+    others = np.arange(len(steps)) != lacking
+    np.testing.assert_allclose(held[others], steps[others])
+    np.testing.assert_allclose(loose[others], covariance[others])
 
 
 def test_a_step_that_the_odometry_leaves_open_is_the_filters_and_scans_without_points_are_no_nodes():
@@ -137,7 +162,8 @@ def test_a_step_that_the_odometry_leaves_open_is_the_filters_and_scans_without_p
         drive(0.6, 0.6, scan_between_walls(rng).points)
     np.testing.assert_allclose(chain.steps[:, 0], (0.6, 10.0, 0.6), atol=0.05)
     assert chain.covariance[1, 0, 0] > 0.3
-    np.testing.assert_array_equal(chain.prior()[2], [False, True, False])
+    path = np.vstack((np.zeros(3), se2.accumulate(chain.steps)))
+    np.testing.assert_array_equal(chain.prior(path)[2], [False, True, False])
 
 
 def test_a_loop_between_bare_walls_keeps_the_prediction_along_them_and_binds_less_there():
