@@ -24,6 +24,8 @@ from typer.testing import CliRunner
 
 from moteslam import PUBLIC
 from moteslam.eval.cli.main import app
+from moteslam.eval.metrics.registry import BUNDLED as BUNDLED_METRICS
+from moteslam.eval.metrics.registry import METRICS
 from moteslam.robot.section import LARGEST, SMALLEST
 from moteslam.slam.backend.kinds import BACKENDS
 from moteslam.slam.backend.protocol import BackendConfig
@@ -33,12 +35,17 @@ from moteslam.slam.methods import METHODS
 REFERENCE = Path(__file__).parent / "reference"
 BUNDLED = ("tsdf", "paper")
 """The methods whose keys are listed."""
-COMMANDS = ("demo", "simulate", "replay", "evaluate", "inspect", "platforms", "scenarios")
+COMMANDS = ("demo", "simulate", "replay", "evaluate", "inspect", "platforms", "metrics", "scenarios")
 
 
 def pages() -> dict[str, str]:
     """The generated pages by the name of their file."""
-    return {"configuration.md": configuration(), "commands.md": commands(), "python.md": python()}
+    return {
+        "configuration.md": configuration(),
+        "commands.md": commands(),
+        "metrics.md": metrics(),
+        "python.md": python(),
+    }
 
 
 def commands() -> str:
@@ -53,6 +60,24 @@ def commands() -> str:
         done = CliRunner().invoke(app, [*name.split(), "--help"], prog_name="moteslam", terminal_width=100)
         assert done.exit_code == 0, done.output
         lines += ["", f"## `moteslam {name}`", "", "```", inspect.cleandoc(done.output), "```"]
+    return "\n".join(lines) + "\n"
+
+
+def metrics() -> str:
+    """Every metric: unit, meaning, source."""
+    lines = [
+        "# Metrics",
+        "",
+        "What `moteslam metrics` lists, by `.venv/bin/python docs/generate.py`; how they are computed: "
+        "[the theory](../theory/metrics.md).",
+    ]
+    for title, of_run in (("Of each trajectory", False), ("Of a run", True)):
+        lines += ["", f"## {title}", "", "| name | unit | better | what it is | source |", "|---|---|---|---|---|"]
+        for name in BUNDLED_METRICS:
+            one = METRICS[name]
+            if (one.of_run is not None) == of_run:
+                costly = "; costly" if one.costly else ""
+                lines.append(f"| `{name}` | {one.unit} | {one.better or ''} | {one.meaning} | {one.source}{costly} |")
     return "\n".join(lines) + "\n"
 
 

@@ -15,12 +15,14 @@ import numpy as np
 
 from moteslam.eval.diagnostics_table import localisation_summary, write_diagnostics
 from moteslam.eval.loop_table import looks_for_loops, loop_counts, write_loops
+from moteslam.eval.metrics.registry import Value, measure
 from moteslam.eval.report.maps import write_map_png, write_map_server
 from moteslam.eval.report.snapshots import Snapshot
 from moteslam.eval.report.textures import draw_texture_over_time, write_texture
-from moteslam.eval.scores import Scores, score_estimate
+from moteslam.eval.scores import Scores, evidence_of, score_estimate
 from moteslam.robot.files import make_folder, write_atomically
 from moteslam.robot.processors import processor_count
+from moteslam.robot.raster import Raster
 from moteslam.robot.recording import Recording
 from moteslam.robot.se2 import between, compose
 from moteslam.robot.trajectory import Trajectory, write_tum
@@ -35,6 +37,7 @@ def write_results(
     truth: Trajectory | None = None,
     *,
     recording: Recording | None = None,
+    true_map: Raster | None = None,
     snapshots: Sequence[Snapshot] = (),
     stages: Sequence[tuple[float, TextureMap]] = (),
     figures: bool = True,
@@ -46,7 +49,8 @@ def write_results(
         folder: made if need be; files in it are replaced.
         estimate: what to write.
         truth: what to score it with, on the clock of the recording; it is written too.
-        recording: whose scans are drawn along dead reckoning, and show which loops are possible.
+        recording: whose scans are drawn along dead reckoning, and show which loops are possible and which walls seen.
+        true_map: trinary, in the frame of the truth, to score the map with.
         snapshots: of the map over time, for the figure that shows it.
         stages: of the coloured floor over time, likewise.
         figures: draw them.
@@ -62,7 +66,8 @@ def write_results(
     expect_type(estimate, Estimate, "estimate", "run_slam(recording) makes one")
     folder = Path(folder)
     make_folder(folder)
-    scores = None if truth is None else score_estimate(estimate, truth, recording=recording)
+    scores = None if truth is None else score_estimate(estimate, truth, recording=recording, true_map=true_map)
+    values = measure(evidence_of(estimate)) if scores is None else scores.values
     write_tum(folder / "trajectory.tum", estimate.trajectory)
     write_tum(folder / "trajectory_final.tum", estimate.trajectory_final)
     write_tum(folder / "dead_reckoning.tum", estimate.dead_reckoning)
@@ -76,7 +81,7 @@ def write_results(
     looked = looks_for_loops(estimate.config)
     if looked:
         write_loops(folder / "loops.csv", estimate.loops)
-    write_json(folder / "metrics.json", _metrics(estimate, scores))
+    write_json(folder / "metrics.json", _metrics(estimate, scores, values))
     write_atomically(folder / "config.toml", estimate.config.to_toml())
     if figures:
         draw_figures(folder, estimate, truth, scores, recording=recording, snapshots=snapshots)
@@ -165,6 +170,7 @@ def draw_figures(
         curves.draw_error(
             folder / "error.png",
             slam=scores.online.ate,
+            final=scores.final.ate,
             dead_reckoning=scores.dead_reckoning.ate,
             title=f"{name}: error over time, after alignment",
         )
@@ -197,7 +203,7 @@ def write_json(path: Path, value: Mapping[str, Any]) -> None:
     write_atomically(path, json.dumps(value, indent=2, allow_nan=False) + "\n")
 
 
-def _metrics(estimate: Estimate, scores: Scores | None) -> dict[str, Any]:
+def _metrics(estimate: Estimate, scores: Scores | None, values: Mapping[str, Value]) -> dict[str, Any]:
     stamps = estimate.trajectory.stamps
     return {
         "scans": len(stamps),
@@ -209,6 +215,7 @@ def _metrics(estimate: Estimate, scores: Scores | None) -> dict[str, Any]:
         "mean_effective_particles": float(estimate.diagnostics["n_eff"].mean()),
         "localisation": localisation_summary(estimate),
         "scores": None if scores is None else scores.as_dict(),
+        "metrics": {name: value.as_dict() for name, value in values.items()},
     }
 
 

@@ -58,6 +58,7 @@ def demo(
             seed=run.seed,
             device=device,
             truth=simulation.truth,
+            true_map=simulation.true_map(resolved.map.cell_size),
             figures=not run.no_figures,
             about={"scenario": driven.name},
         )

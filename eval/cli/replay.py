@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from moteslam.robot.issues import Issue
+    from moteslam.robot.raster import Raster
     from moteslam.robot.recording import Recording
     from moteslam.robot.trajectory import Trajectory
     from moteslam.slam.config import SlamConfig
@@ -38,7 +39,8 @@ def replay(
 ) -> None:
     """Run SLAM over a recording and fill a result folder.
 
-    A folder with truth.tum in it, or a log with one beside it, is scored with it; SLAM does not see it.
+    A folder with truth.tum in it, or a log with one beside it, is scored with it, and its map with truth_map.yaml; SLAM
+    does not see them.
 
     \b
     Examples:
@@ -76,6 +78,7 @@ def replay(
             seed=run.seed,
             device=Device(run.arch, run.threads),
             truth=truth,
+            true_map=None if truth is None else _true_map_beside(path),
             figures=not run.no_figures,
             about={"path": str(path)},
             issues=issues,
@@ -107,7 +110,7 @@ def _truth_beside(path: Path, stamps: NDArray[np.float64]) -> tuple[Trajectory |
     from moteslam.eval.metrics.association import match
     from moteslam.robot.trajectory import Trajectory, read_tum
 
-    file = (path if path.is_dir() else path.parent) / "truth.tum"
+    file = _folder(path) / "truth.tum"
     if not file.exists():
         return None, ()
     truth = read_tum(file)
@@ -118,6 +121,22 @@ def _truth_beside(path: Path, stamps: NDArray[np.float64]) -> tuple[Trajectory |
 
         return None, (Issue("not-scored", f"{file}: {error.problem}; not scored"),)
     return truth, ()
+
+
+def _true_map_beside(path: Path) -> Raster | None:
+    """The true map in a recording's folder, or beside a log; None where there is none.
+
+    Raises:
+        InputError: a ``truth_map.yaml`` that cannot be read.
+    """
+    from moteslam.robot.formats.map_server import read_map
+
+    file = _folder(path) / "truth_map.yaml"
+    return read_map(file) if file.exists() else None
+
+
+def _folder(path: Path) -> Path:
+    return path if path.is_dir() else path.parent
 
 
 def _dead_reckon(

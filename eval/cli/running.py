@@ -19,6 +19,7 @@ from moteslam.eval.report.textures import TextureStages
 from moteslam.eval.results import write_results
 from moteslam.eval.scores import Scores
 from moteslam.robot.issues import Issue
+from moteslam.robot.raster import Raster
 from moteslam.robot.recording import Recording
 from moteslam.robot.trajectory import Trajectory
 from moteslam.robot.wording import counted
@@ -65,6 +66,7 @@ def run_into(
     seed: int,
     device: Device,
     truth: Trajectory | None = None,
+    true_map: Raster | None = None,
     figures: bool = True,
     about: dict[str, Any] | None = None,
     issues: tuple[Issue, ...] = (),
@@ -76,6 +78,7 @@ def run_into(
         recording: what the sensors saw.
         config, seed, device: how it is run.
         truth: what to score it with.
+        true_map: likewise, trinary, in the frame of the truth.
         figures: draw them.
         about: more for ``run.json``.
         issues: found before the run; those of the recording and of SLAM follow.
@@ -107,7 +110,15 @@ def run_into(
         **runs_on,
     }
     scores = write_results(
-        folder, estimate, truth, recording=recording, snapshots=snapshots.kept, stages=stages, figures=figures, run=run
+        folder,
+        estimate,
+        truth,
+        recording=recording,
+        true_map=true_map,
+        snapshots=snapshots.kept,
+        stages=stages,
+        figures=figures,
+        run=run,
     )
     return Run(estimate, scores, issues)
 

@@ -8,10 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from moteslam.errors import InputError
 from moteslam.eval.metrics.association import MAX_DIFFERENCE, match
 from moteslam.eval.metrics.statistics import Statistics
 from moteslam.robot.alignment import umeyama, umeyama_scale
-from moteslam.robot.se2 import IDENTITY, Poses, compose, wrap
+from moteslam.robot.se2 import IDENTITY, Poses, compose, inverse, wrap
 from moteslam.robot.summary import Summarised
 from moteslam.robot.trajectory import Trajectory
 from moteslam.robot.wording import counted
@@ -97,6 +98,7 @@ def absolute_trajectory_error(
     reference: Trajectory,
     *,
     align: bool = True,
+    from_start: bool = False,
     scale: bool = False,
     max_difference: float = MAX_DIFFERENCE,
     interpolate: bool | None = None,
@@ -107,6 +109,7 @@ def absolute_trajectory_error(
         estimate, reference: the trajectories; equal stamps are distinct poses.
         align: lay the estimate on the reference first, by the rigid motion of least squares; a SLAM starts at its
             own origin, so that without it the error says where that origin is.
+        from_start: lay only the first poses on each other, in place of that: what errors at the start do to the end.
         scale: with the alignment, multiply the estimate by the scale of least squares: what is left where the lidar's
             or the wheels' scale is off.
         max_difference: between stamps that belong together [s].
@@ -114,14 +117,20 @@ def absolute_trajectory_error(
             so where the reference has more poses than the estimate, as a simulator's truth has.
 
     Raises:
-        InputError: no poses, or no stamps in common.
+        InputError: no poses, or no stamps in common; or a scale from the start alone.
     """
+    if from_start and scale:
+        raise InputError("given with from_start, expected one of the two", field="scale")
     matched = match(estimate, reference, max_difference=max_difference, interpolate=interpolate)
     estimated, factor = matched.estimate, 1.0
     if align and scale:
         factor = umeyama_scale(estimated[:, :2], matched.reference[:, :2])
         estimated = estimated * (factor, factor, 1.0)
-    transform = umeyama(estimated[:, :2], matched.reference[:, :2]) if align else IDENTITY
+    transform = IDENTITY
+    if from_start:
+        transform = compose(matched.reference[0], inverse(estimated[0]))
+    elif align:
+        transform = umeyama(estimated[:, :2], matched.reference[:, :2])
     aligned = compose(transform, estimated)
     errors = np.hypot(*(aligned[:, :2] - matched.reference[:, :2]).T)
     rotation_errors = np.abs(wrap(aligned[:, 2] - matched.reference[:, 2]))

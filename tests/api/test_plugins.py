@@ -84,9 +84,9 @@ def test_a_filter_and_a_metric_of_another_package(toys: list[str], recording: Pa
     done = moteslam(toys, *arguments, cwd=tmp_path)
     assert (done.returncode, done.stderr) == (0, "")
     assert 'method = "toy"\n' in (tmp_path / "result/config.toml").read_text(encoding="utf-8")
-    scores = json.loads((tmp_path / "result/metrics.json").read_text(encoding="utf-8"))["scores"]
-    assert 0.2 < scores["final"]["end_error"]["distance_m"] < 0.4  # a tenth of three metres
-    assert scores["dead_reckoning"]["end_error"]["distance_m"] < 0.1
+    scores = json.loads((tmp_path / "result/metrics.json").read_text(encoding="utf-8"))["metrics"]
+    assert 0.2 < scores["final.end_error"]["value"] < 0.4  # a tenth of three metres
+    assert scores["dead_reckoning.end_error"]["value"] < 0.1
     again = ["replay", recording, "--config", "result/config.toml", "--no-figures", "--out", "again"]
     assert moteslam(toys, *again, cwd=tmp_path).returncode == 0
     for name in ("trajectory.tum", "map.pgm"):
@@ -142,9 +142,10 @@ def test_one_that_fails_to_load_is_one_warning(recording: Path, tmp_path: Path):
 def test_a_metric_that_fails_costs_a_warning_and_not_the_run(recording: Path, tmp_path: Path):
     (tmp_path / "bad").mkdir()
     (tmp_path / "bad" / "bad_metrics.py").write_text(
-        "from moteslam.eval.metrics.kinds import Metric\n"
-        "def fails(estimate, truth):\n    raise RuntimeError('boom')\n"
-        "RAISES = Metric('m', 'Raises.', fails)\nNO_RESULT = Metric('m', 'Not for JSON.', lambda *_: 3)\n",
+        "from moteslam.eval.metrics.registry import Metric\n"
+        "def fails(track):\n    raise RuntimeError('boom')\n"
+        "RAISES = Metric('m', 'Raises.', 'bad', fails)\n"
+        "NO_RESULT = Metric('m', 'No number.', 'bad', lambda _: 'x')\n",
         encoding="utf-8",
     )
     entries = "[moteslam.metrics]\nraises = bad_metrics:RAISES\nempty = bad_metrics:NO_RESULT\n"
@@ -152,10 +153,11 @@ def test_a_metric_that_fails_costs_a_warning_and_not_the_run(recording: Path, tm
     done = moteslam(path, "replay", recording, "--particles", 3, "--no-figures", "--out", "result", cwd=tmp_path)
     assert done.returncode == 0
     assert "'raises' of package bad (moteslam.metrics) is left out: RuntimeError: boom" in done.stderr
-    assert "'empty' of package bad (moteslam.metrics) is left out: AttributeError" in done.stderr
-    scores = json.loads((tmp_path / "result/metrics.json").read_text(encoding="utf-8"))["scores"]
-    assert scores["final"]["raises"] is scores["final"]["empty"] is None
-    assert scores["final"]["ate"]["translation_m"]["rmse"] < 0.1
+    assert "'empty' of package bad (moteslam.metrics) is left out: TypeError" in done.stderr
+    written = json.loads((tmp_path / "result/metrics.json").read_text(encoding="utf-8"))["metrics"]
+    assert written["final.raises"] == {"absent": "RuntimeError: boom"}
+    assert written["final.empty"]["absent"].startswith("TypeError")
+    assert written["final.ate"]["value"] < 0.1
 
 
 def test_one_that_is_asked_for_and_fails_to_load_is_an_error(recording: Path, tmp_path: Path):

@@ -67,10 +67,14 @@ def evo_rpe(pair, relation: str, delta: float, unit: str, *, all_pairs: bool) ->
     return metric.error
 
 
-@pytest.fixture(params=["csail", "intel"])
+@pytest.fixture(params=["csail", "intel", "aces"])
 def real_pair(request, data_folder: Path) -> tuple[Trajectory, Trajectory]:
     """A real reference, and odometry-like drift put on it."""
-    name = {"csail": "csail/csail.reference.tum", "intel": "intel/intel_key_scans.reference.tum"}[request.param]
+    name = {
+        "csail": "csail/csail.reference.tum",
+        "intel": "intel/intel_key_scans.reference.tum",
+        "aces": "key_scans/aces.reference.tum",
+    }[request.param]
     reference = read_tum(data_folder / name)
     rng = np.random.default_rng(5)
     steps = se2.between(reference.poses[:-1], reference.poses[1:])
@@ -90,6 +94,32 @@ def test_ate_by_nearest_stamp_is_evos(seed: int, every: int, align: bool) -> Non
     np.testing.assert_allclose(
         ours.rotation_errors, evo_ape(pair, "rotation_angle_rad", align=align), atol=3e-8
     )  # evo's angle comes from an arc cosine, which knows small angles to the root of an ulp
+
+
+def test_both_errors_of_50_random_trajectories_are_evos() -> None:
+    for seed in range(100, 150):
+        estimate, reference = random_pair(seed, n=150, every=1 + seed % 3)
+        pair = associated(estimate, reference)
+        ate = absolute_trajectory_error(estimate, reference, interpolate=False)
+        np.testing.assert_allclose(ate.errors, evo_ape(pair, "translation_part", align=True), atol=1e-9)
+        rpe = relative_pose_error(estimate, reference, interpolate=False)
+        np.testing.assert_allclose(rpe.errors, evo_rpe(pair, "translation_part", 1.0, "m", all_pairs=False), atol=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_ate_from_the_start_is_evos(seed: int) -> None:
+    """Evo's ``align_origin``."""
+    import copy
+
+    from evo.core.metrics import APE, PoseRelation
+
+    estimate, reference = random_pair(seed)
+    pair = copy.deepcopy(associated(estimate, reference))
+    pair[1].align_origin(pair[0])
+    metric = APE(PoseRelation.translation_part)
+    metric.process_data(pair)
+    ours = absolute_trajectory_error(estimate, reference, from_start=True, interpolate=False)
+    np.testing.assert_allclose(ours.errors, metric.error, atol=1e-9)
 
 
 @pytest.mark.parametrize("seed", range(3))

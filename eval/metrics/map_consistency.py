@@ -1,0 +1,220 @@
+"""The map that the scans of a recording draw under a trajectory, and whether its walls are thin; no truth needed."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from moteslam.errors import InputError
+from moteslam.eval.metrics.scan_poses import evenly, poses_of_scans, travelled
+from moteslam.robot import se2
+from moteslam.robot.recording import Recording
+from moteslam.robot.summary import Summarised
+from moteslam.robot.trajectory import Trajectory
+from moteslam.robot.wording import counted, expect_type
+from moteslam.slam.inputs.scans import Scans
+from moteslam.slam.inputs.synchronise import require_lidar, synchronise
+
+Array = NDArray[np.float64]
+
+SPACING = 0.3
+"""A scan is used once the robot has moved by this much [m] or turned by as many radians since the last one used."""
+MAX_SCANS = 5000
+"""At most this many of them are used, spread evenly over the drive."""
+CELL, BLOCK, GRIDS = 0.05, 1.0, 4
+"""Edges of the cells and of the blocks that are counted [m], over grids of the third's number of directions."""
+CROFTON = np.pi / 4
+"""Metres of a straight line in each metre of the squares that it meets, in the mean over its directions."""
+SAMPLES = 8000
+"""Endpoints that are compared with those of other scans, spread evenly over all."""
+NEAR_PATH, FAR_PATH = 6.0, 15.0
+"""Scans less than the first and more than the second of path apart are compared [m]."""
+REACH = 0.4
+"""An endpoint without another one within this distance [m] is not compared with those scans."""
+TWICE, APART = 0.1, 1.0
+"""A wall is drawn twice where the nearest endpoint on the same side of it, more than ``FAR_PATH`` away, is farther than
+the first and nearer than the second [m]."""
+JOINED = 4.0
+"""Adjacent endpoints lie on one surface if they are at most this many times as far apart as their beams are."""
+SAME_FACING = 0.8
+"""Smallest cosine between the normals of two endpoints of the same side of a wall."""
+AROUND, FEWEST = 0.15, 10
+"""A wall's thickness is measured over the endpoints within this distance of one [m], where there are at least
+this many."""
+
+
+@dataclass(frozen=True, repr=False)
+class MapConsistency(Summarised):
+    """The sharpness of the map that the scans draw.
+
+    Attributes:
+        cells: how many cells of 5 cm hold an endpoint: fewer are sharper.
+        walls: length of the walls that were seen [m], counted again where they are seen again after ``FAR_PATH``: so it
+            hardly depends on where the trajectory draws them.
+        cells_per_metre: of these walls [1/m].
+        near: mean distance of an endpoint to the nearest one of scans less than ``NEAR_PATH`` of path away [m]: noise.
+        far: the same, more than ``FAR_PATH`` away [m]: noise and loops that do not close; None where the robot comes
+            back to no place.
+        thickness: median standard deviation of endpoints across their wall [m].
+        twice: share of the endpoints whose wall was seen again after ``FAR_PATH`` where it lies elsewhere then, see
+            ``TWICE``; None where none was.
+        scans: how many scans were used.
+    """
+
+    cells: int
+    walls: float
+    cells_per_metre: float
+    near: float
+    far: float | None
+    thickness: float
+    twice: float | None
+    scans: int
+
+    def as_dict(self) -> dict[str, Any]:
+        """The same as plain values, fit for JSON: metres, and shares from 0 to 1."""
+        units = {"walls": "_m", "near": "_m", "far": "_m", "thickness": "_m", "twice": "_share"}
+        return {name + units.get(name, ""): value for name, value in asdict(self).items()}
+
+    def _summary(self) -> str:
+        return f"{self.cells_per_metre:.1f} cells per metre of wall, walls {1000 * self.thickness:.0f} mm thick"
+
+
+def map_consistency(recording: Recording, trajectory: Trajectory, *, scans: Scans | None = None) -> MapConsistency:
+    """Score a trajectory by the map that the scans of its recording draw under it.
+
+    Args:
+        recording: with a lidar.
+        trajectory: of the robot, on the recording's clock; which poses are taken: ``poses_of_scans``.
+        scans: the recording's as ``synchronise(recording)`` gives them; made here by default.
+
+    Raises:
+        InputError: no scans, fewer than two of them with a pose, or none that sees what another one saw.
+    """
+    expect_type(recording, Recording, "recording", "open_recording(path) reads one")
+    expect_type(trajectory, Trajectory, "trajectory", "read_tum(path) reads one")
+    lidar = require_lidar(recording)
+    if not np.isfinite(trajectory.poses).all():
+        raise InputError("poses that are not finite, expected x, y and theta", field="trajectory")
+    index, poses = poses_of_scans(lidar.stamps, trajectory)
+    used = evenly(_spaced(poses), MAX_SCANS)
+    synchronised = synchronise(recording).scans if scans is None else scans
+    seen = [_surface(synchronised, lidar, int(index[scan]), poses[scan]) for scan in used]
+    points, normals = (np.vstack(some) for some in zip(*seen, strict=True))
+    owners = np.repeat(np.arange(len(used)), [len(some) for some, _ in seen])
+    if not len(points):
+        raise InputError("scans without an endpoint, expected some", field="lidar")
+    path = travelled(poses)[0][used][owners]
+    near, far, twice = _between_scans(points, normals, owners, path)
+    if not len(near):
+        raise InputError(f"no endpoint within {REACH:g} m of another scan's", field="trajectory")
+    cells, walls = _counted(points, CELL), _counted(points, BLOCK, path) * BLOCK * CROFTON
+    return MapConsistency(
+        cells=round(cells),
+        walls=float(walls),
+        cells_per_metre=float(cells / walls),
+        near=float(near.mean()),
+        far=float(far.mean()) if len(far) else None,
+        thickness=_thickness(points),
+        twice=float((twice > TWICE).mean()) if len(twice) else None,
+        scans=len(used),
+    )
+
+
+def _spaced(poses: Array) -> NDArray[np.intp]:
+    """The poses to use of [n, 3]: the first, and each that is ``SPACING`` away from the one before."""
+    kept = [0]
+    for i, pose in enumerate(poses):
+        off = pose - poses[kept[-1]]
+        if np.hypot(off[0], off[1]) > SPACING or abs(se2.wrap(off[2])) > SPACING:
+            kept.append(i)
+    return np.array(kept)
+
+
+def _surface(scans: Scans, lidar: Any, index: int, pose: Array) -> tuple[Array, Array]:
+    """Endpoints of a scan taken at a pose [3], and their normals towards the lidar, zero where unknown, [k, 2] each."""
+    beams = np.flatnonzero(np.isfinite(lidar.ranges[index]))
+    ranges = lidar.ranges[index, beams].astype(np.float64)
+    points = se2.transform_points(pose, scans.points(index))
+    normals = np.zeros_like(points)
+    if len(points) >= 3:
+        steps = np.diff(points, axis=0)
+        apart = np.minimum(ranges[:-1], ranges[1:]) * abs(lidar.angle_increment)
+        joined = (np.diff(beams) == 1) & (np.hypot(*steps.T) <= np.maximum(JOINED * apart, CELL))
+        both = joined[:-1] & joined[1:]
+        along = points[2:][both] - points[:-2][both]
+        across = np.column_stack((-along[:, 1], along[:, 0])) / np.maximum(np.hypot(*along.T), 1e-9)[:, None]
+        inner = np.flatnonzero(both) + 1
+        origin = se2.transform_points(pose, scans.origin[None])
+        towards = np.sign((across * (origin - points[inner])).sum(axis=1))
+        normals[inner] = across * towards[:, None]
+    return points, normals
+
+
+def _between_scans(points: Array, normals: Array, owners: NDArray[np.intp], path: Array) -> tuple[Array, Array, Array]:
+    """Distances [m] of some endpoints to the nearest one of near scans, of far scans, and of far ones on the same side.
+
+    Args:
+        points, normals: [p, 2].
+        owners: [p] the scan of each.
+        path: [p] driven up to it [m].
+    """
+    from scipy.spatial import cKDTree
+
+    chosen = evenly(np.arange(len(points)), SAMPLES)
+    tree = cKDTree(points)
+    near, far, twice = [], [], []
+    for i, around in zip(chosen.tolist(), tree.query_ball_point(points[chosen], APART), strict=True):
+        others = np.array(around)
+        gap = np.abs(path[others] - path[i])
+        distance = np.hypot(*(points[others] - points[i]).T)
+        close = (gap < NEAR_PATH) & (owners[others] != owners[i]) & (distance < REACH)
+        away = gap > FAR_PATH
+        facing = away & (normals[others] @ normals[i] > SAME_FACING)
+        away &= distance < REACH
+        if close.any():
+            near.append(distance[close].min())
+        if away.any():
+            far.append(distance[away].min())
+        if facing.any():
+            twice.append(distance[facing].min())
+    return np.array(near), np.array(far), np.array(twice)
+
+
+def _counted(points: Array, size: float, path: Array | None = None) -> float:
+    """The mean number of cells of that size [m] that hold a point, over grids of ``GRIDS`` directions.
+
+    With the path [p] driven up to each point [m], cells are counted again where they hold points again after
+    ``FAR_PATH`` without.
+    """
+    counts = []
+    for angle in np.arange(1, GRIDS + 1) * (np.pi / 2 / (GRIDS + 1)):
+        c, s = np.cos(angle), np.sin(angle)
+        columns, rows = np.floor(points @ np.array([(c, -s), (s, c)]) / size).astype(np.int64).T
+        cells = (columns - columns.min()) + (rows - rows.min()) * (np.ptp(columns) + 1)
+        if path is None:
+            counts.append(len(np.unique(cells)))
+        else:
+            order = np.lexsort((path, cells))
+            again = (np.diff(cells[order]) != 0) | (np.diff(path[order]) > FAR_PATH)
+            counts.append(1 + int(np.count_nonzero(again)))
+    return float(np.mean(counts))
+
+
+def _thickness(points: Array) -> float:
+    """The median standard deviation of the endpoints around one across their longest extent [m]."""
+    from scipy.spatial import cKDTree
+
+    chosen = evenly(np.arange(len(points)), SAMPLES // 4)
+    spreads = []
+    tree = cKDTree(points)
+    for point in points[chosen]:
+        around = tree.query_ball_point(point, AROUND)
+        if len(around) >= FEWEST:
+            off = points[around] - points[around].mean(axis=0)
+            spreads.append(np.sqrt(max(np.linalg.eigvalsh(off.T @ off / len(off))[0], 0.0)))
+    if not spreads:
+        raise InputError(f"nowhere {counted(FEWEST, 'endpoint')} within {AROUND:g} m of each other", field="trajectory")
+    return float(np.median(spreads))
