@@ -23,7 +23,7 @@ def random_pair(seed: int, n: int = 400, every: int = 1) -> tuple[Trajectory, Tr
     stamps = 1.3e9 + np.cumsum(rng.uniform(0.02, 0.06, n))
     reference = Trajectory(stamps, se2.accumulate(steps))
     estimate = Trajectory(
-        (stamps + rng.uniform(-0.008, 0.014, n))[::every], se2.accumulate(noisy, rng.normal(0, 3, 3))[::every]
+        np.sort(stamps + rng.uniform(-0.008, 0.014, n))[::every], se2.accumulate(noisy, rng.normal(0, 3, 3))[::every]
     )
     return estimate, reference
 
