@@ -35,7 +35,8 @@ from moteslam.slam.methods import METHODS
 REFERENCE = Path(__file__).parent / "reference"
 BUNDLED = ("tsdf", "paper")
 """The methods whose keys are listed."""
-COMMANDS = ("demo", "simulate", "replay", "evaluate", "inspect", "platforms", "metrics", "scenarios")
+SWEEP = ("run", "show", "merge", "export")
+COMMANDS = ("demo", "simulate", "replay", "evaluate", "inspect", "platforms", "metrics", "scenarios", "sweep")
 
 
 def pages() -> dict[str, str]:
@@ -56,7 +57,11 @@ def commands() -> str:
         "What `--help` prints, by `.venv/bin/python docs/generate.py`. How they are used: "
         "[the guide](../guide/commands.md).",
     ]
-    for name in (*COMMANDS, "scenarios show", "scenarios animate"):
+    for name in (
+        *COMMANDS,
+        *(f"scenarios {name}" for name in ("show", "animate")),
+        *(f"sweep {name}" for name in SWEEP),
+    ):
         done = CliRunner().invoke(app, [*name.split(), "--help"], prog_name="moteslam", terminal_width=100)
         assert done.exit_code == 0, done.output
         lines += ["", f"## `moteslam {name}`", "", "```", inspect.cleandoc(done.output), "```"]

@@ -13,7 +13,7 @@ from typing import Annotated, Any
 import typer
 
 from moteslam.errors import ExistsError, MoteslamError, MoteslamWarning, OutputError
-from moteslam.eval.cli import demo, evaluate, inspect, metrics, platforms, replay, scenarios, simulate
+from moteslam.eval.cli import demo, evaluate, inspect, metrics, platforms, replay, scenarios, simulate, sweep
 from moteslam.eval.cli.interrupt import MESSAGE, Interrupted, leave_with, on_interrupt, was_asked
 from moteslam.eval.cli.text import STDOUT, flush, note, say
 
@@ -63,6 +63,7 @@ for command in (
 ):
     app.command()(command)
 app.add_typer(scenarios.app, name="scenarios")
+app.add_typer(sweep.app, name="sweep")
 
 
 def main() -> None:

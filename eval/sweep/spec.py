@@ -1,0 +1,210 @@
+"""The specification of a sweep: which runs there are to make, as a TOML file says it."""
+
+from __future__ import annotations
+
+import re
+from os import PathLike
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, ValidationError, field_validator, model_validator
+
+from moteslam.errors import ConfigError
+from moteslam.eval.metrics.registry import chosen
+from moteslam.robot.section import NotNegative, Number, Positive, Section, Whole
+from moteslam.robot.tables import read_toml
+from moteslam.robot.wording import Place, first_complaint, known_keys
+from moteslam.slam.settings import DEFAULT_PRESET
+
+MAX_RUNS = 1_000_000
+PREFIXES = ("slam.", "scenario.", "platform.")
+"""What a key that varies, or that a configuration sets, begins with: whose key it is."""
+NAME = re.compile(r"[\w.+-]{1,80}")
+SUCCESS_ATE = 0.5
+"""A run succeeds, where nothing else is said, with a final ATE of at most this [m]."""
+
+Scalar = bool | int | float | str
+
+
+class Range(Section):
+    """Numbers from the first to the last of them, evenly spaced, or each the same factor above the one before."""
+
+    first: Number
+    last: Number
+    steps: Annotated[Whole, Field(ge=2, le=10_000)]
+    spacing: Literal["even", "factor"] = "even"
+
+    @model_validator(mode="after")
+    def _fits(self) -> Range:
+        if self.spacing == "factor" and not (self.first > 0 and self.last > 0):
+            raise ValueError("first and last, expected above 0 where spacing is factor")
+        return self
+
+    def values(self) -> list[float]:
+        """The numbers."""
+        shares = [k / (self.steps - 1) for k in range(self.steps)]
+        if self.spacing == "factor":
+            numbers = [self.first * (self.last / self.first) ** share for share in shares]
+        else:
+            numbers = [self.first + (self.last - self.first) * share for share in shares]
+        return [float(f"{number:.12g}") for number in numbers]
+
+
+class Configuration(Section):
+    """A way to run SLAM."""
+
+    preset: str = DEFAULT_PRESET
+    """The preset that it starts from."""
+    set: dict[str, Any] = Field(default_factory=dict)
+    """Keys over it: `slam.` of the preset, `scenario.` of the scenario, `platform.` of its robot."""
+
+    @field_validator("set")
+    @classmethod
+    def _keys(cls, value: dict[str, Any]) -> dict[str, Any]:
+        return {_checked_key(key): one for key, one in _flat(value).items()}
+
+
+class SweepSpec(Section):
+    """A sweep: every configuration, with every combination of what varies, on every case and every seed."""
+
+    name: Annotated[str, Field(pattern=NAME.pattern)] = "sweep"
+    """Of the sweep."""
+    scenarios: tuple[str, ...] = ()
+    """Names of bundled ones, or paths of TOML files, beside this one."""
+    recordings: tuple[str, ...] = ()
+    """Paths of recordings, beside this file; with a truth or a reference beside them they are scored by it."""
+    platforms: tuple[str, ...] = ()
+    """Robots in place of the scenarios' own: names, or paths of TOML files."""
+    noise: tuple[Literal["datasheet", "as_recorded"], ...] = ()
+    """Classes of noise in place of the scenarios' own."""
+    duration: Positive | None = None
+    """The drives end after this time, if not before [s]."""
+    seeds: str = "0-9"
+    """Of the simulation and of SLAM: `0-9`, or `3,5,10-19`."""
+    configurations: dict[str, Configuration] = Field(default_factory=lambda: {"default": Configuration()})
+    """By name."""
+    vary: dict[str, tuple[Scalar, ...] | Range] = Field(default_factory=dict)
+    """Keys that take these values, in every combination."""
+    metrics: tuple[str, ...] = ()
+    """What is measured, by name; all metrics that are not costly by default."""
+    success: dict[str, NotNegative] = Field(default_factory=lambda: {"final.ate": SUCCESS_ATE})
+    """A run succeeds if none of these is above its limit, or absent."""
+    timeout: Positive = 1800.0
+    """A run that takes longer has failed [s]."""
+
+    @field_validator("vary", mode="before")
+    @classmethod
+    def _keys(cls, value: Any) -> Any:
+        if not isinstance(value, dict):
+            return value
+        return {_checked_key(key): one for key, one in _flat(value, leaf=_is_range).items()}
+
+    @field_validator("vary")
+    @classmethod
+    def _some(cls, value: dict[str, tuple[Scalar, ...] | Range]) -> dict[str, tuple[Scalar, ...] | Range]:
+        for key, values in value.items():
+            if isinstance(values, tuple) and not values:
+                raise ValueError(f"{key}: no values, expected a list of some, or first, last and steps")
+        return value
+
+    @field_validator("configurations")
+    @classmethod
+    def _named(cls, value: dict[str, Configuration]) -> dict[str, Configuration]:
+        if not value:
+            raise ValueError("no configuration, expected one or more")
+        for name in value:
+            if not NAME.fullmatch(name):
+                raise ValueError(f"{name!r}, expected letters, digits, and . _ + - in a name, at most 80")
+        return value
+
+    @field_validator("seeds")
+    @classmethod
+    def _counted(cls, value: str) -> str:
+        numbers(value)
+        return value
+
+    @model_validator(mode="after")
+    def _cases(self) -> SweepSpec:
+        if not self.scenarios and not self.recordings:
+            raise ValueError("neither scenarios nor recordings, expected some of either")
+        return self
+
+    def values(self, key: str) -> list[Scalar]:
+        """What a key of ``vary`` takes."""
+        given = self.vary[key]
+        return list(given.values()) if isinstance(given, Range) else list(given)
+
+
+def read_spec(path: str | PathLike[str]) -> SweepSpec:
+    """Read a specification; paths in it are made absolute.
+
+    Raises:
+        ConfigError: it is not TOML, has an unknown key or a value out of bounds, or names metrics that there are not;
+            file and key are named.
+    """
+    path = Path(path)
+    table = read_toml(path, "a sweep's .toml file")
+    try:
+        spec = SweepSpec.model_validate(table)
+        chosen([*spec.metrics, *spec.success])
+    except ConfigError as error:
+        raise ConfigError(error.problem, file=path, field=error.field) from error
+    except ValidationError as error:
+        field, problem = first_complaint(error, "specification", _expected)
+        raise ConfigError(problem, file=path, field=field) from error
+    beside = path.absolute().parent
+    return spec.model_copy(
+        update={
+            "scenarios": tuple(_beside(name, beside) for name in spec.scenarios),
+            "platforms": tuple(_beside(name, beside) for name in spec.platforms),
+            "recordings": tuple(str(beside / name) for name in spec.recordings),
+        }
+    )
+
+
+def _expected(place: Place) -> str:
+    return f"expected one of {', '.join(known_keys(SweepSpec, place))}"
+
+
+def numbers(text: str) -> list[int]:
+    """The seeds of a text such as ``0-9`` or ``3,5,10-19``, in its order, each once.
+
+    Raises:
+        ValueError: it is none.
+    """
+    found: dict[int, None] = {}
+    for part in text.split(","):
+        match = re.fullmatch(r"\s*([0-9]{1,9})\s*(?:-\s*([0-9]{1,9})\s*)?", part)
+        if match is None:
+            raise ValueError(f"{text!r}, expected seeds such as 0-9 or 3,5,10-19")
+        first, last = int(match[1]), int(match[2] or match[1])
+        if last < first or last - first >= MAX_RUNS:
+            raise ValueError(f"{text!r}, expected ranges that rise, of at most {MAX_RUNS} seeds")
+        found |= dict.fromkeys(range(first, last + 1))
+    return list(found)
+
+
+def _beside(name: str, folder: Path) -> str:
+    """A name as it is, a path to a TOML file as seen from a folder."""
+    return str(folder / name) if name.endswith(".toml") or "/" in name else name
+
+
+def _checked_key(key: str) -> str:
+    if not key.startswith(PREFIXES) or key.endswith("."):
+        raise ValueError(f"{key!r}, expected a key that begins with {', '.join(PREFIXES)}")
+    return key
+
+
+def _is_range(value: dict[str, Any]) -> bool:
+    return "first" in value and "steps" in value
+
+
+def _flat(table: dict[str, Any], prefix: str = "", *, leaf: Any = lambda _: False) -> dict[str, Any]:
+    """A table within tables as one of dotted keys."""
+    flat: dict[str, Any] = {}
+    for key, value in table.items():
+        if isinstance(value, dict) and not leaf(value):
+            flat |= _flat(value, f"{prefix}{key}.", leaf=leaf)
+        else:
+            flat[f"{prefix}{key}"] = value
+    return flat

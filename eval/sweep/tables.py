@@ -1,0 +1,123 @@
+"""What a sweep came to: a row a run, and a row a configuration with its intervals."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from moteslam.errors import ConfigError
+from moteslam.eval.metrics.registry import metric, split
+from moteslam.eval.statistics.proportion import Proportion
+from moteslam.eval.statistics.summary import Better, Summary
+from moteslam.eval.sweep.store import Row
+
+Group = tuple[tuple[str, Any], ...]
+
+
+@dataclass(frozen=True)
+class GroupSummary:
+    """The runs of one configuration on one scenario, over its seeds.
+
+    Attributes:
+        about: what they have in common, by column.
+        runs: how many were made.
+        success: how many of these succeeded; None where none was made.
+        values: summaries by metric.
+    """
+
+    about: dict[str, Any]
+    runs: int
+    success: Proportion | None
+    values: dict[str, Summary]
+
+
+def group_of(row: Row) -> Group:
+    """What a run has in common with those of other seeds."""
+    run = row.run
+    place = run.scenario or Path(run.recording).name
+    return (
+        ("scenario", Path(place).stem if place.endswith(".toml") else place),
+        ("platform", Path(run.platform).stem),
+        ("noise", run.noise),
+        ("configuration", run.configuration),
+        *run.varied,
+    )
+
+
+def summaries(rows: Iterable[Row], metrics: Sequence[str], success: dict[str, float]) -> list[GroupSummary]:
+    """A summary for each configuration on each scenario, in the order of their first runs.
+
+    Args:
+        rows: of a sweep; those not made yet are left out.
+        metrics: names of those to sum up.
+        success: see ``SweepSpec.success``.
+    """
+    groups: dict[Group, list[Row]] = {}
+    for row in rows:
+        if row.status:
+            groups.setdefault(group_of(row), []).append(row)
+    found = []
+    for group, members in groups.items():
+        good = [row for row in members if row.status == "ok"]
+        values = {
+            name: Summary.of(
+                [row.values.get(name, row.costs.get(name)) for row in good],
+                len(members) - len(good),
+                better=better(name),
+            )
+            for name in metrics
+        }
+        succeeded = sum(succeeds(row, success) for row in members)
+        found.append(GroupSummary(dict(group), len(members), Proportion(succeeded, len(members)), values))
+    return found
+
+
+def better(name: str) -> Better:
+    """Which values of a metric are better; lower of one where neither is."""
+    try:
+        return metric(split(name)[1]).better or "lower"
+    except ConfigError:  # scans, distance
+        return "lower"
+
+
+def succeeds(row: Row, success: dict[str, float]) -> bool:
+    """Whether a run did, and none of its values is above its limit or absent."""
+    values = [(row.values.get(name), limit) for name, limit in success.items()]
+    return row.status == "ok" and all(value is not None and value <= limit for value, limit in values)
+
+
+def columns(rows: Sequence[Row]) -> dict[str, list[Any]]:
+    """Every run as a row: what it is, what became of it, its values, and its times at the end, by column."""
+    names = list(dict.fromkeys(name for row in rows for name in row.values))
+    costs = list(dict.fromkeys(name for row in rows for name in row.costs))
+    varied = list(dict.fromkeys(key for row in rows for key, _ in row.run.varied))
+    table: dict[str, list[Any]] = {
+        "id": [row.run.id for row in rows],
+        "scenario": [row.run.scenario for row in rows],
+        "recording": [row.run.recording for row in rows],
+        "platform": [row.run.platform for row in rows],
+        "noise": [row.run.noise for row in rows],
+        "seed": [row.run.seed for row in rows],
+        "configuration": [row.run.configuration for row in rows],
+    }
+    table |= {key: [dict(row.run.varied).get(key) for row in rows] for key in varied}
+    table |= {"status": [row.status for row in rows], "error": [row.error for row in rows]}
+    table |= {name: [row.values.get(name) for row in rows] for name in names}
+    return table | {name: [row.costs.get(name) for row in rows] for name in costs}
+
+
+def as_csv(rows: Sequence[Row]) -> str:
+    """The columns as CSV: numbers with the fewest digits that read back the same, empty where there is none."""
+    table = columns(rows)
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(table)
+    for values in zip(*table.values(), strict=True):
+        writer.writerow(
+            ["" if value is None else repr(value) if isinstance(value, float) else value for value in values]
+        )
+    return text.getvalue()

@@ -1,0 +1,369 @@
+"""Sweeps: what is planned, made, recorded, merged and summed up; and what becomes of runs that go wrong."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from moteslam.errors import ConfigError, InputError, OutputError
+from moteslam.eval.cli import main
+from moteslam.eval.sweep.plan import PlannedRun, plan, shard
+from moteslam.eval.sweep.spec import numbers, read_spec
+from moteslam.eval.sweep.store import Row, Store, create, opened
+from moteslam.eval.sweep.tables import as_csv, summaries
+from moteslam.eval.sweep.workers import Outcome, make_all
+
+SPEC = """
+scenarios = ["corridor"]
+duration = 4
+seeds = "0-1"
+metrics = ["final.ate", "online.ate", "map_f1", "final.rpe_1m"]
+[configurations.default]
+[configurations.alone]
+set = { slam.backend.method = "none" }
+[vary]
+slam.particles = [1, 3, 5]
+"""
+"""Twelve runs of four seconds."""
+
+
+def written(folder: Path, text: str = SPEC, name: str = "spec.toml") -> Path:
+    path = folder / name
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def planned(folder: Path, text: str = SPEC) -> list[PlannedRun]:
+    return plan(read_spec(written(folder, text)))
+
+
+def rows_of(path: Path) -> list[Row]:
+    with opened(path) as store:
+        return list(store.rows())
+
+
+def results(path: Path) -> list[list[str]]:
+    """Every run as its row of the table, without times."""
+    return [row[:-1] if row else row for row in csv.reader(as_csv(rows_of(path)).splitlines())]
+
+
+def test_every_configuration_with_every_value_on_every_seed(tmp_path: Path) -> None:
+    runs = planned(tmp_path)
+    assert len(runs) == 12
+    assert {(run.seed, run.configuration, dict(run.varied)["slam.particles"]) for run in runs} == {
+        (seed, name, count) for seed in (0, 1) for name in ("default", "alone") for count in (1, 3, 5)
+    }
+    assert runs[0].for_slam() == ("particles=1",)
+    assert next(run for run in runs if run.configuration == "alone").for_slam()[0] == 'backend.method="none"'
+    assert len({run.case for run in runs}) == 2
+    assert [run.case for run in runs] == sorted(run.case for run in runs)
+    again = planned(tmp_path)
+    assert [run.id for run in again] == [run.id for run in runs]
+    assert [PlannedRun.of(json.loads(json.dumps(run.as_dict()))) for run in runs] == runs
+
+
+def test_keys_of_scenario_and_robot_vary_too(tmp_path: Path) -> None:
+    text = """
+scenarios = ["corridor", "random-corridors-7"]
+platforms = ["turtlebot3", "lms200"]
+noise = ["as_recorded"]
+seeds = "4"
+[vary]
+scenario.noise.odometry_scale = { first = 1, last = 4, steps = 3, spacing = "factor" }
+platform.imu = [false]
+"""
+    runs = planned(tmp_path, text)
+    assert len(runs) == 2 * 2 * 3
+    assert runs[0].for_scenario() == ("platform.imu=false", "noise.odometry_scale=1.0")
+    assert [dict(run.varied)["scenario.noise.odometry_scale"] for run in runs[:3]] == [1.0, 2.0, 4.0]
+    assert "turtlebot3, as_recorded, seed 4, default" in runs[0].name
+
+
+def test_shards_hold_each_run_once_and_no_case_apart(tmp_path: Path) -> None:
+    runs = planned(tmp_path, SPEC.replace('"0-1"', '"0-6"'))
+    parts = [shard(runs, number, 3) for number in (1, 2, 3)]
+    assert sorted(run.id for part in parts for run in part) == sorted(run.id for run in runs)
+    cases = [{run.case for run in part} for part in parts]
+    assert all(not cases[a] & cases[b] for a in range(3) for b in range(a))
+
+
+def test_seeds_as_text() -> None:
+    assert numbers("0-3") == [0, 1, 2, 3]
+    assert numbers("7, 3, 5-6,3") == [7, 3, 5, 6]
+    for wrong in ("", "a", "3-1", "1-", "-1", "1.5", "0-99999999"):
+        with pytest.raises(ValueError, match="expected"):
+            numbers(wrong)
+
+
+@pytest.mark.parametrize(
+    ("text", "problem"),
+    [
+        ("seeds = '0'", "neither scenarios nor recordings"),
+        ("scenarios = ['corridor']\nseed = '0'", "seed: unknown key, expected one of name, scenarios"),
+        ("scenarios = ['corridor']\nseeds = '5-'", "seeds: '5-', expected seeds such as 0-9"),
+        ("scenarios = ['nowhere']", "nowhere: no scenario of this name"),
+        (
+            "scenarios = ['corridor']\n[vary]\nparticles = [1]",
+            "vary: 'particles', expected a key that begins with slam.",
+        ),
+        ("scenarios = ['corridor']\n[vary]\nslam.particle = [1]", "particle: unknown key"),
+        ("scenarios = ['corridor']\n[vary]\nslam.particles = []", "no values, expected a list of some"),
+        ("scenarios = ['corridor']\n[vary]\nslam.particles = [-3]", "particles: "),
+        ("scenarios = ['corridor']\n[vary]\nscenario.speeed = [1]", "speeed"),
+        ("scenarios = ['corridor']\nplatforms = ['r2d2']", "r2d2"),
+        ("scenarios = ['corridor']\nmetrics = ['final.aet']", "'aet', expected one of ate"),
+        ("scenarios = ['corridor', 'corridor']", "the same run twice"),
+        ("recordings = ['nothing.log']", "there is no such recording"),
+        ("recordings = ['nothing.log']\n[vary]\nplatform.imu = [true]", "platform.imu: of a scenario"),
+        ("scenarios = ['corridor']\n[configurations.'a b']", "'a b', expected letters"),
+        ("scenarios = ['corridor']\n[configurations.a]\npreset = 'b'", "no such preset"),
+        ("scenarios = [", "not TOML"),
+    ],
+)
+def test_a_specification_that_is_wrong_is_refused_in_one_line(
+    text: str, problem: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main.run(["sweep", str(written(tmp_path, text))]) == 2
+    printed = capsys.readouterr().err
+    assert problem in printed
+    assert len(printed.splitlines()) == 1
+    assert [path.name for path in tmp_path.iterdir()] == ["spec.toml"]
+
+
+def test_options_that_are_wrong(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    spec = written(tmp_path)
+    for options, problem in (
+        (["--shard", "3/2"], "--shard: '3/2', expected a part and how many"),
+        (["--time", "--workers", "2"], "--time: given with --workers"),
+    ):
+        assert main.run(["sweep", str(spec), *options]) == 2
+        assert problem in capsys.readouterr().err
+    for command in (
+        ["show"],
+        ["export", "--out", str(tmp_path / "x.csv")],
+        ["merge", "--out", str(tmp_path / "y.sweep")],
+    ):
+        assert main.run(["sweep", command[0], str(spec), *command[1:]]) == 2
+        assert "no file of a sweep" in capsys.readouterr().err
+        assert main.run(["sweep", command[0], str(tmp_path / "no.sweep"), *command[1:]]) == 2
+        assert "there is no such file" in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == ["spec.toml"]
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """All twelve runs, made one after the other and never interrupted."""
+    folder = tmp_path_factory.mktemp("whole")
+    assert main.run(["sweep", str(written(folder)), "--workers", "1"]) == 0
+    return folder / "spec.sweep"
+
+
+@pytest.mark.slow
+def test_all_runs_are_made_and_summed_up(whole: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    rows = rows_of(whole)
+    assert {row.status for row in rows} == {"ok"}
+    assert all(0 < (row.values["final.ate"] or 0) < 0.1 for row in rows)
+    assert all(row.costs == {} for row in rows)
+    assert main.run(["sweep", "show", str(whole), "--metric", "final.ate", "--metric", "map_f1"]) == 0
+    printed = capsys.readouterr().out
+    assert "12 ok" in printed
+    assert len(printed.splitlines()) == 1 + 6 + 1
+    assert main.run(["sweep", "show", str(whole), "--json"]) == 0
+    groups = json.loads(capsys.readouterr().out)["groups"]
+    assert [group["runs"] for group in groups] == [2] * 6
+    assert groups[0]["success"]["share"] == 1.0
+    assert groups[0]["metrics"]["final.ate"]["median"] is not None
+
+
+@pytest.mark.slow
+def test_tables_of_all_runs(whole: Path, tmp_path: Path) -> None:
+    from pyarrow import parquet
+
+    assert main.run(["sweep", "export", str(whole), "--out", str(tmp_path / "a.csv")]) == 0
+    table = list(csv.DictReader((tmp_path / "a.csv").read_text(encoding="utf-8").splitlines()))
+    assert [float(row["final.ate"]) for row in table] == [row.values["final.ate"] for row in rows_of(whole)]
+    assert main.run(["sweep", "export", str(whole), "--out", str(tmp_path / "a.parquet")]) == 0
+    columns = parquet.read_table(tmp_path / "a.parquet").to_pydict()
+    assert columns["final.ate"] == [row.values["final.ate"] for row in rows_of(whole)]
+    assert columns["slam.particles"] == [1, 3, 5] * 4
+    assert main.run(["sweep", "export", str(whole), "--out", str(tmp_path / "a.csv")]) == 2
+    assert main.run(["sweep", "export", str(whole), "--out", str(tmp_path / "a.txt")]) == 2
+
+
+@pytest.mark.slow
+def test_killed_three_times_it_comes_to_the_same(whole: Path, tmp_path: Path) -> None:
+    """The command and whatever it has begun, by SIGKILL, at moments between runs and within them."""
+    spec, target = written(tmp_path), tmp_path / "spec.sweep"
+    command = [sys.executable, "-m", "moteslam", "sweep", str(spec), "--workers", "2"]
+    made = 0
+    for least in (1, 4, 8):
+        process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        while process.poll() is None and made < least:
+            time.sleep(0.05)
+            if target.exists():
+                made = sum(1 for row in rows_of(target) if row.status)
+        process.send_signal(signal.SIGKILL)
+        process.wait()
+        after = sum(1 for row in rows_of(target) if row.status)
+        assert after >= made
+        made = after
+    assert subprocess.run(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, check=False).returncode == 0
+    assert results(target) == results(whole)
+    assert main.run(["sweep", str(spec)]) == 0  # there is nothing left to do
+
+
+@pytest.mark.slow
+def test_three_shards_come_to_the_same(whole: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    spec = written(tmp_path)
+    parts = []
+    for number in (1, 2, 3):
+        parts.append(str(tmp_path / f"{number}.sweep"))
+        assert main.run(["sweep", str(spec), "--shard", f"{number}/3", "--out", parts[-1], "--workers", "2"]) == 0
+    assert main.run(["sweep", "merge", *parts, "--out", str(tmp_path / "all.sweep")]) == 0
+    assert "12 runs in" in capsys.readouterr().out
+    assert results(tmp_path / "all.sweep") == results(whole)
+    assert main.run(["sweep", "merge", *parts, "--out", str(tmp_path / "all.sweep")]) == 2
+    assert "exists already" in capsys.readouterr().err
+    other = written(tmp_path, SPEC.replace("[1, 3, 5]", "[1, 3]"), "other.toml")
+    assert main.run(["sweep", str(other), "--out", parts[0]]) == 2
+    assert "of another specification" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_time_is_measured_when_asked_for(tmp_path: Path) -> None:
+    text = (
+        SPEC.replace("[1, 3, 5]", "[3]")
+        .replace('"0-1"', '"0"')
+        .replace('"map_f1"', '"map_f1", "memory", "cpu_per_scan"')
+    )
+    assert main.run(["sweep", str(written(tmp_path, text)), "--time"]) == 0
+    rows = rows_of(tmp_path / "spec.sweep")
+    assert [set(row.costs) for row in rows] == [{"memory", "cpu_per_scan"}] * 2
+    assert all(row.costs["memory"] > 50 for row in rows)
+    assert "memory" in as_csv(rows).splitlines()[0].split(",")[-2:]
+
+
+class Toy:
+    """A worker's part, played by a few lines: what a run does follows from its seed."""
+
+    SCRIPT = """
+import json, os, signal, sys, time
+for line in sys.stdin:
+    run = json.loads(line)["run"]
+    if run["seed"] == 1: print("Segmentation fault", file=sys.stderr, flush=True); os.kill(os.getpid(), signal.SIGKILL)
+    if run["seed"] == 2: time.sleep(60)
+    if run["seed"] == 3: print(json.dumps({"error": "corridor: the robot is stuck"}), flush=True); continue
+    mark = os.path.join(sys.argv[1], run["configuration"])
+    if run["seed"] == 4 and not os.path.exists(mark): open(mark, "w").close(); os._exit(3)
+    print(json.dumps({"values": {"final.ate": {"value": run["seed"] / 10, "unit": "m"}}}), flush=True)
+"""
+
+
+@pytest.fixture
+def toys(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    real = subprocess.Popen
+
+    def popen(command: list[str], **options: object) -> subprocess.Popen[str]:
+        return real([sys.executable, "-c", Toy.SCRIPT, str(tmp_path)], **options)  # type: ignore[call-overload,no-any-return]
+
+    monkeypatch.setattr("moteslam.eval.sweep.workers.subprocess.Popen", popen)
+
+
+@pytest.mark.usefixtures("toys")
+def test_runs_that_crash_hang_or_fail_are_rows_and_stop_no_other(tmp_path: Path) -> None:
+    """Seed 4 dies once, by what others did, and is made again."""
+    text = 'scenarios = ["corridor"]\nseeds = "0-6"\n'
+    runs = planned(tmp_path, text)
+    create(tmp_path / "a.sweep", "{}", runs)
+    with opened(tmp_path / "a.sweep", write=True) as store:
+        for outcome in make_all(store.pending(), workers=2, timeout=3.0):
+            store.record(outcome)
+        rows = {row.run.seed: row for row in store.rows()}
+        assert store.counts() == {"crashed": 1, "failed": 1, "ok": 4, "timed out": 1}
+    assert {seed: row.status for seed, row in rows.items() if row.status != "ok"} == {
+        1: "crashed", 2: "timed out", 3: "failed"
+    }  # fmt: skip
+    assert rows[1].error == "its process died 3 times, killed by signal 9: Segmentation fault"
+    assert rows[2].error == "not done after 3 s"
+    assert rows[3].error == "corridor: the robot is stuck"
+    assert rows[4].values == {"final.ate": 0.4}
+    (summary,) = summaries(rows.values(), ["final.ate"], {"final.ate": 0.5})
+    ate = summary.values["final.ate"]
+    assert (summary.runs, ate.failed, ate.best, ate.median) == (7, 3, 0.0, pytest.approx(0.6))
+    assert summary.success is not None
+    assert summary.success.count == 3
+
+
+@pytest.mark.usefixtures("toys")
+def test_no_worker_is_left_when_the_sweep_is_given_up(tmp_path: Path) -> None:
+    runs = planned(tmp_path, 'scenarios = ["corridor"]\nseeds = "2,0"\n')
+    outcomes = make_all(runs, workers=2, timeout=60.0)
+    assert next(outcomes).run.seed == 0
+    children = Path(f"/proc/{os.getpid()}/task/{os.getpid()}/children")
+    outcomes.close()  # type: ignore[attr-defined]
+    if children.exists():
+        assert not [pid for pid in children.read_text().split() if "seed" in Path(f"/proc/{pid}/cmdline").read_text()]
+
+
+def test_two_sweeps_do_not_write_one_file(tmp_path: Path) -> None:
+    create(tmp_path / "a.sweep", "{}", planned(tmp_path))
+    with opened(tmp_path / "a.sweep", write=True):
+        with pytest.raises(OutputError, match="another sweep writes it"), opened(tmp_path / "a.sweep", write=True):
+            pass
+        with opened(tmp_path / "a.sweep") as store:  # but it may be read
+            assert store.counts() == {"": 12}
+
+
+def test_results_that_contradict_each_other_are_not_merged(tmp_path: Path) -> None:
+    runs = planned(tmp_path)
+
+    def made(name: str, ate: float) -> Path:
+        create(tmp_path / name, "{}", runs)
+        with opened(tmp_path / name, write=True) as store:
+            store.record(Outcome(runs[0], "ok", result={"values": {"final.ate": {"value": ate, "unit": "m"}}}))
+        return tmp_path / name
+
+    def taken(store: Store, path: Path) -> int:
+        with opened(path) as other:
+            return store.take(other)
+
+    with opened(made("a.sweep", 0.1), write=True) as store:
+        assert taken(store, made("b.sweep", 0.1)) == 0
+        with pytest.raises(InputError, match=r"c.sweep: another result of corridor, seed 0"):
+            taken(store, made("c.sweep", 0.2))
+    create(tmp_path / "d.sweep", '{"other": 1}', runs)
+    with opened(tmp_path / "a.sweep", write=True) as store, pytest.raises(InputError, match="of another sweep"):
+        taken(store, tmp_path / "d.sweep")
+
+
+def test_a_value_that_is_absent_is_recorded_with_its_reason(tmp_path: Path) -> None:
+    runs = planned(tmp_path)
+    create(tmp_path / "a.sweep", "{}", runs)
+    with opened(tmp_path / "a.sweep", write=True) as store:
+        store.record(Outcome(runs[0], "ok", result={"values": {"final.rpe_1m": {"absent": "no pair"}}}))
+    row = rows_of(tmp_path / "a.sweep")[0]
+    assert row.values == {"final.rpe_1m": None}
+    assert row.absent == {"final.rpe_1m": "no pair"}
+    (summary,) = summaries([row], ["final.rpe_1m"], {})
+    assert (summary.values["final.rpe_1m"].absent, summary.values["final.rpe_1m"].median) == (1, None)
+
+
+def test_a_configuration_that_no_run_takes_is_refused_before_the_first(tmp_path: Path) -> None:
+    text = SPEC.replace('slam.backend.method = "none"', 'slam.backend.method = "nothing"')
+    with pytest.raises(ConfigError, match=r"configuration alone: backend\.method"):
+        planned(tmp_path, text)
+
+
+def test_the_guides_specification_is_what_it_says(tmp_path: Path) -> None:
+    page = (Path(__file__).parents[2] / "docs/guide/sweeps.md").read_text(encoding="utf-8")
+    block = page.partition("```toml\n")[2].partition("```")[0]
+    assert "# 160 runs" in page
+    assert len(planned(tmp_path, block)) == 160
