@@ -36,7 +36,10 @@ REFERENCE = Path(__file__).parent / "reference"
 BUNDLED = ("tsdf", "paper")
 """The methods whose keys are listed."""
 SWEEP = ("run", "show", "merge", "export")
-COMMANDS = ("demo", "simulate", "replay", "evaluate", "inspect", "platforms", "metrics", "scenarios", "sweep")
+COMMANDS = (
+    *("demo", "simulate", "replay", "evaluate", "compare"),
+    *("inspect", "platforms", "metrics", "scenarios", "sweep"),
+)
 
 
 def pages() -> dict[str, str]:

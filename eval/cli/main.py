@@ -13,7 +13,7 @@ from typing import Annotated, Any
 import typer
 
 from moteslam.errors import ExistsError, MoteslamError, MoteslamWarning, OutputError
-from moteslam.eval.cli import demo, evaluate, inspect, metrics, platforms, replay, scenarios, simulate, sweep
+from moteslam.eval.cli import compare, demo, evaluate, inspect, metrics, platforms, replay, scenarios, simulate, sweep
 from moteslam.eval.cli.interrupt import MESSAGE, Interrupted, leave_with, on_interrupt, was_asked
 from moteslam.eval.cli.text import STDOUT, flush, note, say
 
@@ -59,7 +59,7 @@ def _root(
 
 for command in (
     *(demo.demo, simulate.simulate, replay.replay, evaluate.evaluate),
-    *(inspect.inspect, platforms.platforms, metrics.metrics),
+    *(compare.compare, inspect.inspect, platforms.platforms, metrics.metrics),
 ):
     app.command()(command)
 app.add_typer(scenarios.app, name="scenarios")

@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Hashable, Mapping
 from dataclasses import asdict, dataclass
 from math import inf, isfinite
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 from moteslam.eval.statistics.summary import Better, median_interval, quantile
+
+K = TypeVar("K", bound=Hashable)
 
 
 @dataclass(frozen=True)
@@ -48,7 +50,7 @@ class Comparison:
 
 
 def compare(
-    first: Mapping[Hashable, float | None], second: Mapping[Hashable, float | None], *, better: Better = "lower"
+    first: Mapping[K, float | None], second: Mapping[K, float | None], *, better: Better = "lower"
 ) -> Comparison:
     """Compare two configurations.
 

@@ -1,0 +1,106 @@
+"""``moteslam compare``: configurations on the same runs, in pairs."""
+
+from __future__ import annotations
+
+from math import isnan
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from moteslam.errors import ConfigError, InputError
+from moteslam.eval.cli import options
+from moteslam.eval.cli.text import literal, say, say_json, table
+
+if TYPE_CHECKING:
+    from moteslam.eval.statistics.pairs import Comparison
+
+
+def compare(
+    paths: Annotated[
+        list[Path],
+        typer.Argument(metavar="PATH...", help="Files of sweeps, or result folders; the first is compared with."),
+    ],
+    metrics: Annotated[
+        list[str] | None, typer.Option("--metric", metavar="NAME", help="Which metrics [final.ate]; repeatable.")
+    ] = None,
+    baseline: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Compare with this configuration [the first].")
+    ] = None,
+    as_json: options.Json = False,
+) -> None:
+    """Compare configurations on the same scenarios, platforms and seeds, in pairs.
+
+    Of each against the first: how often it is better, the median difference with its 95 % interval, and how probable
+    so uneven wins are between equals (sign test). A run that failed loses against one that did not.
+
+    \b
+    Examples:
+      moteslam compare particles.sweep
+      moteslam compare before.sweep after.sweep --metric final.ate --metric cpu_per_scan
+      moteslam compare result_a result_b --metric map_f1
+    """  # noqa: D301
+    from moteslam.eval.metrics.registry import chosen, metric, split
+    from moteslam.eval.populations import populations
+    from moteslam.eval.statistics import pairs
+
+    names = metrics or ["final.ate"]
+    chosen(names)
+    found = populations(paths)
+    if len(found) < 2:
+        raise InputError(f"{len(found)} configuration, expected two or more to compare", file=paths[0])
+    first = next((each for each in found if baseline in (None, each.name)), None)
+    if first is None:
+        expected = ", ".join(repr(each.name) for each in found)
+        raise ConfigError(f"{baseline!r}, expected one of {expected}", field="--baseline")
+    compared: dict[str, dict[str, Comparison]] = {
+        name: {
+            each.name: pairs.compare(
+                first.values(name), each.values(name), better=metric(split(name)[1]).better or "lower"
+            )
+            for each in found
+            if each is not first
+        }
+        for name in names
+    }
+    if not any(one.pairs for each in compared.values() for one in each.values()):
+        raise InputError(f"no run in common with {first.name} that has {', '.join(names)}", file=paths[-1])
+    if as_json:
+        say_json(
+            {
+                "baseline": first.name,
+                "metrics": {
+                    name: {other: one.as_dict() for other, one in each.items()} for name, each in compared.items()
+                },
+            }
+        )
+        return
+    for name, each in compared.items():
+        unit = metric(split(name)[1]).unit
+        say(f"{name}{f' [{unit}]' if unit else ''}, against {literal(first.name)}")
+        say(_table(each))
+
+
+def _table(each: dict[str, Comparison]) -> str:
+    rows: list[tuple[str, ...]] = [
+        ("configuration", "pairs", "better", "worse", "equal", "median difference", "95 %", "p", "failed")
+    ]
+    for name, one in each.items():
+        interval = "-" if one.low is None else f"{_signed(one.low)} to {_signed(one.high)}"
+        rows.append(
+            (
+                literal(name),
+                *(str(count) for count in (one.pairs, one.wins, one.losses, one.ties)),
+                _signed(one.median),
+                interval,
+                f"{one.p:.2g}",
+                f"{one.failed[1]}, {one.failed[0]} there",
+            )
+        )
+    return table(rows, right=(1, 2, 3, 4))
+
+
+def _signed(value: float | None) -> str:
+    if value is None or isnan(value):
+        return "-"
+    return "failed" if abs(value) == float("inf") else f"{value:+.3g}"

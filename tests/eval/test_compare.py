@@ -1,0 +1,98 @@
+"""Configurations in pairs: of sweeps and of result folders."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from moteslam.eval.cli import main
+from moteslam.eval.populations import populations
+from moteslam.eval.sweep.plan import plan
+from moteslam.eval.sweep.spec import read_spec
+from moteslam.eval.sweep.store import create, opened
+from moteslam.eval.sweep.workers import Outcome
+
+
+def swept(folder: Path, name: str, factor: float = 1.0, *, failed: tuple[int, ...] = ()) -> Path:
+    """Two configurations on ten seeds; the second is off by nine tenths of the first one's error."""
+    spec = folder / f"{name}.toml"
+    spec.write_text(
+        'scenarios = ["corridor"]\n[configurations.plain]\n[configurations.better]\nset = { slam.particles = 50 }\n'
+    )
+    runs = plan(read_spec(spec))
+    create(folder / f"{name}.sweep", "{}", runs)
+    with opened(folder / f"{name}.sweep", write=True) as store:
+        for run in runs:
+            error = factor * (1 + run.seed) * (0.9 if run.configuration == "better" else 1.0)
+            values = {"final.ate": {"value": error, "unit": "m"}, "map_f1": {"absent": "no map"}}
+            if run.seed in failed and run.configuration == "better":
+                store.record(Outcome(run, "failed", "stuck"))
+            else:
+                store.record(Outcome(run, "ok", result={"values": values}))
+    return folder / f"{name}.sweep"
+
+
+def printed(capsys: pytest.CaptureFixture[str], *arguments: object) -> str:
+    assert main.run(["compare", *map(str, arguments)]) == 0
+    return capsys.readouterr().out
+
+
+def refused(capsys: pytest.CaptureFixture[str], *arguments: object) -> str:
+    assert main.run(["compare", *map(str, arguments)]) == 2
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) == 1
+    return lines[0]
+
+
+def test_the_configurations_of_a_sweep(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = swept(tmp_path, "a", failed=(3,))
+    found = json.loads(printed(capsys, file, "--json"))
+    better = found["metrics"]["final.ate"]["better"]
+    assert found["baseline"] == "plain"
+    assert (better["pairs"], better["wins"], better["losses"], better["failed"]) == (10, 9, 1, [0, 1])
+    assert better["p"] == pytest.approx(22 / 1024)
+    assert better["high"] < 0
+    text = printed(capsys, file, "--baseline", "better")
+    assert text.startswith("final.ate [m], against better\n")
+    assert text.splitlines()[2].split()[:4] == ["plain", "10", "1", "9"]
+
+
+def test_two_sweeps_are_matched_by_scenario_platform_and_seed(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    files = swept(tmp_path, "a"), swept(tmp_path, "b", 2.0)
+    assert [each.name for each in populations(files)] == ["a: plain", "a: better", "b: plain", "b: better"]
+    found = json.loads(printed(capsys, *files, "--json"))["metrics"]["final.ate"]
+    assert [found[name]["losses"] for name in ("a: better", "b: plain", "b: better")] == [0, 10, 10]
+    assert found["b: plain"]["median"] == pytest.approx(5.5)
+
+
+def test_result_folders(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for name, value in (("a", 0.2), ("b", 0.1)):
+        (tmp_path / name).mkdir()
+        metrics = {"final.ate": {"value": value, "unit": "m"}, "map_f1": {"absent": "no map"}}
+        (tmp_path / name / "metrics.json").write_text(json.dumps({"metrics": metrics}))
+        (tmp_path / name / "run.json").write_text(json.dumps({"recording": "corridor", "seed": 0}))
+    found = json.loads(printed(capsys, tmp_path / "a", tmp_path / "b", "--json"))
+    (one,) = found["metrics"]["final.ate"].values()
+    assert (one["pairs"], one["wins"], one["median"]) == (1, 1, -0.1)
+    assert "no run in common" in refused(capsys, tmp_path / "a", tmp_path / "b", "--metric", "map_f1")
+    (tmp_path / "b" / "run.json").write_text(json.dumps({"recording": "corridor", "seed": 1}))
+    assert "no run in common" in refused(capsys, tmp_path / "a", tmp_path / "b")
+
+
+def test_what_is_wrong_is_said_in_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = swept(tmp_path, "a")
+    assert "'best', expected one of 'plain', 'better'" in refused(capsys, file, "--baseline", "best")
+    assert "expected one of ate" in refused(capsys, file, "--metric", "final.aet")
+    assert "there is no such file" in refused(capsys, tmp_path / "no.sweep")
+    (tmp_path / "a").mkdir()
+    assert "metrics.json" in refused(capsys, file, tmp_path / "a")
+    for text in ("[", "[]", "{}"):
+        (tmp_path / "a" / "metrics.json").write_text(text)
+        (tmp_path / "a" / "run.json").write_text("{}")
+        assert "metrics.json" in refused(capsys, file, tmp_path / "a")
+    (tmp_path / "a" / "metrics.json").write_text('{"metrics": {}}')
+    assert "1 configuration, expected two" in refused(capsys, tmp_path / "a")
