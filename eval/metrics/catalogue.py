@@ -8,7 +8,7 @@ import numpy as np
 
 from moteslam.eval.metrics.ate import absolute_trajectory_error
 from moteslam.eval.metrics.consistency import share_within_spread
-from moteslam.eval.metrics.evidence import ONLINE, Cost, Evidence, needed
+from moteslam.eval.metrics.evidence import FINAL, ONLINE, Cost, Evidence, needed
 from moteslam.eval.metrics.registry import Metric
 from moteslam.eval.metrics.rpe import Unit
 from moteslam.robot.se2 import between, compose, inverse
@@ -282,11 +282,11 @@ def _cost(what: Callable[[Cost, Evidence], float | None]) -> Callable[[Evidence]
 
 
 def _scans(run: Evidence) -> int:
-    return len(run.track(ONLINE).trajectory)
+    return len(run.track(FINAL).trajectory)
 
 
 def _driven(run: Evidence) -> float:
-    stamps = run.track(ONLINE).trajectory.stamps
+    stamps = run.track(FINAL).trajectory.stamps
     return float(stamps[-1] - stamps[0])
 
 

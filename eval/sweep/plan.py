@@ -29,6 +29,7 @@ class PlannedRun:
         settings: ``key=value`` over scenario, robot and preset, with their prefixes; sorted.
         varied: keys and values of what varies, in the order of the specification.
         metrics: what is measured.
+        command: an external SLAM in place of the preset: see ``Command``; empty for none.
     """
 
     scenario: str
@@ -42,6 +43,7 @@ class PlannedRun:
     settings: tuple[str, ...]
     varied: tuple[tuple[str, Scalar], ...]
     metrics: tuple[str, ...]
+    command: tuple[Any, ...] = ()
 
     @property
     def id(self) -> str:
@@ -77,6 +79,7 @@ class PlannedRun:
     def of(cls, table: dict[str, Any]) -> PlannedRun:
         """From what ``as_dict`` gave."""
         tuples = {name: tuple(table[name]) for name in ("settings", "metrics")}
+        tuples["command"] = tuple(tuple(part) if isinstance(part, list) else part for part in table["command"])
         varied = tuple((key, value) for key, value in table["varied"])
         return cls(**{**table, **tuples, "varied": varied})
 
@@ -117,12 +120,15 @@ def _runs(spec: SweepSpec) -> Iterator[PlannedRun]:
     simulated = product(spec.scenarios, ("",), spec.platforms or [""], spec.noise or [""], seeds)
     recorded = product(("",), spec.recordings, ("",), ("",), seeds)
     combinations = list(product(*(spec.values(key) for key in spec.vary)))
+    outer = [k for k, key in enumerate(spec.vary) if key.startswith("slam.")]
     for cases in (simulated, recorded):
         for scenario, recording, platform, noise, seed in cases:
             runs = [
                 _run(spec, (scenario, recording, platform, noise, seed), name, one, values)
                 for name, one in spec.configurations.items()
                 for values in combinations
+                # a command knows no keys of ours: it is run once for all of their values
+                if not one.command or all(values[k] == spec.values(list(spec.vary)[k])[0] for k in outer)
             ]
             yield from sorted(runs, key=lambda run: run.case)
 
@@ -131,7 +137,11 @@ def _run(
     spec: SweepSpec, case: tuple[str, str, str, str, int], name: str, one: Configuration, values: tuple[Scalar, ...]
 ) -> PlannedRun:
     scenario, recording, platform, noise, seed = case
-    varied = tuple(zip(spec.vary, values, strict=True))
+    varied = tuple(
+        (key, value)
+        for key, value in zip(spec.vary, values, strict=True)
+        if not (one.command and key.startswith("slam."))
+    )
     settings = {**one.set, **dict(varied)}
     if recording:
         settings = {key: value for key, value in settings.items() if key.startswith("slam.")}
@@ -147,6 +157,7 @@ def _run(
         settings=tuple(sorted(f"{key}={_literal(value)}" for key, value in settings.items())),
         varied=varied,
         metrics=tuple(spec.metrics),
+        command=(one.command, one.format, one.trajectory, one.map) if one.command else (),
     )
 
 

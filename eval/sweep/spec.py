@@ -24,6 +24,7 @@ SUCCESS_ATE = 0.5
 """A run succeeds, where nothing else is said, with a final ATE of at most this [m]."""
 
 Scalar = bool | int | float | str
+FileName = Annotated[str, Field(pattern=r"^[\w.+-]{1,200}$")]
 
 
 class Range(Section):
@@ -51,10 +52,18 @@ class Range(Section):
 
 
 class Configuration(Section):
-    """A way to run SLAM."""
+    """A way to run SLAM: a preset of ours, or a command of anyone's."""
 
     preset: str = DEFAULT_PRESET
     """The preset that it starts from."""
+    command: tuple[str, ...] = ()
+    """In place of a preset: a program and its arguments, with `{recording}`, `{platform}`, `{out}` and `{seed}`."""
+    format: Literal["carmen", "ucsd"] = "carmen"
+    """In which the command is given the recording."""
+    trajectory: FileName = "trajectory.tum"
+    """Which file in `{out}` is the command's trajectory."""
+    map: FileName = "map.yaml"
+    """Which file in `{out}` is its map, if it writes one."""
     set: dict[str, Any] = Field(default_factory=dict)
     """Keys over it: `slam.` of the preset, `scenario.` of the scenario, `platform.` of its robot."""
 
@@ -62,6 +71,17 @@ class Configuration(Section):
     @classmethod
     def _keys(cls, value: dict[str, Any]) -> dict[str, Any]:
         return {_checked_key(key): one for key, one in _flat(value).items()}
+
+    @model_validator(mode="after")
+    def _either(self) -> Configuration:
+        given = self.model_fields_set
+        if self.command and "preset" in given:
+            raise ValueError("preset and command, expected one of the two")
+        if not self.command and (extra := given & {"format", "trajectory", "map"}):
+            raise ValueError(f"{sorted(extra)[0]} without a command")
+        if self.command and any(key.startswith("slam.") for key in self.set):
+            raise ValueError("slam. keys with a command, expected those of scenario and platform alone")
+        return self
 
 
 class SweepSpec(Section):

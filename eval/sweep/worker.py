@@ -9,19 +9,23 @@ import json
 import os
 import queue
 import resource
+import signal
 import sys
 import threading
 import time
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TextIO
 
 from moteslam.errors import MoteslamError
-from moteslam.eval.metrics.evidence import FINAL, Cost
+from moteslam.eval.metrics.evidence import FINAL, Cost, Evidence
 from moteslam.eval.metrics.registry import Value, measure
 from moteslam.eval.metrics.relations import Relations, is_relations, read_relations
 from moteslam.eval.scores import evidence_of
+from moteslam.eval.sweep.external import Command, estimate
 from moteslam.eval.sweep.plan import PlannedRun
+from moteslam.robot.issues import Issue
 from moteslam.robot.raster import Raster
 from moteslam.robot.recording import Recording
 from moteslam.robot.trajectory import Trajectory, read_tum
@@ -88,23 +92,48 @@ def make(run: PlannedRun, case: Case, *, timed: bool = False) -> dict[str, Any]:
     Returns:
         ``values`` of all metrics, scans and distance, each with ``value`` and ``unit`` or ``absent``; and ``issues``.
     """
+    if run.command:
+        return _make_external(run, case, timed=timed)
     config = resolve_config(run.preset, run.for_slam())
     began, clock = time.process_time(), time.perf_counter()
     session = SlamSession(case.recording, config, seed=run.seed)
     for _ in session:
         pass
-    estimate = session.estimate()
+    found = session.estimate()
     cpu, wall = time.process_time() - began, time.perf_counter() - clock
-    evidence = evidence_of(estimate, case.truth, recording=case.recording, true_map=case.true_map)
+    evidence = evidence_of(found, case.truth, recording=case.recording, true_map=case.true_map)
     evidence = replace(evidence, relations=case.relations)
     if timed:
         memory = 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-        evidence = replace(evidence, cost=Cost(cpu, wall, memory, tuple(estimate.diagnostics["seconds"].tolist())))
-    values = measure(evidence, run.metrics or None)
-    about = {"scans": Value(len(estimate.trajectory), ""), "distance": Value(evidence.trajectories[FINAL].length, "m")}
+        evidence = replace(evidence, cost=Cost(cpu, wall, memory, tuple(found.diagnostics["seconds"].tolist())))
+    return _measured(run, evidence, (*case.recording.warnings, *found.warnings))
+
+
+def _make_external(run: PlannedRun, case: Case, *, timed: bool) -> dict[str, Any]:
+    """The same with anyone's SLAM: see ``external``."""
+    clock, before = time.perf_counter(), resource.getrusage(resource.RUSAGE_CHILDREN)
+    trajectory, occupancy = estimate(Command(*run.command), case.recording, run.seed)
+    wall, after = time.perf_counter() - clock, resource.getrusage(resource.RUSAGE_CHILDREN)
+    cpu = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    evidence = Evidence(
+        {FINAL: trajectory},
+        truth=case.truth,
+        relations=case.relations,
+        occupancy=occupancy,
+        true_map=case.true_map,
+        recording=case.recording,
+        cost=Cost(cpu, wall, 1024 * after.ru_maxrss) if timed else None,
+    )
+    return _measured(run, evidence, case.recording.warnings)
+
+
+def _measured(run: PlannedRun, evidence: Evidence, issues: Iterable[Issue]) -> dict[str, Any]:
+    final = evidence.trajectories[FINAL]
+    about = {"scans": Value(len(final), ""), "distance": Value(final.length, "m")}
+    values = about | measure(evidence, run.metrics or None)
     return {
-        "values": {name: value.as_dict() for name, value in (about | values).items()},
-        "issues": [issue.as_dict() for issue in (*case.recording.warnings, *estimate.warnings)],
+        "values": {name: value.as_dict() for name, value in values.items()},
+        "issues": [issue.as_dict() for issue in issues],
     }
 
 
@@ -137,10 +166,10 @@ def main() -> None:
 
 
 def _read(lines: TextIO, jobs: queue.SimpleQueue[str]) -> None:
-    """Hand on the jobs; where there are no more, nobody is left to take an outcome: end, whatever is being done."""
+    """Hand on the jobs; where there are no more, nobody is left to take an outcome: end, with what was begun."""
     for line in lines:
         jobs.put(line)
-    os._exit(0)
+    os.killpg(0, signal.SIGKILL)
 
 
 if __name__ == "__main__":

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import os
 import selectors
+import signal
 import subprocess
 import sys
 import tempfile
@@ -94,7 +96,8 @@ class Worker:
 
     def end(self) -> None:
         """Kill it, whatever it is at."""
-        self._process.kill()
+        with suppress(ProcessLookupError):
+            os.killpg(self._process.pid, signal.SIGKILL)  # it leads its own group: what it began ends, too
         self._process.wait()
         self.output.close()
         with suppress(BrokenPipeError):

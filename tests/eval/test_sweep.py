@@ -367,3 +367,82 @@ def test_the_guides_specification_is_what_it_says(tmp_path: Path) -> None:
     block = page.partition("```toml\n")[2].partition("```")[0]
     assert "# 160 runs" in page
     assert len(planned(tmp_path, block)) == 160
+
+
+ODOMETRY = """
+import pathlib, sys
+log, out, mode = sys.argv[1:4]
+if mode == "fails":
+    print("no map yet", file=sys.stderr)
+    sys.exit(7)
+lines = ["# dead reckoning"]
+scan = None
+import math
+for line in open(log):
+    words = line.split()
+    if words[0] == "ROBOTLASER1":
+        beams = int(words[8])
+        rest = words[9 + beams:]
+        remissions = int(rest[0])
+        x, y, theta = map(float, rest[1 + remissions + 3: 1 + remissions + 6])
+        lines.append(f"{words[-3]} {x} {y} 0 0 0 {math.sin(theta / 2)} {math.cos(theta / 2)}")
+text = "what is this" if mode == "damaged" else "\\n".join(lines)
+if mode != "nothing":
+    pathlib.Path(out, "path.tum").write_text(text)
+"""
+"""Anyone's SLAM: it gives back the odometry of the log."""
+
+
+def external(folder: Path, mode: str, more: str = "") -> Path:
+    (folder / "odometry.py").write_text(ODOMETRY, encoding="utf-8")
+    words = [sys.executable, str(folder / "odometry.py"), "{recording}", "{out}", mode]
+    return written(
+        folder,
+        'scenarios = ["corridor"]\nduration = 14\nseeds = "0"\nplatforms = ["lms200"]\n'
+        'metrics = ["final.ate", "map_f1", "final.map_near"]\n[configurations.ours]\n'
+        f'[configurations.theirs]\ncommand = {json.dumps(words)}\ntrajectory = "path.tum"\n{more}'
+        "[vary]\nslam.particles = [1, 2]\n",
+        f"{mode}.toml",
+    )
+
+
+@pytest.mark.slow
+def test_anyones_slam_is_a_configuration_like_ours(tmp_path: Path) -> None:
+    """It is run once, not once for each value of a key of ours; dead reckoning is worse than SLAM."""
+    assert main.run(["sweep", str(external(tmp_path, "works")), "--workers", "1"]) == 0
+    rows = rows_of(tmp_path / "works.sweep")
+    assert [(row.run.configuration, row.status) for row in rows] == [("ours", "ok"), ("ours", "ok"), ("theirs", "ok")]
+    ours, _, theirs = (row.values["final.ate"] or 0.0 for row in rows)
+    assert 0 < ours < theirs < 0.2
+    assert rows[2].absent == {"map_f1": "no map"}
+    assert (rows[2].values["final.map_near"] or 0) > 0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("mode", "error"),
+    [
+        ("fails", "ended with exit code 7: no map yet"),
+        ("nothing", "wrote no path.tum, expected its trajectory in {out}"),
+        ("damaged", "path.tum: expected 8 finite numbers"),
+    ],
+)
+def test_anyones_slam_that_fails_is_a_row_with_its_error(mode: str, error: str, tmp_path: Path) -> None:
+    assert main.run(["sweep", str(external(tmp_path, mode)), "--workers", "1"]) == 0
+    rows = rows_of(tmp_path / f"{mode}.sweep")
+    assert [row.status for row in rows] == ["ok", "ok", "failed"]
+    assert error in rows[2].error
+    assert "moteslam-" not in rows[2].error  # the temporary folder
+
+
+def test_a_command_and_keys_of_ours_do_not_go_together(tmp_path: Path) -> None:
+    for more, problem in (
+        ('preset = "default"\n', "preset and command"),
+        ("set = { slam.particles = 3 }\n", "slam. keys with a command"),
+        ('format = "bag"\n', "format"),
+        ('map = "/etc/map.yaml"\n', "map"),
+    ):
+        with pytest.raises(ConfigError, match=problem):
+            read_spec(external(tmp_path, "works", more))
+    with pytest.raises(ConfigError, match="trajectory without a command"):
+        read_spec(written(tmp_path, 'scenarios = ["corridor"]\n[configurations.a]\ntrajectory = "x"\n'))
