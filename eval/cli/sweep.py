@@ -54,6 +54,10 @@ def run(
     timed: Annotated[
         bool, typer.Option("--time", help="Measure time and memory too: one run at a time, each in a new process.")
     ] = False,
+    scheduler: Annotated[
+        str | None,
+        typer.Option(metavar="tcp://HOST:PORT", help="Make the runs on this Dask cluster (extra `cluster`)."),
+    ] = None,
     as_json: options.Json = False,
 ) -> None:
     """Make the runs of a specification, record each as it ends, and print what they came to.
@@ -67,8 +71,10 @@ def run(
       moteslam sweep particles.toml
       moteslam sweep particles.toml --workers 1 --time --out timed.sweep
       moteslam sweep particles.toml --shard 2/8 --out part2.sweep
+      moteslam sweep particles.toml --scheduler tcp://head:8786
     """  # noqa: D301
     from moteslam.eval.cli.progress import progress_bar
+    from moteslam.eval.sweep.cluster import make_all_on
     from moteslam.eval.sweep.spec import read_spec
     from moteslam.eval.sweep.store import opened
     from moteslam.eval.sweep.workers import make_all
@@ -76,6 +82,8 @@ def run(
 
     if timed and workers not in (None, 1):
         raise ConfigError("given with --workers, expected one run at a time", field="--time")
+    if scheduler is not None and workers is not None:
+        raise ConfigError("given with --scheduler, whose workers are the cluster's", field="--workers")
     wanted = read_spec(spec)
     target = spec.with_suffix(".sweep") if out is None else out
     _begun(target, spec, wanted, shard)
@@ -85,7 +93,12 @@ def run(
         done = sum(store.counts().values()) - len(runs)
         with progress_bar("sweep", done + len(runs), "runs") as bar:
             bar.update(done)
-            for outcome in make_all(runs, workers=count, timeout=wanted.timeout, timed=timed):
+            outcomes = (
+                make_all(runs, workers=count, timeout=wanted.timeout, timed=timed)
+                if scheduler is None
+                else make_all_on(scheduler, runs, timeout=wanted.timeout, timed=timed)
+            )
+            for outcome in outcomes:
                 store.record(outcome)
                 done += 1
                 bar.update(done)

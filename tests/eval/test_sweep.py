@@ -15,6 +15,7 @@ import pytest
 
 from moteslam.errors import ConfigError, InputError, OutputError
 from moteslam.eval.cli import main
+from moteslam.eval.sweep.cluster import make_all_on
 from moteslam.eval.sweep.plan import PlannedRun, plan, shard
 from moteslam.eval.sweep.spec import numbers, read_spec
 from moteslam.eval.sweep.store import Row, Store, create, opened
@@ -446,3 +447,43 @@ def test_a_command_and_keys_of_ours_do_not_go_together(tmp_path: Path) -> None:
             read_spec(external(tmp_path, "works", more))
     with pytest.raises(ConfigError, match="trajectory without a command"):
         read_spec(written(tmp_path, 'scenarios = ["corridor"]\n[configurations.a]\ntrajectory = "x"\n'))
+
+
+@pytest.mark.slow
+def test_a_cluster_comes_to_the_same_though_a_worker_dies(whole: Path, tmp_path: Path) -> None:
+    """Its worker is killed while it makes the third run or so; the nanny starts another one."""
+    distributed = pytest.importorskip("distributed")
+    runs = planned(tmp_path)
+    create(tmp_path / "a.sweep", "{}", runs)
+    with (
+        distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None, processes=True) as cluster,
+        opened(tmp_path / "a.sweep", write=True) as store,
+    ):
+        for count, outcome in enumerate(make_all_on(cluster.scheduler_address, store.pending(), timeout=120.0)):
+            store.record(outcome)
+            if count == 2:
+                os.kill(next(iter(cluster.workers.values())).pid, signal.SIGKILL)
+    assert sorted(results(tmp_path / "a.sweep")) == sorted(results(whole))
+
+
+@pytest.mark.usefixtures("toys")
+def test_runs_that_crash_on_a_cluster_are_rows(tmp_path: Path) -> None:
+    """The cluster's workers are threads here, so that they see the toys."""
+    distributed = pytest.importorskip("distributed")
+    runs = planned(tmp_path, 'scenarios = ["corridor"]\nseeds = "0-4"\n')
+    with distributed.LocalCluster(
+        n_workers=1, threads_per_worker=2, dashboard_address=None, processes=False
+    ) as cluster:
+        found = {outcome.run.seed: outcome for outcome in make_all_on(cluster.scheduler_address, runs, timeout=2.0)}
+    assert [found[seed].status for seed in range(5)] == ["ok", "crashed", "timed out", "failed", "ok"]
+
+
+def test_a_cluster_that_is_not_there(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("moteslam.eval.sweep.cluster.CONNECT", 0.5)
+    spec = written(tmp_path)
+    assert main.run(["sweep", str(spec), "--scheduler", "tcp://127.0.0.1:9"]) == 2
+    assert "--scheduler: no scheduler answers at tcp://127.0.0.1:9" in capsys.readouterr().err
+    assert main.run(["sweep", str(spec), "--scheduler", "tcp://127.0.0.1:9", "--workers", "2"]) == 2
+    assert "--workers: given with --scheduler" in capsys.readouterr().err
