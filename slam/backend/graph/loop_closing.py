@@ -19,8 +19,9 @@ SAME_PREDICTION, SAME_WINDOW = 0.3, 0.5
 """A pair is not searched again where the prediction moved by less [m], and the window changed by less [share]."""
 SOLVED = 0.2
 """The graph is solved anew for a loop that is off by more than this [m]."""
-LEAST_WINDOW, LARGEST_TURN = np.array([0.5, 0.5, 0.06]), 0.5
-"""Half widths of a search window: at least [m, m, rad], and at most [rad]."""
+LEAST_WINDOW, LARGEST_TURN = np.array([0.5, 0.5, 0.06]), np.pi
+"""Half widths of a search window: at least [m, m, rad], and at most the whole circle [rad]. In a narrower one than the
+relative covariance asks for, the true place might not be found, and be no rival of a wrong one."""
 PASSAGE_GAP = 3
 """Nodes within reach that follow each other with at most this many between are one passage."""
 

@@ -1,9 +1,15 @@
 """The pose graph: exact where edges agree, derivatives, and loops that the others contradict."""
 
+from types import SimpleNamespace
+from typing import cast
+
 import numpy as np
 import pytest
 
 from moteslam.robot import se2
+from moteslam.slam.backend.graph.config import GraphConfig
+from moteslam.slam.backend.graph.loop_closing import LoopClosing
+from moteslam.slam.backend.graph.loop_graph import LoopGraph
 from moteslam.slam.backend.graph.pose_graph import Edges, relative_jacobians, solve
 from moteslam.slam.backend.graph.uncertainty import Uncertainty, Variances
 
@@ -135,3 +141,24 @@ def test_a_loop_makes_both_its_ends_surer():
     after, _ = uncertainty(start, edges).of(119)
     assert (after <= before + 1e-9).all()
     assert after[5] < 0.5 * before[5]
+
+
+@pytest.mark.parametrize(("heading", "half"), [(0.01, 0.06), (0.4, 1.2), (2.0, np.pi)])
+def test_a_loop_is_searched_for_in_all_headings_that_the_covariance_allows(
+    heading: float, half: float, monkeypatch: pytest.MonkeyPatch
+):
+    """After a step whose turn is doubtful the true place may be turned by a radian."""
+    nodes = 80
+    spread = np.full(nodes, 0.3), np.full(nodes, heading)
+    graph = SimpleNamespace(
+        nodes=None,
+        submaps=SimpleNamespace(path=0.5 * np.arange(nodes)),
+        poses=np.zeros((nodes, 3)),
+        relative=lambda _: spread,
+    )
+    closing = LoopClosing(cast(LoopGraph, graph), GraphConfig())
+    windows: list[np.ndarray] = []
+    monkeypatch.setattr(closing, "_try", lambda _submap, _query, window: windows.append(window) or [])
+    closing._look_for(nodes - 1)
+    assert windows
+    np.testing.assert_allclose(windows[0], (0.9, 0.9, half))
