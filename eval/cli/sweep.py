@@ -115,19 +115,29 @@ def show(
     metrics: Annotated[
         list[str] | None, typer.Option("--metric", metavar="NAME", help="Which metrics [final.ate]; repeatable.")
     ] = None,
+    budget: Annotated[
+        str | None, typer.Option(metavar="TIME", help="The best configuration within this processor time a scan.")
+    ] = None,
     as_json: options.Json = False,
 ) -> None:
     """Print what the runs recorded so far came to: median with its 95 % interval, quartiles, successes.
+
+    With --budget, of a sweep made with --time: the configurations that cost at most that much, the best first, and
+    in how many of the same runs the best one beats each.
 
     \b
     Examples:
       moteslam sweep show particles.sweep
       moteslam sweep show particles.sweep --metric final.ate --metric map_f1
+      moteslam sweep show timed.sweep --budget 10ms
     """  # noqa: D301
     from moteslam.eval.metrics.registry import chosen
     from moteslam.eval.sweep.store import opened
 
     chosen(metrics)
+    if budget is not None:
+        _say_affordable(file, budget, metrics or ["final.ate"], as_json=as_json)
+        return
     with opened(file) as store:
         _say(store, _spec_of(store), metrics=metrics, as_json=as_json)
 
@@ -248,6 +258,38 @@ def _say(store: Store, spec: SweepSpec, *, metrics: list[str] | None = None, as_
     if found:
         say(_table(found, names))
     say(", ".join(f"{count} {name or 'not made yet'}" for name, count in counts.items()))
+
+
+def _say_affordable(file: Path, text: str, metrics: list[str], *, as_json: bool) -> None:
+    from moteslam.eval.populations import populations
+    from moteslam.eval.sweep.budget import affordable, parse_budget
+
+    budget = parse_budget(text)
+    if len(metrics) > 1:
+        raise ConfigError("more than one with --budget, expected what the best is chosen by", field="--metric")
+    try:
+        choices = affordable(populations([file]), budget, metrics[0])
+    except InputError as error:
+        raise InputError(error.problem, file=file, field=error.field) from error
+    if as_json:
+        say_json(
+            [
+                {
+                    "configuration": each.name,
+                    "cpu_per_scan_ms": each.cost,
+                    metrics[0]: each.value.as_dict(),
+                    "best_against_it": None if each.against is None else each.against.as_dict(),
+                }
+                for each in choices
+            ]
+        )
+        return
+    rows = [("configuration", "ms a scan", metrics[0], "95 %", "the best beats it in")]
+    for each in choices:
+        beaten = "" if each.against is None else f"{each.against.wins} of {each.against.pairs}, p {each.against.p:.2g}"
+        interval = f"{_number(each.value.low)} to {_number(each.value.high)}"
+        rows.append((literal(each.name), f"{each.cost:.3g}", _number(each.value.median), interval, beaten))
+    say(table(rows, right=(1,)))
 
 
 def _as_dict(group: GroupSummary) -> dict[str, Any]:

@@ -96,3 +96,51 @@ def test_what_is_wrong_is_said_in_one_line(tmp_path: Path, capsys: pytest.Captur
         assert "metrics.json" in refused(capsys, file, tmp_path / "a")
     (tmp_path / "a" / "metrics.json").write_text('{"metrics": {}}')
     assert "1 configuration, expected two" in refused(capsys, tmp_path / "a")
+
+
+def timed(folder: Path, times: tuple[float, ...] = (2.0, 8.0, 30.0)) -> Path:
+    """Three numbers of particles, the more the better and the slower."""
+    spec = folder / "timed.toml"
+    spec.write_text('scenarios = ["corridor"]\n[vary]\nslam.particles = [1, 10, 100]\n')
+    runs = plan(read_spec(spec))
+    create(folder / "timed.sweep", "{}", runs)
+    with opened(folder / "timed.sweep", write=True) as store:
+        for run in runs:
+            count = dict(run.varied)["slam.particles"]
+            values = {"final.ate": {"value": (1 + run.seed) / float(count), "unit": "m"}}
+            if times:
+                values["cpu_per_scan"] = {"value": times[(1, 10, 100).index(int(count))], "unit": "ms"}
+            store.record(Outcome(run, "ok", result={"values": values}))
+    return folder / "timed.sweep"
+
+
+def test_the_best_configuration_within_a_budget(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = timed(tmp_path)
+
+    def best(budget: str) -> list[dict]:
+        assert main.run(["sweep", "show", str(file), "--budget", budget, "--json"]) == 0
+        return json.loads(capsys.readouterr().out)
+
+    assert [each["configuration"] for each in best("10 ms")] == [
+        "default, slam.particles=10",
+        "default, slam.particles=1",
+    ]
+    assert best("10ms")[1]["best_against_it"]["wins"] == 10
+    assert best("1s")[0]["configuration"] == "default, slam.particles=100"
+    assert len(best("2000us")) == 1
+    assert main.run(["sweep", "show", str(file), "--budget", "10ms"]) == 0
+    assert "10 of 10, p 0.002" in capsys.readouterr().out
+
+
+def test_budgets_that_nothing_meets(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = timed(tmp_path)
+    for budget, problem in (
+        ("1ms", "the cheapest is default, slam.particles=1, 2 ms"),
+        ("ten", "--budget: 'ten', expected a time above 0"),
+        ("0ms", "expected a time above 0"),
+    ):
+        assert main.run(["sweep", "show", str(file), "--budget", budget]) == 2
+        assert problem in capsys.readouterr().err
+    (tmp_path / "b").mkdir()
+    assert main.run(["sweep", "show", str(timed(tmp_path / "b", ())), "--budget", "1s"]) == 2
+    assert "expected a sweep that was made with --time" in capsys.readouterr().err
