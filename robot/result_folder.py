@@ -132,7 +132,7 @@ class _Work:
                 marker = (folder / MARKER).open("x", encoding="utf-8")
             except FileNotFoundError:  # another run took it for one that was left behind
                 continue
-            if _lock(marker.fileno()) is not False and (folder / MARKER).exists():
+            if take_lock(marker.fileno()) is not False and (folder / MARKER).exists():
                 folder.chmod(0o777 & ~umask())
                 return cls(folder, marker)
             marker.close()
@@ -210,14 +210,14 @@ def _is_alive(partial: Path) -> bool:
     """Whether the run that makes a folder is still alive: it holds the lock, or nobody can know."""
     try:
         with (partial / MARKER).open("r+", encoding="utf-8") as marker:
-            return _lock(marker.fileno()) is not True
+            return take_lock(marker.fileno()) is not True
     except FileNotFoundError:  # not yet locked, or of a run that was killed before it could be
         return False
     except OSError:
         return True
 
 
-def _lock(handle: int) -> bool | None:
+def take_lock(handle: int) -> bool | None:
     """Take the lock of an open file: whether it was free, or None where there are no locks."""
     try:
         import fcntl

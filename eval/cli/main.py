@@ -116,7 +116,7 @@ def warnings_noted() -> Iterator[None]:
 
 
 def _interrupted(error: BaseException) -> int:
-    note(MESSAGE)
+    note(next(iter(getattr(error, "__notes__", ())), MESSAGE))
     return error.exit_code if isinstance(error, Interrupted) else 130
 
 

@@ -10,6 +10,7 @@ from typer.core import TyperGroup
 
 from moteslam.errors import ConfigError, ExistsError, InputError, OutputError
 from moteslam.eval.cli import options
+from moteslam.eval.cli.interrupt import Interrupted
 from moteslam.eval.cli.text import literal, note, say, say_json, table
 
 if TYPE_CHECKING:
@@ -79,6 +80,7 @@ def run(
     from moteslam.eval.sweep.store import opened
     from moteslam.eval.sweep.workers import make_all
     from moteslam.robot.processors import processor_count
+    from moteslam.robot.wording import counted
 
     if timed and workers not in (None, 1):
         raise ConfigError("given with --workers, expected one run at a time", field="--time")
@@ -98,12 +100,16 @@ def run(
                 if scheduler is None
                 else make_all_on(scheduler, runs, timeout=wanted.timeout, timed=timed)
             )
-            for outcome in outcomes:
-                store.record(outcome)
-                done += 1
-                bar.update(done)
-                if outcome.error:
-                    note(f"warning: {outcome.run.name}: {outcome.status}: {outcome.error}")
+            try:
+                for outcome in outcomes:
+                    store.record(outcome)
+                    done += 1
+                    bar.update(done)
+                    if outcome.error:
+                        note(f"warning: {outcome.run.name}: {outcome.status}: {outcome.error}")
+            except (Interrupted, KeyboardInterrupt) as error:
+                error.add_note(f"interrupted, {counted(done, 'run')} in {target}: the same command goes on")
+                raise
         _say(store, wanted, as_json=as_json)
     if not as_json:
         say(f"recorded in {literal(target)}")
@@ -175,7 +181,6 @@ def merge(
         partial.replace(out)
     finally:
         partial.unlink(missing_ok=True)
-        (partial.parent / f".{partial.name}.lock").unlink(missing_ok=True)
     missing = counts.pop("", 0)
     say(f"{sum(counts.values())} runs in {literal(out)}" + (f", {missing} not made yet" if missing else ""))
 
@@ -215,7 +220,7 @@ def _begun(target: Path, file: Path, spec: SweepSpec, part: str | None) -> None:
     from moteslam.eval.sweep.plan import shard as shard_of
     from moteslam.eval.sweep.store import create, opened
 
-    text = spec.model_dump_json()
+    text = spec.model_dump_json(exclude_defaults=True)
     if target.exists():
         with opened(target) as store:
             if store.spec != text:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import fcntl
 import json
 import sqlite3
 from collections.abc import Iterable, Iterator
@@ -15,6 +14,7 @@ from typing import Any
 from moteslam.errors import InputError, OutputError
 from moteslam.eval.sweep.plan import PlannedRun
 from moteslam.eval.sweep.workers import Outcome
+from moteslam.robot.result_folder import take_lock
 
 VERSION = 1
 SCHEMA = """
@@ -219,9 +219,8 @@ def _alone(path: Path, *, write: bool) -> Iterator[None]:
     if not write:
         yield
         return
-    with (path.parent / f".{path.name}.lock").open("w") as lock:
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError as error:
-            raise OutputError("another sweep writes it, expected another file", file=path) from error
+    # SQLite's own locks are of another kind, and are lost where the file is closed: it stays open beyond the connection
+    with path.open("rb") as file:
+        if take_lock(file.fileno()) is False:
+            raise OutputError("another sweep writes it, expected another file", file=path)
         yield

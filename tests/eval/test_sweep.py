@@ -487,3 +487,19 @@ def test_a_cluster_that_is_not_there(
     assert "--scheduler: no scheduler answers at tcp://127.0.0.1:9" in capsys.readouterr().err
     assert main.run(["sweep", str(spec), "--scheduler", "tcp://127.0.0.1:9", "--workers", "2"]) == 2
     assert "--workers: given with --scheduler" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_interrupted_it_says_how_to_go_on(tmp_path: Path) -> None:
+    spec, target = written(tmp_path), tmp_path / "spec.sweep"
+    command = [sys.executable, "-m", "moteslam", "sweep", str(spec), "--workers", "1"]
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+    while process.poll() is None and not (target.exists() and any(row.status for row in rows_of(target))):
+        time.sleep(0.05)
+    process.send_signal(signal.SIGINT)
+    said = process.communicate()[1].splitlines()[-1]
+    made = sum(1 for row in rows_of(target) if row.status)
+    assert process.returncode == 130
+    assert said == f"moteslam: interrupted, {made} run{'s' if made > 1 else ''} in {target}: the same command goes on"
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["spec.sweep", "spec.toml"]
+    assert main.run(["sweep", "show", str(target)]) == 0
