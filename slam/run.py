@@ -127,7 +127,7 @@ class SlamSession:
                 self._updates.append(step.index)
                 self._waiting.append(self._key_scan(step))
                 if self._filter.settled:
-                    corrected = self._hand_over()
+                    corrected = self._hand_over(step.index)
             seconds = time.perf_counter() - began
             poses, weights = self._filter.poses, self._filter.weights.values
             if result.updated:
@@ -150,7 +150,7 @@ class SlamSession:
             )
         began = time.perf_counter()
         if self._waiting:
-            self._diagnostics["corrected"][self._done - 1] += self._hand_over()
+            self._diagnostics["corrected"][self._done - 1] += self._hand_over(self._done - 1)
             self._diagnostics["seconds"][self._done - 1] += time.perf_counter() - began
 
     @property
@@ -234,10 +234,13 @@ class SlamSession:
             motion=self._filter.history.step(best),
         )
 
-    def _hand_over(self) -> float:
+    def _hand_over(self, scan: int) -> float:
         """Give the back end the key scans that wait; where it corrects the path, the filter goes on from there.
 
         Those that waited while the particles were at several places are given on the path that turned out to be best.
+
+        Args:
+            scan: the latest one.
 
         Returns:
             how far that moved the robot [m], 0 where nothing was corrected.
@@ -258,7 +261,7 @@ class SlamSession:
                 path = revised = np.vstack((revised, se2.compose(revised[-1], se2.between(path[k], path[k + 1 :]))))
             self._filter.revise(revised, np.array(self._updates), self._inputs.scans)
             now = revised[-1]
-            self._corrections.append(Correction(self._updates[-1], revised))
+            self._corrections.append(Correction(scan, revised))
         return float(np.hypot(*(now - before)[:2]))
 
     def _record(
