@@ -15,6 +15,7 @@ from pydantic import ValidationError
 from moteslam.errors import ConfigError
 from moteslam.robot.tables import Table, assigned, leaves, merged, read_toml
 from moteslam.robot.wording import Place, expect_type, first_complaint, known_keys
+from moteslam.slam.backend.kinds import BACKENDS
 from moteslam.slam.config import SlamConfig
 from moteslam.slam.methods import METHODS
 from moteslam.slam.renamed import new_name
@@ -77,7 +78,8 @@ def _resolved(preset: Table, given: Table, *, file: Path | None) -> SlamConfig:
     try:
         return model.model_validate(values)
     except ConfigError as error:
-        raise ConfigError(new_name(error.field or "") or error.problem, file=file, field=error.field) from error
+        problem = new_name(error.field or "") or _other_backend(error.field or "", _backend_of(values)) or error.problem
+        raise ConfigError(problem, file=file, field=error.field) from error
     except ValidationError as error:
         field, problem = first_complaint(error, "configuration", lambda place: _expected(model, place))
         for key in leaves(given):
@@ -117,6 +119,16 @@ def _other_method(field: str, method: str) -> str | None:
         return None
     owners = [f'"{name}"' for name, other in METHODS.items() if key in other.config.model_fields]
     return f'no key of method "{method}", expected method {" or ".join(owners)} with it' if owners else None
+
+
+def _other_backend(field: str, method: object) -> str | None:
+    """Whose key it is, where it is one of another back end's."""
+    section, _, keys = field.partition(".")
+    key = keys.partition(".")[0]
+    if section != "backend" or method not in BACKENDS.names() or key in BACKENDS[str(method)].config.model_fields:
+        return None
+    owners = [f'"{name}"' for name, other in BACKENDS.items() if key in other.config.model_fields]
+    return f'no key of the back end "{method}", expected {" or ".join(owners)}' if owners else None
 
 
 def _expected(model: type[SlamConfig], place: Place) -> str:

@@ -185,3 +185,11 @@ def test_a_back_end_that_is_none_is_refused(setting: str, line: str):
     with pytest.raises(ConfigError) as caught:
         resolve_config("default", [setting])
     assert str(caught.value) == line
+
+
+@pytest.mark.parametrize(("preset", "settings"), [("default", ["backend.method=none"]), ("paper", [])])
+def test_a_key_of_another_back_end_is_named_so(preset: str, settings: list[str]):
+    with pytest.raises(ConfigError, match=r'^backend\.loops: no key of the back end "none", expected "graph"$'):
+        resolve_config(preset, [*settings, "backend.loops.enabled=false"])
+    with pytest.raises(ConfigError, match=r"^backend\.nothing: unknown key, expected one of method$"):
+        resolve_config(preset, [*settings, "backend.nothing=1"])
