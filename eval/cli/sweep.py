@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -12,6 +13,7 @@ from moteslam.errors import ConfigError, ExistsError, InputError, OutputError
 from moteslam.eval.cli import options
 from moteslam.eval.cli.interrupt import Interrupted
 from moteslam.eval.cli.text import literal, note, say, say_json, table
+from moteslam.robot.wording import counted
 
 if TYPE_CHECKING:
     from moteslam.eval.sweep.spec import SweepSpec
@@ -36,6 +38,10 @@ app = typer.Typer(
     rich_markup_mode=None,
 )
 
+MOST_SHOWN = 40
+"""Differences in the table that is printed."""
+DIFFERENT = 1
+"""Exit code."""
 File = Annotated[Path, typer.Argument(metavar="FILE.sweep", help="What `moteslam sweep` wrote.")]
 
 
@@ -80,7 +86,6 @@ def run(
     from moteslam.eval.sweep.store import opened
     from moteslam.eval.sweep.workers import make_all
     from moteslam.robot.processors import processor_count
-    from moteslam.robot.wording import counted
 
     if timed and workers not in (None, 1):
         raise ConfigError("given with --workers, expected one run at a time", field="--time")
@@ -183,6 +188,45 @@ def merge(
         partial.unlink(missing_ok=True)
     missing = counts.pop("", 0)
     say(f"{sum(counts.values())} runs in {literal(out)}" + (f", {missing} not made yet" if missing else ""))
+
+
+@app.command("diff")
+def diff(
+    file: File,
+    other: Annotated[Path, typer.Argument(metavar="OTHER", help="Another one, or a table that `sweep export` wrote.")],
+    as_json: options.Json = False,
+) -> None:
+    """Print where two sweeps of the same runs differ, in any digit; times and memory are left out.
+
+    The same code gives the same results on any computer. Exit code 1 where they differ.
+
+    \b
+    Examples:
+      moteslam sweep diff mine.sweep published.csv
+    """  # noqa: D301
+    from moteslam.eval.sweep.differences import differences, read_table
+
+    first, second = read_table(file), read_table(other)
+    common = [run for run in first if run in second]
+    if not common:
+        raise InputError("no run in common with it, expected a sweep of the same specification", file=other)
+    found = differences(first, second)
+    missing = len(first) + len(second) - 2 * len(common)
+    if as_json:
+        say_json({"runs": len(common), "in_one_alone": missing, "differences": [asdict(each) for each in found]})
+    else:
+        if found:
+            rows: list[tuple[str, ...]] = [("run", "column", literal(file), literal(other))]
+            rows += [
+                tuple(map(literal, (each.run, each.column, each.first, each.second))) for each in found[:MOST_SHOWN]
+            ]
+            say(table(rows))
+        if len(found) > MOST_SHOWN:
+            say(f"... and {len(found) - MOST_SHOWN} more: --json has all")
+        alone = f", {missing} in one of the two alone" if missing else ""
+        say(f"{counted(len(found), 'difference')} in {counted(len(common), 'run')}{alone}")
+    if found:
+        raise typer.Exit(DIFFERENT)
 
 
 @app.command("export")

@@ -144,3 +144,24 @@ def test_budgets_that_nothing_meets(tmp_path: Path, capsys: pytest.CaptureFixtur
     (tmp_path / "b").mkdir()
     assert main.run(["sweep", "show", str(timed(tmp_path / "b", ())), "--budget", "1s"]) == 2
     assert "expected a sweep that was made with --time" in capsys.readouterr().err
+
+
+def test_where_two_sweeps_differ(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    first = swept(tmp_path, "a")
+    (tmp_path / "b").mkdir()
+    second = swept(tmp_path / "b", "a", failed=(4,))
+    assert main.run(["sweep", "export", str(first), "--out", str(tmp_path / "a.csv")]) == 0
+    capsys.readouterr()
+    for same in (first, tmp_path / "a.csv"):
+        assert main.run(["sweep", "diff", str(first), str(same)]) == 0
+        assert capsys.readouterr().out == "0 differences in 20 runs\n"
+    assert main.run(["sweep", "diff", str(second), str(tmp_path / "a.csv")]) == 1
+    shown = capsys.readouterr().out.splitlines()
+    assert all(line.startswith("corridor, seed 4, better") for line in shown[1:-1])
+    assert [line.split()[4] for line in shown[1:-1]] == ["status", "error", "final.ate"]
+    assert shown[-1] == "3 differences in 20 runs"
+    assert main.run(["sweep", "diff", str(first), str(timed(tmp_path))]) == 2
+    assert "no run in common" in capsys.readouterr().err
+    (tmp_path / "x.csv").write_text("a,b\n1,2\n")
+    assert main.run(["sweep", "diff", str(first), str(tmp_path / "x.csv")]) == 2
+    assert "expected a table that `moteslam sweep export` wrote" in capsys.readouterr().err
