@@ -13,7 +13,6 @@ from moteslam.errors import ConfigError, ExistsError, InputError, OutputError
 from moteslam.eval.cli import options
 from moteslam.eval.cli.interrupt import Interrupted
 from moteslam.eval.cli.text import literal, note, say, say_json, table
-from moteslam.robot.wording import counted
 
 if TYPE_CHECKING:
     from moteslam.eval.sweep.spec import SweepSpec
@@ -86,6 +85,7 @@ def run(
     from moteslam.eval.sweep.store import opened
     from moteslam.eval.sweep.workers import make_all
     from moteslam.robot.processors import processor_count
+    from moteslam.robot.wording import counted
 
     if timed and workers not in (None, 1):
         raise ConfigError("given with --workers, expected one run at a time", field="--time")
@@ -205,6 +205,7 @@ def diff(
       moteslam sweep diff mine.sweep published.csv
     """  # noqa: D301
     from moteslam.eval.sweep.differences import differences, read_table
+    from moteslam.robot.wording import counted
 
     first, second = read_table(file), read_table(other)
     common = [run for run in first if run in second]
