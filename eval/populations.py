@@ -45,17 +45,19 @@ def populations(paths: Sequence[Path]) -> list[Population]:
     """The configurations of sweeps, and of result folders, in their order.
 
     A file of a sweep has one for each of its configurations, with each combination of what varies; of several files the
-    name of each stands before them. Result folders have the configuration that they hold, named by the folder.
+    name of each stands before them, its path where two are named alike. Result folders have the configuration that they
+    hold, named by the folder.
 
     Raises:
         InputError: a path that is neither, or is damaged.
     """
     found: list[Population] = []
+    alike = len({path.stem for path in paths}) < len(paths)
     for path in paths:
         if path.is_dir():
             found.append(_of_folder(path))
         else:
-            prefix = f"{path.stem}: " if len(paths) > 1 else ""
+            prefix = f"{path if alike else path.stem}: " if len(paths) > 1 else ""
             found += [Population(f"{prefix}{each.name}", each.runs) for each in _of_sweep(path)]
     return found
 
@@ -67,10 +69,9 @@ def _of_sweep(path: Path) -> list[Population]:
             if not row.status:
                 continue
             run = row.run
-            name = ", ".join([run.configuration, *(f"{key}={value}" for key, value in run.varied)])
             key = (dict(group_of(row))["scenario"], run.platform, run.noise, run.duration, run.seed)
             values = {name: value for name, value in (row.values | row.costs).items() if value is not None}
-            groups.setdefault(name, {})[key] = values if row.status == "ok" else None
+            groups.setdefault(run.configured, {})[key] = values if row.status == "ok" else None
     return [Population(name, runs) for name, runs in groups.items()]
 
 

@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from moteslam.robot.issues import Issue
-    from moteslam.robot.raster import Raster
     from moteslam.robot.recording import Recording
     from moteslam.robot.trajectory import Trajectory
     from moteslam.slam.config import SlamConfig
@@ -65,6 +64,7 @@ def replay(
         _dead_reckon(path, recording, resolved, out, run)
         return
 
+    from moteslam.eval.beside import true_map_beside
     from moteslam.eval.cli.running import Device, lost_line, run_into, run_summary, score_table, size_of
     from moteslam.robot.result_folder import result_folder
 
@@ -78,7 +78,7 @@ def replay(
             seed=run.seed,
             device=Device(run.arch, run.threads),
             truth=truth,
-            true_map=None if truth is None else _true_map_beside(path),
+            true_map=None if truth is None else true_map_beside(path),
             figures=not run.no_figures,
             about={"path": str(path)},
             issues=issues,
@@ -107,11 +107,12 @@ def _truth_beside(path: Path, stamps: NDArray[np.float64]) -> tuple[Trajectory |
     """
     import numpy as np
 
+    from moteslam.eval.beside import truth_file
     from moteslam.eval.metrics.association import match
     from moteslam.robot.trajectory import Trajectory, read_tum
 
-    file = _folder(path) / "truth.tum"
-    if not file.exists():
+    file = truth_file(path)
+    if file is None:
         return None, ()
     truth = read_tum(file)
     try:
@@ -121,22 +122,6 @@ def _truth_beside(path: Path, stamps: NDArray[np.float64]) -> tuple[Trajectory |
 
         return None, (Issue("not-scored", f"{file}: {error.problem}; not scored"),)
     return truth, ()
-
-
-def _true_map_beside(path: Path) -> Raster | None:
-    """The true map in a recording's folder, or beside a log; None where there is none.
-
-    Raises:
-        InputError: a ``truth_map.yaml`` that cannot be read.
-    """
-    from moteslam.robot.formats.map_server import read_map
-
-    file = _folder(path) / "truth_map.yaml"
-    return read_map(file) if file.exists() else None
-
-
-def _folder(path: Path) -> Path:
-    return path if path.is_dir() else path.parent
 
 
 def _dead_reckon(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -12,12 +11,12 @@ from typer.core import TyperGroup
 from moteslam.errors import ConfigError, ExistsError, InputError, OutputError
 from moteslam.eval.cli import options
 from moteslam.eval.cli.interrupt import Interrupted
-from moteslam.eval.cli.text import literal, note, say, say_json, table
+from moteslam.eval.cli.sweep_tables import say_affordable, say_differences, say_summaries
+from moteslam.eval.cli.text import literal, note, say
 
 if TYPE_CHECKING:
     from moteslam.eval.sweep.spec import SweepSpec
     from moteslam.eval.sweep.store import Store
-    from moteslam.eval.sweep.tables import GroupSummary
 
 
 class RunByDefault(TyperGroup):
@@ -37,8 +36,8 @@ app = typer.Typer(
     rich_markup_mode=None,
 )
 
-MOST_SHOWN = 40
-"""Differences in the table that is printed."""
+WHOLE = "1/1"
+"""The part that a sweep without ``--shard`` makes."""
 DIFFERENT = 1
 """Exit code."""
 File = Annotated[Path, typer.Argument(metavar="FILE.sweep", help="What `moteslam sweep` wrote.")]
@@ -115,7 +114,7 @@ def run(
             except (Interrupted, KeyboardInterrupt) as error:
                 error.add_note(f"interrupted, {counted(done, 'run')} in {target}: the same command goes on")
                 raise
-        _say(store, wanted, as_json=as_json)
+        say_summaries(store, wanted, ["final.ate"], as_json=as_json)
     if not as_json:
         say(f"recorded in {literal(target)}")
 
@@ -147,10 +146,10 @@ def show(
 
     chosen(metrics)
     if budget is not None:
-        _say_affordable(file, budget, metrics or ["final.ate"], as_json=as_json)
+        say_affordable(file, budget, metrics or ["final.ate"], as_json=as_json)
         return
     with opened(file) as store:
-        _say(store, _spec_of(store), metrics=metrics, as_json=as_json)
+        say_summaries(store, _spec_of(store), metrics or ["final.ate"], as_json=as_json)
 
 
 @app.command("merge")
@@ -205,27 +204,13 @@ def diff(
       moteslam sweep diff mine.sweep published.csv
     """  # noqa: D301
     from moteslam.eval.sweep.differences import differences, read_table
-    from moteslam.robot.wording import counted
 
     first, second = read_table(file), read_table(other)
     common = [run for run in first if run in second]
     if not common:
         raise InputError("no run in common with it, expected a sweep of the same specification", file=other)
     found = differences(first, second)
-    missing = len(first) + len(second) - 2 * len(common)
-    if as_json:
-        say_json({"runs": len(common), "in_one_alone": missing, "differences": [asdict(each) for each in found]})
-    else:
-        if found:
-            rows: list[tuple[str, ...]] = [("run", "column", literal(file), literal(other))]
-            rows += [
-                tuple(map(literal, (each.run, each.column, each.first, each.second))) for each in found[:MOST_SHOWN]
-            ]
-            say(table(rows))
-        if len(found) > MOST_SHOWN:
-            say(f"... and {len(found) - MOST_SHOWN} more: --json has all")
-        alone = f", {missing} in one of the two alone" if missing else ""
-        say(f"{counted(len(found), 'difference')} in {counted(len(common), 'run')}{alone}")
+    say_differences(found, (file, other), len(common), len(first) + len(second) - 2 * len(common), as_json=as_json)
     if found:
         raise typer.Exit(DIFFERENT)
 
@@ -244,7 +229,7 @@ def export(
       moteslam sweep export particles.sweep --out particles.parquet
     """  # noqa: D301
     from moteslam.eval.sweep.store import opened
-    from moteslam.eval.sweep.tables import as_csv, columns
+    from moteslam.eval.sweep.tables import as_csv, write_parquet
     from moteslam.robot.files import write_atomically
 
     options.refuse_existing(out, force=force)
@@ -255,7 +240,7 @@ def export(
     if out.suffix == ".csv":
         write_atomically(out, as_csv(rows))
     else:
-        _write_parquet(out, columns(rows))
+        write_parquet(out, rows)
     say(f"{len(rows)} runs in {literal(out)}")
 
 
@@ -265,20 +250,20 @@ def _begun(target: Path, file: Path, spec: SweepSpec, part: str | None) -> None:
     from moteslam.eval.sweep.plan import shard as shard_of
     from moteslam.eval.sweep.store import create, opened
 
-    text = spec.model_dump_json(exclude_defaults=True)
+    text, part = spec.model_dump_json(exclude_defaults=True), part or WHOLE
+    number, of = _part(part)
     if target.exists():
         with opened(target) as store:
             if store.spec != text:
                 raise ExistsError("is of another specification; name a new file with --out", file=target)
+            if store.part != part:
+                raise ExistsError(f"holds part {store.part}, not {part}; name a new file with --out", file=target)
         return
     try:
         runs = plan(spec)
     except ConfigError as error:
         raise ConfigError(error.problem, file=error.file or file, field=error.field) from error
-    if part is not None:
-        number, of = _part(part)
-        runs = shard_of(runs, number, of)
-    create(target, text, runs)
+    create(target, text, shard_of(runs, number, of), part=part)
 
 
 def _part(text: str) -> tuple[int, int]:
@@ -292,103 +277,3 @@ def _spec_of(store: Store) -> SweepSpec:
     from moteslam.eval.sweep.spec import SweepSpec
 
     return SweepSpec.model_validate_json(store.spec)
-
-
-def _say(store: Store, spec: SweepSpec, *, metrics: list[str] | None = None, as_json: bool) -> None:
-    from moteslam.eval.sweep.tables import summaries
-
-    names = metrics or ["final.ate"]
-    counts = store.counts()
-    found = summaries(store.rows(), names, dict(spec.success))
-    if as_json:
-        say_json(
-            {"runs": {name or "pending": count for name, count in counts.items()}, "groups": list(map(_as_dict, found))}
-        )
-        return
-    if found:
-        say(_table(found, names))
-    say(", ".join(f"{count} {name or 'not made yet'}" for name, count in counts.items()))
-
-
-def _say_affordable(file: Path, text: str, metrics: list[str], *, as_json: bool) -> None:
-    from moteslam.eval.populations import populations
-    from moteslam.eval.sweep.budget import affordable, parse_budget
-
-    budget = parse_budget(text)
-    if len(metrics) > 1:
-        raise ConfigError("more than one with --budget, expected what the best is chosen by", field="--metric")
-    try:
-        choices = affordable(populations([file]), budget, metrics[0])
-    except InputError as error:
-        raise InputError(error.problem, file=file, field=error.field) from error
-    if as_json:
-        say_json(
-            [
-                {
-                    "configuration": each.name,
-                    "cpu_per_scan_ms": each.cost,
-                    metrics[0]: each.value.as_dict(),
-                    "best_against_it": None if each.against is None else each.against.as_dict(),
-                }
-                for each in choices
-            ]
-        )
-        return
-    rows = [("configuration", "ms a scan", metrics[0], "95 %", "the best beats it in")]
-    for each in choices:
-        beaten = "" if each.against is None else f"{each.against.wins} of {each.against.pairs}, p {each.against.p:.2g}"
-        interval = f"{_number(each.value.low)} to {_number(each.value.high)}"
-        rows.append((literal(each.name), f"{each.cost:.3g}", _number(each.value.median), interval, beaten))
-    say(table(rows, right=(1,)))
-
-
-def _as_dict(group: GroupSummary) -> dict[str, Any]:
-    return {
-        "group": group.about,
-        "runs": group.runs,
-        "success": None if group.success is None else group.success.as_dict(),
-        "metrics": {name: summary.as_dict() for name, summary in group.values.items()},
-    }
-
-
-def _table(groups: list[GroupSummary], names: list[str]) -> str:
-    about = [key for key in groups[0].about if any(group.about.get(key) for group in groups)]
-    head = [*about, "runs", "success"]
-    for name in names:
-        head += [name, "95 %", "quartiles"]
-    rows = [head]
-    for group in groups:
-        success = "-" if group.success is None else _share(group.success.interval)
-        row = [str(group.about.get(key, "")) for key in about]
-        row += [str(group.runs), success if group.success is None else f"{group.success.count} ({success})"]
-        for name in names:
-            summary = group.values[name]
-            row += [
-                _number(summary.median),
-                f"{_number(summary.low)} to {_number(summary.high)}",
-                f"{_number(summary.low_quartile)} to {_number(summary.high_quartile)}",
-            ]
-        rows.append(row)
-    return table([list(map(literal, row)) for row in rows])
-
-
-def _share(interval: tuple[float, float]) -> str:
-    return f"{100 * interval[0]:.0f} to {100 * interval[1]:.0f} %"
-
-
-def _number(value: float | None) -> str:
-    return "-" if value is None else "failed" if abs(value) == float("inf") else f"{value:.4g}"
-
-
-def _write_parquet(path: Path, table_of: dict[str, list[Any]]) -> None:
-    try:
-        import pyarrow
-        from pyarrow import parquet
-    except ImportError as error:
-        raise OutputError("needs pyarrow, expected it installed: pip install 'moteslam[parquet]'", file=path) from error
-    partial = path.with_name(f".{path.name}.partial")
-    try:
-        parquet.write_table(pyarrow.table(table_of), partial)
-        partial.replace(path)
-    finally:
-        partial.unlink(missing_ok=True)

@@ -9,14 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.errors import InputError
-from moteslam.eval.metrics.scan_poses import evenly, poses_of_scans, travelled
+from moteslam.eval.metrics.scan_poses import evenly, placed_scans, travelled
 from moteslam.robot import se2
-from moteslam.robot.recording import Recording
+from moteslam.robot.cell_counts import cells_of, mean_cells
+from moteslam.robot.recording import LidarStream, Recording
 from moteslam.robot.summary import Summarised
 from moteslam.robot.trajectory import Trajectory
-from moteslam.robot.wording import counted, expect_type
+from moteslam.robot.wording import counted
 from moteslam.slam.inputs.scans import Scans
-from moteslam.slam.inputs.synchronise import require_lidar, synchronise
+from moteslam.slam.inputs.synchronise import synchronise
 
 Array = NDArray[np.float64]
 
@@ -24,8 +25,8 @@ SPACING = 0.3
 """A scan is used once the robot has moved by this much [m] or turned by as many radians since the last one used."""
 MAX_SCANS = 5000
 """At most this many of them are used, spread evenly over the drive."""
-CELL, BLOCK, GRIDS = 0.05, 1.0, 4
-"""Edges of the cells and of the blocks that are counted [m], over grids of the third's number of directions."""
+CELL, BLOCK = 0.05, 1.0
+"""Edges of the cells, and of the blocks by which walls are measured [m]."""
 CROFTON = np.pi / 4
 """Metres of a straight line in each metre of the squares that it meets, in the mean over its directions."""
 SAMPLES = 8000
@@ -93,12 +94,7 @@ def map_consistency(recording: Recording, trajectory: Trajectory, *, scans: Scan
     Raises:
         InputError: no scans, fewer than two of them with a pose, or none that sees what another one saw.
     """
-    expect_type(recording, Recording, "recording", "open_recording(path) reads one")
-    expect_type(trajectory, Trajectory, "trajectory", "read_tum(path) reads one")
-    lidar = require_lidar(recording)
-    if not np.isfinite(trajectory.poses).all():
-        raise InputError("poses that are not finite, expected x, y and theta", field="trajectory")
-    index, poses = poses_of_scans(lidar.stamps, trajectory)
+    lidar, index, poses = placed_scans(recording, trajectory)
     used = evenly(_spaced(poses), MAX_SCANS)
     synchronised = synchronise(recording).scans if scans is None else scans
     seen = [_surface(synchronised, lidar, int(index[scan]), poses[scan]) for scan in used]
@@ -110,11 +106,11 @@ def map_consistency(recording: Recording, trajectory: Trajectory, *, scans: Scan
     near, far, twice = _between_scans(points, normals, owners, path)
     if not len(near):
         raise InputError(f"no endpoint within {REACH:g} m of another scan's", field="trajectory")
-    cells, walls = _counted(points, CELL), _counted(points, BLOCK, path) * BLOCK * CROFTON
+    cells, walls = mean_cells(points, CELL), _length_seen(points, path)
     return MapConsistency(
         cells=round(cells),
-        walls=float(walls),
-        cells_per_metre=float(cells / walls),
+        walls=walls,
+        cells_per_metre=cells / walls,
         near=float(near.mean()),
         far=float(far.mean()) if len(far) else None,
         thickness=_thickness(points),
@@ -133,7 +129,7 @@ def _spaced(poses: Array) -> NDArray[np.intp]:
     return np.array(kept)
 
 
-def _surface(scans: Scans, lidar: Any, index: int, pose: Array) -> tuple[Array, Array]:
+def _surface(scans: Scans, lidar: LidarStream, index: int, pose: Array) -> tuple[Array, Array]:
     """Endpoints of a scan taken at a pose [3], and their normals towards the lidar, zero where unknown, [k, 2] each."""
     beams = np.flatnonzero(np.isfinite(lidar.ranges[index]))
     ranges = lidar.ranges[index, beams].astype(np.float64)
@@ -183,24 +179,14 @@ def _between_scans(points: Array, normals: Array, owners: NDArray[np.intp], path
     return np.array(near), np.array(far), np.array(twice)
 
 
-def _counted(points: Array, size: float, path: Array | None = None) -> float:
-    """The mean number of cells of that size [m] that hold a point, over grids of ``GRIDS`` directions.
-
-    With the path [p] driven up to each point [m], cells are counted again where they hold points again after
-    ``FAR_PATH`` without.
-    """
+def _length_seen(points: Array, path: Array) -> float:
+    """The length of the walls that points [p, 2] lie on, seen after that much path [p] [m]: see ``MapConsistency``."""
     counts = []
-    for angle in np.arange(1, GRIDS + 1) * (np.pi / 2 / (GRIDS + 1)):
-        c, s = np.cos(angle), np.sin(angle)
-        columns, rows = np.floor(points @ np.array([(c, -s), (s, c)]) / size).astype(np.int64).T
-        cells = (columns - columns.min()) + (rows - rows.min()) * (np.ptp(columns) + 1)
-        if path is None:
-            counts.append(len(np.unique(cells)))
-        else:
-            order = np.lexsort((path, cells))
-            again = (np.diff(cells[order]) != 0) | (np.diff(path[order]) > FAR_PATH)
-            counts.append(1 + int(np.count_nonzero(again)))
-    return float(np.mean(counts))
+    for blocks in cells_of(points, BLOCK):
+        order = np.lexsort((path, blocks))
+        again = (np.diff(blocks[order]) != 0) | (np.diff(path[order]) > FAR_PATH)
+        counts.append(1 + int(np.count_nonzero(again)))
+    return float(np.mean(counts)) * BLOCK * CROFTON
 
 
 def _thickness(points: Array) -> float:

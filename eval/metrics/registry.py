@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from math import isfinite
 from typing import Any, get_args
 
@@ -118,16 +119,16 @@ def measure(evidence: Evidence, names: Iterable[str] | None = None) -> dict[str,
         if one.of_run is not None:
             if track:
                 raise ConfigError(f"{name!r}, expected {short!r}: a metric of the run", field="metrics")
-            values[name] = _value(short, one, lambda one=one: one.of_run(evidence))  # type: ignore[misc]
+            values[name] = _value(short, one, partial(one.of_run, evidence))
             continue
         for which in [track] if track else list(evidence.trajectories):
-            key = f"{which}.{short}"
-            values[key] = _value(
-                short,
-                one,
-                lambda one=one, which=which: one.of_trajectory(evidence.track(which)),  # type: ignore[misc]
-            )
+            values[f"{which}.{short}"] = _value(short, one, partial(_of_track, one, evidence, which))
     return values
+
+
+def _of_track(one: Metric, evidence: Evidence, which: str) -> float | None:
+    assert one.of_trajectory is not None  # or it is of the run
+    return one.of_trajectory(evidence.track(which))
 
 
 def chosen(names: Iterable[str] | None) -> Mapping[str, Metric]:

@@ -11,15 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.errors import InputError
-from moteslam.eval.metrics.scan_poses import evenly, poses_of_scans, travelled
+from moteslam.eval.metrics.scan_poses import evenly, placed_scans, travelled
 from moteslam.robot import se2
 from moteslam.robot.recording import LidarStream, Recording
 from moteslam.robot.se2 import Poses
 from moteslam.robot.summary import Summarised
 from moteslam.robot.trajectory import Trajectory
-from moteslam.robot.wording import counted, expect_type
+from moteslam.robot.wording import counted
 from moteslam.slam.inputs.scans import Scans
-from moteslam.slam.inputs.synchronise import require_lidar, synchronise
+from moteslam.slam.inputs.synchronise import synchronise
 
 if TYPE_CHECKING:
     from scipy.spatial import cKDTree
@@ -133,12 +133,7 @@ def scan_residuals(recording: Recording, trajectory: Trajectory, *, scans: Scans
         InputError: no scans, fewer than two of them with a pose, a robot that stands, poses that are not finite, or
             no residual at all.
     """
-    expect_type(recording, Recording, "recording", "open_recording(path) reads one")
-    expect_type(trajectory, Trajectory, "trajectory", "read_tum(path) reads one")
-    lidar = require_lidar(recording)
-    if not np.isfinite(trajectory.poses).all():
-        raise InputError("poses that are not finite, expected x, y and theta", field="trajectory")
-    index, poses = poses_of_scans(lidar.stamps, trajectory)
+    lidar, index, poses = placed_scans(recording, trajectory)
     path, turned = travelled(poses)
     used = np.unique(np.floor((path + turned) / SPACING), return_index=True)[1]
     if len(used) < 2:

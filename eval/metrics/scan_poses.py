@@ -8,9 +8,11 @@ from numpy.typing import NDArray
 from moteslam.errors import InputError
 from moteslam.eval.metrics.association import MAX_DIFFERENCE, covered, from_to, within
 from moteslam.robot import se2
+from moteslam.robot.recording import LidarStream, Recording
 from moteslam.robot.se2 import Poses
 from moteslam.robot.trajectory import Trajectory
-from moteslam.robot.wording import counted
+from moteslam.robot.wording import counted, expect_type
+from moteslam.slam.inputs.synchronise import require_lidar
 
 Array = NDArray[np.float64]
 
@@ -41,6 +43,20 @@ def poses_of_scans(stamps: Array, trajectory: Trajectory) -> tuple[NDArray[np.in
             field="trajectory",
         )
     return index, se2.interpolate(times, trajectory.poses, stamps[index])
+
+
+def placed_scans(recording: Recording, trajectory: Trajectory) -> tuple[LidarStream, NDArray[np.intp], Poses]:
+    """The lidar of a recording, the indices [k] of its scans that have a pose, and the poses [k, 3].
+
+    Raises:
+        InputError: something of another type, no scans, poses that are not finite, or fewer than two scans with one.
+    """
+    expect_type(recording, Recording, "recording", "open_recording(path) reads one")
+    expect_type(trajectory, Trajectory, "trajectory", "read_tum(path) reads one")
+    lidar = require_lidar(recording)
+    if not np.isfinite(trajectory.poses).all():
+        raise InputError("poses that are not finite, expected x, y and theta", field="trajectory")
+    return lidar, *poses_of_scans(lidar.stamps, trajectory)
 
 
 def travelled(poses: Poses) -> tuple[Array, Array]:

@@ -61,7 +61,12 @@ class PlannedRun:
     def name(self) -> str:
         """For people: what it is in one line."""
         parts = [self.scenario or Path(self.recording).name, self.platform, self.noise, f"seed {self.seed}"]
-        return ", ".join(filter(None, [*parts, self.configuration, *(f"{key}={value}" for key, value in self.varied)]))
+        return ", ".join(filter(None, [*parts, self.configured]))
+
+    @property
+    def configured(self) -> str:
+        """For people: the configuration, with what varies."""
+        return ", ".join([self.configuration, *(f"{key}={value}" for key, value in self.varied)])
 
     def for_slam(self) -> tuple[str, ...]:
         """The settings over the preset."""

@@ -71,8 +71,13 @@ class Store:
 
     @property
     def spec(self) -> str:
-        """The specification of the sweep, as TOML."""
-        return str(self._about("spec"))
+        """The specification of the sweep, as JSON."""
+        return self._about("spec")
+
+    @property
+    def part(self) -> str:
+        """Which part of the sweep it holds, ``2/8``; ``1/1`` of a whole one."""
+        return self._about("part")
 
     def pending(self) -> list[PlannedRun]:
         """The runs that were not made yet, in their order."""
@@ -169,13 +174,14 @@ def opened(path: str | PathLike[str], *, write: bool = False) -> Iterator[Store]
             connection.close()
 
 
-def create(path: str | PathLike[str], spec: str, runs: Iterable[PlannedRun]) -> None:
+def create(path: str | PathLike[str], spec: str, runs: Iterable[PlannedRun], *, part: str = "1/1") -> None:
     """Make the file of a sweep, complete or not at all.
 
     Args:
         path: a new file.
-        spec: as TOML.
+        spec: as JSON.
         runs: of the sweep, in their order.
+        part: of the sweep that these are.
 
     Raises:
         OutputError: it cannot be made.
@@ -188,7 +194,8 @@ def create(path: str | PathLike[str], spec: str, runs: Iterable[PlannedRun]) -> 
         try:
             with connection:
                 connection.executescript(SCHEMA)
-                connection.executemany("INSERT INTO about VALUES (?, ?)", (("version", str(VERSION)), ("spec", spec)))
+                about = {"version": str(VERSION), "spec": spec, "part": part}
+                connection.executemany("INSERT INTO about VALUES (?, ?)", about.items())
                 rows = ((run.id, number, json.dumps(run.as_dict())) for number, run in enumerate(runs))
                 connection.executemany("INSERT INTO runs (id, number, run) VALUES (?, ?, ?)", rows)
         finally:

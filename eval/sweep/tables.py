@@ -9,11 +9,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from moteslam.errors import ConfigError
+from moteslam.errors import ConfigError, OutputError
 from moteslam.eval.metrics.registry import metric, split
 from moteslam.eval.statistics.proportion import Proportion
 from moteslam.eval.statistics.summary import Better, Summary
 from moteslam.eval.sweep.store import Row
+from moteslam.robot.files import write_atomically
 
 Group = tuple[tuple[str, Any], ...]
 
@@ -25,13 +26,13 @@ class GroupSummary:
     Attributes:
         about: what they have in common, by column.
         runs: how many were made.
-        success: how many of these succeeded; None where none was made.
+        success: how many of these succeeded.
         values: summaries by metric.
     """
 
     about: dict[str, Any]
     runs: int
-    success: Proportion | None
+    success: Proportion
     values: dict[str, Summary]
 
 
@@ -121,3 +122,19 @@ def as_csv(rows: Sequence[Row]) -> str:
             ["" if value is None else repr(value) if isinstance(value, float) else value for value in values]
         )
     return text.getvalue()
+
+
+def write_parquet(path: Path, rows: Sequence[Row]) -> None:
+    """Write the columns as Parquet.
+
+    Raises:
+        OutputError: pyarrow is not installed (extra ``parquet``), or the file cannot be written.
+    """
+    try:
+        import pyarrow
+        from pyarrow import parquet
+    except ImportError as error:
+        raise OutputError("needs pyarrow, expected it installed: pip install 'moteslam[parquet]'", file=path) from error
+    table = pyarrow.BufferOutputStream()
+    parquet.write_table(pyarrow.table(columns(rows)), table)
+    write_atomically(path, table.getvalue().to_pybytes())

@@ -19,9 +19,10 @@ from pathlib import Path
 from typing import Any, TextIO
 
 from moteslam.errors import MoteslamError
+from moteslam.eval.beside import reference_file, relations_beside, true_map_beside, truth_file
 from moteslam.eval.metrics.evidence import FINAL, Cost, Evidence
 from moteslam.eval.metrics.registry import Value, measure
-from moteslam.eval.metrics.relations import Relations, is_relations, read_relations
+from moteslam.eval.metrics.relations import Relations
 from moteslam.eval.scores import evidence_of
 from moteslam.eval.sweep.external import Command, estimate
 from moteslam.eval.sweep.plan import PlannedRun
@@ -64,21 +65,11 @@ def load_case(run: PlannedRun) -> Case:
         simulation = simulate(scenario, seed=run.seed)
         return Case(simulation.recording, simulation.truth, simulation.true_map(MAP_CELL), None)
     from moteslam.robot.formats import open_recording
-    from moteslam.robot.formats.map_server import read_map
 
     path = Path(run.recording)
-    folder = path if path.is_dir() else path.parent
-    stem = path.name.partition(".")[0]
-    references = [folder / "truth.tum"] if path.is_dir() else [folder / f"{stem}.reference.tum", folder / "truth.tum"]
-    truth = next((read_tum(file) for file in references if file.exists()), None)
-    relations = folder / f"{stem}.relations"
-    true_map = folder / "truth_map.yaml"
-    return Case(
-        open_recording(path),
-        truth,
-        read_map(true_map) if truth is not None and true_map.exists() else None,
-        read_relations(relations) if is_relations(relations) else None,
-    )
+    file = reference_file(path) or truth_file(path)
+    truth = None if file is None else read_tum(file)
+    return Case(open_recording(path), truth, None if truth is None else true_map_beside(path), relations_beside(path))
 
 
 def make(run: PlannedRun, case: Case, *, timed: bool = False) -> dict[str, Any]:

@@ -233,6 +233,10 @@ def test_three_shards_come_to_the_same(whole: Path, tmp_path: Path, capsys: pyte
     assert results(tmp_path / "all.sweep") == results(whole)
     assert main.run(["sweep", "merge", *parts, "--out", str(tmp_path / "all.sweep")]) == 2
     assert "exists already" in capsys.readouterr().err
+    assert main.run(["sweep", str(spec), "--shard", "2/3", "--out", parts[0]]) == 2
+    assert "holds part 1/3, not 2/3" in capsys.readouterr().err
+    assert main.run(["sweep", str(spec), "--out", parts[0]]) == 2
+    assert "holds part 1/3, not 1/1" in capsys.readouterr().err
     other = written(tmp_path, SPEC.replace("[1, 3, 5]", "[1, 3]"), "other.toml")
     assert main.run(["sweep", str(other), "--out", parts[0]]) == 2
     assert "of another specification" in capsys.readouterr().err
@@ -408,7 +412,7 @@ def external(folder: Path, mode: str, more: str = "") -> Path:
 
 
 @pytest.mark.slow
-def test_anyones_slam_is_a_configuration_like_ours(tmp_path: Path) -> None:
+def test_anyones_slam_is_a_configuration_like_ours(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """It is run once, not once for each value of a key of ours; dead reckoning is worse than SLAM."""
     assert main.run(["sweep", str(external(tmp_path, "works")), "--workers", "1"]) == 0
     rows = rows_of(tmp_path / "works.sweep")
@@ -416,6 +420,9 @@ def test_anyones_slam_is_a_configuration_like_ours(tmp_path: Path) -> None:
     ours, _, theirs = (row.values["final.ate"] or 0.0 for row in rows)
     assert 0 < ours < theirs < 0.2
     assert rows[2].absent == {"map_f1": "no map"}
+    capsys.readouterr()
+    assert main.run(["sweep", "show", str(tmp_path / "works.sweep")]) == 0
+    assert "slam.particles" in capsys.readouterr().out.splitlines()[0]
     assert (rows[2].values["final.map_near"] or 0) > 0
 
 

@@ -10,15 +10,14 @@ from numpy.typing import NDArray
 
 from moteslam.kernels.normals import scan_normals
 from moteslam.kernels.thinning import ThinnedScan
+from moteslam.robot.cell_counts import mean_cells
 
 Array = NDArray[np.float64]
 
 NORMAL_REACH, NORMAL_NOISE, NORMAL_LARGEST = 0.3, 0.005, 0.1
 """See ``scan_normals``: 30 cm of wall, points good to 5 mm, directions good to 0.1 rad."""
-SHARPNESS_CELL, SHARPNESS_GRIDS = 0.05, 4
-"""Edge of the cells [m], and how many directions of the grid."""
-LARGEST_GRID = 1 << 27
-"""Cells of larger grids, 580 m square, are counted by sorting."""
+SHARPNESS_CELL = 0.05
+"""Edge of the cells [m]."""
 
 
 class Endpoints(NamedTuple):
@@ -75,27 +74,6 @@ class Endpoints(NamedTuple):
 
 
 def sharpness(endpoints: Endpoints, poses: Array) -> float:
-    """The mean number of cells that hold an endpoint: fewer are sharper, and a wall drawn twice counts twice.
-
-    Over grids of several directions: a wall along the cells' edges would count once or twice by chance.
-    """
+    """The mean number of cells that hold an endpoint: fewer are sharper, and a wall drawn twice counts twice."""
     points, _ = endpoints.placed(poses)
-    x, y = np.ascontiguousarray(points.T) / SHARPNESS_CELL
-    counts = []
-    for angle in np.arange(1, SHARPNESS_GRIDS + 1) * (np.pi / 2 / (SHARPNESS_GRIDS + 1)):
-        c, s = np.cos(angle), np.sin(angle)
-        counts.append(_distinct(np.floor(c * x + s * y), np.floor(c * y - s * x)))
-    return float(np.mean(counts))
-
-
-def _distinct(columns: Array, rows: Array) -> int:
-    """How many different cells there are among these, in whole numbers [p] each."""
-    columns, rows = columns - columns.min(), rows - rows.min()
-    width = int(columns.max()) + 1
-    cells = (rows * width + columns).astype(np.int64)
-    size = width * (int(rows.max()) + 1)
-    if size > LARGEST_GRID:
-        return len(np.unique(cells))
-    seen = np.zeros(size, bool)
-    seen[cells] = True
-    return int(np.count_nonzero(seen))
+    return mean_cells(points, SHARPNESS_CELL)

@@ -1,0 +1,126 @@
+"""What the commands of sweeps print: summaries, what a budget allows, and differences."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from moteslam.errors import ConfigError, InputError
+from moteslam.eval.cli.text import literal, say, say_json, table
+
+if TYPE_CHECKING:
+    from moteslam.eval.sweep.differences import Difference
+    from moteslam.eval.sweep.spec import SweepSpec
+    from moteslam.eval.sweep.store import Store
+    from moteslam.eval.sweep.tables import GroupSummary
+
+MOST_SHOWN = 40
+"""Differences in the table that is printed."""
+
+
+def say_summaries(store: Store, spec: SweepSpec, names: list[str], *, as_json: bool) -> None:
+    """A row a configuration and scenario: runs, successes, and of each metric the median with its intervals."""
+    from moteslam.eval.sweep.tables import summaries
+
+    counts = store.counts()
+    found = summaries(store.rows(), names, dict(spec.success))
+    if as_json:
+        say_json(
+            {"runs": {name or "pending": count for name, count in counts.items()}, "groups": list(map(_as_dict, found))}
+        )
+        return
+    if found:
+        say(_table(found, names))
+    say(", ".join(f"{count} {name or 'not made yet'}" for name, count in counts.items()))
+
+
+def say_affordable(file: Path, text: str, metrics: list[str], *, as_json: bool) -> None:
+    """The configurations of a sweep within a budget, the best first."""
+    from moteslam.eval.populations import populations
+    from moteslam.eval.sweep.budget import affordable, parse_budget
+
+    budget = parse_budget(text)
+    if len(metrics) > 1:
+        raise ConfigError("more than one with --budget, expected what the best is chosen by", field="--metric")
+    try:
+        choices = affordable(populations([file]), budget, metrics[0])
+    except InputError as error:
+        raise InputError(error.problem, file=file, field=error.field) from error
+    if as_json:
+        say_json(
+            [
+                {
+                    "configuration": each.name,
+                    "cpu_per_scan_ms": each.cost,
+                    metrics[0]: each.value.as_dict(),
+                    "best_against_it": None if each.against is None else each.against.as_dict(),
+                }
+                for each in choices
+            ]
+        )
+        return
+    rows = [("configuration", "ms a scan", metrics[0], "95 %", "the best beats it in")]
+    for each in choices:
+        beaten = "" if each.against is None else f"{each.against.wins} of {each.against.pairs}, p {each.against.p:.2g}"
+        interval = f"{_number(each.value.low)} to {_number(each.value.high)}"
+        rows.append((literal(each.name), f"{each.cost:.3g}", _number(each.value.median), interval, beaten))
+    say(table(rows, right=(1,)))
+
+
+def say_differences(
+    found: Sequence[Difference], files: tuple[Path, Path], common: int, alone: int, *, as_json: bool
+) -> None:
+    """Where two sweeps differ: how many runs both have, and how many one of the two alone."""
+    from moteslam.robot.wording import counted
+
+    if as_json:
+        say_json({"runs": common, "in_one_alone": alone, "differences": [asdict(each) for each in found]})
+        return
+    if found:
+        rows: list[tuple[str, ...]] = [("run", "column", *map(literal, files))]
+        rows += [tuple(map(literal, (each.run, each.column, each.first, each.second))) for each in found[:MOST_SHOWN]]
+        say(table(rows))
+    if len(found) > MOST_SHOWN:
+        say(f"... and {len(found) - MOST_SHOWN} more: --json has all")
+    more = f", {alone} in one of the two alone" if alone else ""
+    say(f"{counted(len(found), 'difference')} in {counted(common, 'run')}{more}")
+
+
+def _as_dict(group: GroupSummary) -> dict[str, Any]:
+    return {
+        "group": group.about,
+        "runs": group.runs,
+        "success": group.success.as_dict(),
+        "metrics": {name: summary.as_dict() for name, summary in group.values.items()},
+    }
+
+
+def _table(groups: list[GroupSummary], names: list[str]) -> str:
+    keys = dict.fromkeys(key for group in groups for key in group.about)
+    about = [key for key in keys if any(group.about.get(key, "") != "" for group in groups)]
+    head = [*about, "runs", "success"]
+    for name in names:
+        head += [name, "95 %", "quartiles"]
+    rows = [head]
+    for group in groups:
+        row = [str(group.about.get(key, "")) for key in about]
+        row += [str(group.runs), f"{group.success.count} ({_share(group.success.interval)})"]
+        for name in names:
+            summary = group.values[name]
+            row += [
+                _number(summary.median),
+                f"{_number(summary.low)} to {_number(summary.high)}",
+                f"{_number(summary.low_quartile)} to {_number(summary.high_quartile)}",
+            ]
+        rows.append(row)
+    return table([list(map(literal, row)) for row in rows])
+
+
+def _share(interval: tuple[float, float]) -> str:
+    return f"{100 * interval[0]:.0f} to {100 * interval[1]:.0f} %"
+
+
+def _number(value: float | None) -> str:
+    return "-" if value is None else "failed" if abs(value) == float("inf") else f"{value:.4g}"
