@@ -59,6 +59,8 @@ class Value:
         return {"value": self.number, "unit": self.unit} if self.number is not None else {"absent": self.reason}
 
 
+COSTS = ("cpu_per_scan", "wall_per_scan", "wall_per_scan_median", "wall_per_scan_99", "real_time_factor", "memory")
+"""Names of the metrics that differ from run to run."""
 BUNDLED = (
     *("ate", "ate_median", "ate_max", "ate_scaled", "ate_from_start", "heading"),
     *("rpe_1m", "rpe_1m_rotation", "rpe_10m", "rpe_10m_rotation", "rpe_1s", "rpe_1s_rotation"),
@@ -67,7 +69,7 @@ BUNDLED = (
     *("map_precision", "map_recall", "map_f1", "map_distance", "map_free_iou", "map_known"),
     *("nees", "nees_within_95", "nees_from_start", "nees_end", "within_spread", "effective_particles"),
     *("lost_precision", "lost_recall", "loops_precision", "loops_recall", "loops_false"),
-    *("cpu_per_scan", "wall_per_scan", "wall_per_scan_median", "wall_per_scan_99", "real_time_factor", "memory"),
+    *COSTS,
 )
 """Names of the metrics of this package, in the order in which they are listed."""
 

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from moteslam.errors import InputError, OutputError
+from moteslam.eval.metrics.registry import COSTS
 from moteslam.eval.sweep.plan import PlannedRun
 from moteslam.eval.sweep.workers import Outcome
 from moteslam.robot.result_folder import take_lock
@@ -32,10 +33,6 @@ CREATE TABLE costs (
     PRIMARY KEY (run, name)
 ) WITHOUT ROWID;
 """
-COSTS = frozenset(
-    {"cpu_per_scan", "wall_per_scan", "wall_per_scan_median", "wall_per_scan_99", "real_time_factor", "memory"}
-)
-"""Metrics that differ from run to run: in a table of their own."""
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,7 @@ from typing import Any, TextIO
 from moteslam.errors import MoteslamError
 from moteslam.eval.beside import reference_file, relations_beside, true_map_beside, truth_file
 from moteslam.eval.metrics.evidence import FINAL, Cost, Evidence
-from moteslam.eval.metrics.registry import Value, measure
+from moteslam.eval.metrics.registry import COSTS, Value, measure
 from moteslam.eval.metrics.relations import Relations
 from moteslam.eval.scores import evidence_of
 from moteslam.eval.sweep.external import Command, estimate
@@ -121,7 +121,8 @@ def _make_external(run: PlannedRun, case: Case, *, timed: bool) -> dict[str, Any
 def _measured(run: PlannedRun, evidence: Evidence, issues: Iterable[Issue]) -> dict[str, Any]:
     final = evidence.trajectories[FINAL]
     about = {"scans": Value(len(final), ""), "distance": Value(final.length, "m")}
-    values = about | measure(evidence, run.metrics or None)
+    costs = () if evidence.cost is None else (name for name in COSTS if name not in run.metrics)
+    values = about | measure(evidence, (*run.metrics, *costs) if run.metrics else None)
     return {
         "values": {name: value.as_dict() for name, value in values.items()},
         "issues": [issue.as_dict() for issue in issues],

@@ -17,7 +17,7 @@ from moteslam.eval.cli.main import run as run_program
 from moteslam.robot.trajectory import read_tum
 
 HEAVY = {"numpy", "scipy", "matplotlib", "taichi", "cv2", "pymunk", "rich"}  # Typer itself loads some of Pydantic
-COMMANDS = ("demo", "simulate", "replay", "evaluate", "inspect", "platforms", "scenarios")
+COMMANDS = ("demo", "simulate", "replay", "evaluate", "compare", "inspect", "platforms", "metrics", "scenarios")
 
 
 @pytest.mark.parametrize("command", ["", *COMMANDS])
