@@ -37,7 +37,7 @@ BUNDLED = ("tsdf", "paper")
 """The methods whose keys are listed."""
 SWEEP = ("run", "show", "merge", "diff", "export")
 COMMANDS = (
-    *("demo", "simulate", "replay", "evaluate", "compare"),
+    *("demo", "simulate", "replay", "evaluate", "compare", "report"),
     *("inspect", "platforms", "metrics", "scenarios", "sweep"),
 )
 

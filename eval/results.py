@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import json
-import os
 import platform
-import sys
 from collections.abc import Mapping, Sequence
 from os import PathLike
 from pathlib import Path
@@ -14,14 +12,15 @@ from typing import Any
 import numpy as np
 
 from moteslam.eval.diagnostics_table import localisation_summary, write_diagnostics
+from moteslam.eval.environment import hardware
 from moteslam.eval.loop_table import looks_for_loops, loop_counts, write_loops
 from moteslam.eval.metrics.registry import Value, measure
+from moteslam.eval.particle_table import write_particles
 from moteslam.eval.report.maps import write_map_png, write_map_server
 from moteslam.eval.report.snapshots import Snapshot
 from moteslam.eval.report.textures import draw_texture_over_time, write_texture
 from moteslam.eval.scores import Scores, evidence_of, score_estimate
 from moteslam.robot.files import make_folder, write_atomically
-from moteslam.robot.processors import processor_count
 from moteslam.robot.raster import Raster
 from moteslam.robot.recording import Recording
 from moteslam.robot.se2 import between, compose
@@ -78,6 +77,8 @@ def write_results(
     write_map_server(folder / "map.pgm", estimate.map)
     if estimate.texture is not None:
         write_texture(folder / "texture.png", estimate.texture)
+    if len(estimate.particle_stamps):
+        write_particles(folder / "particles.npz", estimate)
     looked = looks_for_loops(estimate.config)
     if looked:
         write_loops(folder / "loops.csv", estimate.loops)
@@ -184,16 +185,6 @@ def from_same_start(truth: Trajectory, trajectory: Trajectory) -> Trajectory:
     return Trajectory(over.stamps, compose(trajectory.poses[0], between(over.poses[0], over.poses)))
 
 
-def hardware() -> dict[str, Any]:
-    """What this runs on: processor, cores that may be used, memory [GiB], system."""
-    return {
-        "cpu": _processor(),
-        "cores": processor_count(),
-        "memory_gib": _memory(),
-        "system": f"{platform.system()} {platform.release()} {platform.machine()}",
-    }
-
-
 def write_json(path: Path, value: Mapping[str, Any]) -> None:
     """Write JSON that any reader takes.
 
@@ -217,19 +208,3 @@ def _metrics(estimate: Estimate, scores: Scores | None, values: Mapping[str, Val
         "scores": None if scores is None else scores.as_dict(),
         "metrics": {name: value.as_dict() for name, value in values.items()},
     }
-
-
-def _processor() -> str:
-    try:
-        for line in Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines():
-            if line.startswith("model name"):
-                return line.partition(":")[2].strip()
-    except OSError:
-        pass
-    return platform.processor() or platform.machine()
-
-
-def _memory() -> float | None:
-    if sys.platform == "win32":
-        return None
-    return round(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 2**30, 1)

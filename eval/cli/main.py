@@ -13,7 +13,19 @@ from typing import Annotated, Any
 import typer
 
 from moteslam.errors import ExistsError, MoteslamError, MoteslamWarning, OutputError
-from moteslam.eval.cli import compare, demo, evaluate, inspect, metrics, platforms, replay, scenarios, simulate, sweep
+from moteslam.eval.cli import (
+    compare,
+    demo,
+    evaluate,
+    inspect,
+    metrics,
+    platforms,
+    replay,
+    report,
+    scenarios,
+    simulate,
+    sweep,
+)
 from moteslam.eval.cli.interrupt import MESSAGE, Interrupted, leave_with, on_interrupt, was_asked
 from moteslam.eval.cli.text import STDOUT, flush, note, say
 
@@ -59,7 +71,7 @@ def _root(
 
 for command in (
     *(demo.demo, simulate.simulate, replay.replay, evaluate.evaluate),
-    *(compare.compare, inspect.inspect, platforms.platforms, metrics.metrics),
+    *(compare.compare, report.report, inspect.inspect, platforms.platforms, metrics.metrics),
 ):
     app.command()(command)
 app.add_typer(scenarios.app, name="scenarios")

@@ -169,13 +169,13 @@ def merge(
     if out.exists():
         raise ExistsError("exists already; name a new file", file=out)
     with opened(files[0]) as first:
-        text, spec = first.spec, _spec_of(first)
+        text, spec, environment = first.spec, _spec_of(first), first.environment()
     for file in files[1:]:
         with opened(file) as other:
             if other.spec != text:
                 raise InputError("of another sweep, expected parts of one", file=file)
     partial = out.with_name(f".{out.name}.merging")
-    create(partial, text, plan(spec, check=False))
+    create(partial, text, plan(spec, check=False), environment=environment)
     try:
         with opened(partial, write=True) as store:
             for file in files:
@@ -246,6 +246,7 @@ def export(
 
 def _begun(target: Path, file: Path, spec: SweepSpec, part: str | None) -> None:
     """Make the file of the sweep, unless it is there already."""
+    from moteslam.eval.environment import environment
     from moteslam.eval.sweep.plan import plan
     from moteslam.eval.sweep.plan import shard as shard_of
     from moteslam.eval.sweep.store import create, opened
@@ -263,7 +264,7 @@ def _begun(target: Path, file: Path, spec: SweepSpec, part: str | None) -> None:
         runs = plan(spec)
     except ConfigError as error:
         raise ConfigError(error.problem, file=error.file or file, field=error.field) from error
-    create(target, text, shard_of(runs, number, of), part=part)
+    create(target, text, shard_of(runs, number, of), part=part, environment=environment())
 
 
 def _part(text: str) -> tuple[int, int]:

@@ -5,12 +5,12 @@ from __future__ import annotations
 import io
 import json
 import sys
-import unicodedata
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 from moteslam.errors import OutputError
+from moteslam.eval.literal import literal as literal  # noqa: PLC0414
 
 if TYPE_CHECKING:
     from moteslam.robot.issues import Issue
@@ -19,23 +19,6 @@ WIDEST = 10_000
 """Characters of a table's line."""
 STDOUT = "stdout"
 """What errors call it."""
-
-
-def literal(text: object) -> str:
-    r"""Text in one line that a terminal shows and does not obey.
-
-    Control characters, line breaks and reversals of the writing direction are written as escapes (``\x1b``), and so
-    are the bytes of a file name that is no text (``\xe9``); everything else, brackets of markup too, stays as it is.
-    """
-    return "".join(map(_literal, str(text)))
-
-
-def _literal(character: str) -> str:
-    if "\udc80" <= character <= "\udcff":  # how Python writes a byte that is no text
-        return f"\\x{ord(character) - 0xDC00:02x}"
-    if unicodedata.category(character) in ("Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp"):
-        return character.encode("unicode_escape").decode("ascii")
-    return character
 
 
 def say(text: str = "") -> None:

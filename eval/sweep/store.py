@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import sqlite3
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from os import PathLike
@@ -75,6 +75,11 @@ class Store:
     def part(self) -> str:
         """Which part of the sweep it holds, ``2/8``; ``1/1`` of a whole one."""
         return self._about("part")
+
+    def environment(self) -> dict[str, dict[str, str]]:
+        """Versions and hardware of the computer that made the file; empty of one that does not say."""
+        found = self._connection.execute("SELECT value FROM about WHERE key = 'environment'").fetchone()
+        return json.loads(found[0]) if found else {}
 
     def pending(self) -> list[PlannedRun]:
         """The runs that were not made yet, in their order."""
@@ -171,7 +176,14 @@ def opened(path: str | PathLike[str], *, write: bool = False) -> Iterator[Store]
             connection.close()
 
 
-def create(path: str | PathLike[str], spec: str, runs: Iterable[PlannedRun], *, part: str = "1/1") -> None:
+def create(
+    path: str | PathLike[str],
+    spec: str,
+    runs: Iterable[PlannedRun],
+    *,
+    part: str = "1/1",
+    environment: Mapping[str, Mapping[str, str]] | None = None,
+) -> None:
     """Make the file of a sweep, complete or not at all.
 
     Args:
@@ -179,6 +191,7 @@ def create(path: str | PathLike[str], spec: str, runs: Iterable[PlannedRun], *, 
         spec: as JSON.
         runs: of the sweep, in their order.
         part: of the sweep that these are.
+        environment: see ``Store.environment``.
 
     Raises:
         OutputError: it cannot be made.
@@ -192,6 +205,8 @@ def create(path: str | PathLike[str], spec: str, runs: Iterable[PlannedRun], *, 
             with connection:
                 connection.executescript(SCHEMA)
                 about = {"version": str(VERSION), "spec": spec, "part": part}
+                if environment:
+                    about["environment"] = json.dumps(environment)
                 connection.executemany("INSERT INTO about VALUES (?, ?)", about.items())
                 rows = ((run.id, number, json.dumps(run.as_dict())) for number, run in enumerate(runs))
                 connection.executemany("INSERT INTO runs (id, number, run) VALUES (?, ?, ?)", rows)

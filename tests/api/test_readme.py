@@ -27,6 +27,7 @@ def test_the_table_has_the_commands():
         "evaluate",
         "sweep",
         "compare",
+        "report",
         "metrics",
         "inspect",
         "platforms",

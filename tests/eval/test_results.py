@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from moteslam.errors import InputError
-from moteslam.eval.results import hardware, write_results
+from moteslam.eval.environment import hardware
+from moteslam.eval.results import write_results
 from moteslam.eval.scores import score_estimate
 from moteslam.robot.trajectory import Trajectory, read_tum
 from moteslam.slam.settings import resolve_config
@@ -36,7 +37,7 @@ def test_what_is_written_is_what_was_estimated(run, simulation, tmp_path: Path) 
     assert (about["seed"], about["threads"]) == (1, 2)
     assert not list(tmp_path.glob("*figure*"))
     assert {file.suffix for file in tmp_path.iterdir()} == {
-        *(".tum", ".png", ".pgm", ".yaml", ".json", ".toml", ".csv")
+        *(".tum", ".png", ".pgm", ".yaml", ".json", ".toml", ".csv", ".npz")
     }
 
 

@@ -1,0 +1,250 @@
+"""Charts of a report as plain values that plotly.js draws: lines and points of SVG alone.
+
+Names go through ``label``: plotly.js takes some HTML in its texts, and its entities.
+"""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Callable, Sequence
+from math import isfinite
+from typing import Any
+
+from moteslam.eval.literal import literal
+from moteslam.eval.page.material import ReportRun
+from moteslam.eval.statistics.summary import Summary
+from moteslam.eval.sweep.tables import better
+
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#7F7F7F", "#B8A700")
+"""Of lines: the palette of Okabe and Ito, made for colour-blind readers, its black and yellow fit for both schemes."""
+SYMBOLS = ("circle", "square", "diamond", "cross", "x", "triangle-up", "star", "hexagon")
+DASHES = ("solid", "dash", "dot", "dashdot")
+MOST_LINES = 16
+"""Of a chart; the others are left out, and counted in its note."""
+WIDE = 20.0
+"""Values whose largest is at least this multiple of the smallest are drawn on a logarithmic axis."""
+
+Figure = dict[str, Any]
+
+
+def label(text: object) -> str:
+    """Text as a chart shows it literally."""
+    return html.escape(literal(text), quote=False)
+
+
+def axis(name: str, unit: str) -> str:
+    """A metric with its unit."""
+    return label(f"{name} [{unit}]" if unit else name)
+
+
+def summary_of(runs: Sequence[ReportRun], metric: str) -> Summary:
+    """The values of a metric over runs; those that failed count as the worst."""
+    good = [run for run in runs if run.status == "ok"]
+    return Summary.of([run.values.get(metric) for run in good], len(runs) - len(good), better=better(metric))
+
+
+def grouped(runs: Sequence[ReportRun], by: Callable[[ReportRun], Any]) -> dict[Any, list[ReportRun]]:
+    """Runs by what they have in common, in the order of the first ones."""
+    groups: dict[Any, list[ReportRun]] = {}
+    for run in runs:
+        groups.setdefault(by(run), []).append(run)
+    return groups
+
+
+def curves(runs: Sequence[ReportRun], key: str, metric: str, unit: str) -> Figure | None:
+    """The median of a metric over the values of one key that varies, with its 95 % interval, a line a rest.
+
+    None where fewer than two values have one.
+    """
+    having = [run for run in runs if key in dict(run.varied)]
+    values = list(dict.fromkeys(dict(run.varied)[key] for run in having))
+    numeric = all(isinstance(value, int | float) and not isinstance(value, bool) for value in values)
+    if numeric:
+        values.sort()
+
+    def rest(run: ReportRun) -> tuple[str, ...]:
+        others = [f"{other}={value}" for other, value in run.varied if other != key]
+        return tuple(filter(None, (run.place, run.platform, run.noise, run.base, *others)))
+
+    lines = grouped(having, rest)
+    common = set.intersection(*(set(name) for name in lines)) if len(lines) > 1 else set()
+    traces, everything = [], []
+    for number, (name, members) in enumerate(list(lines.items())[:MOST_LINES]):
+        at = grouped(members, lambda run: dict(run.varied)[key])
+        summaries = {value: summary_of(at[value], metric) for value in values if value in at}
+        shown = {value: one for value, one in summaries.items() if one.median is not None and isfinite(one.median)}
+        medians = [float(one.median or 0.0) for one in shown.values()]
+        highs = [
+            max(_finite(one.high, middle) - middle, 0.0) for one, middle in zip(shown.values(), medians, strict=True)
+        ]
+        lows = [
+            max(middle - _finite(one.low, middle), 0.0) for one, middle in zip(shown.values(), medians, strict=True)
+        ]
+        title = ", ".join(part for part in name if part not in common) or ", ".join(name)
+        everything += medians
+        traces.append(
+            {
+                "type": "scatter",
+                "mode": "lines+markers",
+                "name": label(title),
+                "x": [value if numeric else label(value) for value in shown],
+                "y": medians,
+                "error_y": {"type": "data", "symmetric": False, "array": highs, "arrayminus": lows, "thickness": 1.5},
+                "text": [
+                    label(f"{title}; {key}={value}: median {one.median:.4g}, 95 % {one.low:.4g} to {one.high:.4g}, "
+                          f"{one.runs} runs, {one.failed} failed")
+                    for value, one in shown.items()
+                ],
+                "hovertemplate": "%{text}<extra></extra>",
+                **_look(number),
+            }
+        )  # fmt: skip
+    if len(values) < 2 or not everything:
+        return None
+    note = f"{len(lines) - MOST_LINES} more lines are left out" if len(lines) > MOST_LINES else ""
+    x_axis = {"title": {"text": label(key)}, "type": "category"}
+    if numeric:
+        x_axis["type"] = "log" if _is_wide(values) else "linear"
+    return _figure(traces, x_axis, _y(metric, unit, everything), note)
+
+
+def spread(runs: Sequence[ReportRun], metric: str, unit: str) -> Figure | None:
+    """Every run as a point, a column a configuration; its median and 95 % interval beside them.
+
+    None of fewer than two runs with a value.
+    """
+    traces: list[dict[str, Any]] = []
+    everything: list[float] = []
+    for number, (name, members) in enumerate(list(grouped(runs, lambda run: run.configuration).items())[:MOST_LINES]):
+        having = [run for run in members if run.status == "ok" and metric in run.values]
+        if not having:
+            continue
+        values = [run.values[metric] for run in having]
+        everything += values
+        places = [number + 0.5 * (((7 * k) % 23) / 23 - 0.5) for k in range(len(values))]  # apart, the same each time
+        traces.append(
+            {
+                "type": "scatter",
+                "mode": "markers",
+                "name": label(name),
+                "x": places,
+                "y": values,
+                "text": [label(f"{run.configuration}; {run.name}: {run.values[metric]:.4g}") for run in having],
+                "hovertemplate": "%{text}<extra></extra>",
+                "showlegend": False,
+                "marker": {"color": COLOURS[number % len(COLOURS)], "size": 5, "opacity": 0.5},
+            }
+        )
+        one = summary_of(members, metric)
+        if one.median is not None and isfinite(one.median):
+            high, low = _finite(one.high, one.median), _finite(one.low, one.median)
+            traces.append(
+                {
+                    "type": "scatter",
+                    "mode": "markers",
+                    "x": [number + 0.36],
+                    "y": [one.median],
+                    "error_y": {
+                        "type": "data",
+                        "symmetric": False,
+                        "array": [high - one.median],
+                        "arrayminus": [one.median - low],
+                        "thickness": 2,
+                    },
+                    "text": [label(f"{name}: median {one.median:.4g}, 95 % {low:.4g} to {high:.4g}")],
+                    "hovertemplate": "%{text}<extra></extra>",
+                    "showlegend": False,
+                    "marker": {"color": COLOURS[number % len(COLOURS)], "size": 9, "symbol": "diamond"},
+                }
+            )
+    names = list(grouped(runs, lambda run: run.configuration))
+    if len(everything) < 2:
+        return None
+    x_axis = {
+        "tickvals": list(range(len(names[:MOST_LINES]))),
+        "ticktext": [label(name if len(name) <= 40 else f"{name[:39]}…") for name in names[:MOST_LINES]],
+        "automargin": True,
+        "range": [-0.6, min(len(names), MOST_LINES) - 0.4],
+    }
+    note = f"{len(names) - MOST_LINES} more configurations are left out" if len(names) > MOST_LINES else ""
+    return _figure(traces, x_axis, _y(metric, unit, everything), note)
+
+
+def paired(runs: Sequence[ReportRun], baseline: str, metric: str, unit: str) -> Figure | None:
+    """A point for each pair of runs of a configuration and the baseline on the same case. None without any."""
+    by_name = grouped(runs, lambda run: run.configuration)
+    first = {run.case: run for run in by_name.get(baseline, ()) if run.status == "ok" and metric in run.values}
+    traces: list[dict[str, Any]] = []
+    everything: list[float] = []
+    others = [name for name in by_name if name != baseline]
+    for number, name in enumerate(others[:MOST_LINES]):
+        pairs = [
+            (first[run.case], run)
+            for run in by_name[name]
+            if run.case in first and run.status == "ok" and metric in run.values
+        ]
+        if not pairs:
+            continue
+        x, y = ([run.values[metric] for run in side] for side in zip(*pairs, strict=True))
+        everything += [*x, *y]
+        look = _look(number + 1)
+        traces.append(
+            {
+                "type": "scatter",
+                "mode": "markers",
+                "name": label(name),
+                "x": x,
+                "y": y,
+                "text": [
+                    label(f"{name}; {b.name}: {b.values[metric]:.4g}, {baseline}: {a.values[metric]:.4g}")
+                    for a, b in pairs
+                ],
+                "hovertemplate": "%{text}<extra></extra>",
+                "marker": {**look["marker"], "opacity": 0.7},
+            }
+        )
+    if not traces:
+        return None
+    ends = [min(everything), max(everything)]
+    line = {
+        "type": "scatter",
+        "mode": "lines",
+        "name": "equal",
+        "x": ends,
+        "y": ends,
+        "hoverinfo": "skip",
+        "line": {"color": "#7F7F7F", "width": 1, "dash": "dot"},
+    }
+    x_axis = {"title": {"text": axis(f"{metric} of {baseline}", unit)}, "type": _scale(everything)}
+    y_axis = {"title": {"text": axis(f"{metric} of the others", unit)}, "type": _scale(everything)}
+    note = f"{len(others) - MOST_LINES} more configurations are left out" if len(others) > MOST_LINES else ""
+    return _figure([line, *traces], x_axis, y_axis, note)
+
+
+def _figure(traces: list[dict[str, Any]], x_axis: Figure, y_axis: Figure, note: str) -> Figure:
+    return {"data": traces, "layout": {"xaxis": x_axis, "yaxis": y_axis}, "note": note}
+
+
+def _look(number: int) -> dict[str, Any]:
+    colour = COLOURS[number % len(COLOURS)]
+    return {
+        "line": {"color": colour, "width": 2, "dash": DASHES[(number // len(COLOURS)) % len(DASHES)]},
+        "marker": {"color": colour, "size": 8, "symbol": SYMBOLS[number % len(SYMBOLS)]},
+    }
+
+
+def _y(metric: str, unit: str, values: Sequence[float]) -> Figure:
+    scale = _scale(values)
+    return {"title": {"text": axis(metric, unit)}, "type": scale} | ({} if scale == "log" else {"rangemode": "tozero"})
+
+
+def _scale(values: Sequence[float]) -> str:
+    return "log" if _is_wide(values) else "linear"
+
+
+def _is_wide(values: Sequence[float]) -> bool:
+    return min(values) > 0 and max(values) >= WIDE * min(values)
+
+
+def _finite(value: float | None, other: float) -> float:
+    return value if value is not None and isfinite(value) else other

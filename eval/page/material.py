@@ -1,0 +1,292 @@
+"""What a report is made of: the runs of sweeps and result folders, alike."""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from moteslam.errors import InputError
+from moteslam.eval.sweep.store import opened
+from moteslam.eval.sweep.tables import group_of, succeeds
+from moteslam.robot.reading import read_text
+
+MAX_BYTES = 50_000_000
+"""No file of a result folder that is read here is larger."""
+SUCCESS = {"final.ate": 0.5}
+"""Of runs in result folders: limits as of ``SweepSpec.success``."""
+DEPTH = 3
+"""Of folders in which result folders are looked for."""
+Key = tuple[Any, ...]
+
+
+@dataclass(frozen=True)
+class ReportRun:
+    """A run as the report sees it.
+
+    Attributes:
+        place: scenario or recording.
+        platform, noise, seed: of it; empty where they are the scenario's own or not known.
+        duration: at which the drive was cut [s], if it was.
+        configuration: its name, with what varies.
+        varied: keys that vary, and their values.
+        base: the configuration without what varies.
+        status, error: as of a row of a sweep.
+        values: by metric; absent ones are left out.
+        absent: why, by metric.
+        succeeded: whether none of the limits was passed.
+        folder: of its result, if it has one.
+    """
+
+    place: str
+    platform: str
+    noise: str
+    seed: int | None
+    duration: float | None
+    configuration: str
+    varied: tuple[tuple[str, Any], ...]
+    base: str
+    status: str
+    error: str
+    values: dict[str, float]
+    absent: dict[str, str]
+    succeeded: bool
+    folder: Path | None = None
+
+    @property
+    def case(self) -> Key:
+        """Runs of two configurations with the same are a pair."""
+        return self.place, self.platform, self.noise, self.duration, self.seed
+
+    @property
+    def name(self) -> str:
+        """For people: where it drove."""
+        seed = "" if self.seed is None else f"seed {self.seed}"
+        return ", ".join(filter(None, (self.place, self.platform, self.noise, seed)))
+
+
+@dataclass
+class Material:
+    """All that a report is made of.
+
+    Attributes:
+        runs: in their order.
+        units: by metric.
+        documents: title and text of what was run: specifications of sweeps, configurations.
+        facts: title, and names with values: versions, hardware.
+        issues: what was wrong with recordings and runs, and how many runs had it.
+        pending: runs of sweeps that were not made yet.
+        wanted: metrics that the specifications name.
+    """
+
+    runs: list[ReportRun] = field(default_factory=list)
+    units: dict[str, str] = field(default_factory=dict)
+    documents: list[tuple[str, str]] = field(default_factory=list)
+    facts: dict[str, dict[str, str]] = field(default_factory=dict)
+    issues: dict[str, int] = field(default_factory=dict)
+    pending: int = 0
+    wanted: list[str] = field(default_factory=list)
+
+    @property
+    def configurations(self) -> list[str]:
+        """Their names, in the order of their first runs."""
+        return list(dict.fromkeys(run.configuration for run in self.runs))
+
+    @property
+    def metrics(self) -> list[str]:
+        """Names of the metrics that at least one run has."""
+        return list(dict.fromkeys(name for run in self.runs for name in run.values))
+
+
+def gather(paths: Sequence[Path]) -> Material:
+    """Read files of sweeps, result folders, and folders that hold any of these.
+
+    Raises:
+        InputError: a path that is none of them, or is damaged; or there is no run.
+    """
+    material = Material()
+    sweeps: list[Path] = []
+    folders: list[Path] = []
+    for path in paths:
+        if path.is_dir():
+            within = list(_within(path, DEPTH))
+            if not within:
+                raise InputError("no result folder and no .sweep file in it, expected some", file=path)
+            folders += [each for each in within if each.is_dir()]
+            sweeps += [each for each in within if not each.is_dir()]
+        elif not path.exists():
+            raise InputError("there is no such file or folder, expected a .sweep file or a result folder", file=path)
+        else:
+            sweeps.append(path)
+    for path in sweeps:
+        _take_sweep(material, path, f"{path.stem}: " if len(sweeps) > 1 or folders else "")
+    _take_folders(material, folders)
+    if not material.runs:
+        raise InputError("no run was made yet, expected at least one", file=paths[0])
+    return material
+
+
+def _within(folder: Path, depth: int) -> Iterable[Path]:
+    """Result folders and files of sweeps in a folder, itself included, by name."""
+    if (folder / "metrics.json").is_file() and (folder / "run.json").is_file():
+        yield folder
+        return
+    try:
+        entries = sorted(folder.iterdir())
+    except OSError as error:
+        raise InputError(f"cannot be read: {error.strerror or error}", file=folder) from error
+    for entry in entries:
+        if entry.suffix == ".sweep" and entry.is_file():
+            yield entry
+        elif depth > 0 and entry.is_dir() and not entry.is_symlink() and not entry.name.startswith("."):
+            yield from _within(entry, depth - 1)
+
+
+def _take_sweep(material: Material, path: Path, prefix: str) -> None:
+    with opened(path) as store:
+        spec = json.loads(store.spec)
+        success = dict(spec.get("success") or SUCCESS)
+        material.wanted += [name for name in spec.get("metrics") or () if name not in material.wanted]
+        material.documents.append((f"Specification of {path.name}", _toml(spec)))
+        for title, facts in store.environment().items():
+            material.facts.setdefault(f"{title} of {path.name}", facts)
+        for row in store.rows():
+            if not row.status:
+                material.pending += 1
+                continue
+            values = {name: value for name, value in (row.values | row.costs).items() if value is not None}
+            material.units |= row.units
+            for issue in row.issues:
+                message = str(issue.get("message"))
+                material.issues[message] = material.issues.get(message, 0) + 1
+            run = row.run
+            material.runs.append(
+                ReportRun(
+                    place=str(dict(group_of(row))["scenario"]),
+                    platform=Path(run.platform).stem,
+                    noise=run.noise,
+                    seed=run.seed,
+                    duration=run.duration,
+                    configuration=prefix + run.configured,
+                    varied=run.varied,
+                    base=prefix + run.configuration,
+                    status=row.status,
+                    error=row.error,
+                    values=values,
+                    absent=row.absent,
+                    succeeded=succeeds(row, success),
+                )
+            )
+
+
+def _take_folders(material: Material, folders: Sequence[Path]) -> None:
+    """Result folders: those of one configuration, by the text of ``config.toml``, are runs of it."""
+    texts: dict[str, list[Path]] = {}
+    for folder in folders:
+        file = folder / "config.toml"
+        text = read_text(file, "a file of a result folder", limit=MAX_BYTES) if file.is_file() else ""
+        texts.setdefault(text, []).append(folder)
+    names = _names(texts)
+    for text, members in texts.items():
+        material.documents.append((f"Configuration {names[text]}", text))
+        material.runs += [_run_of(material, folder, names[text]) for folder in members]
+
+
+def _run_of(material: Material, folder: Path, configuration: str) -> ReportRun:
+    metrics, about = (_json(folder / name) for name in ("metrics.json", "run.json"))
+    table = metrics.get("metrics")
+    if not isinstance(table, dict):
+        raise InputError("missing, expected in every result folder", file=folder / "metrics.json", field="metrics")
+    values: dict[str, float] = {}
+    absent: dict[str, str] = {}
+    for name, value in table.items():
+        if isinstance(value, dict) and isinstance(value.get("value"), int | float):
+            values[str(name)] = float(value["value"])
+            material.units[str(name)] = str(value.get("unit", ""))
+        elif isinstance(value, dict):
+            absent[str(name)] = str(value.get("absent", ""))
+    for issue in about.get("warnings") or ():
+        if isinstance(issue, dict):
+            message = str(issue.get("message"))
+            material.issues[message] = material.issues.get(message, 0) + 1
+    for title in ("versions", "hardware"):
+        if isinstance(found := about.get(title), dict):
+            material.facts.setdefault(title.capitalize(), {str(key): str(value) for key, value in found.items()})
+    seed = about.get("seed")
+    limits = [(values.get(name), limit) for name, limit in SUCCESS.items()]
+    return ReportRun(
+        place=str(about.get("scenario") or about.get("recording") or folder.name),
+        platform="",
+        noise="",
+        seed=seed if isinstance(seed, int) else None,
+        duration=None,
+        configuration=configuration,
+        varied=(),
+        base=configuration,
+        status="ok",
+        error="",
+        values=values,
+        absent=absent,
+        succeeded=all(value is not None and value <= limit for value, limit in limits),
+        folder=folder,
+    )
+
+
+def _names(texts: dict[str, list[Path]]) -> dict[str, str]:
+    """A name for each configuration: what it sets otherwise than the first one, else the folder of its runs."""
+    if len(texts) < 2:
+        return dict.fromkeys(texts, "configuration")
+    tables = {text: _flat(_table(text)) for text in texts}
+    keys = dict.fromkeys(key for table in tables.values() for key in table)
+    first = next(iter(tables.values()))
+    changed = [key for key in keys if any(table.get(key) != first.get(key) for table in tables.values())]
+    names: dict[str, str] = {}
+    for text, members in texts.items():
+        parents = {folder.parent for folder in members}
+        name = next(iter(parents)).name if len(parents) == 1 and len(members) > 1 else members[0].name
+        if 0 < len(changed) <= 3:
+            name = ", ".join(f"{key}={tables[text].get(key, '-')}" for key in changed)
+        same = sum(name == other or other.startswith(f"{name} (") for other in names.values())
+        names[text] = f"{name} ({same + 1})" if same else name
+    return names
+
+
+def _table(text: str) -> dict[str, Any]:
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError:
+        return {}
+
+
+def _flat(table: dict[str, Any], prefix: str = "") -> dict[str, Any]:
+    flat: dict[str, Any] = {}
+    for key, value in table.items():
+        flat |= _flat(value, f"{prefix}{key}.") if isinstance(value, dict) else {f"{prefix}{key}": value}
+    return flat
+
+
+def _json(file: Path) -> dict[str, Any]:
+    try:
+        table = json.loads(read_text(file, "a file of a result folder", limit=MAX_BYTES))
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"not JSON: {error}", file=file) from error
+    if not isinstance(table, dict):
+        raise InputError("not a table, expected what `moteslam replay` writes", file=file)
+    return table
+
+
+def _toml(spec: dict[str, Any]) -> str:
+    import tomli_w
+
+    return tomli_w.dumps(_without_none(spec))
+
+
+def _without_none(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {str(key): _without_none(item) for key, item in value.items() if item is not None}
+    if isinstance(value, list):
+        return [_without_none(item) for item in value if item is not None]
+    return value

@@ -1,0 +1,180 @@
+"""A run as the page plays it: paths, map, loops and particles in as few bytes as its pixels can show."""
+
+from __future__ import annotations
+
+import base64
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+
+from moteslam.errors import InputError
+from moteslam.eval.diagnostics_table import read_diagnostics
+from moteslam.eval.loop_table import read_loops
+from moteslam.eval.metrics.ate import absolute_trajectory_error
+from moteslam.eval.particle_table import read_particles
+from moteslam.robot.formats.map_server import MAX_IMAGE_BYTES, MAX_PIXELS, MAX_YAML_BYTES
+from moteslam.robot.pictures import decode_picture, picture_size
+from moteslam.robot.reading import read_bytes, read_text
+from moteslam.robot.se2 import between, compose, inverse
+from moteslam.robot.trajectory import Trajectory, read_tum
+from moteslam.slam.filter.certainty import LocalisationState
+
+Array = NDArray[np.float64]
+
+SHOWN = {"accepted": 1, "overruled": 2, "contradicted": 3, "ambiguous": 4}
+"""Verdicts of the loops that are drawn, by the number that stands for each."""
+STEPS, MOST_STEPS, FEWEST_STEPS = 120_000, 2_000, 150
+"""Poses of all runs together, and of each."""
+PICTURES, LARGEST_PICTURE = 6_000_000, 1_000_000
+"""Bytes of all maps together, and of each; textures have as many."""
+PARTICLES, LARGEST_CLOUDS = 30, 4_000_000
+"""Paths of particles of a run, and numbers of all runs together."""
+
+
+@dataclass(frozen=True)
+class Budget:
+    """How much of each run the page holds.
+
+    Attributes:
+        steps: poses.
+        picture: bytes of its map, and of its texture.
+        particles: numbers for its particles.
+    """
+
+    steps: int
+    picture: int
+    particles: int
+
+    @classmethod
+    def of(cls, runs: int) -> Budget:
+        """For each of this many runs: a page of 300 has some 10 MB of them."""
+        return cls(
+            steps=int(np.clip(STEPS // runs, FEWEST_STEPS, MOST_STEPS)),
+            picture=min(LARGEST_PICTURE, PICTURES // runs),
+            particles=LARGEST_CLOUDS // (2 * max(runs, 10)),
+        )
+
+
+def playable(folder: Path, budget: Budget) -> dict[str, Any]:
+    """A result folder as plain values, in the frame of its map.
+
+    Lengths are whole millimetres (errors tenths), angles milliradians, times milliseconds from the first scan; each
+    number but the first of a list is the difference from the one before. Of errors each is the largest since the last.
+
+    Raises:
+        InputError: a file of the folder that is missing or damaged.
+    """
+    final, online, odometry = (
+        read_tum(folder / f"{name}.tum") for name in ("trajectory_final", "trajectory", "dead_reckoning")
+    )
+    steps = np.unique(np.linspace(0, len(final) - 1, budget.steps).round().astype(np.intp))
+    stamps = final.stamps[steps]
+    start = float(stamps[0])
+    found: dict[str, Any] = {
+        "t": _deltas(1e3 * (stamps - start)),
+        "final": _path(final.poses[steps]),
+        "online": _path(online.at(stamps).poses),
+        "odometry": _path(compose(final.poses[0], between(odometry.poses[0], odometry.at(stamps).poses))),
+    }
+    truth_file = folder / "truth.tum"
+    if truth_file.is_file():
+        truth = read_tum(truth_file)
+        ate = absolute_trajectory_error(final, truth)
+        there = compose(inverse(ate.transform), ate.reference)
+        found["truth"] = _path(Trajectory(ate.stamps, there).at(stamps).poses)
+        found["errors"] = {
+            name: _errors(trajectory, truth, stamps)
+            for name, trajectory in (("final", final), ("online", online), ("odometry", odometry))
+        }
+    diagnostics = read_diagnostics(folder / "diagnostics.csv")
+    if len(diagnostics.stamps) == len(final):
+        found["state"] = np.maximum.reduceat(diagnostics.values["state"], steps).astype(int).tolist()
+        found["effective"] = [round(value, 1) for value in diagnostics.values["n_eff"][steps].tolist()]
+    found["states"] = [state.name.lower() for state in LocalisationState]
+    if (folder / "loops.csv").is_file():
+        found["loops"] = _loops(folder / "loops.csv", final, start)
+    if (folder / "particles.npz").is_file():
+        found["particles"] = _particles(folder / "particles.npz", start, budget)
+    for name in ("map", "texture"):
+        if (folder / f"{name}.yaml").is_file() and (folder / f"{name}.png").is_file():
+            found[name] = _picture(folder, name, budget.picture)
+    return found
+
+
+def _errors(trajectory: Trajectory, truth: Trajectory, stamps: Array) -> list[int]:
+    """The largest error [0.1 mm] up to each stamp, from the one before on."""
+    ate = absolute_trajectory_error(trajectory, truth)
+    ends = np.searchsorted(ate.stamps, stamps, side="right")
+    largest = [
+        float(ate.errors[begin:end].max()) if end > begin else np.nan
+        for begin, end in zip((0, *ends[:-1]), ends, strict=True)
+    ]
+    values = np.array(largest)
+    known = np.flatnonzero(np.isfinite(values))
+    held = np.interp(np.arange(len(values)), known, values[known])
+    return _deltas(1e4 * held)
+
+
+def _loops(file: Path, final: Trajectory, start: float) -> list[list[int]]:
+    """A row a loop: time [ms], the two ends x, y [mm], and what became of it."""
+    rows = []
+    for loop in read_loops(file):
+        if loop.verdict not in SHOWN or max(loop.earlier, loop.later) >= len(final):
+            continue
+        ends = np.rint(1e3 * final.poses[[loop.earlier, loop.later], :2]).astype(int)
+        time = round(1e3 * (float(final.stamps[loop.later]) - start))
+        rows.append([time, *ends.ravel().tolist(), SHOWN[loop.verdict]])
+    return sorted(rows)
+
+
+def _particles(file: Path, start: float, budget: Budget) -> dict[str, Any]:
+    """Times of updates, and of some paths x and y at these."""
+    cloud = read_particles(file)
+    paths = cloud.paths[np.unique(np.linspace(0, len(cloud.paths) - 1, PARTICLES).astype(np.intp))]
+    count = max(2, min(len(cloud.stamps), budget.steps, budget.particles // (2 * len(paths))))
+    updates = np.unique(np.linspace(0, len(cloud.stamps) - 1, count).round().astype(np.intp))
+    return {
+        "t": _deltas(1e3 * (cloud.stamps[updates] - start)),
+        "paths": [[_deltas(1e3 * path[updates, k]) for k in (0, 1)] for path in paths],
+    }
+
+
+def _picture(folder: Path, name: str, most: int) -> dict[str, Any]:
+    """A map or texture as a picture of at most ``most`` bytes, coarser if need be, and where it lies."""
+    file, about_file = folder / f"{name}.png", folder / f"{name}.yaml"
+    data = read_bytes(file, "a picture", limit=MAX_IMAGE_BYTES)
+    width, height = picture_size(data) or (0, 0)
+    image = decode_picture(data, cv2.IMREAD_UNCHANGED) if 0 < width * height <= MAX_PIXELS else None
+    if image is None:
+        raise InputError(f"no picture of at most {MAX_PIXELS} pixels, expected a PNG", file=file)
+    try:
+        about = yaml.safe_load(read_text(about_file, "a map's .yaml", limit=MAX_YAML_BYTES))
+        cell = float(about["resolution"])
+        x, y, yaw = (float(value) for value in about["origin"])
+    except (yaml.YAMLError, TypeError, KeyError, ValueError) as error:
+        raise InputError("expected resolution and origin [x, y, yaw]", file=about_file) from error
+    place = {"x": x, "y": y, "yaw": yaw, "width": image.shape[1] * cell, "height": image.shape[0] * cell}
+    while True:
+        suffix, options = (".webp", [cv2.IMWRITE_WEBP_QUALITY, 80]) if name == "texture" else (".png", [])
+        _, encoded = cv2.imencode(suffix, image, options)
+        if len(encoded) <= most or min(image.shape[:2]) < 64:
+            break
+        size = (image.shape[1] // 2, image.shape[0] // 2)
+        image = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
+    source = f"data:image/{suffix[1:]};base64,{base64.b64encode(encoded.tobytes()).decode()}"
+    return {**{key: round(value, 4) for key, value in place.items()}, "source": source}
+
+
+def _path(poses: Array) -> list[list[int]]:
+    return [_deltas(1e3 * poses[:, 0]), _deltas(1e3 * poses[:, 1]), _deltas(1e3 * np.unwrap(poses[:, 2]))]
+
+
+def _deltas(values: NDArray[Any]) -> list[int]:
+    """Rounded values as the first one and the differences from each to the next."""
+    whole = np.rint(np.asarray(values, np.float64)).astype(np.int64)
+    return [int(value) for value in np.diff(whole, prepend=0)]

@@ -1,0 +1,231 @@
+"""The report's page: what is gathered, what a player is given, and that nothing of a name is taken for markup."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+from base64 import b64decode, b64encode
+from pathlib import Path
+
+import numpy as np
+import pytest
+from command_lines import refused
+from report_material import HOSTILE, run_of, sweep
+
+from moteslam.errors import InputError
+from moteslam.eval.cli import main
+from moteslam.eval.page import charts
+from moteslam.eval.page.document import Wishes, data_block, page
+from moteslam.eval.page.material import Material, gather
+from moteslam.eval.page.player import Budget, playable
+from moteslam.eval.particle_table import read_particles
+from moteslam.eval.results import write_results
+from moteslam.robot.trajectory import read_tum
+
+
+@pytest.fixture(scope="session")
+def result(run, simulation, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("report") / "result"
+    write_results(folder, run[0], simulation.truth, figures=False)
+    return folder
+
+
+def decoded(deltas: list[int], unit: float = 1e-3) -> np.ndarray:
+    return np.cumsum(deltas) * unit
+
+
+def test_a_player_has_the_paths_of_the_folder(result: Path) -> None:
+    found = playable(result, Budget.of(1))
+    final = read_tum(result / "trajectory_final.tum")
+    assert len(found["t"]) == len(final)
+    np.testing.assert_allclose(decoded(found["t"]), final.stamps - final.stamps[0], atol=6e-4)
+    for axis in (0, 1):
+        np.testing.assert_allclose(decoded(found["final"][axis]), final.poses[:, axis], atol=6e-4)
+    truth = np.stack([decoded(found["truth"][axis]) for axis in (0, 1)], axis=-1)
+    assert np.abs(truth - final.poses[:, :2]).max() < 0.2  # the truth as the estimate has its frame
+    assert [len(found[name][0]) for name in ("online", "odometry", "truth")] == [len(final)] * 3
+    assert b64decode(found["map"]["source"].partition(",")[2]).startswith(b"\x89PNG")
+
+
+def test_errors_are_those_of_the_metrics(result: Path) -> None:
+    found = playable(result, Budget.of(1))
+    scores = json.loads((result / "metrics.json").read_text())["scores"]["final"]["ate"]["translation_m"]
+    assert decoded(found["errors"]["final"], 1e-4).max() == pytest.approx(scores["max"], abs=1e-4)
+
+
+def test_a_page_of_many_runs_holds_less_of_each(result: Path) -> None:
+    few, many = (playable(result, Budget(steps, 1_000_000, 20_000)) for steps in (2000, 20))
+    assert len(many["t"]) == 20
+    assert many["t"][0] == few["t"][0]
+    assert sum(many["t"]) == sum(few["t"])
+    most = [decoded(each["errors"]["online"], 1e-4).max() for each in (few, many)]
+    assert most[0] == pytest.approx(most[1])  # peaks are kept
+    small = playable(result, Budget(20, 500, 20_000))
+    assert len(small["map"]["source"]) < len(many["map"]["source"])
+    assert small["map"]["width"] == many["map"]["width"]
+    assert len(json.dumps(playable(result, Budget.of(300)))) < 45_000
+
+
+def test_particles_are_written_and_read(result: Path, run) -> None:
+    estimate, _ = run
+    found = read_particles(result / "particles.npz")
+    np.testing.assert_array_equal(found.stamps, estimate.particle_stamps)
+    np.testing.assert_allclose(found.paths, estimate.particle_paths, atol=1e-5)
+    shown = playable(result, Budget.of(1))["particles"]
+    assert len(shown["paths"]) == len(estimate.particle_paths)
+    np.testing.assert_allclose(decoded(shown["paths"][0][0])[-1], estimate.particle_paths[0, -1, 0], atol=1e-3)
+
+
+def test_damaged_particles_name_their_file(tmp_path: Path) -> None:
+    file = tmp_path / "particles.npz"
+    np.savez(file, stamps=[1.0, 0.0], paths=np.zeros((2, 2, 3)), spread=np.zeros((2, 3)))
+    with pytest.raises(InputError, match=r"particles\.npz: stamps: stamps go back"):
+        read_particles(file)
+    np.savez(file, stamps=[0.0, 1.0], paths=np.full((2, 2, 3), np.nan), spread=np.zeros((2, 3)))
+    with pytest.raises(InputError, match=r"particles\.npz: paths: expected finite"):
+        read_particles(file)
+
+
+def test_what_is_gathered_of_a_sweep(tmp_path: Path) -> None:
+    found = gather([sweep(tmp_path / "s.sweep", fail=1)])
+    assert (len(found.runs), found.pending) == (58, 2)
+    assert found.wanted == ["final.ate", "map_f1"]
+    assert found.configurations[:2] == ["default, slam.particles=1", "default, slam.particles=10"]
+    assert [run.status for run in found.runs].count("failed") == 1
+
+
+def test_what_is_gathered_of_folders(result: Path) -> None:
+    for path in (result, result.parent):
+        found = gather([path])
+        assert [run.folder for run in found.runs] == [result]
+        assert found.runs[0].values["final.ate"] < 0.1
+        assert found.facts["Versions"]["numpy"]
+
+
+def test_folders_of_one_configuration_are_its_runs(result: Path, tmp_path: Path) -> None:
+    import shutil
+
+    for name, change in (("one", ""), ("two", ""), ("other", "particles = 7\n")):
+        shutil.copytree(result, tmp_path / name)
+        file = tmp_path / name / "config.toml"
+        file.write_text(
+            re.sub(r"^particles = .*\n", change, file.read_text(), flags=re.M) if change else file.read_text()
+        )
+    found = gather([tmp_path])
+    assert [run.configuration for run in found.runs] == ["particles=10", "particles=10", "particles=7"]
+
+
+@pytest.mark.parametrize(
+    ("line", "expected"),
+    [
+        ("report nowhere", "nowhere: there is no such file or folder"),
+        ("report empty", "empty: no result folder and no .sweep file in it"),
+        ("report s.sweep --metric nothing", "--metric: 'nothing', expected one of"),
+        ("report s.sweep --metric nees", "--metric: 'nees', which no run has"),
+        ("report s.sweep --baseline x", "--baseline: 'x', expected one of"),
+        ("report s.sweep --out there.html", "there.html: exists already"),
+        ("report notes.txt", "notes.txt: no file of a sweep"),
+    ],
+)
+def test_bad_input_is_one_line(
+    line: str, expected: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    sweep(Path("s.sweep"))
+    Path("empty").mkdir()
+    Path("there.html").write_text("mine")
+    Path("notes.txt").write_text("notes\n" * 200)
+    assert expected in refused(capsys, *line.split())
+    assert Path("there.html").read_text() == "mine"
+    assert not Path("report.html").exists()
+
+
+def test_a_report_of_the_command_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys) -> None:
+    monkeypatch.chdir(tmp_path)
+    sweep(Path("s.sweep"))
+    assert main.run(["report", "s.sweep", "--json"]) == 0
+    said = json.loads(capsys.readouterr().out)
+    assert said == {"file": "report.html", "bytes": Path("report.html").stat().st_size, "runs": 58}
+    assert main.run(["report", "s.sweep", "--force", "--title", "again"]) == 0
+    assert "<title>again</title>" in Path("report.html").read_text(encoding="utf-8")
+
+
+def test_names_are_text(tmp_path: Path) -> None:
+    material = gather([sweep(tmp_path / "s.sweep", fail=2)])
+    material.runs.append(run_of(HOSTILE, place=HOSTILE, error=HOSTILE, status="crashed"))
+    material.documents.append((HOSTILE, HOSTILE))
+    text = page(material, Wishes(HOSTILE))
+    assert "<img src=x" not in text
+    assert "document.title='x'</script>" not in text
+    assert "\u202e" not in text
+    assert "\x1b" not in text
+    assert "&lt;/script&gt;" in text
+    assert "\\u202e" in text
+
+
+def test_the_policy_allows_the_scripts_of_the_page_and_no_others(tmp_path: Path) -> None:
+    text = page(gather([sweep(tmp_path / "s.sweep")]), Wishes("t"))
+    policy = re.search(r'Content-Security-Policy" content="([^"]*)"', text)
+    assert policy is not None
+    assert policy[1].startswith("default-src 'none'; ")
+    assert "unsafe" not in policy[1]
+    scripts = re.findall(r"<script>(.*?)</script>", text, flags=re.S)
+    hashes = ["sha256-" + b64encode(hashlib.sha256(each.encode()).digest()).decode() for each in scripts]
+    assert len(hashes) == 3
+    assert all(f"'{each}'" in policy[1] for each in hashes)
+    assert "http://" not in re.sub(r"<script>.*?</script>", "", text, flags=re.S)
+
+
+def test_data_cannot_end_their_script() -> None:
+    value = {"</script>": ["<!--", "]]>", "\u2028", "&"]}
+    block = data_block(value)
+    assert not set("<>&\u2028") & set(block)
+    assert json.loads(block) == value
+
+
+def test_a_curve_has_medians_with_intervals_over_what_varies(tmp_path: Path) -> None:
+    runs = gather([sweep(tmp_path / "s.sweep")]).runs
+    figure = charts.curves(runs, "slam.particles", "final.ate", "m")
+    assert figure is not None
+    assert [line["name"] for line in figure["data"]] == [
+        *("corridor, default", "corridor, paper", "office, default", "office, paper")
+    ]
+    line = figure["data"][0]
+    assert line["x"] == [1, 10, 100]
+    np.testing.assert_allclose(line["y"], [0.202, 0.022, 0.004])
+    assert line["error_y"]["array"][0] > 0
+    assert figure["layout"]["xaxis"]["type"] == "log"
+    assert figure["layout"]["yaxis"]["title"]["text"] == "final.ate [m]"
+    assert charts.curves(runs, "slam.particles", "map_f1", "") is None
+
+
+def test_pairs_are_of_the_same_case() -> None:
+    runs = [run_of("a", seed) for seed in range(3)] + [run_of("b", seed, values={"final.ate": 1.0}) for seed in (1, 5)]
+    figure = charts.paired(runs, "a", "final.ate", "m")
+    assert figure is not None
+    assert (figure["data"][1]["x"], figure["data"][1]["y"]) == ([1.1], [1.0])
+    assert charts.paired(runs, "b", "map_f1", "") is None
+
+
+def test_failed_runs_count_as_the_worst() -> None:
+    material = Material(runs=[run_of("a", k) for k in range(3)] + [run_of("a", 9, "crashed", values={})] * 4)
+    text = page(material, Wishes("t"))
+    assert "3 of 7 (16 to 75 %)" in text
+    assert '<span class="median">failed</span>' in text
+
+
+def test_chart_texts_are_literal() -> None:
+    assert charts.label("<b>x</b> & \u202e") == "&lt;b&gt;x&lt;/b&gt; &amp; \\u202e"
+
+
+def test_a_page_needs_neither_taichi_nor_matplotlib_for_sweeps(tmp_path: Path, program) -> None:
+    import subprocess
+    import sys
+
+    sweep(tmp_path / "s.sweep")
+    code = (
+        "import sys; from moteslam.eval.cli import main; main.run(['report', 's.sweep']); "
+        "sys.exit(bool({'matplotlib', 'pymunk', 'plotly'} & set(sys.modules)))"
+    )
+    assert subprocess.run([sys.executable, "-c", code], cwd=tmp_path, check=False).returncode == 0

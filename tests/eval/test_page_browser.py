@@ -1,0 +1,237 @@
+"""The report in headless Chromium: no errors, no network, a player that plays, tables that sort, names as text."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from report_material import HOSTILE, run_of, sweep
+from selenium import webdriver
+from selenium.webdriver.chrome.options import Options
+from selenium.webdriver.chrome.service import Service
+from selenium.webdriver.common.by import By
+from selenium.webdriver.common.keys import Keys
+from selenium.webdriver.support.ui import Select, WebDriverWait
+
+from moteslam.eval.page.document import Wishes, page
+from moteslam.eval.page.material import gather
+from moteslam.eval.results import write_results
+
+pytestmark = pytest.mark.slow
+ARGUMENTS = (
+    *("--headless=new", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-sync"),
+    *("--disable-background-networking", "--disable-component-update", "--window-size=1280,900", "--lang=en"),
+)
+Browser = webdriver.Chrome
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
+    """Chromium, with its log and all that it asks for. Where it is not installed tests are skipped, but in CI."""
+    chromium, driver = shutil.which("chromium"), shutil.which("chromedriver")
+    if chromium is None or driver is None:
+        missing = "no chromium with chromedriver (Debian: apt install chromium chromium-driver)"
+        pytest.fail(missing) if os.environ.get("CI") else pytest.skip(missing)
+    options = Options()
+    options.binary_location = chromium
+    for argument in (*ARGUMENTS, f"--user-data-dir={tmp_path_factory.mktemp('chromium')}"):
+        options.add_argument(argument)
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
+    found = webdriver.Chrome(options=options, service=Service(driver))
+    yield found
+    found.quit()
+
+
+@pytest.fixture(scope="module")
+def pages(run, simulation, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """A page of a sweep, of result folders, and of names that nobody means well with."""
+    folder = tmp_path_factory.mktemp("pages")
+    for name in ("first", "second"):
+        write_results(folder / name, run[0], simulation.truth, figures=False)
+    (folder / "second" / "config.toml").write_text("particles = 7\n")
+    made = {
+        "sweep": (gather([sweep(folder / "s.sweep", fail=3)]), "a sweep"),
+        "runs": (gather([folder / "first", folder / "second"]), "two runs"),
+        "hostile": (gather([sweep(folder / "h.sweep", fail=3), folder / "first"]), HOSTILE),
+    }
+    hostile = made["hostile"][0]
+    for number, run_ in enumerate(list(hostile.runs)):
+        if number % 2:
+            values = dict(run_.values)
+            more = {"place": HOSTILE, "platform": HOSTILE, "error": HOSTILE, "status": run_.status, "values": values}
+            varied = ((HOSTILE, number % 3), ("key", f"{HOSTILE}{number % 3}"))
+            hostile.runs[number] = run_of(f"{HOSTILE} {number % 3}", number, varied=varied, folder=run_.folder, **more)
+    hostile.documents.append((HOSTILE, HOSTILE))
+    hostile.issues[HOSTILE] = 2
+    for name, (material, title) in made.items():
+        (folder / f"{name}.html").write_text(page(material, Wishes(title)), encoding="utf-8")
+    return {name: folder / f"{name}.html" for name in made}
+
+
+def opened(browser: Browser, file: Path) -> None:
+    browser.get_log("browser")
+    browser.get_log("performance")
+    browser.get(file.as_uri())
+    WebDriverWait(browser, 60).until(lambda at: at.execute_script("return document.documentElement.dataset.ready"))
+
+
+def complaints(browser: Browser) -> list[str]:
+    """What the page logged, and what it asked for beyond itself."""
+    found = [entry["message"] for entry in browser.get_log("browser")]
+    for entry in browser.get_log("performance"):
+        event = json.loads(entry["message"])["message"]
+        if event["method"] == "Network.requestWillBeSent":
+            url = event["params"]["request"]["url"]
+            found += [] if url.startswith(("data:", "blob:")) or url == browser.current_url else [url]
+    return found
+
+
+def column(browser: Browser, table: str, number: int) -> list[str]:
+    script = (
+        "return [...document.querySelectorAll(arguments[0] + ' tbody tr')].map((r) => r.cells[arguments[1]].innerText)"
+    )
+    return [str(text) for text in browser.execute_script(script, table, number)]
+
+
+def robot(browser: Browser) -> bytes:
+    """The canvas as a picture, once it is drawn."""
+    script = "const done = arguments[0]; requestAnimationFrame(() => requestAnimationFrame(() => done(0)))"
+    browser.execute_async_script(script)
+    return browser.find_element(By.ID, "map").screenshot_as_png
+
+
+@pytest.mark.parametrize("name", ["sweep", "runs", "hostile"])
+def test_no_error_and_no_request(name: str, browser: Browser, pages: dict[str, Path]) -> None:
+    opened(browser, pages[name])
+    for scheme in ("dark", "light", ""):
+        Select(browser.find_element(By.ID, "scheme")).select_by_value(scheme)
+    assert complaints(browser) == []
+
+
+def test_charts_are_drawn(browser: Browser, pages: dict[str, Path]) -> None:
+    opened(browser, pages["sweep"])
+    charts = browser.find_elements(By.CSS_SELECTOR, ".chart .main-svg")
+    assert len(charts) >= 6  # plotly.js puts three of them into each chart
+    assert len(browser.find_elements(By.CSS_SELECTOR, "#curves .yerror")) >= 12
+    Select(browser.find_element(By.ID, "metric")).select_by_index(0)
+    assert browser.find_element(By.CSS_SELECTOR, "#curves .ytitle").text == "final.ate [m]"
+
+
+def test_both_schemes(browser: Browser, pages: dict[str, Path]) -> None:
+    opened(browser, pages["sweep"])
+    colours = (
+        "getComputedStyle(document.body).backgroundColor, getComputedStyle(document.querySelector('.ytitle')).fill"
+    )
+    script = f"return [{colours}]"
+    looks = []
+    for scheme in ("light", "dark"):
+        Select(browser.find_element(By.ID, "scheme")).select_by_value(scheme)
+        looks.append(browser.execute_script(script))
+    assert looks == [
+        ["rgb(255, 255, 255)", "rgb(26, 28, 32)"],
+        ["rgb(21, 23, 26)", "rgb(232, 234, 237)"],
+    ]
+    Select(browser.find_element(By.ID, "scheme")).select_by_value("")
+    feature = {"features": [{"name": "prefers-color-scheme", "value": "dark"}]}
+    browser.execute_cdp_cmd("Emulation.setEmulatedMedia", feature)
+    WebDriverWait(browser, 10).until(lambda at: at.execute_script(script) == looks[1])
+    browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": []})
+
+
+def test_the_slider_moves_the_robot(browser: Browser, pages: dict[str, Path]) -> None:
+    opened(browser, pages["runs"])
+    WebDriverWait(browser, 20).until(lambda _: "s of" in browser.find_element(By.ID, "now").text)
+    slider = browser.find_element(By.ID, "time")
+    last = robot(browser)
+    slider.send_keys(Keys.HOME)
+    first = robot(browser)
+    assert browser.find_element(By.ID, "now").text.startswith("0.0 s of")
+    slider.send_keys(Keys.ARROW_RIGHT * 30)
+    assert len({first, robot(browser), last}) == 3
+    assert int(slider.get_attribute("value") or 0) == 30
+
+
+def test_it_plays_by_keyboard(browser: Browser, pages: dict[str, Path]) -> None:
+    opened(browser, pages["runs"])
+    slider, button = (browser.find_element(By.ID, name) for name in ("time", "play"))
+    Select(browser.find_element(By.ID, "speed")).select_by_value("1")
+    slider.send_keys(Keys.HOME)
+    slider.send_keys(" ")
+    WebDriverWait(browser, 20).until(lambda _: int(slider.get_attribute("value") or 0) > 5)
+    assert button.text == "Pause"
+    slider.send_keys(" ")
+    assert button.text == "Play"
+    canvas = browser.find_element(By.ID, "map")
+    before = robot(browser)
+    canvas.send_keys("+")
+    nearer = robot(browser)
+    canvas.send_keys(Keys.ARROW_LEFT)
+    assert len({before, nearer, robot(browser)}) == 3
+
+
+def test_layers_and_runs_can_be_chosen(browser: Browser, pages: dict[str, Path]) -> None:
+    opened(browser, pages["runs"])
+    before = robot(browser)
+    browser.find_element(By.CSS_SELECTOR, "[data-layer=map]").click()
+    assert robot(browser) != before
+    browser.find_elements(By.CSS_SELECTOR, "button.show")[1].click()
+    assert browser.find_element(By.ID, "run").get_attribute("value") == "1"
+    assert browser.switch_to.active_element.get_attribute("id") == "play"
+    assert complaints(browser) == []
+
+
+def test_tables_sort(browser: Browser, pages: dict[str, Path]) -> None:
+    opened(browser, pages["sweep"])
+    head = browser.find_elements(By.CSS_SELECTOR, "#all thead button")[6]
+    head.send_keys(Keys.ENTER)
+    values = column(browser, "#all", 6)
+    numbers = [float(value) for value in values if value != "–"]
+    assert numbers == sorted(numbers)
+    assert values[-3:] == ["–"] * 3  # what is absent stands last
+    head.send_keys(Keys.ENTER)
+    assert column(browser, "#all", 6) == [*values[:-3][::-1], *values[-3:]] or numbers[0] == numbers[1]
+    assert head.find_element(By.XPATH, "..").get_attribute("aria-sort") == "descending"
+    browser.find_element(By.ID, "filter").send_keys("office")
+    shown = [row for row in browser.find_elements(By.CSS_SELECTOR, "#all tbody tr") if row.is_displayed()]
+    assert len(shown) == 28
+    assert browser.find_element(By.ID, "shown").text == "28 of 58 rows"
+
+
+def test_names_are_text_everywhere(browser: Browser, pages: dict[str, Path]) -> None:
+    opened(browser, pages["hostile"])
+    assert browser.title.startswith("</script><script>")
+    assert "\\u202e" in browser.title
+    counts = "document.querySelectorAll('img, iframe, object').length, document.scripts.length"
+    images, scripts, text = browser.execute_script(f"return [{counts}, document.body.innerText]")
+    assert images == 0
+    assert text.count("<img src=x onerror=alert(1)>") > 30
+    assert not {"\u202e", "\x1b"} & set(text)
+    assert scripts == 5  # three of the page, and two of data
+    drawn = browser.execute_script(
+        "return [...document.querySelectorAll('.chart text')].map((t) => t.textContent).join(' ')"
+    )
+    assert "</script><script>" in drawn
+    assert "\u202e" not in drawn
+    assert not browser.find_elements(By.CSS_SELECTOR, ".chart a")
+
+
+def test_a_narrow_screen_has_no_sideways_scroll(browser: Browser, pages: dict[str, Path]) -> None:
+    metrics = {"width": 380, "height": 800, "deviceScaleFactor": 2, "mobile": True}
+    browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", metrics)
+    try:
+        for name in ("runs", "sweep", "hostile"):
+            opened(browser, pages[name])
+            assert browser.execute_script("return document.documentElement.scrollWidth") <= 380
+    finally:
+        browser.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
+
+
+def test_it_prints(browser: Browser, pages: dict[str, Path]) -> None:
+    opened(browser, pages["runs"])
+    printed = browser.execute_cdp_cmd("Page.printToPDF", {})
+    assert len(printed["data"]) > 20_000
+    assert complaints(browser) == []
