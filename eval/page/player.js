@@ -125,10 +125,13 @@ function makePlayer(parts) {
       context.lineWidth = (loop.verdict === 1 ? 2 : 1) * ratio; context.stroke(); context.setLineDash([]);
     }
     if (shown.particles && run.particles) {
-      const at = Math.max(0, lower(run.particles.t, now + 1e-6) - 1);
+      const t = run.particles.t, at = Math.max(0, lower(t, now + 1e-6) - 1), next = Math.min(at + 1, t.length - 1);
+      const part = next > at ? Math.min(1, Math.max(0, (now - t[at]) / Math.max(t[next] - t[at], 1e-6))) : 0;
       context.fillStyle = colour("--particle");
       for (const [x, y] of run.particles.paths) {
-        context.beginPath(); context.arc(X(x[at]), Y(y[at]), 3 * ratio, 0, 7); context.fill();
+        context.beginPath();
+        context.arc(X(x[at] + part * (x[next] - x[at])), Y(y[at] + part * (y[next] - y[at])), 3 * ratio, 0, 7);
+        context.fill();
       }
     }
     robot(X(run.final.x[step]), Y(run.final.y[step]), run.final.a[step], 9 * ratio);

@@ -28,12 +28,14 @@ Array = NDArray[np.float64]
 
 SHOWN = {"accepted": 1, "overruled": 2, "contradicted": 3, "ambiguous": 4}
 """Verdicts of the loops that are drawn, by the number that stands for each."""
-STEPS, MOST_STEPS, FEWEST_STEPS = 120_000, 2_000, 150
+STEPS, MOST_STEPS, FEWEST_STEPS = 90_000, 2_000, 150
 """Poses of all runs together, and of each."""
 PICTURES, LARGEST_PICTURE = 6_000_000, 1_000_000
 """Bytes of all maps together, and of each; textures have as many."""
-PARTICLES, LARGEST_CLOUDS = 30, 4_000_000
-"""Paths of particles of a run, and numbers of all runs together."""
+PARTICLES, FEWEST_PARTICLES, UPDATES = 30, 5, 150
+"""Paths of particles of a run, of one of many, and at how many updates at least."""
+CLOUDS, LARGEST_CLOUD = 400_000, 60_000
+"""Numbers for the particles of all runs together, and of each."""
 
 
 @dataclass(frozen=True)
@@ -52,11 +54,11 @@ class Budget:
 
     @classmethod
     def of(cls, runs: int) -> Budget:
-        """For each of this many runs: a page of 300 has some 10 MB of them."""
+        """For each of this many runs: some 10 MB for 300 of them."""
         return cls(
             steps=int(np.clip(STEPS // runs, FEWEST_STEPS, MOST_STEPS)),
             picture=min(LARGEST_PICTURE, PICTURES // runs),
-            particles=LARGEST_CLOUDS // (2 * max(runs, 10)),
+            particles=min(LARGEST_CLOUD, CLOUDS // runs),
         )
 
 
@@ -135,7 +137,8 @@ def _loops(file: Path, final: Trajectory, start: float) -> list[list[int]]:
 def _particles(file: Path, start: float, budget: Budget) -> dict[str, Any]:
     """Times of updates, and of some paths x and y at these."""
     cloud = read_particles(file)
-    paths = cloud.paths[np.unique(np.linspace(0, len(cloud.paths) - 1, PARTICLES).astype(np.intp))]
+    most = int(np.clip(budget.particles // (2 * UPDATES), FEWEST_PARTICLES, PARTICLES))
+    paths = cloud.paths[np.unique(np.linspace(0, len(cloud.paths) - 1, most).astype(np.intp))]
     count = max(2, min(len(cloud.stamps), budget.steps, budget.particles // (2 * len(paths))))
     updates = np.unique(np.linspace(0, len(cloud.stamps) - 1, count).round().astype(np.intp))
     return {

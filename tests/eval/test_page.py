@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import re
+import shutil
 from base64 import b64decode, b64encode
 from pathlib import Path
 
@@ -21,6 +22,8 @@ from moteslam.eval.page.material import Material, gather
 from moteslam.eval.page.player import Budget, playable
 from moteslam.eval.particle_table import read_particles
 from moteslam.eval.results import write_results
+from moteslam.robot.formats.map_server import write_picture
+from moteslam.robot.raster import Raster
 from moteslam.robot.trajectory import read_tum
 
 
@@ -67,6 +70,20 @@ def test_a_page_of_many_runs_holds_less_of_each(result: Path) -> None:
     assert len(json.dumps(playable(result, Budget.of(300)))) < 45_000
 
 
+def test_the_coloured_floor_is_a_layer_of_its_own(result: Path, tmp_path: Path) -> None:
+    shutil.copytree(result, tmp_path / "result")
+    floor = np.zeros((80, 120, 4), np.uint8)
+    write_picture(tmp_path / "result" / "texture.png", Raster(floor, 0.05, (-1.0, -2.0, 0.5)))
+    found = playable(tmp_path / "result", Budget.of(1))["texture"]
+    assert {name: found[name] for name in ("x", "y", "yaw", "width", "height")} == {
+        **{"x": -1.0, "y": -2.0, "yaw": 0.5, "width": 6.0, "height": 4.0}
+    }
+    assert found["source"].startswith("data:image/webp;base64,")
+    (tmp_path / "result" / "texture.yaml").write_text("resolution: 0.05\n")
+    with pytest.raises(InputError, match=r"texture\.yaml: expected resolution and origin"):
+        playable(tmp_path / "result", Budget.of(1))
+
+
 def test_particles_are_written_and_read(result: Path, run) -> None:
     estimate, _ = run
     found = read_particles(result / "particles.npz")
@@ -104,8 +121,6 @@ def test_what_is_gathered_of_folders(result: Path) -> None:
 
 
 def test_folders_of_one_configuration_are_its_runs(result: Path, tmp_path: Path) -> None:
-    import shutil
-
     for name, change in (("one", ""), ("two", ""), ("other", "particles = 7\n")):
         shutil.copytree(result, tmp_path / name)
         file = tmp_path / name / "config.toml"
