@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import math
+import re
 import shutil
 import struct
 import subprocess
@@ -62,17 +63,18 @@ def test_pairs_of_a_rawlog_have_the_logs_stamps_and_movements(example: ModuleTyp
         return example.SCAN + b"\x07" + content + bytes(8) + b"wide" + example.LABEL + b"\x88"
 
     odometry = example.ODOMETRY + b"\x02pose\x08\x00\x00\x00ODOMETRY\x88"
-    rawlog = odometry + scan(b"first") + odometry + scan(b"second")
-    scans = [(100.25, (1.0, 2.0, math.pi / 2)), (100.5, (1.0, 3.0, -math.pi))]
+    rawlog = b"".join(odometry + scan(content) for content in (b"first", b"second", b"third"))
+    scans = [(100.25, (1.0, 2.0, math.pi / 2)), (100.5, (0.5, 3.0, -math.pi)), (100.75, (0.0, 3.25, -3.0))]
     pairs = example.as_pairs(rawlog, scans)
-    first, second = (struct.pack("<Q", round(stamp * 1e7) + 116_444_736_000_000_000) for stamp, _ in scans)
-    assert pairs.count(b"CActionCollection") == 2
+    first, second, third = (struct.pack("<Q", round(stamp * 1e7) + 116_444_736_000_000_000) for stamp, _ in scans)
+    assert pairs.count(b"CActionCollection") == 3
     assert b"first" + first + b"wide" in pairs
     assert b"second" + second + b"wide" in pairs
+    assert b"third" + third + b"wide" in pairs
     assert b"ODOMETRY" not in pairs
     moved = [struct.unpack_from("<3d", pairs, at + len(b"CPose2D\x01")) for at in example._finds(pairs, b"CPose2D\x01")]
-    np.testing.assert_allclose(moved, [(0, 0, 0), (1, 0, math.pi / 2)], atol=1e-12)
-    with pytest.raises(example.SlamError, match="wrote 2 scans, expected the 1 of the recording"):
+    np.testing.assert_allclose(moved, [(0, 0, 0), (1, 0.5, math.pi / 2), (0.5, -0.25, math.pi - 3)], atol=1e-12)
+    with pytest.raises(example.SlamError, match="wrote 3 scans, expected the 1 of the recording"):
         example.as_pairs(rawlog, scans[:1])
     with pytest.raises(example.SlamError, match="a scan of another form"):
         example.as_pairs(rawlog.replace(b"ROBOTLASER1", b"SICK_LMS_00"), scans)
@@ -148,6 +150,21 @@ def test_the_examples_specification_is_a_sweep(monkeypatch: pytest.MonkeyPatch, 
     ours = [run for run in runs if run.configuration == "icp"]
     assert {run.version for run in ours} == {"1:2.5.8"}
     assert {run.command[0][1] for run in ours} == {str(SCRIPT)}
+
+
+def test_what_the_page_shows_can_be_read(tmp_path: Path) -> None:
+    """Its configurations are ones; its script for ROS, which is run nowhere, is Python at least."""
+    page = (EXAMPLES.parent / "guide" / "external.md").read_text(encoding="utf-8")
+    blocks = re.findall(r"```(toml|python)\n(.*?)```", page, re.S)
+    assert [kind for kind, _ in blocks] == ["toml", "toml", "python"]
+    for kind, text in blocks:
+        if kind == "python":
+            compile(text, "play_log.py", "exec")
+            continue
+        spec = tmp_path / "spec.toml"
+        given = re.sub(r"^version = .*$", 'version = "1"', text, flags=re.M)
+        spec.write_text(f'scenarios = ["corridor"]\nseeds = "0"\n{given}', encoding="utf-8")
+        assert [run.version for run in plan(read_spec(spec))] == ["1"]
 
 
 @pytest.mark.slow
