@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import subprocess
 import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
 from moteslam.errors import InputError, MoteslamError
+from moteslam.eval.sweep.program import run_program
 from moteslam.robot.formats.carmen import write_carmen
 from moteslam.robot.formats.map_server import read_map
 from moteslam.robot.formats.ucsd import write_ucsd
@@ -21,8 +21,6 @@ from moteslam.sim.base_odometry import with_odometry
 RecordingFormat = Literal["carmen", "ucsd"]
 SEQUENCE = 0
 """Number in the file names of the format ``ucsd``."""
-TAIL = 300
-"""Characters of the last line that a command printed that go into the error."""
 
 
 @dataclass(frozen=True)
@@ -35,12 +33,14 @@ class Command:
         format: in which it is given the recording: ``carmen``, a log, or ``ucsd``, a folder of arrays.
         trajectory: file in ``{out}`` with its trajectory, TUM, on the clock of the recording.
         map: map_server ``.yaml`` file in ``{out}``, in the frame of the trajectory; empty if it has none.
+        version: what is recorded of the program; it changes nothing.
     """
 
     words: tuple[str, ...]
     format: RecordingFormat
     trajectory: str
     map: str
+    version: str = ""
 
 
 def estimate(command: Command, recording: Recording, seed: int) -> tuple[Trajectory, Raster | None]:
@@ -72,14 +72,7 @@ def estimate(command: Command, recording: Recording, seed: int) -> tuple[Traject
         write_platform(robot, recording.platform)
         names = {"recording": file, "platform": robot, "out": out, "seed": seed}
         words = [_filled(word, names) for word in command.words]
-        try:
-            done = subprocess.run(words, cwd=out, stdin=subprocess.DEVNULL, capture_output=True, check=False)
-        except OSError as error:
-            raise InputError(f"cannot be run: {error.strerror or error}", file=words[0]) from error
-        if done.returncode:
-            printed = (done.stderr or done.stdout).decode("utf-8", errors="replace").strip().splitlines()
-            last = f": {printed[-1][-TAIL:]}" if printed else ""
-            raise InputError(f"ended with exit code {done.returncode}{last}", file=words[0])
+        run_program(words, out)
         if not (out / command.trajectory).is_file():
             raise InputError(f"wrote no {command.trajectory}, expected its trajectory in {{out}}", file=words[0])
         try:

@@ -68,6 +68,11 @@ class PlannedRun:
         """For people: the configuration, with what varies."""
         return ", ".join([self.configuration, *(f"{key}={value}" for key, value in self.varied)])
 
+    @property
+    def version(self) -> str:
+        """Of the external SLAM, where one was given."""
+        return str(self.command[4]) if len(self.command) > 4 else ""
+
     def for_slam(self) -> tuple[str, ...]:
         """The settings over the preset."""
         return tuple(setting.removeprefix("slam.") for setting in self.settings if setting.startswith("slam."))
@@ -162,8 +167,16 @@ def _run(
         settings=tuple(sorted(f"{key}={_literal(value)}" for key, value in settings.items())),
         varied=varied,
         metrics=tuple(spec.metrics),
-        command=(one.command, one.format, one.trajectory, one.map) if one.command else (),
+        command=_command(one),
     )
+
+
+def _command(one: Configuration) -> tuple[Any, ...]:
+    """The fields of a ``Command``, the version only where one was given: a run's name follows from them."""
+    if not one.command:
+        return ()
+    fields = one.command, one.format, one.trajectory, one.map
+    return (*fields, one.version) if one.version else fields
 
 
 def _literal(value: Any) -> str:

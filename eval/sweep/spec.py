@@ -9,8 +9,9 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, ValidationError, field_validator, model_validator
 
-from moteslam.errors import ConfigError
+from moteslam.errors import ConfigError, InputError
 from moteslam.eval.metrics.registry import chosen
+from moteslam.eval.sweep.program import first_line
 from moteslam.robot.section import NotNegative, Number, Positive, Section, Whole
 from moteslam.robot.tables import read_toml
 from moteslam.robot.wording import Place, first_complaint, known_keys
@@ -57,7 +58,9 @@ class Configuration(Section):
     preset: str = DEFAULT_PRESET
     """The preset that it starts from."""
     command: tuple[str, ...] = ()
-    """In place of a preset: a program and its arguments, with `{recording}`, `{platform}`, `{out}` and `{seed}`."""
+    """In place of a preset: a program and its arguments, see `Command`; `{here}` is the folder of this file."""
+    version: str | tuple[str, ...] = ""
+    """Of the command: a text, or a program and its arguments, the first line of which is recorded."""
     format: Literal["carmen", "ucsd"] = "carmen"
     """In which the command is given the recording."""
     trajectory: FileName = "trajectory.tum"
@@ -77,7 +80,7 @@ class Configuration(Section):
         given = self.model_fields_set
         if self.command and "preset" in given:
             raise ValueError("preset and command, expected one of the two")
-        if not self.command and (extra := given & {"format", "trajectory", "map"}):
+        if not self.command and (extra := given & {"version", "format", "trajectory", "map"}):
             raise ValueError(f"{sorted(extra)[0]} without a command")
         if self.command and any(key.startswith("slam.") for key in self.set):
             raise ValueError("slam. keys with a command, expected those of scenario and platform alone")
@@ -159,8 +162,8 @@ def read_spec(path: str | PathLike[str]) -> SweepSpec:
     """Read a specification; paths in it are made absolute.
 
     Raises:
-        ConfigError: it is not TOML, has an unknown key or a value out of bounds, or names metrics that there are not;
-            file and key are named.
+        ConfigError: it is not TOML, has an unknown key or a value out of bounds, names metrics that there are not, or
+            a command's version cannot be had; file and key are named.
     """
     path = Path(path)
     table = read_toml(path, "a sweep's .toml file")
@@ -178,8 +181,32 @@ def read_spec(path: str | PathLike[str]) -> SweepSpec:
             "scenarios": tuple(_beside(name, beside) for name in spec.scenarios),
             "platforms": tuple(_beside(name, beside) for name in spec.platforms),
             "recordings": tuple(str(beside / name) for name in spec.recordings),
+            "configurations": {name: _placed(name, one, path) for name, one in spec.configurations.items()},
         }
     )
+
+
+def _placed(name: str, one: Configuration, file: Path) -> Configuration:
+    """A configuration whose command and version are those on this computer.
+
+    Raises:
+        ConfigError: its version cannot be had.
+    """
+    if not one.command:
+        return one
+    folder, version = file.absolute().parent, one.version
+    if not isinstance(version, str):
+        try:
+            version = first_line(_here(version, folder))
+        except InputError as error:
+            raise ConfigError(
+                f"{error.file}: {error.problem}", file=file, field=f"configurations.{name}.version"
+            ) from error
+    return one.model_copy(update={"command": _here(one.command, folder), "version": version})
+
+
+def _here(words: tuple[str, ...], folder: Path) -> tuple[str, ...]:
+    return tuple(word.replace("{here}", str(folder)) for word in words)
 
 
 def _expected(place: Place) -> str:

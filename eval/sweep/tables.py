@@ -45,6 +45,7 @@ def group_of(row: Row) -> Group:
         ("platform", Path(run.platform).stem),
         ("noise", run.noise),
         ("configuration", run.configuration),
+        ("version", run.version),
         *run.varied,
     )
 
@@ -105,6 +106,8 @@ def columns(rows: Sequence[Row]) -> dict[str, list[Any]]:
         "seed": [row.run.seed for row in rows],
         "configuration": [row.run.configuration for row in rows],
     }
+    if any(row.run.version for row in rows):
+        table["version"] = [row.run.version for row in rows]
     table |= {key: [dict(row.run.varied).get(key) for row in rows] for key in varied}
     table |= {"status": [row.status for row in rows], "error": [row.error for row in rows]}
     table |= {name: [row.values.get(name) for row in rows] for name in names}

@@ -445,6 +445,51 @@ def test_anyones_slam_that_fails_is_a_row_with_its_error(mode: str, error: str, 
     assert "moteslam-" not in rows[2].error  # the temporary folder
 
 
+def test_a_commands_version_and_folder_are_those_of_this_computer(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """What a program prints first, or a text; it is recorded, shown and exported, and part of a run's name."""
+    (tmp_path / "version.py").write_text("print('\\n 2.5.8 \\nmore')", encoding="utf-8")
+    printed = f'version = ["{sys.executable}", "{{here}}/version.py"]\n'
+    spec = external(tmp_path, "{here}", printed)
+    configuration = read_spec(spec).configurations["theirs"]
+    assert configuration.version == "2.5.8"
+    assert configuration.command[-1] == str(tmp_path)
+    runs = plan(read_spec(spec))
+    create(tmp_path / "a.sweep", read_spec(spec).model_dump_json(exclude_defaults=True), runs)
+    assert [run.version for run in runs] == ["", "", "2.5.8"]
+    assert plan(read_spec(external(tmp_path, "{here}", 'version = "2.5.8"\n')))[2].id == runs[2].id
+    assert plan(read_spec(external(tmp_path, "{here}", 'version = "2.6"\n')))[2].id != runs[2].id
+    with opened(tmp_path / "a.sweep", write=True) as store:
+        for run in runs:
+            store.record(Outcome(run, "failed", "not now", {}))
+    assert main.run(["sweep", "show", str(tmp_path / "a.sweep")]) == 0
+    assert "2.5.8" in capsys.readouterr().out
+    assert [row["version"] for row in csv.DictReader(as_csv(rows_of(tmp_path / "a.sweep")).splitlines())] == [
+        "",
+        "",
+        "2.5.8",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("words", "problem"),
+    [
+        (["{here}/nothing"], "nothing: cannot be run: No such file or directory"),
+        ([sys.executable, "-c", "pass"], "printed nothing, expected a version"),
+        ([sys.executable, "-c", "raise SystemExit('not here')"], "ended with exit code 1: not here"),
+    ],
+)
+def test_a_version_that_cannot_be_had_is_refused(
+    words: list[str], problem: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main.run(["sweep", str(external(tmp_path, "works", f"version = {json.dumps(words)}\n"))]) == 2
+    error = capsys.readouterr().err
+    assert "works.toml: configurations.theirs.version: " in error
+    assert problem in error
+    assert len(error.splitlines()) == 1
+
+
 def test_a_command_and_keys_of_ours_do_not_go_together(tmp_path: Path) -> None:
     for more, problem in (
         ('preset = "default"\n', "preset and command"),
