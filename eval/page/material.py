@@ -163,6 +163,8 @@ def _take_sweep(material: Material, path: Path, prefix: str) -> None:
                 message = str(issue.get("message"))
                 material.issues[message] = material.issues.get(message, 0) + 1
             run = row.run
+            if run.version:
+                material.facts.setdefault(f"programs of {path.name}", {})[run.configuration] = run.version
             material.runs.append(
                 ReportRun(
                     place=str(dict(group_of(row))["scenario"]),
