@@ -23,6 +23,8 @@ MOST_LINES = 16
 """Of a chart; the others are left out, and counted in its note."""
 WIDE = 20.0
 """Values whose largest is at least this multiple of the smallest are drawn on a logarithmic axis."""
+DECADES = 1e3
+"""Values over more have a tick a decade."""
 
 Figure = dict[str, Any]
 
@@ -104,7 +106,7 @@ def curves(runs: Sequence[ReportRun], key: str, metric: str, unit: str) -> Figur
     note = f"{len(lines) - MOST_LINES} more lines are left out" if len(lines) > MOST_LINES else ""
     x_axis = {"title": {"text": label(key)}, "type": "category"}
     if numeric:
-        x_axis["type"] = "log" if _is_wide(values) else "linear"
+        x_axis |= _axis(values)
     return _figure(traces, x_axis, _y(metric, unit, everything), note)
 
 
@@ -215,8 +217,8 @@ def paired(runs: Sequence[ReportRun], baseline: str, metric: str, unit: str) -> 
         "hoverinfo": "skip",
         "line": {"color": "#7F7F7F", "width": 1, "dash": "dot"},
     }
-    x_axis = {"title": {"text": axis(f"{metric} of {baseline}", unit)}, "type": _scale(everything)}
-    y_axis = {"title": {"text": axis(f"{metric} of the others", unit)}, "type": _scale(everything)}
+    x_axis = {"title": {"text": axis(f"{metric} of {baseline}", unit)}, **_axis(everything)}
+    y_axis = {"title": {"text": axis(f"{metric} of the others", unit)}, **_axis(everything)}
     note = f"{len(others) - MOST_LINES} more configurations are left out" if len(others) > MOST_LINES else ""
     return _figure([line, *traces], x_axis, y_axis, note)
 
@@ -234,12 +236,15 @@ def _look(number: int) -> dict[str, Any]:
 
 
 def _y(metric: str, unit: str, values: Sequence[float]) -> Figure:
-    scale = _scale(values)
-    return {"title": {"text": axis(metric, unit)}, "type": scale} | ({} if scale == "log" else {"rangemode": "tozero"})
+    look = _axis(values)
+    return {"title": {"text": axis(metric, unit)}, **look} | ({} if look["type"] == "log" else {"rangemode": "tozero"})
 
 
-def _scale(values: Sequence[float]) -> str:
-    return "log" if _is_wide(values) else "linear"
+def _axis(values: Sequence[float]) -> Figure:
+    """Linear, or logarithmic with ticks at 1, 2 and 5; of more than three decades at 1."""
+    if not _is_wide(values):
+        return {"type": "linear"}
+    return {"type": "log", "dtick": "D2" if max(values) < DECADES * min(values) else 1}
 
 
 def _is_wide(values: Sequence[float]) -> bool:

@@ -8,8 +8,6 @@
   const CONFIG = { responsive: true, displaylogo: false, modeBarButtonsToRemove: ["lasso2d", "select2d"] };
   let number = 0, player = null, ignoreTime = false;
 
-  const ticks = (axis) => (axis && axis.type === "log" ? { dtick: "D2" } : {});
-
   function layout(own) {
     const text = variable("--text"), line = variable("--line"), style = { gridcolor: line, linecolor: line, zerolinecolor: line, automargin: true };
     return {
@@ -17,7 +15,7 @@
       margin: { l: 60, r: 16, t: 16, b: 48 }, hovermode: "closest", hoverlabel: { align: "left" },
       modebar: { bgcolor: "rgba(0,0,0,0)", color: variable("--quiet"), activecolor: text },
       legend: { orientation: "h", y: -0.22, yanchor: "top" }, ...own,
-      xaxis: { ...style, ...ticks(own.xaxis), ...own.xaxis }, yaxis: { ...style, ...ticks(own.yaxis), ...own.yaxis },
+      xaxis: { ...style, ...own.xaxis }, yaxis: { ...style, ...own.yaxis },
     };
   }
 
@@ -60,9 +58,9 @@
       type: "scatter", mode: "lines", name: title, x: Array.from(run.t), y: Array.from(run.errors[name]),
       line: { color: variable(colour), dash, width: 1.5 }, hovertemplate: "%{x:.1f} s: %{y:.4f} m<extra></extra>",
     }));
-    const wide = Math.max(...all) > 20 * Math.min(...all);
+    const span = Math.max(...all) / Math.min(...all), scale = span < 20 ? {} : { type: "log", dtick: span < 1000 ? "D2" : 1 };
     Plotly.react(place, traces, layout({
-      xaxis: { title: { text: "time [s]" } }, yaxis: { title: { text: "error [m]" }, type: wide ? "log" : "linear" },
+      xaxis: { title: { text: "time [s]" } }, yaxis: { title: { text: "error [m]" }, ...scale },
       shapes: [cursor(player.time)],
     }), CONFIG);
     place.removeAllListeners("plotly_click");
