@@ -11,8 +11,8 @@ from typer.core import TyperGroup
 from moteslam.errors import ConfigError, ExistsError, InputError, OutputError
 from moteslam.eval.cli import options
 from moteslam.eval.cli.interrupt import Interrupted
-from moteslam.eval.cli.sweep_tables import say_affordable, say_differences, say_summaries
-from moteslam.eval.cli.text import literal, note, say
+from moteslam.eval.cli.sweep_tables import say_affordable, say_differences, say_specs, say_summaries
+from moteslam.eval.cli.text import literal, note, say, say_json
 
 if TYPE_CHECKING:
     from moteslam.eval.sweep.spec import SweepSpec
@@ -45,7 +45,9 @@ File = Annotated[Path, typer.Argument(metavar="FILE.sweep", help="What `moteslam
 
 @app.command("run")
 def run(
-    spec: Annotated[Path, typer.Argument(metavar="SPEC.toml", help="Which runs there are to make.")],
+    spec: Annotated[
+        str, typer.Argument(metavar="SPEC.toml|NAME", help="Which runs there are to make; NAME: see `sweep list`.")
+    ],
     out: Annotated[
         Path | None,
         typer.Option(metavar="FILE.sweep", help="Where they are recorded [SPEC.sweep]; goes on if it is there."),
@@ -74,11 +76,13 @@ def run(
     \b
     Examples:
       moteslam sweep particles.toml
+      moteslam sweep corridor-suite-1
       moteslam sweep particles.toml --workers 1 --time --out timed.sweep
       moteslam sweep particles.toml --shard 2/8 --out part2.sweep
       moteslam sweep particles.toml --scheduler tcp://head:8786
     """  # noqa: D301
     from moteslam.eval.cli.progress import progress_bar
+    from moteslam.eval.sweep.bundled import spec_file
     from moteslam.eval.sweep.cluster import make_all_on
     from moteslam.eval.sweep.spec import read_spec
     from moteslam.eval.sweep.store import opened
@@ -90,9 +94,11 @@ def run(
         raise ConfigError("given with --workers, expected one run at a time", field="--time")
     if scheduler is not None and workers is not None:
         raise ConfigError("given with --scheduler, whose workers are the cluster's", field="--workers")
-    wanted = read_spec(spec)
-    target = spec.with_suffix(".sweep") if out is None else out
-    _begun(target, spec, wanted, shard)
+    file = spec_file(spec)
+    wanted = read_spec(file)
+    beside = file.with_suffix(".sweep") if file == Path(spec) else Path(f"{spec}.sweep")
+    target = beside if out is None else out
+    _begun(target, file, wanted, shard)
     count = 1 if timed else workers or processor_count()
     with opened(target, write=True) as store:
         runs = store.pending()
@@ -117,6 +123,33 @@ def run(
         say_summaries(store, wanted, ["final.ate"], as_json=as_json)
     if not as_json:
         say(f"recorded in {literal(target)}")
+
+
+@app.command("list")
+def list_specs(
+    name: Annotated[str | None, typer.Argument(metavar="[NAME]", help="Print this one as TOML, to change it.")] = None,
+    as_json: options.Json = False,
+) -> None:
+    """List the specifications that come with moteslam, or print one.
+
+    Of each: how many runs it has, the first digits of the hash of all that these follow from (all with --json), and
+    what it is for.
+
+    \b
+    Examples:
+      moteslam sweep list
+      moteslam sweep list particles > mine.toml
+    """  # noqa: D301
+    from moteslam.eval.sweep.bundled import bundled_spec
+
+    if name is None:
+        say_specs(as_json=as_json)
+        return
+    text = bundled_spec(name).read_text(encoding="utf-8")
+    if as_json:
+        say_json({"name": name, "toml": text})
+    else:
+        say(text.rstrip("\n"))
 
 
 @app.command("show")
@@ -169,13 +202,13 @@ def merge(
     if out.exists():
         raise ExistsError("exists already; name a new file", file=out)
     with opened(files[0]) as first:
-        text, spec = first.spec, _spec_of(first)
+        text, spec, digest = first.spec, _spec_of(first), first.digest
     for file in files[1:]:
         with opened(file) as other:
-            if other.spec != text:
+            if (other.spec, other.digest) != (text, digest):
                 raise InputError("of another sweep, expected parts of one", file=file)
     partial = out.with_name(f".{out.name}.merging")
-    create(partial, text, plan(spec, check=False))
+    create(partial, text, plan(spec, check=False), digest=digest)
     try:
         with opened(partial, write=True) as store:
             for file in files:
@@ -246,11 +279,12 @@ def export(
 
 def _begun(target: Path, file: Path, spec: SweepSpec, part: str | None) -> None:
     """Make the file of the sweep, unless it is there already."""
+    from moteslam.eval.sweep.bundled import digest
     from moteslam.eval.sweep.plan import plan
     from moteslam.eval.sweep.plan import shard as shard_of
     from moteslam.eval.sweep.store import create, opened
 
-    text, part = spec.model_dump_json(exclude_defaults=True), part or WHOLE
+    text, part = spec.model_dump_json(exclude_defaults=True, exclude={"description"}), part or WHOLE
     number, of = _part(part)
     if target.exists():
         with opened(target) as store:
@@ -258,12 +292,15 @@ def _begun(target: Path, file: Path, spec: SweepSpec, part: str | None) -> None:
                 raise ExistsError("is of another specification; name a new file with --out", file=target)
             if store.part != part:
                 raise ExistsError(f"holds part {store.part}, not {part}; name a new file with --out", file=target)
+            if store.digest and store.digest != digest(plan(spec, check=False)):
+                problem = "has runs of other scenarios or robots of these names; name a new file with --out"
+                raise ExistsError(problem, file=target)
         return
     try:
         runs = plan(spec)
     except ConfigError as error:
         raise ConfigError(error.problem, file=error.file or file, field=error.field) from error
-    create(target, text, shard_of(runs, number, of), part=part)
+    create(target, text, shard_of(runs, number, of), part=part, digest=digest(runs))
 
 
 def _part(text: str) -> tuple[int, int]:

@@ -18,6 +18,27 @@ if TYPE_CHECKING:
 
 MOST_SHOWN = 40
 """Differences in the table that is printed."""
+SHOWN = 16
+"""Digits of a hash there."""
+
+
+def say_specs(*, as_json: bool) -> None:
+    """The specifications that come with the package: how many runs each has, their hash, what it is for."""
+    from moteslam.eval.sweep.bundled import bundled_specs, digest
+    from moteslam.eval.sweep.plan import plan
+    from moteslam.eval.sweep.spec import read_spec
+
+    found = []
+    for name, file in bundled_specs().items():
+        spec = read_spec(file)
+        runs = plan(spec, check=False)
+        found.append({"name": name, "runs": len(runs), "hash": digest(runs), "description": spec.description})
+    if as_json:
+        say_json(found)
+        return
+    rows = [("name", "runs", "hash", "what it is for")]
+    rows += [(f"{one['name']}", f"{one['runs']}", f"{one['hash']}"[:SHOWN], f"{one['description']}") for one in found]
+    say(table(rows, right=(1,)))
 
 
 def say_summaries(store: Store, spec: SweepSpec, names: list[str], *, as_json: bool) -> None:
@@ -28,7 +49,11 @@ def say_summaries(store: Store, spec: SweepSpec, names: list[str], *, as_json: b
     found = summaries(store.rows(), names, dict(spec.success))
     if as_json:
         say_json(
-            {"runs": {name or "pending": count for name, count in counts.items()}, "groups": list(map(_as_dict, found))}
+            {
+                "hash": store.digest,
+                "runs": {name or "pending": count for name, count in counts.items()},
+                "groups": list(map(_as_dict, found)),
+            }
         )
         return
     if found:

@@ -76,6 +76,11 @@ class Store:
         """Which part of the sweep it holds, ``2/8``; ``1/1`` of a whole one."""
         return self._about("part")
 
+    @property
+    def digest(self) -> str:
+        """What identifies all runs of the sweep (see ``bundled.digest``); empty where it was not recorded."""
+        return self._about("digest", "")
+
     def pending(self) -> list[PlannedRun]:
         """The runs that were not made yet, in their order."""
         found = self._connection.execute("SELECT run FROM runs WHERE status IS NULL ORDER BY number")
@@ -141,8 +146,8 @@ class Store:
                 raise InputError(f"another result of {row.run.name}, expected the same", file=other.path)
         return taken
 
-    def _about(self, key: str) -> str:
-        (value,) = self._connection.execute("SELECT value FROM about WHERE key = ?", (key,)).fetchone()
+    def _about(self, key: str, default: str | None = None) -> str:
+        (value,) = self._connection.execute("SELECT value FROM about WHERE key = ?", (key,)).fetchone() or (default,)
         return str(value)
 
 
@@ -171,7 +176,9 @@ def opened(path: str | PathLike[str], *, write: bool = False) -> Iterator[Store]
             connection.close()
 
 
-def create(path: str | PathLike[str], spec: str, runs: Iterable[PlannedRun], *, part: str = "1/1") -> None:
+def create(
+    path: str | PathLike[str], spec: str, runs: Iterable[PlannedRun], *, part: str = "1/1", digest: str = ""
+) -> None:
     """Make the file of a sweep, complete or not at all.
 
     Args:
@@ -179,6 +186,7 @@ def create(path: str | PathLike[str], spec: str, runs: Iterable[PlannedRun], *, 
         spec: as JSON.
         runs: of the sweep, in their order.
         part: of the sweep that these are.
+        digest: of all runs of the sweep.
 
     Raises:
         OutputError: it cannot be made.
@@ -191,7 +199,7 @@ def create(path: str | PathLike[str], spec: str, runs: Iterable[PlannedRun], *, 
         try:
             with connection:
                 connection.executescript(SCHEMA)
-                about = {"version": str(VERSION), "spec": spec, "part": part}
+                about = {"version": str(VERSION), "spec": spec, "part": part, "digest": digest}
                 connection.executemany("INSERT INTO about VALUES (?, ?)", about.items())
                 rows = ((run.id, number, json.dumps(run.as_dict())) for number, run in enumerate(runs))
                 connection.executemany("INSERT INTO runs (id, number, run) VALUES (?, ?, ?)", rows)
