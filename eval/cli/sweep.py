@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from math import inf, isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -120,7 +121,7 @@ def run(
             except (Interrupted, KeyboardInterrupt) as error:
                 error.add_note(f"interrupted, {counted(done, 'run')} in {target}: the same command goes on")
                 raise
-        say_summaries(store, wanted, ["final.ate"], as_json=as_json)
+        say_summaries(store, wanted, ["final.ate"], "json" if as_json else "text")
     if not as_json:
         say(f"recorded in {literal(target)}")
 
@@ -161,6 +162,7 @@ def show(
     budget: Annotated[
         str | None, typer.Option(metavar="TIME", help="The best configuration within this processor time a scan.")
     ] = None,
+    form: options.Format = None,
     as_json: options.Json = False,
 ) -> None:
     """Print what the runs recorded so far came to: median with its 95 % interval, quartiles, successes.
@@ -172,17 +174,71 @@ def show(
     Examples:
       moteslam sweep show particles.sweep
       moteslam sweep show particles.sweep --metric final.ate --metric map_f1
+      moteslam sweep show particles.sweep --format latex > table.tex
       moteslam sweep show timed.sweep --budget 10ms
     """  # noqa: D301
     from moteslam.eval.metrics.registry import chosen
     from moteslam.eval.sweep.store import opened
 
     chosen(metrics)
+    form = options.chosen_format(form, as_json=as_json)
     if budget is not None:
-        say_affordable(file, budget, metrics or ["final.ate"], as_json=as_json)
+        say_affordable(file, budget, metrics or ["final.ate"], form)
         return
     with opened(file) as store:
-        say_summaries(store, _spec_of(store), metrics or ["final.ate"], as_json=as_json)
+        say_summaries(store, _spec_of(store), metrics or ["final.ate"], form)
+
+
+@app.command("plot")
+def plot(
+    file: File,
+    out: Annotated[Path, typer.Option(metavar="FILE.png", help="A new file.")],
+    metrics: Annotated[
+        list[str] | None,
+        typer.Option("--metric", metavar="NAME", help="Which metrics [final.ate]; repeatable, a panel each."),
+    ] = None,
+    along: Annotated[
+        str | None, typer.Option("--x", metavar="COLUMN", help="What it is drawn over [the key that varies].")
+    ] = None,
+    label: Annotated[str | None, typer.Option(metavar="TEXT", help="Of that axis [the key].")] = None,
+    title: Annotated[str, typer.Option(metavar="TEXT", help="Over the figure.")] = "",
+    force: Annotated[bool, typer.Option("--force", help="Replace an existing file.")] = False,
+) -> None:
+    """Draw medians with their 95 % intervals over what varies, a line for each scenario and configuration.
+
+    Axes are logarithmic where values are far apart. Where no key varies, --x names a column of `sweep show`, such as
+    configuration.
+
+    \b
+    Examples:
+      moteslam sweep plot particles.sweep --out particles.png
+      moteslam sweep plot range.sweep --metric final.ate --metric map_f1 --label "reach [m]" --out range.png
+    """  # noqa: D301
+    from moteslam.eval.metrics.registry import chosen
+    from moteslam.eval.report.sweep_curves import draw_sweep
+    from moteslam.eval.sweep.store import opened
+    from moteslam.eval.sweep.tables import summaries, varying
+
+    names = metrics or ["final.ate"]
+    chosen(names)
+    options.refuse_existing(out, force=force)
+    if out.suffix != ".png":
+        raise OutputError("expected a name that ends in .png", file=out)
+    with opened(file) as store:
+        spec = _spec_of(store)
+        found = summaries(store.rows(), names, dict(spec.success))
+    if not found:
+        raise InputError("no run was made yet, expected some", file=file)
+    column = along or next(iter(spec.vary), None)
+    if column is None or column not in varying(found):
+        known = ", ".join(varying(found))
+        problem = "needed where no key varies" if column is None else f"{column!r}"
+        raise ConfigError(f"{problem}, expected one of {known}", field="--x")
+    for name in names:
+        if not any(isfinite(inf if (best := group.values[name].best) is None else best) for group in found):
+            raise InputError(f"no run has {name}, expected a metric of the sweep", file=file, field="--metric")
+    draw_sweep(out, found, names, column=column, label=label, title=title)
+    say(f"wrote {literal(out)}")
 
 
 @app.command("merge")

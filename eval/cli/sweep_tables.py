@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from moteslam.errors import ConfigError, InputError
-from moteslam.eval.cli.text import literal, say, say_json, table
+from moteslam.eval.cli.text import literal, note, say, say_json, say_table, table
 
 if TYPE_CHECKING:
     from moteslam.eval.sweep.differences import Difference
@@ -41,13 +41,17 @@ def say_specs(*, as_json: bool) -> None:
     say(table(rows, right=(1,)))
 
 
-def say_summaries(store: Store, spec: SweepSpec, names: list[str], *, as_json: bool) -> None:
-    """A row a configuration and scenario: runs, successes, and of each metric the median with its intervals."""
+def say_summaries(store: Store, spec: SweepSpec, names: list[str], form: str) -> None:
+    """A row a configuration and scenario: runs, successes, and of each metric the median with its intervals.
+
+    As ``text``, ``json`` or a format of ``moteslam.eval.tables``; in ``csv`` every number has a column of its own, with
+    all of its digits. Runs without a result are counted below the table, or on stderr.
+    """
     from moteslam.eval.sweep.tables import summaries
 
     counts = store.counts()
     found = summaries(store.rows(), names, dict(spec.success))
-    if as_json:
+    if form == "json":
         say_json(
             {
                 "hash": store.digest,
@@ -57,11 +61,16 @@ def say_summaries(store: Store, spec: SweepSpec, names: list[str], *, as_json: b
         )
         return
     if found:
-        say(_table(found, names))
-    say(", ".join(f"{count} {name or 'not made yet'}" for name, count in counts.items()))
+        rows, words = _numbers(found, names) if form == "csv" else _rows(found, names)
+        say_table(rows, form, right=() if form == "text" else range(words, len(rows[0])))
+    total = ", ".join(f"{count} {name or 'not made yet'}" for name, count in counts.items())
+    if form == "text":
+        say(total)
+    elif set(counts) != {"ok"}:
+        note(f"warning: {store.path}: {total}")
 
 
-def say_affordable(file: Path, text: str, metrics: list[str], *, as_json: bool) -> None:
+def say_affordable(file: Path, text: str, metrics: list[str], form: str) -> None:
     """The configurations of a sweep within a budget, the best first."""
     from moteslam.eval.populations import populations
     from moteslam.eval.sweep.budget import affordable, parse_budget
@@ -73,7 +82,7 @@ def say_affordable(file: Path, text: str, metrics: list[str], *, as_json: bool) 
         choices = affordable(populations([file]), budget, metrics[0])
     except InputError as error:
         raise InputError(error.problem, file=file, field=error.field) from error
-    if as_json:
+    if form == "json":
         say_json(
             [
                 {
@@ -90,8 +99,8 @@ def say_affordable(file: Path, text: str, metrics: list[str], *, as_json: bool) 
     for each in choices:
         beaten = "" if each.against is None else f"{each.against.wins} of {each.against.pairs}, p {each.against.p:.2g}"
         interval = f"{_number(each.value.low)} to {_number(each.value.high)}"
-        rows.append((literal(each.name), f"{each.cost:.3g}", _number(each.value.median), interval, beaten))
-    say(table(rows, right=(1,)))
+        rows.append((each.name, f"{each.cost:.3g}", _number(each.value.median), interval, beaten))
+    say_table(rows, form, right=(1,))
 
 
 def say_differences(
@@ -122,9 +131,11 @@ def _as_dict(group: GroupSummary) -> dict[str, Any]:
     }
 
 
-def _table(groups: list[GroupSummary], names: list[str]) -> str:
-    keys = dict.fromkeys(key for group in groups for key in group.about)
-    about = [key for key in keys if any(group.about.get(key, "") != "" for group in groups)]
+def _rows(groups: list[GroupSummary], names: list[str]) -> tuple[list[list[str]], int]:
+    """The table for people, and how many of its columns are words."""
+    from moteslam.eval.sweep.tables import varying
+
+    about = varying(groups)
     head = [*about, "runs", "success"]
     for name in names:
         head += [name, "95 %", "quartiles"]
@@ -140,7 +151,22 @@ def _table(groups: list[GroupSummary], names: list[str]) -> str:
                 f"{_number(summary.low_quartile)} to {_number(summary.high_quartile)}",
             ]
         rows.append(row)
-    return table([list(map(literal, row)) for row in rows])
+    return rows, len(about)
+
+
+def _numbers(groups: list[GroupSummary], names: list[str]) -> tuple[list[list[str]], int]:
+    """The table for programs: a column a number, with all digits, empty where there is none, ``inf`` for failures."""
+    from moteslam.eval.sweep.tables import varying
+
+    about = varying(groups)
+    parts = ("median", "low", "high", "low_quartile", "high_quartile")
+    rows = [[*about, "runs", "success", *(f"{name}.{part}" for name in names for part in parts)]]
+    for group in groups:
+        numbers = [getattr(group.values[name], part) for name in names for part in parts]
+        row = [str(group.about.get(key, "")) for key in about]
+        row += [str(group.runs), str(group.success.count)]
+        rows.append(row + ["" if number is None else repr(number) for number in numbers])
+    return rows, len(about)
 
 
 def _share(interval: tuple[float, float]) -> str:

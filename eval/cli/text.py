@@ -103,6 +103,14 @@ def table(rows: Sequence[Sequence[str]], *, right: Sequence[int] = ()) -> str:
     return "\n".join(line.rstrip() for line in capture.get().splitlines())
 
 
+def say_table(rows: Sequence[Sequence[str]], form: str = "text", *, right: Sequence[int] = ()) -> None:
+    """Rows of text, the first one the head, as columns on stdout, or in a format of ``moteslam.eval.tables``."""
+    from moteslam.eval.tables import FORMATS
+
+    rows = [[literal(cell) for cell in row] for row in rows]
+    say(table(rows, right=right) if form == "text" else FORMATS[form](rows, right=right))
+
+
 def _plain(value: Any) -> Any:
     """The value with strings that JSON readers accept and without infinities."""
     if isinstance(value, dict):
