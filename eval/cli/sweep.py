@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from math import inf, isfinite
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 from typer.core import TyperGroup
@@ -12,12 +11,10 @@ from typer.core import TyperGroup
 from moteslam.errors import ConfigError, ExistsError, InputError, OutputError
 from moteslam.eval.cli import options
 from moteslam.eval.cli.interrupt import Interrupted
+from moteslam.eval.cli.sweep_file import begin, spec_of
+from moteslam.eval.cli.sweep_plot import plot_sweep
 from moteslam.eval.cli.sweep_tables import say_affordable, say_differences, say_specs, say_summaries
 from moteslam.eval.cli.text import literal, note, say, say_json
-
-if TYPE_CHECKING:
-    from moteslam.eval.sweep.spec import SweepSpec
-    from moteslam.eval.sweep.store import Store
 
 
 class RunByDefault(TyperGroup):
@@ -37,8 +34,6 @@ app = typer.Typer(
     rich_markup_mode=None,
 )
 
-WHOLE = "1/1"
-"""The part that a sweep without ``--shard`` makes."""
 DIFFERENT = 1
 """Exit code."""
 File = Annotated[Path, typer.Argument(metavar="FILE.sweep", help="What `moteslam sweep` wrote.")]
@@ -99,7 +94,7 @@ def run(
     wanted = read_spec(file)
     beside = file.with_suffix(".sweep") if file == Path(spec) else Path(f"{spec}.sweep")
     target = beside if out is None else out
-    _begun(target, file, wanted, shard)
+    begin(target, file, wanted, shard)
     count = 1 if timed else workers or processor_count()
     with opened(target, write=True) as store:
         runs = store.pending()
@@ -186,7 +181,7 @@ def show(
         say_affordable(file, budget, metrics or ["final.ate"], form)
         return
     with opened(file) as store:
-        say_summaries(store, _spec_of(store), metrics or ["final.ate"], form)
+        say_summaries(store, spec_of(store), metrics or ["final.ate"], form)
 
 
 @app.command("plot")
@@ -215,29 +210,12 @@ def plot(
       moteslam sweep plot range.sweep --metric final.ate --metric map_f1 --label "reach [m]" --out range.png
     """  # noqa: D301
     from moteslam.eval.metrics.registry import chosen
-    from moteslam.eval.report.sweep_curves import draw_sweep
-    from moteslam.eval.sweep.store import opened
-    from moteslam.eval.sweep.tables import summaries, varying
 
-    names = metrics or ["final.ate"]
-    chosen(names)
+    chosen(metrics)
     options.refuse_existing(out, force=force)
     if out.suffix != ".png":
         raise OutputError("expected a name that ends in .png", file=out)
-    with opened(file) as store:
-        spec = _spec_of(store)
-        found = summaries(store.rows(), names, dict(spec.success))
-    if not found:
-        raise InputError("no run was made yet, expected some", file=file)
-    column = along or next(iter(spec.vary), None)
-    if column is None or column not in varying(found):
-        known = ", ".join(varying(found))
-        problem = "needed where no key varies" if column is None else f"{column!r}"
-        raise ConfigError(f"{problem}, expected one of {known}", field="--x")
-    for name in names:
-        if not any(isfinite(inf if (best := group.values[name].best) is None else best) for group in found):
-            raise InputError(f"no run has {name}, expected a metric of the sweep", file=file, field="--metric")
-    draw_sweep(out, found, names, column=column, label=label, title=title)
+    plot_sweep(file, out, metrics or ["final.ate"], along, label=label, title=title)
     say(f"wrote {literal(out)}")
 
 
@@ -258,7 +236,7 @@ def merge(
     if out.exists():
         raise ExistsError("exists already; name a new file", file=out)
     with opened(files[0]) as first:
-        text, spec, digest = first.spec, _spec_of(first), first.digest
+        text, spec, digest = first.spec, spec_of(first), first.digest
     for file in files[1:]:
         with opened(file) as other:
             if (other.spec, other.digest) != (text, digest):
@@ -331,42 +309,3 @@ def export(
     else:
         write_parquet(out, rows)
     say(f"{len(rows)} runs in {literal(out)}")
-
-
-def _begun(target: Path, file: Path, spec: SweepSpec, part: str | None) -> None:
-    """Make the file of the sweep, unless it is there already."""
-    from moteslam.eval.sweep.bundled import digest
-    from moteslam.eval.sweep.plan import plan
-    from moteslam.eval.sweep.plan import shard as shard_of
-    from moteslam.eval.sweep.store import create, opened
-
-    text, part = spec.model_dump_json(exclude_defaults=True, exclude={"description"}), part or WHOLE
-    number, of = _part(part)
-    if target.exists():
-        with opened(target) as store:
-            if store.spec != text:
-                raise ExistsError("is of another specification; name a new file with --out", file=target)
-            if store.part != part:
-                raise ExistsError(f"holds part {store.part}, not {part}; name a new file with --out", file=target)
-            if store.digest and store.digest != digest(plan(spec, check=False)):
-                problem = "has runs of other scenarios or robots of these names; name a new file with --out"
-                raise ExistsError(problem, file=target)
-        return
-    try:
-        runs = plan(spec)
-    except ConfigError as error:
-        raise ConfigError(error.problem, file=error.file or file, field=error.field) from error
-    create(target, text, shard_of(runs, number, of), part=part, digest=digest(runs))
-
-
-def _part(text: str) -> tuple[int, int]:
-    first, slash, second = text.partition("/")
-    if slash and first.isdecimal() and second.isdecimal() and 1 <= int(first) <= int(second):
-        return int(first), int(second)
-    raise ConfigError(f"{text!r}, expected a part and how many there are, such as 2/8", field="--shard")
-
-
-def _spec_of(store: Store) -> SweepSpec:
-    from moteslam.eval.sweep.spec import SweepSpec
-
-    return SweepSpec.model_validate_json(store.spec)
