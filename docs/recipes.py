@@ -66,7 +66,7 @@ def recipe_table(recipe: Recipe, rows: Sequence[Row]) -> str:
     groups = summaries(rows, recipe.metrics, {})
     places = Places.of([group.about[recipe.column] for group in groups])
     lines = lines_of(groups, recipe.column, places)
-    table = [["", "", *(f"{value}" for value in places.values)]]
+    table = [["", recipe.label, *(f"{value}" for value in places.values)]]
     for name in recipe.metrics:
         for line in lines:
             found = {group.about[recipe.column]: cell(name, group.values[name]) for group in line.groups}
@@ -104,10 +104,10 @@ def cell(name: str, summary: Summary) -> str:
 
 
 def number(name: str, value: float | None) -> str:
-    """A value with three digits, of errors in centimetres."""
+    """A value with about three digits, of errors in centimetres."""
     if value is None or not isfinite(value):
         return "-" if value is None else "failed"
-    return f"{value:.3f}" if name == F1 else f"{100 * value:.3g}"
+    return f"{value:.3f}" if name == F1 else f"{100 * value:.{2 if 100 * value < 10 else 1}f}"
 
 
 def headed(name: str) -> str:

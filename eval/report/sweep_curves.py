@@ -20,6 +20,8 @@ FAR_APART, FAR_APART_BELOW = 12.0, 5.0
 """Values of which one is this many times another have a logarithmic axis, if all are above 0; so have those below."""
 DODGE = 0.012
 """Between the same place on two lines, as a share of the axis: so that intervals lie beside each other."""
+PANELS_APART = 0.06
+"""As a share of a panel."""
 DASHES, MARKERS = ("-", "--", ":", "-."), ("o", "s", "^", "D", "v", "P")
 SETTINGS = ("scenario", "platform", "noise")
 """Columns that say where it was run: they choose the colour, all others dashes and marker."""
@@ -104,11 +106,13 @@ def draw_sweep(
     lines = lines_of(shown, column, places)
     with style.saved_figure(path, size=(1.0 + 5.2 * len(metrics), 4.6)) as figure:
         panels = figure.subplots(1, len(metrics), squeeze=False)[0]
+        if (layout := figure.get_layout_engine()) is not None:
+            layout.set(wspace=PANELS_APART)
         for axes, name in zip(panels, metrics, strict=True):
             _draw(axes, lines, name, places)
             axes.set_xlabel(style.printable(column if label is None else label), parse_math=False)
         panels[0].errorbar([], [], yerr=[], color="0.4", ls="", capsize=3.5, label="95 % interval of the median")
-        style.legend_below(figure, *panels, columns=2 if len(metrics) == 1 else 4)
+        style.legend_below(figure, *panels, columns=2 if len(metrics) == 1 else 5)
         style.heading(figure, title)
 
 
