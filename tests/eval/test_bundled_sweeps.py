@@ -11,12 +11,14 @@ import pytest
 from moteslam.eval.cli import main
 from moteslam.eval.sweep import bundled
 from moteslam.eval.sweep.bundled import bundled_specs, digest
+from moteslam.eval.sweep.differences import read_table
 from moteslam.eval.sweep.plan import PlannedRun, plan
 from moteslam.eval.sweep.spec import read_spec
 from moteslam.eval.sweep.store import create, opened
 
-SUITE_1 = "8301c7209ee4dba7c34da10ac2495edffb02fee56bfc0bb2cf3e150a8ba1c341"
+SUITE_1 = "67efead35b79aca57e54f767b6dcb7d5ffb3a2b6cec610a4ca8caf9f6d548f84"
 """The whole hash of corridor-suite-1."""
+RESULTS = Path(__file__).parents[2] / "benchmarks" / "results"
 RECIPES = {
     *("particles", "lidar-beams", "lidar-range", "range-noise"),
     *("encoder-noise", "yaw-noise", "key-scan-spacing", "people"),
@@ -145,3 +147,13 @@ def test_a_name_that_there_is_not(command: list[str], capsys: pytest.CaptureFixt
     assert main.run([*command, "particle"]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert "particle: no specification of this name, expected one of corridor-suite-1, " in line
+
+
+@pytest.mark.parametrize("name", sorted({*RECIPES, "corridor-suite-1"}))
+def test_published_results_are_of_these_runs(name: str) -> None:
+    """So that ``sweep diff`` compares all of them."""
+    prefix = "" if name == "corridor-suite-1" else "recipe-"
+    (file,) = RESULTS.glob(f"{prefix}{name}-????-??-??.csv")
+    table = read_table(file)
+    assert set(table) == {run.id for run in runs_of(name)}
+    assert {row["status"] for row in table.values()} == {"ok"}
