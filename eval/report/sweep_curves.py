@@ -101,12 +101,14 @@ def draw_sweep(
     Raises:
         OutputError: it cannot be written.
     """
+    from matplotlib.layout_engine import ConstrainedLayoutEngine
+
     shown = [group for group in groups if column in group.about]
     places = Places.of([group.about[column] for group in shown])
     lines = lines_of(shown, column, places)
     with style.saved_figure(path, size=(1.0 + 5.2 * len(metrics), 4.6)) as figure:
         panels = figure.subplots(1, len(metrics), squeeze=False)[0]
-        if (layout := figure.get_layout_engine()) is not None:
+        if isinstance(layout := figure.get_layout_engine(), ConstrainedLayoutEngine):
             layout.set(wspace=PANELS_APART)
         for axes, name in zip(panels, metrics, strict=True):
             _draw(axes, lines, name, places)
