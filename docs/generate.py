@@ -35,7 +35,7 @@ from moteslam.slam.methods import METHODS
 REFERENCE = Path(__file__).parent / "reference"
 BUNDLED = ("tsdf", "paper")
 """The methods whose keys are listed."""
-SWEEP = ("run", "show", "merge", "diff", "export")
+SWEEP = ("run", "list", "show", "plot", "merge", "diff", "export")
 COMMANDS = (
     *("demo", "simulate", "replay", "evaluate", "compare", "report"),
     *("inspect", "platforms", "metrics", "scenarios", "sweep"),

@@ -10,10 +10,13 @@ import typer
 
 from moteslam.errors import ConfigError, InputError
 from moteslam.eval.cli import options
-from moteslam.eval.cli.text import literal, say, say_json, table
+from moteslam.eval.cli.text import say, say_json, say_table
+from moteslam.eval.literal import literal
 
 if TYPE_CHECKING:
     from moteslam.eval.statistics.pairs import Comparison
+
+HEAD = ("configuration", "pairs", "better", "worse", "equal", "median difference", "95 %", "p", "failed")
 
 
 def compare(
@@ -27,6 +30,7 @@ def compare(
     baseline: Annotated[
         str | None, typer.Option(metavar="NAME", help="Compare with this configuration [the first].")
     ] = None,
+    form: options.Format = None,
     as_json: options.Json = False,
 ) -> None:
     """Compare configurations on the same scenarios, platforms and seeds, in pairs.
@@ -39,6 +43,7 @@ def compare(
       moteslam compare particles.sweep
       moteslam compare before.sweep after.sweep --metric final.ate --metric cpu_per_scan
       moteslam compare result_a result_b --metric map_f1
+      moteslam compare particles.sweep --format markdown
     """  # noqa: D301
     from moteslam.eval.metrics.registry import chosen, metric, split
     from moteslam.eval.populations import populations
@@ -46,6 +51,7 @@ def compare(
 
     names = metrics or ["final.ate"]
     chosen(names)
+    form = options.chosen_format(form, as_json=as_json)
     found = populations(paths)
     if len(found) < 2:
         raise InputError(f"{len(found)} configuration, expected two or more to compare", file=paths[0])
@@ -65,7 +71,7 @@ def compare(
     }
     if not any(one.pairs for each in compared.values() for one in each.values()):
         raise InputError(f"no run in common with {first.name} that has {', '.join(names)}", file=paths[-1])
-    if as_json:
+    if form == "json":
         say_json(
             {
                 "baseline": first.name,
@@ -75,21 +81,27 @@ def compare(
             }
         )
         return
+    if form == "csv":
+        say_table(_numbers(compared), form)
+        return
+    if form != "text":
+        rows: list[tuple[str, ...]] = [("metric", *HEAD)]
+        rows += [(name, *row) for name, each in compared.items() for row in _rows(each)]
+        say_table(rows, form, right=(2, 3, 4, 5))
+        return
     for name, each in compared.items():
         unit = metric(split(name)[1]).unit
         say(f"{name}{f' [{unit}]' if unit else ''}, against {literal(first.name)}")
-        say(_table(each))
+        say_table([HEAD, *_rows(each)], right=(1, 2, 3, 4))
 
 
-def _table(each: dict[str, Comparison]) -> str:
-    rows: list[tuple[str, ...]] = [
-        ("configuration", "pairs", "better", "worse", "equal", "median difference", "95 %", "p", "failed")
-    ]
+def _rows(each: dict[str, Comparison]) -> list[tuple[str, ...]]:
+    rows: list[tuple[str, ...]] = []
     for name, one in each.items():
         interval = "-" if one.low is None else f"{_signed(one.low)} to {_signed(one.high)}"
         rows.append(
             (
-                literal(name),
+                name,
                 *(str(count) for count in (one.pairs, one.wins, one.losses, one.ties)),
                 _signed(one.median),
                 interval,
@@ -97,7 +109,33 @@ def _table(each: dict[str, Comparison]) -> str:
                 f"{one.failed[1]}, {one.failed[0]} there",
             )
         )
-    return table(rows, right=(1, 2, 3, 4))
+    return rows
+
+
+def _numbers(compared: dict[str, dict[str, Comparison]]) -> list[tuple[str, ...]]:
+    """The table for programs: a column a number, with all digits, empty where there is none."""
+    rows: list[tuple[str, ...]] = [
+        (
+            "metric",
+            "configuration",
+            "pairs",
+            "better",
+            "worse",
+            "equal",
+            "median",
+            "low",
+            "high",
+            "p",
+            "failed",
+            "there",
+        )
+    ]
+    for name, each in compared.items():
+        for other, one in each.items():
+            numbers = (one.pairs, one.wins, one.losses, one.ties, one.median, one.low, one.high, one.p)
+            found = ("" if number is None else repr(number) for number in (*numbers, *one.failed[::-1]))
+            rows.append((name, other, *found))
+    return rows
 
 
 def _signed(value: float | None) -> str:

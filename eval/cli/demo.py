@@ -8,7 +8,8 @@ from typing import Annotated
 import typer
 
 from moteslam.eval.cli import options
-from moteslam.eval.cli.text import literal, say, say_json
+from moteslam.eval.cli.text import say, say_json
+from moteslam.eval.literal import literal
 
 
 @options.with_slam_options

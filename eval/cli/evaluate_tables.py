@@ -6,8 +6,9 @@ from collections.abc import Mapping, Sequence
 from math import degrees
 from pathlib import Path
 
-from moteslam.eval.cli.text import bold, literal, note, say, table
+from moteslam.eval.cli.text import bold, note, say, table
 from moteslam.eval.evaluation import AgainstRelations, AgainstTrajectory, Evaluated, UnderRecording
+from moteslam.eval.literal import literal
 from moteslam.eval.metrics.loops import LoopResult
 from moteslam.robot.wording import counted
 

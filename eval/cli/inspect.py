@@ -9,7 +9,8 @@ import typer
 
 from moteslam.eval.cli import options
 from moteslam.eval.cli.inspect_figures import figures, or_dash
-from moteslam.eval.cli.text import literal, say, say_json, table
+from moteslam.eval.cli.text import say, say_json, table
+from moteslam.eval.literal import literal
 
 if TYPE_CHECKING:
     from moteslam.robot.inspection import Inspection

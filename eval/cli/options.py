@@ -20,6 +20,10 @@ OUT = "Folder for the result; it must not exist."
 
 Force = Annotated[bool, typer.Option("--force", help="Replace an existing --out, whole, at the end.")]
 Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
+Format = Annotated[
+    str | None,
+    typer.Option("--format", metavar="text|markdown|latex|csv|json", help="Of the table that is printed [text]."),
+]
 Sequence = Annotated[str | None, typer.Option(help="Which of several sequences in a folder.")]
 Robot = Annotated[
     str | None, typer.Option("--platform", metavar="NAME|FILE", help="Another robot: see moteslam platforms.")
@@ -45,6 +49,22 @@ def refuse_existing(file: Path | None, *, force: bool) -> None:
     """
     if file is not None and file.exists() and not force:
         raise ExistsError("exists already; name a new file", file=file)
+
+
+def chosen_format(given: str | None, *, as_json: bool) -> str:
+    """The format that ``--format`` and ``--json`` come to.
+
+    Raises:
+        ConfigError: there is none of that name, or the two differ.
+    """
+    from moteslam.eval.tables import FORMATS
+
+    known = ("text", *FORMATS, "json")
+    if given is not None and given not in known:
+        raise ConfigError(f"{given!r}, expected one of {', '.join(known)}", field="--format")
+    if as_json and given not in (None, "json"):
+        raise ConfigError(f"{given!r} with --json, expected one of the two", field="--format")
+    return "json" if as_json else given or "text"
 
 
 @dataclass(frozen=True)

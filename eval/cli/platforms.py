@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from moteslam.eval.cli import options
-from moteslam.eval.cli.text import literal, say, say_json, table
+from moteslam.eval.cli.text import say, say_json, table
+from moteslam.eval.literal import literal
 
 if TYPE_CHECKING:
     from moteslam.robot.platform import Platform

@@ -10,7 +10,8 @@ import typer
 
 from moteslam.errors import InputError
 from moteslam.eval.cli import options
-from moteslam.eval.cli.text import literal, say, say_json, warn
+from moteslam.eval.cli.text import say, say_json, warn
+from moteslam.eval.literal import literal
 
 if TYPE_CHECKING:
     import numpy as np

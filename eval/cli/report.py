@@ -9,7 +9,8 @@ import typer
 
 from moteslam.errors import ExistsError
 from moteslam.eval.cli import options
-from moteslam.eval.cli.text import literal, say, say_json
+from moteslam.eval.cli.text import say, say_json
+from moteslam.eval.literal import literal
 
 
 def report(

@@ -11,8 +11,9 @@ from moteslam.errors import ConfigError
 from moteslam.eval.cli import options
 from moteslam.eval.cli.batch import MAX_BATCH, Job, about, run_batch
 from moteslam.eval.cli.progress import progress_bar, simulation_bar
-from moteslam.eval.cli.text import literal, note, say, say_json, table
+from moteslam.eval.cli.text import note, say, say_json, table
 from moteslam.eval.cli.wanted import Wanted, logging_of, named_in_errors
+from moteslam.eval.literal import literal
 
 
 def simulate(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 from typer.core import TyperGroup
@@ -11,12 +11,11 @@ from typer.core import TyperGroup
 from moteslam.errors import ConfigError, ExistsError, InputError, OutputError
 from moteslam.eval.cli import options
 from moteslam.eval.cli.interrupt import Interrupted
-from moteslam.eval.cli.sweep_tables import say_affordable, say_differences, say_summaries
-from moteslam.eval.cli.text import literal, note, say
-
-if TYPE_CHECKING:
-    from moteslam.eval.sweep.spec import SweepSpec
-    from moteslam.eval.sweep.store import Store
+from moteslam.eval.cli.sweep_file import begin, spec_of
+from moteslam.eval.cli.sweep_plot import plot_sweep
+from moteslam.eval.cli.sweep_tables import say_affordable, say_differences, say_specs, say_summaries
+from moteslam.eval.cli.text import note, say, say_json
+from moteslam.eval.literal import literal
 
 
 class RunByDefault(TyperGroup):
@@ -36,8 +35,6 @@ app = typer.Typer(
     rich_markup_mode=None,
 )
 
-WHOLE = "1/1"
-"""The part that a sweep without ``--shard`` makes."""
 DIFFERENT = 1
 """Exit code."""
 File = Annotated[Path, typer.Argument(metavar="FILE.sweep", help="What `moteslam sweep` wrote.")]
@@ -45,7 +42,9 @@ File = Annotated[Path, typer.Argument(metavar="FILE.sweep", help="What `moteslam
 
 @app.command("run")
 def run(
-    spec: Annotated[Path, typer.Argument(metavar="SPEC.toml", help="Which runs there are to make.")],
+    spec: Annotated[
+        str, typer.Argument(metavar="SPEC.toml|NAME", help="Which runs there are to make; NAME: see `sweep list`.")
+    ],
     out: Annotated[
         Path | None,
         typer.Option(metavar="FILE.sweep", help="Where they are recorded [SPEC.sweep]; goes on if it is there."),
@@ -74,11 +73,13 @@ def run(
     \b
     Examples:
       moteslam sweep particles.toml
+      moteslam sweep corridor-suite-1
       moteslam sweep particles.toml --workers 1 --time --out timed.sweep
       moteslam sweep particles.toml --shard 2/8 --out part2.sweep
       moteslam sweep particles.toml --scheduler tcp://head:8786
     """  # noqa: D301
     from moteslam.eval.cli.progress import progress_bar
+    from moteslam.eval.sweep.bundled import spec_file
     from moteslam.eval.sweep.cluster import make_all_on
     from moteslam.eval.sweep.spec import read_spec
     from moteslam.eval.sweep.store import opened
@@ -90,9 +91,11 @@ def run(
         raise ConfigError("given with --workers, expected one run at a time", field="--time")
     if scheduler is not None and workers is not None:
         raise ConfigError("given with --scheduler, whose workers are the cluster's", field="--workers")
-    wanted = read_spec(spec)
-    target = spec.with_suffix(".sweep") if out is None else out
-    _begun(target, spec, wanted, shard)
+    file = spec_file(spec)
+    wanted = read_spec(file)
+    beside = file.with_suffix(".sweep") if file == Path(spec) else Path(f"{spec}.sweep")
+    target = beside if out is None else out
+    begin(target, file, wanted, shard)
     count = 1 if timed else workers or processor_count()
     with opened(target, write=True) as store:
         runs = store.pending()
@@ -114,9 +117,36 @@ def run(
             except (Interrupted, KeyboardInterrupt) as error:
                 error.add_note(f"interrupted, {counted(done, 'run')} in {target}: the same command goes on")
                 raise
-        say_summaries(store, wanted, ["final.ate"], as_json=as_json)
+        say_summaries(store, wanted, ["final.ate"], "json" if as_json else "text")
     if not as_json:
         say(f"recorded in {literal(target)}")
+
+
+@app.command("list")
+def list_specs(
+    name: Annotated[str | None, typer.Argument(metavar="[NAME]", help="Print this one as TOML, to change it.")] = None,
+    as_json: options.Json = False,
+) -> None:
+    """List the specifications that come with moteslam, or print one.
+
+    Of each: how many runs it has, the first digits of the hash of all that these follow from (all with --json), and
+    what it is for.
+
+    \b
+    Examples:
+      moteslam sweep list
+      moteslam sweep list particles > mine.toml
+    """  # noqa: D301
+    from moteslam.eval.sweep.bundled import bundled_spec
+
+    if name is None:
+        say_specs(as_json=as_json)
+        return
+    text = bundled_spec(name).read_text(encoding="utf-8")
+    if as_json:
+        say_json({"name": name, "toml": text})
+    else:
+        say(text.rstrip("\n"))
 
 
 @app.command("show")
@@ -128,6 +158,7 @@ def show(
     budget: Annotated[
         str | None, typer.Option(metavar="TIME", help="The best configuration within this processor time a scan.")
     ] = None,
+    form: options.Format = None,
     as_json: options.Json = False,
 ) -> None:
     """Print what the runs recorded so far came to: median with its 95 % interval, quartiles, successes.
@@ -139,17 +170,54 @@ def show(
     Examples:
       moteslam sweep show particles.sweep
       moteslam sweep show particles.sweep --metric final.ate --metric map_f1
+      moteslam sweep show particles.sweep --format latex > table.tex
       moteslam sweep show timed.sweep --budget 10ms
     """  # noqa: D301
     from moteslam.eval.metrics.registry import chosen
     from moteslam.eval.sweep.store import opened
 
     chosen(metrics)
+    form = options.chosen_format(form, as_json=as_json)
     if budget is not None:
-        say_affordable(file, budget, metrics or ["final.ate"], as_json=as_json)
+        say_affordable(file, budget, metrics or ["final.ate"], form)
         return
     with opened(file) as store:
-        say_summaries(store, _spec_of(store), metrics or ["final.ate"], as_json=as_json)
+        say_summaries(store, spec_of(store), metrics or ["final.ate"], form)
+
+
+@app.command("plot")
+def plot(
+    file: File,
+    out: Annotated[Path, typer.Option(metavar="FILE.png", help="A new file.")],
+    metrics: Annotated[
+        list[str] | None,
+        typer.Option("--metric", metavar="NAME", help="Which metrics [final.ate]; repeatable, a panel each."),
+    ] = None,
+    along: Annotated[
+        str | None, typer.Option("--x", metavar="COLUMN", help="What it is drawn over [the key that varies].")
+    ] = None,
+    label: Annotated[str | None, typer.Option(metavar="TEXT", help="Of that axis [the key].")] = None,
+    title: Annotated[str, typer.Option(metavar="TEXT", help="Over the figure.")] = "",
+    force: Annotated[bool, typer.Option("--force", help="Replace an existing file.")] = False,
+) -> None:
+    """Draw medians with their 95 % intervals over what varies, a line for each scenario and configuration.
+
+    Axes are logarithmic where values are far apart. Where no key varies, --x names a column of `sweep show`, such as
+    configuration.
+
+    \b
+    Examples:
+      moteslam sweep plot particles.sweep --out particles.png
+      moteslam sweep plot range.sweep --metric final.ate --metric map_f1 --label "reach [m]" --out range.png
+    """  # noqa: D301
+    from moteslam.eval.metrics.registry import chosen
+
+    chosen(metrics)
+    options.refuse_existing(out, force=force)
+    if out.suffix != ".png":
+        raise OutputError("expected a name that ends in .png", file=out)
+    plot_sweep(file, out, metrics or ["final.ate"], along, label=label, title=title)
+    say(f"wrote {literal(out)}")
 
 
 @app.command("merge")
@@ -169,13 +237,13 @@ def merge(
     if out.exists():
         raise ExistsError("exists already; name a new file", file=out)
     with opened(files[0]) as first:
-        text, spec, environment = first.spec, _spec_of(first), first.environment()
+        text, spec, digest, environment = first.spec, spec_of(first), first.digest, first.environment
     for file in files[1:]:
         with opened(file) as other:
-            if other.spec != text:
+            if (other.spec, other.digest) != (text, digest):
                 raise InputError("of another sweep, expected parts of one", file=file)
     partial = out.with_name(f".{out.name}.merging")
-    create(partial, text, plan(spec, check=False), environment=environment)
+    create(partial, text, plan(spec, check=False), digest=digest, environment=environment)
     try:
         with opened(partial, write=True) as store:
             for file in files:
@@ -242,39 +310,3 @@ def export(
     else:
         write_parquet(out, rows)
     say(f"{len(rows)} runs in {literal(out)}")
-
-
-def _begun(target: Path, file: Path, spec: SweepSpec, part: str | None) -> None:
-    """Make the file of the sweep, unless it is there already."""
-    from moteslam.eval.environment import environment
-    from moteslam.eval.sweep.plan import plan
-    from moteslam.eval.sweep.plan import shard as shard_of
-    from moteslam.eval.sweep.store import create, opened
-
-    text, part = spec.model_dump_json(exclude_defaults=True), part or WHOLE
-    number, of = _part(part)
-    if target.exists():
-        with opened(target) as store:
-            if store.spec != text:
-                raise ExistsError("is of another specification; name a new file with --out", file=target)
-            if store.part != part:
-                raise ExistsError(f"holds part {store.part}, not {part}; name a new file with --out", file=target)
-        return
-    try:
-        runs = plan(spec)
-    except ConfigError as error:
-        raise ConfigError(error.problem, file=error.file or file, field=error.field) from error
-    create(target, text, shard_of(runs, number, of), part=part, environment=environment())
-
-
-def _part(text: str) -> tuple[int, int]:
-    first, slash, second = text.partition("/")
-    if slash and first.isdecimal() and second.isdecimal() and 1 <= int(first) <= int(second):
-        return int(first), int(second)
-    raise ConfigError(f"{text!r}, expected a part and how many there are, such as 2/8", field="--shard")
-
-
-def _spec_of(store: Store) -> SweepSpec:
-    from moteslam.eval.sweep.spec import SweepSpec
-
-    return SweepSpec.model_validate_json(store.spec)

@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from moteslam.errors import ConfigError, InputError
-from moteslam.eval.cli.text import literal, say, say_json, table
+from moteslam.eval.cli.text import note, say, say_json, say_table, table
+from moteslam.eval.literal import literal
 
 if TYPE_CHECKING:
     from moteslam.eval.sweep.differences import Difference
@@ -18,25 +19,59 @@ if TYPE_CHECKING:
 
 MOST_SHOWN = 40
 """Differences in the table that is printed."""
+SHOWN = 16
+"""Digits of a hash there."""
 
 
-def say_summaries(store: Store, spec: SweepSpec, names: list[str], *, as_json: bool) -> None:
-    """A row a configuration and scenario: runs, successes, and of each metric the median with its intervals."""
+def say_specs(*, as_json: bool) -> None:
+    """The specifications that come with the package: how many runs each has, their hash, what it is for."""
+    from moteslam.eval.sweep.bundled import bundled_specs, digest
+    from moteslam.eval.sweep.plan import plan
+    from moteslam.eval.sweep.spec import read_spec
+
+    found = []
+    for name, file in bundled_specs().items():
+        spec = read_spec(file)
+        runs = plan(spec, check=False)
+        found.append({"name": name, "runs": len(runs), "hash": digest(runs), "description": spec.description})
+    if as_json:
+        say_json(found)
+        return
+    rows = [("name", "runs", "hash", "what it is for")]
+    rows += [(f"{one['name']}", f"{one['runs']}", f"{one['hash']}"[:SHOWN], f"{one['description']}") for one in found]
+    say(table(rows, right=(1,)))
+
+
+def say_summaries(store: Store, spec: SweepSpec, names: list[str], form: str) -> None:
+    """A row a configuration and scenario: runs, successes, and of each metric the median with its intervals.
+
+    As ``text``, ``json`` or a format of ``moteslam.eval.tables``; in ``csv`` every number has a column of its own, with
+    all of its digits. Runs without a result are counted below the table, or on stderr.
+    """
     from moteslam.eval.sweep.tables import summaries
 
     counts = store.counts()
     found = summaries(store.rows(), names, dict(spec.success))
-    if as_json:
+    if form == "json":
         say_json(
-            {"runs": {name or "pending": count for name, count in counts.items()}, "groups": list(map(_as_dict, found))}
+            {
+                "hash": store.digest,
+                "runs": {name or "pending": count for name, count in counts.items()},
+                "groups": list(map(_as_dict, found)),
+            }
         )
         return
     if found:
-        say(_table(found, names))
-    say(", ".join(f"{count} {name or 'not made yet'}" for name, count in counts.items()))
+        rows, words = _numbers(found, names) if form == "csv" else _rows(found, names)
+        say_table(rows, form, right=() if form == "text" else range(words, len(rows[0])))
+    total = ", ".join(f"{count} {name or 'not made yet'}" for name, count in counts.items())
+    if form == "text":
+        say(total)
+    elif set(counts) != {"ok"}:
+        note(f"warning: {store.path}: {total}")
 
 
-def say_affordable(file: Path, text: str, metrics: list[str], *, as_json: bool) -> None:
+def say_affordable(file: Path, text: str, metrics: list[str], form: str) -> None:
     """The configurations of a sweep within a budget, the best first."""
     from moteslam.eval.populations import populations
     from moteslam.eval.sweep.budget import affordable, parse_budget
@@ -48,7 +83,7 @@ def say_affordable(file: Path, text: str, metrics: list[str], *, as_json: bool) 
         choices = affordable(populations([file]), budget, metrics[0])
     except InputError as error:
         raise InputError(error.problem, file=file, field=error.field) from error
-    if as_json:
+    if form == "json":
         say_json(
             [
                 {
@@ -65,8 +100,8 @@ def say_affordable(file: Path, text: str, metrics: list[str], *, as_json: bool) 
     for each in choices:
         beaten = "" if each.against is None else f"{each.against.wins} of {each.against.pairs}, p {each.against.p:.2g}"
         interval = f"{_number(each.value.low)} to {_number(each.value.high)}"
-        rows.append((literal(each.name), f"{each.cost:.3g}", _number(each.value.median), interval, beaten))
-    say(table(rows, right=(1,)))
+        rows.append((each.name, f"{each.cost:.3g}", _number(each.value.median), interval, beaten))
+    say_table(rows, form, right=(1,))
 
 
 def say_differences(
@@ -97,9 +132,11 @@ def _as_dict(group: GroupSummary) -> dict[str, Any]:
     }
 
 
-def _table(groups: list[GroupSummary], names: list[str]) -> str:
-    keys = dict.fromkeys(key for group in groups for key in group.about)
-    about = [key for key in keys if any(group.about.get(key, "") != "" for group in groups)]
+def _rows(groups: list[GroupSummary], names: list[str]) -> tuple[list[list[str]], int]:
+    """The table for people, and how many of its columns are words."""
+    from moteslam.eval.sweep.tables import varying
+
+    about = varying(groups)
     head = [*about, "runs", "success"]
     for name in names:
         head += [name, "95 %", "quartiles"]
@@ -115,7 +152,22 @@ def _table(groups: list[GroupSummary], names: list[str]) -> str:
                 f"{_number(summary.low_quartile)} to {_number(summary.high_quartile)}",
             ]
         rows.append(row)
-    return table([list(map(literal, row)) for row in rows])
+    return rows, len(about)
+
+
+def _numbers(groups: list[GroupSummary], names: list[str]) -> tuple[list[list[str]], int]:
+    """The table for programs: a column a number, with all digits, empty where there is none, ``inf`` for failures."""
+    from moteslam.eval.sweep.tables import varying
+
+    about = varying(groups)
+    parts = ("median", "low", "high", "low_quartile", "high_quartile")
+    rows = [[*about, "runs", "success", *(f"{name}.{part}" for name in names for part in parts)]]
+    for group in groups:
+        numbers = [getattr(group.values[name], part) for name in names for part in parts]
+        row = [str(group.about.get(key, "")) for key in about]
+        row += [str(group.runs), str(group.success.count)]
+        rows.append(row + ["" if number is None else repr(number) for number in numbers])
+    return rows, len(about)
 
 
 def _share(interval: tuple[float, float]) -> str:

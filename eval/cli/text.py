@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 from moteslam.errors import OutputError
-from moteslam.eval.literal import literal as literal  # noqa: PLC0414
+from moteslam.eval.literal import literal
 
 if TYPE_CHECKING:
     from moteslam.robot.issues import Issue
@@ -84,6 +84,14 @@ def table(rows: Sequence[Sequence[str]], *, right: Sequence[int] = ()) -> str:
     with console.capture() as capture:
         console.print(columns)
     return "\n".join(line.rstrip() for line in capture.get().splitlines())
+
+
+def say_table(rows: Sequence[Sequence[str]], form: str = "text", *, right: Sequence[int] = ()) -> None:
+    """Rows of text, the first one the head, as columns on stdout, or in a format of ``moteslam.eval.tables``."""
+    from moteslam.eval.tables import FORMATS
+
+    rows = [[literal(cell) for cell in row] for row in rows]
+    say(table(rows, right=right) if form == "text" else FORMATS[form](rows, right=right))
 
 
 def _plain(value: Any) -> Any:

@@ -151,7 +151,7 @@ def _take_sweep(material: Material, path: Path, prefix: str) -> None:
         success = dict(spec.get("success") or SUCCESS)
         material.wanted += [name for name in spec.get("metrics") or () if name not in material.wanted]
         material.documents.append((f"Specification of {path.name}", _toml(spec)))
-        for title, facts in store.environment().items():
+        for title, facts in store.environment.items():
             material.facts.setdefault(f"{title} of {path.name}", facts)
         for row in store.rows():
             if not row.status:

@@ -92,6 +92,8 @@ class SweepSpec(Section):
 
     name: Annotated[str, Field(pattern=NAME.pattern)] = "sweep"
     """Of the sweep."""
+    description: str = ""
+    """What it is for, one sentence; no run follows from it."""
     scenarios: tuple[str, ...] = ()
     """Names of bundled ones, or paths of TOML files, beside this one."""
     recordings: tuple[str, ...] = ()

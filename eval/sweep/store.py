@@ -76,10 +76,16 @@ class Store:
         """Which part of the sweep it holds, ``2/8``; ``1/1`` of a whole one."""
         return self._about("part")
 
+    @property
+    def digest(self) -> str:
+        """What identifies all runs of the sweep (see ``bundled.digest``); empty where it was not recorded."""
+        return self._about("digest", "")
+
+    @property
     def environment(self) -> dict[str, dict[str, str]]:
-        """Versions and hardware of the computer that made the file; empty of one that does not say."""
-        found = self._connection.execute("SELECT value FROM about WHERE key = 'environment'").fetchone()
-        return json.loads(found[0]) if found else {}
+        """Versions and hardware of the computer that made the file; empty where they were not recorded."""
+        found: dict[str, dict[str, str]] = json.loads(self._about("environment", "{}"))
+        return found
 
     def pending(self) -> list[PlannedRun]:
         """The runs that were not made yet, in their order."""
@@ -146,8 +152,8 @@ class Store:
                 raise InputError(f"another result of {row.run.name}, expected the same", file=other.path)
         return taken
 
-    def _about(self, key: str) -> str:
-        (value,) = self._connection.execute("SELECT value FROM about WHERE key = ?", (key,)).fetchone()
+    def _about(self, key: str, default: str | None = None) -> str:
+        (value,) = self._connection.execute("SELECT value FROM about WHERE key = ?", (key,)).fetchone() or (default,)
         return str(value)
 
 
@@ -182,6 +188,7 @@ def create(
     runs: Iterable[PlannedRun],
     *,
     part: str = "1/1",
+    digest: str = "",
     environment: Mapping[str, Mapping[str, str]] | None = None,
 ) -> None:
     """Make the file of a sweep, complete or not at all.
@@ -191,7 +198,8 @@ def create(
         spec: as JSON.
         runs: of the sweep, in their order.
         part: of the sweep that these are.
-        environment: see ``Store.environment``.
+        digest: of all runs of the sweep.
+        environment: versions and hardware, by name.
 
     Raises:
         OutputError: it cannot be made.
@@ -204,9 +212,8 @@ def create(
         try:
             with connection:
                 connection.executescript(SCHEMA)
-                about = {"version": str(VERSION), "spec": spec, "part": part}
-                if environment:
-                    about["environment"] = json.dumps(environment)
+                about = {"version": str(VERSION), "spec": spec, "part": part, "digest": digest}
+                about["environment"] = json.dumps(environment or {})
                 connection.executemany("INSERT INTO about VALUES (?, ?)", about.items())
                 rows = ((run.id, number, json.dumps(run.as_dict())) for number, run in enumerate(runs))
                 connection.executemany("INSERT INTO runs (id, number, run) VALUES (?, ?, ?)", rows)

@@ -78,6 +78,12 @@ def summaries(rows: Iterable[Row], metrics: Sequence[str], success: dict[str, fl
     return found
 
 
+def varying(groups: Sequence[GroupSummary]) -> list[str]:
+    """The columns of ``about`` in which some of the groups have something."""
+    keys = dict.fromkeys(key for group in groups for key in group.about)
+    return [key for key in keys if any(group.about.get(key, "") != "" for group in groups)]
+
+
 def better(name: str) -> Better:
     """Which values of a metric are better; lower of one where neither is."""
     try:

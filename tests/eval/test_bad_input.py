@@ -17,7 +17,7 @@ import pytest
 from command_lines import refused
 
 from moteslam.eval.cli import interrupt, main
-from moteslam.eval.cli.text import literal
+from moteslam.eval.literal import literal
 
 
 @pytest.mark.parametrize(

@@ -109,7 +109,7 @@ def test_seeds_as_text() -> None:
     ("text", "problem"),
     [
         ("seeds = '0'", "neither scenarios nor recordings"),
-        ("scenarios = ['corridor']\nseed = '0'", "seed: unknown key, expected one of name, scenarios"),
+        ("scenarios = ['corridor']\nseed = '0'", "seed: unknown key, expected one of name, description, scenarios"),
         ("scenarios = ['corridor']\nseeds = '5-'", "seeds: '5-', expected seeds such as 0-9"),
         ("scenarios = ['nowhere']", "nowhere: no scenario of this name"),
         (

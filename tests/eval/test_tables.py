@@ -1,0 +1,118 @@
+"""Tables as Markdown, LaTeX and CSV: what is written reads back as it was."""
+
+from __future__ import annotations
+
+import csv
+import json
+import re
+from pathlib import Path
+
+import pytest
+from made_sweeps import swept
+
+from moteslam.eval.cli import main
+from moteslam.eval.tables import comma_separated, latex, markdown
+
+NASTY = r"a|b \ `c` <d> *e* _f_ [g] ~h~ $i$ & #j 100 % {k} ^l"
+HEAD = ("name", "value")
+
+
+def test_markdown_marks_nothing_up() -> None:
+    lines = markdown([HEAD, (NASTY, "1.5")], right=(1,)).splitlines()
+    assert lines[:2] == ["| name | value |", "|---|---:|"]
+    assert lines[2] == (r"| a\|b \\ \`c\` \<d\> \*e\* \_f\_ \[g\] \~h\~ \$i\$ \& \#j 100 % \{k\} ^l | 1.5 |")
+
+
+def test_a_cell_of_markdown_is_one_line() -> None:
+    assert markdown([HEAD, ("a\nb\r\nc", "")]).splitlines()[2:] == ["| a b c |  |"]
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("\\", r"\textbackslash{}"),
+        ("50 %", r"50 \%"),
+        ("map_f1", r"map\_f1"),
+        ("a & b", r"a \& b"),
+        ("#$", r"\#\$"),
+        ("{}", r"\{\}"),
+        ("~", r"\textasciitilde{}"),
+        ("^", r"\textasciicircum{}"),
+        ("<|>", r"\textless{}\textbar{}\textgreater{}"),
+        ("[m] *", "{[}m{]} {*}"),
+        ("a--b---c", "a-{}-b-{}-{}-c"),
+        ("-0.5", "-0.5"),
+        ("``a''", "`{}`a'{}'"),
+        ("a\nb", "a b"),
+    ],
+)
+def test_latex_prints_what_it_is_given(text: str, expected: str) -> None:
+    assert latex([(text,)]).splitlines()[2] == rf"{expected} \\"
+
+
+def test_latex_is_a_whole_tabular() -> None:
+    assert latex([HEAD, ("a", "1")], right=(1,)) == "\n".join(
+        [r"\begin{tabular}{lr}", r"\hline", r"name & value \\", r"\hline", r"a & 1 \\", r"\hline", r"\end{tabular}"]
+    )
+
+
+def test_csv_reads_back() -> None:
+    rows = [list(HEAD), [NASTY, 'say "1,5"'], ["two\nlines", ""]]
+    assert list(csv.reader(comma_separated(rows).split("\n"))) != rows  # a cell of two lines is one of the file, too
+    assert list(csv.reader(comma_separated(rows).splitlines(keepends=True))) == rows
+
+
+def printed(capsys: pytest.CaptureFixture[str], *arguments: object) -> str:
+    assert main.run([*map(str, arguments)]) == 0
+    return capsys.readouterr().out
+
+
+def test_a_sweep_in_every_format(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = swept(tmp_path)
+    lines = printed(capsys, "sweep", "show", file, "--format", "markdown").splitlines()
+    assert len(lines) == 2 + 4
+    assert lines[0].startswith(
+        "| scenario | configuration | slam.tracking.window | runs | success | final.ate | 95 % |"
+    )
+    assert lines[4].startswith(r"| corridor | a\_b | 1.0 | 4 | 4 (51 to 100 %) | 0.115 |")
+    assert " | failed | " in lines[5]
+    tex = printed(capsys, "sweep", "show", file, "--format", "latex").splitlines()
+    assert tex[6].startswith(r"corridor & a\_b & 1.0 & 4 & 4 (51 to 100 \%) & 0.115 & ")
+    table = list(csv.DictReader(printed(capsys, "sweep", "show", file, "--format", "csv").splitlines()))
+    assert [row["final.ate.median"] for row in table][3] == "inf"
+    assert float(table[2]["final.ate.median"]) == pytest.approx(0.115)
+    assert set(table[0]) >= {"final.ate.low", "final.ate.high", "final.ate.low_quartile", "final.ate.high_quartile"}
+    as_json = printed(capsys, "sweep", "show", file, "--json")
+    assert printed(capsys, "sweep", "show", file, "--format", "json") == as_json
+    assert json.loads(as_json)["hash"] == "ab"
+
+
+def test_runs_without_a_result_are_counted_on_stderr(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = swept(tmp_path, whole=False)
+    assert main.run(["sweep", "show", str(file), "--format", "csv"]) == 0
+    assert "13 not made yet, 3 ok" in capsys.readouterr().err
+
+
+def test_configurations_compared_in_every_format(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = swept(tmp_path)
+    text = printed(capsys, "compare", file)
+    assert text.splitlines()[0] == "final.ate [m], against plain, slam.tracking.window=1.0"
+    lines = printed(capsys, "compare", file, "--format", "markdown").splitlines()
+    assert lines[0].startswith("| metric | configuration | pairs | better |")
+    assert re.match(r"\| final.ate \| a\\_b, slam.tracking.window=1.0 \| 4 \| 0 \| 0 \| 4 \|", lines[3])
+    assert r"a\_b, slam.tracking.window=1.0" in printed(capsys, "compare", file, "--format", "latex")
+    table = list(csv.DictReader(printed(capsys, "compare", file, "--format", "csv").splitlines()))
+    by_name = {row["configuration"]: row for row in table}
+    assert float(by_name["plain, slam.tracking.window=2.0"]["median"]) == pytest.approx(0.1)
+    assert by_name["a_b, slam.tracking.window=2.0"]["failed"] == "3"
+    assert printed(capsys, "compare", file, "--format", "json") == printed(capsys, "compare", file, "--json")
+
+
+def test_a_format_that_there_is_not(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = swept(tmp_path)
+    for command in (["sweep", "show"], ["compare"]):
+        assert main.run([*command, str(file), "--format", "html"]) == 2
+        expected = "moteslam: --format: 'html', expected one of text, markdown, latex, csv, json\n"
+        assert capsys.readouterr().err == expected
+        assert main.run([*command, str(file), "--format", "csv", "--json"]) == 2
+        assert "--format: 'csv' with --json" in capsys.readouterr().err
