@@ -23,7 +23,7 @@ from moteslam.eval.tables import markdown
 
 DOCS = Path(__file__).parent
 ATE, DEAD_RECKONING, F1 = "final.ate", "dead_reckoning.ate", "map_f1"
-SUITE = "corridor-suite-1"
+SUITE, MRPT = "corridor-suite-1", "mrpt-corridor-suite-1"
 
 
 @dataclass(frozen=True)
@@ -74,21 +74,25 @@ def recipe_table(recipe: Recipe, rows: Sequence[Row]) -> str:
     return markdown(table, right=range(2, len(table[0])))
 
 
-def suite_table(rows: Sequence[Row]) -> str:
-    """A row a scenario, robot and class of noise: dead reckoning, and the final error of both presets [cm]."""
-    table = [
-        ["scenario", "robot", "noise", "dead reckoning [cm]", "paper [cm]", "default [cm]", "map F1, paper", "default"]
-    ]
+def suite_table(rows: Sequence[Row], names: Sequence[str], *, dead_reckoning: bool) -> str:
+    """A row a scenario, robot and class of noise: the final error of each configuration [cm], and its map.
+
+    Args:
+        rows: of one or more sweeps on the same cases.
+        names: of the configurations.
+        dead_reckoning: its error stands first.
+    """
+    head = [*(["dead reckoning [cm]"] if dead_reckoning else []), *(f"{name} [cm]" for name in names)]
+    head += [f"map F1, {name}" if name == names[0] else name for name in names]
+    table = [["scenario", "robot", "noise", *head]]
     cases = list(dict.fromkeys((row.run.scenario, row.run.platform, row.run.noise) for row in rows))
     for case in [*cases, ("all", "", "")]:
         here = [row for row in rows if case[0] == "all" or (row.run.scenario, row.run.platform, row.run.noise) == case]
-        of = {name: [row for row in here if row.run.configuration == name] for name in ("paper", "default")}
-        columns = (
-            *((DEAD_RECKONING, of["default"]), (ATE, of["paper"]), (ATE, of["default"])),
-            *((F1, of["paper"]), (F1, of["default"])),
-        )
+        of = {name: [row for row in here if row.run.configuration == name] for name in names}
+        columns = [(DEAD_RECKONING, of[names[-1]])] if dead_reckoning else []
+        columns += [(metric, of[name]) for metric in (ATE, F1) for name in names]
         table.append([*case, *(cell(name, summed(name, runs)) for name, runs in columns)])
-    return markdown(table, right=range(3, 8))
+    return markdown(table, right=range(3, len(table[0])))
 
 
 def summed(name: str, rows: Sequence[Row]) -> Summary:
@@ -136,7 +140,11 @@ def main() -> None:
         put(DOCS / "guide" / "recipes.md", name, recipe_table(recipe, rows))
         sys.stdout.write(f"{picture}\n")
     if (folder / f"{SUITE}.sweep").exists():
-        put(DOCS / "guide" / f"{SUITE}.md", SUITE, suite_table(rows_of(folder / f"{SUITE}.sweep")))
+        page, rows = DOCS / "guide" / f"{SUITE}.md", rows_of(folder / f"{SUITE}.sweep")
+        put(page, SUITE, suite_table(rows, ("paper", "default"), dead_reckoning=True))
+        if (folder / f"{MRPT}.sweep").exists():
+            rows += rows_of(folder / f"{MRPT}.sweep")
+            put(page, MRPT, suite_table(rows, ("icp", "rbpf", "default"), dead_reckoning=False))
 
 
 if __name__ == "__main__":

@@ -148,7 +148,7 @@ def _within(folder: Path, depth: int) -> Iterable[Path]:
 def _take_sweep(material: Material, path: Path, prefix: str) -> None:
     with opened(path) as store:
         spec = json.loads(store.spec)
-        success = dict(spec.get("success") or SUCCESS)
+        success = dict(spec.get("success", SUCCESS))
         material.wanted += [name for name in spec.get("metrics") or () if name not in material.wanted]
         material.documents.append((f"Specification of {path.name}", _toml(spec)))
         for title, facts in store.environment.items():

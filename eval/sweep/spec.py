@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from os import PathLike
 from pathlib import Path
@@ -97,7 +98,10 @@ class SweepSpec(Section):
     scenarios: tuple[str, ...] = ()
     """Names of bundled ones, or paths of TOML files, beside this one."""
     recordings: tuple[str, ...] = ()
-    """Paths of recordings, beside this file; with a truth or a reference beside them they are scored by it."""
+    """Paths of recordings, beside this file; with a truth or a reference beside them they are scored by it.
+
+    ``${NAME}`` in a path stands for that variable of the environment.
+    """
     platforms: tuple[str, ...] = ()
     """Robots in place of the scenarios' own: names, or paths of TOML files."""
     noise: tuple[Literal["datasheet", "as_recorded"], ...] = ()
@@ -182,10 +186,23 @@ def read_spec(path: str | PathLike[str]) -> SweepSpec:
         update={
             "scenarios": tuple(_beside(name, beside) for name in spec.scenarios),
             "platforms": tuple(_beside(name, beside) for name in spec.platforms),
-            "recordings": tuple(str(beside / name) for name in spec.recordings),
+            "recordings": tuple(str(beside / _filled(name, path)) for name in spec.recordings),
             "configurations": {name: _placed(name, one, path) for name, one in spec.configurations.items()},
         }
     )
+
+
+def _filled(name: str, file: Path) -> str:
+    """A path with the variables of the environment that it names.
+
+    Raises:
+        ConfigError: one of them is not set.
+    """
+    try:
+        return re.sub(r"\$\{([A-Za-z_][A-Za-z0-9_]*)\}", lambda found: os.environ[found[1]], name)
+    except KeyError as error:
+        problem = f"{name!r}, expected the variable {error.args[0]} of the environment to be set"
+        raise ConfigError(problem, file=file, field="recordings") from None
 
 
 def _placed(name: str, one: Configuration, file: Path) -> Configuration:

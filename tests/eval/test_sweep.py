@@ -36,6 +36,8 @@ slam.particles = [1, 3, 5]
 """
 """Twelve runs of four seconds."""
 
+ROOT = Path(__file__).parents[2]
+
 
 def written(folder: Path, text: str = SPEC, name: str = "spec.toml") -> Path:
     path = folder / name
@@ -557,3 +559,23 @@ def test_interrupted_it_says_how_to_go_on(tmp_path: Path) -> None:
     assert said == f"moteslam: interrupted, {made} run{'s' if made > 1 else ''} in {target}: the same command goes on"
     assert sorted(path.name for path in tmp_path.iterdir()) == ["spec.sweep", "spec.toml"]
     assert main.run(["sweep", "show", str(target)]) == 0
+
+
+def test_variables_of_the_environment_in_paths(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    file = written(tmp_path, 'recordings = ["${LOGS}/a.log", "b.log"]\n')
+    monkeypatch.setenv("LOGS", "/logs")
+    assert read_spec(file).recordings == ("/logs/a.log", str(tmp_path / "b.log"))
+    monkeypatch.delenv("LOGS")
+    with pytest.raises(ConfigError, match=r"spec\.toml: recordings: .*the variable LOGS of the environment to be set"):
+        read_spec(file)
+
+
+@pytest.mark.parametrize("file", sorted((ROOT / "benchmarks" / "specs").glob("*.toml")), ids=lambda file: file.stem)
+def test_the_benchmarks_that_are_specifications_can_be_run(
+    file: Path, data_folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("MOTESLAM_DATA", str(data_folder.absolute()))
+    spec = read_spec(file)
+    assert spec.name == file.stem
+    assert all(Path(name).is_file() for name in spec.recordings)
+    assert len(plan(spec)) >= 25
