@@ -32,7 +32,12 @@ def cells_of(points: Array, size: float) -> Iterator[NDArray[np.int64]]:
 
 def mean_cells(points: Array, size: float) -> float:
     """The mean number of different cells that hold a point, over the directions of the grid; see ``cells_of``."""
-    return float(np.mean([_distinct(cells) for cells in cells_of(points, size)]))
+    return float(cell_counts(points, size).mean())
+
+
+def cell_counts(points: Array, size: float) -> NDArray[np.int64]:
+    """The number of different cells that hold a point, for each direction [GRIDS] of the grid; see ``cells_of``."""
+    return np.array([_distinct(cells) for cells in cells_of(points, size)])
 
 
 def _distinct(cells: NDArray[np.int64]) -> int:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from moteslam.robot import se2
 from moteslam.robot.alignment import umeyama
 from moteslam.slam.backend.graph.config import GraphConfig
-from moteslam.slam.backend.graph.endpoints import Endpoints, sharpness
+from moteslam.slam.backend.graph.endpoints import Endpoints, cells_along, clearly_fewer, sharpness
 from moteslam.slam.backend.graph.joint import register_jointly
 from moteslam.slam.backend.graph.loop_closing import LoopClosing
 from moteslam.slam.backend.graph.loop_graph import LoopGraph, checked
@@ -129,7 +129,10 @@ class GraphBackend:
 
 
 def sharpest(graph: LoopGraph, filtered: Array, config: GraphConfig) -> Array:
-    """The path that draws the sharpest map: registered jointly from the graph as measured, or from the corrections.
+    """The path that draws the sharpest map; of those about as sharp the one that is nearest to what was measured.
+
+    Candidates are, in this order, the joint registrations that begin at the graph as measured, at the corrected graph
+    and at the filter's path, then these three themselves. A later one is taken only where its map is clearly sharper.
 
     Args:
         graph: of n nodes, as it was solved last; solved as measured afterwards.
@@ -141,17 +144,22 @@ def sharpest(graph: LoopGraph, filtered: Array, config: GraphConfig) -> Array:
         return filtered
     corrected = graph.poses
     graph.solve_as_measured()
-    paths = [filtered, corrected, graph.poses]
-    values = [sharpness(endpoints, poses) for poses in paths]
+    starts = [graph.poses, corrected, filtered]
+    paths: list[Array] = []
     if config.joint.enabled:
         tried: list[Array] = []
-        for start in (graph.poses, corrected, filtered):
+        for start in starts:
             if any(_off(start, other) < SAME_START for other in tried):
                 continue
             paths.append(register_jointly(endpoints, start, graph.chain, config))
-            values.append(sharpness(endpoints, paths[-1]))
             tried += [start, paths[-1]]
-    return paths[int(np.argmin(values))]
+    best, *others = (*paths, *starts)
+    fewest = cells_along(endpoints, best)
+    for path in others:
+        cells = cells_along(endpoints, path)
+        if clearly_fewer(cells, fewest):
+            best, fewest = path, cells
+    return best
 
 
 def _off(one: Array, other: Array) -> float:

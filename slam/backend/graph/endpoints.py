@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from moteslam.kernels.normals import scan_normals
 from moteslam.kernels.thinning import ThinnedScan
-from moteslam.robot.cell_counts import mean_cells
+from moteslam.robot.cell_counts import cell_counts
 
 Array = NDArray[np.float64]
 
@@ -18,6 +18,8 @@ NORMAL_REACH, NORMAL_NOISE, NORMAL_LARGEST = 0.3, 0.005, 0.1
 """See ``scan_normals``: 30 cm of wall, points good to 5 mm, directions good to 0.1 rad."""
 SHARPNESS_CELL = 0.05
 """Edge of the cells [m]."""
+CLEARLY = 3.0
+"""Standard errors; of four directions 95 % of the differences that mean nothing are within them (Student's t)."""
 
 
 class Endpoints(NamedTuple):
@@ -75,5 +77,19 @@ class Endpoints(NamedTuple):
 
 def sharpness(endpoints: Endpoints, poses: Array) -> float:
     """The mean number of cells that hold an endpoint: fewer are sharper, and a wall drawn twice counts twice."""
+    return float(cells_along(endpoints, poses).mean())
+
+
+def cells_along(endpoints: Endpoints, poses: Array) -> NDArray[np.int64]:
+    """The number of cells that hold an endpoint, for each direction [GRIDS] of the grid; see ``cell_counts``."""
     points, _ = endpoints.placed(poses)
-    return mean_cells(points, SHARPNESS_CELL)
+    return cell_counts(points, SHARPNESS_CELL)
+
+
+def clearly_fewer(cells: NDArray[np.int64], others: NDArray[np.int64]) -> bool:
+    """Whether one path needs fewer cells than another by more than the directions of the grid differ in that.
+
+    The difference must be ``CLEARLY`` standard errors of its mean over the directions [GRIDS].
+    """
+    fewer = others - cells
+    return bool(fewer.mean() > CLEARLY * fewer.std(ddof=1) / np.sqrt(len(fewer)))

@@ -119,7 +119,7 @@ def test_what_was_registered_jointly_is_bent_by_later_loops_alone():
 def test_a_joint_registration_starts_from_each_path_that_is_elsewhere(
     monkeypatch: pytest.MonkeyPatch, elsewhere: float, starts: int
 ):
-    """Laid over each other rigidly first; and the path of fewest cells is the one that is taken."""
+    """Laid over each other rigidly first; and the path of clearly fewest cells is the one that is taken."""
     graph, started = graph_of(12), []
 
     def register(endpoints: Endpoints, poses: np.ndarray, *_: object) -> np.ndarray:
@@ -127,12 +127,32 @@ def test_a_joint_registration_starts_from_each_path_that_is_elsewhere(
         return poses + np.array((0.0, 0.001, 0.0))
 
     monkeypatch.setattr(backend, "register_jointly", register)
-    monkeypatch.setattr(backend, "sharpness", lambda endpoints, poses: -float(np.abs(np.diff(poses[:, 1])).max()))
+    monkeypatch.setattr(
+        backend, "cells_along", lambda endpoints, poses: np.full(4, -np.abs(np.diff(poses[:, 1])).max())
+    )
     filtered = np.asarray(se2.compose((3.0, 2.0, 1.0), graph.poses + np.eye(13, 3, k=-6)[:, [1, 0, 2]] * elsewhere))
     found = sharpest(graph, filtered, GraphConfig())
     assert len(started) == starts
     np.testing.assert_array_equal(started[-1], filtered if starts == 2 else graph.poses)
     assert np.abs(found - filtered).max() <= 0.001
+
+
+@pytest.mark.usefixtures("taichi")
+@pytest.mark.parametrize(("fewer", "taken"), [((2, 30, -4, 20), False), ((12, 11, 14, 9), True), ((0, 0, 0, 0), False)])
+def test_a_path_that_contradicts_the_measured_one_must_be_clearly_sharper(
+    monkeypatch: pytest.MonkeyPatch, fewer: tuple[int, ...], taken: bool
+):
+    """By more than the directions of the grid differ in what they count."""
+    graph = graph_of(12)
+    filtered = graph.poses + np.eye(13, 3, k=-6) * 2.0
+    monkeypatch.setattr(backend, "register_jointly", lambda endpoints, poses, *_: poses)
+
+    def cells(endpoints: Endpoints, poses: np.ndarray) -> np.ndarray:
+        return np.array((1000, 1010, 990, 1000)) - np.array(fewer) * bool(np.array_equal(poses, filtered))
+
+    monkeypatch.setattr(backend, "cells_along", cells)
+    found = sharpest(graph, filtered, GraphConfig())
+    assert np.array_equal(found, filtered) == taken
 
 
 def test_cells_are_counted_alike_on_a_grid_and_by_sorting(monkeypatch: pytest.MonkeyPatch):
