@@ -153,9 +153,9 @@ def sharpest(graph: LoopGraph, filtered: Array, config: GraphConfig) -> Array:
                 continue
             paths.append(register_jointly(endpoints, start, graph.chain, config))
             tried += [start, paths[-1]]
-    best, *others = (*paths, *starts)
-    fewest = cells_along(endpoints, best)
-    for path in others:
+    paths += starts
+    best, fewest = paths[0], cells_along(endpoints, paths[0])
+    for path in paths[1:]:
         cells = cells_along(endpoints, path)
         if clearly_fewer(cells, fewest):
             best, fewest = path, cells
