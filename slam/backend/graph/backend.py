@@ -129,7 +129,7 @@ class GraphBackend:
 
 
 def sharpest(graph: LoopGraph, filtered: Array, config: GraphConfig) -> Array:
-    """The path that draws the sharpest map; of those about as sharp the one that is nearest to what was measured.
+    """The path that is nearest to what was measured, of those that draw about as few cells as any.
 
     Candidates are, in this order, the joint registrations that begin at the graph as measured, at the corrected graph
     and at the filter's path, then these three themselves. A later one is taken only where its map is clearly sharper.
