@@ -2,21 +2,35 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import isnan
+from pathlib import Path
 from typing import Any
 
-from moteslam.errors import InputError
+from moteslam.errors import ConfigError, InputError
 from moteslam.eval.metrics.association import MAX_DIFFERENCE
 from moteslam.eval.metrics.ate import AteResult, absolute_trajectory_error
-from moteslam.eval.metrics.relations import TOLERANCE, RelationResult, Relations, evaluate_relations
+from moteslam.eval.metrics.evidence import FINAL, Evidence
+from moteslam.eval.metrics.registry import Value, measure
+from moteslam.eval.metrics.relations import (
+    TOLERANCE,
+    RelationResult,
+    Relations,
+    evaluate_relations,
+    is_relations,
+    read_relations,
+)
 from moteslam.eval.metrics.residuals import ResidualResult, scan_residuals
 from moteslam.eval.metrics.rpe import RpeResult, relative_pose_error
+from moteslam.robot.formats.map_server import read_map
 from moteslam.robot.issues import Issue
 from moteslam.robot.recording import Recording
-from moteslam.robot.trajectory import Trajectory
+from moteslam.robot.trajectory import Trajectory, read_tum
 from moteslam.slam.inputs.scans import Scans
 
+ACCURACY_OF_MAPS = ("map_precision", "map_recall", "map_f1", "map_distance", "map_free_iou", "map_known")
+"""Metrics that compare a map with the true one."""
 FEW = 0.5
 """Where less than this share of the shorter trajectory's poses has a partner, the two may not belong together."""
 
@@ -171,6 +185,43 @@ def under_recording(estimate: Trajectory, recording: Recording, *, scans: Scans 
     shorter = min(len(estimate), len(recording.lidar))
     question = "is this its recording, on the same clock?"
     return UnderRecording(result, _few_matched(result.matched, shorter, "scans or poses", question))
+
+
+def measured(
+    estimate: Trajectory,
+    reference: Path | None,
+    *,
+    recording: Recording | None = None,
+    occupancy: Path | None = None,
+    true_map: Path | None = None,
+    names: Sequence[str] | None = None,
+) -> dict[str, Value]:
+    """Metrics of a trajectory of any SLAM, by name; those that need what is not there are absent, with the reason.
+
+    Args:
+        estimate: the trajectory.
+        reference: file of a trajectory or of relations.
+        recording: of its drive.
+        occupancy, true_map: map_server ``.yaml`` files of its map, in the frame of the estimate, and of the true one.
+        names: of the metrics; with a true map its accuracy is measured, too.
+
+    Raises:
+        ConfigError: a name that is no metric's.
+        InputError: a map that cannot be read, or no stamps in common.
+    """
+    relations = reference is not None and is_relations(reference)
+    evidence = Evidence(
+        {FINAL: estimate},
+        truth=None if reference is None or relations else read_tum(reference),
+        relations=read_relations(reference) if reference is not None and relations else None,
+        recording=recording,
+        occupancy=None if occupancy is None else read_map(occupancy),
+        true_map=None if true_map is None else read_map(true_map),
+    )
+    try:
+        return measure(evidence, dict.fromkeys([*(ACCURACY_OF_MAPS if true_map is not None else ()), *(names or ())]))
+    except ConfigError as error:
+        raise ConfigError(error.problem, file=error.file, field="--metric") from error
 
 
 def _few_matched(matched: int, shorter: int, what: str, question: str) -> tuple[Issue, ...]:

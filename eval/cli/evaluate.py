@@ -26,6 +26,8 @@ NEEDED = {
     **dict.fromkeys(("plot", "max_difference"), "a reference"),
     **dict.fromkeys(("no_align", "scale", "delta", "unit", "all_pairs", "loops"), "a TUM reference"),
     "no_interpolate": "a .relations reference",
+    "map_file": "a TUM reference",
+    "true_map": "a --map",
 }
 """What an option is about: without it the option would change nothing, and is refused."""
 
@@ -46,6 +48,16 @@ def evaluate(
     loops: Annotated[
         Path | None,
         typer.Option(metavar="FILE", help="Also precision, with --recording recall, of the loops of a loops.csv."),
+    ] = None,
+    map_file: Annotated[
+        Path | None,
+        typer.Option("--map", metavar="FILE.yaml", help="The map that goes with the one EST, map_server; for metrics."),
+    ] = None,
+    true_map: Annotated[
+        Path | None, typer.Option(metavar="FILE.yaml", help="The true map in the frame of REF: also scores --map.")
+    ] = None,
+    metrics: Annotated[
+        list[str] | None, typer.Option("--metric", metavar="NAME", help="Also these of moteslam metrics; repeatable.")
     ] = None,
     sequence: options.Sequence = None,
     platform: options.PlatformFile = None,
@@ -84,6 +96,9 @@ def evaluate(
     With --recording, the residuals of every EST: the distances of endpoints to the lines of scans less than 2 m of
     path away.
 
+    With --map and --true-map, how much of the map is right, laid on the true one as EST is on REF. With --metric, any
+    metric by name; what it needs and was not given is named.
+
     With --loops, the loops that a run accepted: how many are right by the reference, and of the key scans whose place
     was seen before, how many are bound to it.
 
@@ -94,10 +109,11 @@ def evaluate(
       moteslam evaluate mine.tum theirs.tum odometry.tum truth.tum --plot errors.png
       moteslam evaluate result/trajectory.tum intel.relations
       moteslam evaluate result/trajectory_final.tum --recording robot.log.gz
+      moteslam evaluate theirs.tum truth.tum --map theirs.yaml --true-map truth_map.yaml --metric rpe_10m
       moteslam evaluate result/trajectory_final.tum truth.tum --loops result/loops.csv --recording robot.log.gz
     """  # noqa: D301
-    from moteslam.eval.cli.evaluate_tables import loop_lines, say_scores
-    from moteslam.eval.evaluation import Evaluated
+    from moteslam.eval.cli.evaluate_tables import loop_lines, metric_table, say_scores
+    from moteslam.eval.evaluation import Evaluated, measured
     from moteslam.eval.loop_table import read_loops
     from moteslam.eval.metrics.loops import score_loops
     from moteslam.eval.metrics.relations import is_relations
@@ -105,7 +121,7 @@ def evaluate(
     from moteslam.robot.trajectory import read_tum
     from moteslam.slam.inputs.synchronise import synchronise
 
-    _refuse_options(context, paths, recording)
+    _refuse_options(context, paths, recording, map_file)
     for file in (save, plot):
         options.refuse_existing(file, force=force)
     if plot is not None and plot.suffix.lower() != ".png":
@@ -139,18 +155,28 @@ def evaluate(
     if loops is not None:
         assert reference is not None  # or --loops was refused
         ledger = score_loops(read_loops(loops), read_tum(reference), opened, scans=scans)
-    more = {} if ledger is None else {"loops": {"file": str(loops), **ledger.as_dict()}}
+    more: dict[str, Any] = {} if ledger is None else {"loops": {"file": str(loops), **ledger.as_dict()}}
+    values = {}
+    if metrics or true_map is not None:
+        given: dict[str, Any] = {"recording": opened, "occupancy": map_file, "true_map": true_map, "names": metrics}
+        values = {name: measured(trajectory, reference, **given) for name, trajectory in trajectories.items()}
+        more["metrics"] = {
+            name: {metric: value.as_dict() for metric, value in each.items()} for name, each in values.items()
+        }
     _write(scores, reference, recording, more, save=save, plot=plot)
     if as_json:
         say_json(_summary(scores, reference, recording) | more)
         return
     say_scores(scores, reference, recording)
+    for name, each in values.items():
+        say(f"metrics of {literal(name)}")
+        say(metric_table(each))
     if ledger is not None:
         say(f"loops of {literal(loops)}")
         say(loop_lines(ledger))
 
 
-def _refuse_options(context: typer.Context, paths: list[Path], recording: Path | None) -> None:
+def _refuse_options(context: typer.Context, paths: list[Path], recording: Path | None, map_file: Path | None) -> None:
     """Refuse what does not go together."""
     from moteslam.eval.metrics.relations import is_relations
 
@@ -158,13 +184,19 @@ def _refuse_options(context: typer.Context, paths: list[Path], recording: Path |
         raise typer.BadParameter(
             "one file, expected trajectories and, last, their reference, or a --recording", param_hint="'EST... [REF]'"
         )
+    if map_file is not None and not (_is_given(context, "true_map") or _is_given(context, "metrics")):
+        raise typer.BadParameter("given without --true-map, expected the map to compare it with", param_hint="'--map'")
+    if map_file is not None and len(paths) > 2:
+        raise typer.BadParameter("given with several EST, expected the one whose map it is", param_hint="'--map'")
     there = set() if recording is None else {"a recording"}
+    there |= set() if map_file is None else {"a --map"}
     if len(paths) > 1:
         there |= {"a reference", "a .relations reference" if is_relations(paths[-1]) else "a TUM reference"}
     given = {name for name in NEEDED if _is_given(context, name)}
     for name, needed in NEEDED.items():
         if name in given and needed not in there:
-            expected = "a --recording" if needed == "a recording" else "one as the last file"
+            own = {"a recording": "a --recording", "a --map": "the map that it is compared with"}
+            expected = own.get(needed, "one as the last file")
             raise typer.BadParameter(f"given without {needed}, expected {expected}", param_hint=_hint(name))
     if given.issuperset(("scale", "no_align")):
         raise typer.BadParameter("given with --no-align, expected one of the two", param_hint=_hint("scale"))
@@ -177,7 +209,7 @@ def _is_given(context: typer.Context, name: str) -> bool:
 
 
 def _hint(name: str) -> str:
-    return f"'--{name.replace('_', '-')}'"
+    return f"'--{name.removesuffix('_file').replace('_', '-')}'"
 
 
 def _against(

@@ -10,6 +10,7 @@ from moteslam.eval.cli.text import bold, note, say, table
 from moteslam.eval.evaluation import AgainstRelations, AgainstTrajectory, Evaluated, UnderRecording
 from moteslam.eval.literal import literal
 from moteslam.eval.metrics.loops import LoopResult
+from moteslam.eval.metrics.registry import Value
 from moteslam.robot.wording import counted
 
 
@@ -45,6 +46,15 @@ def loop_lines(result: LoopResult) -> str:
         share = f"{result.bound} of {counted(result.possible or 0, 'key scan')} with a possible loop"
         lines.append(f"loop recall {100 * result.recall:.1f} %: {share} bound by an accepted one")
     return "\n".join([*lines, *map(str, result.issues)])
+
+
+def metric_table(values: Mapping[str, Value]) -> str:
+    """A line a metric: its value with the unit, or why there is none."""
+    rows = [
+        (literal(name), f"{value.number:.4g} {value.unit}".strip() if value.number is not None else f"- {value.reason}")
+        for name, value in values.items()
+    ]
+    return table(rows)
 
 
 def _print_against(results: Mapping[str, AgainstTrajectory | AgainstRelations], reference: str) -> None:

@@ -8,9 +8,12 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from command_lines import refused
 from matplotlib.figure import Figure
 
 from moteslam.eval.cli import main, text
+from moteslam.robot.formats.map_server import FREE, OCCUPIED, UNKNOWN, write_map
+from moteslam.robot.raster import Raster
 from moteslam.robot.trajectory import Trajectory, read_tum, write_tum
 
 
@@ -147,3 +150,56 @@ def test_an_option_that_would_change_nothing_is_refused(
 def test_scale_and_no_align_exclude_each_other(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main.run(["evaluate", "good.tum", "truth.tum", "--scale", "--no-align"]) == 2
     assert "'--scale': given with --no-align, expected one of the two" in capsys.readouterr().err
+
+
+def a_room(shift: float = 0.0) -> Raster:
+    """Walls round a free floor, unknown beyond, over the drive."""
+    values = np.full((120, 320), UNKNOWN, np.int8)
+    values[10:110, 10:310] = FREE
+    for edge in (values[10:12, 10:310], values[108:110, 10:310], values[10:110, 10:12], values[10:110, 308:310]):
+        edge[:] = OCCUPIED
+    return Raster(values, 0.05, (-3.0 + shift, -3.0, 0.0))
+
+
+def test_the_map_of_any_slam_is_scored_by_the_true_one(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    write_map("true.pgm", a_room())
+    write_map("mine.pgm", a_room())
+    write_map("off.pgm", a_room(0.3))
+    maps = ("--true-map", "true.yaml", "--map")
+    right, off = (
+        json.loads(said(capsys, "truth.tum", "truth.tum", *maps, name, "--json"))["metrics"]["truth.tum"]
+        for name in ("mine.yaml", "off.yaml")
+    )
+    assert right["map_f1"]["value"] > 0.99  # a motion of 1e-17 moves a point on a cell's edge into the next cell
+    assert right["map_distance"] == {"value": pytest.approx(0.0, abs=0.01), "unit": "m"}
+    assert off["map_f1"]["value"] < 0.9
+    lines = said(capsys, "truth.tum", "truth.tum", *maps, "mine.yaml", "--metric", "rpe_2m", "--metric", "nees")
+    assert "map_free_iou" in lines
+    assert "nees           - no covariances" in lines
+    assert "final.rpe_2m" in lines
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        (("truth.tum", "truth.tum", "--map", "mine.yaml"), "'--map': given without --true-map"),
+        (("truth.tum", "truth.tum", "--true-map", "mine.yaml"), "'--true-map': given without a --map"),
+        (
+            ("truth.tum", "some.relations", "--map", "a.yaml", "--true-map", "a.yaml"),
+            "'--map': given without a TUM reference",
+        ),
+        (
+            ("good.tum", "poor.tum", "truth.tum", "--map", "a.yaml", "--true-map", "b.yaml"),
+            "'--map': given with several EST",
+        ),
+        (
+            ("truth.tum", "truth.tum", "--map", "a.yaml", "--true-map", "b.yaml"),
+            "a.yaml: No such file or directory, expected a map_server",
+        ),
+        (("truth.tum", "truth.tum", "--metric", "nothing"), "--metric: 'nothing', expected one of"),
+    ],
+)
+def test_maps_and_metrics_that_cannot_be_had(
+    folder: Path, capsys: pytest.CaptureFixture[str], arguments: tuple[str, ...], expected: str
+) -> None:
+    assert expected in refused(capsys, "evaluate", *arguments)
