@@ -171,7 +171,7 @@ def test_the_map_of_any_slam_is_scored_by_the_true_one(folder: Path, capsys: pyt
         for name in ("mine.yaml", "off.yaml")
     )
     assert right["map_f1"]["value"] > 0.99  # a motion of 1e-17 moves a point on a cell's edge into the next cell
-    assert right["map_distance"] == {"value": pytest.approx(0.0, abs=0.01), "unit": "m"}
+    assert right["map_distance"] == {"value": pytest.approx(0.0, abs=0.025), "unit": "m"}
     assert off["map_f1"]["value"] < 0.9
     lines = said(capsys, "truth.tum", "truth.tum", *maps, "mine.yaml", "--metric", "rpe_2m", "--metric", "nees")
     assert "map_free_iou" in lines
