@@ -182,7 +182,7 @@ def show(
         say_affordable(file, budget, metrics or ["final.ate"], form)
         return
     with opened(file) as store:
-        say_summaries(store, spec_of(store), metrics or ["final.ate"], form)
+        say_summaries(store, spec_of(store), metrics, form)
 
 
 @app.command("plot")

@@ -14,7 +14,7 @@ from moteslam.eval.literal import literal
 if TYPE_CHECKING:
     from moteslam.eval.sweep.differences import Difference
     from moteslam.eval.sweep.spec import SweepSpec
-    from moteslam.eval.sweep.store import Store
+    from moteslam.eval.sweep.store import Row, Store
     from moteslam.eval.sweep.tables import GroupSummary
 
 MOST_SHOWN = 40
@@ -42,16 +42,20 @@ def say_specs(*, as_json: bool) -> None:
     say(table(rows, right=(1,)))
 
 
-def say_summaries(store: Store, spec: SweepSpec, names: list[str], form: str) -> None:
+def say_summaries(store: Store, spec: SweepSpec, wanted: list[str] | None, form: str) -> None:
     """A row a configuration and scenario: runs, successes, and of each metric the median with its intervals.
 
     As ``text``, ``json`` or a format of ``moteslam.eval.tables``; in ``csv`` every number has a column of its own, with
     all of its digits. Runs without a result are counted below the table, or on stderr.
+
+    Raises:
+        ConfigError: a metric was not measured; those that were are named.
     """
     from moteslam.eval.sweep.tables import summaries
 
-    counts = store.counts()
-    found = summaries(store.rows(), names, dict(spec.success))
+    counts, runs = store.counts(), list(store.rows())
+    names = _measured(runs, wanted, store.path)
+    found = summaries(runs, names, dict(spec.success))
     if form == "json":
         say_json(
             {
@@ -69,6 +73,22 @@ def say_summaries(store: Store, spec: SweepSpec, names: list[str], form: str) ->
         say(total)
     elif set(counts) != {"ok"}:
         note(f"warning: {store.path}: {total}")
+
+
+def _measured(runs: list[Row], wanted: list[str] | None, file: Path) -> list[str]:
+    """The metrics that are wanted; by default ``final.ate``, or the first of those that were measured."""
+    there = list(dict.fromkeys(name for row in runs if row.status == "ok" for name in (*row.values, *row.costs)))
+    if not there:
+        return wanted or ["final.ate"]
+    if wanted is None:
+        others = [name for name in there if name not in ("scans", "distance")]
+        return ["final.ate"] if "final.ate" in there else others[:1]
+    for name in wanted:
+        if name not in there:
+            alike = [one for one in there if one.endswith(f".{name}")] or there
+            problem = f"{name!r}, which was not measured, expected one of {', '.join(alike)}"
+            raise ConfigError(problem, file=file, field="--metric")
+    return wanted
 
 
 def say_affordable(file: Path, text: str, metrics: list[str], form: str) -> None:

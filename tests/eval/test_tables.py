@@ -8,6 +8,7 @@ import re
 from pathlib import Path
 
 import pytest
+from command_lines import refused
 from made_sweeps import swept
 
 from moteslam.eval.cli import main
@@ -116,3 +117,11 @@ def test_a_format_that_there_is_not(tmp_path: Path, capsys: pytest.CaptureFixtur
         assert capsys.readouterr().err == expected
         assert main.run([*command, str(file), "--format", "csv", "--json"]) == 2
         assert "--format: 'csv' with --json" in capsys.readouterr().err
+
+
+def test_a_metric_that_was_not_measured(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Those of the same name, of one trajectory each, are named in its place."""
+    file = str(swept(tmp_path))
+    said = refused(capsys, "sweep", "show", file, "--metric", "ate")
+    assert "--metric: 'ate', which was not measured, expected one of final.ate" in said
+    assert "expected one of final.ate" in refused(capsys, "sweep", "show", file, "--metric", "map_f1")
