@@ -16,7 +16,18 @@ from moteslam.eval.literal import literal
 if TYPE_CHECKING:
     from moteslam.eval.statistics.pairs import Comparison
 
-HEAD = ("configuration", "pairs", "better", "worse", "equal", "median difference", "95 %", "p", "failed")
+HEAD = (
+    "configuration",
+    "pairs",
+    "better",
+    "worse",
+    "equal",
+    "median difference",
+    "95 %",
+    "p",
+    "failed",
+    "failed, first",
+)
 
 
 def compare(
@@ -106,7 +117,8 @@ def _rows(each: dict[str, Comparison]) -> list[tuple[str, ...]]:
                 _signed(one.median),
                 interval,
                 f"{one.p:.2g}",
-                f"{one.failed[1]}, {one.failed[0]} there",
+                str(one.failed[1]),
+                str(one.failed[0]),
             )
         )
     return rows
@@ -127,7 +139,7 @@ def _numbers(compared: dict[str, dict[str, Comparison]]) -> list[tuple[str, ...]
             "high",
             "p",
             "failed",
-            "there",
+            "failed_first",
         )
     ]
     for name, each in compared.items():

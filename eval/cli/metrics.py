@@ -39,7 +39,7 @@ def metrics(as_json: options.Json = False) -> None:
         rows = [("", "unit", "better", "", "")]
         for name, one in METRICS.items():
             if (one.of_trajectory is not None) == wanted:
-                rows.append((name, one.unit, one.better or "", one.meaning, one.source))
+                rows.append((name, one.unit, one.better or "", one.meaning, one.source + "; costly" * one.costly))
         say(title)
         say(table(rows))
         say("")

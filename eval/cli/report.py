@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from moteslam.errors import ExistsError
+from moteslam.errors import ExistsError, OutputError
 from moteslam.eval.cli import options
 from moteslam.eval.cli.text import say, say_json
 from moteslam.eval.literal import literal
@@ -46,6 +46,8 @@ def report(
       moteslam report result
       moteslam report before after --metric final.ate --metric map_f1 --title "before and after"
     """  # noqa: D301
+    if out.suffix.lower() not in (".html", ".htm"):
+        raise OutputError("expected a name that ends in .html", file=out)
     if out.exists() and not force:
         raise ExistsError("exists already; name a new file with --out", file=out)
     from moteslam.eval.cli.progress import progress_bar
@@ -54,7 +56,8 @@ def report(
     from moteslam.robot.files import folder_for, write_atomically
 
     material = gather(paths)
-    name = title if title is not None else paths[0].absolute().name
+    more = f" and {len(paths) - 1} more" if len(paths) > 1 else ""
+    name = title if title is not None else f"{paths[0].absolute().name}{more}"
     wishes = Wishes(name, tuple(metrics or ()), baseline, players=not no_player)
     with progress_bar("reading runs", len(material.runs), "runs") as bar:
         text = page(material, wishes, progress=bar.update)

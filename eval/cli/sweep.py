@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from moteslam.errors import ConfigError, ExistsError, InputError, OutputError
+from moteslam.errors import ConfigError, InputError, OutputError
 from moteslam.eval.cli import options
 from moteslam.eval.cli.interrupt import Interrupted
 from moteslam.eval.cli.sweep_file import begin, spec_of
@@ -35,8 +35,8 @@ app = typer.Typer(
     rich_markup_mode=None,
 )
 
-DIFFERENT = 1
-"""Exit code."""
+DIFFERENT = NOTHING = 1
+"""Exit codes."""
 File = Annotated[Path, typer.Argument(metavar="FILE.sweep", help="What `moteslam sweep` wrote.")]
 
 
@@ -68,7 +68,7 @@ def run(
 
     Killed at any moment and started again, it goes on where it was: no run that was recorded is lost or made again. A
     run that fails, crashes or takes too long is recorded with its error. The results are the same, bit for bit,
-    whatever the number of workers, parts and interruptions.
+    whatever the number of workers, parts and interruptions. Exit code 1 where no run ended well.
 
     \b
     Examples:
@@ -117,9 +117,12 @@ def run(
             except (Interrupted, KeyboardInterrupt) as error:
                 error.add_note(f"interrupted, {counted(done, 'run')} in {target}: the same command goes on")
                 raise
-        say_summaries(store, wanted, ["final.ate"], "json" if as_json else "text")
+        say_summaries(store, wanted, None, "json" if as_json else "text")
+        ends = {status for status, count in store.counts().items() if status and count}
     if not as_json:
         say(f"recorded in {literal(target)}")
+    if ends and "ok" not in ends:
+        raise typer.Exit(NOTHING)
 
 
 @app.command("list")
@@ -235,7 +238,7 @@ def merge(
     from moteslam.eval.sweep.store import create, opened
 
     if out.exists():
-        raise ExistsError("exists already; name a new file", file=out)
+        raise OutputError("exists already, expected a new file", file=out)
     with opened(files[0]) as first:
         text, spec, digest, environment = first.spec, spec_of(first), first.digest, first.environment
     for file in files[1:]:
@@ -265,7 +268,8 @@ def diff(
 ) -> None:
     """Print where two sweeps of the same runs differ, in any digit; times and memory are left out.
 
-    The same code gives the same results on any computer. Exit code 1 where they differ.
+    The same code gives the same results with the same versions of NumPy, pymunk and Taichi. Exit code 1 where they
+    differ.
 
     \b
     Examples:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from moteslam.errors import ConfigError, ExistsError
+from moteslam.errors import ConfigError, OutputError
 
 if TYPE_CHECKING:
     from moteslam.eval.sweep.spec import SweepSpec
@@ -26,7 +26,7 @@ def begin(target: Path, file: Path, spec: SweepSpec, part: str | None) -> None:
 
     Raises:
         ConfigError: the specification asks for what there is not, or the part is none.
-        ExistsError: the file is there, of another specification or part, or of other scenarios or robots.
+        OutputError: the file is there, of another specification or part, or of other scenarios or robots.
     """
     from moteslam.eval.environment import environment
     from moteslam.eval.sweep.bundled import digest
@@ -39,12 +39,12 @@ def begin(target: Path, file: Path, spec: SweepSpec, part: str | None) -> None:
     if target.exists():
         with opened(target) as store:
             if store.spec != text:
-                raise ExistsError("is of another specification; name a new file with --out", file=target)
+                raise OutputError("is of another specification, expected another --out", file=target)
             if store.part != part:
-                raise ExistsError(f"holds part {store.part}, not {part}; name a new file with --out", file=target)
+                raise OutputError(f"holds part {store.part}, not {part}, expected another --out", file=target)
             if store.digest and store.digest != digest(plan(spec, check=False)):
-                problem = "has runs of other scenarios or robots of these names; name a new file with --out"
-                raise ExistsError(problem, file=target)
+                problem = "has runs of other scenarios or robots of these names, expected another --out"
+                raise OutputError(problem, file=target)
         return
     try:
         runs = plan(spec)

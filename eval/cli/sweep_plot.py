@@ -43,5 +43,5 @@ def plot_sweep(
     for name in metrics:
         best = [group.values[name].best for group in found]
         if not any(isfinite(inf if value is None else value) for value in best):
-            raise InputError(f"no run has {name}, expected a metric of the sweep", file=file, field="--metric")
+            raise InputError(f"no run that ended well has {name}, expected a metric of the sweep", file=file)
     draw_sweep(out, found, metrics, column=column, label=label, title=title)

@@ -159,7 +159,7 @@ def _rows(groups: list[GroupSummary], names: list[str]) -> tuple[list[list[str]]
     about = varying(groups)
     head = [*about, "runs", "success"]
     for name in names:
-        head += [name, "95 %", "quartiles"]
+        head += [with_unit(name), "95 %", "quartiles"]
     rows = [head]
     for group in groups:
         row = [str(group.about.get(key, "")) for key in about]
@@ -173,6 +173,17 @@ def _rows(groups: list[GroupSummary], names: list[str]) -> tuple[list[list[str]]
             ]
         rows.append(row)
     return rows, len(about)
+
+
+def with_unit(name: str) -> str:
+    """A metric with its unit, as ``final.ate [m]``; what is no metric as it is."""
+    from moteslam.eval.metrics.registry import metric, split
+
+    try:
+        unit = metric(split(name)[1]).unit
+    except ConfigError:  # scans, distance, or of a plug-in that is not here
+        return name
+    return f"{name} [{unit}]" if unit else name
 
 
 def _numbers(groups: list[GroupSummary], names: list[str]) -> tuple[list[list[str]], int]:

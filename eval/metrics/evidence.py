@@ -35,7 +35,7 @@ from moteslam.slam.inputs.synchronise import synchronise
 Array = NDArray[np.float64]
 T = TypeVar("T")
 
-FINAL, ONLINE, DEAD_RECKONING = "final", "online", "dead_reckoning"
+FINAL, ONLINE, DEAD_RECKONING = TRACKS = "final", "online", "dead_reckoning"
 """Names of the trajectories of a run of ours."""
 
 

@@ -166,6 +166,7 @@ def spread(runs: Sequence[ReportRun], metric: str, unit: str) -> Figure | None:
         "tickvals": list(range(len(names[:MOST_LINES]))),
         "ticktext": [label(name if len(name) <= 40 else f"{name[:39]}…") for name in names[:MOST_LINES]],
         "automargin": True,
+        "ticklabeloverflow": "allow",
         "range": [-0.6, min(len(names), MOST_LINES) - 0.4],
     }
     note = f"{len(names) - MOST_LINES} more configurations are left out" if len(names) > MOST_LINES else ""
@@ -217,7 +218,7 @@ def paired(runs: Sequence[ReportRun], baseline: str, metric: str, unit: str) -> 
         "hoverinfo": "skip",
         "line": {"color": "#7F7F7F", "width": 1, "dash": "dot"},
     }
-    x_axis = {"title": {"text": axis(f"{metric} of {baseline}", unit)}, **_axis(everything)}
+    x_axis = {"title": {"text": axis(f"{metric} of the baseline", unit)}, **_axis(everything)}
     y_axis = {"title": {"text": axis(f"{metric} of the others", unit)}, **_axis(everything)}
     note = f"{len(others) - MOST_LINES} more configurations are left out" if len(others) > MOST_LINES else ""
     return _figure([line, *traces], x_axis, y_axis, note)

@@ -173,7 +173,9 @@ def _metrics(material: Material, wanted: Sequence[str]) -> list[str]:
             raise ConfigError(f"{missing[0]!r}, which no run has; expected {', '.join(having[:8])}", field="--metric")
         return list(wanted)
     found = [name for name in (*material.wanted, *USUAL) if name in having]
-    return list(dict.fromkeys(found or having))[: max(MOST_METRICS, len(set(material.wanted)))]
+    return list(dict.fromkeys(found or having or material.wanted or ["final.ate"]))[
+        : max(MOST_METRICS, len(set(material.wanted)))
+    ]
 
 
 def _unit(name: str, material: Material) -> str:

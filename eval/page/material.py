@@ -208,8 +208,12 @@ def _run_of(material: Material, folder: Path, configuration: str) -> ReportRun:
         if isinstance(value, dict) and isinstance(value.get("value"), int | float):
             values[str(name)] = float(value["value"])
             material.units[str(name)] = str(value.get("unit", ""))
-        elif isinstance(value, dict):
-            absent[str(name)] = str(value.get("absent", ""))
+        elif isinstance(value, dict) and "absent" in value:
+            absent[str(name)] = str(value["absent"])
+        else:
+            raise InputError(
+                "expected a value or why it is absent", file=folder / "metrics.json", field=f"metrics.{name}"
+            )
     for issue in about.get("warnings") or ():
         if isinstance(issue, dict):
             message = str(issue.get("message"))

@@ -122,7 +122,7 @@ function makePlayer(parts) {
       context.moveTo(X(loop.ends[0]), Y(loop.ends[1])); context.lineTo(X(loop.ends[2]), Y(loop.ends[3]));
       context.strokeStyle = colour(loop.verdict === 1 ? "--loop" : "--rejected");
       context.setLineDash(loop.verdict === 1 ? [] : [4 * ratio, 3 * ratio]);
-      context.lineWidth = (loop.verdict === 1 ? 2 : 1) * ratio; context.stroke(); context.setLineDash([]);
+      context.lineWidth = (loop.verdict === 1 ? 3 : 1) * ratio; context.stroke(); context.setLineDash([]);
     }
     if (shown.particles && run.particles) {
       const t = run.particles.t, at = Math.max(0, lower(t, now + 1e-6) - 1), next = Math.min(at + 1, t.length - 1);

@@ -74,6 +74,10 @@ def playable(folder: Path, budget: Budget) -> dict[str, Any]:
     final, online, odometry = (
         read_tum(folder / f"{name}.tum") for name in ("trajectory_final", "trajectory", "dead_reckoning")
     )
+    for name, other in (("trajectory", online), ("dead_reckoning", odometry)):
+        if len(other) != len(final):
+            problem = f"{len(other)} poses, expected {len(final)} as in trajectory_final.tum"
+            raise InputError(problem, file=folder / f"{name}.tum")
     steps = np.unique(np.linspace(0, len(final) - 1, budget.steps).round().astype(np.intp))
     stamps = final.stamps[steps]
     start = float(stamps[0])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Hashable, Mapping
 from dataclasses import asdict, dataclass
-from math import inf, isfinite
+from math import inf, isclose, isfinite
 from typing import Any, TypeVar
 
 import numpy as np
@@ -12,6 +12,9 @@ import numpy as np
 from moteslam.eval.statistics.summary import Better, median_interval, quantile
 
 K = TypeVar("K", bound=Hashable)
+
+ROUNDING = 1e-12
+"""Values that differ by no more than this share of the larger one are equal."""
 
 
 @dataclass(frozen=True)
@@ -62,8 +65,9 @@ def compare(
     common = [key for key in first if key in second]
     worst = inf if better == "lower" else -inf
     values = [tuple(worst if value is None else value for value in (first[key], second[key])) for key in common]
-    wins = sum((b < a) if better == "lower" else (b > a) for a, b in values)
-    losses = sum((b > a) if better == "lower" else (b < a) for a, b in values)
+    apart = [(a, b) for a, b in values if not isclose(a, b, rel_tol=ROUNDING)]
+    wins = sum((b < a) if better == "lower" else (b > a) for a, b in apart)
+    losses = len(apart) - wins
     differences = np.sort(np.array([b - a for a, b in values if isfinite(a) or isfinite(b)]))
     some = len(differences) > 0
     low, high = median_interval(differences) if some else (None, None)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from itertools import islice, product
 from pathlib import Path
@@ -195,19 +196,28 @@ def _check(runs: list[PlannedRun]) -> None:
     for run in runs:
         slam = run.preset, run.for_slam()
         world = run.case[:4] + run.case[6:]
-        try:
-            if slam not in seen:
+        if slam not in seen:
+            with _named(f"configurations.{run.configuration}"):
                 resolve_config(run.preset, run.for_slam())
-            if world not in seen and run.scenario:
+        if world not in seen and run.scenario:
+            with _named(f"scenarios, {Path(run.scenario).name}"):
                 load_scenario(
                     run.scenario,
                     platform=run.platform or None,
                     noise=run.noise or None,
                     settings=run.for_scenario(),
                 )
-            if world not in seen and run.recording and not Path(run.recording).exists():
-                raise ConfigError("there is no such recording", file=run.recording)
-        except MoteslamError as error:
-            where = f"configuration {run.configuration}" if slam not in seen else run.scenario
-            raise ConfigError(error.problem, file=error.file or where, field=error.field) from error
+        if world not in seen and run.recording and not Path(run.recording).exists():
+            raise ConfigError(f"{run.recording!r}, which there is not, expected a recording", field="recordings")
         seen |= {slam, world}
+
+
+@contextmanager
+def _named(where: str) -> Iterator[None]:
+    """Errors of the block name a place of the specification."""
+    try:
+        yield
+    except MoteslamError as error:
+        field = f"{where}, {error.field}" if error.field and error.field not in where else where
+        file = error.file if error.file is not None and Path(error.file).exists() else None  # not a bundled one's name
+        raise ConfigError(error.problem, file=file, field=field) from error

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+from difflib import get_close_matches
 from os import PathLike
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -11,7 +12,8 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, ValidationError, field_validator, model_validator
 
 from moteslam.errors import ConfigError, InputError
-from moteslam.eval.metrics.registry import chosen
+from moteslam.eval.metrics.evidence import TRACKS
+from moteslam.eval.metrics.registry import chosen, split
 from moteslam.eval.sweep.program import first_line
 from moteslam.robot.section import NotNegative, Number, Positive, Section, Whole
 from moteslam.robot.tables import read_toml
@@ -22,6 +24,8 @@ MAX_RUNS = 1_000_000
 PREFIXES = ("slam.", "scenario.", "platform.")
 """What a key that varies, or that a configuration sets, begins with: whose key it is."""
 NAME = re.compile(r"[\w.+-]{1,80}")
+PLACES = ("recording", "platform", "out", "seed", "here")
+"""What stands in braces in the words of a command."""
 SUCCESS_ATE = 0.5
 """A run succeeds, where nothing else is said, with a final ATE of at most this [m]."""
 
@@ -176,6 +180,13 @@ def read_spec(path: str | PathLike[str]) -> SweepSpec:
     try:
         spec = SweepSpec.model_validate(table)
         chosen([*spec.metrics, *spec.success])
+        for name in (*spec.metrics, *spec.success):
+            track, short = split(name)
+            if track and track not in TRACKS:
+                expected = ", ".join(f"{each}.{short}" for each in TRACKS)
+                raise ConfigError(f"{name!r}, expected one of {expected}", field="metrics")
+        for name, one in spec.configurations.items():
+            _check_places(name, one)
     except ConfigError as error:
         raise ConfigError(error.problem, file=path, field=error.field) from error
     except ValidationError as error:
@@ -190,6 +201,19 @@ def read_spec(path: str | PathLike[str]) -> SweepSpec:
             "configurations": {name: _placed(name, one, path) for name, one in spec.configurations.items()},
         }
     )
+
+
+def _check_places(name: str, one: Configuration) -> None:
+    """Refuse a word of a command in which a place is misspelt; other braces are the command's own.
+
+    Raises:
+        ConfigError: there is one.
+    """
+    for word in one.command:
+        for place in re.findall(r"(?<!\$)\{([a-z]+)\}", word):
+            if place not in PLACES and (meant := get_close_matches(place, PLACES, 1, 0.7)):
+                problem = f"{{{place}}}, expected {{{meant[0]}}} or another of {', '.join(PLACES)}"
+                raise ConfigError(problem, field=f"configurations.{name}.command")
 
 
 def _filled(name: str, file: Path) -> str:

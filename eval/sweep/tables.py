@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from moteslam.errors import ConfigError, OutputError
+from moteslam.eval.literal import literal
 from moteslam.eval.metrics.registry import metric, split
 from moteslam.eval.statistics.proportion import Proportion
 from moteslam.eval.statistics.summary import Better, Summary
@@ -115,7 +116,7 @@ def columns(rows: Sequence[Row]) -> dict[str, list[Any]]:
     if any(row.run.version for row in rows):
         table["version"] = [row.run.version for row in rows]
     table |= {key: [dict(row.run.varied).get(key) for row in rows] for key in varied}
-    table |= {"status": [row.status for row in rows], "error": [row.error for row in rows]}
+    table |= {"status": [row.status for row in rows], "error": [literal(row.error) for row in rows]}
     table |= {name: [row.values.get(name) for row in rows] for name in names}
     return table | {name: [row.costs.get(name) for row in rows] for name in costs}
 

@@ -9,6 +9,7 @@ import pytest
 
 from moteslam.eval.cli import main
 from moteslam.eval.populations import populations
+from moteslam.eval.statistics.pairs import compare
 from moteslam.eval.sweep.plan import plan
 from moteslam.eval.sweep.spec import read_spec
 from moteslam.eval.sweep.store import create, opened
@@ -174,3 +175,9 @@ def test_where_two_sweeps_differ(tmp_path: Path, capsys: pytest.CaptureFixture[s
     (tmp_path / "x.csv").write_text("a,b\n1,2\n")
     assert main.run(["sweep", "diff", str(first), str(tmp_path / "x.csv")]) == 2
     assert "expected a table that `moteslam sweep export` wrote" in capsys.readouterr().err
+
+
+def test_rounding_is_no_difference() -> None:
+    """Of 1e-17 m neither is better."""
+    found = compare({0: 0.1, 1: 0.1, 2: 0.1}, {0: 0.1 + 1e-16, 1: 0.1 - 1e-16, 2: 0.0999})
+    assert (found.wins, found.losses, found.ties) == (1, 0, 2)

@@ -125,7 +125,14 @@ def test_seeds_as_text() -> None:
         ("scenarios = ['corridor']\nplatforms = ['r2d2']", "r2d2"),
         ("scenarios = ['corridor']\nmetrics = ['final.aet']", "'aet', expected one of ate"),
         ("scenarios = ['corridor', 'corridor']", "the same run twice"),
-        ("recordings = ['nothing.log']", "there is no such recording"),
+        ("recordings = ['nothing.log']", "which there is not, expected a recording"),
+        ("scenarios = ['coridor']", "scenarios, coridor: no scenario of this name"),
+        ("scenarios = ['corridor']\nplatforms = ['nope']", "scenarios, corridor, nope: no robot of this name"),
+        ("scenarios = ['corridor']\nmetrics = ['fnal.ate']", "metrics: 'fnal.ate', expected one of final.ate"),
+        (
+            "scenarios = ['corridor']\n[configurations.a]\ncommand = ['echo', '{recrding}', '{print}', '${recordin}']",
+            "configurations.a.command: {recrding}, expected {recording}",
+        ),
         ("recordings = ['nothing.log']\n[vary]\nplatform.imu = [true]", "platform.imu: of a scenario"),
         ("scenarios = ['corridor']\n[configurations.'a b']", "'a b', expected letters"),
         ("scenarios = ['corridor']\n[configurations.a]\npreset = 'b'", "no such preset"),
@@ -367,7 +374,7 @@ def test_a_value_that_is_absent_is_recorded_with_its_reason(tmp_path: Path) -> N
 
 def test_a_configuration_that_no_run_takes_is_refused_before_the_first(tmp_path: Path) -> None:
     text = SPEC.replace('slam.backend.method = "none"', 'slam.backend.method = "nothing"')
-    with pytest.raises(ConfigError, match=r"configuration alone: backend\.method"):
+    with pytest.raises(ConfigError, match=r"configurations\.alone, backend\.method"):
         planned(tmp_path, text)
 
 
@@ -579,3 +586,20 @@ def test_the_benchmarks_that_are_specifications_can_be_run(
     assert spec.name == file.stem
     assert all(Path(name).is_file() for name in spec.recordings)
     assert len(plan(spec)) >= 25
+
+
+@pytest.mark.slow
+def test_a_sweep_in_which_no_run_ends_well_says_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    text = """
+scenarios = ["corridor"]
+duration = 7
+seeds = "0"
+[configurations.bad]
+command = ["sh", "-c", "echo '\\u001b[31m<b>' >&2; exit 3"]
+"""
+    assert main.run(["sweep", str(written(tmp_path, text)), "--workers", "1"]) == 1
+    assert "1 failed" in capsys.readouterr().out
+    table = as_csv(rows_of(tmp_path / "spec.sweep"))
+    assert r"ended with exit code 3: \x1b[31m<b>" in table
+    plot = ["sweep", "plot", str(tmp_path / "spec.sweep"), "--out", str(tmp_path / "a.png"), "--x", "configuration"]
+    assert main.run(plot) == 2

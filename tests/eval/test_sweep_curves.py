@@ -92,7 +92,7 @@ def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
             ["--out", str(tmp_path / "b.png"), "--x", "seed"],
             "--x: 'seed', expected one of scenario, configuration, slam.",
         ),
-        (["--out", str(tmp_path / "b.png"), "--metric", "map_f1"], "--metric: no run has map_f1"),
+        (["--out", str(tmp_path / "b.png"), "--metric", "map_f1"], "a.sweep: no run that ended well has map_f1"),
         (["--out", str(tmp_path / "b.png"), "--metric", "mapf1"], "'mapf1', expected one of"),
     ):
         assert main.run(["sweep", "plot", str(file), *options]) == 2

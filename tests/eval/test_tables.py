@@ -73,7 +73,7 @@ def test_a_sweep_in_every_format(tmp_path: Path, capsys: pytest.CaptureFixture[s
     lines = printed(capsys, "sweep", "show", file, "--format", "markdown").splitlines()
     assert len(lines) == 2 + 4
     assert lines[0].startswith(
-        "| scenario | configuration | slam.tracking.window | runs | success | final.ate | 95 % |"
+        "| scenario | configuration | slam.tracking.window | runs | success | final.ate \\[m\\] | 95 % |"
     )
     assert lines[4].startswith(r"| corridor | a\_b | 1.0 | 4 | 4 (51 to 100 %) | 0.115 |")
     assert " | failed | " in lines[5]
