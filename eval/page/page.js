@@ -14,7 +14,7 @@
       paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)", font: { color: text, size: 13 },
       margin: { l: 60, r: 16, t: 16, b: 48 }, hovermode: "closest", hoverlabel: { align: "left" },
       modebar: { bgcolor: "rgba(0,0,0,0)", color: variable("--quiet"), activecolor: text },
-      legend: { orientation: "h", yref: "container", y: 0, yanchor: "bottom" }, ...own,
+      legend: { orientation: "h", y: innerWidth < 600 ? -0.35 : -0.22, yanchor: "top" }, ...own,
       xaxis: { ...style, ...own.xaxis }, yaxis: { ...style, ...own.yaxis },
     };
   }
