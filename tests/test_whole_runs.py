@@ -75,7 +75,7 @@ def test_the_default_preset_follows_key_scans(data_folder: Path):
     reference = read_tum(data_folder / "key_scans" / "freiburg-101.reference.tum")
     estimate = run_slam(recording, load_preset("default"), seed=0)
     assert absolute_trajectory_error(estimate.trajectory_final, reference).translation.rmse < 0.06
-    assert absolute_trajectory_error(estimate.trajectory, reference).translation.rmse < 0.1  # other seeds 0.044
+    assert absolute_trajectory_error(estimate.trajectory, reference).translation.rmse < 0.09
 
 
 def test_a_recording_written_and_read_back_gives_the_same_bytes(tmp_path: Path):

@@ -24,7 +24,7 @@ from moteslam.slam.registration.registrar import Registration, register, subsamp
 
 Array = NDArray[np.float64]
 
-GATE = 4.0
+GATE = 6.0
 """An offset of more standard deviations of the odometry must be proved."""
 SCORES = TrackingConfig()
 """Match score and heavy tail are those of tracking."""
