@@ -76,17 +76,7 @@ def _of_sweep(path: Path) -> list[Population]:
 
 
 def _of_folder(folder: Path) -> Population:
-    tables = []
-    for name in ("metrics.json", "run.json"):
-        file = folder / name
-        try:
-            table = json.loads(read_text(file, "a file of a result folder", limit=MAX_BYTES))
-        except (ValueError, RecursionError) as error:
-            raise InputError(f"not JSON: {error}", file=file) from error
-        if not isinstance(table, dict):
-            raise InputError("not a table, expected what `moteslam replay` writes", file=file)
-        tables.append(table)
-    metrics, run = tables
+    metrics, run = (read_table(folder / name) for name in ("metrics.json", "run.json"))
     found = metrics.get("metrics")
     if not isinstance(found, dict):
         raise InputError("missing, expected in every result folder", file=folder / "metrics.json", field="metrics")
@@ -96,3 +86,18 @@ def _of_folder(folder: Path) -> Population:
         if isinstance(value, dict) and isinstance(value.get("value"), int | float)
     }
     return Population(str(folder), {(run.get("recording"), run.get("seed")): values})
+
+
+def read_table(file: Path) -> dict[str, Any]:
+    """A JSON file of a result folder.
+
+    Raises:
+        InputError: it is missing, too large, not JSON, or no table.
+    """
+    try:
+        table = json.loads(read_text(file, "a file of a result folder", limit=MAX_BYTES))
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"not JSON: {error}", file=file) from error
+    if not isinstance(table, dict):
+        raise InputError("not a table, expected what `moteslam replay` writes", file=file)
+    return table

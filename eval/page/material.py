@@ -10,12 +10,11 @@ from pathlib import Path
 from typing import Any
 
 from moteslam.errors import InputError
+from moteslam.eval.populations import MAX_BYTES, read_table
 from moteslam.eval.sweep.store import opened
 from moteslam.eval.sweep.tables import group_of, succeeds
 from moteslam.robot.reading import read_text
 
-MAX_BYTES = 50_000_000
-"""No file of a result folder that is read here is larger."""
 SUCCESS = {"final.ate": 0.5}
 """Of runs in result folders: limits as of ``SweepSpec.success``."""
 DEPTH = 3
@@ -198,7 +197,7 @@ def _take_folders(material: Material, folders: Sequence[Path]) -> None:
 
 
 def _run_of(material: Material, folder: Path, configuration: str) -> ReportRun:
-    metrics, about = (_json(folder / name) for name in ("metrics.json", "run.json"))
+    metrics, about = (read_table(folder / name) for name in ("metrics.json", "run.json"))
     table = metrics.get("metrics")
     if not isinstance(table, dict):
         raise InputError("missing, expected in every result folder", file=folder / "metrics.json", field="metrics")
@@ -272,16 +271,6 @@ def _flat(table: dict[str, Any], prefix: str = "") -> dict[str, Any]:
     for key, value in table.items():
         flat |= _flat(value, f"{prefix}{key}.") if isinstance(value, dict) else {f"{prefix}{key}": value}
     return flat
-
-
-def _json(file: Path) -> dict[str, Any]:
-    try:
-        table = json.loads(read_text(file, "a file of a result folder", limit=MAX_BYTES))
-    except (ValueError, RecursionError) as error:
-        raise InputError(f"not JSON: {error}", file=file) from error
-    if not isinstance(table, dict):
-        raise InputError("not a table, expected what `moteslam replay` writes", file=file)
-    return table
 
 
 def _toml(spec: dict[str, Any]) -> str:
