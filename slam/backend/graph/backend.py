@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.robot import se2
-from moteslam.robot.alignment import umeyama
 from moteslam.slam.backend.graph.config import GraphConfig
 from moteslam.slam.backend.graph.endpoints import Endpoints, cells_along, clearly_fewer, sharpness
 from moteslam.slam.backend.graph.joint import register_jointly
@@ -86,6 +85,7 @@ class GraphBackend:
         graph.solve()
         endpoints = Endpoints.of(self._nodes.scans)
         poses = self._registered(graph, endpoints, off) if self._config.joint.enabled else graph.poses
+        poses = laid_over(poses, _frame(graph, placed))
         moved = np.hypot(*(poses[:, :2] - placed[:, :2]).T).max()
         better = moved < FARTHEST * off + SLACK and graph.misfit(closing.news, poses) < off
         better = better and sharpness(endpoints, poses) < sharpness(endpoints, placed)
@@ -105,7 +105,7 @@ class GraphBackend:
         if len(before) and off < FAR_OFF:
             free = np.ones(len(poses), bool)
             free[: len(before)] = np.hypot(*(poses[: len(before), :2] - before[:, :2]).T) > MOVED
-        return laid_over(register_jointly(endpoints, poses, graph.chain, self._config, free, rounds=ROUNDS), before)
+        return register_jointly(endpoints, poses, graph.chain, self._config, free, rounds=ROUNDS)
 
     def finish(self, path: Array) -> Array | None:
         """See ``Backend``."""
@@ -122,8 +122,10 @@ class GraphBackend:
         graph.settle()
         if self._config.loops.enabled:
             closing.close()
-        updates, before = np.array(graph.nodes.updates), graph.registered
-        best = laid_over(sharpest(graph, path[updates], self._config), before)
+        updates = np.array(graph.nodes.updates)
+        filtered = path[updates]
+        frame = _frame(graph, filtered)
+        best = laid_over(sharpest(graph, filtered, self._config), frame)
         self._loops = checked(graph.ledger, graph.nodes, best)
         return between_known(best, updates, path)
 
@@ -162,6 +164,11 @@ def sharpest(graph: LoopGraph, filtered: Array, config: GraphConfig) -> Array:
     return best
 
 
+def _frame(graph: LoopGraph, filtered: Array) -> Array:
+    """The poses [m, 3] that hold the frame: of the latest correction, before the first the filter's of all nodes."""
+    return graph.registered if len(graph.registered) else filtered
+
+
 def _off(one: Array, other: Array) -> float:
     """How far the farthest node of a path [n, 3] is off, laid over another one [m]."""
     off = laid_over(one, other) - other
@@ -169,15 +176,19 @@ def _off(one: Array, other: Array) -> float:
 
 
 def laid_over(poses: Array, before: Array) -> Array:
-    """Poses [n, 3] moved rigidly so that the first m lie on those before a correction [m, 3], by least squares.
+    """Poses [n, 3] moved rigidly so that the first m lie on those before [m, 3], by least squares.
 
     What holds the frame is the map as it was, not the first scan alone: a tenth of a degree in its heading would move
-    a large building's far end by decimetres.
+    a large building's far end by decimetres. A radian counts as a metre, for nodes on one spot.
     """
-    if len(before) < 2:
-        return poses
-    moved = umeyama(poses[: len(before), :2], before[:, :2])
-    return np.asarray(se2.compose(moved, poses))
+    first = poses[: len(before)]
+    centre, centre_before = first[:, :2].mean(axis=0), before[:, :2].mean(axis=0)
+    off, off_before = first[:, :2] - centre, before[:, :2] - centre_before
+    turns = before[:, 2] - first[:, 2]
+    sine = (off[:, 0] * off_before[:, 1] - off[:, 1] * off_before[:, 0] + np.sin(turns)).sum()
+    cosine = ((off * off_before).sum(axis=1) + np.cos(turns)).sum()
+    there = np.append(centre_before, np.arctan2(sine, cosine))
+    return np.asarray(se2.compose(there, se2.between(np.append(centre, 0.0), poses)))
 
 
 GRAPH = BackendKind(GraphConfig, GraphBackend)

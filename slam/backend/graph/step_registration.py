@@ -24,13 +24,16 @@ from moteslam.slam.registration.registrar import Registration, register, subsamp
 
 Array = NDArray[np.float64]
 
-GATE = 6.0
+GATE = 4.0
 """An offset of more standard deviations of the odometry must be proved."""
 SCORES = TrackingConfig()
 """Match score and heavy tail are those of tracking."""
 LOOSE, LOOSEST = 3.0, 0.01
 """With the corrected odometry the registration searches within this many of its standard deviations, and the second at
 least [m], [rad]: what is found farther off must be proved."""
+BASIN = 0.2
+"""Registrations begin at headings this far apart [rad], as far as they are searched for: from twice as far off
+Gauss-Newton may end at a place that explains a few of the endpoints."""
 MOST_NATS = 50.0
 """Certainty enough [nats]; the exponential of more overflows."""
 SLIP = 7.0
@@ -90,25 +93,24 @@ class StepRegistration:
         return found
 
     def _registered(self, points: NDArray[np.float32], predicted: Prediction) -> RegisteredStep:
-        """From the odometry's prediction and from the filter's, and where need be held near the odometry's."""
+        """From the odometry's prediction, turned too, and the filter's, and where need be held near the odometry's."""
         c, spread, doubt = self._config, predicted.spread, np.zeros(3)
         maps, at = self._local.current.of(0), se2.compose(self._pose, predicted.step)
         loose = np.maximum(LOOSE * spread, LOOSEST) if self._proved else spread
-        starts = np.stack((np.zeros(3), se2.between(predicted.step, predicted.filtered)))
-        both = np.repeat(at[None], 2, axis=0)
-        found = register(maps, both, loose, points, self._origin, starts, c.registration)
+        starts = np.vstack((_turned(loose), se2.between(predicted.step, predicted.filtered)))
+        all_at = np.repeat(at[None], len(starts), axis=0)
+        found = register(maps, all_at, loose, points, self._origin, starts, c.registration)
         found = keep_odometry(found, loose, c.registration)
         best = _better(found, loose)
-        far = bool((np.abs(found.offsets[best]) > GATE * spread).any())
-        if self._proved and predicted.measured and far:
-            start = np.zeros((1, 3))
-            held = register(maps, at[None], spread, points, self._origin, start, c.registration, coarse=False)
+        if self._proved and predicted.measured and _far(found, spread)[best]:
+            held = register(maps, all_at, spread, points, self._origin, starts, c.registration, coarse=False)
             held = keep_odometry(held, spread, c.registration)
-            nats = _overrules(found, best, held, len(points), spread, c)
+            near = _better(held, spread, _far(held, spread))
+            nats = _overrules(found, best, held, near, len(points), spread, c)
             belief = 1 / (1 + np.exp(-np.clip(nats / DOUBT, -MOST_NATS, MOST_NATS)))
             doubt = np.sqrt(belief * (1 - belief)) * found.offsets[best]
             if nats < 0:
-                found, best = held, 0
+                found, best = held, near
         step = se2.compose(predicted.step, found.offsets[best])
         return RegisteredStep(step, measured_information(found, best, c.registration, c.correlation), doubt)
 
@@ -147,16 +149,43 @@ class _LocalMaps:
         return self._length - maps[1] >= share * c.length or self._count - maps[2] >= share * c.nodes
 
 
-def _better(found: Registration, spread: Array) -> int:
-    """Which registration has the better match, less what its offset costs by the odometry."""
+def _turned(loose: Array) -> Array:
+    """Offsets [n, 3] from the odometry's prediction to begin at: the prediction, and turned as far as is searched."""
+    steps = int(loose[2] / BASIN)
+    headings = BASIN * np.arange(-steps, steps + 1)
+    return np.column_stack((np.zeros((len(headings), 2)), headings))
+
+
+def _far(found: Registration, spread: Array) -> NDArray[np.bool_]:
+    """Which registrations [N] must be proved, being so far from the odometry."""
+    return np.asarray((np.abs(found.offsets) > GATE * spread).any(axis=1))
+
+
+def _better(found: Registration, spread: Array, without: NDArray[np.bool_] | None = None) -> int:
+    """Which registration has the best match, less what its offset costs by the odometry.
+
+    Args:
+        found: N of them.
+        spread: [3] of the odometry.
+        without: [N] those that are no choice, unless none is.
+    """
     off = np.square(found.offsets / spread).sum(axis=1)
-    return int((match_score(found, SCORES) - heavy_tail(off, SCORES)).argmax())
+    matches = match_score(found, SCORES) - heavy_tail(off, SCORES)
+    if without is not None and not without.all():
+        matches[without] = -np.inf
+    return int(matches.argmax())
 
 
 def _overrules(
-    found: Registration, best: int, held: Registration, points: int, spread: Array, config: GraphConfig
+    found: Registration,
+    best: int,
+    held: Registration,
+    near: int,
+    points: int,
+    spread: Array,
+    config: GraphConfig,
 ) -> float:
-    """By how many nats a registration far from the odometry is more probable than the one held near it.
+    """By how many nats a registration far from the odometry is more probable than one held near it.
 
     The evidence is the difference of the mean costs of the endpoints that each place knows, times the smaller number of
     them, counting as many as err independently. That a place knows more is no evidence for it, nor are rays through
@@ -169,7 +198,7 @@ def _overrules(
         known = float(fit.known[which])
         return (float(fit.costs[which]) - unknown * (points - known)) / max(known, 1.0)
 
-    both = min(float(held.known[0]), float(found.known[best]))
-    evidence = (mean_cost(held, 0) - mean_cost(found, best)) * both / config.correlation
+    both = min(float(held.known[near]), float(found.known[best]))
+    evidence = (mean_cost(held, near) - mean_cost(found, best)) * both / config.correlation
     off = np.square(found.offsets[best] / spread).sum()
     return evidence - float(heavy_tail(off, SCORES)) - SLIP

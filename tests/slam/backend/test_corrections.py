@@ -10,6 +10,7 @@ from moteslam.slam.backend.graph import backend
 from moteslam.slam.backend.graph.backend import laid_over, sharpest
 from moteslam.slam.backend.graph.config import GraphConfig
 from moteslam.slam.backend.graph.endpoints import Endpoints, sharpness
+from moteslam.slam.backend.graph.loop_closing import LoopClosing
 from moteslam.slam.backend.graph.loop_graph import LoopGraph
 from moteslam.slam.backend.graph.loop_search import Loop
 from moteslam.slam.backend.graph.nodes import Nodes
@@ -51,7 +52,9 @@ def test_a_correction_leaves_the_known_map_where_it_was():
     more = np.vstack((before, [[60.0, 5.0, 0.3]]))
     turned = np.asarray(se2.compose((0.4, -0.2, 0.003), more))
     np.testing.assert_allclose(laid_over(turned, before), more, atol=1e-9)
-    np.testing.assert_array_equal(laid_over(turned, np.zeros((0, 3))), turned)
+    spinning = np.column_stack((rng.normal(0, 1e-6, (20, 2)), rng.uniform(-3, 3, 20)))
+    turned = np.asarray(se2.compose((0.4, -0.2, 0.3), spinning))
+    np.testing.assert_allclose(se2.between(laid_over(turned, spinning), spinning), 0, atol=1e-5)
 
 
 def test_thinned_endpoints_are_the_first_of_each_scan_and_every_third_after_it():
@@ -61,6 +64,18 @@ def test_thinned_endpoints_are_the_first_of_each_scan_and_every_third_after_it()
     np.testing.assert_array_equal(thinned.points, points[[0, 3, 4]])
     np.testing.assert_array_equal(thinned.starts, [0, 2, 2, 3])
     np.testing.assert_array_equal(thinned.owners, [0, 0, 2])
+
+
+def closing_of(nodes: int, found: tuple[float, float, float]) -> tuple[backend.GraphBackend, LoopClosing]:
+    """A back end of as many nodes, a metre apart along x, and a new loop from node 0 to 18."""
+    one = backend.GraphBackend(GraphConfig())
+    for k in range(nodes + 1):
+        one.add(replace(key(k, (1.0 if k else 0.0, 0.0, 0.0)), pose=np.array((float(k), 0.0, 0.0))))
+    closing = one._closing
+    assert closing is not None
+    closing.graph.enter((0, 18), loop(closing.graph, 0, 18, found))
+    closing.news.add((0, 18))
+    return one, closing
 
 
 def test_endpoints_of_some_scans_are_numbered_anew():
@@ -82,16 +97,26 @@ def test_a_correction_moves_no_node_much_farther_than_its_loops_are_off(
 ):
     """Though its map may have fewer cells: one part of it may lie over another."""
     monkeypatch.setattr(backend, "sharpness", lambda endpoints, poses: -float(np.abs(poses).max()))
-    one = backend.GraphBackend(GraphConfig())
-    moved = np.array((distance, 0.0, 0.0))
+    one, closing = closing_of(21, (17.9, 0.0, 0.0))
+    moved = np.eye(21, 3, k=-20) * distance
     monkeypatch.setattr(one, "_registered", lambda graph, endpoints, off: graph.poses + moved)
-    for k in range(22):
-        one.add(replace(key(k, (1.0 if k else 0.0, 0.0, 0.0)), pose=np.array((float(k), 0.0, 0.0))))
-    closing = one._closing
-    assert closing is not None
-    closing.graph.enter((0, 18), loop(closing.graph, 0, 18, (17.9, 0.0, 0.0)))
-    closing.news.add((0, 18))
     assert (one._correction(closing) is not None) == corrects
+
+
+@pytest.mark.usefixtures("taichi")
+def test_the_first_correction_leaves_the_map_in_its_frame(monkeypatch: pytest.MonkeyPatch):
+    """A joint registration may turn the whole of it about the first scan."""
+    monkeypatch.setattr(backend, "sharpness", lambda endpoints, poses: -float(np.abs(np.diff(poses[:, 1])).max()))
+    one, closing = closing_of(21, (17.9, 0.0, 0.0))
+    before = np.array(one._path)
+    bent = before + 0.06 * np.sin(np.arange(22) / 2)[:, None] * np.array((0.0, 1.0, 0.0))
+    turned = np.asarray(se2.compose((0.0, 0.0, 0.02), bent))
+    monkeypatch.setattr(one, "_registered", lambda graph, endpoints, off: turned[:21])
+    monkeypatch.setattr(closing.graph, "misfit", lambda pairs, poses: 0.1 if poses[-1, 2] == 0 else 0.05)
+    corrected = one._correction(closing)
+    assert corrected is not None
+    assert np.abs(turned - before)[:21].max() > 0.35
+    assert np.abs(corrected - before).max() < 0.1
 
 
 @pytest.mark.usefixtures("taichi")

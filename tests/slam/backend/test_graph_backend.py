@@ -64,7 +64,7 @@ def test_without_a_loop_the_filter_is_as_it_was(doors: Case, alone: Estimate):
 
 def test_a_closed_loop_corrects_the_filter_while_it_drives():
     """Before the first correction nothing changes; after the last one the online poses are those in a straight map."""
-    case = wheels_case("corridor", 224, step_noise=STEP_NOISE)
+    case = wheels_case("twins", 224, step_noise=STEP_NOISE)
     filter_alone, corrected = estimate(case, "backend.method=none"), estimate(case)
     jumps = corrected.diagnostics["corrected"]
     last = int(np.flatnonzero(jumps)[-1])
@@ -73,15 +73,27 @@ def test_a_closed_loop_corrects_the_filter_while_it_drives():
         filter_alone.trajectory.poses[: np.flatnonzero(jumps)[0] + 1],
         corrected.trajectory.poses[: np.flatnonzero(jumps)[0] + 1],
     )
-    assert case.reference is not None
-    placed = absolute_trajectory_error(corrected.trajectory_final, case.reference).transform
 
-    def rmse(trajectory: Trajectory) -> float:
-        laid = Trajectory(trajectory.stamps, np.asarray(se2.compose(placed, trajectory.poses)))
+    def rmse(estimated: Estimate, final: Estimate) -> float:
+        """Online after the last correction, laid on the truth as a final trajectory is."""
+        assert case.reference is not None
+        placed = absolute_trajectory_error(final.trajectory_final, case.reference).transform
+        online = estimated.trajectory
+        laid = Trajectory(online.stamps, np.asarray(se2.compose(placed, online.poses)))
         off = absolute_trajectory_error(laid, case.reference, align=False).errors[last + 1 :]
         return float(np.sqrt(np.square(off).mean()))
 
-    assert rmse(corrected.trajectory) < 0.5 * rmse(filter_alone.trajectory)
+    assert rmse(corrected, corrected) < 0.5 * rmse(filter_alone, corrected)
+    assert rmse(corrected, corrected) < 0.5 * rmse(filter_alone, filter_alone)
+    assert error(corrected.trajectory, case) < 0.8 * error(filter_alone.trajectory, case)
+
+
+def test_the_first_correction_does_not_turn_the_map():
+    """About the first scan, that is: whose heading the joint registration knows to a fraction of a degree."""
+    case = wheels_case("corridor", 224, step_noise=STEP_NOISE)
+    filter_alone, corrected = estimate(case, "backend.method=none"), estimate(case)
+    assert corrected.diagnostics["corrected"].any()
+    assert error(corrected.trajectory, case) < 1.1 * error(filter_alone.trajectory, case)
 
 
 def test_an_estimate_in_the_middle_of_a_run_changes_nothing(doors: Case, behind: Estimate):
