@@ -78,9 +78,10 @@ class Chain:
     def prior(self, start: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
         """[n - 1, 3] steps for a joint registration, their covariance [n - 1, 3, 3], and [n - 1] which are doubtful.
 
-        Where a registration differs much from the odometry, the odometry: all scans together are the better judge. That
-        is doubtful, and so is a step that was not registered. Where the start contradicts a step, it is the hypothesis
-        that odometry or registration failed there: its own step then, loosely.
+        Where a registration is moved much from the odometry, the odometry: all scans together are the better judge.
+        That is doubtful, and so is a step that was not registered. Its heading remains the registration's, which scans
+        know best, and the motion turns by half of what that differs. Where the start contradicts a step, it is the
+        hypothesis that odometry or registration failed there: its own step then, loosely.
 
         Args:
             start: [n, 3] poses from which the joint registration starts.
@@ -89,6 +90,7 @@ class Chain:
         predicted = np.array([each.step for each in self._predicted]).reshape(-1, 3)
         spread = np.array([each.spread for each in self._predicted]).reshape(-1, 3)
         found = np.array([each.step for each in self._proved]).reshape(-1, 3)
+        predicted = _headed(predicted, found[:, 2])
         doubted = np.asarray(_differs(found, predicted, DOUBTED * spread).any(axis=1))
         unregistered = np.array([not each.information.any() for each in self._proved], bool)
         steps[doubted], covariance[doubted] = predicted[doubted], np.square(spread[doubted])[:, None] * np.eye(3)
@@ -199,6 +201,13 @@ def _same(before: list[Prediction], after: list[Prediction]) -> bool:
     return bool(
         (np.abs(off) < SAME_STEP * old).all() and (ratio < SAME_SPREAD).all() and (ratio > 1 / SAME_SPREAD).all()
     )
+
+
+def _headed(steps: Array, headings: Array) -> Array:
+    """Steps [n, 3] with other headings [n], the motion turned by half of the difference."""
+    off = se2.wrap(headings - steps[:, 2])
+    turned = np.asarray(se2.compose(np.column_stack((np.zeros((len(off), 2)), off / 2)), steps))
+    return np.column_stack((turned[:, :2], headings))
 
 
 def _differs(found: Array, predicted: Array, most: Array) -> NDArray[np.bool_]:

@@ -105,7 +105,7 @@ class StepRegistration:
         if self._proved and predicted.measured and _far(found, spread)[best]:
             held = register(maps, all_at, spread, points, self._origin, starts, c.registration, coarse=False)
             held = keep_odometry(held, spread, c.registration)
-            near = _better(held, spread, _far(held, spread))
+            near = _nearest(held, spread)
             nats = _overrules(found, best, held, near, len(points), spread, c)
             belief = 1 / (1 + np.exp(-np.clip(nats / DOUBT, -MOST_NATS, MOST_NATS)))
             doubt = np.sqrt(belief * (1 - belief)) * found.offsets[best]
@@ -161,19 +161,23 @@ def _far(found: Registration, spread: Array) -> NDArray[np.bool_]:
     return np.asarray((np.abs(found.offsets) > GATE * spread).any(axis=1))
 
 
-def _better(found: Registration, spread: Array, without: NDArray[np.bool_] | None = None) -> int:
-    """Which registration has the best match, less what its offset costs by the odometry.
+def _better(found: Registration, spread: Array) -> int:
+    """Which registration has the better match, less what its offset costs by the odometry."""
+    return int(_matches(found, spread).argmax())
 
-    Args:
-        found: N of them.
-        spread: [3] of the odometry.
-        without: [N] those that are no choice, unless none is.
-    """
+
+def _nearest(held: Registration, spread: Array) -> int:
+    """The better one of those that need no proof; the one nearest to the odometry if all need it."""
+    far = _far(held, spread)
+    if far.all():
+        return int(np.square(held.offsets / spread).sum(axis=1).argmin())
+    return int(np.where(far, -np.inf, _matches(held, spread)).argmax())
+
+
+def _matches(found: Registration, spread: Array) -> Array:
+    """The match scores [N], less what the offsets cost by an odometry of this spread [3]."""
     off = np.square(found.offsets / spread).sum(axis=1)
-    matches = match_score(found, SCORES) - heavy_tail(off, SCORES)
-    if without is not None and not without.all():
-        matches[without] = -np.inf
-    return int(matches.argmax())
+    return match_score(found, SCORES) - heavy_tail(off, SCORES)
 
 
 def _overrules(

@@ -113,6 +113,14 @@ def test_a_registration_far_from_the_odometry_is_no_prior():
     np.testing.assert_allclose(doubted[2], (0.6, 0.0, 0.0))
     assert deviations[2, 0, 0] > 2 * covariance[2, 0, 0]
     np.testing.assert_array_equal(which, [False, False, True, False, False])
+    turned = np.array([0.6 * np.cos(0.2), 0.6 * np.sin(0.2), 0.4])  # as the odometry, but for the heading
+    chain._proved[2] = chain._proved[2]._replace(step=turned)
+    assert not chain.prior(driven)[2].any()
+    chain._proved[2] = chain._proved[2]._replace(step=turned + np.array((0.5, 0.0, 0.0)))
+    bent = np.asarray(se2.accumulate(np.insert(np.delete(steps, 2, axis=0), 2, turned, axis=0)))
+    doubted, _, which = chain.prior(np.vstack((np.zeros(3), bent)))
+    np.testing.assert_allclose(doubted[2], turned, atol=1e-9)
+    assert which[2]
 
 
 def test_a_path_that_contradicts_a_step_is_its_own_prior_there():

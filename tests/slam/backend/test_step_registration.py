@@ -73,5 +73,5 @@ def test_what_is_far_is_compared_with_the_best_that_is_near():
     far = step_registration._far(found, spread)
     np.testing.assert_array_equal(far, np.abs(offsets[:, 0]) > GATE * 0.1)
     assert step_registration._better(found, spread) == 0
-    assert step_registration._better(found, spread, far) == 2
-    assert step_registration._better(found, spread, np.ones(3, bool)) == 0
+    assert step_registration._nearest(found, spread) == 2
+    assert step_registration._nearest(found, spread / 10) == 1
