@@ -17,7 +17,7 @@ from moteslam.eval.metrics.registry import chosen, split
 from moteslam.eval.sweep.program import first_line
 from moteslam.robot.section import NotNegative, Number, Positive, Section, Whole
 from moteslam.robot.tables import read_toml
-from moteslam.robot.wording import Place, first_complaint, known_keys
+from moteslam.robot.wording import Place, first_complaint, known_keys, shortened
 from moteslam.slam.settings import DEFAULT_PRESET
 
 MAX_RUNS = 1_000_000
@@ -130,7 +130,7 @@ class SweepSpec(Section):
     def _keys(cls, value: Any) -> Any:
         if not isinstance(value, dict):
             return value
-        return {_checked_key(key): one for key, one in _flat(value, leaf=_is_range).items()}
+        return {_checked_key(key): _values(key, one) for key, one in _flat(value, leaf=_is_range).items()}
 
     @field_validator("vary")
     @classmethod
@@ -286,7 +286,25 @@ def _checked_key(key: str) -> str:
 
 
 def _is_range(value: dict[str, Any]) -> bool:
-    return "first" in value and "steps" in value
+    return not value.keys().isdisjoint(Range.model_fields)
+
+
+def _values(key: str, value: Any) -> Any:
+    """The range of a table; a list of plain values as it is."""
+    if isinstance(value, Range):
+        return value
+    if isinstance(value, list | tuple):
+        strange = next((one for one in value if not isinstance(one, Scalar)), None)
+        if strange is not None:
+            raise ValueError(f"{key}: {shortened(strange)}, expected numbers, texts, true or false")
+        return value
+    if not isinstance(value, dict):
+        raise ValueError(f"{key}: {shortened(value)}, expected a list of values, or first, last and steps")
+    try:
+        return Range.model_validate(value)
+    except ValidationError as error:
+        field, problem = first_complaint(error, "range", lambda _: f"expected one of {', '.join(Range.model_fields)}")
+        raise ValueError(": ".join(part for part in (f"{key}.{field}" if field else key, problem))) from None
 
 
 def _flat(table: dict[str, Any], prefix: str = "", *, leaf: Any = lambda _: False) -> dict[str, Any]:

@@ -169,9 +169,12 @@ def opened(path: str | PathLike[str], *, write: bool = False) -> Iterator[Store]
     if not path.is_file():
         raise InputError("there is no such file, expected one that `moteslam sweep` made", file=path)
     with _alone(path, write=write):
-        connection = sqlite3.connect(f"file:{_quoted(path)}?mode={'rw' if write else 'ro'}", uri=True)
+        # for reading, too: where a process was killed amid a transaction, only one that may write can roll it back
+        connection = sqlite3.connect(f"file:{_quoted(path)}?mode=rw", uri=True)
         try:
             try:
+                if not write:
+                    connection.execute("PRAGMA query_only = ON")
                 (version,) = connection.execute("SELECT value FROM about WHERE key = 'version'").fetchone() or ("",)
             except sqlite3.DatabaseError as error:
                 raise InputError(f"no file of a sweep: {error}", file=path) from error

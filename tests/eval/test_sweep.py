@@ -6,12 +6,14 @@ import csv
 import json
 import os
 import signal
+import sqlite3
 import subprocess
 import sys
 import time
 from pathlib import Path
 
 import pytest
+from made_sweeps import swept
 
 from moteslam.errors import ConfigError, InputError, OutputError
 from moteslam.eval.cli import main
@@ -121,6 +123,16 @@ def test_seeds_as_text() -> None:
         ("scenarios = ['corridor']\n[vary]\nslam.particle = [1]", "particle: unknown key"),
         ("scenarios = ['corridor']\n[vary]\nslam.particles = []", "no values, expected a list of some"),
         ("scenarios = ['corridor']\n[vary]\nslam.particles = [-3]", "particles: "),
+        ("scenarios = ['corridor']\n[vary]\nslam.particles = 3", "slam.particles: 3, expected a list of values, or "),
+        ("scenarios = ['corridor']\n[vary]\nslam.particles = [[1]]", "slam.particles: [1], expected numbers, texts"),
+        (
+            "scenarios = ['corridor']\n[vary]\nslam.particles = { first = 1, last = 9, steps = 0 }",
+            "slam.particles.steps: 0, expected at least 2",
+        ),
+        (
+            "scenarios = ['corridor']\n[vary]\nslam.particles = { first = 1, last = 9, step = 2 }",
+            "slam.particles.step: unknown key, expected one of first, last, steps, spacing",
+        ),
         ("scenarios = ['corridor']\n[vary]\nscenario.speeed = [1]", "speeed"),
         ("scenarios = ['corridor']\nplatforms = ['r2d2']", "r2d2"),
         ("scenarios = ['corridor']\nmetrics = ['final.aet']", "'aet', expected one of ate"),
@@ -229,6 +241,34 @@ def test_killed_three_times_it_comes_to_the_same(whole: Path, tmp_path: Path) ->
     assert subprocess.run(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, check=False).returncode == 0
     assert results(target) == results(whole)
     assert main.run(["sweep", str(spec)]) == 0  # there is nothing left to do
+
+
+KILLED_AMID = """
+import os, signal, sqlite3, sys
+connection = sqlite3.connect(sys.argv[1])
+connection.execute("PRAGMA cache_size = 1")
+connection.execute("UPDATE runs SET status = 'ok', error = ?", ("x" * 5000,))
+os.kill(os.getpid(), signal.SIGKILL)
+"""
+"""A process that is killed with half of a transaction on the disk."""
+
+
+@pytest.mark.parametrize("first", ["read", "write"])
+def test_killed_amid_a_transaction_it_is_as_before_it(tmp_path: Path, first: str) -> None:
+    file = swept(tmp_path, whole=False)
+    before = rows_of(file)
+    subprocess.run([sys.executable, "-c", KILLED_AMID, str(file)], check=False, timeout=60)
+    assert file.with_name("a.sweep-journal").stat().st_size > 0
+    with opened(file, write=first == "write") as store:
+        assert list(store.rows()) == before
+    assert rows_of(file) == before
+    assert not file.with_name("a.sweep-journal").exists()
+
+
+def test_a_file_opened_for_reading_is_not_written(tmp_path: Path) -> None:
+    file = swept(tmp_path, whole=False)
+    with opened(file) as store, pytest.raises(sqlite3.OperationalError, match="readonly"):
+        store.record(Outcome(store.pending()[0], "failed", "stuck"))
 
 
 @pytest.mark.slow
