@@ -29,6 +29,7 @@ def plot_sweep(
     from moteslam.eval.report.sweep_curves import draw_sweep
     from moteslam.eval.sweep.store import opened
     from moteslam.eval.sweep.tables import summaries, varying
+    from moteslam.robot.files import folder_for
 
     with opened(file) as store:
         spec = spec_of(store)
@@ -44,4 +45,5 @@ def plot_sweep(
         best = [group.values[name].best for group in found]
         if not any(isfinite(inf if value is None else value) for value in best):
             raise InputError(f"no run that ended well has {name}, expected a metric of the sweep", file=file)
-    draw_sweep(out, found, metrics, column=column, label=label, title=title)
+    with folder_for(out):
+        draw_sweep(out, found, metrics, column=column, label=label, title=title)

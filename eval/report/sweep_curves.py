@@ -162,6 +162,8 @@ def _draw(axes: Axes, lines: Sequence[Line], name: str, places: Places) -> None:
         for value in (group.values[name].median, group.values[name].low, group.values[name].high)
         if value is not None and isfinite(value)
     ]
+    unit, factor = _unit(metric(split(name)[1]).unit, finite)
+    finite = [factor * value for value in finite]
     logarithmic = far_apart(finite)
     low, high = _limits(finite, logarithmic=logarithmic, least=0.0 if better(name) == "lower" else None)
     if places.logarithmic:
@@ -174,7 +176,7 @@ def _draw(axes: Axes, lines: Sequence[Line], name: str, places: Places) -> None:
         x = dodged([line.places[k] for k in there], shift, span, logarithmic=places.logarithmic)
         found = [line.groups[k].values[name] for k in there]
         y, bottom, top = (
-            [_clipped(getattr(one, part), low, high) for one in found] for part in ("median", "low", "high")
+            [_clipped(getattr(one, part), factor, low, high) for one in found] for part in ("median", "low", "high")
         )
         axes.vlines(x, bottom, top, color=line.look["color"], lw=1.4, alpha=0.7)
         for ends_of in (bottom, top):
@@ -186,8 +188,7 @@ def _draw(axes: Axes, lines: Sequence[Line], name: str, places: Places) -> None:
         )
     axes.set_ylim(low, high)
     _ticks(axes, places)
-    one = metric(split(name)[1])
-    axes.set_ylabel(f"{name}{f' [{one.unit}]' if one.unit else ''}")
+    axes.set_ylabel(f"{name}{f' [{unit}]' if unit else ''}")
     axes.grid(axis="y", color="0.9", lw=0.6)
 
 
@@ -205,8 +206,13 @@ def _limits(values: Sequence[float], *, logarithmic: bool, least: float | None) 
     return low - margin, high + margin
 
 
-def _clipped(value: float | None, low: float, high: float) -> float:
-    return low if value is None else min(max(value, low), high)
+def _clipped(value: float | None, factor: float, low: float, high: float) -> float:
+    return low if value is None else min(max(factor * value, low), high)
+
+
+def _unit(unit: str, values: Sequence[float]) -> tuple[str, float]:
+    """The unit of an axis and what values are multiplied by: centimetres where all are below a metre."""
+    return ("cm", 100.0) if unit == "m" and values and max(values) < 1 else (unit, 1.0)
 
 
 def _ticks(axes: Axes, places: Places) -> None:

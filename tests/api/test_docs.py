@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import json
 import re
 from operator import attrgetter
@@ -11,6 +10,7 @@ from types import ModuleType
 
 import pytest
 from pydantic import BaseModel
+from scripts import loaded
 
 from moteslam.robot.platforms import UCSD, bundled_platform, bundled_platforms
 from moteslam.sim.scenario import load_scenario
@@ -138,12 +138,7 @@ def test_the_page_on_robots_gives_their_figures():
 
 def generator() -> ModuleType:
     """docs/generate.py as a module."""
-    spec = importlib.util.spec_from_file_location("generate", ROOT / "docs" / "generate.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return loaded("docs/generate.py")
 
 
 def test_the_generated_pages_are_current():

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import math
 import re
 import shutil
@@ -14,6 +13,7 @@ from types import ModuleType
 
 import numpy as np
 import pytest
+from scripts import loaded
 
 from moteslam.eval.sweep.external import Command, estimate
 from moteslam.eval.sweep.plan import plan
@@ -35,12 +35,7 @@ ROBOTLASER1 0 -1.0 2.0 1.0 30.0 0.01 0 3 1.5 2.5 3.5 0 1.1 3.0 0.6 1.0 3.0 0.6 0
 @pytest.fixture(scope="module")
 def example() -> ModuleType:
     """The script as a module."""
-    spec = importlib.util.spec_from_file_location("mrpt_slam", SCRIPT)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return loaded("docs/examples/mrpt_slam.py")
 
 
 def run(folder: Path, *, method: str = "icp", log: str = LOG, path: str = "") -> subprocess.CompletedProcess[str]:

@@ -10,7 +10,7 @@ from made_sweeps import swept
 from PIL import Image
 
 from moteslam.eval.cli import main
-from moteslam.eval.report.sweep_curves import Places, dodged, draw_sweep, far_apart, lines_of
+from moteslam.eval.report.sweep_curves import Places, _unit, dodged, draw_sweep, far_apart, lines_of
 from moteslam.eval.statistics.proportion import Proportion
 from moteslam.eval.statistics.summary import Summary
 from moteslam.eval.sweep.tables import GroupSummary
@@ -78,8 +78,15 @@ def test_whatever_the_values_are_they_are_drawn(errors: tuple[float | None, ...]
         assert len(picture.convert("RGB").getcolors(1 << 24) or ()) > 10
 
 
+def test_errors_below_a_metre_are_drawn_in_centimetres() -> None:
+    assert _unit("m", [0.02, 0.99]) == ("cm", 100.0)
+    assert _unit("m", [0.02, 1.0]) == ("m", 1.0)
+    assert _unit("m", []) == ("m", 1.0)
+    assert _unit("deg", [0.02]) == ("deg", 1.0)
+
+
 def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    file, out = swept(tmp_path), tmp_path / "a.png"
+    file, out = swept(tmp_path), tmp_path / "new" / "a.png"
     assert main.run(["sweep", "plot", str(file), "--out", str(out), "--label", "window"]) == 0
     before = out.read_bytes()
     assert main.run(["sweep", "plot", str(file), "--out", str(out), "--x", "configuration", "--force"]) == 0
@@ -98,4 +105,4 @@ def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
         assert main.run(["sweep", "plot", str(file), *options]) == 2
         (line,) = capsys.readouterr().err.splitlines()
         assert problem in line
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.png", "a.sweep", "a.toml"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.sweep", "a.toml", "new"]
