@@ -97,7 +97,8 @@ class StepRegistration:
         c, spread, doubt = self._config, predicted.spread, np.zeros(3)
         maps, at = self._local.current.of(0), se2.compose(self._pose, predicted.step)
         loose = np.maximum(LOOSE * spread, LOOSEST) if self._proved else spread
-        starts = np.vstack((_turned(loose), se2.between(predicted.step, predicted.filtered)))
+        turned = _turned(loose) if predicted.measured else np.zeros((1, 3))  # else the filter has searched
+        starts = np.vstack((turned, se2.between(predicted.step, predicted.filtered)))
         all_at = np.repeat(at[None], len(starts), axis=0)
         found = register(maps, all_at, loose, points, self._origin, starts, c.registration)
         found = keep_odometry(found, loose, c.registration)
@@ -151,7 +152,7 @@ class _LocalMaps:
 
 def _turned(loose: Array) -> Array:
     """Offsets [n, 3] from the odometry's prediction to begin at: the prediction, and turned as far as is searched."""
-    steps = int(loose[2] / BASIN)
+    steps = int(min(float(loose[2]), np.pi) / BASIN)
     headings = BASIN * np.arange(-steps, steps + 1)
     return np.column_stack((np.zeros((len(headings), 2)), headings))
 

@@ -63,6 +63,7 @@ def test_a_heading_is_found_as_far_off_as_the_odometry_may_be(turn: float):
 def test_a_good_odometry_is_where_the_search_begins():
     np.testing.assert_array_equal(step_registration._turned(np.array((0.1, 0.1, 0.15))), np.zeros((1, 3)))
     np.testing.assert_allclose(step_registration._turned(np.full(3, 0.45))[:, 2], (-0.4, -0.2, 0, 0.2, 0.4))
+    assert len(step_registration._turned(np.full(3, 50.0))) == 31
 
 
 def test_what_is_far_is_compared_with_the_best_that_is_near():
