@@ -119,7 +119,7 @@ def say_affordable(file: Path, text: str, metrics: list[str], form: str) -> None
     rows = [("configuration", "ms a scan", metrics[0], "95 %", "the best beats it in")]
     for each in choices:
         beaten = "" if each.against is None else f"{each.against.wins} of {each.against.pairs}, p {each.against.p:.2g}"
-        interval = f"{_number(each.value.low)} to {_number(each.value.high)}"
+        interval = _interval(each.value.low, each.value.high)
         rows.append((each.name, f"{each.cost:.3g}", _number(each.value.median), interval, beaten))
     say_table(rows, form, right=(1,))
 
@@ -168,8 +168,8 @@ def _rows(groups: list[GroupSummary], names: list[str]) -> tuple[list[list[str]]
             summary = group.values[name]
             row += [
                 _number(summary.median),
-                f"{_number(summary.low)} to {_number(summary.high)}",
-                f"{_number(summary.low_quartile)} to {_number(summary.high_quartile)}",
+                _interval(summary.low, summary.high),
+                _interval(summary.low_quartile, summary.high_quartile),
             ]
         rows.append(row)
     return rows, len(about)
@@ -203,6 +203,11 @@ def _numbers(groups: list[GroupSummary], names: list[str]) -> tuple[list[list[st
 
 def _share(interval: tuple[float, float]) -> str:
     return f"{100 * interval[0]:.0f} to {100 * interval[1]:.0f} %"
+
+
+def _interval(low: float | None, high: float | None) -> str:
+    first, last = _number(low), _number(high)
+    return f"{first} to {last}" if isinstance(low, float) and low != high else first
 
 
 def _number(value: float | None) -> str:

@@ -6,9 +6,10 @@ from collections.abc import Callable
 
 import numpy as np
 
+from moteslam.errors import InputError
 from moteslam.eval.metrics.ate import absolute_trajectory_error
 from moteslam.eval.metrics.consistency import share_within_spread
-from moteslam.eval.metrics.evidence import FINAL, ONLINE, Cost, Evidence, needed
+from moteslam.eval.metrics.evidence import FINAL, ONLINE, Cost, Evidence, Track, needed
 from moteslam.eval.metrics.registry import Metric
 from moteslam.eval.metrics.rpe import Unit
 from moteslam.robot.se2 import between, compose, inverse
@@ -25,6 +26,18 @@ def _degrees(angle: float) -> float:
     return float(np.rad2deg(angle))
 
 
+MOVED = 0.05
+"""Positions spread by less [m] say nothing of heading and scale."""
+
+
+def _moved(track: Track) -> Track:
+    """The track, if the robot moved: else the alignment leaves heading and scale open."""
+    spread = track.ate.reference[:, :2].std(axis=0)
+    if float(np.hypot(*spread)) < MOVED:
+        raise InputError(f"the robot stood still, expected positions that spread by {MOVED:g} m")
+    return track
+
+
 ATE = Metric("m", "RMSE of the positions after rigid alignment.", STURM, of_trajectory=lambda track: track.ate.rmse)
 ATE_MEDIAN = Metric("m", "Median error of the positions after rigid alignment.", STURM, lambda track: track.ate.median)
 ATE_MAX = Metric("m", "Largest error of a position after rigid alignment.", STURM, lambda track: track.ate.max)
@@ -32,7 +45,7 @@ ATE_SCALED = Metric(
     "m",
     "RMSE of the positions after an alignment that fits the scale, too: ranges or wheels may be off.",
     STURM,
-    lambda track: absolute_trajectory_error(track.trajectory, track.truth, scale=True).rmse,
+    lambda track: absolute_trajectory_error(_moved(track).trajectory, track.truth, scale=True).rmse,
 )
 ATE_FROM_START = Metric(
     "m",
@@ -41,7 +54,7 @@ ATE_FROM_START = Metric(
     lambda track: absolute_trajectory_error(track.trajectory, track.truth, from_start=True).rmse,
 )
 HEADING = Metric(
-    "deg", "RMSE of the headings after rigid alignment.", STURM, lambda track: _degrees(track.ate.rotation.rmse)
+    "deg", "RMSE of the headings after rigid alignment.", STURM, lambda track: _degrees(_moved(track).ate.rotation.rmse)
 )
 
 
@@ -165,7 +178,13 @@ MAP_RECALL = Metric(
     of_run=lambda run: run.map_accuracy.recall,
     better="higher",
 )
-MAP_F1 = Metric("", "Harmonic mean of the two.", OURS, of_run=lambda run: run.map_accuracy.f1, better="higher")
+MAP_F1 = Metric(
+    "",
+    "Harmonic mean of map_precision and map_recall.",
+    OURS,
+    of_run=lambda run: run.map_accuracy.f1,
+    better="higher",
+)
 MAP_DISTANCE = Metric(
     "m",
     "Mean distance between walls of the map and true ones that were seen, both ways, each at most 1 m.",

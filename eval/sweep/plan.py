@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
@@ -11,7 +12,7 @@ from itertools import islice, product
 from pathlib import Path
 from typing import Any
 
-from moteslam.errors import ConfigError, MoteslamError
+from moteslam.errors import ConfigError, InputError, MoteslamError
 from moteslam.eval.sweep.spec import MAX_RUNS, Configuration, Scalar, SweepSpec, numbers
 
 
@@ -111,8 +112,12 @@ def plan(spec: SweepSpec, *, check: bool = True) -> list[PlannedRun]:
     runs = list(islice(_runs(spec), MAX_RUNS + 1))
     if len(runs) > MAX_RUNS:
         raise ConfigError(f"more than {MAX_RUNS} runs, expected fewer seeds or values")
-    if len({run.id for run in runs}) < len(runs):
-        raise ConfigError("the same run twice, expected different scenarios, platforms, recordings and values")
+    twice = next((name for name, times in Counter(run.id for run in runs).items() if times > 1), None)
+    if twice is not None:
+        name = next(run.name for run in runs if run.id == twice)
+        raise ConfigError(
+            f"the same run twice ({name}), expected different scenarios, platforms, recordings and values"
+        )
     if check:
         _check(runs)
     return runs
@@ -189,6 +194,7 @@ def _literal(value: Any) -> str:
 
 def _check(runs: list[PlannedRun]) -> None:
     """Refuse what a run would refuse, before the first begins."""
+    from moteslam.robot.formats import format_of
     from moteslam.sim.scenario import load_scenario
     from moteslam.slam.settings import resolve_config
 
@@ -197,27 +203,39 @@ def _check(runs: list[PlannedRun]) -> None:
         slam = run.preset, run.for_slam()
         world = run.case[:4] + run.case[6:]
         if slam not in seen:
-            with _named(f"configurations.{run.configuration}"):
+            with _named(f"configurations.{run.configuration}", run):
                 resolve_config(run.preset, run.for_slam())
         if world not in seen and run.scenario:
-            with _named(f"scenarios, {Path(run.scenario).name}"):
+            with _named(f"scenarios, {Path(run.scenario).name}", run):
                 load_scenario(
                     run.scenario,
                     platform=run.platform or None,
                     noise=run.noise or None,
                     settings=run.for_scenario(),
                 )
-        if world not in seen and run.recording and not Path(run.recording).exists():
-            raise ConfigError(f"{run.recording!r}, which there is not, expected a recording", field="recordings")
+        if world not in seen and run.recording:
+            if not Path(run.recording).exists():
+                raise ConfigError(f"{run.recording!r}, which there is not, expected a recording", field="recordings")
+            try:
+                format_of(run.recording)
+            except InputError as error:
+                raise ConfigError(f"{run.recording!r} {error.problem}", field="recordings") from error
         seen |= {slam, world}
 
 
 @contextmanager
-def _named(where: str) -> Iterator[None]:
-    """Errors of the block name a place of the specification."""
+def _named(where: str, run: PlannedRun) -> Iterator[None]:
+    """Errors of the block name a place of the specification: what varies of a run, its robot, else as given."""
     try:
         yield
     except MoteslamError as error:
-        field = f"{where}, {error.field}" if error.field and error.field not in where else where
+        problem = error.problem
+        named = [key for key, _ in run.varied if error.field and key.partition(".")[2].endswith(error.field)]
+        if named:
+            field = f"vary.{named[0]}"
+        elif run.platform and error.field == run.platform:
+            field, problem = "platforms", f"{run.platform!r}, {problem}"
+        else:
+            field = f"{where}, {error.field}" if error.field and error.field not in where else where
         file = error.file if error.file is not None and Path(error.file).exists() else None  # not a bundled one's name
-        raise ConfigError(error.problem, file=file, field=field) from error
+        raise ConfigError(problem, file=file, field=field) from error

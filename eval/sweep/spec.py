@@ -47,14 +47,16 @@ class Range(Section):
             raise ValueError("first and last, expected above 0 where spacing is factor")
         return self
 
-    def values(self) -> list[float]:
-        """The numbers."""
+    def values(self) -> list[int] | list[float]:
+        """The numbers; whole ones as such, for keys that take no others."""
         shares = [k / (self.steps - 1) for k in range(self.steps)]
         if self.spacing == "factor":
             numbers = [self.first * (self.last / self.first) ** share for share in shares]
         else:
             numbers = [self.first + (self.last - self.first) * share for share in shares]
-        return [float(f"{number:.12g}") for number in numbers]
+        values = [float(f"{number:.12g}") for number in numbers]
+        whole = all(value.is_integer() for value in values)
+        return [int(value) for value in values] if whole else values
 
 
 class Configuration(Section):
@@ -179,9 +181,9 @@ def read_spec(path: str | PathLike[str]) -> SweepSpec:
     table = read_toml(path, "a sweep's .toml file")
     try:
         spec = SweepSpec.model_validate(table)
-        chosen([*spec.metrics, *spec.success])
         for name in (*spec.metrics, *spec.success):
             track, short = split(name)
+            _check_metric(name)
             if track and track not in TRACKS:
                 expected = ", ".join(f"{each}.{short}" for each in TRACKS)
                 raise ConfigError(f"{name!r}, expected one of {expected}", field="metrics")
@@ -203,6 +205,20 @@ def read_spec(path: str | PathLike[str]) -> SweepSpec:
     )
 
 
+def _check_metric(name: str) -> None:
+    """Refuse what is no metric.
+
+    Raises:
+        ConfigError: it is none; names the metrics there are.
+    """
+    try:
+        chosen([name])
+    except ConfigError as error:
+        track, short = split(name)
+        problem = error.problem.replace(repr(short), repr(name), 1) if track else error.problem
+        raise ConfigError(problem, field="metrics") from error
+
+
 def _check_places(name: str, one: Configuration) -> None:
     """Refuse a word of a command in which a place is misspelt; other braces are the command's own.
 
@@ -211,7 +227,8 @@ def _check_places(name: str, one: Configuration) -> None:
     """
     for word in one.command:
         for place in re.findall(r"(?<!\$)\{([a-z]+)\}", word):
-            if place not in PLACES and (meant := get_close_matches(place, PLACES, 1, 0.7)):
+            short = [each for each in PLACES if each.startswith(place)]
+            if place not in PLACES and (meant := short or get_close_matches(place, PLACES, 1, 0.7)):
                 problem = f"{{{place}}}, expected {{{meant[0]}}} or another of {', '.join(PLACES)}"
                 raise ConfigError(problem, field=f"configurations.{name}.command")
 

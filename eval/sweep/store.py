@@ -168,6 +168,8 @@ def opened(path: str | PathLike[str], *, write: bool = False) -> Iterator[Store]
     path = Path(path)
     if not path.is_file():
         raise InputError("there is no such file, expected one that `moteslam sweep` made", file=path)
+    if path.stat().st_size == 0:
+        raise InputError("is empty, expected what `moteslam sweep` made", file=path)
     with _alone(path, write=write):
         # for reading, too: where a process was killed amid a transaction, only one that may write can roll it back
         connection = sqlite3.connect(f"file:{_quoted(path)}?mode=rw", uri=True)

@@ -15,7 +15,7 @@ from moteslam.robot.platforms import bundled_platform
 from moteslam.robot.recording import Recording
 from moteslam.robot.wording import expect_path
 
-__all__ = ["FORMATS", "Format", "Robot", "open_recording"]
+__all__ = ["FORMATS", "Format", "Robot", "format_of", "open_recording"]
 
 _FILES = 100
 """Of a folder that are looked into for a log."""
@@ -36,8 +36,18 @@ def open_recording(
         InputError: nothing there, no format known here, or a recording that is broken; one line says which.
         ConfigError: a ``platform.toml`` that is none.
     """
+    platform = _bundled_or_file(platform)
+    return format_of(path).read(Path(path), sequence, platform)
+
+
+def format_of(path: str | PathLike[str]) -> Format:
+    """The format of a recording, by the beginning of its content.
+
+    Raises:
+        InputError: nothing there, or no format known here; one line says which.
+    """
     expect_path(path, "path", "a recording")
-    path, platform = Path(path), _bundled_or_file(platform)
+    path = Path(path)
     try:
         is_folder = path.is_dir()
         empty = not is_folder and path.stat().st_size == 0 and path.is_file()
@@ -51,7 +61,7 @@ def open_recording(
     formats = dict(FORMATS.items())
     for name, known in formats.items():
         if known.is_folder == is_folder and _recognises(name, known, path):
-            return known.read(path, sequence, platform)
+            return known
     if is_folder and (inside := _first_inside(path, formats)) is not None:
         raise InputError(f"a folder with recordings in it, expected one of them, as {inside}", file=path)
     names = " or a ".join(known.name for known in formats.values())

@@ -78,6 +78,18 @@ def test_what_cannot_be_had_is_absent_with_its_reason(evidence: Evidence) -> Non
     assert measure(short, ["rpe_1m"])["theirs.rpe_1m"].reason.startswith("no pair 1 m apart")
 
 
+def test_of_a_robot_that_stood_still_there_is_no_heading_and_no_scale(evidence: Evidence) -> None:
+    assert evidence.truth is not None
+    stamps = evidence.truth.stamps
+    still = Trajectory(stamps, np.tile((1.0, 2.0, 0.3), (len(stamps), 1)))
+    trajectories = {FINAL: Trajectory(stamps, still.poses + np.array((0.001, 0.0, 0.0)))}
+    values = measure(replace(evidence, truth=still, trajectories=trajectories), ["heading", "ate_scaled", "ate"])
+    assert values["final.heading"].number is None
+    assert "stood still" in values["final.heading"].reason
+    assert values["final.ate_scaled"].number is None
+    assert values["final.ate"].number == pytest.approx(0, abs=1e-9)
+
+
 def test_names_choose_trajectories_lengths_and_times(evidence: Evidence) -> None:
     values = measure(evidence, ["final.ate", "online.rpe_2.5m", "rpe_3frames_rotation", "map_f1"])
     assert list(values) == [

@@ -88,7 +88,7 @@ platform.imu = [false]
 """
     runs = planned(tmp_path, text)
     assert len(runs) == 2 * 2 * 3
-    assert runs[0].for_scenario() == ("platform.imu=false", "noise.odometry_scale=1.0")
+    assert runs[0].for_scenario() == ("platform.imu=false", "noise.odometry_scale=1")
     assert [dict(run.varied)["scenario.noise.odometry_scale"] for run in runs[:3]] == [1.0, 2.0, 4.0]
     assert "turtlebot3, as_recorded, seed 4, default" in runs[0].name
 
@@ -99,6 +99,24 @@ def test_shards_hold_each_run_once_and_no_case_apart(tmp_path: Path) -> None:
     assert sorted(run.id for part in parts for run in part) == sorted(run.id for run in runs)
     cases = [{run.case for run in part} for part in parts]
     assert all(not cases[a] & cases[b] for a in range(3) for b in range(a))
+
+
+def test_ranges_of_whole_numbers_are_whole(tmp_path: Path) -> None:
+    for text, values in (
+        ("{ first = 1, last = 9, steps = 3 }", [1, 5, 9]),
+        ("{ first = 2, last = 8, steps = 3, spacing = 'factor' }", [2, 4, 8]),
+        ("{ first = 1, last = 2, steps = 3 }", [1.0, 1.5, 2.0]),
+    ):
+        spec = read_spec(written(tmp_path, f"scenarios = ['corridor']\n[vary]\nslam.particles = {text}"))
+        found = spec.values("slam.particles")
+        assert list(found) == values
+        assert {type(value) for value in found} == {type(value) for value in values}
+
+
+def test_an_empty_file_is_no_sweep(tmp_path: Path) -> None:
+    (tmp_path / "a.sweep").touch()
+    with pytest.raises(InputError, match="is empty, expected what"), opened(tmp_path / "a.sweep"):
+        pass
 
 
 def test_seeds_as_text() -> None:
@@ -135,11 +153,24 @@ def test_seeds_as_text() -> None:
         ),
         ("scenarios = ['corridor']\n[vary]\nscenario.speeed = [1]", "speeed"),
         ("scenarios = ['corridor']\nplatforms = ['r2d2']", "r2d2"),
-        ("scenarios = ['corridor']\nmetrics = ['final.aet']", "'aet', expected one of ate"),
+        ("scenarios = ['corridor']\nmetrics = ['final.aet']", "metrics: 'final.aet', expected one of ate"),
         ("scenarios = ['corridor', 'corridor']", "the same run twice"),
         ("recordings = ['nothing.log']", "which there is not, expected a recording"),
+        ("recordings = ['spec.toml']", "spec.toml' not a recording known here, expected a "),
+        ("scenarios = ['corridor']\n[vary]\nslam.particels = [1]", "vary.slam.particels: unknown key"),
+        ("scenarios = ['corridor']\n[vary]\nslam.particles = ['many']", "vary.slam.particles: 'many', expected a"),
+        ("scenarios = ['corridor']\nplatforms = ['robby']", "platforms: 'robby', no robot of this name"),
+        ("scenarios = ['corridor']\nmetrics = ['final.nix']", "metrics: 'final.nix', expected one of ate"),
+        (
+            "scenarios = ['corridor']\nseeds = '0'\n[vary]\nslam.particles = [2, 2]",
+            "the same run twice (corridor, seed 0, default, slam.particles=2)",
+        ),
+        (
+            "scenarios = ['corridor']\n[configurations.a]\ncommand = ['echo', '{rec}']",
+            "configurations.a.command: {rec}, expected {recording}",
+        ),
         ("scenarios = ['coridor']", "scenarios, coridor: no scenario of this name"),
-        ("scenarios = ['corridor']\nplatforms = ['nope']", "scenarios, corridor, nope: no robot of this name"),
+        ("scenarios = ['corridor']\nplatforms = ['nope']", "platforms: 'nope', no robot of this name"),
         ("scenarios = ['corridor']\nmetrics = ['fnal.ate']", "metrics: 'fnal.ate', expected one of final.ate"),
         (
             "scenarios = ['corridor']\n[configurations.a]\ncommand = ['echo', '{recrding}', '{print}', '${recordin}']",
