@@ -23,6 +23,11 @@ def counted(count: int, what: str) -> str:
     return f"{count} {what}" if count == 1 else f"{count} {what}s"
 
 
+def interval(first: str, last: str) -> str:
+    """From the first to the last, ``2 to 3``; once where they are the same."""
+    return first if first == last else f"{first} to {last}"
+
+
 def expect_type(value: object, kind: type, field: str, hint: str = "") -> None:
     """Refuse a value of another type in words, where a mistake of the caller would end deep in NumPy.
 

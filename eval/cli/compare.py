@@ -10,6 +10,7 @@ import typer
 
 from moteslam.errors import ConfigError, InputError
 from moteslam.eval.cli import options
+from moteslam.eval.cli.sweep_tables import with_unit
 from moteslam.eval.cli.text import say, say_json, say_table
 from moteslam.eval.literal import literal
 
@@ -56,9 +57,10 @@ def compare(
       moteslam compare result_a result_b --metric map_f1
       moteslam compare particles.sweep --format markdown
     """  # noqa: D301
-    from moteslam.eval.metrics.registry import chosen, metric, split
+    from moteslam.eval.metrics.registry import chosen
     from moteslam.eval.populations import populations
     from moteslam.eval.statistics import pairs
+    from moteslam.eval.sweep.tables import better
 
     names = metrics or ["final.ate"]
     chosen(names)
@@ -72,9 +74,7 @@ def compare(
         raise ConfigError(f"{baseline!r}, expected one of {expected}", field="--baseline")
     compared: dict[str, dict[str, Comparison]] = {
         name: {
-            each.name: pairs.compare(
-                first.values(name), each.values(name), better=metric(split(name)[1]).better or "lower"
-            )
+            each.name: pairs.compare(first.values(name), each.values(name), better=better(name))
             for each in found
             if each is not first
         }
@@ -101,8 +101,7 @@ def compare(
         say_table(rows, form, right=(2, 3, 4, 5))
         return
     for name, each in compared.items():
-        unit = metric(split(name)[1]).unit
-        say(f"{name}{f' [{unit}]' if unit else ''}, against {literal(first.name)}")
+        say(f"{with_unit(name)}, against {literal(first.name)}")
         say_table([HEAD, *_rows(each)], right=(1, 2, 3, 4))
 
 

@@ -95,6 +95,7 @@ def say_affordable(file: Path, text: str, metrics: list[str], form: str) -> None
     """The configurations of a sweep within a budget, the best first."""
     from moteslam.eval.populations import populations
     from moteslam.eval.sweep.budget import affordable, parse_budget
+    from moteslam.robot.wording import interval
 
     budget = parse_budget(text)
     if len(metrics) > 1:
@@ -119,8 +120,8 @@ def say_affordable(file: Path, text: str, metrics: list[str], form: str) -> None
     rows = [("configuration", "ms a scan", metrics[0], "95 %", "the best beats it in")]
     for each in choices:
         beaten = "" if each.against is None else f"{each.against.wins} of {each.against.pairs}, p {each.against.p:.2g}"
-        interval = _interval(each.value.low, each.value.high)
-        rows.append((each.name, f"{each.cost:.3g}", _number(each.value.median), interval, beaten))
+        within = interval(_number(each.value.low), _number(each.value.high))
+        rows.append((each.name, f"{each.cost:.3g}", _number(each.value.median), within, beaten))
     say_table(rows, form, right=(1,))
 
 
@@ -155,6 +156,7 @@ def _as_dict(group: GroupSummary) -> dict[str, Any]:
 def _rows(groups: list[GroupSummary], names: list[str]) -> tuple[list[list[str]], int]:
     """The table for people, and how many of its columns are words."""
     from moteslam.eval.sweep.tables import varying
+    from moteslam.robot.wording import interval
 
     about = varying(groups)
     head = [*about, "runs", "success"]
@@ -168,8 +170,8 @@ def _rows(groups: list[GroupSummary], names: list[str]) -> tuple[list[list[str]]
             summary = group.values[name]
             row += [
                 _number(summary.median),
-                _interval(summary.low, summary.high),
-                _interval(summary.low_quartile, summary.high_quartile),
+                interval(_number(summary.low), _number(summary.high)),
+                interval(_number(summary.low_quartile), _number(summary.high_quartile)),
             ]
         rows.append(row)
     return rows, len(about)
@@ -177,10 +179,10 @@ def _rows(groups: list[GroupSummary], names: list[str]) -> tuple[list[list[str]]
 
 def with_unit(name: str) -> str:
     """A metric with its unit, as ``final.ate [m]``; what is no metric as it is."""
-    from moteslam.eval.metrics.registry import metric, split
+    from moteslam.eval.metrics.registry import metric
 
     try:
-        unit = metric(split(name)[1]).unit
+        unit = metric(name).unit
     except ConfigError:  # scans, distance, or of a plug-in that is not here
         return name
     return f"{name} [{unit}]" if unit else name
@@ -203,11 +205,6 @@ def _numbers(groups: list[GroupSummary], names: list[str]) -> tuple[list[list[st
 
 def _share(interval: tuple[float, float]) -> str:
     return f"{100 * interval[0]:.0f} to {100 * interval[1]:.0f} %"
-
-
-def _interval(low: float | None, high: float | None) -> str:
-    first, last = _number(low), _number(high)
-    return f"{first} to {last}" if isinstance(low, float) and low != high else first
 
 
 def _number(value: float | None) -> str:

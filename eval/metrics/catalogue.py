@@ -10,8 +10,10 @@ from moteslam.errors import InputError
 from moteslam.eval.metrics.ate import absolute_trajectory_error
 from moteslam.eval.metrics.consistency import share_within_spread
 from moteslam.eval.metrics.evidence import FINAL, ONLINE, Cost, Evidence, Track, needed
+from moteslam.eval.metrics.map_accuracy import MapAccuracy
 from moteslam.eval.metrics.registry import Metric
 from moteslam.eval.metrics.rpe import Unit
+from moteslam.eval.statistics.summary import Better
 from moteslam.robot.se2 import between, compose, inverse
 from moteslam.slam.filter.certainty import LocalisationState
 
@@ -164,47 +166,25 @@ MAP_TWICE = Metric(
 )
 
 
-MAP_PRECISION = Metric(
-    "",
-    "Share of the map's wall cells within 10 cm of a true wall.",
-    OURS,
-    of_run=lambda run: run.map_accuracy.precision,
-    better="higher",
+def _of_map(meaning: str, value: Callable[[MapAccuracy], float], unit: str = "", better: Better = "higher") -> Metric:
+    return Metric(unit, meaning, OURS, of_run=lambda run: value(run.map_accuracy), better=better)
+
+
+MAP_PRECISION = _of_map("Share of the map's wall cells within 10 cm of a true wall.", lambda found: found.precision)
+MAP_RECALL = _of_map(
+    "Share of the true walls that were seen within 10 cm of a wall of the map.", lambda found: found.recall
 )
-MAP_RECALL = Metric(
-    "",
-    "Share of the true walls that were seen within 10 cm of a wall of the map.",
-    OURS,
-    of_run=lambda run: run.map_accuracy.recall,
-    better="higher",
-)
-MAP_F1 = Metric(
-    "",
-    "Harmonic mean of map_precision and map_recall.",
-    OURS,
-    of_run=lambda run: run.map_accuracy.f1,
-    better="higher",
-)
-MAP_DISTANCE = Metric(
-    "m",
+MAP_F1 = _of_map("Harmonic mean of map_precision and map_recall.", lambda found: found.f1)
+MAP_DISTANCE = _of_map(
     "Mean distance between walls of the map and true ones that were seen, both ways, each at most 1 m.",
-    OURS,
-    of_run=lambda run: run.map_accuracy.distance,
+    lambda found: found.distance,
+    unit="m",
+    better="lower",
 )
-MAP_FREE_IOU = Metric(
-    "",
-    "Intersection over union of free space, among the cells that both maps know.",
-    OURS,
-    of_run=lambda run: run.map_accuracy.free_iou,
-    better="higher",
+MAP_FREE_IOU = _of_map(
+    "Intersection over union of free space, among the cells that both maps know.", lambda found: found.free_iou
 )
-MAP_KNOWN = Metric(
-    "",
-    "Share of the true free space that the map knows.",
-    OURS,
-    of_run=lambda run: run.map_accuracy.known,
-    better="higher",
-)
+MAP_KNOWN = _of_map("Share of the true free space that the map knows.", lambda found: found.known)
 
 
 def _nees(run: Evidence) -> float | None:

@@ -87,10 +87,14 @@ RPE = re.compile(r"rpe_(?P<delta>[0-9]+(?:\.[0-9]+)?)(?P<unit>m|s|frames)(?P<rot
 def metric(name: str) -> Metric:
     """The metric of that name: one of ``METRICS``, or a relative error as ``rpe_2.5m`` or ``rpe_10frames_rotation``.
 
+    Args:
+        name: with or without a trajectory, ``final.ate`` or ``ate``.
+
     Raises:
         ConfigError: there is none.
     """
-    if name not in METRICS.names() and (found := RPE.fullmatch(name)):
+    short = split(name)[1]
+    if short not in METRICS.names() and (found := RPE.fullmatch(short)):
         delta, unit = float(found["delta"]), next(unit for unit in get_args(Unit) if unit == found["unit"])
         if not delta > 0 or (unit == "frames" and not delta.is_integer()):
             expected = "a whole number of poses from 1 on" if unit == "frames" else "a length above 0"
@@ -98,7 +102,9 @@ def metric(name: str) -> Metric:
         from moteslam.eval.metrics.catalogue import relative_error
 
         return relative_error(delta, unit, rotation=found["rotation"] is not None)
-    return METRICS[name]
+    if short not in METRICS.names():
+        raise ConfigError(f"{name!r}, expected one of {', '.join(METRICS.names())}", field="metrics")
+    return METRICS[short]
 
 
 def measure(evidence: Evidence, names: Iterable[str] | None = None) -> dict[str, Value]:
@@ -137,7 +143,7 @@ def chosen(names: Iterable[str] | None) -> Mapping[str, Metric]:
     """The metrics of these names, by default all that are not costly; see ``measure``."""
     if names is None:
         return {name: one for name, one in METRICS.items() if not one.costly}
-    return {name: metric(split(name)[1]) for name in names}
+    return {name: metric(name) for name in names}
 
 
 def split(name: str) -> tuple[str, str]:

@@ -18,13 +18,14 @@ from markupsafe import Markup, escape
 
 from moteslam.errors import ConfigError
 from moteslam.eval.literal import literal
-from moteslam.eval.metrics.registry import chosen, metric, split
+from moteslam.eval.metrics.registry import chosen, metric
 from moteslam.eval.page import charts
 from moteslam.eval.page.material import Material, ReportRun
 from moteslam.eval.page.player import Budget, playable
 from moteslam.eval.statistics.pairs import Comparison, compare
 from moteslam.eval.statistics.proportion import Proportion
 from moteslam.eval.sweep.tables import better
+from moteslam.robot.wording import interval
 
 USUAL = (
     *("final.ate", "online.ate", "dead_reckoning.ate", "final.rpe_1m", "map_f1", "map_cells_per_metre"),
@@ -127,7 +128,7 @@ def _render(context: dict[str, Any]) -> str:
     )
     environment.filters |= {
         "number": _number,
-        "interval": _interval,
+        "interval": lambda low, high: interval(_number(low), _number(high)),
         "share": _share,
         "lines": _lines,
         "key": _sort_key,
@@ -180,14 +181,14 @@ def _metrics(material: Material, wanted: Sequence[str]) -> list[str]:
 
 def _unit(name: str, material: Material) -> str:
     try:
-        return material.units.get(name) or metric(split(name)[1]).unit
+        return material.units.get(name) or metric(name).unit
     except ConfigError:  # a plug-in that is not here
         return ""
 
 
 def _meaning(name: str) -> str:
     try:
-        return metric(split(name)[1]).meaning
+        return metric(name).meaning
     except ConfigError:
         return ""
 
@@ -256,11 +257,6 @@ def _number(value: float | None) -> str:
     if value is None:
         return "–"
     return f"{value:.4g}" if isfinite(value) else "failed"
-
-
-def _interval(low: float | None, high: float | None) -> str:
-    first, last = _number(low), _number(high)
-    return first if first == last else f"{first} to {last}"
 
 
 def _share(one: Proportion) -> str:

@@ -8,7 +8,7 @@ from math import isfinite, log10
 from os import PathLike
 from typing import TYPE_CHECKING, Any
 
-from moteslam.eval.metrics.registry import metric, split
+from moteslam.eval.metrics.registry import metric
 from moteslam.eval.report import style
 from moteslam.eval.report.comparison import COLOURS
 from moteslam.eval.sweep.tables import GroupSummary, better, varying
@@ -162,7 +162,7 @@ def _draw(axes: Axes, lines: Sequence[Line], name: str, places: Places) -> None:
         for value in (group.values[name].median, group.values[name].low, group.values[name].high)
         if value is not None and isfinite(value)
     ]
-    unit, factor = _unit(metric(split(name)[1]).unit, finite)
+    unit, factor = _unit(metric(name).unit, finite)
     finite = [factor * value for value in finite]
     logarithmic = far_apart(finite)
     low, high = _limits(finite, logarithmic=logarithmic, least=0.0 if better(name) == "lower" else None)

@@ -112,12 +112,10 @@ def plan(spec: SweepSpec, *, check: bool = True) -> list[PlannedRun]:
     runs = list(islice(_runs(spec), MAX_RUNS + 1))
     if len(runs) > MAX_RUNS:
         raise ConfigError(f"more than {MAX_RUNS} runs, expected fewer seeds or values")
-    twice = next((name for name, times in Counter(run.id for run in runs).items() if times > 1), None)
-    if twice is not None:
-        name = next(run.name for run in runs if run.id == twice)
-        raise ConfigError(
-            f"the same run twice ({name}), expected different scenarios, platforms, recordings and values"
-        )
+    times = Counter(run.id for run in runs)
+    if twice := next((run.name for run in runs if times[run.id] > 1), ""):
+        problem = f"the same run twice ({twice}), expected different scenarios, platforms, recordings and values"
+        raise ConfigError(problem)
     if check:
         _check(runs)
     return runs

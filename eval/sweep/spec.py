@@ -134,14 +134,6 @@ class SweepSpec(Section):
             return value
         return {_checked_key(key): _values(key, one) for key, one in _flat(value, leaf=_is_range).items()}
 
-    @field_validator("vary")
-    @classmethod
-    def _some(cls, value: dict[str, tuple[Scalar, ...] | Range]) -> dict[str, tuple[Scalar, ...] | Range]:
-        for key, values in value.items():
-            if isinstance(values, tuple) and not values:
-                raise ValueError(f"{key}: no values, expected a list of some, or first, last and steps")
-        return value
-
     @field_validator("configurations")
     @classmethod
     def _named(cls, value: dict[str, Configuration]) -> dict[str, Configuration]:
@@ -181,9 +173,8 @@ def read_spec(path: str | PathLike[str]) -> SweepSpec:
     table = read_toml(path, "a sweep's .toml file")
     try:
         spec = SweepSpec.model_validate(table)
-        for name in (*spec.metrics, *spec.success):
+        for name in chosen([*spec.metrics, *spec.success]):
             track, short = split(name)
-            _check_metric(name)
             if track and track not in TRACKS:
                 expected = ", ".join(f"{each}.{short}" for each in TRACKS)
                 raise ConfigError(f"{name!r}, expected one of {expected}", field="metrics")
@@ -203,20 +194,6 @@ def read_spec(path: str | PathLike[str]) -> SweepSpec:
             "configurations": {name: _placed(name, one, path) for name, one in spec.configurations.items()},
         }
     )
-
-
-def _check_metric(name: str) -> None:
-    """Refuse what is no metric.
-
-    Raises:
-        ConfigError: it is none; names the metrics there are.
-    """
-    try:
-        chosen([name])
-    except ConfigError as error:
-        track, short = split(name)
-        problem = error.problem.replace(repr(short), repr(name), 1) if track else error.problem
-        raise ConfigError(problem, field="metrics") from error
 
 
 def _check_places(name: str, one: Configuration) -> None:
@@ -311,6 +288,8 @@ def _values(key: str, value: Any) -> Any:
     if isinstance(value, Range):
         return value
     if isinstance(value, list | tuple):
+        if not value:
+            raise ValueError(f"{key}: no values, expected a list of some, or first, last and steps")
         strange = next((one for one in value if not isinstance(one, Scalar)), None)
         if strange is not None:
             raise ValueError(f"{key}: {shortened(strange)}, expected numbers, texts, true or false")

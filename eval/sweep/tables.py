@@ -11,7 +11,7 @@ from typing import Any
 
 from moteslam.errors import ConfigError, OutputError
 from moteslam.eval.literal import literal
-from moteslam.eval.metrics.registry import metric, split
+from moteslam.eval.metrics.registry import metric
 from moteslam.eval.statistics.proportion import Proportion
 from moteslam.eval.statistics.summary import Better, Summary
 from moteslam.eval.sweep.store import Row
@@ -88,7 +88,7 @@ def varying(groups: Sequence[GroupSummary]) -> list[str]:
 def better(name: str) -> Better:
     """Which values of a metric are better; lower of one where neither is."""
     try:
-        return metric(split(name)[1]).better or "lower"
+        return metric(name).better or "lower"
     except ConfigError:  # scans, distance
         return "lower"
 

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.robot import se2
+from moteslam.robot.alignment import umeyama
 from moteslam.slam.backend.graph.config import GraphConfig
 from moteslam.slam.backend.graph.endpoints import Endpoints, cells_along, clearly_fewer, sharpness
 from moteslam.slam.backend.graph.joint import register_jointly
@@ -179,16 +180,16 @@ def laid_over(poses: Array, before: Array) -> Array:
     """Poses [n, 3] moved rigidly so that the first m lie on those before [m, 3], by least squares.
 
     What holds the frame is the map as it was, not the first scan alone: a tenth of a degree in its heading would move
-    a large building's far end by decimetres. A radian counts as a metre, for nodes on one spot.
+    a large building's far end by decimetres. Headings count as points a metre ahead and behind, for nodes on one spot.
     """
-    first = poses[: len(before)]
-    centre, centre_before = first[:, :2].mean(axis=0), before[:, :2].mean(axis=0)
-    off, off_before = first[:, :2] - centre, before[:, :2] - centre_before
-    turns = before[:, 2] - first[:, 2]
-    sine = (off[:, 0] * off_before[:, 1] - off[:, 1] * off_before[:, 0] + np.sin(turns)).sum()
-    cosine = ((off * off_before).sum(axis=1) + np.cos(turns)).sum()
-    there = np.append(centre_before, np.arctan2(sine, cosine))
-    return np.asarray(se2.compose(there, se2.between(np.append(centre, 0.0), poses)))
+    moved = umeyama(_ends(poses[: len(before)]), _ends(before))
+    return np.asarray(se2.compose(moved, poses))
+
+
+def _ends(poses: Array) -> Array:
+    """The points [2n, 2] a metre ahead of poses [n, 3] and behind them."""
+    ahead = np.column_stack((np.cos(poses[:, 2]), np.sin(poses[:, 2])))
+    return np.vstack((poses[:, :2] + ahead, poses[:, :2] - ahead))
 
 
 GRAPH = BackendKind(GraphConfig, GraphBackend)
