@@ -6,13 +6,15 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from moteslam.robot.fan import field_of_view
+from moteslam.robot.ranges import Ranges, chunks
 from moteslam.robot.recording import LidarStream
 
 _SAMPLE = 1_000_000
 """Ranges that the resolution is measured on, of scans spread over the recording."""
+_MEDIAN_SAMPLE = 20_000_000
+"""Ranges that the median is taken of, likewise: 80 MB."""
 _UNIT = 1e-5
 """To which ranges are rounded before they are compared [m]: float32 at 80 m is good for 4e-6."""
 _COMMON = 0.2
@@ -85,8 +87,14 @@ def lidar_report(lidar: LidarStream, rests: Spans) -> LidarReport:
         rests: when the wheels stood still.
     """
     beams = lidar.ranges.shape[1]
-    finite = np.isfinite(lidar.ranges)
-    endpoints = lidar.ranges[finite]
+    nearest, farthest, no_return, invalid, blind = np.inf, -np.inf, 0, 0, 0
+    for scans in chunks(lidar.ranges):
+        finite = np.isfinite(scans)
+        nearest = min(nearest, float(scans.min(initial=np.inf, where=finite)))
+        farthest = max(farthest, float(scans.max(initial=-np.inf, where=finite)))
+        no_return += int(np.isinf(scans).sum())
+        invalid += int(np.isnan(scans).sum())
+        blind += int((~finite.any(axis=1)).sum())
     return LidarReport(
         beams=beams,
         angle_min=lidar.angle_min,
@@ -95,18 +103,25 @@ def lidar_report(lidar: LidarStream, rests: Spans) -> LidarReport:
         field_of_view=float(np.degrees(field_of_view(beams, lidar.angle_increment))),
         range_min=lidar.range_min,
         range_max=lidar.range_max,
-        nearest=float(endpoints.min()) if len(endpoints) else None,
-        farthest=float(endpoints.max()) if len(endpoints) else None,
+        nearest=nearest if nearest < np.inf else None,
+        farthest=farthest if farthest > -np.inf else None,
         resolution=_resolution(lidar.ranges),
         noise_at_rest=_noise_at_rest(lidar, rests),
-        no_return=float(np.isinf(lidar.ranges).mean()),
-        invalid=float(np.isnan(lidar.ranges).mean()),
-        blind_scans=int((~finite.any(axis=1)).sum()),
-        median_range=float(np.median(endpoints)) if len(endpoints) else None,
+        no_return=no_return / lidar.ranges.size,
+        invalid=invalid / lidar.ranges.size,
+        blind_scans=blind,
+        median_range=_median(lidar.ranges),
     )
 
 
-def _resolution(ranges: NDArray[np.float32]) -> float | None:
+def _median(ranges: Ranges) -> float | None:
+    """Of the endpoints [m], of scans spread over the recording where there are many; None without."""
+    sample = ranges[:: max(1, ranges.size // _MEDIAN_SAMPLE)]
+    endpoints = sample[np.isfinite(sample)]
+    return float(np.median(endpoints)) if len(endpoints) else None
+
+
+def _resolution(ranges: Ranges) -> float | None:
     """The most frequent step between distinct ranges [m], the smallest of equally frequent ones.
 
     A single range off the grid changes two steps and not the most frequent one. Ranges that are not rounded have no

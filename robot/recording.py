@@ -17,6 +17,7 @@ from moteslam.errors import InputError
 from moteslam.robot.arrays import frozen
 from moteslam.robot.issues import Issue
 from moteslam.robot.platform import Platform
+from moteslam.robot.ranges import Ranges
 from moteslam.robot.summary import Summarised, span
 from moteslam.robot.wording import counted, expect_type
 
@@ -60,7 +61,7 @@ class LidarStream(_Frozen):
     """
 
     stamps: NDArray[np.float64]
-    ranges: NDArray[np.float32]
+    ranges: Ranges
     angle_min: float
     angle_increment: float
     range_min: float
@@ -70,8 +71,9 @@ class LidarStream(_Frozen):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.ranges.dtype != np.float32 or self.ranges.ndim != 2:
-            found = f"{self.ranges.dtype} {list(self.ranges.shape)}"
+        shape = tuple(self.ranges.shape)
+        if self.ranges.dtype != np.float32 or len(shape) != 2 or shape[0] != len(self.stamps):
+            found = f"{self.ranges.dtype} {list(shape)}"
             raise InputError(f"{found}, expected float32 [{len(self.stamps)}, beams]", field="ranges")
 
     def __len__(self) -> int:

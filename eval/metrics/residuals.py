@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from moteslam.errors import InputError
 from moteslam.eval.metrics.scan_poses import evenly, placed_scans, travelled
 from moteslam.robot import se2
+from moteslam.robot.ranges import chunks
 from moteslam.robot.recording import LidarStream, Recording
 from moteslam.robot.se2 import Poses
 from moteslam.robot.summary import Summarised
@@ -169,7 +170,7 @@ def scan_residuals(recording: Recording, trajectory: Trajectory, *, scans: Scans
         quantile_90=float(np.quantile(everything, 0.9)),
         beyond_3_cm=float(np.mean(everything > FAR)),
         unseen=unseen / endpoints,
-        no_return=sum(int(np.isinf(scan).sum()) for scan in lidar.ranges) / lidar.ranges.size,
+        no_return=sum(int(np.isinf(scans).sum()) for scans in chunks(lidar.ranges)) / lidar.ranges.size,
         residuals=len(everything),
         endpoints=endpoints,
         matched=len(index),

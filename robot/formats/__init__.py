@@ -9,20 +9,24 @@ from pathlib import Path
 
 from moteslam.errors import InputError
 from moteslam.plugins import PluginWarning
-from moteslam.robot.formats.format import FORMATS, Format, Robot
+from moteslam.robot.formats.format import FORMATS, Format, Robot, Topics
 from moteslam.robot.platform import Platform
 from moteslam.robot.platforms import bundled_platform
 from moteslam.robot.recording import Recording
 from moteslam.robot.wording import expect_path
 
-__all__ = ["FORMATS", "Format", "Robot", "format_of", "open_recording"]
+__all__ = ["FORMATS", "Format", "Robot", "Topics", "format_of", "open_recording"]
 
 _FILES = 100
 """Of a folder that are looked into for a log."""
 
 
 def open_recording(
-    path: str | PathLike[str], *, sequence: str | int | None = None, platform: Robot = None
+    path: str | PathLike[str],
+    *,
+    sequence: str | int | None = None,
+    platform: Robot = None,
+    topics: Topics | None = None,
 ) -> Recording:
     """Read a recording, whatever its format: it is known by the content, not by the name.
 
@@ -31,13 +35,20 @@ def open_recording(
         sequence: which of several, where the format holds several.
         platform: the robot, or the name of a bundled one, instead of what the recording (or the format) states; or a
             ``platform.toml`` that lies over that key by key.
+        topics: of a bag, which of its topics a stream is read from; by their types where it is left out.
 
     Raises:
-        InputError: nothing there, no format known here, or a recording that is broken; one line says which.
+        InputError: nothing there, no format known here, topics of a format that has none, or a recording that is
+            broken; one line says which.
         ConfigError: a ``platform.toml`` that is none.
     """
     platform = _bundled_or_file(platform)
-    return format_of(path).read(Path(path), sequence, platform)
+    known = format_of(path)
+    if not topics:
+        return known.read(Path(path), sequence, platform)
+    if known.read_topics is None:
+        raise InputError(f"a {known.name} has no topics, expected none to be named", file=path, field="topics")
+    return known.read_topics(Path(path), sequence, platform, topics)
 
 
 def format_of(path: str | PathLike[str]) -> Format:

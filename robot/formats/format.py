@@ -5,17 +5,21 @@ Other packages bring theirs as entry points ``moteslam.formats``.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
 
 from moteslam.plugins import Plugins
+from moteslam.robot.issues import Issue
 from moteslam.robot.platform import Platform
 from moteslam.robot.recording import Recording
 
 Robot = Platform | str | PathLike[str] | None
 """A robot, a ``platform.toml`` that overrides the format's own robot, or that one as it is."""
+
+Topics = Mapping[str, tuple[str, ...]]
+"""Of which topics of a bag the streams are: ``{"lidar": ("/scan",)}``; several lidars are merged to one."""
 
 
 @dataclass(frozen=True)
@@ -27,12 +31,19 @@ class Format:
         is_folder: whether a recording is a folder or a file.
         recognise: whether the content of a path (of that kind) is of this format; must not raise for any other.
         read: ``read(path, sequence, platform)``.
+        read_topics: ``read_topics(path, sequence, platform, topics)``, of a format with topics; None for others.
+        write: ``write(path, recording)`` writes a file or folder that reads back the same, but for what the format
+            cannot hold: an issue each. None for a format that is only read.
+        endings: of the names of files in this format, the first the usual one: ``.log``, ``.log.gz``.
     """
 
     name: str
     is_folder: bool
     recognise: Callable[[Path], bool]
     read: Callable[[Path, str | int | None, Robot], Recording]
+    read_topics: Callable[[Path, str | int | None, Robot, Topics], Recording] | None = None
+    write: Callable[[Path, Recording], tuple[Issue, ...]] | None = None
+    endings: tuple[str, ...] = ()
 
 
 FORMATS: Plugins[Format] = Plugins(

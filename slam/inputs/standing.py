@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from moteslam.robot.ranges import Ranges
 from moteslam.slam.inputs.config import SyncConfig
 
 
@@ -17,9 +18,7 @@ def has_moved(odometry: NDArray[np.float64]) -> NDArray[np.bool_]:
     return np.logical_or.accumulate((odometry != odometry[0]).any(axis=1))
 
 
-def stands(
-    ranges: NDArray[np.float32], moved: NDArray[np.bool_], config: SyncConfig | None = None
-) -> NDArray[np.bool_]:
+def stands(ranges: Ranges, moved: NDArray[np.bool_], config: SyncConfig | None = None) -> NDArray[np.bool_]:
     """At which scans the robot is seen to stand where it began, before its odometry moves.
 
     Args:
@@ -32,9 +31,11 @@ def stands(
     """
     c = config or SyncConfig()
     there = np.zeros(len(moved), np.bool_)
+    first = ranges[0]
     for scan in range(int((~moved).sum())):
-        both = np.isfinite(ranges[0]) & np.isfinite(ranges[scan])
-        differs = np.abs(ranges[scan, both] - ranges[0, both]) > c.same_range
+        here = ranges[scan]
+        both = np.isfinite(first) & np.isfinite(here)
+        differs = np.abs(here[both] - first[both]) > c.same_range
         if differs.sum() > c.moved_share * both.sum():
             break
         there[scan] = both.any()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from moteslam.robot.issues import Issue
+from moteslam.robot.ranges import chunks
 from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream, Recording
 from moteslam.slam.inputs.synchronise import Inputs
 
@@ -41,7 +42,7 @@ def warnings(recording: Recording, inputs: Inputs) -> tuple[Issue, ...]:
 
 def _about_scans(lidar: LidarStream) -> list[Issue]:
     issues = []
-    blind = int((~np.isfinite(lidar.ranges).any(axis=1)).sum())
+    blind = sum(int((~np.isfinite(scans).any(axis=1)).sum()) for scans in chunks(lidar.ranges))
     if blind:
         text = f"{blind} of {len(lidar)} scans without an endpoint: odometry alone there"
         issues.append(Issue("blind-scans", text, blind))
