@@ -275,10 +275,11 @@ def expect_classic_fan(beams: int, angle_min: float, angle_increment: float) -> 
 
 
 def _scan_entries(lidar: LidarStream, poses: NDArray[np.float64], mount: LidarSpec) -> list[tuple[float, int, str]]:
-    beams = lidar.ranges.shape[1]
+    ranges = np.asarray(lidar.ranges)
+    beams = ranges.shape[1]
     codes = no_return_codes(mount.no_return, lidar.range_max, lidar.range_max, beams)
-    coded = np.where(np.isinf(lidar.ranges), codes, lidar.ranges)
-    coded = np.where(np.isnan(coded), np.float32(0), coded)
+    coded = np.where(np.isinf(ranges), codes, ranges)
+    coded[np.isnan(coded)] = 0
     kind = (
         f"ROBOTLASER1 0 {lidar.angle_min!r} {lidar.angle_increment * (beams - 1)!r} "
         f"{lidar.angle_increment!r} {lidar.range_max!r} 0.01 0 {beams}"

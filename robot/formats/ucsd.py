@@ -267,10 +267,11 @@ def write_ucsd(folder: str | PathLike[str], recording: Recording, *, sequence: s
         raise ConfigError(f"{number!r}, expected letters, digits, - and _", field="sequence")
     write_platform(folder / "platform.toml", recording.platform)
     if (lidar := recording.lidar) is not None and len(lidar):
+        ranges = np.asarray(lidar.ranges)
         codes = no_return_codes(
-            recording.platform.lidar.no_return, lidar.range_max, lidar.range_max + 1, lidar.ranges.shape[1]
+            recording.platform.lidar.no_return, lidar.range_max, lidar.range_max + 1, ranges.shape[1]
         )
-        coded = np.where(np.isinf(lidar.ranges), codes, lidar.ranges)
+        coded = np.where(np.isinf(ranges), codes, ranges)
         if lidar.range_min > NO_ECHO:
             coded[np.isnan(coded)] = NO_ECHO
         _write(
