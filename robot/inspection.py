@@ -8,9 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from moteslam.robot.clocks import ClockReport, clock_reports, yaw_rates
+from moteslam.robot.frames import LARGEST_GAP, FrameCount, has_images, pairs, read_frame
 from moteslam.robot.issues import Issue
 from moteslam.robot.lidar_inspection import LidarReport, lidar_report
-from moteslam.robot.recording import EncoderStream, ImuStream, Recording
+from moteslam.robot.recording import EncoderStream, ImuStream, Recording, RgbdStream
 from moteslam.robot.wording import counted, expect_type
 
 GAP = 5.0
@@ -21,6 +23,12 @@ REPORTED_GAP = 0.5
 
 ENDS_EARLY = 0.1
 """Streams may begin later or end earlier than the scans by this much [s]."""
+
+LATE = 0.1
+"""Streams may be early or late by this much [s]; drivers, filters and wheels that slip make up some of it."""
+
+SAME_MOTION = 0.9
+"""Two yaw rates that correlate less do not show an offset clearly."""
 
 REST = 1.0
 """Wheels that stand still at least this long are at rest [s]."""
@@ -92,6 +100,7 @@ class Inspection:
         gyro_at_rest: None without IMU or encoders, or where the wheels never rest.
         odometry_distance: length of the odometry's path [m], of the poses logged with the scans if it has no stream
             of its own; None without either.
+        clocks: how the stamps of the streams lie against each other, by the turns that they measure.
         problems: what is wrong; the warnings of the reader first.
     """
 
@@ -102,6 +111,7 @@ class Inspection:
     wheels: WheelReport | None
     gyro_at_rest: GyroReport | None
     odometry_distance: float | None
+    clocks: tuple[ClockReport, ...]
     problems: tuple[Issue, ...]
 
     def to_dict(self) -> dict[str, Any]:
@@ -109,16 +119,27 @@ class Inspection:
         return asdict(self)
 
 
-def inspect_recording(recording: Recording) -> Inspection:
-    """Summarise a recording's streams and list what is wrong with them."""
+def inspect_recording(recording: Recording, *, deep: bool = False) -> Inspection:
+    """Summarise a recording's streams and list what is wrong with them.
+
+    Args:
+        recording: any.
+        deep: read ranges that are still in their file, and every image of a camera; without it such ranges are not
+            measured, and images not looked at.
+    """
     expect_type(recording, Recording, "recording", "open_recording(path) reads one")
-    streams = tuple(_stream(name, stamps) for name, stamps in _stamps(recording).items() if len(stamps))
+    streams = stream_reports(recording)
     rest = [] if recording.encoders is None else _rests(recording.encoders)
-    lidar = None if recording.lidar is None else lidar_report(recording.lidar, rest)
+    read_ranges = deep or isinstance(getattr(recording.lidar, "ranges", None), np.ndarray)
+    lidar = None if recording.lidar is None else lidar_report(recording.lidar, rest, read_ranges=read_ranges)
+    clocks = clock_reports(yaw_rates(recording, scans=read_ranges))
     problems = [*recording.warnings, *_missing(recording), *_gaps(streams), *_meetings(streams)]
+    problems += _late(streams, clocks)
     if lidar is not None and lidar.blind_scans:
         text = f"lidar: {counted(lidar.blind_scans, 'scan')} without a single endpoint"
         problems.append(Issue("blind-scans", text, lidar.blind_scans))
+    if deep and recording.rgbd is not None and has_images(recording.rgbd):
+        problems += _images(recording.rgbd)
     return Inspection(
         name=recording.name,
         platform=recording.platform.name,
@@ -127,11 +148,18 @@ def inspect_recording(recording: Recording) -> Inspection:
         wheels=_wheels(recording, rest),
         gyro_at_rest=None if recording.imu is None else _gyro(recording.imu, rest),
         odometry_distance=_odometry_distance(recording),
+        clocks=clocks,
         problems=tuple(problems),
     )
 
 
-def _stamps(recording: Recording) -> dict[str, NDArray[np.float64]]:
+def stream_reports(recording: Recording) -> tuple[StreamReport, ...]:
+    """The stamps of each stream that has a reading, in the order of `Inspection.streams`."""
+    return tuple(_stream(name, stamps) for name, stamps in stream_stamps(recording).items() if len(stamps))
+
+
+def stream_stamps(recording: Recording) -> dict[str, NDArray[np.float64]]:
+    """The stamps of each stream [s], of a camera those of either image, by their names."""
     streams = {name: getattr(recording, name) for name in ("lidar", "encoders", "odometry", "imu")}
     found = {name: stream.stamps for name, stream in streams.items() if stream is not None}
     if recording.rgbd is not None:
@@ -201,6 +229,28 @@ def _odometry_distance(recording: Recording) -> float | None:
     else:
         return None
     return float(np.hypot(*np.diff(poses[:, :2], axis=0).T).sum())
+
+
+def _images(stream: RgbdStream) -> tuple[Issue, ...]:
+    """What is missing or broken among the images; each pair of them is decoded."""
+    count = FrameCount()
+    disparity, rgb, _ = pairs(stream, largest_gap=LARGEST_GAP)
+    for one, other in zip(disparity.tolist(), rgb.tolist(), strict=True):
+        count.note(read_frame(stream, one, other))
+    return count.issues()
+
+
+def _late(streams: tuple[StreamReport, ...], clocks: tuple[ClockReport, ...]) -> list[Issue]:
+    """Streams whose turns come clearly earlier or later than another's; sparse ones are left out."""
+    rates = {stream.name: stream.median_rate or 0.0 for stream in streams}
+    problems = []
+    for clock in clocks:
+        sparse = min(rates[clock.name], rates[clock.reference]) < 1 / LATE
+        if abs(clock.offset) > LATE and clock.correlation > SAME_MOTION and not sparse:
+            side = "late" if clock.offset > 0 else "early"
+            text = f"{clock.name}: turns come {abs(clock.offset):.2f} s {side} by the {clock.reference}'s clock"
+            problems.append(Issue("clock-offset", text))
+    return problems
 
 
 def _missing(recording: Recording) -> list[Issue]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Literal
 
 import numpy as np
@@ -60,6 +60,8 @@ class LidarReport:
         no_return, invalid: shares (0 to 1) of the beams without return, and of those without a usable reading.
         blind_scans: scans without a single endpoint.
         median_range: of the endpoints [m]; None without.
+
+    What is measured of the ranges, from ``nearest`` on, is None where they were not read.
     """
 
     beams: int
@@ -73,28 +75,22 @@ class LidarReport:
     farthest: float | None
     resolution: float | None
     noise_at_rest: RangeNoise | None
-    no_return: float
-    invalid: float
-    blind_scans: int
+    no_return: float | None
+    invalid: float | None
+    blind_scans: int | None
     median_range: float | None
 
 
-def lidar_report(lidar: LidarStream, rests: Spans) -> LidarReport:
+def lidar_report(lidar: LidarStream, rests: Spans, *, read_ranges: bool = True) -> LidarReport:
     """Measure a lidar's figures.
 
     Args:
         lidar: the scans.
         rests: when the wheels stood still.
+        read_ranges: or leave them in their file, and only state what its scans have in common.
     """
     beams = lidar.ranges.shape[1]
-    nearest, farthest, no_return, invalid, blind = np.inf, -np.inf, 0, 0, 0
-    for scans in chunks(lidar.ranges):
-        finite = np.isfinite(scans)
-        nearest = min(nearest, float(scans.min(initial=np.inf, where=finite)))
-        farthest = max(farthest, float(scans.max(initial=-np.inf, where=finite)))
-        no_return += int(np.isinf(scans).sum())
-        invalid += int(np.isnan(scans).sum())
-        blind += int((~finite.any(axis=1)).sum())
+    ranges = _ranges(lidar.ranges) if read_ranges else _Ranges()
     return LidarReport(
         beams=beams,
         angle_min=lidar.angle_min,
@@ -103,14 +99,39 @@ def lidar_report(lidar: LidarStream, rests: Spans) -> LidarReport:
         field_of_view=float(np.degrees(field_of_view(beams, lidar.angle_increment))),
         range_min=lidar.range_min,
         range_max=lidar.range_max,
+        **asdict(ranges),
+        resolution=_resolution(lidar.ranges) if read_ranges else None,
+        noise_at_rest=_noise_at_rest(lidar, rests) if read_ranges else None,
+        median_range=_median(lidar.ranges) if read_ranges else None,
+    )
+
+
+@dataclass(frozen=True)
+class _Ranges:
+    """What all ranges together are: fields of `LidarReport`."""
+
+    nearest: float | None = None
+    farthest: float | None = None
+    no_return: float | None = None
+    invalid: float | None = None
+    blind_scans: int | None = None
+
+
+def _ranges(ranges: Ranges) -> _Ranges:
+    nearest, farthest, no_return, invalid, blind = np.inf, -np.inf, 0, 0, 0
+    for scans in chunks(ranges):
+        finite = np.isfinite(scans)
+        nearest = min(nearest, float(scans.min(initial=np.inf, where=finite)))
+        farthest = max(farthest, float(scans.max(initial=-np.inf, where=finite)))
+        no_return += int(np.isinf(scans).sum())
+        invalid += int(np.isnan(scans).sum())
+        blind += int((~finite.any(axis=1)).sum())
+    return _Ranges(
         nearest=nearest if nearest < np.inf else None,
         farthest=farthest if farthest > -np.inf else None,
-        resolution=_resolution(lidar.ranges),
-        noise_at_rest=_noise_at_rest(lidar, rests),
-        no_return=no_return / lidar.ranges.size,
-        invalid=invalid / lidar.ranges.size,
+        no_return=no_return / ranges.size,
+        invalid=invalid / ranges.size,
         blind_scans=blind,
-        median_range=_median(lidar.ranges),
     )
 
 

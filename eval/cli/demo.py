@@ -12,7 +12,7 @@ from moteslam.eval.cli.text import say, say_json
 from moteslam.eval.literal import literal
 
 
-@options.with_slam_options
+@options.with_options(run=options.SlamOptions)
 def demo(
     out: Annotated[Path, typer.Option(help=options.OUT)] = Path("demo"),
     scenario: Annotated[str, typer.Option(metavar="NAME", help="Scenario to drive.")] = "corridor",

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from moteslam.errors import InputError, MoteslamError, OutputError
+from moteslam.errors import InputError, MoteslamError
 from moteslam.eval.cli import options
 from moteslam.eval.cli.text import say, say_json, warn
 from moteslam.eval.literal import literal
@@ -124,8 +124,8 @@ def evaluate(
     _refuse_options(context, paths, recording, map_file)
     for file in (save, plot):
         options.refuse_existing(file, force=force)
-    if plot is not None and plot.suffix.lower() != ".png":
-        raise OutputError("expected a name that ends in .png", file=plot)
+    if plot is not None:
+        options.expect_picture(plot)
     estimates, reference = (paths[:-1], paths[-1]) if len(paths) > 1 else (paths, None)
     for file in estimates:
         if is_relations(file):

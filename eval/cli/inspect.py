@@ -9,6 +9,7 @@ import typer
 
 from moteslam.eval.cli import options
 from moteslam.eval.cli.inspect_figures import figures, or_dash
+from moteslam.eval.cli.recording_options import RecordingOptions
 from moteslam.eval.cli.text import say, say_json, table
 from moteslam.eval.literal import literal
 
@@ -17,26 +18,39 @@ if TYPE_CHECKING:
     from moteslam.robot.platform import Platform
 
 
+@options.with_options(part=RecordingOptions)
 def inspect(
-    path: Annotated[Path, typer.Argument(metavar="PATH", help="A log file, or a folder of arrays.")],
-    sequence: options.Sequence = None,
-    platform: options.PlatformFile = None,
+    path: Annotated[Path, typer.Argument(metavar="PATH", help="A log file, a bag, or a folder of arrays.")],
+    deep: Annotated[bool, typer.Option("--deep", help="Read all ranges of a bag, and all images.")] = False,
+    plot: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Draw streams, gaps, rates, clocks and ranges over time.")
+    ] = None,
+    force: options.ForceFile = False,
     as_json: options.Json = False,
+    *,
+    part: RecordingOptions,
 ) -> None:
     """Print what a recording holds, what is measured of its sensors, and what is wrong with it.
 
-    The column "platform" has what the recording's robot is known for.
+    The column "platform" has what the recording's robot is known for. Ranges of a bag are measured with --deep.
 
     \b
     Examples:
       moteslam inspect robot.log.gz
+      moteslam inspect robot.bag --deep --plot robot.png
       moteslam inspect ucsd --sequence 20 --json
     """  # noqa: D301
-    from moteslam.robot.formats import open_recording
     from moteslam.robot.inspection import inspect_recording
 
-    recording = open_recording(path, sequence=sequence, platform=platform)
-    found = inspect_recording(recording)
+    if plot is not None:
+        options.refuse_existing(plot, force=force)
+        options.expect_picture(plot)
+    recording = part.open(path)
+    found = inspect_recording(recording, deep=deep)
+    if plot is not None:
+        from moteslam.eval.report.streams import draw_streams
+
+        draw_streams(plot, recording, found)
     if as_json:
         say_json(found.to_dict())
     else:
@@ -65,6 +79,11 @@ def _print(found: Inspection, platform: Platform) -> None:
         say(f"wheels: {or_dash(found.wheels.distance, '{:.1f} m')} driven, {found.wheels.at_rest:.1f} s at rest")
     if found.odometry_distance is not None:
         say(f"odometry: {found.odometry_distance:.1f} m driven")
+    for clock in found.clocks:
+        say(
+            f"clock: turns by the {clock.name} {1000 * clock.offset:+.0f} ms after those by the {clock.reference}, "
+            f"correlation {clock.correlation:.2f}"
+        )
     for problem in found.problems:
         say(f"problem: {literal(problem)}")
     if not found.problems:

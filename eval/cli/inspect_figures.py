@@ -74,9 +74,13 @@ def _lidar(found: LidarReport, rate: float | None, platform: Platform) -> list[R
         )
     else:
         rows.append(("range noise at rest", NONE, NONE))
-    rows.append(("dropouts", f"{100 * found.invalid:.2f} %", f"{100 * noise.dropout:.2f} %" if simulated else NONE))
-    rows.append(("no return", f"{100 * found.no_return:.2f} %", NONE))
+    rows.append(("dropouts", _percent(found.invalid), _percent(noise.dropout if simulated else None)))
+    rows.append(("no return", _percent(found.no_return), NONE))
     return rows
+
+
+def _percent(share: float | None) -> str:
+    return NONE if share is None else f"{100 * share:.2f} %"
 
 
 def _turns(increment: float | None) -> str:

@@ -15,6 +15,7 @@ import typer
 from moteslam.errors import ExistsError, MoteslamError, MoteslamWarning, OutputError
 from moteslam.eval.cli import (
     compare,
+    convert,
     demo,
     evaluate,
     inspect,
@@ -71,7 +72,7 @@ def _root(
 
 for command in (
     *(demo.demo, simulate.simulate, replay.replay, evaluate.evaluate),
-    *(compare.compare, report.report, inspect.inspect, platforms.platforms, metrics.metrics),
+    *(compare.compare, report.report, inspect.inspect, convert.convert, platforms.platforms, metrics.metrics),
 ):
     app.command()(command)
 app.add_typer(scenarios.app, name="scenarios")

@@ -6,12 +6,13 @@ from collections.abc import Callable
 from dataclasses import dataclass, fields
 from functools import wraps
 from inspect import Parameter, signature
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 
 import typer
 
-from moteslam.errors import ConfigError, ExistsError
+from moteslam.errors import ConfigError, ExistsError, OutputError
 
 if TYPE_CHECKING:
     from moteslam.slam.config import SlamConfig
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
 OUT = "Folder for the result; it must not exist."
 
 Force = Annotated[bool, typer.Option("--force", help="Replace an existing --out, whole, at the end.")]
+ForceFile = Annotated[bool, typer.Option("--force", help="Replace an existing file.")]
 Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
 Format = Annotated[
     str | None,
@@ -49,6 +51,16 @@ def refuse_existing(file: Path | None, *, force: bool) -> None:
     """
     if file is not None and file.exists() and not force:
         raise ExistsError("exists already; name a new file", file=file)
+
+
+def expect_picture(file: Path) -> None:
+    """Refuse a name that is none of a picture.
+
+    Raises:
+        OutputError: it does not end in ``.png``.
+    """
+    if file.suffix.lower() != ".png":
+        raise OutputError("expected a name that ends in .png", file=file)
 
 
 def chosen_format(given: str | None, *, as_json: bool) -> str:
@@ -116,29 +128,42 @@ class SlamOptions:
         return "--particles" if key == "particles" and self.particles is not None else f"--set {key}"
 
 
-def with_slam_options(command: Callable[..., None]) -> Callable[..., None]:
-    """A command with the options of ``SlamOptions`` after its own; it gets them as one argument, ``run``."""
-    hints = get_type_hints(command, include_extras=True)
-    own = [
-        parameter.replace(annotation=hints[name], kind=Parameter.KEYWORD_ONLY)
-        for name, parameter in signature(command).parameters.items()
-        if name != "run"
-    ]
-    types = get_type_hints(SlamOptions, include_extras=True)
-    shared = [
+def with_options(**groups: type[Any]) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Give a command the options of some groups after its own; it gets each group as one argument.
+
+    Args:
+        groups: the name of the argument, and a dataclass whose fields are options: ``run=SlamOptions``.
+    """
+
+    def extended(command: Callable[..., None]) -> Callable[..., None]:
+        hints = get_type_hints(command, include_extras=True)
+        own = [
+            parameter.replace(annotation=hints[name], kind=Parameter.KEYWORD_ONLY)
+            for name, parameter in signature(command).parameters.items()
+            if name not in groups
+        ]
+        shared = {name: _parameters(group) for name, group in groups.items()}
+
+        @wraps(command)
+        def whole(**given: Any) -> None:
+            for name, parameters in shared.items():
+                given[name] = groups[name](**{parameter.name: given.pop(parameter.name) for parameter in parameters})
+            command(**given)
+
+        listed = signature(command).replace(parameters=[*own, *chain.from_iterable(shared.values())])
+        whole.__signature__ = listed  # type: ignore[attr-defined]  # Typer reads it
+        whole.__annotations__ = {parameter.name: parameter.annotation for parameter in listed.parameters.values()}
+        return whole
+
+    return extended
+
+
+def _parameters(group: type[Any]) -> list[Parameter]:
+    types = get_type_hints(group, include_extras=True)
+    return [
         Parameter(field.name, Parameter.KEYWORD_ONLY, default=field.default, annotation=types[field.name])
-        for field in fields(SlamOptions)
+        for field in fields(group)
     ]
-
-    @wraps(command)
-    def whole(**given: Any) -> None:
-        run = SlamOptions(**{parameter.name: given.pop(parameter.name) for parameter in shared})
-        command(**given, run=run)
-
-    listed = signature(command).replace(parameters=[*own, *shared])
-    whole.__signature__ = listed  # type: ignore[attr-defined]  # Typer reads it
-    whole.__annotations__ = {parameter.name: parameter.annotation for parameter in listed.parameters.values()}
-    return whole
 
 
 def print_config(config: Any, *, as_json: bool) -> None:

@@ -10,6 +10,7 @@ import typer
 
 from moteslam.errors import InputError
 from moteslam.eval.cli import options
+from moteslam.eval.cli.recording_options import RecordingOptions
 from moteslam.eval.cli.text import say, say_json, warn
 from moteslam.eval.literal import literal
 
@@ -23,18 +24,17 @@ if TYPE_CHECKING:
     from moteslam.slam.config import SlamConfig
 
 
-@options.with_slam_options
+@options.with_options(part=RecordingOptions, run=options.SlamOptions)
 def replay(
     path: Annotated[
         Path | None, typer.Argument(metavar="PATH", help="A log file, or a folder of arrays.", show_default=False)
     ] = None,
     out: Annotated[Path | None, typer.Option(help=options.OUT)] = None,
-    sequence: options.Sequence = None,
-    platform: options.PlatformFile = None,
     dead_reckoning: Annotated[
         bool, typer.Option("--dead-reckoning", help="Odometry alone: no lidar needed, --out optional.")
     ] = False,
     *,
+    part: RecordingOptions,
     run: options.SlamOptions,
 ) -> None:
     """Run SLAM over a recording and fill a result folder.
@@ -46,6 +46,7 @@ def replay(
     Examples:
       moteslam replay robot.log.gz --out result
       moteslam replay robot.log.gz --out more --preset paper --set particles=300 --seed 7
+      moteslam replay robot.bag --topics lidar=/scan_front --start 20 --end 80 --out part
       moteslam replay ucsd --sequence 20 --dead-reckoning
       moteslam replay --preset paper --print-config > mine.toml
     """  # noqa: D301
@@ -58,9 +59,7 @@ def replay(
     if out is None and not dead_reckoning:
         raise typer.BadParameter("missing, expected a folder for the result", param_hint="'--out'")
 
-    from moteslam.robot.formats import open_recording
-
-    recording = open_recording(path, sequence=sequence, platform=platform)
+    recording = part.open(path)
     if dead_reckoning:
         _dead_reckon(path, recording, resolved, out, run)
         return
@@ -81,7 +80,7 @@ def replay(
             truth=truth,
             true_map=None if truth is None else true_map_beside(path),
             figures=not run.no_figures,
-            about={"path": str(path)},
+            about={"path": str(path), **part.about},
             issues=issues,
         )
     if run.as_json:

@@ -218,8 +218,7 @@ def plot(
 
     chosen(metrics)
     options.refuse_existing(out, force=force)
-    if out.suffix != ".png":
-        raise OutputError("expected a name that ends in .png", file=out)
+    options.expect_picture(out)
     plot_sweep(file, out, metrics or ["final.ate"], along, label=label, title=title)
     say(f"wrote {literal(out)}")
 

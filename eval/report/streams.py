@@ -1,0 +1,140 @@
+"""A recording at a glance: what its streams cover, how often they read, how they turn, and what the lidar sees."""
+
+from __future__ import annotations
+
+from os import PathLike
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from moteslam.eval.report.style import DEAD_RECKONING, SLAM, heading, saved_figure
+from moteslam.robot.clocks import yaw_rates
+from moteslam.robot.inspection import GAP, REPORTED_GAP, Inspection, stream_stamps
+from moteslam.robot.ranges import CHUNK
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from moteslam.robot.recording import LidarStream, Recording
+
+Array = NDArray[np.float64]
+
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
+"""Of the streams; the palette of Okabe and Ito."""
+BINS = 240
+"""Across the time of a recording."""
+RANGE_BINS = 80
+
+
+def draw_streams(path: str | PathLike[str], recording: Recording, found: Inspection) -> None:
+    """Draw what a recording's streams cover, their rates, the yaw rates they measure, and the ranges, over time.
+
+    Args:
+        path: of the PNG.
+        recording: any with a reading.
+        found: its inspection.
+
+    Raises:
+        OutputError: it cannot be written.
+    """
+    stamps = {name: some for name, some in stream_stamps(recording).items() if len(some)}
+    first = min(float(some[0]) for some in stamps.values())
+    last = max(float(some[-1]) for some in stamps.values())
+    span = max(last - first, 1e-3)
+    colours = dict(zip(stamps, COLOURS, strict=False))
+    rates = yaw_rates(recording)
+    lidar = recording.lidar if recording.lidar is not None and len(recording.lidar) else None
+    heights = [0.35 * len(stamps) + 0.3, 1.4, *([1.6] if rates else []), *([2.0, 1.0] if lidar is not None else [])]
+    with saved_figure(path, size=(10.0, sum(heights) + 0.5 * len(heights) + 0.6)) as figure:
+        heading(figure, f"{recording.name}: {span:.0f} s from {first:.3f} s on")
+        panels = list(figure.subplots(len(heights), 1, sharex=True, squeeze=False, height_ratios=heights)[:, 0])
+        panels[0].set_xlim(-0.01 * span, 1.01 * span)
+        _draw_cover(panels.pop(0), {name: some - first for name, some in stamps.items()}, colours)
+        _draw_rates(panels.pop(0), {name: some - first for name, some in stamps.items()}, colours, span)
+        if rates:
+            axes = panels.pop(0)
+            late = {clock.name: f", {1000 * clock.offset:+.0f} ms" for clock in found.clocks}
+            times = np.linspace(first, last, 4 * BINS)
+            for name, rate in rates.items():
+                axes.plot(
+                    times - first, rate.at(times), color=colours[name], lw=0.9, label=f"{name}{late.get(name, '')}"
+                )
+            axes.set_ylabel("yaw rate [rad/s]")
+            _legend(axes)
+        if lidar is not None:
+            _draw_ranges(panels.pop(0), panels[-1], lidar, first, span)
+            panels.pop()
+        figure.axes[len(heights) - 1].set_xlabel("time since the first stamp [s]")
+
+
+def _draw_cover(axes: Axes, stamps: dict[str, Array], colours: dict[str, str]) -> None:
+    """A bar for what each stream covers, in red where it has a gap."""
+    for row, (name, some) in enumerate(stamps.items()):
+        steps = np.diff(some)
+        above = steps[steps > 0]
+        longest = max(GAP * float(np.median(above)), REPORTED_GAP) if len(above) else np.inf
+        gaps = np.flatnonzero(steps > longest)
+        begins, ends = np.append(some[0], some[gaps + 1]), np.append(some[gaps], some[-1])
+        axes.broken_barh(list(zip(begins, ends - begins, strict=True)), (row - 0.3, 0.6), color=colours[name])
+        if len(gaps):
+            red = [(float(some[gap]), float(steps[gap])) for gap in gaps]
+            axes.broken_barh(red, (row - 0.3, 0.6), color="red", alpha=0.5)
+    axes.set_yticks(range(len(stamps)), list(stamps))
+    axes.invert_yaxis()
+    axes.set_title("what the streams cover; gaps in red", loc="left")
+
+
+def _draw_rates(axes: Axes, stamps: dict[str, Array], colours: dict[str, str], span: float) -> None:
+    means = [len(some) / span for some in stamps.values()]
+    for width, (name, some) in zip(np.linspace(3.0, 1.0, len(stamps)), stamps.items(), strict=True):
+        bins = int(np.clip(len(some) // 10, 1, BINS))
+        counts, edges = np.histogram(some, bins=bins, range=(0.0, span))
+        axes.stairs(counts / (span / bins), edges, color=colours[name], label=name, lw=width)
+    if max(means) > 8 * min(means):
+        axes.set_yscale("log")
+    else:
+        axes.set_ylim(bottom=0)
+    axes.set_ylabel("readings a second [Hz]")
+    _legend(axes)
+
+
+def _draw_ranges(above: Axes, below: Axes, lidar: LidarStream, first: float, span: float) -> None:
+    """How many ranges of each length there are over time, and the shares of those that are no endpoints."""
+    bins = min(BINS, len(lidar))
+    edges = np.linspace(0.0, span, bins + 1)
+    limit = _longest(lidar)
+    counts, beams = np.zeros((RANGE_BINS, bins)), np.zeros(bins)
+    without, invalid = np.zeros(bins), np.zeros(bins)
+    for start in range(0, len(lidar), CHUNK):
+        ranges = lidar.ranges[start : start + CHUNK]
+        times = np.repeat(lidar.stamps[start : start + CHUNK] - first, ranges.shape[1])
+        column = np.clip((times / span * bins).astype(int), 0, bins - 1)
+        flat = ranges.ravel()
+        good = np.isfinite(flat) & (flat <= limit)
+        row = np.clip((flat[good] / limit * RANGE_BINS).astype(int), 0, RANGE_BINS - 1)
+        np.add.at(counts, (row, column[good]), 1)
+        for total, chosen in ((beams, np.ones(len(flat))), (without, np.isinf(flat)), (invalid, np.isnan(flat))):
+            total += np.bincount(column, weights=chosen, minlength=bins)
+    share = np.divide(counts, beams, out=np.zeros_like(counts), where=beams > 0)
+    above.pcolormesh(edges, np.linspace(0, limit, RANGE_BINS + 1), np.sqrt(share), cmap="Greys", rasterized=True)
+    above.set_ylabel("range [m]")
+    above.set_title("ranges; dark: many beams of that range", loc="left")
+    for total, colour, label in ((without, SLAM, "no return"), (invalid, DEAD_RECKONING, "invalid")):
+        percent = np.divide(100 * total, beams, out=np.full(bins, np.nan), where=beams > 0)
+        below.plot((edges[1:] + edges[:-1]) / 2, percent, color=colour, label=label, lw=1.2)
+    below.set_ylabel("beams [%]")
+    below.set_ylim(bottom=0)
+    _legend(below)
+
+
+def _longest(lidar: LidarStream) -> float:
+    """Up to which range to draw [m]: nearly all endpoints of scans spread over the recording."""
+    sample = lidar.ranges[:: max(1, len(lidar) // 500)]
+    endpoints = sample[np.isfinite(sample)]
+    return float(np.quantile(endpoints, 0.995)) * 1.05 if len(endpoints) else lidar.range_max
+
+
+def _legend(axes: Axes) -> None:
+    """Beside the panel, over no data."""
+    axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))

@@ -1,0 +1,163 @@
+"""Whether the streams of a recording are on one clock: their yaw rates, held against each other at shifted times.
+
+The shift at which two yaw rates correlate most is the offset between the clocks that stamp them, delays of drivers and
+filters included. Wheels that slip and scans that are matched badly lower the correlation and do not move its peak.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from moteslam.robot.ranges import chosen
+from moteslam.robot.recording import LidarStream, Recording
+from moteslam.robot.wheel_odometry import wheel_path
+
+Array = NDArray[np.float64]
+
+LONGEST = 1.0
+"""Offsets up to this are looked for [s]."""
+
+STEP = 0.01
+"""Between the shifts that are tried, and between the times at which yaw rates are compared [s]."""
+
+WINDOW = 0.1
+"""A yaw rate is the mean over this time [s]: single counts of an encoder are far apart."""
+
+LEAST_TURN = 0.05
+"""Where neither turns, nothing is compared: the least standard deviation of a yaw rate [rad/s]."""
+
+LEAST_CORRELATION = 0.7
+"""Below it two yaw rates are not of the same motion, and no offset is reported."""
+
+_DURATION = 600.0
+"""At most this much of a recording is compared, from the first turn on [s]."""
+_BEAMS, _FEWEST_BEAMS = 180, 20
+_SCANS = 3000
+_SHIFT = 0.35
+"""The largest turn between two scans that is looked for [rad]."""
+
+
+@dataclass(frozen=True)
+class YawRate:
+    """The yaw rate that a stream measures: its mean between stamps.
+
+    Attributes:
+        stamps: [n] [s].
+        headings: [n] unwrapped [rad].
+    """
+
+    stamps: Array
+    headings: Array
+
+    def at(self, times: Array) -> Array:
+        """The mean over `WINDOW` about times [m] [rad/s]; NaN before the first stamp and after the last."""
+        later, earlier = (np.interp(times + side, self.stamps, self.headings) for side in (WINDOW / 2, -WINDOW / 2))
+        inside = (times >= self.stamps[0]) & (times <= self.stamps[-1])
+        return np.where(inside, (later - earlier) / WINDOW, np.nan)
+
+
+@dataclass(frozen=True)
+class ClockReport:
+    """How the stamps of a stream lie against those of another.
+
+    Attributes:
+        name, reference: of the two streams.
+        offset: that the stream's stamps are late by [s].
+        correlation: of the two yaw rates at this offset, -1 to 1.
+    """
+
+    name: str
+    reference: str
+    offset: float
+    correlation: float
+
+
+def clock_reports(rates: dict[str, YawRate]) -> tuple[ClockReport, ...]:
+    """The offsets of streams against the first of them, where they measure the same turns.
+
+    Args:
+        rates: of ``yaw_rates``.
+    """
+    names = list(rates)
+    found = (_compared(name, names[0], rates[name], rates[names[0]]) for name in names[1:])
+    return tuple(report for report in found if report is not None)
+
+
+def yaw_rates(recording: Recording, *, scans: bool = True) -> dict[str, YawRate]:
+    """The yaw rates that the streams of a recording measure: of ``imu``, ``encoders``, ``odometry`` and ``lidar``.
+
+    Args:
+        recording: any.
+        scans: match consecutive scans, too; reads ranges.
+    """
+    rates = {}
+    if recording.imu is not None and len(recording.imu) > 1:
+        stamps, rate = recording.imu.stamps, recording.imu.angular_velocity[:, 2]
+        mean = (rate[1:] + rate[:-1]) / 2
+        rates["imu"] = YawRate(stamps, np.concatenate(([0.0], np.cumsum(mean * np.diff(stamps)))))
+    if recording.encoders is not None and len(recording.encoders) > 1 and recording.platform.wheels is not None:
+        path = wheel_path(recording, turn_of=None)
+        rates["encoders"] = YawRate(recording.encoders.stamps, np.unwrap(path[:, 2]))
+    if recording.odometry is not None and len(recording.odometry) > 1:
+        rates["odometry"] = YawRate(recording.odometry.stamps, np.unwrap(recording.odometry.poses[:, 2]))
+    if scans and (lidar := recording.lidar) is not None and len(lidar) > 2 and lidar.ranges.shape[1] >= _FEWEST_BEAMS:
+        rates["lidar"] = scan_turns(lidar)
+    return rates
+
+
+def scan_turns(lidar: LidarStream) -> YawRate:
+    """The headings that scans show: the turn at which each looks most like the one before, beam by beam.
+
+    A turn about the lidar shifts a scan along its beams; the shift with the least mean difference of ranges is taken,
+    to a fraction of a beam. It is a rough measure, and enough for the time at which the robot turns.
+
+    Args:
+        lidar: with scans closer than a third of a radian to each other; of others the turns are not to be used.
+    """
+    stamps = lidar.stamps[:_SCANS]
+    beams = lidar.ranges.shape[1]
+    every = max(1, beams // _BEAMS)
+    ranges = np.asarray(chosen(lidar.ranges, np.arange(len(stamps))))[:, ::every].astype(np.float64)
+    ranges = np.where(np.isfinite(ranges), ranges, lidar.range_max)
+    step = lidar.angle_increment * every
+    widest = max(2, min(ranges.shape[1] // 3, int(_SHIFT / abs(step))))
+    shifts = np.arange(-widest, widest + 1)
+    inner = slice(widest, ranges.shape[1] - widest)
+    before = ranges[:-1, inner]
+    cost = np.stack(
+        [
+            np.abs(ranges[1:, widest + shift : ranges.shape[1] - widest + shift] - before).mean(axis=1)
+            for shift in shifts
+        ]
+    )
+    best = np.clip(cost.argmin(axis=0), 1, len(shifts) - 2)
+    left, middle, right = (np.take_along_axis(cost, best[None] + side, axis=0)[0] for side in (-1, 0, 1))
+    bend = left - 2 * middle + right
+    part = np.where(bend > 0, 0.5 * (left - right) / np.where(bend > 0, bend, 1), 0.0)
+    turns = -(shifts[best] + np.clip(part, -0.5, 0.5)) * step  # what the robot turns left, the scan turns right
+    return YawRate(stamps, np.concatenate(([0.0], np.cumsum(turns))))
+
+
+def _compared(name: str, reference: str, rate: YawRate, other: YawRate) -> ClockReport | None:
+    begin = max(rate.stamps[0], other.stamps[0]) + LONGEST + WINDOW
+    end = min(rate.stamps[-1], other.stamps[-1]) - LONGEST - WINDOW
+    if end - begin < 2 * LONGEST:
+        return None
+    times = np.arange(begin, min(end, begin + _DURATION), STEP)
+    fixed = other.at(times)
+    if fixed.std() < LEAST_TURN or rate.at(times).std() < LEAST_TURN:
+        return None
+    lags = np.arange(-LONGEST, LONGEST + STEP / 2, STEP)
+    correlations = np.array([_correlation(fixed, rate.at(times + lag)) for lag in lags])
+    best = int(np.argmax(correlations))
+    if correlations[best] < LEAST_CORRELATION:
+        return None
+    return ClockReport(name, reference, round(float(lags[best]), 3), float(correlations[best]))
+
+
+def _correlation(one: Array, other: Array) -> float:
+    spread = one.std() * other.std()
+    return float(((one - one.mean()) * (other - other.mean())).mean() / spread) if spread > 0 else 0.0
