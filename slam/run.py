@@ -75,6 +75,9 @@ class Update(Summarised):
 class SlamSession:
     """SLAM over one recording, an ``Update`` a scan when iterated; ``estimate()`` at the end.
 
+    Of a recording that is still being made, ``take_in`` the scans that are complete, and ``extend`` it by those that
+    follow; an iteration at the end takes in the rest.
+
     Args:
         recording: with a lidar; with some odometry, too, unless the method does without. There is no truth in it.
         config: the preset ``default`` if None.
@@ -104,11 +107,10 @@ class SlamSession:
         self._views: FloorViews | None = None
         if self._filter.uses_camera and not self._missing:
             self._views = FloorViews(recording, self._inputs, largest_gap=config.texture.largest_gap)
-        self._steps = steps(self._inputs, self._views)
-        n = len(self._inputs)
-        self._online, self._motions = np.zeros((n, 3)), np.zeros((n, 3))
-        self._covariances = np.zeros((n, 3, 3))
-        self._diagnostics = {key: np.zeros(n) for key in DIAGNOSTICS}
+        self._online, self._motions = np.zeros((0, 3)), np.zeros((0, 3))
+        self._covariances = np.zeros((0, 3, 3))
+        self._diagnostics = {key: np.zeros(0) for key in DIAGNOSTICS}
+        self._make_room()
         self._updates: list[int] = []
         self._waiting: list[KeyScan] = []  # for the back end, until the filter is settled
         self._spreads: list[Array] = []
@@ -120,7 +122,35 @@ class SlamSession:
         return len(self._inputs)
 
     def __iter__(self) -> Iterator[Update]:
-        for step in self._steps:
+        yield from self.take_in()
+        began = time.perf_counter()
+        if self._waiting:
+            self._diagnostics["corrected"][self._done - 1] += self._hand_over(self._done - 1)
+            self._diagnostics["seconds"][self._done - 1] += time.perf_counter() - began
+
+    def extend(self, recording: Recording) -> None:
+        """Go on with the same recording, which has grown since.
+
+        Args:
+            recording: the readings that were there, and more; up to the scans that were taken in they are the same.
+
+        Raises:
+            ConfigError: it has fewer scans than were taken in.
+        """
+        inputs = synchronise(recording, self.config.sync, max_range=self.config.max_range)
+        if len(inputs) < self._done:
+            raise ConfigError(f"{len(inputs)} scans, expected at least the {self._done} that were taken in")
+        self.recording, self._inputs = recording, inputs
+        if self._views is not None:
+            self._views = self._views.extended(recording, inputs)
+        self._make_room()
+
+    def take_in(self, scans: int | None = None) -> Iterator[Update]:
+        """Take in the scans that follow, an ``Update`` each, as far as the first ``scans`` of the recording.
+
+        Unlike an iteration over the session it leaves a filter that is not settled as it is, for scans to come.
+        """
+        for step in steps(self._inputs, self._views, first=self._done, last=scans):
             began = time.perf_counter()
             result, corrected = self._filter.step(step), 0.0
             if result.updated:
@@ -148,10 +178,6 @@ class SlamSession:
                 corrected=corrected,
                 **certainty._asdict(),
             )
-        began = time.perf_counter()
-        if self._waiting:
-            self._diagnostics["corrected"][self._done - 1] += self._hand_over(self._done - 1)
-            self._diagnostics["seconds"][self._done - 1] += time.perf_counter() - began
 
     @property
     def map(self) -> Raster:
@@ -208,6 +234,15 @@ class SlamSession:
             corrections=tuple(self._corrections),
             loops=self._backend.loops,
         )
+
+    def _make_room(self) -> None:
+        """Room for what is kept of every scan of the recording."""
+        more = len(self._inputs) - len(self._online)
+        self._online, self._motions, self._covariances = (
+            np.concatenate((kept, np.zeros((more, *kept.shape[1:]))))
+            for kept in (self._online, self._motions, self._covariances)
+        )
+        self._diagnostics = {key: np.concatenate((kept, np.zeros(more))) for key, kept in self._diagnostics.items()}
 
     def _must_have_odometry(self) -> None:
         if self._inputs.path is not None or not METHODS[self.config.method].needs_odometry:

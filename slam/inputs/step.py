@@ -42,14 +42,19 @@ class Step(Summarised):
     floor: Callable[[float], FloorView | None] | None = None
 
 
-def steps(inputs: Inputs, views: FloorViews | None = None) -> Iterator[Step]:
+def steps(
+    inputs: Inputs, views: FloorViews | None = None, *, first: int = 0, last: int | None = None
+) -> Iterator[Step]:
     """One step a scan.
 
     Args:
         inputs: the synchronised recording.
         views: camera frames of the floor; None where they are not used.
+        first: index of the first scan.
+        last: of the one after the last; None for all.
     """
-    for index, stamp in enumerate(inputs.stamps):
+    for index in range(len(inputs))[first:last]:
+        stamp = inputs.stamps[index]
         yield Step(
             index=index,
             stamp=float(stamp),

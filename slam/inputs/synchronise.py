@@ -123,12 +123,17 @@ def _at_scans(lidar: LidarStream, path: OdometryPath, config: SyncConfig, *, nam
     return path.poses[nearest_stamp(path.stamps, lidar.stamps)]
 
 
+def sweep_seconds(recording: Recording, lidar: LidarStream) -> float:
+    """How long a scan takes, from the first beam to the last [s]; 0 where that is not known."""
+    return (lidar.time_increment or recording.platform.lidar.time_increment) * (lidar.ranges.shape[1] - 1)
+
+
 def _sweeps(recording: Recording, lidar: LidarStream, path: OdometryPath | None, config: SyncConfig) -> Array | None:
     """How the robot moves while each scan is taken, [n, 3] in its frame at the first beam; None where unknown.
 
     Zeros where the odometry jumps between the reading before the sweep and the one after, and so did not measure it.
     """
-    seconds = (lidar.time_increment or recording.platform.lidar.time_increment) * (lidar.ranges.shape[1] - 1)
+    seconds = sweep_seconds(recording, lidar)
     if seconds <= 0 or path is None:
         return None
     ends = lidar.stamps + seconds
