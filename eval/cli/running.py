@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from math import degrees
@@ -14,7 +15,7 @@ from moteslam.eval.cli.evaluate_tables import loop_lines
 from moteslam.eval.cli.progress import progress_bar, working
 from moteslam.eval.cli.text import table, warn
 from moteslam.eval.diagnostics_table import localisation_summary
-from moteslam.eval.report.snapshots import Snapshots
+from moteslam.eval.report.snapshots import Snapshot, Snapshots
 from moteslam.eval.report.textures import TextureStages
 from moteslam.eval.results import write_results
 from moteslam.eval.scores import Scores
@@ -86,8 +87,7 @@ def run_into(
     Raises:
         MoteslamError: whatever is wrong with the recording, the configuration, the device or the folder.
     """
-    began, clock = datetime.now(UTC), time.perf_counter()
-    runs_on = device.start()
+    started = Started(device)
     session = SlamSession(recording, config, seed=seed)
     snapshots = Snapshots(session)
     with progress_bar("SLAM", len(session), "scans") as bar:
@@ -95,30 +95,89 @@ def run_into(
             if figures:
                 snapshots.look(update)
             bar.update(update.index + 1)
+    return finish_into(
+        folder,
+        session,
+        started,
+        truth=truth,
+        true_map=true_map,
+        snapshots=snapshots.kept,
+        figures=figures,
+        about=about,
+        issues=issues,
+    )
+
+
+class Started:
+    """When a run began, and what it runs on: for ``run.json``.
+
+    Raises:
+        BackendError: the device is not there.
+    """
+
+    def __init__(self, device: Device) -> None:
+        self._began, self._clock = datetime.now(UTC), time.perf_counter()
+        self._runs_on = device.start()
+
+    @property
+    def seconds(self) -> float:
+        """Since then [s]."""
+        return time.perf_counter() - self._clock
+
+    def about(self, seconds: float) -> dict[str, Any]:
+        """The command, its start, and what it took."""
+        return {
+            "command": ["moteslam", *sys.argv[1:]],
+            "started": self._began.isoformat(timespec="seconds"),
+            "slam_seconds": seconds,
+            **self._runs_on,
+        }
+
+
+def finish_into(
+    folder: Path,
+    session: SlamSession,
+    started: Started,
+    *,
+    truth: Trajectory | None = None,
+    true_map: Raster | None = None,
+    snapshots: Sequence[Snapshot] = (),
+    figures: bool = True,
+    about: dict[str, Any] | None = None,
+    issues: tuple[Issue, ...] = (),
+) -> Run:
+    """Fill a result folder with what a session that has taken in its recording came to.
+
+    Args:
+        folder: of the result, which exists.
+        session: at its end.
+        started: when the run began.
+        truth, true_map, figures, about, issues: as of `run_into`.
+        snapshots: of the map over time.
+
+    Raises:
+        MoteslamError: whatever is wrong with the folder.
+    """
     with working("final path and map"):
         estimate = session.estimate()
-    seconds = time.perf_counter() - clock
+    seconds, recording = started.seconds, session.recording
     estimate, stages = _coloured(estimate, recording)
     issues = (*issues, *recording.warnings, *estimate.warnings)
     warn(issues)
-    run = {
-        **(about or {}),
-        "warnings": [issue.as_dict() for issue in issues],
-        "command": ["moteslam", *sys.argv[1:]],
-        "started": began.isoformat(timespec="seconds"),
-        "slam_seconds": seconds,
-        **runs_on,
-    }
     scores = write_results(
         folder,
         estimate,
         truth,
         recording=recording,
         true_map=true_map,
-        snapshots=snapshots.kept,
+        snapshots=snapshots,
         stages=stages,
         figures=figures,
-        run=run,
+        run={
+            **(about or {}),
+            "warnings": [issue.as_dict() for issue in issues],
+            **started.about(seconds),
+        },
     )
     return Run(estimate, scores, issues)
 

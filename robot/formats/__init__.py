@@ -9,13 +9,13 @@ from pathlib import Path
 
 from moteslam.errors import InputError
 from moteslam.plugins import PluginWarning
-from moteslam.robot.formats.format import FORMATS, Format, Robot, Topics
+from moteslam.robot.formats.format import FORMATS, Follower, Format, Robot, Topics
 from moteslam.robot.platform import Platform
 from moteslam.robot.platforms import bundled_platform
 from moteslam.robot.recording import Recording
 from moteslam.robot.wording import expect_path
 
-__all__ = ["FORMATS", "Format", "Robot", "Topics", "format_of", "open_recording"]
+__all__ = ["FORMATS", "Follower", "Format", "Robot", "Topics", "follow_recording", "format_of", "open_recording"]
 
 _FILES = 100
 """Of a folder that are looked into for a log."""
@@ -49,6 +49,24 @@ def open_recording(
     if known.read_topics is None:
         raise InputError(f"a {known.name} has no topics, expected none to be named", file=path, field="topics")
     return known.read_topics(Path(path), sequence, platform, topics)
+
+
+def follow_recording(path: str | PathLike[str], *, platform: Robot = None) -> Follower:
+    """Read a recording that is still being written, again and again.
+
+    Args:
+        path: a file whose beginning shows its format.
+        platform: as of `open_recording`.
+
+    Raises:
+        InputError: as `open_recording`, or a format that cannot be followed.
+    """
+    platform = _bundled_or_file(platform)
+    known = format_of(path)
+    if known.follow is None:
+        able = " or a ".join(each.name for _, each in FORMATS.items() if each.follow is not None)
+        raise InputError(f"a {known.name}, expected one that can be read while it is written: a {able}", file=path)
+    return known.follow(Path(path), platform)
 
 
 def format_of(path: str | PathLike[str]) -> Format:

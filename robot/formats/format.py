@@ -9,6 +9,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
+from typing import Protocol
 
 from moteslam.plugins import Plugins
 from moteslam.robot.issues import Issue
@@ -20,6 +21,17 @@ Robot = Platform | str | PathLike[str] | None
 
 Topics = Mapping[str, tuple[str, ...]]
 """Of which topics of a bag the streams are: ``{"lidar": ("/scan",)}``; several lidars are merged to one."""
+
+
+class Follower(Protocol):
+    """Reads a recording that is still being written."""
+
+    def poll(self) -> Recording | None:
+        """All that has been written until now; None where nothing came since the last call.
+
+        Raises:
+            InputError: the file was replaced or cut short, or is broken.
+        """
 
 
 @dataclass(frozen=True)
@@ -34,6 +46,7 @@ class Format:
         read_topics: ``read_topics(path, sequence, platform, topics)``, of a format with topics; None for others.
         write: ``write(path, recording)`` writes a file or folder that reads back the same, but for what the format
             cannot hold: an issue each. None for a format that is only read.
+        follow: ``follow(path, platform)`` reads a file that is still being written; None for a format that cannot be.
         endings: of the names of files in this format, the first the usual one: ``.log``, ``.log.gz``.
     """
 
@@ -43,6 +56,7 @@ class Format:
     read: Callable[[Path, str | int | None, Robot], Recording]
     read_topics: Callable[[Path, str | int | None, Robot, Topics], Recording] | None = None
     write: Callable[[Path, Recording], tuple[Issue, ...]] | None = None
+    follow: Callable[[Path, Robot], Follower] | None = None
     endings: tuple[str, ...] = ()
 
 
