@@ -28,7 +28,7 @@ POLL = 0.02
 def follow(
     path: Annotated[Path, typer.Argument(metavar="PATH", help="A CARMEN log or MCAP file that is being written.")],
     out: Annotated[Path | None, typer.Option(help="Folder for the result at the end; it must not exist.")] = None,
-    idle: Annotated[float, typer.Option(metavar="S", min=0.0, help="End after so much silence.")] = 10.0,
+    idle: Annotated[float, typer.Option(metavar="S", min=0.0, help="End after this much silence.")] = 10.0,
     platform: options.PlatformFile = None,
     *,
     run: options.SlamOptions,

@@ -1,0 +1,128 @@
+"""Readers run on mutated files, each input within bounds of time and memory."""
+
+from __future__ import annotations
+
+import resource
+import signal
+import tempfile
+import traceback
+import warnings
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import FrameType
+
+import numpy as np
+
+from moteslam.errors import MoteslamError
+from parts.mutations import mutated
+from parts.readers import Reader
+
+LONGEST = 10.0
+"""A reader that takes longer hangs [s of processor time]."""
+
+MEMORY = 1_000_000_000
+"""What reading may take beyond what the process has before [bytes]."""
+
+
+@dataclass(frozen=True)
+class Failure:
+    """An input that was neither read nor refused in one line.
+
+    Attributes:
+        reader: its name.
+        index: of the input.
+        what: the end of the traceback.
+        file: the mutated one, and its content.
+    """
+
+    reader: str
+    index: int
+    what: str
+    file: str
+    content: bytes
+
+
+@dataclass
+class Tally:
+    """What became of the inputs.
+
+    Attributes:
+        read, refused: how many of each reader.
+        failures: the others.
+    """
+
+    read: Counter[str] = field(default_factory=Counter)
+    refused: Counter[str] = field(default_factory=Counter)
+    failures: list[Failure] = field(default_factory=list)
+
+    def add(self, other: Tally) -> None:
+        """Count what another has counted, too."""
+        self.read += other.read
+        self.refused += other.refused
+        self.failures += other.failures
+
+
+class TooLong(BaseException):
+    """A reader that hangs; no reader may catch it."""
+
+
+def limit_memory() -> None:
+    """From here on this process gets no more than `MEMORY` beyond what it has; beyond it is a ``MemoryError``."""
+    status = Path("/proc/self/status").read_text(encoding="ascii")
+    has = next(int(line.split()[1]) for line in status.splitlines() if line.startswith("VmData")) * 1024
+    resource.setrlimit(resource.RLIMIT_DATA, (has + MEMORY, resource.RLIM_INFINITY))
+
+
+def fuzz(readers: Sequence[Reader], indices: Sequence[int], *, seed: int = 0) -> Tally:
+    """Read mutated inputs, and tally what became of them.
+
+    Args:
+        readers: which take turns.
+        indices: of the inputs; with the seed an index says what is mutated, and how.
+        seed: of all of them.
+    """
+    tally = Tally()
+    before = signal.signal(signal.SIGVTALRM, _too_long)
+    try:
+        with tempfile.TemporaryDirectory(prefix="fuzz-") as scratch:
+            for index in indices:
+                _try(index, seed, Path(scratch), readers[index % len(readers)], tally)
+    finally:
+        signal.signal(signal.SIGVTALRM, before)
+    return tally
+
+
+def mutant(reader: Reader, index: int, seed: int) -> tuple[str, bytes]:
+    """Which of a reader's files an input mutates, and what it becomes."""
+    rng = np.random.default_rng((seed, index))
+    names = sorted(reader.files)
+    name = names[int(rng.integers(len(names)))]
+    return name, mutated(reader.files[name], rng)
+
+
+def _try(index: int, seed: int, folder: Path, reader: Reader, tally: Tally) -> None:
+    name, content = mutant(reader, index, seed)
+
+    def fail(what: str) -> None:
+        tally.failures.append(Failure(reader.name, index, what, name, content))
+
+    with reader.written(folder, {name: content}) as path, warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        signal.setitimer(signal.ITIMER_VIRTUAL, LONGEST)
+        try:
+            reader.read(path)
+            tally.read[reader.name] += 1
+        except MoteslamError as error:
+            tally.refused[reader.name] += 1
+            if len(str(error).splitlines()) != 1:
+                fail(f"refused in {len(str(error).splitlines())} lines")
+        except (Exception, TooLong) as error:
+            fail("".join(traceback.format_exception(error)[-4:]))
+        finally:
+            signal.setitimer(signal.ITIMER_VIRTUAL, 0)
+
+
+def _too_long(_number: int, _frame: FrameType | None) -> None:
+    raise TooLong(f"over {LONGEST:g} s")

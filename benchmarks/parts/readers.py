@@ -1,0 +1,144 @@
+"""All that reads files from elsewhere, each with a file that it can read."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import cache
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from moteslam.robot.platforms import UCSD
+from moteslam.robot.raster import Raster
+from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream, OdometryStream, Recording
+from moteslam.robot.trajectory import Trajectory
+
+
+@dataclass(frozen=True)
+class Reader:
+    """A reader and what it reads.
+
+    Attributes:
+        name: of the format.
+        files: by their paths within a folder.
+        main: the path to read, ``.`` for the folder itself.
+        read: reads a path, and looks at all that is in it.
+    """
+
+    name: str
+    files: dict[str, bytes]
+    main: str
+    read: Callable[[Path], Any]
+
+    @contextmanager
+    def written(self, folder: Path, changed: dict[str, bytes]) -> Iterator[Path]:
+        """The files in a folder while the block runs, some of them changed; the path to read."""
+        files = {**self.files, **changed}
+        for name, content in files.items():
+            (folder / name).parent.mkdir(parents=True, exist_ok=True)
+            (folder / name).write_bytes(content)
+        try:
+            yield folder / self.main
+        finally:
+            for name in files:
+                (folder / name).unlink(missing_ok=True)
+
+
+@cache
+def readers() -> tuple[Reader, ...]:
+    """One of each, in a fixed order."""
+    return (*_recordings(), *_trajectories(), *_maps(), *_tables())
+
+
+def recorded(scans: int = 12, beams: int = 19) -> Recording:
+    """A short recording with every stream but a camera."""
+    rng = np.random.default_rng(7)
+    stamps = 1_300_000_000.0 + np.arange(scans) / 10
+    ranges = rng.uniform(0.5, 9.0, (scans, beams)).astype(np.float32)
+    ranges[rng.random(ranges.shape) < 0.1] = np.inf
+    poses = np.column_stack((np.arange(scans) / 20, np.zeros(scans), np.arange(scans) / 100))
+    return Recording(
+        "short",
+        UCSD,
+        lidar=LidarStream(stamps, ranges, -1.5, 3.0 / (beams - 1), 0.1, 30.0, odometry=poses),
+        encoders=EncoderStream(stamps, rng.integers(-5, 20, (scans, 4))),
+        odometry=OdometryStream(stamps, poses),
+        imu=ImuStream(stamps, rng.normal(0, 0.1, (scans, 3)), np.tile((0.0, 0.0, 1.0), (scans, 1))),
+    )
+
+
+def _contents(folder: Path) -> dict[str, bytes]:
+    return {str(path.relative_to(folder)): path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
+
+
+def _recordings() -> Iterator[Reader]:
+    """Every format of recordings that can be written."""
+    from moteslam.robot.formats import FORMATS
+
+    for name, known in FORMATS.items():
+        if known.write is None:
+            continue
+        with tempfile.TemporaryDirectory() as scratch:
+            folder = Path(scratch) / "r"
+            folder.mkdir()
+            main = "." if known.is_folder else f"log{known.endings[0]}"
+            known.write(folder / main, recorded())
+            yield Reader(name, _contents(folder), main, _inspected)
+
+
+def _inspected(path: Path) -> Any:
+    from moteslam.robot.formats import open_recording
+    from moteslam.robot.inspection import inspect_recording
+
+    return inspect_recording(open_recording(path), deep=True)
+
+
+def _trajectories() -> Iterator[Reader]:
+    from moteslam.eval.metrics.relations import read_relations
+    from moteslam.robot.trajectory import read_tum, write_tum
+
+    stamps = np.arange(9) / 2
+    path = Trajectory(stamps, np.column_stack((stamps, np.sin(stamps), 0.1 * stamps)))
+    with tempfile.TemporaryDirectory() as scratch:
+        write_tum(Path(scratch) / "path.tum", path)
+        yield Reader("tum", _contents(Path(scratch)), "path.tum", read_tum)
+    lines = "".join(f"{k}.5 {k + 1}.5 0.5 0.1 0 0 0 0.2\n" for k in range(8))
+    yield Reader("relations", {"a.relations": lines.encode()}, "a.relations", read_relations)
+
+
+def _maps() -> Iterator[Reader]:
+    from moteslam.robot.formats.map_server import read_map, write_map
+
+    values = np.random.default_rng(3).integers(-1, 2, (11, 17)).astype(np.int8)
+    with tempfile.TemporaryDirectory() as scratch:
+        write_map(Path(scratch) / "map.pgm", Raster(values, 0.05, (1.0, -2.0, 0.3)))
+        yield Reader("map_server", _contents(Path(scratch)), "map.yaml", read_map)
+
+
+def _tables() -> Iterator[Reader]:
+    """Scenarios, robots, configurations, specifications of sweeps, and loops."""
+    from moteslam.eval.loop_table import COLUMNS, VERDICTS, read_loops
+    from moteslam.eval.sweep.plan import plan
+    from moteslam.eval.sweep.spec import read_spec
+    from moteslam.robot.platforms import load_platform
+    from moteslam.sim.scenario import load_scenario
+    from moteslam.slam.settings import load_preset, resolve_config
+
+    def bundled(package: str, name: str) -> bytes:
+        return resources.files(package).joinpath(name).read_bytes()
+
+    scenario = bundled("moteslam.sim.scenarios", "people.toml")
+    yield Reader("scenario", {"s.toml": scenario}, "s.toml", load_scenario)
+    yield Reader("platform", {"p.toml": bundled("moteslam.robot.platforms", "ucsd.toml")}, "p.toml", load_platform)
+    config = load_preset().to_toml().encode()
+    yield Reader("configuration", {"c.toml": config}, "c.toml", lambda path: resolve_config("default", (), path))
+    spec = bundled("moteslam.eval.sweep.specs", "people.toml")
+    yield Reader("sweep", {"w.toml": spec}, "w.toml", lambda path: plan(read_spec(path), check=False))
+    numbers = ",".join(["0.5"] * 15)
+    loops = f"{','.join(COLUMNS)}\n" + "".join(f"{k},{k + 40},{numbers},{VERDICTS[0]}\n" for k in range(6))
+    yield Reader("loops", {"loops.csv": loops.encode()}, "loops.csv", read_loops)
