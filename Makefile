@@ -7,7 +7,7 @@ WORKERS ?= 2
 SHELL := /bin/sh
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help setup demo test test-fast lint bench clean FORCE
+.PHONY: help setup demo test test-fast lint docs bench clean FORCE
 
 PACKAGES := api kernels robot sim slam eval
 PYTEST := $(if $(PROCESSORS),MOTESLAM_TEST_PROCESSORS=$(PROCESSORS) PYTHONPATH='$(CURDIR)/tests/processors' )\
@@ -64,6 +64,9 @@ lint: .venv-lint/.stamp .venv-lint/.links ## style, types, floors and words
 	$(LINT)/mypy -p moteslam
 	$(LINT)/lint-imports --no-logo
 	$(LINT)/python .ci/words.py
+
+docs: .venv-lint/.stamp .venv-lint/.links ## the reference of the Python package, from its docstrings, in build/docs
+	$(LINT)/python -W error::UserWarning -m pdoc --docformat google --no-show-source --output-directory build/docs moteslam
 
 bench: .venv/.stamp ## the benchmarks, ratios measured side by side in one run
 	@set -e; for script in benchmarks/*.py; do echo "== $$script"; .venv/bin/python $$script; done

@@ -29,7 +29,8 @@ PUBLIC = {
         "Recording",
         "RgbdStream",
     ),
-    "moteslam.robot.formats": ("open_recording",),
+    "moteslam.robot.formats": ("follow_recording", "open_recording", "write_recording"),
+    "moteslam.robot.cut": ("Cut", "cut"),
     "moteslam.robot.formats.carmen": ("write_carmen",),
     "moteslam.robot.formats.ucsd": ("write_ucsd",),
     "moteslam.robot.formats.map_server": ("read_map", "write_map"),
@@ -69,6 +70,9 @@ PUBLIC = {
 }
 """Every public name, by the module that it is defined in."""
 
+RENAMED: dict[str, str] = {}
+"""Public names that have another name now: the old one works until the next minor version, with a warning."""
+
 _WHERE = {name: module for module, names in PUBLIC.items() for name in names}
 
 __all__ = ["__version__", *_WHERE]  # noqa: PLE0604 - the keys are strings
@@ -77,6 +81,12 @@ __all__ = ["__version__", *_WHERE]  # noqa: PLE0604 - the keys are strings
 def __getattr__(name: str) -> Any:
     if name == "__version__":
         value: Any = _version()
+    elif name in RENAMED:
+        import warnings
+
+        new = RENAMED[name]
+        warnings.warn(f"moteslam.{name} is moteslam.{new} now", DeprecationWarning, stacklevel=2)
+        return __getattr__(new)
     elif name in _WHERE:
         value = getattr(import_module(_WHERE[name]), name)
     else:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import ast
 import inspect
-import re
 import sys
 import textwrap
 from collections.abc import Iterable, Iterator
@@ -38,7 +37,7 @@ BUNDLED = ("tsdf", "paper")
 SWEEP = ("run", "list", "show", "plot", "merge", "diff", "export")
 COMMANDS = (
     *("demo", "simulate", "replay", "evaluate", "compare", "report"),
-    *("inspect", "platforms", "metrics", "scenarios", "sweep"),
+    *("inspect", "convert", "follow", "platforms", "metrics", "scenarios", "sweep"),
 )
 
 
@@ -90,64 +89,19 @@ def metrics() -> str:
 
 
 def python() -> str:
-    """Every public name, by the module that defines it."""
+    """Every public name with the first sentence about it, by the module that defines it."""
     lines = [
-        "# Python",
+        "# Python: stable names",
         "",
         "Generated from the docstrings by `.venv/bin/python docs/generate.py`. `import moteslam` has all of these "
-        "names; each is imported when it is first used.",
+        "names; each is imported when it is first used. What they take and return: `make docs` writes the reference to "
+        "`build/docs`. What stable means, and a tutorial: [the guide](../guide/python.md).",
     ]
     for module, names in PUBLIC.items():
-        lines += ["", f"## `{module}`"]
-        for name in names:
-            found = getattr(import_module(module), name)
-            lines += ["", f"### `{name}`", "", *_signature(name, found), *_docstring(inspect.getdoc(found) or "")]
-            for key, member in vars(found).items() if inspect.isclass(found) else ():
-                inner = member.fget if isinstance(member, property) else getattr(member, "__func__", member)
-                if not key.startswith("_") and inspect.isfunction(inner) and inner.__doc__:
-                    shown = f"`{key}`" if isinstance(member, property) else f"`{key}{_parameters(inner)}`"
-                    first = inspect.cleandoc(inner.__doc__).split("\n\n")[0]
-                    lines += ["", f"- {shown}: {_paragraph(first)}"]
+        found = {name: getattr(import_module(module), name) for name in names}
+        rows = [[f"`{name}`", _paragraph((inspect.getdoc(one) or "").split("\n\n")[0])] for name, one in found.items()]
+        lines += ["", f"## `{module}`", "", *_table(["name", "what it is"], rows)]
     return "\n".join(lines) + "\n"
-
-
-def _signature(name: str, found: Any) -> list[str]:
-    """A function's, or a dataclass's, as code; none of exceptions and of models, whose keys have tables."""
-    if inspect.isclass(found) and (issubclass(found, BaseException | BaseModel)):
-        return []
-    return ["```python", f"{name}{_parameters(found)}", "```", ""]
-
-
-def _parameters(function: Any) -> str:
-    signature = inspect.signature(function)
-    own = [parameter for parameter in signature.parameters.values() if parameter.name not in ("self", "cls")]
-    bare = [p.replace(annotation=p.annotation if p.annotation is p.empty else _Bare(p.annotation)) for p in own]
-    returned = signature.return_annotation
-    returned = returned if returned is signature.empty else _Bare(returned)
-    return str(signature.replace(parameters=bare, return_annotation=returned)).replace("moteslam.", "")
-
-
-class _Bare:
-    """An annotation, which is a string in our modules, without quotes."""
-
-    def __init__(self, annotation: Any) -> None:
-        self.text = annotation if isinstance(annotation, str) else inspect.formatannotation(annotation)
-
-    def __repr__(self) -> str:
-        return self.text
-
-
-def _docstring(text: str) -> list[str]:
-    """A docstring of Google's style as Markdown: paragraphs, and a list for each of its sections."""
-    lines: list[str] = []
-    for part in text.replace("``", "`").split("\n\n"):
-        head, *rest = part.splitlines()
-        if rest and head in ("Args:", "Attributes:", "Raises:", "Returns:", "Yields:"):
-            entries = re.sub(r"\n(?: +|(?![\w, *]+:))", " ", inspect.cleandoc("\n".join(rest))).splitlines()
-            lines += [head, "", *("- " + re.sub(r"^([\w, *]+):", r"`\1`:", entry) for entry in entries), ""]
-        else:
-            lines += [" ".join(part.split()), ""]
-    return lines[:-1]
 
 
 def configuration() -> str:

@@ -41,9 +41,13 @@ def convert(
       moteslam convert robot.log.gz part.mcap --start 20 --end 80 --every 2
       moteslam convert simulated robot --to rosbag2 --streams lidar,odometry
     """  # noqa: D301
+    from moteslam.robot.formats import format_to_write
     from moteslam.robot.inspection import stream_reports
 
-    name, known = _format_for(out, to)
+    try:
+        name, known = format_to_write(out, to)
+    except ConfigError as error:
+        raise ConfigError(error.problem, field="--to") from error
     recording = part.open(path)
     issues = (*recording.warnings, *_write(known, out, recording, force=force, keep=path))
     if as_json:
@@ -55,27 +59,6 @@ def convert(
     counts = ", ".join(f"{stream.name} {stream.readings}" for stream in stream_reports(recording))
     say(f"{literal(recording.name)}: readings of {counts}")
     say(f"wrote {literal(out)}, {name}")
-
-
-def _format_for(out: Path, to: str | None) -> tuple[str, Format]:
-    """The format to write and its name: the one named, or the one that the ending of the new file's name stands for.
-
-    Raises:
-        ConfigError: no such format, one that is only read, or an ending that stands for none.
-    """
-    from moteslam.robot.formats import FORMATS
-
-    written = {name: known for name, known in FORMATS.items() if known.write is not None}
-    if to is not None:
-        if to not in written:
-            raise ConfigError(f"{to!r}, expected one of {', '.join(written)}", field="--to")
-        return to, written[to]
-    for name, known in written.items():
-        if out.name.lower().endswith(known.endings):
-            return name, known
-    endings = ", ".join(known.endings[0] for known in written.values() if known.endings)
-    folders = " or ".join(f"--to {name}" for name, known in written.items() if known.is_folder)
-    raise ConfigError(f"no ending of a format, expected one of {endings}, or for a folder {folders}", file=out)
 
 
 def _write(known: Format, out: Path, recording: Recording, *, force: bool, keep: Path) -> tuple[Issue, ...]:

@@ -7,15 +7,28 @@ from collections.abc import Mapping
 from os import PathLike
 from pathlib import Path
 
-from moteslam.errors import InputError
+from moteslam.errors import ConfigError, InputError
 from moteslam.plugins import PluginWarning
+from moteslam.robot.files import make_folder
 from moteslam.robot.formats.format import FORMATS, Follower, Format, Robot, Topics
+from moteslam.robot.issues import Issue
 from moteslam.robot.platform import Platform
 from moteslam.robot.platforms import bundled_platform
 from moteslam.robot.recording import Recording
-from moteslam.robot.wording import expect_path
+from moteslam.robot.wording import expect_path, expect_type
 
-__all__ = ["FORMATS", "Follower", "Format", "Robot", "Topics", "follow_recording", "format_of", "open_recording"]
+__all__ = [
+    "FORMATS",
+    "Follower",
+    "Format",
+    "Robot",
+    "Topics",
+    "follow_recording",
+    "format_of",
+    "format_to_write",
+    "open_recording",
+    "write_recording",
+]
 
 _FILES = 100
 """Of a folder that are looked into for a log."""
@@ -67,6 +80,51 @@ def follow_recording(path: str | PathLike[str], *, platform: Robot = None) -> Fo
         able = " or a ".join(each.name for _, each in FORMATS.items() if each.follow is not None)
         raise InputError(f"a {known.name}, expected one that can be read while it is written: a {able}", file=path)
     return known.follow(Path(path), platform)
+
+
+def write_recording(path: str | PathLike[str], recording: Recording, *, to: str | None = None) -> tuple[Issue, ...]:
+    """Write a recording in the format that the ending of its new name stands for.
+
+    Args:
+        path: a file, which is replaced, or a folder, which is made.
+        recording: any.
+        to: the name of the format, where the ending does not say it.
+
+    Returns:
+        what the format cannot hold, an issue each.
+
+    Raises:
+        ConfigError: no such format, or one that is only read.
+        InputError: the format cannot hold such a recording at all.
+        OutputError: it cannot be written.
+    """
+    expect_type(recording, Recording, "recording", "open_recording(path) reads one")
+    _, known = format_to_write(path, to)
+    assert known.write is not None
+    if known.is_folder:
+        make_folder(path)
+    return known.write(Path(path), recording)
+
+
+def format_to_write(path: str | PathLike[str], name: str | None = None) -> tuple[str, Format]:
+    """The name of a format and the format itself: the one named, or the one that the ending of a path stands for.
+
+    Raises:
+        ConfigError: no such format, one that is only read, or an ending that stands for none; its field is ``to``.
+    """
+    expect_path(path, "path", "a recording")
+    written = {each: known for each, known in FORMATS.items() if known.write is not None}
+    if name is not None:
+        if name not in written:
+            raise ConfigError(f"{name!r}, expected one of {', '.join(written)}", field="to")
+        return name, written[name]
+    for each, known in written.items():
+        if Path(path).name.lower().endswith(known.endings):
+            return each, known
+    endings = ", ".join(ending for known in written.values() for ending in known.endings)
+    folders = " or ".join(each for each, known in written.items() if known.is_folder)
+    problem = f"{Path(path).name!r} has the ending of no format, expected one of {endings}, or {folders} to be named"
+    raise ConfigError(problem, field="to")
 
 
 def format_of(path: str | PathLike[str]) -> Format:

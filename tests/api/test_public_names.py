@@ -55,3 +55,9 @@ def test_an_unknown_name_is_an_attribute_error_that_names_it():
 
 def test_the_version_is_that_of_the_installed_package():
     assert moteslam.__version__ == version("moteslam")
+
+
+def test_an_old_name_works_and_warns(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setitem(moteslam.RENAMED, "load_log", "open_recording")
+    with pytest.warns(DeprecationWarning, match=r"^moteslam\.load_log is moteslam\.open_recording now$"):
+        assert moteslam.load_log is moteslam.open_recording

@@ -54,6 +54,7 @@ class GraphBackend:
         self._nodes = Nodes(config)
         self._closing: LoopClosing | None = None  # from the first node on
         self._path: list[Array] = []  # of all key scans, as the filter's map has them
+        self._placed: Array | None = None  # the poses [n, 3] of the nodes on it; None where they have changed
         self._corrected = 0.0  # length of the path at the last correction [m]
         self._loops: tuple[LoopCandidate, ...] = ()
 
@@ -65,8 +66,9 @@ class GraphBackend:
     def add(self, key: KeyScan) -> Array | None:
         """See ``Backend``."""
         self._path.append(key.pose)
-        if not self._nodes.add(key):
+        if not self._nodes.add(key, self._crowded):
             return None
+        self._placed = None
         if self._closing is None:
             self._closing = LoopClosing(LoopGraph(self._nodes, self._config), self._config)
             return None
@@ -75,6 +77,14 @@ class GraphBackend:
             return None
         self._closing.look()
         return self._correction(self._closing)
+
+    def _crowded(self) -> bool:
+        """Whether there are enough nodes where the key scan before the latest was taken."""
+        if self._placed is None:
+            self._placed = np.array([self._path[update] for update in self._nodes.updates])
+        off = np.asarray(se2.between(self._path[-2], self._placed))
+        near = np.hypot(off[:, 0], off[:, 1]) < self._config.distance
+        return int((near & (np.abs(off[:, 2]) < self._config.rotation)).sum()) >= self._config.crowd
 
     def _correction(self, closing: LoopClosing) -> Array | None:
         """The corrected path of all key scans where a new loop is off by enough, and the map is sharper after it."""
@@ -97,7 +107,7 @@ class GraphBackend:
         if self._config.joint.enabled:
             graph.register(poses)
         path = between_known(poses, updates, path)
-        self._path = list(path)
+        self._path, self._placed = list(path), None
         return path
 
     def _registered(self, graph: LoopGraph, endpoints: Endpoints, off: float) -> Array:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -13,6 +15,8 @@ from moteslam.slam.inputs.thinning import thin
 
 Array = NDArray[np.float64]
 
+LONGEST = 30.0
+"""A step from node to node by longer odometry [m] is the filter's: errors of that many metres are no prior."""
 MAX_RANGE = 30.0
 """Endpoints farther from the sensor are left out [m]: neighbouring beams are half a metre apart there, and the error of
 the heading moves them as far."""
@@ -55,14 +59,19 @@ class Nodes:
     def __len__(self) -> int:
         return len(self.updates)
 
-    def add(self, key: KeyScan) -> bool:
-        """Take in a key scan; whether there is a new node: this one if it is the first, else the one before."""
+    def add(self, key: KeyScan, crowded: Callable[[], bool] = lambda: False) -> bool:
+        """Take in a key scan; whether there is a new node: this one if it is the first, else the one before.
+
+        Args:
+            key: the scan.
+            crowded: whether there are enough nodes where the key scan before was taken.
+        """
         distance, rotation = float(np.hypot(*key.motion[:2])), abs(float(key.motion[2]))
         too_far = self._far + distance > self._config.distance or self._turn + rotation > self._config.rotation
-        added = too_far and self.close()
+        added = too_far and not crowded() and self.close()
         self._odometry = np.asarray(se2.compose(self._odometry, key.odometry))
         self._filtered = np.asarray(se2.compose(self._filtered, key.motion))
-        self._known &= key.measured
+        self._known &= key.measured and self._far + distance < LONGEST
         self._far, self._turn = self._far + distance, self._turn + rotation
         self._last, self._keys = key, self._keys + 1
         return self.close() if self._keys == 1 else added
