@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from array import array
 from copy import deepcopy
 
 import numpy as np
@@ -54,6 +55,9 @@ class GraphBackend:
         self._nodes = Nodes(config)
         self._closing: LoopClosing | None = None  # from the first node on
         self._path: list[Array] = []  # of all key scans, as the filter's map has them
+        self._nearest = array(
+            "l"
+        )  # of each key scan that is no node, since its place is known, the nearest node; or -1
         self._placed: Array | None = None  # the poses [n, 3] of the nodes on it; None where they have changed
         self._corrected = 0.0  # length of the path at the last correction [m]
         self._loops: tuple[LoopCandidate, ...] = ()
@@ -66,6 +70,7 @@ class GraphBackend:
     def add(self, key: KeyScan) -> Array | None:
         """See ``Backend``."""
         self._path.append(key.pose)
+        self._nearest.append(-1)
         if not self._nodes.add(key, self._crowded):
             return None
         self._placed = None
@@ -79,12 +84,37 @@ class GraphBackend:
         return self._correction(self._closing)
 
     def _crowded(self) -> bool:
-        """Whether there are enough nodes where the key scan before the latest was taken."""
+        """Whether there are enough nodes where the key scan before the latest was taken; it goes with the nearest."""
         if self._placed is None:
             self._placed = np.array([self._path[update] for update in self._nodes.updates])
         off = np.asarray(se2.between(self._path[-2], self._placed))
-        near = np.hypot(off[:, 0], off[:, 1]) < self._config.distance
-        return int((near & (np.abs(off[:, 2]) < self._config.rotation)).sum()) >= self._config.crowd
+        away = np.hypot(off[:, 0], off[:, 1])
+        near = (away < self._config.distance) & (np.abs(off[:, 2]) < self._config.rotation)
+        if near.sum() < self._config.crowd:
+            return False
+        self._nearest[-2] = int(np.argmin(np.where(near, away, np.inf)))
+        return True
+
+    def _between_nodes(self, poses: Array, updates: NDArray[np.intp], path: Array) -> Array:
+        """The path [u, 3] of all key scans, where those of the nodes are known.
+
+        A key scan that is no node since its place is known moves with the node nearest to it: the filter saw it at this
+        place of its map, and the map there is that node's.
+
+        Args:
+            poses: [n, 3] of the nodes.
+            updates: [n] which key scans they are.
+            path: [u, 3] of all key scans by the filter.
+        """
+        nearest = np.array(self._nearest[: len(path)])
+        others = np.flatnonzero(nearest >= 0)
+        if len(others):
+            nodes = nearest[others]
+            moved = se2.compose(poses[nodes], se2.between(path[updates[nodes]], path[others]))
+            known = np.concatenate((updates, others))
+            order = np.argsort(known, kind="stable")
+            poses, updates = np.concatenate((poses, np.asarray(moved)))[order], known[order]
+        return between_known(poses, updates, path)
 
     def _correction(self, closing: LoopClosing) -> Array | None:
         """The corrected path of all key scans where a new loop is off by enough, and the map is sharper after it."""
@@ -106,7 +136,7 @@ class GraphBackend:
             return None
         if self._config.joint.enabled:
             graph.register(poses)
-        path = between_known(poses, updates, path)
+        path = self._between_nodes(poses, updates, path)
         self._path, self._placed = list(path), None
         return path
 
@@ -138,7 +168,7 @@ class GraphBackend:
         frame = _frame(graph, filtered)
         best = laid_over(sharpest(graph, filtered, self._config), frame)
         self._loops = checked(graph.ledger, graph.nodes, best)
-        return between_known(best, updates, path)
+        return self._between_nodes(best, updates, path)
 
 
 def sharpest(graph: LoopGraph, filtered: Array, config: GraphConfig) -> Array:

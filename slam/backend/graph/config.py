@@ -88,7 +88,7 @@ class GraphConfig(BackendConfig):
     """A key scan becomes a node of the graph after this distance [m] ..."""
     rotation: Positive = 0.5
     """... or this turn [rad]."""
-    crowd: Annotated[Whole, Field(ge=1, le=1000)] = 10
+    crowd: Annotated[Whole, Field(ge=1, le=10_000)] = 20
     """No further node is made where this many are within ``distance`` and ``rotation`` already: a place that is passed
     again and again is known, and the graph ends growing with the map."""
     correlation: Annotated[Number, Field(ge=1, le=1000)] = 10.0

@@ -11,6 +11,8 @@ from moteslam.eval.metrics.loops import score_loops
 from moteslam.robot import se2
 from moteslam.robot.formats import open_recording
 from moteslam.robot.trajectory import Trajectory, read_tum
+from moteslam.sim.scenario import load_scenario
+from moteslam.sim.simulate import simulate
 from moteslam.slam.estimate import Estimate
 from moteslam.slam.run import SlamSession, run_slam
 from moteslam.slam.settings import resolve_config
@@ -164,3 +166,19 @@ def test_large_buildings_come_out_straight(data_folder: Path, log: str, ate: flo
 
     assert rmse() <= ate
     assert rmse("backend.method=none") > filter_ate
+
+
+@pytest.mark.slow
+def test_rounds_without_end_add_no_nodes():
+    scenario = load_scenario("loop", platform="lms200", settings=["route.laps=5", "duration=600"])
+    driven = simulate(scenario, seed=207)
+    counts, errors = [], []
+    for crowd in (2, 10_000):
+        session = SlamSession(driven.recording, resolve_config("default", [f"backend.crowd={crowd}"]))
+        list(session)
+        found = session.estimate()
+        counts.append(len(session._backend._nodes))  # type: ignore[attr-defined]
+        errors.append(absolute_trajectory_error(found.trajectory_final, driven.truth).rmse)
+    assert counts[0] < 0.5 * counts[1]
+    assert errors[0] < 0.02  # as accurate as the filter; where no node was left out it is a few millimetres
+    assert errors[1] < 0.01

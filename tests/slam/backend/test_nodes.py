@@ -43,6 +43,22 @@ def test_key_scans_that_are_far_apart_are_all_nodes():
     assert len(nodes) == 11
 
 
+def test_no_node_where_there_are_enough_and_the_next_one_elsewhere():
+    crowded = False
+    nodes = Nodes(GraphConfig())
+    points = np.array([[1.0, y] for y in np.arange(-1, 1, 0.1)], np.float32)
+    step = np.array((0.4, 0.0, 0.0))
+    for k in range(120):
+        crowded = 20 <= k < 110
+        key = KeyScan(k, 0.1 * k, points, np.zeros(2), step, step, measured=True, motion=step)
+        nodes.add(key, lambda: crowded)  # noqa: B023
+    assert not {*range(20, 109)} & {*nodes.updates}
+    after = next(number for number, update in enumerate(nodes.updates) if update >= 109)
+    assert not nodes.measured[after]  # by 35 m of odometry and more
+    np.testing.assert_allclose(nodes.odometry[after][0], 0.4 * (nodes.updates[after] - nodes.updates[after - 1]))
+    assert all(nodes.measured[after + 1 :])
+
+
 def test_far_endpoints_are_left_out():
     nodes = nodes_of(np.tile((1.0, 0.0, 0.0), (2, 1)))
     assert all(np.hypot(*scan.points.T).max() < MAX_RANGE for scan in nodes.scans)
