@@ -14,30 +14,32 @@ from pydantic import ValidationError
 
 from moteslam.errors import ConfigError, InputError
 from moteslam.robot import se2
-from moteslam.robot.arrays import given_up
 from moteslam.robot.files import write_atomically
-from moteslam.robot.formats.bounds import check_fan, check_figures
-from moteslam.robot.formats.carmen_lines import CLASSIC_STEPS, CarmenLines, ScanKind, Scans, fov_of, parse_lines
+from moteslam.robot.formats.carmen_lines import (
+    CLASSIC_STEPS,
+    RAW_LASERS,
+    SHORT_TAILS,
+    CarmenLines,
+    ScanKind,
+    Scans,
+    fov_of,
+    parse_lines,
+)
 from moteslam.robot.formats.format import Format, Robot
 from moteslam.robot.formats.no_return import no_return_codes, no_return_limit
-from moteslam.robot.formats.ranges import clean_ranges
-from moteslam.robot.formats.stamps import stamp_order
+from moteslam.robot.formats.streams import Fan, lidar_stream, mount_between, odometry_stream
 from moteslam.robot.formats.text import TextLines
+from moteslam.robot.formats.words import MAX_BROKEN, broken_issues
 from moteslam.robot.given_robot import GivenRobot
 from moteslam.robot.issues import Issue
 from moteslam.robot.platform import Platform
 from moteslam.robot.platforms import CARMEN
-from moteslam.robot.recording import LidarStream, OdometryStream, Recording
+from moteslam.robot.recording import LidarStream, Recording
 from moteslam.robot.specs import LidarSpec
-from moteslam.robot.tables import Table
 from moteslam.robot.wording import counted, expect_type, first_complaint
 
-MAX_BROKEN = 3
-"""Up to this many broken lines are always dropped; more of them only up to a tenth of the log."""
-
-_LINE = re.compile(rb"^(?:FLASER|ROBOTLASER1|ODOM|PARAM)\s", re.MULTILINE)
+_LINE = re.compile(rb"^(?:FLASER|ROBOTLASER1|RAWLASER[1-5]|ODOM|PARAM)\s", re.MULTILINE)
 _LIMITS = ("robot_front_laser_max", "robot_frontlaser_max", "laser_front_max_range", "front_laser_max")
-_SAME = 0.005
 _SAME_ANGLE = 1e-4
 
 
@@ -66,45 +68,49 @@ def read_carmen(path: str | PathLike[str], *, platform: Platform | str | PathLik
     path = Path(path)
     lines = TextLines(path)
     log = parse_lines(lines)
-    issues: list[Issue] = []
-    if lines.damage is not None:
-        issues.append(Issue("damaged-gzip", f"{path.name}: {lines.damage}; what came before is used"))
-    _check_broken(path, log, lines.damage, issues)
+    issues = broken_issues(lines, log.broken, log.used, "no FLASER, ROBOTLASER1 or ODOM line, expected a CARMEN log")
     chosen = _choose(path, log, issues)
     odometry = np.array(log.odometry, np.float64).reshape(-1, 5)
     rows = np.array(chosen[1].rows if chosen else (), np.float64).reshape(-1, 8)
+    if chosen and chosen[0].line == "FLASER" and log.flaser_tail == min(SHORT_TAILS):
+        rows[:, 6] = np.arange(len(rows))
+        odometry = _without_stamps(path, odometry, issues)
     clock = -2 if (rows[:, 6] != 0).any() or (odometry[:, 3] != 0).any() else -1
     given = GivenRobot.read(platform)
-    robot = given.platform or given.over(_platform(path, log, rows))
-    figures = given.lidar_figures
+    has_poses = chosen is not None and chosen[0].line not in RAW_LASERS
+    robot = given.over(_platform(path, log, rows if has_poses else rows[:0]))
     return Recording(
         name=re.sub(r"(\.log|\.clf)?(\.gz)?$", "", path.name) or path.name,
         platform=robot,
-        lidar=chosen and _lidar(path, log, chosen, rows=rows, clock=clock, robot=robot, given=figures, issues=issues),
-        odometry=_odometry(path, odometry, clock, issues),
+        lidar=chosen
+        and _lidar(
+            path, log, chosen, rows=rows, clock=clock, robot=robot, given=given, has_poses=has_poses, issues=issues
+        ),
+        odometry=odometry_stream(path, "ODOM", odometry[:, clock], odometry[:, :3], issues),
         warnings=tuple(issues),
     )
 
 
-def _check_broken(path: Path, log: CarmenLines, damage: str | None, issues: list[Issue]) -> None:
-    number, problem = log.first_broken or (None, "")
-    if not log.used:
-        if log.first_broken is None:
-            problem = f"no FLASER, ROBOTLASER1 or ODOM line{f'; {damage}' if damage else ''}, expected a CARMEN log"
-        raise InputError(problem, file=path, line=number)
-    if log.broken > max(MAX_BROKEN, log.used // 10):
-        raise InputError(f"{problem} (first of {log.broken} broken lines, {log.used} whole)", file=path, line=number)
-    if log.broken:
-        text = f"{path.name}: {counted(log.broken, 'broken line')} dropped, the first is line {number}: {problem}"
-        issues.append(Issue("broken-lines", text, log.broken))
+def _without_stamps(path: Path, odometry: NDArray[np.float64], issues: list[Issue]) -> NDArray[np.float64]:
+    """The odometry that can stand beside scans without stamps: none; the scans have their own poses."""
+    issues.append(Issue("no-stamps", f"{path.name}: FLASER lines without stamps; one second a scan is assumed"))
+    if len(odometry):
+        text = f"{path.name}: {counted(len(odometry), 'ODOM line')} left aside, on another clock than the scans"
+        issues.append(Issue("other-clock", text, len(odometry)))
+    return odometry[:0]
 
 
 def _choose(path: Path, log: CarmenLines, issues: list[Issue]) -> tuple[ScanKind, Scans] | None:
     """The kind of scan most frequent in the log (of equals, the one that states its angles); others are left aside.
 
+    Scans of a laser that looks back are left aside whatever their number.
+
     Raises:
         InputError: a tenth of the scans of that kind of line have other beams: the log is two.
     """
+    for line, (count, first) in log.rear.items():
+        text = f"{path.name}: {counted(count, f'{line} scan')} of a rear laser left aside, the first is line {first}"
+        issues.append(Issue("other-scans", text, count))
     if not log.scans:
         return None
     kind, scans = max(log.scans.items(), key=lambda item: (len(item[1]), item[0].line == "ROBOTLASER1"))
@@ -143,14 +149,7 @@ def _mount(params: dict[str, float], rows: NDArray[np.float64]) -> LidarSpec:
         if f"{prefix}_offset" in params:
             sideways, turned = (params.get(f"{prefix}_{key}_offset", 0.0) for key in ("side", "angular"))
             return LidarSpec(x=params[f"{prefix}_offset"], y=sideways, yaw=turned)
-    if len(rows):
-        mounts = se2.between(rows[:, 3:6], rows[:, :3])
-        middle = np.median(mounts, axis=0)
-        apart = np.abs(np.column_stack((mounts[:, :2] - middle[:2], se2.wrap(mounts[:, 2] - middle[2]))))
-        if np.quantile(apart.max(axis=1), 0.99) < _SAME:
-            x, y, yaw = np.round(middle, 6).tolist()  # logs have six digits
-            return LidarSpec(x=x, y=y, yaw=yaw)
-    return LidarSpec()
+    return mount_between(rows[:, 3:6], rows[:, :3]) or LidarSpec()
 
 
 def _lidar(
@@ -161,45 +160,27 @@ def _lidar(
     rows: NDArray[np.float64],
     clock: int,
     robot: Platform,
-    given: Table,
+    given: GivenRobot,
+    has_poses: bool,
     issues: list[Issue],
 ) -> LidarStream:
-    """The scans; ``given`` are the figures that a caller's ``platform.toml`` puts in place of the log's."""
+    """The scans; figures that a caller's ``platform.toml`` gives are taken in place of the log's."""
     kind, scans = chosen
-    check_fan(kind.beams, kind.angle_increment, file=path, field=f"{kind.line} angular resolution")
     ranges = np.array(scans.ranges, np.float32).reshape(-1, kind.beams)
     stated = next((log.params[key] for key in _LIMITS if log.params.get(key, 0) > 0), scans.stated)
-    range_min, range_max = given.get("range_min", 0.0), given.get("range_max") or no_return_limit(ranges, stated)
-    increment = given.get("angle_increment", kind.angle_increment)
-    check_figures(kind.beams, increment, range_min, range_max, file=path)
-    stamps = rows[:, clock]
-    order, found = stamp_order(stamps, file=path, field=kind.line)
-    issues.extend(found)
-    if order is not None:
-        stamps, rows, ranges = stamps[order], rows[order], ranges[order]
-    ranges, found = clean_ranges(ranges, range_min, range_max, file=path, field=kind.line)
-    issues.extend(found)
-    ranges[ranges == 0] = np.nan
-    return LidarStream(
-        stamps=stamps,
-        ranges=given_up(ranges),
-        angle_min=given.get("angle_min", kind.angle_min),
-        angle_increment=increment,
-        range_min=range_min,
-        range_max=range_max,
-        time_increment=robot.lidar.time_increment,
-        odometry=rows[:, 3:6],
+    figures = given.lidar_figures
+    range_max = figures.get("range_max") or no_return_limit(ranges, stated)
+    return lidar_stream(
+        path,
+        kind.line,
+        stamps=rows[:, clock],
+        ranges=ranges,
+        fan=Fan(kind.angle_min, kind.angle_increment, 0.0, range_max),
+        robot=robot,
+        given=figures,
+        issues=issues,
+        odometry=rows[:, 3:6] if has_poses else None,
     )
-
-
-def _odometry(path: Path, odometry: NDArray[np.float64], clock: int, issues: list[Issue]) -> OdometryStream | None:
-    if not len(odometry):
-        return None
-    order, found = stamp_order(odometry[:, clock], file=path, field="ODOM")
-    issues.extend(found)
-    if order is not None:
-        odometry = odometry[order]
-    return OdometryStream(odometry[:, clock], odometry[:, :3])
 
 
 def write_carmen(path: str | PathLike[str], recording: Recording) -> None:

@@ -17,12 +17,12 @@ from numpy.typing import NDArray
 from moteslam.errors import ConfigError, InputError
 from moteslam.robot.arrays import given_up
 from moteslam.robot.files import write_atomically
-from moteslam.robot.formats.bounds import check_fan, check_figures, plausible_counts, plausible_rates
+from moteslam.robot.formats.bounds import check_fan, check_figures
 from moteslam.robot.formats.format import Format, Robot
 from moteslam.robot.formats.no_return import no_return_codes
 from moteslam.robot.formats.npz import read_arrays
 from moteslam.robot.formats.ranges import clean_ranges
-from moteslam.robot.formats.stamps import stamp_order
+from moteslam.robot.formats.streams import encoder_stream, imu_stream, sort_by_stamp
 from moteslam.robot.formats.ucsd_rgbd import DISPARITY, RGB, find_images
 from moteslam.robot.given_robot import GivenRobot
 from moteslam.robot.issues import Issue
@@ -36,9 +36,6 @@ from moteslam.robot.wording import expect_type
 Array = NDArray[Any]
 
 _FILE = re.compile(r"(?:Encoders|Hokuyo|Imu|Kinect)([\w-]+)\.npz", re.ASCII)
-
-MAX_DROPPED = 3
-"""Up to this many implausible readings are always dropped; more of them only up to a tenth of the stream."""
 
 MAX_COUNT = 2**31
 """Counts of one reading stay below it."""
@@ -144,7 +141,7 @@ def _lidar(path: Path, platform: Platform, given: Table, issues: list[Issue]) ->
     angle_min, increment = given.get("angle_min", angle_min), given.get("angle_increment", increment)
     range_min, range_max = given.get("range_min", range_min), given.get("range_max", range_max)
     check_figures(beams, increment, range_min, range_max, file=path)
-    stamps, (ranges,) = _sorted(path, "time_stamps", arrays["time_stamps"], issues, arrays["ranges"].T)
+    stamps, (ranges,) = sort_by_stamp(path, "time_stamps", arrays["time_stamps"], issues, arrays["ranges"].T)
     ranges, found = clean_ranges(_float32(ranges), range_min, range_max, file=path, field="ranges")
     issues.extend(found)
     time_increment = platform.lidar.time_increment
@@ -167,11 +164,8 @@ def _encoders(path: Path, platform: Platform, issues: list[Issue]) -> EncoderStr
         raise InputError("not whole numbers, expected encoder counts", file=path, field="counts")
     if np.abs(counts.astype(np.float64)).max() >= MAX_COUNT:
         raise InputError("beyond 2^31, expected counts since the last reading", file=path, field="counts")
-    stamps, (counts,) = _sorted(path, "time_stamps", arrays["time_stamps"], issues, counts.T)
-    if platform.wheels is not None:
-        plausible = plausible_counts(stamps, counts, platform.wheels.metres_per_count)
-        stamps, counts = _plausible(path, "counts", plausible, "beyond 100 m/s", issues, stamps, counts)
-    return EncoderStream(stamps, counts.astype(np.int64))
+    stamps = arrays["time_stamps"]
+    return encoder_stream(path, "counts", stamps, counts.T, platform, issues, stamps_field="time_stamps")
 
 
 def _imu(path: Path, issues: list[Issue]) -> ImuStream | None:
@@ -182,33 +176,9 @@ def _imu(path: Path, issues: list[Issue]) -> ImuStream | None:
     for name in names:
         if not np.isfinite(arrays[name]).all():
             raise InputError("NaN or infinite values, expected finite readings", file=path, field=name)
-    values = (arrays[name].T for name in names)
-    stamps, (angular, linear) = _sorted(path, "time_stamps", arrays["time_stamps"], issues, *values)
-    plausible = plausible_rates(angular)
-    stamps, angular, linear = _plausible(
-        path, "angular_velocity", plausible, "beyond 100 rad/s", issues, stamps, angular, linear
-    )
-    return ImuStream(stamps, angular.astype(np.float64), linear.astype(np.float64))
-
-
-def _plausible(
-    path: Path, field: str, plausible: NDArray[np.bool_], what: str, issues: list[Issue], *values: Array
-) -> tuple[Array, ...]:
-    """The plausible readings; the others are dropped and counted.
-
-    Raises:
-        InputError: none is, or more than 3 and a tenth of them are not: the stream is in other units.
-    """
-    dropped = int((~plausible).sum())
-    if not dropped:
-        return values
-    if dropped == len(plausible) or dropped > max(MAX_DROPPED, len(plausible) // 10):
-        raise InputError(
-            f"{dropped} of {len(plausible)} readings {what}, expected those of a robot", file=path, field=field
-        )
-    text = f"{path.name}: {field}: {dropped} readings {what} dropped"
-    issues.append(Issue("implausible-readings", text, dropped))
-    return tuple(value[plausible] for value in values)
+    angular, linear = (arrays[name].T for name in names)
+    stamps = arrays["time_stamps"]
+    return imu_stream(path, "angular_velocity", stamps, angular, linear, issues, stamps_field="time_stamps")
 
 
 def _rgbd(folder: Path, number: str, issues: list[Issue]) -> RgbdStream | None:
@@ -221,21 +191,10 @@ def _rgbd(folder: Path, number: str, issues: list[Issue]) -> RgbdStream | None:
         images, found = find_images(folder, kind, number, len(arrays[field]))
         issues.extend(found)
         indices = np.arange(len(arrays[field]))
-        stamps, (indices,) = _sorted(path, field, arrays[field], issues, indices)
+        stamps, (indices,) = sort_by_stamp(path, field, arrays[field], issues, indices)
         streams.append((stamps, tuple(images[i] for i in indices) if images else ()))
     (rgb, rgb_files), (disparity, disparity_files) = streams
     return RgbdStream(rgb, disparity, rgb_files, disparity_files)
-
-
-def _sorted(
-    path: Path, field: str, stamps: Array, issues: list[Issue], *values: Array
-) -> tuple[NDArray[np.float64], tuple[Array, ...]]:
-    stamps = stamps.astype(np.float64)
-    order, found = stamp_order(stamps, file=path, field=field)
-    issues.extend(found)
-    if order is None:
-        return stamps, values
-    return stamps[order], tuple(value[order] for value in values)
 
 
 def _float32(values: Array) -> NDArray[np.float32]:

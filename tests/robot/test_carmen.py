@@ -389,3 +389,75 @@ def test_other_fans_are_refused_in_one_line(fan: tuple[int, float, float], found
     with pytest.raises(ConfigError) as refused:
         expect_classic_fan(*fan)
     assert str(refused.value) == f"{line}from -90"
+
+
+RAW = ["{} 0 -1.5 3.0 0.5 30.0 0.01 0 3 1.0 2.0 {} 0 {} host 0.5".format("{}", k + 3, 10.0 + k) for k in range(8)]
+
+
+def test_raw_scans_are_read_where_no_scan_states_a_pose(tmp_path: Path) -> None:
+    lines = [odom((0.5, 0, 0), 9.0), *(line.format("RAWLASER1") for line in RAW), odom((1.5, 0, 0), 19.0)]
+    recording = open_recording(write_log(tmp_path / "x.log", lines))
+    lidar = lidar_of(recording)
+    assert (lidar.angle_min, lidar.angle_increment, lidar.range_max) == (-1.5, 0.5, 30.0)
+    np.testing.assert_array_equal(lidar.stamps, np.arange(10.0, 18.0))
+    np.testing.assert_array_equal(lidar.ranges[:, 2], np.arange(3, 11, dtype=np.float32))
+    assert lidar.odometry is None
+    assert recording.odometry is not None
+    assert recording.platform.lidar.pose == (0, 0, 0)
+    assert messages(recording.warnings) == ()
+
+
+@pytest.mark.parametrize("scan", [GOOD[0], robotlaser([1.0] * 3)])
+def test_raw_scans_beside_those_with_poses_change_nothing(tmp_path: Path, scan: str) -> None:
+    raw = [line.format("RAWLASER1") for line in RAW]
+    recording = read_carmen(write_log(tmp_path / "x.log", [*raw[:4], scan, *raw[4:], "RAWLASER1 cut"]))
+    assert len(lidar_of(recording)) == 1
+    assert messages(recording.warnings) == ()
+
+
+def test_of_several_raw_lasers_the_most_frequent_is_read(tmp_path: Path) -> None:
+    lines = [*(line.format("RAWLASER5") for line in RAW), *(line.format("RAWLASER2") for line in RAW[:3])]
+    recording = read_carmen(write_log(tmp_path / "x.log", lines))
+    assert len(lidar_of(recording)) == 8
+    assert messages(recording.warnings) == ("x.log: 3 RAWLASER2 scans of 3 beams left aside, the first is line 9",)
+
+
+def test_a_rear_laser_is_left_aside(tmp_path: Path) -> None:
+    rear = [GOOD[0].replace("FLASER", "RLASER"), robotlaser([1.0]).replace("ROBOTLASER1", "ROBOTLASER2")]
+    recording = read_carmen(write_log(tmp_path / "x.log", [*GOOD, *rear, *rear]))
+    assert len(lidar_of(recording)) == 8
+    assert messages(recording.warnings) == (
+        "x.log: 2 RLASER scans of a rear laser left aside, the first is line 9",
+        "x.log: 2 ROBOTLASER2 scans of a rear laser left aside, the first is line 10",
+    )
+    assert {issue.code for issue in recording.warnings} == {"other-scans"}
+
+
+def test_flaser_lines_without_host_and_logger_stamp(tmp_path: Path) -> None:
+    short = [" ".join(line.split()[:-2]) for line in GOOD]
+    recording = read_carmen(write_log(tmp_path / "x.log", short))
+    np.testing.assert_array_equal(lidar_of(recording).stamps, np.arange(100.0, 108.0))
+    assert messages(recording.warnings) == ()
+
+
+def test_flaser_lines_without_stamps(tmp_path: Path) -> None:
+    short = [" ".join(line.split()[:-3]) for line in GOOD]
+    recording = read_carmen(write_log(tmp_path / "x.log", [*short, odom((0, 0, 0), 1e9)]))
+    lidar = lidar_of(recording)
+    np.testing.assert_array_equal(lidar.stamps, np.arange(8.0))
+    assert lidar.odometry is not None
+    np.testing.assert_allclose(lidar.odometry[:, 0], 0.1 * np.arange(8))
+    assert recording.odometry is None
+    assert messages(recording.warnings) == (
+        "x.log: FLASER lines without stamps; one second a scan is assumed",
+        "x.log: 1 ODOM line left aside, on another clock than the scans",
+    )
+
+
+@pytest.mark.parametrize("words", [2, 3])
+def test_flaser_lines_of_one_log_end_alike(tmp_path: Path, words: int) -> None:
+    short = [" ".join(line.split()[:-words]) for line in GOOD]
+    full = read_carmen(write_log(tmp_path / "x.log", [*GOOD, short[0]]))
+    assert "1 broken line dropped, the first is line 9: " in messages(full.warnings)[0]
+    cut = read_carmen(write_log(tmp_path / "y.log", [*short, GOOD[0]]))
+    assert "1 broken line dropped, the first is line 9: " in messages(cut.warnings)[-words + 1]
