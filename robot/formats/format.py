@@ -63,6 +63,13 @@ class Format:
 FORMATS: Plugins[Format] = Plugins(
     "moteslam.formats",
     Format,
-    bundled={"ucsd": "moteslam.robot.formats.ucsd:FORMAT", "carmen": "moteslam.robot.formats.carmen:FORMAT"},
+    bundled={
+        "ucsd": "moteslam.robot.formats.ucsd:FORMAT",
+        "carmen": "moteslam.robot.formats.carmen:FORMAT",
+        "breezyslam": "moteslam.robot.formats.breezyslam:FORMAT",
+        "wean": "moteslam.robot.formats.wean:FORMAT",
+        "brenner": "moteslam.robot.formats.brenner:FORMAT",
+        "dpslam": "moteslam.robot.formats.dpslam:FORMAT",
+    },
 )
 """By name, asked in this order, those of other packages last."""
