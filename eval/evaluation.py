@@ -1,4 +1,4 @@
-"""A trajectory scored as a value: against another trajectory, against relations, or by the scans of its recording."""
+"""A trajectory scored as a value: against another one, relations or positions, or by the scans of its recording."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from moteslam.errors import ConfigError, InputError
 from moteslam.eval.metrics.association import MAX_DIFFERENCE
 from moteslam.eval.metrics.ate import AteResult, absolute_trajectory_error
 from moteslam.eval.metrics.evidence import FINAL, Evidence
+from moteslam.eval.metrics.positions import PositionResult, position_error
 from moteslam.eval.metrics.registry import Value, measure
 from moteslam.eval.metrics.relations import (
     TOLERANCE,
@@ -25,6 +26,8 @@ from moteslam.eval.metrics.residuals import ResidualResult, scan_residuals
 from moteslam.eval.metrics.rpe import RpeResult, relative_pose_error
 from moteslam.robot.formats.map_server import read_map
 from moteslam.robot.issues import Issue
+from moteslam.robot.platform import Platform
+from moteslam.robot.positions import Positions, is_positions
 from moteslam.robot.recording import Recording
 from moteslam.robot.trajectory import Trajectory, read_tum
 from moteslam.slam.inputs.scans import Scans
@@ -93,6 +96,37 @@ class AgainstRelations:
 
 
 @dataclass(frozen=True, eq=False)
+class AgainstPositions:
+    """A trajectory against measured positions of the lidar.
+
+    Attributes:
+        ate: the absolute error of the lidar's position.
+        aligned: whether after rigid alignment.
+        scaled: whether the alignment fitted the scale, too.
+        issues: that the lidar's place on the robot is not known; that few positions have a pose.
+    """
+
+    ate: PositionResult
+    aligned: bool
+    scaled: bool
+    issues: tuple[Issue, ...] = ()
+
+    def as_dict(self) -> dict[str, Any]:
+        """The statistics as they go into JSON."""
+        return {
+            "kind": "positions",
+            "aligned": self.aligned,
+            "scaled": self.scaled,
+            "ate": self.ate.as_dict(),
+            "warnings": [issue.as_dict() for issue in self.issues],
+        }
+
+    def errors(self) -> dict[str, Any]:
+        """The error at every stamp, as it goes into JSON."""
+        return {"stamps": self.ate.stamps.tolist(), "translation_m": self.ate.errors.tolist()}
+
+
+@dataclass(frozen=True, eq=False)
 class UnderRecording:
     """The scans of a recording under a trajectory.
 
@@ -120,7 +154,7 @@ class UnderRecording:
 class Evaluated:
     """What a trajectory was scored by: a reference, the scans of its recording, or both; None where it was not."""
 
-    against: AgainstTrajectory | AgainstRelations | None = None
+    against: AgainstTrajectory | AgainstRelations | AgainstPositions | None = None
     under: UnderRecording | None = None
 
 
@@ -178,6 +212,32 @@ def against_relations(
     return AgainstRelations(evaluate_relations(estimate, relations, interpolate=interpolate, tolerance=tolerance))
 
 
+def against_positions(
+    estimate: Trajectory,
+    positions: Positions,
+    *,
+    robot: Platform | None = None,
+    align: bool = True,
+    scale: bool = False,
+    max_difference: float | None = None,
+) -> AgainstPositions:
+    """Score a trajectory by measured positions of the lidar; arguments and errors as in ``position_error``.
+
+    Args:
+        estimate, positions, align, scale, max_difference: as there.
+        robot: that the lidar stands on; at its origin where it is not known, which an issue says.
+    """
+    apart = MAX_DIFFERENCE if max_difference is None else max_difference
+    mount = (0.0, 0.0, 0.0) if robot is None else robot.lidar.pose
+    ate = position_error(estimate, positions, mount=mount, align=align, scale=scale, max_difference=apart)
+    question = "are these of the same drive, on the same clock?"
+    issues = _few_matched(len(ate.stamps), min(len(estimate), len(positions)), "positions", question)
+    if robot is None:
+        text = "the positions are the lidar's, whose place on the robot only the recording says: taken for its origin"
+        issues = (Issue("unknown-mount", text), *issues)
+    return AgainstPositions(ate, align, align and scale, issues)
+
+
 def under_recording(estimate: Trajectory, recording: Recording, *, scans: Scans | None = None) -> UnderRecording:
     """Score a trajectory by the scans of its recording; arguments and errors as in ``scan_residuals``."""
     result = scan_residuals(recording, estimate, scans=scans)
@@ -200,7 +260,7 @@ def measured(
 
     Args:
         estimate: the trajectory.
-        reference: file of a trajectory or of relations.
+        reference: file of a trajectory, of relations or of positions; by the last no metric is measured.
         recording: of its drive.
         occupancy, true_map: map_server ``.yaml`` files of its map, in the frame of the estimate, and of the true one.
         names: of the metrics; with a true map its accuracy is measured, too.
@@ -210,9 +270,10 @@ def measured(
         InputError: a map that cannot be read, or no stamps in common.
     """
     relations = reference is not None and is_relations(reference)
+    no_truth = reference is None or relations or is_positions(reference)
     evidence = Evidence(
         {FINAL: estimate},
-        truth=None if reference is None or relations else read_tum(reference),
+        truth=None if no_truth or reference is None else read_tum(reference),
         relations=read_relations(reference) if reference is not None and relations else None,
         recording=recording,
         occupancy=None if occupancy is None else read_map(occupancy),

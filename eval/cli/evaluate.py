@@ -1,4 +1,4 @@
-"""``moteslam evaluate``: trajectories against another one or hand-checked relations, or by the scans of a recording."""
+"""``moteslam evaluate``: trajectories against another one, relations or positions, or by the scans of a recording."""
 
 from __future__ import annotations
 
@@ -15,7 +15,14 @@ from moteslam.eval.cli.text import say, say_json, warn
 from moteslam.eval.literal import literal
 
 if TYPE_CHECKING:
-    from moteslam.eval.evaluation import AgainstRelations, AgainstTrajectory, Evaluated, UnderRecording
+    from moteslam.eval.evaluation import (
+        AgainstPositions,
+        AgainstRelations,
+        AgainstTrajectory,
+        Evaluated,
+        UnderRecording,
+    )
+    from moteslam.robot.platform import Platform
     from moteslam.robot.recording import Recording
     from moteslam.robot.trajectory import Trajectory
     from moteslam.slam.inputs.scans import Scans
@@ -24,7 +31,8 @@ if TYPE_CHECKING:
 NEEDED = {
     **dict.fromkeys(("sequence", "platform"), "a recording"),
     **dict.fromkeys(("plot", "max_difference"), "a reference"),
-    **dict.fromkeys(("no_align", "scale", "delta", "unit", "all_pairs", "loops"), "a TUM reference"),
+    **dict.fromkeys(("no_align", "scale"), "a TUM reference or positions"),
+    **dict.fromkeys(("delta", "unit", "all_pairs", "loops"), "a TUM reference"),
     "no_interpolate": "a .relations reference",
     "map_file": "a TUM reference",
     "true_map": "a --map",
@@ -38,7 +46,7 @@ def evaluate(
         list[Path],
         typer.Argument(
             metavar="EST... [REF]",
-            help="Trajectories to score, TUM format; last of several the reference, a TUM trajectory or .relations.",
+            help="Trajectories to score, TUM format; last of several the reference: TUM, .relations or positions.",
         ),
     ],
     recording: Annotated[
@@ -91,7 +99,8 @@ def evaluate(
     Absolute and relative errors against a trajectory; against hand-checked relations, the mean and standard deviation
     of their errors. Several trajectories are scored side by side. A reference with more poses than the estimate is
     interpolated at the estimate's stamps; else each pose takes the nearest stamp. Relations are interpolated between
-    poses; clear relations are those whose stamps each belong to exactly one pose.
+    poses; clear relations are those whose stamps each belong to exactly one pose. Against measured positions of the
+    lidar (lines P t x y), the absolute error of its position; where it stands on the robot, --recording says.
 
     With --recording, the residuals of every EST: the distances of endpoints to the lines of scans less than 2 m of
     path away.
@@ -109,6 +118,7 @@ def evaluate(
       moteslam evaluate mine.tum theirs.tum odometry.tum truth.tum --plot errors.png
       moteslam evaluate result/trajectory.tum intel.relations
       moteslam evaluate result/trajectory_final.tum --recording robot.log.gz
+      moteslam evaluate result/trajectory_final.tum robot4_reference.txt --recording robot4
       moteslam evaluate theirs.tum truth.tum --map theirs.yaml --true-map truth_map.yaml --metric rpe_10m
       moteslam evaluate result/trajectory_final.tum truth.tum --loops result/loops.csv --recording robot.log.gz
     """  # noqa: D301
@@ -132,10 +142,12 @@ def evaluate(
             raise InputError("holds relations, expected TUM trajectories, and the relations last", file=file)
     trajectories = {str(file): read_tum(file) for file in estimates}
     scores = {name: Evaluated() for name in trajectories}
+    opened = None if recording is None else open_recording(recording, sequence=sequence, platform=platform)
     if reference is not None:
         against = _against(
             trajectories,
             reference,
+            robot=None if opened is None else opened.platform,
             align=not no_align,
             scale=scale,
             delta=delta,
@@ -145,9 +157,8 @@ def evaluate(
             interpolate=not no_interpolate,
         )
         scores = {name: Evaluated(against=result) for name, result in against.items()}
-    opened, scans = None, None
-    if recording is not None:
-        opened = open_recording(recording, sequence=sequence, platform=platform)
+    scans = None
+    if opened is not None:
         scans = synchronise(opened).scans
         under = _under(trajectories, opened, scans)
         scores = {name: replace(score, under=under[name]) for name, score in scores.items()}
@@ -178,8 +189,6 @@ def evaluate(
 
 def _refuse_options(context: typer.Context, paths: list[Path], recording: Path | None, map_file: Path | None) -> None:
     """Refuse what does not go together."""
-    from moteslam.eval.metrics.relations import is_relations
-
     if len(paths) < 2 and recording is None:
         raise typer.BadParameter(
             "one file, expected trajectories and, last, their reference, or a --recording", param_hint="'EST... [REF]'"
@@ -191,7 +200,7 @@ def _refuse_options(context: typer.Context, paths: list[Path], recording: Path |
     there = set() if recording is None else {"a recording"}
     there |= set() if map_file is None else {"a --map"}
     if len(paths) > 1:
-        there |= {"a reference", "a .relations reference" if is_relations(paths[-1]) else "a TUM reference"}
+        there |= {"a reference", *_kinds(paths[-1])}
     given = {name for name in NEEDED if _is_given(context, name)}
     for name, needed in NEEDED.items():
         if name in given and needed not in there:
@@ -200,6 +209,16 @@ def _refuse_options(context: typer.Context, paths: list[Path], recording: Path |
             raise typer.BadParameter(f"given without {needed}, expected {expected}", param_hint=_hint(name))
     if given.issuperset(("scale", "no_align")):
         raise typer.BadParameter("given with --no-align, expected one of the two", param_hint=_hint("scale"))
+
+
+def _kinds(reference: Path) -> tuple[str, ...]:
+    """What a reference is, in the words of ``NEEDED``."""
+    from moteslam.eval.metrics.relations import is_relations
+    from moteslam.robot.positions import is_positions
+
+    if is_relations(reference):
+        return ("a .relations reference",)
+    return ("a TUM reference or positions", *(() if is_positions(reference) else ("a TUM reference",)))
 
 
 def _is_given(context: typer.Context, name: str) -> bool:
@@ -216,6 +235,7 @@ def _against(
     trajectories: Mapping[str, Trajectory],
     reference: Path,
     *,
+    robot: Platform | None,
     align: bool,
     scale: bool,
     delta: float,
@@ -223,19 +243,26 @@ def _against(
     all_pairs: bool,
     max_difference: float | None,
     interpolate: bool,
-) -> dict[str, AgainstTrajectory | AgainstRelations]:
+) -> dict[str, AgainstTrajectory | AgainstRelations | AgainstPositions]:
     """Every trajectory against the reference; errors name the option or the reference."""
-    from moteslam.eval.evaluation import against_relations, against_trajectory
+    from moteslam.eval.evaluation import against_positions, against_relations, against_trajectory
     from moteslam.eval.metrics.relations import is_relations, read_relations
+    from moteslam.robot.positions import is_positions, read_positions
     from moteslam.robot.trajectory import read_tum
 
-    results: dict[str, AgainstTrajectory | AgainstRelations] = {}
+    results: dict[str, AgainstTrajectory | AgainstRelations | AgainstPositions] = {}
     try:
         if is_relations(reference):
             relations = read_relations(reference)
             for name, trajectory in trajectories.items():
                 results[name] = against_relations(
                     trajectory, relations, interpolate=interpolate, tolerance=max_difference
+                )
+        elif is_positions(reference):
+            positions = read_positions(reference)
+            for name, trajectory in trajectories.items():
+                results[name] = against_positions(
+                    trajectory, positions, robot=robot, align=align, scale=scale, max_difference=max_difference
                 )
         else:
             truth = read_tum(reference)

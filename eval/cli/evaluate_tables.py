@@ -7,7 +7,7 @@ from math import degrees
 from pathlib import Path
 
 from moteslam.eval.cli.text import bold, note, say, table
-from moteslam.eval.evaluation import AgainstRelations, AgainstTrajectory, Evaluated, UnderRecording
+from moteslam.eval.evaluation import AgainstPositions, AgainstRelations, AgainstTrajectory, Evaluated, UnderRecording
 from moteslam.eval.literal import literal
 from moteslam.eval.metrics.loops import LoopResult
 from moteslam.eval.metrics.registry import Value
@@ -57,17 +57,23 @@ def metric_table(values: Mapping[str, Value]) -> str:
     return table(rows)
 
 
-def _print_against(results: Mapping[str, AgainstTrajectory | AgainstRelations], reference: str) -> None:
+def _print_against(
+    results: Mapping[str, AgainstTrajectory | AgainstRelations | AgainstPositions], reference: str
+) -> None:
     for name, result in results.items():
         if isinstance(result, AgainstRelations):
             say(f"{literal(name)} against {literal(reference)}")
             say(_relation_table(result))
-        elif len(results) == 1:
+        elif isinstance(result, AgainstTrajectory) and len(results) == 1:
             say(f"{literal(name)} against {literal(reference)}")
             say(_trajectory_table(result))
-        if isinstance(result, AgainstTrajectory):
+        if isinstance(result, AgainstTrajectory | AgainstPositions):
             for issue in result.issues:
                 note(f"warning: {name}: {issue}")
+    located = {name: result for name, result in results.items() if isinstance(result, AgainstPositions)}
+    if located:
+        say(f"positions of the lidar against {literal(reference)}")
+        say(_position_table(located))
     compared = {name: result for name, result in results.items() if isinstance(result, AgainstTrajectory)}
     if len(compared) > 1:
         say(f"against {literal(reference)}")
@@ -101,7 +107,17 @@ def _relation_table(against: AgainstRelations) -> str:
     return f"{table(rows, right=(1, 2, 3))}\n{used}"
 
 
-def _ate_name(result: AgainstTrajectory) -> str:
+def _position_table(results: Mapping[str, AgainstPositions]) -> str:
+    """A row a trajectory."""
+    rows: list[tuple[str, ...]] = [("estimate", "error", "count", "RMSE", "mean", "median", "std", "max")]
+    for name, result in results.items():
+        s = result.ate.translation
+        values = (f"{value:.4f}" for value in (s.rmse, s.mean, s.median, s.std, s.max))
+        rows.append((literal(name), f"{_ate_name(result)} [m]", str(s.count), *values))
+    return table(rows, right=range(2, 8))
+
+
+def _ate_name(result: AgainstTrajectory | AgainstPositions) -> str:
     if result.scaled:
         return f"ATE, scaled by {result.ate.scale:.4f}"
     return "ATE" if result.aligned else "ATE, not aligned"

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from moteslam.eval.evaluation import AgainstRelations, AgainstTrajectory
+from moteslam.eval.evaluation import AgainstPositions, AgainstRelations, AgainstTrajectory
 from moteslam.eval.report import style
 from moteslam.eval.report.curves import broken
 
@@ -22,9 +22,14 @@ COLOURS = ("#0072B2", "#D55E00", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 
 
 def draw_comparison(
-    path: str | PathLike[str], results: Mapping[str, AgainstTrajectory | AgainstRelations], *, title: str = ""
+    path: str | PathLike[str],
+    results: Mapping[str, AgainstTrajectory | AgainstRelations | AgainstPositions],
+    *,
+    title: str = "",
 ) -> None:
     """Errors over time and paths, after alignment; against relations, the share of them below each error.
+
+    Against positions there are no errors of the heading.
 
     Args:
         path: of the PNG.
@@ -35,19 +40,23 @@ def draw_comparison(
         OutputError: it cannot be written.
     """
     shown = dict(zip(_short(list(results)), results.values(), strict=True))
-    against = {name: result for name, result in shown.items() if isinstance(result, AgainstTrajectory)}
+    against = {name: r for name, r in shown.items() if isinstance(r, AgainstTrajectory | AgainstPositions)}
     if against:
         _draw_errors_and_paths(path, against, title)
     else:
         _draw_shares(path, {name: r for name, r in shown.items() if isinstance(r, AgainstRelations)}, title)
 
 
-def _draw_errors_and_paths(path: str | PathLike[str], results: Mapping[str, AgainstTrajectory], title: str) -> None:
+def _draw_errors_and_paths(
+    path: str | PathLike[str], results: Mapping[str, AgainstTrajectory | AgainstPositions], title: str
+) -> None:
     start = min(float(result.ate.stamps[0]) for result in results.values())
     with style.saved_figure(path, size=(12.0, 5.5)) as figure:
         grid = figure.add_gridspec(2, 2, width_ratios=(1.2, 1.0))
-        plan, distance = figure.add_subplot(grid[:, 1]), figure.add_subplot(grid[0, 0])
-        angle = figure.add_subplot(grid[1, 0], sharex=distance)
+        has_heading = any(isinstance(result, AgainstTrajectory) for result in results.values())
+        plan = figure.add_subplot(grid[:, 1])
+        distance = figure.add_subplot(grid[0, 0] if has_heading else grid[:, 0])
+        angle = figure.add_subplot(grid[1, 0], sharex=distance) if has_heading else None
         for i, (name, result) in enumerate(results.items()):
             ate, look = result.ate, _look(i)
             if i == 0:
@@ -56,15 +65,17 @@ def _draw_errors_and_paths(path: str | PathLike[str], results: Mapping[str, Agai
             plan.plot(*ate.aligned[:, :2].T, lw=1.1, **look)
             label = f"{name}, ATE RMSE {100 * ate.rmse:.1f} cm" + (", scale fitted" if result.scaled else "")
             distance.plot(*broken(time, 100 * ate.errors), lw=1.0, label=label, **look)
-            angle.plot(*broken(time, np.rad2deg(ate.rotation_errors)), lw=1.0, **look)
-        for axes, unit in ((distance, "position error [cm]"), (angle, "heading error [deg]")):
-            _curves(axes, unit)
+            if angle is not None and isinstance(result, AgainstTrajectory):
+                angle.plot(*broken(time, np.rad2deg(result.ate.rotation_errors)), lw=1.0, **look)
+        _curves(distance, "position error [cm]")
+        if angle is not None:
+            _curves(angle, "heading error [deg]")
         first = next(iter(results.values())).ate
         style.mark_start(plan, first.reference)
         ends = [(first.reference, style.TRUTH)]
         ends += [(result.ate.aligned, _look(i)["color"]) for i, result in enumerate(results.values())]
         style.mark_ends(plan, *ends)
-        angle.set_xlabel("time [s]")
+        (angle or distance).set_xlabel("time [s]")
         style.plan(plan)
         style.legend_below(figure, distance, plan, columns=1)
         style.heading(figure, title)
