@@ -27,6 +27,7 @@ from moteslam.robot.formats.carmen_lines import (
 )
 from moteslam.robot.formats.format import Format, Robot
 from moteslam.robot.formats.no_return import no_return_codes, no_return_limit
+from moteslam.robot.formats.not_written import left_out, not_written
 from moteslam.robot.formats.streams import Fan, lidar_stream, mount_between, odometry_stream
 from moteslam.robot.formats.text import TextLines
 from moteslam.robot.formats.words import MAX_BROKEN, broken_issues
@@ -284,6 +285,22 @@ def _read(path: Path, sequence: str | int | None, platform: Robot) -> Recording:
     return read_carmen(path, platform=platform)
 
 
+def _write(path: Path, recording: Recording) -> tuple[Issue, ...]:
+    write_carmen(path, recording)
+    issues = list(not_written(recording, "a CARMEN log", ("encoders", "imu", "rgbd")))
+    lidar, mount = recording.lidar, recording.platform.lidar
+    if mount.z:
+        issues.append(left_out(recording, "a CARMEN log", "the lidar's height"))
+    if lidar is not None and lidar.time_increment:
+        issues.append(left_out(recording, "a CARMEN log", "the time between beams"))
+    return tuple(issues)
+
+
 FORMAT = Format(
-    "CARMEN log (FLASER, ROBOTLASER1, ODOM lines; plain or gzip)", is_folder=False, recognise=is_carmen, read=_read
+    "CARMEN log (FLASER, ROBOTLASER1, RAWLASER1, ODOM lines; plain or gzip)",
+    is_folder=False,
+    recognise=is_carmen,
+    read=_read,
+    write=_write,
+    endings=(".log", ".log.gz", ".clf", ".clf.gz"),
 )

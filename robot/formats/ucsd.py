@@ -16,10 +16,11 @@ from numpy.typing import NDArray
 
 from moteslam.errors import ConfigError, InputError
 from moteslam.robot.arrays import given_up
-from moteslam.robot.files import write_atomically
+from moteslam.robot.files import make_folder, write_atomically
 from moteslam.robot.formats.bounds import check_fan, check_figures
 from moteslam.robot.formats.format import Format, Robot
 from moteslam.robot.formats.no_return import no_return_codes
+from moteslam.robot.formats.not_written import left_out, not_written
 from moteslam.robot.formats.npz import read_arrays
 from moteslam.robot.formats.ranges import clean_ranges
 from moteslam.robot.formats.streams import encoder_stream, imu_stream, sort_by_stamp
@@ -31,7 +32,7 @@ from moteslam.robot.platforms import UCSD, write_platform
 from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream, Recording, RgbdStream
 from moteslam.robot.specs import LidarSpec
 from moteslam.robot.tables import Table
-from moteslam.robot.wording import expect_type
+from moteslam.robot.wording import counted, expect_type
 
 Array = NDArray[Any]
 
@@ -42,6 +43,9 @@ MAX_COUNT = 2**31
 
 FAN = 0.01
 """Angles of beams that differ by less [rad] are those of one lidar."""
+
+ONLY = "1"
+"""The sequence of a folder that is written for one recording."""
 
 NO_ECHO = 0.001
 """Written for an invalid reading [m], as the UTM-30LX does."""
@@ -279,9 +283,26 @@ def _read(path: Path, sequence: str | int | None, platform: Robot) -> Recording:
     return read_ucsd(path, sequence=sequence, platform=platform)
 
 
+def _write_only(folder: Path, recording: Recording) -> tuple[Issue, ...]:
+    """Write the one sequence of a folder, which is made."""
+    expect_type(recording, Recording, "recording", "open_recording(path) reads one")
+    make_folder(folder)
+    write_ucsd(folder, recording, sequence=ONLY)
+    issues = list(not_written(recording, "a UCSD folder", ("odometry",)))
+    if recording.lidar is not None and recording.lidar.odometry is not None:
+        count = len(recording.lidar)
+        poses = counted(count, "odometry pose") + " of the scans"
+        issues.append(left_out(recording, "a UCSD folder", poses, count))
+    rgbd = recording.rgbd
+    if rgbd is not None and (rgbd.rgb_files or rgbd.disparity_files or rgbd.images is not None):
+        issues += not_written(recording, "its file of stamps", ("rgbd",))
+    return tuple(issues)
+
+
 FORMAT = Format(
     "UCSD folder (Encoders*.npz, Hokuyo*.npz, Imu*.npz, Kinect*.npz)",
     is_folder=True,
     recognise=lambda path: bool(ucsd_sequences(path)),
     read=_read,
+    write=_write_only,
 )

@@ -1,0 +1,91 @@
+"""Formats that are written: what comes back, and an issue for what a format cannot hold."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from issues import messages
+
+from moteslam.robot.formats import FORMATS, open_recording
+from moteslam.robot.platforms import UCSD
+from moteslam.robot.recording import (
+    EncoderStream,
+    ImuStream,
+    LidarStream,
+    OdometryStream,
+    Recording,
+    RgbdStream,
+)
+
+STAMPS = np.arange(4.0)
+FULL = Recording(
+    name="full",
+    platform=UCSD,
+    lidar=LidarStream(
+        STAMPS, np.full((4, 3), 2.5, np.float32), -1.0, 0.5, 0.1, 30.0, UCSD.lidar.time_increment, np.ones((4, 3))
+    ),
+    encoders=EncoderStream(STAMPS, np.ones((4, 4), np.int64)),
+    odometry=OdometryStream(STAMPS, np.ones((4, 3))),
+    imu=ImuStream(STAMPS, np.zeros((4, 3)), np.zeros((4, 3))),
+    rgbd=RgbdStream(STAMPS, STAMPS, (None,) * 4, (None,) * 4),
+)
+
+
+def written(name: str, path: Path, recording: Recording) -> tuple[str, ...]:
+    """The messages of writing a recording in the format of this name."""
+    write = FORMATS[name].write
+    assert write is not None
+    issues = write(path, recording)
+    assert {issue.code for issue in issues} <= {"not-written"}
+    return messages(issues)
+
+
+@pytest.mark.parametrize("name", ["x.log", "x.log.gz"])
+def test_a_carmen_log(tmp_path: Path, name: str) -> None:
+    assert written("carmen", tmp_path / name, FULL) == (
+        "full: 4 encoder readings not written, no place in a CARMEN log",
+        "full: 4 IMU readings not written, no place in a CARMEN log",
+        "full: 8 images not written, no place in a CARMEN log",
+        "full: the lidar's height not written, no place in a CARMEN log",
+        "full: the time between beams not written, no place in a CARMEN log",
+    )
+    back = open_recording(tmp_path / name)
+    assert back.lidar is not None
+    np.testing.assert_array_equal(back.lidar.ranges, FULL.lidar.ranges if FULL.lidar else 0)
+
+
+def test_a_carmen_log_of_what_it_can_hold(tmp_path: Path) -> None:
+    assert FULL.lidar is not None
+    robot = UCSD.model_copy(update={"lidar": UCSD.lidar.model_copy(update={"z": 0.0})})
+    plain = Recording("plain", robot, lidar=replace(FULL.lidar, time_increment=0.0), odometry=FULL.odometry)
+    assert written("carmen", tmp_path / "x.log", plain) == ()
+
+
+def test_a_ucsd_folder(tmp_path: Path) -> None:
+    folder = tmp_path / "new" / "folder"
+    assert written("ucsd", folder, FULL) == (
+        "full: 4 odometry poses not written, no place in a UCSD folder",
+        "full: 4 odometry poses of the scans not written, no place in a UCSD folder",
+        "full: 8 images not written, no place in its file of stamps",
+    )
+    back = open_recording(folder)
+    assert back.platform == UCSD
+    assert back.encoders is not None
+    assert back.imu is not None
+    np.testing.assert_array_equal(back.encoders.counts, np.ones((4, 4)))
+
+
+def test_a_ucsd_folder_of_what_it_can_hold(tmp_path: Path) -> None:
+    assert FULL.lidar is not None
+    plain = FULL.replace(odometry=None, rgbd=None, lidar=replace(FULL.lidar, odometry=None))
+    assert written("ucsd", tmp_path, plain) == ()
+
+
+def test_which_formats_are_written() -> None:
+    kinds = {name: (kind.endings, kind.is_folder) for name, kind in FORMATS.items() if kind.write is not None}
+    assert kinds["carmen"] == ((".log", ".log.gz", ".clf", ".clf.gz"), False)
+    assert kinds["csv"] == ((".toml",), False)
+    assert kinds["ucsd"] == ((), True)
