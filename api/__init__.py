@@ -32,6 +32,7 @@ PUBLIC = {
     "moteslam.robot.formats": ("follow_recording", "open_recording", "write_recording"),
     "moteslam.robot.cut": ("Cut", "cut"),
     "moteslam.robot.formats.carmen": ("write_carmen",),
+    "moteslam.robot.formats.csv_writer": ("write_csv",),
     "moteslam.robot.formats.ucsd": ("write_ucsd",),
     "moteslam.robot.formats.map_server": ("read_map", "write_map"),
     "moteslam.robot.inspection": ("inspect_recording",),

@@ -70,6 +70,8 @@ FORMATS: Plugins[Format] = Plugins(
         "wean": "moteslam.robot.formats.wean:FORMAT",
         "brenner": "moteslam.robot.formats.brenner:FORMAT",
         "dpslam": "moteslam.robot.formats.dpslam:FORMAT",
+        "beesoft": "moteslam.robot.formats.beesoft:FORMAT",
+        "csv": "moteslam.robot.formats.csv_log:FORMAT",
     },
 )
 """By name, asked in this order, those of other packages last."""

@@ -1,0 +1,216 @@
+"""The TOML that describes recordings of one's own: which CSV files, which columns, which units."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BeforeValidator, Field, ValidationError, model_validator
+
+from moteslam.errors import ConfigError
+from moteslam.robot.section import Number, Section
+from moteslam.robot.tables import Table, read_toml
+from moteslam.robot.wording import Place, first_complaint, known_keys, shortened
+
+SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+METRES = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254}
+RADIANS = {"rad": 1.0, "deg": math.pi / 180}
+RADIANS_PER_SECOND = {"rad/s": 1.0, "deg/s": math.pi / 180}
+G = {"g": 1.0, "m/s^2": 1 / 9.80665}
+"""Units by their names, in those of a recording."""
+
+STREAMS = ("lidar", "odometry", "encoders", "imu")
+"""The tables of a description that are streams."""
+
+RANGE = ".."
+"""Between the first and the last column of the ranges."""
+
+
+def _column(value: Any) -> Any:
+    is_number = isinstance(value, int) and not isinstance(value, bool) and value >= 1
+    if not is_number and not (isinstance(value, str) and value):
+        raise ValueError(f"{shortened(value)}, expected a column: its name in the header, or its number from 1")
+    return value
+
+
+def _platform(value: Any) -> Any:
+    if not isinstance(value, str | dict):
+        raise ValueError(f"{shortened(value)}, expected a table, or the name of a platform.toml beside this file")
+    return value
+
+
+Column = Annotated[int | str, BeforeValidator(_column)]
+Pose = Annotated[tuple[Column, Column, Column], Field()]
+
+
+class CsvTable(Section):
+    """A CSV file and how it is read.
+
+    Attributes:
+        file: its name, in the folder of the description or below; plain or gzip.
+        delimiter: between cells; a blank stands for any number of blanks and tabs.
+        header: whether the first line names the columns. Without it columns are given by number.
+        stamp: column of the stamps.
+        stamp_unit: theirs.
+    """
+
+    file: Annotated[str, Field(min_length=1)]
+    delimiter: Literal[",", ";", "|", "\t", " "] = ","
+    header: bool = True
+    stamp: Column
+    stamp_unit: Literal["s", "ms", "us", "ns"] = "s"
+
+
+class LidarTable(CsvTable):
+    """The scans, a line each.
+
+    Attributes:
+        ranges: the first and the last column, ``r0..r359`` or ``2..361``.
+        range_unit: theirs. An empty cell says nothing, ``inf`` is no return.
+        angle_min: of the first beam.
+        angle_increment: between beams, counterclockwise positive.
+        angle_unit: of these two, and of the poses' headings.
+        range_min: shorter ranges say nothing [m].
+        range_max: from here on a range is no return [m].
+        odometry: columns of x, y and theta of the robot's odometry pose at the scan, where they are logged.
+        length_unit: of its x and y.
+    """
+
+    ranges: Annotated[str, Field(pattern=r"\.\.")]
+    range_unit: Literal["m", "cm", "mm", "in"] = "m"
+    angle_min: Number | None = None
+    angle_increment: Number | None = None
+    angle_unit: Literal["rad", "deg"] = "rad"
+    range_min: Annotated[Number, Field(ge=0, le=10_000)] | None = None
+    range_max: Annotated[Number, Field(gt=0, le=10_000)] | None = None
+    odometry: Pose | None = None
+    length_unit: Literal["m", "cm", "mm", "in"] = "m"
+
+
+class OdometryTable(CsvTable):
+    """The robot's odometry poses.
+
+    Attributes:
+        x, y, theta: columns.
+        length_unit, angle_unit: theirs.
+    """
+
+    x: Column
+    y: Column
+    theta: Column
+    length_unit: Literal["m", "cm", "mm", "in"] = "m"
+    angle_unit: Literal["rad", "deg"] = "rad"
+
+
+class EncoderTable(CsvTable):
+    """Ticks of two wheels (``left`` and ``right``), or of four.
+
+    Attributes:
+        left, right: columns of two wheels on one axle.
+        front_right, front_left, rear_right, rear_left: columns of four wheels.
+        running: whether they are running counters, not the change since the last reading.
+    """
+
+    left: Column | None = None
+    right: Column | None = None
+    front_right: Column | None = None
+    front_left: Column | None = None
+    rear_right: Column | None = None
+    rear_left: Column | None = None
+    running: bool = True
+
+    @property
+    def wheels(self) -> tuple[Column, ...]:
+        """The columns of the front right, front left, rear right and rear left wheel; of two wheels twice."""
+        two = (self.right, self.left, self.right, self.left)
+        four = (self.front_right, self.front_left, self.rear_right, self.rear_left)
+        return tuple(column for column in (two if self.left is not None else four) if column is not None)
+
+    @model_validator(mode="after")
+    def _two_or_four(self) -> EncoderTable:
+        two = (self.left, self.right)
+        four = (self.front_right, self.front_left, self.rear_right, self.rear_left)
+        given = [[column is not None for column in columns] for columns in (two, four)]
+        if sorted(map(all, given)) != [False, True] or sorted(map(any, given)) != [False, True]:
+            raise ValueError(
+                "columns of some wheels, expected left and right, or front_right, front_left, rear_right and rear_left"
+            )
+        return self
+
+
+class ImuTable(CsvTable):
+    """The inertial readings.
+
+    Attributes:
+        yaw_rate: column of the rate about the vertical axis, counterclockwise positive.
+        roll_rate, pitch_rate: about the others; 0 where they are left out.
+        rate_unit: theirs.
+        acceleration: columns along x, y and z; the robot at rest where they are left out.
+        acceleration_unit: theirs.
+    """
+
+    yaw_rate: Column
+    roll_rate: Column | None = None
+    pitch_rate: Column | None = None
+    rate_unit: Literal["rad/s", "deg/s"] = "rad/s"
+    acceleration: Pose | None = None
+    acceleration_unit: Literal["g", "m/s^2"] = "g"
+
+
+class CsvDescription(Section):
+    """A recording in CSV files.
+
+    Attributes:
+        name: of the recording; the file's without it.
+        platform: the robot: a table as in a ``platform.toml``, or the name of one beside this file. Without it
+            nothing is known of the robot.
+        lidar, odometry, encoders, imu: the streams that there are.
+    """
+
+    name: str | None = None
+    platform: Annotated[str | Table, BeforeValidator(_platform)] = Field(default_factory=dict)
+    lidar: LidarTable | None = None
+    odometry: OdometryTable | None = None
+    encoders: EncoderTable | None = None
+    imu: ImuTable | None = None
+
+    @model_validator(mode="after")
+    def _has_a_stream(self) -> CsvDescription:
+        if all(getattr(self, name) is None for name in STREAMS):
+            raise ValueError(f"no stream, expected a table [{'], ['.join(STREAMS)}]")
+        return self
+
+
+def read_description(path: Path) -> CsvDescription:
+    """The description in a TOML file.
+
+    Raises:
+        ConfigError: not TOML, an unknown key, a value that is none; file and key are named.
+    """
+    table = read_toml(path, "a description of CSV files")
+    try:
+        return CsvDescription.model_validate(table)
+    except ValidationError as error:
+        field, problem = first_complaint(error, "description", _expected)
+        raise ConfigError(problem, file=path, field=field or None) from error
+
+
+def _expected(place: Place) -> str:
+    return f"expected one of {', '.join(known_keys(CsvDescription, place))}"
+
+
+def file_within(path: Path, name: str, field: str) -> Path:
+    """A file that a description names: in the folder of the description, or below.
+
+    Raises:
+        ConfigError: it lies elsewhere, be it by a link.
+    """
+    folder = path.resolve().parent
+    try:
+        file = (folder / name).resolve()
+    except (OSError, ValueError) as error:
+        raise ConfigError(f"{shortened(name)}, expected the name of a file", file=path, field=field) from error
+    if not file.is_relative_to(folder):
+        raise ConfigError(f"{shortened(name)} lies elsewhere, expected a file in {folder}", file=path, field=field)
+    return file

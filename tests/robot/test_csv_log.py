@@ -1,0 +1,387 @@
+"""CSV logs: the guide's example, columns and units, what is refused, and round trips."""
+
+from __future__ import annotations
+
+import gzip
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from issues import messages
+
+from moteslam.errors import ConfigError, InputError, OutputError
+from moteslam.robot.formats import format_of, open_recording
+from moteslam.robot.formats.csv_log import is_csv_log, read_csv_log
+from moteslam.robot.formats.csv_writer import write_csv
+from moteslam.robot.platforms import UCSD
+from moteslam.robot.recording import (
+    EncoderStream,
+    ImuStream,
+    LidarStream,
+    OdometryStream,
+    Recording,
+    RgbdStream,
+)
+
+GUIDE = Path(__file__).parents[2] / "docs" / "guide" / "own-logs.md"
+
+LIDAR = """
+[lidar]
+file = "scans.csv"
+stamp = "t"
+ranges = "r0..r2"
+angle_min = -1.0
+angle_increment = 0.5
+range_max = 10.0
+"""
+SCANS = "t,r0,r1,r2\n0,1.0,2.0,3.0\n0.5,1.5,,inf\n1,0,nan,12\n"
+
+
+def write(folder: Path, description: str = LIDAR, **files: str) -> Path:
+    """A description and its CSV files; gives the former."""
+    for name, text in ({"scans": SCANS} | files).items():
+        (folder / f"{name}.csv").write_text(text)
+    path = folder / "log.toml"
+    path.write_text(description)
+    return path
+
+
+def lidar_of(path: Path) -> LidarStream:
+    lidar = open_recording(path).lidar
+    assert lidar is not None
+    return lidar
+
+
+def test_the_example_of_the_guide(tmp_path: Path) -> None:
+    examples = re.findall(r"<!-- (\S+) -->\n```\w+\n(.*?)```", GUIDE.read_text("utf-8"), re.DOTALL)
+    for name, text in examples:
+        (tmp_path / name).write_text(text)
+    recording = open_recording(tmp_path / "walk.toml")
+    assert (recording.name, recording.platform.name) == ("walk", "mine")
+    assert recording.lidar is not None
+    assert recording.encoders is not None
+    np.testing.assert_allclose(recording.lidar.stamps, [1.0, 1.1, 1.2])
+    np.testing.assert_array_equal(recording.lidar.ranges[0], np.float32([1.25, 1.18, 1.13, np.nan, 1.19]))
+    assert np.isinf(recording.lidar.ranges[1:, 3]).all()
+    np.testing.assert_allclose(recording.lidar.angles, np.radians([-60, -30, 0, 30, 60]))
+    np.testing.assert_allclose(recording.encoders.stamps, [1.0, 1.05, 1.1, 1.15, 1.2])
+    np.testing.assert_array_equal(recording.encoders.counts[:2], [[0, 0, 0, 0], [69, 70, 69, 70]])
+    assert recording.platform.lidar.x == 0.1
+    assert recording.warnings == ()
+
+
+def test_what_a_cell_means(tmp_path: Path) -> None:
+    path = write(tmp_path)
+    np.testing.assert_array_equal(
+        lidar_of(path).ranges, np.float32([[1, 2, 3], [1.5, np.nan, np.inf], [np.nan, np.nan, np.inf]])
+    )
+    assert messages(open_recording(path).warnings) == (
+        "scans.csv: r0..r2: 1 range in 1 scan left out, NaN or negative",
+    )
+    assert format_of(path).name.startswith("CSV log")
+
+
+@pytest.mark.parametrize(("unit", "metres"), [("m", 1), ("cm", 0.01), ("mm", 0.001), ("in", 0.0254)])
+def test_units_of_ranges(tmp_path: Path, unit: str, metres: float) -> None:
+    lidar = lidar_of(write(tmp_path, f'{LIDAR}range_unit = "{unit}"\n'))
+    np.testing.assert_allclose(lidar.ranges[0], np.array([1, 2, 3]) * metres, rtol=1e-6)
+
+
+@pytest.mark.parametrize(("unit", "seconds"), [("s", 1), ("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9)])
+def test_units_of_stamps(tmp_path: Path, unit: str, seconds: float) -> None:
+    lidar = lidar_of(write(tmp_path, f'{LIDAR}stamp_unit = "{unit}"\n'))
+    np.testing.assert_allclose(lidar.stamps, np.array([0, 0.5, 1]) * seconds)
+
+
+@pytest.mark.parametrize("mark", [",", ";", "|", "\t", " "])
+@pytest.mark.parametrize("header", [True, False])
+def test_delimiters_and_headers(tmp_path: Path, mark: str, header: bool) -> None:
+    text = "# made by hand\n\n" + SCANS.replace("1.5,,inf", "1.5,0,inf").replace(",", mark).replace("\n", "\r\n")
+    columns = "" if header else 'header = false\nstamp = 1\nranges = "2..4"\n'
+    description = LIDAR if header else LIDAR.replace('stamp = "t"\nranges = "r0..r2"\n', "")
+    scans = text if header else "\n".join(text.splitlines()[3:])
+    path = write(tmp_path, f"{description}{columns}delimiter = {mark!r}\n".replace("'", '"'), scans=scans)
+    np.testing.assert_array_equal(lidar_of(path).ranges[0], np.float32([1, 2, 3]))
+    assert len(lidar_of(path)) == 3
+
+
+def test_quotes_a_byte_order_mark_and_gzip(tmp_path: Path) -> None:
+    path = write(tmp_path, LIDAR.replace("scans.csv", "scans.csv.gz"))
+    quoted = "\n".join(",".join(f'"{cell}"' for cell in line.split(",")) for line in SCANS.splitlines())
+    (tmp_path / "scans.csv.gz").write_bytes(gzip.compress(b"\xef\xbb\xbf" + quoted.encode()))
+    assert len(lidar_of(path)) == 3
+
+
+def test_odometry_poses_in_a_file_of_their_own_and_with_the_scans(tmp_path: Path) -> None:
+    description = f"""{LIDAR}odometry = ["x", "y", 7]
+length_unit = "cm"
+angle_unit = "deg"
+[odometry]
+file = "odometry.csv"
+stamp = "t"
+x = "x"
+y = "y"
+theta = "a"
+length_unit = "mm"
+"""
+    path = write(tmp_path, description, scans="t,r0,r1,r2,x,y,a\n3,1,1,1,100,200,90\n", odometry="t,x,y,a\n1,5,6,7\n")
+    recording = open_recording(path)
+    assert recording.lidar is not None
+    assert recording.odometry is not None
+    np.testing.assert_allclose(recording.lidar.odometry, [[1, 2, np.pi / 2]])
+    np.testing.assert_allclose(recording.odometry.poses, [[0.005, 0.006, 7]])
+
+
+ENCODERS = '[encoders]\nfile = "scans.csv"\nstamp = "t"\n'
+
+
+def test_ticks_of_two_and_of_four_wheels(tmp_path: Path) -> None:
+    ticks = "t,a,b,c,d\n0,5,6,7,8\n1,6,8,10,12\n"
+    two = open_recording(write(tmp_path, f'{ENCODERS}left = "a"\nright = "b"\n', scans=ticks)).encoders
+    four = "".join(f'{wheel} = "{name}"\n' for wheel, name in zip(WHEELS, "abcd", strict=True))
+    running = open_recording(write(tmp_path, ENCODERS + four, scans=ticks)).encoders
+    changes = open_recording(write(tmp_path, f"{ENCODERS}{four}running = false\n", scans=ticks)).encoders
+    assert two is not None
+    assert running is not None
+    assert changes is not None
+    np.testing.assert_array_equal(two.counts, [[0, 0, 0, 0], [2, 1, 2, 1]])
+    np.testing.assert_array_equal(running.counts, [[0, 0, 0, 0], [1, 2, 3, 4]])
+    np.testing.assert_array_equal(changes.counts, [[5, 6, 7, 8], [6, 8, 10, 12]])
+
+
+WHEELS = ("front_right", "front_left", "rear_right", "rear_left")
+
+
+def test_inertial_readings(tmp_path: Path) -> None:
+    imu = '[imu]\nfile = "scans.csv"\nstamp = "t"\nyaw_rate = "r0"\n'
+    bare = open_recording(write(tmp_path, imu, scans="t,r0,r1,r2\n0,90,9.80665,0\n")).imu
+    assert bare is not None
+    np.testing.assert_array_equal(bare.angular_velocity, [[0, 0, 90]])
+    np.testing.assert_array_equal(bare.linear_acceleration_g, [[0, 0, 1]])
+    more = 'rate_unit = "deg/s"\npitch_rate = "r2"\nacceleration = ["r1", "r2", "r1"]\nacceleration_unit = "m/s^2"\n'
+    full = open_recording(write(tmp_path, imu + more, scans="t,r0,r1,r2\n0,90,9.80665,0\n")).imu
+    assert full is not None
+    np.testing.assert_allclose(full.angular_velocity, [[0, 0, np.pi / 2]])
+    np.testing.assert_allclose(full.linear_acceleration_g, [[1, 0, 1]])
+
+
+def test_the_robot_lies_beside_the_log_within_it_or_is_the_callers(tmp_path: Path) -> None:
+    (tmp_path / "robot.toml").write_text('name = "beside"\n[lidar]\nx = 0.3\nangle_min = -2.0\nrange_max = 2.5\n')
+    bare = "\n".join(line for line in LIDAR.splitlines() if not line.startswith(("angle_min", "range_max")))
+    beside = open_recording(write(tmp_path, f'platform = "robot.toml"\n{bare}'))
+    assert (beside.platform.name, beside.platform.lidar.x) == ("beside", 0.3)
+    assert beside.lidar is not None
+    assert (beside.lidar.angle_min, beside.lidar.range_max) == (-2.0, 2.5)
+    within = read_csv_log(write(tmp_path, f'{LIDAR}[platform]\nbase = "ucsd"\n'), platform=tmp_path / "robot.toml")
+    assert within.platform.wheels == UCSD.wheels
+    assert within.platform.lidar.x == 0.3
+
+
+REFUSED = {
+    "an unknown key": (LIDAR + "range_mx = 1\n", "lidar.range_mx: unknown key, expected one of file, delimiter"),
+    "an unknown table": (LIDAR + "[sonar]\nx = 1\n", "sonar: unknown key, expected one of name, platform, lidar"),
+    "a missing key": (LIDAR.replace('stamp = "t"', ""), "lidar.stamp: missing, expected in every lidar"),
+    "a unit": (LIDAR + 'range_unit = "ft"\n', "lidar.range_unit: 'ft', expected 'm', 'cm', 'mm' or 'in'"),
+    "a column by 0": (LIDAR.replace('"t"', "0"), "lidar.stamp: 0, expected a column: its name in the header"),
+    "a column by truth": (LIDAR.replace('"t"', "true"), "lidar.stamp: True, expected a column"),
+    "no such column": (LIDAR.replace('"t"', '"time"'), "lidar.stamp: 'time' is no column of scans.csv, expected"),
+    "a number beyond": (LIDAR.replace('"t"', "9"), "lidar.stamp: 9, expected a column of scans.csv, 1 to 4"),
+    "no range": (LIDAR.replace("r0..r2", "r0"), "lidar.ranges: "),
+    "half a range": (LIDAR.replace("r0..r2", "r0.."), "lidar.ranges: 'r0..', expected first and last column"),
+    "a range backwards": (LIDAR.replace("r0..r2", "r2..r0"), "lidar.ranges: 'r2..r0', expected the first column"),
+    "no such range": (LIDAR.replace("r0..r2", "r0..r9"), "lidar.ranges: 'r9' is no column of scans.csv"),
+    "a name without a header": (LIDAR + "header = false\n", "lidar.stamp: 't', expected a number: scans.csv has no"),
+    "no angles": (LIDAR.replace("angle_increment = 0.5", ""), "lidar: angle_min, angle_increment (not 0) or range_max"),
+    "limits": (LIDAR + "range_min = 11.0\n", "lidar.range_min: 11 m, expected less than range_max, 10 m"),
+    "a file elsewhere": (LIDAR.replace("scans.csv", "../x.csv"), "lidar.file: '../x.csv' lies elsewhere, expected"),
+    "an absolute file": (LIDAR.replace("scans.csv", "/etc/passwd"), "lidar.file: '/etc/passwd' lies elsewhere"),
+    "a null byte": (LIDAR.replace("scans.csv", "a\\u0000b"), "lidar.file: "),
+    "a robot elsewhere": ('platform = "/etc/x.toml"\n' + LIDAR, "platform: '/etc/x.toml' lies elsewhere"),
+    "a robot that is none": ("platform = 3\n" + LIDAR, "platform: 3, expected a table, or the name of"),
+    "a robot's key": (LIDAR + "[platform]\nwheel = 1\n", "platform.wheel: unknown key"),
+    "one wheel": (ENCODERS + 'left = "r0"\n', "encoders: columns of some wheels, expected left and right"),
+    "three wheels": (
+        ENCODERS + "".join(f'{wheel} = "r0"\n' for wheel in WHEELS[:3]),
+        "encoders: columns of some wheels, expected left and right",
+    ),
+    "six wheels": (
+        ENCODERS + "".join(f'{wheel} = "r0"\n' for wheel in ("left", "right", *WHEELS)),
+        "encoders: columns of some wheels, expected left and right",
+    ),
+}
+
+
+@pytest.mark.parametrize(("description", "line"), REFUSED.values(), ids=REFUSED.keys())
+def test_a_description_that_is_wrong_is_refused_in_one_line(tmp_path: Path, description: str, line: str) -> None:
+    with pytest.raises(ConfigError, match=re.escape(line)) as caught:
+        open_recording(write(tmp_path, description))
+    assert "\n" not in str(caught.value)
+    assert "log.toml" in str(caught.value)
+
+
+def test_a_link_out_of_the_folder_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "secret.csv").write_text(SCANS)
+    inside = tmp_path / "logs"
+    inside.mkdir()
+    path = write(inside, LIDAR.replace("scans.csv", "link.csv"))
+    (inside / "link.csv").symlink_to(tmp_path / "secret.csv")
+    with pytest.raises(ConfigError, match=r"lidar\.file: 'link\.csv' lies elsewhere"):
+        open_recording(path)
+
+
+def test_a_description_without_a_stream_is_none(tmp_path: Path) -> None:
+    path = write(tmp_path, 'name = "x"\n')
+    assert not is_csv_log(path)
+    with pytest.raises(ConfigError, match=r"no stream, expected a table \[lidar\], \[odometry\]"):
+        read_csv_log(path)
+
+
+def test_a_column_that_stands_twice_is_refused(tmp_path: Path) -> None:
+    path = write(tmp_path, scans=SCANS.replace("t,r0", "t,t"))
+    with pytest.raises(ConfigError, match=r"lidar\.stamp: 't' stands twice of scans\.csv"):
+        open_recording(path)
+
+
+BROKEN = {
+    "too few cells": ("2,1,1", "3 cells, expected at least 4"),
+    "a word": ("2,1,x,1", "a cell that is no number, expected numbers"),
+    "no stamp": (",1,1,1", "a cell that is no number"),
+    "a stamp that is NaN": ("nan,1,1,1", "NaN or infinite, expected finite numbers"),
+}
+
+
+@pytest.mark.parametrize(("line", "problem"), BROKEN.values(), ids=BROKEN.keys())
+def test_a_broken_line_is_dropped_counted_and_named(tmp_path: Path, line: str, problem: str) -> None:
+    path = write(tmp_path, scans=f"{SCANS.replace('nan', '7')}{line}\n2,4,5,6\n")
+    lidar = lidar_of(path)
+    np.testing.assert_array_equal(lidar.ranges[3], np.float32([4, 5, 6]))
+    (message,) = messages(open_recording(path).warnings)
+    assert message == f"scans.csv: 1 broken line dropped, the first is line 5: {problem}" or problem in message
+    with pytest.raises(InputError, match=rf"scans\.csv:2: .*{problem}"):
+        open_recording(write(tmp_path, scans=f"t,r0,r1,r2\n{line}\n"))
+
+
+@pytest.mark.parametrize(
+    ("text", "line"),
+    [
+        ("", r"scans\.csv: no line of numbers, expected a CSV file"),
+        ("t,r0,r1,r2\n", r"scans\.csv: no line of numbers, expected a CSV file"),
+        ("t,r0,r1,r2\n1e300,1,1,1\n", r"scans\.csv: r0\.\.r2: 1e\+300, expected seconds below 1e11"),
+    ],
+)
+def test_files_without_readings_are_refused(tmp_path: Path, text: str, line: str) -> None:
+    with pytest.raises(InputError, match=line):
+        open_recording(write(tmp_path, LIDAR.replace('stamp = "t"', "stamp = 1"), scans=text or "# nothing\n"))
+
+
+def test_a_missing_file_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"gone\.csv: No such file or directory, expected a text file"):
+        open_recording(write(tmp_path, LIDAR.replace("scans.csv", "gone.csv")))
+
+
+@pytest.mark.parametrize("ticks", ["1.5", "1e17"])
+def test_ticks_are_whole(tmp_path: Path, ticks: str) -> None:
+    path = write(tmp_path, f'{ENCODERS}left = "r0"\nright = "r1"\n', scans=f"t,r0,r1\n0,{ticks},1\n")
+    with pytest.raises(InputError, match=r"scans\.csv: encoders: not whole numbers, or beyond 2\^53"):
+        open_recording(path)
+
+
+@pytest.mark.parametrize("text", ["[lidar]\nx = 1\n", "FLASER 3\n", "a = ", "[lidar]\nfile\n", "lidar = 3\n", "\0"])
+def test_other_files_are_not_taken_for_it(tmp_path: Path, text: str) -> None:
+    assert not is_csv_log(write(tmp_path, text))
+
+
+def test_there_are_no_sequences(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="sequence: a CSV log is one sequence"):
+        open_recording(write(tmp_path), sequence=2)
+
+
+STAMPS = st.integers(1, 12).flatmap(
+    lambda n: arrays(np.float64, n, elements=st.floats(0, 1e4)).map(lambda steps: np.sort(1.7e9 + steps))
+)
+FLOATS = st.floats(-1e6, 1e6)
+
+
+@settings(max_examples=25)
+@given(stamps=STAMPS, data=st.data())
+def test_what_is_written_reads_back_bit_for_bit(
+    tmp_path_factory: pytest.TempPathFactory, stamps: np.ndarray, data: st.DataObject
+) -> None:
+    n = len(stamps)
+    ranges = st.floats(np.float32(0.125), np.float32(29.75), width=32) | st.sampled_from([np.nan, np.inf])
+    recording = Recording(
+        name="drawn",
+        platform=UCSD,
+        lidar=LidarStream(
+            stamps,
+            data.draw(arrays(np.float32, (n, 5), elements=ranges)),
+            -1.1,
+            0.3,
+            0.1,
+            30.0,
+            UCSD.lidar.time_increment,
+            data.draw(st.none() | arrays(np.float64, (n, 3), elements=FLOATS)),
+        ),
+        encoders=EncoderStream(stamps, data.draw(arrays(np.int64, (n, 4), elements=st.integers(-400, 400)))),
+        odometry=OdometryStream(stamps, data.draw(arrays(np.float64, (n, 3), elements=FLOATS))),
+        imu=ImuStream(
+            stamps,
+            data.draw(arrays(np.float64, (n, 3), elements=st.floats(-100, 100))),
+            data.draw(arrays(np.float64, (n, 3), elements=FLOATS)),
+        ),
+    )
+    path = tmp_path_factory.mktemp("csv") / "x.toml"
+    assert write_csv(path, recording) == ()
+    back = open_recording(path)
+    assert (back.name, back.platform) == ("drawn", UCSD)
+    for name in ("lidar", "encoders", "odometry", "imu"):
+        assert_same(getattr(back, name), getattr(recording, name))
+    assert back.warnings == ()
+
+
+def assert_same(found: object, wanted: object) -> None:
+    """Every attribute is the same, bit for bit; NaN is NaN."""
+    for field, value in vars(wanted).items():
+        other = vars(found)[field]
+        if isinstance(value, np.ndarray):
+            assert other.dtype == value.dtype, field
+            known = value == value
+            np.testing.assert_array_equal(other == other, known)
+            assert other[known].tobytes() == value[known].tobytes(), field
+        else:
+            assert other == value, field
+
+
+def test_what_csv_files_cannot_hold_is_an_issue(tmp_path: Path) -> None:
+    recording = Recording(
+        "x",
+        UCSD,
+        odometry=OdometryStream(np.zeros(1), np.zeros((1, 3))),
+        rgbd=RgbdStream(np.zeros(2), np.zeros(3)),
+    )
+    (issue,) = write_csv(tmp_path / "x.toml", recording)
+    assert (issue.code, issue.count) == ("not-written", 5)
+    assert str(issue) == "x: 5 images not written, no place in a CSV log"
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["x-odometry.csv", "x.toml"]
+
+
+def test_nothing_and_other_names_are_not_written(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no stream with readings, expected a lidar, odometry, encoders or an IMU"):
+        write_csv(tmp_path / "x.toml", Recording("x", UCSD))
+    with pytest.raises(OutputError, match=r"x\.csv: expected a name that ends in \.toml"):
+        write_csv(tmp_path / "x.csv", Recording("x", UCSD))
+
+
+@pytest.mark.parametrize("name", ["brenner", "dpslam/loop5.log", "wean/robotdata1.log"])
+def test_real_recordings_written_read_back_the_same(data_folder: Path, tmp_path: Path, name: str) -> None:
+    recording = open_recording(data_folder / name)
+    write_csv(tmp_path / "x.toml", recording)
+    back = open_recording(tmp_path / "x.toml")
+    assert back.platform == recording.platform
+    for stream in ("lidar", "encoders", "odometry"):
+        if (wanted := getattr(recording, stream)) is not None:
+            assert_same(getattr(back, stream), wanted)
