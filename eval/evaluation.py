@@ -29,7 +29,8 @@ from moteslam.robot.issues import Issue
 from moteslam.robot.platform import Platform
 from moteslam.robot.positions import Positions, is_positions
 from moteslam.robot.recording import Recording
-from moteslam.robot.trajectory import Trajectory, read_tum
+from moteslam.robot.trajectories import read_trajectory
+from moteslam.robot.trajectory import Trajectory
 from moteslam.slam.inputs.scans import Scans
 
 ACCURACY_OF_MAPS = ("map_precision", "map_recall", "map_f1", "map_distance", "map_free_iou", "map_known")
@@ -273,7 +274,7 @@ def measured(
     no_truth = reference is None or relations or is_positions(reference)
     evidence = Evidence(
         {FINAL: estimate},
-        truth=None if no_truth or reference is None else read_tum(reference),
+        truth=None if no_truth or reference is None else read_trajectory(reference),
         relations=read_relations(reference) if reference is not None and relations else None,
         recording=recording,
         occupancy=None if occupancy is None else read_map(occupancy),

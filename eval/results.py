@@ -24,10 +24,18 @@ from moteslam.robot.files import make_folder, write_atomically
 from moteslam.robot.raster import Raster
 from moteslam.robot.recording import Recording
 from moteslam.robot.se2 import between, compose
-from moteslam.robot.trajectory import Trajectory, write_tum
+from moteslam.robot.trajectories.g2o import write_g2o
+from moteslam.robot.trajectories.tum import write_tum
+from moteslam.robot.trajectory import Trajectory
 from moteslam.robot.wording import expect_type
 from moteslam.slam.estimate import Estimate
 from moteslam.slam.texture.floor_map import TextureMap
+
+GRAPH_COMMENTS = (
+    "pose graph of moteslam: final poses, and the relative poses that were measured, with their information",
+    "edges between consecutive ids are the chain, all others loops that were accepted",
+)
+"""What ``graph.g2o`` begins with."""
 
 
 def write_results(
@@ -82,6 +90,8 @@ def write_results(
     looked = looks_for_loops(estimate.config)
     if looked:
         write_loops(folder / "loops.csv", estimate.loops)
+    if estimate.graph is not None:
+        write_g2o(folder / "graph.g2o", estimate.graph, comments=GRAPH_COMMENTS)
     write_json(folder / "metrics.json", _metrics(estimate, scores, values))
     write_atomically(folder / "config.toml", estimate.config.to_toml())
     if figures:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.robot.issues import Issue
+from moteslam.robot.pose_graph import PoseGraph
 from moteslam.robot.raster import Raster
 from moteslam.robot.summary import Summarised
 from moteslam.robot.trajectory import Trajectory
@@ -57,6 +58,8 @@ class Estimate(Summarised):
         seconds: time spent in filter and back end [s].
         corrections: what the back end corrected while the robot drove, in order.
         loops: what the back end looked for and found, in the order of the search; empty without one.
+        graph: the back end's pose graph: its nodes at their final poses, the steps between them and the loops that were
+            accepted, as they were measured; None without one.
         texture: the floor in colours, None where there are no images, it was not asked for, or it could not be made.
     """
 
@@ -78,6 +81,7 @@ class Estimate(Summarised):
     seconds: float
     corrections: tuple[Correction, ...] = ()
     loops: tuple[LoopCandidate, ...] = ()
+    graph: PoseGraph | None = None
     texture: TextureMap | None = None
 
     def _repr_png_(self) -> bytes:

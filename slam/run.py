@@ -233,6 +233,7 @@ class SlamSession:
             seconds=float(self._diagnostics["seconds"].sum()) + finishing,
             corrections=tuple(self._corrections),
             loops=self._backend.loops,
+            graph=getattr(self._backend, "graph", None),  # back ends of other packages may have none
         )
 
     def _make_room(self) -> None:

@@ -100,7 +100,7 @@ def _inspected(path: Path) -> Any:
 
 def _trajectories() -> Iterator[Reader]:
     from moteslam.eval.metrics.relations import read_relations
-    from moteslam.robot.trajectory import read_tum, write_tum
+    from moteslam.robot.trajectories.tum import read_tum, write_tum
 
     stamps = np.arange(9) / 2
     path = Trajectory(stamps, np.column_stack((stamps, np.sin(stamps), 0.1 * stamps)))

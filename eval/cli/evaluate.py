@@ -31,10 +31,10 @@ if TYPE_CHECKING:
 NEEDED = {
     **dict.fromkeys(("sequence", "platform"), "a recording"),
     **dict.fromkeys(("plot", "max_difference"), "a reference"),
-    **dict.fromkeys(("no_align", "scale"), "a TUM reference or positions"),
-    **dict.fromkeys(("delta", "unit", "all_pairs", "loops"), "a TUM reference"),
+    **dict.fromkeys(("no_align", "scale"), "a reference trajectory or positions"),
+    **dict.fromkeys(("delta", "unit", "all_pairs", "loops"), "a reference trajectory"),
     "no_interpolate": "a .relations reference",
-    "map_file": "a TUM reference",
+    "map_file": "a reference trajectory",
     "true_map": "a --map",
 }
 """What an option is about: without it the option would change nothing, and is refused."""
@@ -46,7 +46,8 @@ def evaluate(
         list[Path],
         typer.Argument(
             metavar="EST... [REF]",
-            help="Trajectories to score, TUM format; last of several the reference: TUM, .relations or positions.",
+            help="Trajectories to score (TUM, KITTI, EuRoC, g2o); last of several the reference, also .relations or "
+            "positions.",
         ),
     ],
     recording: Annotated[
@@ -128,7 +129,7 @@ def evaluate(
     from moteslam.eval.metrics.loops import score_loops
     from moteslam.eval.metrics.relations import is_relations
     from moteslam.robot.formats import open_recording
-    from moteslam.robot.trajectory import read_tum
+    from moteslam.robot.trajectories import read_trajectory
     from moteslam.slam.inputs.synchronise import synchronise
 
     _refuse_options(context, paths, recording, map_file)
@@ -139,8 +140,8 @@ def evaluate(
     estimates, reference = (paths[:-1], paths[-1]) if len(paths) > 1 else (paths, None)
     for file in estimates:
         if is_relations(file):
-            raise InputError("holds relations, expected TUM trajectories, and the relations last", file=file)
-    trajectories = {str(file): read_tum(file) for file in estimates}
+            raise InputError("holds relations, expected trajectories, and the relations last", file=file)
+    trajectories = {str(file): read_trajectory(file) for file in estimates}
     scores = {name: Evaluated() for name in trajectories}
     opened = None if recording is None else open_recording(recording, sequence=sequence, platform=platform)
     if reference is not None:
@@ -165,7 +166,7 @@ def evaluate(
     ledger = None
     if loops is not None:
         assert reference is not None  # or --loops was refused
-        ledger = score_loops(read_loops(loops), read_tum(reference), opened, scans=scans)
+        ledger = score_loops(read_loops(loops), read_trajectory(reference), opened, scans=scans)
     more: dict[str, Any] = {} if ledger is None else {"loops": {"file": str(loops), **ledger.as_dict()}}
     values = {}
     if metrics or true_map is not None:
@@ -218,7 +219,8 @@ def _kinds(reference: Path) -> tuple[str, ...]:
 
     if is_relations(reference):
         return ("a .relations reference",)
-    return ("a TUM reference or positions", *(() if is_positions(reference) else ("a TUM reference",)))
+    trajectory = () if is_positions(reference) else ("a reference trajectory",)
+    return ("a reference trajectory or positions", *trajectory)
 
 
 def _is_given(context: typer.Context, name: str) -> bool:
@@ -248,7 +250,7 @@ def _against(
     from moteslam.eval.evaluation import against_positions, against_relations, against_trajectory
     from moteslam.eval.metrics.relations import is_relations, read_relations
     from moteslam.robot.positions import is_positions, read_positions
-    from moteslam.robot.trajectory import read_tum
+    from moteslam.robot.trajectories import read_trajectory
 
     results: dict[str, AgainstTrajectory | AgainstRelations | AgainstPositions] = {}
     try:
@@ -265,7 +267,7 @@ def _against(
                     trajectory, positions, robot=robot, align=align, scale=scale, max_difference=max_difference
                 )
         else:
-            truth = read_tum(reference)
+            truth = read_trajectory(reference)
             for name, trajectory in trajectories.items():
                 results[name] = against_trajectory(
                     trajectory,

@@ -109,7 +109,8 @@ def _truth_beside(path: Path, stamps: NDArray[np.float64]) -> tuple[Trajectory |
 
     from moteslam.eval.beside import truth_file
     from moteslam.eval.metrics.association import match
-    from moteslam.robot.trajectory import Trajectory, read_tum
+    from moteslam.robot.trajectories.tum import read_tum
+    from moteslam.robot.trajectory import Trajectory
 
     file = truth_file(path)
     if file is None:
@@ -130,7 +131,7 @@ def _dead_reckon(
     """Dead reckoning alone: what it came to is printed, and written where ``out`` is given."""
     from moteslam.robot.files import write_atomically
     from moteslam.robot.result_folder import result_folder
-    from moteslam.robot.trajectory import write_tum
+    from moteslam.robot.trajectories.tum import write_tum
     from moteslam.slam.odometry.dead_reckoning import dead_reckon
 
     trajectory = dead_reckon(recording, config.sync)

@@ -61,8 +61,8 @@ def match(
     Raises:
         InputError: a trajectory is empty, or not one pose has a partner.
     """
-    expect_type(estimate, Trajectory, "estimate", "read_tum(path) reads one")
-    expect_type(reference, Trajectory, "reference", "read_tum(path) reads one")
+    expect_type(estimate, Trajectory, "estimate", "read_trajectory(path) reads one")
+    expect_type(reference, Trajectory, "reference", "read_trajectory(path) reads one")
     if not len(estimate) or not len(reference):
         raise InputError("a trajectory without poses, expected at least one in each")
     if interpolate is None:

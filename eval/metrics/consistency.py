@@ -96,7 +96,7 @@ def nees_from_start(trajectory: Trajectory, covariances: Array, truth: Trajector
             ``truth``, fewer than two poses that it covers with a covariance of rank three.
     """
     expect_type(trajectory, Trajectory, "trajectory")
-    expect_type(truth, Trajectory, "truth", "read_tum(path) reads one")
+    expect_type(truth, Trajectory, "truth", "read_trajectory(path) reads one")
     covariances = np.asarray(covariances, np.float64)
     if covariances.shape != (len(trajectory), 3, 3):
         raise InputError(f"{list(covariances.shape)}, expected one of each of {len(trajectory)}", field="covariances")

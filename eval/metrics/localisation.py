@@ -128,7 +128,7 @@ def score_localisation(
             ``truth``, no scan with a map around it there.
     """
     expect_type(trajectory, Trajectory, "trajectory")
-    expect_type(truth, Trajectory, "truth", "read_tum(path) reads one")
+    expect_type(truth, Trajectory, "truth", "read_trajectory(path) reads one")
     n = len(trajectory)
     if np.shape(covariances) != (n, 3, 3) or np.shape(states) != (n,) or np.shape(updated) != (n,):
         raise InputError(f"expected [n, 3, 3], [n] and [n] of {counted(n, 'pose')}", field="covariances")

@@ -146,7 +146,7 @@ def score_loops(
     Raises:
         InputError: something of another type, a truth without poses, or a recording without scans.
     """
-    expect_type(truth, Trajectory, "truth", "read_tum(path) reads one")
+    expect_type(truth, Trajectory, "truth", "read_trajectory(path) reads one")
     if not len(truth):
         raise InputError("a trajectory without poses, expected the true ones", field="truth")
     accepted = [loop for loop in loops if loop.accepted]

@@ -179,7 +179,7 @@ def evaluate_relations(
     Raises:
         InputError: no relation can be used.
     """
-    expect_type(trajectory, Trajectory, "trajectory", "read_tum(path) reads one")
+    expect_type(trajectory, Trajectory, "trajectory", "read_trajectory(path) reads one")
     expect_type(relations, Relations, "relations", "read_relations(path) reads some")
     if not len(trajectory):
         raise InputError("a trajectory without poses, expected one at every scan")

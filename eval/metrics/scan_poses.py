@@ -52,7 +52,7 @@ def placed_scans(recording: Recording, trajectory: Trajectory) -> tuple[LidarStr
         InputError: something of another type, no scans, poses that are not finite, or fewer than two scans with one.
     """
     expect_type(recording, Recording, "recording", "open_recording(path) reads one")
-    expect_type(trajectory, Trajectory, "trajectory", "read_tum(path) reads one")
+    expect_type(trajectory, Trajectory, "trajectory", "read_trajectory(path) reads one")
     lidar = require_lidar(recording)
     if not np.isfinite(trajectory.poses).all():
         raise InputError("poses that are not finite, expected x, y and theta", field="trajectory")

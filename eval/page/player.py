@@ -21,7 +21,8 @@ from moteslam.robot.formats.map_server import MAX_IMAGE_BYTES, MAX_PIXELS, MAX_Y
 from moteslam.robot.pictures import decode_picture, picture_size
 from moteslam.robot.reading import read_bytes, read_text
 from moteslam.robot.se2 import between, compose, inverse
-from moteslam.robot.trajectory import Trajectory, read_tum
+from moteslam.robot.trajectories.tum import read_tum
+from moteslam.robot.trajectory import Trajectory
 from moteslam.slam.filter.certainty import LocalisationState
 
 Array = NDArray[np.float64]

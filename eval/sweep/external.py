@@ -15,7 +15,8 @@ from moteslam.robot.formats.ucsd import write_ucsd
 from moteslam.robot.platforms import write_platform
 from moteslam.robot.raster import Raster
 from moteslam.robot.recording import Recording
-from moteslam.robot.trajectory import Trajectory, read_tum
+from moteslam.robot.trajectories import read_trajectory
+from moteslam.robot.trajectory import Trajectory
 from moteslam.sim.base_odometry import with_odometry
 
 RecordingFormat = Literal["carmen", "ucsd"]
@@ -31,7 +32,8 @@ class Command:
         words: the program and its arguments; in each ``{recording}`` stands for the file or folder of the recording,
             ``{platform}`` for its robot as TOML, ``{out}`` for an empty folder, ``{seed}`` for the seed.
         format: in which it is given the recording: ``carmen``, a log, or ``ucsd``, a folder of arrays.
-        trajectory: file in ``{out}`` with its trajectory, TUM, on the clock of the recording.
+        trajectory: file in ``{out}`` with its trajectory, on the clock of the recording: TUM, or another format of
+            `read_trajectory`.
         map: map_server ``.yaml`` file in ``{out}``, in the frame of the trajectory; empty if it has none.
         version: what is recorded of the program; it changes nothing.
     """
@@ -76,7 +78,7 @@ def estimate(command: Command, recording: Recording, seed: int) -> tuple[Traject
         if not (out / command.trajectory).is_file():
             raise InputError(f"wrote no {command.trajectory}, expected its trajectory in {{out}}", file=words[0])
         try:
-            trajectory = read_tum(out / command.trajectory)
+            trajectory = read_trajectory(out / command.trajectory)
             occupancy = read_map(out / command.map) if command.map and (out / command.map).exists() else None
         except MoteslamError as error:  # its file is gone soon
             where = f"{Path(error.file).name}: " if error.file is not None else ""

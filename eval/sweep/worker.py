@@ -29,7 +29,8 @@ from moteslam.eval.sweep.plan import PlannedRun
 from moteslam.robot.issues import Issue
 from moteslam.robot.raster import Raster
 from moteslam.robot.recording import Recording
-from moteslam.robot.trajectory import Trajectory, read_tum
+from moteslam.robot.trajectories.tum import read_tum
+from moteslam.robot.trajectory import Trajectory
 from moteslam.slam.run import SlamSession
 from moteslam.slam.settings import resolve_config
 

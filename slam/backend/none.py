@@ -29,6 +29,10 @@ class NoBackend:
         """None."""
         return ()
 
+    @property
+    def graph(self) -> None:
+        """None."""
+
     def add(self, key: KeyScan) -> None:
         """Nothing to correct."""
 

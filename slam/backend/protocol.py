@@ -8,6 +8,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from moteslam.robot.pose_graph import PoseGraph
 from moteslam.robot.section import Section
 from moteslam.robot.summary import Summarised
 from moteslam.slam.backend.ledger import LoopCandidate
@@ -54,6 +55,10 @@ class Backend(Protocol):
     @property
     def loops(self) -> tuple[LoopCandidate, ...]:
         """The loops that it looked for so far, in the order of the search."""
+
+    @property
+    def graph(self) -> PoseGraph | None:
+        """The pose graph behind the latest ``finish``; None of a back end without one. May be left out."""
 
     def add(self, key: KeyScan) -> Array | None:
         """Take in the next key scan.

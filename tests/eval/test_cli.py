@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 
 from moteslam import __version__
 from moteslam.eval.cli.main import run as run_program
-from moteslam.robot.trajectory import read_tum
+from moteslam.robot.trajectories.tum import read_tum
 
 HEAVY = {"numpy", "scipy", "matplotlib", "taichi", "cv2", "pymunk", "rich"}  # Typer itself loads some of Pydantic
 COMMANDS = (
@@ -83,7 +83,8 @@ def test_simulate_then_replay_then_evaluate(program, scenario_file: Path, tmp_pa
         *("trajectory.tum", "trajectory_final.tum", "dead_reckoning.tum", "truth.tum"),
         *("map.png", "map.pgm", "map.yaml", "metrics.json", "config.toml", "run.json"),
         *("trajectories.png", "over_time.png", "dead_reckoning.png", "particles.png", "error.png"),
-        *("effective_particles.png", "particles.npz", "loops.csv", "diagnostics.csv", ".moteslam"),
+        *("effective_particles.png", "particles.npz", "loops.csv", "graph.g2o", "diagnostics.csv"),
+        ".moteslam",
     }
     assert summary["scans"] == len(read_tum(tmp_path / "result/trajectory.tum"))
     about = json.loads((tmp_path / "result/run.json").read_text())

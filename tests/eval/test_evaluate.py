@@ -16,7 +16,9 @@ from moteslam.eval.cli import main, text
 from moteslam.robot.formats.map_server import FREE, OCCUPIED, UNKNOWN, write_map
 from moteslam.robot.raster import Raster
 from moteslam.robot.se2 import compose
-from moteslam.robot.trajectory import Trajectory, read_tum, write_tum
+from moteslam.robot.trajectories import write_trajectory
+from moteslam.robot.trajectories.tum import read_tum, write_tum
+from moteslam.robot.trajectory import Trajectory
 
 
 @pytest.fixture
@@ -43,6 +45,26 @@ def said(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
     """What the command prints; it ends well."""
     assert main.run(["evaluate", *arguments]) == 0
     return capsys.readouterr().out
+
+
+@pytest.mark.parametrize("ending", ["kitti", "csv", "g2o"])
+def test_estimates_and_references_of_other_formats_score_the_same(
+    folder: Path, capsys: pytest.CaptureFixture[str], ending: str
+) -> None:
+    for name in ("poor", "truth"):
+        write_trajectory(f"{name}.{ending}", read_tum(f"{name}.tum"))
+    expected = json.loads(said(capsys, "poor.tum", "truth.tum", "--json"))
+    found = json.loads(said(capsys, f"poor.{ending}", f"truth.{ending}", "--json"))
+    assert numbers(found) == pytest.approx(numbers(expected), rel=1e-9, abs=1e-12)
+
+
+def numbers(value: object, name: str = "") -> dict[str, float]:
+    """The numbers in a table of tables and lists by their dotted names."""
+    if isinstance(value, list):
+        value = dict(enumerate(value))
+    if isinstance(value, dict):
+        return {key: leaf for part, below in value.items() for key, leaf in numbers(below, f"{name}.{part}").items()}
+    return {name: value} if isinstance(value, int | float) else {}
 
 
 def test_several_are_printed_side_by_side(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -128,8 +150,8 @@ def test_the_scale_is_fitted_where_it_is_asked_for(
     assert not any("scale" in label for label in rigid)
 
 
-ALIGNING = [(option, "a TUM reference or positions") for option in (["--no-align"], ["--scale"])]
-PAIRING = [(option, "a TUM reference") for option in (["--delta", "1.0"], ["--unit", "s"], ["--all-pairs"])]
+ALIGNING = [(option, "a reference trajectory or positions") for option in (["--no-align"], ["--scale"])]
+PAIRING = [(option, "a reference trajectory") for option in (["--delta", "1.0"], ["--unit", "s"], ["--all-pairs"])]
 
 
 @pytest.mark.parametrize(
@@ -225,7 +247,7 @@ def test_the_map_of_any_slam_is_scored_by_the_true_one(folder: Path, capsys: pyt
         (("truth.tum", "truth.tum", "--true-map", "mine.yaml"), "'--true-map': given without a --map"),
         (
             ("truth.tum", "some.relations", "--map", "a.yaml", "--true-map", "a.yaml"),
-            "'--map': given without a TUM reference",
+            "'--map': given without a reference trajectory",
         ),
         (
             ("good.tum", "poor.tum", "truth.tum", "--map", "a.yaml", "--true-map", "b.yaml"),

@@ -20,7 +20,8 @@ from moteslam.robot.formats import open_recording
 from moteslam.robot.formats.carmen import write_carmen
 from moteslam.robot.platform import Platform
 from moteslam.robot.recording import LidarStream, Recording
-from moteslam.robot.trajectory import Trajectory, read_tum, write_tum
+from moteslam.robot.trajectories.tum import read_tum, write_tum
+from moteslam.robot.trajectory import Trajectory
 
 RADIUS = 3.0
 """Of the rounds [m]; one of them is 18.8 m."""
@@ -280,7 +281,10 @@ def test_the_command_scores_a_ledger(folder: Path, capsys: pytest.CaptureFixture
 @pytest.mark.parametrize(
     ("arguments", "line"),
     [
-        (["truth.tum", "--recording", "rounds.log"], "given without a TUM reference, expected one as the last file"),
+        (
+            ["truth.tum", "--recording", "rounds.log"],
+            "given without a reference trajectory, expected one as the last file",
+        ),
         (["truth.tum", "truth.tum", "--loops", "no.csv"], "no.csv: No such file or directory, expected a table"),
         (["truth.tum", "truth.tum", "--loops", "truth.tum"], "truth.tum:1: expected the columns earlier,later,"),
     ],

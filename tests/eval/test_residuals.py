@@ -18,7 +18,8 @@ from moteslam.robot.formats import open_recording
 from moteslam.robot.formats.carmen import write_carmen
 from moteslam.robot.platform import Platform
 from moteslam.robot.recording import LidarStream, OdometryStream, Recording
-from moteslam.robot.trajectory import Trajectory, write_tum
+from moteslam.robot.trajectories.tum import write_tum
+from moteslam.robot.trajectory import Trajectory
 
 WALL = 2.0
 """The wall lies this far to the left of the robot that drives along it [m]."""

@@ -12,7 +12,9 @@ from moteslam.errors import InputError
 from moteslam.eval.environment import hardware
 from moteslam.eval.results import write_results
 from moteslam.eval.scores import score_estimate
-from moteslam.robot.trajectory import Trajectory, read_tum
+from moteslam.robot.trajectories.g2o import read_g2o
+from moteslam.robot.trajectories.tum import read_tum
+from moteslam.robot.trajectory import Trajectory
 from moteslam.slam.settings import resolve_config
 
 
@@ -37,8 +39,12 @@ def test_what_is_written_is_what_was_estimated(run, simulation, tmp_path: Path) 
     assert (about["seed"], about["threads"]) == (1, 2)
     assert not list(tmp_path.glob("*figure*"))
     assert {file.suffix for file in tmp_path.iterdir()} == {
-        *(".tum", ".png", ".pgm", ".yaml", ".json", ".toml", ".csv", ".npz")
+        *(".tum", ".png", ".pgm", ".yaml", ".json", ".toml", ".csv", ".npz", ".g2o")
     }
+    graph = read_g2o(tmp_path / "graph.g2o")
+    np.testing.assert_array_equal(graph.poses, estimate.graph.poses)
+    np.testing.assert_array_equal(graph.information, estimate.graph.information)
+    np.testing.assert_array_equal(graph.loops, estimate.graph.loops)
 
 
 def test_without_truth_there_are_no_scores(run, tmp_path: Path) -> None:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from moteslam.robot import se2
 from moteslam.robot.alignment import umeyama
+from moteslam.robot.pose_graph import PoseGraph
 from moteslam.slam.backend.graph.config import GraphConfig
 from moteslam.slam.backend.graph.endpoints import Endpoints, cells_along, clearly_fewer, sharpness
 from moteslam.slam.backend.graph.joint import register_jointly
@@ -61,11 +62,17 @@ class GraphBackend:
         self._placed: Array | None = None  # the poses [n, 3] of the nodes on it; None where they have changed
         self._corrected = 0.0  # length of the path at the last correction [m]
         self._loops: tuple[LoopCandidate, ...] = ()
+        self._graph: PoseGraph | None = None
 
     @property
     def loops(self) -> tuple[LoopCandidate, ...]:
         """See ``Backend``: of the latest estimate, or before there is one as the graph has them."""
         return self._closing.graph.ledger if self._closing is not None and not self._loops else self._loops
+
+    @property
+    def graph(self) -> PoseGraph | None:
+        """See ``Backend``: of the latest estimate."""
+        return self._graph
 
     def add(self, key: KeyScan) -> Array | None:
         """See ``Backend``."""
@@ -168,6 +175,7 @@ class GraphBackend:
         frame = _frame(graph, filtered)
         best = laid_over(sharpest(graph, filtered, self._config), frame)
         self._loops = checked(graph.ledger, graph.nodes, best)
+        self._graph = graph.as_measured(best, self._loops)
         return self._between_nodes(best, updates, path)
 
 

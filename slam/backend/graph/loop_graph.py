@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.robot import se2
+from moteslam.robot.pose_graph import PoseGraph
 from moteslam.slam.backend.graph.chain import Chain
 from moteslam.slam.backend.graph.config import GraphConfig
 from moteslam.slam.backend.graph.loop_search import Loop
@@ -119,6 +120,31 @@ class LoopGraph:
         """Solve chain and loops alone, without what a joint registration made of them."""
         self.registered, self._known = np.zeros((0, 3)), set()
         self.solve(PROVED)
+
+    def as_measured(self, poses: Array, ledger: Sequence[LoopCandidate]) -> PoseGraph:
+        """The nodes at poses [n, 3], with the chain and the accepted loops as they were measured, in this order.
+
+        Args:
+            poses: final.
+            ledger: of all candidates, in the order of ``loops``.
+        """
+        n = len(self.nodes)
+        accepted = [pair for pair, candidate in zip(self.loops, ledger, strict=True) if candidate.accepted]
+        loops = [self.loops[pair] for pair in accepted]
+        first, second = np.array(accepted, np.int64).reshape(-1, 2).T
+        found = np.array([loop.candidate.found for loop in loops]).reshape(-1, 3)
+        information = np.array([loop.information for loop in loops]).reshape(-1, 3, 3)
+        information = np.concatenate((np.linalg.inv(self.chain.covariance), information))
+        return PoseGraph(
+            ids=np.arange(n),
+            poses=poses,
+            first=np.r_[np.arange(n - 1), first],
+            second=np.r_[np.arange(1, n), second],
+            relative=np.concatenate((self.chain.steps, found)),
+            information=(information + np.swapaxes(information, 1, 2)) / 2,  # inverses are symmetric but for rounding
+            stamps=np.array(self.nodes.stamps),
+            fixed=np.zeros(1, np.int64),
+        )
 
     def misfit(self, pairs: Collection[Pair], poses: Array) -> float:
         """The largest distance between where loops were found and where poses [n, 3] have them [m]; of the accepted."""

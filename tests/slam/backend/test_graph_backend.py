@@ -10,7 +10,8 @@ from moteslam.eval.metrics.ate import absolute_trajectory_error
 from moteslam.eval.metrics.loops import score_loops
 from moteslam.robot import se2
 from moteslam.robot.formats import open_recording
-from moteslam.robot.trajectory import Trajectory, read_tum
+from moteslam.robot.trajectories.tum import read_tum
+from moteslam.robot.trajectory import Trajectory
 from moteslam.sim.scenario import load_scenario
 from moteslam.sim.simulate import simulate
 from moteslam.slam.estimate import Estimate
@@ -55,6 +56,24 @@ def test_where_a_door_opens_the_odometry_is_kept(doors: Case, alone: Estimate, b
     assert any(loop.accepted for loop in behind.loops)
     assert doors.reference is not None
     assert score_loops(behind.loops, doors.reference, doors.recording).false == 0
+
+
+def test_the_graph_of_an_estimate_is_what_was_measured_at_the_final_poses(alone: Estimate, behind: Estimate):
+    assert alone.graph is None
+    graph = behind.graph
+    assert graph is not None
+    accepted = [loop for loop in behind.loops if loop.accepted]
+    chain, loops = np.flatnonzero(~graph.loops), np.flatnonzero(graph.loops)
+    np.testing.assert_array_equal(graph.second[chain], np.arange(1, len(graph)))
+    assert graph.stamps is not None
+    assert [tuple(graph.stamps[[graph.first[k], graph.second[k]]]) for k in loops] == [loop.stamps for loop in accepted]
+    np.testing.assert_array_equal(graph.relative[loops], [loop.found for loop in accepted])
+    scans = np.searchsorted(behind.trajectory_final.stamps, graph.stamps)
+    np.testing.assert_allclose(graph.poses, behind.trajectory_final.poses[scans], atol=1e-12)
+    assert (np.linalg.eigvalsh(graph.information) > 0).all()
+    off = se2.between(graph.relative, se2.between(graph.poses[graph.first], graph.poses[graph.second]))
+    assert np.hypot(*off[:, :2].T).max() < 0.2
+    assert graph.fixed.tolist() == [0]
 
 
 def test_without_a_loop_the_filter_is_as_it_was(doors: Case, alone: Estimate):

@@ -1,0 +1,85 @@
+"""Files of trajectories, one file a format, all behind `read_trajectory` and `write_trajectory`."""
+
+from __future__ import annotations
+
+from os import PathLike
+from pathlib import Path
+
+from moteslam.errors import ConfigError, InputError, OutputError
+from moteslam.robot.reading import open_regular
+from moteslam.robot.trajectories import euroc, g2o, kitti, tum
+from moteslam.robot.trajectories.format import TrajectoryFormat
+from moteslam.robot.trajectory import Trajectory
+from moteslam.robot.wording import expect_path
+
+__all__ = ["TRAJECTORY_FORMATS", "TrajectoryFormat", "read_trajectory", "write_trajectory"]
+
+TRAJECTORY_FORMATS = {"g2o": g2o.FORMAT, "kitti": kitti.FORMAT, "euroc": euroc.FORMAT, "tum": tum.FORMAT}
+"""By name, asked in this order."""
+
+HEAD = 1 << 18
+"""Bytes of a file that are looked at to know its format."""
+
+
+def read_trajectory(path: str | PathLike[str]) -> Trajectory:
+    """Read a trajectory in any format known here (`TRAJECTORY_FORMATS`): it is known by the content, not by the name.
+
+    Poses are projected to the plane. A format without stamps takes them from a file beside, or one a second with a
+    warning. The axes are those of the file; `read_kitti` can turn those of a camera.
+
+    Raises:
+        InputError: nothing there, no format known here, or a file that is broken; file and line are named.
+    """
+    expect_path(path, "path", "a trajectory")
+    path = Path(path)
+    return _format_of(path).read(path)
+
+
+def write_trajectory(path: str | PathLike[str], trajectory: Trajectory, file_format: str | None = None) -> None:
+    """Write a trajectory in the format of the name's ending: ``.tum``, ``.kitti``, ``.csv`` (EuRoC) or ``.g2o``.
+
+    Args:
+        path: of the file.
+        trajectory: to write.
+        file_format: ``tum``, ``kitti``, ``euroc`` or ``g2o``, whatever the name ends in.
+
+    Raises:
+        ConfigError: a format that is none.
+        InputError: stamps that the format cannot hold.
+        OutputError: a name with another ending, without ``file_format``, or a file that cannot be written.
+    """
+    path = Path(path)
+    if file_format is not None:
+        if file_format not in TRAJECTORY_FORMATS:
+            names = ", ".join(sorted(TRAJECTORY_FORMATS))
+            raise ConfigError(f"{file_format!r}, expected one of {names}", field="file_format")
+        TRAJECTORY_FORMATS[file_format].write(path, trajectory)
+        return
+    for known in TRAJECTORY_FORMATS.values():
+        if path.name.lower().endswith(known.endings):
+            known.write(path, trajectory)
+            return
+    endings = sorted(ending for known in TRAJECTORY_FORMATS.values() for ending in known.endings)
+    raise OutputError(f"expected a name that ends in {', '.join(endings)}, or a format", file=path)
+
+
+def _format_of(path: Path) -> TrajectoryFormat:
+    """The format of a file, by its comments and its first line that is none.
+
+    Raises:
+        InputError: it cannot be read, has no such line, or is of no format known here.
+    """
+    with open_regular(path, "a trajectory") as file:
+        head = file.read(HEAD).decode("utf-8-sig", errors="replace")
+    comments = ""
+    for number, line in enumerate(head.splitlines(), start=1):
+        line = line.strip()
+        if line.startswith("#"):
+            comments += line + "\n"
+        elif line:
+            for known in TRAJECTORY_FORMATS.values():
+                if known.recognise(comments, line):
+                    return known
+            names = ", ".join(known.name for known in reversed(TRAJECTORY_FORMATS.values()))
+            raise InputError(f"no line of a trajectory, expected one of {names}", file=path, line=number)
+    raise InputError("no poses, expected a trajectory", file=path)

@@ -1,0 +1,172 @@
+"""g2o files: pose graphs that read back, those of space in the plane, and lines that are refused."""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from trajectory_cases import made
+
+from moteslam.errors import InputError, MoteslamWarning
+from moteslam.robot import se2
+from moteslam.robot.pose_graph import PoseGraph
+from moteslam.robot.trajectories import read_trajectory
+from moteslam.robot.trajectories.g2o import read_g2o, write_g2o
+
+INFORMATION = "1 0 0 1 0 1"
+
+
+def a_graph(seed: int, *, n: int = 6, stamps: bool = True) -> PoseGraph:
+    """A chain of poses with loops, all numbers at random."""
+    generator = np.random.default_rng(seed)
+    first, second = np.r_[np.arange(n - 1), n - 1, 0], np.r_[np.arange(1, n), 0, n - 2]
+    half = generator.normal(size=(n + 1, 3, 3))
+    information = half + np.swapaxes(half, 1, 2)
+    return PoseGraph(
+        ids=np.cumsum(generator.integers(1, 1000, n)),
+        poses=generator.normal(size=(n, 3)),
+        first=first,
+        second=second,
+        relative=generator.normal(size=(n + 1, 3)),
+        information=information,
+        stamps=np.sort(generator.uniform(0, 2e9, n)) if stamps else None,
+        fixed=np.array([0]),
+    )
+
+
+def arrays_of(graph: PoseGraph) -> dict[str, Any]:
+    names = ("ids", "poses", "first", "second", "relative", "information", "stamps", "fixed")
+    return {name: None if (value := getattr(graph, name)) is None else value.tolist() for name in names}
+
+
+@given(st.integers(0, 2**32), st.booleans())
+def test_a_graph_reads_back_bit_for_bit(seed: int, stamps: bool) -> None:
+    graph = a_graph(seed, stamps=stamps)
+    with tempfile.TemporaryDirectory() as folder:
+        write_g2o(Path(folder) / "g.g2o", graph, comments=["made by a test"])
+        again = read_g2o(Path(folder) / "g.g2o")
+        text = (Path(folder) / "g.g2o").read_text()
+    assert arrays_of(again) == arrays_of(graph)
+    assert again.loops.tolist() == [False] * 5 + [True] * 2
+    assert text.index("# chain") < text.index("# loops")
+
+
+def test_vertices_in_any_order_are_sorted_and_edges_keep_their_direction(tmp_path: Path) -> None:
+    (tmp_path / "g.g2o").write_text(
+        f"VERTEX_SE2 7 1 2 3\nEDGE_SE2 9 2 1 0 0 {INFORMATION}\nVERTEX_SE2 2 0 0 0\nVERTEX_SE2 9 4 5 -3\nFIX 2 9\n"
+    )
+    graph = read_g2o(tmp_path / "g.g2o")
+    assert graph.ids.tolist() == [2, 7, 9]
+    assert graph.poses.tolist() == [[0, 0, 0], [1, 2, 3], [4, 5, -3]]
+    assert (graph.first.tolist(), graph.second.tolist(), graph.loops.tolist()) == ([2], [0], [True])
+    assert graph.fixed.tolist() == [0, 2]
+
+
+def test_poses_of_space_are_projected_with_the_information_about_the_plane(tmp_path: Path) -> None:
+    upper = " ".join(map(str, range(1, 22)))  # row by row: 1..6, 7..11, 12..15, 16..18, 19..20, 21
+    (tmp_path / "g.g2o").write_text(
+        "VERTEX_SE3:QUAT 0 1 2 9 0 0 0 1\nVERTEX_SE3:QUAT 1 1 3 9 0 0 0.5 0.5\n"
+        f"EDGE_SE3:QUAT 0 1 0 1 0 0 0 0.5 0.5 {upper}\n"
+    )
+    graph = read_g2o(tmp_path / "g.g2o")
+    np.testing.assert_allclose(graph.poses, [[1, 2, 0], [1, 3, np.pi / 2]])
+    np.testing.assert_allclose(graph.relative, [[0, 1, np.pi / 2]])
+    # x with x, y and half the heading: 1, 2, 6; y: 7, 11; half the heading: 21
+    np.testing.assert_allclose(graph.information, [[[1, 2, 3], [2, 7, 5.5], [3, 5.5, 5.25]]])
+
+
+def test_the_error_of_an_edge_is_the_same_in_space(tmp_path: Path) -> None:
+    """What SE3 weighs of a planar error is, for small angles, what the projected information weighs of it."""
+    from scipy.spatial.transform import Rotation
+
+    generator = np.random.default_rng(3)
+    half = generator.normal(size=(6, 6))
+    information = half @ half.T
+    upper = " ".join(map(repr, information[np.triu_indices(6)].tolist()))
+    (tmp_path / "g.g2o").write_text(
+        f"VERTEX_SE3:QUAT 0 0 0 0 0 0 0 1\nVERTEX_SE3:QUAT 1 1 0 0 0 0 0 1\nEDGE_SE3:QUAT 0 1 1 0 0 0 0 0 1 {upper}\n"
+    )
+    found = read_g2o(tmp_path / "g.g2o")
+    error = 1e-4 * generator.normal(size=3)
+    quaternion = Rotation.from_euler("z", error[2]).as_quat()
+    in_space = np.r_[error[:2], 0, quaternion[:3]]
+    assert error @ found.information[0] @ error == pytest.approx(in_space @ information @ in_space, rel=1e-7)
+
+
+def test_what_is_no_pose_is_passed_over_with_a_count(tmp_path: Path) -> None:
+    (tmp_path / "g.g2o").write_text("VERTEX_SE2 0 0 0 0\nVERTEX_XY 1 0 0\nVERTEX_XY 2 0 0\nEDGE_SE2_XY 0 1 0 0 1 0 1\n")
+    with pytest.warns(MoteslamWarning, match=r"3 lines passed over, of no pose or edge: VERTEX_XY \(2\), EDGE_SE2_XY"):
+        assert len(read_g2o(tmp_path / "g.g2o")) == 1
+
+
+def test_a_trajectory_without_stamps_has_one_a_second(tmp_path: Path) -> None:
+    write_g2o(tmp_path / "g.g2o", a_graph(1, stamps=False))
+    with pytest.warns(MoteslamWarning, match="has no stamps"):
+        assert read_trajectory(tmp_path / "g.g2o").stamps.tolist() == [0, 1, 2, 3, 4, 5]
+    (tmp_path / "g.times.txt").write_text("1\n2\n3\n5\n8\n13\n")
+    assert read_trajectory(tmp_path / "g.g2o").stamps.tolist() == [1, 2, 3, 5, 8, 13]
+
+
+VERTEX = "VERTEX_SE2 0 0 0 0\nVERTEX_SE2 1 1 0 0\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", r"g\.g2o: no poses, expected g2o lines"),
+        ("FIX 0\n", r"g\.g2o: no poses"),
+        (VERTEX + "VERTEX_SE2 2 0 0\n", r":3: expected 1 id and 3 finite numbers after VERTEX_SE2"),
+        (VERTEX + "VERTEX_SE2 2 0 0 inf\n", r":3: expected 1 id and 3 finite numbers"),
+        (VERTEX + "VERTEX_SE2 -2 0 0 0\n", r":3: '-2', expected the id of a vertex"),
+        (VERTEX + f"VERTEX_SE2 {2**63} 0 0 0\n", r":3: '9223372036854775808', expected the id"),
+        (VERTEX + f"VERTEX_SE2 {'9' * 5000} 0 0 0\n", r":3: '9{39,40}', expected the id"),
+        (VERTEX + "VERTEX_SE2 1 0 0 0\n", r":3: vertex 1 stands twice"),
+        (VERTEX + "VERTEX_SE3:QUAT 2 0 0 0 0 0 0 0\n", r":3: quaternion of length 0"),
+        (VERTEX + "EDGE_SE2 0 1 0 0 0 1 0 0 1 0\n", r":3: expected 2 ids and 9 finite numbers after EDGE_SE2"),
+        (VERTEX + f"EDGE_SE2 0 0 0 0 0 {INFORMATION}\n", r":3: an edge from 0 to itself"),
+        (VERTEX + f"EDGE_SE2 0 5 0 0 0 {INFORMATION}\n", r":3: vertex 5 is not there"),
+        (VERTEX + "FIX 5\n", r":3: vertex 5 is not there"),
+        (VERTEX + "FIX a\n", r":3: 'a', expected the id"),
+        (VERTEX + "# STAMP 0 1\n", r"g\.g2o: vertex 1 has no stamp"),
+        (VERTEX + "# STAMP 0 1\n# STAMP 1 0\n", r":4: stamp before that of the vertex before"),
+        (VERTEX + "# STAMP 0\n", r":3: expected 1 id and 1 finite number after # STAMP"),
+        (VERTEX + "# STAMP 7 0\n", r":3: vertex 7 is not there"),
+    ],
+)
+def test_bad_lines_are_told_with_their_number(tmp_path: Path, text: str, message: str) -> None:
+    (tmp_path / "g.g2o").write_text(text)
+    with pytest.raises(InputError, match=message) as caught:
+        read_g2o(tmp_path / "g.g2o")
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"poses": np.zeros((5, 3))}, r"poses: \[5, 3\], expected \[6, 3\]"),
+        ({"ids": np.zeros(6)}, "ids: expected rising ids"),
+        ({"stamps": -np.arange(6.0)}, "stamps: stamps go back"),
+        ({"first": np.full(7, 6)}, "first: expected indices of 6 nodes"),
+        ({"second": np.r_[np.arange(5), 5, 0]}, "second: an edge from a node to itself"),
+    ],
+)
+def test_a_graph_that_is_none_is_refused(changes: dict[str, Any], message: str) -> None:
+    graph = a_graph(0)
+    names = ("ids", "poses", "first", "second", "relative", "information", "stamps", "fixed")
+    with pytest.raises(InputError, match=message):
+        PoseGraph(**{**{name: getattr(graph, name) for name in names}, **changes})
+
+
+def test_a_trajectory_as_a_graph_has_no_edges(tmp_path: Path) -> None:
+    from moteslam.robot.trajectories.g2o import write_trajectory
+
+    trajectory = made()
+    write_trajectory(tmp_path / "t.g2o", trajectory)
+    graph = read_g2o(tmp_path / "t.g2o")
+    assert (len(graph), len(graph.first), graph.fixed.tolist()) == (20, 0, [0])
+    np.testing.assert_array_equal(graph.poses, se2.wrap(trajectory.poses))
