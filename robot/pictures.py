@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from moteslam.robot.netpbm import CHANNELS, FULL, decode_netpbm, netpbm_size
+
 PNG = b"\x89PNG\r\n\x1a\n"
 """What a PNG begins with."""
 
@@ -17,12 +19,7 @@ def picture_size(data: bytes) -> tuple[int, int] | None:
     """Width and height that the header of a picture declares; None where the data are no picture known here."""
     if data.startswith(PNG) and len(data) >= 24:
         return int.from_bytes(data[16:20]), int.from_bytes(data[20:24])
-    if data[:2] in (b"P2", b"P5"):
-        lines = [line.split(b"#")[0] for line in data[2:400].splitlines()]  # comments run to the end of their line
-        numbers = b" ".join(lines).split()[:2]
-        if len(numbers) == 2 and all(number.isdigit() for number in numbers):
-            return int(numbers[0]), int(numbers[1])
-    return _declared_size(data)
+    return netpbm_size(data) or _declared_size(data)
 
 
 def decode_picture(data: bytes, how: int) -> NDArray[Any] | None:
@@ -42,6 +39,26 @@ def decode_picture(data: bytes, how: int) -> NDArray[Any] | None:
         return _decoded(data, how)
     finally:
         log.setLogLevel(level)
+
+
+def decode_channels(data: bytes) -> NDArray[np.uint16] | None:
+    """All channels of a picture as the file has them, with 65535 for the largest value of a channel.
+
+    Returns:
+        [H, W, C]: grey, or red, green and blue, or these and opacity; None where the data are no picture, cut short or
+        damaged, or hold no whole numbers of up to 16 bits.
+    """
+    import cv2
+
+    if data[:2] in CHANNELS:
+        return decode_netpbm(data)
+    image = decode_picture(data, cv2.IMREAD_UNCHANGED)
+    if image is None or image.dtype not in (np.uint8, np.uint16):
+        return None
+    image = image if image.ndim == 3 else image[:, :, None]
+    order = [0, 1, 2, 3] if image.shape[2] == 1 else [2, 1, 0, 3]  # OpenCV has blue first
+    image = image[:, :, order[: image.shape[2]]]
+    return image if image.dtype == np.uint16 else image * np.uint16(FULL // 255)
 
 
 def encode_png(image: NDArray[Any], *, fast: bool = False) -> bytes:

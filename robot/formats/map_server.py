@@ -1,6 +1,7 @@
 """Maps as ROS's map_server keeps them: an image, and a YAML file that says where it lies and what its greys mean.
 
-A raster has row 0 at the smallest y, an image at the largest: it is flipped here, at the file, and nowhere else.
+A raster has row 0 at the smallest y, an image at the largest: it is flipped here, at the file, and nowhere else. What
+greys mean is in ``map_server_cells``, the YAML file in ``map_server_yaml``.
 """
 
 from __future__ import annotations
@@ -13,24 +14,33 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from moteslam.errors import InputError
+from moteslam.errors import ConfigError, InputError, OutputError
 from moteslam.robot.files import write_atomically
-from moteslam.robot.pictures import decode_picture, encode_png, picture_size
+from moteslam.robot.formats.map_server_cells import (
+    FREE_GREY,
+    FREE_PERCENT,
+    OCCUPIED_GREY,
+    OCCUPIED_PERCENT,
+    RULES,
+    UNKNOWN_GREY,
+    UNKNOWN_PERCENT,
+    Rules,
+    occupancies,
+    pixels_of,
+    saved,
+)
+from moteslam.robot.formats.map_server_yaml import MODES, MapFile, Mode, read_map_file, write_map_file
+from moteslam.robot.pictures import decode_channels, encode_png, picture_size
 from moteslam.robot.raster import Raster
-from moteslam.robot.reading import read_bytes, read_text
+from moteslam.robot.reading import read_bytes
+from moteslam.robot.wording import expect_type
 
 FREE, OCCUPIED, UNKNOWN = 0, 1, -1
 """The values of a trinary map, int8."""
 
-FREE_GREY, OCCUPIED_GREY, UNKNOWN_GREY = 254, 0, 205
-"""The greys that map_saver writes for them."""
-
 OCCUPIED_THRESHOLD, FREE_THRESHOLD = 0.65, 0.196
-"""map_server's own: at and above the one a cell is occupied, below the other free. A grey of 205 is just not free."""
+"""map_saver's own: above the one a cell is occupied, below the other free. A grey of 205 is just not free."""
 
-MODES = ("trinary", "scale", "raw")
-
-MAX_YAML_BYTES = 100_000
 MAX_IMAGE_BYTES = 256_000_000
 MAX_PIXELS = 64_000_000
 MAX_EXTENT = 2000.0
@@ -40,61 +50,142 @@ MAX_EXTENT = 2000.0
 def read_map(path: str | PathLike[str]) -> Raster:
     """Read a map as free, occupied and unknown cells.
 
-    A grey of v stands for the probability (255 - v) / 255 of being occupied, with ``negate`` v / 255; in the mode
-    ``raw`` v is that probability in percent, and unknown above 100. The modes ``trinary`` and ``scale`` differ in the
-    cells between the two thresholds alone, which are unknown here.
+    What is above the one threshold is occupied, what is below the other free, all else unknown: in the mode ``scale``,
+    too. In the mode ``raw``, which has no thresholds of its own, they are applied as map_saver does: at least
+    ``occupied_thresh`` and at most ``free_thresh``, in whole percent.
 
     Args:
-        path: of the ``.yaml``; the image that it names lies beside it.
+        path: of the ``.yaml``; the image that it names lies beside it, or below.
 
     Returns:
         int8 values [H, W]: `FREE`, `OCCUPIED` or `UNKNOWN`.
 
     Raises:
         InputError: a file that is missing, not YAML or no image, a key that is missing or out of bounds, an image
-            that is too large; file and key are named.
+            elsewhere or that is too large; file and key are named.
     """
-    path = Path(path)
-    about = _read_yaml(path)
-    resolution = _number(about, "resolution", path, low=1e-4, high=100.0)
-    occupied = _number(about, "occupied_thresh", path, low=0.0, high=1.0, default=OCCUPIED_THRESHOLD)
-    free = _number(about, "free_thresh", path, low=0.0, high=1.0, default=FREE_THRESHOLD)
-    if free > occupied:
-        raise InputError(f"{free:g}, expected at most occupied_thresh, {occupied:g}", file=path, field="free_thresh")
-    mode = _one_of(about, "mode", path, MODES)
-    negate = bool(_one_of(about, "negate", path, (0, 1)))
-    image = _read_image(path.parent / str(about["image"]), path)
-    if max(image.shape) * resolution > MAX_EXTENT:
-        raise InputError(
-            f"{image.shape[1]} x {image.shape[0]} cells of {resolution:g} m, expected at most {MAX_EXTENT:g} m a side",
-            file=path,
-            field="resolution",
-        )
-    probability = image / 100.0 if mode == "raw" else image / 255.0 if negate else (255.0 - image) / 255.0
-    values = np.where(probability >= occupied, OCCUPIED, np.where(probability >= free, UNKNOWN, FREE)).astype(np.int8)
-    if mode == "raw":
-        values[image > 100] = UNKNOWN
-    values = np.ascontiguousarray(values[::-1])
-    values.setflags(write=False)
-    return Raster(values, resolution, _origin(about, path))
+    about, pixels = _read(Path(path))
+    percent = occupancies(pixels, about, between=False)
+    if about.mode == "raw":
+        percent = saved(percent, about.occupied, about.free)
+    known = np.where(percent == OCCUPIED_PERCENT, OCCUPIED, FREE)
+    return _raster(np.where(percent == UNKNOWN_PERCENT, UNKNOWN, known), about)
 
 
-def write_map(path: str | PathLike[str], raster: Raster) -> None:
-    """Write a trinary map: the image as PGM, and beside it the YAML file, as map_server and nav2 read them.
+def read_occupancy(path: str | PathLike[str], *, rules: Rules = "nav2") -> Raster:
+    """Read a map as map_server publishes it, an occupancy a cell.
+
+    A pixel's brightness, the mean of its channels, stands for the probability of being free, with ``negate`` of being
+    occupied. Above ``occupied_thresh`` a cell is occupied, below ``free_thresh`` free. In between it is unknown in the
+    mode ``trinary``, where opacity is one of the channels; in the mode ``scale`` it is stretched to 0 to 100, and what
+    is not opaque is unknown. In the mode ``raw`` the brightness, of 255, is the occupancy, and unknown above 100.
 
     Args:
-        path: of the ``.pgm``; the ``.yaml`` has the same stem.
-        raster: values [H, W] of `FREE`, `OCCUPIED` or `UNKNOWN`.
+        path: of the ``.yaml``; the image that it names lies beside it, or below.
+        rules: ``nav2``, or ``ros1``: ROS 1's map_server, which differs in details (``map_server_cells``).
+
+    Returns:
+        int8 values [H, W]: 0 (free) to 100 (occupied), -1 unknown, as in nav_msgs/OccupancyGrid.
 
     Raises:
-        OutputError: one of them cannot be written.
+        InputError: as of `read_map`.
+        ConfigError: rules of somebody else.
     """
-    known = np.where(raster.values == OCCUPIED, OCCUPIED_GREY, FREE_GREY)
-    image = np.where(raster.values == UNKNOWN, UNKNOWN_GREY, known).astype(np.uint8)[::-1]
-    rows, columns = image.shape
-    write_atomically(path, f"P5\n{columns} {rows}\n255\n".encode() + image.tobytes())
-    thresholds = {"negate": 0, "occupied_thresh": OCCUPIED_THRESHOLD, "free_thresh": FREE_THRESHOLD}
-    _write_yaml(Path(path), raster, {"mode": "trinary"}, thresholds)
+    if rules not in RULES:
+        raise ConfigError(f"{rules!r}, expected {' or '.join(RULES)}", field="rules")
+    about, pixels = _read(Path(path))
+    return _raster(occupancies(pixels, about, rules), about)
+
+
+def write_map(path: str | PathLike[str], raster: Raster, *, mode: Mode = "trinary", negate: bool = False) -> None:
+    """Write a trinary map: the image, and beside it the YAML file, as map_server and nav2 read them.
+
+    Args:
+        path: of the ``.pgm`` or ``.png``; the ``.yaml`` has the same stem.
+        raster: values [H, W] of `FREE`, `OCCUPIED` or `UNKNOWN`.
+        mode, negate: as of `write_occupancy`.
+
+    Raises:
+        OutputError, InputError, ConfigError: as of `write_occupancy`.
+    """
+    known = np.where(raster.values == OCCUPIED, OCCUPIED_PERCENT, FREE_PERCENT)
+    percent = np.where(raster.values == UNKNOWN, UNKNOWN_PERCENT, known).astype(np.int8)
+    write_occupancy(path, Raster(percent, raster.cell_size, raster.origin), mode=mode, negate=negate)
+
+
+def write_occupancy(
+    path: str | PathLike[str],
+    raster: Raster,
+    *,
+    mode: Mode = "raw",
+    negate: bool = False,
+    thresholds: tuple[float, float] = (OCCUPIED_THRESHOLD, FREE_THRESHOLD),
+) -> None:
+    """Write a map of occupancies as map_saver does: the image, and beside it the YAML file.
+
+    In the mode ``raw`` they read back the same. In the mode ``scale`` a grey is the occupancy, which whoever reads it
+    scales between the thresholds: with those of 1 and 0 it reads back the same. In the mode ``trinary`` the thresholds
+    decide.
+
+    Args:
+        path: of the ``.pgm`` or ``.png``; the ``.yaml`` has the same stem.
+        raster: whole values [H, W] of -1 (unknown) or 0 to 100, see `occupancy_of` for log-odds.
+        mode: ``trinary``, ``scale`` or ``raw``.
+        negate: white is occupied; not in the mode ``raw``, which nav2 reads without and ROS 1 with it.
+        thresholds: at least the first is occupied, at most the second free; 0 to 1.
+
+    Raises:
+        ConfigError: a mode that is none, or thresholds the wrong way round.
+        InputError: other values, or ``negate`` in the mode ``raw``.
+        OutputError: another ending, unknown cells of the mode ``scale`` in a ``.pgm``, which has no transparency, or
+            a file that cannot be written.
+    """
+    expect_type(raster, Raster, "raster")
+    path, (occupied, free) = Path(path), thresholds
+    if mode not in MODES:
+        raise ConfigError(f"{mode!r}, expected {', '.join(MODES)}", field="mode")
+    if not 0 <= free <= occupied <= 1:
+        raise ConfigError(f"{thresholds!r}, expected occupied and free, the larger first, 0 to 1", field="thresholds")
+    values = raster.values
+    if values.ndim != 2 or values.dtype.kind not in "iu" or not ((values >= -1) & (values <= 100)).all():
+        raise InputError(
+            f"{values.dtype}{list(values.shape)}, expected whole values of -1 to 100 [H, W]", field="raster"
+        )
+    if path.suffix not in (".pgm", ".png"):
+        raise OutputError("expected a name that ends in .pgm or .png", file=path)
+    image = pixels_of(values.astype(np.int8), mode, occupied=occupied, free=free, negate=negate)[::-1]
+    if path.suffix == ".png":
+        write_atomically(path, encode_png(image))
+    elif image.ndim == 3:
+        raise OutputError("has no transparency for the unknown cells of the mode scale, expected a .png", file=path)
+    else:
+        rows, columns = image.shape
+        write_atomically(path, f"P5\n{columns} {rows}\n255\n".encode() + image.tobytes())
+    if mode == "trinary":  # the greys are map_saver's own, whatever decided
+        occupied, free = OCCUPIED_THRESHOLD, FREE_THRESHOLD
+    about = {"negate": int(negate), "occupied_thresh": float(occupied), "free_thresh": float(free)}
+    write_map_file(path, raster, {"mode": mode}, about)
+
+
+def occupancy_of(log_odds: Raster) -> Raster:
+    """A map of log-odds as occupancies: the probability in whole percent, -1 where the log-odds are 0.
+
+    Args:
+        log_odds: float values [H, W], above 0 occupied.
+
+    Returns:
+        int8 values [H, W].
+
+    Raises:
+        InputError: values that are no floats [H, W].
+    """
+    expect_type(log_odds, Raster, "log_odds")
+    values = log_odds.values
+    if values.ndim != 2 or values.dtype.kind != "f":
+        raise InputError(f"{values.dtype}{list(values.shape)}, expected floats [H, W]", field="log_odds")
+    percent = np.rint(50 * (1 + np.tanh(values / 2)))  # 100 / (1 + exp(-l)), which cannot overflow
+    known = np.isfinite(values) & (values != 0)
+    return Raster(np.where(known, percent, UNKNOWN_PERCENT).astype(np.int8), log_odds.cell_size, log_odds.origin)
 
 
 def write_picture(path: str | PathLike[str], raster: Raster, about: Mapping[str, Any] | None = None) -> None:
@@ -109,16 +200,7 @@ def write_picture(path: str | PathLike[str], raster: Raster, about: Mapping[str,
         OutputError: one of them cannot be written.
     """
     write_atomically(path, encode_png(raster.values[::-1]))
-    _write_yaml(Path(path), raster, {}, about or {})
-
-
-def _write_yaml(image: Path, raster: Raster, before: Mapping[str, Any], after: Mapping[str, Any]) -> None:
-    import yaml
-
-    place = {"resolution": float(raster.cell_size), "origin": [float(value) for value in raster.origin]}
-    about = {"image": image.name, **before, **place, **after}
-    text = yaml.safe_dump(about, sort_keys=False, default_flow_style=None, allow_unicode=True, width=float("inf"))
-    write_atomically(image.with_suffix(".yaml"), text)
+    write_map_file(Path(path), raster, {}, about or {})
 
 
 def map_image(log_odds: NDArray[np.float32]) -> NDArray[np.uint8]:
@@ -136,61 +218,30 @@ def map_image(log_odds: NDArray[np.float32]) -> NDArray[np.uint8]:
     return np.asarray(np.rint(grey), np.uint8)
 
 
-def _read_yaml(path: Path) -> dict[str, Any]:
-    import yaml
-
-    text = read_text(path, "a map_server .yaml file", limit=MAX_YAML_BYTES)
+def _read(path: Path) -> tuple[MapFile, NDArray[np.uint16]]:
+    """The YAML file, and the pixels [rows, columns, channels] of its image, the largest y first."""
+    about = read_map_file(path)
     try:
-        about = yaml.safe_load(text)
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
-        problem = "nested too deep" if isinstance(error, RecursionError) else str(error).splitlines()[0]
-        raise InputError(f"not YAML: {problem.partition(';')[0]}", file=path) from error
-    if not isinstance(about, dict):
-        raise InputError("not a table, expected image, resolution and origin", file=path)
-    for key in ("image", "resolution", "origin"):
-        if key not in about:
-            raise InputError("missing, expected in every map_server file", file=path, field=key)
-    return about
-
-
-def _number(
-    about: dict[str, Any], key: str, path: Path, *, low: float, high: float, default: float | None = None
-) -> float:
-    value = about.get(key, default)
-    if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value <= high:
-        raise InputError(f"{value!r}, expected a number from {low:g} to {high:g}", file=path, field=key)
-    return float(value)
-
-
-def _one_of(about: dict[str, Any], key: str, path: Path, choices: tuple[Any, ...]) -> Any:
-    """The value of a key, the first of the choices where it is left out."""
-    value = about.get(key, choices[0])
-    if value not in choices:
-        raise InputError(f"{value!r}, expected {', '.join(map(str, choices))}", file=path, field=key)
-    return value
-
-
-def _origin(about: dict[str, Any], path: Path) -> tuple[float, float, float]:
-    origin = about["origin"]
-    fits = isinstance(origin, list) and len(origin) == 3
-    if not fits or not all(isinstance(value, int | float) and abs(value) <= 1e6 for value in origin):
-        raise InputError(f"{origin!r}, expected three numbers: x, y [m] and yaw [rad]", file=path, field="origin")
-    x, y, yaw = (float(value) for value in origin)
-    return x, y, yaw
-
-
-def _read_image(path: Path, yaml_file: Path) -> NDArray[np.float64]:
-    """The grey values [rows, columns] as the file has them, the largest y first."""
-    import cv2
-
-    try:
-        content = read_bytes(path, "a pgm or png image", limit=MAX_IMAGE_BYTES)
+        content = read_bytes(about.image, "a pgm or png image", limit=MAX_IMAGE_BYTES)
     except InputError as error:
-        raise InputError(f"{path.name}: {error.problem}", file=yaml_file, field="image") from error
-    size = picture_size(content)
-    if size is not None and size[0] * size[1] > MAX_PIXELS:
-        raise InputError(f"{size[0]} x {size[1]} pixels, expected at most {MAX_PIXELS} in all", file=path)
-    image = decode_picture(content, cv2.IMREAD_GRAYSCALE)
-    if image is None:
-        raise InputError("not readable as an image, expected a complete pgm or png map", file=path)
-    return np.asarray(image, np.float64)
+        raise InputError(f"{about.image.name}: {error.problem}", file=path, field="image") from error
+    columns, rows = picture_size(content) or (0, 0)
+    if columns * rows > MAX_PIXELS:
+        raise InputError(f"{columns} x {rows} pixels, expected at most {MAX_PIXELS} in all", file=about.image)
+    if max(columns, rows) * about.resolution > MAX_EXTENT:
+        raise InputError(
+            f"{columns} x {rows} cells of {about.resolution:g} m, expected at most {MAX_EXTENT:g} m a side",
+            file=path,
+            field="resolution",
+        )
+    pixels = decode_channels(content) if columns * rows else None
+    if pixels is None:
+        raise InputError("not readable as an image, expected a complete pgm or png map", file=about.image)
+    return about, pixels
+
+
+def _raster(values: NDArray[Any], about: MapFile) -> Raster:
+    """Values [rows, columns] of an image as a raster that nobody writes to, the smallest y first."""
+    values = np.ascontiguousarray(values[::-1], np.int8)
+    values.setflags(write=False)
+    return Raster(values, about.resolution, about.origin)

@@ -12,16 +12,29 @@ import pytest
 import yaml
 
 from moteslam.errors import InputError, OutputError
-from moteslam.robot.formats.map_server import FREE, OCCUPIED, UNKNOWN, read_map, write_map, write_picture
+from moteslam.robot.formats.map_server import (
+    FREE,
+    OCCUPIED,
+    UNKNOWN,
+    read_map,
+    read_occupancy,
+    write_map,
+    write_picture,
+)
 from moteslam.robot.raster import Raster
 
+THRESHOLDS = {"occupied_thresh": 0.65, "free_thresh": 0.196}
 GREYS = np.array([[254, 206, 205, 204, 100, 90, 89, 0]], np.uint8)
+
+
+REQUIRED = (b"image", b"resolution", b"origin", b"negate", b"occupied_thresh", b"free_thresh")
+YAML = b"image: m.png\nresolution: 1\norigin: [0, 0, 0]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
 
 
 def written(folder: Path, **changes: Any) -> Path:
     """A map of those greys, as other programs write them."""
     assert cv2.imwrite(str(folder / "m.png"), GREYS)
-    about = {"image": "m.png", "resolution": 0.1, "origin": [1, -2.5, 0.3], "negate": 0, **changes}
+    about = {"image": "m.png", "resolution": 0.1, "origin": [1, -2.5, 0.3], "negate": 0, **THRESHOLDS, **changes}
     (folder / "m.yaml").write_text(yaml.safe_dump(about))
     return folder / "m.yaml"
 
@@ -74,13 +87,18 @@ def test_what_the_greys_mean(tmp_path: Path, changes: dict[str, Any], values: li
     ("changes", "field", "words"),
     [
         ({"mode": "best"}, "mode", "'best', expected trinary, scale, raw"),
-        ({"negate": 2}, "negate", "2, expected 0, 1"),
+        ({"negate": "maybe"}, "negate", "'maybe', expected 0 or 1"),
         ({"occupied_thresh": 1.5}, "occupied_thresh", "1.5, expected a number from 0 to 1"),
         ({"occupied_thresh": 0.1}, "free_thresh", "0.196, expected at most occupied_thresh, 0.1"),
         ({"resolution": True}, "resolution", "True, expected a number"),
         ({"origin": [0, 0, float("nan")]}, "origin", "expected three numbers"),
         ({"image": "nothing.pgm"}, "image", "nothing.pgm: No such file or directory, expected a pgm or png"),
+        ({"origin": [0, 0]}, "origin", "expected three numbers"),
+        ({"origin": [0, 0, "north"]}, "origin", "expected three numbers"),
         ({"image": "bad\0name"}, "image", "expected a pgm or png"),
+        ({"image": 7}, "image", "7, expected the name of a pgm or png image"),
+        ({"image": "../m.png"}, "image", "'../m.png' lies elsewhere, expected an image in the folder of this file"),
+        ({"image": "/etc/hostname"}, "image", "'/etc/hostname' lies elsewhere"),
     ],
 )
 def test_nonsense_is_refused(tmp_path: Path, changes: dict[str, Any], field: str, words: str) -> None:
@@ -100,15 +118,75 @@ def test_nonsense_is_refused(tmp_path: Path, changes: dict[str, Any], field: str
         (b"- 1\n", "not a table"),
         (b"a: 2001-99-99\n", "not YAML: month must be in"),
         (b"#" * 200_000, "over 0.1 MB"),
-        (b"image: m.png\nresolution: 1\n", "missing, expected in every map_server file"),
+        *((YAML.replace(key, b"#"), f"{key.decode()}: missing, expected in every map_server file") for key in REQUIRED),
     ],
 )
 def test_a_file_that_is_none_is_refused(tmp_path: Path, content: bytes, words: str) -> None:
     (tmp_path / "m.yaml").write_bytes(content)
     with pytest.raises(InputError) as caught:
         read_map(tmp_path / "m.yaml")
-    assert words in caught.value.problem
+    assert words in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_numbers_as_other_programs_write_them_are_read(tmp_path: Path) -> None:
+    """To YAML 1.1 what has an exponent but no point is text."""
+    path = written(tmp_path, resolution="5e-2", origin=["-5.12e1", 3, "1e-1"], occupied_thresh="65e-2")
+    found = read_map(path)
+    assert (found.cell_size, found.origin) == (0.05, (-51.2, 3.0, 0.1))
+
+
+def test_an_image_below_the_file_or_named_in_full_is_read(tmp_path: Path) -> None:
+    path = written(tmp_path)
+    (tmp_path / "deep").mkdir()
+    (tmp_path / "m.png").rename(tmp_path / "deep" / "m.png")
+    for name in ("deep/m.png", str(tmp_path / "deep" / "m.png")):
+        path = tmp_path / "m.yaml"
+        path.write_text(YAML.decode().replace("m.png", name))
+        assert read_map(path).shape == (1, 8)
+
+
+def test_a_link_out_of_the_folder_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "maps").mkdir()
+    path = written(tmp_path / "maps")
+    (tmp_path / "maps" / "m.png").rename(tmp_path / "m.png")
+    (tmp_path / "maps" / "m.png").symlink_to(tmp_path / "m.png")
+    with pytest.raises(InputError, match=r"image: 'm\.png' lies elsewhere"):
+        read_map(path)
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        b"P5\n2 2\n255\n\0\0\0",
+        b"P5\n2 2\n0\n\0\0\0\0",
+        b"P5\n2 2\n65536\n" + bytes(8),
+        b"P5\n2 0\n255\n",
+        b"P2\n2 2\n255\n1 2 3",
+        b"P2\n2 2\n255\n1 2 3 x",
+        b"P2\n2 2\n255\n1 2 3 -4",
+        b"P2\n2 2\n255\n1 2 3 " + 3_000_000 * b"9",
+        b"P2\n2 2\n255",
+        b"P6\n2 2\n255\n" + bytes(11),
+        b"GIF89a",
+        b"",
+    ],
+)
+def test_a_broken_image_is_refused(tmp_path: Path, content: bytes) -> None:
+    path = written(tmp_path)
+    (tmp_path / "m.png").write_bytes(content)
+    with pytest.raises(InputError, match=r"m\.png: not readable as an image, expected a complete pgm or png map"):
+        read_map(path)
+
+
+def test_the_text_of_an_image_may_be_long(tmp_path: Path) -> None:
+    """Taken apart in pieces: 400 000 numbers of one to three digits."""
+    path = written(tmp_path, mode="raw")
+    values = np.random.default_rng(0).integers(0, 256, (1000, 400))
+    body = "\n".join(" ".join(map(str, row)) for row in values.tolist())
+    (tmp_path / "m.png").write_text(f"P2\n400 1000\n255\n{body}\n")
+    expected = np.where(values <= 100, values, -1)[::-1]
+    np.testing.assert_array_equal(read_occupancy(path).values, expected)
 
 
 def test_an_outsized_image_is_refused_before_it_is_unpacked(tmp_path: Path) -> None:

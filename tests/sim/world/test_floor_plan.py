@@ -16,6 +16,7 @@ from moteslam.sim.world.floor_plan import FloorPlan, read_floor_plan
 from moteslam.sim.world.tracing import trace_sides, wall_segments
 from moteslam.sim.world.world import World
 
+REST = "[0, 0, 0]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
 YAML = (
     "image: {name}\nresolution: {cell}\norigin: [{x}, {y}, {yaw}]\nnegate: 0\n"
     "occupied_thresh: 0.65\nfree_thresh: 0.196\n"
@@ -137,7 +138,7 @@ def test_a_scenario_drives_in_a_floor_plan(tmp_path: Path) -> None:
         ("image: plan.yaml\nresolution: 0.1\norigin: [0, 0, 0]\n", None, "not readable as an image"),
         ("image: plan.png\nresolution: -1\norigin: [0, 0, 0]\n", "resolution", "expected a number"),
         ("image: plan.png\nresolution: 50.0\norigin: [0, 0, 0]\n", "resolution", "expected at most 2000 m"),
-        ("image: plan.png\nresolution: 0.1\norigin: [0, x]\n", "origin", "expected three numbers"),
+        ("image: plan.png\nresolution: 0.1\norigin: [0, 0, 0]\norigin: [0, x]\n", "origin", "expected three numbers"),
         ("image: white.png\nresolution: 0.1\norigin: [0, 0, 0]\n", "image", "no occupied cell"),
         ("image: plan.png\nresolution: 0.1\norigin: [0, 0, 0]\nfree_thresh: 0.9\n", "free_thresh", "0.9, expected"),
         ("image: cut.png\nresolution: 0.1\norigin: [0, 0, 0]\n", None, "not readable as an image"),
@@ -155,7 +156,7 @@ def test_refused(
         (tmp_path / name).write_bytes(image[: len(image) // 2])
     (tmp_path / "huge.pgm").write_bytes(b"P5\n100000 100000\n255\n")
     path = tmp_path / "plan.yaml"
-    path.unlink() if content is None else path.write_text(content)
+    path.unlink() if content is None else path.write_text(content.replace("[0, 0, 0]\n", REST))
     with pytest.raises(ConfigError) as caught:
         parse_scenario({**table, "world": {"plan": {"file": "plan.yaml"}}}, file=tmp_path / "my.toml")
     assert words in caught.value.problem
