@@ -50,6 +50,12 @@ def _compose_one(a: list[float], b: list[float]) -> tuple[float, float, float]:
     return x + cos * forward - sin * left, y + sin * forward + cos * left, _wrap_one(theta + turn)
 
 
+def heading(quaternions: ArrayLike) -> NDArray[np.float64]:
+    """The rotation about z [rad] of quaternions (x, y, z, w) of any length but 0, shape [..., 4]: yaw of ZYX angles."""
+    x, y, z, w = np.moveaxis(np.asarray(quaternions, np.float64), -1, 0)
+    return wrap(np.arctan2(2 * (w * z + x * y), w * w + x * x - y * y - z * z))
+
+
 def _wrap_one(angle: float) -> float:
     return angle if -math.pi < angle <= math.pi else float(wrap(angle))
 

@@ -72,6 +72,9 @@ FORMATS: Plugins[Format] = Plugins(
         "dpslam": "moteslam.robot.formats.dpslam:FORMAT",
         "beesoft": "moteslam.robot.formats.beesoft:FORMAT",
         "csv": "moteslam.robot.formats.csv_log:FORMAT",
+        "bag": "moteslam.robot.formats.bags.formats:ROSBAG1",
+        "rosbag2": "moteslam.robot.formats.bags.formats:ROSBAG2",
+        "mcap": "moteslam.robot.formats.bags.formats:MCAP",
     },
 )
 """By name, asked in this order, those of other packages last."""

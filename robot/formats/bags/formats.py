@@ -1,0 +1,55 @@
+"""The three ways in which a ROS bag comes: a ROS 1 file, a ROS 2 folder, and a single MCAP or SQLite file of ROS 2."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from moteslam.errors import InputError
+from moteslam.robot.formats.bags.bag import begins_as
+from moteslam.robot.formats.bags.database import is_bag_database
+from moteslam.robot.formats.bags.read import read_bag
+from moteslam.robot.formats.bags.rosbag2 import is_rosbag2
+from moteslam.robot.formats.format import Format, Robot, Topics
+from moteslam.robot.recording import Recording
+
+
+def _read_topics(path: Path, sequence: str | int | None, platform: Robot, topics: Topics) -> Recording:
+    if sequence is not None:
+        raise InputError("a bag is one sequence, expected none to be named", file=path, field="sequence")
+    return read_bag(path, platform=platform, topics=topics)
+
+
+def _read(path: Path, sequence: str | int | None, platform: Robot) -> Recording:
+    return _read_topics(path, sequence, platform, {})
+
+
+def _is_ros2_file(path: Path) -> bool:
+    kind = begins_as(path)
+    return kind == "mcap" or (kind == "db3" and is_bag_database(path))
+
+
+ROSBAG1 = Format(
+    "ROS 1 bag",
+    is_folder=False,
+    recognise=lambda path: begins_as(path) == "bag",
+    read=_read,
+    read_topics=_read_topics,
+    endings=(".bag",),
+)
+
+ROSBAG2 = Format(
+    "ROS 2 bag (a folder with metadata.yaml)",
+    is_folder=True,
+    recognise=is_rosbag2,
+    read=_read,
+    read_topics=_read_topics,
+)
+
+MCAP = Format(
+    "MCAP or SQLite file of ROS 2",
+    is_folder=False,
+    recognise=_is_ros2_file,
+    read=_read,
+    read_topics=_read_topics,
+    endings=(".mcap", ".db3"),
+)

@@ -1,0 +1,89 @@
+"""What this package writes into a bag beside the messages: the robot, and the figures that messages round.
+
+A ``std_msgs/String`` on one topic, a TOML text: which streams the recording had (the others were computed for those
+who play the bag), its platform, and the scans' figures, which ``sensor_msgs/LaserScan`` holds as float32 only.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from dataclasses import dataclass, fields
+
+import numpy as np
+import tomli_w
+
+from moteslam.errors import ConfigError, InputError
+from moteslam.robot.formats.bags.bag import Bag
+from moteslam.robot.formats.bags.choice import is_readable
+from moteslam.robot.formats.bags.cursor import BrokenMessageError, Cursor
+from moteslam.robot.formats.bags.scans import Fan
+from moteslam.robot.platform import Platform
+from moteslam.robot.platforms import platform_of, platform_table
+from moteslam.robot.recording import Recording
+from moteslam.robot.tables import Table
+
+TOPIC, KIND = "/moteslam/recording", "std_msgs/String"
+
+MAX_BYTES = 1 << 20
+"""Of the text."""
+
+STREAMS = ("lidar", "encoders", "odometry", "imu", "rgbd")
+
+
+@dataclass(frozen=True)
+class Manifest:
+    """What a bag says about the recording that it was written from.
+
+    Attributes:
+        streams: that the recording had; a topic for another was computed from these.
+        platform: the robot.
+        scan: figures of the scans as float64, by the names of `Fan`.
+    """
+
+    streams: tuple[str, ...]
+    platform: Platform
+    scan: Table
+
+    def sharpened(self, fan: Fan) -> Fan:
+        """The fan with the figures that the messages round, wherever they round to those of the messages."""
+        known = {field.name: self.scan.get(field.name) for field in fields(Fan) if field.name != "beams"}
+        exact = {
+            name: value
+            for name, value in known.items()
+            if isinstance(value, float) and np.float32(value) == np.float32(getattr(fan, name))
+        }
+        return Fan(**{**vars(fan), **exact})
+
+
+def manifest_of(recording: Recording) -> str:
+    """The text for a recording."""
+    lidar = recording.lidar
+    names = [field.name for field in fields(Fan) if field.name != "beams"]
+    table: Table = {
+        "streams": [name for name in STREAMS if getattr(recording, name) is not None],
+        "scan": {} if lidar is None else {name: float(getattr(lidar, name)) for name in names},
+        "platform": platform_table(recording.platform),
+    }
+    return tomli_w.dumps(table)
+
+
+def read_manifest(bag: Bag) -> Manifest | None:
+    """What a bag says about its recording; None of a bag that this package did not write.
+
+    Raises:
+        InputError: it is on that topic, but broken.
+    """
+    topic = next((topic for topic in bag.of_kind(KIND) if topic.name == TOPIC and is_readable(topic)), None)
+    if topic is None:
+        return None
+    try:
+        cursor = Cursor(next(bag.messages(topic, np.arange(1), at_most=MAX_BYTES)), ros1=bag.ros1)
+        table = tomllib.loads(cursor.text())
+        streams, scan, robot = table["streams"], table["scan"], table["platform"]
+        if not isinstance(streams, list) or not isinstance(scan, dict) or not isinstance(robot, dict):
+            raise ValueError("another table")
+        names = tuple(name for name in STREAMS if name in streams)
+        return Manifest(names, platform_of(robot, file=bag.path), scan)
+    except (BrokenMessageError, ValueError, KeyError, RecursionError, ConfigError) as error:
+        problem = f"{' '.join(str(error).split())[:200]}, expected the description of a recording"
+        raise InputError(problem, file=bag.path, field=TOPIC) from error

@@ -1,0 +1,187 @@
+"""A recording from a bag: its topics are chosen, gone through once, and made into streams."""
+
+from __future__ import annotations
+
+from os import PathLike
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import ValidationError
+
+from moteslam.errors import InputError
+from moteslam.robot.formats.bags.bag import Bag
+from moteslam.robot.formats.bags.choice import TRANSFORMS, Chosen, choose, is_readable
+from moteslam.robot.formats.bags.heads import HEAD, HeadReader
+from moteslam.robot.formats.bags.manifest import read_manifest
+from moteslam.robot.formats.bags.motion import (
+    child_frame,
+    imu_reader,
+    imu_stream,
+    odometry_of_messages,
+    odometry_of_transforms,
+    odometry_reader,
+)
+from moteslam.robot.formats.bags.mount import Mount, lidar_mount
+from moteslam.robot.formats.bags.scans import Fan, Scans, laser_scans, scan_reader
+from moteslam.robot.formats.bags.transforms import TransformReader
+from moteslam.robot.formats.bounds import check_figures
+from moteslam.robot.formats.format import Robot, Topics
+from moteslam.robot.given_robot import GivenRobot
+from moteslam.robot.issues import Issue
+from moteslam.robot.platform import Platform
+from moteslam.robot.ranges import ChunkedRanges
+from moteslam.robot.recording import LidarStream, OdometryStream, Recording
+from moteslam.robot.specs import LidarSpec
+from moteslam.robot.tables import Table
+from moteslam.robot.wording import first_complaint
+
+MAX_TRANSFORMS = 4 << 20
+"""Bytes of a message of transforms."""
+
+
+def read_bag(
+    path: str | PathLike[str],
+    *,
+    platform: Robot = None,
+    topics: Topics | None = None,
+) -> Recording:
+    """Read a ROS bag: a ROS 1 ``.bag``, a ROS 2 folder, or a single ``.db3`` or ``.mcap`` file.
+
+    Only headers are read here: ranges and images are read from the bag again whenever they are asked for.
+
+    Args:
+        path: of the file or folder.
+        platform: the robot, or a ``platform.toml`` whose keys override what the bag's transforms give.
+        topics: by stream, the topics to read it from; several lidars are merged into one fan. By their types where a
+            stream is left out.
+
+    Returns:
+        a recording with the streams that the bag has; ``warnings`` lists what was dropped, repaired or left aside.
+
+    Raises:
+        InputError: no bag, a damaged one, no stream in it, a topic that is not there, or messages that are broken.
+        ConfigError: a ``platform.toml`` that is none.
+    """
+    path = Path(path)
+    bag = Bag(path)
+    issues = list(bag.issues)
+    chosen = choose(bag, topics or {}, issues)
+    return _Reading(bag, chosen, GivenRobot.read(platform), issues).recording()
+
+
+class _Reading:
+    """What is read of a bag, between its topics and its streams."""
+
+    def __init__(self, bag: Bag, chosen: Chosen, given: GivenRobot, issues: list[Issue]) -> None:
+        self.bag, self.chosen, self.given, self.issues = bag, chosen, given, issues
+        self.manifest = read_manifest(bag)
+        self.transforms = TransformReader(ros1=bag.ros1)
+        self.scans = [scan_reader(topic, ros1=bag.ros1) for topic in chosen.lidar]
+        self.odometry = None if chosen.odometry is None else odometry_reader(chosen.odometry, ros1=bag.ros1)
+        self.imu = None if chosen.imu is None else imu_reader(chosen.imu, ros1=bag.ros1)
+        self._go_through()
+        self.tree = self.transforms.tree()
+        self.base = self._base()
+
+    def _go_through(self) -> None:
+        """Read all heads and transforms, each part of the file once."""
+        wanted = {f"lidar {number}": (topic, HEAD) for number, topic in enumerate(self.chosen.lidar)}
+        readers: dict[str, HeadReader | TransformReader] = {
+            f"lidar {number}": reader for number, reader in enumerate(self.scans)
+        }
+        for key, topic, reader in (
+            ("odometry", self.chosen.odometry, self.odometry),
+            ("imu", self.chosen.imu, self.imu),
+        ):
+            if topic is not None and reader is not None:
+                wanted[key], readers[key] = (topic, HEAD), reader
+        for number, topic in enumerate(self.bag.of_kind(*TRANSFORMS)):
+            if is_readable(topic):
+                key = f"transforms {number}"
+                wanted[key], readers[key] = (topic, MAX_TRANSFORMS), self.transforms
+        for key, index, data in self.bag.sweep(wanted):
+            readers[key].add(index, data)
+
+    def _base(self) -> str | None:
+        """The robot's frame: that of its odometry, else by the usual names."""
+        if self.odometry and (frame := child_frame(self.odometry.heads())):
+            return frame
+        edge = self.transforms.odometry()
+        return edge.child if edge is not None else self.tree.base()
+
+    def recording(self) -> Recording:
+        """The streams, on the robot."""
+        scans = [
+            laser_scans(self.bag, topic, reader, self.issues)
+            for topic, reader in zip(self.chosen.lidar, self.scans, strict=True)
+        ]
+        mounts = [lidar_mount(self.bag.path, one.topic, one.frame, self.tree, self.base, self.issues) for one in scans]
+        stated = self._stated(scans, mounts)
+        robot = self.given.platform or self.given.over(stated)
+        lidar = self._lidar(scans[0], mounts[0], robot) if scans else None
+        odometry, imu = self._odometry_stream(), None
+        if self.chosen.imu is not None and self.imu is not None:
+            imu = imu_stream(self.bag, self.chosen.imu, self.imu.heads(), self.tree, self.base, self.issues)
+        if lidar is None and odometry is None and imu is None:
+            kinds = ", ".join(sorted({topic.kind[:60] for topic in self.bag.topics})[:8]) or "no topics"
+            raise InputError(f"{kinds}: expected scans, odometry or an IMU", file=self.bag.path)
+        return Recording(
+            name=self.bag.path.resolve().name.removesuffix(self.bag.path.suffix),
+            platform=robot,
+            lidar=lidar,
+            odometry=odometry,
+            imu=imu,
+            warnings=tuple(self.issues),
+        )
+
+    def _stated(self, scans: list[Scans], mounts: list[Mount]) -> Platform:
+        """The robot that the bag states: of one that this package wrote, the whole; else where its lidar stands."""
+        if self.manifest is not None:
+            return self.manifest.platform
+        if not scans:
+            return Platform()
+        mount, step = mounts[0], scans[0].fan.time_increment
+        try:
+            spec = LidarSpec(x=mount.x, y=mount.y, z=mount.z, yaw=mount.yaw, time_increment=step)
+        except ValidationError as error:
+            field, problem = first_complaint(error, "robot", lambda place: "")
+            raise InputError(problem, file=self.bag.path, field=f"{scans[0].topic}: {field}") from error
+        return Platform(lidar=spec)
+
+    def _lidar(self, scans: Scans, mount: Mount, robot: Platform) -> LidarStream:
+        fan = self.manifest.sharpened(scans.fan) if self.manifest is not None else scans.fan
+        fan = _given_over(fan.flipped() if mount.upside_down else fan, self.given.lidar_figures, self.bag.path)
+
+        def load(first: int, last: int) -> NDArray[np.float32]:
+            return scans.cleaned(np.arange(first, last), fan)
+
+        return LidarStream(
+            stamps=scans.stamps,
+            ranges=ChunkedRanges(load, len(scans.stamps), fan.beams),
+            angle_min=fan.angle_min,
+            angle_increment=fan.angle_increment,
+            range_min=fan.range_min,
+            range_max=fan.range_max,
+            time_increment=robot.lidar.time_increment,
+        )
+
+    def _odometry_stream(self) -> OdometryStream | None:
+        if self.manifest is not None and "odometry" not in self.manifest.streams:
+            return None
+        if self.chosen.odometry is not None and self.odometry is not None:
+            return odometry_of_messages(self.bag, self.chosen.odometry, self.odometry.heads(), self.issues)
+        edge = self.transforms.odometry()
+        return odometry_of_transforms(self.bag.path, edge, self.issues) if edge is not None else None
+
+
+def _given_over(fan: Fan, given: Table, path: Path) -> Fan:
+    """The fan with the figures that a caller's ``platform.toml`` puts in place of the messages'.
+
+    Raises:
+        InputError: they do not fit the scans.
+    """
+    names = ("angle_min", "angle_increment", "range_min", "range_max")
+    changed = Fan(**{**vars(fan), **{name: given[name] for name in names if name in given}})
+    check_figures(changed.beams, changed.angle_increment, changed.range_min, changed.range_max, file=path)
+    return changed
