@@ -134,7 +134,10 @@ def read_frame(stream: RgbdStream, disparity: int, rgb: int) -> CameraFrame | st
 
     stamps = float(stream.disparity_stamps[disparity]), float(stream.rgb_stamps[rgb])
     if stream.images is not None:
-        return CameraFrame(*stamps, stream.images.disparity(disparity), stream.images.rgb(rgb))
+        try:
+            return CameraFrame(*stamps, stream.images.disparity(disparity), stream.images.rgb(rgb))
+        except InputError as error:
+            return str(error)
     images: list[NDArray[Any]] = []
     sources: tuple[tuple[tuple[Path | None, ...], int, Callable[[Path], NDArray[Any]]], ...] = (
         (stream.disparity_files, disparity, read_disparity),

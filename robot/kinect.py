@@ -56,6 +56,28 @@ OPTICAL_TO_BODY: NDArray[np.float64] = np.array(((0.0, 0.0, 1.0), (-1.0, 0.0, 0.
 OPTICAL_TO_BODY.setflags(write=False)
 
 
+def depth_of(disparity: NDArray[np.uint16]) -> NDArray[np.float64]:
+    """Depths [m] of raw disparities of any shape; NaN where nothing was seen, or behind what can be."""
+    dd = DISPARITY_SLOPE * disparity.astype(np.float64) + DISPARITY_OFFSET
+    return np.where((disparity < NO_DISPARITY) & (dd > 0), DEPTH_SCALE / np.where(dd > 0, dd, 1.0), np.nan)
+
+
+def disparity_of(depth: NDArray[np.floating]) -> NDArray[np.uint16]:
+    """The nearest raw disparities of depths [m] of any shape: 2047 where a depth is not positive, or not finite."""
+    known = np.isfinite(depth) & (depth > 0)
+    raw = (DEPTH_SCALE / np.where(known, depth, 1.0).astype(np.float64) - DISPARITY_OFFSET) / DISPARITY_SLOPE
+    seen = known & (raw > -0.5) & (raw < NO_DISPARITY - 0.5)
+    return np.where(seen, np.rint(np.where(seen, raw, 0.0)), NO_DISPARITY).astype(np.uint16)
+
+
+def mount_of(rotation: NDArray[np.float64]) -> tuple[float, float, float]:
+    """Roll, pitch and yaw [rad] of the mount whose ``mount_rotation`` is a rotation [3, 3] from optical axes."""
+    from scipy.spatial.transform import Rotation
+
+    yaw, pitch, roll = Rotation.from_matrix(rotation @ OPTICAL_TO_BODY.T).as_euler("ZYX")
+    return float(roll), float(pitch), float(yaw)
+
+
 def mount_rotation(mount: CameraSpec) -> NDArray[np.float64]:
     """The rotation [3, 3] from optical axes to the robot's: III.7, then roll, pitch and yaw of the mount.
 

@@ -80,7 +80,7 @@ class Container(Protocol):
 
 @dataclass(frozen=True)
 class StoredChunk:
-    """A stretch of a file in which messages lie.
+    """A part of a file in which messages lie.
 
     Attributes:
         position: of its first byte in the file.
@@ -96,7 +96,7 @@ class StoredChunk:
 
 
 class ChunkReader:
-    """Reads stretches of chunks; of packed ones the last is kept unpacked.
+    """Reads parts of chunks; of packed ones the last is kept unpacked.
 
     Args:
         file: open for reading.

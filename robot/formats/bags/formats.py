@@ -9,6 +9,7 @@ from moteslam.robot.formats.bags.bag import begins_as
 from moteslam.robot.formats.bags.database import is_bag_database
 from moteslam.robot.formats.bags.read import read_bag
 from moteslam.robot.formats.bags.rosbag2 import is_rosbag2
+from moteslam.robot.formats.bags.write import write_mcap, write_rosbag1, write_rosbag2
 from moteslam.robot.formats.format import Format, Robot, Topics
 from moteslam.robot.recording import Recording
 
@@ -34,6 +35,7 @@ ROSBAG1 = Format(
     recognise=lambda path: begins_as(path) == "bag",
     read=_read,
     read_topics=_read_topics,
+    write=write_rosbag1,
     endings=(".bag",),
 )
 
@@ -43,6 +45,7 @@ ROSBAG2 = Format(
     recognise=is_rosbag2,
     read=_read,
     read_topics=_read_topics,
+    write=write_rosbag2,
 )
 
 MCAP = Format(
@@ -51,5 +54,6 @@ MCAP = Format(
     recognise=_is_ros2_file,
     read=_read,
     read_topics=_read_topics,
+    write=write_mcap,
     endings=(".mcap", ".db3"),
 )

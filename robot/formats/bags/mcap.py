@@ -187,7 +187,7 @@ class _Opening:
             self.builder.add(channel, 0, table[:, 0], table[:, 1])
 
     def records(self, start: int, end: int, *, one: bool = False) -> Iterator[tuple[int, int, int]]:
-        """Kind, position of the content, and its size, of the records in a stretch of the file."""
+        """Kind, position of the content, and its size, of the records in a part of the file."""
         while start < end:
             self.file.seek(start)
             head = self.file.read(_RECORD.size)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from os import PathLike
 from pathlib import Path
 
@@ -10,10 +11,13 @@ from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from moteslam.errors import InputError
-from moteslam.robot.formats.bags.bag import Bag
-from moteslam.robot.formats.bags.choice import TRANSFORMS, Chosen, choose, is_readable
+from moteslam.robot.formats.bags.bag import Bag, Topic
+from moteslam.robot.formats.bags.choice import JOINT_STATE, POINT_CLOUD, TRANSFORMS, Chosen, choose, is_readable
+from moteslam.robot.formats.bags.clouds import cloud_reader, cloud_scans
 from moteslam.robot.formats.bags.heads import HEAD, HeadReader
+from moteslam.robot.formats.bags.images import image_reader, image_topics, rgbd_stream
 from moteslam.robot.formats.bags.manifest import read_manifest
+from moteslam.robot.formats.bags.merged import merged_scans
 from moteslam.robot.formats.bags.motion import (
     child_frame,
     imu_reader,
@@ -25,19 +29,26 @@ from moteslam.robot.formats.bags.motion import (
 from moteslam.robot.formats.bags.mount import Mount, lidar_mount
 from moteslam.robot.formats.bags.scans import Fan, Scans, laser_scans, scan_reader
 from moteslam.robot.formats.bags.transforms import TransformReader
+from moteslam.robot.formats.bags.wheels import JointReader, encoder_stream
 from moteslam.robot.formats.bounds import check_figures
 from moteslam.robot.formats.format import Robot, Topics
 from moteslam.robot.given_robot import GivenRobot
 from moteslam.robot.issues import Issue
 from moteslam.robot.platform import Platform
 from moteslam.robot.ranges import ChunkedRanges
-from moteslam.robot.recording import LidarStream, OdometryStream, Recording
-from moteslam.robot.specs import LidarSpec
+from moteslam.robot.recording import EncoderStream, LidarStream, OdometryStream, Recording, RgbdStream
+from moteslam.robot.specs import CameraSpec, LidarSpec
 from moteslam.robot.tables import Table
 from moteslam.robot.wording import first_complaint
 
 MAX_TRANSFORMS = 4 << 20
 """Bytes of a message of transforms."""
+
+IMAGE_HEAD = 256
+"""Bytes of an image that are read for its stamp."""
+
+MAX_JOINTS = 1 << 20
+"""Bytes of a message of joints."""
 
 
 def read_bag(
@@ -76,9 +87,19 @@ class _Reading:
     def __init__(self, bag: Bag, chosen: Chosen, given: GivenRobot, issues: list[Issue]) -> None:
         self.bag, self.chosen, self.given, self.issues = bag, chosen, given, issues
         self.manifest = read_manifest(bag)
+        if self.manifest is not None and "odometry" not in self.manifest.streams:
+            self.chosen = replace(chosen, odometry=None)  # computed for those who play the bag
         self.transforms = TransformReader(ros1=bag.ros1)
-        self.scans = [scan_reader(topic, ros1=bag.ros1) for topic in chosen.lidar]
-        self.odometry = None if chosen.odometry is None else odometry_reader(chosen.odometry, ros1=bag.ros1)
+        self.scans = [
+            cloud_reader(topic, ros1=bag.ros1) if topic.kind == POINT_CLOUD else scan_reader(topic, ros1=bag.ros1)
+            for topic in chosen.lidar
+        ]
+        self.images = image_topics(bag, chosen, issues)
+        self.image_heads = [image_reader(topic, ros1=bag.ros1) for topic in self.images or ()]
+        topic = self.chosen.odometry
+        self.odometry = None if topic is None else odometry_reader(topic, ros1=bag.ros1)
+        self.encoders = chosen.encoders if self.manifest is None else self._written_wheels()
+        self.joints = None if self.encoders is None else JointReader(len(self.encoders), ros1=bag.ros1)
         self.imu = None if chosen.imu is None else imu_reader(chosen.imu, ros1=bag.ros1)
         self._go_through()
         self.tree = self.transforms.tree()
@@ -87,7 +108,7 @@ class _Reading:
     def _go_through(self) -> None:
         """Read all heads and transforms, each part of the file once."""
         wanted = {f"lidar {number}": (topic, HEAD) for number, topic in enumerate(self.chosen.lidar)}
-        readers: dict[str, HeadReader | TransformReader] = {
+        readers: dict[str, HeadReader | TransformReader | JointReader] = {
             f"lidar {number}": reader for number, reader in enumerate(self.scans)
         }
         for key, topic, reader in (
@@ -96,12 +117,22 @@ class _Reading:
         ):
             if topic is not None and reader is not None:
                 wanted[key], readers[key] = (topic, HEAD), reader
+        for topic, reader in zip(self.images or (), self.image_heads, strict=True):
+            wanted[topic.name], readers[topic.name] = (topic, IMAGE_HEAD), reader
+        if self.encoders is not None and self.joints is not None:
+            wanted["encoders"], readers["encoders"] = (self.encoders, MAX_JOINTS), self.joints
         for number, topic in enumerate(self.bag.of_kind(*TRANSFORMS)):
             if is_readable(topic):
                 key = f"transforms {number}"
                 wanted[key], readers[key] = (topic, MAX_TRANSFORMS), self.transforms
         for key, index, data in self.bag.sweep(wanted):
             readers[key].add(index, data)
+
+    def _written_wheels(self) -> Topic | None:
+        """The wheels of a bag that this package wrote, or those that are named."""
+        if self.chosen.encoders is not None or self.manifest is None or "encoders" not in self.manifest.streams:
+            return self.chosen.encoders
+        return next((topic for topic in self.bag.of_kind(JOINT_STATE) if is_readable(topic)), None)
 
     def _base(self) -> str | None:
         """The robot's frame: that of its odometry, else by the usual names."""
@@ -112,42 +143,67 @@ class _Reading:
 
     def recording(self) -> Recording:
         """The streams, on the robot."""
-        scans = [
-            laser_scans(self.bag, topic, reader, self.issues)
-            for topic, reader in zip(self.chosen.lidar, self.scans, strict=True)
-        ]
-        mounts = [lidar_mount(self.bag.path, one.topic, one.frame, self.tree, self.base, self.issues) for one in scans]
-        stated = self._stated(scans, mounts)
-        robot = self.given.platform or self.given.over(stated)
-        lidar = self._lidar(scans[0], mounts[0], robot) if scans else None
+        scans, mount = self._scans_and_mount()
+        camera = camera_mount(self.image_heads[1], self.tree, self.base) if self.images else None
+        robot = self.given.platform or self.given.over(self._stated(scans, mount, camera))
+        lidar = self._lidar(scans, mount, robot) if scans is not None else None
         odometry, imu = self._odometry_stream(), None
         if self.chosen.imu is not None and self.imu is not None:
             imu = imu_stream(self.bag, self.chosen.imu, self.imu.heads(), self.tree, self.base, self.issues)
-        if lidar is None and odometry is None and imu is None:
+        encoders = self._encoder_stream(robot)
+        if lidar is None and odometry is None and imu is None and encoders is None:
             kinds = ", ".join(sorted({topic.kind[:60] for topic in self.bag.topics})[:8]) or "no topics"
             raise InputError(f"{kinds}: expected scans, odometry or an IMU", file=self.bag.path)
         return Recording(
             name=self.bag.path.resolve().name.removesuffix(self.bag.path.suffix),
             platform=robot,
             lidar=lidar,
+            encoders=encoders,
             odometry=odometry,
             imu=imu,
+            rgbd=self._rgbd(robot),
             warnings=tuple(self.issues),
         )
 
-    def _stated(self, scans: list[Scans], mounts: list[Mount]) -> Platform:
-        """The robot that the bag states: of one that this package wrote, the whole; else where its lidar stands."""
+    def _scans_and_mount(self) -> tuple[Scans | None, Mount]:
+        """The scans of the lidar, or of several as one about the robot's centre, and where it stands."""
+        path, scans = self.bag.path, []
+        for topic, reader in zip(self.chosen.lidar, self.scans, strict=True):
+            read = cloud_scans if topic.kind == POINT_CLOUD else laser_scans
+            scans.append(read(self.bag, topic, reader, self.issues))
+        if not scans:
+            return None, Mount()
+        is_given = self.given.platform is not None or {"x", "y", "yaw"} <= self.given.lidar_figures.keys()
+        issues: list[Issue] = [] if is_given and len(scans) == 1 else self.issues
+        mounts = [lidar_mount(path, one.topic, one.frame, self.tree, self.base, issues) for one in scans]
+        if len(scans) == 1:
+            return scans[0], mounts[0]
+        return merged_scans(path, scans, mounts), Mount()
+
+    def _stated(self, scans: Scans | None, mount: Mount, camera: CameraSpec | None) -> Platform:
+        """The robot that the bag states: of one that this package wrote, the whole; else where its sensors stand."""
         if self.manifest is not None:
             return self.manifest.platform
-        if not scans:
-            return Platform()
-        mount, step = mounts[0], scans[0].fan.time_increment
+        if scans is None:
+            return Platform(camera=camera)
         try:
+            step = scans.fan.time_increment
             spec = LidarSpec(x=mount.x, y=mount.y, z=mount.z, yaw=mount.yaw, time_increment=step)
         except ValidationError as error:
             field, problem = first_complaint(error, "robot", lambda place: "")
-            raise InputError(problem, file=self.bag.path, field=f"{scans[0].topic}: {field}") from error
-        return Platform(lidar=spec)
+            raise InputError(problem, file=self.bag.path, field=f"{scans.topic}: {field}") from error
+        return Platform(lidar=spec, camera=camera)
+
+    def _rgbd(self, robot: Platform) -> RgbdStream | None:
+        """The images, where it is known where the camera stands."""
+        if self.images is None:
+            return None
+        if robot.camera is None:
+            text = f"{self.bag.path.name}: images left out: no transform to the frame of {self.images[1].name}"
+            self.issues.append(Issue("images-left", text, 2))
+            return None
+        colour, depth = self.image_heads
+        return rgbd_stream(self.bag, self.images, (colour, depth), self.issues)
 
     def _lidar(self, scans: Scans, mount: Mount, robot: Platform) -> LidarStream:
         fan = self.manifest.sharpened(scans.fan) if self.manifest is not None else scans.fan
@@ -165,6 +221,19 @@ class _Reading:
             range_max=fan.range_max,
             time_increment=robot.lidar.time_increment,
         )
+
+    def _encoder_stream(self, robot: Platform) -> EncoderStream | None:
+        """The counters of the wheels, where their topic is named or known, on a robot with wheels.
+
+        Raises:
+            InputError: they are named, but the robot has no wheels.
+        """
+        if self.encoders is None or self.joints is None:
+            return None
+        if robot.wheels is None:
+            problem = "joints of wheels, expected a platform with [wheels] to count them by"
+            raise InputError(problem, file=self.bag.path, field=self.encoders.name)
+        return encoder_stream(self.bag, self.encoders, self.joints, robot.wheels, self.issues)
 
     def _odometry_stream(self) -> OdometryStream | None:
         if self.manifest is not None and "odometry" not in self.manifest.streams:

@@ -35,8 +35,11 @@ _HEADER = 1 << 20
 
 _MESSAGE, _BAG, _INDEX, _CHUNK, _CHUNK_INFO, _CONNECTION = 2, 3, 4, 5, 6, 7
 _ENTRY = np.dtype([("sec", "<u4"), ("nsec", "<u4"), ("offset", "<u4")])
-_AHEAD = 128
-"""Bytes that are read at a message's place before its length is known: its header takes some 40."""
+_AHEAD, _MORE = 128, 1024
+"""Bytes that are read at a message's place before its length is known: for its header, which takes some 40, and for
+its beginning."""
+_LENGTH = struct.Struct("<I")
+_IS_MESSAGE = b"op=\x02"
 
 Fields = dict[bytes, bytes]
 
@@ -67,11 +70,19 @@ class Rosbag1:
         with open_regular(self.path, _EXPECTED) as file:
             reader = ChunkReader(file, self.path, self._chunks)
             for (chunk, offset), most in zip(places.tolist(), at_most.tolist(), strict=True):
+                start = reader.read(chunk, offset, _AHEAD + most if most < _MORE else _AHEAD + _MORE)
+                begin = 8 + _LENGTH.unpack_from(start)[0] if len(start) >= 4 else len(start) + 1
+                if begin <= len(start) and _IS_MESSAGE in start[4:begin]:  # as nearly always
+                    size = _LENGTH.unpack_from(start, begin - 4)[0]
+                    end = begin + (size if size < most else most)
+                    if end <= len(start):
+                        yield start[begin:end]
+                        continue
                 yield self._payload(reader, chunk, offset, most)
 
     def _payload(self, reader: ChunkReader, chunk: int, offset: int, at_most: int) -> bytes:
         while True:
-            start = reader.read(chunk, offset, _AHEAD + min(at_most, 512))
+            start = reader.read(chunk, offset, _AHEAD + min(at_most, _MORE))
             if len(start) < 4:
                 raise self._nothing_at(offset)
             (length,) = struct.unpack_from("<I", start)
@@ -83,7 +94,7 @@ class Rosbag1:
                 if len(start) < begin:
                     raise self._nothing_at(offset)
             (size,) = struct.unpack_from("<I", start, 4 + length)
-            if b"op=\x02" in start[4 : 4 + length]:
+            if _IS_MESSAGE in start[4 : 4 + length]:
                 break
             if b"op=\x07" not in start[4 : 4 + length]:  # a connection may stand before its first message
                 raise self._nothing_at(offset)

@@ -7,6 +7,7 @@ sensors stand. Names with and without a leading slash are the same.
 from __future__ import annotations
 
 import math
+import struct
 from array import array
 from dataclasses import dataclass
 
@@ -14,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from moteslam.robot.formats.bags.cursor import BrokenMessageError, Cursor
+from moteslam.robot.formats.bags.times import SECOND
 
 BASES = ("base_footprint", "base_link")
 """Frames of a robot, the first that a tree has."""
@@ -23,6 +25,9 @@ MAX_FRAMES = 10_000
 
 _MOVES = 1e-3
 """A frame that a later transform puts elsewhere by more than this [m, or of its quaternion] moves."""
+
+_STAMP, _FRAMES = 8, 16
+"""Where stamp and frames of the first transform begin, in either serialisation."""
 
 Matrix = NDArray[np.float64]
 """A pose in space [4, 4], homogeneous."""
@@ -64,17 +69,38 @@ class TransformReader:
         self._edges: dict[tuple[bytes, bytes], _Edge] = {}
         self._odometry: dict[tuple[bytes, bytes], tuple[array[int], array[float]]] = {}
         self.broken = 0
+        self._size = -1
+        self._poses = 0
+        self._front = self._names = b""
+        self._frames = (b"", b"")
+        self._time, self._pose = struct.Struct("<II"), struct.Struct("<7d")
 
     def add(self, _index: int, data: bytes) -> None:
         """A message."""
+        if len(data) == self._size and data[_FRAMES : self._poses] == self._names and data.startswith(self._front):
+            sec, nsec = self._time.unpack_from(data, _STAMP)
+            self._note(self._frames, sec * SECOND + nsec, self._pose.unpack_from(data, self._poses))
+            return
         try:
             cursor = Cursor(data, ros1=self._ros1)
-            for _ in range(cursor.number("I")):
+            count = cursor.number("I")
+            for _ in range(count):
                 sec, nsec = cursor.numbers(self._stamp)[-2:]
                 frames = (cursor.raw_text(), cursor.raw_text())
-                self._note(frames, sec * 1_000_000_000 + nsec, cursor.numbers("ddddddd"))
+                cursor.align(8)
+                poses = cursor.position
+                self._note(frames, sec * SECOND + nsec, cursor.numbers("ddddddd"))
         except BrokenMessageError:
             self.broken += 1
+            return
+        if count == 1:
+            self._remember(data, cursor.order, frames, poses)
+
+    def _remember(self, data: bytes, order: str, frames: tuple[bytes, bytes], poses: int) -> None:
+        """A message of one transform: most of a bag's, the odometry's, differ from it in numbers alone."""
+        self._size, self._frames, self._poses = len(data), frames, poses
+        self._front, self._names = data[: 4 if self._ros1 else 8], data[_FRAMES:poses]
+        self._time, self._pose = struct.Struct(f"{order}II"), struct.Struct(f"{order}7d")
 
     def _note(self, frames: tuple[bytes, bytes], stamp: int, pose: tuple[float, ...]) -> None:
         known = self._edges.get(frames)
