@@ -117,22 +117,15 @@ def _named(bag: Bag, stream: str, names: tuple[str, ...]) -> list[Topic]:
     if not names or (len(names) > 1 and stream != "lidar"):
         problem = f"{len(names)} topics, expected {'one or more' if stream == 'lidar' else 'one'}"
         raise InputError(problem, file=bag.path, field=f"topics.{stream}")
-    usable = _readable(bag, *KINDS[stream])
-    topics = []
-    for name in names:
-        full = name if name.startswith("/") else f"/{name}"
-        match = next((topic for topic in usable if topic.name == full), None)
-        if match is None:
-            known = ", ".join(topic.name for topic in usable[:20]) or "none is there"
-            raise InputError(
-                f"{name!r}, expected a topic of scans, images or the like: {known}",
-                file=bag.path,
-                field=f"topics.{stream}",
-            )
-        topics.append(match)
-    if len(set(names)) < len(names):
+    full = [name if name.startswith("/") else f"/{name}" for name in names]
+    if len(set(full)) < len(full):
         raise InputError("a topic twice, expected each once", file=bag.path, field=f"topics.{stream}")
-    return topics
+    usable = {topic.name: topic for topic in reversed(_readable(bag, *KINDS[stream]))}
+    if missing := [name for name in full if name not in usable]:
+        kinds = " or ".join(kind.partition("/")[2] for kind in KINDS[stream])
+        known = f"one of {', '.join(sorted(usable)[:20])}" if usable else f"a topic of {kinds}, of which there is none"
+        raise InputError(f"{missing[0]!r}, expected {known}", file=bag.path, field=f"topics.{stream}")
+    return [usable[name] for name in full]
 
 
 def _lidar(bag: Bag, issues: list[Issue]) -> list[Topic]:

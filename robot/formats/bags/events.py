@@ -56,29 +56,44 @@ class Event:
     latched: bool = False
 
 
-def odometry_of(recording: Recording) -> tuple[OdometryStream | None, tuple[Issue, ...]]:
-    """The odometry that a bag gets: the recording's, else its wheels', else the poses that were logged with scans."""
+@dataclass(frozen=True, eq=False)
+class WrittenOdometry:
+    """The odometry that a bag gets.
+
+    Attributes:
+        stream: of it; None where there is none.
+        is_stream: whether it reads back as a stream; one that was computed of the wheels does not.
+        issues: what does not come back as it was.
+    """
+
+    stream: OdometryStream | None
+    is_stream: bool
+    issues: tuple[Issue, ...] = ()
+
+
+def odometry_of(recording: Recording) -> WrittenOdometry:
+    """The recording's odometry, else that of its wheels, else the poses that were logged with the scans."""
     if recording.odometry is not None and len(recording.odometry):
-        return recording.odometry, ()
+        return WrittenOdometry(recording.odometry, is_stream=True)
     encoders, lidar = recording.encoders, recording.lidar
     if encoders is not None and len(encoders) and recording.platform.wheels is not None:
-        return OdometryStream(encoders.stamps, wheel_path(recording)), ()
+        return WrittenOdometry(OdometryStream(encoders.stamps, wheel_path(recording)), is_stream=False)
     if lidar is not None and lidar.odometry is not None and len(lidar):
-        text = f"{recording.name}: the poses of the scans are written as odometry of its own"
-        return OdometryStream(lidar.stamps, lidar.odometry), (Issue("scan-poses", text, len(lidar)),)
-    text = f"{recording.name}: neither odometry nor wheels: no /odom is written"
-    return None, (Issue("no-odometry", text),)
+        issue = Issue("scan-poses", f"{recording.name}: the poses of the scans are written as odometry", len(lidar))
+        return WrittenOdometry(OdometryStream(lidar.stamps, lidar.odometry), is_stream=True, issues=(issue,))
+    issue = Issue("no-odometry", f"{recording.name}: neither odometry nor wheels: no /odom is written")
+    return WrittenOdometry(None, is_stream=False, issues=(issue,))
 
 
-def events_of(recording: Recording, odometry: OdometryStream | None) -> Iterator[Event]:
+def events_of(recording: Recording, written: WrittenOdometry) -> Iterator[Event]:
     """The messages of a recording without its images, by their times; of equal ones what others rely on comes first."""
-    lidar, imu, encoders = recording.lidar, recording.imu, recording.encoders
+    lidar, imu, encoders, odometry = recording.lidar, recording.imu, recording.encoders, written.stream
     streams: list[Iterator[Event]] = []
     stamps = [stream.stamps for stream in (odometry, lidar, imu, encoders) if stream is not None and len(stream)]
     if not stamps:
         raise InputError("no readings, expected scans, odometry, wheels or an IMU", file=recording.name)
     begin = int(nanoseconds(np.array([min(float(times[0]) for times in stamps)]))[0])
-    streams.append(iter(_standing(recording, begin)))
+    streams.append(iter(_standing(recording, begin, with_odometry=written.is_stream)))
     ticks = [stream.stamps for stream in (odometry, lidar) if stream is not None]
     if ticks:
         streams.append(_clock(np.unique(nanoseconds(np.concatenate(ticks)))))
@@ -119,12 +134,18 @@ def turned(yaw: float) -> Values:
     return {"x": 0.0, "y": 0.0, "z": math.sin(yaw / 2), "w": math.cos(yaw / 2)}
 
 
-def _standing(recording: Recording, time: int) -> list[Event]:
+def _standing(recording: Recording, time: int, *, with_odometry: bool) -> list[Event]:
     """What holds throughout: the recording's description, and where the lidar stands."""
     mount: LidarSpec = recording.platform.lidar
     place = transform(time, BASE, LASER, (mount.x, mount.y, mount.z), turned(mount.yaw))
     return [
-        Event(time, MANIFEST_TOPIC, MANIFEST_KIND, {"data": manifest_of(recording)}, latched=True),
+        Event(
+            time,
+            MANIFEST_TOPIC,
+            MANIFEST_KIND,
+            {"data": manifest_of(recording, with_odometry=with_odometry)},
+            latched=True,
+        ),
         Event(time, "/tf_static", TRANSFORMS[0], {"transforms": [place]}, latched=True),
     ]
 

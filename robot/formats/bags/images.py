@@ -62,7 +62,8 @@ class BagImages:
         Raises:
             InputError: it is damaged, or of another size or kind.
         """
-        return self._image(self.colour, int(self.colour_indices[index]), _colour_image)
+        image: NDArray[np.uint8] = self._image(self.colour, int(self.colour_indices[index]), _colour_image)
+        return image
 
     def disparity(self, index: int) -> NDArray[np.uint16]:
         """The raw disparities [480, 640] of a stamp.

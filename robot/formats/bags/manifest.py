@@ -55,12 +55,14 @@ class Manifest:
         return Fan(**{**vars(fan), **exact})
 
 
-def manifest_of(recording: Recording) -> str:
-    """The text for a recording."""
+def manifest_of(recording: Recording, *, with_odometry: bool) -> str:
+    """The text for a recording; ``with_odometry`` where that of the bag was not computed."""
     lidar = recording.lidar
     names = [field.name for field in fields(Fan) if field.name != "beams"]
     table: Table = {
-        "streams": [name for name in STREAMS if getattr(recording, name) is not None],
+        "streams": [
+            name for name in STREAMS if (with_odometry if name == "odometry" else getattr(recording, name) is not None)
+        ],
         "scan": {} if lidar is None else {name: float(getattr(lidar, name)) for name in names},
         "platform": platform_table(recording.platform),
     }

@@ -15,7 +15,7 @@ from moteslam.robot.formats.bags.bag import Bag, Topic
 from moteslam.robot.formats.bags.choice import JOINT_STATE, POINT_CLOUD, TRANSFORMS, Chosen, choose, is_readable
 from moteslam.robot.formats.bags.clouds import cloud_reader, cloud_scans
 from moteslam.robot.formats.bags.heads import HEAD, HeadReader
-from moteslam.robot.formats.bags.images import image_reader, image_topics, rgbd_stream
+from moteslam.robot.formats.bags.images import camera_mount, image_reader, image_topics, rgbd_stream
 from moteslam.robot.formats.bags.manifest import read_manifest
 from moteslam.robot.formats.bags.merged import merged_scans
 from moteslam.robot.formats.bags.motion import (

@@ -177,7 +177,10 @@ class _Opening:
         fields, size = self.record(_CONNECTION)
         if size > MAX_DEFINITION:
             raise InputError(f"message definition of {size} bytes, expected at most {MAX_DEFINITION}", file=self.path)
-        about = _fields(self.file.read(size), self.path)
+        data = self.file.read(size)
+        if len(data) < size:
+            raise InputError(f"cut short or damaged at byte {self.end}", file=self.path)
+        about = _fields(data, self.path)
         names = (fields.get(b"topic", b""), about.get(b"type", b""), about.get(b"md5sum", b""))
         topic, kind, digest = (name_of(name, self.path, "a connection's name") for name in names)
         return self.number(fields, "conn", "<I"), (topic, kind, digest)

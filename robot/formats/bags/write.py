@@ -134,7 +134,7 @@ def _written(path: Path, recording: Recording, write: Callable[[Path, Iterator[E
     """Write into a temporary folder beside the target, and put it in its place when it is whole."""
     expect_type(recording, Recording, "recording", "open_recording(path) reads one")
     _check_stamps(recording)
-    odometry, issues = odometry_of(recording)
+    odometry = odometry_of(recording)
     events = events_of(recording, odometry)
     try:
         with tempfile.TemporaryDirectory(prefix=".moteslam-", dir=path.absolute().parent) as place:
@@ -145,7 +145,7 @@ def _written(path: Path, recording: Recording, write: Callable[[Path, Iterator[E
         raise missing_extra(path) from error
     except (OSError, sqlite3.Error, shutil.Error) as error:
         raise OutputError(f"cannot be written: {getattr(error, 'strerror', None) or error}", file=path) from error
-    return (*issues, *_left_out(recording))
+    return (*odometry.issues, *_left_out(recording))
 
 
 def _check_stamps(recording: Recording) -> None:

@@ -1,0 +1,287 @@
+"""Bags of every kind, read."""
+
+from __future__ import annotations
+
+import math
+import sys
+from pathlib import Path
+
+import made_bags
+import numpy as np
+import pytest
+from made_bags import START, drive, imu, make_bag, odometry, placed, rolled, scan
+
+from moteslam import open_recording
+from moteslam.errors import InputError
+from moteslam.robot.formats import format_of
+from moteslam.robot.formats.bags.events import Event, header
+from moteslam.robot.ranges import ChunkedRanges
+from moteslam.robot.recording import Recording
+
+
+def codes(recording: Recording) -> list[str]:
+    return [issue.code for issue in recording.warnings]
+
+
+@pytest.mark.parametrize("kind", made_bags.KINDS)
+def test_every_kind_of_bag_gives_the_same_streams(tmp_path: Path, kind: str) -> None:
+    recording = open_recording(make_bag(tmp_path, drive(), kind))
+    assert recording.warnings == ()
+    assert recording.lidar is not None
+    np.testing.assert_array_equal(recording.lidar.stamps, 1.6e9 + 0.1 * np.arange(20))
+    expected = (np.linspace(1.0, 5.0, 19) + 0.01 * np.arange(20)[:, None]).astype(np.float32)
+    np.testing.assert_array_equal(recording.lidar.ranges[:], expected)
+    assert recording.lidar.angle_min == pytest.approx(-math.pi / 2)
+    assert recording.lidar.angle_increment == pytest.approx(math.pi / 18)
+    assert (recording.lidar.range_min, recording.lidar.range_max) == pytest.approx((0.1, 10.0))
+    assert recording.odometry is not None
+    np.testing.assert_allclose(recording.odometry.poses[:, 0], 0.1 * np.arange(20), atol=1e-15)
+    assert recording.imu is not None
+    np.testing.assert_array_equal(recording.imu.angular_velocity[:, 2], 0.01 * np.arange(20))
+    np.testing.assert_array_equal(recording.imu.linear_acceleration_g, np.tile([0.0, 0.0, 1.0], (20, 1)))
+    assert recording.platform.lidar.pose == (0.2, 0.1, 0.0)
+    assert recording.platform.lidar.z == 0.3
+
+
+@pytest.mark.parametrize("kind", ["bag", "lz4", "mcap", "zstd", "folder"])
+def test_a_bag_is_known_by_its_content(tmp_path: Path, kind: str) -> None:
+    path = make_bag(tmp_path, drive(3), kind)
+    renamed = path.rename(tmp_path / "anything")
+    assert open_recording(renamed).lidar is not None
+
+
+def test_other_sqlite_files_and_folders_are_not_bags(tmp_path: Path) -> None:
+    import sqlite3
+
+    path = tmp_path / "x.db3"
+    connection = sqlite3.connect(path)
+    connection.execute("CREATE TABLE messages (id INTEGER)")
+    connection.commit()
+    connection.close()
+    with pytest.raises(InputError, match="not a recording known here"):
+        format_of(path)
+    (tmp_path / "metadata.yaml").write_text("other: 1\n")
+    with pytest.raises(InputError, match="not a recording known here"):
+        format_of(tmp_path)
+
+
+def test_ranges_are_read_from_the_bag_again(tmp_path: Path) -> None:
+    path = make_bag(tmp_path, drive())
+    lidar = open_recording(path).lidar
+    assert lidar is not None
+    assert isinstance(lidar.ranges, ChunkedRanges)
+    path.unlink()
+    with pytest.raises(InputError, match=r"made\.bag: No such file"):
+        lidar.ranges[0]
+
+
+def test_ranges_mean_what_rep_117_says(tmp_path: Path) -> None:
+    raw = [1.0, np.inf, -np.inf, np.nan, 0.0, 0.05, 10.0, 12.0, 9.9]
+    lidar = open_recording(make_bag(tmp_path, [scan(0, raw), scan(0.1, raw)])).lidar
+    assert lidar is not None
+    expected = np.array([1.0, np.inf, np.nan, np.nan, np.nan, np.nan, np.inf, np.inf, 9.9], np.float32)
+    np.testing.assert_array_equal(lidar.ranges[0], expected)
+
+
+@pytest.mark.parametrize("kind", ["bag", "mcap"])
+def test_the_first_echo_of_a_beam_counts(tmp_path: Path, kind: str) -> None:
+    one = scan(0, [0.0])
+    echoes = [[2.0], [3.0, 4.0], [], [5.0]]
+    ranges = [{"echoes": np.array(values, np.float32)} for values in echoes]
+    values = {**one.values, "ranges": ranges, "intensities": [], "angle_increment": math.pi / 3}
+    event = Event(one.time, "/echoes", "sensor_msgs/MultiEchoLaserScan", values)
+    lidar = open_recording(make_bag(tmp_path, [event], kind)).lidar
+    assert lidar is not None
+    np.testing.assert_array_equal(lidar.ranges[0], np.array([2.0, 3.0, np.inf, 5.0], np.float32))
+
+
+def test_headers_without_stamps_give_way_to_the_time_of_reception(tmp_path: Path) -> None:
+    events = [scan(0.1 * index - 1.6e9, [1.0, 2.0]) for index in range(5)]
+    for event in events:
+        event.values["header"] = header(0, "laser")
+    received = [START + index * 100_000_000 for index in range(5)]
+    recording = open_recording(make_bag(tmp_path, events, received=received))
+    assert recording.lidar is not None
+    np.testing.assert_array_equal(recording.lidar.stamps, 1.6e9 + 0.1 * np.arange(5))
+    assert codes(recording) == ["no-header-stamps", "no-mount"]
+
+
+def test_a_lidar_that_hangs_upside_down_turns_the_other_way(tmp_path: Path) -> None:
+    mount = placed(0, "base_link", "laser", (0.1, 0.0, 0.5), turn=rolled(math.pi, 0.3))
+    events = [mount, scan(0, [1.0, 2.0, 3.0], angle_min=-0.2, angle_max=1.4, angle_increment=0.8)]
+    recording = open_recording(make_bag(tmp_path, events))
+    assert recording.lidar is not None
+    assert recording.warnings == ()
+    np.testing.assert_allclose(recording.lidar.angles, [0.2, -0.6, -1.4], atol=1e-6)
+    np.testing.assert_array_equal(recording.lidar.ranges[0], np.array([1.0, 2.0, 3.0], np.float32))
+    assert recording.platform.lidar.pose == pytest.approx((0.1, 0.0, 0.3))
+
+
+@pytest.mark.parametrize(("tilt", "code"), [(0.01, None), (0.1, "lidar-tilted")])
+def test_a_lidar_that_is_a_little_tilted_counts_as_level(tmp_path: Path, tilt: float, code: str | None) -> None:
+    events = [placed(0, "base_link", "laser", turn=rolled(tilt)), scan(0, [1.0, 2.0])]
+    assert codes(open_recording(make_bag(tmp_path, events))) == ([code] if code else [])
+
+
+def test_a_lidar_that_is_tilted_is_refused(tmp_path: Path) -> None:
+    events = [placed(0, "base_link", "laser", turn=rolled(1.2)), scan(0, [1.0, 2.0])]
+    with pytest.raises(InputError, match=r"/scan: laser is tilted by 69 degrees in base_link, expected a lidar"):
+        open_recording(make_bag(tmp_path, events))
+
+
+def test_slashes_before_frames_and_topics_make_no_difference(tmp_path: Path) -> None:
+    events = [
+        placed(0, "/base_footprint", "/base_link", (0.0, 0.0, 0.1)),
+        placed(0, "base_link", "/laser", (0.3, 0.0, 0.2)),
+        scan(0, [1.0, 2.0], frame="/laser", topic="scan"),
+    ]
+    recording = open_recording(make_bag(tmp_path, events), topics={"lidar": ("scan",)})
+    assert recording.platform.lidar.pose == (0.3, 0.0, 0.0)
+    assert recording.platform.lidar.z == pytest.approx(0.3)
+
+
+def test_transforms_are_the_odometry_where_there_is_no_other(tmp_path: Path) -> None:
+    events = []
+    for index in range(4):
+        events.append(
+            placed(index, "/odom_combined", "/base_link", (0.5 * index, 0.0, 0.0), turn=rolled(0, 0.1 * index))
+        )
+        events.append(scan(index, [1.0, 2.0], frame="base_link"))
+    recording = open_recording(make_bag(tmp_path, events))
+    assert recording.odometry is not None
+    expected = [[0.5 * index, 0.0, 0.1 * index] for index in range(4)]
+    np.testing.assert_allclose(recording.odometry.poses, expected, atol=1e-12)
+    np.testing.assert_array_equal(recording.odometry.stamps, 1.6e9 + np.arange(4))
+
+
+def test_the_mount_is_looked_up_through_the_tree(tmp_path: Path) -> None:
+    events = [
+        placed(0, "base_link", "mast", (1.0, 0.0, 0.0), turn=rolled(0, math.pi / 2)),
+        placed(0, "mast", "laser", (0.5, 0.0, 0.0)),
+        odometry(0, (0, 0, 0), child="base_footprint"),
+        placed(0, "base_footprint", "base_link", (0.1, 0.0, 0.0)),
+        scan(0, [1.0, 2.0]),
+    ]
+    assert open_recording(make_bag(tmp_path, events)).platform.lidar.pose == pytest.approx((1.1, 0.5, math.pi / 2))
+
+
+def test_a_mount_that_moves_is_an_issue(tmp_path: Path) -> None:
+    events = [placed(index, "base_link", "laser", (0.1 * index, 0.0, 0.0)) for index in range(3)]
+    assert codes(open_recording(make_bag(tmp_path, [*events, scan(0, [1.0, 2.0])]))) == ["mount-moves"]
+
+
+def test_a_given_mount_takes_the_place_of_a_missing_one(tmp_path: Path) -> None:
+    path = make_bag(tmp_path, [scan(0, [1.0, 2.0])])
+    assert codes(open_recording(path)) == ["no-mount"]
+    robot = tmp_path / "platform.toml"
+    robot.write_text("[lidar]\nx = 0.4\ny = 0.0\nyaw = 1.0\n")
+    recording = open_recording(path, platform=robot)
+    assert recording.warnings == ()
+    assert recording.platform.lidar.pose == (0.4, 0.0, 1.0)
+
+
+def test_the_number_of_beams_of_most_scans_is_kept(tmp_path: Path) -> None:
+    events = [scan(0.1 * index, np.full(7 if index in (2, 5) else 5, 1.0 + index)) for index in range(8)]
+    recording = open_recording(make_bag(tmp_path, events))
+    assert recording.lidar is not None
+    np.testing.assert_array_equal(recording.lidar.ranges[:, 0], np.float32([1, 2, 4, 5, 7, 8]))
+    issue = next(issue for issue in recording.warnings if issue.code == "other-scans")
+    assert issue.message == "made.bag: /scan: 2 scans of other beams than 5 left aside"
+
+
+def test_of_several_lidars_the_one_with_most_scans_is_read(tmp_path: Path) -> None:
+    events = [scan(0.1 * index, [1.0, 2.0], topic="/front") for index in range(9)]
+    events += [scan(0.1 * index, [3.0, 4.0, 5.0], topic="/back") for index in range(4)]
+    recording = open_recording(make_bag(tmp_path, events))
+    assert recording.lidar is not None
+    assert recording.lidar.ranges.shape == (9, 2)
+    issue = next(issue for issue in recording.warnings if issue.code == "topics-left")
+    assert issue.message == "made.bag: scans of /front (9 messages) used; left aside: /back (4 messages)"
+
+
+def test_a_vertical_lidar_comes_last_of_those_with_nearly_as_many_scans(tmp_path: Path) -> None:
+    events = [scan(0.1 * index, [1.0, 2.0], topic="/vertical_laser") for index in range(10)]
+    events += [scan(0.1 * index, [3.0, 4.0, 5.0], topic="/laser") for index in range(9)]
+    recording = open_recording(make_bag(tmp_path, events))
+    assert recording.lidar is not None
+    assert recording.lidar.ranges.shape == (9, 3)
+
+
+def test_named_topics_are_read(tmp_path: Path) -> None:
+    events = [scan(0.1 * index, [1.0, 2.0], topic="/front") for index in range(9)]
+    events += [scan(0.1 * index, [3.0, 4.0, 5.0], topic="/back") for index in range(4)]
+    recording = open_recording(make_bag(tmp_path, events), topics={"lidar": ("/back",)})
+    assert recording.lidar is not None
+    assert recording.lidar.ranges.shape == (4, 3)
+
+
+@pytest.mark.parametrize(
+    ("topics", "problem"),
+    [
+        ({"lidar": ("/nowhere",)}, r"topics\.lidar: '/nowhere', expected one of /scan"),
+        ({"imu": ("/scan",)}, r"topics\.imu: '/scan', expected one of /imu"),
+        ({"lidar": ()}, r"topics\.lidar: 0 topics, expected one or more"),
+        ({"imu": ("/imu", "/imu")}, r"topics\.imu: 2 topics, expected one"),
+        ({"lidar": ("/scan", "scan")}, r"topics\.lidar: a topic twice, expected each once"),
+        ({"radar": ("/scan",)}, r"topics: 'radar', expected lidar, odometry, imu, encoders, rgb, depth"),
+        ({"encoders": ("/joint_states",)}, r"topics\.encoders: '/joint_states', expected a topic of JointState"),
+    ],
+)
+def test_topics_that_are_not_there_are_refused(
+    tmp_path: Path, topics: dict[str, tuple[str, ...]], problem: str
+) -> None:
+    path = make_bag(tmp_path, drive(3))
+    with pytest.raises(InputError, match=problem):
+        open_recording(path, topics=topics)
+
+
+def test_readings_of_a_turned_imu_are_turned_into_the_robots_axes(tmp_path: Path) -> None:
+    events = [placed(0, "base_link", "imu", turn=rolled(math.pi)), imu(0, (0.1, 0.2, 0.3)), imu(0.1, (0.1, 0.2, 0.3))]
+    recording = open_recording(make_bag(tmp_path, events))
+    assert recording.imu is not None
+    np.testing.assert_allclose(recording.imu.angular_velocity[0], [0.1, -0.2, -0.3], atol=1e-12)
+    np.testing.assert_allclose(recording.imu.linear_acceleration_g[0], [0.0, 0.0, -1.0], atol=1e-12)
+    assert codes(recording) == ["imu-turned"]
+
+
+@pytest.mark.parametrize("range_max", [0.0, math.nan, math.inf])
+def test_a_limit_that_is_none_is_taken_from_the_ranges(tmp_path: Path, range_max: float) -> None:
+    recording = open_recording(make_bag(tmp_path, [scan(0, [1.0, 2.0], range_max=range_max)]))
+    assert recording.lidar is not None
+    assert recording.lidar.range_max == 80.0
+    assert "range-max" in codes(recording)
+
+
+@pytest.mark.parametrize(
+    ("events", "problem"),
+    [
+        ([scan(0, [1.0, 2.0], angle_increment=0.0, angle_max=-math.pi / 2)], "/scan: angle_increment of 0"),
+        ([scan(0, np.ones(10), angle_increment=1.0)], r"/scan: angle_increment: 10 beams 1 rad apart are 1\.43 turns"),
+        ([scan(0, [1.0], angle_min=math.nan)], "/scan: 1 of 1 message broken"),
+        ([scan(0, [])], "/scan: 1 of 1 message broken"),
+        ([scan(0, [1.0, 2.0], angle_min=100.0, angle_max=103.0)], "/scan: angle_min of 100, expected radians"),
+        ([placed(0, "map", "world")], "tf2_msgs/TFMessage: expected scans, odometry or an IMU"),
+        ([odometry(0, (math.nan, 0, 0))], "/odom: 1 of 1 message broken"),
+        ([odometry(0, (1e8, 0, 0))], "/odom: 1 of 1 message broken"),
+    ],
+)
+def test_messages_of_no_robot_are_refused(tmp_path: Path, events: list[Event], problem: str) -> None:
+    path = make_bag(tmp_path, events)
+    with pytest.raises(InputError, match=problem):
+        open_recording(path)
+
+
+def test_a_sequence_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="a bag is one sequence, expected none to be named"):
+        open_recording(make_bag(tmp_path, drive(2)), sequence=3)
+
+
+@pytest.mark.parametrize(("kind", "module"), [("lz4", "lz4.frame"), ("zstd", "backports.zstd")])
+def test_without_the_extra_a_packed_bag_says_what_is_missing(
+    tmp_path: Path, kind: str, module: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = make_bag(tmp_path, drive(3), kind)
+    monkeypatch.setitem(sys.modules, module, None)
+    monkeypatch.setitem(sys.modules, "compression.zstd", None)
+    with pytest.raises(InputError, match=r"a ROS bag, expected the extra: pip install 'moteslam\[bags\]'"):
+        open_recording(path)

@@ -1,0 +1,282 @@
+"""Recordings written as bags: what comes back, and what others read."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from moteslam import open_recording
+from moteslam.errors import ExistsError, InputError, OutputError
+from moteslam.robot import se2
+from moteslam.robot.formats.bags.events import twists
+from moteslam.robot.formats.bags.times import nanoseconds, seconds
+from moteslam.robot.formats.bags.write import write_mcap, write_rosbag1, write_rosbag2
+from moteslam.robot.formats.format import FORMATS
+from moteslam.robot.platform import Platform
+from moteslam.robot.platforms import UCSD
+from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream, OdometryStream, Recording
+from moteslam.robot.specs import LidarSpec
+from moteslam.robot.wheel_odometry import wheel_path
+
+WRITERS = {"x.bag": write_rosbag1, "x.mcap": write_mcap, "x": write_rosbag2}
+START = 1.6e9
+
+every_kind = pytest.mark.parametrize("name", WRITERS)
+
+
+def lidar_of(ranges: np.ndarray, stamps: np.ndarray) -> LidarStream:
+    return LidarStream(stamps, ranges.astype(np.float32), -2.1, 0.0123, 0.1, 25.0, 1e-5)
+
+
+def recording_of(seed: int = 0, scans: int = 300, *, odometry: bool = False) -> Recording:
+    """A made-up recording with everything that a bag holds bit for bit."""
+    random = np.random.default_rng(seed)
+    stamps = START + np.sort(random.uniform(0, 20, scans))
+    ranges = random.uniform(0.1, 24.9, (scans, 31)).astype(np.float32)
+    ranges[random.uniform(size=ranges.shape) < 0.1] = np.inf
+    ranges[random.uniform(size=ranges.shape) < 0.1] = np.nan
+    ticks = START + 0.025 * np.arange(800)
+    poses = np.column_stack((random.uniform(-50, 50, (400, 2)), random.uniform(-3.1, 3.1, 400)))
+    return Recording(
+        "made",
+        UCSD.model_copy(update={"lidar": LidarSpec(x=0.1, y=-0.2, z=0.3, yaw=0.4, time_increment=1e-5)}),
+        lidar=lidar_of(ranges, stamps),
+        encoders=EncoderStream(ticks, random.integers(-20, 40, (800, 4))),
+        odometry=OdometryStream(START + 0.05 * np.arange(400), poses) if odometry else None,
+        imu=ImuStream(ticks, random.normal(0, 1, (800, 3)), random.normal(0, 1, (800, 3))),
+    )
+
+
+def written(folder: Path, name: str, recording: Recording) -> Path:
+    path = folder / name
+    WRITERS[name](path, recording)
+    return path
+
+
+@every_kind
+def test_what_is_written_reads_back_the_same(tmp_path: Path, name: str) -> None:
+    recording = recording_of(odometry=True)
+    path = tmp_path / name
+    assert WRITERS[name](path, recording) == ()
+    again = open_recording(path)
+    assert again.warnings == ()
+    assert again.platform == recording.platform
+    assert (again.lidar, recording.lidar) != (None, None)
+    for stream, fields in {
+        "lidar": ("stamps", "ranges", "angle_min", "angle_increment", "range_min", "range_max", "time_increment"),
+        "encoders": ("stamps", "counts"),
+        "odometry": ("stamps",),
+        "imu": ("stamps", "angular_velocity"),
+    }.items():
+        for field in fields:
+            ours, theirs = (np.asarray(getattr(getattr(one, stream), field)) for one in (again, recording))
+            np.testing.assert_array_equal(ours, theirs, err_msg=f"{stream}.{field}")
+    assert again.odometry is not None
+    assert again.imu is not None
+    # through a quaternion, and through m/s^2: an ulp or two
+    np.testing.assert_array_equal(again.odometry.poses[:, :2], recording.odometry.poses[:, :2])  # type: ignore[union-attr]
+    np.testing.assert_allclose(again.odometry.poses[:, 2], recording.odometry.poses[:, 2], rtol=0, atol=2e-15)  # type: ignore[union-attr]
+    np.testing.assert_allclose(again.imu.linear_acceleration_g, recording.imu.linear_acceleration_g, rtol=4e-16)  # type: ignore[union-attr]
+
+
+@every_kind
+def test_wheels_give_an_odometry_that_does_not_come_back_as_a_stream(tmp_path: Path, name: str) -> None:
+    recording = recording_of()
+    path = written(tmp_path, name, recording)
+    again = open_recording(path)
+    assert again.odometry is None
+    assert again.encoders is not None
+    np.testing.assert_array_equal(again.encoders.counts, recording.encoders.counts)  # type: ignore[union-attr]
+    messages = read_by_rosbags(path)
+    poses = np.array(
+        [
+            (
+                m.pose.pose.position.x,
+                m.pose.pose.position.y,
+                2 * math.atan2(m.pose.pose.orientation.z, m.pose.pose.orientation.w),
+            )
+            for m in messages["/odom"]
+        ]
+    )
+    expected = wheel_path(recording)
+    np.testing.assert_array_equal(poses[:, :2], expected[:, :2])
+    np.testing.assert_allclose(se2.wrap(poses[:, 2] - expected[:, 2]), 0, atol=1e-14)
+
+
+@every_kind
+def test_rosbags_reads_what_is_written(tmp_path: Path, name: str) -> None:
+    recording = recording_of(odometry=True)
+    messages = read_by_rosbags(written(tmp_path, name, recording))
+    counts = {topic: len(found) for topic, found in messages.items()}
+    assert counts.pop("/clock") == len(np.unique(np.concatenate((recording.lidar.stamps, recording.odometry.stamps))))  # type: ignore[union-attr]
+    assert counts == {
+        "/moteslam/recording": 1,
+        "/tf_static": 1,
+        "/scan": 300,
+        "/odom": 400,
+        "/tf": 400,
+        "/joint_states": 800,
+        "/imu": 800,
+    }
+    scan = messages["/scan"][7]
+    np.testing.assert_array_equal(scan.ranges, recording.lidar.ranges[7])  # type: ignore[union-attr]
+    assert scan.header.frame_id == "laser"
+    assert scan.angle_max == pytest.approx(-2.1 + 30 * 0.0123)
+    mount = messages["/tf_static"][0].transforms[0]
+    assert (mount.header.frame_id, mount.child_frame_id) == ("base_link", "laser")
+    assert (mount.transform.translation.x, mount.transform.translation.z) == (0.1, 0.3)
+    moved = messages["/tf"][3].transforms[0]
+    assert (moved.header.frame_id, moved.child_frame_id) == ("odom", "base_link")
+    assert messages["/imu"][0].header.frame_id == "base_link"
+
+
+@pytest.mark.parametrize("name", ["x.bag", "x.mcap"])
+def test_the_same_recording_gives_the_same_bytes(tmp_path: Path, name: str) -> None:
+    first = written(tmp_path, name, recording_of()).read_bytes()
+    assert written(tmp_path, name, recording_of()).read_bytes() == first
+
+
+def test_the_same_recording_gives_the_same_folder(tmp_path: Path) -> None:
+    contents = []
+    for place in ("a", "b"):
+        (tmp_path / place).mkdir()
+        folder = written(tmp_path / place, "x", recording_of())
+        contents.append({path.name: path.read_bytes() for path in sorted(folder.iterdir())})
+    assert contents[0].keys() == {"metadata.yaml", "x.db3"}
+    assert contents[0] == contents[1]
+
+
+def read_by_rosbags(path: Path) -> dict[str, list[Any]]:
+    """All messages by topic, as rosbags' own reader makes them, with every definition's hash checked."""
+    from rosbags.highlevel import AnyReader
+
+    found: dict[str, list[Any]] = {}
+    with AnyReader([path]) as reader:
+        for connection, _, data in reader.messages():
+            found.setdefault(connection.topic, []).append(reader.deserialize(data, connection.msgtype))
+    return found
+
+
+@settings(max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    st.lists(st.floats(2**23, 2**31 - 2, width=64), min_size=1, max_size=20),
+    st.integers(1, 40),
+    st.integers(0, 2**32),
+)
+def test_any_scans_read_back_the_same(tmp_path: Path, times: list[float], beams: int, seed: int) -> None:
+    stamps = np.sort(times)
+    if len(stamps) > 1 and np.diff(stamps).max() > 86_000:
+        stamps = stamps[0] + np.arange(len(stamps)) * 0.1
+    random = np.random.default_rng(seed)
+    ranges = random.choice([np.inf, np.nan, 0.1, 24.99, 1.5], (len(stamps), beams))
+    recording = Recording("x", Platform(), lidar=lidar_of(ranges, stamps))
+    write_rosbag1(tmp_path / "x.bag", recording)
+    again = open_recording(tmp_path / "x.bag").lidar
+    assert again is not None
+    np.testing.assert_array_equal(again.stamps, stamps)
+    np.testing.assert_array_equal(again.ranges[:], ranges.astype(np.float32))
+
+
+@given(st.floats(0, 2**31, allow_nan=False))
+def test_stamps_come_back(stamp: float) -> None:
+    back = seconds(nanoseconds(np.array([stamp])))[0]
+    assert abs(back - stamp) <= (0 if stamp >= 2**23 else 0.51e-9)
+
+
+def test_velocities_are_differences_of_poses() -> None:
+    stamps = np.array([0.0, 0.1, 0.1, 0.3])
+    poses = np.array([[0.0, 0.0, math.pi / 2], [0.0, 0.1, math.pi / 2], [0.0, 0.1, math.pi / 2], [0.0, 0.1, 2.0]])
+    turn = (2.0 - math.pi / 2) / 0.2
+    expected = [[1.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, turn]]
+    np.testing.assert_allclose(twists(stamps, poses), expected, atol=1e-12)
+
+
+@pytest.mark.parametrize(("poses", "stamps"), [(1, [0.0]), (2, [1.0, 1.0])])
+def test_velocities_of_poses_without_time_between_are_none(poses: int, stamps: list[float]) -> None:
+    np.testing.assert_array_equal(twists(np.array(stamps), np.ones((poses, 3))), np.zeros((poses, 3)))
+
+
+@every_kind
+@pytest.mark.parametrize("stamp", [-1.0, 2.0**31])
+def test_stamps_that_messages_cannot_hold_are_refused(tmp_path: Path, name: str, stamp: float) -> None:
+    recording = Recording("x", Platform(), lidar=lidar_of(np.ones((1, 3)), np.array([stamp])))
+    with pytest.raises(InputError, match=r"x: lidar: stamp of .* s, expected 0 to 2\^31 s"):
+        WRITERS[name](tmp_path / name, recording)
+    assert list(tmp_path.iterdir()) == []
+
+
+@every_kind
+def test_a_recording_without_readings_is_refused(tmp_path: Path, name: str) -> None:
+    with pytest.raises(InputError, match="empty: no readings, expected scans, odometry, wheels or an IMU"):
+        WRITERS[name](tmp_path / name, Recording("empty", Platform()))
+    assert list(tmp_path.iterdir()) == []
+
+
+@every_kind
+def test_a_folder_that_is_not_there_is_one_line(tmp_path: Path, name: str) -> None:
+    with pytest.raises(OutputError, match="cannot be written: No such file or directory"):
+        WRITERS[name](tmp_path / "nowhere" / name, recording_of())
+
+
+def test_a_bag_that_is_there_is_replaced(tmp_path: Path) -> None:
+    (tmp_path / "x.bag").write_text("other")
+    assert open_recording(written(tmp_path, "x.bag", recording_of())).lidar is not None
+
+
+def test_a_folder_that_is_there_is_left_alone(tmp_path: Path) -> None:
+    (tmp_path / "x").mkdir()
+    with pytest.raises(ExistsError, match="exists already, expected a new folder"):
+        write_rosbag2(tmp_path / "x", recording_of())
+
+
+def test_without_wheels_the_encoders_are_not_written(tmp_path: Path) -> None:
+    recording = recording_of().replace(platform=Platform())
+    issues = write_rosbag1(tmp_path / "x.bag", recording)
+    assert [issue.code for issue in issues] == ["no-odometry", "encoders-left"]
+    again = open_recording(tmp_path / "x.bag")
+    assert again.encoders is None
+
+
+def test_poses_of_scans_become_odometry(tmp_path: Path) -> None:
+    lidar = lidar_of(np.ones((3, 5)), START + np.arange(3.0))
+    poses = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.1], [2.0, 0.0, 0.2]])
+    with_poses = LidarStream(**{**vars(lidar), "odometry": poses})
+    issues = write_rosbag1(tmp_path / "x.bag", Recording("x", Platform(), lidar=with_poses))
+    assert [issue.code for issue in issues] == ["scan-poses"]
+    again = open_recording(tmp_path / "x.bag")
+    assert again.odometry is not None
+    np.testing.assert_allclose(again.odometry.poses, poses, atol=1e-15)
+
+
+def test_the_description_of_a_recording_must_be_whole(tmp_path: Path) -> None:
+    path = written(tmp_path, "x.bag", recording_of())
+    path.write_bytes(path.read_bytes().replace(b"streams = [", b"streams # [", 1))
+    with pytest.raises(InputError, match=r"/moteslam/recording: .*expected the description of a recording"):
+        open_recording(path)
+
+
+def test_a_robot_that_is_given_lies_over_the_one_in_the_bag(tmp_path: Path) -> None:
+    path = written(tmp_path, "x.bag", recording_of())
+    (tmp_path / "robot.toml").write_text("[lidar]\nx = 0.7\nrange_max = 5.0\n")
+    again = open_recording(path, platform=tmp_path / "robot.toml")
+    assert again.lidar is not None
+    assert again.platform.lidar.pose == (0.7, -0.2, 0.4)
+    assert again.platform.wheels == UCSD.wheels
+    assert np.isinf(again.lidar.ranges[:][recording_of().lidar.ranges >= 5.0]).all()  # type: ignore[union-attr]
+
+
+@pytest.mark.parametrize(("name", "ending"), [("bag", ".bag"), ("mcap", ".mcap")])
+def test_formats_are_written_by_their_endings(tmp_path: Path, name: str, ending: str) -> None:
+    known = FORMATS[name]
+    assert known.endings[0] == ending
+    write: Callable[..., Any] | None = known.write
+    assert write is not None
+    assert write(tmp_path / f"x{ending}", recording_of()) == ()
+    assert known.recognise(tmp_path / f"x{ending}")
