@@ -68,7 +68,7 @@ def _write(writer: Any, events: Events, received: Sequence[int] | None, *, ros1:
 def scan(
     time: float, ranges: Sequence[float] | np.ndarray, *, topic: str = "/scan", frame: str = "laser", **figures: Any
 ) -> Event:
-    """A scan of so many seconds after the start; a fan of a quarter turn to each side unless figures say otherwise."""
+    """A scan a number of seconds after the start; a fan of a quarter turn to each side unless figures say otherwise."""
     rows = np.asarray(ranges, np.float32)
     increment = math.pi / max(1, len(rows) - 1)
     values = {

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import heapq
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -35,6 +35,9 @@ ODOM, BASE, LASER = "odom", "base_link", "laser"
 
 Values = dict[str, Any]
 """A message: numbers, texts, arrays, tables of these and lists of tables, by the names of its fields."""
+
+Places = Callable[[int], list[Values]]
+"""Gives transforms, for a time [ns]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,15 +88,32 @@ def odometry_of(recording: Recording) -> WrittenOdometry:
     return WrittenOdometry(None, is_stream=False, issues=(issue,))
 
 
-def events_of(recording: Recording, written: WrittenOdometry) -> Iterator[Event]:
-    """The messages of a recording without its images, by their times; of equal ones what others rely on comes first."""
+def events_of(
+    recording: Recording,
+    written: WrittenOdometry,
+    *,
+    images: Sequence[Iterator[Event]] = (),
+    places: Places | None = None,
+) -> Iterator[Event]:
+    """The messages of a recording by their times; of equal ones what others rely on comes first.
+
+    Args:
+        recording: to write.
+        written: its odometry.
+        images: the messages of its images.
+        places: gives, for a time [ns], the transforms to its cameras.
+
+    Raises:
+        InputError: no readings.
+    """
     lidar, imu, encoders, odometry = recording.lidar, recording.imu, recording.encoders, written.stream
     streams: list[Iterator[Event]] = []
     stamps = [stream.stamps for stream in (odometry, lidar, imu, encoders) if stream is not None and len(stream)]
     if not stamps:
         raise InputError("no readings, expected scans, odometry, wheels or an IMU", file=recording.name)
     begin = int(nanoseconds(np.array([min(float(times[0]) for times in stamps)]))[0])
-    streams.append(iter(_standing(recording, begin, with_odometry=written.is_stream)))
+    cameras = places(begin) if places is not None else []
+    streams.append(iter(_standing(recording, begin, cameras, with_odometry=written.is_stream)))
     ticks = [stream.stamps for stream in (odometry, lidar) if stream is not None]
     if ticks:
         streams.append(_clock(np.unique(nanoseconds(np.concatenate(ticks)))))
@@ -105,6 +125,7 @@ def events_of(recording: Recording, written: WrittenOdometry) -> Iterator[Event]
         streams.append(_imu(imu))
     if lidar is not None:
         streams.append(_scans(lidar))
+    streams += images
     yield from heapq.merge(*streams, key=lambda event: event.time)
 
 
@@ -134,8 +155,8 @@ def turned(yaw: float) -> Values:
     return {"x": 0.0, "y": 0.0, "z": math.sin(yaw / 2), "w": math.cos(yaw / 2)}
 
 
-def _standing(recording: Recording, time: int, *, with_odometry: bool) -> list[Event]:
-    """What holds throughout: the recording's description, and where the lidar stands."""
+def _standing(recording: Recording, time: int, cameras: list[Values], *, with_odometry: bool) -> list[Event]:
+    """What holds throughout: the recording's description, and where the sensors stand."""
     mount: LidarSpec = recording.platform.lidar
     place = transform(time, BASE, LASER, (mount.x, mount.y, mount.z), turned(mount.yaw))
     return [
@@ -146,7 +167,7 @@ def _standing(recording: Recording, time: int, *, with_odometry: bool) -> list[E
             {"data": manifest_of(recording, with_odometry=with_odometry)},
             latched=True,
         ),
-        Event(time, "/tf_static", TRANSFORMS[0], {"transforms": [place]}, latched=True),
+        Event(time, "/tf_static", TRANSFORMS[0], {"transforms": [place, *cameras]}, latched=True),
     ]
 
 

@@ -7,6 +7,7 @@ import sqlite3
 import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager
+from functools import partial
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,7 @@ from moteslam.errors import ExistsError, InputError, OutputError
 from moteslam.robot.files import umask
 from moteslam.robot.formats.bags.container import missing_extra
 from moteslam.robot.formats.bags.events import Event, events_of, odometry_of
+from moteslam.robot.formats.bags.image_events import ImageEvents, camera_transforms
 from moteslam.robot.formats.bags.serial import Serialiser, full_name
 from moteslam.robot.issues import Issue
 from moteslam.robot.recording import Recording
@@ -135,7 +137,9 @@ def _written(path: Path, recording: Recording, write: Callable[[Path, Iterator[E
     expect_type(recording, Recording, "recording", "open_recording(path) reads one")
     _check_stamps(recording)
     odometry = odometry_of(recording)
-    events = events_of(recording, odometry)
+    images, camera = ImageEvents(recording), recording.platform.camera
+    places = None if camera is None else partial(camera_transforms, mount=camera)
+    events = events_of(recording, odometry, images=images.streams(), places=places)
     try:
         with tempfile.TemporaryDirectory(prefix=".moteslam-", dir=path.absolute().parent) as place:
             made = write(Path(place), events)
@@ -145,15 +149,18 @@ def _written(path: Path, recording: Recording, write: Callable[[Path, Iterator[E
         raise missing_extra(path) from error
     except (OSError, sqlite3.Error, shutil.Error) as error:
         raise OutputError(f"cannot be written: {getattr(error, 'strerror', None) or error}", file=path) from error
-    return (*odometry.issues, *_left_out(recording))
+    return (*odometry.issues, *_left_out(recording), *images.issues())
 
 
 def _check_stamps(recording: Recording) -> None:
-    for name in ("lidar", "encoders", "odometry", "imu"):
-        stream = getattr(recording, name)
-        if stream is None or not len(stream):
+    rgbd = recording.rgbd
+    streams = {name: getattr(recording, name) for name in ("lidar", "encoders", "odometry", "imu")}
+    found = {name: stream.stamps for name, stream in streams.items() if stream is not None}
+    if rgbd is not None:
+        found |= {"rgbd.rgb_stamps": rgbd.rgb_stamps, "rgbd.disparity_stamps": rgbd.disparity_stamps}
+    for name, stamps in found.items():
+        if not len(stamps):
             continue
-        stamps = stream.stamps
         if not (stamps[0] >= 0 and stamps[-1] < LATEST - 1):
             worst = float(stamps[0] if stamps[0] < 0 else stamps[-1])
             problem = f"stamp of {worst:.6g} s, expected 0 to 2^31 s, as ROS messages hold them"
