@@ -34,6 +34,7 @@ PUBLIC = {
     "moteslam.robot.formats.carmen": ("write_carmen",),
     "moteslam.robot.formats.csv_writer": ("write_csv",),
     "moteslam.robot.formats.ucsd": ("write_ucsd",),
+    "moteslam.robot.formats.map_arrays": ("MapArrays", "read_map_arrays", "write_map_arrays"),
     "moteslam.robot.formats.map_server": ("occupancy_of", "read_map", "read_occupancy", "write_map", "write_occupancy"),
     "moteslam.robot.inspection": ("inspect_recording",),
     "moteslam.robot.issues": ("Issue",),

@@ -16,11 +16,12 @@ from moteslam.eval.environment import hardware
 from moteslam.eval.loop_table import looks_for_loops, loop_counts, write_loops
 from moteslam.eval.metrics.registry import Value, measure
 from moteslam.eval.particle_table import write_particles
-from moteslam.eval.report.maps import write_map_png, write_map_server
+from moteslam.eval.report.maps import log_odds_arrays, write_map_png, write_map_server
 from moteslam.eval.report.snapshots import Snapshot
-from moteslam.eval.report.textures import draw_texture_over_time, write_texture
+from moteslam.eval.report.textures import draw_texture_over_time, texture_arrays, write_texture
 from moteslam.eval.scores import Scores, evidence_of, score_estimate
 from moteslam.robot.files import make_folder, write_atomically
+from moteslam.robot.formats.map_arrays import write_map_arrays
 from moteslam.robot.raster import Raster
 from moteslam.robot.recording import Recording
 from moteslam.robot.se2 import between, compose
@@ -83,8 +84,10 @@ def write_results(
     write_diagnostics(folder / "diagnostics.csv", estimate)
     write_map_png(folder / "map.png", estimate.map)
     write_map_server(folder / "map.pgm", estimate.map)
+    write_map_arrays(folder / "map.npz", log_odds_arrays(estimate.map))
     if estimate.texture is not None:
         write_texture(folder / "texture.png", estimate.texture)
+        write_map_arrays(folder / "texture.npz", texture_arrays(estimate.texture))
     if len(estimate.particle_stamps):
         write_particles(folder / "particles.npz", estimate)
     looked = looks_for_loops(estimate.config)

@@ -14,7 +14,7 @@ from moteslam.eval.metrics.localisation import LocalisationResult
 from moteslam.eval.metrics.loops import LoopResult
 from moteslam.eval.metrics.registry import Value, measure
 from moteslam.eval.metrics.rpe import RpeResult, Unit
-from moteslam.eval.report.maps import trinary
+from moteslam.robot.formats.map_server import trinary
 from moteslam.robot.raster import Raster
 from moteslam.robot.recording import Recording
 from moteslam.robot.trajectory import Trajectory

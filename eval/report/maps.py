@@ -4,33 +4,11 @@ from __future__ import annotations
 
 from os import PathLike
 
-import numpy as np
-from numpy.typing import NDArray
-
 from moteslam.robot.files import write_atomically
-from moteslam.robot.formats.map_server import (
-    FREE,
-    OCCUPIED,
-    OCCUPIED_THRESHOLD,
-    UNKNOWN,
-    map_image,
-    write_map,
-)
+from moteslam.robot.formats.map_arrays import MapArrays
+from moteslam.robot.formats.map_server import map_image, trinary, write_map
 from moteslam.robot.pictures import encode_png
 from moteslam.robot.raster import Raster
-
-
-def trinary(log_odds: NDArray[np.float32]) -> NDArray[np.int8]:
-    """The map in map_server's three values, which one ray of log 4 (a probability of 0.2 or 0.8) decides.
-
-    Args:
-        log_odds: [H, W].
-
-    Returns:
-        int8 [H, W]: occupied above the probability of 0.65, free below its complement, else unknown.
-    """
-    limit = np.log(OCCUPIED_THRESHOLD / (1 - OCCUPIED_THRESHOLD))
-    return np.where(log_odds > limit, OCCUPIED, np.where(log_odds < -limit, FREE, UNKNOWN)).astype(np.int8)
 
 
 def write_map_png(path: str | PathLike[str], occupancy: Raster) -> None:
@@ -53,3 +31,13 @@ def write_map_server(path: str | PathLike[str], occupancy: Raster) -> None:
         OutputError: one of them cannot be written.
     """
     write_map(path, Raster(trinary(occupancy.values), occupancy.cell_size, occupancy.origin))
+
+
+def log_odds_arrays(occupancy: Raster) -> MapArrays:
+    """The map as it goes into ``map.npz``: log-odds as they are."""
+    return MapArrays(
+        kind="log_odds",
+        arrays={"log_odds": occupancy.values},
+        cell_size=occupancy.cell_size,
+        origin=occupancy.origin,
+    )

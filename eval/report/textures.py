@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from moteslam.eval.report import style
 from moteslam.eval.report.snapshots import STAGES
+from moteslam.robot.formats.map_arrays import MapArrays
 from moteslam.robot.formats.map_server import write_picture
 from moteslam.robot.raster import Raster
 from moteslam.robot.trajectory import Trajectory
@@ -53,6 +54,16 @@ def write_texture(path: str | PathLike[str], texture: TextureMap) -> None:
         OutputError: one of them cannot be written.
     """
     write_picture(path, Raster(with_opacity(texture), texture.cell_size, texture.origin), {"frames": texture.frames})
+
+
+def texture_arrays(texture: TextureMap) -> MapArrays:
+    """The coloured floor as it goes into ``texture.npz``: colours, and of how many points each is the mean."""
+    return MapArrays(
+        kind="texture",
+        arrays={"colours": texture.values, "points": texture.points},
+        cell_size=texture.cell_size,
+        origin=texture.origin,
+    )
 
 
 def draw_texture_over_time(

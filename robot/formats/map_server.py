@@ -203,6 +203,19 @@ def write_picture(path: str | PathLike[str], raster: Raster, about: Mapping[str,
     write_map_file(Path(path), raster, {}, about or {})
 
 
+def trinary(log_odds: NDArray[np.float32]) -> NDArray[np.int8]:
+    """The map in map_server's three values, which one ray of log 4 (a probability of 0.2 or 0.8) decides.
+
+    Args:
+        log_odds: [H, W].
+
+    Returns:
+        int8 [H, W]: occupied above the probability of 0.65, free below its complement, else unknown.
+    """
+    limit = np.log(OCCUPIED_THRESHOLD / (1 - OCCUPIED_THRESHOLD))
+    return np.where(log_odds > limit, OCCUPIED, np.where(log_odds < -limit, FREE, UNKNOWN)).astype(np.int8)
+
+
 def map_image(log_odds: NDArray[np.float32]) -> NDArray[np.uint8]:
     """The map in greys: white where free, black where occupied, 205 where nothing is known, and in between.
 

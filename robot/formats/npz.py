@@ -42,6 +42,15 @@ class _Header:
     offset: int
 
 
+def is_archive(path: Path) -> bool:
+    """Whether a file is an ``.npz``, by its first bytes; one that cannot be read is none."""
+    try:
+        with open_regular(path, "a .npz file") as file:
+            return file.read(4) == b"PK\x03\x04"
+    except (InputError, OSError):
+        return False
+
+
 def read_arrays(path: Path, shapes: Mapping[str, Shape], *, max_bytes: int = MAX_BYTES) -> dict[str, NDArray[Any]]:
     """Read the named arrays of real numbers, each of the shape asked for; others in the file are left alone.
 

@@ -12,10 +12,11 @@ from pathlib import Path
 import numpy as np
 
 from moteslam.errors import InputError
+from moteslam.robot import se2
 from moteslam.robot.files import write_atomically
 from moteslam.robot.formats.stamps import MAX_STAMP
 from moteslam.robot.trajectories.format import TrajectoryFormat
-from moteslam.robot.trajectories.plane import check_quaternion, quaternion_of_yaw, yaw_of_quaternion
+from moteslam.robot.trajectories.plane import check_quaternion, quaternion_of_yaw
 from moteslam.robot.trajectories.rows import Table, check_rising, data_lines, finite_numbers
 from moteslam.robot.trajectory import Trajectory
 from moteslam.robot.wording import expect_type
@@ -53,7 +54,7 @@ def read_euroc(path: str | PathLike[str]) -> Trajectory:
     if not len(table):
         raise InputError(f"no poses, expected EuRoC lines: {LINE}", file=path)
     rows = table.values
-    return Trajectory(rows[:, 0], np.column_stack((rows[:, 1:3], yaw_of_quaternion(rows[:, [5, 6, 7, 4]]))))
+    return Trajectory(rows[:, 0], np.column_stack((rows[:, 1:3], se2.heading(rows[:, [5, 6, 7, 4]]))))
 
 
 def write_euroc(path: str | PathLike[str], trajectory: Trajectory) -> None:

@@ -20,11 +20,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.errors import InputError, MoteslamWarning
+from moteslam.robot import se2
 from moteslam.robot.files import write_atomically
 from moteslam.robot.pose_graph import PoseGraph
 from moteslam.robot.reading import read_text
 from moteslam.robot.trajectories.format import TrajectoryFormat
-from moteslam.robot.trajectories.plane import check_quaternion, yaw_of_quaternion
+from moteslam.robot.trajectories.plane import check_quaternion
 from moteslam.robot.trajectories.rows import MAX_BYTES, Table, finite_numbers
 from moteslam.robot.trajectories.times import stamps_beside
 from moteslam.robot.trajectory import Trajectory
@@ -235,7 +236,7 @@ class _Lines:
         if len(numbers) == 3:
             return numbers
         check_quaternion(numbers[3:], self.path, line)
-        return [*numbers[:2], float(yaw_of_quaternion(numbers[3:]))]
+        return [*numbers[:2], float(se2.heading(numbers[3:]))]
 
 
 def _planar_information(upper: list[float]) -> Array:

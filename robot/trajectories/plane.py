@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from moteslam.errors import InputError
 from moteslam.robot import se2
@@ -14,15 +14,6 @@ Array = NDArray[np.float64]
 
 NO_ROTATION = 0.05
 """Entries of R R^T off those of the identity by more than this make a matrix no rotation, however it was rounded."""
-
-
-def yaw_of_quaternion(quaternion: ArrayLike) -> Array:
-    """The rotation [...] about z [rad] of quaternions [..., 4] (x, y, z, w) of any length but 0: yaw of roll-pitch-yaw.
-
-    It is the heading of the x axis, seen from above.
-    """
-    x, y, z, w = np.moveaxis(np.asarray(quaternion, np.float64), -1, 0)
-    return se2.wrap(np.arctan2(2 * (w * z + x * y), w * w + x * x - y * y - z * z))
 
 
 def quaternion_of_yaw(yaw: Array) -> tuple[list[float], list[float]]:

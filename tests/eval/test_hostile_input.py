@@ -61,7 +61,8 @@ def test_devices_and_pipes_are_refused_at_once(line: str, strange: str, kind: st
     Path("linked.toml").symlink_to(path)
     before = sorted(Path().iterdir())
     said = refused(capsys, *line.format(strange).split())
-    assert kind in said or "neither a file nor a folder" in said
+    # the image of a map may lie in its folder alone
+    assert any(words in said for words in (kind, "neither a file nor a folder", "lies elsewhere"))
     assert sorted(Path().iterdir()) == before
 
 

@@ -16,11 +16,11 @@ from moteslam.errors import OutputError
 from moteslam.eval.metrics.ate import absolute_trajectory_error
 from moteslam.eval.report import curves, plans
 from moteslam.eval.report.cloud import Cloud
-from moteslam.eval.report.maps import trinary, write_map_png, write_map_server
+from moteslam.eval.report.maps import write_map_png, write_map_server
 from moteslam.eval.report.particles import draw_particles
 from moteslam.eval.report.style import saved_figure
 from moteslam.eval.results import from_same_start
-from moteslam.robot.formats.map_server import FREE, OCCUPIED, UNKNOWN, map_image
+from moteslam.robot.formats.map_server import FREE, OCCUPIED, UNKNOWN, map_image, trinary
 from moteslam.robot.platforms import UCSD
 from moteslam.robot.raster import Raster
 from moteslam.robot.recording import LidarStream, Recording

@@ -12,6 +12,7 @@ from moteslam.errors import InputError
 from moteslam.eval.environment import hardware
 from moteslam.eval.results import write_results
 from moteslam.eval.scores import score_estimate
+from moteslam.robot.formats.map_arrays import read_map_arrays
 from moteslam.robot.trajectories.g2o import read_g2o
 from moteslam.robot.trajectories.tum import read_tum
 from moteslam.robot.trajectory import Trajectory
@@ -41,6 +42,9 @@ def test_what_is_written_is_what_was_estimated(run, simulation, tmp_path: Path) 
     assert {file.suffix for file in tmp_path.iterdir()} == {
         *(".tum", ".png", ".pgm", ".yaml", ".json", ".toml", ".csv", ".npz", ".g2o")
     }
+    log_odds = read_map_arrays(tmp_path / "map.npz").raster("log_odds")
+    assert log_odds.values.tobytes() == estimate.map.values.tobytes()
+    assert (log_odds.cell_size, log_odds.origin) == (estimate.map.cell_size, estimate.map.origin)
     graph = read_g2o(tmp_path / "graph.g2o")
     np.testing.assert_array_equal(graph.poses, estimate.graph.poses)
     np.testing.assert_array_equal(graph.information, estimate.graph.information)

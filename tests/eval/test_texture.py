@@ -14,6 +14,7 @@ from moteslam.errors import InputError
 from moteslam.eval.cli.main import run as main
 from moteslam.eval.metrics.texture import registration, score_texture
 from moteslam.eval.report.textures import with_opacity, write_texture
+from moteslam.robot.formats.map_arrays import read_map_arrays
 from moteslam.slam.texture.floor_map import TextureMap
 
 SCENARIO = """
@@ -98,6 +99,10 @@ def test_from_a_simulated_camera_to_the_result_folder(
     assert "camera: 1 frame left out, unreadable; the first: " in said.err
     assert "Traceback" not in said.err
     picture = cv2.imread(str(result / "texture.png"), cv2.IMREAD_UNCHANGED)
+    floor = read_map_arrays(result / "texture.npz")
+    np.testing.assert_array_equal(picture[::-1, :, 3] > 0, floor.arrays["points"] > 0)
+    known = floor.arrays["points"] > 0
+    np.testing.assert_array_equal(picture[::-1, :, 2::-1][known], floor.arrays["colours"][known])
     assert (picture[..., 3] == 255).sum() > 3000
     assert cv2.imread(str(result / "texture_over_time.png")).shape[1] > 1000
     without = tmp_path / "without"

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 from twins import rays
 
-from moteslam.errors import ConfigError
+from moteslam.errors import ConfigError, InputError
+from moteslam.robot.formats.map_arrays import MapArrays, write_map_arrays
 from moteslam.sim.scenario import load_scenario, parse_scenario
 from moteslam.sim.world.floor_plan import FloorPlan, read_floor_plan
 from moteslam.sim.world.tracing import trace_sides, wall_segments
@@ -165,3 +166,39 @@ def test_refused(
     assert str(caught.value).startswith(f"{tmp_path / 'my.toml'}: world.plan.file: {tmp_path}")
     if field is not None:
         assert f": {field}: " in str(caught.value)
+
+
+def arrays_file(path: Path, **changes: Any) -> Path:
+    """Log-odds: a wall around a room, unknown beyond it."""
+    values = np.zeros((30, 40), np.float32)
+    values[5:25, 5:35], values[6:24, 6:34] = 2.0, -2.0
+    about: dict[str, Any] = {"kind": "log_odds", "arrays": {"log_odds": values}, "cell_size": 0.1, **changes}
+    write_map_arrays(path, MapArrays(**about))
+    return path
+
+
+@pytest.mark.parametrize("name", ["map.npz", "map.yaml"])
+def test_log_odds_are_a_floor_plan_whatever_the_name(tmp_path: Path, name: str) -> None:
+    path = arrays_file(tmp_path / name, origin=(1.0, 2.0, 0.3))
+    ring = np.zeros((30, 40), bool)
+    ring[5:25, 5:35], ring[6:24, 6:34] = True, False
+    found = read_floor_plan(FloorPlan(file=str(path)))
+    np.testing.assert_array_equal(found.values, ring)
+    assert (found.cell_size, found.origin) == (0.1, (1.0, 2.0, 0.3))
+    solid = read_floor_plan(FloorPlan(file=str(path), unknown="wall"))
+    assert int(solid.values.sum()) == 30 * 40 - 18 * 28
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"arrays": {"log_odds": np.zeros((3, 3))}}, "log_odds: no occupied cell, expected walls"),
+        ({"cell_size": 100.0}, "log_odds: 40 x 30 cells of 100 m, expected at most"),
+        ({"kind": "texture", "arrays": {"colours": np.zeros((1, 1, 3)), "points": np.ones((1, 1))}}, "header.kind: "),
+    ],
+)
+def test_arrays_that_are_no_floor_plan_are_refused(tmp_path: Path, changes: dict[str, Any], words: str) -> None:
+    path = arrays_file(tmp_path / "map.npz", **changes)
+    with pytest.raises(InputError, match="expected") as caught:
+        read_floor_plan(FloorPlan(file=str(path)))
+    assert words in str(caught.value)

@@ -1,0 +1,194 @@
+"""Maps as arrays: an ``.npz`` of log-odds, of a TSDF or of a coloured floor, with a header that says where it lies.
+
+The header is JSON, the bytes of the array ``header``, so that any reader of ``.npz`` files gets at all of it:
+
+    {"format": "moteslam-map", "version": 1, "kind": "log_odds", "cell_size": 0.05, "origin": [-3.0, -2.5, 0.0],
+     "units": {"log_odds": "1"}}
+
+Row 0 of every array has the smallest y, in the file as in memory. Nothing is pickled.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from os import PathLike
+from pathlib import Path
+from typing import IO, Any, Literal, NamedTuple, get_args
+
+import numpy as np
+from numpy.typing import DTypeLike, NDArray
+
+from moteslam.errors import InputError
+from moteslam.robot.arrays import frozen
+from moteslam.robot.files import write_atomically
+from moteslam.robot.formats.npz import Shape, read_arrays
+from moteslam.robot.raster import Raster
+from moteslam.robot.summary import Summarised
+from moteslam.robot.wording import expect_type, shortened
+
+MapKind = Literal["log_odds", "tsdf", "texture"]
+
+NAME, VERSION = "moteslam-map", 1
+MAX_HEADER = 100_000
+MAX_BYTES = 1 << 30
+"""Of all arrays of a file: 1 GiB, of log-odds in cells of 5 cm the square of 800 m."""
+MAX_PLACE = 1e6
+"""No map lies farther from its frame's origin [m]."""
+
+
+class _Array(NamedTuple):
+    """An array of a kind of map: its dtype, its size beyond rows and columns, the unit of its numbers, their least."""
+
+    dtype: DTypeLike
+    depth: tuple[int, ...] = ()
+    unit: str = "1"
+    least: float = -np.inf
+
+
+ARRAYS: dict[MapKind, dict[str, _Array]] = {
+    "log_odds": {"log_odds": _Array(np.float32)},
+    "tsdf": {"distance": _Array(np.float32, unit="m"), "weight": _Array(np.uint16, least=0)},
+    "texture": {"colours": _Array(np.uint8, (3,), least=0), "points": _Array(np.uint32, least=0)},
+}
+"""The arrays of each kind; of log-odds, weights and points 0 is unknown."""
+
+
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class MapArrays(Summarised):
+    """A map as arrays.
+
+    Attributes:
+        kind: ``log_odds``; ``tsdf``; or ``texture``.
+        arrays: of that kind (`ARRAYS`), each [H, W] or [H, W, 3], row 0 the smallest y: ``log_odds``, above 0 occupied;
+            ``distance`` to the nearest surface [m], positive in front of it, and its ``weight``; ``colours``, red,
+            green and blue, and of how many ``points`` they are the mean.
+        cell_size: side of a cell [m].
+        origin: x, y [m] and yaw [rad] of the outer corner of cell [0, 0].
+        truncation: of the distances [m], of a TSDF alone.
+
+    Raises:
+        InputError: other arrays, of other shapes or with values out of bounds; no positive cell size; a place off the
+            globe; or a TSDF without truncation.
+    """
+
+    kind: MapKind
+    arrays: Mapping[str, NDArray[Any]]
+    cell_size: float
+    origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    truncation: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.kind not in ARRAYS:
+            raise InputError(f"{self.kind!r}, expected one of {', '.join(get_args(MapKind))}", field="kind")
+        if set(self.arrays) != set(ARRAYS[self.kind]):
+            found, expected = ", ".join(self.arrays) or "none", ", ".join(ARRAYS[self.kind])
+            raise InputError(f"{found}, expected {expected}", field="arrays")
+        _positive(self.cell_size, "cell_size")
+        if len(self.origin) != 3 or not all(map(_is_place, self.origin)):
+            raise InputError(
+                f"{shortened(self.origin)}, expected three numbers: x, y [m] and yaw [rad]", field="origin"
+            )
+        if self.kind == "tsdf":
+            _positive(self.truncation, "truncation")
+        elif self.truncation is not None:
+            raise InputError(f"{self.truncation!r}, expected none of the kind {self.kind}", field="truncation")
+        object.__setattr__(self, "arrays", {name: self._checked(name) for name in ARRAYS[self.kind]})
+
+    def raster(self, name: str) -> Raster:
+        """One of the arrays, where it lies."""
+        return Raster(self.arrays[name], self.cell_size, self.origin)
+
+    def _checked(self, name: str) -> NDArray[Any]:
+        about, values = ARRAYS[self.kind][name], np.asarray(self.arrays[name])
+        shape = (*np.shape(next(iter(self.arrays.values())))[:2], *about.depth)
+        if values.shape != shape or len(shape) != 2 + len(about.depth) or 0 in shape or values.dtype.kind not in "fiu":
+            wanted = ", ".join(["H", "W", *map(str, about.depth)])
+            raise InputError(f"{values.dtype}{list(values.shape)}, expected numbers [{wanted}]", field=name)
+        kind = np.dtype(about.dtype)
+        most = np.finfo(kind).max if kind.kind == "f" else np.iinfo(kind).max
+        if name == "distance" and self.truncation is not None:
+            most = self.truncation * (1 + 1e-6)  # rounded to float32
+        least = max(about.least, -float(most))
+        if not ((values >= least) & (values <= most)).all():
+            raise InputError(f"expected finite values from {least:g} to {float(most):g}", field=name)
+        return frozen(values, kind)
+
+
+def write_map_arrays(path: str | PathLike[str], map_arrays: MapArrays) -> None:
+    """Write a map as ``.npz``, compressed; the same map gives the same bytes, and reads back the same, bit for bit.
+
+    Raises:
+        OutputError: it cannot be written.
+    """
+    expect_type(map_arrays, MapArrays, "map_arrays")
+    units = {name: about.unit for name, about in ARRAYS[map_arrays.kind].items()}
+    header: dict[str, Any] = {"format": NAME, "version": VERSION, "kind": map_arrays.kind}
+    header |= {"cell_size": float(map_arrays.cell_size), "origin": [float(value) for value in map_arrays.origin]}
+    header |= {} if map_arrays.truncation is None else {"truncation": float(map_arrays.truncation)}
+    content = np.frombuffer(json.dumps(header | {"units": units}, allow_nan=False).encode(), np.uint8)
+
+    arrays: dict[str, Any] = {"header": content, **map_arrays.arrays}
+
+    def write(file: IO[bytes]) -> None:
+        np.savez_compressed(file, **arrays)
+
+    write_atomically(path, write)
+
+
+def read_map_arrays(path: str | PathLike[str]) -> MapArrays:
+    """Read a map written by `write_map_arrays`. Keys of the header that are not known here are passed over.
+
+    Raises:
+        InputError: no ``.npz`` file, no header of this format or one of a newer version, arrays that are missing, of
+            other shapes or of more than 1 GiB, or values out of bounds; file and field are named.
+    """
+    path = Path(path)
+    header = _header(path)
+    kind = header.get("kind")
+    if not isinstance(kind, str) or kind not in ARRAYS:
+        raise InputError(f"{shortened(kind)}, expected one of {', '.join(ARRAYS)}", file=path, field="header.kind")
+    origin = header.get("origin")
+    shapes: dict[str, Shape] = {name: ("rows", "columns", *about.depth) for name, about in ARRAYS[kind].items()}
+    try:
+        return MapArrays(
+            kind=kind,
+            arrays=read_arrays(path, shapes, max_bytes=MAX_BYTES),
+            cell_size=header.get("cell_size"),  # type: ignore[arg-type]
+            origin=tuple(origin) if isinstance(origin, list) else (),
+            truncation=header.get("truncation"),
+        )
+    except InputError as error:
+        if error.file is not None:
+            raise
+        field = error.field if error.field in ARRAYS[kind] else f"header.{error.field}"
+        raise InputError(error.problem, file=path, field=field) from error
+
+
+def _header(path: Path) -> dict[str, Any]:
+    """The header of a file, of a version that is known here."""
+    content = read_arrays(path, {"header": ("n",)}, max_bytes=MAX_HEADER)["header"]
+    try:
+        header = json.loads(content.tobytes()) if content.dtype == np.uint8 else None
+    except (ValueError, RecursionError):
+        header = None
+    if not isinstance(header, dict) or header.get("format") != NAME:
+        raise InputError(f'expected JSON with "format": "{NAME}"', file=path, field="header")
+    version = header.get("version")
+    if not isinstance(version, int) or isinstance(version, bool) or version < 1:
+        raise InputError(f"{shortened(version)}, expected {VERSION}", file=path, field="header.version")
+    if version > VERSION:
+        expected = f"expected at most {VERSION}: a newer moteslam reads it"
+        raise InputError(f"{shortened(version)}, {expected}", file=path, field="header.version")
+    return header
+
+
+def _is_place(value: object) -> bool:
+    """Whether something is a number within ``MAX_PLACE``, and so finite."""
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= MAX_PLACE
+
+
+def _positive(value: object, field: str) -> None:
+    if not _is_place(value) or not value > 0:  # type: ignore[operator]
+        raise InputError(f"{shortened(value)}, expected a positive length [m]", field=field)
