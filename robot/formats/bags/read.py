@@ -39,7 +39,7 @@ from moteslam.robot.ranges import ChunkedRanges
 from moteslam.robot.recording import EncoderStream, LidarStream, OdometryStream, Recording, RgbdStream
 from moteslam.robot.specs import CameraSpec, LidarSpec
 from moteslam.robot.tables import Table
-from moteslam.robot.wording import first_complaint
+from moteslam.robot.wording import counted, first_complaint
 
 MAX_TRANSFORMS = 4 << 20
 """Bytes of a message of transforms."""
@@ -127,6 +127,9 @@ class _Reading:
                 wanted[key], readers[key] = (topic, MAX_TRANSFORMS), self.transforms
         for key, index, data in self.bag.sweep(wanted):
             readers[key].add(index, data)
+        if broken := self.transforms.broken:
+            text = f"{self.bag.path.name}: transforms: {counted(broken, 'broken message')} dropped"
+            self.issues.append(Issue("broken-messages", text, broken))
 
     def _written_wheels(self) -> Topic | None:
         """The wheels of a bag that this package wrote, or those that are named."""
@@ -230,10 +233,11 @@ class _Reading:
         """
         if self.encoders is None or self.joints is None:
             return None
-        if robot.wheels is None:
+        wheels = robot.wheels if self.manifest is None else self.manifest.platform.wheels  # that they were written by
+        if wheels is None:
             problem = "joints of wheels, expected a platform with [wheels] to count them by"
             raise InputError(problem, file=self.bag.path, field=self.encoders.name)
-        return encoder_stream(self.bag, self.encoders, self.joints, robot.wheels, self.issues)
+        return encoder_stream(self.bag, self.encoders, self.joints, wheels, self.issues)
 
     def _odometry_stream(self) -> OdometryStream | None:
         if self.manifest is not None and "odometry" not in self.manifest.streams:

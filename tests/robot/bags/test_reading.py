@@ -165,6 +165,15 @@ def test_the_mount_is_looked_up_through_the_tree(tmp_path: Path) -> None:
     assert open_recording(make_bag(tmp_path, events)).platform.lidar.pose == pytest.approx((1.1, 0.5, math.pi / 2))
 
 
+def test_broken_transforms_are_counted(tmp_path: Path) -> None:
+    path = make_bag(tmp_path, drive(3))
+    content = path.read_bytes()
+    odom = bytes([1, 0, 0, 0]) + bytes(4)
+    assert odom in content
+    path.write_bytes(content.replace(odom, bytes([9, 0, 0, 0]) + bytes(4), 1))
+    assert codes(open_recording(path)) == ["broken-messages"]
+
+
 def test_a_mount_that_moves_is_an_issue(tmp_path: Path) -> None:
     events = [placed(index, "base_link", "laser", (0.1 * index, 0.0, 0.0)) for index in range(3)]
     assert codes(open_recording(make_bag(tmp_path, [*events, scan(0, [1.0, 2.0])]))) == ["mount-moves"]

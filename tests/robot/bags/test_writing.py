@@ -272,6 +272,16 @@ def test_a_robot_that_is_given_lies_over_the_one_in_the_bag(tmp_path: Path) -> N
     assert np.isinf(again.lidar.ranges[:][recording_of().lidar.ranges >= 5.0]).all()  # type: ignore[union-attr]
 
 
+def test_counts_are_those_that_were_written_whatever_wheels_are_given(tmp_path: Path) -> None:
+    recording = recording_of()
+    path = written(tmp_path, "x.bag", recording)
+    (tmp_path / "robot.toml").write_text("[wheels]\nmetres_per_count = 0.05\n")
+    for robot in (tmp_path / "robot.toml", Platform()):
+        again = open_recording(path, platform=robot)
+        assert again.encoders is not None
+        np.testing.assert_array_equal(again.encoders.counts, recording.encoders.counts)  # type: ignore[union-attr]
+
+
 @pytest.mark.parametrize(("name", "ending"), [("bag", ".bag"), ("mcap", ".mcap")])
 def test_formats_are_written_by_their_endings(tmp_path: Path, name: str, ending: str) -> None:
     known = FORMATS[name]
