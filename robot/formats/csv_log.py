@@ -16,6 +16,7 @@ from moteslam.robot.formats.csv_model import (
     RADIANS_PER_SECOND,
     SECONDS,
     STREAMS,
+    TWO_WHEELS,
     CsvDescription,
     CsvTable,
     EncoderTable,
@@ -31,6 +32,7 @@ from moteslam.robot.formats.csv_writer import write_csv
 from moteslam.robot.formats.format import Format, Robot
 from moteslam.robot.formats.streams import (
     Fan,
+    axle_counts,
     counts_of,
     encoder_stream,
     imu_stream,
@@ -117,15 +119,14 @@ class _Reader:
         wanted = Wanted(
             {"lidar.stamp": table.stamp, **{f"lidar.odometry.{key}": column for key, column in poses.items()}},
             table.ranges,
+            METRES[table.range_unit],
         )
         file, stamps, values, ranges = self._columns("lidar", table, wanted)
-        with np.errstate(over="ignore"):  # beyond float32 is infinite: no return
-            scaled = (ranges * METRES[table.range_unit]).astype(np.float32)
         return lidar_stream(
             file,
             table.ranges,
             stamps=stamps,
-            ranges=scaled,
+            ranges=ranges,
             fan=self._fan(table),
             robot=self.robot,
             given=self.given,
@@ -142,13 +143,14 @@ class _Reader:
 
     def encoders(self, table: EncoderTable) -> EncoderStream:
         """The counts of the wheels."""
-        wheels = {f"encoders.wheel {place}": column for place, column in enumerate(table.wheels)}
-        wanted = Wanted({"encoders.stamp": table.stamp, **wheels})
-        file, stamps, values, _ = self._columns("encoders", table, wanted)
+        wheels = {f"encoders.{key}": column for key, column in table.wheels.items()}
+        file, stamps, values, _ = self._columns("encoders", table, Wanted({"encoders.stamp": table.stamp, **wheels}))
         if (values != np.round(values)).any() or (np.abs(values) >= MAX_COUNT).any():
             raise InputError("not whole numbers, or beyond 2^53, expected ticks", file=file, field="encoders")
         counts = values.astype(np.int64)
         counts = counts_of(counts) if table.running else counts
+        if len(wheels) == len(TWO_WHEELS):
+            counts = axle_counts(*counts.T)
         return encoder_stream(file, str(table.stamp), stamps, counts, self.robot, self.issues)
 
     def imu(self, table: ImuTable) -> ImuStream:
@@ -171,8 +173,8 @@ class _Reader:
 
     def _columns(
         self, stream: str, table: CsvTable, wanted: Wanted
-    ) -> tuple[Path, NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-        """The file, its stamps [n] [s], the other finite columns [n, k] and the ranges [n, m], in the file's units."""
+    ) -> tuple[Path, NDArray[np.float64], NDArray[np.float64], NDArray[np.float32]]:
+        """The file, its stamps [n] [s], the other finite columns [n, k] in its units, and the ranges [n, m] [m]."""
         file = file_within(self.path, table.file, f"{stream}.file")
         columns = read_columns(file, table, wanted, description=self.path, issues=self.issues)
         return file, columns.finite[:, 0] * SECONDS[table.stamp_unit], columns.finite[:, 1:], columns.ranges

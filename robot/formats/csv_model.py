@@ -20,6 +20,10 @@ RADIANS_PER_SECOND = {"rad/s": 1.0, "deg/s": math.pi / 180}
 G = {"g": 1.0, "m/s^2": 1 / 9.80665}
 """Units by their names, in those of a recording."""
 
+TWO_WHEELS = ("left", "right")
+FOUR_WHEELS = ("front_right", "front_left", "rear_right", "rear_left")
+"""The keys of the wheels, these in the order of a recording's counts."""
+
 STREAMS = ("lidar", "odometry", "encoders", "imu")
 """The tables of a description that are streams."""
 
@@ -41,7 +45,7 @@ def _platform(value: Any) -> Any:
 
 
 Column = Annotated[int | str, BeforeValidator(_column)]
-Pose = Annotated[tuple[Column, Column, Column], Field()]
+Triple = tuple[Column, Column, Column]
 
 
 class CsvTable(Section):
@@ -84,7 +88,7 @@ class LidarTable(CsvTable):
     angle_unit: Literal["rad", "deg"] = "rad"
     range_min: Annotated[Number, Field(ge=0, le=10_000)] | None = None
     range_max: Annotated[Number, Field(gt=0, le=10_000)] | None = None
-    odometry: Pose | None = None
+    odometry: Triple | None = None
     length_unit: Literal["m", "cm", "mm", "in"] = "m"
 
 
@@ -121,18 +125,14 @@ class EncoderTable(CsvTable):
     running: bool = True
 
     @property
-    def wheels(self) -> tuple[Column, ...]:
-        """The columns of the front right, front left, rear right and rear left wheel; of two wheels twice."""
-        two = (self.right, self.left, self.right, self.left)
-        four = (self.front_right, self.front_left, self.rear_right, self.rear_left)
-        return tuple(column for column in (two if self.left is not None else four) if column is not None)
+    def wheels(self) -> dict[str, Column]:
+        """The columns by their keys: of two wheels, or of four."""
+        columns = {key: getattr(self, key) for key in (*TWO_WHEELS, *FOUR_WHEELS)}
+        return {key: column for key, column in columns.items() if column is not None}
 
     @model_validator(mode="after")
     def _two_or_four(self) -> EncoderTable:
-        two = (self.left, self.right)
-        four = (self.front_right, self.front_left, self.rear_right, self.rear_left)
-        given = [[column is not None for column in columns] for columns in (two, four)]
-        if sorted(map(all, given)) != [False, True] or sorted(map(any, given)) != [False, True]:
+        if tuple(self.wheels) not in (TWO_WHEELS, FOUR_WHEELS):
             raise ValueError(
                 "columns of some wheels, expected left and right, or front_right, front_left, rear_right and rear_left"
             )
@@ -154,7 +154,7 @@ class ImuTable(CsvTable):
     roll_rate: Column | None = None
     pitch_rate: Column | None = None
     rate_unit: Literal["rad/s", "deg/s"] = "rad/s"
-    acceleration: Pose | None = None
+    acceleration: Triple | None = None
     acceleration_unit: Literal["g", "m/s^2"] = "g"
 
 

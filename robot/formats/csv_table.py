@@ -28,18 +28,23 @@ class Wanted:
     Attributes:
         finite: columns of finite numbers, by the key that asks for each.
         ranges: first and last of the columns that may be empty, infinite or NaN; None where none are asked for.
+        metres: unit of these [m].
     """
 
     finite: dict[str, Column]
     ranges: str | None = None
+    metres: float = 1.0
 
 
 @dataclass(frozen=True, eq=False)
 class Columns:
-    """What they hold: finite [n, k] float64 in the order asked for, ranges [n, m] float64; an empty cell is 0."""
+    """What they hold: finite [n, k] in the order asked for, in the units of the file, ranges [n, m] [m].
+
+    The range of an empty cell is 0.
+    """
 
     finite: NDArray[np.float64]
-    ranges: NDArray[np.float64]
+    ranges: NDArray[np.float32]
 
 
 def read_columns(path: Path, table: CsvTable, wanted: Wanted, *, description: Path, issues: list[Issue]) -> Columns:
@@ -68,21 +73,23 @@ def read_columns(path: Path, table: CsvTable, wanted: Wanted, *, description: Pa
     span = range(0)
     if wanted.ranges is not None:
         span = _span(header, wanted.ranges, description, path)
-    values, ranges, broken = array("d"), array("d"), BrokenLines()
+    values, ranges, broken = array("d"), array("f"), BrokenLines()
     last = max(*finite, *span) if span else max(finite)
     for number, cells in rows:
         try:
             if len(cells) <= last:
                 raise ValueError(f"{counted(len(cells), 'cell')}, expected at least {last + 1}")
             row = _finite([cells[index] for index in finite])
-            ranges.extend([float(cells[index] or b"0") for index in span])
+            ranges.extend(array("f", [float(cells[index] or b"0") * wanted.metres for index in span]))
         except (ValueError, OverflowError) as error:
             broken.add(number, _in_words(error))
             continue
         values.extend(row)
     count = len(values) // len(finite)
     issues.extend(broken_issues(lines, broken, count, EMPTY))
-    return Columns(np.array(values).reshape(count, len(finite)), np.array(ranges).reshape(count, len(span)))
+    return Columns(
+        np.array(values, np.float64).reshape(count, len(finite)), np.array(ranges, np.float32).reshape(count, len(span))
+    )
 
 
 def _cells(lines: TextLines, delimiter: str) -> Iterator[tuple[int, list[bytes]]]:

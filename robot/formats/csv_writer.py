@@ -12,6 +12,7 @@ import tomli_w
 
 from moteslam.errors import InputError, OutputError
 from moteslam.robot.files import write_atomically
+from moteslam.robot.formats.csv_model import FOUR_WHEELS
 from moteslam.robot.formats.not_written import not_written
 from moteslam.robot.issues import Issue
 from moteslam.robot.platforms import platform_table
@@ -20,7 +21,6 @@ from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream, Odom
 from moteslam.robot.tables import Table
 from moteslam.robot.wording import expect_type
 
-WHEELS = ("front_right", "front_left", "rear_right", "rear_left")
 POSE = ("x", "y", "theta")
 RATES = ("roll_rate", "pitch_rate", "yaw_rate")
 ACCELERATION = ("acceleration_x", "acceleration_y", "acceleration_z")
@@ -118,11 +118,11 @@ def _odometry(odometry: OdometryStream) -> tuple[Table, Rows]:
 
 def _encoders(encoders: EncoderStream) -> tuple[Table, Rows]:
     def rows() -> Rows:
-        yield ["stamp", *WHEELS]
+        yield ["stamp", *FOUR_WHEELS]
         for stamp, counts in zip(encoders.stamps.tolist(), encoders.counts.tolist(), strict=True):
             yield [repr(stamp), *counts]
 
-    return {**{key: key for key in WHEELS}, "running": False}, rows()
+    return {**{key: key for key in FOUR_WHEELS}, "running": False}, rows()
 
 
 def _imu(imu: ImuStream) -> tuple[Table, Rows]:

@@ -37,10 +37,10 @@ class TextLines:
         InputError: the file cannot be read, or passes a bound.
     """
 
-    def __init__(self, path: Path, *, max_text: int = MAX_TEXT, max_line: int = MAX_LINE) -> None:
+    def __init__(self, path: Path, *, max_text: int = MAX_TEXT, max_line: int = MAX_LINE, chunk: int = _CHUNK) -> None:
         self.path = path
         self.damage: str | None = None
-        self._max_text, self._max_line = max_text, max_line
+        self._max_text, self._max_line, self._chunk = max_text, max_line, chunk
 
     def __iter__(self) -> Iterator[bytes]:
         rest, total, lines_read = b"", 0, 0
@@ -59,12 +59,12 @@ class TextLines:
             yield rest
 
     def head(self) -> bytes:
-        """What the file begins with, unpacked, 256 KiB or a little more; empty if nothing can be read."""
+        """What the file begins with, unpacked, a chunk (256 KiB) or a little more; empty if nothing can be read."""
         start = b""
         try:
             for chunk in self._chunks():
                 start += chunk
-                if len(start) >= _CHUNK:
+                if len(start) >= self._chunk:
                     break
         except InputError:
             pass
@@ -75,7 +75,7 @@ class TextLines:
             with open_regular(self.path, "a text file") as file:
                 packed = file.read(2) == _GZIP
                 file.seek(0)
-                size = _PACKED if packed else _CHUNK
+                size = _PACKED if packed else self._chunk
                 raw = iter(lambda: file.read(size), b"")
                 chunks = self._unpacked(raw) if packed else raw
                 yield next(chunks, b"").removeprefix(BOM_UTF8)
@@ -90,7 +90,7 @@ class TextLines:
         for block in raw:
             while block:
                 try:
-                    chunk = member.decompress(block, _CHUNK)
+                    chunk = member.decompress(block, self._chunk)
                 except zlib.error:
                     self.damage = "the gzip data is damaged"
                     return

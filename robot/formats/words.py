@@ -21,6 +21,9 @@ from moteslam.robot.wording import counted
 MAX_BROKEN = 3
 """Up to this many broken lines are always dropped; more of them only up to a tenth of the log."""
 
+HEAD = 1 << 16
+"""Bytes by which a kind of log is known: a folder may hold many files that are none."""
+
 Parser = Callable[[Sequence[bytes], int], None]
 """Takes the words of a line and its number from 1, and keeps what it says."""
 
@@ -214,7 +217,7 @@ def begins_with(path: Path, are: Callable[[Sequence[bytes]], bool], *, lines: in
         are: whether the words of a line are; must not raise.
         lines: how many are looked at; of a shorter file all, at least one.
     """
-    head = TextLines(path).head()
+    head = TextLines(path, chunk=HEAD).head()
     whole = head[: head.rfind(b"\n") + 1] or head
     split = (line.split() for line in whole.split(b"\n"))
     first = [words for words in split if words and not words[0].startswith(b"#")][:lines]

@@ -43,6 +43,7 @@ def test_counters_ranges_and_stamps(tmp_path: Path, name: str) -> None:
     np.testing.assert_array_equal(encoders.counts, [[0, 0, 0, 0], *[[-3, 10, -3, 10]] * 7])
     np.testing.assert_allclose(lidar.ranges[:, 0], 1 + 0.001 * np.arange(8), rtol=1e-6)
     assert lidar.ranges.shape == (8, BEAMS)
+    np.testing.assert_array_equal(lidar.ranges[:, -1], lidar.ranges[:, 0])  # not what stands before or behind
     assert np.degrees(lidar.angle_min) == pytest.approx(-119.53, abs=0.01)
 
 

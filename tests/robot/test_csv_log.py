@@ -208,6 +208,10 @@ REFUSED = {
         ENCODERS + "".join(f'{wheel} = "r0"\n' for wheel in WHEELS[:3]),
         "encoders: columns of some wheels, expected left and right",
     ),
+    "no such wheel": (
+        ENCODERS + 'left = "r0"\nright = "wheel"\n',
+        "encoders.right: 'wheel' is no column of scans.csv",
+    ),
     "six wheels": (
         ENCODERS + "".join(f'{wheel} = "r0"\n' for wheel in ("left", "right", *WHEELS)),
         "encoders: columns of some wheels, expected left and right",
