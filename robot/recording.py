@@ -75,6 +75,8 @@ class LidarStream(_Frozen):
         if self.ranges.dtype != np.float32 or len(shape) != 2 or shape[0] != len(self.stamps):
             found = f"{self.ranges.dtype} {list(shape)}"
             raise InputError(f"{found}, expected float32 [{len(self.stamps)}, beams]", field="ranges")
+        for name in ("angle_min", "angle_increment", "range_min", "range_max", "time_increment"):
+            object.__setattr__(self, name, float(getattr(self, name)))  # of a NumPy scalar, whose text is no number
 
     def __len__(self) -> int:
         return len(self.stamps)

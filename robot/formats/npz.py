@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import io
 import math
+import tokenize
 import zipfile
 import zlib
 from collections.abc import Mapping
@@ -93,7 +94,7 @@ def _header(archive: zipfile.ZipFile, members: dict[str, zipfile.ZipInfo], path:
     try:
         read = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}[npy.read_magic(start)]
         shape, fortran, dtype = read(start)
-    except (KeyError, ValueError, EOFError, OverflowError, RecursionError, MemoryError) as error:
+    except (KeyError, ValueError, EOFError, OverflowError, RecursionError, MemoryError, tokenize.TokenError) as error:
         raise InputError("has no readable .npy header", file=path, field=name) from error
     if dtype.hasobject:
         raise InputError("holds pickled objects, expected numbers", file=path, field=name)

@@ -75,18 +75,18 @@ def write_rosbag2(path: str | PathLike[str], recording: Recording) -> tuple[Issu
     """Write a recording as a ROS 2 bag: a folder with ``metadata.yaml`` and a SQLite file; else as `write_rosbag1`.
 
     Raises:
-        ExistsError: the folder is there already.
+        ExistsError: the folder holds a bag already.
     """
     path = Path(path)
 
     def write(place: Path, events: Iterator[Event]) -> Path:
-        folder = place / path.absolute().name  # the files in it are called as the folder
+        folder = place / "recording"  # the file in it is called as the folder is here
         with _ros2_writer(folder, "SQLITE3") as writer:
             _write_all(writer, events, ros1=False)
         return folder
 
-    if path.exists():
-        raise ExistsError("exists already, expected a new folder", file=path)
+    if (path / "metadata.yaml").exists():
+        raise ExistsError("holds a bag already, expected a new folder", file=path)
     return _written(path, recording, write)
 
 
@@ -144,7 +144,11 @@ def _written(path: Path, recording: Recording, write: Callable[[Path, Iterator[E
         with tempfile.TemporaryDirectory(prefix=".moteslam-", dir=path.absolute().parent) as place:
             made = write(Path(place), events)
             made.chmod((0o777 if made.is_dir() else 0o666) & ~umask())
-            made.replace(path)
+            if made.is_dir() and path.is_dir():
+                for file in sorted(made.iterdir(), key=lambda file: file.suffix == ".yaml"):  # the metadata last
+                    file.replace(path / file.name)
+            else:
+                made.replace(path)
     except ModuleNotFoundError as error:
         raise missing_extra(path) from error
     except (OSError, sqlite3.Error, shutil.Error) as error:

@@ -149,7 +149,7 @@ def test_the_same_recording_gives_the_same_folder(tmp_path: Path) -> None:
         (tmp_path / place).mkdir()
         folder = written(tmp_path / place, "x", recording_of())
         contents.append({path.name: path.read_bytes() for path in sorted(folder.iterdir())})
-    assert contents[0].keys() == {"metadata.yaml", "x.db3"}
+    assert contents[0].keys() == {"metadata.yaml", "recording.db3"}
     assert contents[0] == contents[1]
 
 
@@ -230,9 +230,13 @@ def test_a_bag_that_is_there_is_replaced(tmp_path: Path) -> None:
     assert open_recording(written(tmp_path, "x.bag", recording_of())).lidar is not None
 
 
-def test_a_folder_that_is_there_is_left_alone(tmp_path: Path) -> None:
+def test_a_folder_that_is_there_is_filled_once(tmp_path: Path) -> None:
     (tmp_path / "x").mkdir()
-    with pytest.raises(ExistsError, match="exists already, expected a new folder"):
+    (tmp_path / "x" / "notes.txt").write_text("mine")
+    write_rosbag2(tmp_path / "x", recording_of())
+    assert {file.name for file in (tmp_path / "x").iterdir()} == {"metadata.yaml", "recording.db3", "notes.txt"}
+    assert open_recording(tmp_path / "x").lidar is not None
+    with pytest.raises(ExistsError, match="holds a bag already, expected a new folder"):
         write_rosbag2(tmp_path / "x", recording_of())
 
 
