@@ -16,6 +16,9 @@ from moteslam.robot.formats.bags.rosbag2 import open_rosbag2
 from moteslam.robot.issues import Issue
 from moteslam.robot.reading import open_regular
 
+BLOCK = 16_384
+"""Messages whose places are Python's numbers at a time, of 150 bytes each: all those of an hour would be 120 MB."""
+
 
 @dataclass(frozen=True, eq=False)
 class Topic:
@@ -93,13 +96,15 @@ class Bag:
         if not keys:
             return
         where = np.concatenate([topic.where for topic in topics])
-        owner = np.repeat(np.arange(len(keys)), [len(topic) for topic in topics])
-        index = np.concatenate([np.arange(len(topic)) for topic in topics])
-        most = np.array([wanted[key][1] for key in keys])[owner]
+        owner = np.repeat(np.arange(len(keys), dtype=np.int32), [len(topic) for topic in topics])
+        index = np.concatenate([np.arange(len(topic), dtype=np.int32) for topic in topics])
+        sizes = np.array([wanted[key][1] for key in keys])
         order = np.lexsort(where.T[::-1])
-        owners, indices = owner[order].tolist(), index[order].tolist()
-        for at, data in self._read(where[order], most[order]):
-            yield keys[owners[at]], indices[at], data
+        for first in range(0, len(order), BLOCK):
+            block = order[first : first + BLOCK]
+            owners, indices = owner[block].tolist(), index[block].tolist()
+            for at, data in self._read(where[block], sizes[owner[block]]):
+                yield keys[owners[at]], indices[at], data
 
     def _read(self, where: Indices, at_most: Indices) -> Iterator[tuple[int, bytes]]:
         """Messages with their number, file by file where that changes."""

@@ -111,9 +111,11 @@ class ChunkReader:
     def read(self, number: int, offset: int, size: int) -> bytes:
         """Up to ``size`` bytes of a chunk from an offset in it; fewer at its end."""
         chunk = self._chunks[number]
+        if offset < 0 or offset >= chunk.size:
+            return b""
         if chunk.compression == "none":
             self._file.seek(chunk.position + offset)
-            return self._file.read(max(0, min(size, chunk.stored - offset)))
+            return self._file.read(min(size, chunk.stored - offset) if offset < chunk.stored else 0)
         return self.whole(number)[offset : offset + size]
 
     def whole(self, number: int) -> bytes:

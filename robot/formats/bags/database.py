@@ -63,7 +63,7 @@ def is_bag_database(path: Path) -> bool:
     try:
         with closing(_connect(path)) as connection:
             _check_tables(connection, path)
-    except (sqlite3.Error, InputError):
+    except (sqlite3.Error, ValueError, InputError):  # ValueError: names that are no text
         return False
     return True
 

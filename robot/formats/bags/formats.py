@@ -55,5 +55,5 @@ MCAP = Format(
     read=_read,
     read_topics=_read_topics,
     write=write_mcap,
-    endings=(".mcap", ".db3"),
+    endings=(".mcap",),
 )

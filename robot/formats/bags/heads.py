@@ -48,13 +48,20 @@ class HeadReader:
         texts: how many texts stand behind the stamp.
         kind: of the numbers behind these, as NumPy names it, ``f8``.
         width: how many.
+        columns: which of these are kept; all if None.
     """
 
-    def __init__(self, count: int, *, ros1: bool, texts: int, kind: str, width: int) -> None:
+    def __init__(
+        self, count: int, *, ros1: bool, texts: int, kind: str, width: int, columns: Sequence[int] | None = None
+    ) -> None:
         self._ros1, self._texts, self._kind, self._width = ros1, texts, kind, width
+        self._columns = np.arange(width) if columns is None else np.array(columns)
         self._waiting: list[tuple[int, bytes]] = []
         self._heads = Heads(
-            np.zeros(count, np.int64), [()] * count, np.zeros((count, width), kind), np.ones(count, np.bool_)
+            np.zeros(count, np.int64),
+            [()] * count,
+            np.zeros((count, len(self._columns)), kind),
+            np.ones(count, np.bool_),
         )
 
     def add(self, index: int, data: bytes) -> None:
@@ -105,7 +112,7 @@ class HeadReader:
         time = np.ascontiguousarray(rows[:, 4:12]).view(f"{order}u4").astype(np.int64)
         heads = self._heads
         heads.stamps[at] = time[:, 0] * 1_000_000_000 + time[:, 1]
-        heads.values[at] = np.ascontiguousarray(rows[:, start:end]).view(f"{order}{self._kind}")
+        heads.values[at] = np.ascontiguousarray(rows[:, start:end]).view(f"{order}{self._kind}")[:, self._columns]
         heads.broken[at] = False
         cursor = Cursor(found[0], ros1=self._ros1)
         cursor.position = 12

@@ -8,6 +8,7 @@ leaves it that was killed, is gone through from its beginning, as far as it is w
 from __future__ import annotations
 
 import struct
+from array import array
 from collections.abc import Iterator
 from pathlib import Path
 from typing import IO
@@ -91,6 +92,23 @@ class Mcap:
         return data
 
 
+class _Found:
+    """Messages that were found by going through records: 16 bytes each, for a packed chunk may hold millions."""
+
+    def __init__(self) -> None:
+        self._of: dict[int, array[int]] = {}
+
+    def add(self, channel: int, time: int, offset: int) -> None:
+        """A message of a channel, when it was logged [ns] and where it lies."""
+        self._of.setdefault(channel, array("q")).extend((min(time, _LATEST), offset))
+
+    def into(self, builder: IndexBuilder, chunk: int) -> None:
+        """Add all to the index, as lying in a chunk."""
+        for channel, values in self._of.items():
+            table = np.array(values, np.int64).reshape(-1, 2)
+            builder.add(channel, chunk, table[:, 0], table[:, 1])
+
+
 class _Opening:
     """What is read while a file is opened."""
 
@@ -134,14 +152,17 @@ class _Opening:
                     length, offsets = struct.unpack_from("<QI", content, 24)
                     (indices,) = struct.unpack_from("<Q", content, 36 + offsets)
                     found.append((chunk, length, indices))
-        if len({chunk for chunk, _, _ in found}) != len(found):
-            raise InputError("two entries of its summary are of one chunk", file=self.path)
         if not found or not self.found:
             self.schemas, self.found = {}, {}
             return False
-        for chunk, length, indices in sorted(found):
-            if chunk + length + indices > self.end:
-                raise InputError(f"cut short: its summary has a chunk at byte {chunk} of {self.end}", file=self.path)
+        found.sort()
+        ends = [chunk + length + indices for chunk, length, indices in found]
+        for (chunk, _, _), behind in zip(found, [0, *ends[:-1]], strict=True):
+            if chunk < behind:
+                raise InputError(f"chunk at byte {chunk} begins within another", file=self.path)
+        if ends[-1] > self.end:
+            raise InputError(f"cut short: its summary has a chunk up to byte {ends[-1]} of {self.end}", file=self.path)
+        for chunk, length, indices in found:
             self.indexed_chunk(chunk, chunk + length, indices)
         return True
 
@@ -168,7 +189,7 @@ class _Opening:
         """Go through the file from its beginning, as far as it is whole; messages outside chunks are found as well."""
         last = self.end - (0 if self.damage else _FOOTER_BYTES)
         self.chunks.append(StoredChunk(0, self.end, "none", self.end))
-        loose: dict[int, list[tuple[int, int]]] = {}
+        loose = _Found()
         try:
             for kind, position, size in self.records(len(MAGIC), last):
                 if kind in (_SCHEMA, _CHANNEL):
@@ -178,13 +199,11 @@ class _Opening:
                 elif kind == _MESSAGE:
                     self.file.seek(position)
                     channel, _, time = struct.unpack("<HIQ", self.file.read(14))
-                    loose.setdefault(channel, []).append((min(time, _LATEST), position - _RECORD.size))
+                    loose.add(channel, time, position - _RECORD.size)
         except (InputError, struct.error):
             if self.damage is None or not self.found:
                 raise
-        for channel, messages in loose.items():
-            table = np.array(messages, np.int64)
-            self.builder.add(channel, 0, table[:, 0], table[:, 1])
+        loose.into(self.builder, 0)
 
     def records(self, start: int, end: int, *, one: bool = False) -> Iterator[tuple[int, int, int]]:
         """Kind, position of the content, and its size, of the records in a part of the file."""
@@ -241,20 +260,18 @@ class _Opening:
         chunk = self.chunks[number]
         self.file.seek(chunk.position)
         content = unpacked(self.file.read(min(chunk.stored, MAX_CHUNK)), chunk, self.path)
-        messages: dict[int, list[tuple[int, int]]] = {}
+        found = _Found()
         position = 0
         while position + _RECORD.size <= len(content):
             kind, size = _RECORD.unpack_from(content, position)
             body = position + _RECORD.size
             if kind == _MESSAGE:
                 channel, _, time = struct.unpack_from("<HIQ", content, body)
-                messages.setdefault(channel, []).append((min(time, _LATEST), position))
+                found.add(channel, time, position)
             elif kind in (_SCHEMA, _CHANNEL):
                 self.note(kind, content[body : body + size])
             position = body + size
-        for channel, found in messages.items():
-            table = np.array(found, np.int64)
-            self.builder.add(channel, number, table[:, 0], table[:, 1])
+        found.into(self.builder, number)
 
     def known_channels(self) -> tuple[tuple[Channel, ...], bool]:
         """The channels of ROS messages, and whether these are ROS 1's."""

@@ -24,8 +24,9 @@ ODOMETRY, IMU = "nav_msgs/Odometry", "sensor_msgs/Imu"
 GRAVITY = 9.80665
 """Standard gravity [m/s^2]."""
 
-_ANGULAR, _LINEAR = slice(13, 16), slice(25, 28)
+_KEPT = (13, 14, 15, 25, 26, 27)
 """Of the float64 behind the header of an Imu: orientation 4, its covariance 9, rates 3, theirs 9, accelerations 3."""
+_ANGULAR, _LINEAR = slice(0, 3), slice(3, 6)
 _LEVEL = 1e-6
 
 
@@ -35,8 +36,8 @@ def odometry_reader(topic: Topic, *, ros1: bool) -> HeadReader:
 
 
 def imu_reader(topic: Topic, *, ros1: bool) -> HeadReader:
-    """What reads the heads of inertial readings: a frame and 37 numbers, all that there is."""
-    return HeadReader(len(topic), ros1=ros1, texts=1, kind="f8", width=37)
+    """What reads the heads of inertial readings: a frame, and of the 37 numbers behind it rates and accelerations."""
+    return HeadReader(len(topic), ros1=ros1, texts=1, kind="f8", width=37, columns=_KEPT)
 
 
 def child_frame(heads: Heads) -> str:

@@ -176,12 +176,21 @@ class _Reading:
             scans.append(read(self.bag, topic, reader, self.issues))
         if not scans:
             return None, Mount()
-        is_given = self.given.platform is not None or {"x", "y", "yaw"} <= self.given.lidar_figures.keys()
-        issues: list[Issue] = [] if is_given and len(scans) == 1 else self.issues
-        mounts = [lidar_mount(path, one.topic, one.frame, self.tree, self.base, issues) for one in scans]
         if len(scans) == 1:
-            return scans[0], mounts[0]
+            return scans[0], self._mount(scans[0])
+        mounts = [lidar_mount(path, one.topic, one.frame, self.tree, self.base, self.issues) for one in scans]
         return merged_scans(path, scans, mounts), Mount()
+
+    def _mount(self, scans: Scans) -> Mount:
+        """Where a lidar stands by the transforms; where a caller says it, these matter only for which way is up."""
+        is_given = self.given.platform is not None or {"x", "y", "yaw"} <= self.given.lidar_figures.keys()
+        issues: list[Issue] = [] if is_given else self.issues
+        try:
+            return lidar_mount(self.bag.path, scans.topic, scans.frame, self.tree, self.base, issues)
+        except InputError:
+            if is_given:
+                return Mount()
+            raise
 
     def _stated(self, scans: Scans | None, mount: Mount, camera: CameraSpec | None) -> Platform:
         """The robot that the bag states: of one that this package wrote, the whole; else where its sensors stand."""

@@ -140,15 +140,17 @@ class _Opening:
         self.file.seek(index)
         known = dict(self.connection() for _ in range(connections))
         positions = [self.chunk_info() for _ in range(chunks)]
-        if len({position for position, _ in positions}) != len(positions):
-            raise InputError("two entries of its index are of one chunk", file=self.path)
         builder = IndexBuilder(self.path)
         stored = []
+        behind = 0
         for number, (position, count) in enumerate(sorted(positions)):
+            if position < behind:
+                raise InputError(f"chunk at byte {position} begins within another", file=self.path)
             self.file.seek(min(position, self.end))
             stored.append(self.chunk())
             for _ in range(count):
                 self.index(number, builder)
+            behind = self.file.tell()
         channels = (builder.channel(number, *names) for number, names in known.items())
         return tuple(channels), tuple(stored)
 

@@ -52,7 +52,10 @@ def open_rosbag2(folder: Path) -> tuple[Container, ...]:
     names = about.get("relative_file_paths")
     if not isinstance(names, list) or not names or len(names) > _MAX_FILES:
         raise InputError("no list of files, expected one", file=path, field="relative_file_paths")
-    opened = tuple(_STORAGES[storage](_inside(folder, name)) for name in names)
+    files = [_inside(folder, name) for name in names]
+    if len(set(files)) < len(files):
+        raise InputError("a file twice, expected each once", file=path, field="relative_file_paths")
+    opened = tuple(_STORAGES[storage](file) for file in files)
     return tuple(PackedMessages(container) for container in opened) if mode == "message" else opened
 
 

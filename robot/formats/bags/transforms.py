@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from moteslam.robot.formats.bags.cursor import BrokenMessageError, Cursor
 from moteslam.robot.formats.bags.times import SECOND
+from moteslam.robot.formats.bounds import MAX_PLACE
 
 BASES = ("base_footprint", "base_link")
 """Frames of a robot, the first that a tree has."""
@@ -128,7 +129,7 @@ class TransformReader:
         parents = {
             child: (parent, _matrix(edge.first), edge.moves)
             for child, (_, parent, edge) in best.items()
-            if math.hypot(*edge.first[3:]) > 0 and all(map(math.isfinite, edge.first))
+            if math.hypot(*edge.first[3:]) > _MOVES and all(abs(value) <= MAX_PLACE for value in edge.first)
         }
         return FrameTree(parents)
 

@@ -212,6 +212,44 @@ def test_metadata_that_is_none_is_refused(tmp_path: Path, old: str, new: str, pr
         open_recording(folder)
 
 
+def test_a_file_that_is_named_twice_is_refused(tmp_path: Path) -> None:
+    folder = make_bag(tmp_path, drive(2), "folder")
+    metadata = folder / "metadata.yaml"
+    metadata.write_text(metadata.read_text().replace("- made.db3", "- made.db3\n  - made/made.db3", 1))
+    with pytest.raises(InputError, match="relative_file_paths: a file twice, expected each once"):
+        open_recording(folder)
+
+
+def long_bag(folder: Path, kind: str) -> Path:
+    """A bag of two chunks."""
+    return make_bag(folder, (scan(0.1 * index, np.ones(3000)) for index in range(120)), kind)
+
+
+def places_of_chunks(content: bytes, kind: str) -> list[int]:
+    """Where the index of a bag says where its chunks are."""
+    if kind == "bag":
+        field = b"chunk_pos="
+        return [at + len(field) for at in range(len(content)) if content.startswith(field, at)]
+    (at,) = struct.unpack_from("<Q", content, len(content) - 28)
+    places = []
+    while content[at] != 2:
+        if content[at] == 8:
+            places.append(at + 9 + 16)
+        at += 9 + struct.unpack_from("<Q", content, at + 1)[0]
+    return places
+
+
+@pytest.mark.parametrize("kind", ["bag", "mcap"])
+def test_chunks_that_overlap_are_refused(tmp_path: Path, kind: str) -> None:
+    path = long_bag(tmp_path, kind)
+    content = bytearray(path.read_bytes())
+    first, second = places_of_chunks(content, kind)
+    content[second : second + 8] = content[first : first + 8]
+    path.write_bytes(content)
+    with pytest.raises(InputError, match=r"chunk at byte \d+ begins within another"):
+        open_recording(path)
+
+
 def test_yaml_makes_no_objects(tmp_path: Path) -> None:
     folder = make_bag(tmp_path, drive(2), "folder")
     metadata = folder / "metadata.yaml"

@@ -180,6 +180,7 @@ def test_a_mount_that_moves_is_an_issue(tmp_path: Path) -> None:
 
 
 def test_a_given_mount_takes_the_place_of_a_missing_one(tmp_path: Path) -> None:
+    (tmp_path / "b").mkdir()
     path = make_bag(tmp_path, [scan(0, [1.0, 2.0])])
     assert codes(open_recording(path)) == ["no-mount"]
     robot = tmp_path / "platform.toml"
@@ -187,6 +188,8 @@ def test_a_given_mount_takes_the_place_of_a_missing_one(tmp_path: Path) -> None:
     recording = open_recording(path, platform=robot)
     assert recording.warnings == ()
     assert recording.platform.lidar.pose == (0.4, 0.0, 1.0)
+    tilted = make_bag(tmp_path / "b", [placed(0, "base_link", "laser", turn=rolled(1.2)), scan(0, [1.0, 2.0])])
+    assert open_recording(tilted, platform=robot).platform.lidar.pose == (0.4, 0.0, 1.0)
 
 
 def test_the_number_of_beams_of_most_scans_is_kept(tmp_path: Path) -> None:
