@@ -190,14 +190,14 @@ def _multi_echo(data: bytes, ros1: bool, beams: int) -> Rows:
     cursor = _at_beams(data, ros1)
     if cursor.number("I") != beams:
         raise BrokenMessageError("another number of beams")
-    start = cursor.position
-    single = cursor.array("u4", 2 * beams) if len(data) >= start + 8 * beams else np.empty(0, np.uint32)
-    if len(single) and (single[::2] == 1).all():
-        return single[1::2].view(f"{cursor.order}f4")
-    cursor.position = start
-    rows = np.full(beams, np.inf, np.float32)
+    left = (len(data) - cursor.position) // 4
+    words = cursor.array("u4", left)
+    values, lengths = words.view(f"{cursor.order}f4"), words.tolist()
+    firsts = np.empty(beams, np.intp)
+    at = 0
     for beam in range(beams):
-        echoes = cursor.array("f4")
-        if len(echoes):
-            rows[beam] = echoes[0]
-    return rows
+        if at >= left or at + lengths[at] >= left + 1:
+            raise BrokenMessageError("cut short")
+        firsts[beam] = at + 1 if lengths[at] else -1
+        at += 1 + lengths[at]
+    return np.where(firsts < 0, np.float32(np.inf), values[firsts].astype(np.float32))

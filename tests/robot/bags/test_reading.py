@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import struct
 import sys
 from pathlib import Path
 
@@ -93,6 +94,18 @@ def test_the_first_echo_of_a_beam_counts(tmp_path: Path, kind: str) -> None:
     lidar = open_recording(make_bag(tmp_path, [event], kind)).lidar
     assert lidar is not None
     np.testing.assert_array_equal(lidar.ranges[0], np.array([2.0, 3.0, np.inf, 5.0], np.float32))
+
+
+def test_echoes_that_are_cut_short_are_refused(tmp_path: Path) -> None:
+    one = scan(0, [0.0])
+    ranges = [{"echoes": np.array([value], np.float32)} for value in (2.0, 3.0)]
+    values = {**one.values, "ranges": ranges, "intensities": [], "angle_increment": math.pi / 3}
+    path = make_bag(tmp_path, [Event(one.time, "/echoes", "sensor_msgs/MultiEchoLaserScan", values)])
+    path.write_bytes(path.read_bytes().replace(struct.pack("<If", 1, 3.0), struct.pack("<If", 9, 3.0)))
+    lidar = open_recording(path).lidar
+    assert lidar is not None
+    with pytest.raises(InputError, match="/echoes: a scan is broken: cut short"):
+        lidar.ranges[:]
 
 
 def test_headers_without_stamps_give_way_to_the_time_of_reception(tmp_path: Path) -> None:
