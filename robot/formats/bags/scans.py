@@ -31,6 +31,9 @@ LASER_SCAN, MULTI_ECHO = "sensor_msgs/LaserScan", "sensor_msgs/MultiEchoLaserSca
 SAMPLE = 64
 """Scans, spread over the bag, that are looked at for the limit where the messages state none."""
 
+MAX_STEP = 0.01
+"""Between two beams [s]: no lidar is slower."""
+
 Rows = NDArray[np.float32]
 
 
@@ -119,7 +122,7 @@ def laser_scans(bag: Bag, topic: Topic, reader: HeadReader, issues: list[Issue])
         return rows
 
     scans = Scans(topic.name, frame, stamps[alike], fan, load)
-    return _with_limit(bag.path, scans, issues)
+    return _with_limit(bag.path, _with_step(bag.path, scans, issues), issues)
 
 
 def _common_fan(
@@ -157,6 +160,17 @@ def _most_frequent(values: NDArray[np.float64]) -> float:
     numbers, counts = np.unique(values, return_counts=True)
     value = float(numbers[np.argmax(counts)])
     return 0.0 if np.isnan(value) else value
+
+
+def _with_step(path: Path, scans: Scans, issues: list[Issue]) -> Scans:
+    """The scans with a time between beams that can be: of a scan that is over before the next but one begins."""
+    fan = scans.fan
+    period = float(np.median(np.diff(scans.stamps))) if len(scans.stamps) > 1 else np.inf
+    if fan.time_increment * fan.beams <= 2 * period and fan.time_increment <= MAX_STEP:
+        return scans
+    text = f"{path.name}: {scans.topic}: time_increment of {fan.time_increment:g} s is more than scans take; not used"
+    issues.append(Issue("time-increment", text))
+    return replace(scans, fan=replace(fan, time_increment=0.0))
 
 
 def _with_limit(path: Path, scans: Scans, issues: list[Issue]) -> Scans:

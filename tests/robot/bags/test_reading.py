@@ -269,6 +269,14 @@ def test_readings_of_a_turned_imu_are_turned_into_the_robots_axes(tmp_path: Path
     assert codes(recording) == ["imu-turned"]
 
 
+@pytest.mark.parametrize(("step", "used"), [(0.05, True), (0.2, False), (5.0, False)])
+def test_a_time_between_beams_that_cannot_be_is_not_used(tmp_path: Path, step: float, used: bool) -> None:
+    step = step / 20
+    recording = open_recording(make_bag(tmp_path, [scan(0.02 * i, np.ones(10), time_increment=step) for i in range(5)]))
+    assert recording.platform.lidar.time_increment == pytest.approx(step if used else 0.0)
+    assert ("time-increment" in codes(recording)) != used
+
+
 @pytest.mark.parametrize("range_max", [0.0, math.nan, math.inf])
 def test_a_limit_that_is_none_is_taken_from_the_ranges(tmp_path: Path, range_max: float) -> None:
     recording = open_recording(make_bag(tmp_path, [scan(0, [1.0, 2.0], range_max=range_max)]))
