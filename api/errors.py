@@ -33,7 +33,8 @@ class MoteslamError(Exception):
         place = self.file or ""
         if line is not None:
             place += f":{line}" if place else f"line {line}"
-        super().__init__(": ".join(part for part in (place, field, problem) if part))
+        message = ": ".join(part for part in (place, field, problem) if part)
+        super().__init__("\\n".join(message.splitlines()))  # names from files may hold line breaks
 
 
 class InputError(MoteslamError):

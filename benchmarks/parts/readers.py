@@ -52,7 +52,7 @@ class Reader:
 @cache
 def readers() -> tuple[Reader, ...]:
     """One of each, in a fixed order."""
-    return (*_recordings(), *_trajectories(), *_maps(), *_tables())
+    return (*_recordings(), *_logs(), *_trajectories(), *_maps(), *_tables())
 
 
 def recorded(scans: int = 12, beams: int = 19) -> Recording:
@@ -91,6 +91,33 @@ def _recordings() -> Iterator[Reader]:
             yield Reader(name, _contents(folder), main, _inspected)
 
 
+def _logs() -> Iterator[Reader]:
+    """Formats that are only read, a short log of each."""
+    rng = np.random.default_rng(5)
+
+    def ranges(beams: int, unit: float) -> str:
+        return " ".join(str(int(value)) for value in rng.uniform(0.5, 3.9, beams) / unit)
+
+    rows = [f"{100_000 * k} 0 {20 * k} {21 * k}{' 0' * 20} {ranges(682, 0.001)} 0\n" for k in range(6)]
+    yield Reader("breezyslam", {"exp.dat": "".join(rows).encode()}, "exp.dat", _inspected)
+    rows = [f"O {k} 0 0 {k}.1\nL {k} 0 0 {k + 25} 0 0 {ranges(180, 0.01)} {k}.2\n" for k in range(6)]
+    yield Reader("wean", {"robot.log": "".join(rows).encode()}, "robot.log", _inspected)
+    rows = [f"Odometry {k / 10} 0 0.1\nLaser 181 {ranges(181, 1.0)}\n" for k in range(6)]
+    yield Reader("dpslam", {"loop.log": "".join(rows).encode()}, "loop.log", _inspected)
+    motors = "".join(f"M {200 * k} {30 * k} 0 0 0 {30 * k} 0 0 0 0 0 0 0\n" for k in range(9))
+    scans = "".join(f"S {300 * k} 660 {ranges(660, 0.001)}\n" for k in range(6))
+    files = {"r_motors.txt": motors.encode(), "r_scan.txt": scans.encode()}
+    yield Reader("brenner", files, ".", _inspected)
+    rows = [
+        f"@SENS 1-2-1998 10:00:0{k}.5\n#ROBOT {10 * k} 0 90.0\n\n@SENS 1-2-1998 10:00:0{k}.6\n"
+        f"#LASER 180 0: {ranges(180, 0.01)}\n\n"
+        for k in range(6)
+    ]
+    yield Reader(
+        "beesoft", {"run.script": ("@OPEN 1-2-1998 10:00:00\n" + "".join(rows)).encode()}, "run.script", _inspected
+    )
+
+
 def _inspected(path: Path) -> Any:
     from moteslam.robot.formats import open_recording
     from moteslam.robot.inspection import inspect_recording
@@ -100,24 +127,35 @@ def _inspected(path: Path) -> Any:
 
 def _trajectories() -> Iterator[Reader]:
     from moteslam.eval.metrics.relations import read_relations
-    from moteslam.robot.trajectories.tum import read_tum, write_tum
+    from moteslam.robot.positions import read_positions
+    from moteslam.robot.trajectories import TRAJECTORY_FORMATS, read_trajectory
 
     stamps = np.arange(9) / 2
     path = Trajectory(stamps, np.column_stack((stamps, np.sin(stamps), 0.1 * stamps)))
-    with tempfile.TemporaryDirectory() as scratch:
-        write_tum(Path(scratch) / "path.tum", path)
-        yield Reader("tum", _contents(Path(scratch)), "path.tum", read_tum)
+    for name, known in TRAJECTORY_FORMATS.items():
+        with tempfile.TemporaryDirectory() as scratch:
+            main = f"path{known.endings[0]}"
+            known.write(Path(scratch) / main, path)
+            yield Reader(name, _contents(Path(scratch)), main, read_trajectory)
+    places = "".join(f"P {100 * k} {k} {2 * k}.5\n" for k in range(9))
+    yield Reader("positions", {"p.txt": places.encode()}, "p.txt", read_positions)
     lines = "".join(f"{k}.5 {k + 1}.5 0.5 0.1 0 0 0 0.2\n" for k in range(8))
     yield Reader("relations", {"a.relations": lines.encode()}, "a.relations", read_relations)
 
 
 def _maps() -> Iterator[Reader]:
+    from moteslam.robot.formats.map_arrays import MapArrays, read_map_arrays, write_map_arrays
     from moteslam.robot.formats.map_server import read_map, write_map
 
     values = np.random.default_rng(3).integers(-1, 2, (11, 17)).astype(np.int8)
     with tempfile.TemporaryDirectory() as scratch:
         write_map(Path(scratch) / "map.pgm", Raster(values, 0.05, (1.0, -2.0, 0.3)))
         yield Reader("map_server", _contents(Path(scratch)), "map.yaml", read_map)
+    arrays = {"log_odds": values.astype(np.float32)}
+    odds = MapArrays(kind="log_odds", arrays=arrays, cell_size=0.05, origin=(1.0, -2.0, 0.3))
+    with tempfile.TemporaryDirectory() as scratch:
+        write_map_arrays(Path(scratch) / "map.npz", odds)
+        yield Reader("map_arrays", _contents(Path(scratch)), "map.npz", read_map_arrays)
 
 
 def _tables() -> Iterator[Reader]:

@@ -37,3 +37,8 @@ def test_the_parts_of_an_error_can_be_asked_for():
 def test_every_error_is_caught_as_the_one_base(kind: type[MoteslamError]):
     with pytest.raises(MoteslamError):
         raise kind("something")
+
+
+def test_line_breaks_in_names_are_escapes():
+    error = InputError("topic 'a\nb\u2028c', expected a name", file="x\ry.bag")
+    assert str(error) == "x\\ny.bag: topic 'a\\nb\\nc', expected a name"
