@@ -151,10 +151,14 @@ def format_of(path: str | PathLike[str]) -> Format:
             return known
     if is_folder and (inside := _first_inside(path, formats)) is not None:
         raise InputError(f"a folder with recordings in it, expected one of them, as {inside}", file=path)
-    names = " or a ".join(known.name for known in formats.values())
     if not is_folder and _holds_arrays(path):
         raise InputError("holds NumPy arrays, expected the folder it is in, with all files of the recording", file=path)
-    raise InputError(f"not a recording known here, expected a {names}", file=path)
+    for name, known in formats.items():
+        if known.is_folder and not is_folder and _recognises(name, known, path.absolute().parent):
+            raise InputError(f"part of a {known.name}, expected the folder it is in", file=path)
+    kind = [name for name, known in formats.items() if known.is_folder == is_folder]
+    what = "folder" if is_folder else "file"
+    raise InputError(f"not a recording known here, expected a {what} of one of {', '.join(kind)}", file=path)
 
 
 def _bundled_or_file(platform: Robot) -> Robot:
