@@ -267,7 +267,9 @@ def test_what_is_no_log_is_refused(tmp_path: Path, content: bytes) -> None:
     assert not is_carmen(path)
     with pytest.raises(InputError, match="expected a CARMEN log"):
         read_carmen(path)
-    with pytest.raises(InputError, match=r"x\.log: not a recording known here, expected a file of one of carmen, breezyslam"):
+    with pytest.raises(
+        InputError, match=r"x\.log: not a recording known here, expected a file of one of carmen, breezyslam"
+    ):
         open_recording(path)
 
 
