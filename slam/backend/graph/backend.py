@@ -59,7 +59,7 @@ class GraphBackend:
         self._nearest = array(
             "l"
         )  # of each key scan that is no node, since its place is known, the nearest node; or -1
-        self._placed: Array | None = None  # the poses [n, 3] of the nodes on it; None where they have changed
+        self._placed = np.zeros((0, 3))  # of the nodes, on that path
         self._corrected = 0.0  # length of the path at the last correction [m]
         self._loops: tuple[LoopCandidate, ...] = ()
         self._graph: PoseGraph | None = None
@@ -80,7 +80,7 @@ class GraphBackend:
         self._nearest.append(-1)
         if not self._nodes.add(key, self._crowded):
             return None
-        self._placed = None
+        self._placed = np.vstack((self._placed, self._path[self._nodes.updates[-1]]))
         if self._closing is None:
             self._closing = LoopClosing(LoopGraph(self._nodes, self._config), self._config)
             return None
@@ -92,12 +92,12 @@ class GraphBackend:
 
     def _crowded(self) -> bool:
         """Whether there are enough nodes where the key scan before the latest was taken; it goes with the nearest."""
-        if self._placed is None:
-            self._placed = np.array([self._path[update] for update in self._nodes.updates])
-        off = np.asarray(se2.between(self._path[-2], self._placed))
-        away = np.hypot(off[:, 0], off[:, 1])
-        near = (away < self._config.distance) & (np.abs(off[:, 2]) < self._config.rotation)
-        if near.sum() < self._config.crowd:
+        here, c = self._path[-2], self._config
+        away = np.hypot(self._placed[:, 0] - here[0], self._placed[:, 1] - here[1])
+        if (away < c.distance).sum() < c.crowd:
+            return False
+        near = (away < c.distance) & (np.abs(se2.wrap(self._placed[:, 2] - here[2])) < c.rotation)
+        if near.sum() < c.crowd:
             return False
         self._nearest[-2] = int(np.argmin(np.where(near, away, np.inf)))
         return True
@@ -144,7 +144,7 @@ class GraphBackend:
         if self._config.joint.enabled:
             graph.register(poses)
         path = self._between_nodes(poses, updates, path)
-        self._path, self._placed = list(path), None
+        self._path, self._placed = list(path), path[updates]
         return path
 
     def _registered(self, graph: LoopGraph, endpoints: Endpoints, off: float) -> Array:
