@@ -31,7 +31,7 @@ PUBLIC = {
     ),
     "moteslam.robot.formats": ("follow_recording", "open_recording", "write_recording"),
     "moteslam.robot.cut": ("Cut", "cut"),
-    "moteslam.robot.formats.carmen": ("write_carmen",),
+    "moteslam.robot.formats.carmen_writer": ("write_carmen",),
     "moteslam.robot.formats.csv_writer": ("write_csv",),
     "moteslam.robot.formats.ucsd": ("write_ucsd",),
     "moteslam.robot.formats.map_arrays": ("MapArrays", "read_map_arrays", "write_map_arrays"),

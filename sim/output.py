@@ -9,7 +9,7 @@ from pathlib import Path
 import tomli_w
 
 from moteslam.robot.files import make_folder, write_atomically
-from moteslam.robot.formats.carmen import write_carmen
+from moteslam.robot.formats.carmen_writer import write_carmen
 from moteslam.robot.formats.map_server import write_map, write_picture
 from moteslam.robot.formats.ucsd import write_ucsd
 from moteslam.robot.platforms import write_platform

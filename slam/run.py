@@ -128,6 +128,11 @@ class SlamSession:
             self._diagnostics["corrected"][self._done - 1] += self._hand_over(self._done - 1)
             self._diagnostics["seconds"][self._done - 1] += time.perf_counter() - began
 
+    @property
+    def taken(self) -> Array:
+        """Stamps [k] of the scans that were taken in [s]."""
+        return self._inputs.stamps[: self._done]
+
     def extend(self, recording: Recording) -> None:
         """Go on with the same recording, which has grown since.
 

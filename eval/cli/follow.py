@@ -68,10 +68,10 @@ def follow(
             _follow(path, live, idle, as_json=run.as_json)
             assert live.session is not None
             about = {"path": str(path), "latency_seconds": asdict(live.latency)}
-            finish_into(folder, live.session, started, figures=not run.no_figures, about=about)
+            finish_into(folder, live.session, started, figures=not run.no_figures, about=about, issues=live.issues)
     assert live.session is not None
     if out is None:
-        warn(live.session.recording.warnings)
+        warn((*live.session.recording.warnings, *live.issues))
     if run.as_json:
         return
     latency = live.latency

@@ -49,7 +49,7 @@ class Wanted:
             ConfigError: there is none, it is not well made, its lidar does not fit the format, or an option that
                 changes it is wrong; that one is named.
         """
-        from moteslam.robot.formats.carmen import expect_classic_fan
+        from moteslam.robot.formats.carmen_writer import expect_classic_fan
         from moteslam.robot.tables import assigned, leaves
         from moteslam.sim.scenario import load_scenario, with_camera
         from moteslam.sim.world.random_corridors import NAME as RANDOM_CORRIDORS

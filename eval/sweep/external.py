@@ -9,7 +9,7 @@ from typing import Literal
 
 from moteslam.errors import InputError, MoteslamError
 from moteslam.eval.sweep.program import run_program
-from moteslam.robot.formats.carmen import write_carmen
+from moteslam.robot.formats.carmen_writer import write_carmen
 from moteslam.robot.formats.map_server import read_map
 from moteslam.robot.formats.ucsd import write_ucsd
 from moteslam.robot.platforms import write_platform

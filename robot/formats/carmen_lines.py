@@ -22,12 +22,12 @@ from typing import NamedTuple
 
 from moteslam.robot.formats.words import (
     BrokenLines,
+    WordParser,
     count_at,
     expect_stamp,
     expect_words,
     finite_numbers,
     numbers,
-    parse_words,
     pose_of,
 )
 
@@ -107,19 +107,36 @@ class CarmenLines:
         return sum(map(len, self.scans.values())) + len(self.odometry) // 5
 
 
+class CarmenParser:
+    """Parses the lines of a log as they come; comments and other kinds of line are passed over.
+
+    Attributes:
+        log: what the lines said until now.
+    """
+
+    def __init__(self) -> None:
+        kinds: dict[str, Callable[[CarmenLines, Sequence[bytes], int], None]] = {
+            "FLASER": _flaser,
+            "ROBOTLASER1": _robotlaser,
+            "ODOM": _odometry,
+            "PARAM": _param,
+            **dict.fromkeys(RAW_LASERS, _rawlaser),
+            **dict.fromkeys(REAR_LASERS, _rear),
+        }
+        self.log = CarmenLines()
+        self._words = WordParser({kind.encode(): partial(parse, self.log) for kind, parse in kinds.items()})
+        self.log.broken = self._words.broken
+
+    def feed(self, lines: Iterable[bytes]) -> None:
+        """Parse the lines that follow."""
+        self._words.feed(lines)
+
+
 def parse_lines(lines: Iterable[bytes]) -> CarmenLines:
-    """Parse the lines of a log; comments and other kinds of line are passed over."""
-    log = CarmenLines()
-    kinds: dict[str, Callable[[CarmenLines, Sequence[bytes], int], None]] = {
-        "FLASER": _flaser,
-        "ROBOTLASER1": _robotlaser,
-        "ODOM": _odometry,
-        "PARAM": _param,
-        **dict.fromkeys(RAW_LASERS, _rawlaser),
-        **dict.fromkeys(REAR_LASERS, _rear),
-    }
-    log.broken = parse_words(lines, {kind.encode(): partial(parse, log) for kind, parse in kinds.items()})
-    return log
+    """Parse the lines of a log."""
+    parser = CarmenParser()
+    parser.feed(lines)
+    return parser.log
 
 
 def fov_of(beams: int) -> tuple[float, float]:

@@ -26,11 +26,17 @@ Topics = Mapping[str, tuple[str, ...]]
 class Follower(Protocol):
     """Reads a recording that is still being written."""
 
-    def poll(self) -> Recording | None:
+    def poll(self, *, last: bool = False) -> Recording | None:
         """All that has been written until now; None where nothing came since the last call.
 
+        What is not whole yet, as a line without its end, is left for the next call.
+
+        Args:
+            last: nothing will follow. It is then the recording that `open_recording` gives of the file, whether
+                anything came or not.
+
         Raises:
-            InputError: the file was replaced or cut short, or is broken.
+            InputError: the file was replaced or cut short, or is broken; with ``last`` also where it is no recording.
         """
 
 

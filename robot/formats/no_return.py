@@ -14,7 +14,8 @@ SICK_CODES = 82.0
 _SHARE = 0.002
 _TIMES = 5
 _FEWEST = 10
-_DIGITS = 4  # a tenth of a millimetre
+_BINS = 10_000
+"""Values of a range in a metre: a tenth of a millimetre each."""
 _CODES = 0.0015
 """Within this share of the longest range lie the codes that a lidar has beside it: a SICK's end at 8.183, 8.187, 8.191
 or ten times that [m]."""
@@ -35,20 +36,55 @@ def no_return_limit(ranges: NDArray[np.float32], stated: float | None) -> float:
         ranges: of the whole log, any shape [m]; not finite ones are left aside.
         stated: the limit that the log states [m], or None.
     """
-    if stated is not None:
-        return SICK_REACH if SICK_REACH < stated <= SICK_CODES else stated
-    finite = ranges[np.isfinite(ranges)]
-    rounded = finite.astype(np.float64).round(_DIGITS)
-    values, counts = np.unique(rounded, return_counts=True)
-    if not len(values) or values[-1] >= SICK_REACH:
+    tally = RangeTally()
+    if stated is None:
+        tally.add(ranges)
+    return tally.limit(stated)
+
+
+class RangeTally:
+    """How often each range was measured, to a tenth of a millimetre: what `no_return_limit` looks at.
+
+    Ranges are added as they come; a limit costs 1 ms, however many there are.
+    """
+
+    def __init__(self) -> None:
+        self._counts = np.zeros(0, np.int64)
+        self._least = np.zeros(0, np.float32)
+        self._total = 0
+        self._beyond = False
+
+    def add(self, ranges: NDArray[np.float32]) -> None:
+        """Count ranges of any shape [m]; not finite ones are left aside."""
+        finite = ranges[np.isfinite(ranges)]
+        values = np.rint(finite.astype(np.float64) * _BINS)
+        self._total += len(values)
+        self._beyond |= bool((values >= SICK_REACH * _BINS).any())
+        if self._beyond:
+            return
+        if not len(self._counts):
+            self._counts = np.zeros(round(SICK_REACH * _BINS), np.int64)
+            self._least = np.full(len(self._counts), np.inf, np.float32)
+        known = values >= 0
+        bins = values[known].astype(np.intp)
+        self._counts += np.bincount(bins, minlength=len(self._counts))
+        np.minimum.at(self._least, bins, finite[known])
+
+    def limit(self, stated: float | None) -> float:
+        """As `no_return_limit`, of all ranges that were added."""
+        if stated is not None:
+            return SICK_REACH if SICK_REACH < stated <= SICK_CODES else stated
+        used = np.flatnonzero(self._counts)
+        if self._beyond or not len(used):
+            return SICK_REACH
+        values, counts = used / _BINS, self._counts[used]
+        code = int(np.where(values > values[-1] * (1 - _CODES), counts, 0).argmax())
+        upper = values >= values[-1] / 2
+        upper[code] = False
+        spike = counts[code] >= max(_SHARE * self._total, _FEWEST, _TIMES * counts[upper].max(initial=0))
+        if spike and (values[:code] > 0).any():
+            return float(self._least[used[code]])
         return SICK_REACH
-    code = int(np.where(values > values[-1] * (1 - _CODES), counts, 0).argmax())
-    upper = values >= values[-1] / 2
-    upper[code] = False
-    spike = counts[code] >= max(_SHARE * counts.sum(), _FEWEST, _TIMES * counts[upper].max(initial=0))
-    if spike and (values[:code] > 0).any():
-        return float(finite[rounded == values[code]].min())
-    return SICK_REACH
 
 
 def no_return_codes(codes: tuple[float, ...], range_max: float, otherwise: float, beams: int) -> NDArray[np.float32]:

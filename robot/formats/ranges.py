@@ -27,13 +27,21 @@ def clean_ranges(
     Returns:
         ranges [n, beams]; and an issue, or none.
     """
-    garbage = ~(ranges >= 0)
     clean = ranges.copy()
     clean[ranges >= np.float32(range_max)] = np.inf
-    clean[garbage | (ranges < np.float32(range_min))] = np.nan
-    count = int(garbage.sum())
+    clean[~(ranges >= 0) | (ranges < np.float32(range_min))] = np.nan
+    return clean, invalid_issue(*invalid_ranges(ranges), file=file, field=field)
+
+
+def invalid_ranges(ranges: NDArray[np.float32]) -> tuple[int, int]:
+    """How many of the ranges [n, beams] no sensor reports, NaN or negative, and in how many scans."""
+    garbage = ~(ranges >= 0)
+    return int(garbage.sum()), int(garbage.any(axis=1).sum())
+
+
+def invalid_issue(count: int, scans: int, *, file: Path, field: str) -> tuple[Issue, ...]:
+    """The issue of a number of invalid ranges in a number of scans; none where there are none."""
     if not count:
-        return clean, ()
-    scans = int(garbage.any(axis=1).sum())
+        return ()
     found = f"{counted(count, 'range')} in {counted(scans, 'scan')}"
-    return clean, (Issue("invalid-ranges", f"{file.name}: {field}: {found} left out, NaN or negative", count),)
+    return (Issue("invalid-ranges", f"{file.name}: {field}: {found} left out, NaN or negative", count),)

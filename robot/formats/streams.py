@@ -12,10 +12,12 @@ from moteslam.errors import InputError
 from moteslam.robot import se2
 from moteslam.robot.arrays import given_up
 from moteslam.robot.formats.bounds import check_fan, check_figures, plausible_counts, plausible_rates
+from moteslam.robot.formats.logged_ranges import LoggedRanges
 from moteslam.robot.formats.ranges import clean_ranges
 from moteslam.robot.formats.stamps import stamp_order
 from moteslam.robot.issues import Issue
 from moteslam.robot.platform import Platform
+from moteslam.robot.ranges import Ranges
 from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream, OdometryStream
 from moteslam.robot.specs import LidarSpec
 from moteslam.robot.tables import Table
@@ -82,7 +84,7 @@ def lidar_stream(
     field: str,
     *,
     stamps: Array,
-    ranges: NDArray[np.float32],
+    ranges: NDArray[np.float32] | LoggedRanges,
     fan: Fan,
     robot: Platform,
     given: Table,
@@ -95,7 +97,7 @@ def lidar_stream(
     Args:
         path, field: where they come from, for messages.
         stamps: [n] [s], in the order of the file.
-        ranges: [n, beams] [m], as reported.
+        ranges: [n, beams] [m], as reported; of a log that is still being written they stay there until they are used.
         fan: angles and limits that the file or its format states.
         robot: for the time between beams.
         given: figures that a caller's ``platform.toml`` puts in place of those.
@@ -111,14 +113,22 @@ def lidar_stream(
     angle_min, increment, range_min, range_max = fan.over(given)
     check_figures(beams, increment, range_min, range_max, file=path)
     poses = () if odometry is None else (odometry,)
-    stamps, (ranges, *poses) = sort_by_stamp(path, field, stamps, issues, ranges, *poses)  # type: ignore[assignment]
-    ranges, found = clean_ranges(ranges, range_min, range_max, file=path, field=field)
+    clean: Ranges
+    if isinstance(ranges, LoggedRanges):
+        numbers = np.arange(len(stamps))
+        stamps, (order, *poses) = sort_by_stamp(path, field, stamps, issues, numbers, *poses)  # type: ignore[assignment]
+        limits = (range_min, range_max)
+        clean, found = ranges.cleaned(order, *limits, file=path, field=field, zero_is_invalid=zero_is_invalid)
+    else:
+        stamps, (ranges, *poses) = sort_by_stamp(path, field, stamps, issues, ranges, *poses)  # type: ignore[assignment]
+        array, found = clean_ranges(ranges, range_min, range_max, file=path, field=field)
+        if zero_is_invalid:
+            array[array == 0] = np.nan
+        clean = given_up(array)
     issues.extend(found)
-    if zero_is_invalid:
-        ranges[ranges == 0] = np.nan
     return LidarStream(
         stamps=stamps,
-        ranges=given_up(ranges),
+        ranges=clean,
         angle_min=angle_min,
         angle_increment=increment,
         range_min=range_min,

@@ -12,6 +12,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from moteslam.errors import InputError
+from moteslam.robot.growing import GrowingFile
 from moteslam.robot.reading import open_regular
 
 MAX_TEXT = 1 << 30
@@ -26,6 +27,81 @@ MAX_LINES = 20_000_000
 _CHUNK = 1 << 18
 _PACKED = 1 << 12  # gzip data are fed in small pieces: the piece in which they turn out damaged is lost
 _GZIP = b"\x1f\x8b"
+
+
+def begins_as_gzip(path: Path) -> bool:
+    """Whether a file begins as one packed by gzip.
+
+    Raises:
+        InputError: it cannot be read.
+    """
+    with open_regular(path, "a text file") as file:
+        return file.read(len(_GZIP)) == _GZIP
+
+
+class LineSplitter:
+    """Cuts the text of a file, as it comes, into lines, within bounds.
+
+    Args:
+        path: of the file, for messages.
+        max_text, max_line: bytes of all text and of one line.
+
+    Attributes:
+        rest: what follows the end of the last line.
+    """
+
+    def __init__(self, path: Path, *, max_text: int = MAX_TEXT, max_line: int = MAX_LINE) -> None:
+        self.rest = b""
+        self._path, self._max_text, self._max_line = path, max_text, max_line
+        self._bytes, self._lines = 0, 0
+
+    def lines(self, chunk: bytes) -> list[bytes]:
+        """The lines that end in the next part of the text, without their ends.
+
+        Raises:
+            InputError: a bound is passed.
+        """
+        self._bytes += len(chunk)
+        if self._bytes > self._max_text:
+            raise InputError(f"over {self._max_text} bytes of text, expected a log", file=self._path)
+        self._lines += chunk.count(b"\n")
+        if self._lines > MAX_LINES:
+            raise InputError(f"over {MAX_LINES:,} lines, expected a log", file=self._path)
+        *lines, self.rest = (self.rest + chunk).split(b"\n")
+        if len(self.rest) > self._max_line:
+            raise InputError(f"a line longer than {self._max_line} bytes, expected lines of text", file=self._path)
+        return lines
+
+
+class GrowingLines:
+    """The lines of a plain text file that is still being written, as bytes, without their ends.
+
+    Args:
+        path: of the file.
+        expected: what it should be, for messages.
+    """
+
+    def __init__(self, path: Path, expected: str) -> None:
+        self.path = path
+        self.damage: str | None = None
+        self._file, self._splitter, self._begun = GrowingFile(path, expected), LineSplitter(path), False
+
+    def new(self, *, last: bool) -> list[bytes]:
+        """The lines that were finished since the last call.
+
+        Args:
+            last: nothing will follow: what stands behind the last end of a line is one, too.
+
+        Raises:
+            InputError: a bound is passed, or as `GrowingFile.opened`.
+        """
+        lines = [line for chunk in self._file.appended(_CHUNK) for line in self._splitter.lines(chunk)]
+        if last and self._splitter.rest:
+            lines.append(self._splitter.rest)
+            self._splitter.rest = b""
+        if lines and not self._begun:
+            lines[0], self._begun = lines[0].removeprefix(BOM_UTF8), True
+        return lines
 
 
 class TextLines:
@@ -43,20 +119,11 @@ class TextLines:
         self._max_text, self._max_line, self._chunk = max_text, max_line, chunk
 
     def __iter__(self) -> Iterator[bytes]:
-        rest, total, lines_read = b"", 0, 0
+        splitter = LineSplitter(self.path, max_text=self._max_text, max_line=self._max_line)
         for chunk in self._chunks():
-            total += len(chunk)
-            if total > self._max_text:
-                raise InputError(f"over {self._max_text} bytes of text, expected a log", file=self.path)
-            lines_read += chunk.count(b"\n")
-            if lines_read > MAX_LINES:
-                raise InputError(f"over {MAX_LINES:,} lines, expected a log", file=self.path)
-            *lines, rest = (rest + chunk).split(b"\n")
-            if len(rest) > self._max_line:
-                raise InputError(f"a line longer than {self._max_line} bytes, expected lines of text", file=self.path)
-            yield from lines
-        if rest and self.damage is None:
-            yield rest
+            yield from splitter.lines(chunk)
+        if splitter.rest and self.damage is None:
+            yield splitter.rest
 
     def head(self) -> bytes:
         """What the file begins with, unpacked, a chunk (256 KiB) or a little more; empty if nothing can be read."""

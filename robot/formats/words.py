@@ -10,6 +10,7 @@ import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Protocol
 
 from moteslam.errors import InputError
 from moteslam.robot.formats.bounds import MAX_PLACE
@@ -46,25 +47,38 @@ class BrokenLines:
         self.first = self.first or (number, problem)
 
 
-def parse_words(lines: Iterable[bytes], parsers: Mapping[bytes, Parser]) -> BrokenLines:
-    """Give every line of a known kind to its parser; comments and other kinds are passed over.
+class WordParser:
+    """Gives every line of a known kind to its parser; comments and other kinds are passed over.
 
     Args:
-        lines: of the log.
         parsers: by the first word of the lines that they take.
 
-    Returns:
-        the lines that a parser refused.
+    Attributes:
+        broken: the lines that a parser refused.
     """
-    broken = BrokenLines()
-    starts = {kind[:1] for kind in parsers} | {b" ", b"\t"}
-    for number, line in enumerate(lines, start=1):
-        if line[:1] not in starts:  # most lines of other kinds are passed over without being split
-            continue
-        words = line.split()
-        if words and (parse := parsers.get(words[0])):
-            _parse(parse, words, number, broken)
-    return broken
+
+    def __init__(self, parsers: Mapping[bytes, Parser]) -> None:
+        self.broken = BrokenLines()
+        self._parsers, self._lines = parsers, 0
+        self._starts = {kind[:1] for kind in parsers} | {b" ", b"\t"}
+
+    def feed(self, lines: Iterable[bytes]) -> None:
+        """Parse the lines that follow."""
+        number, before = self._lines, self._lines
+        for number, line in enumerate(lines, start=before + 1):
+            if line[:1] not in self._starts:  # most lines of other kinds are passed over without being split
+                continue
+            words = line.split()
+            if words and (parse := self._parsers.get(words[0])):
+                _parse(parse, words, number, self.broken)
+        self._lines = number
+
+
+def parse_words(lines: Iterable[bytes], parsers: Mapping[bytes, Parser]) -> BrokenLines:
+    """Parse the lines of a log by a `WordParser`; the lines that were refused."""
+    parser = WordParser(parsers)
+    parser.feed(lines)
+    return parser.broken
 
 
 def parse_rows(lines: Iterable[bytes], parse: Parser) -> BrokenLines:
@@ -84,7 +98,14 @@ def _parse(parse: Parser, words: Sequence[bytes], number: int, broken: BrokenLin
         broken.add(number, str(error))
 
 
-def broken_issues(lines: TextLines, broken: BrokenLines, used: int, expected: str) -> list[Issue]:
+class ReadLines(Protocol):
+    """Lines of a file that were read: of which, and what is damaged of it, None if nothing is."""
+
+    path: Path
+    damage: str | None
+
+
+def broken_issues(lines: ReadLines, broken: BrokenLines, used: int, expected: str) -> list[Issue]:
     """The issues of a log that was read: a damaged gzip, and lines that were dropped.
 
     Args:

@@ -13,8 +13,9 @@ from robot_logs import flaser, odom, robotlaser, write_log
 
 from moteslam.errors import ConfigError, InputError, OutputError
 from moteslam.robot.formats import open_recording
-from moteslam.robot.formats.carmen import MAX_BROKEN, expect_classic_fan, is_carmen, read_carmen, write_carmen
+from moteslam.robot.formats.carmen import MAX_BROKEN, is_carmen, read_carmen
 from moteslam.robot.formats.carmen_lines import fov_of
+from moteslam.robot.formats.carmen_writer import expect_classic_fan, write_carmen
 from moteslam.robot.formats.text import TextLines
 from moteslam.robot.platform import Platform
 from moteslam.robot.recording import LidarStream, OdometryStream, Recording

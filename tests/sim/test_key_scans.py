@@ -10,7 +10,8 @@ from sim_logs import START, winding
 
 from moteslam.errors import ConfigError, InputError
 from moteslam.robot import se2
-from moteslam.robot.formats.carmen import read_carmen, write_carmen
+from moteslam.robot.formats.carmen import read_carmen
+from moteslam.robot.formats.carmen_writer import write_carmen
 from moteslam.robot.formats.ucsd import read_ucsd, write_ucsd
 from moteslam.robot.platforms import UCSD
 from moteslam.robot.recording import EncoderStream, LidarStream, Recording

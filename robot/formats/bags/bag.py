@@ -47,14 +47,15 @@ class Bag:
 
     Args:
         path: of the file or folder.
+        containers: its files, where they are known; they are opened if None.
 
     Raises:
         InputError: no bag, or one that is damaged.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, containers: tuple[Container, ...] | None = None) -> None:
         self.path = path
-        self._containers = _containers(path)
+        self._containers = _containers(path) if containers is None else containers
         if len({container.ros1 for container in self._containers}) > 1:
             raise InputError("files of ROS 1 and of ROS 2, expected one of them", file=path)
         self.ros1 = self._containers[0].ros1

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import bz2
 import importlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any, Protocol
@@ -104,7 +104,7 @@ class ChunkReader:
         chunks: by number.
     """
 
-    def __init__(self, file: IO[bytes], path: Path, chunks: tuple[StoredChunk, ...]) -> None:
+    def __init__(self, file: IO[bytes], path: Path, chunks: Sequence[StoredChunk]) -> None:
         self._file, self._path, self._chunks = file, path, chunks
         self._kept: tuple[int, bytes] = (-1, b"")
 
@@ -207,12 +207,15 @@ class IndexBuilder:
 
     Args:
         path: of the file, for messages.
+
+    Attributes:
+        total: messages that were added.
     """
 
     def __init__(self, path: Path) -> None:
         self._path = path
-        self._total = 0
-        self._parts: dict[int, list[tuple[Indices, int, Indices]]] = {}
+        self.total = 0
+        self._parts: dict[int, list[tuple[Indices, Indices, Indices]]] = {}
 
     def add(self, channel: int, chunk: int, received: Indices, offsets: Indices) -> None:
         """Messages of a channel in a chunk: when they were received [ns] and at what offsets they lie.
@@ -220,17 +223,19 @@ class IndexBuilder:
         Raises:
             InputError: more than `MAX_MESSAGES` in all.
         """
-        self._total += len(received)
-        if self._total > MAX_MESSAGES:
+        self.total += len(received)
+        if self.total > MAX_MESSAGES:
             raise InputError(f"over {MAX_MESSAGES} messages, expected fewer", file=self._path)
-        self._parts.setdefault(channel, []).append((received, chunk, offsets))
+        chunks = np.full(len(received), chunk, np.int64)
+        self._parts.setdefault(channel, []).append((received.astype(np.int64), chunks, offsets.astype(np.int64)))
 
     def channel(self, number: int, topic: str, kind: str, digest: str) -> Channel:
         """The channel of that number, with all that was added, in the order of the file."""
-        parts = sorted(self._parts.get(number, ()), key=lambda part: part[1])
-        received = np.concatenate([part[0] for part in parts] or [np.empty(0, np.int64)]).astype(np.int64)
-        chunks = np.repeat([part[1] for part in parts], [len(part[0]) for part in parts]).astype(np.int64)
-        offsets = np.concatenate([part[2] for part in parts] or [np.empty(0, np.int64)]).astype(np.int64)
+        parts = self._parts.get(number) or [(np.empty(0, np.int64),) * 3]
+        received, chunks, offsets = (np.concatenate(column) for column in zip(*parts, strict=True))
+        self._parts[number] = [(received, chunks, offsets)]  # more may follow: these are not put together again
+        order = np.argsort(chunks, kind="stable")
+        received, chunks, offsets = received[order], chunks[order], offsets[order]
         name = topic if topic.startswith("/") else f"/{topic}"
         return Channel(name, kind.replace("/msg/", "/"), digest, received, np.stack((chunks, offsets), axis=-1))
 

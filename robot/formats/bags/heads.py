@@ -57,12 +57,22 @@ class HeadReader:
         self._ros1, self._texts, self._kind, self._width = ros1, texts, kind, width
         self._columns = np.arange(width) if columns is None else np.array(columns)
         self._waiting: list[tuple[int, bytes]] = []
-        self._heads = Heads(
-            np.zeros(count, np.int64),
-            [()] * count,
-            np.zeros((count, len(self._columns)), kind),
-            np.ones(count, np.bool_),
-        )
+        self._count = 0
+        self._heads = Heads(np.zeros(0, np.int64), [], np.zeros((0, len(self._columns)), kind), np.ones(0, np.bool_))
+        self.grow(count)
+
+    def grow(self, count: int) -> None:
+        """Make room for a number of messages in all."""
+        heads, self._count = self._heads, count
+        heads.texts.extend([()] * (count - len(heads.texts)))
+        if count > len(heads.stamps):
+            room = max(count, 2 * len(heads.stamps))
+            self._heads = Heads(
+                enlarged(heads.stamps, room, 0),
+                heads.texts,
+                enlarged(heads.values, room, 0),
+                enlarged(heads.broken, room, 1),
+            )
 
     def add(self, index: int, data: bytes) -> None:
         """A message, or its first `HEAD` bytes."""
@@ -73,7 +83,8 @@ class HeadReader:
     def heads(self) -> Heads:
         """All of them."""
         self._decode()
-        return self._heads
+        heads, n = self._heads, self._count
+        return Heads(heads.stamps[:n], heads.texts, heads.values[:n], heads.broken[:n])
 
     def _decode(self) -> None:
         groups: dict[bytes, list[tuple[int, bytes]]] = {}
@@ -119,3 +130,9 @@ class HeadReader:
         texts = tuple(cursor.raw_text() for _ in range(self._texts))
         for index in at.tolist():
             heads.texts[index] = texts
+
+
+def enlarged(values: NDArray[Any], room: int, filling: float) -> NDArray[Any]:
+    """An array of ``room`` rows: those of the values [n, ...], then rows filled with a number."""
+    more = np.full((room - len(values), *values.shape[1:]), filling, values.dtype)
+    return np.concatenate((values, more))

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import struct
 from array import array
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import IO
 
@@ -28,12 +28,15 @@ from moteslam.robot.formats.bags.container import (
     name_of,
     unpacked,
 )
+from moteslam.robot.growing import GrowingFile
 from moteslam.robot.reading import open_regular
 
 MAGIC = b"\x89MCAP0\r\n"
 
 _EXPECTED = "an MCAP file"
 _FOOTER, _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _MESSAGE_INDEX, _CHUNK_INDEX = 0x02, 0x03, 0x04, 0x05, 0x06, 0x07, 0x08
+_DATA_END = 0x0F
+"""Behind it stands the summary."""
 _FOOTER_BYTES = 9 + 20 + len(MAGIC)
 _RECORD = struct.Struct("<BQ")
 _MESSAGE_HEAD = struct.Struct("<BQHIQQ")
@@ -44,6 +47,7 @@ _SMALL = 8 << 20
 _ENCODINGS = {"cdr": False, "ros1": True}
 """Of messages, and whether that is ROS 1's."""
 _LATEST = 2**63 - 1
+_NO_CHUNK = StoredChunk(0, 0, "none", 0)
 
 
 class Mcap:
@@ -58,7 +62,8 @@ class Mcap:
         self.path = path
         try:
             with open_regular(path, _EXPECTED) as file:
-                opening = _Opening(file, path)
+                opening = _Index(path)
+                opening.file, opening.end = file, file.seek(0, 2)
                 opening.read()
         except (struct.error, OverflowError, ValueError) as error:
             raise InputError(f"damaged: {error}", file=path) from error
@@ -70,26 +75,95 @@ class Mcap:
 
     def payloads(self, places: Indices, at_most: Indices) -> Iterator[bytes]:
         """See `Container`."""
-        with open_regular(self.path, _EXPECTED) as file:
-            reader = ChunkReader(file, self.path, self._chunks)
-            for (chunk, offset), most in zip(places.tolist(), at_most.tolist(), strict=True):
-                yield self._payload(reader, chunk, offset, most)
+        yield from _payloads(self.path, self._chunks, places, at_most)
 
-    def _payload(self, reader: ChunkReader, chunk: int, offset: int, at_most: int) -> bytes:
-        start = reader.read(chunk, offset, _MESSAGE_HEAD.size + min(at_most, 512))
-        size = -1
-        if len(start) >= _MESSAGE_HEAD.size and start[0] == _MESSAGE:
-            size = _MESSAGE_HEAD.unpack_from(start)[1] - (_MESSAGE_HEAD.size - _RECORD.size)
-        if size > MAX_MESSAGE:
-            raise InputError(f"message of {size} bytes, expected at most {MAX_MESSAGE}", file=self.path)
-        wanted = min(size, at_most)
-        data = start[_MESSAGE_HEAD.size : _MESSAGE_HEAD.size + max(wanted, 0)]
-        if len(data) < wanted:
-            data = reader.read(chunk, offset + _MESSAGE_HEAD.size, wanted)
-        if size < 0 or len(data) < wanted:
-            problem = f"no whole message at offset {offset} of a chunk, where the index has one"
-            raise InputError(problem, file=self.path)
-        return data
+
+class GrowingMcap:
+    """An MCAP file that is still being written, by its index as far as it is whole; see `Container`.
+
+    It is gone through from its beginning, a record once. Chunks count when they are whole.
+
+    Args:
+        path: of the file.
+
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path, self.ros1 = path, False
+        self.damage: str | None = None
+        self.channels: tuple[Channel, ...] = ()
+        self._file = GrowingFile(path, _EXPECTED)
+        self._index = _Index(path)
+        self._at_end = False
+
+    def go_on(self, *, last: bool) -> bool:
+        """Index what was appended since the last call; whether there was a whole message.
+
+        Args:
+            last: nothing will follow; what is missing then is `damage`.
+
+        Raises:
+            InputError: damaged, or as `GrowingFile.opened`.
+        """
+        index = self._index
+        messages = index.builder.total
+        try:
+            with self._file.opened() as (file, end):
+                index.file, index.end = file, end
+                position = self._file.position
+                if not position and end >= len(MAGIC):
+                    if file.read(len(MAGIC)) != MAGIC:
+                        raise InputError("does not begin as an MCAP file", file=self.path)
+                    position = len(MAGIC)
+                if position and not self._at_end:
+                    self._index_from(position)
+                if last:
+                    index.summary_start()
+        except (struct.error, OverflowError, ValueError) as error:
+            raise InputError(f"damaged: {error}", file=self.path) from error
+        self.damage = index.damage
+        if index.builder.total == messages and not last:
+            return False
+        self.channels, self.ros1 = index.known_channels()
+        return True
+
+    def _index_from(self, position: int) -> None:
+        loose = _Found()
+        for kind, content, size in self._index.whole_records(position):
+            if kind in (_DATA_END, _FOOTER):
+                self._at_end = True
+                break
+            self._index.enter(kind, content, size, loose)
+            position = content + size
+        self._index.note_loose(loose)
+        self._file.take(self._index.file, position)
+
+    def payloads(self, places: Indices, at_most: Indices) -> Iterator[bytes]:
+        """See `Container`."""
+        yield from _payloads(self.path, self._index.chunks, places, at_most)
+
+
+def _payloads(path: Path, chunks: Sequence[StoredChunk], places: Indices, at_most: Indices) -> Iterator[bytes]:
+    with open_regular(path, _EXPECTED) as file:
+        reader = ChunkReader(file, path, chunks)
+        for (chunk, offset), most in zip(places.tolist(), at_most.tolist(), strict=True):
+            yield _payload(path, reader, chunk, offset, most)
+
+
+def _payload(path: Path, reader: ChunkReader, chunk: int, offset: int, at_most: int) -> bytes:
+    start = reader.read(chunk, offset, _MESSAGE_HEAD.size + min(at_most, 512))
+    size = -1
+    if len(start) >= _MESSAGE_HEAD.size and start[0] == _MESSAGE:
+        size = _MESSAGE_HEAD.unpack_from(start)[1] - (_MESSAGE_HEAD.size - _RECORD.size)
+    if size > MAX_MESSAGE:
+        raise InputError(f"message of {size} bytes, expected at most {MAX_MESSAGE}", file=path)
+    wanted = min(size, at_most)
+    data = start[_MESSAGE_HEAD.size : _MESSAGE_HEAD.size + max(wanted, 0)]
+    if len(data) < wanted:
+        data = reader.read(chunk, offset + _MESSAGE_HEAD.size, wanted)
+    if size < 0 or len(data) < wanted:
+        raise InputError(f"no whole message at offset {offset} of a chunk, where the index has one", file=path)
+    return data
 
 
 class _Found:
@@ -109,13 +183,14 @@ class _Found:
             builder.add(channel, chunk, table[:, 0], table[:, 1])
 
 
-class _Opening:
-    """What is read while a file is opened."""
+class _Index:
+    """What is known of the records of a file, which is open while it is read."""
 
-    def __init__(self, file: IO[bytes], path: Path) -> None:
-        self.file, self.path = file, path
-        self.end = file.seek(0, 2)
-        file.seek(0)
+    file: IO[bytes]
+    end: int
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
         self.damage: str | None = None
         self.chunks: list[StoredChunk] = []
         self.schemas: dict[int, str] = {}
@@ -124,6 +199,7 @@ class _Opening:
 
     def read(self) -> None:
         """The channels, the chunks, and where their messages lie."""
+        self.file.seek(0)
         if self.file.read(len(MAGIC)) != MAGIC:
             raise InputError("does not begin as an MCAP file", file=self.path)
         summary = self.summary_start()
@@ -188,22 +264,42 @@ class _Opening:
     def by_scan(self) -> None:
         """Go through the file from its beginning, as far as it is whole; messages outside chunks are found as well."""
         last = self.end - (0 if self.damage else _FOOTER_BYTES)
-        self.chunks.append(StoredChunk(0, self.end, "none", self.end))
         loose = _Found()
         try:
             for kind, position, size in self.records(len(MAGIC), last):
-                if kind in (_SCHEMA, _CHANNEL):
-                    self.note(kind, self.content(position, size))
-                elif kind == _CHUNK:
-                    self.scan_chunk(self.note_chunk(position, size))
-                elif kind == _MESSAGE:
-                    self.file.seek(position)
-                    channel, _, time = struct.unpack("<HIQ", self.file.read(14))
-                    loose.add(channel, time, position - _RECORD.size)
+                self.enter(kind, position, size, loose)
         except (InputError, struct.error):
             if self.damage is None or not self.found:
                 raise
+        self.note_loose(loose)
+
+    def enter(self, kind: int, position: int, size: int, loose: _Found) -> None:
+        """A record: what it says, or what messages lie in it; one outside chunks goes to the loose ones."""
+        if kind in (_SCHEMA, _CHANNEL):
+            self.note(kind, self.content(position, size))
+        elif kind == _CHUNK:
+            self.chunks = self.chunks or [_NO_CHUNK]
+            self.scan_chunk(self.note_chunk(position, size))
+        elif kind == _MESSAGE:
+            self.file.seek(position)
+            channel, _, time = struct.unpack("<HIQ", self.file.read(14))
+            loose.add(channel, time, position - _RECORD.size)
+
+    def note_loose(self, loose: _Found) -> None:
+        """Messages outside chunks lie in one that is the file as it is now."""
+        self.chunks[:1] = [StoredChunk(0, self.end, "none", self.end)]
         loose.into(self.builder, 0)
+
+    def whole_records(self, start: int) -> Iterator[tuple[int, int, int]]:
+        """As `records`, from a place on, as far as the file is whole."""
+        while start + _RECORD.size <= self.end:
+            self.file.seek(start)
+            kind, size = _RECORD.unpack(self.file.read(_RECORD.size))
+            start += _RECORD.size
+            if start + size > self.end:
+                return
+            yield kind, start, size
+            start += size
 
     def records(self, start: int, end: int, *, one: bool = False) -> Iterator[tuple[int, int, int]]:
         """Kind, position of the content, and its size, of the records in a part of the file."""

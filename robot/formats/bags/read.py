@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from os import PathLike
 from pathlib import Path
 
@@ -27,22 +29,19 @@ from moteslam.robot.formats.bags.motion import (
     odometry_reader,
 )
 from moteslam.robot.formats.bags.mount import Mount, lidar_mount
+from moteslam.robot.formats.bags.progress import Progress
 from moteslam.robot.formats.bags.scans import Fan, Scans, laser_scans, scan_reader
-from moteslam.robot.formats.bags.transforms import TransformReader
 from moteslam.robot.formats.bags.wheels import JointReader, encoder_stream
 from moteslam.robot.formats.bounds import check_figures
 from moteslam.robot.formats.format import Robot, Topics
 from moteslam.robot.given_robot import GivenRobot
 from moteslam.robot.issues import Issue
 from moteslam.robot.platform import Platform
-from moteslam.robot.ranges import ChunkedRanges
+from moteslam.robot.ranges import CHUNK, ChunkedRanges
 from moteslam.robot.recording import EncoderStream, LidarStream, OdometryStream, Recording, RgbdStream
 from moteslam.robot.specs import CameraSpec, LidarSpec
 from moteslam.robot.tables import Table
 from moteslam.robot.wording import counted, first_complaint
-
-MAX_TRANSFORMS = 4 << 20
-"""Bytes of a message of transforms."""
 
 IMAGE_HEAD = 256
 """Bytes of an image that are read for its stamp."""
@@ -74,62 +73,71 @@ def read_bag(
         InputError: no bag, a damaged one, no stream in it, a topic that is not there, or messages that are broken.
         ConfigError: a ``platform.toml`` that is none.
     """
-    path = Path(path)
-    bag = Bag(path)
+    bag = Bag(Path(path))
     issues = list(bag.issues)
     chosen = choose(bag, topics or {}, issues)
-    return _Reading(bag, chosen, GivenRobot.read(platform), issues).recording()
+    return BagReading(bag, chosen, GivenRobot.read(platform), issues).recording()
 
 
-class _Reading:
-    """What is read of a bag, between its topics and its streams."""
+class BagReading:
+    """What is read of a bag, between its topics and its streams.
 
-    def __init__(self, bag: Bag, chosen: Chosen, given: GivenRobot, issues: list[Issue]) -> None:
-        self.bag, self.chosen, self.given, self.issues = bag, chosen, given, issues
+    Args:
+        bag: to read.
+        chosen: which topics.
+        given: the robot, as far as the caller gives it.
+        issues: found on the way; those of the streams are added.
+        progress: what was read of the same bag before; nothing if None.
+        chunk: scans whose ranges are read at a time.
+    """
+
+    def __init__(
+        self,
+        bag: Bag,
+        chosen: Chosen,
+        given: GivenRobot,
+        issues: list[Issue],
+        *,
+        progress: Progress | None = None,
+        chunk: int = CHUNK,
+    ) -> None:
+        self.bag, self.chosen, self.given, self.issues, self.chunk = bag, chosen, given, issues, chunk
+        progress = progress or Progress()
         self.manifest = read_manifest(bag)
         if self.manifest is not None and "odometry" not in self.manifest.streams:
             self.chosen = replace(chosen, odometry=None)  # computed for those who play the bag
-        self.transforms = TransformReader(ros1=bag.ros1)
-        self.scans = [
-            cloud_reader(topic, ros1=bag.ros1) if topic.kind == POINT_CLOUD else scan_reader(topic, ros1=bag.ros1)
-            for topic in chosen.lidar
-        ]
         self.images = image_topics(bag, chosen, issues)
-        self.image_heads = [image_reader(topic, ros1=bag.ros1) for topic in self.images or ()]
-        topic = self.chosen.odometry
-        self.odometry = None if topic is None else odometry_reader(topic, ros1=bag.ros1)
         self.encoders = chosen.encoders if self.manifest is None else self._written_wheels()
-        self.joints = None if self.encoders is None else JointReader(len(self.encoders), ros1=bag.ros1)
-        self.imu = None if chosen.imu is None else imu_reader(chosen.imu, ros1=bag.ros1)
-        self._go_through()
+
+        def head(key: str, topic: Topic, make: Callable[..., HeadReader], at_most: int = HEAD) -> HeadReader:
+            return progress.reader(key, topic, at_most, partial(make, topic, ros1=bag.ros1))
+
+        self.scans = [
+            head("scans", topic, cloud_reader if topic.kind == POINT_CLOUD else scan_reader) for topic in chosen.lidar
+        ]
+        self.image_heads = [head("images", topic, image_reader, IMAGE_HEAD) for topic in self.images or ()]
+        topic = self.chosen.odometry
+        self.odometry = None if topic is None else head("odometry", topic, odometry_reader)
+        self.imu = None if chosen.imu is None else head("imu", chosen.imu, imu_reader)
+        self.joints: JointReader | None = None
+        if self.encoders is not None:
+            make = partial(JointReader, len(self.encoders), ros1=bag.ros1)
+            self.joints = progress.reader("encoders", self.encoders, MAX_JOINTS, make)
+        self.transforms = progress.transforms(
+            [topic for topic in bag.of_kind(*TRANSFORMS) if is_readable(topic)], ros1=bag.ros1
+        )
+        progress.go_on(bag)
+        if broken := self.transforms.broken:
+            text = f"{bag.path.name}: transforms: {counted(broken, 'broken message')} dropped"
+            issues.append(Issue("broken-messages", text, broken))
         self.tree = self.transforms.tree()
         self.base = self._base()
 
-    def _go_through(self) -> None:
-        """Read all heads and transforms, each part of the file once."""
-        wanted = {f"lidar {number}": (topic, HEAD) for number, topic in enumerate(self.chosen.lidar)}
-        readers: dict[str, HeadReader | TransformReader | JointReader] = {
-            f"lidar {number}": reader for number, reader in enumerate(self.scans)
-        }
-        for key, topic, reader in (
-            ("odometry", self.chosen.odometry, self.odometry),
-            ("imu", self.chosen.imu, self.imu),
-        ):
-            if topic is not None and reader is not None:
-                wanted[key], readers[key] = (topic, HEAD), reader
-        for topic, reader in zip(self.images or (), self.image_heads, strict=True):
-            wanted[topic.name], readers[topic.name] = (topic, IMAGE_HEAD), reader
-        if self.encoders is not None and self.joints is not None:
-            wanted["encoders"], readers["encoders"] = (self.encoders, MAX_JOINTS), self.joints
-        for number, topic in enumerate(self.bag.of_kind(*TRANSFORMS)):
-            if is_readable(topic):
-                key = f"transforms {number}"
-                wanted[key], readers[key] = (topic, MAX_TRANSFORMS), self.transforms
-        for key, index, data in self.bag.sweep(wanted):
-            readers[key].add(index, data)
-        if broken := self.transforms.broken:
-            text = f"{self.bag.path.name}: transforms: {counted(broken, 'broken message')} dropped"
-            self.issues.append(Issue("broken-messages", text, broken))
+    @property
+    def is_empty(self) -> bool:
+        """Whether there is nothing yet that streams are made of."""
+        found = (*self.scans, self.odometry, self.imu, self.joints, self.transforms.odometry())
+        return all(reader is None for reader in found)
 
     def _written_wheels(self) -> Topic | None:
         """The wheels of a bag that this package wrote, or those that are named."""
@@ -226,7 +234,7 @@ class _Reading:
 
         return LidarStream(
             stamps=scans.stamps,
-            ranges=ChunkedRanges(load, len(scans.stamps), fan.beams),
+            ranges=ChunkedRanges(load, len(scans.stamps), fan.beams, chunk=self.chunk),
             angle_min=fan.angle_min,
             angle_increment=fan.angle_increment,
             range_min=fan.range_min,

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from moteslam.errors import InputError
 from moteslam.robot.formats.bags.bag import Bag, Topic
 from moteslam.robot.formats.bags.cursor import BrokenMessageError, Cursor
+from moteslam.robot.formats.bags.heads import enlarged
 from moteslam.robot.formats.bags.times import SECOND, used_messages
 from moteslam.robot.formats.bounds import SLACK, plausible_counts
 from moteslam.robot.issues import Issue
@@ -54,12 +55,29 @@ class JointReader:
 
     def __init__(self, count: int, *, ros1: bool) -> None:
         self._ros1 = ros1
-        self.stamps = np.zeros(count, np.int64)
-        self.angles = np.full((count, 4), np.nan)
+        self._stamps, self._angles, self._count = np.zeros(0, np.int64), np.zeros((0, 4)), 0
+        self.grow(count)
         self.seen: tuple[bytes, ...] = ()
         self._columns: tuple[int, ...] | None = None
         self._start, self._front = _FRAME, b""
         self._time, self._numbers = struct.Struct("<II"), struct.Struct("<4d")
+
+    @property
+    def stamps(self) -> NDArray[np.int64]:
+        """Of the messages [n] [ns]; 0 of a broken one."""
+        return self._stamps[: self._count]
+
+    @property
+    def angles(self) -> NDArray[np.float64]:
+        """Of the wheels [n, 4] [rad]; NaN of a broken message."""
+        return self._angles[: self._count]
+
+    def grow(self, count: int) -> None:
+        """Make room for a number of messages in all."""
+        self._count = count
+        if count > len(self._stamps):
+            room = max(count, 2 * len(self._stamps))
+            self._stamps, self._angles = enlarged(self._stamps, room, 0), enlarged(self._angles, room, np.nan)
 
     def add(self, index: int, data: bytes) -> None:
         """A message."""
@@ -72,9 +90,9 @@ class JointReader:
         if self._columns is None or len(data) < self._start + self._numbers.size:
             return
         sec, nsec = self._time.unpack_from(data, _STAMP)
-        self.stamps[index] = sec * SECOND + nsec
+        self._stamps[index] = sec * SECOND + nsec
         angles = self._numbers.unpack_from(data, self._start)
-        self.angles[index] = [angles[column] for column in self._columns]
+        self._angles[index] = [angles[column] for column in self._columns]
 
     def _remember(self, data: bytes) -> None:
         """The names of the joints: those of a bag's messages are the same throughout, or nearly."""
@@ -116,7 +134,7 @@ def encoder_stream(bag: Bag, topic: Topic, reader: JointReader, wheels: Wheels, 
         InputError: no joints that are wheels, too many broken messages, or absurd stamps.
     """
     angles = reader.angles
-    broken = ~(np.abs(angles) <= MAX_ANGLE).all(axis=1)
+    broken = np.asarray(~(np.abs(angles) <= MAX_ANGLE).all(axis=1))
     if broken.all():
         names = ", ".join(name.decode(errors="replace")[:40] for name in reader.seen[:8]) or "none"
         problem = f"joints {names}, expected angles of wheels with left and right in their names"
