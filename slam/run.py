@@ -142,7 +142,7 @@ class SlamSession:
         Raises:
             ConfigError: it has fewer scans than were taken in.
         """
-        inputs = synchronise(recording, self.config.sync, max_range=self.config.max_range)
+        inputs = synchronise(recording, self.config.sync, max_range=self.config.max_range, before=self._inputs)
         if len(inputs) < self._done:
             raise ConfigError(f"{len(inputs)} scans, expected at least the {self._done} that were taken in")
         self.recording, self._inputs = recording, inputs

@@ -43,6 +43,7 @@ class Inputs:
         measured: [n] whether the odometry measured the motion since the scan before: it does not jump there, and it is
             of wheel encoders, has moved by then, or the robot is seen to stand.
         moves: whether the odometry measures any motion.
+        stood: [n] at which scans the robot is seen to stand before its odometry moves; None where that is not asked.
     """
 
     name: str
@@ -54,18 +55,26 @@ class Inputs:
     jumped: NDArray[np.bool_]
     measured: NDArray[np.bool_]
     moves: bool
+    stood: NDArray[np.bool_] | None = None
 
     def __len__(self) -> int:
         return len(self.stamps)
 
 
-def synchronise(recording: Recording, config: SyncConfig | None = None, *, max_range: float = np.inf) -> Inputs:
+def synchronise(
+    recording: Recording,
+    config: SyncConfig | None = None,
+    *,
+    max_range: float = np.inf,
+    before: Inputs | None = None,
+) -> Inputs:
     """Bring the streams of a recording onto the stamps of its scans.
 
     Args:
         recording: with a lidar; odometry of any kind is optional.
         config: how; the defaults if None.
         max_range: endpoints beyond it are left out [m].
+        before: what it came to before the recording grew.
 
     Raises:
         InputError: no scans, encoders without wheels, or odometry that does not overlap with the scans in time.
@@ -78,9 +87,11 @@ def synchronise(recording: Recording, config: SyncConfig | None = None, *, max_r
     jumped = jumps(lidar.stamps, odometry, config)
     motions = np.vstack((np.zeros(3), se2.between(odometry[:-1], odometry[1:])))
     moved = measures = np.full(n, path is not None)
+    stood = None
     if path is not None and (recording.encoders is None or not len(recording.encoders)):
         moved = has_moved(odometry)
-        measures = moved | stands(lidar.ranges, moved, config)
+        stood = stands(lidar.ranges, moved, config, before=None if before is None else before.stood)
+        measures = moved | stood
     sweeps = _sweeps(recording, lidar, path, config) if config.deskew else None
     scans = Scans(lidar, recording.platform.lidar, sweeps=sweeps, max_range=max_range)
     return Inputs(
@@ -93,6 +104,7 @@ def synchronise(recording: Recording, config: SyncConfig | None = None, *, max_r
         jumped=jumped,
         measured=measures & ~jumped,
         moves=bool(moved.any()),
+        stood=stood,
     )
 
 

@@ -230,3 +230,25 @@ def test_the_last_motion_goes_on_in_proportion_to_time():
     np.testing.assert_array_equal(extrapolated(motion, 0.0, 0.2), motion)
     np.testing.assert_array_equal(extrapolated(motion, 0.1, 0.0), motion)
     np.testing.assert_allclose(extrapolated(motion, 0.1, 3600.0), 10 * motion)
+
+
+@pytest.mark.parametrize("known", range(7))
+@pytest.mark.parametrize("left", [2, 4, 9])
+@pytest.mark.parametrize("moves", [3, 6])
+def test_a_recording_that_grows_is_seen_to_stand_as_a_whole_one(known: int, left: int, moves: int) -> None:
+    ranges = np.full((6, 10), 2.0, np.float32)
+    ranges[left:] = 3.0
+    ranges[1] = np.nan
+    moved = np.arange(6) >= moves
+    before = stands(ranges[:known], moved[:known]) if known else None
+    read: list[int] = []
+
+    class Watched:
+        def __getitem__(self, scan: int) -> np.ndarray:
+            read.append(scan)
+            return ranges[scan]
+
+    found = stands(Watched(), moved, before=before)  # type: ignore[arg-type]
+    np.testing.assert_array_equal(found, stands(ranges, moved))
+    if before is not None and before[:moves][-1]:
+        assert min(read[1:], default=known) >= min(known, moves)
