@@ -23,6 +23,7 @@ from typing import IO
 
 from moteslam.errors import ExistsError, MoteslamWarning, OutputError
 from moteslam.robot.files import folder_for, umask
+from moteslam.robot.staged import names_of
 
 MARKER = ".moteslam"
 """In every folder that was made here: a line of its own, then the names of the files and folders beside it."""
@@ -66,14 +67,11 @@ def result_folder(
             if any(other.name < work.folder.name for other in _others(target)):
                 raise OutputError(_BUSY, file=path)
             try:
-                yield work.folder
+                with names_of(work.folder, path):
+                    yield work.folder
                 work.finish(target, replaced)
             except OSError as error:
                 raise OutputError(f"cannot be written: {error.strerror or error}", file=path) from error
-            except OutputError as error:  # name the folder that was asked for, not the one it is built in
-                if error.file is None or not Path(error.file).is_relative_to(work.folder):
-                    raise
-                raise OutputError(error.problem, file=path / Path(error.file).relative_to(work.folder)) from error
         finally:
             work.close(target)
 

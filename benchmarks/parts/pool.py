@@ -24,18 +24,23 @@ def row_or_error(about: Row, measure: Callable[..., Row], *arguments: Any) -> Ro
         return {**about, "error": f"{type(error).__name__}: {error}"}
 
 
-def rows_of(run: Callable[..., Row], calls: Iterable[tuple[Any, ...]], workers: int) -> Iterator[Row]:
+def rows_of(
+    run: Callable[..., Row], calls: Iterable[tuple[Any, ...]], workers: int, *, shown: Callable[[Row], Row] = dict
+) -> Iterator[Row]:
     """The rows that a function of a module returns, printed as they come, in the order of the calls.
 
     Args:
         run: what is called.
         calls: the arguments of each call.
         workers: processes at a time; spawned, since Taichi cannot fork.
+        shown: gives what is printed of a row.
     """
     with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
         for job in [pool.submit(run, *call) for call in calls]:
             row = job.result()
             print(
-                *(f"{k} {v:.4f}" if isinstance(v, float) else f"{k} {v}" for k, v in row.items()), sep="  ", flush=True
+                *(f"{k} {v:.4f}" if isinstance(v, float) else f"{k} {v}" for k, v in shown(row).items()),
+                sep="  ",
+                flush=True,
             )
             yield row

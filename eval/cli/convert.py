@@ -1,4 +1,4 @@
-"""``moteslam convert``: a recording, or a part of it, in another format."""
+"""``moteslam convert``: a recording, a part of it, or a trajectory, in another format."""
 
 from __future__ import annotations
 
@@ -7,31 +7,34 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from moteslam.errors import ConfigError, OutputError
+from moteslam.errors import ConfigError
 from moteslam.eval.cli import options
+from moteslam.eval.cli.convert_trajectory import convert_trajectory, stands_for_trajectory
 from moteslam.eval.cli.recording_options import RecordingOptions
 from moteslam.eval.cli.text import say, say_json, warn
 from moteslam.eval.literal import literal
 
 if TYPE_CHECKING:
-    from moteslam.robot.formats import Format
-    from moteslam.robot.issues import Issue
-    from moteslam.robot.recording import Recording
+    from contextlib import AbstractContextManager
 
 
 @options.with_options(part=RecordingOptions)
 def convert(
-    path: Annotated[Path, typer.Argument(metavar="IN", help="A recording of any format.")],
-    out: Annotated[Path, typer.Argument(metavar="OUT", help="The new recording; it must not exist.")],
+    path: Annotated[Path, typer.Argument(metavar="IN", help="A recording or a trajectory of any format.")],
+    out: Annotated[Path, typer.Argument(metavar="OUT", help="What is written; it must not exist.")],
     to: Annotated[
-        str | None, typer.Option(metavar="FORMAT", help="Where the ending of OUT does not say it: carmen, ucsd, ...")
+        str | None, typer.Option(metavar="FORMAT", help="Where OUT's ending does not say it: ucsd, rosbag2, ...")
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace an existing OUT, whole, at the end.")] = False,
     as_json: options.Json = False,
     *,
     part: RecordingOptions,
 ) -> None:
-    """Write a recording, or a part of it, in another format.
+    """Write a recording, a part of it, or a trajectory in another format.
+
+    The ending of OUT says which: .log, .log.gz (carmen), .toml (csv, and .csv files beside it), .bag, .mcap; rosbag2
+    and ucsd are folders, to be named with --to. Of trajectories, which are kept in the plane: .tum, .kitti (and its
+    .times.txt), .csv (euroc), .g2o.
 
     What the new format cannot hold is printed on stderr. A truth beside the recording is no part of it and stays there.
 
@@ -40,7 +43,17 @@ def convert(
       moteslam convert robot.bag robot.log.gz
       moteslam convert robot.log.gz part.mcap --start 20 --end 80 --every 2
       moteslam convert simulated robot --to rosbag2 --streams lidar,odometry
+      moteslam convert result/trajectory.tum trajectory.g2o
     """  # noqa: D301
+    from moteslam.robot.trajectories import is_trajectory
+
+    if is_trajectory(path) or stands_for_trajectory(out, to):
+        if part.given:
+            raise ConfigError("of a recording, expected none for a trajectory", field=part.given[0])
+        convert_trajectory(path, out, to, force=force, as_json=as_json)
+        return
+
+    from moteslam.eval.beside import truth_file
     from moteslam.robot.formats import format_to_write
     from moteslam.robot.inspection import stream_reports
 
@@ -48,36 +61,29 @@ def convert(
         name, known = format_to_write(out, to)
     except ConfigError as error:
         raise ConfigError(error.problem, field="--to") from error
-    recording = part.open(path)
-    issues = (*recording.warnings, *_write(known, out, recording, force=force, keep=path))
+    assert known.write is not None
+    with _place(out, is_folder=known.is_folder, force=force, keep=path) as place:
+        recording = part.open(path)
+        issues = (*recording.warnings, *known.write(place, recording))
+    truth = truth_file(path)
     if as_json:
         streams = {stream.name: stream.readings for stream in stream_reports(recording)}
         about = {"out": str(out), "format": name, "recording": recording.name, "readings": streams}
-        say_json({**about, "warnings": [issue.as_dict() for issue in issues]})
+        beside = {"truth": None if truth is None else str(truth)}
+        say_json({**about, **beside, "warnings": [issue.as_dict() for issue in issues]})
         return
     warn(issues)
     counts = ", ".join(f"{stream.name} {stream.readings}" for stream in stream_reports(recording))
     say(f"{literal(recording.name)}: readings of {counts}")
     say(f"wrote {literal(out)}, {name}")
+    if truth is not None:
+        say(f"the truth stays where it is: moteslam evaluate TRAJECTORY {literal(truth)}")
 
 
-def _write(known: Format, out: Path, recording: Recording, *, force: bool, keep: Path) -> tuple[Issue, ...]:
-    """Write a file or folder, whole or not at all; what the format cannot hold.
-
-    Raises:
-        ExistsError: it is there already, without ``force``.
-        OutputError: it cannot be written, or is the recording that is read.
-        InputError: the format cannot hold such a recording.
-    """
-    from moteslam.robot.files import folder_for
+def _place(out: Path, *, is_folder: bool, force: bool, keep: Path) -> AbstractContextManager[Path]:
+    """Where to write a file or folder that appears under its name when it is whole."""
     from moteslam.robot.result_folder import result_folder
+    from moteslam.robot.staged import staged_file
 
-    assert known.write is not None
-    if known.is_folder:
-        with result_folder(out, force=force, keep=keep) as folder:
-            return known.write(folder, recording)
-    options.refuse_existing(out, force=force)
-    if out.exists() and out.samefile(keep):
-        raise OutputError("is the recording that is read, expected another file", file=out)
-    with folder_for(out):
-        return known.write(out, recording)
+    make = result_folder if is_folder else staged_file
+    return make(out, force=force, keep=keep)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -61,6 +61,11 @@ class RecordingOptions:
         """The part that was asked for, for ``run.json``; empty for the whole recording."""
         asked = {"topics": self.topics, "streams": self.streams, "start": self.start, "end": self.end}
         return {name: value for name, value in {**asked, "every": self.every}.items() if value not in (None, 0.0, 1)}
+
+    @property
+    def given(self) -> tuple[str, ...]:
+        """The options that were given, as they are typed: ``--start``."""
+        return tuple(f"--{field.name}" for field in fields(self) if getattr(self, field.name) != field.default)
 
 
 def topics_of(given: Sequence[str]) -> Topics:

@@ -9,13 +9,14 @@ from pathlib import Path
 
 from moteslam.errors import ConfigError, InputError
 from moteslam.plugins import PluginWarning
-from moteslam.robot.files import make_folder
 from moteslam.robot.formats.format import FORMATS, Follower, Format, Robot, Topics
 from moteslam.robot.given_robot import GivenRobot
 from moteslam.robot.issues import Issue
 from moteslam.robot.platform import Platform
 from moteslam.robot.platforms import bundled_platform
 from moteslam.robot.recording import Recording
+from moteslam.robot.result_folder import result_folder
+from moteslam.robot.staged import staged_file
 from moteslam.robot.wording import expect_path, expect_type
 
 __all__ = [
@@ -124,10 +125,10 @@ class _Awaited:
 
 
 def write_recording(path: str | PathLike[str], recording: Recording, *, to: str | None = None) -> tuple[Issue, ...]:
-    """Write a recording in the format that the ending of its new name stands for.
+    """Write a recording in the format that the ending of its new name stands for, whole or not at all.
 
     Args:
-        path: a file, which is replaced, or a folder, which is made.
+        path: a file, which is replaced with those that its format puts beside it, or a folder, which is made.
         recording: any.
         to: the name of the format, where the ending does not say it.
 
@@ -137,14 +138,25 @@ def write_recording(path: str | PathLike[str], recording: Recording, *, to: str 
     Raises:
         ConfigError: no such format, or one that is only read.
         InputError: the format cannot hold such a recording at all.
+        ExistsError: a folder that holds something already, or a file beside a new one that belongs to something else.
         OutputError: it cannot be written.
     """
     expect_type(recording, Recording, "recording", "open_recording(path) reads one")
     _, known = format_to_write(path, to)
     assert known.write is not None
-    if known.is_folder:
-        make_folder(path)
-    return known.write(Path(path), recording)
+    path = Path(path)
+    if not known.is_folder:
+        with staged_file(path, force=True) as file:
+            return known.write(file, recording)
+    with result_folder(path, force=_is_empty(path)) as folder:
+        return known.write(folder, recording)
+
+
+def _is_empty(folder: Path) -> bool:
+    try:
+        return next(folder.iterdir(), None) is None
+    except OSError:
+        return False
 
 
 def format_to_write(path: str | PathLike[str], name: str | None = None) -> tuple[str, Format]:
@@ -157,7 +169,8 @@ def format_to_write(path: str | PathLike[str], name: str | None = None) -> tuple
     written = {each: known for each, known in FORMATS.items() if known.write is not None}
     if name is not None:
         if name not in written:
-            raise ConfigError(f"{name!r}, expected one of {', '.join(written)}", field="to")
+            found = f"{name!r} is only read" if name in FORMATS.names() else repr(name)
+            raise ConfigError(f"{found}, expected one of {', '.join(written)}", field="to")
         return name, written[name]
     for each, known in written.items():
         if Path(path).name.lower().endswith(known.endings):

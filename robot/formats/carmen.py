@@ -21,7 +21,7 @@ from moteslam.robot.formats.carmen_lines import (
     Scans,
     parse_lines,
 )
-from moteslam.robot.formats.carmen_writer import write_log
+from moteslam.robot.formats.carmen_writer import OWN_PARAMETERS, write_log
 from moteslam.robot.formats.format import Format, Robot
 from moteslam.robot.formats.logged_ranges import LoggedRanges
 from moteslam.robot.formats.no_return import no_return_limit
@@ -202,7 +202,8 @@ def _mount(params: dict[str, float], rows: NDArray[np.float64]) -> LidarSpec:
     for prefix in ("robot_frontlaser", "frontlaser", "robot_front_laser", "front_laser"):
         if f"{prefix}_offset" in params:
             sideways, turned = (params.get(f"{prefix}_{key}_offset", 0.0) for key in ("side", "angular"))
-            return LidarSpec(x=params[f"{prefix}_offset"], y=sideways, yaw=turned)
+            more = {field: params[name] for field, name in OWN_PARAMETERS.items() if name in params}
+            return LidarSpec(x=params[f"{prefix}_offset"], y=sideways, yaw=turned, **more)
     return mount_between(rows[:, 3:6], rows[:, :3]) or LidarSpec()
 
 

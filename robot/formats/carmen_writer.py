@@ -15,12 +15,15 @@ from moteslam.robot import se2
 from moteslam.robot.files import write_atomically
 from moteslam.robot.formats.carmen_lines import CLASSIC_STEPS, fov_of
 from moteslam.robot.formats.no_return import no_return_codes
-from moteslam.robot.formats.not_written import left_out, not_written
+from moteslam.robot.formats.not_written import not_written
+from moteslam.robot.formats.written_odometry import computed_odometry
 from moteslam.robot.issues import Issue
 from moteslam.robot.recording import LidarStream, Recording
 from moteslam.robot.specs import LidarSpec
 from moteslam.robot.wording import counted, expect_type
 
+OWN_PARAMETERS = {"z": "robot_frontlaser_height", "time_increment": "robot_frontlaser_time_increment"}
+"""Parameters of our own for what CARMEN has none: the lidar's height [m], and the time between its beams [s]."""
 _SAME_ANGLE = 1e-4
 
 
@@ -28,8 +31,8 @@ def write_carmen(path: str | PathLike[str], recording: Recording) -> None:
     """Write the lidar and odometry of a recording as a CARMEN log (ROBOTLASER1, ODOM and PARAM lines).
 
     No return is written as the sensor's limit, stated as ``robot_front_laser_max``, and an invalid reading as
-    0, so that stamps, ranges and poses read back the same, bit for bit. Heights and the lidar's ``time_increment``
-    cannot be written to a log. The same recording gives the same bytes.
+    0, so that stamps, ranges and poses read back the same, bit for bit. The lidar's height and ``time_increment`` are
+    parameters of our own, which other programs pass over. The same recording gives the same bytes.
 
     Args:
         path: the file; gzip where it ends in ``.gz``.
@@ -51,6 +54,10 @@ def write_carmen(path: str | PathLike[str], recording: Recording) -> None:
         f"PARAM robot_frontlaser_side_offset {mount.y!r}",
         f"PARAM robot_frontlaser_angular_offset {mount.yaw!r}",
     ]
+    if mount.z:
+        head.append(f"PARAM {OWN_PARAMETERS['z']} {mount.z!r}")
+    if lidar is not None and lidar.time_increment:
+        head.append(f"PARAM {OWN_PARAMETERS['time_increment']} {lidar.time_increment!r}")
     if odometry is not None:
         for stamp, (x, y, theta) in zip(odometry.stamps.tolist(), odometry.poses.tolist(), strict=True):
             entries.append((stamp, 0, f"ODOM {x!r} {y!r} {theta!r} 0 0 0 {_clock(stamp)}"))
@@ -97,15 +104,19 @@ def expect_classic_fan(beams: int, angle_min: float, angle_increment: float) -> 
 
 
 def write_log(path: Path, recording: Recording) -> tuple[Issue, ...]:
-    """`write_carmen`, and what the log does not hold of the recording, an issue each."""
-    write_carmen(path, recording)
-    issues = list(not_written(recording, "a CARMEN log", ("encoders", "imu", "rgbd")))
-    lidar, mount = recording.lidar, recording.platform.lidar
-    if mount.z:
-        issues.append(left_out(recording, "a CARMEN log", "the lidar's height"))
-    if lidar is not None and lidar.time_increment:
-        issues.append(left_out(recording, "a CARMEN log", "the time between beams"))
-    return tuple(issues)
+    """`write_carmen`, and what the log does not hold of the recording, an issue each.
+
+    A recording without odometry poses gets those of its wheels: a log without is of no use.
+    """
+    lidar, logged = recording.lidar, recording
+    issues: tuple[Issue, ...] = ()
+    has_poses = recording.odometry is not None or (lidar is not None and lidar.odometry is not None)
+    if not has_poses and (computed := computed_odometry(recording)) is not None:
+        logged = recording.replace(odometry=computed)
+        text = f"{recording.name}: {counted(len(computed), 'odometry pose')} computed of the wheels and written"
+        issues = (Issue("computed-odometry", text, len(computed)),)
+    write_carmen(path, logged)
+    return (*issues, *not_written(recording, "a CARMEN log", ("encoders", "imu", "rgbd")))
 
 
 def _scan_entries(lidar: LidarStream, poses: NDArray[np.float64], mount: LidarSpec) -> list[tuple[float, int, str]]:

@@ -12,7 +12,15 @@ from moteslam.robot.trajectories.format import TrajectoryFormat
 from moteslam.robot.trajectory import Trajectory
 from moteslam.robot.wording import expect_path
 
-__all__ = ["TRAJECTORY_FORMATS", "TrajectoryFormat", "read_trajectory", "write_trajectory"]
+__all__ = [
+    "TRAJECTORY_FORMATS",
+    "TrajectoryFormat",
+    "is_trajectory",
+    "read_trajectory",
+    "trajectory_format_of",
+    "trajectory_format_to_write",
+    "write_trajectory",
+]
 
 TRAJECTORY_FORMATS = {"g2o": g2o.FORMAT, "kitti": kitti.FORMAT, "euroc": euroc.FORMAT, "tum": tum.FORMAT}
 """By name, asked in this order."""
@@ -32,7 +40,7 @@ def read_trajectory(path: str | PathLike[str]) -> Trajectory:
     """
     expect_path(path, "path", "a trajectory")
     path = Path(path)
-    return _format_of(path).read(path)
+    return trajectory_format_of(path).read(path)
 
 
 def write_trajectory(path: str | PathLike[str], trajectory: Trajectory, file_format: str | None = None) -> None:
@@ -48,22 +56,39 @@ def write_trajectory(path: str | PathLike[str], trajectory: Trajectory, file_for
         InputError: stamps that the format cannot hold.
         OutputError: a name with another ending, without ``file_format``, or a file that cannot be written.
     """
-    path = Path(path)
-    if file_format is not None:
-        if file_format not in TRAJECTORY_FORMATS:
+    _, known = trajectory_format_to_write(path, file_format)
+    known.write(Path(path), trajectory)
+
+
+def trajectory_format_to_write(path: str | PathLike[str], name: str | None = None) -> tuple[str, TrajectoryFormat]:
+    """The name of a format and the format itself: the one named, or the one that the ending of a path stands for.
+
+    Raises:
+        ConfigError: no such format; its field is ``file_format``.
+        OutputError: an ending that stands for none.
+    """
+    if name is not None:
+        if name not in TRAJECTORY_FORMATS:
             names = ", ".join(sorted(TRAJECTORY_FORMATS))
-            raise ConfigError(f"{file_format!r}, expected one of {names}", field="file_format")
-        TRAJECTORY_FORMATS[file_format].write(path, trajectory)
-        return
-    for known in TRAJECTORY_FORMATS.values():
-        if path.name.lower().endswith(known.endings):
-            known.write(path, trajectory)
-            return
+            raise ConfigError(f"{name!r}, expected one of {names}", field="file_format")
+        return name, TRAJECTORY_FORMATS[name]
+    for each, known in TRAJECTORY_FORMATS.items():
+        if Path(path).name.lower().endswith(known.endings):
+            return each, known
     endings = sorted(ending for known in TRAJECTORY_FORMATS.values() for ending in known.endings)
     raise OutputError(f"expected a name that ends in {', '.join(endings)}, or a format", file=path)
 
 
-def _format_of(path: Path) -> TrajectoryFormat:
+def is_trajectory(path: str | PathLike[str]) -> bool:
+    """Whether a path is a file whose first lines are those of a trajectory."""
+    try:
+        trajectory_format_of(path)
+    except InputError:
+        return False
+    return True
+
+
+def trajectory_format_of(path: str | PathLike[str]) -> TrajectoryFormat:
     """The format of a file, by its comments and its first line that is none.
 
     Raises:

@@ -102,7 +102,15 @@ def read_trajectory(path: str | PathLike[str]) -> Trajectory:
     Raises:
         InputError: as of `read_g2o`, or times beside it that do not fit.
     """
-    graph = read_g2o(path)
+    return trajectory_of(read_g2o(path), path)
+
+
+def trajectory_of(graph: PoseGraph, path: str | PathLike[str]) -> Trajectory:
+    """The poses of a graph that was read from a path, with its stamps or those beside it.
+
+    Raises:
+        InputError: times beside it that do not fit.
+    """
     return Trajectory(stamps_beside(Path(path), len(graph)) if graph.stamps is None else graph.stamps, graph.poses)
 
 

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from issues import messages
 
-from moteslam.robot.formats import FORMATS, open_recording
+from moteslam.errors import InputError
+from moteslam.robot.formats import FORMATS, open_recording, write_recording
 from moteslam.robot.platforms import UCSD
 from moteslam.robot.recording import (
     EncoderStream,
@@ -19,6 +20,7 @@ from moteslam.robot.recording import (
     Recording,
     RgbdStream,
 )
+from moteslam.robot.wheel_odometry import wheel_path
 
 STAMPS = np.arange(4.0)
 FULL = Recording(
@@ -49,19 +51,39 @@ def test_a_carmen_log(tmp_path: Path, name: str) -> None:
         "full: 4 encoder readings not written, no place in a CARMEN log",
         "full: 4 IMU readings not written, no place in a CARMEN log",
         "full: 8 images not written, no place in a CARMEN log",
-        "full: the lidar's height not written, no place in a CARMEN log",
-        "full: the time between beams not written, no place in a CARMEN log",
     )
     back = open_recording(tmp_path / name)
     assert back.lidar is not None
     np.testing.assert_array_equal(back.lidar.ranges, FULL.lidar.ranges if FULL.lidar else 0)
+    assert back.platform.lidar.z == UCSD.lidar.z
+    assert back.lidar.time_increment == UCSD.lidar.time_increment
 
 
 def test_a_carmen_log_of_what_it_can_hold(tmp_path: Path) -> None:
-    assert FULL.lidar is not None
-    robot = UCSD.model_copy(update={"lidar": UCSD.lidar.model_copy(update={"z": 0.0})})
-    plain = Recording("plain", robot, lidar=replace(FULL.lidar, time_increment=0.0), odometry=FULL.odometry)
+    plain = Recording("plain", UCSD, lidar=FULL.lidar, odometry=FULL.odometry)
     assert written("carmen", tmp_path / "x.log", plain) == ()
+
+
+def test_a_carmen_log_of_wheels_gets_the_poses_that_they_measure(tmp_path: Path) -> None:
+    assert FULL.lidar is not None
+    write = FORMATS["carmen"].write
+    assert write is not None
+    wheels = FULL.replace(odometry=None, rgbd=None, lidar=replace(FULL.lidar, odometry=None))
+    first, *rest = write(tmp_path / "x.log", wheels)
+    assert (first.code, first.count) == ("computed-odometry", 4)
+    assert first.message == "full: 4 odometry poses computed of the wheels and written"
+    assert len(rest) == 2
+    back = open_recording(tmp_path / "x.log")
+    assert back.odometry is not None
+    np.testing.assert_array_equal(back.odometry.poses, wheel_path(wheels))
+
+
+def test_a_carmen_log_of_neither_odometry_nor_wheels_is_refused(tmp_path: Path) -> None:
+    assert FULL.lidar is not None
+    scans = FULL.replace(odometry=None, encoders=None, lidar=replace(FULL.lidar, odometry=None))
+    with pytest.raises(InputError, match=r"no odometry poses, expected them for a CARMEN log"):
+        write_recording(tmp_path / "x.log", scans)
+    assert not list(tmp_path.iterdir())
 
 
 def test_a_ucsd_folder(tmp_path: Path) -> None:

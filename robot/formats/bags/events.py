@@ -25,11 +25,10 @@ from moteslam.robot.formats.bags.motion import GRAVITY, IMU, ODOMETRY
 from moteslam.robot.formats.bags.scans import LASER_SCAN
 from moteslam.robot.formats.bags.times import SECOND, nanoseconds
 from moteslam.robot.formats.bags.wheels import JOINTS, joint_angles
-from moteslam.robot.issues import Issue
+from moteslam.robot.formats.written_odometry import WrittenOdometry
 from moteslam.robot.ranges import CHUNK
 from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream, OdometryStream, Recording
 from moteslam.robot.specs import LidarSpec
-from moteslam.robot.wheel_odometry import wheel_path
 
 ODOM, BASE, LASER = "odom", "base_link", "laser"
 
@@ -57,35 +56,6 @@ class Event:
     kind: str
     values: Values
     latched: bool = False
-
-
-@dataclass(frozen=True, eq=False)
-class WrittenOdometry:
-    """The odometry that a bag gets.
-
-    Attributes:
-        stream: of it; None where there is none.
-        is_stream: whether it reads back as a stream; one that was computed of the wheels does not.
-        issues: what does not come back as it was.
-    """
-
-    stream: OdometryStream | None
-    is_stream: bool
-    issues: tuple[Issue, ...] = ()
-
-
-def odometry_of(recording: Recording) -> WrittenOdometry:
-    """The recording's odometry, else that of its wheels, else the poses that were logged with the scans."""
-    if recording.odometry is not None and len(recording.odometry):
-        return WrittenOdometry(recording.odometry, is_stream=True)
-    encoders, lidar = recording.encoders, recording.lidar
-    if encoders is not None and len(encoders) and recording.platform.wheels is not None:
-        return WrittenOdometry(OdometryStream(encoders.stamps, wheel_path(recording)), is_stream=False)
-    if lidar is not None and lidar.odometry is not None and len(lidar):
-        issue = Issue("scan-poses", f"{recording.name}: the poses of the scans are written as odometry", len(lidar))
-        return WrittenOdometry(OdometryStream(lidar.stamps, lidar.odometry), is_stream=True, issues=(issue,))
-    issue = Issue("no-odometry", f"{recording.name}: neither odometry nor wheels: no /odom is written")
-    return WrittenOdometry(None, is_stream=False, issues=(issue,))
 
 
 def events_of(

@@ -15,9 +15,10 @@ from typing import Any
 from moteslam.errors import ExistsError, InputError, OutputError
 from moteslam.robot.files import umask
 from moteslam.robot.formats.bags.container import missing_extra
-from moteslam.robot.formats.bags.events import Event, events_of, odometry_of
+from moteslam.robot.formats.bags.events import Event, events_of
 from moteslam.robot.formats.bags.image_events import ImageEvents, camera_transforms
 from moteslam.robot.formats.bags.serial import Serialiser, full_name
+from moteslam.robot.formats.written_odometry import odometry_of
 from moteslam.robot.issues import Issue
 from moteslam.robot.recording import Recording
 from moteslam.robot.wording import expect_type

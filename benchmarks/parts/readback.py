@@ -1,0 +1,120 @@
+"""Recordings written in a format and read back: by how much each stream differs, and what the format states."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterator
+from dataclasses import fields
+from math import inf
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from moteslam.robot import se2
+
+if TYPE_CHECKING:
+    from moteslam.robot.recording import Recording
+
+STREAMS = ("lidar", "encoders", "odometry", "imu")
+HELD = {
+    "ucsd": ("lidar", "encoders", "imu"),
+    "carmen": ("lidar", "odometry"),
+    **dict.fromkeys(("csv", "bag", "rosbag2", "mcap"), STREAMS),
+}
+"""The streams that each format that is written holds, of those without images."""
+
+_ULP = float(np.spacing(np.pi))
+_OF_MESSAGES = {
+    "odometry.headings": 2 * _ULP,  # through a quaternion
+    "imu.linear_acceleration_g": 2 * float(np.spacing(4.0)),  # through m/s^2, of at most 4 g
+}
+ROUNDING: dict[str, dict[str, float]] = {
+    "ucsd": {},
+    "carmen": {},
+    "csv": {},
+    **dict.fromkeys(("bag", "rosbag2", "mcap"), _OF_MESSAGES),
+}
+"""The largest difference that docs/reference/formats.md states of each field; 0 where it has none here."""
+
+NOT_HELD = {
+    "ucsd": ("lidar.odometry",),
+    "carmen": ("lidar.figures.range_min",),
+    **dict.fromkeys(("bag", "rosbag2", "mcap"), ("lidar.odometry",)),
+}
+"""Fields of a held stream that have no place in a format."""
+
+
+def write_and_read(name: str, folder: Path, recording: Recording) -> Recording:
+    """A recording written in the format of this name, and read back."""
+    from moteslam.robot.formats import FORMATS, open_recording, write_recording
+
+    path = folder / f"{name}{next(iter(FORMATS[name].endings), '')}"
+    write_recording(path, recording, to=name)
+    return open_recording(path)
+
+
+def differences(name: str, recording: Recording, back: Recording) -> dict[str, float]:
+    """The largest difference of every field that a format holds: seconds, metres, radians, counts, g.
+
+    It is infinite where the field is missing, has another shape, or has `inf` or `nan` elsewhere.
+
+    Args:
+        name: of the format.
+        recording: that was written.
+        back: what was read.
+    """
+    mine, theirs = dict(_values(recording)), dict(_values(back))
+    return {
+        field: _difference(field, value, theirs.get(field))
+        for field, value in mine.items()
+        if field.partition(".")[0] in HELD[name] and field not in NOT_HELD.get(name, ())
+    }
+
+
+def beyond(name: str, found: dict[str, float]) -> dict[str, float]:
+    """The differences that are larger than what the format states."""
+    return {field: value for field, value in found.items() if value > ROUNDING[name].get(field, 0.0)}
+
+
+def digest(recording: Recording) -> str:
+    """Of all that SLAM sees of a recording: recordings of the same digest have the same estimate."""
+    found = hashlib.sha256(recording.platform.model_dump_json().encode())
+    for field, value in _values(recording):
+        found.update(f"{field} {value.dtype} {value.shape}".encode())
+        found.update(np.ascontiguousarray(value).tobytes())
+    return found.hexdigest()
+
+
+def _values(recording: Recording) -> Iterator[tuple[str, NDArray[Any]]]:
+    """Every array and figure of the streams; of poses the places and the headings apart."""
+    for name in STREAMS:
+        stream = getattr(recording, name)
+        if stream is None:
+            continue
+        for field in fields(stream):
+            value = getattr(stream, field.name)
+            if value is None:
+                continue
+            if isinstance(value, float):
+                yield f"{name}.figures.{field.name}", np.float64(value)[None]
+            elif field.name == "poses":
+                yield f"{name}.positions", value[:, :2]
+                yield f"{name}.headings", value[:, 2]
+            else:
+                yield f"{name}.{field.name}", np.asarray(value[:])
+
+
+def _difference(field: str, mine: NDArray[Any], theirs: NDArray[Any] | None) -> float:
+    if theirs is None or mine.shape != theirs.shape:
+        return inf
+    if mine.tobytes() == theirs.tobytes():
+        return 0.0
+    if field.endswith("headings"):
+        return float(np.abs(se2.wrap(mine - theirs)).max())
+    finite = np.isfinite(mine)
+    same = np.isnan(mine) == np.isnan(theirs)
+    if not (same.all() and (finite == np.isfinite(theirs)).all()):
+        return inf
+    return float(np.abs(mine[finite].astype(np.float64) - theirs[finite].astype(np.float64)).max(initial=0.0))

@@ -1,0 +1,132 @@
+"""``moteslam convert`` on trajectories: TUM, KITTI, EuRoC and g2o."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from command_lines import refused
+
+from moteslam.eval.cli import main
+from moteslam.robot.pose_graph import PoseGraph
+from moteslam.robot.trajectories import TRAJECTORY_FORMATS, read_trajectory, write_trajectory
+from moteslam.robot.trajectories.g2o import write_g2o
+from moteslam.robot.trajectory import Trajectory
+
+ENDINGS = {name: known.endings[0] for name, known in TRAJECTORY_FORMATS.items()}
+STAMPS = 1_300_000_000 + np.arange(40) / 8
+PATH = Trajectory(STAMPS, np.column_stack((np.cos(STAMPS), np.sin(STAMPS), np.linspace(-3, 3, 40))))
+
+
+@pytest.fixture(autouse=True)
+def _here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    for name, ending in ENDINGS.items():
+        write_trajectory(f"{name}{ending}", PATH)
+
+
+def convert(*arguments: object) -> int:
+    return main.run(["convert", *map(str, arguments)])
+
+
+@pytest.mark.parametrize("target", ENDINGS)
+@pytest.mark.parametrize("source", ENDINGS)
+def test_every_format_becomes_every_other(source: str, target: str, capsys) -> None:
+    out = f"new/out{ENDINGS[target]}"
+    assert convert(f"{source}{ENDINGS[source]}", out) == 0
+    back = read_trajectory(out)
+    np.testing.assert_array_equal(back.stamps, PATH.stamps)
+    np.testing.assert_array_equal(back.poses[:, :2], PATH.poses[:, :2])
+    np.testing.assert_allclose(back.poses[:, 2], PATH.poses[:, 2], rtol=0, atol=4 * np.spacing(np.pi))
+    printed, err = capsys.readouterr()
+    assert err == ""
+    assert printed == f"{source}{ENDINGS[source]}: 40 poses, {PATH.length:.1f} m\nwrote {out}, {target}\n"
+
+
+def test_a_format_that_is_named_and_json(capsys) -> None:
+    assert convert("tum.tum", "path.txt", "--to", "euroc", "--json") == 0
+    said = json.loads(capsys.readouterr().out)
+    assert said == {"out": "path.txt", "format": "euroc", "poses": 40, "warnings": []}
+    assert Path("path.txt").read_text().startswith("#timestamp [ns]")
+
+
+def test_edges_that_are_lost_are_printed(capsys) -> None:
+    graph = PoseGraph(
+        ids=np.arange(3),
+        poses=PATH.poses[:3],
+        first=np.array([0, 1]),
+        second=np.array([1, 2]),
+        relative=np.ones((2, 3)),
+        information=np.tile(np.eye(3), (2, 1, 1)),
+        stamps=PATH.stamps[:3],
+        fixed=np.array([0]),
+    )
+    write_g2o("graph.g2o", graph)
+    assert convert("graph.g2o", "a.tum") == 0
+    assert capsys.readouterr().err == "moteslam: warning: graph.g2o: 2 edges not written, no part of a trajectory\n"
+    assert convert("graph.g2o", "b.g2o", "--json") == 0
+    [issue] = json.loads(capsys.readouterr().out)["warnings"]
+    assert (issue["code"], issue["count"]) == ("not-written", 2)
+
+
+def test_what_exists_is_left_as_it_is_without_force(capsys) -> None:
+    before = Path("tum.tum").read_bytes()
+    assert "tum.tum: exists already; name a new file, or replace it with --force" in refused(
+        capsys, "convert", "g2o.g2o", "tum.tum"
+    )
+    assert Path("tum.tum").read_bytes() == before
+    assert "tum.tum: is the input" in refused(capsys, "convert", "tum.tum", "tum.tum", "--force")
+    assert convert("g2o.g2o", "kitti.kitti", "--force") == 0
+    Path("my.times.txt").write_text("mine")
+    capsys.readouterr()
+    said = refused(capsys, "convert", "g2o.g2o", "my.kitti", "--force")
+    assert "my.times.txt: exists already; name a new file" in said
+    assert Path("my.times.txt").read_text() == "mine"
+    assert not Path("my.kitti").exists()
+
+
+@pytest.mark.parametrize(
+    ("words", "line"),
+    [
+        ("tum.tum a.bag", "--to: tum.tum is a trajectory: expected a name that ends in .csv, .g2o, .kitti, "),
+        ("tum.tum a --to carmen", "--to: tum.tum is a trajectory: 'carmen', expected one of euroc, g2o, kitti, tum"),
+        ("tum.tum a.g2o --start 3", "--start: of a recording, expected none for a trajectory"),
+        ("tum.tum a.g2o --streams lidar", "--streams: of a recording, expected none for a trajectory"),
+        ("bad.tum a.g2o", "bad.tum:1: no line of a trajectory, expected one of TUM"),
+        ("broken.tum a.g2o", "broken.tum:2: "),
+        ("none.tum a.g2o", "none.tum: No such file or directory, expected a trajectory"),
+        (". a.g2o", "is a folder, expected a trajectory"),
+        ("early.tum a.csv", "stamps: stamps below 0 or beyond 1e11 s, expected seconds between"),
+    ],
+)
+def test_what_is_refused(words: str, line: str, capsys) -> None:
+    Path("bad.tum").write_text("some words\n")
+    Path("broken.tum").write_text("0 0 0 0 0 0 0 1\n1 0 0 nan 0 0 0 1\n")
+    Path("early.tum").write_text("-1 0 0 0 0 0 0 1\n1 0 0 0 0 0 0 1\n")
+    before = sorted(Path().iterdir())
+    assert line in refused(capsys, "convert", *words.split())
+    assert sorted(Path().iterdir()) == before
+
+
+def test_a_write_that_fails_midway_leaves_nothing(monkeypatch: pytest.MonkeyPatch, capsys) -> None:
+    """The stamps of a KITTI file are there when the poses fail."""
+
+    def fail(*_arguments: object, **_options: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("moteslam.robot.trajectories.kitti._shortest", lambda _: "0")
+    monkeypatch.setattr("moteslam.robot.trajectories.kitti.write_atomically", fail)
+    before = sorted(Path().rglob("*"))
+    said = refused(capsys, "convert", "tum.tum", "new/a.kitti")
+    assert "new/a.kitti: cannot be written: No space left on device" in said
+    assert sorted(Path().rglob("*")) == before
+
+
+def test_the_poses_are_in_the_plane() -> None:
+    """Of a trajectory in space x, y and the heading are kept, as by every command."""
+    Path("space.tum").write_text("0 1 2 3 0 0 1 0\n1 4 5 6 0 0 0 1\n")
+    assert convert("space.tum", "flat.g2o") == 0
+    np.testing.assert_allclose(read_trajectory("flat.g2o").poses, [[1, 2, math.pi], [4, 5, 0]])
