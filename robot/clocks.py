@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from moteslam.robot.ranges import chosen
 from moteslam.robot.recording import LidarStream, Recording
+from moteslam.robot.summary import Summarised
 from moteslam.robot.wheel_odometry import wheel_path
 
 Array = NDArray[np.float64]
@@ -40,8 +41,8 @@ _SHIFT = 0.35
 """The largest turn between two scans that is looked for [rad]."""
 
 
-@dataclass(frozen=True)
-class YawRate:
+@dataclass(frozen=True, eq=False, repr=False)
+class YawRate(Summarised):
     """The yaw rate that a stream measures: its mean between stamps.
 
     Attributes:

@@ -66,7 +66,6 @@ def _read(path: Path) -> tuple[Trajectory, tuple[Issue, ...]]:
     Raises:
         InputError: it is broken.
     """
-    from moteslam.robot.formats.not_written import CODE
     from moteslam.robot.issues import Issue
     from moteslam.robot.trajectories import TRAJECTORY_FORMATS, read_trajectory, trajectory_format_of
     from moteslam.robot.trajectories.g2o import read_g2o, trajectory_of
@@ -79,4 +78,4 @@ def _read(path: Path) -> tuple[Trajectory, tuple[Issue, ...]]:
     if not edges:
         return trajectory, ()
     text = f"{path.name}: {counted(edges, 'edge')} not written, no part of a trajectory"
-    return trajectory, (Issue(CODE, text, edges),)
+    return trajectory, (Issue("not-written", text, edges),)

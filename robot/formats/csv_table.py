@@ -16,6 +16,7 @@ from moteslam.robot.formats.text import TextLines
 from moteslam.robot.formats.words import BrokenLines, broken_issues
 from moteslam.robot.issues import Issue
 from moteslam.robot.specs import MAX_BEAMS
+from moteslam.robot.summary import Summarised
 from moteslam.robot.wording import counted, shortened
 
 EMPTY = "no line of numbers, expected a CSV file"
@@ -36,8 +37,8 @@ class Wanted:
     metres: float = 1.0
 
 
-@dataclass(frozen=True, eq=False)
-class Columns:
+@dataclass(frozen=True, eq=False, repr=False)
+class Columns(Summarised):
     """What they hold: finite [n, k] in the order asked for, in the units of the file, ranges [n, m] [m].
 
     The range of an empty cell is 0.

@@ -8,8 +8,6 @@ from moteslam.robot.issues import Issue
 from moteslam.robot.recording import Recording, RgbdStream
 from moteslam.robot.wording import counted
 
-CODE = "not-written"
-
 _WORDS = {
     "encoders": "encoder reading",
     "odometry": "odometry pose",
@@ -37,7 +35,7 @@ def not_written(recording: Recording, where: str, streams: Iterable[str]) -> tup
 
 def left_out(recording: Recording, where: str, what: str, count: int = 1) -> Issue:
     """The issue that something of a recording has no place where it was written."""
-    return Issue(CODE, f"{recording.name}: {what} not written, no place in {where}", count)
+    return Issue("not-written", f"{recording.name}: {what} not written, no place in {where}", count)
 
 
 def _images(stream: RgbdStream) -> int:

@@ -236,7 +236,7 @@ class Full(OSError):
 
 BREAKS = {
     "ucsd": "moteslam.robot.formats.ucsd._compact",
-    "carmen": "moteslam.robot.formats.carmen.gzip.compress",
+    "carmen": "moteslam.robot.formats.carmen_writer.gzip.compress",
     "csv": "moteslam.robot.formats.csv_writer.platform_table",
     "bag": "moteslam.robot.formats.bags.write.Serialiser.bytes_of",
     "rosbag2": "moteslam.robot.formats.bags.write.Serialiser.bytes_of",

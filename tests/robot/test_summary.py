@@ -67,6 +67,7 @@ def test_every_dataclass_with_arrays_that_users_meet_is_summarised() -> None:
     for name in ("robot", "sim", "eval.metrics", "slam.estimate", "slam.run", "slam.texture.floor_map"):
         package = importlib.import_module(f"moteslam.{name}")
         modules = [m.name for m in pkgutil.walk_packages(getattr(package, "__path__", []), f"moteslam.{name}.")]
+        modules = [module for module in modules if ".formats.bags." not in module]  # what a bag is on its way
         for module in [package, *map(importlib.import_module, modules)]:
             for kind in vars(module).values():
                 if not (dataclasses.is_dataclass(kind) and isinstance(kind, type)) or kind.__name__.startswith("_"):
