@@ -36,7 +36,8 @@ LEAST_CORRELATION = 0.7
 _DURATION = 600.0
 """At most this much of a recording is compared, from the first turn on [s]."""
 _BEAMS, _FEWEST_BEAMS = 180, 20
-_SCANS = 3000
+SCANS = 3000
+"""At most this number of scans are matched, from the first on."""
 _SHIFT = 0.35
 """The largest turn between two scans that is looked for [rad]."""
 
@@ -118,7 +119,7 @@ def scan_turns(lidar: LidarStream) -> YawRate:
     Args:
         lidar: with scans closer than a third of a radian to each other; of others the turns are not to be used.
     """
-    stamps = lidar.stamps[:_SCANS]
+    stamps = lidar.stamps[:SCANS]
     beams = lidar.ranges.shape[1]
     every = max(1, beams // _BEAMS)
     ranges = np.asarray(chosen(lidar.ranges, np.arange(len(stamps))))[:, ::every].astype(np.float64)

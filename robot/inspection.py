@@ -95,7 +95,7 @@ class Inspection:
     Attributes:
         name, platform: names of the recording and of its robot.
         streams: in the order lidar, encoders, odometry, imu, rgb, disparity; those that are there.
-        lidar: None where there is none.
+        lidar: None where there is none, or no scan of it.
         wheels: None without encoders.
         gyro_at_rest: None without IMU or encoders, or where the wheels never rest.
         odometry_distance: length of the odometry's path [m], of the poses logged with the scans if it has no stream
@@ -131,7 +131,9 @@ def inspect_recording(recording: Recording, *, deep: bool = False) -> Inspection
     streams = stream_reports(recording)
     rest = [] if recording.encoders is None else _rests(recording.encoders)
     read_ranges = deep or isinstance(getattr(recording.lidar, "ranges", None), np.ndarray)
-    lidar = None if recording.lidar is None else lidar_report(recording.lidar, rest, read_ranges=read_ranges)
+    lidar = None
+    if recording.lidar is not None and recording.lidar.ranges.size:
+        lidar = lidar_report(recording.lidar, rest, read_ranges=read_ranges)
     clocks = clock_reports(yaw_rates(recording, scans=read_ranges))
     problems = [*recording.warnings, *_missing(recording), *_gaps(streams), *_meetings(streams)]
     problems += _late(streams, clocks)

@@ -23,7 +23,7 @@ def inspect(
     path: Annotated[Path, typer.Argument(metavar="PATH", help="A log file, a bag, or a folder of arrays.")],
     deep: Annotated[bool, typer.Option("--deep", help="Read all ranges of a bag, and all images.")] = False,
     plot: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Draw streams, gaps, rates, clocks and ranges over time.")
+        Path | None, typer.Option(metavar="FILE.png", help="Draw streams, gaps, rates, clocks and ranges over time.")
     ] = None,
     force: options.ForceFile = False,
     as_json: options.Json = False,
@@ -32,7 +32,9 @@ def inspect(
 ) -> None:
     """Print what a recording holds, what is measured of its sensors, and what is wrong with it.
 
-    The column "platform" has what the recording's robot is known for. Ranges of a bag are measured with --deep.
+    The column "platform" has what the recording's robot is known for. Ranges of a bag are measured
+    with --deep, and clocks held against its scans; --plot reads them to draw them. Without either a bag's ranges and
+    images stay unread.
 
     \b
     Examples:
@@ -43,14 +45,16 @@ def inspect(
     from moteslam.robot.inspection import inspect_recording
 
     if plot is not None:
-        options.refuse_existing(plot, force=force)
         options.expect_picture(plot)
+        options.refuse_existing(plot, force=force)
     recording = part.open(path)
     found = inspect_recording(recording, deep=deep)
     if plot is not None:
         from moteslam.eval.report.streams import draw_streams
+        from moteslam.robot.files import folder_for
 
-        draw_streams(plot, recording, found)
+        with folder_for(plot):
+            draw_streams(plot, recording, found)
     if as_json:
         say_json(found.to_dict())
     else:

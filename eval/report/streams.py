@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.eval.report.style import DEAD_RECKONING, SLAM, heading, saved_figure
-from moteslam.robot.clocks import yaw_rates
+from moteslam.robot.clocks import SCANS, yaw_rates
 from moteslam.robot.inspection import GAP, REPORTED_GAP, Inspection, stream_stamps
 from moteslam.robot.ranges import CHUNK
 
@@ -32,7 +32,7 @@ def draw_streams(path: str | PathLike[str], recording: Recording, found: Inspect
 
     Args:
         path: of the PNG.
-        recording: any with a reading.
+        recording: any with a reading; all its ranges are read.
         found: its inspection.
 
     Raises:
@@ -44,7 +44,7 @@ def draw_streams(path: str | PathLike[str], recording: Recording, found: Inspect
     span = max(last - first, 1e-3)
     colours = dict(zip(stamps, COLOURS, strict=False))
     rates = yaw_rates(recording)
-    lidar = recording.lidar if recording.lidar is not None and len(recording.lidar) else None
+    lidar = recording.lidar if recording.lidar is not None and recording.lidar.ranges.size else None
     heights = [0.35 * len(stamps) + 0.3, 1.4, *([1.6] if rates else []), *([2.0, 1.0] if lidar is not None else [])]
     with saved_figure(path, size=(10.0, sum(heights) + 0.5 * len(heights) + 0.6)) as figure:
         heading(figure, f"{recording.name}: {span:.0f} s from {first:.3f} s on")
@@ -54,12 +54,12 @@ def draw_streams(path: str | PathLike[str], recording: Recording, found: Inspect
         _draw_rates(panels.pop(0), {name: some - first for name, some in stamps.items()}, colours, span)
         if rates:
             axes = panels.pop(0)
-            late = {clock.name: f", {1000 * clock.offset:+.0f} ms" for clock in found.clocks}
+            late = {clock.name: f"\n{1000 * clock.offset:+.0f} ms to {clock.reference}" for clock in found.clocks}
             times = np.linspace(first, last, 4 * BINS)
-            for name, rate in rates.items():
-                axes.plot(
-                    times - first, rate.at(times), color=colours[name], lw=0.9, label=f"{name}{late.get(name, '')}"
-                )
+            for width, (name, rate) in zip(np.linspace(2.2, 0.8, len(rates)), rates.items(), strict=True):
+                part = f"\nfirst {SCANS} scans" if name == "lidar" and lidar is not None and len(lidar) > SCANS else ""
+                label = f"{name}{late.get(name, '')}{part}"
+                axes.plot(times - first, rate.at(times), color=colours[name], lw=width, label=label)
             axes.set_ylabel("yaw rate [rad/s]")
             _legend(axes)
         if lidar is not None:
@@ -69,7 +69,7 @@ def draw_streams(path: str | PathLike[str], recording: Recording, found: Inspect
 
 
 def _draw_cover(axes: Axes, stamps: dict[str, Array], colours: dict[str, str]) -> None:
-    """A bar for what each stream covers, in red where it has a gap."""
+    """A bar for what each stream covers, in black where it has a gap."""
     for row, (name, some) in enumerate(stamps.items()):
         steps = np.diff(some)
         above = steps[steps > 0]
@@ -78,11 +78,11 @@ def _draw_cover(axes: Axes, stamps: dict[str, Array], colours: dict[str, str]) -
         begins, ends = np.append(some[0], some[gaps + 1]), np.append(some[gaps], some[-1])
         axes.broken_barh(list(zip(begins, ends - begins, strict=True)), (row - 0.3, 0.6), color=colours[name])
         if len(gaps):
-            red = [(float(some[gap]), float(steps[gap])) for gap in gaps]
-            axes.broken_barh(red, (row - 0.3, 0.6), color="red", alpha=0.5)
+            silent = [(float(some[gap]), float(steps[gap])) for gap in gaps]
+            axes.broken_barh(silent, (row - 0.3, 0.6), color="black")
     axes.set_yticks(range(len(stamps)), list(stamps))
     axes.invert_yaxis()
-    axes.set_title("what the streams cover; gaps in red", loc="left")
+    axes.set_title("what the streams cover; gaps in black", loc="left")
 
 
 def _draw_rates(axes: Axes, stamps: dict[str, Array], colours: dict[str, str], span: float) -> None:
@@ -90,7 +90,7 @@ def _draw_rates(axes: Axes, stamps: dict[str, Array], colours: dict[str, str], s
     for width, (name, some) in zip(np.linspace(3.0, 1.0, len(stamps)), stamps.items(), strict=True):
         bins = int(np.clip(len(some) // 10, 1, BINS))
         counts, edges = np.histogram(some, bins=bins, range=(0.0, span))
-        axes.stairs(counts / (span / bins), edges, color=colours[name], label=name, lw=width)
+        axes.stairs(counts / (span / bins), edges, baseline=None, color=colours[name], label=name, lw=width)
     if max(means) > 8 * min(means):
         axes.set_yscale("log")
     else:
@@ -122,6 +122,7 @@ def _draw_ranges(above: Axes, below: Axes, lidar: LidarStream, first: float, spa
     above.set_title("ranges; dark: many beams of that range", loc="left")
     for total, colour, label in ((without, SLAM, "no return"), (invalid, DEAD_RECKONING, "invalid")):
         percent = np.divide(100 * total, beams, out=np.full(bins, np.nan), where=beams > 0)
+        label = f"{label}, {100 * total.sum() / beams.sum():.2g} %"
         below.plot((edges[1:] + edges[:-1]) / 2, percent, color=colour, label=label, lw=1.2)
     below.set_ylabel("beams [%]")
     below.set_ylim(bottom=0)

@@ -1,0 +1,196 @@
+"""``moteslam inspect --plot`` and ``--deep``: a picture of any recording, and what is read for it."""
+
+from __future__ import annotations
+
+import json
+from itertools import combinations
+from pathlib import Path
+
+import numpy as np
+import pytest
+from command_lines import refused
+from matplotlib.figure import Figure
+from sim_logs import winding
+
+from moteslam.eval.cli import main
+from moteslam.eval.report.streams import draw_streams
+from moteslam.robot.formats import open_recording, write_recording
+from moteslam.robot.inspection import inspect_recording
+from moteslam.robot.platform import Platform
+from moteslam.robot.ranges import ChunkedRanges
+from moteslam.robot.recording import (
+    EncoderStream,
+    ImuStream,
+    LidarStream,
+    OdometryStream,
+    Recording,
+    RgbdStream,
+)
+from moteslam.sim.base_odometry import odometry_of
+
+PNG = b"\x89PNG\r\n\x1a\n"
+STREAMS = ("lidar", "encoders", "odometry", "imu", "rgbd")
+
+
+def whole(seconds: float = 6.0) -> Recording:
+    """A winding drive with every stream."""
+    recording = winding(seconds=seconds)
+    assert recording.encoders is not None
+    stamps = recording.encoders.stamps
+    return recording.replace(odometry=odometry_of(recording), rgbd=RgbdStream(stamps[::10], stamps[5::10]))
+
+
+WHOLE = whole()
+
+
+def drawn_of(recording: Recording, tmp_path: Path, figures: list[Figure]) -> Figure:
+    """The figure of a recording, after it is on disk."""
+    draw_streams(tmp_path / "x.png", recording, inspect_recording(recording))
+    assert (tmp_path / "x.png").read_bytes().startswith(PNG)
+    return figures[-1]
+
+
+def lidar(stamps: np.ndarray, ranges: np.ndarray) -> LidarStream:
+    return LidarStream(stamps, ranges.astype(np.float32), -1.0, 0.05, 0.1, 30.0)
+
+
+@pytest.mark.parametrize("names", [some for n in range(1, 6) for some in combinations(STREAMS, n)], ids="-".join)
+def test_any_streams_without_the_others(names: tuple[str, ...], tmp_path: Path, drawn: list[Figure]) -> None:
+    part = WHOLE.replace(**{name: None for name in STREAMS if name not in names})
+    figure = drawn_of(part, tmp_path, drawn)
+    expected = [label for name in names for label in (("rgb", "disparity") if name == "rgbd" else (name,))]
+    assert [label.get_text() for label in figure.axes[0].get_yticklabels()] == expected
+    labels = [axes.get_ylabel() for axes in figure.axes]
+    assert ("range [m]" in labels) == ("lidar" in names)
+    turning = set(names) - {"rgbd"}
+    assert ("yaw rate [rad/s]" in labels) == bool(turning)
+    assert figure.axes[-1].get_xlabel() == "time since the first stamp [s]"
+
+
+ONE = np.array([5.0])
+RAGGED = np.full((3, 40), 2.0)
+FAR = np.array([5.0, 6.0, 2e9])
+ODD = {
+    "one scan": {"lidar": lidar(ONE, np.full((1, 40), 2.0))},
+    "one scan without an endpoint": {"lidar": lidar(ONE, np.full((1, 40), np.inf))},
+    "scans of nothing but errors": {"lidar": lidar(np.arange(3.0), np.full((3, 40), np.nan))},
+    "scans of one stamp": {"lidar": lidar(np.full(3, 5.0), RAGGED)},
+    "scans of one beam": {"lidar": lidar(np.arange(3.0), RAGGED[:, :1])},
+    "scans of no beam": {"lidar": lidar(np.arange(3.0), RAGGED[:, :0])},
+    "no scans": {"lidar": lidar(ONE[:0], RAGGED[:0]), "odometry": OdometryStream(ONE, np.zeros((1, 3)))},
+    "a gap of decades": {"lidar": lidar(FAR, RAGGED), "odometry": OdometryStream(FAR, np.zeros((3, 3)))},
+    "clocks decades apart": {
+        "lidar": lidar(np.arange(3.0), RAGGED),
+        "odometry": OdometryStream(np.arange(3.0) + 1.7e9, np.zeros((3, 3))),
+    },
+    "one of each": {
+        "lidar": lidar(ONE, RAGGED[:1]),
+        "encoders": EncoderStream(ONE, np.zeros((1, 4), np.int64)),
+        "odometry": OdometryStream(ONE, np.zeros((1, 3))),
+        "imu": ImuStream(ONE, np.zeros((1, 3)), np.zeros((1, 3))),
+    },
+    "images alone": {"rgbd": RgbdStream(ONE, ONE[:0])},
+    "two of each": {
+        "encoders": EncoderStream(FAR[:2], np.ones((2, 4), np.int64)),
+        "imu": ImuStream(FAR[:2], np.ones((2, 3)), np.zeros((2, 3))),
+    },
+}
+
+
+@pytest.mark.parametrize("name", ODD)
+def test_odd_recordings(name: str, tmp_path: Path, drawn: list[Figure]) -> None:
+    figure = drawn_of(Recording(name, Platform(), **ODD[name]), tmp_path, drawn)  # type: ignore[arg-type]
+    for axes in figure.axes:
+        assert np.isfinite([*axes.get_xlim(), *axes.get_ylim()]).all()
+
+
+def test_a_gap_is_drawn_and_the_first_scans_are_named(tmp_path: Path, drawn: list[Figure]) -> None:
+    stamps = np.arange(3200) / 40
+    stamps[1600:] += 20
+    figure = drawn_of(Recording("gap", Platform(), lidar=lidar(stamps, np.full((3200, 40), 2.0))), tmp_path, drawn)
+    bars = [bar.get_paths() for bar in figure.axes[0].collections]
+    assert [len(paths) for paths in bars] == [2, 1]  # what is covered, and the gap
+    [label] = [text.get_text() for text in figure.axes[2].get_legend().get_texts()]
+    assert label == "lidar\nfirst 3000 scans"
+
+
+def test_labels_cover_no_data(tmp_path: Path, drawn: list[Figure]) -> None:
+    figure = drawn_of(WHOLE, tmp_path, drawn)
+    for axes in figure.axes:
+        if (legend := axes.get_legend()) is not None:
+            assert legend.get_window_extent().x0 >= axes.get_window_extent().x1
+
+
+def test_shares_are_in_the_legend(tmp_path: Path, drawn: list[Figure]) -> None:
+    ranges = np.full((4, 40), 2.0)
+    ranges[:, :10], ranges[:, 10:12] = np.inf, np.nan
+    figure = drawn_of(Recording("shares", Platform(), lidar=lidar(np.arange(4.0), ranges)), tmp_path, drawn)
+    legend = figure.axes[-1].get_legend()
+    assert legend is not None
+    assert [text.get_text() for text in legend.get_texts()] == ["no return, 25 %", "invalid, 5 %"]
+
+
+@pytest.fixture
+def bag(tmp_path: Path) -> Path:
+    write_recording(tmp_path / "a.bag", whole().replace(rgbd=None))
+    return tmp_path / "a.bag"
+
+
+@pytest.fixture
+def scans_read(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """The chunks of ranges that are read from a file."""
+    chunks: list[int] = []
+    at = ChunkedRanges._at
+    monkeypatch.setattr(ChunkedRanges, "_at", lambda ranges, number: (chunks.append(number), at(ranges, number))[1])
+    return chunks
+
+
+def test_ranges_stay_in_their_file_without_either_option(bag: Path, scans_read: list[int], capsys) -> None:
+    assert main.run(["inspect", str(bag), "--json"]) == 0
+    assert not scans_read
+    assert json.loads(capsys.readouterr().out)["lidar"]["no_return"] is None
+    assert main.run(["inspect", str(bag), "--deep", "--json"]) == 0
+    assert scans_read
+    assert json.loads(capsys.readouterr().out)["lidar"]["no_return"] == 0.0
+
+
+def test_a_plot_of_a_bag_has_its_ranges(bag: Path, scans_read: list[int], drawn: list[Figure], capsys) -> None:
+    out = bag.with_name("new") / "a.PNG"
+    assert main.run(["inspect", str(bag), "--plot", str(out)]) == 0
+    assert out.read_bytes().startswith(PNG)
+    assert scans_read
+    assert "range [m]" in [axes.get_ylabel() for axes in drawn[0].axes]
+    assert open_recording(bag).lidar is not None
+    assert capsys.readouterr().err == ""
+
+
+@pytest.mark.parametrize("name", ["a.pdf", "a", "png", "a.png.txt"])
+def test_names_that_are_none_of_a_picture(name: str, bag: Path, capsys) -> None:
+    said = refused(capsys, "inspect", bag, "--plot", bag.with_name(name))
+    assert f"{name}: expected a name that ends in .png" in said
+    assert [path.name for path in bag.parent.iterdir()] == ["a.bag"]
+
+
+def test_a_file_that_exists(bag: Path, capsys) -> None:
+    out = bag.with_name("a.png")
+    out.write_text("mine")
+    assert "a.png: exists already; name a new file, or replace it with --force" in refused(
+        capsys, "inspect", bag, "--plot", out
+    )
+    assert out.read_text() == "mine"
+    assert main.run(["inspect", str(bag), "--plot", str(out), "--force"]) == 0
+    assert out.read_bytes().startswith(PNG)
+
+
+def test_nothing_is_drawn_of_a_recording_that_is_none(tmp_path: Path, capsys) -> None:
+    (tmp_path / "no.log").write_text("words\n")
+    refused(capsys, "inspect", tmp_path / "no.log", "--plot", tmp_path / "new" / "a.png")
+    assert [path.name for path in tmp_path.iterdir()] == ["no.log"]
+
+
+def test_a_part_is_drawn(bag: Path, drawn: list[Figure]) -> None:
+    options = ["--start", "1", "--end", "3", "--streams", "lidar,imu"]
+    assert main.run(["inspect", str(bag), "--plot", str(bag.with_name("a.png")), *options]) == 0
+    [figure] = drawn
+    assert [label.get_text() for label in figure.axes[0].get_yticklabels()] == ["lidar", "imu"]
+    assert figure.axes[0].get_xlim()[1] == pytest.approx(2.0, abs=0.1)
