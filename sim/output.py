@@ -13,11 +13,14 @@ from moteslam.robot.formats.carmen_writer import write_carmen
 from moteslam.robot.formats.map_server import write_map, write_picture
 from moteslam.robot.formats.ucsd import write_ucsd
 from moteslam.robot.platforms import write_platform
+from moteslam.robot.reading import read_bytes
 from moteslam.robot.trajectories.tum import write_tum
 from moteslam.robot.wording import expect_type
-from moteslam.sim.scenario import scenario_table
+from moteslam.sim.scenario import Scenario, scenario_table
 from moteslam.sim.sensors.rgbd import write_frames
 from moteslam.sim.simulate import Progress, Simulation
+from moteslam.sim.world.floor import MAX_PICTURE_BYTES
+from moteslam.sim.world.floor_plan import read_cells
 
 
 def write_simulation(
@@ -32,7 +35,8 @@ def write_simulation(
 ) -> None:
     """Write a simulation as a folder, in the UCSD layout or with a CARMEN log in it, which reads back equal.
 
-    Beside the recording and ``platform.toml`` go ``truth.tum`` and ``scenario.toml``, and, where it is asked for,
+    Beside the recording and ``platform.toml`` go ``truth.tum`` and ``scenario.toml`` with its floor plan
+    (``plan.yaml``) and its floor's picture, where it has these, and, where it is asked for,
     ``truth_map.pgm`` with its ``.yaml``. Where a camera records, its images go to ``dataRGBD/``, and with the true map
     comes ``truth_floor.png`` with its ``.yaml``.
 
@@ -68,11 +72,26 @@ def write_simulation(
             progress=lambda share: report("images", share),
         )
     write_tum(folder / "truth.tum", simulation.truth)
-    write_atomically(folder / "scenario.toml", tomli_w.dumps(scenario_table(simulation.scenario)))
+    scenario = _with_its_files(folder, simulation.scenario)
+    write_atomically(folder / "scenario.toml", tomli_w.dumps(scenario_table(scenario)))
     if map_resolution is not None:
         write_map(folder / "truth_map.pgm", simulation.true_map(map_resolution))
         if simulation.frames is not None:
             write_picture(folder / "truth_floor.png", simulation.true_floor(map_resolution))
+
+
+def _with_its_files(folder: Path, scenario: Scenario) -> Scenario:
+    """The scenario with its floor plan and floor picture in a folder, so that it can be simulated again from there."""
+    plan, floor = scenario.world.plan, scenario.floor
+    if plan is not None:
+        write_map(folder / "plan.pgm", read_cells(plan))
+        plan = plan.model_copy(update={"file": "plan.yaml"})
+        scenario = scenario.model_copy(update={"world": scenario.world.model_copy(update={"plan": plan})})
+    if floor is not None and floor.image is not None:
+        image = f"floor{Path(floor.image).suffix}"
+        write_atomically(folder / image, read_bytes(floor.image, "a picture", limit=MAX_PICTURE_BYTES))
+        scenario = scenario.model_copy(update={"floor": floor.model_copy(update={"image": image})})
+    return scenario
 
 
 def log_name(scenario: str) -> str:

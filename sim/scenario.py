@@ -20,6 +20,7 @@ from moteslam.robot.platforms import BASE, UCSD, load_platform, platform_table
 from moteslam.robot.section import Number, Section, Truth, Whole
 from moteslam.robot.specs import CameraSettings
 from moteslam.robot.tables import Table, assigned, merged, read_toml
+from moteslam.robot.within import file_within
 from moteslam.robot.wording import expect_path, first_complaint, known_keys
 from moteslam.sim.actors.checks import check_doors, check_people
 from moteslam.sim.actors.crowd import Crowd
@@ -194,7 +195,8 @@ def load_scenario(
         platform: the robot in place of the scenario's own: a bundled one's name, a ``platform.toml`` of a whole robot,
             or the robot itself.
         noise: ``datasheet`` or ``as_recorded``, in place of the scenario's own class.
-        settings: ``key=value`` over the scenario's, with dotted keys, ``drive.speed=0.5``.
+        settings: ``key=value`` over the scenario's, with dotted keys, ``drive.speed=0.5``. These may name files
+            anywhere; the scenario's own floor plan, picture and robot lie in its folder or below.
 
     Raises:
         ConfigError: no such scenario, not TOML, an unknown key, a value of the wrong type or out of bounds, a world
@@ -213,7 +215,8 @@ def load_scenario(
         if text not in bundled_scenarios():
             raise ConfigError(_no_such(Path(text)), file=text)
     table = {"name": path.stem, **read_toml(path, "a scenario's .toml file")}
-    return parse_scenario(_changed(_with_files_beside(table, path), platform, noise, settings), file=name_or_path)
+    changed = _changed(_with_files_beside(table, path, within=True), platform, noise, settings)
+    return _validated(_with_files_beside(changed, path), file=name_or_path)
 
 
 def _changed(
@@ -242,12 +245,15 @@ def _no_such(path: Path) -> str:
 
 
 def parse_scenario(table: dict[str, Any], *, file: str | PathLike[str] | None = None) -> Scenario:
-    """A scenario from a table as TOML gives it; ``file`` is named in errors.
+    """A scenario from a table as TOML gives it; ``file`` is named in errors, and files in the table lie beside it.
 
     Raises:
         ConfigError: as ``load_scenario``.
     """
-    table = _with_files_beside(table, None if file is None else Path(file))
+    return _validated(_with_files_beside(table, None if file is None else Path(file)), file=file)
+
+
+def _validated(table: Table, *, file: str | PathLike[str] | None) -> Scenario:
     try:
         return Scenario.model_validate(table)
     except ConfigError as error:
@@ -259,16 +265,31 @@ def parse_scenario(table: dict[str, Any], *, file: str | PathLike[str] | None = 
         raise ConfigError(problem, file=file, field=field or None) from error
 
 
-def _with_files_beside(table: Table, file: Path | None) -> Table:
-    """The table with absolute paths of its floor plan, floor picture and platform; relative ones lie beside it."""
+def _with_files_beside(table: Table, file: Path | None, *, within: bool = False) -> Table:
+    """The table with absolute paths of its floor plan, floor picture and platform; relative ones lie beside it.
+
+    Args:
+        table: of a scenario.
+        file: that it is from; None for one of the caller's own, whose floor picture is left as it is.
+        within: refuse files that lie neither beside it nor below: who writes a scenario says nothing of other folders.
+
+    Raises:
+        ConfigError: such a file.
+    """
     folder = Path.cwd() if file is None else file.absolute().parent
+
+    def beside(name: str, field: str) -> str:
+        if within and file is not None:
+            return str(file_within(folder, name, file=file, field=field))
+        return str(folder / name)
+
     match table:
         case {"world": {"plan": {"file": str(name)} as plan} as world} if name and "\0" not in name:
-            table = {**table, "world": {**world, "plan": {**plan, "file": str(folder / name)}}}
+            table = {**table, "world": {**world, "plan": {**plan, "file": beside(name, "world.plan.file")}}}
     match table:
-        case {"floor": {"image": str(name)} as floor} if file is not None:
-            table = {**table, "floor": {**floor, "image": str(folder / name)}}
+        case {"floor": {"image": str(name)} as floor} if file is not None and "\0" not in name:
+            table = {**table, "floor": {**floor, "image": beside(name, "floor.image")}}
     match table:
         case {"platform": str(name)} if name.endswith(".toml") and "\0" not in name:
-            table = {**table, "platform": str(folder / name)}
+            table = {**table, "platform": beside(name, "platform")}
     return table

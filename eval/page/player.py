@@ -165,7 +165,7 @@ def _picture(folder: Path, name: str, most: int) -> dict[str, Any]:
         about = yaml.safe_load(read_text(about_file, "a map's .yaml", limit=MAX_YAML_BYTES))
         cell = float(about["resolution"])
         x, y, yaw = (float(value) for value in about["origin"])
-    except (yaml.YAMLError, TypeError, KeyError, ValueError) as error:
+    except (yaml.YAMLError, TypeError, KeyError, ValueError, OverflowError, RecursionError) as error:
         raise InputError("expected resolution and origin [x, y, yaw]", file=about_file) from error
     place = {"x": x, "y": y, "yaw": yaw, "width": image.shape[1] * cell, "height": image.shape[0] * cell}
     while True:

@@ -24,7 +24,6 @@ from moteslam.robot.formats.csv_model import (
     ImuTable,
     LidarTable,
     OdometryTable,
-    file_within,
     read_description,
 )
 from moteslam.robot.formats.csv_table import Wanted, read_columns
@@ -46,6 +45,7 @@ from moteslam.robot.platforms import platform_of, read_platform
 from moteslam.robot.reading import read_text
 from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream, OdometryStream, Recording
 from moteslam.robot.tables import MAX_BYTES, Table
+from moteslam.robot.within import file_within
 
 MAX_COUNT = 2**53
 """Ticks stay below it: whole numbers up to there are exact."""
@@ -99,7 +99,7 @@ def read_csv_log(path: str | PathLike[str], *, platform: Robot = None) -> Record
 
 def _platform(path: Path, description: CsvDescription) -> Platform:
     if isinstance(description.platform, str):
-        return read_platform(file_within(path, description.platform, "platform"))
+        return read_platform(file_within(path.resolve().parent, description.platform, file=path, field="platform"))
     try:
         return platform_of(description.platform, file=path)
     except ConfigError as error:
@@ -175,7 +175,7 @@ class _Reader:
         self, stream: str, table: CsvTable, wanted: Wanted
     ) -> tuple[Path, NDArray[np.float64], NDArray[np.float64], NDArray[np.float32]]:
         """The file, its stamps [n] [s], the other finite columns [n, k] in its units, and the ranges [n, m] [m]."""
-        file = file_within(self.path, table.file, f"{stream}.file")
+        file = file_within(self.path.resolve().parent, table.file, file=self.path, field=f"{stream}.file")
         columns = read_columns(file, table, wanted, description=self.path, issues=self.issues)
         return file, columns.finite[:, 0] * SECONDS[table.stamp_unit], columns.finite[:, 1:], columns.ranges
 

@@ -198,19 +198,3 @@ def read_description(path: Path) -> CsvDescription:
 
 def _expected(place: Place) -> str:
     return f"expected one of {', '.join(known_keys(CsvDescription, place))}"
-
-
-def file_within(path: Path, name: str, field: str) -> Path:
-    """A file that a description names: in the folder of the description, or below.
-
-    Raises:
-        ConfigError: it lies elsewhere, be it by a link.
-    """
-    folder = path.resolve().parent
-    try:
-        file = (folder / name).resolve()
-    except (OSError, ValueError) as error:
-        raise ConfigError(f"{shortened(name)}, expected the name of a file", file=path, field=field) from error
-    if not file.is_relative_to(folder):
-        raise ConfigError(f"{shortened(name)} lies elsewhere, expected a file in {folder}", file=path, field=field)
-    return file

@@ -42,7 +42,7 @@ class FloorSettings(Section):
         size: edge of a tile, width of a plank, size of a blotch [m]; 0.5, 0.14 and 0.8 by default.
         colours: that the material is made of, (red, green, blue) from 0 to 255; each material has its own.
         stains: share of the floor under stains, which darken it.
-        image: a picture file, repeated over the floor (``image`` only), relative to the scenario's file.
+        image: a picture file, repeated over the floor (``image`` only), in the scenario's folder or below.
         image_width: how wide it lies on the floor [m]; its height follows. Its lower left corner lies at (0, 0).
     """
 

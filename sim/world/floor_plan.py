@@ -20,7 +20,7 @@ class FloorPlan(Section):
     """A floor plan: the ``.yaml`` file of map_server, or an ``.npz`` of log-odds, and what its unknown cells are.
 
     Attributes:
-        file: relative to the scenario's own folder.
+        file: relative to the scenario's own folder; in it or below.
         unknown: ``free``: only occupied cells have walls; ``wall``: unknown ones too.
     """
 
@@ -45,14 +45,25 @@ def read_floor_plan(plan: FloorPlan) -> Raster:
     return _read(plan, stamp)
 
 
+def read_cells(plan: FloorPlan) -> Raster:
+    """The free, occupied and unknown cells of a floor plan, as `read_map` has them.
+
+    Raises:
+        InputError: files that cannot be read.
+    """
+    path = Path(plan.file)
+    return _of_arrays(path) if is_archive(path) else read_map(path)
+
+
 @lru_cache(maxsize=8)
 def _read(plan: FloorPlan, _stamp: int) -> Raster:
     path = Path(plan.file)
-    arrays = is_archive(path)
-    known = _of_arrays(path) if arrays else read_map(path)
+    known = read_cells(plan)
     solid = known.values != FREE if plan.unknown == "wall" else known.values == OCCUPIED
     if not solid.any():
-        raise InputError("no occupied cell, expected walls", file=path, field="log_odds" if arrays else "image")
+        raise InputError(
+            "no occupied cell, expected walls", file=path, field="log_odds" if is_archive(path) else "image"
+        )
     solid.setflags(write=False)
     return Raster(solid, known.cell_size, known.origin)
 
