@@ -10,7 +10,6 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -52,7 +51,7 @@ from moteslam.eval.literal import literal
         ("replay", "PATH"),
         ("replay absent", "--out"),
         ("replay absent --out x", "absent: No such file or directory, expected a recording"),
-        ("replay . --out x", "expected a UCSD folder"),
+        ("replay . --out x", "expected a folder of one of ucsd"),
         ("inspect absent", "absent: No such file"),
         ("inspect", "PATH"),
         ("evaluate absent also", "absent: No such file"),
@@ -245,16 +244,6 @@ SIGNALS = pytest.mark.parametrize(
     [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)],
     ids=["Ctrl-C", "SIGTERM", "SIGHUP"],
 )
-
-
-@pytest.fixture
-def signals_are_heard() -> Iterator[None]:
-    """Where the tests themselves run under nohup or in the background, their children would ignore signals, rightly."""
-    usual = {signal.SIGHUP: signal.SIG_DFL, signal.SIGINT: signal.default_int_handler}
-    before = {number: signal.signal(number, handler) for number, handler in usual.items()}
-    yield
-    for number, handler in before.items():
-        signal.signal(number, handler)
 
 
 WHILE_IMPORTING = """

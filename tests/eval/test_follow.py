@@ -99,6 +99,7 @@ def test_the_result_is_that_of_replay(tmp_path: Path, contents: dict[str, bytes]
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("signals_are_heard")
 @pytest.mark.skipif(os.name == "nt", reason="no SIGINT to another process")
 def test_an_interrupt_ends_it_with_the_result(tmp_path: Path, contents: dict[str, bytes]) -> None:
     path = tmp_path / "robot.log"

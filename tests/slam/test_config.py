@@ -175,8 +175,8 @@ def test_the_new_names_exist(old: str, new: str):
         ("backend.method=3", "backend.method: 3, expected one of none, graph"),
         (
             "backend.size=3",
-            "backend.size: unknown key, expected one of method, distance, rotation, correlation, graduated, chain, "
-            "loops, joint, thinning, tsdf, registration",
+            "backend.size: unknown key, expected one of method, distance, rotation, crowd, correlation, graduated, "
+            "chain, loops, joint, thinning, tsdf, registration",
         ),
         ("backend=3", "backend: 3, expected a table"),
     ],
