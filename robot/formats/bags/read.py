@@ -104,8 +104,8 @@ class BagReading:
         self.bag, self.chosen, self.given, self.issues, self.chunk = bag, chosen, given, issues, chunk
         progress = progress or Progress()
         self.manifest = read_manifest(bag)
-        if self.manifest is not None and "odometry" not in self.manifest.streams:
-            self.chosen = replace(chosen, odometry=None)  # computed for those who play the bag
+        if self._odometry_is_computed:
+            self.chosen = replace(chosen, odometry=None)
         self.images = image_topics(bag, chosen, issues)
         self.encoders = chosen.encoders if self.manifest is None else self._written_wheels()
 
@@ -136,8 +136,13 @@ class BagReading:
     @property
     def is_empty(self) -> bool:
         """Whether there is nothing yet that streams are made of."""
-        found = (*self.scans, self.odometry, self.imu, self.joints, self.transforms.odometry())
-        return all(reader is None for reader in found)
+        edge = None if self._odometry_is_computed else self.transforms.odometry()
+        return all(found is None for found in (*self.scans, self.odometry, self.imu, self.joints, edge))
+
+    @property
+    def _odometry_is_computed(self) -> bool:
+        """Whether the bag's odometry was computed by this package, for those who play the bag: it is no stream."""
+        return self.manifest is not None and "odometry" not in self.manifest.streams
 
     def _written_wheels(self) -> Topic | None:
         """The wheels of a bag that this package wrote, or those that are named."""
@@ -257,7 +262,7 @@ class BagReading:
         return encoder_stream(self.bag, self.encoders, self.joints, wheels, self.issues)
 
     def _odometry_stream(self) -> OdometryStream | None:
-        if self.manifest is not None and "odometry" not in self.manifest.streams:
+        if self._odometry_is_computed:
             return None
         if self.chosen.odometry is not None and self.odometry is not None:
             return odometry_of_messages(self.bag, self.chosen.odometry, self.odometry.heads(), self.issues)
