@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.errors import InputError
-from moteslam.robot.formats.bags import database, mcap, rosbag1
+from moteslam.robot.formats.bags import database, mcap, mcap_index, rosbag1
 from moteslam.robot.formats.bags.container import MAX_MESSAGE, MAX_MESSAGES, Container, Indices
 from moteslam.robot.formats.bags.rosbag2 import open_rosbag2
 from moteslam.robot.issues import Issue
@@ -119,7 +119,7 @@ class Bag:
 
 def begins_as(path: Path) -> str | None:
     """The kind of bag that a file begins as, ``bag``, ``mcap`` or ``db3``, else None; no more than it is promised."""
-    kinds = {rosbag1.MAGIC: "bag", mcap.MAGIC: "mcap", database.MAGIC: "db3"}
+    kinds = {rosbag1.MAGIC: "bag", mcap_index.MAGIC: "mcap", database.MAGIC: "db3"}
     try:
         with path.open("rb") as file:
             start = file.read(16)
