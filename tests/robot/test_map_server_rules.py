@@ -34,7 +34,11 @@ MEANINGS = st.builds(
     THRESHOLDS,
     THRESHOLDS,
 )
-PLACES = st.tuples(st.floats(-50, 50), st.floats(-50, 50), st.floats(-3.2, 3.2))
+PLACES = st.tuples(
+    st.floats(-50, 50, allow_subnormal=False),
+    st.floats(-50, 50, allow_subnormal=False),
+    st.floats(-3.2, 3.2, allow_subnormal=False),
+)
 CELL = 0.25
 
 

@@ -60,7 +60,7 @@ def test_damaged_bytes_end_in_one_line(tmp_path: Path, contents: dict[str, bytes
 
 @pytest.mark.parametrize("kind", FILES)
 @settings(max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(share=st.floats(0, 1))
+@given(share=st.floats(0, 1, allow_subnormal=False))
 def test_bags_that_are_cut_short_end_in_one_line(
     tmp_path: Path, contents: dict[str, bytes], kind: str, share: float
 ) -> None:
