@@ -23,8 +23,7 @@ from moteslam.slam.backend.protocol import KeyScan
 from moteslam.slam.colouring import with_texture
 from moteslam.slam.config import SlamConfig
 from moteslam.slam.estimate import Correction, Estimate
-from moteslam.slam.filter.certainty import Certainty, LocalisationState, certainty_of_particles
-from moteslam.slam.filter.protocol import StepResult
+from moteslam.slam.filter.certainty import LocalisationState, certainty_of_particles
 from moteslam.slam.filter.spread import spread
 from moteslam.slam.inputs.filling import between_known
 from moteslam.slam.inputs.floor_views import FloorViews, missing_for_floor_views
@@ -34,11 +33,10 @@ from moteslam.slam.inputs.warnings import warnings
 from moteslam.slam.mapping.occupancy import draw_map
 from moteslam.slam.methods import METHODS
 from moteslam.slam.odometry.dead_reckoning import dead_reckoning
+from moteslam.slam.scan_records import ScanRecords
 from moteslam.slam.settings import load_preset
 
 Array = NDArray[np.float64]
-DIAGNOSTICS = ("particles", "n_eff", "score", "updated", "resampled", "seconds", "degenerate", "state", "corrected")
-"""What is kept of every step: see ``Estimate.diagnostics``."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -107,15 +105,11 @@ class SlamSession:
         self._views: FloorViews | None = None
         if self._filter.uses_camera and not self._missing:
             self._views = FloorViews(recording, self._inputs, largest_gap=config.texture.largest_gap)
-        self._online, self._motions = np.zeros((0, 3)), np.zeros((0, 3))
-        self._covariances = np.zeros((0, 3, 3))
-        self._diagnostics = {key: np.zeros(0) for key in DIAGNOSTICS}
-        self._make_room()
+        self._records = ScanRecords(len(self._inputs))
         self._updates: list[int] = []
         self._waiting: list[KeyScan] = []  # for the back end, until the filter is settled
         self._spreads: list[Array] = []
         self._corrections: list[Correction] = []
-        self._done = 0
         self._drawn: tuple[int, Raster | None] = (0, None)  # the map, and after how many scans
 
     def __len__(self) -> int:
@@ -125,8 +119,8 @@ class SlamSession:
         yield from self.take_in()
         began = time.perf_counter()
         if self._waiting:
-            self._diagnostics["corrected"][self._done - 1] += self._hand_over(self._done - 1)
-            self._diagnostics["seconds"][self._done - 1] += time.perf_counter() - began
+            corrected = self._hand_over(self._done - 1)
+            self._records.add_to_last(seconds=time.perf_counter() - began, corrected=corrected)
 
     @property
     def taken(self) -> Array:
@@ -148,7 +142,7 @@ class SlamSession:
         self.recording, self._inputs = recording, inputs
         if self._views is not None:
             self._views = self._views.extended(recording, inputs)
-        self._make_room()
+        self._records.make_room(len(inputs))
 
     def take_in(self, scans: int | None = None) -> Iterator[Update]:
         """Take in the scans that follow, an ``Update`` each, as far as the first ``scans`` of the recording.
@@ -168,7 +162,7 @@ class SlamSession:
             if result.updated:
                 self._spreads.append(spread(poses, weights))
             certainty = result.certainty or certainty_of_particles(poses, weights, result.pose)
-            self._record(step.index, result, certainty, particles=len(poses), seconds=seconds, corrected=corrected)
+            self._records.add(result, certainty, particles=len(poses), seconds=seconds, corrected=corrected)
             yield Update(
                 index=step.index,
                 stamp=step.stamp,
@@ -211,20 +205,20 @@ class SlamSession:
         """
         if not self._done:
             raise ConfigError("no scan was taken in yet, expected an iteration over the session first")
-        n = self._done
+        n, records = self._done, self._records
         stamps, updates = self._inputs.stamps[:n], np.array(self._updates)
         history, odometry = self._filter.history, dead_reckoning(self._inputs)
         path, particles = self._path(), np.arange(history.particles)
         began = time.perf_counter()
         corrected = self._backend.finish(path)
         finishing = time.perf_counter() - began
-        final = between_known(path if corrected is None else corrected, updates, se2.accumulate(self._motions[:n]))
+        final = between_known(path if corrected is None else corrected, updates, se2.accumulate(records.motions))
         return Estimate(
             name=self.recording.name,
             config=self.config,
             seed=self.seed,
             versions={name: version(name) for name in ("moteslam", "taichi", "numpy")},
-            trajectory=Trajectory(stamps, self._online[:n]),
+            trajectory=Trajectory(stamps, records.poses),
             trajectory_final=Trajectory(stamps, final),
             dead_reckoning=Trajectory(stamps, odometry.poses[:n]),
             map=self.map if corrected is None else self._draw(corrected, n),
@@ -232,23 +226,19 @@ class SlamSession:
             particle_paths=history.paths(particles),
             particle_ancestors=history.ancestors(particles),
             particle_spread=np.array(self._spreads),
-            covariances=self._covariances[:n],
-            diagnostics={key: values[:n] for key, values in self._diagnostics.items()},
+            covariances=records.covariances,
+            diagnostics=records.diagnostics,
             warnings=self._warnings(),
-            seconds=float(self._diagnostics["seconds"].sum()) + finishing,
+            seconds=float(records.diagnostics["seconds"].sum()) + finishing,
             corrections=tuple(self._corrections),
             loops=self._backend.loops,
             graph=getattr(self._backend, "graph", None),  # back ends of other packages may have none
         )
 
-    def _make_room(self) -> None:
-        """Room for what is kept of every scan of the recording."""
-        more = len(self._inputs) - len(self._online)
-        self._online, self._motions, self._covariances = (
-            np.concatenate((kept, np.zeros((more, *kept.shape[1:]))))
-            for kept in (self._online, self._motions, self._covariances)
-        )
-        self._diagnostics = {key: np.concatenate((kept, np.zeros(more))) for key, kept in self._diagnostics.items()}
+    @property
+    def _done(self) -> int:
+        """Scans that were taken in."""
+        return self._records.done
 
     def _must_have_odometry(self) -> None:
         if self._inputs.path is not None or not METHODS[self.config.method].needs_odometry:
@@ -304,16 +294,6 @@ class SlamSession:
             now = revised[-1]
             self._corrections.append(Correction(scan, revised))
         return float(np.hypot(*(now - before)[:2]))
-
-    def _record(
-        self, index: int, result: StepResult, certainty: Certainty, *, particles: int, seconds: float, corrected: float
-    ) -> None:
-        self._online[index], self._motions[index] = result.pose, result.motion
-        self._covariances[index] = certainty.covariance
-        values = (particles, result.n_eff, result.score, result.updated, result.resampled, seconds)
-        for key, value in zip(DIAGNOSTICS, (*values, certainty.degenerate, certainty.state, corrected), strict=True):
-            self._diagnostics[key][index] = value
-        self._done = index + 1
 
     def _path(self) -> Array:
         """The path [u, 3] of the best particle at every update."""
