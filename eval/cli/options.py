@@ -21,6 +21,7 @@ OUT = "Folder for the result; it must not exist."
 
 Force = Annotated[bool, typer.Option("--force", help="Replace an existing --out, whole, at the end.")]
 ForceFile = Annotated[bool, typer.Option("--force", help="Replace an existing file.")]
+ForceOut = Annotated[bool, typer.Option("--force", help="Replace an existing --out.")]
 Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
 Format = Annotated[
     str | None,

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from moteslam.errors import ExistsError, OutputError
+from moteslam.errors import OutputError
 from moteslam.eval.cli import options
 from moteslam.eval.cli.text import say, say_json
 from moteslam.eval.literal import literal
@@ -32,7 +32,7 @@ def report(
         str | None, typer.Option(metavar="NAME", help="Compare with this configuration [the first].")
     ] = None,
     no_player: Annotated[bool, typer.Option("--no-player", help="Leave the player of runs out.")] = False,
-    force: Annotated[bool, typer.Option("--force", help="Replace an existing --out.")] = False,
+    force: options.ForceOut = False,
     as_json: options.Json = False,
 ) -> None:
     """Make one HTML page of sweeps and result folders: tables, charts, and a player of the runs.
@@ -48,8 +48,7 @@ def report(
     """  # noqa: D301
     if out.suffix.lower() not in (".html", ".htm"):
         raise OutputError("expected a name that ends in .html", file=out)
-    if out.exists() and not force:
-        raise ExistsError("exists already; name a new file with --out", file=out)
+    options.refuse_existing(out, force=force)
     from moteslam.eval.cli.progress import progress_bar
     from moteslam.eval.page.document import Wishes, page
     from moteslam.eval.page.material import gather

@@ -50,7 +50,7 @@ def show(
     out: Annotated[Path, typer.Option(help="The PNG to write; folders above it are made.")],
     seed: Annotated[int | None, typer.Option(min=0, max=2**63 - 1, help="Of a random building.")] = None,
     drive: Annotated[bool, typer.Option("--drive", help="Drive it, and draw the driven path.")] = False,
-    force: Annotated[bool, typer.Option("--force", help="Replace an existing --out.")] = False,
+    force: options.ForceOut = False,
 ) -> None:
     """Draw a scenario as a plan: walls and what they are made of, who moves, and the route.
 
@@ -100,7 +100,7 @@ def animate(
         str | None, typer.Option(metavar="NAME", help="Named configuration; the best by default.")
     ] = None,
     settings: options.Settings = None,
-    force: Annotated[bool, typer.Option("--force", help="Replace an existing --out.")] = False,
+    force: options.ForceOut = False,
 ) -> None:
     """Simulate a scenario, run SLAM, and film it: robot, beams, particles, and the map as it grows.
 

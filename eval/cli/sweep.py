@@ -202,7 +202,7 @@ def plot(
     ] = None,
     label: Annotated[str | None, typer.Option(metavar="TEXT", help="Of that axis [the key].")] = None,
     title: Annotated[str, typer.Option(metavar="TEXT", help="Over the figure.")] = "",
-    force: Annotated[bool, typer.Option("--force", help="Replace an existing file.")] = False,
+    force: options.ForceFile = False,
 ) -> None:
     """Draw medians with their 95 % intervals over what varies, a line for each scenario and configuration.
 
@@ -291,7 +291,7 @@ def diff(
 def export(
     file: File,
     out: Annotated[Path, typer.Option(metavar="FILE", help="A new .csv or .parquet file (Parquet needs pyarrow).")],
-    force: Annotated[bool, typer.Option("--force", help="Replace an existing file.")] = False,
+    force: options.ForceFile = False,
 ) -> None:
     """Write a row a run: what it is, what became of it, every metric, and times in columns at the end.
 

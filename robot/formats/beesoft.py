@@ -27,8 +27,7 @@ from pathlib import Path
 
 import numpy as np
 
-from moteslam.errors import InputError
-from moteslam.robot.formats.format import Format, Robot
+from moteslam.robot.formats.format import Format, Robot, one_sequence
 from moteslam.robot.formats.no_return import no_return_limit
 from moteslam.robot.formats.streams import Fan, lidar_stream, odometry_stream
 from moteslam.robot.formats.text import TextLines
@@ -232,15 +231,9 @@ def _lidar(path: Path, log: _Log, robot: Platform, given: GivenRobot, issues: li
     )
 
 
-def _read(path: Path, sequence: str | int | None, platform: Robot) -> Recording:
-    if sequence is not None:
-        raise InputError("a script or rec log is one sequence, expected none to be named", file=path, field="sequence")
-    return read_beesoft(path, platform=platform)
-
-
 FORMAT = Format(
     "script or rec log (#ROBOT and #LASER, or POS and LASER-RANGE lines)",
     is_folder=False,
     recognise=is_beesoft,
-    read=_read,
+    read=one_sequence("a script or rec log", read_beesoft),
 )

@@ -16,8 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from moteslam.errors import InputError
-from moteslam.robot.formats.format import Format, Robot
+from moteslam.robot.formats.format import Format, Robot, one_sequence
 from moteslam.robot.formats.streams import Fan, axle_counts, counts_of, encoder_stream, lidar_stream
 from moteslam.robot.formats.text import TextLines
 from moteslam.robot.formats.words import (
@@ -131,10 +130,9 @@ def _parse(
     counters.extend(both)
 
 
-def _read(path: Path, sequence: str | int | None, platform: Robot) -> Recording:
-    if sequence is not None:
-        raise InputError("a BreezySLAM log is one sequence, expected none to be named", file=path, field="sequence")
-    return read_breezyslam(path, platform=platform)
-
-
-FORMAT = Format("BreezySLAM log (lines of 707 numbers)", is_folder=False, recognise=is_breezyslam, read=_read)
+FORMAT = Format(
+    "BreezySLAM log (lines of 707 numbers)",
+    is_folder=False,
+    recognise=is_breezyslam,
+    read=one_sequence("a BreezySLAM log", read_breezyslam),
+)

@@ -22,7 +22,7 @@ from moteslam.robot.formats.carmen_lines import (
     parse_lines,
 )
 from moteslam.robot.formats.carmen_writer import OWN_PARAMETERS, write_log
-from moteslam.robot.formats.format import Format, Robot
+from moteslam.robot.formats.format import Format, Robot, one_sequence
 from moteslam.robot.formats.logged_ranges import LoggedRanges
 from moteslam.robot.formats.no_return import no_return_limit
 from moteslam.robot.formats.streams import Fan, lidar_stream, mount_between, odometry_stream
@@ -244,17 +244,11 @@ def _ranges_of(scans: Scans, beams: int) -> NDArray[np.float32]:
     return np.array(scans.ranges, np.float32).reshape(-1, beams)
 
 
-def _read(path: Path, sequence: str | int | None, platform: Robot) -> Recording:
-    if sequence is not None:
-        raise InputError("a CARMEN log is one sequence, expected none to be named", file=path, field="sequence")
-    return read_carmen(path, platform=platform)
-
-
 FORMAT = Format(
     "CARMEN log (FLASER, ROBOTLASER1, RAWLASER1, ODOM lines; plain or gzip)",
     is_folder=False,
     recognise=is_carmen,
-    read=_read,
+    read=one_sequence("a CARMEN log", read_carmen),
     write=write_log,
     follow=CarmenFollower,
     endings=(".log", ".log.gz", ".clf", ".clf.gz"),

@@ -28,7 +28,7 @@ from moteslam.robot.formats.csv_model import (
 )
 from moteslam.robot.formats.csv_table import Wanted, read_columns
 from moteslam.robot.formats.csv_writer import write_csv
-from moteslam.robot.formats.format import Format, Robot
+from moteslam.robot.formats.format import Format, Robot, one_sequence
 from moteslam.robot.formats.streams import (
     Fan,
     axle_counts,
@@ -205,17 +205,11 @@ def _poses(values: NDArray[np.float64], length: str, angle: str) -> NDArray[np.f
     return values * (METRES[length], METRES[length], RADIANS[angle])
 
 
-def _read(path: Path, sequence: str | int | None, platform: Robot) -> Recording:
-    if sequence is not None:
-        raise InputError("a CSV log is one sequence, expected none to be named", file=path, field="sequence")
-    return read_csv_log(path, platform=platform)
-
-
 FORMAT = Format(
     "CSV log (a TOML that names files and columns)",
     is_folder=False,
     recognise=is_csv_log,
-    read=_read,
+    read=one_sequence("a CSV log", read_csv_log),
     write=write_csv,
     endings=(".toml",),
 )

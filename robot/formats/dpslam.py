@@ -14,9 +14,8 @@ from pathlib import Path
 
 import numpy as np
 
-from moteslam.errors import InputError
 from moteslam.robot.formats.carmen_lines import fov_of
-from moteslam.robot.formats.format import Format, Robot
+from moteslam.robot.formats.format import Format, Robot, one_sequence
 from moteslam.robot.formats.no_return import no_return_limit
 from moteslam.robot.formats.streams import Fan, lidar_stream
 from moteslam.robot.formats.text import TextLines
@@ -131,10 +130,9 @@ def read_dpslam(path: str | PathLike[str], *, platform: Robot = None) -> Recordi
     )
 
 
-def _read(path: Path, sequence: str | int | None, platform: Robot) -> Recording:
-    if sequence is not None:
-        raise InputError("a DP-SLAM log is one sequence, expected none to be named", file=path, field="sequence")
-    return read_dpslam(path, platform=platform)
-
-
-FORMAT = Format("DP-SLAM log (Odometry and Laser lines)", is_folder=False, recognise=is_dpslam, read=_read)
+FORMAT = Format(
+    "DP-SLAM log (Odometry and Laser lines)",
+    is_folder=False,
+    recognise=is_dpslam,
+    read=one_sequence("a DP-SLAM log", read_dpslam),
+)

@@ -11,6 +11,7 @@ from os import PathLike
 from pathlib import Path
 from typing import Protocol
 
+from moteslam.errors import InputError
 from moteslam.plugins import Plugins
 from moteslam.robot.issues import Issue
 from moteslam.robot.platform import Platform
@@ -64,6 +65,29 @@ class Format:
     write: Callable[[Path, Recording], tuple[Issue, ...]] | None = None
     follow: Callable[[Path, Robot], Follower] | None = None
     endings: tuple[str, ...] = ()
+
+
+class ReadsOne(Protocol):
+    """Reads the one recording of a file or folder."""
+
+    def __call__(self, path: Path, /, *, platform: Robot) -> Recording:
+        """The recording, of the robot that is given or else stated."""
+
+
+def one_sequence(what: str, read: ReadsOne) -> Callable[[Path, str | int | None, Robot], Recording]:
+    """The ``read`` of a `Format` whose files hold one sequence each: it refuses the name of one.
+
+    Args:
+        what: such a file, with its article, for the refusal: ``a CARMEN log``.
+        read: ``read(path, platform=...)``.
+    """
+
+    def read_the_one(path: Path, sequence: str | int | None, platform: Robot) -> Recording:
+        if sequence is not None:
+            raise InputError(f"{what} is one sequence, expected none to be named", file=path, field="sequence")
+        return read(path, platform=platform)
+
+    return read_the_one
 
 
 FORMATS: Plugins[Format] = Plugins(

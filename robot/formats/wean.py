@@ -16,9 +16,8 @@ from pathlib import Path
 
 import numpy as np
 
-from moteslam.errors import InputError
 from moteslam.robot.formats.carmen_lines import fov_of
-from moteslam.robot.formats.format import Format, Robot
+from moteslam.robot.formats.format import Format, Robot, one_sequence
 from moteslam.robot.formats.no_return import no_return_limit
 from moteslam.robot.formats.streams import Fan, lidar_stream, mount_between, odometry_stream
 from moteslam.robot.formats.text import TextLines
@@ -121,10 +120,9 @@ def _scan(scans: array[float], values: array[float], words: Sequence[bytes], num
     scans.extend(row)
 
 
-def _read(path: Path, sequence: str | int | None, platform: Robot) -> Recording:
-    if sequence is not None:
-        raise InputError("a Wean Hall log is one sequence, expected none to be named", file=path, field="sequence")
-    return read_wean(path, platform=platform)
-
-
-FORMAT = Format("Wean Hall log (O and L lines in centimetres)", is_folder=False, recognise=is_wean, read=_read)
+FORMAT = Format(
+    "Wean Hall log (O and L lines in centimetres)",
+    is_folder=False,
+    recognise=is_wean,
+    read=one_sequence("a Wean Hall log", read_wean),
+)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import bz2
 import importlib
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any, Protocol
@@ -32,6 +33,27 @@ MAX_NAME = 4096
 
 MAX_DEFINITION = 4 << 20
 """Bytes of the message definitions that a channel brings."""
+
+
+@contextmanager
+def damage_in_one_line(path: Path, expected: str, *errors: type[Exception]) -> Iterator[None]:
+    """Turn what a reader of a broken file raises into a refusal that names the file.
+
+    Args:
+        path: of the file.
+        expected: what it should be, where it cannot be read at all.
+        errors: by which the reader stumbles over content that is damaged.
+
+    Raises:
+        InputError: one of these, or of the system.
+    """
+    try:
+        yield
+    except errors as error:
+        raise InputError(f"damaged: {error}", file=path) from error
+    except OSError as error:
+        raise InputError(f"{error.strerror or error}, expected {expected}", file=path) from error
+
 
 Indices = NDArray[np.int64]
 

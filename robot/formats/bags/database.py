@@ -10,7 +10,15 @@ from pathlib import Path
 import numpy as np
 
 from moteslam.errors import InputError
-from moteslam.robot.formats.bags.container import MAX_MESSAGE, MAX_MESSAGES, MAX_NAME, Channel, IndexBuilder, Indices
+from moteslam.robot.formats.bags.container import (
+    MAX_MESSAGE,
+    MAX_MESSAGES,
+    MAX_NAME,
+    Channel,
+    IndexBuilder,
+    Indices,
+    damage_in_one_line,
+)
 from moteslam.robot.reading import open_regular
 
 MAGIC = b"SQLite format 3\0"
@@ -36,12 +44,10 @@ class Database:
             InputError: no SQLite file, without the tables of a bag, or damaged.
         """
         self.path = path
-        try:
-            with closing(_connect(path)) as connection:
-                _check_tables(connection, path)
-                self.channels = _channels(connection, path)
-        except (sqlite3.Error, OverflowError, ValueError, TypeError) as error:
-            raise InputError(f"damaged: {error}", file=path) from error
+        damage = damage_in_one_line(path, _EXPECTED, sqlite3.Error, OverflowError, ValueError, TypeError)
+        with damage, closing(_connect(path)) as connection:
+            _check_tables(connection, path)
+            self.channels = _channels(connection, path)
 
     def payloads(self, places: Indices, at_most: Indices) -> Iterator[bytes]:
         """See `Container`."""

@@ -2,27 +2,23 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
-from moteslam.errors import InputError
 from moteslam.robot.formats.bags.bag import begins_as
 from moteslam.robot.formats.bags.database import is_bag_database
 from moteslam.robot.formats.bags.follow import McapFollower
 from moteslam.robot.formats.bags.read import read_bag
 from moteslam.robot.formats.bags.rosbag2 import is_rosbag2
 from moteslam.robot.formats.bags.write import write_mcap, write_rosbag1, write_rosbag2
-from moteslam.robot.formats.format import Format, Robot, Topics
+from moteslam.robot.formats.format import Format, Robot, Topics, one_sequence
 from moteslam.robot.recording import Recording
+
+_read = one_sequence("a bag", read_bag)
 
 
 def _read_topics(path: Path, sequence: str | int | None, platform: Robot, topics: Topics) -> Recording:
-    if sequence is not None:
-        raise InputError("a bag is one sequence, expected none to be named", file=path, field="sequence")
-    return read_bag(path, platform=platform, topics=topics)
-
-
-def _read(path: Path, sequence: str | int | None, platform: Robot) -> Recording:
-    return _read_topics(path, sequence, platform, {})
+    return one_sequence("a bag", partial(read_bag, topics=topics))(path, sequence, platform)
 
 
 def _is_ros2_file(path: Path) -> bool:

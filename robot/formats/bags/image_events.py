@@ -16,6 +16,7 @@ from moteslam.errors import InputError
 from moteslam.robot.formats.bags.choice import CAMERA_INFO, COMPRESSED_IMAGE
 from moteslam.robot.formats.bags.events import BASE, Event, Values, header, transform
 from moteslam.robot.formats.bags.times import nanoseconds
+from moteslam.robot.formats.not_written import left_out
 from moteslam.robot.formats.ucsd_rgbd import read_disparity, read_rgb
 from moteslam.robot.frames import has_images
 from moteslam.robot.issues import Issue
@@ -49,7 +50,7 @@ class ImageEvents:
     """
 
     def __init__(self, recording: Recording) -> None:
-        self._name, self._stream = recording.name, recording.rgbd
+        self._recording, self._stream, self._name = recording, recording.rgbd, recording.name
         self._missing = 0
         self._has_images = has_images(recording.rgbd)
 
@@ -69,7 +70,8 @@ class ImageEvents:
             return ()
         if not self._has_images:
             count = len(self._stream.rgb_stamps) + len(self._stream.disparity_stamps)
-            return (Issue("images-left", f"{self._name}: stamps of images without images: not written", count),)
+            stamps = counted(count, "stamp") + " of images"
+            return (left_out(self._recording, "a bag without the images themselves", stamps, count),)
         text = f"{self._name}: depths are written in millimetres: nearer than 0.6 m disparities may be rounded"
         found = [Issue("depths-rounded", text, len(self._stream.disparity_stamps))]
         if self._missing:

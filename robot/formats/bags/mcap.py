@@ -4,16 +4,28 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Iterator, Sequence
+from contextlib import AbstractContextManager
 from pathlib import Path
 
 from moteslam.errors import InputError
-from moteslam.robot.formats.bags.container import MAX_MESSAGE, Channel, ChunkReader, Indices, StoredChunk
+from moteslam.robot.formats.bags.container import (
+    MAX_MESSAGE,
+    Channel,
+    ChunkReader,
+    Indices,
+    StoredChunk,
+    damage_in_one_line,
+)
 from moteslam.robot.formats.bags.mcap_index import DATA_END, FOOTER, MAGIC, MESSAGE, RECORD, LooseMessages, McapIndex
 from moteslam.robot.growing import GrowingFile
 from moteslam.robot.reading import open_regular
 
 _EXPECTED = "an MCAP file"
 _MESSAGE_HEAD = struct.Struct("<BQHIQQ")
+
+
+def _damage(path: Path) -> AbstractContextManager[None]:
+    return damage_in_one_line(path, _EXPECTED, struct.error, OverflowError, ValueError)
 
 
 class Mcap:
@@ -26,15 +38,10 @@ class Mcap:
             InputError: no MCAP file, damaged, or without messages of ROS.
         """
         self.path = path
-        try:
-            with open_regular(path, _EXPECTED) as file:
-                opening = McapIndex(path)
-                opening.file, opening.end = file, file.seek(0, 2)
-                opening.read()
-        except (struct.error, OverflowError, ValueError) as error:
-            raise InputError(f"damaged: {error}", file=path) from error
-        except OSError as error:
-            raise InputError(f"{error.strerror or error}, expected {_EXPECTED}", file=path) from error
+        opening = McapIndex(path)
+        with _damage(path), open_regular(path, _EXPECTED) as file:
+            opening.file, opening.end = file, file.seek(0, 2)
+            opening.read()
         self.damage = opening.damage
         self.channels, self.ros1 = opening.known_channels()
         self._chunks = tuple(opening.chunks)
@@ -72,20 +79,17 @@ class GrowingMcap:
         """
         index = self._index
         messages = index.builder.total
-        try:
-            with self._file.opened() as (file, end):
-                index.file, index.end = file, end
-                position = self._file.position
-                if not position and end >= len(MAGIC):
-                    if file.read(len(MAGIC)) != MAGIC:
-                        raise InputError("does not begin as an MCAP file", file=self.path)
-                    position = len(MAGIC)
-                if position and not self._at_end:
-                    self._index_from(position)
-                if last:
-                    index.summary_start()
-        except (struct.error, OverflowError, ValueError) as error:
-            raise InputError(f"damaged: {error}", file=self.path) from error
+        with _damage(self.path), self._file.opened() as (file, end):
+            index.file, index.end = file, end
+            position = self._file.position
+            if not position and end >= len(MAGIC):
+                if file.read(len(MAGIC)) != MAGIC:
+                    raise InputError("does not begin as an MCAP file", file=self.path)
+                position = len(MAGIC)
+            if position and not self._at_end:
+                self._index_from(position)
+            if last:
+                index.summary_start()
         self.damage = index.damage
         if index.builder.total == messages and not last:
             return False

@@ -23,6 +23,7 @@ from moteslam.robot.formats.bags.container import (
     Indices,
     StoredChunk,
     check_chunk,
+    damage_in_one_line,
     name_of,
 )
 from moteslam.robot.reading import open_regular
@@ -57,13 +58,9 @@ class Rosbag1:
             InputError: no bag, one that was not closed, encrypted, cut short or damaged.
         """
         self.path = path
-        try:
-            with open_regular(path, _EXPECTED) as file:
-                self.channels, self._chunks = _Opening(file, path).read()
-        except (struct.error, OverflowError) as error:
-            raise InputError(f"damaged: {error}", file=path) from error
-        except OSError as error:
-            raise InputError(f"{error.strerror or error}, expected {_EXPECTED}", file=path) from error
+        damage = damage_in_one_line(path, _EXPECTED, struct.error, OverflowError)
+        with damage, open_regular(path, _EXPECTED) as file:
+            self.channels, self._chunks = _Opening(file, path).read()
 
     def payloads(self, places: Indices, at_most: Indices) -> Iterator[bytes]:
         """See `Container`."""

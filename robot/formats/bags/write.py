@@ -18,10 +18,11 @@ from moteslam.robot.formats.bags.container import missing_extra
 from moteslam.robot.formats.bags.events import Event, events_of
 from moteslam.robot.formats.bags.image_events import ImageEvents, camera_transforms
 from moteslam.robot.formats.bags.serial import Serialiser, full_name
+from moteslam.robot.formats.not_written import left_out, not_written
 from moteslam.robot.formats.written_odometry import odometry_of
 from moteslam.robot.issues import Issue
 from moteslam.robot.recording import Recording
-from moteslam.robot.wording import expect_type
+from moteslam.robot.wording import counted, expect_type
 
 LATEST = 2.0**31
 """The end of what messages hold as a time [s]: the year 2038."""
@@ -174,12 +175,11 @@ def _check_stamps(recording: Recording) -> None:
 
 def _left_out(recording: Recording) -> tuple[Issue, ...]:
     """What a bag does not hold of a recording."""
-    issues = []
-    if recording.encoders is not None and recording.platform.wheels is None:
-        text = f"{recording.name}: no wheels in the platform: the encoders are not written"
-        issues.append(Issue("encoders-left", text, len(recording.encoders)))
+    issues: tuple[Issue, ...] = ()
+    if recording.platform.wheels is None:
+        issues = not_written(recording, "a bag of a platform without wheels", ("encoders",))
     lidar = recording.lidar
     if lidar is not None and lidar.odometry is not None and recording.odometry is not None:
-        text = f"{recording.name}: the poses of the scans are not written, the odometry is"
-        issues.append(Issue("scan-poses", text, len(lidar)))
-    return tuple(issues)
+        poses = f"{counted(len(lidar), 'pose')} of scans"
+        issues += (left_out(recording, "a bag beside its odometry", poses, len(lidar)),)
+    return issues

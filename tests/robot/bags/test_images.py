@@ -154,7 +154,7 @@ def test_an_image_that_declares_a_huge_size_is_not_decoded(tmp_path: Path) -> No
 def test_stamps_without_images_are_not_written(tmp_path: Path) -> None:
     recording = recording_of().replace(rgbd=RgbdStream(STAMPS, STAMPS))
     issues = write_rosbag1(tmp_path / "x.bag", recording)
-    assert [(issue.code, issue.count) for issue in issues] == [("images-left", 8)]
+    assert [(issue.code, issue.count) for issue in issues] == [("not-written", 8)]
 
 
 def test_transforms_of_the_lidar_and_the_camera_do_not_meet(tmp_path: Path) -> None:

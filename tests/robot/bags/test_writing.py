@@ -185,7 +185,7 @@ def test_any_scans_read_back_the_same(tmp_path: Path, times: list[float], beams:
     np.testing.assert_array_equal(again.ranges[:], ranges.astype(np.float32))
 
 
-@given(st.floats(0, 2**31, allow_nan=False))
+@given(st.floats(0, 2**31, allow_subnormal=False))
 def test_stamps_come_back(stamp: float) -> None:
     back = seconds(nanoseconds(np.array([stamp])))[0]
     assert abs(back - stamp) <= (0 if stamp >= 2**23 else 0.51e-9)
@@ -253,7 +253,7 @@ def test_a_folder_that_is_there_is_filled_once(tmp_path: Path) -> None:
 def test_without_wheels_the_encoders_are_not_written(tmp_path: Path) -> None:
     recording = recording_of().replace(platform=Platform())
     issues = write_rosbag1(tmp_path / "x.bag", recording)
-    assert [issue.code for issue in issues] == ["no-odometry", "encoders-left"]
+    assert [issue.code for issue in issues] == ["no-odometry", "not-written"]
     again = open_recording(tmp_path / "x.bag")
     assert again.encoders is None
 
