@@ -71,10 +71,15 @@ def old_keys() -> dict[str, str]:
     return {rf"(?<![\w.]){re.escape(key)}(?![\w])": new for key, new in old.items() if "." in key}
 
 
-def texts() -> Iterator[tuple[str, str]]:
-    """Every text file that git keeps or would keep, by its path, without those that are exempt and result files."""
+def files() -> list[str]:
+    """Every file that git keeps or would keep, by its path."""
     command = ("git", "ls-files", "--cached", "--others", "--exclude-standard")
-    for name in subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout.splitlines():
+    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout.splitlines()
+
+
+def texts() -> Iterator[tuple[str, str]]:
+    """The text files of `files` by their paths, without those that are exempt and result files."""
+    for name in files():
         path = ROOT / name
         if name in EXEMPT or path.suffix not in {".py", ".md", ".toml", ".c", ""} or not path.is_file():
             continue

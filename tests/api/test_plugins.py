@@ -79,6 +79,7 @@ def test_each_takes_at_most_forty_lines():
         assert len(file.read_text(encoding="utf-8").splitlines()) <= 40, file.name
 
 
+@pytest.mark.slow
 def test_a_filter_and_a_metric_of_another_package(toys: list[str], recording: Path, tmp_path: Path):
     arguments = ["replay", recording, "--set", "method=toy", "--set", "scale=0.9", "--no-figures", "--out", "result"]
     done = moteslam(toys, *arguments, cwd=tmp_path)
@@ -93,6 +94,7 @@ def test_a_filter_and_a_metric_of_another_package(toys: list[str], recording: Pa
         assert (tmp_path / "again" / name).read_bytes() == (tmp_path / "result" / name).read_bytes()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("preset", ["default", "paper"])
 def test_a_back_end_of_another_package_moves_path_map_and_filter(
     toys: list[str], recording: Path, tmp_path: Path, preset: str
@@ -139,6 +141,7 @@ def test_one_that_fails_to_load_is_one_warning(recording: Path, tmp_path: Path):
     assert "plug-in 'odd' of package toys (moteslam.metrics) is left out: os:sep is a str" in done.stderr
 
 
+@pytest.mark.slow
 def test_a_metric_that_fails_costs_a_warning_and_not_the_run(recording: Path, tmp_path: Path):
     (tmp_path / "bad").mkdir()
     (tmp_path / "bad" / "bad_metrics.py").write_text(

@@ -65,6 +65,9 @@ def test_words_of_another_meaning_elsewhere_stay_there(words: ModuleType, monkey
 
 
 def test_the_changelogs_table_is_exempt(words: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
-    assert [line for line in words.finds() if line.startswith("CHANGELOG.md")] == []
+    changelog = "CHANGELOG.md"
+    monkeypatch.setattr(words, "files", lambda: [changelog])
+    assert list(words.finds()) == []
     monkeypatch.setattr(words, "RENAMES", ("no such mark", "nor this"))
-    assert [line for line in words.finds() if line.startswith("CHANGELOG.md")] != []
+    assert all(line.startswith(changelog) for line in words.finds())
+    assert list(words.finds()) != []

@@ -54,7 +54,10 @@ def lidar(stamps: np.ndarray, ranges: np.ndarray) -> LidarStream:
     return LidarStream(stamps, ranges.astype(np.float32), -1.0, 0.05, 0.1, 30.0)
 
 
-@pytest.mark.parametrize("names", [some for n in range(1, 6) for some in combinations(STREAMS, n)], ids="-".join)
+FEW_OR_NEARLY_ALL = [some for n in (1, 4, 5) for some in combinations(STREAMS, n)]
+
+
+@pytest.mark.parametrize("names", FEW_OR_NEARLY_ALL, ids="-".join)
 def test_any_streams_without_the_others(names: tuple[str, ...], tmp_path: Path, drawn: list[Figure]) -> None:
     part = WHOLE.replace(**{name: None for name in STREAMS if name not in names})
     figure = drawn_of(part, tmp_path, drawn)

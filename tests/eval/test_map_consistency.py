@@ -48,6 +48,7 @@ def scored(shift: float = 0.0, noise: float = 0.003) -> MapConsistency:
     return map_consistency(recording, Trajectory(truth.stamps, poses))
 
 
+@pytest.mark.slow
 def test_walls_drawn_once_are_as_thick_as_the_noise() -> None:
     score = scored()
     assert score.thickness == pytest.approx(0.003, rel=0.3)
@@ -59,6 +60,7 @@ def test_walls_drawn_once_are_as_thick_as_the_noise() -> None:
     assert scored(noise=0.01).cells_per_metre > score.cells_per_metre
 
 
+@pytest.mark.slow
 def test_a_wall_drawn_twice_is_noticed() -> None:
     """In all but what the scans of one lap say."""
     shifts = (0.0, 0.05, 0.15, 0.3)

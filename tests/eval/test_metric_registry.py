@@ -40,6 +40,7 @@ def evidence(run, simulation) -> Evidence:
     return replace(known, relations=relations, cost=Cost(2.0, 1.0, 500_000_000, tuple(np.full(n, 0.01))))
 
 
+@pytest.mark.slow
 def test_a_run_of_which_all_is_known_has_next_to_all_metrics(evidence: Evidence) -> None:
     values = measure(evidence, BUNDLED)
     absent = {name: value.reason for name, value in values.items() if value.number is None}

@@ -31,7 +31,7 @@ def on_one_thread(folder: Path) -> Results:
     return run_cases(folder, threads=1)
 
 
-@pytest.mark.parametrize("threads", [2, 3, 5])
+@pytest.mark.parametrize("threads", [2, *(pytest.param(n, marks=pytest.mark.slow) for n in (3, 5))])
 def test_each_kernel_gives_the_same_bytes_on_any_number_of_threads(
     folder: Path, on_one_thread: Results, threads: int
 ) -> None:

@@ -116,6 +116,7 @@ def test_places_in_campus_do_not_look_alike() -> None:
     assert look_alike("campus") < 0.02
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", WORLDS)
 def test_key_scans_close_loops(name: str) -> None:
     case = wheels_case(name, 1, step_noise=STEP_NOISE)

@@ -83,6 +83,7 @@ def test_without_a_loop_the_filter_is_as_it_was(doors: Case, alone: Estimate):
     np.testing.assert_array_equal(alone.dead_reckoning.poses, without.dead_reckoning.poses)
 
 
+@pytest.mark.slow
 def test_a_closed_loop_corrects_the_filter_while_it_drives():
     """Before the first correction nothing changes; after the last one the online poses are those in a straight map."""
     case = wheels_case("twins", 224, step_noise=STEP_NOISE)
@@ -109,6 +110,7 @@ def test_a_closed_loop_corrects_the_filter_while_it_drives():
     assert error(corrected.trajectory, case) < 0.8 * error(filter_alone.trajectory, case)
 
 
+@pytest.mark.slow
 def test_the_first_correction_does_not_turn_the_map():
     """About the first scan, that is: whose heading the joint registration knows to a fraction of a degree."""
     case = wheels_case("corridor", 224, step_noise=STEP_NOISE)
@@ -125,6 +127,7 @@ def test_an_estimate_in_the_middle_of_a_run_changes_nothing(doors: Case, behind:
     np.testing.assert_array_equal(session.estimate().trajectory_final.poses, behind.trajectory_final.poses)
 
 
+@pytest.mark.slow
 def test_every_stage_can_be_switched_off(doors: Case):
     """With none of them the filter's path remains, or the chain, whichever is sharper."""
     off = ("backend.loops.enabled=false", "backend.joint.enabled=false", "backend.graduated=false")
@@ -142,6 +145,7 @@ def test_a_run_of_two_scans_has_nothing_to_correct(doors: Case):
     assert len(estimated.trajectory_final) >= 2
 
 
+@pytest.mark.slow
 def test_after_an_outage_a_second_hypothesis_finds_the_way():
     """Three corridors look alike where the lidar is back; a niche in one of them shows which, ten metres on."""
     case = wheels_case("fork", 212, step_noise=STEP_NOISE)
@@ -152,6 +156,7 @@ def test_after_an_outage_a_second_hypothesis_finds_the_way():
     assert error(estimate(case, "particles=1").trajectory_final, case) > 0.5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [205, 210])
 def test_a_loop_closes_at_the_right_one_of_equal_openings(seed: int):
     """And the bare corridors of the loop keep their lengths."""
