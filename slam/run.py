@@ -149,7 +149,7 @@ class SlamSession:
 
         Unlike an iteration over the session it leaves a filter that is not settled as it is, for scans to come.
         """
-        for step in steps(self._inputs, self._views, first=self._done, last=scans):
+        for step in steps(self._inputs, self._views, thinning=self._filter.thinning, first=self._done, last=scans):
             began = time.perf_counter()
             result, corrected = self._filter.step(step), 0.0
             if result.updated:
@@ -257,7 +257,7 @@ class SlamSession:
         return KeyScan(
             index=step.index,
             stamp=step.stamp,
-            points=step.points,
+            points=step.points.copy(),  # not the block that it lies in
             origin=step.origin,
             pose=self._filter.history.last[best].copy(),
             odometry=np.asarray(se2.between(odometry[last], odometry[step.index])),

@@ -40,7 +40,7 @@ def run_cases(folder: Path, *, arch: str = "cpu", threads: int = 1) -> Results:
 
 def compute() -> Results:
     """All of them, with Taichi as it is set up in this process."""
-    groups = [motion, random_words, occupancy, matching, raycasting, distance_maps, floors]
+    groups = [motion, random_words, endpoints, occupancy, matching, raycasting, distance_maps, floors]
     return {name: array for group in groups for name, array in group().items()}
 
 
@@ -58,6 +58,28 @@ def random_words() -> Results:
 
     words = np.random.default_rng(2).integers(0, 2**32, (200_000, 6), np.uint32)
     return {"philox_words": philox_words(words[:, :4], words[:, 4:])}
+
+
+def endpoints() -> Results:
+    """Of 200 scans of 1081 beams, de-skewed and thinned."""
+    from moteslam.kernels.projection import project_scans
+    from moteslam.kernels.thinning import thin_scans
+
+    generator = np.random.default_rng(11)
+    ranges = generator.uniform(0.1, 20, (200, 1081)).astype(np.float32)
+    ranges[generator.random(ranges.shape) < 0.1] = np.inf
+    angles = np.linspace(-2.3, 2.3, 1081)
+    sweeps = generator.uniform(-0.1, 0.1, (200, 3))
+    directions = np.stack((np.cos(angles), np.sin(angles)), axis=1)
+    points, counts = project_scans(ranges, directions, (0.1, 0.0), sweeps=sweeps, max_range=18.0)
+    begins = 1081 * np.arange(200)
+    scans = thin_scans(points, begins, counts, (0.1, 0.0), spacing=0.02, max_spacing=0.3, max_points=200, gap=5.0)
+    ends = [points[begin : begin + count] for begin, count in zip(begins, counts, strict=True)]
+    return {
+        "project_scans": np.vstack(ends),
+        "thin_scans: points": np.vstack([scan.points for scan in scans]),
+        "thin_scans: joined": np.concatenate([scan.joined for scan in scans]),
+    }
 
 
 def occupancy() -> Results:

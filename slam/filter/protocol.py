@@ -11,6 +11,7 @@ from moteslam.robot.raster import Raster
 from moteslam.slam.filter.certainty import Certainty
 from moteslam.slam.filter.history import History
 from moteslam.slam.filter.weights import Weights
+from moteslam.slam.inputs.config import ThinningConfig
 from moteslam.slam.inputs.scans import Scans
 from moteslam.slam.inputs.step import Step
 
@@ -70,6 +71,10 @@ class Filter(Protocol):
         """Whether it asks for camera frames of the floor."""
 
     @property
+    def thinning(self) -> ThinningConfig | None:
+        """How the scans of its steps are thinned; None where it takes them as they are."""
+
+    @property
     def map_bytes(self) -> int:
         """Memory of the particles' maps."""
 
@@ -101,6 +106,11 @@ class FilterDefaults:
     def uses_camera(self) -> bool:
         """See ``Filter``."""
         return False
+
+    @property
+    def thinning(self) -> ThinningConfig | None:
+        """See ``Filter``."""
+        return None
 
     @property
     def map_bytes(self) -> int:

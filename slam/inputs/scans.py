@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -9,6 +11,24 @@ from moteslam.robot.recording import LidarStream
 from moteslam.robot.specs import LidarSpec
 
 Array = NDArray[np.float64]
+
+
+class ScanBlock(NamedTuple):
+    """The endpoints of m scans in a row.
+
+    Attributes:
+        points: float32 [k, 2] in the robot's frame at each scan's stamp [m].
+        begins, counts: [m] the first row of each scan in ``points``, and how many are its.
+    """
+
+    points: NDArray[np.float32]
+    begins: NDArray[np.int32]
+    counts: NDArray[np.int32]
+
+    def of(self, number: int) -> NDArray[np.float32]:
+        """The endpoints [c, 2] of one of the scans."""
+        begin = self.begins[number]
+        return self.points[begin : begin + self.counts[number]]
 
 
 class Scans:
@@ -51,3 +71,12 @@ class Scans:
                 axis=1,
             )
         return points.astype(np.float32)
+
+    def block(self, first: int, last: int) -> ScanBlock:
+        """The finite endpoints of the scans from ``first`` to before ``last``, projected in one launch."""
+        from moteslam.kernels.projection import project_scans
+
+        ranges = self._lidar.ranges[first:last]
+        sweeps = None if self._sweeps is None else self._sweeps[first:last]
+        points, counts = project_scans(ranges, self._directions, self.origin, sweeps=sweeps, max_range=self._max_range)
+        return ScanBlock(points, np.arange(len(counts), dtype=np.int32) * ranges.shape[1], counts)

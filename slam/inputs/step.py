@@ -9,9 +9,15 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from moteslam.kernels.thinning import ThinnedScan
 from moteslam.robot.summary import Summarised
+from moteslam.slam.inputs.config import ThinningConfig
 from moteslam.slam.inputs.floor_views import FloorView, FloorViews
 from moteslam.slam.inputs.synchronise import Inputs
+from moteslam.slam.inputs.thinning import thin_block
+
+BLOCK = 64
+"""Scans that are projected and thinned at a time: of 1081 beams 0.5 MB."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -28,6 +34,7 @@ class Step(Summarised):
             other steps from the steps before.
         points: [k, 2] float32 the finite endpoints in the robot's frame [m].
         origin: [2] where the rays start, in the robot's frame [m]: the lidar.
+        scan: thinned as the filter asks for it (``Filter.thinning``); None where it asks for none.
         floor: reads the newest camera frame of at most a given age [s], which takes time: call it at most once, and
             only to make use of it. None where the run does not use the camera.
     """
@@ -39,29 +46,42 @@ class Step(Summarised):
     measured: bool
     points: NDArray[np.float32]
     origin: NDArray[np.float64]
+    scan: ThinnedScan | None = None
     floor: Callable[[float], FloorView | None] | None = None
 
 
 def steps(
-    inputs: Inputs, views: FloorViews | None = None, *, first: int = 0, last: int | None = None
+    inputs: Inputs,
+    views: FloorViews | None = None,
+    *,
+    thinning: ThinningConfig | None = None,
+    first: int = 0,
+    last: int | None = None,
 ) -> Iterator[Step]:
-    """One step a scan.
+    """One step a scan; the scans are projected and thinned ``BLOCK`` at a time.
 
     Args:
         inputs: the synchronised recording.
         views: camera frames of the floor; None where they are not used.
+        thinning: of the scans, where the filter asks for it.
         first: index of the first scan.
         last: of the one after the last; None for all.
     """
-    for index in range(len(inputs))[first:last]:
-        stamp = inputs.stamps[index]
-        yield Step(
-            index=index,
-            stamp=float(stamp),
-            dt=float(stamp - inputs.stamps[index - 1]) if index else 0.0,
-            motion=inputs.motions[index],
-            measured=bool(inputs.measured[index]),
-            points=inputs.scans.points(index),
-            origin=inputs.scans.origin,
-            floor=None if views is None else partial(views.at, index),
-        )
+    indices = range(len(inputs))[first:last]
+    for begin in range(0, len(indices), BLOCK):
+        some = indices[begin : begin + BLOCK]
+        block = inputs.scans.block(some.start, some.stop)
+        thinned = [None] * len(some) if thinning is None else thin_block(block, inputs.scans.origin, thinning)
+        for number, (index, scan) in enumerate(zip(some, thinned, strict=True)):
+            stamp = inputs.stamps[index]
+            yield Step(
+                index=index,
+                stamp=float(stamp),
+                dt=float(stamp - inputs.stamps[index - 1]) if index else 0.0,
+                motion=inputs.motions[index],
+                measured=bool(inputs.measured[index]),
+                points=block.of(number),
+                origin=inputs.scans.origin,
+                scan=scan,
+                floor=None if views is None else partial(views.at, index),
+            )

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from moteslam.kernels.thinning import ThinnedScan, thin_scan
+from moteslam.kernels.thinning import ThinnedScan, thin_scan, thin_scans
 from moteslam.slam.inputs.config import ThinningConfig
+from moteslam.slam.inputs.scans import ScanBlock
 
 
 def thin(points: NDArray[np.float32], origin: NDArray[np.float64], config: ThinningConfig) -> ThinnedScan:
@@ -17,12 +18,15 @@ def thin(points: NDArray[np.float32], origin: NDArray[np.float64], config: Thinn
         origin: [2] where the rays start [m].
         config: distances and counts.
     """
-    return thin_scan(
-        points,
-        origin,
-        spacing=config.spacing,
-        max_spacing=config.max_spacing,
-        max_points=config.max_points,
-        gap=config.gap,
-        gap_from_range=config.gap_from_range,
-    )
+    return thin_scan(points, origin, **vars(config))
+
+
+def thin_block(block: ScanBlock, origin: NDArray[np.float64], config: ThinningConfig) -> list[ThinnedScan]:
+    """The scans of a block, thinned in one launch.
+
+    Args:
+        block: of scans.
+        origin: [2] where the rays start [m].
+        config: distances and counts.
+    """
+    return thin_scans(block.points, block.begins, block.counts, origin, **vars(config))

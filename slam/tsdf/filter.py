@@ -15,6 +15,7 @@ from moteslam.slam.filter.protocol import FilterDefaults, Scans, Step, StepResul
 from moteslam.slam.filter.resampling import Draws, generator_for
 from moteslam.slam.filter.update_policy import update_due
 from moteslam.slam.filter.weights import Weights
+from moteslam.slam.inputs.config import ThinningConfig
 from moteslam.slam.inputs.thinning import thin
 from moteslam.slam.tsdf.config import TsdfFilterConfig
 from moteslam.slam.tsdf.floor_likelihood import FloorLikelihood
@@ -76,13 +77,18 @@ class TsdfFilter(FilterDefaults):
         return self._config.colours.enabled
 
     @property
+    def thinning(self) -> ThinningConfig:
+        """How scans are thinned before they are registered."""
+        return self._config.thinning
+
+    @property
     def map_bytes(self) -> int:
         """Memory of the particles' TSDFs."""
         return self._particles.maps.memory
 
     def step(self, step: Step) -> StepResult:
         """Take in one scan and the motion since the scan before."""
-        scan = thin(step.points, step.origin, self._config.thinning)
+        scan = step.scan or thin(step.points, step.origin, self._config.thinning)
         if not len(self.history):
             return self._start(scan)
         tracked = self._track(step, scan)

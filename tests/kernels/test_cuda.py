@@ -85,6 +85,12 @@ def test_distance_maps_agree(on_both: tuple[Results, Results]) -> None:
     assert (cuda["search_scans: shifts"] == cpu["search_scans: shifts"]).mean() > 0.98
 
 
+def test_endpoints_agree(on_both: tuple[Results, Results]) -> None:
+    """To the rounding of float32 at 20 m."""
+    cpu, cuda = on_both
+    np.testing.assert_allclose(cuda["project_scans"], cpu["project_scans"], rtol=0, atol=2e-6)
+
+
 def test_floors_agree(on_both: tuple[Results, Results]) -> None:
     """But for the pixels, points and cells that lie on an edge as float32 sees it: few."""
     cpu, cuda = on_both
