@@ -5,6 +5,8 @@ seen, on the coarse one. To the residuals comes a prior on the offset from the p
 """
 
 import math
+from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -22,7 +24,7 @@ from moteslam.kernels.tiles import (
     steps_of,
     weight_of,
 )
-from moteslam.kernels.types import F32, F32_2D, F64_2D, I16_1D, I32, I32_1D, func, kernel, template
+from moteslam.kernels.types import F32, F32_2D, F64, F64_2D, I16_1D, I32, I32_1D, func, kernel, template
 
 CONVERGED_SHIFT, CONVERGED_TURN = 3e-4, 1e-4
 """Gauss-Newton ends with a step below both, |x| + |y| [m] and |theta| [rad]: far less than a cell, which is all that
@@ -38,6 +40,30 @@ INFORMATION = slice(0, 6)
 COST, KNOWN, LIKELIHOOD, CROSSED = range(6, 10)
 FITS = 10
 """The columns of the fits that ``register_scans`` returns."""
+
+QUERY_WIDTHS = (4, 3, 6)
+"""Columns of a frame, a start and a prior in a query; ..."""
+PRIOR_WEIGHTS = slice(7, 10)
+"""... and of the prior's inverse variances."""
+LEAST_INFORMATION, LEAST_RATIO = 1e-9, 1e-12
+"""What the information of a scan, and the ratio of that along a degenerate direction, count as at least."""
+
+
+class Kept(NamedTuple):
+    """How a prediction is kept along degenerate directions.
+
+    Attributes:
+        deviation: standard deviation of the prediction [m].
+        error: of the registration along a direction that is informed as well as the one across [m].
+        gate: a shift along the direction of more than this many deviations is the registration's.
+    """
+
+    deviation: float
+    error: float
+    gate: float
+
+
+NOT_KEPT = Kept(0.0, 0.0, 0.0)
 
 
 @func
@@ -136,28 +162,63 @@ def _crosses_surface(
     return hit
 
 
+@func
+def _keep(found: template, i: I32, deviation: F64, error: F64, gate: F64):
+    """Keep the prediction along the direction in the plane that row i of ``found`` carries least information about.
+
+    See ``keep_predictions``.
+    """
+    xx, xy, yy = found[i, 3], found[i, 4], found[i, 6]
+    middle, half = (xx + yy) / 2, ti.sqrt(((xx - yy) / 2) ** 2 + xy * xy)
+    heading = ti.atan2(2 * xy, xx - yy) / 2  # of the most informed direction
+    ax, ay = -ti.sin(heading), ti.cos(heading)
+    ratio = ti.max((middle - half) / ti.max(middle + half, LEAST_INFORMATION), LEAST_RATIO)
+    shift = ax * found[i, 0] + ay * found[i, 1]
+    weight = deviation * deviation / (deviation * deviation + (error / ratio) ** 2)
+    if ti.abs(shift) > gate * deviation:
+        weight = 1.0
+    found[i, 0] -= ax * (1 - weight) * shift
+    found[i, 1] -= ay * (1 - weight) * shift
+    less = 1 - ti.sqrt(weight)
+    k00, k01, k11 = 1 - less * ax * ax, -less * ax * ay, 1 - less * ay * ay
+    p00, p01 = k00 * xx + k01 * xy, k00 * xy + k01 * yy
+    p10, p11 = k01 * xx + k11 * xy, k01 * xy + k11 * yy
+    xt, yt = found[i, 5], found[i, 7]
+    found[i, 3], found[i, 4], found[i, 6] = p00 * k00 + p01 * k01, p00 * k01 + p01 * k11, p10 * k01 + p11 * k11
+    found[i, 5], found[i, 7] = k00 * xt + k01 * yt, k01 * xt + k11 * yt
+
+
+@kernel
+def _keep_all(found: F64_2D, deviation: F64, error: F64, gate: F64):
+    ti.loop_config(serialize=True)
+    for i in range(found.shape[0]):
+        _keep(found, i, deviation, error, gate)
+
+
 @kernel
 def _register(
-    pool: I16_1D, table: I32_1D, stride: I32, columns: I32, rows: I32, frames: F64_2D, scan: F32_2D, origin_x: F32,
-    origin_y: F32, starts: F32_2D, priors: F32_2D, cell: F32, truncation: F32, coarse_truncation: F32, sd: F32,
-    coarse_sd: F32, coarse_iterations: I32, iterations: I32, unknown: F32, outlier: F32, exponent: F32,
-    clearance: F32, ray_weight: I32, ray_steps: I32, offsets: F32_2D, fits: F32_2D,
+    pool: I16_1D, table: I32_1D, stride: I32, columns: I32, rows: I32, queries: F64_2D, scan: F32_2D, origin_x: F32,
+    origin_y: F32, cell: F32, truncation: F32, coarse_truncation: F32, sd: F32, coarse_sd: F32, coarse_iterations: I32,
+    iterations: I32, unknown: F32, outlier: F32, exponent: F32, clearance: F32, ray_weight: I32, ray_steps: I32,
+    deviation: F64, error: F64, gate: F64, found: F64_2D,
 ):  # fmt: skip
-    """Coarse level, fine level, then the fit; frames are cos, sin, x, y [m], fits as ``register_scans`` returns them.
+    """Coarse level, fine level, then the fit.
 
-    ``stride`` is from one particle's table to the next; 0 where all use one. ``sd`` is the standard deviation of the
-    distances [m], ``unknown`` and ``outlier`` are costs; an endpoint's likelihood is exp(exponent * residual^2).
+    A query is a frame (cos, sin, x, y [m]), a start and a prior; what is found of it an offset and the fits, as
+    ``register_scans`` returns them. ``stride`` is from one particle's table to the next; 0 where all use one. ``sd``
+    is the standard deviation of the distances [m], ``unknown`` and ``outlier`` are costs; an endpoint's likelihood is
+    exp(exponent * residual^2). With a ``deviation`` above 0 the prediction is kept along degenerate directions.
     """
     fine_x, fine_y = ti.cast(columns * SIDE - 2, ti.f32), ti.cast(rows * SIDE - 2, ti.f32)
     coarse_x, coarse_y = ti.cast(columns * SIDE // 2 - 2, ti.f32), ti.cast(rows * SIDE // 2 - 2, ti.f32)
     ti.loop_config(block_dim=1, serialize=ti.static(one_thread()))
-    for i in range(frames.shape[0]):
+    for i in range(queries.shape[0]):
         base = i * stride
-        frame = ti.Vector([ti.cast(frames[i, k], ti.f32) for k in ti.static(range(4))], dt=ti.f32)
-        prior = ti.Vector([priors[i, k] for k in ti.static(range(6))], dt=ti.f32)
+        frame = ti.Vector([ti.cast(queries[i, k], ti.f32) for k in ti.static(range(4))], dt=ti.f32)
+        prior = ti.Vector([ti.cast(queries[i, 7 + k], ti.f32) for k in ti.static(range(6))], dt=ti.f32)
         # three names: Taichi clears the variable that a function's result goes to before it reads the arguments, so
         # that in `d = _descend(..., d, ...)` with a template argument the function would see zeros
-        start = ti.Vector([starts[i, 0], starts[i, 1], starts[i, 2]], dt=ti.f32)
+        start = ti.Vector([ti.cast(queries[i, 4 + k], ti.f32) for k in ti.static(range(3))], dt=ti.f32)
         coarse = _descend(
             pool, table, base, columns, coarse_x, coarse_y, frame, scan, start, prior, 2 * cell, coarse_truncation,
             coarse_sd, coarse_iterations, 1,
@@ -199,10 +260,56 @@ def _register(
             )
             crossed += ti.cast(hit, ti.f32)
         for j in ti.static(range(3)):
-            offsets[i, j] = d[j]
+            found[i, j] = d[j]
         for j in ti.static(range(6)):
-            fits[i, j] = h[j]
-        fits[i, COST], fits[i, KNOWN], fits[i, LIKELIHOOD], fits[i, CROSSED] = cost, known, likely, crossed
+            found[i, 3 + j] = h[j]
+        found[i, 3 + COST], found[i, 3 + KNOWN] = cost, known
+        found[i, 3 + LIKELIHOOD], found[i, 3 + CROSSED] = likely, crossed
+        if deviation > 0:
+            _keep(found, i, deviation, error, gate)
+
+
+@lru_cache(maxsize=64)
+def _options(
+    cell_size: float,
+    truncation: float,
+    coarse_truncation: float,
+    residual: float,
+    coarse_residual_factor: float,
+    iterations: int,
+    unknown: float,
+    outlier: float,
+    likelihood_width: float,
+    ray_clearance: float,
+    ray_weight: int,
+    ray_distance: float,
+) -> tuple[float, ...]:
+    """The options of ``register_scans`` as its kernel takes them, checked; the same ones are checked once."""
+    lengths = {"cell_size": cell_size, "truncation": truncation, "coarse_truncation": coarse_truncation}
+    for name, length in (lengths | {"residual": residual}).items():
+        if not (math.isfinite(length) and length > 0):
+            raise InputError(f"{length:g} m, expected above 0", field=name)
+    factors = {"coarse_residual_factor": coarse_residual_factor, "likelihood_width": likelihood_width}
+    for name, factor in factors.items():
+        if not (math.isfinite(factor) and factor > 0):
+            raise InputError(f"{factor:g}, expected above 0", field=name)
+    if not (math.isfinite(ray_clearance) and ray_clearance >= 0):
+        raise InputError(f"{ray_clearance:g} truncations, expected 0 or more", field="ray_clearance")
+    if not 0 <= ray_distance <= 1:
+        raise InputError(f"{ray_distance:g} truncations, expected 0 to 1", field="ray_distance")
+    if not 0 <= ray_weight <= MAX_WEIGHT:
+        raise InputError(f"{ray_weight}, expected 0 to {MAX_WEIGHT}", field="ray_weight")
+    if iterations < 0 or not (math.isfinite(unknown) and math.isfinite(outlier)):
+        raise InputError(f"{iterations}, {unknown:g}, {outlier:g}, expected finite numbers", field="iterations")
+    return (
+        cell_size, truncation, coarse_truncation, residual, coarse_residual_factor * residual, iterations, iterations,
+        unknown, outlier, -0.5 / likelihood_width**2, ray_clearance * truncation, ray_weight,
+        round(ray_distance * STEPS),
+    )  # fmt: skip
+
+
+COARSE_ITERATIONS = 5
+"""Where in the tuple of ``_options`` they are."""
 
 
 def register_scans(
@@ -227,6 +334,7 @@ def register_scans(
     ray_clearance: float,
     ray_weight: int,
     ray_distance: float,
+    kept: Kept | None = None,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Move each pose to where the scan fits its map best: Gauss-Newton on the coarse level, then on the fine one.
 
@@ -253,6 +361,7 @@ def register_scans(
         ray_clearance: a ray crosses a surface of the map if it meets one this far from its endpoint [truncations], ...
         ray_weight: ... in a cell that weighs more than this, ...
         ray_distance: ... nearer to the surface than this [truncations].
+        kept: how the predicted pose is kept along degenerate directions: ``keep_predictions``; not at all if None.
 
     Returns:
         offsets: [n, 3] from the poses, in their frames (x, y [m], theta).
@@ -264,41 +373,77 @@ def register_scans(
     Raises:
         InputError: arrays that do not fit together, or numbers that are not finite or out of bounds.
     """
+    options = _options(
+        cell_size, truncation, coarse_truncation, residual, coarse_residual_factor, iterations, unknown, outlier,
+        likelihood_width, ray_clearance, ray_weight, ray_distance,
+    )  # fmt: skip
+    if not coarse:
+        options = (*options[:COARSE_ITERATIONS], 0, *options[COARSE_ITERATIONS + 1 :])
     maps, rows, columns = check_tiles(pool, tables)
-    places = as_finite("frames", frames, np.float64, (None, 4))
-    n = len(places)
     scan = as_finite("points", points, np.float32, (None, 2))
-    origin_x, origin_y = (float(v) for v in as_finite("origin", origin, np.float64, (2,)))
-    begin = as_finite("starts", starts, np.float32, (n, 3))
-    prior = as_finite("priors", priors, np.float32, (n, 6))
+    origin_x, origin_y = as_finite("origin", origin, np.float64, (2,)).tolist()
+    queries = _packed(frames=frames, starts=starts, priors=priors)
+    n = len(queries)
     if maps not in (1, n):
         raise InputError(f"{maps} of them, expected 1 or one for each of {n} frames", field="tables")
-    if not (prior[:, :3] > 0).all():
+    if n and queries[:, PRIOR_WEIGHTS].min() <= 0:
         raise InputError("an inverse variance that is not above 0", field="priors")
-    lengths = {"cell_size": cell_size, "truncation": truncation, "coarse_truncation": coarse_truncation}
-    for name, length in (lengths | {"residual": residual}).items():
-        if not (math.isfinite(length) and length > 0):
-            raise InputError(f"{length:g} m, expected above 0", field=name)
-    factors = {"coarse_residual_factor": coarse_residual_factor, "likelihood_width": likelihood_width}
-    for name, factor in factors.items():
-        if not (math.isfinite(factor) and factor > 0):
-            raise InputError(f"{factor:g}, expected above 0", field=name)
-    if not (math.isfinite(ray_clearance) and ray_clearance >= 0):
-        raise InputError(f"{ray_clearance:g} truncations, expected 0 or more", field="ray_clearance")
-    if not 0 <= ray_distance <= 1:
-        raise InputError(f"{ray_distance:g} truncations, expected 0 to 1", field="ray_distance")
-    if not 0 <= ray_weight <= MAX_WEIGHT:
-        raise InputError(f"{ray_weight}, expected 0 to {MAX_WEIGHT}", field="ray_weight")
-    if iterations < 0 or not (math.isfinite(unknown) and math.isfinite(outlier)):
-        raise InputError(f"{iterations}, {unknown:g}, {outlier:g}, expected finite numbers", field="iterations")
-    offsets, fits = np.empty((n, 3), np.float32), np.empty((n, FITS), np.float32)
+    found = np.empty((n, 3 + FITS))
     runtime()
     if n:
         _register(
-            pool, tables.reshape(-1), columns * rows if maps > 1 else 0, columns, rows, places,
-            np.ascontiguousarray(scan.T), origin_x, origin_y, begin, prior, cell_size, truncation, coarse_truncation,
-            residual, coarse_residual_factor * residual, iterations if coarse else 0, iterations, unknown, outlier,
-            -0.5 / likelihood_width**2, ray_clearance * truncation, ray_weight, round(ray_distance * STEPS), offsets,
-            fits,
+            pool, tables.reshape(-1), columns * rows if maps > 1 else 0, columns, rows, queries,
+            np.ascontiguousarray(scan.T), origin_x, origin_y, *options, *(kept or NOT_KEPT), found,
         )  # fmt: skip
-    return offsets.astype(np.float64), fits.astype(np.float64)
+    return found[:, :3], found[:, 3:]
+
+
+def _packed(**arrays: ArrayLike) -> NDArray[np.float64]:
+    """Frames, starts and priors side by side, [n, 13], checked together."""
+    rows = None
+    queries = np.empty((0, 0))
+    column = 0
+    for (name, values), width in zip(arrays.items(), QUERY_WIDTHS, strict=True):
+        given = np.asarray(values, np.float64)
+        if rows is None and given.ndim == 2:
+            rows = len(given)
+            queries = np.empty((rows, sum(QUERY_WIDTHS)))
+        if given.shape != (rows, width):
+            expected = f"[{'*' if rows is None else rows}, {width}]"
+            raise InputError(f"{list(given.shape)}, expected an array {expected}", field=name)
+        queries[:, column : column + width] = given
+        column += width
+    if not np.isfinite(queries).all():
+        column = 0
+        for name, width in zip(arrays, QUERY_WIDTHS, strict=True):
+            as_finite(name, queries[:, column : column + width], np.float64, (rows, width))
+            column += width
+    return queries
+
+
+def keep_predictions(
+    offsets: ArrayLike, information: ArrayLike, kept: Kept
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Keep the predicted pose along the direction in the plane that endpoints carry least information about.
+
+    Along it the offset is scaled by the weight of the registration against the prediction, the one's variance over the
+    sum of both; the registration's deviation there is ``kept.error`` over the ratio of the information along the
+    direction to that across it. The information along it is scaled likewise.
+
+    Args:
+        offsets: [n, 3] from the predicted poses.
+        information: [n, 6] of the endpoints, 00 01 02 11 12 22.
+        kept: how.
+
+    Returns:
+        offsets and information likewise.
+
+    Raises:
+        InputError: arrays that do not fit together, or numbers that are not finite.
+    """
+    shifts = as_finite("offsets", offsets, np.float64, (None, 3))
+    found = np.hstack((shifts, as_finite("information", information, np.float64, (len(shifts), 6))))
+    runtime()
+    if len(found):
+        _keep_all(found, *kept)
+    return found[:, :3], found[:, 3:]

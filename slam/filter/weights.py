@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -23,17 +24,19 @@ class Weights:
         """N equal weights (section III.D of the paper)."""
         return cls(np.full(n, -np.log(n)))
 
-    @property
+    @cached_property
     def values(self) -> NDArray[np.float64]:
         """The weights [N]; they sum to 1."""
-        return np.exp(self.log)
+        values = np.exp(self.log)
+        values.setflags(write=False)
+        return values
 
-    @property
+    @cached_property
     def effective_number(self) -> float:
         """1 / sum of squared weights, from 1 to N (III.4 with the square that the paper's formula lacks)."""
         return float(1 / np.square(self.values).sum())
 
-    @property
+    @cached_property
     def best(self) -> int:
         """The index of the largest weight, the first of equal ones (section II.B)."""
         return int(np.argmax(self.log))

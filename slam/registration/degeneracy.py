@@ -9,11 +9,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from moteslam.kernels.registration import keep_predictions
 from moteslam.slam.registration.config import RegistrationConfig
-from moteslam.slam.registration.registrar import Registration
+from moteslam.slam.registration.registrar import FULL, Registration, kept_by
 
 Array = NDArray[np.float64]
-IDENTITY = np.eye(3)[None]
+UPPER = [0, 1, 2, 4, 5, 8]
+"""The upper triangle of a 3 x 3 matrix, of its elements row by row."""
 
 
 def least_informed(information: Array) -> tuple[Array, Array]:
@@ -44,13 +46,7 @@ def keep_odometry(found: Registration, spread: Array, config: RegistrationConfig
         spread: [3] standard deviation of the odometry.
         config: how much error a degenerate direction has.
     """
-    ratio, along = least_informed(found.information)
-    error = config.degenerate / np.maximum(ratio, 1e-12)
-    offsets, information, usual = found.offsets.copy(), found.information, float(spread[0])
-    shift = (along * offsets[:, :2]).sum(axis=1)
-    weight = usual**2 / (usual**2 + error * error)
-    weight[abs(shift) > config.degenerate_gate * usual] = 1.0
-    offsets[:, :2] -= along * ((1 - weight) * shift)[:, None]
-    keep = np.repeat(IDENTITY, len(along), axis=0)
-    keep[:, :2, :2] -= ((1 - np.sqrt(weight))[:, None] * along)[:, :, None] * along[:, None, :]
-    return found._replace(offsets=offsets, information=keep @ information @ keep)
+    offsets, information = keep_predictions(
+        found.offsets, found.information.reshape(-1, 9)[:, UPPER], kept_by(spread, config)
+    )
+    return found._replace(offsets=offsets, information=information[:, FULL].reshape(-1, 3, 3))

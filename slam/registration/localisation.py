@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -10,7 +11,6 @@ from numpy.typing import NDArray
 from moteslam.robot import se2
 from moteslam.slam.mapping.tsdf import TsdfView
 from moteslam.slam.registration.config import RegistrationConfig, TrackingConfig
-from moteslam.slam.registration.degeneracy import keep_odometry
 from moteslam.slam.registration.registrar import Registration, register, subsample
 from moteslam.slam.registration.search import Window, apart, candidates
 
@@ -22,6 +22,7 @@ APART = np.array([0.5, 0.5, 0.2])
 RIVALS, RIVAL_SHARE = 4, 0.05
 """Rivals of the place where a scan is found, at most; the match score of one, less what its offset from the prediction
 costs, is smaller by this share of the points at most."""
+START = np.zeros((1, 3))
 OPEN_HEADING = 0.5
 """A scan is searched for where the heading is known no better [rad]."""
 
@@ -49,9 +50,16 @@ class Rivals(NamedTuple):
 
 
 class Located(NamedTuple):
-    """Where a scan was found."""
+    """Where a scan was found.
+
+    Attributes:
+        found: the registration there.
+        score: its match score [points].
+        rivals: other places.
+    """
 
     found: Registration
+    score: float
     rivals: Rivals = Rivals()
 
 
@@ -67,7 +75,13 @@ class Localiser:
         self._config, self._registration = config, registration
 
     def locate(
-        self, maps: TsdfView, predicted: Array, spread: Array, points: Points, origin: Array, predictions: Array
+        self,
+        maps: TsdfView,
+        predicted: Array,
+        spread: Array,
+        points: Points,
+        origin: Array,
+        predictions: Callable[[], Array],
     ) -> Located:
         """Where a scan fits: from the prediction, else after a search around it, at last in the relocation window.
 
@@ -77,35 +91,36 @@ class Localiser:
             spread: [3] standard deviation of that.
             points: [k, 2] of the scan.
             origin: [2] where its rays start.
-            predictions: [m, 3] other predictions, as offsets from ``predicted``, tried beside what a search finds.
+            predictions: of a search, gives other predictions [m, 3] to try beside what it finds, as offsets from
+                ``predicted``.
         """
         c = self._config
-        found = register(maps, predicted[None], spread, points, origin, np.zeros((1, 3)), self._registration)
-        found = keep_odometry(found, spread, self._registration)
+        found = register(maps, predicted[None], spread, points, origin, START, self._registration, keep=True)
         sure = spread[0] <= c.basin_distance and spread[2] <= OPEN_HEADING
         near = sure and bool((abs(found.offsets[0]) <= c.accept_deviation * spread).all())
-        if near and found.likelihoods[0] >= c.accept_likelihood and not self.lost(found, len(points)):
-            return Located(found)
+        score = float(match_score(found, c)[0])
+        if near and found.likelihoods[0] >= c.accept_likelihood and not self.contradicts(score, len(points)):
+            return Located(found, score)
         half = np.minimum(c.window * spread, (np.inf, np.inf, np.pi))
         window = Window(half, maps.config.cell_size, c.heading_step)
         most = c.max_starts if sure else c.retry_starts
         starts = int(np.clip(np.ceil(np.prod(window.half / c.basin)), c.min_starts, most))
-        best = self._best(maps, predicted, spread, points, origin, window, starts, predictions)
+        others = predictions()
+        best = self._best(maps, predicted, spread, points, origin, window, starts, others)
         if best.found.likelihoods[0] < c.retry_likelihood:
-            best = self._best(maps, predicted, spread, points, origin, window, c.retry_starts, predictions)
-        found = keep_odometry(best.found, spread, self._registration)
-        if not self.lost(found, len(points)):
-            return Located(found, best.rivals)
+            best = self._best(maps, predicted, spread, points, origin, window, c.retry_starts, others)
+        if not self.contradicts(best.score, len(points)):
+            return best
         half = np.array([c.relocation_distance, c.relocation_distance, c.relocation_rotation])
         window = Window(half, 2 * maps.config.cell_size, 2 * c.heading_step)
         wider = np.maximum(half / 2, spread)
-        wide = self._best(maps, predicted, wider, points, origin, window, c.relocation_starts, predictions)
-        clearly = match_score(wide.found, c)[0] >= match_score(found, c)[0] + c.relocation_gain * len(points)
-        return wide if clearly else Located(found, best.rivals)
+        wide = self._best(maps, predicted, wider, points, origin, window, c.relocation_starts, others, keep=False)
+        clearly = wide.score >= best.score + c.relocation_gain * len(points)
+        return wide if clearly else best
 
-    def lost(self, found: Registration, points: int) -> bool:
-        """Whether a scan of this many points contradicts the map where it was found."""
-        return bool(match_score(found, self._config)[0] < self._config.lost_score * points)
+    def contradicts(self, score: float, points: int) -> bool:
+        """Whether a scan of this many points contradicts the map where it was found, by its match score there."""
+        return score < self._config.lost_score * points
 
     def _best(
         self,
@@ -117,6 +132,8 @@ class Localiser:
         window: Window,
         most: int,
         predictions: Array,
+        *,
+        keep: bool = True,
     ) -> Located:
         """Registered from the most promising places of a window, the best of them."""
         c = self._config
@@ -135,13 +152,23 @@ class Localiser:
         best = [int(values.argmax())]
         start, mean = tried.offsets[best], means[best]
         found = register(
-            maps, predicted[None], spread, points, origin, start, self._registration, means=mean, coarse=False
+            maps,
+            predicted[None],
+            spread,
+            points,
+            origin,
+            start,
+            self._registration,
+            means=mean,
+            coarse=False,
+            keep=keep,
         )
         order = np.argsort(-values, kind="stable")
         order = order[values[order] > values[best] - RIVAL_SHARE * len(points)]
         rivals = order[apart(tried.offsets[order], RIVALS + 1, APART)[1:]]
         offsets = np.asarray(se2.between(start, tried.offsets[rivals]))
-        return Located(found, Rivals(offsets, scores[rivals] - scores[best], cost[rivals] - cost[best]))
+        score = float(match_score(found, c)[0])
+        return Located(found, score, Rivals(offsets, scores[rivals] - scores[best], cost[rivals] - cost[best]))
 
 
 def match_score(found: Registration, config: TrackingConfig) -> Array:

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from moteslam.kernels.registration import COST, CROSSED, INFORMATION, KNOWN, LIKELIHOOD, register_scans
+from moteslam.kernels.registration import COST, CROSSED, INFORMATION, KNOWN, LIKELIHOOD, Kept, register_scans
 from moteslam.slam.mapping.tsdf import TsdfView
 from moteslam.slam.odometry.noise import odometry_error
 from moteslam.slam.registration.config import RegistrationConfig
@@ -49,6 +49,7 @@ def register(
     *,
     means: Array | None = None,
     coarse: bool = True,
+    keep: bool = False,
 ) -> Registration:
     """Register one scan to the TSDF of every particle, or from many starts to that of one.
 
@@ -62,6 +63,7 @@ def register(
         config: noise and bounds.
         means: [N, 3] means of the prior on the offsets; zeros by default.
         coarse: begin on the coarse level of the maps.
+        keep: keep the odometry along degenerate directions, as ``keep_odometry`` does.
     """
     priors = np.zeros((len(predicted), 6))
     priors[:, :3] = config.prior_weight / spread**2
@@ -88,11 +90,17 @@ def register(
         ray_clearance=config.ray_clearance,
         ray_weight=config.ray_weight,
         ray_distance=config.ray_distance,
+        kept=kept_by(spread, config) if keep else None,
     )
     information = fits[:, INFORMATION][:, FULL].reshape(-1, 3, 3)
     known = fits[:, KNOWN]
     likelihoods = fits[:, LIKELIHOOD] / np.maximum(known, 1)
     return Registration(offsets, information, fits[:, COST], known, likelihoods, fits[:, CROSSED])
+
+
+def kept_by(spread: Array, config: RegistrationConfig) -> Kept:
+    """How odometry of this spread [3] is kept along degenerate directions."""
+    return Kept(float(spread[0]), config.degenerate, config.degenerate_gate)
 
 
 def prior_spread(config: RegistrationConfig, distance: float, rotation: float, *, measured: bool = True) -> Array:

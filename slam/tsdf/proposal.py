@@ -15,7 +15,6 @@ from moteslam.kernels.thinning import ThinnedScan
 from moteslam.robot import se2
 from moteslam.slam.odometry.noise import odometry_error
 from moteslam.slam.registration.config import RegistrationConfig
-from moteslam.slam.registration.degeneracy import keep_odometry
 from moteslam.slam.registration.registrar import Registration, prior_spread, register, subsample
 from moteslam.slam.tsdf.config import ProposalConfig
 from moteslam.slam.tsdf.motion import MotionSinceUpdate
@@ -108,8 +107,7 @@ def propose(
     drift = prior_spread(registration, travelled.distance, travelled.rotation, measured=measured)
     starts = np.repeat(se2.between(since.odometry, since.tracked)[None], n, axis=0)
     points = subsample(scan.points, registration.max_points)
-    found = register(particles.maps.all(), predicted, drift, points, origin, starts, registration)
-    found = keep_odometry(found, drift, registration)
+    found = register(particles.maps.all(), predicted, drift, points, origin, starts, registration, keep=True)
     return Proposal(
         predicted=predicted,
         offsets=found.offsets,

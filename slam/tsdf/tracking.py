@@ -17,7 +17,7 @@ from moteslam.slam.odometry.config import CalibrationConfig
 from moteslam.slam.odometry.constant_velocity import extrapolated
 from moteslam.slam.odometry.noise import aside
 from moteslam.slam.registration.config import RegistrationConfig, TrackingConfig
-from moteslam.slam.registration.localisation import Localiser, Rivals, match_score
+from moteslam.slam.registration.localisation import Localiser, Rivals
 from moteslam.slam.registration.registrar import prior_spread
 from moteslam.slam.tsdf.motion import MotionSinceUpdate, StepMotion, Travelled, magnitude
 from moteslam.slam.tsdf.particles import Particles
@@ -130,13 +130,16 @@ class Tracker:
         self._blind = self._blind.plus(motion.corrected, motion.dt)
         self._blind_measured &= motion.measured
         if len(scan.points) >= self._config.min_points:
-            predictions = np.stack((np.zeros(3), se2.between(motion.corrected, self._extrapolated(motion.dt))))
-            found, elsewhere = self._localiser.locate(
+
+            def predictions() -> Array:
+                return np.stack((np.zeros(3), se2.between(motion.corrected, self._extrapolated(motion.dt))))
+
+            found, score, elsewhere = self._localiser.locate(
                 particles.maps.of(particles.best), predicted, spread, scan.points, origin, predictions
             )
-            score = float(match_score(found, self._config)[0]) / max(float(found.known[0]), 1.0)
-            fit = Fit(found.information[0], float(found.likelihoods[0]), spread, score)
-            contradicts = self._localiser.lost(found, len(scan.points))
+            share = score / max(float(found.known[0]), 1.0)
+            fit = Fit(found.information[0], float(found.likelihoods[0]), spread, share)
+            contradicts = self._localiser.contradicts(score, len(scan.points))
             if contradicts and self._lost < self._config.max_lost_scans:
                 self._lost += 1
             else:

@@ -17,7 +17,6 @@ from moteslam.slam.backend.graph.config import GraphConfig
 from moteslam.slam.backend.graph.nodes import FEW_POINTS
 from moteslam.slam.mapping.tsdf import TsdfMaps
 from moteslam.slam.registration.config import TrackingConfig
-from moteslam.slam.registration.degeneracy import keep_odometry
 from moteslam.slam.registration.information import measured_information
 from moteslam.slam.registration.localisation import heavy_tail, match_score
 from moteslam.slam.registration.registrar import Registration, register, subsample
@@ -100,12 +99,10 @@ class StepRegistration:
         turned = _turned(loose) if predicted.measured else np.zeros((1, 3))  # else the filter has searched
         starts = np.vstack((turned, se2.between(predicted.step, predicted.filtered)))
         all_at = np.repeat(at[None], len(starts), axis=0)
-        found = register(maps, all_at, loose, points, self._origin, starts, c.registration)
-        found = keep_odometry(found, loose, c.registration)
+        found = register(maps, all_at, loose, points, self._origin, starts, c.registration, keep=True)
         best = _better(found, loose)
         if self._proved and predicted.measured and _far(found, spread)[best]:
-            held = register(maps, all_at, spread, points, self._origin, starts, c.registration, coarse=False)
-            held = keep_odometry(held, spread, c.registration)
+            held = register(maps, all_at, spread, points, self._origin, starts, c.registration, coarse=False, keep=True)
             near = _nearest(held, spread)
             nats = _overrules(found, best, held, near, len(points), spread, c)
             belief = 1 / (1 + np.exp(-np.clip(nats / DOUBT, -MOST_NATS, MOST_NATS)))

@@ -82,7 +82,7 @@ def room(taichi: None) -> TsdfView:
 def locate(room: TsdfView, at: tuple[float, float, float], predicted: Array, predictions: Array = ODOMETRY) -> Array:
     """Where a scan taken there is found to be, from where the odometry puts it."""
     points = thinned(room_scan(at)).points
-    result = localiser().locate(room, predicted, SPREAD, points, np.zeros(2), predictions).found
+    result = localiser().locate(room, predicted, SPREAD, points, np.zeros(2), lambda: predictions).found
     return se2.compose(predicted, result.offsets[0])
 
 
@@ -103,8 +103,8 @@ def test_a_scan_is_found_where_the_same_velocity_would_put_it(room: TsdfView) ->
     points = thinned(room_scan(at)).points
     narrow = localiser(relocation_distance=0.0, relocation_rotation=0.0)
     predictions = np.stack((np.zeros(3), se2.between(stood, np.array(at) + 0.02)))
-    (with_velocity,) = narrow.locate(room, stood, SPREAD, points, np.zeros(2), predictions).found.offsets
-    (without,) = narrow.locate(room, stood, SPREAD, points, np.zeros(2), ODOMETRY).found.offsets
+    (with_velocity,) = narrow.locate(room, stood, SPREAD, points, np.zeros(2), lambda: predictions).found.offsets
+    (without,) = narrow.locate(room, stood, SPREAD, points, np.zeros(2), lambda: ODOMETRY).found.offsets
     assert np.abs(with_velocity - at).max() < 0.005
     assert np.abs(without - at).max() > 0.1
 
@@ -117,9 +117,9 @@ def test_rays_through_a_surface_lower_the_match_score_and_can_lose_a_scan() -> N
     config = TrackingConfig()
     free, blocked = (match_score(matched(crossed), TrackingConfig())[0] for crossed in (0.0, 40.0))
     assert free - blocked == pytest.approx(40 * config.score_crossing)
-    strict = localiser(score_crossing=3.0)
-    assert not strict.lost(matched(0.0), 100)
-    assert strict.lost(matched(40.0), 100)
+    strict = TrackingConfig(score_crossing=3.0)
+    scores = [float(match_score(matched(crossed), strict)[0]) for crossed in (0.0, 40.0)]
+    assert [localiser().contradicts(score, 100) for score in scores] == [False, True]
 
 
 def test_places_that_look_alike_are_rivals_by_what_their_offsets_cost(room: TsdfView) -> None:
@@ -129,7 +129,7 @@ def test_places_that_look_alike_are_rivals_by_what_their_offsets_cost(room: Tsdf
     spread = np.array((0.4, 0.4, 1.5))
     for lean in (0.0, 0.2):
         predicted = np.array((0.0, 0.0, at[2] + np.pi / 2 - lean))
-        found, rivals = localiser().locate(room, predicted, spread, points, np.zeros(2), ODOMETRY)
+        found, _, rivals = localiser().locate(room, predicted, spread, points, np.zeros(2), lambda: ODOMETRY)
         here = se2.compose(predicted, found.offsets[0])
         places = se2.compose(here, rivals.offsets)
         expected = other if abs(se2.wrap(here[2] - at[2])) < 1 else at
@@ -146,7 +146,7 @@ def test_places_that_look_alike_are_rivals_by_what_their_offsets_cost(room: Tsdf
 def test_a_place_that_looks_like_no_other_has_no_rivals(room: TsdfView) -> None:
     at = np.array((0.3, -0.2, 0.1))
     points = thinned(room_scan(at)).points
-    found, rivals = localiser().locate(room, at + 0.3, np.full(3, 0.3), points, np.zeros(2), ODOMETRY)
+    found, _, rivals = localiser().locate(room, at + 0.3, np.full(3, 0.3), points, np.zeros(2), lambda: ODOMETRY)
     np.testing.assert_allclose(se2.between(se2.compose(at + 0.3, found.offsets[0]), at), 0.0, atol=0.005)
     assert not len(rivals.offsets)
     assert not len(rivals.log_odds(0.03))
