@@ -14,6 +14,7 @@ processor times. The bars are of the filter alone, without back end.
 | case | what |
 |---|---|
 | filter | `intel_key_scans`, 30 particles, 1 thread: processor time of the filter and of `run_slam` a scan |
+| every_scan_1, every_scan_30 | `corridor` (1081 beams, 40 Hz), 1 and 30 particles, 1 thread: the same, and in kernels |
 | process, process_figures | the same by `moteslam replay`, without and with figures: the whole process |
 | real_time_100, real_time_1000 | `corridor` (1081 beams, 40 Hz), 100 and 1000 particles, 2 threads: against real time |
 | memory_1000, memory_1000_figures | `intel_raw_part` by `moteslam replay`, 1000 particles, 2 threads: most memory |
@@ -45,6 +46,8 @@ RESULTS = ("trajectory.tum", "trajectory_final.tum", "map.pgm")
 TIMES = 10
 BARS: dict[str, tuple[Bar, ...]] = {
     "filter": (Bar("run_slam_cpu_ms_a_scan", "worst", 7.5), Bar("ate_m", "worst", 0.09)),
+    "every_scan_1": (Bar("filter_cpu_ms_a_scan", "median", 0.35), Bar("outside_kernels_ms_a_scan", "median", 0.1)),
+    "every_scan_30": (Bar("filter_cpu_ms_a_scan", "median", 1.0),),
     "process": (Bar("cpu_ms_a_scan", "worst", 10.0), Bar("ate_m", "worst", 0.09)),
     "process_figures": (),
     "real_time_100": (Bar("times_real_time", "worst", 2.0, least=True), Bar("ate_m", "worst", 0.15, strict=True)),
@@ -54,7 +57,7 @@ BARS: dict[str, tuple[Bar, ...]] = {
     "played_again": (Bar("maps_last_over_second", "worst", 1.0),),
     "same_bytes": (Bar("files_that_differ", "worst", 0.0),),
 }
-MANY_SEEDS = ("filter", "process", "real_time_100", "real_time_1000")
+MANY_SEEDS = ("filter", "every_scan_1", "every_scan_30", "process", "real_time_100", "real_time_1000")
 """Measured with 5 seeds, the others with one."""
 
 
@@ -96,6 +99,8 @@ class Costs:
         self._duration = 25.0 if quick else None
         self.cases: dict[str, Callable[[int], dict[str, Any]]] = {
             "filter": self.filter,
+            "every_scan_1": lambda seed: self.every_scan(seed, 1),
+            "every_scan_30": lambda seed: self.every_scan(seed, 30),
             "process": lambda seed: self.process(seed, "--no-figures"),
             "process_figures": self.process,
             "real_time_100": lambda seed: self.real_time(seed, 100),
@@ -109,6 +114,11 @@ class Costs:
     def filter(self, seed: int) -> dict[str, Any]:
         """Processor time a scan of the filter, in Python."""
         return self._measure("filter", seed, 30, threads=1, log=self._log("intel_key_scans"))
+
+    def every_scan(self, seed: int, particles: int) -> dict[str, Any]:
+        """Processor time a scan of the filter where it updates its particles with one scan of five."""
+        given = {"scenario": "corridor", "duration": self._duration}
+        return self._measure("filter", seed, particles, threads=1, **given)
 
     def real_time(self, seed: int, particles: int) -> dict[str, Any]:
         """Wall time of a recording beside how long it took to record."""

@@ -131,6 +131,8 @@ class _Context:
                 last[place] = memory
         for place, index, accepted, set_argument, number in self._numbers:
             value = arguments[index]
+            if value is last[place]:
+                continue
             if not isinstance(value, accepted):
                 return False
             if value != last[place] or value == 0:  # zeros may differ in their sign

@@ -14,7 +14,7 @@ DIAGNOSTICS = ("particles", "n_eff", "score", "updated", "resampled", "seconds",
 
 
 class ScanRecords:
-    """Arrays with a row a scan of the recording, filled in the order of the scans.
+    """A row a scan of the recording, filled in the order of the scans.
 
     Args:
         scans: that the recording has until now.
@@ -25,18 +25,16 @@ class ScanRecords:
 
     def __init__(self, scans: int) -> None:
         self.done = 0
-        self._poses, self._motions, self._covariances = np.zeros((0, 3)), np.zeros((0, 3)), np.zeros((0, 3, 3))
-        self._diagnostics = {key: np.zeros(0) for key in DIAGNOSTICS}
-        self.make_room(scans)
+        self._poses, self._covariances = np.zeros((scans, 6)), np.zeros((scans, 3, 3))
+        self._diagnostics = np.zeros((scans, len(DIAGNOSTICS)))
 
     def make_room(self, scans: int) -> None:
         """Room for ``scans`` scans in all; what is recorded stays."""
         more = scans - len(self._poses)
-        self._poses, self._motions, self._covariances = (
+        self._poses, self._covariances, self._diagnostics = (
             np.concatenate((kept, np.zeros((more, *kept.shape[1:]))))
-            for kept in (self._poses, self._motions, self._covariances)
+            for kept in (self._poses, self._covariances, self._diagnostics)
         )
-        self._diagnostics = {key: np.concatenate((kept, np.zeros(more))) for key, kept in self._diagnostics.items()}
 
     def add(
         self, result: StepResult, certainty: Certainty, *, particles: int, seconds: float, corrected: float
@@ -50,27 +48,35 @@ class ScanRecords:
             corrected: how far the back end then moved the robot [m].
         """
         index = self.done
-        self._poses[index], self._motions[index] = result.pose, result.motion
+        self._poses[index, :3], self._poses[index, 3:] = result.pose, result.motion
         self._covariances[index] = certainty.covariance
-        values = (particles, result.n_eff, result.score, result.updated, result.resampled, seconds)
-        for key, value in zip(DIAGNOSTICS, (*values, certainty.degenerate, certainty.state, corrected), strict=True):
-            self._diagnostics[key][index] = value
+        self._diagnostics[index] = (  # as DIAGNOSTICS
+            particles,
+            result.n_eff,
+            result.score,
+            result.updated,
+            result.resampled,
+            seconds,
+            certainty.degenerate,
+            certainty.state,
+            corrected,
+        )
         self.done = index + 1
 
     def add_to_last(self, *, seconds: float, corrected: float) -> None:
         """What the latest scan cost, and was corrected by, beyond what is recorded of it."""
-        self._diagnostics["seconds"][self.done - 1] += seconds
-        self._diagnostics["corrected"][self.done - 1] += corrected
+        self._diagnostics[self.done - 1, DIAGNOSTICS.index("seconds")] += seconds
+        self._diagnostics[self.done - 1, DIAGNOSTICS.index("corrected")] += corrected
 
     @property
     def poses(self) -> Array:
         """The filter's pose [k, 3] at each recorded scan."""
-        return self._poses[: self.done]
+        return self._poses[: self.done, :3].copy()
 
     @property
     def motions(self) -> Array:
         """The motion [k, 3] from the scan before to each, in that one's frame."""
-        return self._motions[: self.done]
+        return self._poses[: self.done, 3:].copy()
 
     @property
     def covariances(self) -> Array:
@@ -80,4 +86,5 @@ class ScanRecords:
     @property
     def diagnostics(self) -> dict[str, Array]:
         """By the names of `DIAGNOSTICS`, [k] each."""
-        return {key: values[: self.done] for key, values in self._diagnostics.items()}
+        columns = np.ascontiguousarray(self._diagnostics[: self.done].T)
+        return dict(zip(DIAGNOSTICS, columns, strict=True))

@@ -5,6 +5,7 @@ The functions here run in that process; the command line is measured from outsid
 
 from __future__ import annotations
 
+import cProfile
 import os
 import sys
 import time
@@ -38,11 +39,16 @@ def start(given: dict[str, Any]) -> SlamConfig:
 
 
 def filter_alone(given: dict[str, Any]) -> dict[str, Any]:
-    """Processor time a scan over a log: of the filter alone, and of ``run_slam``, which draws the map at the end."""
+    """Processor time a scan over a log or a drive: of the filter, and of ``run_slam``, which draws the map at the end.
+
+    ``kernels_ms_a_scan`` is of a run of its own, and what is outside the kernels the difference.
+    """
     from moteslam.slam.run import SlamSession
 
     config = start(given)
-    case = load_log(given["log"])
+    simulated = "scenario" in given
+    name = given["scenario" if simulated else "log"]
+    case = simulate_case(name, given["seed"], duration=given["duration"]) if simulated else load_log(name)
     loading = time.process_time()
     load_kernels(case.recording, config)
     loading = time.process_time() - loading
@@ -54,14 +60,30 @@ def filter_alone(given: dict[str, Any]) -> dict[str, Any]:
     estimate = session.estimate()
     ended = time.process_time()
     scans = len(session)
+    kernels = kernel_seconds(case.recording, config, given["seed"])
     return {
         "filter_cpu_ms_a_scan": 1e3 * (stepped - began) / scans,
         "run_slam_cpu_ms_a_scan": 1e3 * (ended - began) / scans,
+        "kernels_ms_a_scan": 1e3 * kernels / scans,
+        "outside_kernels_ms_a_scan": 1e3 * (stepped - began - kernels) / scans,
         "loading_cpu_s": loading,
-        "ate_m": errors(given["log"], estimate, case)["final"],
+        "ate_m": errors(name, estimate, case)["final"],
         "scans": scans,
         "updates": int(estimate.diagnostics["updated"].sum()),
     }
+
+
+def kernel_seconds(recording: Recording, config: SlamConfig, seed: int) -> float:
+    """The wall time in compiled kernels of all scans [s], on one thread the processor time."""
+    from moteslam.slam.run import SlamSession
+
+    profile = cProfile.Profile()
+    session = SlamSession(recording, config, seed=seed)
+    profile.enable()
+    for _ in session:
+        pass
+    profile.disable()
+    return sum(entry.totaltime for entry in profile.getstats() if "launch_kernel" in str(entry.code))
 
 
 def real_time(given: dict[str, Any]) -> dict[str, Any]:

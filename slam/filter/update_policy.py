@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -40,10 +41,12 @@ def update_due(policy: UpdateConfig, travelled: Travelled, motion: NDArray[np.fl
     """
     distance, rotation = travelled.distance, travelled.rotation
     if motion is not None:
-        distance, rotation = np.maximum((distance, rotation), magnitude(motion)).tolist()
+        length, turn = magnitude(motion)
+        distance, rotation = max(distance, length), max(rotation, turn)
     return distance >= policy.distance or rotation >= policy.rotation or travelled.elapsed >= policy.interval
 
 
 def magnitude(motion: NDArray[np.float64]) -> tuple[float, float]:
     """The length [m] and the absolute turn [rad] of a motion [3]."""
-    return float(np.hypot(motion[0], motion[1])), abs(float(motion[2]))
+    x, y, turn = motion.tolist()
+    return math.hypot(x, y), abs(turn)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -178,6 +179,9 @@ class TsdfView(NamedTuple):
 
     def frames(self, poses: Array) -> Array:
         """Poses [N, 3] as the kernels take them: [N, 4] cos, sin, x, y [m] from the tables' corner."""
+        if len(poses) == 1:  # in a fifth of the time that arrays of one element take
+            ((x, y, theta),), (left, below) = poses.tolist(), self.corner.tolist()
+            return np.array(((math.cos(theta), math.sin(theta), x - left, y - below),))
         frames = np.empty((len(poses), 4))
         frames[:, 0], frames[:, 1] = np.cos(poses[:, 2]), np.sin(poses[:, 2])
         frames[:, 2:] = poses[:, :2] - self.corner

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+import math
+from typing import Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.slam.odometry.config import MotionNoise
+
+Lengths = TypeVar("Lengths", float, NDArray[np.float64])
 
 
 class OdometryNoise(Protocol):
@@ -49,7 +52,7 @@ def prediction_noise(noise: MotionNoise, distance: float, rotation: float, elaps
     return np.array([np.hypot(forward, slip), slip, np.hypot(heading, noise.rotation_from_rotation * rotation)])
 
 
-def aside(distance: NDArray[np.float64] | float, heading: NDArray[np.float64] | float) -> NDArray[np.float64]:
+def aside(distance: Lengths, heading: Lengths) -> Lengths:
     """The standard deviation of a position to the side of a motion [m], by an error of the heading on it.
 
     An error that grows evenly with the distance turns the end about the beginning by a third of its variance.
@@ -58,10 +61,10 @@ def aside(distance: NDArray[np.float64] | float, heading: NDArray[np.float64] | 
         distance: of the motion [m].
         heading: standard deviation of the heading at its end [rad].
     """
-    return np.asarray(distance * heading / np.sqrt(3))
+    return distance * heading / math.sqrt(3)
 
 
-def odometry_error(noise: OdometryNoise, distance: float, rotation: float) -> NDArray[np.float64]:
+def odometry_error(noise: OdometryNoise, distance: float, rotation: float) -> tuple[float, float, float]:
     """The standard deviations of a motion that odometry measured: forward [m], left [m], turn [rad].
 
     Args:
@@ -70,4 +73,4 @@ def odometry_error(noise: OdometryNoise, distance: float, rotation: float) -> ND
         rotation: the sum of absolute turns [rad].
     """
     translation = noise.translation + noise.translation_from_translation * distance
-    return np.array([translation, translation, noise.rotation + noise.rotation_from_rotation * rotation])
+    return translation, translation, noise.rotation + noise.rotation_from_rotation * rotation

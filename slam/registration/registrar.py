@@ -65,8 +65,9 @@ def register(
         coarse: begin on the coarse level of the maps.
         keep: keep the odometry along degenerate directions, as ``keep_odometry`` does.
     """
-    priors = np.zeros((len(predicted), 6))
-    priors[:, :3] = config.prior_weight / spread**2
+    x, y, theta = spread.tolist()
+    weight = config.prior_weight
+    priors = np.array(((weight / x**2, weight / y**2, weight / theta**2, 0.0, 0.0, 0.0),) * len(predicted))
     if means is not None:
         priors[:, 3:] = means
     offsets, fits = register_scans(
@@ -112,11 +113,11 @@ def prior_spread(config: RegistrationConfig, distance: float, rotation: float, *
         rotation: sum of absolute turns [rad].
         measured: whether odometry measured the motion; else it was extrapolated.
     """
-    spread = odometry_error(config, distance, rotation)
+    forward, left, turn = odometry_error(config, distance, rotation)
     if not measured:
-        spread[:2] += config.extrapolated_translation
-        spread[2] += config.extrapolated_rotation
-    return spread
+        forward, left = forward + config.extrapolated_translation, left + config.extrapolated_translation
+        turn += config.extrapolated_rotation
+    return np.array((forward, left, turn))
 
 
 def subsample(points: Points, most: int) -> Points:

@@ -99,7 +99,7 @@ def propose(
         away = places.any(axis=1)
         starts = se2.compose(se2.compose(particles.poses[away], since.tracked), places[away])
         predicted[away] = se2.compose(starts, se2.between(since.tracked, since.odometry))
-    spread = odometry_error(config, travelled.distance, travelled.rotation)
+    spread = np.array(odometry_error(config, travelled.distance, travelled.rotation))
     if len(scan.points) < min_points:
         zeros = np.zeros(n)
         nothing = np.zeros((n, 3, 3))

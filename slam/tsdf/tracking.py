@@ -5,6 +5,7 @@ The maps of two particles differ by bends that are long against the motion since
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -108,11 +109,11 @@ class Tracker:
         """
         driven, measured = self._blind.plus(motion.corrected, motion.dt), self._blind_measured and motion.measured
         spread = prior_spread(self._registration, driven.distance, driven.rotation, measured=measured)
-        moved = float(aside(driven.distance, spread[2]))
+        forward, left, turn = spread.tolist()
+        moved = aside(driven.distance, turn)
         if moved > self._config.basin_distance:
-            spread[:2] = np.hypot(spread[:2], moved)
-        spread[:2] = np.minimum(spread[:2], LARGEST_SPREAD)
-        return spread
+            forward, left = math.hypot(forward, moved), math.hypot(left, moved)
+        return np.array((min(forward, LARGEST_SPREAD), min(left, LARGEST_SPREAD), turn))
 
     def track(self, motion: StepMotion, scan: ThinnedScan, origin: Array, particles: Particles) -> Tracked:
         """Register a scan to the best particle's map.
@@ -147,11 +148,11 @@ class Tracker:
                 self._blind, self._blind_measured = Travelled(), True
                 rivals = elsewhere
         shift, turn = magnitude(offset)
-        off = np.array([shift, shift, turn])
-        self._slip = np.where(off > self._config.slip_threshold * usual, off, 0.0)
+        off, threshold = (shift, shift, turn), self._config.slip_threshold
+        self._slip = np.array([o if o > threshold * u else 0.0 for o, u in zip(off, usual.tolist(), strict=True)])
         # this step alone decides whether its odometry is to be used: what was off may lie in the blind ones before
         step = prior_spread(self._registration, *magnitude(motion.corrected), measured=motion.measured)
-        slipped = bool((off > self._config.slip_threshold * step).any())
+        slipped = any(o > threshold * s for o, s in zip(off, step.tolist(), strict=True))
         moved = se2.compose(predicted, offset)
         self._motion, self._seconds = se2.between(self.pose, moved), motion.dt
         self.pose = moved
