@@ -5,6 +5,8 @@ A scan's neighbouring points are joined by segments. Every cell near a segment a
 """
 
 import math
+from collections.abc import Sequence
+from itertools import accumulate
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -100,49 +102,55 @@ def _integrate_segment(
 @kernel
 def _integrate(
     pool: I16_1D, table: I32_1D, shares: I32_1D, free: I32_1D, counters: I32_1D, columns: I32, tiles: I32,
-    frames: F64_2D, scan: F32_2D, joined: I32_1D, truncation: F32, coarse_truncation: F32, chord: F32, near: F32,
-    near_weight: I32, max_weight: I32,
+    frames: F64_2D, points: F32_2D, joined: I32_1D, begins: I32_1D, truncation: F32, coarse_truncation: F32,
+    chord: F32, near: F32, near_weight: I32, max_weight: I32,
 ):  # fmt: skip
     """First every particle makes the tiles it will write its own, then all write; if tiles ran out, nobody writes.
 
-    Frames are cos, sin, x, y of each particle. Lengths are in fine cells, ``coarse_truncation`` in coarse ones.
+    Frames are cos, sin, x, y, of each particle as many as there are scans; scan s has the points from ``begins[s]``
+    on. Lengths are in fine cells, ``coarse_truncation`` in coarse ones.
     """
+    scans = begins.shape[0] - 1
     ti.loop_config(serialize=ti.static(one_thread()))
-    for i in range(frames.shape[0]):
-        frame = ti.Vector([ti.cast(frames[i, k], ti.f32) for k in ti.static(range(4))], dt=ti.f32)
+    for i in range(frames.shape[0] // (begins.shape[0] - 1)):
         margin = ti.max(truncation, 2 * coarse_truncation) + chord  # a chord strays from its segments by less than that
         done = ti.Vector([-1, -1, -1, -1], dt=ti.i32)  # the tiles last made the particle's own: columns and rows
-        for j in range(scan.shape[1] - 1):
-            if joined[j] == 1:
-                ends = _segment(frame, scan, j, j + 1)
-                x0, x1 = tile_along(ti.min(ends[0], ends[2]) - margin), tile_along(ti.max(ends[0], ends[2]) + margin)
-                y0, y1 = tile_along(ti.min(ends[1], ends[3]) - margin), tile_along(ti.max(ends[1], ends[3]) + margin)
-                if x0 != done[0] or x1 != done[1] or y0 != done[2] or y1 != done[3]:
-                    done = ti.Vector([x0, x1, y0, y1], dt=ti.i32)
-                    for ty in range(y0, y1 + 1):
-                        for tx in range(x0, x1 + 1):
-                            copy_on_write(pool, table, shares, free, counters, i * tiles + ty * columns + tx)
+        for s in range(scans):
+            frame = ti.Vector([ti.cast(frames[i * scans + s, k], ti.f32) for k in ti.static(range(4))], dt=ti.f32)
+            for j in range(begins[s], begins[s + 1] - 1):
+                if joined[j] == 1:
+                    ends = _segment(frame, points, j, j + 1)
+                    x0 = tile_along(ti.min(ends[0], ends[2]) - margin)
+                    x1 = tile_along(ti.max(ends[0], ends[2]) + margin)
+                    y0 = tile_along(ti.min(ends[1], ends[3]) - margin)
+                    y1 = tile_along(ti.max(ends[1], ends[3]) + margin)
+                    if x0 != done[0] or x1 != done[1] or y0 != done[2] or y1 != done[3]:
+                        done = ti.Vector([x0, x1, y0, y1], dt=ti.i32)
+                        for ty in range(y0, y1 + 1):
+                            for tx in range(x0, x1 + 1):
+                                copy_on_write(pool, table, shares, free, counters, i * tiles + ty * columns + tx)
     ti.loop_config(serialize=ti.static(one_thread()))
-    for i in range(frames.shape[0]):
+    for i in range(frames.shape[0] // (begins.shape[0] - 1)):
         if counters[1] == 0:
-            frame = ti.Vector([ti.cast(frames[i, k], ti.f32) for k in ti.static(range(4))], dt=ti.f32)
-            first = 0  # the point where the coarse level's segment begins
-            for j in range(scan.shape[1] - 1):
-                if joined[j] == 0:
-                    first = j + 1
-                else:
-                    ends = _segment(frame, scan, j, j + 1)
-                    _integrate_segment(
-                        pool, table, i * tiles, columns, ends, truncation, near, near_weight, max_weight, 0
-                    )
-                    dx, dy = scan[0, j + 1] - scan[0, first], scan[1, j + 1] - scan[1, first]
-                    if dx * dx + dy * dy >= chord * chord or joined[j + 1] == 0 or j == scan.shape[1] - 2:
-                        half = 0.5 * _segment(frame, scan, first, j + 1)
-                        _integrate_segment(
-                            pool, table, i * tiles, columns, half, coarse_truncation, 0.5 * near, near_weight,
-                            max_weight, 1,
-                        )  # fmt: skip
+            for s in range(scans):
+                frame = ti.Vector([ti.cast(frames[i * scans + s, k], ti.f32) for k in ti.static(range(4))], dt=ti.f32)
+                first, last = begins[s], begins[s + 1] - 1  # the point where the coarse level's segment begins
+                for j in range(begins[s], begins[s + 1] - 1):
+                    if joined[j] == 0:
                         first = j + 1
+                    else:
+                        ends = _segment(frame, points, j, j + 1)
+                        _integrate_segment(
+                            pool, table, i * tiles, columns, ends, truncation, near, near_weight, max_weight, 0
+                        )
+                        dx, dy = points[0, j + 1] - points[0, first], points[1, j + 1] - points[1, first]
+                        if dx * dx + dy * dy >= chord * chord or joined[j + 1] == 0 or j == last - 1:
+                            half = 0.5 * _segment(frame, points, first, j + 1)
+                            _integrate_segment(
+                                pool, table, i * tiles, columns, half, coarse_truncation, 0.5 * near, near_weight,
+                                max_weight, 1,
+                            )  # fmt: skip
+                            first = j + 1
 
 
 def integrate_scans(
@@ -151,7 +159,7 @@ def integrate_scans(
     shares: NDArray[np.int32],
     free: NDArray[np.int32],
     frames: ArrayLike,
-    scan: ThinnedScan,
+    scans: Sequence[ThinnedScan],
     *,
     cell_size: float,
     truncation: float,
@@ -161,15 +169,15 @@ def integrate_scans(
     near_weight: int,
     max_weight: int,
 ) -> int | None:
-    """Integrate one scan into the maps of all particles, each from its own pose.
+    """Integrate scans, one after the other, into the maps of all particles, each from its own poses.
 
     Args:
         pool: int16 [t * CELLS] of all tiles; written to.
         tables: int32 [n, rows, columns] each particle's tiles; written to.
         shares: int32 [t] how many table entries name each tile, above 1 for tile 0; written to.
         free: int32 [f] the tiles that no table names, taken from the end.
-        frames: [n, 4] cos, sin, x, y of the particles, from the tables' corner [m].
-        scan: in the frame of the particles.
+        frames: [n * m, 4] cos, sin, x, y of each particle at the m scans, from the tables' corner [m].
+        scans: m, each in the frame of the particles at it.
         cell_size: of the fine level [m].
         truncation, coarse_truncation: up to this distance from a segment cells are updated, on each level [m].
         coarse_chord: on the coarse level segments are joined until their chord is this long [coarse cells].
@@ -188,10 +196,15 @@ def integrate_scans(
     check_array("shares", shares, np.int32, (len(pool) // CELLS,), written=True)
     check_array("free", free, np.int32, (None,))
     places = frames_in_cells(frames, cell_size)
-    points = as_finite("scan", scan.points, np.float32, (None, 2))
-    check_array("scan", scan.joined, np.int32, (len(points),))
-    if len(places) != n:
-        raise InputError(f"{len(places)}, expected one for each of {n} tables", field="frames")
+    for scan in scans:
+        as_finite("scan", scan.points, np.float32, (None, 2))
+        check_array("scan", scan.joined, np.int32, (len(scan.points),))
+    if not scans or len(places) != n * len(scans):
+        problem = f"{len(places)}, expected one for each of {n} tables at each of {len(scans)} scans"
+        raise InputError(problem, field="frames")
+    points, joined = scans[0]
+    if len(scans) > 1:
+        points, joined = np.vstack([scan.points for scan in scans]), np.concatenate([scan.joined for scan in scans])
     lengths = {"truncation": truncation, "coarse_truncation": coarse_truncation, "near": near}
     for name, length in lengths.items():
         if not (math.isfinite(length) and length > 0):
@@ -213,7 +226,8 @@ def integrate_scans(
     counters = np.array([len(free), 0], np.int32)
     _integrate(
         pool, tables.reshape(-1), shares, free, counters, columns, rows * columns, places,
-        np.ascontiguousarray(points.T / np.float32(cell_size)), scan.joined, truncation / cell_size,
+        np.ascontiguousarray(points.T / np.float32(cell_size)), joined,
+        np.array([0, *accumulate(len(scan.points) for scan in scans)], np.int32), truncation / cell_size,
         coarse_truncation / (2 * cell_size), chord, near / cell_size, near_weight, max_weight,
     )  # fmt: skip
     return None if counters[1] else int(counters[0])

@@ -55,7 +55,7 @@ class Pool:
         from moteslam.kernels.tsdf import integrate_scans
 
         tables = self.tables if only is None else self.tables[only : only + 1]
-        left = integrate_scans(self.pool, tables, self.shares, self.free, frames(poses), scan, **(OPTIONS | options))
+        left = integrate_scans(self.pool, tables, self.shares, self.free, frames(poses), [scan], **(OPTIONS | options))
         self.free = self.free[: left or 0]
         return left
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -24,6 +25,10 @@ MAX_TILES = 2**31 // CELLS
 """More would need 64-bit addresses, and 4 GB."""
 MAX_ENTRIES = 2**29
 """Of all tables together: 2 GB."""
+
+
+DRAWN = 64
+"""Scans that are drawn into a map at a time: the tables are made large enough for all of them before."""
 
 
 class TsdfMaps:
@@ -80,11 +85,29 @@ class TsdfMaps:
         Raises:
             InputError: tiles or tables would take more than ``MAX_TILES`` or ``MAX_ENTRIES``.
         """
-        if len(scan.points) < 2:
+        self._write(poses, [scan])
+
+    def draw(self, poses: Array, scans: Sequence[ThinnedScan]) -> None:
+        """Average scans, one after the other, into the one TSDF that there is.
+
+        Args:
+            poses: [m, 3] of the robot at the scans.
+            scans: m, as of ``integrate``; they are written ``DRAWN`` at a time.
+
+        Raises:
+            InputError: as of ``integrate``.
+        """
+        for first in range(0, len(scans), DRAWN):
+            self._write(poses[first : first + DRAWN], scans[first : first + DRAWN])
+
+    def _write(self, poses: Array, scans: Sequence[ThinnedScan]) -> None:
+        """Average scans into the TSDFs; of each particle there is a pose a scan."""
+        poses, scans = _with_surfaces(poses, scans)
+        if not scans:
             return
         c = self._config
-        reach = float(np.hypot(*scan.points.T).max()) + 2 * max(c.truncation, c.coarse_truncation) + self._tile_size
-        self._cover(poses, reach)
+        farthest = max(float(np.hypot(*scan.points.T).max()) for scan in scans)
+        self._cover(poses, farthest + 2 * max(c.truncation, c.coarse_truncation) + self._tile_size)
         while True:
             left = integrate_scans(
                 self._pool,
@@ -92,7 +115,7 @@ class TsdfMaps:
                 self._shares,
                 self._free[: self._left],
                 self.all().frames(poses),
-                scan,
+                scans,
                 cell_size=c.cell_size,
                 truncation=c.truncation,
                 coarse_truncation=c.coarse_truncation,
@@ -160,6 +183,14 @@ class TsdfMaps:
         pool[: len(self._pool)] = self._pool
         self._pool = pool
         self._count()
+
+
+def _with_surfaces(poses: Array, scans: Sequence[ThinnedScan]) -> tuple[Array, Sequence[ThinnedScan]]:
+    """The scans of two points and more, and the poses at them; one scan may have any number of poses."""
+    some = [len(scan.points) >= 2 for scan in scans]
+    if all(some):
+        return poses, scans
+    return poses[np.flatnonzero(some)], [scan for scan, has in zip(scans, some, strict=True) if has]
 
 
 class TsdfView(NamedTuple):

@@ -114,7 +114,7 @@ class TsdfFilter(FilterDefaults):
             updates: [u] the indices of their scans.
             scans: endpoints of all scans.
         """
-        thinned = (thin(scans.points(int(k)), scans.origin, self._config.thinning) for k in updates)
+        thinned = [thin(scans.points(int(k)), scans.origin, self._config.thinning) for k in updates]
         self._particles.revise(poses, thinned)
         self._tracker.pose = self._particles.best_pose
         self._misfit.revise(poses)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -72,7 +72,7 @@ class Particles:
         self.maps.integrate(self.poses[:1], scan)
         self.maps.resample(np.zeros(len(self), np.int64))
 
-    def revise(self, path: Array, scans: Iterable[ThinnedScan]) -> None:
+    def revise(self, path: Array, scans: Sequence[ThinnedScan]) -> None:
         """Move all particles by the correction of the best one's path, and redraw one map along it for all of them.
 
         Args:
@@ -84,8 +84,7 @@ class Particles:
         self.poses = se2.compose(path[-1], se2.between(last, self.poses))
         self.hypotheses[:] = 0
         self.maps = TsdfMaps(self._config)
-        for pose, scan in zip(path, scans, strict=True):
-            self.maps.integrate(pose[None], scan)
+        self.maps.draw(path, scans)
         self.maps.resample(np.zeros(len(self), np.int64))
 
     def resample(self, parents: NDArray[np.int64]) -> None:

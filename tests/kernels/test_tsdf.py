@@ -161,6 +161,21 @@ def test_scans_of_nothing_and_of_one_endpoint_write_nothing(count: int) -> None:
     assert not pool.tables.any()
 
 
+def test_many_scans_at_once_are_written_as_one_after_the_other() -> None:
+    offsets = np.random.default_rng(8).uniform((-0.5, -0.5, -3.0), (0.5, 0.5, 3.0), (7, 3))
+    scans = [thinned(room_scan(offset)) for offset in offsets]
+    scans[3] = ThinnedScan(scans[3].points[:1], scans[3].joined[:1])
+    one_by_one, at_once = (Pool.empty().resampled([0, 0], more_tiles=200) for _ in range(2))
+    shifts = np.array([(0.0, 0.0, 0.0), (0.3, -0.2, 0.1)])
+    for offset, scan in zip(offsets, scans, strict=True):
+        one_by_one.add(MIDDLE + shifts + offset, scan)
+    places = (MIDDLE + shifts[:, None] + offsets).reshape(-1, 3)
+    left = integrate_scans(at_once.pool, at_once.tables, at_once.shares, at_once.free, frames(places), scans, **OPTIONS)  # type: ignore[arg-type]
+    assert left is not None
+    np.testing.assert_array_equal(at_once.all_words(), one_by_one.all_words())
+    assert (at_once.all_words()[0] != at_once.all_words()[1]).any()
+
+
 def test_points_that_coincide_write_nothing_wrong() -> None:
     scan = ThinnedScan(np.array([(1, 0), (1, 0), (1, 1)], np.float32), np.array((1, 1, 0), np.int32))
     double, single = Pool.empty(), Pool.empty()
@@ -198,8 +213,9 @@ def test_bad_input_of_thinning(change: dict[str, object], field: str) -> None:
         ({"frames": frames([(0.0, 0.0, 0.0)])}, "frames"),  # the scan would leave the tables
         ({"frames": frames([(12.0, 7.2, 0.0)])}, "frames"),
         ({"frames": [(1.0, 0.0, np.inf, 0.0)]}, "frames"),
-        ({"scan": ThinnedScan(np.full((2, 2), np.nan, np.float32), np.ones(2, np.int32))}, "scan"),
-        ({"scan": ThinnedScan(np.ones((2, 2), np.float32), np.ones(3, np.int32))}, "scan"),
+        ({"scans": [ThinnedScan(np.full((2, 2), np.nan, np.float32), np.ones(2, np.int32))]}, "scan"),
+        ({"scans": [ThinnedScan(np.ones((2, 2), np.float32), np.ones(3, np.int32))]}, "scan"),
+        ({"scans": []}, "frames"),
         ({"cell_size": 0.0}, "cell_size"),
         ({"truncation": -0.1}, "truncation"),
         ({"coarse_truncation": np.nan}, "coarse_truncation"),
@@ -214,7 +230,7 @@ def test_bad_input_of_integrating(change: dict[str, object], field: str) -> None
     pool = Pool.empty()
     arguments: dict[str, object] = {
         "pool": pool.pool, "tables": pool.tables, "shares": pool.shares, "free": pool.free,
-        "frames": frames([MIDDLE]), "scan": thinned(room_scan()), **OPTIONS,
+        "frames": frames([MIDDLE]), "scans": [thinned(room_scan())], **OPTIONS,
     }  # fmt: skip
     with pytest.raises(InputError, match=f"^{field}: "):
         integrate_scans(**{**arguments, **change})  # type: ignore[arg-type]

@@ -72,8 +72,9 @@ class Submaps:
             self._maps.move_to_end((node, extra))
         else:
             maps, length = TsdfMaps(self._config.tsdf), self._config.loops.submap_length
-            for k in self._members(node, length + extra, round(MAP_NODES * (1 + extra / length))):
-                maps.integrate(self._pose(node, k)[None], self._nodes.scans[k])
+            members = self._members(node, length + extra, round(MAP_NODES * (1 + extra / length)))
+            poses = np.asarray(se2.between(self.poses[node], self.poses[members]))
+            maps.draw(poses, [self._nodes.scans[k] for k in members])
             self._maps[node, extra] = maps
             if len(self._maps) > CACHED:
                 self._maps.popitem(last=False)
