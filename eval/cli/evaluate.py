@@ -140,7 +140,10 @@ def evaluate(
     estimates, reference = (paths[:-1], paths[-1]) if len(paths) > 1 else (paths, None)
     for file in estimates:
         if is_relations(file):
-            raise InputError("holds relations, expected trajectories, and the relations last", file=file)
+            problem = (
+                "holds relations, or quaternions of other lengths than 1; expected trajectories, and relations last"
+            )
+            raise InputError(problem, file=file)
     trajectories = {str(file): read_trajectory(file) for file in estimates}
     scores = {name: Evaluated() for name in trajectories}
     opened = None if recording is None else open_recording(recording, sequence=sequence, platform=platform)

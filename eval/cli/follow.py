@@ -94,9 +94,11 @@ def _follow(path: Path, live: Live, idle: float, *, as_json: bool) -> None:
     if not as_json:
         say(f"{'stamp [s]':>17}  {'x [m]':>8}  {'y [m]':>8}  {'heading [deg]':>13}  {'state':<8}  latency [ms]")
     with asked_to_stop() as stopped:
-        grew = time.monotonic()
+        grew, size = time.monotonic(), _size(path)
         while not stopped() and time.monotonic() - grew < idle:
             if not live.poll():
+                if (now := _size(path)) != size:  # what was written is not whole yet
+                    grew, size = time.monotonic(), now
                 time.sleep(POLL)
                 continue
             for update, latency in live.take_in():
@@ -109,6 +111,14 @@ def _follow(path: Path, live: Live, idle: float, *, as_json: bool) -> None:
             _say_scan(update, latency, as_json=as_json)
     except InputError as error:
         raise InputError(error.problem, file=error.file or path, field=error.field) from error
+
+
+def _size(path: Path) -> int:
+    """Bytes of the file, 0 while there is none."""
+    try:
+        return path.stat().st_size
+    except OSError:
+        return 0
 
 
 def _say_scan(update: Update, latency: float, *, as_json: bool) -> None:

@@ -9,7 +9,6 @@ from typing import Any
 
 import cv2
 import numpy as np
-import yaml
 from numpy.typing import NDArray
 
 from moteslam.errors import InputError
@@ -20,10 +19,11 @@ from moteslam.eval.particle_table import read_particles
 from moteslam.robot.formats.map_server import MAX_IMAGE_BYTES, MAX_PIXELS
 from moteslam.robot.formats.map_server_yaml import MAX_YAML_BYTES
 from moteslam.robot.pictures import decode_picture, picture_size
-from moteslam.robot.reading import read_bytes, read_text
+from moteslam.robot.reading import read_bytes
 from moteslam.robot.se2 import between, compose, inverse
 from moteslam.robot.trajectories.tum import read_tum
 from moteslam.robot.trajectory import Trajectory
+from moteslam.robot.yaml_table import read_yaml
 from moteslam.slam.filter.certainty import LocalisationState
 
 Array = NDArray[np.float64]
@@ -162,10 +162,10 @@ def _picture(folder: Path, name: str, most: int) -> dict[str, Any]:
     if image is None:
         raise InputError(f"no picture of at most {MAX_PIXELS} pixels, expected a PNG", file=file)
     try:
-        about = yaml.safe_load(read_text(about_file, "a map's .yaml", limit=MAX_YAML_BYTES))
+        about = read_yaml(about_file, "a map's .yaml", limit=MAX_YAML_BYTES)
         cell = float(about["resolution"])
         x, y, yaw = (float(value) for value in about["origin"])
-    except (yaml.YAMLError, TypeError, KeyError, ValueError, OverflowError, RecursionError) as error:
+    except (TypeError, KeyError, ValueError, OverflowError) as error:
         raise InputError("expected resolution and origin [x, y, yaw]", file=about_file) from error
     place = {"x": x, "y": y, "yaw": yaw, "width": image.shape[1] * cell, "height": image.shape[0] * cell}
     while True:

@@ -108,8 +108,8 @@ class _Awaited:
                 raise
             return
         if known.follow is None:
-            able = " or a ".join(each.name for _, each in FORMATS.items() if each.follow is not None)
-            problem = f"a {known.name}, expected one that can be read while it is written: a {able}"
+            able = " or ".join(each.name.partition(" (")[0] for _, each in FORMATS.items() if each.follow is not None)
+            problem = f"{known.name}, expected what can be read while it is written: {able}"
             raise InputError(problem, file=self._path)
         self._follower = known.follow(self._path, self._platform)
 

@@ -105,6 +105,7 @@ FORMATS: Plugins[Format] = Plugins(
         "bag": "moteslam.robot.formats.bags.formats:ROSBAG1",
         "rosbag2": "moteslam.robot.formats.bags.formats:ROSBAG2",
         "mcap": "moteslam.robot.formats.bags.formats:MCAP",
+        "db3": "moteslam.robot.formats.bags.formats:DB3",
     },
 )
 """By name, asked in this order, those of other packages last."""

@@ -11,7 +11,7 @@ from typing import Any, Literal, get_args
 from moteslam.errors import InputError
 from moteslam.robot.files import write_atomically
 from moteslam.robot.raster import Raster
-from moteslam.robot.reading import read_text
+from moteslam.robot.yaml_table import read_yaml
 
 Mode = Literal["trinary", "scale", "raw"]
 MODES: tuple[Mode, ...] = get_args(Mode)
@@ -87,14 +87,7 @@ def write_map_file(image: Path, raster: Raster, before: Mapping[str, Any], after
 
 
 def _table(path: Path) -> dict[str, Any]:
-    import yaml
-
-    text = read_text(path, "a map_server .yaml file", limit=MAX_YAML_BYTES)
-    try:
-        about = yaml.safe_load(text)
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
-        problem = "nested too deep" if isinstance(error, RecursionError) else str(error).splitlines()[0]
-        raise InputError(f"not YAML: {problem.partition(';')[0]}", file=path) from error
+    about = read_yaml(path, "a map_server .yaml file", limit=MAX_YAML_BYTES)
     if not isinstance(about, dict):
         raise InputError("not a table, expected image, resolution and origin", file=path)
     for key in REQUIRED:

@@ -131,7 +131,9 @@ def test_evaluate_tells_bad_files_and_lines(tmp_path: Path, capsys) -> None:
     relations.write_text("0 1 1 0 0 0 0 0.5\n")
     assert f"{bad}:2: expected 8 finite numbers" in refused(capsys, "evaluate", bad, good)
     assert f"{late}: no stamps in common" in refused(capsys, "evaluate", good, late)
-    assert "holds relations, expected trajectories" in refused(capsys, "evaluate", relations, good)
+    assert "holds relations, or quaternions of other lengths than 1; expected trajectories" in refused(
+        capsys, "evaluate", relations, good
+    )
     assert "none of 1 relations" in refused(capsys, "evaluate", late, relations)
     assert "one file, expected trajectories" in refused(capsys, "evaluate", good)
     assert "--unit: 'feet', expected one of m, s, frames" in refused(capsys, "evaluate", good, good, "--unit", "feet")

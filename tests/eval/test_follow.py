@@ -116,6 +116,24 @@ def test_an_interrupt_ends_it_with_the_result(tmp_path: Path, contents: dict[str
 
 
 @pytest.mark.slow
+def test_a_file_whose_first_chunk_is_written_slowly_is_waited_for(tmp_path: Path, contents: dict[str, bytes]) -> None:
+    path, content = tmp_path / "robot.mcap", contents["mcap"]
+    path.write_bytes(content[:200])
+    with following(path, "--idle", "2") as process:
+        assert process.stdout is not None
+        process.stdout.readline()  # it has begun
+        with path.open("ab") as file:
+            for end in range(400, 1800, 200):  # within the first chunk, over longer than --idle
+                time.sleep(0.6)
+                file.write(content[end - 200 : end])
+                file.flush()
+            file.write(content[1600:])
+        out, problems = process.communicate(timeout=120)
+    assert process.returncode == 0, problems
+    assert f"{SCANS} scans, latency " in out
+
+
+@pytest.mark.slow
 def test_without_a_folder_the_poses_alone_are_printed(tmp_path: Path, contents: dict[str, bytes]) -> None:
     path = tmp_path / "robot.log"
     path.write_bytes(contents["log"])
@@ -139,7 +157,7 @@ def test_without_a_folder_the_poses_alone_are_printed(tmp_path: Path, contents: 
             gzip.compress(b"ODOM 1 2 3 0 0 0 1 host 1\n"),
             "robot.log: packed by gzip, which cannot be read while it is written; expected a plain CARMEN log",
         ),
-        (b"#ROSBAG V2.0\n", "robot.log: a ROS 1 bag, expected one that can be read while it is written: a CARMEN log"),
+        (b"#ROSBAG V2.0\n", "robot.log: ROS 1 bag, expected what can be read while it is written: CARMEN log"),
         (b"ODOM 1 2 3 0 0 0 1 host 1\n", "robot: lidar: no lidar scans, expected at least one"),
     ],
     ids=["none", "empty", "head", "gzip", "bag", "no scans"],
@@ -163,7 +181,7 @@ def test_a_folder_of_arrays_is_refused_at_once(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], simulated_folder: Path
 ) -> None:
     assert run_program(["follow", str(simulated_folder), "--idle", "1000"]) == 2
-    assert "expected one that can be read while it is written: a CARMEN log" in capsys.readouterr().err
+    assert "expected what can be read while it is written: CARMEN log" in capsys.readouterr().err
 
 
 def test_help(capsys: pytest.CaptureFixture[str]) -> None:

@@ -195,7 +195,7 @@ def test_a_folder_and_another_format_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "robot.csv"
     path.write_bytes(b"#ROSBAG V2.0\n")
     with pytest.raises(
-        InputError, match=r"a ROS 1 bag, expected one that can be read while it is written: a CARMEN log"
+        InputError, match=r"ROS 1 bag, expected what can be read while it is written: CARMEN log or MCAP file"
     ):
         follow_recording(path)
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import fields
 from pathlib import Path
 
-from moteslam.errors import InputError
-from moteslam.robot.formats.bags.bag import Bag, Topic, begins_as
+from moteslam.robot.formats.bags.bag import Bag, Topic
 from moteslam.robot.formats.bags.choice import Chosen, choose
 from moteslam.robot.formats.bags.mcap import GrowingMcap
 from moteslam.robot.formats.bags.progress import Progress
@@ -34,15 +33,10 @@ class McapFollower:
         platform: as of `open_recording`.
 
     Raises:
-        InputError: a SQLite file.
         ConfigError: a ``platform.toml`` that is none.
     """
 
     def __init__(self, path: Path, platform: Robot) -> None:
-        if begins_as(path) != "mcap":
-            raise InputError(
-                "a SQLite file, which cannot be read while it is written; expected an MCAP file", file=path
-            )
         self._file, self._progress = GrowingMcap(path), Progress()
         self._given = GivenRobot.read(platform)
         self._held: dict[str, tuple[str, ...]] = {}

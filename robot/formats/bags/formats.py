@@ -1,4 +1,4 @@
-"""The three ways in which a ROS bag comes: a ROS 1 file, a ROS 2 folder, and a single MCAP or SQLite file of ROS 2."""
+"""The ways in which a ROS bag comes: a ROS 1 file, a ROS 2 folder, and a single MCAP or SQLite file."""
 
 from __future__ import annotations
 
@@ -21,11 +21,6 @@ def _read_topics(path: Path, sequence: str | int | None, platform: Robot, topics
     return one_sequence("a bag", partial(read_bag, topics=topics))(path, sequence, platform)
 
 
-def _is_ros2_file(path: Path) -> bool:
-    kind = begins_as(path)
-    return kind == "mcap" or (kind == "db3" and is_bag_database(path))
-
-
 ROSBAG1 = Format(
     "ROS 1 bag",
     is_folder=False,
@@ -46,12 +41,20 @@ ROSBAG2 = Format(
 )
 
 MCAP = Format(
-    "MCAP or SQLite file of ROS 2",
+    "MCAP file of ROS",
     is_folder=False,
-    recognise=_is_ros2_file,
+    recognise=lambda path: begins_as(path) == "mcap",
     read=_read,
     read_topics=_read_topics,
     write=write_mcap,
     follow=McapFollower,
     endings=(".mcap",),
+)
+
+DB3 = Format(
+    "SQLite file of ROS 2",
+    is_folder=False,
+    recognise=lambda path: begins_as(path) == "db3" and is_bag_database(path),
+    read=_read,
+    read_topics=_read_topics,
 )

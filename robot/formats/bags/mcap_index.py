@@ -252,8 +252,9 @@ class McapIndex:
         known = {number: found for number, found in self.found.items() if found[2] in _ENCODINGS}
         encodings = {encoding for _, _, encoding in known.values()}
         if len(encodings) != 1:
-            kinds = sorted({encoding[:20] for _, _, encoding in self.found.values()}) or ["none"]
-            raise InputError(f"messages encoded as {', '.join(kinds)}, expected cdr or ros1", file=self.path)
+            kinds = sorted({encoding[:20] for _, _, encoding in self.found.values()})
+            what = f"messages encoded as {', '.join(kinds)}" if kinds else "no channel of messages"
+            raise InputError(f"{what}, expected cdr or ros1", file=self.path)
         channels = (
             self.builder.channel(number, topic, self.schemas.get(schema, ""), "")
             for number, (topic, schema, _) in known.items()

@@ -10,7 +10,7 @@ from moteslam.errors import InputError
 from moteslam.robot.formats.bags.container import MAX_MESSAGE, Channel, Container, Indices, missing_extra, zstd
 from moteslam.robot.formats.bags.database import Database
 from moteslam.robot.formats.bags.mcap import Mcap
-from moteslam.robot.reading import read_text
+from moteslam.robot.yaml_table import read_yaml
 
 METADATA = "metadata.yaml"
 
@@ -39,7 +39,7 @@ def open_rosbag2(folder: Path) -> tuple[Container, ...]:
     path = folder / METADATA
     about = _metadata(path)
     storage = about.get("storage_identifier")
-    if storage not in _STORAGES:
+    if not isinstance(storage, str) or storage not in _STORAGES:
         known = " or ".join(_STORAGES)
         raise InputError(f"{str(storage)[:40]!r}, expected {known}", file=path, field="storage_identifier")
     mode = str(about.get("compression_mode") or "none").lower()
@@ -82,13 +82,7 @@ class PackedMessages:
 
 
 def _metadata(path: Path) -> dict[str, Any]:
-    import yaml
-
-    text = read_text(path, "the metadata of a ROS 2 bag", limit=_MAX_BYTES)
-    try:
-        table = yaml.safe_load(text)
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
-        raise InputError(f"not YAML: {' '.join(str(error).split())[:200]}", file=path) from error
+    table = read_yaml(path, "the metadata of a ROS 2 bag", limit=_MAX_BYTES)
     about = table.get(_TABLE) if isinstance(table, dict) else None
     if not isinstance(about, dict):
         raise InputError("missing or no table", file=path, field=_TABLE)

@@ -252,6 +252,15 @@ def test_yaml_makes_no_objects(tmp_path: Path) -> None:
         open_recording(folder)
 
 
+@pytest.mark.parametrize("storage", ["[x]", "{a: 1}", "7", "null"])
+def test_a_storage_that_is_no_name_is_refused(tmp_path: Path, storage: str) -> None:
+    (tmp_path / "metadata.yaml").write_text(
+        f"rosbag2_bagfile_information: {{relative_file_paths: [a.db3], storage_identifier: {storage}, version: 5}}\n"
+    )
+    with pytest.raises(InputError, match=r"metadata\.yaml: storage_identifier: .*, expected sqlite3 or mcap"):
+        open_recording(tmp_path)
+
+
 def test_computed_columns_of_a_database_are_refused(tmp_path: Path) -> None:
     path = make_bag(tmp_path, drive(2), "db3")
     with closing(sqlite3.connect(path)) as connection:

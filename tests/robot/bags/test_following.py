@@ -156,7 +156,7 @@ def test_a_file_without_messages_has_none_yet(tmp_path: Path) -> None:
     for content in (MAGIC[:5], MAGIC, MAGIC + b"\x01"):
         path.write_bytes(content)
         assert follower.poll() is None
-    with pytest.raises(InputError, match=r"robot\.mcap: messages encoded as none, expected cdr or ros1"):
+    with pytest.raises(InputError, match=r"robot\.mcap: no channel of messages, expected cdr or ros1"):
         follower.poll(last=True)
 
 
@@ -164,5 +164,8 @@ def test_a_database_is_refused(tmp_path: Path) -> None:
     path = make_bag(tmp_path, drive(2), "db3")
     with closing(sqlite3.connect(path)):
         pass
-    with pytest.raises(InputError, match=r"made\.db3: a SQLite file, which cannot be read while it is written"):
+    with pytest.raises(
+        InputError,
+        match=r"made\.db3: SQLite file of ROS 2, expected what can be read while it is written: CARMEN log or MCAP",
+    ):
         follow_recording(path)
