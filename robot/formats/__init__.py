@@ -199,10 +199,10 @@ def format_of(path: str | PathLike[str]) -> Format:
         raise InputError("neither a file nor a folder, expected a recording", file=path)
     if empty:
         raise InputError("is empty, expected a recording", file=path)
-    formats = dict(FORMATS.items())
-    for name, known in formats.items():
+    for name, known in FORMATS.items():  # those after the one that it is are not even imported
         if known.is_folder == is_folder and _recognises(name, known, path):
             return known
+    formats = dict(FORMATS.items())
     if is_folder and (inside := _first_inside(path, formats)) is not None:
         raise InputError(f"a folder with recordings in it, expected one of them, as {inside}", file=path)
     if not is_folder and _holds_arrays(path):

@@ -129,16 +129,20 @@ def test_a_format_of_another_package(toys: list[str], tmp_path: Path):
 def test_one_that_fails_to_load_is_one_warning(recording: Path, tmp_path: Path):
     entries = "[moteslam.formats]\nbad = nowhere_at_all:FORMAT\n[moteslam.metrics]\nodd = os:sep\n"
     broken = [installed(tmp_path / "site", entries)]
-    done = moteslam(broken, "inspect", recording, cwd=tmp_path)
-    assert done.returncode == 0
-    assert done.stderr.splitlines() == [
+    assert moteslam(broken, "inspect", recording, cwd=tmp_path).stderr == ""  # known before it is asked
+    (tmp_path / "log.txt").write_text("neither", encoding="utf-8")
+    done = moteslam(broken, "inspect", "log.txt", cwd=tmp_path)
+    assert done.returncode == 2
+    warned, refused = done.stderr.splitlines()
+    assert warned == (
         "moteslam: warning: plug-in 'bad' of package toys (moteslam.formats) is left out: ModuleNotFoundError: "
         "No module named 'nowhere_at_all'"
-    ]
+    )
+    assert refused.startswith("moteslam: log.txt: not a recording known here")
     done = moteslam(broken, "replay", recording, "--out", "x", "--particles", 3, "--no-figures", cwd=tmp_path)
     assert done.returncode == 0
-    assert len(done.stderr.splitlines()) == 2
-    assert "plug-in 'odd' of package toys (moteslam.metrics) is left out: os:sep is a str" in done.stderr
+    (warned,) = done.stderr.splitlines()
+    assert "plug-in 'odd' of package toys (moteslam.metrics) is left out: os:sep is a str" in warned
 
 
 @pytest.mark.slow
