@@ -107,6 +107,7 @@ def distance_maps(threads: int) -> dict[str, Any]:
 
     from moteslam.kernels.correlative import MAX_SEARCH_POINTS, search_scans
     from moteslam.kernels.registration import register_scans
+    from moteslam.kernels.registration_options import RegistrationOptions
     from moteslam.kernels.tiles import STEPS
 
     n, offset = 1000, np.array((0.1, -0.1, 0.2))
@@ -119,14 +120,17 @@ def distance_maps(threads: int) -> dict[str, Any]:
     places = frames(poses)
     lengths = {name: OPTIONS[name] for name in ("cell_size", "truncation", "coarse_truncation")}
 
+    options = RegistrationOptions(
+        **lengths, residual=0.01, coarse_residual_factor=2.0, iterations=8, unknown=2.0, outlier=8.0,
+        likelihood_width=2.0, ray_clearance=2.0, ray_weight=4, ray_distance=1 / 3,
+    )  # fmt: skip
+
     def integrate() -> None:
         assert pool.add(poses + offset, scan) is not None
 
     def register() -> np.ndarray:
         return register_scans(
-            pool.pool, pool.tables, places, scan.points, (0.0, 0.0), starts, priors, **lengths, residual=0.01,
-            coarse_residual_factor=2.0, iterations=8, unknown=2.0, outlier=8.0, likelihood_width=2.0,
-            ray_clearance=2.0, ray_weight=4, ray_distance=1 / 3,
+            pool.pool, pool.tables, places, scan.points, (0.0, 0.0), starts, priors, options=options
         )[0]  # fmt: skip
 
     turns = np.linspace(-0.1, 0.1, 9)

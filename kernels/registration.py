@@ -4,18 +4,15 @@ An endpoint's residual is its distance in the map, in standard deviations: on th
 seen, on the coarse one. To the residuals comes a prior on the offset from the predicted pose.
 """
 
-import math
-from functools import lru_cache
-from typing import NamedTuple
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from moteslam.errors import InputError
 from moteslam.kernels.checks import as_finite
+from moteslam.kernels.degeneracy import NOT_KEPT, Kept, keep_prediction
+from moteslam.kernels.registration_options import RegistrationOptions, checked
 from moteslam.kernels.runtime import one_thread, runtime, ti
 from moteslam.kernels.tiles import (
-    MAX_WEIGHT,
     SIDE,
     STEPS,
     bilinear,
@@ -45,25 +42,6 @@ QUERY_WIDTHS = (4, 3, 6)
 """Columns of a frame, a start and a prior in a query; ..."""
 PRIOR_WEIGHTS = slice(7, 10)
 """... and of the prior's inverse variances."""
-LEAST_INFORMATION, LEAST_RATIO = 1e-9, 1e-12
-"""What the information of a scan, and the ratio of that along a degenerate direction, count as at least."""
-
-
-class Kept(NamedTuple):
-    """How a prediction is kept along degenerate directions.
-
-    Attributes:
-        deviation: standard deviation of the prediction [m].
-        error: of the registration along a direction that is informed as well as the one across [m].
-        gate: a shift along the direction of more than this many deviations is the registration's.
-    """
-
-    deviation: float
-    error: float
-    gate: float
-
-
-NOT_KEPT = Kept(0.0, 0.0, 0.0)
 
 
 @func
@@ -162,39 +140,6 @@ def _crosses_surface(
     return hit
 
 
-@func
-def _keep(found: template, i: I32, deviation: F64, error: F64, gate: F64):
-    """Keep the prediction along the direction in the plane that row i of ``found`` carries least information about.
-
-    See ``keep_predictions``.
-    """
-    xx, xy, yy = found[i, 3], found[i, 4], found[i, 6]
-    middle, half = (xx + yy) / 2, ti.sqrt(((xx - yy) / 2) ** 2 + xy * xy)
-    heading = ti.atan2(2 * xy, xx - yy) / 2  # of the most informed direction
-    ax, ay = -ti.sin(heading), ti.cos(heading)
-    ratio = ti.max((middle - half) / ti.max(middle + half, LEAST_INFORMATION), LEAST_RATIO)
-    shift = ax * found[i, 0] + ay * found[i, 1]
-    weight = deviation * deviation / (deviation * deviation + (error / ratio) ** 2)
-    if ti.abs(shift) > gate * deviation:
-        weight = 1.0
-    found[i, 0] -= ax * (1 - weight) * shift
-    found[i, 1] -= ay * (1 - weight) * shift
-    less = 1 - ti.sqrt(weight)
-    k00, k01, k11 = 1 - less * ax * ax, -less * ax * ay, 1 - less * ay * ay
-    p00, p01 = k00 * xx + k01 * xy, k00 * xy + k01 * yy
-    p10, p11 = k01 * xx + k11 * xy, k01 * xy + k11 * yy
-    xt, yt = found[i, 5], found[i, 7]
-    found[i, 3], found[i, 4], found[i, 6] = p00 * k00 + p01 * k01, p00 * k01 + p01 * k11, p10 * k01 + p11 * k11
-    found[i, 5], found[i, 7] = k00 * xt + k01 * yt, k01 * xt + k11 * yt
-
-
-@kernel
-def _keep_all(found: F64_2D, deviation: F64, error: F64, gate: F64):
-    ti.loop_config(serialize=True)
-    for i in range(found.shape[0]):
-        _keep(found, i, deviation, error, gate)
-
-
 @kernel
 def _register(
     pool: I16_1D, table: I32_1D, stride: I32, columns: I32, rows: I32, queries: F64_2D, scan: F32_2D, origin_x: F32,
@@ -266,50 +211,7 @@ def _register(
         found[i, 3 + COST], found[i, 3 + KNOWN] = cost, known
         found[i, 3 + LIKELIHOOD], found[i, 3 + CROSSED] = likely, crossed
         if deviation > 0:
-            _keep(found, i, deviation, error, gate)
-
-
-@lru_cache(maxsize=64)
-def _options(
-    cell_size: float,
-    truncation: float,
-    coarse_truncation: float,
-    residual: float,
-    coarse_residual_factor: float,
-    iterations: int,
-    unknown: float,
-    outlier: float,
-    likelihood_width: float,
-    ray_clearance: float,
-    ray_weight: int,
-    ray_distance: float,
-) -> tuple[float, ...]:
-    """The options of ``register_scans`` as its kernel takes them, checked; the same ones are checked once."""
-    lengths = {"cell_size": cell_size, "truncation": truncation, "coarse_truncation": coarse_truncation}
-    for name, length in (lengths | {"residual": residual}).items():
-        if not (math.isfinite(length) and length > 0):
-            raise InputError(f"{length:g} m, expected above 0", field=name)
-    factors = {"coarse_residual_factor": coarse_residual_factor, "likelihood_width": likelihood_width}
-    for name, factor in factors.items():
-        if not (math.isfinite(factor) and factor > 0):
-            raise InputError(f"{factor:g}, expected above 0", field=name)
-    if not (math.isfinite(ray_clearance) and ray_clearance >= 0):
-        raise InputError(f"{ray_clearance:g} truncations, expected 0 or more", field="ray_clearance")
-    if not 0 <= ray_distance <= 1:
-        raise InputError(f"{ray_distance:g} truncations, expected 0 to 1", field="ray_distance")
-    if not 0 <= ray_weight <= MAX_WEIGHT:
-        raise InputError(f"{ray_weight}, expected 0 to {MAX_WEIGHT}", field="ray_weight")
-    if iterations < 0 or not (math.isfinite(unknown) and math.isfinite(outlier)):
-        raise InputError(f"{iterations}, {unknown:g}, {outlier:g}, expected finite numbers", field="iterations")
-    return (
-        cell_size, truncation, coarse_truncation, residual, coarse_residual_factor * residual, iterations, iterations,
-        unknown, outlier, -0.5 / likelihood_width**2, ray_clearance * truncation, ray_weight,
-        round(ray_distance * STEPS),
-    )  # fmt: skip
-
-
-COARSE_ITERATIONS = 5
-"""Where in the tuple of ``_options`` they are."""
+            keep_prediction(found, i, deviation, error, gate)
 
 
 def register_scans(
@@ -321,19 +223,8 @@ def register_scans(
     starts: ArrayLike,
     priors: ArrayLike,
     *,
-    cell_size: float,
-    truncation: float,
-    coarse_truncation: float,
-    residual: float,
-    coarse_residual_factor: float,
-    iterations: int,
+    options: RegistrationOptions,
     coarse: bool = True,
-    unknown: float,
-    outlier: float,
-    likelihood_width: float,
-    ray_clearance: float,
-    ray_weight: int,
-    ray_distance: float,
     kept: Kept | None = None,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Move each pose to where the scan fits its map best: Gauss-Newton on the coarse level, then on the fine one.
@@ -349,18 +240,8 @@ def register_scans(
         origin: [2] where its rays start, in the same frame [m].
         starts: [n, 3] offsets from the poses, in their frames, to begin at (x, y [m], theta).
         priors: [n, 6] inverse variances of an offset's x, y and theta, above 0, then its mean.
-        cell_size: of the fine level [m].
-        truncation, coarse_truncation: of each level [m].
-        residual: standard deviation of the distances on the fine level [m].
-        coarse_residual_factor: by what it is multiplied on the coarse level.
-        iterations: at most, on each level.
+        options: of the maps and of the costs.
         coarse: whether to begin on the coarse level; not needed where the start is good to a cell.
-        unknown: cost of an endpoint where neither level was seen.
-        outlier: largest cost of an endpoint where one was; below it the cost is half the squared residual.
-        likelihood_width: standard deviation of a residual r in an endpoint's likelihood, exp(-(r / width)^2 / 2).
-        ray_clearance: a ray crosses a surface of the map if it meets one this far from its endpoint [truncations], ...
-        ray_weight: ... in a cell that weighs more than this, ...
-        ray_distance: ... nearer to the surface than this [truncations].
         kept: how the predicted pose is kept along degenerate directions: ``keep_predictions``; not at all if None.
 
     Returns:
@@ -373,12 +254,7 @@ def register_scans(
     Raises:
         InputError: arrays that do not fit together, or numbers that are not finite or out of bounds.
     """
-    options = _options(
-        cell_size, truncation, coarse_truncation, residual, coarse_residual_factor, iterations, unknown, outlier,
-        likelihood_width, ray_clearance, ray_weight, ray_distance,
-    )  # fmt: skip
-    if not coarse:
-        options = (*options[:COARSE_ITERATIONS], 0, *options[COARSE_ITERATIONS + 1 :])
+    o = checked(options)
     maps, rows, columns = check_tiles(pool, tables)
     scan = as_finite("points", points, np.float32, (None, 2))
     origin_x, origin_y = as_finite("origin", origin, np.float64, (2,)).tolist()
@@ -393,7 +269,10 @@ def register_scans(
     if n:
         _register(
             pool, tables.reshape(-1), columns * rows if maps > 1 else 0, columns, rows, queries,
-            np.ascontiguousarray(scan.T), origin_x, origin_y, *options, *(kept or NOT_KEPT), found,
+            np.ascontiguousarray(scan.T), origin_x, origin_y, o.cell_size, o.truncation, o.coarse_truncation,
+            o.residual, o.coarse_residual_factor * o.residual, o.iterations if coarse else 0, o.iterations, o.unknown,
+            o.outlier, -0.5 / o.likelihood_width**2, o.ray_clearance * o.truncation, o.ray_weight,
+            round(o.ray_distance * STEPS), *(kept or NOT_KEPT), found,
         )  # fmt: skip
     return found[:, :3], found[:, 3:]
 
@@ -419,31 +298,3 @@ def _packed(**arrays: ArrayLike) -> NDArray[np.float64]:
             as_finite(name, queries[:, column : column + width], np.float64, (rows, width))
             column += width
     return queries
-
-
-def keep_predictions(
-    offsets: ArrayLike, information: ArrayLike, kept: Kept
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Keep the predicted pose along the direction in the plane that endpoints carry least information about.
-
-    Along it the offset is scaled by the weight of the registration against the prediction, the one's variance over the
-    sum of both; the registration's deviation there is ``kept.error`` over the ratio of the information along the
-    direction to that across it. The information along it is scaled likewise.
-
-    Args:
-        offsets: [n, 3] from the predicted poses.
-        information: [n, 6] of the endpoints, 00 01 02 11 12 22.
-        kept: how.
-
-    Returns:
-        offsets and information likewise.
-
-    Raises:
-        InputError: arrays that do not fit together, or numbers that are not finite.
-    """
-    shifts = as_finite("offsets", offsets, np.float64, (None, 3))
-    found = np.hstack((shifts, as_finite("information", information, np.float64, (len(shifts), 6))))
-    runtime()
-    if len(found):
-        _keep_all(found, *kept)
-    return found[:, :3], found[:, 3:]

@@ -179,7 +179,9 @@ def distance_maps() -> Results:
     from tile_pools import MIDDLE, Pool, frames, room_scan, thinned
 
     from moteslam.kernels.correlative import MAX_SEARCH_POINTS, search_scans
+    from moteslam.kernels.degeneracy import Kept
     from moteslam.kernels.registration import register_scans
+    from moteslam.kernels.registration_options import RegistrationOptions
 
     generator = np.random.default_rng(10)
     particles = 200
@@ -192,9 +194,12 @@ def distance_maps() -> Results:
     words = pool.all_words()[:, ::7].astype(np.int32)
     offsets, fits = register_scans(
         pool.pool, pool.tables, frames(poses), scan.points, (0.1, 0.0), np.zeros_like(poses),
-        np.tile((1e4, 1e4, 1e4, 0.0, 0.0, 0.0), (particles, 1)), cell_size=CELL, truncation=0.15,
-        coarse_truncation=0.4, residual=0.01, coarse_residual_factor=2.0, iterations=8, unknown=2.0, outlier=8.0,
-        likelihood_width=2.0, ray_clearance=2.0, ray_weight=4, ray_distance=1 / 3,
+        np.tile((1e4, 1e4, 1e4, 0.0, 0.0, 0.0), (particles, 1)), kept=Kept(0.02, 1e-4, 5.0),
+        options=RegistrationOptions(
+            cell_size=CELL, truncation=0.15, coarse_truncation=0.4, residual=0.01, coarse_residual_factor=2.0,
+            iterations=8, unknown=2.0, outlier=8.0, likelihood_width=2.0, ray_clearance=2.0, ray_weight=4,
+            ray_distance=1 / 3,
+        ),
     )  # fmt: skip
     shifts = 0.06 * np.stack(np.divmod(np.arange(100), 10), axis=1) - 0.3
     scores, chosen = search_scans(

@@ -1,15 +1,11 @@
-"""Degenerate directions: where a scan carries next to no information, the odometry is kept.
-
-Between two bare walls a few endpoints pull along them, by errors of the map rather than by where the robot is (Zhang,
-Kaess and Singh 2016, On degeneracy of optimization-based state estimation problems).
-"""
+"""Degenerate directions: where a scan carries next to no information, the odometry is kept."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from moteslam.kernels.registration import keep_predictions
+from moteslam.kernels.degeneracy import keep_predictions
 from moteslam.slam.registration.config import RegistrationConfig
 from moteslam.slam.registration.registrar import FULL, Registration, kept_by
 

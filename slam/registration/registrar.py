@@ -7,7 +7,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from moteslam.kernels.registration import COST, CROSSED, INFORMATION, KNOWN, LIKELIHOOD, Kept, register_scans
+from moteslam.kernels.degeneracy import Kept
+from moteslam.kernels.registration import COST, CROSSED, INFORMATION, KNOWN, LIKELIHOOD, register_scans
+from moteslam.kernels.registration_options import RegistrationOptions
+from moteslam.slam.mapping.config import TsdfConfig
 from moteslam.slam.mapping.tsdf import TsdfView
 from moteslam.slam.odometry.noise import odometry_error
 from moteslam.slam.registration.config import RegistrationConfig
@@ -78,25 +81,31 @@ def register(
         origin,
         starts,
         priors,
-        cell_size=maps.config.cell_size,
-        truncation=maps.config.truncation,
-        coarse_truncation=maps.config.coarse_truncation,
-        residual=config.residual,
-        coarse_residual_factor=config.coarse_residual_factor,
-        iterations=config.iterations,
+        options=_options(maps.config, config),
         coarse=coarse,
-        unknown=config.unknown_cost,
-        outlier=config.outlier_cost,
-        likelihood_width=config.likelihood_width,
-        ray_clearance=config.ray_clearance,
-        ray_weight=config.ray_weight,
-        ray_distance=config.ray_distance,
         kept=kept_by(spread, config) if keep else None,
     )
     information = fits[:, INFORMATION][:, FULL].reshape(-1, 3, 3)
     known = fits[:, KNOWN]
     likelihoods = fits[:, LIKELIHOOD] / np.maximum(known, 1)
     return Registration(offsets, information, fits[:, COST], known, likelihoods, fits[:, CROSSED])
+
+
+def _options(maps: TsdfConfig, config: RegistrationConfig) -> RegistrationOptions:
+    return RegistrationOptions(
+        cell_size=maps.cell_size,
+        truncation=maps.truncation,
+        coarse_truncation=maps.coarse_truncation,
+        residual=config.residual,
+        coarse_residual_factor=config.coarse_residual_factor,
+        iterations=config.iterations,
+        unknown=config.unknown_cost,
+        outlier=config.outlier_cost,
+        likelihood_width=config.likelihood_width,
+        ray_clearance=config.ray_clearance,
+        ray_weight=config.ray_weight,
+        ray_distance=config.ray_distance,
+    )
 
 
 def kept_by(spread: Array, config: RegistrationConfig) -> Kept:

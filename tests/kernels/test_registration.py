@@ -21,6 +21,7 @@ from moteslam.kernels.registration import (
     LIKELIHOOD,
     register_scans,
 )
+from moteslam.kernels.registration_options import RegistrationOptions
 from moteslam.kernels.runtime import ti
 from moteslam.kernels.tiles import CELLS
 from moteslam.kernels.types import F32_2D, kernel
@@ -47,13 +48,14 @@ def room() -> Pool:
 
 def register(
     pool: Pool, poses: ArrayLike, points: ArrayLike, *, starts: ArrayLike | None = None, prior: ArrayLike = LOOSE,
-    origin: ArrayLike = (0.0, 0.0), **options: float,
+    origin: ArrayLike = (0.0, 0.0), coarse: bool = True, **changes: float,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:  # fmt: skip
     n = len(np.asarray(poses))
     starts = np.zeros((n, 3)) if starts is None else starts
     priors = np.tile(np.asarray(prior, float), (n, 1))
+    options = RegistrationOptions(**{**OPTIONS, **changes})  # type: ignore[arg-type]
     return register_scans(
-        pool.pool, pool.tables, frames(poses), points, origin, starts, priors, **{**OPTIONS, **options}
+        pool.pool, pool.tables, frames(poses), points, origin, starts, priors, options=options, coarse=coarse
     )
 
 
@@ -232,7 +234,9 @@ def test_the_solver_and_assignment_of_two_at_once() -> None:
 def test_bad_input_of_registration(change: dict[str, object], field: str) -> None:
     arguments: dict[str, object] = {
         "pool": np.zeros(CELLS, np.int16), "tables": np.zeros((1, 2, 2), np.int32), "frames": np.ones((3, 4)),
-        "points": [(0.1, 0.1)], "origin": (0, 0), "starts": np.zeros((3, 3)), "priors": np.ones((3, 6)), **OPTIONS,
+        "points": [(0.1, 0.1)], "origin": (0, 0), "starts": np.zeros((3, 3)), "priors": np.ones((3, 6)),
     }  # fmt: skip
+    options = RegistrationOptions(**{**OPTIONS, **{key: change[key] for key in change if key in OPTIONS}})  # type: ignore[arg-type]
+    arguments |= {key: change[key] for key in change if key not in OPTIONS}
     with pytest.raises(InputError, match=f"^{field}: "):
-        register_scans(**{**arguments, **change})  # type: ignore[arg-type]
+        register_scans(**arguments, options=options)  # type: ignore[arg-type]
