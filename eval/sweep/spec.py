@@ -260,7 +260,7 @@ def numbers(text: str) -> list[int]:
     for part in text.split(","):
         match = re.fullmatch(r"\s*([0-9]{1,9})\s*(?:-\s*([0-9]{1,9})\s*)?", part)
         if match is None:
-            raise ValueError(f"{text!r}, expected seeds of up to 9 digits, such as 0-9 or 3,5,10-19")
+            raise ValueError(f"{text!r}, expected seeds such as 0-9 or 3,5,10-19, of up to 9 digits")
         first, last = int(match[1]), int(match[2] or match[1])
         if last < first or last - first >= MAX_RUNS:
             raise ValueError(f"{text!r}, expected ranges that rise, of at most {MAX_RUNS} seeds")
