@@ -295,9 +295,9 @@ def _meetings(streams: tuple[StreamReport, ...]) -> list[Issue]:
             problems.append(Issue("other-clock", text, stream.readings))
             continue
         if scans.end - stream.end > ENDS_EARLY:
-            text = f"{stream.name}: the last {scans.end - stream.end:.2f} s before the last scan"
+            text = f"{stream.name}: last reading {scans.end - stream.end:.2f} s before the last scan"
             problems.append(Issue("ends-early", text))
         if stream.start - scans.start > ENDS_EARLY:
-            text = f"{stream.name}: the first {stream.start - scans.start:.2f} s after the first scan"
+            text = f"{stream.name}: first reading {stream.start - scans.start:.2f} s after the first scan"
             problems.append(Issue("begins-late", text))
     return problems

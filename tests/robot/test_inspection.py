@@ -59,8 +59,8 @@ def test_shares_of_the_beams() -> None:
 def test_motion_that_does_not_cover_the_scans_is_told(motion: str) -> None:
     late, early = np.arange(0.5, 10.05, 0.025), np.arange(0.0, 8.525, 0.025)
     for stamps, problem in (
-        (early, "the last 1.50 s before the last scan"),
-        (late, "the first 0.50 s after the first scan"),
+        (early, "last reading 1.50 s before the last scan"),
+        (late, "first reading 0.50 s after the first scan"),
         (early + 100, "no stamp within the time of the lidar, expected one clock"),
     ):
         n = len(stamps)
