@@ -62,6 +62,7 @@ lint: .venv-lint/.stamp .venv-lint/.links ## style, types, floors and words
 	$(LINT)/ruff check .
 	$(LINT)/ruff format --check .
 	$(LINT)/mypy -p moteslam
+	$(LINT)/mypy benchmarks
 	$(LINT)/lint-imports --no-logo
 	$(LINT)/python .ci/words.py
 

@@ -77,11 +77,11 @@ class Images:
 
     def rgb(self, index: int) -> NDArray[np.uint8]:
         """See `ImageSource`."""
-        return self._rgb[index % PATTERNS]
+        return np.asarray(self._rgb[index % PATTERNS])
 
     def disparity(self, index: int) -> NDArray[np.uint16]:
         """See `ImageSource`."""
-        return self._disparity[index % PATTERNS]
+        return np.asarray(self._disparity[index % PATTERNS])
 
 
 def made_up(hours: float, image_rate: float) -> Any:

@@ -41,11 +41,11 @@ class Drawn:
 
     def rgb(self, index: int) -> NDArray[np.uint8]:
         """The colour image [480, 640, 3] of a stamp."""
-        return self._frames.draw_rgb(np.array([index]))[0]
+        return np.asarray(self._frames.draw_rgb(np.array([index]))[0])
 
     def disparity(self, index: int) -> NDArray[np.uint16]:
         """The raw disparity image [480, 640] of a stamp."""
-        return self._frames.draw_disparity(np.array([index]))[0]
+        return np.asarray(self._frames.draw_disparity(np.array([index]))[0])
 
 
 def run(name: str, seed: int, settings: list[str], with_settings: list[str]) -> dict[str, Any]:
@@ -138,11 +138,13 @@ def main() -> None:
         figures = " ".join(f"{key}={value:.4f}" for key, value in rows[-1].items() if isinstance(value, float))
         print(f"{name} {seed} {figures}", flush=True)
         save(options.out, {**about, "summary": summarised(rows), "rows": rows})
-    lines = [("run", "seeds", "without", "with", "of medians", "median of ratios", "limit", "holds")]
+    lines: list[tuple[str, ...]] = [
+        ("run", "seeds", "without", "with", "of medians", "median of ratios", "limit", "holds")
+    ]
     for name, summary in summarised(rows).items():
-        figures = [summary[key] for key in ("without_median", "with_median", "of_medians", "median_of_ratios", "limit")]
+        values = [summary[key] for key in ("without_median", "with_median", "of_medians", "median_of_ratios", "limit")]
         lines.append(
-            (name, str(summary["seeds"]), *(f"{value:.3f}" for value in figures), "yes" if summary["holds"] else "NO")
+            (name, str(summary["seeds"]), *(f"{value:.3f}" for value in values), "yes" if summary["holds"] else "NO")
         )
     print(table(lines))
 

@@ -17,7 +17,7 @@ from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 from pathlib import Path
 
-from parts.fuzzing import Tally, fuzz, limit_memory
+from parts.fuzzing import Failure, Tally, fuzz, limit_memory
 from parts.machine import save, stamp
 from parts.options import count, folder, result_file
 from parts.readers import Reader, readers
@@ -88,9 +88,9 @@ def main() -> None:
     sys.exit(1 if total.failures else 0)
 
 
-def grouped(tally: Tally) -> dict[str, list]:
+def grouped(tally: Tally) -> dict[str, list[Failure]]:
     """The failures by the place that they fail at."""
-    groups: dict[str, list] = {}
+    groups: dict[str, list[Failure]] = {}
     for failure in tally.failures:
         groups.setdefault(failure.what, []).append(failure)
     return groups

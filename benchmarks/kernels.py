@@ -153,8 +153,12 @@ def distance_maps(threads: int) -> dict[str, Any]:
     found = rates({"moteslam": search}, n * len(turns) * len(shifts) / 1e6)
     if threads == 1:
         coarse = pool.tsdf(level=1)
-        options = {"cell_size": 2 * CELL, "near": int(0.5 * STEPS)}
-        twin = in_turns({"python": lambda: tsdf.search(coarse, poses[0], few, turns[:1], shifts, **options)}, 3)
+        near = int(0.5 * STEPS)
+
+        def by_twin() -> object:
+            return tsdf.search(coarse, poses[0], few, turns[:1], shifts, cell_size=2 * CELL, near=near)
+
+        twin = in_turns({"python": by_twin}, 3)
         found["python"] = len(shifts) / twin["python"].wall / 1e6
     return results | {f"searching with {len(few)} points, {n} particles [M places/s]": found}
 
@@ -212,7 +216,7 @@ def raycasting(loops: ctypes.CDLL | None, threads: int) -> dict[str, Any]:
         some = np.s_[: 4 * BEAMS]
 
         def twin() -> np.ndarray:
-            return twins.cast_rays(segments, origins[some], angles[some], max_range=30.0)[0]
+            return np.asarray(twins.cast_rays(segments, origins[some], angles[some], max_range=30.0)[0])
 
         found["numpy"] = 4 * BEAMS / in_turns({"numpy": twin}, 3)["numpy"].wall / 1e6
         close = np.isclose(twin(), exact[some], rtol=0, atol=1e-3)
@@ -235,17 +239,19 @@ def updating(loops: ctypes.CDLL | None, threads: int) -> dict[str, Any]:
     seen, scan = np.zeros(occupied.shape, np.int32), itertools.count(1)
     grid, once, plain_grid = (np.zeros(occupied.shape, np.int16) for _ in range(3))
     flags, flags_once = np.zeros_like(occupied), np.zeros_like(occupied)
-    options = {"hit": 40, "miss": 10, "limit": 1000}
+    hit, miss, limit = 40, 10, 1000
 
     def per_ray(log_odds: np.ndarray = grid) -> None:
-        update_grid(log_odds, flags, seen, start, ends, threshold=0, scan=1, per_ray=True, **options)
+        update_grid(
+            log_odds, flags, seen, start, ends, hit=hit, miss=miss, limit=limit, threshold=0, scan=1, per_ray=True
+        )
 
     def each_once() -> None:
-        update_grid(once, flags_once, seen, start, ends, threshold=0, scan=next(scan), **options)
+        update_grid(once, flags_once, seen, start, ends, hit=hit, miss=miss, limit=limit, threshold=0, scan=next(scan))
 
     def plain(log_odds: np.ndarray = plain_grid) -> None:
         assert loops is not None
-        loops.update(*pointers(log_odds), CELLS, *start.tolist(), *pointers(ends), len(ends), *options.values())
+        loops.update(*pointers(log_odds), CELLS, *start.tolist(), *pointers(ends), len(ends), hit, miss, limit)
 
     contenders: dict[str, Callable[[], Any]] = {"moteslam": per_ray, "moteslam, each cell once": each_once}
     if loops is not None:
@@ -255,7 +261,11 @@ def updating(loops: ctypes.CDLL | None, threads: int) -> dict[str, Any]:
         assert (grid == plain_grid).all()
     if threads == 1:
         empty = np.zeros(occupied.shape, np.int16)
-        twin = in_turns({"python": lambda: grids.update_grid(empty, start, ends, per_ray=True, **options)}, 1)
+
+        def by_twin() -> object:
+            return grids.update_grid(empty, start, ends, hit=hit, miss=miss, limit=limit, per_ray=True)
+
+        twin = in_turns({"python": by_twin}, 1)
         found["python"] = 1 / twin["python"].wall
     return {f"grid update, {BEAMS} beams [scans/s]": found}
 
@@ -287,13 +297,13 @@ def main() -> None:
         if name is not None and not task.startswith(SERIAL):
             for what, key in (("two threads / one", name), ("processor time, two threads / one", SPENT)):
                 ratios[f"{task}: {what}"] = figures["2"][task][key] / rates[key]
-    for threads, table in figures.items():
+    for number, table in figures.items():
         for task, rates in table.items():
             if "c" in rates and "moteslam" in rates:
-                ratios[f"{task}, {threads} threads: moteslam / C loop"] = rates["moteslam"] / rates["c"]
-    for threads, table in figures.items():
+                ratios[f"{task}, {number} threads: moteslam / C loop"] = rates["moteslam"] / rates["c"]
+    for number, table in figures.items():
         for task, rates in table.items():
-            print(f"{threads} threads  {task}: " + ", ".join(f"{name} {rate:.4g}" for name, rate in rates.items()))
+            print(f"{number} threads  {task}: " + ", ".join(f"{name} {rate:.4g}" for name, rate in rates.items()))
     for what, ratio in ratios.items():
         print(f"{what}: {ratio:.2f}")
     save(options.out, {**stamp(), "compiler": compiler(), "figures by threads": figures, "ratios": ratios})

@@ -127,7 +127,7 @@ def pooled(rows: list[Row]) -> Row:
 def printed(summary: dict[str, Row]) -> str:
     """The summary as a table."""
     heads = ("", "runs", "NEES mean", "median", "within 95 %", "wrong", "lost", "precision", "recall")
-    rows = [(*heads, "doubted or lost", "precision", "recall")]
+    rows: list[tuple[str, ...]] = [(*heads, "doubted or lost", "precision", "recall")]
     keys = ("nees_mean", "nees_median", "nees_within_95", "wrong", "lost", "lost_precision", "lost_recall")
     for name, one in summary.items():
         values = [one.get(key) for key in (*keys, "doubted", "doubted_precision", "doubted_recall")]

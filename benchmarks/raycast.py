@@ -106,7 +106,7 @@ def others(segments: np.ndarray, poses: np.ndarray, beams: np.ndarray, exact: np
         return [30.0 * hit.alpha if hit is not None else np.inf for hit in hits]
 
     def twin() -> np.ndarray:
-        return cast_rays(segments, origins, angles, max_range=30.0)[0]
+        return np.asarray(cast_rays(segments, origins, angles, max_range=30.0)[0])
 
     for call in (physics, twin):
         close = np.isclose(np.asarray(call()), exact[: len(some)], atol=1e-3)

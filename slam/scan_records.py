@@ -69,6 +69,11 @@ class ScanRecords:
         self._diagnostics[self.done - 1, DIAGNOSTICS.index("corrected")] += corrected
 
     @property
+    def nbytes(self) -> int:
+        """Memory of what is recorded."""
+        return sum(kept[: self.done].nbytes for kept in (self._poses, self._covariances, self._diagnostics))
+
+    @property
     def poses(self) -> Array:
         """The filter's pose [k, 3] at each recorded scan."""
         return self._poses[: self.done, :3].copy()

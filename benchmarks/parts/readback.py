@@ -98,7 +98,7 @@ def _values(recording: Recording) -> Iterator[tuple[str, NDArray[Any]]]:
             if value is None:
                 continue
             if isinstance(value, float):
-                yield f"{name}.figures.{field.name}", np.float64(value)[None]
+                yield f"{name}.figures.{field.name}", np.array([value])
             elif field.name == "poses":
                 yield f"{name}.positions", value[:, :2]
                 yield f"{name}.headings", value[:, 2]
