@@ -107,6 +107,12 @@ class Bag:
             for at, data in self._read(where[block], sizes[owner[block]]):
                 yield keys[owners[at]], indices[at], data
 
+    def forget_index(self) -> None:
+        """Free the index; messages of a topic that is held elsewhere can still be read."""
+        self.topics = ()
+        for container in self._containers:
+            container.channels = ()
+
     def _read(self, where: Indices, at_most: Indices) -> Iterator[tuple[int, bytes]]:
         """Messages with their number, file by file where that changes."""
         edges = np.flatnonzero(np.diff(where[:, 0])) + 1

@@ -76,7 +76,9 @@ def read_bag(
     bag = Bag(Path(path))
     issues = list(bag.issues)
     chosen = choose(bag, topics or {}, issues)
-    return BagReading(bag, chosen, GivenRobot.read(platform), issues).recording()
+    recording = BagReading(bag, chosen, GivenRobot.read(platform), issues).recording()
+    bag.forget_index()
+    return recording
 
 
 class BagReading:

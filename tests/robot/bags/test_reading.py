@@ -15,6 +15,7 @@ from made_bags import START, drive, imu, make_bag, odometry, placed, rolled, sca
 from moteslam import open_recording
 from moteslam.errors import InputError
 from moteslam.robot.formats import format_of
+from moteslam.robot.formats.bags.bag import Bag
 from moteslam.robot.formats.bags.events import Event, header
 from moteslam.robot.ranges import ChunkedRanges
 from moteslam.robot.recording import Recording
@@ -42,6 +43,16 @@ def test_every_kind_of_bag_gives_the_same_streams(tmp_path: Path, kind: str) -> 
     np.testing.assert_array_equal(recording.imu.linear_acceleration_g, np.tile([0.0, 0.0, 1.0], (20, 1)))
     assert recording.platform.lidar.pose == (0.2, 0.1, 0.0)
     assert recording.platform.lidar.z == 0.3
+
+
+@pytest.mark.parametrize("kind", made_bags.KINDS)
+def test_messages_are_read_without_the_index(tmp_path: Path, kind: str) -> None:
+    bag = Bag(make_bag(tmp_path, drive(), kind))
+    (topic,) = bag.of_kind("sensor_msgs/LaserScan")
+    before = list(bag.messages(topic))
+    bag.forget_index()
+    assert bag.topics == ()
+    assert list(bag.messages(topic)) == before
 
 
 @pytest.mark.parametrize("kind", ["bag", "lz4", "mcap", "zstd", "folder"])
