@@ -56,9 +56,8 @@ class GraphBackend:
         self._nodes = Nodes(config)
         self._closing: LoopClosing | None = None  # from the first node on
         self._path: list[Array] = []  # of all key scans, as the filter's map has them
-        self._nearest = array(
-            "l"
-        )  # of each key scan that is no node, since its place is known, the nearest node; or -1
+        # of each key scan that is no node, since its place is known, the nearest node; or -1
+        self._nearest = array("l")
         self._placed = np.zeros((0, 3))  # of the nodes, on that path
         self._corrected = 0.0  # length of the path at the last correction [m]
         self._loops: tuple[LoopCandidate, ...] = ()
