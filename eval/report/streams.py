@@ -72,9 +72,7 @@ def _draw_cover(axes: Axes, stamps: dict[str, Array], colours: dict[str, str]) -
     """A bar for what each stream covers, in black where it has a gap."""
     for row, (name, some) in enumerate(stamps.items()):
         steps = np.diff(some)
-        above = steps[steps > 0]
-        longest = max(GAP * float(np.median(above)), REPORTED_GAP) if len(above) else np.inf
-        gaps = np.flatnonzero(steps > longest)
+        gaps = _gaps(some)
         begins, ends = np.append(some[0], some[gaps + 1]), np.append(some[gaps], some[-1])
         axes.broken_barh(list(zip(begins, ends - begins, strict=True)), (row - 0.3, 0.6), color=colours[name])
         if len(gaps):
@@ -85,12 +83,22 @@ def _draw_cover(axes: Axes, stamps: dict[str, Array], colours: dict[str, str]) -
     axes.set_title("what the streams cover; gaps in black", loc="left")
 
 
+def _gaps(stamps: Array) -> NDArray[np.intp]:
+    """After which readings there is a gap, as `inspect` reports it."""
+    steps = np.diff(stamps)
+    above = steps[steps > 0]
+    longest = max(GAP * float(np.median(above)), REPORTED_GAP) if len(above) else np.inf
+    return np.flatnonzero(steps > longest)
+
+
 def _draw_rates(axes: Axes, stamps: dict[str, Array], colours: dict[str, str], span: float) -> None:
     means = [len(some) / span for some in stamps.values()]
     for width, (name, some) in zip(np.linspace(3.0, 1.0, len(stamps)), stamps.items(), strict=True):
+        # from its first to its last reading: a bin that is half empty is no change of the rate
+        covered = max(float(some[-1] - some[0]), 1e-3)
         bins = int(np.clip(len(some) // 10, 1, BINS))
-        counts, edges = np.histogram(some, bins=bins, range=(0.0, span))
-        axes.stairs(counts / (span / bins), edges, baseline=None, color=colours[name], label=name, lw=width)
+        counts, edges = np.histogram(some, bins=bins, range=(some[0], some[0] + covered))
+        axes.stairs(counts / (covered / bins), edges, baseline=None, color=colours[name], label=name, lw=width)
     if max(means) > 8 * min(means):
         axes.set_yscale("log")
     else:
@@ -117,16 +125,34 @@ def _draw_ranges(above: Axes, below: Axes, lidar: LidarStream, first: float, spa
         for total, chosen in ((beams, np.ones(len(flat))), (without, np.isinf(flat)), (invalid, np.isnan(flat))):
             total += np.bincount(column, weights=chosen, minlength=bins)
     share = np.divide(counts, beams, out=np.zeros_like(counts), where=beams > 0)
+    shown = _shown_in(edges, lidar.stamps - first, beams > 0)
+    share = np.where(shown >= 0, share[:, shown], 0.0)
     above.pcolormesh(edges, np.linspace(0, limit, RANGE_BINS + 1), np.sqrt(share), cmap="Greys", rasterized=True)
     above.set_ylabel("range [m]")
     above.set_title("ranges; dark: many beams of that range", loc="left")
     for total, colour, label in ((without, SLAM, "no return"), (invalid, DEAD_RECKONING, "invalid")):
         percent = np.divide(100 * total, beams, out=np.full(bins, np.nan), where=beams > 0)
+        percent = np.where(shown >= 0, percent[shown], np.nan)
         label = f"{label}, {100 * total.sum() / beams.sum():.2g} %"
         below.plot((edges[1:] + edges[:-1]) / 2, percent, color=colour, label=label, lw=1.2)
     below.set_ylabel("beams [%]")
     below.set_ylim(bottom=0)
     _legend(below)
+
+
+def _shown_in(edges: Array, stamps: Array, has_scans: NDArray[np.bool_]) -> NDArray[np.intp]:
+    """Of which column each column of a picture shows the scans: its own, else the last one's before it; -1 in a gap.
+
+    Args:
+        edges: [n + 1] of the columns [s].
+        stamps: [k] of the scans [s].
+        has_scans: [n] whether a scan falls into a column.
+    """
+    columns = np.arange(len(has_scans))
+    shown = np.maximum.accumulate(np.where(has_scans, columns, -1))
+    before = np.searchsorted(stamps, edges[:-1], side="right") - 1  # the last scan before a column without one
+    in_gap = np.isin(before, _gaps(stamps)) | (before < 0) | (before >= len(stamps) - 1)
+    return np.where(has_scans | ~in_gap, shown, -1)
 
 
 def _longest(lidar: LidarStream) -> float:

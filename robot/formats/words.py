@@ -50,6 +50,8 @@ class BrokenLines:
 class WordParser:
     """Gives every line of a known kind to its parser; comments and other kinds are passed over.
 
+    Lines that begin with NUL bytes, what a file system leaves of a log after a crash, are broken.
+
     Args:
         parsers: by the first word of the lines that they take.
 
@@ -60,13 +62,16 @@ class WordParser:
     def __init__(self, parsers: Mapping[bytes, Parser]) -> None:
         self.broken = BrokenLines()
         self._parsers, self._lines = parsers, 0
-        self._starts = {kind[:1] for kind in parsers} | {b" ", b"\t"}
+        self._starts = {kind[:1] for kind in parsers} | {b" ", b"\t", b"\0"}
 
     def feed(self, lines: Iterable[bytes]) -> None:
         """Parse the lines that follow."""
         number, before = self._lines, self._lines
         for number, line in enumerate(lines, start=before + 1):
             if line[:1] not in self._starts:  # most lines of other kinds are passed over without being split
+                continue
+            if line[:1] == b"\0":
+                self.broken.add(number, "begins with NUL bytes, expected text")
                 continue
             words = line.split()
             if words and (parse := self._parsers.get(words[0])):

@@ -197,3 +197,32 @@ def test_a_part_is_drawn(bag: Path, drawn: list[Figure]) -> None:
     [figure] = drawn
     assert [label.get_text() for label in figure.axes[0].get_yticklabels()] == ["lidar", "imu"]
     assert figure.axes[0].get_xlim()[1] == pytest.approx(2.0, abs=0.1)
+
+
+def test_scans_fill_the_time_until_the_next_but_for_gaps(tmp_path: Path, drawn: list[Figure]) -> None:
+    """Key scans of uneven stamps; after 100 of them nothing for a minute."""
+    steps = np.tile((0.4, 1.6), 100)
+    steps[100] = 60.0
+    stamps = np.cumsum(steps)
+    figure = drawn_of(Recording("x", WHOLE.platform, lidar=lidar(stamps, np.full((200, 40), 2.0))), tmp_path, drawn)
+    (panel,) = (axes for axes in figure.axes if axes.get_ylabel() == "range [m]")
+    (mesh,) = panel.collections
+    shown = np.asarray(mesh.get_array()).any(axis=0)
+    middles = (np.arange(200) + 0.5) / 200 * (stamps[-1] - stamps[0])
+    begins, ends = stamps[99] - stamps[0], stamps[100] - stamps[0]
+    assert shown[middles < begins - 2].all()
+    assert shown[middles > ends + 2].all()
+    assert not shown[(middles > begins + 2) & (middles < ends - 2)].any()
+    (shares,) = (axes for axes in figure.axes if axes.get_ylabel() == "beams [%]")
+    np.testing.assert_array_equal(np.isfinite(shares.lines[0].get_ydata()), shown)
+
+
+def test_a_rate_is_that_between_the_first_and_the_last_reading(tmp_path: Path, drawn: list[Figure]) -> None:
+    odometry = OdometryStream(np.arange(3.0, 50.0, 0.1), np.zeros((470, 3)))
+    scans = lidar(np.arange(0.0, 60.0, 0.2), np.full((300, 40), 2.0))
+    figure = drawn_of(Recording("x", WHOLE.platform, lidar=scans, odometry=odometry), tmp_path, drawn)
+    (panel,) = (axes for axes in figure.axes if axes.get_ylabel() == "readings a second [Hz]")
+    rates = {str(each.get_label()): each.get_data() for each in panel.patches}  # type: ignore[attr-defined]
+    assert rates["odometry"].edges[[0, -1]] == pytest.approx((3.0, 49.9))
+    assert rates["odometry"].values == pytest.approx(np.full(47, 10.0), rel=0.11)
+    assert rates["lidar"].values == pytest.approx(np.full(30, 5.0), rel=0.11)

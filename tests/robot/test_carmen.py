@@ -170,6 +170,15 @@ def test_a_broken_line_is_dropped_counted_and_named(tmp_path: Path, line: str, p
     assert problem in warning
 
 
+@pytest.mark.parametrize("after", ["", "\n"])
+def test_nul_bytes_behind_a_log_are_a_broken_line(tmp_path: Path, after: str) -> None:
+    """What a file system leaves of a log that was being written when the robot lost its power."""
+    recording = read_carmen(write_log(tmp_path / "x.log", [*GOOD, "\0" * 1_000_000 + after]))
+    assert len(lidar_of(recording)) == 8
+    problem = "x.log: 1 broken line dropped, the first is line 9: begins with NUL bytes, expected text"
+    assert messages(recording.warnings) == (problem,)
+
+
 @pytest.mark.parametrize(("line", "problem"), BROKEN.values(), ids=BROKEN.keys())
 def test_a_log_of_broken_lines_alone_is_refused(tmp_path: Path, line: str, problem: str) -> None:
     with pytest.raises(InputError, match=problem) as caught:
