@@ -17,7 +17,7 @@ from moteslam.kernels.types import F32, F32_2D, F64, F64_2D, I32, I32_1D, I32_2D
 
 MAX_PARTNERS = 32
 """Other scans that one scan's endpoints are held to; kept on the stack of each thread."""
-MAX_CELLS = 4_000_000
+MAX_CELLS = 1_000_000
 """Of the grid that endpoints are looked up in; its cells grow where there would be more."""
 PAIR = 9
 """Numbers of a pair's sums."""
@@ -162,7 +162,8 @@ def match_endpoints(
     cells, sources = cells[order], scans[order]
     starts = np.flatnonzero(np.r_[True, (np.diff(cells) != 0) | (np.diff(sources) != 0)])
     runs = np.column_stack((np.r_[starts, len(ends)], np.r_[sources[starts], len(mates)])).astype(np.int32)
-    begin = np.searchsorted(cells[starts], np.arange(columns * rows + 1)).astype(np.int32)
+    begin = np.zeros(columns * rows + 1, np.int32)  # the first run of each cell
+    np.cumsum(np.bincount(cells[starts], minlength=columns * rows), out=begin[1:])
     runtime()
     _match(
         placed[order], across[order], order, runs, begin, scans, mates, columns, rows, float(inverse), reach,
