@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.kernels.thinning import ThinnedScan, thin_scan, thin_scans
 from moteslam.slam.inputs.config import ThinningConfig
-from moteslam.slam.inputs.scans import ScanBlock
+from moteslam.slam.inputs.scans import ScanBlock, Scans
+
+TOGETHER = 64
+"""Scans that are thinned in one launch."""
 
 
 def thin(points: NDArray[np.float32], origin: NDArray[np.float64], config: ThinningConfig) -> ThinnedScan:
@@ -30,3 +35,20 @@ def thin_block(block: ScanBlock, origin: NDArray[np.float64], config: ThinningCo
         config: distances and counts.
     """
     return thin_scans(block.points, block.begins, block.counts, origin, **vars(config))
+
+
+def thin_some(scans: Scans, indices: Sequence[int], config: ThinningConfig) -> list[ThinnedScan]:
+    """Some of the scans, each as by ``thin``, ``TOGETHER`` in a launch.
+
+    Args:
+        scans: all.
+        indices: [m] of those to thin.
+        config: distances and counts.
+    """
+    thinned: list[ThinnedScan] = []
+    for first in range(0, len(indices), TOGETHER):
+        points = [scans.points(index) for index in indices[first : first + TOGETHER]]
+        counts = np.array([len(each) for each in points], np.int32)
+        begins = np.cumsum(counts, dtype=np.int32) - counts
+        thinned += thin_block(ScanBlock(np.concatenate(points), begins, counts), scans.origin, config)
+    return thinned

@@ -16,7 +16,7 @@ from moteslam.slam.filter.resampling import Draws, generator_for
 from moteslam.slam.filter.update_policy import update_due
 from moteslam.slam.filter.weights import Weights
 from moteslam.slam.inputs.config import ThinningConfig
-from moteslam.slam.inputs.thinning import thin
+from moteslam.slam.inputs.thinning import thin, thin_some
 from moteslam.slam.tsdf.config import TsdfFilterConfig
 from moteslam.slam.tsdf.floor_likelihood import FloorLikelihood
 from moteslam.slam.tsdf.hypotheses import divide, join, settled
@@ -114,8 +114,7 @@ class TsdfFilter(FilterDefaults):
             updates: [u] the indices of their scans.
             scans: endpoints of all scans.
         """
-        thinned = [thin(scans.points(int(k)), scans.origin, self._config.thinning) for k in updates]
-        self._particles.revise(poses, thinned)
+        self._particles.revise(poses, thin_some(scans, updates.tolist(), self._config.thinning))
         self._tracker.pose = self._particles.best_pose
         self._misfit.revise(poses)
         self._floor = FloorLikelihood(

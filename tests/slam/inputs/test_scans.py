@@ -9,7 +9,8 @@ from moteslam.robot import se2
 from moteslam.robot.platform import Platform
 from moteslam.robot.recording import LidarStream, OdometryStream, Recording
 from moteslam.robot.specs import LidarSpec
-from moteslam.slam.inputs.config import SyncConfig
+from moteslam.slam.inputs import thinning
+from moteslam.slam.inputs.config import SyncConfig, ThinningConfig
 from moteslam.slam.inputs.synchronise import synchronise
 
 SPEED, RATE = 0.8, 2.0
@@ -98,3 +99,18 @@ def test_one_beam_and_none():
         lidar=LidarStream(np.array([0.0]), np.full((1, 9), np.inf, np.float32), 0.0, 0.1, 0.1, 30.0)
     )
     assert synchronise(blind, SyncConfig()).scans.points(0).shape == (0, 2)
+
+
+@pytest.mark.usefixtures("taichi")
+@pytest.mark.parametrize("together", [1, 2, 64])
+def test_scans_that_are_thinned_together_are_those_that_are_thinned_alone(
+    together: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(thinning, "TOGETHER", together)
+    scans, config = synchronise(turning(), SyncConfig()).scans, ThinningConfig()
+    found = thinning.thin_some(scans, [2, 0, 1], config)
+    for scan, index in zip(found, (2, 0, 1), strict=True):
+        alone = thinning.thin(scans.points(index), scans.origin, config)
+        np.testing.assert_array_equal(scan.points, alone.points)
+        np.testing.assert_array_equal(scan.joined, alone.joined)
+    assert thinning.thin_some(scans, [], config) == []
