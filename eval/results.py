@@ -24,7 +24,7 @@ from moteslam.robot.files import make_folder, write_atomically
 from moteslam.robot.formats.map_arrays import write_map_arrays
 from moteslam.robot.raster import Raster
 from moteslam.robot.recording import Recording
-from moteslam.robot.se2 import between, compose
+from moteslam.robot.se2 import Poses, between, compose
 from moteslam.robot.trajectories.g2o import write_g2o
 from moteslam.robot.trajectories.tum import write_tum
 from moteslam.robot.trajectory import Trajectory
@@ -143,7 +143,7 @@ def draw_figures(
         folder / "trajectories.png",
         estimate.map,
         slam=estimate.trajectory_final,
-        dead_reckoning=estimate.dead_reckoning,
+        dead_reckoning=_begun_at(estimate.trajectory_final.poses[0], estimate.dead_reckoning),
         truth=None if truth is None else from_same_start(truth, estimate.trajectory_final),
         title=f"{name}: the map and the paths on it",
     )
@@ -194,8 +194,12 @@ def from_same_start(truth: Trajectory, trajectory: Trajectory) -> Trajectory:
     """The truth over the time of a trajectory, moved so that both start at the same pose: how they part is drift."""
     first, last = trajectory.stamps[[0, -1]]
     within = (truth.stamps > first) & (truth.stamps < last)
-    over = truth.at(np.concatenate(([first], truth.stamps[within], [last])))
-    return Trajectory(over.stamps, compose(trajectory.poses[0], between(over.poses[0], over.poses)))
+    return _begun_at(trajectory.poses[0], truth.at(np.concatenate(([first], truth.stamps[within], [last]))))
+
+
+def _begun_at(pose: Poses, trajectory: Trajectory) -> Trajectory:
+    """A trajectory, moved so that it starts at a pose [3]."""
+    return Trajectory(trajectory.stamps, compose(pose, between(trajectory.poses[0], trajectory.poses)))
 
 
 def write_json(path: Path, value: Mapping[str, Any]) -> None:

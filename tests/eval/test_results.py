@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 from moteslam.errors import InputError
 from moteslam.eval.environment import hardware
-from moteslam.eval.results import write_results
+from moteslam.eval.results import draw_figures, write_results
 from moteslam.eval.scores import score_estimate
+from moteslam.robot import se2
 from moteslam.robot.formats.map_arrays import read_map_arrays
 from moteslam.robot.trajectories.g2o import read_g2o
 from moteslam.robot.trajectories.tum import read_tum
@@ -91,3 +94,14 @@ def test_an_estimate_holds_the_particles_ancestry_and_spread(run) -> None:
     assert (spread[-1] > 0).all()
     shared = ancestors == ancestors[0]
     assert (paths[shared] == np.broadcast_to(paths[0], paths.shape)[shared]).all()
+
+
+def test_the_paths_of_the_picture_begin_at_one_pose(run, simulation, tmp_path: Path, drawn: list[Figure]) -> None:
+    """Also where the back end has moved the first scan."""
+    estimate, _ = run
+    final = estimate.trajectory_final
+    moved = Trajectory(final.stamps, np.asarray(se2.compose((0.8, 1.0, -0.1), final.poses)))
+    draw_figures(tmp_path, replace(estimate, trajectory_final=moved), simulation.truth, None)
+    lines = {str(line.get_label()): line.get_xydata() for line in drawn[0].axes[0].lines}
+    for label in ("truth", "dead reckoning", "SLAM (final)"):
+        np.testing.assert_allclose(lines[label][0], moved.poses[0, :2], atol=1e-9)
