@@ -20,15 +20,14 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from parts.bars import Bar
-from parts.machine import save, stamp
+from parts.machine import most_bytes, save, stamp
 from parts.options import result_file
 from parts.pool import Row, row_or_error, rows_of
-from parts.runs import STEP_NOISE, Case, simulate_case, wheels_case
+from parts.runs import STEP_NOISE, Case, graph_backend, simulate_case, wheels_case
 
 from moteslam.eval.cli.text import table
 from moteslam.robot import se2
@@ -73,25 +72,25 @@ def solver() -> Row:
 
     step, loop = np.array((0.02, 0.01, 0.005)), np.array((0.03, 0.03, 0.01))
     at = np.arange(NODES - 1)
-    chain = edges(at, at + 1, random.normal(0, 1, (len(at), 3)) * step, step, False)
+    measured = edges(at, at + 1, random.normal(0, 1, (len(at), 3)) * step, step, False)
     loops = EDGES - len(at)
     wrong = int(FALSE * loops) // CLUSTER * CLUSTER
     first = random.integers(0, NODES - LAP, loops - wrong)
     laps = LAP * (1 + random.integers(0, (NODES - 1 - first) // LAP))
-    chain = chain.plus(edges(first, first + laps, random.normal(0, 1, (len(first), 3)) * loop, loop, True))
+    measured = measured.plus(edges(first, first + laps, random.normal(0, 1, (len(first), 3)) * loop, loop, True))
     clusters = wrong // CLUSTER
     first = np.repeat(random.integers(0, NODES - 2 * LAP, clusters), CLUSTER) + np.tile(range(CLUSTER), clusters)
     off = np.repeat(random.uniform((-3, -3, -0.3), (3, 3, 0.3), (clusters, 3)), CLUSTER, axis=0)
-    all_edges = chain.plus(edges(first, first + LAP // 2, off, loop, True))
-    start = np.vstack((true[:1], se2.accumulate(all_edges.relative[at], true[0])))
-    largest = all_edges.squares(all_edges.errors(start))[all_edges.robust].max()
+    measured = measured.plus(edges(first, first + LAP // 2, off, loop, True))
+    start = np.vstack((true[:1], se2.accumulate(measured.relative[at], true[0])))
+    largest = measured.squares(measured.errors(start))[measured.robust].max()
     began = time.process_time()
-    poses, weights = solve(start, all_edges)
+    poses, weights = solve(start, measured)
     spent = time.process_time() - began
     return {
         "cpu_s": spent,
         "nodes": NODES,
-        "edges": len(all_edges),
+        "edges": len(measured),
         "largest_square_over_first_scale": float(largest / SCHEDULE[0]),
         "false_kept": float((weights[-wrong:] > 0.5).sum()),
         "rmse_m": float(np.sqrt(np.square(poses[:, :2] - true[:, :2]).sum(axis=1).mean())),
@@ -125,17 +124,15 @@ def joint() -> Row:
 
 def solved(case: Case) -> LoopGraph:
     """The back end's graph at the end of a run."""
-    from moteslam.slam.backend.graph.backend import GraphBackend
     from moteslam.slam.run import SlamSession
     from moteslam.slam.settings import resolve_config
 
     session = SlamSession(case.recording, resolve_config("default"))
     for _ in session:
         pass
-    backend = session._backend
-    assert isinstance(backend, GraphBackend)
-    assert backend._closing is not None
-    return backend._closing.graph
+    closing = graph_backend(session)._closing
+    assert closing is not None
+    return closing.graph
 
 
 def stages(case: Case) -> Row:
@@ -167,7 +164,7 @@ def stages(case: Case) -> Row:
         "search_and_graph_over_filter": rest / filtering[0],
         "scans": len(session),
         "loops": len(estimate.loops),
-        "peak_mb": peak() / 1e6,
+        "peak_mb": most_bytes() / 1e6,
     }
 
 
@@ -191,12 +188,6 @@ def counted(owner: Any, name: str, *, first: bool = False) -> Iterator[list[floa
         yield spent
     finally:
         setattr(owner, name, function)
-
-
-def peak() -> int:
-    """The most memory that this process has had [bytes]."""
-    status = Path("/proc/self/status").read_text(encoding="ascii")
-    return 1024 * next(int(line.split()[1]) for line in status.splitlines() if line.startswith("VmHWM"))
 
 
 CASES: dict[str, Callable[[], Row]] = {

@@ -23,13 +23,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from parts.machine import save, stamp
+from parts.machine import resident_bytes, save, stamp
 from parts.options import count, factor, result_file
+from parts.runs import graph_backend
 
 from moteslam.robot.platforms import load_platform
 from moteslam.robot.ranges import ChunkedRanges
 from moteslam.robot.recording import EncoderStream, LidarStream, Recording
-from moteslam.slam.backend.graph.backend import GraphBackend
 from moteslam.slam.run import SlamSession
 
 LAPS = 100
@@ -100,24 +100,12 @@ def recorded(folder: Path, drives: int) -> Recording:
     )
 
 
-def resident() -> int:
-    """What this process has in memory [bytes]."""
-    status = Path("/proc/self/status").read_text(encoding="ascii")
-    return 1024 * next(int(line.split()[1]) for line in status.splitlines() if line.startswith("VmRSS"))
-
-
-def graph(session: SlamSession) -> GraphBackend:
-    """The back end of a session."""
-    assert isinstance(session._backend, GraphBackend)
-    return session._backend
-
-
 def trajectory_bytes(session: SlamSession, scans: int) -> int:
     """What the poses of so far are in memory [bytes]: of every scan with its covariance, of every particle's path."""
     inputs, history = session._inputs, session._filter.history
     a_scan = [inputs.stamps, inputs.odometry, inputs.motions, inputs.jumped, inputs.measured]
     paths = sum(poses.nbytes + sys.getsizeof(poses) for poses in history._poses)
-    keys = sum(sys.getsizeof(pose) + pose.nbytes for pose in graph(session)._path)
+    keys = sum(sys.getsizeof(pose) + pose.nbytes for pose in graph_backend(session)._path)
     return int(sum(values.nbytes // len(values) for values in a_scan) * scans + session._records.nbytes + paths + keys)
 
 
@@ -137,10 +125,10 @@ def soak(folder: Path, drives: int, hours: float, settings: list[str]) -> None:
             row: dict[str, Any] = {
                 "hours": float(update.stamp - first) / 3600,
                 "scans": update.index + 1,
-                "resident": resident(),
+                "resident": resident_bytes(),
                 "trajectory": trajectory_bytes(session, update.index + 1),
                 "maps": session.map_bytes,
-                "nodes": len(graph(session)._nodes),
+                "nodes": len(graph_backend(session)._nodes),
                 "cpu_seconds_a_scan": (time.process_time() - began) / (update.index + 1 - before),
             }
             print(json.dumps(row), flush=True)

@@ -6,16 +6,13 @@ The functions here run in that process; the command line is measured from outsid
 from __future__ import annotations
 
 import cProfile
-import os
-import sys
 import time
-from contextlib import suppress
 from dataclasses import replace
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from parts.machine import resident_bytes
 from parts.runs import errors, load_log, simulate_case
 
 if TYPE_CHECKING:
@@ -195,16 +192,6 @@ def load_kernels(recording: Recording, config: SlamConfig) -> None:
         odometry=None if recording.lidar.odometry is None else recording.lidar.odometry[:FIRST],
     )
     run_slam(recording.replace(lidar=few), config)
-
-
-def resident_bytes() -> int:
-    """Memory of this process that is in use now; the most it ever had, where the system gives none."""
-    with suppress(OSError):
-        pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
-        return pages * os.sysconf("SC_PAGE_SIZE")
-    import resource
-
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
 
 
 MEASURES = {"filter": filter_alone, "real time": real_time, "played again": played_again}

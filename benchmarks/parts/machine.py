@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import platform
+import sys
 from contextlib import suppress
 from datetime import date
 from importlib.metadata import version
@@ -37,6 +38,25 @@ def processor() -> str:
             if line.startswith("model name"):
                 return f"{line.partition(':')[2].strip()}, {platform.machine()}"
     return platform.machine()
+
+
+def resident_bytes() -> int:
+    """Memory of this process that is in use now; the most it ever had, where the system gives none."""
+    return _memory("VmRSS")
+
+
+def most_bytes() -> int:
+    """The most memory that this process has had; ``ru_maxrss`` begins with what its parent had."""
+    return _memory("VmHWM")
+
+
+def _memory(field: str) -> int:
+    with suppress(OSError):
+        lines = Path("/proc/self/status").read_text(encoding="ascii").splitlines()
+        return 1024 * next(int(line.split()[1]) for line in lines if line.startswith(field))
+    import resource
+
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
 
 
 def save(path: Path | None, result: dict[str, Any]) -> None:

@@ -21,7 +21,9 @@ if TYPE_CHECKING:
     from moteslam.robot.recording import Recording
     from moteslam.robot.trajectory import Trajectory
     from moteslam.sim.scenario import Scenario
+    from moteslam.slam.backend.graph.backend import GraphBackend
     from moteslam.slam.estimate import Estimate
+    from moteslam.slam.run import SlamSession
 
 DATA = Path(os.environ.get("MOTESLAM_DATA", Path(__file__).parents[3] / "shared" / "data"))
 
@@ -308,3 +310,11 @@ def hall_figures(trajectories: dict[str, Trajectory], truth: Trajectory, scenari
             figures |= {f"{key}_along{suffix}": along, f"{key}_across{suffix}": across}
     figures["along_over_dead_reckoning"] = figures["final_along"] / figures["dead_reckoning_along"]
     return figures
+
+
+def graph_backend(session: SlamSession) -> GraphBackend:
+    """The back end of a session that has the back end ``graph``."""
+    from moteslam.slam.backend.graph.backend import GraphBackend
+
+    assert isinstance(session._backend, GraphBackend)
+    return session._backend

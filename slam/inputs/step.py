@@ -14,10 +14,7 @@ from moteslam.robot.summary import Summarised
 from moteslam.slam.inputs.config import ThinningConfig
 from moteslam.slam.inputs.floor_views import FloorView, FloorViews
 from moteslam.slam.inputs.synchronise import Inputs
-from moteslam.slam.inputs.thinning import thin_block
-
-BLOCK = 64
-"""Scans that are projected and thinned at a time: of 1081 beams 0.5 MB."""
+from moteslam.slam.inputs.thinning import BLOCK, thin_block
 
 
 @dataclass(frozen=True, eq=False, repr=False)

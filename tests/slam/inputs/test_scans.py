@@ -106,7 +106,7 @@ def test_one_beam_and_none():
 def test_scans_that_are_thinned_together_are_those_that_are_thinned_alone(
     together: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(thinning, "TOGETHER", together)
+    monkeypatch.setattr(thinning, "BLOCK", together)
     scans, config = synchronise(turning(), SyncConfig()).scans, ThinningConfig()
     found = thinning.thin_some(scans, [2, 0, 1], config)
     for scan, index in zip(found, (2, 0, 1), strict=True):
