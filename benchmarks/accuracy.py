@@ -156,7 +156,7 @@ def main() -> None:
     parser.add_argument("--seeds", type=seeds, metavar="N", help="of each run, from 0; or 10-19")
     parser.add_argument("--odometry-noise", type=factor, default=1.0, metavar="X", help="times the scenarios' own")
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", dest="settings")
-    parser.add_argument("--workers", type=count, default=2)
+    parser.add_argument("--workers", type=count, default=2, help="processes; 2")
     parser.add_argument("--out", type=result_file)
     options = parser.parse_args()
     try:

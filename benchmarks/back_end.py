@@ -13,8 +13,9 @@ key-scans: the LMS200 by wheels alone, a scan each 0.75 m or 0.5 rad, the steps 
 10 %, six scenarios on seeds 100 to 109 and ten random buildings; and every scan of big_loop. worlds: campus, twins and
 grid as key scans of poor odometry, with the loops judged by the truth. dense: every scan of campus, by the scenario's
 own robot. With --noise as_recorded errors are stated with the scale fitted, too. false-loops: the worlds with false
-loops in the final graph, in clusters of five, a tenth as many as were accepted, and without. stages: real and
-simulated key-scan logs with each stage off. particles: fork and lookalikes as key scans, seeds 100 to 149, with 1, 10,
+loops in the final graph, in clusters of five, a tenth as many as were accepted, and without. stages: each stage
+off, on the real logs, on key scans of the scenarios and the worlds, on these worlds with false loops, and on every scan
+of the bundled scenarios and of campus. particles: fork and lookalikes as key scans, seeds 100 to 149, with 1, 10,
 30 and 100 particles, with the back end and without: how often the final path is right. picture: the map of aces
 without and with the back end. Every run is on one thread, with seed 0 of SLAM.
 """
@@ -22,8 +23,9 @@ without and with the back end. Every run is on one thread, with seed 0 of SLAM.
 from __future__ import annotations
 
 import argparse
+import time
 from contextlib import nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -52,7 +54,22 @@ from moteslam.eval.cli.text import table
 SCENARIOS = ("doors", "lab", "corridor", "loop", "big_loop", "people")
 WORLDS = ("campus", "twins", "grid")
 DENSE = "campus"
-LOGS_OF_STAGES = ("aces", "fhw", "intel_key_scans", "freiburg-101", "belgioioso")
+BUNDLED = (
+    "big_loop",
+    "corridor",
+    "doors",
+    "glass_front",
+    "hall",
+    "lab",
+    "loop",
+    "office",
+    "outage",
+    "people",
+    "slippery",
+    "two_halls",
+    "warehouse",
+)
+"""Scenarios whose every scan is run with each stage off."""
 LOG_OF_PICTURE = "aces"
 STAGES: dict[str, tuple[str, ...]] = {
     "all": (),
@@ -61,6 +78,8 @@ STAGES: dict[str, tuple[str, ...]] = {
     "without joint registration": ("backend.joint.enabled=false",),
     "without back end": FILTER_ALONE,
 }
+WITHOUT_LOOPS = ("without loops", "without back end")
+"""Of ``STAGES``: false loops cannot be entered there."""
 MORE_IS_BETTER = ("accepted", "recall", "right")
 PARTICLES = (1, 10, 30, 100)
 FORKS: dict[str, tuple[str, tuple[float, float]]] = {
@@ -117,9 +136,10 @@ def measure(this: Run) -> Row:
     runtime.init("cpu", 1)
     real = this.name in LOGS
     case = load_log(this.name) if real else simulated(this)
+    began = time.process_time()
     with false_loops(this.seed) if this.injected else nullcontext():
         estimate = run_slam(case.recording, resolve_config("default", this.settings), seed=0)
-    row: Row = dict(errors(this.name, estimate, case))
+    row: Row = {"seconds": time.process_time() - began, **errors(this.name, estimate, case)}
     if not real:  # the references of the logs are no truth
         assert case.reference is not None
         loops = score_loops(estimate.loops, case.reference, case.recording)
@@ -190,12 +210,18 @@ def runs(study: str, chosen: range | None, noise_class: str | None) -> list[Run]
             for seed in chosen or range(100, 150)
         ]
     numbers = chosen or range(200, 203)
-    real = [(name, 0, None) for name in that_are_there(LOGS_OF_STAGES)]
-    simulated = [(name, seed, STEP_NOISE) for name in (*SCENARIOS, "twins", "grid") for seed in numbers]
+    real = [Run(name, name, 0) for name in that_are_there(tuple(LOGS))]
+    key_scans = [Run(name, name, seed, STEP_NOISE) for name in (*SCENARIOS, *WORLDS) for seed in numbers]
+    injected = [
+        Run(f"{name} with false loops", name, seed, STEP_NOISE, injected=True) for name in WORLDS for seed in numbers
+    ]
+    dense = [Run(f"{name} every scan", name, seed, own_robot=True) for name in BUNDLED for seed in numbers]
+    dense.append(Run(f"{DENSE} every scan", DENSE, numbers[0], own_robot=True))
     return [
-        Run(f"{name}, {stage}", name, seed, noise, settings=settings)
-        for name, seed, noise in (*real, *simulated)
+        replace(each, label=f"{each.label}, {stage}", settings=settings)
+        for each in (*real, *key_scans, *injected, *dense)
         for stage, settings in STAGES.items()
+        if not (each.injected and stage in WITHOUT_LOOPS)
     ]
 
 
@@ -235,7 +261,7 @@ def main() -> None:
     )
     parser.add_argument("--seeds", type=seeds, metavar="N", help="of the simulated runs; or 10-19")
     parser.add_argument("--noise", choices=("datasheet", "as_recorded"), help="of the sensors, of worlds and dense")
-    parser.add_argument("--workers", type=count, default=2)
+    parser.add_argument("--workers", type=count, default=2, help="processes; 2")
     parser.add_argument("--out", type=result_file, help="a result file, or the picture")
     parser.add_argument("--runs", nargs="+", metavar="NAME", help="of the study, by the names of logs and scenarios")
     options = parser.parse_args()

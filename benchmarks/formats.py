@@ -167,7 +167,7 @@ def main() -> int:
     parser.add_argument("--seeds", type=seeds, default=range(10), metavar="N", help="of each robot, from 0; or 10-19")
     parser.add_argument("--preset", default="default")
     parser.add_argument("--duration", type=factor, default=60.0, metavar="S", help="of a drive [s]")
-    parser.add_argument("--workers", type=count, default=1)
+    parser.add_argument("--workers", type=count, default=1, help="processes; 1")
     parser.add_argument("--out", type=result_file)
     options = parser.parse_args()
     try:

@@ -47,7 +47,7 @@ def main() -> None:
     parser.add_argument("--inputs", type=count, default=2000)
     parser.add_argument("--readers", nargs="+", choices=known, metavar="NAME", help=", ".join(known))
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--workers", type=count, default=2)
+    parser.add_argument("--workers", type=count, default=2, help="processes; 2")
     parser.add_argument("--keep", type=folder, help="folder for the inputs that fail")
     parser.add_argument("--out", type=result_file)
     options = parser.parse_args()

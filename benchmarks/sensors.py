@@ -223,7 +223,7 @@ def main() -> None:
     parser.add_argument("study", choices=STUDIES)
     parser.add_argument("--seeds", type=seeds, metavar="N", help="of each run, from 0; or 10-19")
     parser.add_argument("--scenarios", nargs="+", metavar="NAME", help="in place of the study's own")
-    parser.add_argument("--workers", type=count, default=2)
+    parser.add_argument("--workers", type=count, default=2, help="processes; 2")
     parser.add_argument("--out", type=result_file, help="of a complete study today's file in benchmarks/results")
     options = parser.parse_args()
     from moteslam.sim.scenario import bundled_scenarios
