@@ -72,11 +72,8 @@ def nees_interval(count: float, confidence: float = CONFIDENCE) -> tuple[float, 
     """Where the mean NEES of ``count`` independent poses of a consistent filter lies (Bar-Shalom, Li and Kirubarajan
     2001, section 5.4): quantiles of chi^2 with 3 degrees of freedom each, divided by their number.
     """
-    from scipy.stats import chi2
-
-    tails = np.array([(1 - confidence) / 2, (1 + confidence) / 2])
-    low, high = chi2.ppf(tails, DEGREES_OF_FREEDOM * count) / count
-    return float(low), float(high)
+    low, high = (_chi2_quantile(tail, DEGREES_OF_FREEDOM * count) for tail in ((1 - confidence) / 2, (1 + confidence) / 2))
+    return low / count, high / count
 
 
 def nees_from_start(trajectory: Trajectory, covariances: Array, truth: Trajectory) -> NeesResult:
@@ -140,10 +137,15 @@ def share_within_spread(errors: Array, deviations: Array) -> float:
     Raises:
         InputError: no update.
     """
-    from scipy.stats import chi2
-
     if not len(errors) or np.shape(errors) != np.shape(deviations):
         raise InputError(f"{list(np.shape(deviations))}, expected [u, 3], as many as errors", field="deviations")
     with np.errstate(divide="ignore", invalid="ignore"):
         squares = np.where(errors == 0, 0.0, np.square(np.asarray(errors) / deviations)).sum(axis=1)
-    return float((squares < chi2.ppf(CONFIDENCE, DEGREES_OF_FREEDOM)).mean())
+    return float((squares < _chi2_quantile(CONFIDENCE, DEGREES_OF_FREEDOM)).mean())
+
+
+def _chi2_quantile(probability: float, degrees: float) -> float:
+    """The quantile of chi^2. ``scipy.stats`` has it, too, and takes longer to import than a short log to replay."""
+    from scipy.special import gammaincinv
+
+    return float(2 * gammaincinv(degrees / 2, probability))

@@ -115,10 +115,10 @@ def _shaded(
     rng: np.random.Generator,
 ) -> tuple[NDArray[np.int16], dict[str, Material]]:
     """Plain surfaces sorted into shades, each with a reach; one shade a wall or thing."""
-    from scipy.stats import norm
+    from scipy.special import ndtri
 
     first, names = len(palette), list(palette)
-    quantiles = norm.ppf((np.arange(SHADES) + 0.5) / SHADES)
+    quantiles = ndtri((np.arange(SHADES) + 0.5) / SHADES)
     reaches = settings.reach * np.exp(settings.reach_spread * quantiles)
     shades = {f"shade {number}": Material(reach=float(reach)) for number, reach in enumerate(reaches)}
     shade = rng.integers(0, SHADES, int(groups.max(initial=0)) + 1)[groups]

@@ -11,7 +11,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csr_matrix
 
 from moteslam.kernels.scan_pairs import accumulate, match_endpoints
 from moteslam.robot import se2
@@ -183,6 +182,8 @@ def choose_partners(endpoints: Endpoints, poses: Array, most: int, held: NDArray
     Scans that see the same places: some of those nearest along the path, and some spread over all that overlap, so that
     every passage is bound to every other. Those that are not to be held to others have none.
     """
+    from scipy.sparse import csr_matrix
+
     n = len(poses)
     points, _ = endpoints.placed(poses)
     cells = np.floor(points / OVERLAP_CELL).astype(np.int64)

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csc_matrix
-from scipy.sparse.linalg import splu
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -52,6 +50,9 @@ class BlockSystem:
             pairs: [e, 3, 3] blocks between the first and the second pose of each pair; those of equal pairs are added.
             right: [n, 3] right-hand side.
         """
+        from scipy.sparse import csc_matrix
+        from scipy.sparse.linalg import splu
+
         placed = np.where(self._turned[:, None, None], np.swapaxes(pairs, 1, 2), pairs)
         blocks = np.zeros((self._blocks, 9))
         np.add.at(blocks, self._pairs, placed.reshape(-1, 9))

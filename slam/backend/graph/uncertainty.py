@@ -10,8 +10,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csr_matrix
-from scipy.sparse.csgraph import dijkstra
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -42,6 +40,8 @@ class Uncertainty:
     """
 
     def __init__(self, poses: Array, first: Indices, second: Indices, variances: Variances) -> None:
+        from scipy.sparse import csr_matrix
+
         n = len(poses)
         cost = variances.position + TURN_DISTANCE**2 * variances.heading
         pairs = np.minimum(first, second) * n + np.maximum(first, second)
@@ -55,6 +55,8 @@ class Uncertainty:
 
     def of(self, node: int) -> tuple[Array, Array]:
         """The standard deviations of all nodes' positions [n] and headings [n] as seen from one node [m], [rad]."""
+        from scipy.sparse.csgraph import dijkstra
+
         n = len(self._places)
         _, before = dijkstra(self._graph, False, [node], True)
         everyone = np.arange(n)
