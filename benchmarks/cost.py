@@ -19,6 +19,8 @@ processor times. The bars are of the filter alone, without back end.
 | real_time_100, real_time_1000 | `corridor` (1081 beams, 40 Hz), 100 and 1000 particles, 2 threads: against real time |
 | memory_1000, memory_1000_figures | `intel_raw_part` by `moteslam replay`, 1000 particles, 2 threads: most memory |
 | played_again | a ring of corridors driven ten times over, 1 thread: memory after each round |
+| tenths | `campus` (1.6 km, 181 beams), 30 particles, 1 thread: the last tenth of the scans beside the first |
+| start, start_figures | three seconds of a simulated CARMEN log by `moteslam replay`: cold (no kernels, no bytecode) and warm |
 | same_bytes | `freiburg-101` by `moteslam replay` on 1 and on 2 threads: trajectories and map compared |
 """
 
@@ -44,6 +46,7 @@ from parts.options import count, result_file
 
 RESULTS = ("trajectory.tum", "trajectory_final.tum", "map.pgm")
 TIMES = 10
+WARM_STARTS = 7
 BARS: dict[str, tuple[Bar, ...]] = {
     "filter": (Bar("run_slam_cpu_ms_a_scan", "worst", 7.5), Bar("ate_m", "worst", 0.09)),
     "every_scan_1": (Bar("filter_cpu_ms_a_scan", "median", 0.35), Bar("outside_kernels_ms_a_scan", "median", 0.1)),
@@ -55,21 +58,28 @@ BARS: dict[str, tuple[Bar, ...]] = {
     "memory_1000": (Bar("peak_mb", "worst", 1000.0, strict=True),),
     "memory_1000_figures": (Bar("peak_mb", "worst", 1000.0, strict=True),),
     "played_again": (Bar("maps_last_over_second", "worst", 1.0),),
+    "tenths": (Bar("last_over_first", "median", 1.05),),
+    "start": (Bar("warm_cpu_s", "median", 1.0), Bar("cold_cpu_s", "worst", 12.0)),
+    "start_figures": (),
     "same_bytes": (Bar("files_that_differ", "worst", 0.0),),
 }
 MANY_SEEDS = ("filter", "every_scan_1", "every_scan_30", "process", "real_time_100", "real_time_1000")
 """Measured with 5 seeds, the others with one."""
 
 
-def python(*arguments: str, executable: str = sys.executable) -> tuple[str, dict[str, float]]:
+def python(
+    *arguments: str, executable: str = sys.executable, environment: dict[str, str] | None = None
+) -> tuple[str, dict[str, float]]:
     """Run Python in a fresh process: what it prints, and its wall time, processor time [s] and most memory [MB].
+
+    It has this process's environment unless it is given another.
 
     Raises:
         RuntimeError: it failed, with its last line of error.
     """
     began = time.perf_counter()
     with tempfile.TemporaryFile("w+") as said, tempfile.TemporaryFile("w+") as failed:
-        child = subprocess.Popen([executable, *arguments], stdout=said, stderr=failed)
+        child = subprocess.Popen([executable, *arguments], stdout=said, stderr=failed, env=environment)
         try:
             _, status, usage = os.wait4(child.pid, 0)
         except BaseException:
@@ -108,6 +118,9 @@ class Costs:
             "memory_1000": lambda seed: self.memory(seed, "--no-figures"),
             "memory_1000_figures": self.memory,
             "played_again": self.played_again,
+            "tenths": self.tenths,
+            "start": lambda seed: self.start(seed, "--no-figures"),
+            "start_figures": self.start,
             "same_bytes": self.same_bytes,
         }
 
@@ -129,6 +142,10 @@ class Costs:
         times = 3 if self._quick else TIMES  # always the whole ring: its end must meet its beginning
         return self._measure("played again", seed, 30, threads=1, times=times, every=4, duration=None)
 
+    def tenths(self, seed: int) -> dict[str, Any]:
+        """Processor time a scan as the map grows."""
+        return self._measure("tenths", seed, 30, threads=1, duration=self._duration)
+
     def process(self, seed: int, *flags: str) -> dict[str, Any]:
         """Processor time a scan and memory of the whole command; ``flags`` are more of its options."""
         from parts.runs import reference_file
@@ -149,6 +166,26 @@ class Costs:
             return self._replay(
                 self._log("intel_raw_part"), seed, 100 if self._quick else 1000, 2, Path(folder) / "result", *flags
             )
+
+    def start(self, seed: int, *flags: str) -> dict[str, Any]:
+        """Processor time of the command on a log of three seconds, the first time and from then on."""
+        with tempfile.TemporaryDirectory() as folder:
+            drive, log = f"{folder}/drive", f"{folder}/three.log"
+            made = ("--platform", "lms200", "--format", "carmen", "--seed", str(seed))
+            python("-m", "moteslam", "simulate", "corridor", "--out", drive, *made)
+            python("-m", "moteslam", "convert", f"{drive}/corridor.log.gz", log, "--start", "7", "--end", "10")
+            environment = {
+                **{name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"},
+                "MOTESLAM_CACHE": f"{folder}/kernels",
+                "PYTHONPYCACHEPREFIX": f"{folder}/bytecode",
+            }
+            settings = [word for setting in self._settings for word in ("--set", setting)]
+            command = ("-m", "moteslam", "replay", log, "--preset", self._preset, *settings, *flags)
+            spent = [
+                python(*command, "--out", f"{folder}/result-{number}", environment=environment)[1]["cpu_s"]
+                for number in range(1 + WARM_STARTS)
+            ]
+        return {"cold_cpu_s": spent[0], "warm_cpu_s": statistics.median(spent[1:])}
 
     def same_bytes(self, seed: int) -> dict[str, Any]:
         """How many files of the result differ between one thread and two."""

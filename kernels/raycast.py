@@ -183,7 +183,9 @@ def cast_surfaces(
 def directions_of(angles: NDArray[np.float64]) -> NDArray[np.float32]:
     """Float32 [2, n] cosines and sines."""
     out = np.empty((2, len(angles)), np.float32)
-    out[0], out[1] = np.cos(angles), np.sin(angles)
+    # in double precision, rounded a piece at a time: whole arrays between would cost half as much again
+    np.cos(angles, out=out[0], dtype=np.float64, casting="same_kind")
+    np.sin(angles, out=out[1], dtype=np.float64, casting="same_kind")
     return out
 
 

@@ -72,7 +72,8 @@ def nees_interval(count: float, confidence: float = CONFIDENCE) -> tuple[float, 
     """Where the mean NEES of ``count`` independent poses of a consistent filter lies (Bar-Shalom, Li and Kirubarajan
     2001, section 5.4): quantiles of chi^2 with 3 degrees of freedom each, divided by their number.
     """
-    low, high = (_chi2_quantile(tail, DEGREES_OF_FREEDOM * count) for tail in ((1 - confidence) / 2, (1 + confidence) / 2))
+    degrees = DEGREES_OF_FREEDOM * count
+    low, high = (_chi2_quantile((1 + sign * confidence) / 2, degrees) for sign in (-1, 1))
     return low / count, high / count
 
 
