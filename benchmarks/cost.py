@@ -20,7 +20,7 @@ processor times. The bars are of the filter alone, without back end.
 | memory_1000, memory_1000_figures | `intel_raw_part` by `moteslam replay`, 1000 particles, 2 threads: most memory |
 | played_again | a ring of corridors driven ten times over, 1 thread: memory after each round |
 | tenths | `campus` (1.6 km, 181 beams), 30 particles, 1 thread: the last tenth of the scans beside the first |
-| start, start_figures | three seconds of a simulated CARMEN log by `moteslam replay`: without kernels and bytecode, then with |
+| start, start_figures | three seconds of a CARMEN log by `moteslam replay`: without kernels and bytecode, then with |
 | same_bytes | `freiburg-101` by `moteslam replay` on 1 and on 2 threads: trajectories and map compared |
 """
 
