@@ -170,7 +170,7 @@ def test_a_batch_that_fails_leaves_nothing(program, scenario_file: Path, tmp_pat
 @pytest.mark.parametrize("killed", ["parent", "worker"])
 def test_a_batch_of_which_a_process_is_killed_ends(killed: str, tmp_path: Path) -> None:
     """Its workers end with it, in the middle of their work; a worker that is killed ends it with a line."""
-    arguments = ("simulate", "two_halls", "--out", "many", "--batch", "50", "--jobs", "2")
+    arguments = ("simulate", "campus", "--out", "many", "--batch", "50", "--jobs", "2")
     command = [sys.executable, "-m", "moteslam", *arguments]
     with subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True) as batch:
         until(lambda: len(workers(batch.pid)) == 2 and min(map(seconds, workers(batch.pid))) > 2)
