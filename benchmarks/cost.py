@@ -148,12 +148,12 @@ class Costs:
 
     def process(self, seed: int, *flags: str) -> dict[str, Any]:
         """Processor time a scan and memory of the whole command; ``flags`` are more of its options."""
-        from parts.runs import reference_file
+        from parts.runs import log_file, reference_file
 
         log = self._log("intel_key_scans")
         with tempfile.TemporaryDirectory() as folder:
             out = Path(folder) / "result"
-            cost = self._replay(log, seed, 30, 1, out, *flags)
+            cost = self._replay(log_file(log), seed, 30, 1, out, *flags)
             scans = len((out / "trajectory_final.tum").read_text().splitlines()) - 1
             arguments = ("evaluate", str(out / "trajectory_final.tum"), str(reference_file(log)), "--json")
             scores = json.loads(python("-m", "moteslam", *arguments)[0])
@@ -162,38 +162,39 @@ class Costs:
 
     def memory(self, seed: int, *flags: str) -> dict[str, Any]:
         """The most memory that the command had with many particles."""
+        from parts.runs import log_file
+
+        log, particles = log_file(self._log("intel_raw_part")), 100 if self._quick else 1000
         with tempfile.TemporaryDirectory() as folder:
-            return self._replay(
-                self._log("intel_raw_part"), seed, 100 if self._quick else 1000, 2, Path(folder) / "result", *flags
-            )
+            return self._replay(log, seed, particles, 2, Path(folder) / "result", *flags)
 
     def start(self, seed: int, *flags: str) -> dict[str, Any]:
         """Processor time of the command on a log of three seconds, the first time and from then on."""
         with tempfile.TemporaryDirectory() as folder:
-            drive, log = f"{folder}/drive", f"{folder}/three.log"
+            drive, log = f"{folder}/drive", Path(folder) / "three.log"
             made = ("--platform", "lms200", "--format", "carmen", "--seed", str(seed))
             python("-m", "moteslam", "simulate", "corridor", "--out", drive, *made)
-            python("-m", "moteslam", "convert", f"{drive}/corridor.log.gz", log, "--start", "7", "--end", "10")
+            python("-m", "moteslam", "convert", f"{drive}/corridor.log.gz", str(log), "--start", "7", "--end", "10")
             environment = {
                 **{name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"},
                 "MOTESLAM_CACHE": f"{folder}/kernels",
                 "PYTHONPYCACHEPREFIX": f"{folder}/bytecode",
             }
-            settings = [word for setting in self._settings for word in ("--set", setting)]
-            command = ("-m", "moteslam", "replay", log, "--preset", self._preset, *settings, *flags)
             spent = [
-                python(*command, "--out", f"{folder}/result-{number}", environment=environment)[1]["cpu_s"]
+                self._replay(log, seed, 30, 1, Path(folder) / f"result-{number}", *flags, environment=environment)["cpu_s"]
                 for number in range(1 + WARM_STARTS)
             ]
         return {"cold_cpu_s": spent[0], "warm_cpu_s": statistics.median(spent[1:])}
 
     def same_bytes(self, seed: int) -> dict[str, Any]:
         """How many files of the result differ between one thread and two."""
+        from parts.runs import log_file
+
         digests = []
         with tempfile.TemporaryDirectory() as folder:
             for threads in (1, 2):
                 out = Path(folder) / str(threads)
-                self._replay("freiburg-101", seed, 30, threads, out, "--no-figures")
+                self._replay(log_file("freiburg-101"), seed, 30, threads, out, "--no-figures")
                 digests.append([hashlib.sha256((out / name).read_bytes()).hexdigest() for name in RESULTS])
         return {"files_that_differ": sum(one != two for one, two in zip(*digests, strict=True))}
 
@@ -207,14 +208,21 @@ class Costs:
         row: dict[str, Any] = json.loads(said.splitlines()[-1])
         return {**row, "peak_mb": cost["peak_mb"]}
 
-    def _replay(self, log: str, seed: int, particles: int, threads: int, out: Path, *flags: str) -> dict[str, float]:
+    def _replay(
+        self,
+        log: Path,
+        seed: int,
+        particles: int,
+        threads: int,
+        out: Path,
+        *flags: str,
+        environment: dict[str, str] | None = None,
+    ) -> dict[str, float]:
         """What ``moteslam replay`` of a log costs."""
-        from parts.runs import log_file
-
         settings = [word for setting in self._settings for word in ("--set", setting)]
         numbers = ("--particles", str(particles), "--threads", str(threads), "--seed", str(seed))
-        command = ("replay", str(log_file(log)), "--out", str(out), "--preset", self._preset)
-        return python("-m", "moteslam", *command, *settings, *numbers, *flags)[1]
+        command = ("replay", str(log), "--out", str(out), "--preset", self._preset)
+        return python("-m", "moteslam", *command, *settings, *numbers, *flags, environment=environment)[1]
 
 
 def against(folder: Path, preset: str, settings: list[str], pairs: int, *, quick: bool) -> dict[str, Any]:

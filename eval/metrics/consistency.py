@@ -146,7 +146,7 @@ def share_within_spread(errors: Array, deviations: Array) -> float:
 
 
 def _chi2_quantile(probability: float, degrees: float) -> float:
-    """The quantile of chi^2. ``scipy.stats`` has it, too, and takes longer to import than a short log to replay."""
+    """The quantile of chi^2, without ``scipy.stats``, which takes 0.2 s to import."""
     from scipy.special import gammaincinv
 
     return float(2 * gammaincinv(degrees / 2, probability))
