@@ -180,10 +180,8 @@ class Costs:
                 "MOTESLAM_CACHE": f"{folder}/kernels",
                 "PYTHONPYCACHEPREFIX": f"{folder}/bytecode",
             }
-            spent = [
-                self._replay(log, seed, 30, 1, Path(folder) / f"result-{number}", *flags, environment=environment)["cpu_s"]
-                for number in range(1 + WARM_STARTS)
-            ]
+            results = [Path(folder) / f"result-{number}" for number in range(1 + WARM_STARTS)]
+            spent = [self._replay(log, seed, 30, 1, out, *flags, environment=environment)["cpu_s"] for out in results]
         return {"cold_cpu_s": spent[0], "warm_cpu_s": statistics.median(spent[1:])}
 
     def same_bytes(self, seed: int) -> dict[str, Any]:
