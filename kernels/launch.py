@@ -15,6 +15,7 @@ from collections.abc import Callable
 from enum import Enum, auto
 from functools import wraps
 from typing import Any
+from weakref import ref
 
 import numpy as np
 
@@ -91,6 +92,10 @@ def _kinds(kernel: Any) -> list[Kind | _Array] | None:
     return kinds
 
 
+def _nothing() -> None:
+    """A reference to no array."""
+
+
 class _Context:
     """The arguments of a compiled kernel as they were at its last launch; those that are equal are not set again."""
 
@@ -112,12 +117,16 @@ class _Context:
             else:
                 self._arrays.append((place, index, *kind))
         self._last: list[Any] = [None] * len(arguments)
+        self._same: list[Callable[[], Any]] = [_nothing] * len(arguments)  # the arrays of the last launch
 
     def launch(self, arguments: tuple[Any, ...]) -> bool:
         """Launch the kernel; False, and nothing done, if the arguments have other types than it was compiled for."""
         last = self._last
         for place, index, dtype, dimensions in self._arrays:
             value = arguments[index]
+            same = self._same[place]()
+            if same is value and same is not None and same.shape == last[place][1]:
+                continue
             if (
                 type(value) is not np.ndarray
                 or value.dtype != dtype
@@ -129,6 +138,7 @@ class _Context:
             if memory != last[place]:
                 self._launch.set_arg_external_array_with_shape((place,), memory[0], value.nbytes, memory[1], 0)
                 last[place] = memory
+            self._same[place] = ref(value)
         for place, index, accepted, set_argument, number in self._numbers:
             value = arguments[index]
             if value is last[place]:

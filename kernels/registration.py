@@ -4,11 +4,15 @@ An endpoint's residual is its distance in the map, in standard deviations: on th
 seen, on the coarse one. To the residuals comes a prior on the offset from the predicted pose.
 """
 
+import math
+import threading
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from moteslam.errors import InputError
-from moteslam.kernels.checks import as_finite
+from moteslam.kernels.checks import as_finite, check_array
 from moteslam.kernels.degeneracy import NOT_KEPT, Kept, keep_prediction
 from moteslam.kernels.registration_options import RegistrationOptions, checked
 from moteslam.kernels.runtime import one_thread, runtime, ti
@@ -226,6 +230,7 @@ def register_scans(
     options: RegistrationOptions,
     coarse: bool = True,
     kept: Kept | None = None,
+    trusted: bool = False,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Move each pose to where the scan fits its map best: Gauss-Newton on the coarse level, then on the fine one.
 
@@ -243,6 +248,8 @@ def register_scans(
         options: of the maps and of the costs.
         coarse: whether to begin on the coarse level; not needed where the start is good to a cell.
         kept: how the predicted pose is kept along degenerate directions: ``keep_predictions``; not at all if None.
+        trusted: maps and points were made by kernels: they are not searched for tiles beyond the pool, nor for numbers
+            that are not finite.
 
     Returns:
         offsets: [n, 3] from the poses, in their frames (x, y [m], theta).
@@ -254,27 +261,97 @@ def register_scans(
     Raises:
         InputError: arrays that do not fit together, or numbers that are not finite or out of bounds.
     """
-    o = checked(options)
-    maps, rows, columns = check_tiles(pool, tables)
-    scan = as_finite("points", points, np.float32, (None, 2))
-    origin_x, origin_y = as_finite("origin", origin, np.float64, (2,)).tolist()
+    start_x, start_y = as_finite("origin", origin, np.float64, (2,)).tolist()
     queries = _packed(frames=frames, starts=starts, priors=priors)
+    if len(queries) and queries[:, PRIOR_WEIGHTS].min() <= 0:
+        raise InputError("an inverse variance that is not above 0", field="priors")
+    found = np.empty((len(queries), 3 + FITS))
+    _registered(
+        pool, tables, queries, found, points, (start_x, start_y), options, coarse=coarse, kept=kept, trusted=trusted
+    )
+    return found[:, :3], found[:, 3:]
+
+
+class _Room(threading.local):
+    """Arrays of one query, for each thread its own: what stays in its place need not be set at every launch."""
+
+    def __init__(self) -> None:
+        self.query, self.found = np.empty((1, sum(QUERY_WIDTHS))), np.empty((1, 3 + FITS))
+
+
+_room = _Room()
+
+
+def register_scan(
+    pool: NDArray[np.int16],
+    tables: NDArray[np.int32],
+    query: Sequence[float],
+    points: ArrayLike,
+    origin: tuple[float, float],
+    *,
+    options: RegistrationOptions,
+    coarse: bool = True,
+    kept: Kept | None = None,
+    trusted: bool = False,
+) -> list[float]:
+    """``register_scans`` of one pose in plain numbers, for which arrays take longer than the registration.
+
+    Args:
+        query: frame, start and prior, 13 numbers.
+        pool, tables, points, origin, options, coarse, kept, trusted: as of ``register_scans``.
+
+    Returns:
+        the offset and the fits, 3 + ``FITS`` numbers.
+
+    Raises:
+        InputError: as ``register_scans``.
+    """
+    if len(query) != sum(QUERY_WIDTHS) or not math.isfinite(sum(query)) or min(query[PRIOR_WEIGHTS]) <= 0:
+        raise InputError(
+            f"{query}, expected a frame, a start, and a prior whose first three are above 0", field="query"
+        )
+    if not math.isfinite(sum(origin)):
+        raise InputError(f"{origin}, expected finite numbers", field="origin")
+    _room.query[0] = query
+    _registered(
+        pool, tables, _room.query, _room.found, points, origin, options, coarse=coarse, kept=kept, trusted=trusted
+    )
+    numbers: list[float] = _room.found[0].tolist()
+    return numbers
+
+
+def _registered(
+    pool: NDArray[np.int16],
+    tables: NDArray[np.int32],
+    queries: NDArray[np.float64],
+    found: NDArray[np.float64],
+    points: ArrayLike,
+    origin: tuple[float, float],
+    options: RegistrationOptions,
+    *,
+    coarse: bool,
+    kept: Kept | None,
+    trusted: bool,
+) -> None:
+    """Write the offsets and fits [n, 3 + FITS] of checked queries [n, 13] to ``found``."""
+    o = checked(options)
+    maps, rows, columns = check_tiles(pool, tables, trusted=trusted)
+    if trusted:
+        scan = check_array("points", points, np.float32, (None, 2))
+    else:
+        scan = as_finite("points", points, np.float32, (None, 2))
     n = len(queries)
     if maps not in (1, n):
         raise InputError(f"{maps} of them, expected 1 or one for each of {n} frames", field="tables")
-    if n and queries[:, PRIOR_WEIGHTS].min() <= 0:
-        raise InputError("an inverse variance that is not above 0", field="priors")
-    found = np.empty((n, 3 + FITS))
     runtime()
     if n:
         _register(
             pool, tables.reshape(-1), columns * rows if maps > 1 else 0, columns, rows, queries,
-            np.ascontiguousarray(scan.T), origin_x, origin_y, o.cell_size, o.truncation, o.coarse_truncation,
+            np.ascontiguousarray(scan.T), *origin, o.cell_size, o.truncation, o.coarse_truncation,
             o.residual, o.coarse_residual_factor * o.residual, o.iterations if coarse else 0, o.iterations, o.unknown,
             o.outlier, -0.5 / o.likelihood_width**2, o.ray_clearance * o.truncation, o.ray_weight,
             round(o.ray_distance * STEPS), *(kept or NOT_KEPT), found,
         )  # fmt: skip
-    return found[:, :3], found[:, 3:]
 
 
 def _packed(**arrays: ArrayLike) -> NDArray[np.float64]:

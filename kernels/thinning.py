@@ -72,6 +72,8 @@ def _thin(
                 joined[out] = same_surface
                 out += 1
                 first = k
+                if out - begin > max_points and within < max_spacing:
+                    first = end  # too many already: the rest is not looked at before the spacing is larger
             left[i] = out - begin
             again = 0
             if left[i] > max_points and within < max_spacing:

@@ -168,6 +168,7 @@ def integrate_scans(
     near: float,
     near_weight: int,
     max_weight: int,
+    trusted: bool = False,
 ) -> int | None:
     """Integrate scans, one after the other, into the maps of all particles, each from its own poses.
 
@@ -184,6 +185,8 @@ def integrate_scans(
         near: distances below it weigh ``near_weight`` in a cell's average, the others 1 [m].
         near_weight: 1 to ``MAX_WEIGHT``.
         max_weight: of the average itself, 1 to ``MAX_WEIGHT``.
+        trusted: maps and points were made by kernels, and the tables were made large enough: none of it is searched
+            for errors.
 
     Returns:
         How many of the free tiles are left, or None where they did not suffice: then no cell was written, though
@@ -192,12 +195,13 @@ def integrate_scans(
     Raises:
         InputError: arrays that do not fit together, options out of bounds, or a scan that leaves the tables.
     """
-    n, rows, columns = check_tiles(pool, tables, written=True)
+    n, rows, columns = check_tiles(pool, tables, written=True, trusted=trusted)
     check_array("shares", shares, np.int32, (len(pool) // CELLS,), written=True)
     check_array("free", free, np.int32, (None,))
     places = frames_in_cells(frames, cell_size)
     for scan in scans:
-        as_finite("scan", scan.points, np.float32, (None, 2))
+        if not trusted:
+            as_finite("scan", scan.points, np.float32, (None, 2))
         check_array("scan", scan.joined, np.int32, (len(scan.points),))
     if not scans or len(places) != n * len(scans):
         problem = f"{len(places)}, expected one for each of {n} tables at each of {len(scans)} scans"
@@ -215,11 +219,12 @@ def integrate_scans(
         if not 1 <= weight <= MAX_WEIGHT:
             raise InputError(f"{weight}, expected 1 to {MAX_WEIGHT}", field=name)
     chord = 2 * coarse_chord
-    margin = max(truncation, coarse_truncation) / cell_size + chord + 1
-    radius = float(np.hypot(points[:, 0], points[:, 1]).max(initial=0.0)) / cell_size
-    around = np.hypot(places[:, :1], places[:, 1:2]) * radius + margin
-    if (places[:, 2:] < around).any() or (places[:, 2:] + around > np.array((columns, rows)) * SIDE).any():
-        raise InputError("a scan that may reach beyond the tables, expected larger ones", field="frames")
+    if not trusted:
+        margin = max(truncation, coarse_truncation) / cell_size + chord + 1
+        radius = float(np.hypot(points[:, 0], points[:, 1]).max(initial=0.0)) / cell_size
+        around = np.hypot(places[:, :1], places[:, 1:2]) * radius + margin
+        if (places[:, 2:] < around).any() or (places[:, 2:] + around > np.array((columns, rows)) * SIDE).any():
+            raise InputError("a scan that may reach beyond the tables, expected larger ones", field="frames")
     if not len(free):
         return None
     runtime()

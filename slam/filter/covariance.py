@@ -10,6 +10,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from moteslam.robot.se2 import Pose
+
 Array = NDArray[np.float64]
 Symmetric = tuple[float, float, float, float, float, float]
 """The elements xx, xy, xt, yy, yt, tt of a symmetric matrix; t is theta."""
@@ -67,15 +69,15 @@ def plus_diagonal(value: Symmetric, x: float, y: float, theta: float) -> Symmetr
     return xx + x, xy, xt, yy + y, yt, tt + theta
 
 
-def moved(value: Symmetric, motion: Array) -> Symmetric:
+def moved(value: Symmetric, motion: Pose) -> Symmetric:
     """The covariance of a pose's error, in the frame of the pose, after a motion without an error of its own.
 
     Args:
         value: before.
-        motion: [3] in the frame of the pose before.
+        motion: in the frame of the pose before.
     """
     xx, xy, xt, yy, yt, tt = value
-    x, y, theta = motion.tolist()
+    x, y, theta = motion
     # an error of the heading turns the motion to the side; then all is seen from the new heading
     xx, xy, yy = xx + y * (y * tt - 2 * xt), xy + x * xt - y * (yt + x * tt), yy + x * (2 * yt + x * tt)
     xt, yt = xt - y * tt, yt + x * tt

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from moteslam.robot.se2 import Pose
 from moteslam.slam.filter.certainty import NEIGHBOURHOOD, LocalisationState
 
 Array = NDArray[np.float64]
@@ -89,9 +90,9 @@ class Misfit:
         if score is not None:
             self._compare(driven, score, left_out=left_out)
 
-    def update(self, pose: Array) -> None:
-        """Take in the pose [3] of an update."""
-        x, y, _ = pose.tolist()
+    def update(self, pose: Pose) -> None:
+        """Take in the pose of an update."""
+        x, y, _ = pose
         self._places.append((x, y))
         if self._lost is not None and self._lost.over(x, y):
             self._lost = None

@@ -5,9 +5,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
+from moteslam.robot.se2 import Pose
 from moteslam.slam.filter.config import UpdateConfig
 
 
@@ -24,19 +22,18 @@ class Travelled(NamedTuple):
     rotation: float = 0.0
     elapsed: float = 0.0
 
-    def plus(self, motion: NDArray[np.float64], dt: float) -> Travelled:
-        """After one more step: its motion [3] and its time [s]."""
-        distance, rotation = magnitude(motion)
+    def plus(self, distance: float, rotation: float, dt: float) -> Travelled:
+        """After one more step: its distance [m], its absolute turn [rad] and its time [s]."""
         return Travelled(self.distance + distance, self.rotation + rotation, self.elapsed + dt)
 
 
-def update_due(policy: UpdateConfig, travelled: Travelled, motion: NDArray[np.float64] | None = None) -> bool:
+def update_due(policy: UpdateConfig, travelled: Travelled, motion: Pose | None = None) -> bool:
     """Whether the next scan is used for an update.
 
     Args:
         policy: when it is.
         travelled: since the last update.
-        motion: [3] the motion since the last update where it is also estimated by other means than the odometry; the
+        motion: the motion since the last update where it is also estimated by other means than the odometry; the
             larger of both counts.
     """
     distance, rotation = travelled.distance, travelled.rotation
@@ -46,7 +43,7 @@ def update_due(policy: UpdateConfig, travelled: Travelled, motion: NDArray[np.fl
     return distance >= policy.distance or rotation >= policy.rotation or travelled.elapsed >= policy.interval
 
 
-def magnitude(motion: NDArray[np.float64]) -> tuple[float, float]:
-    """The length [m] and the absolute turn [rad] of a motion [3]."""
-    x, y, turn = motion.tolist()
+def magnitude(motion: Pose) -> tuple[float, float]:
+    """The length [m] and the absolute turn [rad] of a motion."""
+    x, y, turn = motion
     return math.hypot(x, y), abs(turn)

@@ -13,6 +13,7 @@ from moteslam.errors import InputError
 from moteslam.kernels.thinning import ThinnedScan
 from moteslam.kernels.tiles import CELLS, EMPTY, SIDE
 from moteslam.kernels.tsdf import integrate_scans
+from moteslam.robot.se2 import Pose, as_pose
 from moteslam.slam.mapping.config import TsdfConfig
 
 Array = NDArray[np.float64]
@@ -60,7 +61,8 @@ class TsdfMaps:
 
     def of(self, particle: int) -> TsdfView:
         """The TSDF of one particle, likewise."""
-        return self.all()._replace(tables=self._tables[particle : particle + 1])
+        view = self.all()
+        return TsdfView(view.config, view.pool, view.tables[particle : particle + 1], view.corner)
 
     def resample(self, parents: NDArray[np.int64]) -> None:
         """Give every particle its parent's TSDF.
@@ -123,6 +125,7 @@ class TsdfMaps:
                 near=c.near,
                 near_weight=c.near_weight,
                 max_weight=c.max_weight,
+                trusted=True,
             )
             if left is not None:
                 self._left = left
@@ -208,11 +211,15 @@ class TsdfView(NamedTuple):
     tables: NDArray[np.int32]
     corner: Array
 
+    def frame(self, pose: Pose) -> tuple[float, float, float, float]:
+        """A pose as the kernels take it: cos, sin, x, y [m] from the tables' corner."""
+        (x, y, theta), (left, below) = pose, self.corner.tolist()
+        return math.cos(theta), math.sin(theta), x - left, y - below
+
     def frames(self, poses: Array) -> Array:
-        """Poses [N, 3] as the kernels take them: [N, 4] cos, sin, x, y [m] from the tables' corner."""
+        """Poses [N, 3] likewise, [N, 4]."""
         if len(poses) == 1:  # in a fifth of the time that arrays of one element take
-            ((x, y, theta),), (left, below) = poses.tolist(), self.corner.tolist()
-            return np.array(((math.cos(theta), math.sin(theta), x - left, y - below),))
+            return np.array((self.frame(as_pose(poses[0])),))
         frames = np.empty((len(poses), 4))
         frames[:, 0], frames[:, 1] = np.cos(poses[:, 2]), np.sin(poses[:, 2])
         frames[:, 2:] = poses[:, :2] - self.corner

@@ -12,6 +12,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from moteslam.robot.se2 import Pose
 from moteslam.slam.odometry.config import CalibrationConfig
 
 Array = NDArray[np.float64]
@@ -50,24 +51,25 @@ class OdometryCalibration:
         """How far the lidar is ahead of where the recording says, seen from the wheels' axle [m]."""
         return self._offset.values[0]
 
-    def corrected(self, motion: Array) -> Array:
-        """An increment of the odometry [3] with its systematic errors removed."""
+    def corrected(self, motion: Pose) -> Pose:
+        """An increment of the odometry with its systematic errors removed."""
         x, y, turn = self._on_axle(motion)
-        return np.array([x + self.lidar_offset * (math.cos(turn) - 1), y + self.lidar_offset * math.sin(turn), turn])
+        offset = self.lidar_offset
+        return x + offset * (math.cos(turn) - 1), y + offset * math.sin(turn), turn
 
-    def update(self, odometry: Array, registered: Array, information: Array) -> None:
+    def update(self, odometry: Pose, registered: Pose, information: Array) -> None:
         """Update the gains with one motion.
 
         Args:
-            odometry: [3] as the wheels measured it, not corrected.
-            registered: [3] as registration of the scans found it.
+            odometry: as the wheels measured it, not corrected.
+            registered: as registration of the scans found it.
             information: [3, 3] of the scan's endpoints about its pose.
         """
         if not self._config.enabled:
             return
         c = self._config
-        x, _, turn = odometry.tolist()
-        innovation = (registered - self.corrected(odometry)).tolist()
+        x, _, turn = odometry
+        innovation = [found - known for found, known in zip(registered, self.corrected(odometry), strict=True)]
         swing = math.sin(registered[2])
         about_x, about_y, about_turn = (1 / max(value, 1e-9) for value in information.diagonal().tolist())
         of_distance = (c.translation + c.translation_from_translation * abs(x)) ** 2
@@ -80,9 +82,9 @@ class OdometryCalibration:
             gains.predict(abs(x))
             gains.update(row, error, variance, c.gate)
 
-    def _on_axle(self, motion: Array) -> tuple[float, float, float]:
+    def _on_axle(self, motion: Pose) -> Pose:
         """The same motion of the axle: its distance rescaled, and bent along half of the turn that is added."""
-        x, y, turn = motion.tolist()
+        x, y, turn = motion
         bend = self.turn_scale * turn + self.curvature * x - turn
         cos, sin = self.scale * math.cos(bend / 2), self.scale * math.sin(bend / 2)
         return cos * x - sin * y, sin * x + cos * y, turn + bend

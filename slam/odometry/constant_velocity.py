@@ -2,24 +2,25 @@
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
+from moteslam.robot.se2 import Pose
 
 
-def extrapolated(motion: NDArray[np.float64], seconds: float, dt: float, *, most: float = 10.0) -> NDArray[np.float64]:
+def extrapolated(motion: Pose, seconds: float, dt: float, *, most: float = 10.0) -> Pose:
     """The motion of a step at the velocity of the step before.
 
     Args:
-        motion: [3] of the step before, as filtered.
+        motion: of the step before, as filtered.
         seconds: that it took.
         dt: of this step [s].
         most: the motion is extrapolated to at most this many times as long: a longer gap is likelier a wrong stamp,
             or a robot that has long stopped.
 
     Returns:
-        [3], scaled by the ratio of the times where both are above 0; else the same motion, as in logs whose scans
+        it scaled by the ratio of the times where both are above 0; else the same motion, as in logs whose scans
         share stamps.
     """
     if seconds <= 0 or dt <= 0:
         return motion
-    return motion * min(dt / seconds, most)
+    share = min(dt / seconds, most)
+    x, y, turn = motion
+    return x * share, y * share, turn * share

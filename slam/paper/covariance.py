@@ -36,8 +36,8 @@ class ParticleCovariance:
         )
         self.value: Symmetric = (self._step, 0.0, 0.0, self._step, 0.0, self._turn)
 
-    def move(self, motion: Array, dt: float) -> None:
-        """Take in a motion [3] that took ``dt`` [s]."""
+    def move(self, motion: se2.Pose, dt: float) -> None:
+        """Take in a motion that took ``dt`` [s]."""
         distance, turn = magnitude(motion)
         x, y, theta = (distance * self._a_metre + turn * self._a_radian + dt * self._a_second).tolist()
         self.value = plus_diagonal(moved(self.value, motion), x, y, theta)

@@ -15,7 +15,7 @@ from moteslam.slam.filter.history import History
 from moteslam.slam.filter.kld import choose_parents
 from moteslam.slam.filter.misfit import Misfit
 from moteslam.slam.filter.protocol import FilterDefaults, Scans, Step, StepResult
-from moteslam.slam.filter.update_policy import Travelled, update_due
+from moteslam.slam.filter.update_policy import Travelled, magnitude, update_due
 from moteslam.slam.filter.weights import Weights
 from moteslam.slam.mapping.occupancy import OccupancyGrid
 from moteslam.slam.paper.config import PaperFilterConfig
@@ -56,8 +56,9 @@ class PaperFilter(FilterDefaults):
     def step(self, step: Step) -> StepResult:
         """Take in one scan and the motion since the scan before."""
         self._motion = se2.compose(self._motion, step.motion)
-        self._travelled = self._travelled.plus(step.motion, step.dt)
-        self._covariance.move(step.motion, step.dt)
+        motion = se2.as_pose(step.motion)
+        self._travelled = self._travelled.plus(*magnitude(motion), step.dt)
+        self._covariance.move(motion, step.dt)
         if len(self.history) and not update_due(self._config.update, self._travelled):
             pose = se2.compose(self._best, self._motion)
             return StepResult(pose, step.motion, self.weights.effective_number, 0, False, False, self._certainty())

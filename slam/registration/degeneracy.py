@@ -43,6 +43,6 @@ def keep_odometry(found: Registration, spread: Array, config: RegistrationConfig
         config: how much error a degenerate direction has.
     """
     offsets, information = keep_predictions(
-        found.offsets, found.information.reshape(-1, 9)[:, UPPER], kept_by(spread, config)
+        found.offsets, found.information.reshape(-1, 9)[:, UPPER], kept_by(float(spread[0]), config)
     )
     return found._replace(offsets=offsets, information=information[:, FULL].reshape(-1, 3, 3))

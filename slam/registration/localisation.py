@@ -3,26 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from moteslam.kernels.registration_options import RegistrationOptions
 from moteslam.robot import se2
+from moteslam.robot.se2 import Pose
+from moteslam.slam.mapping.config import TsdfConfig
 from moteslam.slam.mapping.tsdf import TsdfView
 from moteslam.slam.registration.config import RegistrationConfig, TrackingConfig
-from moteslam.slam.registration.registrar import Registration, register, subsample
+from moteslam.slam.registration.registrar import Fitted, Spread, options_of, register, register_one, subsample
 from moteslam.slam.registration.search import Window, apart, candidates
 
 Array = NDArray[np.float64]
 Points = NDArray[np.float32]
+Numbers = TypeVar("Numbers", float, NDArray[np.float64])
 
 APART = np.array([0.5, 0.5, 0.2])
 """Two places are farther apart than this in one component at least [m], [m], [rad]."""
 RIVALS, RIVAL_SHARE = 4, 0.05
 """Rivals of the place where a scan is found, at most; the match score of one, less what its offset from the prediction
 costs, is smaller by this share of the points at most."""
-START = np.zeros((1, 3))
 OPEN_HEADING = 0.5
 """A scan is searched for where the heading is known no better [rad]."""
 
@@ -53,12 +56,12 @@ class Located(NamedTuple):
     """Where a scan was found.
 
     Attributes:
-        found: the registration there.
+        fitted: the registration there.
         score: its match score [points].
         rivals: other places.
     """
 
-    found: Registration
+    fitted: Fitted
     score: float
     rivals: Rivals = Rivals()
 
@@ -73,41 +76,60 @@ class Localiser:
 
     def __init__(self, config: TrackingConfig, registration: RegistrationConfig) -> None:
         self._config, self._registration = config, registration
+        self._options: tuple[TsdfConfig, RegistrationOptions] | None = None  # of the maps of before
 
     def locate(
         self,
         maps: TsdfView,
-        predicted: Array,
-        spread: Array,
+        predicted: Pose,
+        spread: Spread,
         points: Points,
-        origin: Array,
+        origin: tuple[float, float],
         predictions: Callable[[], Array],
     ) -> Located:
         """Where a scan fits: from the prediction, else after a search around it, at last in the relocation window.
 
         Args:
             maps: of one particle.
-            predicted: [3] pose by the odometry.
-            spread: [3] standard deviation of that.
+            predicted: pose by the odometry.
+            spread: standard deviation of that.
             points: [k, 2] of the scan.
-            origin: [2] where its rays start.
+            origin: where its rays start [m].
             predictions: of a search, gives other predictions [m, 3] to try beside what it finds, as offsets from
                 ``predicted``.
         """
         c = self._config
-        found = register(maps, predicted[None], spread, points, origin, START, self._registration, keep=True)
+        options = self._options_of(maps.config)
+        fitted = register_one(maps, predicted, spread, points, origin, self._registration, options)
         sure = spread[0] <= c.basin_distance and spread[2] <= OPEN_HEADING
-        near = sure and bool((abs(found.offsets[0]) <= c.accept_deviation * spread).all())
-        score = float(match_score(found, c)[0])
-        if near and found.likelihoods[0] >= c.accept_likelihood and not self.contradicts(score, len(points)):
-            return Located(found, score)
+        (x, y, theta), (along, across, about), most = fitted.offset, spread, c.accept_deviation
+        near = sure and abs(x) <= most * along and abs(y) <= most * across and abs(theta) <= most * about
+        score = match_score(fitted.known, fitted.likelihood, fitted.crossed, c)
+        if near and fitted.likelihood >= c.accept_likelihood and not self.contradicts(score, len(points)):
+            return Located(fitted, score)
+        return self._search(
+            maps, np.array(predicted), np.array(spread), points, np.array(origin), predictions(), sure=sure
+        )
+
+    def _search(
+        self,
+        maps: TsdfView,
+        predicted: Array,
+        spread: Array,
+        points: Points,
+        origin: Array,
+        others: Array,
+        *,
+        sure: bool,
+    ) -> Located:
+        """Where a scan fits, after a search around the prediction, at last in the relocation window."""
+        c = self._config
         half = np.minimum(c.window * spread, (np.inf, np.inf, np.pi))
         window = Window(half, maps.config.cell_size, c.heading_step)
-        most = c.max_starts if sure else c.retry_starts
-        starts = int(np.clip(np.ceil(np.prod(window.half / c.basin)), c.min_starts, most))
-        others = predictions()
+        largest = c.max_starts if sure else c.retry_starts
+        starts = int(np.clip(np.ceil(np.prod(window.half / c.basin)), c.min_starts, largest))
         best = self._best(maps, predicted, spread, points, origin, window, starts, others)
-        if best.found.likelihoods[0] < c.retry_likelihood:
+        if best.fitted.likelihood < c.retry_likelihood:
             best = self._best(maps, predicted, spread, points, origin, window, c.retry_starts, others)
         if not self.contradicts(best.score, len(points)):
             return best
@@ -117,6 +139,12 @@ class Localiser:
         wide = self._best(maps, predicted, wider, points, origin, window, c.relocation_starts, others, keep=False)
         clearly = wide.score >= best.score + c.relocation_gain * len(points)
         return wide if clearly else best
+
+    def _options_of(self, maps: TsdfConfig) -> RegistrationOptions:
+        """Of registrations to such maps, made once for all scans."""
+        if self._options is None or self._options[0] is not maps:
+            self._options = maps, options_of(maps, self._registration)
+        return self._options[1]
 
     def contradicts(self, score: float, points: int) -> bool:
         """Whether a scan of this many points contradicts the map where it was found, by its match score there."""
@@ -147,7 +175,8 @@ class Localiser:
         cost = off / 2
         heavy = slice(len(predictions))
         cost[heavy] = heavy_tail(off[heavy], c)
-        scores = match_score(tried, c) * len(points) / len(some)
+        matched = match_score(tried.known, tried.likelihoods, tried.crossed, c)
+        scores = matched * len(points) / len(some)
         values = scores - cost
         best = [int(values.argmax())]
         start, mean = tried.offsets[best], means[best]
@@ -167,14 +196,20 @@ class Localiser:
         order = order[values[order] > values[best] - RIVAL_SHARE * len(points)]
         rivals = order[apart(tried.offsets[order], RIVALS + 1, APART)[1:]]
         offsets = np.asarray(se2.between(start, tried.offsets[rivals]))
-        score = float(match_score(found, c)[0])
-        return Located(found, score, Rivals(offsets, scores[rivals] - scores[best], cost[rivals] - cost[best]))
+        fitted = found.of(0)
+        score = match_score(fitted.known, fitted.likelihood, fitted.crossed, c)
+        return Located(fitted, score, Rivals(offsets, scores[rivals] - scores[best], cost[rivals] - cost[best]))
 
 
-def match_score(found: Registration, config: TrackingConfig) -> Array:
-    """The match score [N] in points: endpoints that match, less what contradicts the map."""
+def match_score(known: Numbers, likelihood: Numbers, crossed: Numbers, config: TrackingConfig) -> Numbers:
+    """The match score in points: endpoints that match, less what contradicts the map.
+
+    Args:
+        known, likelihood, crossed: as of ``Registration``, of one scan or of many.
+        config: what each counts.
+    """
     c = config
-    return found.known * (c.score_likelihood * found.likelihoods - c.score_known) - c.score_crossing * found.crossed
+    return known * (c.score_likelihood * likelihood - c.score_known) - c.score_crossing * crossed
 
 
 def heavy_tail(squares: Array, config: TrackingConfig) -> Array:

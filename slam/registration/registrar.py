@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.kernels.degeneracy import Kept
-from moteslam.kernels.registration import COST, CROSSED, INFORMATION, KNOWN, LIKELIHOOD, register_scans
+from moteslam.kernels.registration import COST, CROSSED, INFORMATION, KNOWN, LIKELIHOOD, register_scan, register_scans
 from moteslam.kernels.registration_options import RegistrationOptions
+from moteslam.robot.se2 import Pose, as_pose
 from moteslam.slam.mapping.config import TsdfConfig
 from moteslam.slam.mapping.tsdf import TsdfView
 from moteslam.slam.odometry.noise import odometry_error
@@ -17,6 +18,8 @@ from moteslam.slam.registration.config import RegistrationConfig
 
 Array = NDArray[np.float64]
 Points = NDArray[np.float32]
+Spread = tuple[float, float, float]
+"""Standard deviations of a predicted pose in plain numbers: forward [m], left [m], turn [rad]."""
 FULL = [0, 1, 2, 1, 3, 4, 2, 4, 5]
 """Where in an upper triangle 00 01 02 11 12 22 the elements of the full 3 x 3 matrix are, row by row."""
 
@@ -39,6 +42,12 @@ class Registration(NamedTuple):
     known: Array
     likelihoods: Array
     crossed: Array
+
+    def of(self, which: int) -> Fitted:
+        """One of them."""
+        (xx, xy, xt), (_, yy, yt), (_, _, tt) = self.information[which].tolist()
+        known, likelihood, crossed = (float(a[which]) for a in (self.known, self.likelihoods, self.crossed))
+        return Fitted(as_pose(self.offsets[which]), (xx, xy, xt, yy, yt, tt), known, likelihood, crossed)
 
 
 def register(
@@ -81,9 +90,10 @@ def register(
         origin,
         starts,
         priors,
-        options=_options(maps.config, config),
+        options=options_of(maps.config, config),
         coarse=coarse,
-        kept=kept_by(spread, config) if keep else None,
+        kept=kept_by(x, config) if keep else None,
+        trusted=True,
     )
     information = fits[:, INFORMATION][:, FULL].reshape(-1, 3, 3)
     known = fits[:, KNOWN]
@@ -91,7 +101,48 @@ def register(
     return Registration(offsets, information, fits[:, COST], known, likelihoods, fits[:, CROSSED])
 
 
-def _options(maps: TsdfConfig, config: RegistrationConfig) -> RegistrationOptions:
+class Fitted(NamedTuple):
+    """Where one scan was found, in plain numbers: see ``Registration``.
+
+    Attributes:
+        offset, known, likelihood, crossed: as there.
+        information: the elements xx, xy, xt, yy, yt, tt; t is theta.
+    """
+
+    offset: Pose
+    information: tuple[float, float, float, float, float, float]
+    known: float
+    likelihood: float
+    crossed: float
+
+
+def register_one(
+    maps: TsdfView,
+    predicted: Pose,
+    spread: Spread,
+    points: Points,
+    origin: tuple[float, float],
+    config: RegistrationConfig,
+    options: RegistrationOptions,
+) -> Fitted:
+    """Register one scan to the TSDF of one particle, from the predicted pose, along degenerate directions kept.
+
+    Args:
+        maps, predicted, spread, points, origin, config: as of ``register``.
+        options: ``options_of`` the maps and ``config``.
+    """
+    x, y, theta = spread
+    weight = config.prior_weight
+    prior = weight / x**2, weight / y**2, weight / theta**2, 0.0, 0.0, 0.0
+    query = *maps.frame(predicted), 0.0, 0.0, 0.0, *prior
+    kept = kept_by(x, config)
+    found = register_scan(maps.pool, maps.tables, query, points, origin, options=options, kept=kept, trusted=True)
+    x, y, theta, xx, xy, xt, yy, yt, tt, _, known, likelihood, crossed = found  # as of FITS
+    return Fitted((x, y, theta), (xx, xy, xt, yy, yt, tt), known, likelihood / max(known, 1), crossed)
+
+
+def options_of(maps: TsdfConfig, config: RegistrationConfig) -> RegistrationOptions:
+    """The options of registrations to maps of this kind."""
     return RegistrationOptions(
         cell_size=maps.cell_size,
         truncation=maps.truncation,
@@ -108,13 +159,13 @@ def _options(maps: TsdfConfig, config: RegistrationConfig) -> RegistrationOption
     )
 
 
-def kept_by(spread: Array, config: RegistrationConfig) -> Kept:
-    """How odometry of this spread [3] is kept along degenerate directions."""
-    return Kept(float(spread[0]), config.degenerate, config.degenerate_gate)
+def kept_by(deviation: float, config: RegistrationConfig) -> Kept:
+    """How odometry of this standard deviation [m] is kept along degenerate directions."""
+    return Kept(deviation, config.degenerate, config.degenerate_gate)
 
 
-def prior_spread(config: RegistrationConfig, distance: float, rotation: float, *, measured: bool = True) -> Array:
-    """Standard deviation [3] of a predicted motion: forward [m], left [m], turn [rad].
+def prior_deviations(config: RegistrationConfig, distance: float, rotation: float, *, measured: bool = True) -> Spread:
+    """Standard deviations of a predicted motion: forward [m], left [m], turn [rad].
 
     Args:
         config: how the odometry's error grows.
@@ -126,7 +177,12 @@ def prior_spread(config: RegistrationConfig, distance: float, rotation: float, *
     if not measured:
         forward, left = forward + config.extrapolated_translation, left + config.extrapolated_translation
         turn += config.extrapolated_rotation
-    return np.array((forward, left, turn))
+    return forward, left, turn
+
+
+def prior_spread(config: RegistrationConfig, distance: float, rotation: float, *, measured: bool = True) -> Array:
+    """``prior_deviations`` as an array [3]."""
+    return np.array(prior_deviations(config, distance, rotation, measured=measured))
 
 
 def subsample(points: Points, most: int) -> Points:

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.kernels.thinning import ThinnedScan
-from moteslam.robot import se2
+from moteslam.robot.se2 import as_pose, compose_one
 from moteslam.slam.filter.certainty import Certainty, certainty_of
 from moteslam.slam.filter.history import History
 from moteslam.slam.filter.kld import choose_parents
@@ -20,7 +20,7 @@ from moteslam.slam.inputs.thinning import thin, thin_some
 from moteslam.slam.tsdf.config import TsdfFilterConfig
 from moteslam.slam.tsdf.floor_likelihood import FloorLikelihood
 from moteslam.slam.tsdf.hypotheses import divide, join, settled
-from moteslam.slam.tsdf.motion import MotionSinceUpdate, magnitude
+from moteslam.slam.tsdf.motion import STILL, MotionSinceUpdate, magnitude
 from moteslam.slam.tsdf.particles import Particles
 from moteslam.slam.tsdf.pose_covariance import PoseCovariance
 from moteslam.slam.tsdf.proposal import Proposal, propose, sample
@@ -44,7 +44,7 @@ class TsdfFilter(FilterDefaults):
         self._floor = FloorLikelihood(config.colours, config.texture, config.proposal.information_share)
         self._covariance, self._misfit = PoseCovariance(config.registration), Misfit()
         self._since = MotionSinceUpdate()
-        self._mode_mean = np.zeros(3)  # of the best particle's mode at the last update, in that particle's frame
+        self._mode_mean = STILL  # of the best particle's mode at the last update, in that particle's frame
 
     @property
     def poses(self) -> Array:
@@ -93,10 +93,10 @@ class TsdfFilter(FilterDefaults):
             return self._start(scan)
         tracked = self._track(step, scan)
         due = update_due(self._config.update, self._since.travelled, self._since.tracked)
+        moved = np.array(tracked.motion)
         if tracked.lost or not (due or len(tracked.rivals.offsets)):
-            return StepResult(
-                self._pose(), tracked.motion, self.weights.effective_number, 0.0, False, False, self._certainty()
-            )
+            n_eff = self.weights.effective_number
+            return StepResult(self._pose(), moved, n_eff, 0.0, False, False, self._certainty())
         places = divide(self._particles, tracked.rivals, self._config.proposal.evidence_share)
         proposal = self._register(step, scan, places)
         proposal = self._weigh(step, proposal)
@@ -104,7 +104,7 @@ class TsdfFilter(FilterDefaults):
         proposal, resampled = self._resample(step, proposal)
         self._sample(step, proposal)
         self._map(scan, proposal)
-        return StepResult(self._pose(), tracked.motion, n_eff, score, True, resampled, self._certainty())
+        return StepResult(self._pose(), moved, n_eff, score, True, resampled, self._certainty())
 
     def revise(self, poses: Array, updates: NDArray[np.intp], scans: Scans) -> None:
         """Go on from a path that the back end has corrected: with one map, drawn along it, that all particles share.
@@ -115,7 +115,7 @@ class TsdfFilter(FilterDefaults):
             scans: endpoints of all scans.
         """
         self._particles.revise(poses, thin_some(scans, updates.tolist(), self._config.thinning))
-        self._tracker.pose = self._particles.best_pose
+        self._tracker.pose = as_pose(self._particles.best_pose)
         self._misfit.revise(poses)
         self._floor = FloorLikelihood(
             self._config.colours, self._config.texture, self._config.proposal.information_share
@@ -125,13 +125,14 @@ class TsdfFilter(FilterDefaults):
         """The first scan: there is nothing to register to; it goes into the one map that all particles share."""
         self._particles.start(scan)
         self._misfit.update(self._tracker.pose)
-        pose, n_eff = self._tracker.pose, self.weights.effective_number
+        pose, n_eff = np.array(self._tracker.pose), self.weights.effective_number
         return StepResult(pose, np.zeros(3), n_eff, 0.0, True, False, self._certainty())
 
     def _track(self, step: Step, scan: ThinnedScan) -> Tracked:
         """Predict the motion since the last scan, and register the scan to the best particle's map."""
-        motion = self._tracker.predict(step.motion, step.dt, measured=step.measured)
-        tracked = self._tracker.track(motion, scan, step.origin, self._particles)
+        motion = self._tracker.predict(as_pose(step.motion), step.dt, measured=step.measured)
+        x, y = step.origin.tolist()
+        tracked = self._tracker.track(motion, scan, (x, y), self._particles)
         self._since = self._since.plus(motion, tracked.motion, slipped=tracked.slipped)
         fit = tracked.fit
         self._covariance.step(motion, tracked.motion, None if tracked.lost else fit)
@@ -166,7 +167,9 @@ class TsdfFilter(FilterDefaults):
             proposal = refined
             particles.weights = particles.weights.times_log(proposal.log_likelihood)
         particles.best = particles.weights.best
-        self._tracker.calibrate(self._since, proposal.offsets[particles.best], proposal.information[particles.best])
+        self._tracker.calibrate(
+            self._since, as_pose(proposal.offsets[particles.best]), proposal.information[particles.best]
+        )
         return proposal
 
     def _resample(self, step: Step, proposal: Proposal) -> tuple[Proposal, bool]:
@@ -182,8 +185,11 @@ class TsdfFilter(FilterDefaults):
 
     def _sample(self, step: Step, proposal: Proposal) -> None:
         """Draw every particle's pose from its proposal."""
-        generator = generator_for(self._seed, step.index, Draws.PROPOSAL)
-        normals = generator.standard_normal((len(self._particles), 3))
+        n = len(self._particles)
+        if n == 1:  # the best one, which is not drawn
+            self._particles.move_to(proposal.means)
+            return
+        normals = generator_for(self._seed, step.index, Draws.PROPOSAL).standard_normal((n, 3))
         self._particles.move_to(sample(proposal, normals, self._config.proposal, best=self.best_particle))
 
     def _map(self, scan: ThinnedScan, proposal: Proposal) -> None:
@@ -193,11 +199,11 @@ class TsdfFilter(FilterDefaults):
             self._particles.integrate(scan)
             self._covariance.mapped()
         self._floor.integrate(self._particles, self._since)
-        self._tracker.pose = self._particles.best_pose
+        self._tracker.pose = as_pose(self._particles.best_pose)
         self._misfit.update(self._tracker.pose)
         self._since = MotionSinceUpdate()
-        self._mode_mean = self._particles.mode_mean(
-            self._config.proposal.mode_distance, self._config.proposal.mode_rotation
+        self._mode_mean = as_pose(
+            self._particles.mode_mean(self._config.proposal.mode_distance, self._config.proposal.mode_rotation)
         )
 
     def _certainty(self) -> Certainty:
@@ -206,4 +212,4 @@ class TsdfFilter(FilterDefaults):
 
     def _pose(self) -> Array:
         """The online pose [3]: the mean of the best particle's mode, moved by what was tracked since."""
-        return se2.compose(self._tracker.pose, self._mode_mean)
+        return np.array(compose_one(self._tracker.pose, self._mode_mean))

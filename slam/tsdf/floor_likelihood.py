@@ -58,7 +58,7 @@ class FloorLikelihood:
         if self._view is None or not proposal.registered:
             return None
         registered = se2.compose(since.odometry, proposal.offsets[best])
-        self._view = self._view.corrected(since.wheels, registered, since.travelled.elapsed)
+        self._view = self._view.corrected(np.array(since.wheels), registered, since.travelled.elapsed)
         fit = self._tracker.fit(self._view, proposal.means, best)
         if fit is None:
             return None

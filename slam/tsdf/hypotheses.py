@@ -23,6 +23,8 @@ def settled(particles: Particles) -> bool:
 
 def join(particles: Particles) -> None:
     """Particles that have come to where the best one is are of its hypothesis."""
+    if (particles.hypotheses == particles.hypotheses[particles.best]).all():
+        return
     together = (np.abs(particles.offsets()) < APART).all(axis=1)
     particles.hypotheses[together] = particles.hypotheses[particles.best]
 
@@ -40,7 +42,10 @@ def divide(particles: Particles, rivals: Rivals, evidence_share: float) -> Array
     Returns:
         [N, 3] where each looks for the robot, from where the tracked motion leads it.
     """
-    places, off = np.zeros((len(particles), 3)), particles.offsets()
+    places = np.zeros((len(particles), 3))
+    if not len(rivals.offsets):
+        return places
+    off = particles.offsets()
     away = off[:, None] - rivals.offsets
     away[..., 2] = se2.wrap(away[..., 2])
     free = (np.abs(away) >= APART).any(axis=2).all(axis=0)

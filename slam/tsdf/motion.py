@@ -2,67 +2,71 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
-from moteslam.robot import se2
+from moteslam.robot.se2 import Pose, compose_one
 from moteslam.slam.filter.update_policy import Travelled, magnitude
 
-__all__ = ["MotionSinceUpdate", "StepMotion", "Travelled", "magnitude"]
+__all__ = ["MotionSinceUpdate", "StepMotion", "Travelled", "magnitude", "step_motion"]
 
-Array = NDArray[np.float64]
+STILL: Pose = (0.0, 0.0, 0.0)
+"""No motion."""
 
 
-@dataclass(frozen=True, eq=False)
-class StepMotion:
+class StepMotion(NamedTuple):
     """The motion of one step, before its scan is registered.
 
     Attributes:
-        wheels: [3] as the odometry measured it, or as extrapolated.
-        corrected: [3] the same with the odometry's systematic errors removed.
+        wheels: as the odometry measured it, or as extrapolated.
+        corrected: the same with the odometry's systematic errors removed.
         dt: of the step [s].
         measured: whether odometry measured it.
+        distance, rotation: length and absolute turn of ``corrected`` [m], [rad].
     """
 
-    wheels: Array
-    corrected: Array
+    wheels: Pose
+    corrected: Pose
     dt: float
     measured: bool
+    distance: float
+    rotation: float
 
 
-@dataclass(frozen=True, eq=False)
-class MotionSinceUpdate:
+def step_motion(wheels: Pose, corrected: Pose, dt: float, *, measured: bool) -> StepMotion:
+    """The motion of one step: see ``StepMotion``."""
+    return StepMotion(wheels, corrected, dt, measured, *magnitude(corrected))
+
+
+class MotionSinceUpdate(NamedTuple):
     """The sum of the steps since the last update; every increment is in the frame of the pose there.
 
     Attributes:
-        tracked: [3] as registration to the best particle's map found it.
-        odometry: [3] by the corrected odometry; by tracking where the odometry slipped or measured nothing.
-        wheels: [3] by the odometry, not corrected.
+        tracked: as registration to the best particle's map found it.
+        odometry: by the corrected odometry; by tracking where the odometry slipped or measured nothing.
+        wheels: by the odometry, not corrected.
         travelled: distance, rotation and time by the corrected odometry.
         calibrates: whether the odometry's gains may be updated with it: no part of it is extrapolated or a slip.
     """
 
-    tracked: Array = field(default_factory=lambda: np.zeros(3))
-    odometry: Array = field(default_factory=lambda: np.zeros(3))
-    wheels: Array = field(default_factory=lambda: np.zeros(3))
-    travelled: Travelled = field(default_factory=Travelled)
+    tracked: Pose = STILL
+    odometry: Pose = STILL
+    wheels: Pose = STILL
+    travelled: Travelled = Travelled()
     calibrates: bool = True
 
-    def plus(self, step: StepMotion, tracked: Array, *, slipped: bool) -> MotionSinceUpdate:
+    def plus(self, step: StepMotion, tracked: Pose, *, slipped: bool) -> MotionSinceUpdate:
         """After one more step.
 
         Args:
             step: as it was predicted.
-            tracked: [3] the same as registration found it.
+            tracked: the same as registration found it.
             slipped: whether its odometry slipped.
         """
         usable = step.measured and not slipped
         return MotionSinceUpdate(
-            tracked=se2.compose(self.tracked, tracked),
-            odometry=se2.compose(self.odometry, step.corrected if usable else tracked),
-            wheels=se2.compose(self.wheels, step.wheels),
-            travelled=self.travelled.plus(step.corrected, step.dt),
+            tracked=compose_one(self.tracked, tracked),
+            odometry=compose_one(self.odometry, step.corrected if usable else tracked),
+            wheels=compose_one(self.wheels, step.wheels),
+            travelled=self.travelled.plus(step.distance, step.rotation, step.dt),
             calibrates=self.calibrates and usable,
         )

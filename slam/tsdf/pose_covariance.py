@@ -10,17 +10,13 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
+from moteslam.robot.se2 import Pose
 from moteslam.slam.filter.certainty import FLOOR, NEIGHBOURHOOD
-from moteslam.slam.filter.covariance import Symmetric, inverse, moved, plus, plus_diagonal, sandwiched, symmetric
+from moteslam.slam.filter.covariance import Symmetric, inverse, moved, plus, plus_diagonal, sandwiched
 from moteslam.slam.registration.config import RegistrationConfig
 from moteslam.slam.registration.information import residual_variance
-from moteslam.slam.registration.registrar import prior_spread
-from moteslam.slam.tsdf.motion import StepMotion, magnitude
-
-Array = NDArray[np.float64]
+from moteslam.slam.registration.registrar import Spread, prior_deviations
+from moteslam.slam.tsdf.motion import StepMotion
 
 CORRELATION = 14.0
 """Neighbouring endpoints err alike: this many of them count as one. Chosen on simulated drives of seeds from 200 on."""
@@ -32,23 +28,23 @@ class Fit(NamedTuple):
     """A scan as it was registered, as far as certainty goes.
 
     Attributes:
-        information: [3, 3] of the endpoints, in standard residuals.
+        information: of the endpoints, in standard residuals.
         likelihood: mean of the endpoints, 0 to 1.
-        spread: [3] standard deviation of the prediction that it was registered with.
+        spread: standard deviation of the prediction that it was registered with.
         score: match score as a share of the points where the map is known.
     """
 
-    information: Array
+    information: Symmetric
     likelihood: float
-    spread: Array
+    spread: Spread
     score: float
 
 
 class PoseCovariance:
     """Follows the covariance from scan to scan.
 
-    The odometry's variance grows in proportion to distance and turn, and is that of ``prior_spread`` after a metre and
-    a radian: errors of a path of many steps, whatever the rate of the scans.
+    The odometry's variance grows in proportion to distance and turn, and is that of ``prior_deviations`` after a metre
+    and a radian: errors of a path of many steps, whatever the rate of the scans.
 
     Args:
         config: how the poses are registered.
@@ -59,7 +55,8 @@ class PoseCovariance:
 
     def __init__(self, config: RegistrationConfig) -> None:
         self._config = config
-        x, _, theta = np.square(prior_spread(config, 1.0, 1.0)).tolist()
+        forward, _, turn = prior_deviations(config, 1.0, 1.0)
+        x, theta = forward * forward, turn * turn
         self._a_metre, self._a_radian = x, theta
         # the error relative to the mean of a path that ends here, whose errors add up as in a random walk
         around = NEIGHBOURHOOD / 3
@@ -68,16 +65,15 @@ class PoseCovariance:
         self._map: Symmetric = self._fresh
         self.degenerate = math.nan
 
-    def step(self, motion: StepMotion, tracked: Array, fit: Fit | None) -> None:
+    def step(self, motion: StepMotion, tracked: Pose, fit: Fit | None) -> None:
         """Take in a scan.
 
         Args:
             motion: since the scan before, as predicted.
-            tracked: [3] the same as tracked.
+            tracked: the same as tracked.
             fit: of the scan; None where it was not used for the pose.
         """
-        distance, turn = magnitude(motion.corrected)
-        x, theta = self._a_metre * distance, self._a_radian * turn
+        x, theta = self._a_metre * motion.distance, self._a_radian * motion.rotation
         if not motion.measured:
             x += self._config.extrapolated_translation**2
             theta += self._config.extrapolated_rotation**2
@@ -106,9 +102,9 @@ class PoseCovariance:
         With information I of the scan and P of the prior, A = H P, where H = (I + P)^-1; and r has the covariance
         s I^-1, with s from the residuals of this scan. C before, it is A C A^T + s H I H = H (P C P - s P) H + s H.
         """
-        information = symmetric(fit.information)
+        information = fit.information
         weight = self._config.prior_weight
-        p, q, r = (weight / max(spread, 1e-9) ** 2 for spread in fit.spread.tolist())
+        p, q, r = (weight / max(spread, 1e-9) ** 2 for spread in fit.spread)
         scale = residual_variance(fit.likelihood, self._config) * CORRELATION
         h = inverse(plus_diagonal(information, p, q, r))
         xx, xy, xt, yy, yt, tt = self._pose

@@ -95,7 +95,7 @@ def propose(
     """
     n, travelled = len(particles), since.travelled
     predicted = se2.compose(particles.poses, since.odometry)
-    if places is not None:
+    if places is not None and places.any():
         away = places.any(axis=1)
         starts = se2.compose(se2.compose(particles.poses[away], since.tracked), places[away])
         predicted[away] = se2.compose(starts, se2.between(since.tracked, since.odometry))
@@ -105,7 +105,7 @@ def propose(
         nothing = np.zeros((n, 3, 3))
         return Proposal(predicted, nothing[..., 0], nothing, spread, config.sampled_share, False, zeros, zeros)
     drift = prior_spread(registration, travelled.distance, travelled.rotation, measured=measured)
-    starts = np.repeat(se2.between(since.odometry, since.tracked)[None], n, axis=0)
+    starts = np.array((se2.between_one(since.odometry, since.tracked),) * n)
     points = subsample(scan.points, registration.max_points)
     found = register(particles.maps.all(), predicted, drift, points, origin, starts, registration, keep=True)
     return Proposal(

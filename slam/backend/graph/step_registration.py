@@ -175,7 +175,7 @@ def _nearest(held: Registration, spread: Array) -> int:
 def _matches(found: Registration, spread: Array) -> Array:
     """The match scores [N], less what the offsets cost by an odometry of this spread [3]."""
     off = np.square(found.offsets / spread).sum(axis=1)
-    return match_score(found, SCORES) - heavy_tail(off, SCORES)
+    return match_score(found.known, found.likelihoods, found.crossed, SCORES) - heavy_tail(off, SCORES)
 
 
 def _overrules(

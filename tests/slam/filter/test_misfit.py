@@ -24,7 +24,7 @@ class Drive:
         for _ in range(round(distance / STEP)):
             self.x += -STEP if back else STEP
             self.misfit.look(STEP, score)
-            self.misfit.update(np.array([self.x, 0.0, 0.0]))
+            self.misfit.update((self.x, 0.0, 0.0))
             states.append(self.misfit.state)
         return states
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
 import pytest
 
 from moteslam.slam.filter.config import UpdateConfig
@@ -25,12 +24,12 @@ def test_each_of_distance_rotation_and_time_is_enough(travelled: Travelled, due:
 
 
 def test_the_larger_of_odometry_and_tracked_motion_counts() -> None:
-    assert update_due(POLICY, Travelled(0.0, 0.0, 0.0), np.array([0.08, 0.08, 0.0]))
-    assert update_due(POLICY, Travelled(0.0, 0.0, 0.0), np.array([0.0, 0.0, -0.2]))
-    assert update_due(POLICY, Travelled(0.1, 0.0, 0.0), np.zeros(3))
-    assert not update_due(POLICY, Travelled(0.09, 0.19, 0.0), np.array([0.05, 0.0, 0.19]))
+    assert update_due(POLICY, Travelled(0.0, 0.0, 0.0), (0.08, 0.08, 0.0))
+    assert update_due(POLICY, Travelled(0.0, 0.0, 0.0), (0.0, 0.0, -0.2))
+    assert update_due(POLICY, Travelled(0.1, 0.0, 0.0), (0.0, 0.0, 0.0))
+    assert not update_due(POLICY, Travelled(0.09, 0.19, 0.0), (0.05, 0.0, 0.19))
 
 
 def test_what_was_travelled_adds_up() -> None:
-    travelled = Travelled(0.0, 0.0, 0.0).plus(np.array([0.3, 0.4, -0.1]), 0.5).plus(np.array([0.0, 0.0, 0.1]), 0.5)
+    travelled = Travelled(0.0, 0.0, 0.0).plus(0.5, 0.1, 0.5).plus(0.0, 0.1, 0.5)
     assert travelled == pytest.approx((0.5, 0.2, 1.0))

@@ -88,4 +88,4 @@ def test_slips_are_gated_out() -> None:
 def test_off_means_off() -> None:
     calibration = OdometryCalibration(CalibrationConfig(enabled=False))
     calibration.update(np.array([0.5, 0.0, 0.1]), np.array([0.48, 0.0, 0.1]), SURE)
-    assert calibration.corrected(np.array([1.0, 0.0, 0.0])).tolist() == [1.0, 0.0, 0.0]
+    assert calibration.corrected((1.0, 0.0, 0.0)) == (1.0, 0.0, 0.0)

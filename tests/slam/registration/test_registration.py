@@ -17,7 +17,8 @@ from moteslam.slam.registration.localisation import Localiser, match_score
 from moteslam.slam.registration.registrar import Registration
 
 Array = NDArray[np.float64]
-SPREAD = np.array([0.02, 0.02, 0.02])
+SPREAD = (0.02, 0.02, 0.02)
+HERE = (0.0, 0.0)
 ODOMETRY = np.zeros((1, 3))
 
 
@@ -37,7 +38,7 @@ def localiser(**keys: float) -> Localiser:
 
 
 def kept(found: Registration, **keys: float) -> Registration:
-    return keep_odometry(found, SPREAD, RegistrationConfig(**keys))  # type: ignore[arg-type]
+    return keep_odometry(found, np.array(SPREAD), RegistrationConfig(**keys))  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("heading", [0.0, 0.4, 1.6, -2.9])
@@ -82,8 +83,8 @@ def room(taichi: None) -> TsdfView:
 def locate(room: TsdfView, at: tuple[float, float, float], predicted: Array, predictions: Array = ODOMETRY) -> Array:
     """Where a scan taken there is found to be, from where the odometry puts it."""
     points = thinned(room_scan(at)).points
-    result = localiser().locate(room, predicted, SPREAD, points, np.zeros(2), lambda: predictions).found
-    return se2.compose(predicted, result.offsets[0])
+    result = localiser().locate(room, se2.as_pose(predicted), SPREAD, points, HERE, lambda: predictions).fitted
+    return se2.compose(predicted, result.offset)
 
 
 def test_a_scan_near_its_prediction_is_found_without_a_search(room: TsdfView, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -99,26 +100,23 @@ def test_a_scan_near_its_prediction_is_found_without_a_search(room: TsdfView, mo
 
 def test_a_scan_is_found_where_the_same_velocity_would_put_it(room: TsdfView) -> None:
     """Odometry that misses 0.9 m and half a radian, and no relocation window to look in."""
-    at, stood = (0.7, 0.5, 0.5), np.zeros(3)
+    at, stood = (0.7, 0.5, 0.5), (0.0, 0.0, 0.0)
     points = thinned(room_scan(at)).points
     narrow = localiser(relocation_distance=0.0, relocation_rotation=0.0)
     predictions = np.stack((np.zeros(3), se2.between(stood, np.array(at) + 0.02)))
-    (with_velocity,) = narrow.locate(room, stood, SPREAD, points, np.zeros(2), lambda: predictions).found.offsets
-    (without,) = narrow.locate(room, stood, SPREAD, points, np.zeros(2), lambda: ODOMETRY).found.offsets
-    assert np.abs(with_velocity - at).max() < 0.005
-    assert np.abs(without - at).max() > 0.1
+    with_velocity = narrow.locate(room, stood, SPREAD, points, HERE, lambda: predictions).fitted.offset
+    without = narrow.locate(room, stood, SPREAD, points, HERE, lambda: ODOMETRY).fitted.offset
+    assert np.abs(np.subtract(with_velocity, at)).max() < 0.005
+    assert np.abs(np.subtract(without, at)).max() > 0.1
 
 
 def test_rays_through_a_surface_lower_the_match_score_and_can_lose_a_scan() -> None:
-    def matched(crossed: float) -> Registration:
-        """A scan of 100 points that all fit well, with ``crossed`` rays through a surface."""
-        return Registration(*np.zeros((2, 1, 3)), *np.array([[10.0], [100.0], [0.9], [crossed]]))  # type: ignore[arg-type]
-
+    """A scan of 100 points that all fit well, of whose rays 40 go through a surface, or none."""
     config = TrackingConfig()
-    free, blocked = (match_score(matched(crossed), TrackingConfig())[0] for crossed in (0.0, 40.0))
+    free, blocked = (match_score(100.0, 0.9, crossed, config) for crossed in (0.0, 40.0))
     assert free - blocked == pytest.approx(40 * config.score_crossing)
     strict = TrackingConfig(score_crossing=3.0)
-    scores = [float(match_score(matched(crossed), strict)[0]) for crossed in (0.0, 40.0)]
+    scores = [match_score(100.0, 0.9, crossed, strict) for crossed in (0.0, 40.0)]
     assert [localiser().contradicts(score, 100) for score in scores] == [False, True]
 
 
@@ -126,11 +124,11 @@ def test_places_that_look_alike_are_rivals_by_what_their_offsets_cost(room: Tsdf
     """A room looks the same from the other side; seen from a right angle to both, neither is likelier."""
     at = np.array((0.3, -0.2, 0.1))
     points, other = thinned(room_scan(at)).points, se2.wrap(at * (-1, -1, 1) + (0.0, 0.0, np.pi))
-    spread = np.array((0.4, 0.4, 1.5))
+    spread = (0.4, 0.4, 1.5)
     for lean in (0.0, 0.2):
-        predicted = np.array((0.0, 0.0, at[2] + np.pi / 2 - lean))
-        found, _, rivals = localiser().locate(room, predicted, spread, points, np.zeros(2), lambda: ODOMETRY)
-        here = se2.compose(predicted, found.offsets[0])
+        predicted = (0.0, 0.0, float(at[2]) + np.pi / 2 - lean)
+        fitted, _, rivals = localiser().locate(room, predicted, spread, points, HERE, lambda: ODOMETRY)
+        here = se2.compose(predicted, fitted.offset)
         places = se2.compose(here, rivals.offsets)
         expected = other if abs(se2.wrap(here[2] - at[2])) < 1 else at
         assert len(rivals.offsets) == 1
@@ -146,7 +144,8 @@ def test_places_that_look_alike_are_rivals_by_what_their_offsets_cost(room: Tsdf
 def test_a_place_that_looks_like_no_other_has_no_rivals(room: TsdfView) -> None:
     at = np.array((0.3, -0.2, 0.1))
     points = thinned(room_scan(at)).points
-    found, _, rivals = localiser().locate(room, at + 0.3, np.full(3, 0.3), points, np.zeros(2), lambda: ODOMETRY)
-    np.testing.assert_allclose(se2.between(se2.compose(at + 0.3, found.offsets[0]), at), 0.0, atol=0.005)
+    predicted = se2.as_pose(at + 0.3)
+    fitted, _, rivals = localiser().locate(room, predicted, (0.3, 0.3, 0.3), points, HERE, lambda: ODOMETRY)
+    np.testing.assert_allclose(se2.between(se2.compose(predicted, fitted.offset), at), 0.0, atol=0.005)
     assert not len(rivals.offsets)
     assert not len(rivals.log_odds(0.03))

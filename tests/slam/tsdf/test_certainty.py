@@ -10,12 +10,12 @@ from slam_rooms import bare_corridor, carried_into_another_room, circled_room
 
 from moteslam.slam.estimate import Estimate
 from moteslam.slam.filter.certainty import FLOOR, LOST_DISTANCE, NEIGHBOURHOOD, LocalisationState, state_by_spread
-from moteslam.slam.filter.covariance import as_array, largest_deviation
+from moteslam.slam.filter.covariance import as_array, largest_deviation, symmetric
 from moteslam.slam.registration.config import RegistrationConfig
 from moteslam.slam.registration.registrar import prior_spread
 from moteslam.slam.run import SlamSession, run_slam
 from moteslam.slam.settings import resolve_config
-from moteslam.slam.tsdf.motion import StepMotion
+from moteslam.slam.tsdf.motion import STILL, step_motion
 from moteslam.slam.tsdf.pose_covariance import CORRELATION, Fit, PoseCovariance
 
 SURE, DOUBTFUL, LOST = LocalisationState
@@ -77,8 +77,8 @@ def test_without_scans_and_odometry_the_robot_is_soon_lost():
     covariance = PoseCovariance(RegistrationConfig())
     states = []
     for _ in range(400):
-        step = np.array([0.05, 0.0, 0.0])
-        covariance.step(StepMotion(step, step, 0.1, measured=False), step, None)
+        step = (0.05, 0.0, 0.0)
+        covariance.step(step_motion(step, step, 0.1, measured=False), step, None)
         value = covariance.value
         states.append(state_by_spread(largest_deviation(value), math.sqrt(value[5])))
     assert states[0] is SURE
@@ -91,15 +91,14 @@ def test_a_registration_leaves_the_error_of_its_weighted_mean():
     """After one registration the error is A e + (1 - A) r, with the prior's share A as ``register`` weighs it."""
     config = RegistrationConfig()
     covariance = PoseCovariance(config)
-    step = np.array([0.3, 0.1, 0.2])
+    step = (0.3, 0.1, 0.2)
     information = np.array([[4e4, 1e3, 5e3], [1e3, 2e3, -4e2], [5e3, -4e2, 6e4]])
-    spread = np.array([0.03, 0.03, 0.05])
-    covariance.step(StepMotion(step, step, 0.1, measured=True), step, None)
+    spread = (0.03, 0.03, 0.05)
+    covariance.step(step_motion(step, step, 0.1, measured=True), step, None)
     before = as_array(covariance._pose)
-    still = np.zeros(3)
-    covariance.step(StepMotion(still, still, 0.1, measured=True), still, Fit(information, 0.8, spread, 1.0))
+    covariance.step(step_motion(STILL, STILL, 0.1, measured=True), STILL, Fit(symmetric(information), 0.8, spread, 1.0))
     scale = config.likelihood_width**2 * (1 / 0.8**2 - 1) * CORRELATION
-    prior = config.prior_weight * np.diag(1 / spread**2)
+    prior = config.prior_weight * np.diag(1 / np.square(spread))
     share = np.linalg.inv(information + prior) @ prior
     rest = np.eye(3) - share
     expected = share @ before @ share.T + rest @ (scale * np.linalg.inv(information)) @ rest.T
@@ -112,13 +111,20 @@ def test_a_registration_leaves_the_error_of_its_weighted_mean():
 
 def test_the_degenerate_direction_is_that_of_least_information():
     covariance = PoseCovariance(RegistrationConfig())
-    still = np.zeros(3)
     for angle in (0.0, 0.3, -1.2, 1.5):
         along, across = np.array([np.cos(angle), np.sin(angle)]), np.array([-np.sin(angle), np.cos(angle)])
         information = np.diag([0.0, 0.0, 1e6])
         information[:2, :2] = 10.0 * np.outer(along, along) + 1e6 * np.outer(across, across)
-        covariance.step(StepMotion(still, still, 0.1, True), still, Fit(information, 0.9, np.full(3, 0.01), 1.0))
+        covariance.step(
+            step_motion(STILL, STILL, 0.1, measured=True),
+            STILL,
+            Fit(symmetric(information), 0.9, (0.01, 0.01, 0.01), 1.0),
+        )
         assert covariance.degenerate == pytest.approx(angle, abs=1e-6)
         information[:2, :2] += 1e6 * np.outer(along, along)
-        covariance.step(StepMotion(still, still, 0.1, True), still, Fit(information, 0.9, np.full(3, 0.01), 1.0))
+        covariance.step(
+            step_motion(STILL, STILL, 0.1, measured=True),
+            STILL,
+            Fit(symmetric(information), 0.9, (0.01, 0.01, 0.01), 1.0),
+        )
         assert math.isnan(covariance.degenerate)

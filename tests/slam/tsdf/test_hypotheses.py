@@ -172,10 +172,10 @@ def test_after_a_time_without_scans_the_robot_is_looked_for_as_far_as_its_odomet
         tracker = Tracker(config, RegistrationConfig(), CalibrationConfig(enabled=False))
         for k in range(steps):
             sign = 1 if k % 2 else -1
-            motion = tracker.predict(np.array((0.4 * sign, 0.0, turn * sign)), 1.0, measured=True)
-            tracker.track(motion, blind, np.zeros(2), particles)
-        motion = tracker.predict(np.zeros(3), 1.0, measured=True)
-        tracker.track(motion, thinned(room_scan(at)), np.zeros(2), particles)
+            motion = tracker.predict((0.4 * sign, 0.0, turn * sign), 1.0, measured=True)
+            tracker.track(motion, blind, (0.0, 0.0), particles)
+        motion = tracker.predict((0.0, 0.0, 0.0), 1.0, measured=True)
+        tracker.track(motion, thinned(room_scan(at)), (0.0, 0.0), particles)
         return float(np.abs(se2.between(tracker.pose, at)).max())
 
     assert off(0) > 0.1
