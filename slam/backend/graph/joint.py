@@ -17,6 +17,7 @@ from moteslam.robot import se2
 from moteslam.slam.backend.graph.chain import Chain
 from moteslam.slam.backend.graph.config import GraphConfig
 from moteslam.slam.backend.graph.endpoints import Endpoints
+from moteslam.slam.backend.graph.partners import choose_partners
 from moteslam.slam.backend.graph.pose_graph import relative_jacobians
 from moteslam.slam.backend.graph.sparse_blocks import BlockSystem
 from moteslam.slam.registration.degeneracy import least_informed
@@ -37,10 +38,6 @@ AGREEMENT = 0.8
 """Smallest cosine between the normals of a match."""
 SLIP = 3.0
 """The robust scale of the chain's steps [standard deviations] (Cauchy)."""
-OVERLAP_CELL, LEAST_OVERLAP = 0.5, 0.2
-"""Two scans are partners where they share this much of the cells [m] that the endpoints of one lie in."""
-NEAR_SHARE = 1 / 3
-"""Of the partners, those nearest along the path; the others are spread over all that overlap."""
 FIRST_POINTS = 3
 """Every third endpoint is enough until the poses are still, and for the first half of the rounds at most."""
 STILL = 1e-3
@@ -174,39 +171,6 @@ class _Steps(NamedTuple):
     measured: Array
     information: Array
     doubted: NDArray[np.bool_]
-
-
-def choose_partners(endpoints: Endpoints, poses: Array, most: int, held: NDArray[np.bool_]) -> NDArray[np.int32]:
-    """The scans that each scan's endpoints are held to: int32 [n, most], -1 for none.
-
-    Scans that see the same places: some of those nearest along the path, and some spread over all that overlap, so that
-    every passage is bound to every other. Those that are not to be held to others have none.
-    """
-    from scipy.sparse import csr_matrix
-
-    n = len(poses)
-    points, _ = endpoints.placed(poses)
-    cells = np.floor(points / OVERLAP_CELL).astype(np.int64)
-    cells -= cells.min(axis=0)
-    _, column = np.unique(cells @ np.array((1, int(cells[:, 0].max()) + 1)), return_inverse=True)
-    seen = csr_matrix((np.ones(len(column), np.float32), (endpoints.owners, column)), shape=(n, int(column.max()) + 1))
-    seen.sum_duplicates()
-    seen.data[:] = 1
-    rows = np.flatnonzero(held)
-    shared, sizes = (seen[rows] @ seen.T).tocsr(), np.diff(seen.indptr)
-    partners = np.full((n, most), -1, np.int32)
-    near_count = int(NEAR_SHARE * most)
-    for row, a in enumerate(rows.tolist()):
-        entries = slice(shared.indptr[row], shared.indptr[row + 1])
-        others, overlap = shared.indices[entries], shared.data[entries]
-        others = np.sort(others[(others != a) & (overlap >= LEAST_OVERLAP * sizes[a])])
-        if len(others) > most:
-            near = np.argsort(np.abs(others - a), kind="stable")[:near_count]
-            rest = np.delete(others, near)
-            spread = np.linspace(0, len(rest) - 1, most - near_count).round().astype(int)
-            others = np.sort(np.r_[others[near], rest[spread]])
-        partners[a, : len(others)] = others
-    return partners
 
 
 def _residual_variance(costs: Array, scale: float) -> float:

@@ -9,6 +9,10 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 
+DENSE = 150
+"""Systems of up to this many unknowns are solved as full matrices: that is as fast, and SciPy need not be loaded."""
+
+
 class BlockSystem:
     """The places of the blocks, found once for many systems of the same pairs.
 
@@ -50,14 +54,19 @@ class BlockSystem:
             pairs: [e, 3, 3] blocks between the first and the second pose of each pair; those of equal pairs are added.
             right: [n, 3] right-hand side.
         """
-        from scipy.sparse import csc_matrix
-        from scipy.sparse.linalg import splu
-
         placed = np.where(self._turned[:, None, None], np.swapaxes(pairs, 1, 2), pairs)
         blocks = np.zeros((self._blocks, 9))
         np.add.at(blocks, self._pairs, placed.reshape(-1, 9))
         blocks[self._own] += own.reshape(-1, 9)
         size = 3 * self._n
+        if size <= DENSE:
+            dense = np.zeros((size, size))
+            dense[self._rows, np.repeat(np.arange(size), np.diff(self._begin))] = blocks.ravel()[self._sources]
+            solution: Array = np.asarray(np.linalg.solve(dense, right.ravel()), np.float64)
+            return solution.reshape(-1, 3)
+        from scipy.sparse import csc_matrix
+        from scipy.sparse.linalg import splu
+
         matrix = csc_matrix((blocks.ravel()[self._sources], self._rows, self._begin), shape=(size, size))
         # positive definite: no pivoting, and an order of elimination for symmetric matrices
         factors = splu(matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
