@@ -36,6 +36,9 @@ def test_arguments_that_change_between_launches_arrive() -> None:
         values += 1  # in place: the same memory, other numbers
         fill(values, add, 1, more, 2, out)
         assert out[:, 0].tolist() == [int(v + add) * 2 + more for v in values]
+    values.shape = (1, 2)  # the same array, of another shape
+    with pytest.raises(Exception, match=r"."):
+        fill(values, 1.0, 1, 1, 2, out)
     signs = np.zeros(1, np.float32)
     for zero in (0.0, -0.0, 0.0, np.nan, -0.0):
         keep(zero, signs)

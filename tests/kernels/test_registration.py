@@ -19,6 +19,7 @@ from moteslam.kernels.registration import (
     INFORMATION,
     KNOWN,
     LIKELIHOOD,
+    register_scan,
     register_scans,
 )
 from moteslam.kernels.registration_options import RegistrationOptions
@@ -240,3 +241,21 @@ def test_bad_input_of_registration(change: dict[str, object], field: str) -> Non
     arguments |= {key: change[key] for key in change if key not in OPTIONS}
     with pytest.raises(InputError, match=f"^{field}: "):
         register_scans(**arguments, options=options)  # type: ignore[arg-type]
+
+
+def test_one_scan_in_plain_numbers_is_a_row_of_many(room: Pool) -> None:
+    points, prior = thinned(room_scan((0.2, 0.1, 0.3))).points, (1e3, 2e3, 3e3, 0.01, 0.0, -0.01)
+    options, start = RegistrationOptions(**OPTIONS), (0.02, -0.01, 0.01)  # type: ignore[arg-type]
+    (frame,) = frames([moved(MIDDLE, (0.23, 0.08, 0.32))])
+    offsets, fits = register_scans(
+        pool := room.pool, room.tables, [frame], points, (0.1, 0.0), [start], [prior], options=options
+    )
+    query = (*frame.tolist(), *start, *prior)
+    for trusted in (False, True):
+        found = register_scan(pool, room.tables, query, points, (0.1, 0.0), options=options, trusted=trusted)
+        assert found == [*offsets[0].tolist(), *fits[0].tolist()]
+    for wrong in (query[:-1], (*query[:7], 0.0, *query[8:]), (np.nan, *query[1:])):
+        with pytest.raises(InputError, match=r"^query: "):
+            register_scan(pool, room.tables, wrong, points, (0.0, 0.0), options=options)
+    with pytest.raises(InputError, match=r"^origin: "):
+        register_scan(pool, room.tables, query, points, (np.inf, 0.0), options=options)

@@ -88,6 +88,9 @@ def test_single_poses_are_as_rows_of_arrays(a: NDArray[np.float64], b: NDArray[n
     assert same(se2.compose(a, b), se2.compose(a, [b])[0])
     assert same(se2.inverse(a), se2.inverse([a])[0])
     assert -np.pi < se2.inverse(a)[2] <= np.pi
+    one, other = se2.as_pose(a), se2.as_pose(b)
+    assert se2.compose_one(one, other) == tuple(se2.compose(a, b).tolist())
+    assert se2.between_one(one, other) == tuple(se2.between(a, b).tolist())
 
 
 def test_broadcasting() -> None:
