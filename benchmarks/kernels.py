@@ -81,7 +81,9 @@ def measure(threads: int) -> dict[str, Any]:
         loops = compile_loops(Path(__file__).with_name("loops.c"), Path(folder))
         return {
             **arithmetic(loops),
-            **distance_maps(threads),
+            **memory(loops),
+            **distance_maps(loops, threads),
+            **thinning(loops),
             **matching(threads),
             **raycasting(loops, threads),
             **updating(loops, threads),
@@ -100,7 +102,19 @@ def arithmetic(loops: ctypes.CDLL | None) -> dict[str, Any]:
     }
 
 
-def distance_maps(threads: int) -> dict[str, Any]:
+def memory(loops: ctypes.CDLL | None) -> dict[str, Any]:
+    """Floats of an array larger than any cache added up in C: what can be read from memory."""
+    if loops is None:
+        return {}
+    values = np.ones(2**26, np.float32)
+    return {
+        "memory alone [GB/s]": rates(
+            {"c": lambda: loops.sum(*pointers(values), ctypes.c_long(values.size))}, values.nbytes / 1e9
+        )
+    }
+
+
+def distance_maps(loops: ctypes.CDLL | None, threads: int) -> dict[str, Any]:
     """Integrating, registering and searching a scan of 180 beams, each of 1000 particles in a map of its own."""
     from tile_pools import MIDDLE, OPTIONS, Pool, frames, room_scan, thinned
     from twins import tsdf
@@ -133,6 +147,18 @@ def distance_maps(threads: int) -> dict[str, Any]:
             pool.pool, pool.tables, places, scan.points, (0.0, 0.0), starts, priors, options=options
         )[0]  # fmt: skip
 
+    flat, prior = np.ascontiguousarray(scan.points.T), np.full(3, 1e4, np.float32)
+    by_c = np.empty((n, 13))
+
+    def plain() -> np.ndarray:
+        assert loops is not None
+        loops.register_all(
+            *pointers(pool.pool, pool.tables), *pool.tables.shape[1:], *pointers(places), n, *pointers(flat),
+            len(scan.points), *pointers(prior), *map(ctypes.c_float, (*lengths.values(), options.residual)),
+            options.iterations, *pointers(by_c),
+        )  # fmt: skip
+        return by_c[:, :3]
+
     turns = np.linspace(-0.1, 0.1, 9)
     shifts = 0.06 * np.stack(np.divmod(np.arange(100), 10), axis=1) - 0.3
     few = scan.points[::3][:MAX_SEARCH_POINTS]
@@ -145,11 +171,20 @@ def distance_maps(threads: int) -> dict[str, Any]:
 
     integrate()  # each particle copies the tiles that it writes to, once
     results: dict[str, Any] = {}
-    for task, call in (
-        (f"integrating {len(scan.points)} points, {n} particles [thousand particles/s]", integrate),
-        (f"registering {len(scan.points)} points, {n} particles [thousand particles/s]", register),
-    ):
-        results[task] = rates({"moteslam": call}, n / 1e3)
+    task = f"integrating {len(scan.points)} points, {n} particles [thousand particles/s]"
+    results[task] = rates({"moteslam": integrate}, n / 1e3)
+    contenders: dict[str, Callable[[], Any]] = {"moteslam": register}
+    if loops is not None:
+        contenders["c"] = plain
+        np.testing.assert_allclose(plain(), register(), rtol=0, atol=1e-4)  # the same work
+    task = f"registering {len(scan.points)} points, {n} particles [thousand particles/s]"
+    results[task] = rates(contenders, n / 1e3)
+    if loops is not None:
+        passes = float(by_c[:, -1].mean())
+        each = 1e6 / (passes * len(scan.points))  # ns a lookup between four cells, of the seconds a thousand particles
+        named = {name: each / results[task][name] for name in contenders}
+        results["a lookup between four cells, with all that follows from it [ns]"] = named
+        results["registering: times that a scan is gone through"] = {"mean": passes}
     found = rates({"moteslam": search}, n * len(turns) * len(shifts) / 1e6)
     if threads == 1:
         coarse = pool.tsdf(level=1)
@@ -161,6 +196,38 @@ def distance_maps(threads: int) -> dict[str, Any]:
         twin = in_turns({"python": by_twin}, 3)
         found["python"] = len(shifts) / twin["python"].wall / 1e6
     return results | {f"searching with {len(few)} points, {n} particles [M places/s]": found}
+
+
+def thinning(loops: ctypes.CDLL | None) -> dict[str, Any]:
+    """Scans of 1081 beams thinned to about 200 points: 64 in a call, as in SLAM; one after the other in C."""
+    from moteslam.kernels.thinning import thin_scans
+
+    _, points = scan_and_map()
+    scans = 64
+    ends = np.tile(points.astype(np.float32), (scans, 1))
+    begins, counts = np.arange(scans) * BEAMS, np.full(scans, BEAMS)
+    options = {"spacing": 0.02, "max_spacing": 0.06, "max_points": 200, "gap": 0.3, "gap_from_range": 0.03}
+
+    def kernel() -> list[Any]:
+        return thin_scans(ends, begins, counts, (0.0, 0.0), **options)  # type: ignore[arg-type]
+
+    found, joined = np.empty((BEAMS, 2), np.float32), np.empty(BEAMS, np.int32)
+    lengths = [ctypes.c_float(options[name]) for name in ("gap", "gap_from_range", "spacing", "max_spacing")]
+
+    def plain() -> int:
+        assert loops is not None
+        left = 0
+        for begin in begins:
+            (one,) = pointers(ends[begin:])
+            left = loops.thin(one, BEAMS, *lengths, options["max_points"], *pointers(found, joined))
+        return left
+
+    contenders: dict[str, Callable[[], Any]] = {"moteslam": kernel}
+    if loops is not None:
+        contenders["c"] = plain
+        thinned = kernel()[0].points
+        np.testing.assert_allclose(found[: plain()], thinned, rtol=0, atol=1e-5)
+    return {f"thinning {BEAMS} beams [thousand scans/s]": rates(contenders, scans / 1e3)}
 
 
 def matching(threads: int) -> dict[str, Any]:
@@ -294,12 +361,12 @@ def main() -> None:
     ratios: dict[str, float] = {}
     for task, rates in figures["1"].items():
         name = next((name for name in ("moteslam", "c") if name in rates), None)
-        if name is not None and not task.startswith(SERIAL):
+        if name is not None and SPENT in rates and not task.startswith(SERIAL):
             for what, key in (("two threads / one", name), ("processor time, two threads / one", SPENT)):
                 ratios[f"{task}: {what}"] = figures["2"][task][key] / rates[key]
     for number, table in figures.items():
         for task, rates in table.items():
-            if "c" in rates and "moteslam" in rates:
+            if "c" in rates and "moteslam" in rates and SPENT in rates:
                 ratios[f"{task}, {number} threads: moteslam / C loop"] = rates["moteslam"] / rates["c"]
     for number, table in figures.items():
         for task, rates in table.items():
