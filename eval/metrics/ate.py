@@ -18,6 +18,10 @@ from moteslam.robot.trajectory import Trajectory
 from moteslam.robot.wording import counted
 
 
+STANDING = 0.01
+"""A reference whose positions are within this root mean square distance of their mean [m] stands still."""
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class AteResult(Summarised):
     """The absolute trajectory error.
@@ -108,7 +112,8 @@ def absolute_trajectory_error(
     Args:
         estimate, reference: the trajectories; equal stamps are distinct poses.
         align: lay the estimate on the reference first, by the rigid motion of least squares; a SLAM starts at its
-            own origin, so that without it the error says where that origin is.
+            own origin, so that without it the error says where that origin is. Where the reference stands still
+            (``STANDING``) its positions leave the rotation open: there it is the mean difference of the headings.
         from_start: lay only the first poses on each other, in place of that: what errors at the start do to the end.
         scale: with the alignment, multiply the estimate by the scale of least squares: what is left where the lidar's
             or the wheels' scale is off.
@@ -130,7 +135,7 @@ def absolute_trajectory_error(
     if from_start:
         transform = compose(matched.reference[0], inverse(estimated[0]))
     elif align:
-        transform = umeyama(estimated[:, :2], matched.reference[:, :2])
+        transform = _laid(estimated, matched.reference)
     aligned = compose(transform, estimated)
     errors = np.hypot(*(aligned[:, :2] - matched.reference[:, :2]).T)
     rotation_errors = np.abs(wrap(aligned[:, 2] - matched.reference[:, 2]))
@@ -145,3 +150,13 @@ def absolute_trajectory_error(
         translation=Statistics.of(errors),
         rotation=Statistics.of(rotation_errors),
     )
+
+
+def _laid(estimate: Poses, reference: Poses) -> Poses:
+    """The pose [3] that lays poses [n, 3] on those of a reference [n, 3]: see ``absolute_trajectory_error``."""
+    goal = reference[:, :2].mean(axis=0)
+    if np.square(reference[:, :2] - goal).sum(axis=1).mean() >= STANDING**2:
+        return umeyama(estimate[:, :2], reference[:, :2])
+    turns = reference[:, 2] - estimate[:, 2]
+    turn = float(np.arctan2(np.sin(turns).mean(), np.cos(turns).mean()))
+    return compose((*goal, turn), (*-estimate[:, :2].mean(axis=0), 0.0))

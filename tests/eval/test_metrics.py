@@ -31,6 +31,18 @@ def test_alignment_of_points_in_one_place_is_a_shift(count: int) -> None:
     np.testing.assert_allclose(umeyama(source, target), [-7.4 - 1e6, -7.4 - 1e6, 0], atol=1e-9)
 
 
+def test_where_the_reference_stands_still_the_headings_are_laid_on_each_other() -> None:
+    """Jitter of a millimetre about one place would turn the estimate by any angle."""
+    rng, stamps = np.random.default_rng(0), np.arange(0, 10, 0.1)
+    still = np.tile((3.0, -2.0, 3.0), (len(stamps), 1)) + rng.normal(0, (1e-5, 1e-5, 0), (len(stamps), 3))
+    off = se2.compose((1.0, 5.0, 2.0), still) + rng.normal(0, (1e-3, 1e-3, 1e-3), still.shape)
+    result = absolute_trajectory_error(Trajectory(stamps, off), Trajectory(stamps, still))
+    assert result.rotation.rmse < 2e-3
+    assert result.rmse < 2e-3
+    assert se2.wrap(result.transform[2] + 2.0) == pytest.approx(0.0, abs=1e-3)
+    np.testing.assert_allclose(result.aligned[:, :2].mean(axis=0), still[:, :2].mean(axis=0), atol=1e-9)
+
+
 def test_alignment_never_scales_or_mirrors() -> None:
     square = np.array([[0, 0], [1, 0], [1, 2], [0, 1.0]])
     error = absolute_trajectory_error(
