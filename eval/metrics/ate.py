@@ -17,7 +17,6 @@ from moteslam.robot.summary import Summarised
 from moteslam.robot.trajectory import Trajectory
 from moteslam.robot.wording import counted
 
-
 STANDING = 0.01
 """A reference whose positions are within this root mean square distance of their mean [m] stands still."""
 
