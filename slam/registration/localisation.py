@@ -66,6 +66,22 @@ class Located(NamedTuple):
     rivals: Rivals = Rivals()
 
 
+class _Sought(NamedTuple):
+    """A scan that is searched for, as arrays.
+
+    Attributes:
+        maps, predicted, spread, points, origin: as of ``Localiser.locate``.
+        predictions: [m, 3] other predictions to try, as offsets from ``predicted``.
+    """
+
+    maps: TsdfView
+    predicted: Array
+    spread: Array
+    points: Points
+    origin: Array
+    predictions: Array
+
+
 class Localiser:
     """Finds a scan in the TSDF of one particle.
 
@@ -107,37 +123,26 @@ class Localiser:
         score = match_score(fitted.known, fitted.likelihood, fitted.crossed, c)
         if near and fitted.likelihood >= c.accept_likelihood and not self.contradicts(score, len(points)):
             return Located(fitted, score)
-        return self._search(
-            maps, np.array(predicted), np.array(spread), points, np.array(origin), predictions(), sure=sure
-        )
+        sought = _Sought(maps, np.array(predicted), np.array(spread), points, np.array(origin), predictions())
+        return self._search(sought, sure=sure)
 
-    def _search(
-        self,
-        maps: TsdfView,
-        predicted: Array,
-        spread: Array,
-        points: Points,
-        origin: Array,
-        others: Array,
-        *,
-        sure: bool,
-    ) -> Located:
+    def _search(self, sought: _Sought, *, sure: bool) -> Located:
         """Where a scan fits, after a search around the prediction, at last in the relocation window."""
-        c = self._config
+        c, spread, points, cell = self._config, sought.spread, len(sought.points), sought.maps.config.cell_size
         half = np.minimum(c.window * spread, (np.inf, np.inf, np.pi))
-        window = Window(half, maps.config.cell_size, c.heading_step)
+        window = Window(half, cell, c.heading_step)
         largest = c.max_starts if sure else c.retry_starts
         starts = int(np.clip(np.ceil(np.prod(window.half / c.basin)), c.min_starts, largest))
-        best = self._best(maps, predicted, spread, points, origin, window, starts, others)
+        best = self._best(sought, window, starts)
         if best.fitted.likelihood < c.retry_likelihood:
-            best = self._best(maps, predicted, spread, points, origin, window, c.retry_starts, others)
-        if not self.contradicts(best.score, len(points)):
+            best = self._best(sought, window, c.retry_starts)
+        if not self.contradicts(best.score, points):
             return best
         half = np.array([c.relocation_distance, c.relocation_distance, c.relocation_rotation])
-        window = Window(half, 2 * maps.config.cell_size, 2 * c.heading_step)
-        wider = np.maximum(half / 2, spread)
-        wide = self._best(maps, predicted, wider, points, origin, window, c.relocation_starts, others, keep=False)
-        clearly = wide.score >= best.score + c.relocation_gain * len(points)
+        window = Window(half, 2 * cell, 2 * c.heading_step)
+        wider = sought._replace(spread=np.maximum(half / 2, spread))
+        wide = self._best(wider, window, c.relocation_starts, keep=False)
+        clearly = wide.score >= best.score + c.relocation_gain * points
         return wide if clearly else best
 
     def _options_of(self, maps: TsdfConfig) -> RegistrationOptions:
@@ -150,21 +155,10 @@ class Localiser:
         """Whether a scan of this many points contradicts the map where it was found, by its match score there."""
         return score < self._config.lost_score * points
 
-    def _best(
-        self,
-        maps: TsdfView,
-        predicted: Array,
-        spread: Array,
-        points: Points,
-        origin: Array,
-        window: Window,
-        most: int,
-        predictions: Array,
-        *,
-        keep: bool = True,
-    ) -> Located:
+    def _best(self, sought: _Sought, window: Window, most: int, *, keep: bool = True) -> Located:
         """Registered from the most promising places of a window, the best of them."""
         c = self._config
+        maps, predicted, spread, points, origin, predictions = sought
         likely = candidates(maps, predicted, spread, points, window, most, c)
         starts = np.vstack((predictions, likely))
         means = np.vstack((predictions, np.zeros_like(likely)))
@@ -180,17 +174,9 @@ class Localiser:
         values = scores - cost
         best = [int(values.argmax())]
         start, mean = tried.offsets[best], means[best]
+        here = predicted[None]
         found = register(
-            maps,
-            predicted[None],
-            spread,
-            points,
-            origin,
-            start,
-            self._registration,
-            means=mean,
-            coarse=False,
-            keep=keep,
+            maps, here, spread, points, origin, start, self._registration, means=mean, coarse=False, keep=keep
         )
         order = np.argsort(-values, kind="stable")
         order = order[values[order] > values[best] - RIVAL_SHARE * len(points)]
