@@ -11,7 +11,7 @@ from tile_pools import CELL, COARSE_TRUNCATION, MIDDLE, TRUNCATION, Pool, frames
 from twins import tsdf
 
 from moteslam.errors import InputError
-from moteslam.kernels import registration
+from moteslam.kernels.gauss_newton import solve
 from moteslam.kernels.registration import (
     COST,
     CROSSED,
@@ -191,7 +191,7 @@ def _keep_in_view(values: F32_2D):
         a, b = values[i, 0], values[i, 1]
         a, b = a - b, a + b
         pair = ti.Vector([a, b], dt=ti.f32)
-        solved = registration._solve(
+        solved = solve(
             ti.Vector([2.0, 0.5, 0.0, 3.0, -0.5, 4.0], dt=ti.f32), ti.Vector([pair[0], pair[1], 1.0], dt=ti.f32)
         )
         for k in ti.static(range(3)):
