@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from moteslam.errors import InputError
 from moteslam.kernels.checks import as_finite, check_array
 from moteslam.kernels.runtime import one_thread, runtime, ti
-from moteslam.kernels.types import F32, F32_2D, I32, I32_1D, kernel
+from moteslam.kernels.types import F32, F32_2D, I32, I32_1D, func, kernel, template
 
 SPACING_GROWTH, LEAST_SPACING = 1.2, 0.001
 """While there are too many points, the spacing is multiplied by the first and is at least the second [m]."""
@@ -27,58 +27,66 @@ class ThinnedScan(NamedTuple):
     joined: NDArray[np.int32]
 
 
+@func
+def _end_of_group(ends: template, linked: template, first: I32, end: I32, within: F32):
+    """The endpoint after the last one of the group that begins at ``first``: not linked, or ``within`` away from it."""
+    x0, y0 = ends[first, 0], ends[first, 1]
+    k = first + 1
+    while k < end:
+        if linked[k] == 0 or ti.sqrt((ends[k, 0] - x0) ** 2 + (ends[k, 1] - y0) ** 2) >= within:
+            break
+        k += 1
+    return k
+
+
 @kernel
 def _thin(
     ends: F32_2D, begins: I32_1D, counts: I32_1D, origin_x: F32, origin_y: F32, gap: F32, gap_from_range: F32,
-    spacing: F32, max_spacing: F32, max_points: I32, points: F32_2D, joined: I32_1D, left: I32_1D,
+    spacing: F32, max_spacing: F32, max_points: I32, linked: I32_1D, points: F32_2D, joined: I32_1D, left: I32_1D,
 ):  # fmt: skip
     """Of scan i, the ``counts[i]`` rows of ``ends`` from ``begins[i]`` on become ``left[i]`` rows of ``points``.
 
-    Endpoints within the spacing of the first of a group, and joined to it, become one point: their mean. Repeated with
-    a larger spacing, up to ``max_spacing``, while there are more than ``max_points``.
+    Endpoints within the spacing of the first of a group, and linked to it by those between, become one point: their
+    mean. The spacing is widened, up to ``max_spacing``, while there are more than ``max_points`` groups. ``linked`` is
+    whether an endpoint lies on the same surface as the one before it, which no spacing changes.
     """
     ti.loop_config(block_dim=1, serialize=ti.static(one_thread()))
     for i in range(begins.shape[0]):
         begin = begins[i]
         end = begin + counts[i]
+        before = ti.Vector([0.0, 0.0, 0.0], dt=ti.f32)  # x, y and range
+        for k in range(begin, end):
+            x, y = ends[k, 0], ends[k, 1]
+            range_ = ti.sqrt((x - origin_x) ** 2 + (y - origin_y) ** 2)
+            apart = ti.sqrt((x - before[0]) ** 2 + (y - before[1]) ** 2)
+            linked[k] = ti.cast(apart <= gap + gap_from_range * ti.max(before[2], range_), ti.i32)
+            before = ti.Vector([x, y, range_], dt=ti.f32)
         within = spacing
-        again = 1
-        while again == 1:
-            out = begin
-            first = begin
-            while first < end:  # a group begins where the one before it ends
-                x0, y0 = ends[first, 0], ends[first, 1]
-                sum_x, sum_y, members = x0, y0, 1
-                before_x, before_y = x0, y0
-                far = ti.sqrt((x0 - origin_x) ** 2 + (y0 - origin_y) ** 2)
-                k = first + 1
-                same_surface = 0
-                while k < end:
-                    x, y = ends[k, 0], ends[k, 1]
-                    range_ = ti.sqrt((x - origin_x) ** 2 + (y - origin_y) ** 2)
-                    apart = ti.sqrt((x - before_x) ** 2 + (y - before_y) ** 2)
-                    if apart > gap + gap_from_range * ti.max(far, range_):
-                        break
-                    if ti.sqrt((x - x0) ** 2 + (y - y0) ** 2) >= within:
-                        same_surface = 1
-                        break
-                    sum_x += x
-                    sum_y += y
-                    members += 1
-                    before_x, before_y, far = x, y, range_
-                    k += 1
-                points[out, 0] = sum_x / members
-                points[out, 1] = sum_y / members
-                joined[out] = same_surface
-                out += 1
-                first = k
-                if out - begin > max_points and within < max_spacing:
-                    first = end  # too many already: the rest is not looked at before the spacing is larger
-            left[i] = out - begin
-            again = 0
-            if left[i] > max_points and within < max_spacing:
-                again = 1
-                within = ti.min(ti.max(within * SPACING_GROWTH, LEAST_SPACING), max_spacing)
+        widened = 1
+        while widened == 1:
+            widened = 0
+            if within < max_spacing:
+                groups, first = 0, begin
+                while first < end and groups <= max_points:
+                    first = _end_of_group(ends, linked, first, end, within)
+                    groups += 1
+                if groups > max_points:
+                    widened = 1
+                    within = ti.min(ti.max(within * SPACING_GROWTH, LEAST_SPACING), max_spacing)
+        out, first = begin, begin
+        while first < end:
+            last = _end_of_group(ends, linked, first, end, within)
+            sum_x, sum_y = ends[first, 0], ends[first, 1]
+            for k in range(first + 1, last):
+                sum_x += ends[k, 0]
+                sum_y += ends[k, 1]
+            points[out, 0], points[out, 1] = sum_x / (last - first), sum_y / (last - first)
+            joined[out] = 0
+            if last < end:
+                joined[out] = linked[last]
+            out += 1
+            first = last
+        left[i] = out - begin
 
 
 def thin_scans(
@@ -122,12 +130,13 @@ def thin_scans(
     lasts = firsts.astype(np.int64) + many
     if (firsts < 0).any() or (many < 0).any() or (lasts > len(ends)).any():
         raise InputError(f"a scan beyond the {len(ends)} points", field="counts")
-    thinned, joined, left = np.empty((len(ends), 2), np.float32), np.empty(len(ends), np.int32), np.zeros_like(many)
+    thinned, left = np.empty((len(ends), 2), np.float32), np.zeros_like(many)
+    linked, joined = (np.empty(len(ends), np.int32) for _ in range(2))
     if len(ends) and len(firsts):
         runtime()
         _thin(
             ends, firsts, many, float(start[0]), float(start[1]), gap, gap_from_range, spacing, max_spacing,
-            max_points, thinned, joined, left,
+            max_points, linked, thinned, joined, left,
         )  # fmt: skip
     spans = list(zip(firsts.tolist(), (firsts + left).tolist(), strict=True))
     return [ThinnedScan(thinned[first:last], joined[first:last]) for first, last in spans]
