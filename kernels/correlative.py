@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from moteslam.errors import InputError
 from moteslam.kernels.checks import LARGEST, as_finite
 from moteslam.kernels.runtime import one_thread, runtime, ti
-from moteslam.kernels.tiles import SIDE, STEPS, check_tiles, frames_in_cells, read, steps_of, weight_of
+from moteslam.kernels.tiles import SIDE, STEPS, Tiles, frames_in_cells, read, steps_of, weight_of
 from moteslam.kernels.types import F32_1D, F32_2D, F64_2D, I16_1D, I32, I32_1D, I32_2D, kernel
 
 MAX_SEARCH_POINTS = 64
@@ -23,7 +23,7 @@ MAX_NEAR = 1e4
 
 @kernel
 def _search(
-    pool: I16_1D, table: I32_1D, columns: I32, rows: I32, frames: F64_2D, scan: F32_2D, turns: F32_1D,
+    pool: I16_1D, table: I32_1D, begin: I32, columns: I32, rows: I32, frames: F64_2D, scan: F32_2D, turns: F32_1D,
     turn_costs: I32_1D, shifts: F32_2D, shift_costs: I32_1D, blocks: I32, near: I32, scores: I32_2D, chosen: I32_2D,
 ):  # fmt: skip
     """The best shift of every block, the first of equal ones, for every particle and turn.
@@ -53,7 +53,7 @@ def _search(
             dx, dy = c0 * shifts[v, 0] - s0 * shifts[v, 1], s0 * shifts[v, 0] + c0 * shifts[v, 1]
             total = -turn_costs[t] - shift_costs[v]
             for j in range(points):
-                word = read(pool, table, i * tiles, columns, xs[j] + dx, ys[j] + dy, last_x, last_y, 1)
+                word = read(pool, table, begin + i * tiles, columns, xs[j] + dx, ys[j] + dy, last_x, last_y, 1)
                 score = ti.max(near - ti.abs(steps_of(word)), -(near // 2))
                 total += ti.select(weight_of(word) > 0, score, 0)
             if total > best:
@@ -62,8 +62,7 @@ def _search(
 
 
 def search_scans(
-    pool: NDArray[np.int16],
-    tables: NDArray[np.int32],
+    tiles: Tiles,
     frames: ArrayLike,
     points: ArrayLike,
     turns: ArrayLike,
@@ -82,8 +81,7 @@ def search_scans(
     ``STEPS`` are a truncation.
 
     Args:
-        pool: int16 [t * CELLS] of all tiles.
-        tables: int32 [n, rows, columns] each particle's tiles.
+        tiles: the maps of n particles.
         frames: [n, 4] cos, sin, x, y of the poses, from the tables' corner [m].
         points: [k, 2] of the scan in the robot's frame, at most ``MAX_SEARCH_POINTS`` [m].
         turns: [a] added to the headings [rad].
@@ -101,13 +99,13 @@ def search_scans(
     Raises:
         InputError: arrays that do not fit together, or numbers that are not finite or out of bounds.
     """
-    n, rows, columns = check_tiles(pool, tables)
+    n = tiles.maps
     places = frames_in_cells(frames, 2 * cell_size)
     scan = as_finite("points", points, np.float32, (None, 2))
     angles = as_finite("turns", turns, np.float32, (None,))
     across = as_finite("shifts", np.asarray(shifts, np.float64) / (2 * cell_size), np.float32, (None, 2))
     if len(places) != n:
-        raise InputError(f"{len(places)}, expected one for each of {n} tables", field="frames")
+        raise InputError(f"{len(places)}, expected one for each of {n} maps", field="frames")
     if len(scan) > MAX_SEARCH_POINTS:
         raise InputError(f"{len(scan)}, expected at most {MAX_SEARCH_POINTS}", field="points")
     if not 0 < near <= MAX_NEAR:
@@ -120,9 +118,10 @@ def search_scans(
     runtime()
     if len(angles):
         _search(
-            pool, tables.reshape(-1), columns, rows, places, np.ascontiguousarray(scan.T / np.float32(2 * cell_size)),
-            angles, _costs("turn_costs", turn_costs, len(angles)), across,
-            _costs("shift_costs", shift_costs, len(across)), blocks, int(near * STEPS), scores, chosen,
+            *(tiles.pool, tiles.table, tiles.first, tiles.columns, tiles.rows), places,
+            np.ascontiguousarray(scan.T / np.float32(2 * cell_size)),
+            *(angles, _costs("turn_costs", turn_costs, len(angles))),
+            *(across, _costs("shift_costs", shift_costs, len(across)), blocks), int(near * STEPS), scores, chosen,
         )  # fmt: skip
     return scores, chosen
 

@@ -49,7 +49,7 @@ def square(j: template):
 @func
 def descend(
     pool: template, table: template, base: I32, columns: I32, last_x: F32, last_y: F32, frame: template,
-    scan: template, start: template, prior: template, cell: F32, truncation: F32, sd: F32, iterations: I32,
+    scan: template, points: I32, start: template, prior: template, cell: F32, truncation: F32, sd: F32, iterations: I32,
     level: template,
 ):  # fmt: skip
     """Gauss-Newton on one level. Returns the offset from the frame (x, y [m], theta), in the frame."""
@@ -64,7 +64,7 @@ def descend(
             b = ti.Vector(
                 [-prior[0] * (d[0] - prior[3]), -prior[1] * (d[1] - prior[4]), -prior[2] * (d[2] - prior[5])], dt=ti.f32
             )
-            for j in range(scan.shape[1]):
+            for j in range(points):
                 rx, ry = ct * scan[0, j] - st * scan[1, j], st * scan[0, j] + ct * scan[1, j]
                 qx, qy = rx + d[0], ry + d[1]
                 gx = (frame[0] * qx - frame[1] * qy) * inverse + frame[2] * inverse

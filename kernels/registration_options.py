@@ -4,8 +4,11 @@ import math
 from functools import lru_cache
 from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from moteslam.errors import InputError
-from moteslam.kernels.tiles import MAX_WEIGHT
+from moteslam.kernels.tiles import MAX_WEIGHT, STEPS
 
 
 class RegistrationOptions(NamedTuple):
@@ -40,8 +43,13 @@ class RegistrationOptions(NamedTuple):
 
 
 @lru_cache(maxsize=64)
-def checked(options: RegistrationOptions) -> RegistrationOptions:
-    """The same options; equal ones are checked once.
+def settings_of(options: RegistrationOptions) -> NDArray[np.float32]:
+    """The options as the kernel reads them; equal ones are checked once.
+
+    Returns:
+        cell size, truncations of both levels and standard deviations of both [m], iterations, the costs ``unknown`` and
+        ``outlier``, the exponent of an endpoint's likelihood, exp(exponent * residual^2), and of rays the clearance
+        [m], weight and distance [steps].
 
     Raises:
         InputError: one that is not finite or out of bounds.
@@ -64,4 +72,11 @@ def checked(options: RegistrationOptions) -> RegistrationOptions:
     if o.iterations < 0 or not (math.isfinite(o.unknown) and math.isfinite(o.outlier)):
         problem = f"{o.iterations}, {o.unknown:g}, {o.outlier:g}, expected finite numbers"
         raise InputError(problem, field="iterations")
-    return options
+    coarse_residual, exponent = o.coarse_residual_factor * o.residual, -0.5 / o.likelihood_width**2
+    settings = np.array(
+        (o.cell_size, o.truncation, o.coarse_truncation, o.residual, coarse_residual, o.iterations, o.unknown,
+         o.outlier, exponent, o.ray_clearance * o.truncation, o.ray_weight, round(o.ray_distance * STEPS)),
+        np.float32,
+    )  # fmt: skip
+    settings.setflags(write=False)
+    return settings

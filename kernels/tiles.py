@@ -15,7 +15,7 @@ Written by hand, since no library has copy-on-write tiles that Taichi kernels ca
 """
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -38,6 +38,34 @@ MAX_WEIGHT = (1 << WEIGHT_BITS) - 1
 """The largest weight that fits a cell."""
 STEPS = (1 << (15 - WEIGHT_BITS)) - 1
 """Steps of distance within the truncation."""
+
+
+class Tiles(NamedTuple):
+    """The maps of n particles as kernels take them; ``tiles_of`` makes sure that arrays are that.
+
+    Attributes:
+        pool: int16 [t * CELLS] of all tiles.
+        table: int32 the particles' tables, one after the other, row by row: tiles 0 to t - 1.
+        rows, columns: of each table.
+        maps: n.
+        first: where in ``table`` that of the first particle begins.
+    """
+
+    pool: NDArray[np.int16]
+    table: NDArray[np.int32]
+    rows: int
+    columns: int
+    maps: int
+    first: int = 0
+
+    @property
+    def size(self) -> int:
+        """Tiles of a table: from one particle's to the next."""
+        return self.rows * self.columns
+
+    def of(self, particle: int) -> "Tiles":
+        """The map of one of the particles."""
+        return Tiles(self.pool, self.table, self.rows, self.columns, 1, self.first + particle * self.size)
 
 
 @func
@@ -129,21 +157,17 @@ def copy_on_write(pool: template, table: template, shares: template, free: templ
             table[entry] = mine
 
 
-def check_tiles(pool: object, tables: object, *, written: bool = False, trusted: bool = False) -> tuple[int, int, int]:
-    """How many tables there are, and their rows and columns.
+def tiles_of(pool: object, tables: object, *, written: bool = False) -> Tiles:
+    """Maps in arrays of anyone's, once they are checked.
 
     Args:
         pool: int16 [t * CELLS] of t tiles.
         tables: int32 [n, rows, columns] of tiles 0 to t - 1.
-        written: whether the kernel writes to both.
-        trusted: both were made for kernels and filled by them, and are not checked.
+        written: whether kernels write to both.
 
     Raises:
         InputError: they are not that.
     """
-    if trusted:
-        n, rows, columns = tables.shape  # type: ignore[attr-defined]
-        return n, rows, columns
     cells: NDArray[Any] = check_array("pool", pool, np.int16, (None,), written=written)
     entries: NDArray[Any] = check_array("tables", tables, np.int32, (None, None, None), written=written)
     if not len(cells) or len(cells) % CELLS:
@@ -154,7 +178,7 @@ def check_tiles(pool: object, tables: object, *, written: bool = False, trusted:
     if int(entries.view(np.uint32).max()) >= len(cells) // CELLS:
         raise InputError(f"a tile beyond the pool's {len(cells) // CELLS}", field="tables")
     n, rows, columns = entries.shape
-    return n, rows, columns
+    return Tiles(cells, entries.reshape(-1), rows, columns, n)
 
 
 def frames_in_cells(frames: ArrayLike, cell_size: float) -> NDArray[np.float64]:

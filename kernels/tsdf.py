@@ -4,7 +4,6 @@ A scan's neighbouring points are joined by segments. Every cell near a segment a
 (Curless and Levoy 1996, A volumetric method for building complex models from range images, in the plane).
 """
 
-import math
 from collections.abc import Sequence
 from itertools import accumulate
 
@@ -13,15 +12,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from moteslam.errors import InputError
 from moteslam.kernels.checks import as_finite, check_array
+from moteslam.kernels.integration_options import IntegrationOptions, settings_of
 from moteslam.kernels.runtime import one_thread, runtime, ti
 from moteslam.kernels.thinning import ThinnedScan
 from moteslam.kernels.tiles import (
     CELLS,
-    MAX_WEIGHT,
     SIDE,
     STEPS,
+    Tiles,
     address,
-    check_tiles,
     copy_on_write,
     frames_in_cells,
     pack,
@@ -29,7 +28,7 @@ from moteslam.kernels.tiles import (
     tile_along,
     weight_of,
 )
-from moteslam.kernels.types import F32, F32_2D, F64_2D, I16_1D, I32, I32_1D, func, kernel, template
+from moteslam.kernels.types import F32, F32_1D, F32_2D, F64_2D, I16_1D, I32, I32_1D, func, kernel, template
 
 FAR = 1e6
 """Cells; farther than any map."""
@@ -101,19 +100,19 @@ def _integrate_segment(
 
 @kernel
 def _integrate(
-    pool: I16_1D, table: I32_1D, shares: I32_1D, free: I32_1D, counters: I32_1D, columns: I32, tiles: I32,
-    frames: F64_2D, points: F32_2D, joined: I32_1D, begins: I32_1D, truncation: F32, coarse_truncation: F32,
-    chord: F32, near: F32, near_weight: I32, max_weight: I32,
+    pool: I16_1D, table: I32_1D, begin: I32, shares: I32_1D, free: I32_1D, counters: I32_1D, columns: I32, size: I32,
+    frames: F64_2D, points: F32_2D, joined: I32_1D, begins: I32_1D, settings: F32_1D,
 ):  # fmt: skip
     """First every particle makes the tiles it will write its own, then all write; if tiles ran out, nobody writes.
 
     Frames are cos, sin, x, y, of each particle as many as there are scans; scan s has the points from ``begins[s]``
-    on. Lengths are in fine cells, ``coarse_truncation`` in coarse ones.
+    on. ``settings`` are those of ``settings_of``.
     """
     scans = begins.shape[0] - 1
     ti.loop_config(serialize=ti.static(one_thread()))
     for i in range(frames.shape[0] // (begins.shape[0] - 1)):
-        margin = ti.max(truncation, 2 * coarse_truncation) + chord  # a chord strays from its segments by less than that
+        base, chord = begin + i * size, settings[2]
+        margin = ti.max(settings[0], 2 * settings[1]) + chord  # a chord strays from its segments by less than that
         done = ti.Vector([-1, -1, -1, -1], dt=ti.i32)  # the tiles last made the particle's own: columns and rows
         for s in range(scans):
             frame = ti.Vector([ti.cast(frames[i * scans + s, k], ti.f32) for k in ti.static(range(4))], dt=ti.f32)
@@ -128,10 +127,13 @@ def _integrate(
                         done = ti.Vector([x0, x1, y0, y1], dt=ti.i32)
                         for ty in range(y0, y1 + 1):
                             for tx in range(x0, x1 + 1):
-                                copy_on_write(pool, table, shares, free, counters, i * tiles + ty * columns + tx)
+                                copy_on_write(pool, table, shares, free, counters, base + ty * columns + tx)
     ti.loop_config(serialize=ti.static(one_thread()))
     for i in range(frames.shape[0] // (begins.shape[0] - 1)):
         if counters[1] == 0:
+            base = begin + i * size
+            truncation, coarse_truncation, chord, near = settings[0], settings[1], settings[2], settings[3]
+            near_weight, max_weight = ti.cast(settings[4], ti.i32), ti.cast(settings[5], ti.i32)
             for s in range(scans):
                 frame = ti.Vector([ti.cast(frames[i * scans + s, k], ti.f32) for k in ti.static(range(4))], dt=ti.f32)
                 first, last = begins[s], begins[s + 1] - 1  # the point where the coarse level's segment begins
@@ -141,52 +143,38 @@ def _integrate(
                     else:
                         ends = _segment(frame, points, j, j + 1)
                         _integrate_segment(
-                            pool, table, i * tiles, columns, ends, truncation, near, near_weight, max_weight, 0
+                            pool, table, base, columns, ends, truncation, near, near_weight, max_weight, 0
                         )
                         dx, dy = points[0, j + 1] - points[0, first], points[1, j + 1] - points[1, first]
                         if dx * dx + dy * dy >= chord * chord or joined[j + 1] == 0 or j == last - 1:
                             half = 0.5 * _segment(frame, points, first, j + 1)
                             _integrate_segment(
-                                pool, table, i * tiles, columns, half, coarse_truncation, 0.5 * near, near_weight,
+                                pool, table, base, columns, half, coarse_truncation, 0.5 * near, near_weight,
                                 max_weight, 1,
                             )  # fmt: skip
                             first = j + 1
 
 
 def integrate_scans(
-    pool: NDArray[np.int16],
-    tables: NDArray[np.int32],
+    tiles: Tiles,
     shares: NDArray[np.int32],
     free: NDArray[np.int32],
     frames: ArrayLike,
     scans: Sequence[ThinnedScan],
     *,
-    cell_size: float,
-    truncation: float,
-    coarse_truncation: float,
-    coarse_chord: float,
-    near: float,
-    near_weight: int,
-    max_weight: int,
+    options: IntegrationOptions,
     trusted: bool = False,
 ) -> int | None:
     """Integrate scans, one after the other, into the maps of all particles, each from its own poses.
 
     Args:
-        pool: int16 [t * CELLS] of all tiles; written to.
-        tables: int32 [n, rows, columns] each particle's tiles; written to.
+        tiles: the maps of n particles; written to.
         shares: int32 [t] how many table entries name each tile, above 1 for tile 0; written to.
         free: int32 [f] the tiles that no table names, taken from the end.
         frames: [n * m, 4] cos, sin, x, y of each particle at the m scans, from the tables' corner [m].
         scans: m, each in the frame of the particles at it.
-        cell_size: of the fine level [m].
-        truncation, coarse_truncation: up to this distance from a segment cells are updated, on each level [m].
-        coarse_chord: on the coarse level segments are joined until their chord is this long [coarse cells].
-        near: distances below it weigh ``near_weight`` in a cell's average, the others 1 [m].
-        near_weight: 1 to ``MAX_WEIGHT``.
-        max_weight: of the average itself, 1 to ``MAX_WEIGHT``.
-        trusted: maps and points were made by kernels, and the tables were made large enough: none of it is searched
-            for errors.
+        options: of the maps.
+        trusted: the points were made by kernels, and the tables were made large enough: neither is checked.
 
     Returns:
         How many of the free tiles are left, or None where they did not suffice: then no cell was written, though
@@ -195,44 +183,42 @@ def integrate_scans(
     Raises:
         InputError: arrays that do not fit together, options out of bounds, or a scan that leaves the tables.
     """
-    n, rows, columns = check_tiles(pool, tables, written=True, trusted=trusted)
+    settings = settings_of(options)
+    pool, table, rows, columns, n, begin = tiles
     check_array("shares", shares, np.int32, (len(pool) // CELLS,), written=True)
     check_array("free", free, np.int32, (None,))
-    places = frames_in_cells(frames, cell_size)
+    places = frames_in_cells(frames, options.cell_size)
     for scan in scans:
         if not trusted:
             as_finite("scan", scan.points, np.float32, (None, 2))
         check_array("scan", scan.joined, np.int32, (len(scan.points),))
     if not scans or len(places) != n * len(scans):
-        problem = f"{len(places)}, expected one for each of {n} tables at each of {len(scans)} scans"
+        problem = f"{len(places)}, expected one for each of {n} maps at each of {len(scans)} scans"
         raise InputError(problem, field="frames")
     points, joined = scans[0]
     if len(scans) > 1:
         points, joined = np.vstack([scan.points for scan in scans]), np.concatenate([scan.joined for scan in scans])
-    lengths = {"truncation": truncation, "coarse_truncation": coarse_truncation, "near": near}
-    for name, length in lengths.items():
-        if not (math.isfinite(length) and length > 0):
-            raise InputError(f"{length:g} m, expected above 0", field=name)
-    if not (math.isfinite(coarse_chord) and coarse_chord >= 0):
-        raise InputError(f"{coarse_chord:g} coarse cells, expected 0 or more", field="coarse_chord")
-    for name, weight in {"near_weight": near_weight, "max_weight": max_weight}.items():
-        if not 1 <= weight <= MAX_WEIGHT:
-            raise InputError(f"{weight}, expected 1 to {MAX_WEIGHT}", field=name)
-    chord = 2 * coarse_chord
     if not trusted:
-        margin = max(truncation, coarse_truncation) / cell_size + chord + 1
-        radius = float(np.hypot(points[:, 0], points[:, 1]).max(initial=0.0)) / cell_size
-        around = np.hypot(places[:, :1], places[:, 1:2]) * radius + margin
-        if (places[:, 2:] < around).any() or (places[:, 2:] + around > np.array((columns, rows)) * SIDE).any():
-            raise InputError("a scan that may reach beyond the tables, expected larger ones", field="frames")
+        _check_reach(places, points, tiles, options)
     if not len(free):
         return None
     runtime()
     counters = np.array([len(free), 0], np.int32)
     _integrate(
-        pool, tables.reshape(-1), shares, free, counters, columns, rows * columns, places,
-        np.ascontiguousarray(points.T / np.float32(cell_size)), joined,
-        np.array([0, *accumulate(len(scan.points) for scan in scans)], np.int32), truncation / cell_size,
-        coarse_truncation / (2 * cell_size), chord, near / cell_size, near_weight, max_weight,
+        pool, table, begin, shares, free, counters, columns, rows * columns, places,
+        np.ascontiguousarray(points.T / np.float32(options.cell_size)), joined,
+        np.array([0, *accumulate(len(scan.points) for scan in scans)], np.int32), settings,
     )  # fmt: skip
     return None if counters[1] else int(counters[0])
+
+
+def _check_reach(
+    places: NDArray[np.float64], points: NDArray[np.float32], tiles: Tiles, options: IntegrationOptions
+) -> None:
+    """See to it that scans stay within the tables from wherever they were taken; ``places`` are frames in cells."""
+    margin = max(options.truncation, options.coarse_truncation) / options.cell_size + 2 * options.coarse_chord + 1
+    radius = float(np.hypot(points[:, 0], points[:, 1]).max(initial=0.0)) / options.cell_size
+    around = np.hypot(places[:, :1], places[:, 1:2]) * radius + margin
+    extent = np.array((tiles.columns, tiles.rows)) * SIDE
+    if (places[:, 2:] < around).any() or (places[:, 2:] + around > extent).any():
+        raise InputError("a scan that may reach beyond the tables, expected larger ones", field="frames")

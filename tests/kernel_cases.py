@@ -180,7 +180,7 @@ def distance_maps() -> Results:
 
     from moteslam.kernels.correlative import MAX_SEARCH_POINTS, search_scans
     from moteslam.kernels.degeneracy import Kept
-    from moteslam.kernels.registration import register_scans
+    from moteslam.kernels.registration import FRAME, OFFSET, PRIOR, QUERY, register_scans
     from moteslam.kernels.registration_options import RegistrationOptions
 
     generator = np.random.default_rng(10)
@@ -192,9 +192,10 @@ def distance_maps() -> Results:
     scan = thinned(room_scan((0.1, -0.1, 0.2)))
     pool.add(poses + np.array((0.1, -0.1, 0.2)), scan)
     words = pool.all_words()[:, ::7].astype(np.int32)
-    offsets, fits = register_scans(
-        pool.pool, pool.tables, frames(poses), scan.points, (0.1, 0.0), np.zeros_like(poses),
-        np.tile((1e4, 1e4, 1e4, 0.0, 0.0, 0.0), (particles, 1)), kept=Kept(0.02, 1e-4, 5.0),
+    queries = np.zeros((particles, QUERY))
+    queries[:, FRAME], queries[:, PRIOR] = frames(poses), (1e4, 1e4, 1e4, 0.0, 0.0, 0.0)
+    found = register_scans(
+        pool.tiles, queries, scan.points, (0.1, 0.0), kept=Kept(0.02, 1e-4, 5.0),
         options=RegistrationOptions(
             cell_size=CELL, truncation=0.15, coarse_truncation=0.4, residual=0.01, coarse_residual_factor=2.0,
             iterations=8, unknown=2.0, outlier=8.0, likelihood_width=2.0, ray_clearance=2.0, ray_weight=4,
@@ -203,15 +204,15 @@ def distance_maps() -> Results:
     )  # fmt: skip
     shifts = 0.06 * np.stack(np.divmod(np.arange(100), 10), axis=1) - 0.3
     scores, chosen = search_scans(
-        pool.pool, pool.tables, frames(poses), scan.points[::4][:MAX_SEARCH_POINTS], np.linspace(-0.1, 0.1, 9),
+        pool.tiles, frames(poses), scan.points[::4][:MAX_SEARCH_POINTS], np.linspace(-0.1, 0.1, 9),
         np.zeros(9), shifts, np.zeros(100), blocks=4, cell_size=CELL, near=0.5,
     )  # fmt: skip
     return {
         "thin_scan": scan.points,
         "integrate_scans: steps": (words >> 5).astype(np.float64),
         "integrate_scans: weights": (words & 31).astype(np.float64),
-        "register_scans: offsets": offsets,
-        "register_scans: fits": fits,
+        "register_scans: offsets": found[:, OFFSET],
+        "register_scans: fits": found[:, OFFSET.stop :],
         "search_scans: scores": scores.astype(np.float64),
         "search_scans: shifts": chosen.astype(np.float64),
     }

@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from twins.tsdf import Tsdf
 
+from moteslam.kernels.integration_options import IntegrationOptions
 from moteslam.kernels.thinning import ThinnedScan
-from moteslam.kernels.tiles import CELLS, FINE_CELLS, MAX_WEIGHT, SIDE, WEIGHT_BITS
+from moteslam.kernels.tiles import CELLS, FINE_CELLS, MAX_WEIGHT, SIDE, WEIGHT_BITS, Tiles, tiles_of
 
 CELL = 0.05
 TRUNCATION, COARSE_TRUNCATION = 0.15, 0.4
@@ -50,12 +51,18 @@ class Pool:
         pool = np.concatenate((self.pool, np.zeros(more_tiles * CELLS, np.int16)))
         return self._counted(pool, self.tables[np.asarray(parents)])
 
+    @property
+    def tiles(self) -> Tiles:
+        """Of all particles, as kernels take them."""
+        return tiles_of(self.pool, self.tables, written=True)
+
     def add(self, poses: ArrayLike, scan: ThinnedScan, *, only: int | None = None, **options: Any) -> int | None:
         """``integrate_scans`` for all particles, or for one alone; tiles that were taken are no longer free."""
         from moteslam.kernels.tsdf import integrate_scans
 
-        tables = self.tables if only is None else self.tables[only : only + 1]
-        left = integrate_scans(self.pool, tables, self.shares, self.free, frames(poses), [scan], **(OPTIONS | options))
+        tiles = self.tiles if only is None else self.tiles.of(only)
+        given = IntegrationOptions(**(OPTIONS | options))  # type: ignore[arg-type]
+        left = integrate_scans(tiles, self.shares, self.free, frames(poses), [scan], options=given)
         self.free = self.free[: left or 0]
         return left
 

@@ -78,7 +78,7 @@ def distance_maps(loops: ctypes.CDLL | None, threads: int) -> dict[str, Any]:
     from twins import tsdf
 
     from moteslam.kernels.correlative import MAX_SEARCH_POINTS, search_scans
-    from moteslam.kernels.registration import register_scans
+    from moteslam.kernels.registration import FRAME, OFFSET, PRIOR, QUERY, register_scans
     from moteslam.kernels.registration_options import RegistrationOptions
     from moteslam.kernels.tiles import STEPS
 
@@ -88,8 +88,8 @@ def distance_maps(loops: ctypes.CDLL | None, threads: int) -> dict[str, Any]:
     pool.add([MIDDLE], thinned(room_scan()))
     pool = pool.resampled(np.zeros(n, int), more_tiles=40 * n)
     scan = thinned(room_scan(offset, beams=180))
-    starts, priors = np.zeros((n, 3)), np.tile((1e4, 1e4, 1e4, 0.0, 0.0, 0.0), (n, 1))
-    places = frames(poses)
+    places, queries = frames(poses), np.zeros((n, QUERY))
+    queries[:, FRAME], queries[:, PRIOR] = places, (1e4, 1e4, 1e4, 0.0, 0.0, 0.0)
     lengths = {name: OPTIONS[name] for name in ("cell_size", "truncation", "coarse_truncation")}
 
     options = RegistrationOptions(
@@ -101,9 +101,7 @@ def distance_maps(loops: ctypes.CDLL | None, threads: int) -> dict[str, Any]:
         assert pool.add(poses + offset, scan) is not None
 
     def register() -> np.ndarray:
-        return register_scans(
-            pool.pool, pool.tables, places, scan.points, (0.0, 0.0), starts, priors, options=options
-        )[0]  # fmt: skip
+        return register_scans(tiles, queries, scan.points, (0.0, 0.0), options=options)[:, OFFSET]
 
     flat, prior = np.ascontiguousarray(scan.points.T), np.full(3, 1e4, np.float32)
     by_c = np.empty((n, 13))
@@ -123,11 +121,11 @@ def distance_maps(loops: ctypes.CDLL | None, threads: int) -> dict[str, Any]:
 
     def search() -> np.ndarray:
         return search_scans(
-            pool.pool, pool.tables, places, few, turns, np.zeros(9), shifts, np.zeros(100), blocks=1, cell_size=CELL,
-            near=0.5,
+            tiles, places, few, turns, np.zeros(9), shifts, np.zeros(100), blocks=1, cell_size=CELL, near=0.5
         )[0]  # fmt: skip
 
     integrate()  # each particle copies the tiles that it writes to, once
+    tiles = pool.tiles
     results: dict[str, Any] = {}
     task = f"integrating {len(scan.points)} points, {n} particles [thousand particles/s]"
     results[task] = rates({"moteslam": integrate}, n / 1e3)

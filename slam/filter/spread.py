@@ -15,6 +15,8 @@ def spread(poses: NDArray[np.float64], weights: NDArray[np.float64]) -> NDArray[
         poses: [N, 3] of the particles.
         weights: [N], with sum 1.
     """
+    if len(poses) == 1:
+        return np.zeros(3)
     x, y = weights @ poses[:, :2]
     heading = np.arctan2(weights @ np.sin(poses[:, 2]), weights @ np.cos(poses[:, 2]))
     deviations = se2.between(np.array((x, y, heading)), poses)

@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.errors import InputError
+from moteslam.kernels.integration_options import IntegrationOptions
 from moteslam.kernels.thinning import ThinnedScan
-from moteslam.kernels.tiles import CELLS, EMPTY, SIDE
+from moteslam.kernels.tiles import CELLS, EMPTY, SIDE, Tiles
 from moteslam.kernels.tsdf import integrate_scans
 from moteslam.robot.se2 import Pose, as_pose
 from moteslam.slam.mapping.config import TsdfConfig
@@ -40,12 +41,13 @@ class TsdfMaps:
     """
 
     def __init__(self, config: TsdfConfig) -> None:
-        self._config = config
+        self._config, self._options = config, IntegrationOptions(**config.model_dump())
         self._tile_size = SIDE * config.cell_size
         self._corner = np.array([-TABLE_CHUNK, -TABLE_CHUNK])  # the first tile of the tables: (column, row)
         self._tables = np.zeros((1, 2 * TABLE_CHUNK, 2 * TABLE_CHUNK), np.int32)
         self._pool = np.zeros(FIRST_TILES * CELLS, np.int16)
         self._shares, self._free, self._left = self._counted()
+        self._view: TsdfView | None = None
 
     def __len__(self) -> int:
         return len(self._tables)
@@ -57,12 +59,17 @@ class TsdfMaps:
 
     def all(self) -> TsdfView:
         """The TSDFs of all particles, to register to; valid until the next ``integrate`` or ``resample``."""
-        return TsdfView(self._config, self._pool, self._tables, self._corner * self._tile_size)
+        if self._view is None:
+            n, rows, columns = self._tables.shape
+            tiles = Tiles(self._pool, self._tables.reshape(-1), rows, columns, n)
+            x, y = (self._corner * self._tile_size).tolist()
+            self._view = TsdfView(self._config, tiles, (x, y))
+        return self._view
 
     def of(self, particle: int) -> TsdfView:
         """The TSDF of one particle, likewise."""
-        view = self.all()
-        return TsdfView(view.config, view.pool, view.tables[particle : particle + 1], view.corner)
+        config, tiles, corner = self.all()
+        return TsdfView(config, tiles.of(particle), corner)
 
     def resample(self, parents: NDArray[np.int64]) -> None:
         """Give every particle its parent's TSDF.
@@ -76,6 +83,7 @@ class TsdfMaps:
         self._check_entries(len(parents), *self._tables.shape[1:])
         self._tables = self._tables[parents]
         self._count()
+        self._view = None
 
     def integrate(self, poses: Array, scan: ThinnedScan) -> None:
         """Average a scan into every particle's TSDF, each from its own pose.
@@ -111,21 +119,9 @@ class TsdfMaps:
         farthest = max(float(np.hypot(*scan.points.T).max()) for scan in scans)
         self._cover(poses, farthest + 2 * max(c.truncation, c.coarse_truncation) + self._tile_size)
         while True:
+            view, free = self.all(), self._free[: self._left]
             left = integrate_scans(
-                self._pool,
-                self._tables,
-                self._shares,
-                self._free[: self._left],
-                self.all().frames(poses),
-                scans,
-                cell_size=c.cell_size,
-                truncation=c.truncation,
-                coarse_truncation=c.coarse_truncation,
-                coarse_chord=c.coarse_chord,
-                near=c.near,
-                near_weight=c.near_weight,
-                max_weight=c.max_weight,
-                trusted=True,
+                view.tiles, self._shares, free, view.frames(poses), scans, options=self._options, trusted=True
             )
             if left is not None:
                 self._left = left
@@ -147,7 +143,7 @@ class TsdfMaps:
         self._check_entries(len(self), tall, wide)
         tables = np.full((len(self), tall, wide), EMPTY, np.int32)
         tables[:, below[1] : below[1] + rows, below[0] : below[0] + columns] = self._tables
-        self._tables = tables
+        self._tables, self._view = tables, None
         self._corner = self._corner - below
 
     def _check_entries(self, particles: int, tall: int, wide: int) -> None:
@@ -184,7 +180,7 @@ class TsdfMaps:
             )
         pool = np.zeros(2 * len(self._pool), np.int16)
         pool[: len(self._pool)] = self._pool
-        self._pool = pool
+        self._pool, self._view = pool, None
         self._count()
 
 
@@ -201,19 +197,17 @@ class TsdfView(NamedTuple):
 
     Attributes:
         config: cell size and truncations.
-        pool: int16 [t * CELLS] of all tiles.
-        tables: int32 [n, rows, columns] of the particles' tiles.
-        corner: [2] (x, y) of the tables' first tile [m].
+        tiles: of n particles.
+        corner: (x, y) of the tables' first tile [m].
     """
 
     config: TsdfConfig
-    pool: NDArray[np.int16]
-    tables: NDArray[np.int32]
-    corner: Array
+    tiles: Tiles
+    corner: tuple[float, float]
 
     def frame(self, pose: Pose) -> tuple[float, float, float, float]:
         """A pose as the kernels take it: cos, sin, x, y [m] from the tables' corner."""
-        (x, y, theta), (left, below) = pose, self.corner.tolist()
+        (x, y, theta), (left, below) = pose, self.corner
         return math.cos(theta), math.sin(theta), x - left, y - below
 
     def frames(self, poses: Array) -> Array:

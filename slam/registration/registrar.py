@@ -8,7 +8,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.kernels.degeneracy import Kept
-from moteslam.kernels.registration import COST, CROSSED, INFORMATION, KNOWN, LIKELIHOOD, register_scan, register_scans
+from moteslam.kernels.registration import (
+    COST,
+    CROSSED,
+    FRAME,
+    INFORMATION,
+    KNOWN,
+    LIKELIHOOD,
+    OFFSET,
+    PRIOR,
+    QUERY,
+    START,
+    register_scan,
+    register_scans,
+)
 from moteslam.kernels.registration_options import RegistrationOptions
 from moteslam.robot.se2 import Pose, as_pose
 from moteslam.slam.mapping.config import TsdfConfig
@@ -79,26 +92,25 @@ def register(
     """
     x, y, theta = spread.tolist()
     weight = config.prior_weight
-    priors = np.array(((weight / x**2, weight / y**2, weight / theta**2, 0.0, 0.0, 0.0),) * len(predicted))
+    queries = np.empty((len(predicted), QUERY))
+    queries[:, FRAME], queries[:, START] = maps.frames(predicted), starts
+    queries[:, PRIOR] = weight / x**2, weight / y**2, weight / theta**2, 0.0, 0.0, 0.0
     if means is not None:
-        priors[:, 3:] = means
-    offsets, fits = register_scans(
-        maps.pool,
-        maps.tables,
-        maps.frames(predicted),
+        queries[:, PRIOR][:, 3:] = means
+    found = register_scans(
+        maps.tiles,
+        queries,
         points,
-        origin,
-        starts,
-        priors,
+        origin.tolist(),
         options=options_of(maps.config, config),
         coarse=coarse,
         kept=kept_by(x, config) if keep else None,
-        trusted=True,
+        finite=True,
     )
-    information = fits[:, INFORMATION][:, FULL].reshape(-1, 3, 3)
-    known = fits[:, KNOWN]
-    likelihoods = fits[:, LIKELIHOOD] / np.maximum(known, 1)
-    return Registration(offsets, information, fits[:, COST], known, likelihoods, fits[:, CROSSED])
+    information = found[:, INFORMATION][:, FULL].reshape(-1, 3, 3)
+    known = found[:, KNOWN]
+    likelihoods = found[:, LIKELIHOOD] / np.maximum(known, 1)
+    return Registration(found[:, OFFSET], information, found[:, COST], known, likelihoods, found[:, CROSSED])
 
 
 class Fitted(NamedTuple):
@@ -136,8 +148,8 @@ def register_one(
     prior = weight / x**2, weight / y**2, weight / theta**2, 0.0, 0.0, 0.0
     query = *maps.frame(predicted), 0.0, 0.0, 0.0, *prior
     kept = kept_by(x, config)
-    found = register_scan(maps.pool, maps.tables, query, points, origin, options=options, kept=kept, trusted=True)
-    x, y, theta, xx, xy, xt, yy, yt, tt, _, known, likelihood, crossed = found  # as of FITS
+    found = register_scan(maps.tiles, query, points, origin, options=options, kept=kept, finite=True)
+    x, y, theta, xx, xy, xt, yy, yt, tt, _, known, likelihood, crossed = found  # the columns of register_scans
     return Fitted((x, y, theta), (xx, xy, xt, yy, yt, tt), known, likelihood / max(known, 1), crossed)
 
 

@@ -52,8 +52,7 @@ def candidates(
     turns = np.arange(-most_turns, most_turns + 1, dtype=np.float64) * window.heading_step
     weight = config.search_prior * len(few)
     scores, chosen = search_scans(
-        maps.pool,
-        maps.tables,
+        maps.tiles,
         maps.frames(predicted[None]),
         few,
         turns,

@@ -61,6 +61,8 @@ class Particles:
             distance: of the particles of its mode from it, at most [m].
             rotation: of their headings from its heading, at most [rad].
         """
+        if len(self) == 1:
+            return np.zeros(3)
         off = self.offsets()
         near = (np.hypot(off[:, 0], off[:, 1]) <= distance) & (abs(off[:, 2]) <= rotation)
         weights = self.weights.values * near

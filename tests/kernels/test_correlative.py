@@ -10,7 +10,7 @@ from twins import tsdf
 
 from moteslam.errors import InputError
 from moteslam.kernels.correlative import MAX_SEARCH_POINTS, search_scans
-from moteslam.kernels.tiles import CELLS, STEPS
+from moteslam.kernels.tiles import CELLS, STEPS, tiles_of
 
 pytestmark = pytest.mark.usefixtures("taichi")
 
@@ -26,7 +26,7 @@ def search(
     turn_costs: ArrayLike | None = None, shift_costs: ArrayLike | None = None, near: float = 0.5,
 ) -> tuple[NDArray[np.int32], NDArray[np.int32]]:  # fmt: skip
     return search_scans(
-        pool.pool, pool.tables, frames(poses), points, turns,
+        pool.tiles, frames(poses), points, turns,
         np.zeros(len(np.asarray(turns))) if turn_costs is None else turn_costs, shifts,
         np.zeros(len(shifts)) if shift_costs is None else shift_costs, blocks=blocks, cell_size=CELL, near=near,
     )  # fmt: skip
@@ -89,7 +89,6 @@ def test_no_turns(room: Pool) -> None:
 @pytest.mark.parametrize(
     ("change", "field"),
     [
-        ({"tables": np.full((1, 2, 2), 1, np.int32)}, "tables"),
         ({"frames": np.ones((2, 4))}, "frames"),
         ({"points": np.zeros((MAX_SEARCH_POINTS + 1, 2))}, "points"),
         ({"points": [(np.nan, 0)]}, "points"),
@@ -107,7 +106,7 @@ def test_no_turns(room: Pool) -> None:
 )
 def test_bad_input_of_the_search(change: dict[str, object], field: str) -> None:
     arguments: dict[str, object] = {
-        "pool": np.zeros(CELLS, np.int16), "tables": np.zeros((1, 2, 2), np.int32), "frames": np.ones((1, 4)),
+        "tiles": tiles_of(np.zeros(CELLS, np.int16), np.zeros((1, 2, 2), np.int32)), "frames": np.ones((1, 4)),
         "points": [(0.1, 0.1)], "turns": [0.0], "turn_costs": [0.0], "shifts": np.zeros((4, 2)),
         "shift_costs": np.zeros(4), "blocks": 2, "cell_size": 0.05, "near": 0.5,
     }  # fmt: skip

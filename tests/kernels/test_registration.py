@@ -15,16 +15,21 @@ from moteslam.kernels.gauss_newton import solve
 from moteslam.kernels.registration import (
     COST,
     CROSSED,
-    FITS,
+    FOUND,
+    FRAME,
     INFORMATION,
     KNOWN,
     LIKELIHOOD,
+    OFFSET,
+    PRIOR,
+    QUERY,
+    START,
     register_scan,
     register_scans,
 )
 from moteslam.kernels.registration_options import RegistrationOptions
 from moteslam.kernels.runtime import ti
-from moteslam.kernels.tiles import CELLS
+from moteslam.kernels.tiles import CELLS, tiles_of
 from moteslam.kernels.types import F32_2D, kernel
 
 pytestmark = pytest.mark.usefixtures("taichi")
@@ -49,15 +54,19 @@ def room() -> Pool:
 
 def register(
     pool: Pool, poses: ArrayLike, points: ArrayLike, *, starts: ArrayLike | None = None, prior: ArrayLike = LOOSE,
-    origin: ArrayLike = (0.0, 0.0), coarse: bool = True, **changes: float,
+    origin: tuple[float, float] = (0.0, 0.0), coarse: bool = True, **changes: float,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:  # fmt: skip
-    n = len(np.asarray(poses))
-    starts = np.zeros((n, 3)) if starts is None else starts
-    priors = np.tile(np.asarray(prior, float), (n, 1))
+    asked = queries(poses, np.zeros(3) if starts is None else starts, prior)
     options = RegistrationOptions(**{**OPTIONS, **changes})  # type: ignore[arg-type]
-    return register_scans(
-        pool.pool, pool.tables, frames(poses), points, origin, starts, priors, options=options, coarse=coarse
-    )
+    found = register_scans(pool.tiles, asked, points, origin, options=options, coarse=coarse)
+    return found[:, OFFSET], found
+
+
+def queries(poses: ArrayLike, starts: ArrayLike, prior: ArrayLike) -> NDArray[np.float64]:
+    """As the kernel takes them."""
+    asked = np.empty((len(np.asarray(poses)), QUERY))
+    asked[:, FRAME], asked[:, START], asked[:, PRIOR] = frames(poses), starts, prior
+    return asked
 
 
 @pytest.mark.parametrize("at", [(0.0, 0.0, 0.0), (0.4, -0.3, 1.1), (-1.2, 0.8, -2.6)])
@@ -182,7 +191,7 @@ def test_rays_through_walls_are_counted(room: Pool, origin: tuple[float, float])
 def test_no_frames(room: Pool) -> None:
     offsets, fits = register(room, np.empty((0, 3)), room_scan())
     assert offsets.shape == (0, 3)
-    assert fits.shape == (0, FITS)
+    assert fits.shape == (0, FOUND)
 
 
 @kernel
@@ -212,13 +221,13 @@ def test_the_solver_and_assignment_of_two_at_once() -> None:
     [
         ({"pool": np.zeros(7, np.int16)}, "pool"),
         ({"tables": np.full((1, 2, 2), 1, np.int32)}, "tables"),
-        ({"tables": np.zeros((2, 2, 2), np.int32)}, "tables"),  # neither one nor three
-        ({"frames": np.zeros((3, 3))}, "frames"),
+        ({"tables": np.zeros((2, 2, 2), np.int32)}, "tiles"),  # neither one nor three
+        ({"queries": np.ones((3, 12))}, "queries"),
+        ({"queries": np.zeros((3, 13))}, "queries"),  # a prior of no weight
+        ({"queries": np.full((3, 13), np.nan)}, "queries"),
         ({"points": [(np.inf, 0)]}, "points"),
         ({"origin": (0, 0, 0)}, "origin"),
-        ({"starts": np.zeros((2, 3))}, "starts"),
-        ({"priors": np.zeros((3, 6))}, "priors"),
-        ({"priors": np.full((3, 6), np.nan)}, "priors"),
+        ({"origin": (0, np.nan)}, "origin"),
         ({"cell_size": 0.0}, "cell_size"),
         ({"truncation": np.inf}, "truncation"),
         ({"coarse_truncation": -1.0}, "coarse_truncation"),
@@ -234,28 +243,25 @@ def test_the_solver_and_assignment_of_two_at_once() -> None:
 )
 def test_bad_input_of_registration(change: dict[str, object], field: str) -> None:
     arguments: dict[str, object] = {
-        "pool": np.zeros(CELLS, np.int16), "tables": np.zeros((1, 2, 2), np.int32), "frames": np.ones((3, 4)),
-        "points": [(0.1, 0.1)], "origin": (0, 0), "starts": np.zeros((3, 3)), "priors": np.ones((3, 6)),
+        "pool": np.zeros(CELLS, np.int16), "tables": np.zeros((1, 2, 2), np.int32), "queries": np.ones((3, 13)),
+        "points": [(0.1, 0.1)], "origin": (0, 0),
     }  # fmt: skip
     options = RegistrationOptions(**{**OPTIONS, **{key: change[key] for key in change if key in OPTIONS}})  # type: ignore[arg-type]
     arguments |= {key: change[key] for key in change if key not in OPTIONS}
     with pytest.raises(InputError, match=f"^{field}: "):
-        register_scans(**arguments, options=options)  # type: ignore[arg-type]
+        register_scans(tiles_of(arguments.pop("pool"), arguments.pop("tables")), **arguments, options=options)  # type: ignore[arg-type]
 
 
 def test_one_scan_in_plain_numbers_is_a_row_of_many(room: Pool) -> None:
     points, prior = thinned(room_scan((0.2, 0.1, 0.3))).points, (1e3, 2e3, 3e3, 0.01, 0.0, -0.01)
     options, start = RegistrationOptions(**OPTIONS), (0.02, -0.01, 0.01)  # type: ignore[arg-type]
-    (frame,) = frames([moved(MIDDLE, (0.23, 0.08, 0.32))])
-    offsets, fits = register_scans(
-        pool := room.pool, room.tables, [frame], points, (0.1, 0.0), [start], [prior], options=options
-    )
-    query = (*frame.tolist(), *start, *prior)
-    for trusted in (False, True):
-        found = register_scan(pool, room.tables, query, points, (0.1, 0.0), options=options, trusted=trusted)
-        assert found == [*offsets[0].tolist(), *fits[0].tolist()]
-    for wrong in (query[:-1], (*query[:7], 0.0, *query[8:]), (np.nan, *query[1:])):
+    asked, tiles = queries([moved(MIDDLE, (0.23, 0.08, 0.32))], start, prior), room.tiles
+    (many,) = register_scans(tiles, asked, points, (0.1, 0.0), options=options).tolist()
+    query = asked[0].tolist()
+    for finite in (False, True):
+        assert register_scan(tiles, query, points, (0.1, 0.0), options=options, finite=finite) == many
+    for wrong in (query[:-1], [*query[:7], 0.0, *query[8:]], [np.nan, *query[1:]]):
         with pytest.raises(InputError, match=r"^query: "):
-            register_scan(pool, room.tables, wrong, points, (0.0, 0.0), options=options)
+            register_scan(tiles, wrong, points, (0.0, 0.0), options=options)
     with pytest.raises(InputError, match=r"^origin: "):
-        register_scan(pool, room.tables, query, points, (np.inf, 0.0), options=options)
+        register_scan(tiles, query, points, (np.inf, 0.0), options=options)

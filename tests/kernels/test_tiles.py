@@ -11,7 +11,7 @@ from twins import tsdf
 
 from moteslam.errors import InputError
 from moteslam.kernels import tiles
-from moteslam.kernels.tiles import CELLS, MAX_WEIGHT, SIDE, STEPS, check_tiles, frames_in_cells
+from moteslam.kernels.tiles import CELLS, MAX_WEIGHT, SIDE, STEPS, frames_in_cells, tiles_of
 from moteslam.kernels.types import F32_1D, F32_2D, I16_1D, I32, I32_1D, kernel, template
 
 pytestmark = pytest.mark.usefixtures("taichi")
@@ -154,16 +154,18 @@ def test_without_a_free_tile_nothing_is_done() -> None:
 
 def test_tables_and_pools_that_do_not_fit_are_refused() -> None:
     pool, tables = np.zeros(3 * CELLS, np.int16), np.zeros((2, 4, 5), np.int32)
-    assert check_tiles(pool, tables) == (2, 4, 5)
+    checked = tiles_of(pool, tables)
+    assert (checked.maps, checked.rows, checked.columns, checked.first) == (2, 4, 5, 0)
+    assert (checked.of(1).maps, checked.of(1).first) == (1, 20)
     cases: list[tuple[Callable[[], object], str]] = [
-        (lambda: check_tiles(pool[:-1], tables), "pool: 3839 cells"),
-        (lambda: check_tiles(pool[:0], tables), "pool: 0 cells"),
-        (lambda: check_tiles(pool.astype(np.int32), tables), "pool: "),
-        (lambda: check_tiles(pool, tables[0]), "tables: "),
-        (lambda: check_tiles(pool, tables[:, :0]), "tables: "),
-        (lambda: check_tiles(pool, tables + 3), "tables: a tile beyond"),
-        (lambda: check_tiles(pool, tables - 1), "tables: a tile beyond"),
-        (lambda: check_tiles(pool, tables[:, ::2]), "tables: "),
+        (lambda: tiles_of(pool[:-1], tables), "pool: 3839 cells"),
+        (lambda: tiles_of(pool[:0], tables), "pool: 0 cells"),
+        (lambda: tiles_of(pool.astype(np.int32), tables), "pool: "),
+        (lambda: tiles_of(pool, tables[0]), "tables: "),
+        (lambda: tiles_of(pool, tables[:, :0]), "tables: "),
+        (lambda: tiles_of(pool, tables + 3), "tables: a tile beyond"),
+        (lambda: tiles_of(pool, tables - 1), "tables: a tile beyond"),
+        (lambda: tiles_of(pool, tables[:, ::2]), "tables: "),
         (lambda: frames_in_cells(np.zeros((2, 4)), 0.0), "cell_size: "),
         (lambda: frames_in_cells(np.zeros((2, 3)), CELL), "frames: "),
         (lambda: frames_in_cells(np.full((2, 4), np.nan), CELL), "frames: "),

@@ -8,8 +8,9 @@ from tile_pools import CELL, COARSE_TRUNCATION, MIDDLE, OPTIONS, TRUNCATION, Poo
 from twins import tsdf
 
 from moteslam.errors import InputError
+from moteslam.kernels.integration_options import IntegrationOptions
 from moteslam.kernels.thinning import ThinnedScan, thin_scan
-from moteslam.kernels.tiles import CELLS, STEPS
+from moteslam.kernels.tiles import CELLS, STEPS, tiles_of
 from moteslam.kernels.tsdf import integrate_scans
 
 pytestmark = pytest.mark.usefixtures("taichi")
@@ -170,7 +171,8 @@ def test_many_scans_at_once_are_written_as_one_after_the_other() -> None:
     for offset, scan in zip(offsets, scans, strict=True):
         one_by_one.add(MIDDLE + shifts + offset, scan)
     places = (MIDDLE + shifts[:, None] + offsets).reshape(-1, 3)
-    left = integrate_scans(at_once.pool, at_once.tables, at_once.shares, at_once.free, frames(places), scans, **OPTIONS)  # type: ignore[arg-type]
+    options = IntegrationOptions(**OPTIONS)  # type: ignore[arg-type]
+    left = integrate_scans(at_once.tiles, at_once.shares, at_once.free, frames(places), scans, options=options)
     assert left is not None
     np.testing.assert_array_equal(at_once.all_words(), one_by_one.all_words())
     assert (at_once.all_words()[0] != at_once.all_words()[1]).any()
@@ -230,8 +232,10 @@ def test_bad_input_of_integrating(change: dict[str, object], field: str) -> None
     pool = Pool.empty()
     arguments: dict[str, object] = {
         "pool": pool.pool, "tables": pool.tables, "shares": pool.shares, "free": pool.free,
-        "frames": frames([MIDDLE]), "scans": [thinned(room_scan())], **OPTIONS,
+        "frames": frames([MIDDLE]), "scans": [thinned(room_scan())],
     }  # fmt: skip
+    options = IntegrationOptions(**{**OPTIONS, **{key: change[key] for key in change if key in OPTIONS}})  # type: ignore[arg-type]
+    arguments |= {key: change[key] for key in change if key not in OPTIONS}
     with pytest.raises(InputError, match=f"^{field}: "):
-        integrate_scans(**{**arguments, **change})  # type: ignore[arg-type]
+        integrate_scans(tiles_of(arguments.pop("pool"), arguments.pop("tables")), **arguments, options=options)  # type: ignore[arg-type]
     assert not pool.tables.any()
