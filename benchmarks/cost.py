@@ -48,17 +48,17 @@ RESULTS = ("trajectory.tum", "trajectory_final.tum", "map.pgm")
 TIMES = 10
 WARM_STARTS = 7
 BARS: dict[str, tuple[Bar, ...]] = {
-    "filter": (Bar("run_slam_cpu_ms_a_scan", "worst", 7.5), Bar("ate_m", "worst", 0.09)),
+    "filter": (Bar("run_slam_cpu_ms_a_scan", "worst", 3.5), Bar("ate_m", "worst", 0.09)),
     "every_scan_1": (Bar("filter_cpu_ms_a_scan", "median", 0.35), Bar("outside_kernels_ms_a_scan", "median", 0.1)),
     "every_scan_30": (Bar("filter_cpu_ms_a_scan", "median", 1.0),),
     "process": (Bar("cpu_ms_a_scan", "worst", 10.0), Bar("ate_m", "worst", 0.09)),
     "process_figures": (),
     "real_time_100": (Bar("times_real_time", "worst", 2.0, least=True), Bar("ate_m", "worst", 0.15, strict=True)),
-    "real_time_1000": (Bar("times_real_time", "worst", 1.0, least=True), Bar("ate_m", "worst", 0.15, strict=True)),
+    "real_time_1000": (Bar("times_real_time", "worst", 3.0, least=True), Bar("ate_m", "worst", 0.15, strict=True)),
     "memory_1000": (Bar("peak_mb", "worst", 1000.0, strict=True),),
     "memory_1000_figures": (Bar("peak_mb", "worst", 1000.0, strict=True),),
     "played_again": (Bar("maps_last_over_second", "worst", 1.0),),
-    "tenths": (Bar("last_over_first", "median", 1.05),),
+    "tenths": (Bar("last_over_first", "median", 1.05), Bar("an_update_last_over_first", "worst", 1.05)),
     "start": (Bar("warm_cpu_s", "median", 1.0), Bar("cold_cpu_s", "worst", 12.0)),
     "start_figures": (),
     "same_bytes": (Bar("files_that_differ", "worst", 0.0),),
@@ -102,10 +102,11 @@ class Costs:
     Args:
         preset, settings: of the filter.
         quick: take a short log in place of the Intel logs, and little of the simulated ones.
+        arch: of the cases against real time.
     """
 
-    def __init__(self, preset: str, settings: list[str], *, quick: bool) -> None:
-        self._preset, self._settings, self._quick = preset, settings, quick
+    def __init__(self, preset: str, settings: list[str], *, quick: bool, arch: str = "cpu") -> None:
+        self._preset, self._settings, self._quick, self._arch = preset, settings, quick, arch
         self._duration = 25.0 if quick else None
         self.cases: dict[str, Callable[[int], dict[str, Any]]] = {
             "filter": self.filter,
@@ -135,7 +136,8 @@ class Costs:
 
     def real_time(self, seed: int, particles: int) -> dict[str, Any]:
         """Wall time of a recording beside how long it took to record."""
-        return self._measure("real time", seed, particles, threads=2, scenario="corridor", duration=self._duration)
+        given = {"scenario": "corridor", "duration": self._duration, "arch": self._arch}
+        return self._measure("real time", seed, particles, threads=2, **given)
 
     def played_again(self, seed: int) -> dict[str, Any]:
         """Memory after each round of a ring."""
@@ -260,6 +262,7 @@ def main() -> None:
     parser.add_argument("--cases", nargs="+", choices=list(BARS), metavar="CASE", default=list(BARS))
     parser.add_argument("--seeds", type=count, help="of each case, from 0")
     parser.add_argument("--quick", action="store_true", help="other, shorter recordings: a trial")
+    parser.add_argument("--arch", choices=("cpu", "cuda"), default="cpu", help="of the cases against real time")
     parser.add_argument("--against", type=Path, metavar="FOLDER", help="another checkout, with a .venv of its own")
     parser.add_argument("--pairs", type=count, default=7, help="of runs, with --against")
     parser.add_argument("--out", type=result_file)
@@ -287,8 +290,9 @@ def main() -> None:
         save(options.out, {**stamp(), "preset": options.preset, "processor time, here / there": found})
         return
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # so that the process measured ends with this one
-    costs = Costs(options.preset, options.settings, quick=options.quick)
-    about = {**stamp(), "preset": options.preset, "settings": options.settings, "quick": options.quick}
+    costs = Costs(options.preset, options.settings, quick=options.quick, arch=options.arch)
+    asked = {"settings": options.settings, "quick": options.quick, "arch": options.arch}
+    about = {**stamp(), "preset": options.preset, **asked}
     rows: list[dict[str, Any]] = []
     summary: dict[str, Any] = {}
     for case in options.cases:

@@ -2,7 +2,8 @@
 
 Taichi spends some 13 us on each NumPy array of a call, longer than many a kernel runs: it looks for fields, tensors of
 other libraries, gradients and matrices, none of which occur here. Once a kernel is compiled, a call whose arguments
-have exactly the annotated types is therefore handed to the compiled kernel directly. Every other call, the first among
+have exactly the annotated types, arrays in NumPy's memory or on the device, is therefore handed to the compiled kernel
+directly. Every other call, the first among
 them, goes through Taichi, which compiles, converts or raises. On the CPU the arguments of the last launch are kept, so
 that those that did not change, the map and the constants, need not be set again.
 
@@ -42,11 +43,14 @@ _ACCEPTED: dict[Any, tuple[type, ...]] = {
 }
 """The types of Python and NumPy that are accepted for a number of each kind."""
 
+_DEVICE_ARRAY = ti.lang._ndarray.ScalarNdarray
+"""Taichi's own arrays, which stay on the device."""
+
 _NUMBERS = {ti.i32: Kind.SIGNED, ti.u32: Kind.UNSIGNED, ti.f32: Kind.REAL, ti.f64: Kind.REAL}
 
 
 def fast_kernel(function: Callable[..., Any]) -> Callable[..., Any]:
-    """``ti.kernel`` with cheap launches, for kernels of NumPy arrays and numbers that return nothing."""
+    """``ti.kernel`` with cheap launches, for kernels of arrays and numbers that return nothing."""
     kernel = own_kernel(function)
     kinds = _kinds(kernel)
     if kinds is None:
@@ -126,6 +130,12 @@ class _Context:
             value = arguments[index]
             same = self._same[place]()
             if same is value and same is not None and same.shape == last[place][1]:
+                continue
+            if type(value) is _DEVICE_ARRAY:
+                if len(value.shape) != dimensions or ti.lang.util.to_numpy_type(value.dtype) != dtype:
+                    return False
+                self._launch.set_arg_ndarray((place,), value.arr)  # at every launch, which writes over it
+                last[place], self._same[place] = None, _nothing
                 continue
             if (
                 type(value) is not np.ndarray

@@ -13,10 +13,10 @@ from numpy.typing import ArrayLike, NDArray
 from moteslam.errors import InputError
 from moteslam.kernels.checks import as_finite, check_array
 from moteslam.kernels.integration_options import IntegrationOptions, settings_of
-from moteslam.kernels.runtime import one_thread, runtime, ti
+from moteslam.kernels.runtime import one_thread, ti
 from moteslam.kernels.thinning import ThinnedScan
+from moteslam.kernels.tile_store import TileStore
 from moteslam.kernels.tiles import (
-    CELLS,
     SIDE,
     STEPS,
     Tiles,
@@ -156,60 +156,56 @@ def _integrate(
 
 
 def integrate_scans(
-    tiles: Tiles,
-    shares: NDArray[np.int32],
-    free: NDArray[np.int32],
+    store: TileStore,
     frames: ArrayLike,
     scans: Sequence[ThinnedScan],
     *,
     options: IntegrationOptions,
     trusted: bool = False,
-) -> int | None:
+) -> bool:
     """Integrate scans, one after the other, into the maps of all particles, each from its own poses.
 
     Args:
-        tiles: the maps of n particles; written to.
-        shares: int32 [t] how many table entries name each tile, above 1 for tile 0; written to.
-        free: int32 [f] the tiles that no table names, taken from the end.
+        store: of the maps of n particles, counted since they were resampled; written to.
         frames: [n * m, 4] cos, sin, x, y of each particle at the m scans, from the tables' corner [m].
         scans: m, each in the frame of the particles at it.
         options: of the maps.
         trusted: the points were made by kernels, and the tables were made large enough: neither is checked.
 
     Returns:
-        How many of the free tiles are left, or None where they did not suffice: then no cell was written, though
-        some tables name tiles of their own now. Count the shares again, make room, and call again.
+        Whether there were tiles enough. Where not, no cell was written, though some tables name tiles of their own now:
+        count the shares again, make room, and call again.
 
     Raises:
         InputError: arrays that do not fit together, options out of bounds, or a scan that leaves the tables.
     """
-    settings = settings_of(options)
-    pool, table, rows, columns, n, begin = tiles
-    check_array("shares", shares, np.int32, (len(pool) // CELLS,), written=True)
-    check_array("free", free, np.int32, (None,))
+    settings, tiles = settings_of(options), store.tiles
     places = frames_in_cells(frames, options.cell_size)
     for scan in scans:
         if not trusted:
             as_finite("scan", scan.points, np.float32, (None, 2))
         check_array("scan", scan.joined, np.int32, (len(scan.points),))
-    if not scans or len(places) != n * len(scans):
-        problem = f"{len(places)}, expected one for each of {n} maps at each of {len(scans)} scans"
+    if not scans or len(places) != tiles.maps * len(scans):
+        problem = f"{len(places)}, expected one for each of {tiles.maps} maps at each of {len(scans)} scans"
         raise InputError(problem, field="frames")
     points, joined = scans[0]
     if len(scans) > 1:
         points, joined = np.vstack([scan.points for scan in scans]), np.concatenate([scan.joined for scan in scans])
     if not trusted:
         _check_reach(places, points, tiles, options)
-    if not len(free):
-        return None
-    runtime()
-    counters = np.array([len(free), 0], np.int32)
+    if not store.left:
+        return False
+    counters = np.array([store.left, 0], np.int32)
     _integrate(
-        pool, table, begin, shares, free, counters, columns, rows * columns, places,
+        *(tiles.pool, tiles.table, tiles.first, store.shares, store.free, counters, tiles.columns, tiles.size), places,
         np.ascontiguousarray(points.T / np.float32(options.cell_size)), joined,
         np.array([0, *accumulate(len(scan.points) for scan in scans)], np.int32), settings,
     )  # fmt: skip
-    return None if counters[1] else int(counters[0])
+    left, short = counters.tolist()
+    if short:
+        return False
+    store.left = left
+    return True
 
 
 def _check_reach(

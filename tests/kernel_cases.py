@@ -176,26 +176,36 @@ def distance_maps() -> Results:
 
     What the cells hold and how places score comes from float32 places: as real numbers, to be compared as such.
     """
-    from tile_pools import MIDDLE, Pool, frames, room_scan, thinned
+    from tile_pools import MIDDLE, OPTIONS, frames, room_scan, thinned
 
     from moteslam.kernels.correlative import MAX_SEARCH_POINTS, search_scans
     from moteslam.kernels.degeneracy import Kept
+    from moteslam.kernels.integration_options import IntegrationOptions
     from moteslam.kernels.registration import FRAME, OFFSET, PRIOR, QUERY, register_scans
     from moteslam.kernels.registration_options import RegistrationOptions
+    from moteslam.kernels.tile_store import tile_store
+    from moteslam.kernels.tiles import CELLS
+    from moteslam.kernels.tsdf import integrate_scans
 
     generator = np.random.default_rng(10)
     particles = 200
     poses = MIDDLE + generator.normal(0, (0.05, 0.05, 0.02), (particles, 3))
-    pool = Pool.empty()
-    pool.add([MIDDLE], thinned(room_scan()))
-    pool = pool.resampled(np.zeros(particles, int), more_tiles=40 * particles)
-    scan = thinned(room_scan((0.1, -0.1, 0.2)))
-    pool.add(poses + np.array((0.1, -0.1, 0.2)), scan)
-    words = pool.all_words()[:, ::7].astype(np.int32)
+    store, options = tile_store(9, 10, 100), IntegrationOptions(**OPTIONS)  # type: ignore[arg-type]
+    integrate_scans(store, frames([MIDDLE]), [thinned(room_scan())], options=options)
+    store.grow(9, 12, 0, 0)
+    store.resample(np.zeros(particles, np.int64))
+    scan, places = thinned(room_scan((0.1, -0.1, 0.2))), frames(poses + np.array((0.1, -0.1, 0.2)))
+    while not integrate_scans(store, places, [scan], options=options):
+        store.enlarge()
+    tiles = store.tiles
+    pool, table = (a if isinstance(a, np.ndarray) else a.to_numpy() for a in (tiles.pool, tiles.table))
+    words = (
+        pool.reshape(-1, CELLS)[table.reshape(particles, tiles.size)].reshape(particles, -1)[:, ::7].astype(np.int32)
+    )
     queries = np.zeros((particles, QUERY))
     queries[:, FRAME], queries[:, PRIOR] = frames(poses), (1e4, 1e4, 1e4, 0.0, 0.0, 0.0)
     found = register_scans(
-        pool.tiles, queries, scan.points, (0.1, 0.0), kept=Kept(0.02, 1e-4, 5.0),
+        tiles, queries, scan.points, (0.1, 0.0), kept=Kept(0.02, 1e-4, 5.0),
         options=RegistrationOptions(
             cell_size=CELL, truncation=0.15, coarse_truncation=0.4, residual=0.01, coarse_residual_factor=2.0,
             iterations=8, unknown=2.0, outlier=8.0, likelihood_width=2.0, ray_clearance=2.0, ray_weight=4,
@@ -204,7 +214,7 @@ def distance_maps() -> Results:
     )  # fmt: skip
     shifts = 0.06 * np.stack(np.divmod(np.arange(100), 10), axis=1) - 0.3
     scores, chosen = search_scans(
-        pool.tiles, frames(poses), scan.points[::4][:MAX_SEARCH_POINTS], np.linspace(-0.1, 0.1, 9),
+        tiles, frames(poses), scan.points[::4][:MAX_SEARCH_POINTS], np.linspace(-0.1, 0.1, 9),
         np.zeros(9), shifts, np.zeros(100), blocks=4, cell_size=CELL, near=0.5,
     )  # fmt: skip
     return {

@@ -11,6 +11,7 @@ from twins.tsdf import Tsdf
 
 from moteslam.kernels.integration_options import IntegrationOptions
 from moteslam.kernels.thinning import ThinnedScan
+from moteslam.kernels.tile_store import TileStore
 from moteslam.kernels.tiles import CELLS, FINE_CELLS, MAX_WEIGHT, SIDE, WEIGHT_BITS, Tiles, tiles_of
 
 CELL = 0.05
@@ -60,11 +61,18 @@ class Pool:
         """``integrate_scans`` for all particles, or for one alone; tiles that were taken are no longer free."""
         from moteslam.kernels.tsdf import integrate_scans
 
-        tiles = self.tiles if only is None else self.tiles.of(only)
+        store = self.store(only)
         given = IntegrationOptions(**(OPTIONS | options))  # type: ignore[arg-type]
-        left = integrate_scans(tiles, self.shares, self.free, frames(poses), [scan], options=given)
-        self.free = self.free[: left or 0]
-        return left
+        enough = integrate_scans(store, frames(poses), [scan], options=given)
+        self.free = self.free[: store.left if enough else 0]
+        return store.left if enough else None
+
+    def store(self, only: int | None = None) -> TileStore:
+        """Of all particles, or of one alone, in the same arrays."""
+        store = TileStore(1, 1, 1)
+        store.tiles = self.tiles if only is None else self.tiles.of(only)
+        store.shares, store.free, store.left = self.shares, self.free, len(self.free)
+        return store
 
     def words(self, particle: int = 0, level: int = 0) -> NDArray[np.int16]:
         """All cells of a particle's level, [H, W]."""

@@ -38,6 +38,8 @@ class _Drop:
         path: driven since [m].
         matched: part of that to scans that were used [m].
         fit: sum of their scores, each times the distance that it was driven over [m].
+        looked: where the nearest place before was looked for, and how far it was within ``NEIGHBOURHOOD`` [m]: until
+            the robot has moved that far, it still is.
     """
 
     usual: float
@@ -45,6 +47,7 @@ class _Drop:
     path: float = 0.0
     matched: float = 0.0
     fit: float = 0.0
+    looked: tuple[float, float, float] | None = None
 
     def over(self, x: float, y: float) -> bool:
         """Whether the scans since fit as well as those before, or nothing around the robot is from before."""
@@ -52,7 +55,13 @@ class _Drop:
             return False
         if self.matched > 0 and self.fit >= self.usual * self.matched:
             return True
-        return not bool((np.hypot(self.before[:, 0] - x, self.before[:, 1] - y) <= NEIGHBOURHOOD).any())
+        if self.looked is not None:
+            from_x, from_y, within = self.looked
+            if math.hypot(x - from_x, y - from_y) < within:
+                return False
+        nearest = float(np.hypot(self.before[:, 0] - x, self.before[:, 1] - y).min(initial=math.inf))
+        self.looked = x, y, NEIGHBOURHOOD - nearest
+        return nearest > NEIGHBOURHOOD
 
 
 class Misfit:
@@ -101,7 +110,7 @@ class Misfit:
         """Take in corrected poses [u, 3] of all updates."""
         self._places = [(x, y) for x, y, _ in poses.tolist()]
         if self._lost is not None:
-            self._lost.before = poses[: len(self._lost.before), :2].copy()
+            self._lost.before, self._lost.looked = poses[: len(self._lost.before), :2].copy(), None
 
     def _compare(self, driven: float, score: float, *, left_out: bool) -> None:
         """Compare a score with those before, and take it in among them."""

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from moteslam.errors import InputError
 from moteslam.kernels.integration_options import IntegrationOptions
 from moteslam.kernels.thinning import ThinnedScan
-from moteslam.kernels.tiles import CELLS, EMPTY, SIDE, Tiles
+from moteslam.kernels.tile_store import tile_store
+from moteslam.kernels.tiles import CELLS, SIDE, Tiles
 from moteslam.kernels.tsdf import integrate_scans
 from moteslam.robot.se2 import Pose, as_pose
 from moteslam.slam.mapping.config import TsdfConfig
@@ -44,27 +45,20 @@ class TsdfMaps:
         self._config, self._options = config, IntegrationOptions(**config.model_dump())
         self._tile_size = SIDE * config.cell_size
         self._corner = np.array([-TABLE_CHUNK, -TABLE_CHUNK])  # the first tile of the tables: (column, row)
-        self._tables = np.zeros((1, 2 * TABLE_CHUNK, 2 * TABLE_CHUNK), np.int32)
-        self._pool = np.zeros(FIRST_TILES * CELLS, np.int16)
-        self._shares, self._free, self._left = self._counted()
-        self._view: TsdfView | None = None
+        self._store = tile_store(2 * TABLE_CHUNK, 2 * TABLE_CHUNK, FIRST_TILES)
 
     def __len__(self) -> int:
-        return len(self._tables)
+        return self._store.tiles.maps
 
     @property
     def memory(self) -> int:
         """Bytes taken by tiles and tables."""
-        return self._pool.nbytes + self._tables.nbytes
+        return self._store.nbytes
 
     def all(self) -> TsdfView:
         """The TSDFs of all particles, to register to; valid until the next ``integrate`` or ``resample``."""
-        if self._view is None:
-            n, rows, columns = self._tables.shape
-            tiles = Tiles(self._pool, self._tables.reshape(-1), rows, columns, n)
-            x, y = (self._corner * self._tile_size).tolist()
-            self._view = TsdfView(self._config, tiles, (x, y))
-        return self._view
+        x, y = self._corner.tolist()
+        return TsdfView(self._config, self._store.tiles, (x * self._tile_size, y * self._tile_size))
 
     def of(self, particle: int) -> TsdfView:
         """The TSDF of one particle, likewise."""
@@ -80,10 +74,8 @@ class TsdfMaps:
         Raises:
             InputError: the tables would take more than ``MAX_ENTRIES``.
         """
-        self._check_entries(len(parents), *self._tables.shape[1:])
-        self._tables = self._tables[parents]
-        self._count()
-        self._view = None
+        self._check_entries(len(parents), self._store.tiles.rows, self._store.tiles.columns)
+        self._store.resample(parents)
 
     def integrate(self, poses: Array, scan: ThinnedScan) -> None:
         """Average a scan into every particle's TSDF, each from its own pose.
@@ -118,19 +110,12 @@ class TsdfMaps:
         c = self._config
         farthest = max(float(np.hypot(*scan.points.T).max()) for scan in scans)
         self._cover(poses, farthest + 2 * max(c.truncation, c.coarse_truncation) + self._tile_size)
-        while True:
-            view, free = self.all(), self._free[: self._left]
-            left = integrate_scans(
-                view.tiles, self._shares, free, view.frames(poses), scans, options=self._options, trusted=True
-            )
-            if left is not None:
-                self._left = left
-                return
+        while not integrate_scans(self._store, self.all().frames(poses), scans, options=self._options, trusted=True):
             self._make_room()
 
     def _cover(self, poses: Array, reach: float) -> None:
         """Grow the tables so that everything within ``reach`` [m] of the poses is inside."""
-        _, rows, columns = self._tables.shape
+        rows, columns = self._store.tiles.rows, self._store.tiles.columns
         lowest, highest = poses[:, :2].min(axis=0).tolist(), poses[:, :2].max(axis=0).tolist()
         below, above = [], []
         for low, high, first, size in zip(lowest, highest, self._corner.tolist(), (columns, rows), strict=True):
@@ -141,9 +126,7 @@ class TsdfMaps:
             return
         wide, tall = columns + below[0] + above[0], rows + below[1] + above[1]
         self._check_entries(len(self), tall, wide)
-        tables = np.full((len(self), tall, wide), EMPTY, np.int32)
-        tables[:, below[1] : below[1] + rows, below[0] : below[0] + columns] = self._tables
-        self._tables, self._view = tables, None
+        self._store.grow(tall, wide, below[1], below[0])
         self._corner = self._corner - below
 
     def _check_entries(self, particles: int, tall: int, wide: int) -> None:
@@ -154,23 +137,11 @@ class TsdfMaps:
                 field="particles",
             )
 
-    def _count(self) -> None:
-        """Count anew how many particles share each tile, and which are free."""
-        self._shares, self._free, self._left = self._counted()
-
-    def _counted(self) -> tuple[NDArray[np.int32], NDArray[np.int32], int]:
-        """The particles that share each tile, the free tiles, and how many of these are left."""
-        capacity = len(self._pool) // CELLS
-        shares = np.bincount(self._tables.reshape(-1), minlength=capacity).astype(np.int32)
-        shares[EMPTY] = len(self._tables) + 1  # everybody's: never written, never free
-        free = np.flatnonzero(shares == 0).astype(np.int32)
-        return shares, free, len(free)
-
     def _make_room(self) -> None:
         """After copying tiles failed: collect the tiles that no particle names, and grow the pool if they are few."""
-        self._count()
-        capacity = len(self._pool) // CELLS
-        if 3 * self._left >= capacity:
+        self._store.count()
+        capacity = self._store.capacity
+        if 3 * self._store.left >= capacity:
             return
         if 2 * capacity > MAX_TILES:
             raise InputError(
@@ -178,10 +149,7 @@ class TsdfMaps:
                 "a smaller max_range",
                 field="particles",
             )
-        pool = np.zeros(2 * len(self._pool), np.int16)
-        pool[: len(self._pool)] = self._pool
-        self._pool, self._view = pool, None
-        self._count()
+        self._store.enlarge()
 
 
 def _with_surfaces(poses: Array, scans: Sequence[ThinnedScan]) -> tuple[Array, Sequence[ThinnedScan]]:

@@ -6,6 +6,10 @@ What may differ is the last bits of sin, cos, log and square root, and of produc
 
 from __future__ import annotations
 
+import subprocess
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
 from kernel_cases import MAX_RANGE, ROOM, Results, beams_of_scans, run_cases
@@ -99,6 +103,20 @@ def test_floors_agree(on_both: tuple[Results, Results]) -> None:
     one, other = (results["add_frame"][..., 3] for results in on_both)
     assert np.abs(one - other).sum() < 0.01 * one.sum()
     np.testing.assert_allclose(cuda["match_colours"], cpu["match_colours"], rtol=0.02, atol=2000)
+
+
+def test_a_run_with_its_maps_on_the_gpu_finds_the_same_path(tmp_path: Path) -> None:
+    """Within 2 cm, the spread between seeds: last digits decide which particle is drawn."""
+    from moteslam.robot.trajectories import read_trajectory
+
+    drive, program = tmp_path / "drive", (sys.executable, "-m", "moteslam")
+    subprocess.run([*program, "simulate", "corridor", "--out", drive, "--duration", "20"], check=True)
+    paths = []
+    for arch in ("cpu", "cuda"):
+        out = tmp_path / arch
+        subprocess.run([*program, "replay", drive, "--out", out, "--arch", arch, "--no-figures"], check=True)
+        paths.append(read_trajectory(out / "trajectory_final.tum").poses)
+    assert np.abs(paths[1] - paths[0])[:, :2].max() < 0.02
 
 
 def tolerances() -> np.ndarray:

@@ -10,7 +10,7 @@ from twins import tsdf
 from moteslam.errors import InputError
 from moteslam.kernels.integration_options import IntegrationOptions
 from moteslam.kernels.thinning import ThinnedScan, thin_scan
-from moteslam.kernels.tiles import CELLS, STEPS, tiles_of
+from moteslam.kernels.tiles import CELLS, STEPS
 from moteslam.kernels.tsdf import integrate_scans
 
 pytestmark = pytest.mark.usefixtures("taichi")
@@ -172,8 +172,7 @@ def test_many_scans_at_once_are_written_as_one_after_the_other() -> None:
         one_by_one.add(MIDDLE + shifts + offset, scan)
     places = (MIDDLE + shifts[:, None] + offsets).reshape(-1, 3)
     options = IntegrationOptions(**OPTIONS)  # type: ignore[arg-type]
-    left = integrate_scans(at_once.tiles, at_once.shares, at_once.free, frames(places), scans, options=options)
-    assert left is not None
+    assert integrate_scans(at_once.store(), frames(places), scans, options=options)
     np.testing.assert_array_equal(at_once.all_words(), one_by_one.all_words())
     assert (at_once.all_words()[0] != at_once.all_words()[1]).any()
 
@@ -207,10 +206,6 @@ def test_bad_input_of_thinning(change: dict[str, object], field: str) -> None:
 @pytest.mark.parametrize(
     ("change", "field"),
     [
-        ({"pool": np.zeros(7, np.int16)}, "pool"),
-        ({"tables": np.full((1, 9, 10), 200, np.int32)}, "tables"),
-        ({"shares": np.zeros(3, np.int32)}, "shares"),
-        ({"free": np.zeros(3)}, "free"),
         ({"frames": frames([MIDDLE, MIDDLE])}, "frames"),
         ({"frames": frames([(0.0, 0.0, 0.0)])}, "frames"),  # the scan would leave the tables
         ({"frames": frames([(12.0, 7.2, 0.0)])}, "frames"),
@@ -230,12 +225,9 @@ def test_bad_input_of_thinning(change: dict[str, object], field: str) -> None:
 )
 def test_bad_input_of_integrating(change: dict[str, object], field: str) -> None:
     pool = Pool.empty()
-    arguments: dict[str, object] = {
-        "pool": pool.pool, "tables": pool.tables, "shares": pool.shares, "free": pool.free,
-        "frames": frames([MIDDLE]), "scans": [thinned(room_scan())],
-    }  # fmt: skip
+    arguments: dict[str, object] = {"frames": frames([MIDDLE]), "scans": [thinned(room_scan())]}
     options = IntegrationOptions(**{**OPTIONS, **{key: change[key] for key in change if key in OPTIONS}})  # type: ignore[arg-type]
     arguments |= {key: change[key] for key in change if key not in OPTIONS}
     with pytest.raises(InputError, match=f"^{field}: "):
-        integrate_scans(tiles_of(arguments.pop("pool"), arguments.pop("tables")), **arguments, options=options)  # type: ignore[arg-type]
+        integrate_scans(pool.store(), **arguments, options=options)  # type: ignore[arg-type]
     assert not pool.tables.any()

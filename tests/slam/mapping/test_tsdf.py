@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from slam_rooms import circled_room
 from tile_pools import room_scan, thinned
 
 from moteslam.errors import InputError
 from moteslam.kernels.thinning import ThinnedScan
+from moteslam.kernels.tile_store import DeviceTileStore, TileStore
 from moteslam.kernels.tiles import CELLS, FINE_CELLS, SIDE
 from moteslam.slam.mapping import tsdf
 from moteslam.slam.mapping.config import TsdfConfig
@@ -15,6 +17,8 @@ from moteslam.slam.mapping.tsdf import TsdfMaps
 from moteslam.slam.registration.config import RegistrationConfig, TrackingConfig
 from moteslam.slam.registration.registrar import register
 from moteslam.slam.registration.search import Window, candidates
+from moteslam.slam.run import run_slam
+from moteslam.slam.settings import resolve_config
 
 pytestmark = pytest.mark.usefixtures("taichi")
 
@@ -160,3 +164,18 @@ def test_nobody_writes_into_the_empty_tile_or_one_that_is_shared(step: float) ->
         shared = np.flatnonzero(np.bincount(view.tiles.table, minlength=len(before)) > 1)
         maps.integrate(poses + generator.normal(0, 0.3, (4, 3)), scan)
         np.testing.assert_array_equal(maps.all().tiles.pool.reshape(-1, CELLS)[shared], before[shared])
+
+
+def test_a_run_with_maps_in_taichis_memory_is_the_same_to_the_byte(monkeypatch: pytest.MonkeyPatch) -> None:
+    """On a GPU they are kept there. Tiles run out, and particles are resampled."""
+    monkeypatch.setattr(tsdf, "FIRST_TILES", 2)
+    recording, _ = circled_room(scans=40)
+    runs = []
+    for store in (TileStore, DeviceTileStore):
+        monkeypatch.setattr(tsdf, "tile_store", store)
+        estimate = run_slam(recording, resolve_config("default", ["particles=20", "resample_below=1"]), seed=1)
+        assert estimate.diagnostics["resampled"].any()
+        runs.append(estimate)
+    np.testing.assert_array_equal(runs[1].trajectory.poses, runs[0].trajectory.poses)
+    np.testing.assert_array_equal(runs[1].trajectory_final.poses, runs[0].trajectory_final.poses)
+    np.testing.assert_array_equal(runs[1].map.values, runs[0].map.values)
