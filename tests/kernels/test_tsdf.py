@@ -43,6 +43,17 @@ def test_thinning_equals_the_twin(seed: int, spacing: float) -> None:
         assert 0 < sum(joined) < len(joined)
 
 
+def test_endpoints_that_are_just_the_spacing_apart_stay_two() -> None:
+    """The nearest float32 below or above makes the difference, whatever way its square is rounded."""
+    for length in np.random.default_rng(9).uniform(1e-4, 2.0, 300).astype(np.float32):
+        ends, gap = np.array([(0, 0), (length, 0)], np.float32), {"gap": 3.0}
+        assert len(thin_scan(ends, (0, 0), spacing=float(length), **gap).points) == 2
+        assert len(thin_scan(ends, (0, 0), spacing=float(np.nextafter(length, np.float32(9))), **gap).points) == 1
+    for length, left in ((0.0, 2), (1e-30, 2), (1e-18, 1)):
+        assert len(thin_scan([(1, 1), (1, 1 if left == 1 else 1.5)], (0, 0), spacing=length, gap=3.0).points) == left
+    assert len(thin_scan([(1, 1), (1, 1)], (0, 0), spacing=0.0, gap=3.0).points) == 2
+
+
 @pytest.mark.parametrize(
     ("spacing", "max_points"), [(0.0, 150), (0.02, 150), (0.02, 60), (0.02, 1), (0.02, 240), (0.7, 10)]
 )
