@@ -60,12 +60,13 @@ def _integrate_segment(
     length = ti.sqrt(dx * dx + dy * dy)
     ux, uy = dx / length, dy / length
     per_truncation, per_step = 1.0 / truncation, ti.f32(1.0 / STEPS)
-    vx, vy = ux * per_truncation, uy * per_truncation
     near_share = near * per_truncation
     # lines of cells run across the segment rather than along it: few long ones; o is from line to line, i in the line
     flat = ti.abs(ux) > ti.abs(uy)
     ao, bo, uo = ti.select(flat, ax, ay), ti.select(flat, bx, by), ti.select(flat, ux, uy)
     ai, bi, ui = ti.select(flat, ay, ax), ti.select(flat, by, bx), ti.select(flat, uy, ux)
+    # of the signed distance [truncations]
+    vo, vi = ti.select(flat, -uy, ux) * per_truncation, ti.select(flat, ux, -uy) * per_truncation
     below, above = ti.floor(ti.min(ao, bo) - truncation), ti.floor(ti.max(ao, bo) + truncation)
     left, right = ti.floor(ti.min(ai, bi) - truncation), ti.floor(ti.max(ai, bi) + truncation)
     # of every line only the part in the band around the segment: within i = o * slope +- half for the distance, and
@@ -74,6 +75,8 @@ def _integrate_segment(
     along_slope, along_half, along_middle = 0.0, FAR, 0.0
     if ti.abs(ui) > ALONG_AXIS:
         along_slope, along_half, along_middle = -uo / ui, (0.5 * length + OVERLAP) / ti.abs(ui), 0.5 * length / ui
+    mask = ti.static((SIDE >> level) - 1)
+    stride = ti.select(flat, ti.static(SIDE >> level), 1)  # from cell to cell of a line
     beyond = OVERLAP * ti.abs(uo) + truncation * ti.abs(ui)
     # positive numbers: the cast is the floor
     begin = ti.cast(ti.max(ti.min(ao, bo) - beyond + (0.5 - SLACK), below), ti.i32)
@@ -84,18 +87,22 @@ def _integrate_segment(
         low, high = ti.max(across - half, along_at - along_half), ti.min(across + half, along_at + along_half)
         first = ti.cast(ti.max(low + ai + (0.5 - SLACK), left), ti.i32)
         last = ti.cast(ti.min(high + ai - (0.5 - SLACK), right), ti.i32)
-        for i in range(first, last + 1):
-            place = ti.cast(i, ti.f32) + 0.5 - ai
-            px, py = ti.select(flat, line, place), ti.select(flat, place, line)
-            along = px * ux + py * uy
-            distance = vx * py - vy * px  # in truncations
-            if along >= -OVERLAP and along <= length + OVERLAP and distance > -1.0 and distance < 1.0:
-                at = address(table, base, columns, ti.select(flat, o, i), ti.select(flat, i, o), level)
-                word = ti.cast(pool[at], ti.i32)
-                old, weight = ti.cast(steps_of(word), ti.f32) * per_step, weight_of(word)
-                gain = ti.select(ti.abs(distance) < near_share, near_weight, 1)
-                w, g = ti.cast(weight, ti.f32), ti.cast(gain, ti.f32)
-                pool[at] = pack((old * w + distance * g) / (w + g), ti.min(weight + gain, max_weight))
+        begin_of_tile = first
+        while begin_of_tile <= last:  # the part of the line in one tile, where the next cell is a stride away
+            end_of_tile = ti.min(begin_of_tile | mask, last)
+            x, y = ti.select(flat, o, begin_of_tile), ti.select(flat, begin_of_tile, o)
+            at = address(table, base, columns, x, y, level)
+            for i in range(begin_of_tile, end_of_tile + 1):
+                place = ti.cast(i, ti.f32) + 0.5 - ai
+                along, distance = line * uo + place * ui, line * vo + place * vi
+                if along >= -OVERLAP and along <= length + OVERLAP and distance > -1.0 and distance < 1.0:
+                    word = ti.cast(pool[at], ti.i32)
+                    old, weight = ti.cast(steps_of(word), ti.f32) * per_step, weight_of(word)
+                    gain = ti.select(ti.abs(distance) < near_share, near_weight, 1)
+                    w, g = ti.cast(weight, ti.f32), ti.cast(gain, ti.f32)
+                    pool[at] = pack((old * w + distance * g) / (w + g), ti.min(weight + gain, max_weight))
+                at += stride
+            begin_of_tile = end_of_tile + 1
 
 
 @kernel
