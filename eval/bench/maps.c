@@ -1,52 +1,8 @@
-/* The plain loops that the kernels are measured against: gcc -O3 -march=native -ffast-math -fopenmp.
-   Arrays are C-contiguous; angles in rad, lengths in metres. */
+/* The plain loops over maps of tiles that the kernels are measured against: registering, integrating, searching.
+   Arrays are C-contiguous; angles in rad, lengths in metres where nothing else is said. */
 #include <math.h>
 #include <stdint.h>
 #include <stdlib.h>
-
-/* Ranges of n rays (x, y, angle) against m segments [m, 4], every one tried. */
-void cast_all(const float *segments, int m, const float *rays, int n, float max_range, float *out)
-{
-#pragma omp parallel for schedule(static)
-    for (int i = 0; i < n; i++) {
-        const float x = rays[3 * i], y = rays[3 * i + 1];
-        const float dx = cosf(rays[3 * i + 2]), dy = sinf(rays[3 * i + 2]);
-        float best = max_range;
-        for (int j = 0; j < m; j++) {
-            const float *q = segments + 4 * j;
-            const float ex = q[2] - q[0], ey = q[3] - q[1], wx = q[0] - x, wy = q[1] - y;
-            const float inverse = 1.0f / (dx * ey - dy * ex);
-            const float t = (wx * ey - wy * ex) * inverse, u = (wx * dy - wy * dx) * inverse;
-            best = (t >= 0.0f && u >= 0.0f && u <= 1.0f && t < best) ? t : best;
-        }
-        out[i] = best;
-    }
-}
-
-/* One scan entered into a grid of log-odds [.., w]: along the Bresenham ray to each of n ends (column, row) -miss, at
-   its end +hit, saturating. One thread, as the kernel. */
-void update(int16_t *grid, int w, int col, int row, const int *ends, int n, int hit, int miss, int limit)
-{
-    for (int b = 0; b < n; b++) {
-        int across = ends[2 * b] - col, up = ends[2 * b + 1] - row;
-        const int right = across < 0 ? -1 : 1, upward = up < 0 ? -w : w;
-        across = abs(across), up = abs(up);
-        const int wide = across >= up, major = wide ? across : up, minor = wide ? up : across;
-        int cell = row * w + col, error = major / 2;
-        for (int i = 0; i < major; i++) {
-            const int value = grid[cell] - miss;
-            grid[cell] = value < -limit ? -limit : value;
-            error -= minor;
-            cell += wide ? right : upward;
-            if (error < 0) {
-                cell += wide ? upward : right;
-                error += major;
-            }
-        }
-        const int value = grid[cell] + hit;
-        grid[cell] = value > limit ? limit : value;
-    }
-}
 
 /* Maps of tiles as of kernels/tiles.py: 32 x 32 fine cells of int16 and behind them 16 x 16 coarse ones; in a cell the
    distance in 1/1023 truncations, and in the lowest 5 bits its weight. */
@@ -58,11 +14,16 @@ typedef struct {
     int columns, rows;
 } Map;
 
-static inline int cell_at(const Map *map, int x, int y, int level)
+static inline int address(const Map *map, int x, int y, int level)
 {
     const int shift = BITS - level, mask = (SIDE >> level) - 1;
     const int tile = map->table[(y >> shift) * map->columns + (x >> shift)];
-    return map->pool[tile * TILE + level * SIDE * SIDE + ((y & mask) << shift) + (x & mask)];
+    return tile * TILE + level * SIDE * SIDE + ((y & mask) << shift) + (x & mask);
+}
+
+static inline int cell_at(const Map *map, int x, int y, int level)
+{
+    return map->pool[address(map, x, y, level)];
 }
 
 /* Distance [truncations], its derivatives by a cell and whether it is known, between the four cells around a place. */
@@ -186,56 +147,105 @@ void register_all(const int16_t *pool, const int *tables, int rows, int columns,
     }
 }
 
-/* One scan of n endpoints (x, y) from the origin, thinned as by kernels/thinning.py: groups within a spacing become their
-   mean, in passes of growing spacing while there are more than `most`. Returns how many points (x, y) there are. */
-int thin(const float *ends, int n, float gap, float gap_from_range, float spacing, float max_spacing, int most,
-         float *points, int *joined)
+/* Averages the signed distances to the segment from a to b [cells of the level] into the cells within the truncation of
+   it, on lines of cells across the segment. */
+static void average(const Map *map, int16_t *pool, float ax, float ay, float bx, float by, float truncation, float near,
+                    int near_weight, int max_weight, int level)
 {
-    for (float within = spacing;;) {
-        int out = 0;
-        for (int first = 0; first < n && (out <= most || within >= max_spacing); out++) {
-            const float x0 = ends[2 * first], y0 = ends[2 * first + 1];
-            float x = x0, y = y0, sum_x = x0, sum_y = y0, far = sqrtf(x0 * x0 + y0 * y0);
-            int k = first + 1, same = 0;
-            for (; k < n; k++) {
-                const float px = ends[2 * k], py = ends[2 * k + 1], range = sqrtf(px * px + py * py);
-                if (sqrtf((px - x) * (px - x) + (py - y) * (py - y)) > gap + gap_from_range * fmaxf(far, range))
-                    break;
-                if (sqrtf((px - x0) * (px - x0) + (py - y0) * (py - y0)) >= within) {
-                    same = 1;
-                    break;
-                }
-                sum_x += px, sum_y += py, x = px, y = py, far = range;
-            }
-            points[2 * out] = sum_x / (k - first), points[2 * out + 1] = sum_y / (k - first), joined[out] = same;
-            first = k;
+    const float overlap = 0.25f, slack = 0.49f, dx = bx - ax, dy = by - ay, length = sqrtf(dx * dx + dy * dy);
+    const float ux = dx / length, uy = dy / length, inverse = 1 / truncation, nearer = near * inverse;
+    const int flat = fabsf(ux) > fabsf(uy);
+    /* o counts the lines, i the cells of a line */
+    const float ao = flat ? ax : ay, bo = flat ? bx : by, uo = flat ? ux : uy;
+    const float ai = flat ? ay : ax, ui = flat ? uy : ux;
+    const float slope = ui / uo, half = truncation / fabsf(uo), beyond = overlap * fabsf(uo) + truncation * fabsf(ui);
+    const int slanted = fabsf(ui) > 1e-3f;
+    const float back = slanted ? -uo / ui : 0, reach = slanted ? (0.5f * length + overlap) / fabsf(ui) : 1e6f;
+    const float middle = slanted ? 0.5f * length / ui : 0;
+    const int begin = (int)(fminf(ao, bo) - beyond + slack), end = (int)(fmaxf(ao, bo) + beyond - slack);
+    for (int o = begin; o <= end; o++) {
+        const float line = o + 0.5f - ao, across = line * slope, along_at = line * back + middle;
+        const int first = (int)(fmaxf(across - half, along_at - reach) + ai + slack);
+        const int last = (int)(fminf(across + half, along_at + reach) + ai - slack);
+        for (int i = first; i <= last; i++) {
+            const float place = i + 0.5f - ai, px = flat ? line : place, py = flat ? place : line;
+            const float along = px * ux + py * uy, distance = (ux * py - uy * px) * inverse;
+            if (along < -overlap || along > length + overlap || fabsf(distance) >= 1)
+                continue;
+            int16_t *cell = pool + address(map, flat ? o : i, flat ? i : o, level);
+            const int weight = *cell & WEIGHT, gain = fabsf(distance) < nearer ? near_weight : 1, sum = weight + gain;
+            const float mean = ((*cell >> BITS) * weight + distance * STEPS * gain) / sum;
+            const int steps = (int)floorf(mean + 0.5f), bounded = steps < -STEPS ? -STEPS : steps > STEPS ? STEPS : steps;
+            *cell = bounded * (1 << BITS) + (sum < max_weight ? sum : max_weight);
         }
-        if (out <= most || within >= max_spacing)
-            return out;
-        within = fminf(fmaxf(within * 1.2f, 0.001f), max_spacing);
     }
 }
 
-/* The sum of n floats: what memory gives. */
-float sum(const float *values, long n)
-{
-    float total = 0;
-#pragma omp parallel for schedule(static) reduction(+ : total)
-    for (long i = 0; i < n; i++)
-        total += values[i];
-    return total;
-}
-
-/* Arithmetic alone, n chains of k steps, no memory: what this number of threads can gain on this machine. */
-void arithmetic(int n, int k, float *out)
+/* A scan of k points (x, then y) [cells] entered into the maps of n particles that own the tiles, from frames [n, 4]
+   (cos, sin, x, y [cells]): each point and the next, where they are joined, on the fine level; on the coarse one with
+   segments joined up to the chord. Lengths in fine cells, the coarse truncation in coarse ones. */
+void integrate_all(int16_t *pool, const int *tables, int rows, int columns, const double *frames, int n,
+                   const float *scan, const int *joined, int k, float truncation, float coarse_truncation, float chord,
+                   float near, int near_weight, int max_weight)
 {
 #pragma omp parallel for schedule(static)
     for (int i = 0; i < n; i++) {
-        float a = (float)i, b = 0.5f;
-        for (int j = 0; j < k; j++) {
-            a = a * 0.999f + b;
-            b = b * 0.998f + 0.1f;
+        const Map map = {pool, tables + (size_t)i * rows * columns, columns, rows};
+        const float c = frames[4 * i], s = frames[4 * i + 1], x = frames[4 * i + 2], y = frames[4 * i + 3];
+        int first = 0;
+        float fx = c * scan[0] - s * scan[k] + x, fy = s * scan[0] + c * scan[k] + y, ax = fx, ay = fy;
+        for (int j = 0; j + 1 < k; j++) {
+            const float bx = c * scan[j + 1] - s * scan[k + j + 1] + x, by = s * scan[j + 1] + c * scan[k + j + 1] + y;
+            if (joined[j]) {
+                average(&map, pool, ax, ay, bx, by, truncation, near, near_weight, max_weight, 0);
+                const float dx = scan[j + 1] - scan[first], dy = scan[k + j + 1] - scan[k + first];
+                if (dx * dx + dy * dy >= chord * chord || !joined[j + 1] || j == k - 2) {
+                    average(&map, pool, 0.5f * fx, 0.5f * fy, 0.5f * bx, 0.5f * by, coarse_truncation, 0.5f * near,
+                            near_weight, max_weight, 1);
+                    first = j + 1, fx = bx, fy = by;
+                }
+            } else {
+                first = j + 1, fx = bx, fy = by;
+            }
+            ax = bx, ay = by;
         }
-        out[i] = a + b;
+    }
+}
+
+/* The best of m shifts [m, 2] for each of a turns and n particles, by the coarse level: of each of k <= 64 points (x,
+   then y) `near` minus the distance of the cell under it [steps], at least -near / 2, and nothing where it was never
+   seen; less the costs of turn and shift. Frames [n, 4] (cos, sin, x, y); lengths in coarse cells. */
+void search_all(const int16_t *pool, const int *tables, int rows, int columns, const double *frames, int n,
+                const float *scan, int k, const float *turns, const int *turn_costs, int a, const float *shifts,
+                const int *shift_costs, int m, int near, int *scores, int *chosen)
+{
+    const float last_x = columns * SIDE / 2 - 1, last_y = rows * SIDE / 2 - 1;
+#pragma omp parallel for schedule(static)
+    for (int i = 0; i < n; i++) {
+        const Map map = {pool, tables + (size_t)i * rows * columns, columns, rows};
+        const float c0 = frames[4 * i], s0 = frames[4 * i + 1], x0 = frames[4 * i + 2], y0 = frames[4 * i + 3];
+        for (int t = 0; t < a; t++) {
+            const float ct = cosf(turns[t]), st = sinf(turns[t]), c = c0 * ct - s0 * st, s = s0 * ct + c0 * st;
+            float xs[64], ys[64];
+            for (int j = 0; j < k; j++) {
+                xs[j] = c * scan[j] - s * scan[k + j] + x0;
+                ys[j] = s * scan[j] + c * scan[k + j] + y0;
+            }
+            int best = INT32_MIN, at = 0;
+            for (int v = 0; v < m; v++) {
+                const float dx = c0 * shifts[2 * v] - s0 * shifts[2 * v + 1];
+                const float dy = s0 * shifts[2 * v] + c0 * shifts[2 * v + 1];
+                int total = -turn_costs[t] - shift_costs[v];
+                for (int j = 0; j < k; j++) {
+                    const int ix = (int)fminf(fmaxf(xs[j] + dx, 0), last_x);
+                    const int iy = (int)fminf(fmaxf(ys[j] + dy, 0), last_y);
+                    const int word = cell_at(&map, ix, iy, 1), score = near - abs(word >> BITS);
+                    total += word & WEIGHT ? (score < -(near / 2) ? -(near / 2) : score) : 0;
+                }
+                if (total > best)
+                    best = total, at = v;
+            }
+            scores[i * a + t] = best, chosen[i * a + t] = at;
+        }
     }
 }
