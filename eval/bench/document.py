@@ -7,12 +7,12 @@ from os import PathLike
 from pathlib import Path
 from typing import Annotated, Final, Literal
 
-from pydantic import Field, ValidationError
+from pydantic import AllowInfNan, Field, Strict, ValidationError
 
 from moteslam.errors import InputError
 from moteslam.robot.files import write_atomically
 from moteslam.robot.reading import read_text
-from moteslam.robot.section import NotNegative, Number, Section, Truth, Whole
+from moteslam.robot.section import LARGEST, NotNegative, Number, Section, Truth, Whole
 from moteslam.robot.wording import Place, first_complaint, known_keys
 
 FORMAT: Final = "moteslam bench"
@@ -23,6 +23,7 @@ MAX_BYTES = 4_000_000
 EXPECTED = "a result of `moteslam bench`"
 
 Count = Annotated[Whole, Field(ge=1)]
+Seconds = Annotated[float, Strict(), AllowInfNan(False), Field(gt=0, le=LARGEST)]
 Threads = Annotated[str, Field(pattern=r"^[1-9][0-9]{0,3}$")]
 """A number of threads, which JSON has as a text where it is a key."""
 
@@ -30,13 +31,13 @@ Threads = Annotated[str, Field(pattern=r"^[1-9][0-9]{0,3}$")]
 class Spread(Section):
     """What a unit of work takes [s], over all turns of all processes."""
 
-    median: NotNegative
+    median: Seconds
     """Of the medians of the processes."""
-    low_quartile: NotNegative
-    high_quartile: NotNegative
-    least: NotNegative
-    most: NotNegative
-    rounds: tuple[NotNegative, ...]
+    low_quartile: Seconds
+    high_quartile: Seconds
+    least: Seconds
+    most: Seconds
+    rounds: Annotated[tuple[Seconds, ...], Field(min_length=1)]
     """The median of each process."""
 
 
@@ -52,9 +53,9 @@ class Figure(Section):
 class Ratio(Section):
     """A ratio of two times that were taken in turns: median, least and most of the rounds."""
 
-    median: NotNegative
-    least: NotNegative
-    most: NotNegative
+    median: Seconds
+    least: Seconds
+    most: Seconds
 
 
 class TaskResult(Section):
@@ -111,8 +112,8 @@ class BenchResult(Section):
     hardware: dict[str, str]
     compiler: Compiler
     load: NotNegative | None
-    """Processes that waited for a processor or had one, over the minute before the start."""
-    threads: tuple[Count, ...]
+    """Processors that other programs kept busy before the start."""
+    threads: Annotated[tuple[Count, ...], Field(min_length=1)]
     rounds: Count
     """Processes for each number of threads."""
     tasks: dict[str, TaskResult]

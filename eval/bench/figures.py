@@ -11,15 +11,15 @@ from moteslam.eval.bench.contest import OURS, C
 from moteslam.eval.bench.document import BenchResult, Figure, Ratio, Spread
 from moteslam.eval.bench.timing import Turns
 
-BUSY = 0.5
-"""Processes that run or wait before the start from which on the machine counts as busy."""
+BUSY = 0.2
+"""Processors that other programs keep busy before the start, from which on the machine counts as busy."""
 UNSTEADY = 0.1
 """Rounds that differ by a larger share of their median are unsteady."""
 SHARED = 0.7
 """Threads that gain less than this share of their number in plain arithmetic share processors, or did not have them."""
 
-Rounds = Mapping[str, Mapping[str, Sequence[Turns]]]
-"""By number of threads and contender: the turns of each round."""
+TICK = 1e-12
+"""No time is shorter [s], however coarse the clock."""
 
 
 def figure(rounds: Sequence[Turns]) -> Figure:
@@ -30,8 +30,9 @@ def figure(rounds: Sequence[Turns]) -> Figure:
 
 def spread(rounds: Sequence[Sequence[float]]) -> Spread:
     """Of numbers of several rounds: the median of the rounds' medians, quartiles and bounds of all."""
-    medians = tuple(float(median(values)) for values in rounds)
-    every = [value for values in rounds for value in values]
+    above = [[max(value, TICK) for value in values] for values in rounds]
+    medians = tuple(float(median(values)) for values in above)
+    every = [value for values in above for value in values]
     low, high = (float(value) for value in np.quantile(every, (0.25, 0.75)))
     return Spread(
         median=median(medians), low_quartile=low, high_quartile=high, least=min(every), most=max(every), rounds=medians
@@ -83,7 +84,7 @@ def doubts(result: BenchResult) -> list[str]:
     """What makes the times of a result doubtful, a line each."""
     found = []
     if result.load is not None and result.load > BUSY:
-        found.append(f"the machine was busy before the start (load {result.load:.1f}): times may be too long")
+        found.append(f"other programs kept {result.load:.1f} processors busy before the start: times may be too long")
     arithmetic = result.tasks.get("arithmetic")
     for threads, gain in ({} if arithmetic is None else arithmetic.gain).items():
         if gain.median < SHARED * int(threads) / min(result.threads):

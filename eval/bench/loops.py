@@ -17,7 +17,7 @@ from moteslam.errors import InputError
 from moteslam.eval.sweep.program import first_line, run_program
 
 SOURCES = tuple(Path(__file__).with_name(name) for name in ("loops.c", "maps.c"))
-COMPILERS = ("cc", "gcc", "clang")
+COMPILERS = ("gcc", "clang", "cc")
 """Looked for in this order, where the environment names none as ``CC``."""
 FLAGS = ("-O3", "-ffast-math")
 OPENMP, NATIVE = "-fopenmp", "-march=native"

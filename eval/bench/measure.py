@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import tempfile
 from collections.abc import Callable, Generator, Sequence
 from contextlib import closing
@@ -13,6 +12,7 @@ from typing import Any
 
 from moteslam.eval.bench.document import BenchResult, Compiler, TaskResult
 from moteslam.eval.bench.figures import doubts, figure, gains, speeds
+from moteslam.eval.bench.load import busy_processors
 from moteslam.eval.bench.loops import Compiled, compile_loops
 from moteslam.eval.bench.peers import Peer, run_peers
 from moteslam.eval.bench.process import outcomes
@@ -56,7 +56,7 @@ def measure(wanted: Wanted, progress: Callable[[int], None]) -> BenchResult:
         wanted: what.
         progress: called with the number of steps done.
     """
-    load = os.getloadavg()[0] if hasattr(os, "getloadavg") else None
+    load = busy_processors()
     with tempfile.TemporaryDirectory(prefix="moteslam-") as folder:
         compiled = compile_loops(Path(folder))
         collected: dict[str, _Collected] = {name: _Collected() for name in wanted.tasks}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Annotated
 
@@ -10,7 +11,7 @@ import typer
 from moteslam.errors import ConfigError
 from moteslam.eval.cli import options
 from moteslam.eval.cli.bench_comparison import say_comparison
-from moteslam.eval.cli.bench_tables import say_result
+from moteslam.eval.cli.bench_tables import failures, say_result
 from moteslam.eval.cli.groups import RunByDefault
 from moteslam.eval.cli.text import note, say
 from moteslam.eval.literal import literal
@@ -29,6 +30,8 @@ Examples:
 
 app = typer.Typer(cls=RunByDefault, help=HELP, rich_markup_mode=None)
 
+FAILED = 1
+"""Exit code where a task or a program failed."""
 File = Annotated[Path, typer.Argument(metavar="FILE.json", help="What `moteslam bench --out` wrote.")]
 
 
@@ -60,9 +63,10 @@ def run(
 ) -> None:
     """Measure kernels and whole runs, and print what each takes beside the same work in plain C.
 
-    The C loops are compiled by the C compiler of this computer (CC, cc, gcc or clang), if it has one, and must give the
+    The C loops are compiled by the C compiler of this computer (CC, gcc, clang or cc), if it has one, and must give the
     same results. Contenders take turns; medians count. Each number of threads has processes of its own. The result
-    holds the versions, the hardware and all spreads, but no name of a host, a user or a folder.
+    holds the versions, the hardware and all spreads, but no name of a host, a user or a folder. Exit code 1 where a
+    task failed.
 
     \b
     Examples:
@@ -98,23 +102,21 @@ def run(
         [] if peers is None else read_peers(peers),
     )
 
-    def measured() -> None:
+    with nullcontext() if out is None else folder_for(out):
+        if out is not None:
+            expect_writable(out)
         with progress_bar("bench", wanted.steps, "") as bar:
             result = measure(wanted, bar.update)
         if out is not None:
             write_result(out, result)
-        for warning in result.warnings:
-            note(f"warning: {warning}")
-        say_result(result, form)
-
-    if out is None:
-        measured()
-        return
-    with folder_for(out):
-        expect_writable(out)
-        measured()
-    if form == "text":
+    errors = failures(result)
+    for warning in (*result.warnings, *(f"{name}: {error}" for name, error in errors)):
+        note(f"warning: {warning}")
+    say_result(result, form)
+    if out is not None and form == "text":
         say(f"wrote {literal(out)}")
+    if errors:
+        raise typer.Exit(FAILED)
 
 
 @app.command("show")

@@ -33,7 +33,13 @@ def say_result(result: BenchResult, form: str) -> None:
     say(f"On {threads_in_words(base)}. Speed: C's time over moteslam's, above 1 where moteslam is faster.")
     if more:
         say("Gain: how many times sooner it is done with more threads.")
-    for table in (_limits(result), _runs(result), _modules(result), _commands(result), _failed(result)):
+    for table in (
+        _limits(result),
+        _runs(result),
+        _modules(result),
+        _commands(result),
+        [("failed", "why"), *failures(result)],
+    ):
         if len(table) > 1:
             say()
             say_table(table, right=() if table[0][0] == "failed" else range(1, len(table[0])))
@@ -119,7 +125,7 @@ def _runs(result: BenchResult) -> list[Row]:
         if recorded is None:
             continue
         found = [task.times.get(str(count), {}).get("moteslam") for count in result.threads]
-        units = task.facts.get("scans", 1.0)
+        units = task.facts.get("scans") or 1.0
         shares = ["-" if one is None else f"{recorded / (units * one.wall.median):.0f}" for one in found]
         rows.append((name, *shares, _error(task.facts.get("ate"))))
     return rows
@@ -149,10 +155,11 @@ def _commands(result: BenchResult) -> list[Row]:
     return rows
 
 
-def _failed(result: BenchResult) -> list[Row]:
+def failures(result: BenchResult) -> list[tuple[str, str]]:
+    """The tasks and programs that failed, and why."""
     errors = [(name, task.error) for name, task in result.tasks.items()]
     errors += [(name, peer.error) for name, peer in result.peers.items()]
-    return [("failed", "why"), *(row for row in errors if row[1])]
+    return [each for each in errors if each[1]]
 
 
 def _error(ate: float | None) -> str:
@@ -184,7 +191,7 @@ def time_in_words(seconds: float | None) -> str:
     if seconds is None:
         return "-"
     scale, unit = next((scale, unit) for scale, unit in SCALES if seconds >= scale)
-    value = seconds / (scale or 1e-9)
+    value = float(f"{seconds / (scale or 1e-9):.3g}")
     return f"{value:.{max(0, 3 - len(str(int(value))))}f} {unit}"
 
 
