@@ -154,10 +154,10 @@ static void average(const Map *map, int16_t *pool, float ax, float ay, float bx,
 {
     const float overlap = 0.25f, slack = 0.49f, dx = bx - ax, dy = by - ay, length = sqrtf(dx * dx + dy * dy);
     const float ux = dx / length, uy = dy / length, inverse = 1 / truncation, nearer = near * inverse;
-    const int flat = fabsf(ux) > fabsf(uy);
-    /* o counts the lines, i the cells of a line */
-    const float ao = flat ? ax : ay, bo = flat ? bx : by, uo = flat ? ux : uy;
-    const float ai = flat ? ay : ax, ui = flat ? uy : ux;
+    const int flat = fabsf(ux) > fabsf(uy), mask = (SIDE >> level) - 1, stride = flat ? SIDE >> level : 1;
+    /* o counts the lines, i the cells of a line; the distance [truncations] grows by vo and vi along them */
+    const float ao = flat ? ax : ay, bo = flat ? bx : by, uo = flat ? ux : uy, vo = (flat ? -uy : ux) * inverse;
+    const float ai = flat ? ay : ax, ui = flat ? uy : ux, vi = (flat ? ux : -uy) * inverse;
     const float slope = ui / uo, half = truncation / fabsf(uo), beyond = overlap * fabsf(uo) + truncation * fabsf(ui);
     const int slanted = fabsf(ui) > 1e-3f;
     const float back = slanted ? -uo / ui : 0, reach = slanted ? (0.5f * length + overlap) / fabsf(ui) : 1e6f;
@@ -165,18 +165,20 @@ static void average(const Map *map, int16_t *pool, float ax, float ay, float bx,
     const int begin = (int)(fminf(ao, bo) - beyond + slack), end = (int)(fmaxf(ao, bo) + beyond - slack);
     for (int o = begin; o <= end; o++) {
         const float line = o + 0.5f - ao, across = line * slope, along_at = line * back + middle;
-        const int first = (int)(fmaxf(across - half, along_at - reach) + ai + slack);
         const int last = (int)(fminf(across + half, along_at + reach) + ai - slack);
-        for (int i = first; i <= last; i++) {
-            const float place = i + 0.5f - ai, px = flat ? line : place, py = flat ? place : line;
-            const float along = px * ux + py * uy, distance = (ux * py - uy * px) * inverse;
-            if (along < -overlap || along > length + overlap || fabsf(distance) >= 1)
-                continue;
+        for (int i = (int)(fmaxf(across - half, along_at - reach) + ai + slack); i <= last;) {
+            const int edge = (i | mask) < last ? i | mask : last; /* up to there the line lies in one tile */
             int16_t *cell = pool + address(map, flat ? o : i, flat ? i : o, level);
-            const int weight = *cell & WEIGHT, gain = fabsf(distance) < nearer ? near_weight : 1, sum = weight + gain;
-            const float mean = ((*cell >> BITS) * weight + distance * STEPS * gain) / sum;
-            const int steps = (int)floorf(mean + 0.5f), bounded = steps < -STEPS ? -STEPS : steps > STEPS ? STEPS : steps;
-            *cell = bounded * (1 << BITS) + (sum < max_weight ? sum : max_weight);
+            for (; i <= edge; i++, cell += stride) {
+                const float place = i + 0.5f - ai, along = line * uo + place * ui, distance = line * vo + place * vi;
+                if (along < -overlap || along > length + overlap || fabsf(distance) >= 1)
+                    continue;
+                const int weight = *cell & WEIGHT, gain = fabsf(distance) < nearer ? near_weight : 1;
+                const int sum = weight + gain;
+                const float mean = ((*cell >> BITS) * weight + distance * STEPS * gain) / sum;
+                const int steps = (int)floorf(mean + 0.5f), least = steps < -STEPS ? -STEPS : steps;
+                *cell = (least > STEPS ? STEPS : least) * (1 << BITS) + (sum < max_weight ? sum : max_weight);
+            }
         }
     }
 }
@@ -212,40 +214,69 @@ void integrate_all(int16_t *pool, const int *tables, int rows, int columns, cons
     }
 }
 
-/* The best of m shifts [m, 2] for each of a turns and n particles, by the coarse level: of each of k <= 64 points (x,
-   then y) `near` minus the distance of the cell under it [steps], at least -near / 2, and nothing where it was never
-   seen; less the costs of turn and shift. Frames [n, 4] (cos, sin, x, y); lengths in coarse cells. */
+/* What the coarse cells of the box [w, h] at (left, low) score: `near` minus their distance [steps], at least -near / 2,
+   and nothing where they were never seen. */
+static void scores_of(const Map *map, int left, int low, int w, int h, int near, int *box)
+{
+    for (int y = low; y < low + h; y++)
+        for (int x = left; x < left + w;) {
+            const int16_t *cell = map->pool + address(map, x, y, 1);
+            const int tile_end = (x | (SIDE / 2 - 1)) + 1, end = tile_end < left + w ? tile_end : left + w;
+            for (; x < end; x++, cell++) {
+                const int score = near - abs(*cell >> BITS);
+                *box++ = *cell & WEIGHT ? (score < -(near / 2) ? -(near / 2) : score) : 0;
+            }
+        }
+}
+
+/* The best of m shifts [m, 2] for each of a turns and n particles, by the scores of the coarse cells under k <= 64 points
+   (x, then y), less the costs of turn and shift. Frames [n, 4] (cos, sin, x, y); lengths in coarse cells. The scores
+   around a particle are laid out once, without tiles, since each is looked up several times. */
 void search_all(const int16_t *pool, const int *tables, int rows, int columns, const double *frames, int n,
                 const float *scan, int k, const float *turns, const int *turn_costs, int a, const float *shifts,
                 const int *shift_costs, int m, int near, int *scores, int *chosen)
 {
-    const float last_x = columns * SIDE / 2 - 1, last_y = rows * SIDE / 2 - 1;
-#pragma omp parallel for schedule(static)
-    for (int i = 0; i < n; i++) {
-        const Map map = {pool, tables + (size_t)i * rows * columns, columns, rows};
-        const float c0 = frames[4 * i], s0 = frames[4 * i + 1], x0 = frames[4 * i + 2], y0 = frames[4 * i + 3];
-        for (int t = 0; t < a; t++) {
-            const float ct = cosf(turns[t]), st = sinf(turns[t]), c = c0 * ct - s0 * st, s = s0 * ct + c0 * st;
-            float xs[64], ys[64];
-            for (int j = 0; j < k; j++) {
-                xs[j] = c * scan[j] - s * scan[k + j] + x0;
-                ys[j] = s * scan[j] + c * scan[k + j] + y0;
-            }
-            int best = INT32_MIN, at = 0;
-            for (int v = 0; v < m; v++) {
-                const float dx = c0 * shifts[2 * v] - s0 * shifts[2 * v + 1];
-                const float dy = s0 * shifts[2 * v] + c0 * shifts[2 * v + 1];
-                int total = -turn_costs[t] - shift_costs[v];
+    float points = 0, moves = 0;
+    for (int j = 0; j < k; j++)
+        points = fmaxf(points, hypotf(scan[j], scan[k + j]));
+    for (int v = 0; v < m; v++)
+        moves = fmaxf(moves, hypotf(shifts[2 * v], shifts[2 * v + 1]));
+    const float reach = points + moves + 1;
+    const int side = 2 * (int)reach + 3;
+#pragma omp parallel
+    {
+        int *box = malloc((size_t)side * side * sizeof *box);
+#pragma omp for schedule(static)
+        for (int i = 0; i < n; i++) {
+            const Map map = {pool, tables + (size_t)i * rows * columns, columns, rows};
+            const float c0 = frames[4 * i], s0 = frames[4 * i + 1], x0 = frames[4 * i + 2], y0 = frames[4 * i + 3];
+            const int left = (int)fmaxf(x0 - reach, 0), right = (int)fminf(x0 + reach, columns * SIDE / 2 - 1);
+            const int low = (int)fmaxf(y0 - reach, 0), high = (int)fminf(y0 + reach, rows * SIDE / 2 - 1);
+            const int w = right - left + 1, h = high - low + 1;
+            scores_of(&map, left, low, w, h, near, box);
+            for (int t = 0; t < a; t++) {
+                const float ct = cosf(turns[t]), st = sinf(turns[t]), c = c0 * ct - s0 * st, s = s0 * ct + c0 * st;
+                float xs[64], ys[64];
                 for (int j = 0; j < k; j++) {
-                    const int ix = (int)fminf(fmaxf(xs[j] + dx, 0), last_x);
-                    const int iy = (int)fminf(fmaxf(ys[j] + dy, 0), last_y);
-                    const int word = cell_at(&map, ix, iy, 1), score = near - abs(word >> BITS);
-                    total += word & WEIGHT ? (score < -(near / 2) ? -(near / 2) : score) : 0;
+                    xs[j] = c * scan[j] - s * scan[k + j] + x0 - left;
+                    ys[j] = s * scan[j] + c * scan[k + j] + y0 - low;
                 }
-                if (total > best)
-                    best = total, at = v;
+                int best = INT32_MIN, at = 0;
+                for (int v = 0; v < m; v++) {
+                    const float dx = c0 * shifts[2 * v] - s0 * shifts[2 * v + 1];
+                    const float dy = s0 * shifts[2 * v] + c0 * shifts[2 * v + 1];
+                    int total = -turn_costs[t] - shift_costs[v];
+                    for (int j = 0; j < k; j++) {
+                        const int ix = (int)fminf(fmaxf(xs[j] + dx, 0), w - 1);
+                        const int iy = (int)fminf(fmaxf(ys[j] + dy, 0), h - 1);
+                        total += box[iy * w + ix];
+                    }
+                    if (total > best)
+                        best = total, at = v;
+                }
+                scores[i * a + t] = best, chosen[i * a + t] = at;
             }
-            scores[i * a + t] = best, chosen[i * a + t] = at;
         }
+        free(box);
     }
 }
