@@ -14,7 +14,7 @@ from moteslam.eval.bench.timing import Turns
 BUSY = 0.2
 """Processors that other programs keep busy before the start, from which on the machine counts as busy."""
 UNSTEADY = 0.1
-"""Rounds that differ by a larger share of their median are unsteady."""
+"""Rounds that differ by a larger share of their median, a tenth, are unsteady."""
 SHARED = 0.7
 """Threads that gain less than this share of their number in plain arithmetic share processors, or did not have them."""
 
@@ -100,6 +100,6 @@ def doubts(result: BenchResult) -> list[str]:
         )
     ]
     if unsteady:
-        words = f"rounds differ by more than {UNSTEADY:.0%} in {', '.join(unsteady)}"
+        words = f"rounds differ by more than a tenth in {', '.join(unsteady)}"
         found.append(f"{words}: measure again while nothing else runs")
     return found

@@ -112,11 +112,11 @@ int thin(const float *ends, int n, float gap, float gap_from_range, float spacin
 }
 
 /* The sum of n floats: what memory gives. */
-float sum(const float *values, long n)
+float sum(const float *values, int n)
 {
     float total = 0;
 #pragma omp parallel for schedule(static) reduction(+ : total)
-    for (long i = 0; i < n; i++)
+    for (int i = 0; i < n; i++)
         total += values[i];
     return total;
 }

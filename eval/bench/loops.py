@@ -22,7 +22,6 @@ COMPILERS = ("gcc", "clang", "cc")
 FLAGS = ("-O3", "-ffast-math")
 OPENMP, NATIVE = "-fopenmp", "-march=native"
 """Flags that some compilers do not know; they are left out then."""
-BUILDING = ("-shared", "-fPIC")
 
 
 @dataclass(frozen=True)
@@ -55,9 +54,14 @@ def compile_loops(folder: Path) -> Compiled:
     library, problem = folder / "loops.so", ""
     for more in product((NATIVE, ""), (OPENMP, "")):
         flags = (*FLAGS, *filter(None, more))
-        words = [*command, *flags, *BUILDING, *map(str, SOURCES), "-o", str(library), "-lm"]
+        objects = [str(folder / f"{source.stem}.o") for source in SOURCES]
+        # -ffast-math is left out of the link: the library, once loaded, would have the whole process take its smallest
+        # numbers for 0
+        link = [*command, *(flag for flag in flags if flag == OPENMP), "-shared", *objects, "-o", str(library), "-lm"]
         try:
-            run_program(words)
+            for source, target in zip(SOURCES, objects, strict=True):
+                run_program([*command, *flags, "-fPIC", "-c", str(source), "-o", target])
+            run_program(link)
             ctypes.CDLL(str(library))
         except (InputError, OSError) as error:  # OSError: it cannot be loaded from there
             problem = problem or without_folders(getattr(error, "problem", str(error)))

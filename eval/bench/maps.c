@@ -242,7 +242,7 @@ void search_all(const int16_t *pool, const int *tables, int rows, int columns, c
     for (int v = 0; v < m; v++)
         moves = fmaxf(moves, hypotf(shifts[2 * v], shifts[2 * v + 1]));
     const float reach = points + moves + 1;
-    const int side = 2 * (int)reach + 3;
+    const int side = 2 * (int)reach + 4;
 #pragma omp parallel
     {
         int *box = malloc((size_t)side * side * sizeof *box);

@@ -73,7 +73,7 @@ def test_what_makes_times_doubtful_is_said() -> None:
     task = made().tasks["run-30"]
     uneven = task.model_copy(update={"times": {"1": {"moteslam": figure([[(1.0, 1.0)], [(1.2, 1.2)]])}}})
     (unsteady,) = doubts(made().model_copy(update={"tasks": {"run-30": uneven}}))
-    assert "more than 10% in run-30" in unsteady
+    assert "more than a tenth in run-30" in unsteady
 
 
 def test_a_result_reads_back_the_same(tmp_path: Path) -> None:

@@ -69,6 +69,13 @@ def test_kernel_and_loop_do_the_same_work(name: str, compiled: Compiled, taichi:
 
 
 @needs_compiler
+def test_the_library_leaves_the_arithmetic_of_the_process_alone(compiled: Compiled) -> None:
+    """Linked with -ffast-math it would make all that runs beside it take the smallest numbers for 0: SciPy crashes."""
+    functions(compiled)
+    assert (np.full(3, 1e-310) > 0).all()
+
+
+@needs_compiler
 @pytest.mark.parametrize(
     ("name", "file", "old", "new"),
     [
