@@ -1,94 +1,104 @@
-"""The speed of the kernels that runs use, beside their twins and plain C loops, in one run; a dated result file.
+"""The kernels beside their twins in NumPy and plain Python, on one thread; a dated result file.
 
     python benchmarks/kernels.py [--out benchmarks/results/kernels-YYYY-MM-DD.json]
 
-Threads are fixed for a process, so each count is measured in a process of its own, in turns; within one, the
-contenders take turns too, and the median of all turns counts. Compilation is not counted: the first call is left out.
-Processor time stands beside it, which other programs on the machine disturb less. A loop of arithmetic alone measures
-how much a second thread can gain at all. A call is whole: what the host prepares for the kernel is counted.
+The twins are those that the tests compare the kernels with. Beside plain C, on several threads and in whole runs the
+kernels are measured by `moteslam bench`, whose tasks these are.
 """
 
 from __future__ import annotations
 
 import argparse
-import json
-import os
-import statistics
-import subprocess
 import sys
-import tempfile
 from pathlib import Path
 from typing import Any
 
-from parts.kernel_rates import SPENT, arithmetic, distance_maps, matching, memory, raycasting, thinning, updating
+import numpy as np
 from parts.machine import save, stamp
 from parts.options import result_file
-from parts.timing import compile_loops, compiler
 
-ROOT = Path(__file__).parents[1]
-ROUNDS = 3
-SERIAL = ("grid update",)
-"""Kernels that use one thread on purpose: no gain is asked of a second."""
+from moteslam.eval.bench.contest import OURS, Contender
+from moteslam.eval.bench.tasks import grid, matching, raycasting, search
+from moteslam.eval.bench.timing import in_turns, medians
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+TURNS = 3
+SOME = 4
+"""Particles, or scans, that a twin does: it takes long."""
 
 
-def measure(threads: int) -> dict[str, Any]:
-    """All the measurements of one process."""
-    os.environ["OMP_NUM_THREADS"] = str(threads)
-    os.environ["OMP_WAIT_POLICY"] = "passive"  # else idle OpenMP threads spin, and hold a core of whoever is next
-    sys.path.insert(0, str(ROOT / "tests"))  # the NumPy twins
-    from moteslam.kernels import runtime
+def twins() -> dict[str, tuple[Any, Contender]]:
+    """The task of a kernel, and its twin, doing some of the same work."""
+    from twins import grids, rays, tsdf
 
-    runtime.init("cpu", threads)
-    with tempfile.TemporaryDirectory() as folder:
-        loops = compile_loops(Path(__file__).with_name("loops.c"), Path(folder))
-        return {
-            **arithmetic(loops),
-            **memory(loops),
-            **distance_maps(loops, threads),
-            **thinning(loops),
-            **matching(threads),
-            **raycasting(loops, threads),
-            **updating(loops, threads),
-        }
+    from moteslam.eval.bench import inputs
+
+    maps, scan = inputs.room_maps()
+    view, few = maps.of(0), scan.points[::3]
+    pose = np.array((*(inputs.room_poses()[0, :2] - view.corner), inputs.room_poses()[0, 2]))
+    coarse = coarse_level(view)
+    occupied, points = inputs.scan_and_grid()
+    poses = np.random.default_rng(5).normal((50.0, 48.0, 0.0), (0.1, 0.1, 0.05), (SOME, 3))
+    offsets = {"offsets_xy": matching.OFFSETS, "offsets_theta": matching.OFFSETS}
+    ends = np.ascontiguousarray(grid.START + np.floor(points / inputs.CELL), np.int32)
+    empty, change = np.zeros(occupied.shape, np.int16), {"hit": grid.HIT, "miss": grid.MISS, "limit": grid.LIMIT}
+    segments = inputs.offices()
+    origins = np.tile(segments.mean(axis=0)[:2], (SOME * inputs.BEAMS, 1))
+    angles = np.tile(np.linspace(np.radians(-135), np.radians(135), inputs.BEAMS), SOME)
+    return {
+        "searching 900 places, plain Python": (
+            search.TASK,
+            Contender(
+                lambda: tsdf.search(coarse, pose, few, [0.0], search.SHIFTS, cell_size=0.1, near=511),
+                1 / len(search.TURNS),
+            ),
+        ),
+        "matching 5 x 5 x 5, NumPy": (
+            matching.TASK,
+            Contender(
+                lambda: grids.match_poses(occupied, (0.0, 0.0), inputs.CELL, poses, points, **offsets), len(poses)
+            ),
+        ),
+        "raycasting, NumPy": (
+            raycasting.TASK,
+            Contender(lambda: rays.cast_rays(segments, origins, angles, max_range=30.0), len(angles)),
+        ),
+        "grid update, plain Python": (
+            grid.TASK,
+            Contender(lambda: grids.update_grid(empty, grid.START, ends, per_ray=True, **change), 1),
+        ),
+    }
+
+
+def coarse_level(view: Any) -> Any:
+    """The coarse level of a map of tiles, for the twin."""
+    from twins.tsdf import Tsdf
+
+    from moteslam.kernels.tiles import CELLS, FINE_CELLS, MAX_WEIGHT, SIDE, WEIGHT_BITS
+
+    side, (pool, table, rows, columns, _, first) = SIDE // 2, view.tiles
+    cells = pool.reshape(-1, CELLS)[table[first : first + rows * columns], FINE_CELLS:]
+    words = cells.reshape(rows, columns, side, side).swapaxes(1, 2).reshape(rows * side, columns * side).astype(int)
+    return Tsdf(words >> WEIGHT_BITS, words & MAX_WEIGHT)
 
 
 def main() -> None:
-    """Measure in processes of their own, print, and write the result file."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n", maxsplit=1)[0])
+    """Measure, print, and write the result file."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--out", type=result_file)
-    parser.add_argument("--threads", type=int, help="measure in this process and print JSON")
     options = parser.parse_args()
-    if options.threads:
-        print(json.dumps(measure(options.threads)))
-        return
-    runs: dict[int, list[dict[str, Any]]] = {1: [], 2: []}
-    for _ in range(ROUNDS):
-        for threads, kept in runs.items():
-            command = [sys.executable, __file__, "--threads", str(threads)]
-            kept.append(json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout))
-    figures = {
-        str(threads): {
-            task: {name: statistics.median(run[task][name] for run in kept) for name in kept[0][task]}
-            for task in kept[0]
-        }
-        for threads, kept in runs.items()
-    }
-    ratios: dict[str, float] = {}
-    for task, rates in figures["1"].items():
-        name = next((name for name in ("moteslam", "c") if name in rates), None)
-        if name is not None and SPENT in rates and not task.startswith(SERIAL):
-            for what, key in (("two threads / one", name), ("processor time, two threads / one", SPENT)):
-                ratios[f"{task}: {what}"] = figures["2"][task][key] / rates[key]
-    for number, table in figures.items():
-        for task, rates in table.items():
-            if "c" in rates and "moteslam" in rates and SPENT in rates:
-                ratios[f"{task}, {number} threads: moteslam / C loop"] = rates["moteslam"] / rates["c"]
-    for number, table in figures.items():
-        for task, rates in table.items():
-            print(f"{number} threads  {task}: " + ", ".join(f"{name} {rate:.4g}" for name, rate in rates.items()))
-    for what, ratio in ratios.items():
-        print(f"{what}: {ratio:.2f}")
-    save(options.out, {**stamp(), "compiler": compiler(), "figures by threads": figures, "ratios": ratios})
+    from moteslam.kernels import runtime
+
+    runtime.init("cpu", 1)
+    result: dict[str, Any] = {}
+    for name, (task, twin) in twins().items():
+        ours = task.prepare(None, 1).contenders[OURS]
+        found = medians(in_turns({OURS: ours, "twin": twin}, seconds=0.0, least=TURNS))
+        times = {who: processor for who, (_, processor) in found.items()}
+        ratio = times["twin"] / times[OURS]
+        result[name] = {**{f"{who} [s a {task.unit}]": value for who, value in times.items()}, "ratio": ratio}
+        print(f"{name}: {times['twin']:.3g} s a {task.unit}, the kernel {times[OURS]:.3g} s: {ratio:.0f} times as fast")
+    save(options.out, {**stamp(), "kernels and twins": result})
 
 
 if __name__ == "__main__":

@@ -14,13 +14,16 @@ import argparse
 import json
 import subprocess
 import sys
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from parts.machine import dated_file, save, stamp
 from parts.options import result_file
-from parts.timing import in_turns
+
+from moteslam.eval.bench.contest import Contender
+from moteslam.eval.bench.timing import in_turns, medians
 
 BEAMS, POSES, SIZE, ROOM, DOOR = 1081, 200, 100.0, 4.0, 1.2
 REPEATS = 15
@@ -66,12 +69,12 @@ def measure(threads: int) -> dict[str, Any]:
     worlds = {"moteslam": build_buckets(segments)}
     worlds |= {f"moteslam, buckets of {size:g} m": build_buckets(segments, size=size) for size in BUCKETS}
     contenders = {
-        name: lambda buckets=buckets: cast_rays(buckets, origins, angles, max_range=30.0)
+        name: Contender(partial(cast_rays, buckets, origins, angles, max_range=30.0), rays)
         for name, buckets in worlds.items()
     }
-    found = in_turns(contenders, REPEATS)
-    rates = {name: [rays / wall / 1e6, rays / spent / 1e6] for name, (wall, spent) in found.items()}
-    exact = contenders["moteslam"]()
+    found = medians(in_turns(contenders, seconds=0.0, least=REPEATS))
+    rates = {name: [1e-6 / wall, 1e-6 / spent] for name, (wall, spent) in found.items()}
+    exact = contenders["moteslam"].call()
     hit = np.isfinite(exact)
     result: dict[str, Any] = {
         "rates [M rays/s: by wall time, by processor time]": rates,
@@ -111,8 +114,9 @@ def others(segments: np.ndarray, poses: np.ndarray, beams: np.ndarray, exact: np
     for call in (physics, twin):
         close = np.isclose(np.asarray(call()), exact[: len(some)], atol=1e-3)
         assert close.mean() > 0.999, close.mean()  # a ray through a corner may slip past it in float32
-    found = in_turns({"pymunk segment_query_first, Python loop": physics, "numpy, every segment": twin}, 3)
-    return {name: len(some) / wall / 1e6 for name, (wall, _) in found.items()}
+    calls = {"pymunk segment_query_first, Python loop": physics, "numpy, every segment": twin}
+    contenders = {name: Contender(call, len(some)) for name, call in calls.items()}
+    return {name: 1e-6 / wall for name, (wall, _) in medians(in_turns(contenders, seconds=0.0, least=3)).items()}
 
 
 def main() -> None:

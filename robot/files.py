@@ -6,6 +6,7 @@ import os
 import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from errno import EISDIR
 from os import PathLike
 from pathlib import Path
 from typing import IO
@@ -39,6 +40,25 @@ def write_atomically(path: str | PathLike[str], content: str | bytes | Callable[
     finally:
         if temporary is not None:
             Path(temporary).unlink(missing_ok=True)
+
+
+def expect_writable(path: str | PathLike[str]) -> None:
+    """Refuse a file that cannot be written, before the long work whose result it is to hold.
+
+    Args:
+        path: the target; its folder must exist.
+
+    Raises:
+        OutputError: it is a folder, or nothing can be written beside it.
+    """
+    path = Path(path)
+    try:
+        if path.is_dir():
+            raise IsADirectoryError(EISDIR, os.strerror(EISDIR))
+        with tempfile.NamedTemporaryFile(prefix=".moteslam-", dir=path.parent):
+            pass
+    except OSError as error:
+        raise OutputError(f"cannot be written: {error.strerror or error}", file=path) from error
 
 
 @contextmanager

@@ -92,15 +92,20 @@ def first_complaint(error: ValidationError, whole: str, expected: Callable[[Plac
 
 def known_keys(model: type[BaseModel], place: Place) -> list[str]:
     """The keys of the table at a place in a model: within tables, lists of tables, and tables by name."""
-    named = False
+    named = 0
     for part in place:
         if isinstance(part, int) or named:  # an item of a list, or of a table by name
-            named = False
+            named = max(0, named - 1)
             continue
         annotation: Any = model.model_fields[part].annotation
-        named = get_origin(annotation) is dict
+        named = _names(annotation)
         model = next(_models(annotation))
     return list(model.model_fields)
+
+
+def _names(kind: Any) -> int:
+    """How many names lead to a model: 2 in a table by name of tables by name."""
+    return 1 + _names(get_args(kind)[1]) if get_origin(kind) is dict else 0
 
 
 def _models(kind: Any) -> Iterator[type[BaseModel]]:

@@ -1,0 +1,1 @@
+"""The tasks of the bench, a file each."""
