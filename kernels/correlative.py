@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from moteslam.errors import InputError
 from moteslam.kernels.checks import LARGEST, as_finite
-from moteslam.kernels.runtime import one_thread, runtime, ti
+from moteslam.kernels.runtime import one_thread, passes_for, runtime, ti
 from moteslam.kernels.tiles import SIDE, STEPS, Tiles, frames_in_cells, read, steps_of, weight_of
 from moteslam.kernels.types import F32_1D, F32_2D, F64_2D, I16_1D, I32, I32_1D, I32_2D, kernel
 
@@ -25,6 +25,7 @@ MAX_NEAR = 1e4
 def _search(
     pool: I16_1D, table: I32_1D, begin: I32, columns: I32, rows: I32, frames: F64_2D, scan: F32_2D, turns: F32_1D,
     turn_costs: I32_1D, shifts: F32_2D, shift_costs: I32_1D, blocks: I32, near: I32, scores: I32_2D, chosen: I32_2D,
+    passes: I32,
 ):  # fmt: skip
     """The best shift of every block, the first of equal ones, for every particle and turn.
 
@@ -37,7 +38,10 @@ def _search(
     last_x, last_y = ti.cast(columns * (SIDE // 2) - 1, ti.f32), ti.cast(rows * (SIDE // 2) - 1, ti.f32)
     points = ti.min(scan.shape[1], MAX_SEARCH_POINTS)
     ti.loop_config(serialize=ti.static(one_thread()))
-    for k in range(frames.shape[0] * n_turns * blocks):
+    for p in range(frames.shape[0] * n_turns * blocks * passes):
+        if p % passes:
+            continue
+        k = p // passes
         i, t, block = k // (n_turns * blocks), k // blocks % n_turns, k % blocks
         c0, s0 = ti.cast(frames[i, 0], ti.f32), ti.cast(frames[i, 1], ti.f32)
         x0, y0 = ti.cast(frames[i, 2], ti.f32), ti.cast(frames[i, 3], ti.f32)
@@ -122,6 +126,7 @@ def search_scans(
             np.ascontiguousarray(scan.T / np.float32(2 * cell_size)),
             *(angles, _costs("turn_costs", turn_costs, len(angles))),
             *(across, _costs("shift_costs", shift_costs, len(across)), blocks), int(near * STEPS), scores, chosen,
+            passes_for(n * len(angles) * blocks),
         )  # fmt: skip
     return scores, chosen
 

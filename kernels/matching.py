@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from moteslam.errors import InputError
 from moteslam.kernels.checks import LARGEST, as_finite
-from moteslam.kernels.runtime import one_thread, runtime, ti
+from moteslam.kernels.runtime import one_thread, passes_for, runtime, ti
 from moteslam.kernels.scoring import cell_along, check_grid, frames_of, scan_of, sum_under_scan, words_of
 from moteslam.kernels.types import F32_2D, I32, I32_1D, I32_2D, U8_1D, U64_1D, func, kernel
 
@@ -44,7 +44,7 @@ class Match(NamedTuple):
 @kernel
 def _search(
     grid: U8_1D, width: I32, height: I32, frames: F32_2D, scan: F32_2D, shifts: F32_2D, cells: I32_2D, order: I32_1D,
-    scores: I32_1D, best: I32_1D,
+    scores: I32_1D, best: I32_1D, passes: I32,
 ):  # fmt: skip
     """Every pose of the lattice by itself, in the given order; of equal scores the first is kept.
 
@@ -53,7 +53,10 @@ def _search(
     poses = scores.shape[0]
     headings = frames.shape[0] // poses
     ti.loop_config(block_dim=1, serialize=ti.static(one_thread()))
-    for i in range(poses):
+    for k in range(poses * passes):
+        if k % passes:
+            continue
+        i = k // passes
         top, chosen = -1, 0
         for v in range(order.shape[0]):
             place, f = order[v] // headings, i * headings + order[v] % headings
@@ -100,7 +103,7 @@ def _build_windows(
 @kernel
 def _search_windows(
     windows: U64_1D, row: I32, col: I32, columns: I32, last_row: I32, last_col: I32, low: I32, frames: F32_2D,
-    scan: F32_2D, corners: I32_1D, rank: I32_1D, scores: I32_1D, best: I32_1D,
+    scan: F32_2D, corners: I32_1D, rank: I32_1D, scores: I32_1D, best: I32_1D, passes: I32,
 ):  # fmt: skip
     """All shifts of a heading at once; ``low`` is the smallest shift, ``corners`` where a place is in the window."""
     poses, places, beams = scores.shape[0], corners.shape[0], scan.shape[1]
@@ -108,7 +111,10 @@ def _search_windows(
     low_row, high_row = ti.cast(row - low, ti.f32), ti.cast(last_row - low, ti.f32)
     low_col, high_col = ti.cast(col - low, ti.f32), ti.cast(last_col - low, ti.f32)
     ti.loop_config(block_dim=1, serialize=ti.static(one_thread()))
-    for i in range(poses):
+    for k in range(poses * passes):
+        if k % passes:
+            continue
+        i = k // passes
         top = ti.i64(-1)
         for h in range(headings):
             f = i * headings + h
@@ -197,7 +203,7 @@ def match_poses(
             shifts, cells = (zero, np.rint(places)) if is_lattice else (places, zero)
             _search(
                 occupied.reshape(-1), width, height, frames, scan, shifts.astype(np.float32), cells.astype(np.int32),
-                order, scores, best,
+                order, scores, best, passes_for(len(poses)),
             )  # fmt: skip
         else:
             best = order[best]
@@ -236,7 +242,10 @@ def _match_windows(
     rank = np.empty_like(order)
     rank[order] = np.arange(len(order), dtype=np.int32)
     corners = ((whole - low)[None, :] * SPAN + (whole - low)[:, None]).reshape(-1).astype(np.int32)
-    _search_windows(windows, row, col, columns, last_row, last_col, low, frames, scan, corners, rank, scores, best)
+    _search_windows(
+        windows, row, col, columns, last_row, last_col, low, frames, scan, corners, rank, scores, best,
+        passes_for(len(scores)),
+    )  # fmt: skip
     return True
 
 

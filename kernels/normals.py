@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from moteslam.errors import InputError
 from moteslam.kernels.checks import as_finite
-from moteslam.kernels.runtime import one_thread, runtime, ti
+from moteslam.kernels.runtime import one_thread, passes_for, runtime, ti
 from moteslam.kernels.types import F32, F32_2D, I32, I32_1D, func, kernel, template
 
 UNKNOWN = 1e9
@@ -62,10 +62,14 @@ def _until(points: template, joined: template, i: I32, step: I32, first: I32, la
 
 @kernel
 def _normals(
-    points: F32_2D, joined: I32_1D, starts: I32_1D, reach: F32, noise: F32, largest: F32, normals: F32_2D
+    points: F32_2D, joined: I32_1D, starts: I32_1D, reach: F32, noise: F32, largest: F32, normals: F32_2D,
+    passes: I32,
 ):  # fmt: skip
     ti.loop_config(serialize=ti.static(one_thread()))
-    for s in range(starts.shape[0] - 1):
+    for k in range((starts.shape[0] - 1) * passes):
+        if k % passes:
+            continue
+        s = k // passes
         first, last = starts[s], starts[s + 1] - 1
         for i in range(first, last + 1):
             before = _until(points, joined, i, -1, first, last, 0.5 * reach, 1)
@@ -120,5 +124,5 @@ def scan_normals(
     normals = np.zeros_like(ends)
     runtime()
     if len(ends):
-        _normals(ends, linked, begin, reach, noise, largest, normals)
+        _normals(ends, linked, begin, reach, noise, largest, normals, passes_for(len(begin) - 1))
     return normals

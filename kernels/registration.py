@@ -16,7 +16,7 @@ from moteslam.kernels.checks import as_finite
 from moteslam.kernels.degeneracy import NOT_KEPT, Kept, keep_prediction
 from moteslam.kernels.gauss_newton import descend, jacobian_of, square
 from moteslam.kernels.registration_options import RegistrationOptions, settings_of
-from moteslam.kernels.runtime import one_thread, runtime, ti
+from moteslam.kernels.runtime import one_thread, passes_for, runtime, ti
 from moteslam.kernels.tiles import SIDE, Tiles, bilinear, read, steps_of, weight_of
 from moteslam.kernels.types import F32, F32_1D, F32_2D, F64, F64_2D, I16_1D, I32, I32_1D, func, kernel, template
 
@@ -65,29 +65,33 @@ def _crosses_surface(
 def _register(
     pool: I16_1D, table: I32_1D, begin: I32, stride: I32, columns: I32, rows: I32, queries: F64_2D, scan: F32_2D,
     points: I32, origin_x: F32, origin_y: F32, settings: F32_1D, coarse: I32, deviation: F64, error: F64, gate: F64,
-    found: F64_2D,
+    found: F64_2D, passes: I32, alone: template,
 ):  # fmt: skip
     """Coarse level, fine level, then the fit: see ``register_scans``.
 
     ``stride`` is from one particle's table to the next; 0 where all use one. The first ``points`` columns of ``scan``
     are x and y of its points. ``settings`` are those of ``settings_of``. With a ``deviation`` above 0 the prediction
-    is kept along degenerate directions.
+    is kept along degenerate directions. A query that is ``alone`` wakes no other thread; of others
+    there are ``passes`` each, see ``passes_for``.
     """
     fine_x, fine_y = ti.cast(columns * SIDE - 2, ti.f32), ti.cast(rows * SIDE - 2, ti.f32)
     coarse_x, coarse_y = ti.cast(columns * SIDE // 2 - 2, ti.f32), ti.cast(rows * SIDE // 2 - 2, ti.f32)
-    ti.loop_config(block_dim=1, serialize=ti.static(one_thread()))
-    for i in range(queries.shape[0]):
+    ti.loop_config(block_dim=1, serialize=ti.static(one_thread() or alone))
+    for k in range(queries.shape[0] * passes):
+        if k % passes:
+            continue
+        i = k // passes
         # read here: before the loop they would be a task of their own
         cell, truncation, coarse_truncation = settings[0], settings[1], settings[2]
         sd, coarse_sd, iterations = settings[3], settings[4], ti.cast(settings[5], ti.i32)
         unknown, outlier, exponent = settings[6], settings[7], settings[8]
         clearance, ray_weight, ray_steps = settings[9], ti.cast(settings[10], ti.i32), ti.cast(settings[11], ti.i32)
         base = begin + i * stride
-        frame = ti.Vector([ti.cast(queries[i, k], ti.f32) for k in ti.static(range(4))], dt=ti.f32)
-        prior = ti.Vector([ti.cast(queries[i, 7 + k], ti.f32) for k in ti.static(range(6))], dt=ti.f32)
+        frame = ti.Vector([ti.cast(queries[i, m], ti.f32) for m in ti.static(range(4))], dt=ti.f32)
+        prior = ti.Vector([ti.cast(queries[i, 7 + m], ti.f32) for m in ti.static(range(6))], dt=ti.f32)
         # three names: Taichi clears the variable that a function's result goes to before it reads the arguments, so
         # that in `d = descend(..., d, ...)` with a template argument the function would see zeros
-        start = ti.Vector([ti.cast(queries[i, 4 + k], ti.f32) for k in ti.static(range(3))], dt=ti.f32)
+        start = ti.Vector([ti.cast(queries[i, 4 + m], ti.f32) for m in ti.static(range(3))], dt=ti.f32)
         rough = descend(
             pool, table, base, columns, coarse_x, coarse_y, frame, scan, points, start, prior, 2 * cell,
             coarse_truncation, coarse_sd, coarse * iterations, 1,
@@ -262,5 +266,5 @@ def _registered(
     if n:
         _register(
             pool, table, begin, columns * rows if maps > 1 else 0, columns, rows, queries, _room.put(scan), len(scan),
-            *origin, settings, int(coarse), *(kept or NOT_KEPT), found,
+            *origin, settings, int(coarse), *(kept or NOT_KEPT), found, passes_for(n), n == 1 and not one_thread(),
         )  # fmt: skip

@@ -49,9 +49,14 @@ with _environment(HOME=_home(), ENABLE_TAICHI_HEADER_PRINT="0"), warnings.catch_
     warnings.simplefilter("ignore")
     import taichi as ti
 
-__all__ = ["ARCHES", "Runtime", "init", "one_thread", "runtime", "ti"]
+__all__ = ["ARCHES", "Runtime", "init", "one_thread", "passes_for", "runtime", "ti"]
 
 ARCHES = ("cpu", "cuda")
+BATCH = 512
+"""Taichi hands out this many passes of a loop at a time, whatever ``block_dim`` says: one of fewer has one thread."""
+BATCHES = 8
+"""A loop is made long enough for this many a thread: where one piece of work takes longer, others are left for those
+that are free."""
 RECENT = 5.0
 """What another process left in the cache longer ago than this [s] is no longer being written."""
 
@@ -83,6 +88,21 @@ def one_thread() -> bool:
     """
     current = runtime()
     return current.arch == "cpu" and current.threads == 1
+
+
+def passes_for(work: int) -> int:
+    """How many passes of a loop there are to be for each piece of work, so that all threads have some of it to do.
+
+    A kernel of which one pass takes long, as registering a scan to a particle's map does, begins ``for k in range(work
+    * passes): if k % passes: continue`` and works on piece ``k // passes``. An empty pass takes a nanosecond.
+
+    Args:
+        work: pieces of work, each of some microseconds or more.
+    """
+    current = runtime()
+    if one_thread() or current.arch != "cpu" or not work:
+        return 1
+    return min(BATCH, -(-BATCH * BATCHES * current.threads // work))
 
 
 def init(arch: str = "cpu", threads: int | None = None, *, debug: bool = False) -> Runtime:

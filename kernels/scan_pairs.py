@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from moteslam.errors import InputError
 from moteslam.kernels.checks import as_finite, check_array
-from moteslam.kernels.runtime import one_thread, runtime, ti
+from moteslam.kernels.runtime import one_thread, passes_for, runtime, ti
 from moteslam.kernels.types import F32, F32_2D, F64, F64_2D, I32, I32_1D, I32_2D, func, kernel
 
 MAX_PARTNERS = 32
@@ -76,12 +76,15 @@ def _turned(pose_cos: F64, pose_sin: F64, x: F32, y: F32):
 @kernel
 def _accumulate(
     points: F32_2D, normals: F32_2D, starts: I32_1D, frames: F64_2D, partners: I32_2D, matches: I32_2D, scale: F64,
-    pairs: F64_2D, costs: F64_2D,
+    pairs: F64_2D, costs: F64_2D, passes: I32,
 ):  # fmt: skip
     """The sums of ``accumulate``; frames are cos, sin, x, y."""
     slots = partners.shape[1]
     ti.loop_config(block_dim=1, serialize=ti.static(one_thread()))
-    for a in range(frames.shape[0]):
+    for number in range(frames.shape[0] * passes):
+        if number % passes:
+            continue
+        a = number // passes
         for c in range(slots * PAIR):
             pairs[a, c] = 0.0
         cost, total = ti.cast(0.0, ti.f64), ti.cast(0.0, ti.f64)
@@ -222,7 +225,7 @@ def accumulate(
     pairs, costs = np.zeros((n, slots * PAIR)), np.zeros((n, 2))
     runtime()
     if n and len(ends):
-        _accumulate(ends, across, begin, frames, mates, matches, scale, pairs, costs)
+        _accumulate(ends, across, begin, frames, mates, matches, scale, pairs, costs, passes_for(len(frames)))
     return pairs.reshape(n, slots, PAIR), costs
 
 

@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from moteslam.errors import InputError
 from moteslam.kernels.checks import as_finite, check_array
-from moteslam.kernels.runtime import one_thread, runtime, ti
+from moteslam.kernels.runtime import one_thread, passes_for, runtime, ti
 from moteslam.kernels.types import F32, F32_2D, I32, I32_1D, func, kernel, template
 
 SPACING_GROWTH, LEAST_SPACING = 1.2, 0.001
@@ -62,6 +62,7 @@ def _end_of_group(ends: template, linked: template, first: I32, end: I32, square
 def _thin(
     ends: F32_2D, begins: I32_1D, counts: I32_1D, origin_x: F32, origin_y: F32, gap: F32, gap_from_range: F32,
     spacing: F32, max_spacing: F32, max_points: I32, linked: I32_1D, points: F32_2D, joined: I32_1D, left: I32_1D,
+    passes: I32,
 ):  # fmt: skip
     """Of scan i, the ``counts[i]`` rows of ``ends`` from ``begins[i]`` on become ``left[i]`` rows of ``points``.
 
@@ -70,7 +71,10 @@ def _thin(
     whether an endpoint lies on the same surface as the one before it, which no spacing changes.
     """
     ti.loop_config(block_dim=1, serialize=ti.static(one_thread()))
-    for i in range(begins.shape[0]):
+    for p in range(begins.shape[0] * passes):
+        if p % passes:
+            continue
+        i = p // passes
         begin = begins[i]
         end = begin + counts[i]
         before = ti.Vector([0.0, 0.0, 0.0], dt=ti.f32)  # x, y and range
@@ -155,7 +159,7 @@ def thin_scans(
         runtime()
         _thin(
             ends, firsts, many, float(start[0]), float(start[1]), gap, gap_from_range, spacing, max_spacing,
-            max_points, linked, thinned, joined, left,
+            max_points, linked, thinned, joined, left, passes_for(len(firsts)),
         )  # fmt: skip
     spans = list(zip(firsts.tolist(), (firsts + left).tolist(), strict=True))
     return [ThinnedScan(thinned[first:last], joined[first:last]) for first, last in spans]

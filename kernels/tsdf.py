@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from moteslam.errors import InputError
 from moteslam.kernels.checks import as_finite, check_array
 from moteslam.kernels.integration_options import IntegrationOptions, settings_of
-from moteslam.kernels.runtime import one_thread, ti
+from moteslam.kernels.runtime import one_thread, passes_for, ti
 from moteslam.kernels.thinning import ThinnedScan
 from moteslam.kernels.tile_store import TileStore
 from moteslam.kernels.tiles import (
@@ -108,21 +108,25 @@ def _integrate_segment(
 @kernel
 def _integrate(
     pool: I16_1D, table: I32_1D, begin: I32, shares: I32_1D, free: I32_1D, counters: I32_1D, columns: I32, size: I32,
-    frames: F64_2D, points: F32_2D, joined: I32_1D, begins: I32_1D, settings: F32_1D,
+    frames: F64_2D, points: F32_2D, joined: I32_1D, begins: I32_1D, settings: F32_1D, passes: I32, alone: template,
 ):  # fmt: skip
     """First every particle makes the tiles it will write its own, then all write; if tiles ran out, nobody writes.
 
     Frames are cos, sin, x, y, of each particle as many as there are scans; scan s has the points from ``begins[s]``
-    on. ``settings`` are those of ``settings_of``.
+    on. ``settings`` are those of ``settings_of``. A particle that is ``alone`` wakes no other thread; for others
+    there are ``passes`` each, see ``passes_for``.
     """
     scans = begins.shape[0] - 1
-    ti.loop_config(serialize=ti.static(one_thread()))
-    for i in range(frames.shape[0] // (begins.shape[0] - 1)):
+    ti.loop_config(block_dim=1, serialize=ti.static(one_thread() or alone))
+    for k in range(frames.shape[0] // (begins.shape[0] - 1) * passes):
+        if k % passes:
+            continue
+        i = k // passes
         base, chord = begin + i * size, settings[2]
         margin = ti.max(settings[0], 2 * settings[1]) + chord  # a chord strays from its segments by less than that
         done = ti.Vector([-1, -1, -1, -1], dt=ti.i32)  # the tiles last made the particle's own: columns and rows
         for s in range(scans):
-            frame = ti.Vector([ti.cast(frames[i * scans + s, k], ti.f32) for k in ti.static(range(4))], dt=ti.f32)
+            frame = ti.Vector([ti.cast(frames[i * scans + s, m], ti.f32) for m in ti.static(range(4))], dt=ti.f32)
             for j in range(begins[s], begins[s + 1] - 1):
                 if joined[j] == 1:
                     ends = _segment(frame, points, j, j + 1)
@@ -135,14 +139,15 @@ def _integrate(
                         for ty in range(y0, y1 + 1):
                             for tx in range(x0, x1 + 1):
                                 copy_on_write(pool, table, shares, free, counters, base + ty * columns + tx)
-    ti.loop_config(serialize=ti.static(one_thread()))
-    for i in range(frames.shape[0] // (begins.shape[0] - 1)):
-        if counters[1] == 0:
+    ti.loop_config(block_dim=1, serialize=ti.static(one_thread() or alone))
+    for k in range(frames.shape[0] // (begins.shape[0] - 1) * passes):
+        i = k // passes
+        if k % passes == 0 and counters[1] == 0:
             base = begin + i * size
             truncation, coarse_truncation, chord, near = settings[0], settings[1], settings[2], settings[3]
             near_weight, max_weight = ti.cast(settings[4], ti.i32), ti.cast(settings[5], ti.i32)
             for s in range(scans):
-                frame = ti.Vector([ti.cast(frames[i * scans + s, k], ti.f32) for k in ti.static(range(4))], dt=ti.f32)
+                frame = ti.Vector([ti.cast(frames[i * scans + s, m], ti.f32) for m in ti.static(range(4))], dt=ti.f32)
                 first, last = begins[s], begins[s + 1] - 1  # the point where the coarse level's segment begins
                 for j in range(begins[s], begins[s + 1] - 1):
                     if joined[j] == 0:
@@ -207,6 +212,7 @@ def integrate_scans(
         *(tiles.pool, tiles.table, tiles.first, store.shares, store.free, counters, tiles.columns, tiles.size), places,
         np.ascontiguousarray(points.T / np.float32(options.cell_size)), joined,
         np.array([0, *accumulate(len(scan.points) for scan in scans)], np.int32), settings,
+        *(passes_for(tiles.maps), tiles.maps == 1 and not one_thread()),
     )  # fmt: skip
     left, short = counters.tolist()
     if short:
