@@ -75,6 +75,7 @@ def test_the_library_leaves_the_arithmetic_of_the_process_alone(compiled: Compil
     assert (np.full(3, 1e-310) > 0).all()
 
 
+@pytest.mark.slow
 @needs_compiler
 @pytest.mark.parametrize(
     ("name", "file", "old", "new"),
