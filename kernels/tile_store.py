@@ -83,7 +83,9 @@ class TileStore:
         return tables.reshape(-1)
 
     def _enlarged(self) -> Any:
-        return np.concatenate((self.tiles.pool, np.zeros_like(self.tiles.pool)))
+        pool = np.zeros(2 * len(self.tiles.pool), np.int16)  # memory that nobody has written to is not taken yet
+        pool[: len(self.tiles.pool)] = self.tiles.pool
+        return pool
 
 
 @kernel
