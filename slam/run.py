@@ -278,18 +278,22 @@ class SlamSession:
         """
         keys, self._waiting = self._waiting, []
         first = len(self._updates) - len(keys)
-        path = self._path() if len(keys) > 1 else None
-        before = self._filter.history.last[self._filter.best_particle].copy()
+        begin = max(first - 1, 0)  # from the update before those that wait on
+        history, best = self._filter.history, self._filter.best_particle
+        path = history.path(best, begin) if len(keys) > 1 else None
+        before = history.last[best].copy()
         now = before
         for k, key in enumerate(keys, start=first):
             if path is not None:
-                motion = se2.between(path[k - 1], path[k]) if k else np.zeros(3)
-                key = replace(key, pose=path[k], motion=np.asarray(motion))
+                pose, after = path[k - begin], path[k - begin + 1 :]
+                motion = se2.between(path[k - begin - 1], pose) if k else np.zeros(3)
+                key = replace(key, pose=pose, motion=np.asarray(motion))
             revised = self._backend.add(key)
             if revised is None:
                 continue
             if path is not None:
-                path = revised = np.vstack((revised, se2.compose(revised[-1], se2.between(path[k], path[k + 1 :]))))
+                revised = np.vstack((revised, se2.compose(revised[-1], se2.between(pose, after))))
+                path = revised[begin:]
             self._filter.revise(revised, np.array(self._updates), self._inputs.scans)
             now = revised[-1]
             self._corrections.append(Correction(scan, revised))

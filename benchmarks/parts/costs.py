@@ -22,6 +22,8 @@ if TYPE_CHECKING:
     from moteslam.robot.recording import Recording
     from moteslam.robot.trajectory import Trajectory
     from moteslam.slam.config import SlamConfig
+    from moteslam.slam.mapping.tsdf import TsdfMaps
+    from moteslam.slam.run import SlamSession
 
 FIRST = 30
 """Scans that are run before the clock starts, so that the kernels are loaded; its time is given apart."""
@@ -198,7 +200,9 @@ def load_kernels(recording: Recording, config: SlamConfig) -> None:
 def tenths(given: dict[str, Any]) -> dict[str, Any]:
     """Processor time a scan in each tenth of a drive over a campus [ms], and of the last tenth over the first.
 
-    How many scans update the maps depends on how fast the robot drives there: so the ratio of an update, too.
+    How many scans update the maps depends on how fast the robot drives there, and a scan costs more where more of it is
+    known: so the ratio of an update, too; and of the first tenth with maps as large as at the end, but for what is in
+    them, over the same with maps as they are.
     """
     from moteslam.slam.run import SlamSession
 
@@ -215,10 +219,52 @@ def tenths(given: dict[str, Any]) -> dict[str, Any]:
     return {
         "last_over_first": spent[-1] / spent[0],
         "an_update_last_over_first": spent[-1] / updated[-1] / (spent[0] / updated[0]),
+        "large_maps_over_small": large_over_small(case.recording, config, given["seed"], session, scans),
         "tenths_cpu_ms_a_scan": spent,
         "tenths_updates": updated,
         "scans": len(session),
     }
+
+
+def large_over_small(recording: Recording, config: SlamConfig, seed: int, done: SlamSession, scans: int) -> float:
+    """Processor time of the first scans with tables and a pool as large as those of a session, over that without.
+
+    Args:
+        recording, config, seed: of the session.
+        done: the session, at its end.
+        scans: how many are run.
+
+    Returns:
+        the median of the ratios of five pairs, in turns.
+    """
+    from moteslam.kernels.tiles import SIDE
+    from moteslam.slam.run import SlamSession
+
+    end, ratios = maps_of(done), []
+    for pair in range(5):
+        spent = {}
+        for large in (False, True) if pair % 2 else (True, False):
+            session = SlamSession(recording, config, seed=seed)
+            if large:
+                maps = maps_of(session)
+                far = SIDE * maps._config.cell_size * min(end._store.tiles.rows, end._store.tiles.columns) / 2.5
+                maps._cover(np.array([(-far, -far, 0.0), (far, far, 0.0)]), 0.0)
+                while maps._store.capacity < end._store.capacity:
+                    maps._store.enlarge()
+            began = time.process_time()
+            for _ in islice(session, scans):
+                pass
+            spent[large] = time.process_time() - began
+        ratios.append(spent[True] / spent[False])
+    return float(np.median(ratios))
+
+
+def maps_of(session: SlamSession) -> TsdfMaps:
+    """The particles' maps."""
+    from moteslam.slam.tsdf.filter import TsdfFilter
+
+    assert isinstance(session._filter, TsdfFilter)
+    return session._filter._particles.maps
 
 
 MEASURES = {"filter": filter_alone, "real time": real_time, "tenths": tenths, "played again": played_again}

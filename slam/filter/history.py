@@ -52,28 +52,44 @@ class History:
         """Record that the next update's particles descend from these [M] of the last."""
         self._parents[-1] = parents
 
-    def ancestors(self, particles: NDArray[np.int64]) -> NDArray[np.int64]:
-        """The indices [K, updates] of the particles that these [K] of the last update descend from."""
+    def ancestors(self, particles: NDArray[np.int64], first: int = 0) -> NDArray[np.int64]:
+        """The indices of the particles that these of the last update descend from.
+
+        Args:
+            particles: [K].
+            first: update to go back to.
+
+        Returns:
+            [K, updates from the first on].
+        """
         index = np.asarray(particles)
-        ancestors = np.empty((len(index), len(self)), np.int64)
-        for update in range(len(self) - 1, -1, -1):
+        ancestors = np.empty((len(index), len(self) - first), np.int64)
+        for update in range(len(self) - 1, first - 1, -1):
             parents = self._parents[update]
             if update < len(self) - 1 and parents is not None:
                 index = parents[index]
-            ancestors[:, update] = index
+            ancestors[:, update - first] = index
         return ancestors
 
-    def paths(self, particles: NDArray[np.int64]) -> Array:
-        """The paths [K, updates, 3] that end in these particles [K] of the last update (before its resampling)."""
-        ancestors = self.ancestors(particles)
+    def paths(self, particles: NDArray[np.int64], first: int = 0) -> Array:
+        """The paths that end in these particles of the last update (before its resampling).
+
+        Args:
+            particles: [K].
+            first: update that they begin with.
+
+        Returns:
+            [K, updates from the first on, 3].
+        """
+        ancestors = self.ancestors(particles, first)
         paths = np.empty((*ancestors.shape, 3))
-        for update, poses in enumerate(self._poses):
-            paths[:, update] = poses[ancestors[:, update]]
+        for k, poses in enumerate(self._poses[first:]):
+            paths[:, k] = poses[ancestors[:, k]]
         return paths
 
-    def path(self, particle: int) -> Array:
-        """The path [updates, 3] that ends in one particle of the last update."""
-        return np.asarray(self.paths(np.array([particle]))[0])
+    def path(self, particle: int, first: int = 0) -> Array:
+        """The path [updates from the first on, 3] that ends in one particle of the last update."""
+        return np.asarray(self.paths(np.array([particle]), first)[0])
 
     def revise(self, path: Array, revised: Array) -> None:
         """Move all particles' poses by the correction of one path: each keeps its place relative to that path.

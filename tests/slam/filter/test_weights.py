@@ -69,6 +69,11 @@ def test_paths_follow_the_parents():
     history.append(np.array([[2, 0, 0], [3, 0, 0]], float), None)
     history.append(np.array([[4, 0, 0], [5, 0, 0]], float), np.array([0, 0]))
     np.testing.assert_array_equal(history.paths(np.array([0, 1]))[..., 0], [[1, 2, 4], [1, 3, 5]])
+    for first in range(4):
+        np.testing.assert_array_equal(history.path(1, first), history.path(1)[first:])
+        np.testing.assert_array_equal(
+            history.ancestors(np.array([0, 1]), first), history.ancestors(np.array([0, 1]))[:, first:]
+        )
 
 
 def test_parents_may_be_recorded_after_an_update():
