@@ -83,7 +83,7 @@ class TileStore:
         return tables.reshape(-1)
 
     def _enlarged(self) -> Any:
-        pool = np.zeros(2 * len(self.tiles.pool), np.int16)  # memory that nobody has written to is not taken yet
+        pool = np.zeros(2 * len(self.tiles.pool), np.int16)  # takes no memory until it is written to
         pool[: len(self.tiles.pool)] = self.tiles.pool
         return pool
 
