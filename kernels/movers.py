@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from moteslam.errors import InputError
 from moteslam.kernels.checks import as_finite, check_array
-from moteslam.kernels.raycast import directions_of
+from moteslam.kernels.cos_sin import cos_sin
 from moteslam.kernels.runtime import one_thread, runtime, ti
 from moteslam.kernels.types import F32, F32_1D, F32_2D, F64_1D, F64_2D, I32, I32_1D, kernel
 
@@ -20,7 +20,7 @@ __all__ = ["cast_movers"]
 @kernel
 def _cast_movers(
     discs: F32_2D, lines: F32_2D, last: I32, disc_count: I32, line_count: I32, rate: F32, origins: F64_2D,
-    directions: F32_2D, times: F64_1D, out: F32_1D, hit: I32_1D,
+    angles: F64_1D, times: F64_1D, out: F32_1D, hit: I32_1D,
 ):  # fmt: skip
     ti.loop_config(serialize=ti.static(one_thread()))
     for i in range(out.shape[0]):
@@ -28,7 +28,8 @@ def _cast_movers(
         row = ti.min(ti.cast(at, ti.i32), last - 1)
         share = ti.cast(at - ti.cast(row, ti.f64), ti.f32)
         ox, oy = ti.cast(origins[i, 0], ti.f32), ti.cast(origins[i, 1], ti.f32)
-        c, s = directions[0, i], directions[1, i]
+        cosine, sine = cos_sin(angles[i])
+        c, s = ti.cast(cosine, ti.f32), ti.cast(sine, ti.f32)
         found = out[i]
         nearest = -1
         for k in range(disc_count):
@@ -108,6 +109,6 @@ def cast_movers(
         one = np.zeros((1, 4), np.float32)  # Taichi takes no empty array
         _cast_movers(
             discs if count else one[:, :3].copy(), lines if leaves else one, steps - 1, count, leaves, float(rate),
-            origins, directions_of(angles), times, ranges, hit,
+            origins, angles, times, ranges, hit,
         )  # fmt: skip
     return hit

@@ -17,8 +17,9 @@ from numpy.typing import ArrayLike, NDArray
 from moteslam.errors import InputError
 from moteslam.kernels.buckets import SegmentBuckets, build_buckets
 from moteslam.kernels.checks import as_finite
+from moteslam.kernels.cos_sin import cos_sin
 from moteslam.kernels.runtime import one_thread, runtime, ti
-from moteslam.kernels.types import F32, F32_1D, F32_2D, F64, F64_2D, I32, I32_1D, func, kernel, template
+from moteslam.kernels.types import F32, F32_1D, F32_2D, F64, F64_1D, F64_2D, I32, I32_1D, func, kernel, template
 
 __all__ = ["SegmentBuckets", "build_buckets", "cast_rays", "cast_surfaces"]
 
@@ -107,8 +108,12 @@ def _cast(
 @kernel
 def _cast_rays(
     starts: I32_1D, walls: F32_2D, size: F32, columns: I32, rows: I32, slack: F32, x0: F64, y0: F64,
-    origins: F64_2D, directions: F32_2D, max_range: F32, out: F32_1D,
+    origins: F64_2D, angles: F64_1D, max_range: F32, directions: F32_2D, out: F32_1D,
 ):  # fmt: skip
+    ti.loop_config(serialize=ti.static(one_thread()))
+    for i in range(out.shape[0]):
+        c, s = cos_sin(angles[i])
+        directions[0, i], directions[1, i] = ti.cast(c, ti.f32), ti.cast(s, ti.f32)
     ti.loop_config(serialize=ti.static(one_thread()))
     for i in range(out.shape[0]):
         out[i], _ = _cast(
@@ -120,8 +125,12 @@ def _cast_rays(
 @kernel
 def _cast_surfaces(
     starts: I32_1D, walls: F32_2D, size: F32, columns: I32, rows: I32, slack: F32, x0: F64, y0: F64,
-    origins: F64_2D, directions: F32_2D, max_range: F32, owners: I32_1D, out: F32_1D, hit: I32_1D,
+    origins: F64_2D, angles: F64_1D, max_range: F32, directions: F32_2D, owners: I32_1D, out: F32_1D, hit: I32_1D,
 ):  # fmt: skip
+    ti.loop_config(serialize=ti.static(one_thread()))
+    for i in range(out.shape[0]):
+        c, s = cos_sin(angles[i])
+        directions[0, i], directions[1, i] = ti.cast(c, ti.f32), ti.cast(s, ti.f32)
     ti.loop_config(serialize=ti.static(one_thread()))
     for i in range(out.shape[0]):
         distance, wall = _cast(
@@ -155,7 +164,8 @@ def cast_rays(
     out = np.empty(len(origins), np.float32)
     runtime()
     if len(out):
-        _cast_rays(*_arguments(buckets), origins, directions_of(angles), max_range, out)
+        directions = np.empty((2, len(out)), np.float32)
+        _cast_rays(*_arguments(buckets), origins, angles, max_range, directions, out)
     return out
 
 
@@ -176,17 +186,9 @@ def cast_surfaces(
     out, hit = np.empty(len(origins), np.float32), np.empty(len(origins), np.int32)
     runtime()
     if len(out):
-        _cast_surfaces(*_arguments(buckets), origins, directions_of(angles), max_range, buckets.segments, out, hit)
+        directions = np.empty((2, len(out)), np.float32)
+        _cast_surfaces(*_arguments(buckets), origins, angles, max_range, directions, buckets.segments, out, hit)
     return out, hit
-
-
-def directions_of(angles: NDArray[np.float64]) -> NDArray[np.float32]:
-    """Float32 [2, n] cosines and sines."""
-    out = np.empty((2, len(angles)), np.float32)
-    # in double precision, rounded a piece at a time: whole arrays between would cost half as much again
-    np.cos(angles, out=out[0], dtype=np.float64, casting="same_kind")
-    np.sin(angles, out=out[1], dtype=np.float64, casting="same_kind")
-    return out
 
 
 def _arguments(buckets: SegmentBuckets) -> tuple[object, ...]:
