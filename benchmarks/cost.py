@@ -255,7 +255,7 @@ def against(folder: Path, preset: str, settings: list[str], pairs: int, *, quick
 
 
 def main() -> None:
-    """Measure, print a table, and write the result file, anew after every run."""
+    """Measure, print a table, and write the result file, anew after every run; exit code 1 where a run crashed."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--preset", default="default")
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", dest="settings")
@@ -308,6 +308,8 @@ def main() -> None:
         save(options.out, {**about, "summary": summary, "rows": rows})
     print()
     print(table(summary_lines(summary), right=(3, 4)))
+    if any("error" in row for row in rows):
+        sys.exit(1)
 
 
 if __name__ == "__main__":

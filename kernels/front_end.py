@@ -3,17 +3,20 @@
 In every process Taichi runs its front end over a kernel, to find it in the cache on disk. It looks up the source of a
 function at each of its calls, and for error messages it draws carets under every expression of every kernel. The
 kernels of this package have a front end of their own: copies of some of Taichi's functions that see other globals,
-where sources are looked up once and an expression is described by file, line and code. The copies are bound to our
-kernels and functions alone; Taichi, and what others compile with it, stay as they are.
+where a function is read once and an expression is described by file, line and code. The copies are bound to
+our kernels and functions alone; Taichi, and what others compile with it, stay as they are.
 
 This uses internals of one release of Taichi; with any other release its own front end runs.
 """
 
 from __future__ import annotations
 
+import inspect
+import linecache
+import textwrap
 from collections.abc import Callable
 from functools import cache
-from types import FunctionType, MethodType
+from types import FunctionType, MethodType, SimpleNamespace
 from typing import Any
 
 from moteslam.kernels.runtime import ti
@@ -44,14 +47,28 @@ def _outside_classes(level_of_class_stackframe: int) -> bool:
     return False
 
 
+def _file_of(function: FunctionType) -> str:
+    """``inspect.getsourcefile`` of a function, which looks through all modules for it."""
+    return function.__code__.co_filename
+
+
+@cache
+def _lines_of(function: FunctionType) -> tuple[list[str], int]:
+    """``inspect.getsourcelines`` of a function: its lines, and the number of the first."""
+    code = function.__code__
+    lines = linecache.getlines(code.co_filename, function.__globals__)
+    return inspect.getblock(lines[code.co_firstlineno - 1 :]), code.co_firstlineno
+
+
 @cache
 def _front_end() -> dict[str, FunctionType]:
     """Copies of Taichi's functions, by their purpose."""
     taichi = ti.lang.kernel_impl
     tree = _with_globals(
         taichi._get_tree_and_ctx,
-        getsourcefile=cache(taichi.getsourcefile),
-        getsourcelines=cache(taichi.getsourcelines),
+        getsourcefile=_file_of,
+        getsourcelines=_lines_of,
+        textwrap=SimpleNamespace(fill=cache(textwrap.fill), dedent=cache(textwrap.dedent)),
         ASTTransformerContext=_Context,
     )
     return {

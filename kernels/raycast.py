@@ -156,7 +156,8 @@ def cast_rays(
         float32 [n] [m], ``inf`` where no wall is within max_range.
 
     Raises:
-        InputError: shapes that do not fit, values that are not finite, a max_range not positive, too many rays.
+        InputError: shapes that do not fit, values that are not finite, a max_range not in (0, 1e30), too many
+            rays.
     """
     origins = as_finite("origins", origins, np.float64, (None, 2))
     angles = as_finite("angles", angles, np.float64, (len(origins),))
@@ -200,4 +201,4 @@ def _arguments(buckets: SegmentBuckets) -> tuple[object, ...]:
 
 def _check_range(max_range: float) -> None:
     if not 0 < max_range < 1e30:
-        raise InputError(f"{max_range}, expected a positive distance [m]", field="max_range")
+        raise InputError(f"{max_range}, expected a positive distance below 1e30 m", field="max_range")

@@ -1,7 +1,7 @@
 """The one seam to Taichi: quiet, offline, initialised once a process.
 
 Every kernel file imports ``ti`` from here, so that another implementation of Taichi is a change of one line.
-Importing this module imports Taichi (0.3 s): modules that must load at once import it inside functions.
+Importing this module imports Taichi (0.2 s): modules that must load at once import it inside functions.
 """
 
 from __future__ import annotations
@@ -128,7 +128,8 @@ def init(arch: str = "cpu", threads: int | None = None, *, debug: bool = False) 
     if _runtime is not None:
         if (_runtime.arch, _runtime.threads, _runtime.debug) != wanted:
             raise BackendError(
-                f"Taichi runs on {_runtime.arch} with {_runtime.threads} threads in this process, "
+                f"Taichi runs on {_runtime.arch} with {_runtime.threads} threads"
+                f"{' and bounds checks' if _runtime.debug else ''} in this process, "
                 f"expected the same settings again, not {wanted[0]} with {wanted[1]} threads"
                 f"{' and bounds checks' if debug else ''}; start a new process"
             )

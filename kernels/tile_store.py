@@ -24,8 +24,8 @@ class TileStore:
     Attributes:
         tiles: the maps.
         shares: int32 [t] how many table entries name each tile, above 1 for tile 0, as of the last ``count``.
-        free: int32 [f] the tiles that no table names.
-        left: how many of these, the first ones, no kernel has taken since.
+        free: int32 [f] of which the first ``left`` are tiles that no table names and no kernel has taken since.
+        left: how many.
     """
 
     def __init__(self, rows: int, columns: int, tiles: int) -> None:

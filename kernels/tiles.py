@@ -41,7 +41,7 @@ STEPS = (1 << (15 - WEIGHT_BITS)) - 1
 
 
 class Tiles(NamedTuple):
-    """The maps of n particles as kernels take them; ``tiles_of`` makes sure that arrays are that.
+    """The maps of n particles as kernels take them: of a ``TileStore``, or by ``tiles_of`` of anyone's arrays.
 
     Attributes:
         pool: int16 [t * CELLS] of all tiles.
@@ -142,7 +142,8 @@ def bilinear(pool: template, table: template, base: I32, columns: I32, x: F32, y
 def copy_on_write(pool: template, table: template, shares: template, free: template, counters: template, entry: I32):
     """Make the tile of a table's entry the particle's own: copied if shared or empty.
 
-    ``counters`` are how many tiles are free, and whether there was none left: then the entry is as it was.
+    ``counters`` are how many tiles are free, below 0 by those that were missing, and whether any was: then the entry is
+    as it was.
     """
     slot = table[entry]
     if slot == EMPTY or shares[slot] > 1:

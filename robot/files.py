@@ -6,7 +6,6 @@ import os
 import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from errno import EISDIR
 from os import PathLike
 from pathlib import Path
 from typing import IO
@@ -22,11 +21,13 @@ def write_atomically(path: str | PathLike[str], content: str | bytes | Callable[
         content: text (UTF-8), bytes, or a function that writes into the open binary file.
 
     Raises:
-        OutputError: the folder is missing or read-only, or the disk is full. Nothing is left behind.
+        OutputError: the folder is missing or read-only, the disk is full, or the target is there and no regular file.
+            Nothing is left behind.
     """
     path = Path(path)
     temporary = None
     try:
+        _expect_file(path)
         handle, temporary = tempfile.mkstemp(prefix=".moteslam-", dir=path.parent)
         with os.fdopen(handle, "wb") as file:
             if callable(content):
@@ -49,12 +50,11 @@ def expect_writable(path: str | PathLike[str]) -> None:
         path: the target; its folder must exist.
 
     Raises:
-        OutputError: it is a folder, or nothing can be written beside it.
+        OutputError: it is there and no regular file, or nothing can be written beside it.
     """
     path = Path(path)
     try:
-        if path.is_dir():
-            raise IsADirectoryError(EISDIR, os.strerror(EISDIR))
+        _expect_file(path)
         with tempfile.NamedTemporaryFile(prefix=".moteslam-", dir=path.parent):
             pass
     except OSError as error:
@@ -103,6 +103,14 @@ def _make_parents(path: Path) -> None:
             shown = next((parent for parent in path.parents if parent.absolute() == above), above)
             raise OutputError(f"cannot be made: {shown} is a file, expected a folder", file=path) from error
         raise OutputError(f"cannot be made: {error.strerror or error}", file=path) from error
+
+
+def _expect_file(path: Path) -> None:
+    """Refuse what a rename would take the place of, or fail at: a folder, a device, a pipe."""
+    if path.is_dir():
+        raise OutputError("cannot be written: it is a folder, expected the name of a file", file=path)
+    if path.exists() and not path.is_file():
+        raise OutputError("cannot be written: it is no regular file, expected the name of a new file", file=path)
 
 
 def umask() -> int:

@@ -17,12 +17,10 @@ from typing import TYPE_CHECKING, Any
 
 from moteslam.errors import ConfigError, MoteslamError
 from moteslam.eval.cli.progress import progress_bar
+from moteslam.eval.cli.wanted import MAX_BATCH, Wanted
 
 if TYPE_CHECKING:
-    from moteslam.eval.cli.wanted import Wanted
     from moteslam.sim.simulate import Simulation
-
-MAX_BATCH = 100_000
 
 
 @dataclass(frozen=True)

@@ -10,8 +10,6 @@ import typer
 
 from moteslam.errors import ConfigError
 from moteslam.eval.cli import options
-from moteslam.eval.cli.bench_comparison import say_comparison
-from moteslam.eval.cli.bench_tables import failures, say_result
 from moteslam.eval.cli.groups import RunByDefault
 from moteslam.eval.cli.text import note, say
 from moteslam.eval.literal import literal
@@ -72,7 +70,7 @@ def run(
     Examples:
       moteslam bench
       moteslam bench --quick --tasks registration,integration
-      moteslam bench --threads 1 --threads 4 --out mine.json
+      moteslam bench --threads 1 --threads 2 --out mine.json
       moteslam bench --peers mrpt.toml --tasks run-30
       moteslam bench --format markdown
     """  # noqa: D301
@@ -80,6 +78,7 @@ def run(
     from moteslam.eval.bench.measure import ROUNDS, Wanted, measure
     from moteslam.eval.bench.peers import read_peers
     from moteslam.eval.bench.workload import chosen
+    from moteslam.eval.cli.bench_tables import failures, say_result
     from moteslam.eval.cli.progress import progress_bar
     from moteslam.robot.files import expect_writable, folder_for
     from moteslam.robot.processors import processor_count
@@ -129,6 +128,7 @@ def show(file: File, form: options.Format = None, as_json: options.Json = False)
       moteslam bench show theirs.json --format latex > table.tex
     """  # noqa: D301
     from moteslam.eval.bench.document import read_result
+    from moteslam.eval.cli.bench_tables import say_result
 
     say_result(read_result(file), options.chosen_format(form, as_json=as_json))
 
@@ -152,6 +152,7 @@ def compare(
       moteslam bench compare before.json after.json --format markdown
     """  # noqa: D301
     from moteslam.eval.bench.comparison import common_threads, read_results
+    from moteslam.eval.cli.bench_comparison import say_comparison
 
     form = options.chosen_format(form, as_json=as_json)
     if len(files) < 2:

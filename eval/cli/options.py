@@ -49,7 +49,10 @@ def refuse_existing(file: Path | None, *, force: bool) -> None:
 
     Raises:
         ExistsError: it is, and is not to be replaced.
+        OutputError: it is there and no regular file.
     """
+    if file is not None and file.exists() and not file.is_file():
+        raise OutputError("is no regular file, expected the name of a new one", file=file)
     if file is not None and file.exists() and not force:
         raise ExistsError("exists already; name a new file", file=file)
 

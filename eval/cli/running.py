@@ -11,7 +11,6 @@ from math import degrees
 from pathlib import Path
 from typing import Any
 
-from moteslam.eval.cli.evaluate_tables import loop_lines
 from moteslam.eval.cli.progress import progress_bar, working
 from moteslam.eval.cli.text import table, warn
 from moteslam.eval.diagnostics_table import localisation_summary
@@ -221,7 +220,11 @@ def score_table(scores: Scores) -> str:
             )
         )
     errors = table(rows, right=(1, 2, 3, 4, 5))
-    return errors if scores.loops is None else f"{errors}\n{loop_lines(scores.loops)}"
+    if scores.loops is None:
+        return errors
+    from moteslam.eval.cli.evaluate_tables import loop_lines
+
+    return f"{errors}\n{loop_lines(scores.loops)}"
 
 
 def size_of(estimate: Estimate) -> str:

@@ -9,10 +9,9 @@ import typer
 
 from moteslam.errors import ConfigError
 from moteslam.eval.cli import options
-from moteslam.eval.cli.batch import MAX_BATCH, Job, about, run_batch
 from moteslam.eval.cli.progress import progress_bar, simulation_bar
 from moteslam.eval.cli.text import note, say, say_json, table
-from moteslam.eval.cli.wanted import Wanted, logging_of, named_in_errors
+from moteslam.eval.cli.wanted import MAX_BATCH, Wanted, logging_of, named_in_errors
 from moteslam.eval.literal import literal
 
 
@@ -70,6 +69,7 @@ def simulate(
       moteslam simulate corridor --out coloured --camera
       moteslam replay corridor --out result
     """  # noqa: D301
+    from moteslam.eval.cli.batch import Job, about, run_batch
     from moteslam.robot.result_folder import result_folder
     from moteslam.sim.output import file_name, log_name, write_simulation
     from moteslam.sim.scenario import MAX_SEED

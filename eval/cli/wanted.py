@@ -14,6 +14,9 @@ if TYPE_CHECKING:
     from moteslam.sim.scenario import Scenario
     from moteslam.sim.simulate import Progress, Simulation
 
+MAX_BATCH = 100_000
+"""Simulations that one command makes at most."""
+
 _LOGGING = {"every": "--log-every", "turn": "--log-turn", "noise": "--odometry-noise"}
 """The options that set the fields of ``Logging``."""
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from statistics import NormalDist
 from typing import Protocol
 
 import numpy as np
@@ -42,6 +41,8 @@ def enough_particles(bins: NDArray[np.int64], epsilon: float, delta: float) -> N
     Returns:
         float64 of the shape of ``bins``; 0 for one bin.
     """
+    from statistics import NormalDist  # 2 ms of every start, and only a number of particles that varies needs it
+
     degrees = np.maximum(np.asarray(bins, np.float64) - 1, 0)
     ninth = 2 / (9 * np.maximum(degrees, 1))
     quantile = degrees * (1 - ninth + np.sqrt(ninth) * NormalDist().inv_cdf(1 - delta)) ** 3

@@ -182,7 +182,8 @@ def test_a_file_that_cannot_be_written_is_found_before(
         ("file/a.json", f"cannot be made: {tmp_path / 'file'} is a file, expected a folder"),
     ):
         assert problem in refused(capsys, "bench", "--out", tmp_path / out)
-    assert "cannot be written: Is a directory" in refused(capsys, "bench", "--force", "--out", tmp_path / "folder")
+    for force in ((), ("--force",)):
+        assert "is no regular file, expected" in refused(capsys, "bench", *force, "--out", tmp_path / "folder")
     assert made_up == []
 
 

@@ -114,5 +114,16 @@ def test_what_cannot_be_written_is_refused_before(tmp_path: Path) -> None:
         expect_writable(tmp_path / "missing" / "x")
     with pytest.raises(OutputError, match=r"file/x: cannot be written: Not a directory"):
         expect_writable(tmp_path / "file" / "x")
-    with pytest.raises(OutputError, match=r"cannot be written: Is a directory"):
+    with pytest.raises(OutputError, match=r"cannot be written: it is a folder, expected the name of a file"):
         expect_writable(tmp_path)
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no named pipes on this system")
+def test_what_is_no_regular_file_stays_what_it_is(tmp_path: Path) -> None:
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    for write in (expect_writable, lambda path: write_atomically(path, "x")):
+        with pytest.raises(OutputError, match=r"pipe: cannot be written: it is no regular file"):
+            write(pipe)
+    assert pipe.is_fifo()
+    assert names(tmp_path) == ["pipe"]
