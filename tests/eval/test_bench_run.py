@@ -79,6 +79,7 @@ def made_up(monkeypatch: pytest.MonkeyPatch) -> list[tuple[int, tuple[str, ...]]
     return calls
 
 
+@pytest.mark.slow
 def test_a_trial_of_one_task(program, tmp_path: Path) -> None:
     done = program(
         "bench", "--quick", "--tasks", "thinning", "--threads", 1, "--out", "a/b.json", "--json", cwd=tmp_path
@@ -103,6 +104,7 @@ def test_a_trial_of_one_task(program, tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.rglob("*")] == ["a", "b.json"]
 
 
+@pytest.mark.slow
 def test_without_a_compiler_the_table_says_why(program, tmp_path: Path) -> None:
     done = program("bench", "--quick", "--tasks", "thinning", "--threads", 1, cwd=tmp_path, PATH=str(tmp_path), CC="")
     assert done.returncode == 0, done.stderr

@@ -57,6 +57,7 @@ def lidar(stamps: np.ndarray, ranges: np.ndarray) -> LidarStream:
 FEW_OR_NEARLY_ALL = [some for n in (1, 4, 5) for some in combinations(STREAMS, n)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("names", FEW_OR_NEARLY_ALL, ids="-".join)
 def test_any_streams_without_the_others(names: tuple[str, ...], tmp_path: Path, drawn: list[Figure]) -> None:
     part = WHOLE.replace(**{name: None for name in STREAMS if name not in names})
@@ -100,6 +101,7 @@ ODD = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ODD)
 def test_odd_recordings(name: str, tmp_path: Path, drawn: list[Figure]) -> None:
     figure = drawn_of(Recording(name, Platform(), **ODD[name]), tmp_path, drawn)  # type: ignore[arg-type]

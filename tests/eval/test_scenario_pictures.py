@@ -23,6 +23,7 @@ def boxes_of_texts(axes: Axes) -> np.ndarray:
     return np.array([(box.x0, box.y0, box.x1, box.y1) for box in boxes]).reshape(-1, 4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [*bundled_scenarios(), "random-corridors-3"])
 def test_texts_lie_inside_the_plan_and_not_on_each_other(name: str, tmp_path: Path, drawn: list[Figure]) -> None:
     scenario = load_scenario(name)

@@ -364,6 +364,7 @@ def toys(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("moteslam.eval.sweep.workers.subprocess.Popen", popen)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("toys")
 def test_runs_that_crash_hang_or_fail_are_rows_and_stop_no_other(tmp_path: Path) -> None:
     """Seed 4 dies once, by what others did, and is made again."""
@@ -600,6 +601,7 @@ def test_a_cluster_comes_to_the_same_though_a_worker_dies(whole: Path, tmp_path:
     assert sorted(results(tmp_path / "a.sweep")) == sorted(results(whole))
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("toys")
 def test_runs_that_crash_on_a_cluster_are_rows(tmp_path: Path) -> None:
     """The cluster's workers are threads here, so that they see the toys."""

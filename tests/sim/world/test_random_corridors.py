@@ -72,6 +72,7 @@ def outlines(layout: Layout) -> list[shapely.Polygon]:
     return [shapely.Polygon(outline) for outline in (*blocks, *(t.board() for t in (*layout.tables, *layout.chairs)))]
 
 
+@pytest.mark.slow
 def test_furniture_stands_in_free_space_clear_of_walls_route_and_other_furniture() -> None:
     count, area = 0, 0.0
     for seed in range(50):
