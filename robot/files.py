@@ -27,7 +27,7 @@ def write_atomically(path: str | PathLike[str], content: str | bytes | Callable[
     path = Path(path)
     temporary = None
     try:
-        _expect_file(path)
+        expect_file(path)
         handle, temporary = tempfile.mkstemp(prefix=".moteslam-", dir=path.parent)
         with os.fdopen(handle, "wb") as file:
             if callable(content):
@@ -54,7 +54,7 @@ def expect_writable(path: str | PathLike[str]) -> None:
     """
     path = Path(path)
     try:
-        _expect_file(path)
+        expect_file(path)
         with tempfile.NamedTemporaryFile(prefix=".moteslam-", dir=path.parent):
             pass
     except OSError as error:
@@ -105,8 +105,12 @@ def _make_parents(path: Path) -> None:
         raise OutputError(f"cannot be made: {error.strerror or error}", file=path) from error
 
 
-def _expect_file(path: Path) -> None:
-    """Refuse what a rename would take the place of, or fail at: a folder, a device, a pipe."""
+def expect_file(path: Path) -> None:
+    """Refuse what a rename would take the place of, or fail at: a folder, a device, a pipe.
+
+    Raises:
+        OutputError: the path is one of these.
+    """
     if path.is_dir():
         raise OutputError("cannot be written: it is a folder, expected the name of a file", file=path)
     if path.exists() and not path.is_file():

@@ -51,9 +51,12 @@ def refuse_existing(file: Path | None, *, force: bool) -> None:
         ExistsError: it is, and is not to be replaced.
         OutputError: it is there and no regular file.
     """
-    if file is not None and file.exists() and not file.is_file():
-        raise OutputError("is no regular file, expected the name of a new one", file=file)
-    if file is not None and file.exists() and not force:
+    if file is None:
+        return
+    from moteslam.robot.files import expect_file
+
+    expect_file(file)
+    if file.exists() and not force:
         raise ExistsError("exists already; name a new file", file=file)
 
 

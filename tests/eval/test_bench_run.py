@@ -185,7 +185,8 @@ def test_a_file_that_cannot_be_written_is_found_before(
     ):
         assert problem in refused(capsys, "bench", "--out", tmp_path / out)
     for force in ((), ("--force",)):
-        assert "is no regular file, expected" in refused(capsys, "bench", *force, "--out", tmp_path / "folder")
+        problem = refused(capsys, "bench", *force, "--out", tmp_path / "folder")
+        assert "it is a folder, expected the name of a file" in problem
     assert made_up == []
 
 
