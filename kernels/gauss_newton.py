@@ -1,7 +1,7 @@
 """Gauss-Newton on one level of a signed-distance map: the step that registration repeats, inside kernels."""
 
 from moteslam.kernels.runtime import ti
-from moteslam.kernels.tiles import bilinear
+from moteslam.kernels.tiles import STEPS, bilinear
 from moteslam.kernels.types import F32, I32, func, template
 
 CONVERGED_SHIFT, CONVERGED_TURN = 3e-4, 1e-4
@@ -31,19 +31,49 @@ def solve(h: template, b: template):
 
 
 @func
-def jacobian_of(frame: template, wx: F32, wy: F32, rx: F32, ry: F32):
-    """Of a residual by the offset (x, y, theta).
+def place_in_cells(frame: template, d: template, inverse: F32):
+    """The robot's pose in the map: cos and sin of its heading [cells/m], then x and y [cells].
 
-    The residual's gradient is (wx, wy) in the map; the endpoint is (rx, ry) from the moved robot, in the frame.
+    ``frame`` is cos, sin, x, y [m] of a pose, ``d`` the offset from it, in its frame; ``inverse`` is cells in a metre.
     """
-    jx, jy = frame[0] * wx + frame[1] * wy, -frame[1] * wx + frame[0] * wy
-    return ti.Vector([jx, jy, jy * rx - jx * ry], dt=ti.f32)
+    c, s = ti.cos(d[2]), ti.sin(d[2])
+    x, y = frame[0] * d[0] - frame[1] * d[1] + frame[2], frame[1] * d[0] + frame[0] * d[1] + frame[3]
+    cs, sn = frame[0] * c - frame[1] * s, frame[1] * c + frame[0] * s
+    return ti.Vector([cs, sn, x, y], dt=ti.f32) * inverse
 
 
 @func
-def square(j: template):
+def square(jx: F32, jy: F32, jt: F32):
     """The outer product of a Jacobian with itself: 00 01 02 11 12 22."""
-    return ti.Vector([j[0] * j[0], j[0] * j[1], j[0] * j[2], j[1] * j[1], j[1] * j[2], j[2] * j[2]], dt=ti.f32)
+    return ti.Vector([jx * jx, jx * jy, jx * jt, jy * jy, jy * jt, jt * jt], dt=ti.f32)
+
+
+@func
+def by_offset(h: template, frame: template, per_cell: F32, per_step: F32):
+    """Information about a pose in the map (x, y [cells], theta), as information about an offset from ``frame``.
+
+    Of residuals [steps of distance], each of which counts ``per_step``, in the frame's directions (x, y [m], theta):
+    ``per_cell`` is ``per_step`` times cells in a metre.
+    """
+    c, s = frame[0] * per_cell, frame[1] * per_cell
+    both, other = 2 * c * s * h[1], c * s * (h[3] - h[0]) + (c * c - s * s) * h[1]
+    return ti.Vector(
+        [
+            c * c * h[0] + both + s * s * h[3],
+            other,
+            (c * h[2] + s * h[4]) * per_step,
+            s * s * h[0] - both + c * c * h[3],
+            (c * h[4] - s * h[2]) * per_step,
+            h[5] * per_step * per_step,
+        ],
+        dt=ti.f32,
+    )
+
+
+@func
+def length_of(step: template):
+    """Of a step, as a multiple of the bounds of convergence."""
+    return ti.max((ti.abs(step[0]) + ti.abs(step[1])) / CONVERGED_SHIFT, ti.abs(step[2]) / CONVERGED_TURN)
 
 
 @func
@@ -52,37 +82,52 @@ def descend(
     scan: template, points: I32, start: template, prior: template, cell: F32, truncation: F32, sd: F32, iterations: I32,
     level: template,
 ):  # fmt: skip
-    """Gauss-Newton on one level. Returns the offset from the frame (x, y [m], theta), in the frame."""
+    """Gauss-Newton on one level. Returns the offset from the frame (x, y [m], theta), in the frame.
+
+    Where a step undoes the one before, it would go to and fro until the iterations are used up: between two poses whose
+    endpoints lie in other cells, or over cells known to one of them alone. It ends halfway.
+    Sums over the endpoints are of distances in steps, by the pose in the map in cells: no endpoint is turned into the
+    frame.
+    """
     d = ti.Vector([start[0], start[1], start[2]], dt=ti.f32)
-    inverse, scale = 1.0 / cell, truncation / sd
-    slope = scale * inverse
-    running = 1
+    inverse, per_step = 1.0 / cell, truncation / (sd * STEPS)
+    per_cell = per_step * inverse
+    running, last, last_length = 1, ti.Vector([0.0] * 3, dt=ti.f32), 0.0
     for _ in range(iterations):
         if running == 1:
-            ct, st = ti.cos(d[2]), ti.sin(d[2])
-            h = ti.Vector([prior[0], 0.0, 0.0, prior[1], 0.0, prior[2]], dt=ti.f32)
-            b = ti.Vector(
-                [-prior[0] * (d[0] - prior[3]), -prior[1] * (d[1] - prior[4]), -prior[2] * (d[2] - prior[5])], dt=ti.f32
-            )
+            place = place_in_cells(frame, d, inverse)
+            h = ti.Vector([0.0] * 6, dt=ti.f32)
+            bx, by, bt = 0.0, 0.0, 0.0
             for j in range(points):
-                rx, ry = ct * scan[0, j] - st * scan[1, j], st * scan[0, j] + ct * scan[1, j]
-                qx, qy = rx + d[0], ry + d[1]
-                gx = (frame[0] * qx - frame[1] * qy) * inverse + frame[2] * inverse
-                gy = (frame[1] * qx + frame[0] * qy) * inverse + frame[3] * inverse
-                gx = ti.min(ti.max(gx, 1.0), last_x)
-                gy = ti.min(ti.max(gy, 1.0), last_y)
+                rx, ry = place[0] * scan[0, j] - place[1] * scan[1, j], place[1] * scan[0, j] + place[0] * scan[1, j]
+                gx, gy = ti.min(ti.max(rx + place[2], 1.0), last_x), ti.min(ti.max(ry + place[3], 1.0), last_y)
                 f = bilinear(pool, table, base, columns, gx, gy, level)
                 if f[3] > 0:
-                    r = f[0] * scale
-                    jacobian = jacobian_of(frame, f[1] * slope, f[2] * slope, rx, ry)
-                    h += square(jacobian)
-                    b -= jacobian * r
-            step = solve(h, b)
-            d += step
-            length = ti.static(COARSE_STEP if level == 1 else 1.0)
-            if (
-                ti.abs(step[0]) + ti.abs(step[1]) < length * CONVERGED_SHIFT
-                and ti.abs(step[2]) < length * CONVERGED_TURN
-            ):
+                    turn = f[2] * rx - f[1] * ry
+                    h += square(f[1], f[2], turn)
+                    bx += f[1] * f[0]
+                    by += f[2] * f[0]
+                    bt += turn * f[0]
+            a = by_offset(h, frame, per_cell, per_step) + ti.Vector(
+                [prior[0], 0.0, 0.0, prior[1], 0.0, prior[2]], dt=ti.f32
+            )
+            b = ti.Vector(
+                [
+                    -prior[0] * (d[0] - prior[3]) - (frame[0] * bx + frame[1] * by) * per_cell * per_step,
+                    -prior[1] * (d[1] - prior[4]) - (frame[0] * by - frame[1] * bx) * per_cell * per_step,
+                    -prior[2] * (d[2] - prior[5]) - bt * per_step * per_step,
+                ],
+                dt=ti.f32,
+            )
+            step = solve(a, b)
+            bound = ti.static(COARSE_STEP if level == 1 else 1.0)
+            length = length_of(step)
+            undone = step + last
+            if length < bound or length * length < bound * (last_length - length):
                 running = 0
+            elif length_of(undone) < bound:
+                step *= 0.5
+                running = 0
+            d += step
+            last, last_length = step, length
     return d

@@ -14,10 +14,10 @@ from numpy.typing import ArrayLike, NDArray
 from moteslam.errors import InputError
 from moteslam.kernels.checks import as_finite
 from moteslam.kernels.degeneracy import NOT_KEPT, Kept, keep_prediction
-from moteslam.kernels.gauss_newton import descend, jacobian_of, square
+from moteslam.kernels.gauss_newton import by_offset, descend, place_in_cells, square
 from moteslam.kernels.registration_options import RegistrationOptions, settings_of
 from moteslam.kernels.runtime import one_thread, passes_for, runtime, ti
-from moteslam.kernels.tiles import SIDE, Tiles, bilinear, read, steps_of, weight_of
+from moteslam.kernels.tiles import SIDE, STEPS, Tiles, bilinear, read, steps_of, weight_of
 from moteslam.kernels.types import F32, F32_1D, F32_2D, F64, F64_2D, I16_1D, I32, I32_1D, func, kernel, template
 
 RAY_SHARES = (0.9, 0.75, 0.6, 0.45, 0.3, 0.15)
@@ -43,9 +43,9 @@ FOUND = 13
 @func
 def _crosses_surface(
     pool: template, table: template, base: I32, columns: I32, last_x: F32, last_y: F32, ox: F32, oy: F32, px: F32,
-    py: F32, inverse: F32, clearance: F32, min_weight: I32, max_steps: I32,
+    py: F32, clearance: F32, min_weight: I32, max_steps: I32,
 ):  # fmt: skip
-    """Whether the ray from (ox, oy) to (px, py) [m] meets a surface of the map ``clearance`` [m] before its end.
+    """Whether the ray from (ox, oy) to (px, py) meets a surface of the map ``clearance`` before its end; all [cells].
 
     It does where a cell weighs more than ``min_weight`` and is nearer to the surface than ``max_steps``.
     """
@@ -54,7 +54,7 @@ def _crosses_surface(
     for k in ti.static(range(len(RAY_SHARES))):
         share = ti.static(RAY_SHARES[k])
         if (1 - share) * length > clearance:
-            gx, gy = (ox + share * (px - ox)) * inverse, (oy + share * (py - oy)) * inverse
+            gx, gy = ox + share * (px - ox), oy + share * (py - oy)
             word = read(pool, table, base, columns, gx, gy, last_x, last_y, 0)
             if weight_of(word) > min_weight and ti.abs(steps_of(word)) < max_steps:
                 hit = 1
@@ -100,29 +100,26 @@ def _register(
             pool, table, base, columns, fine_x, fine_y, frame, scan, points, rough, prior, cell, truncation, sd,
             iterations, 0,
         )  # fmt: skip
-        ct, st = ti.cos(d[2]), ti.sin(d[2])
-        inverse, scale = 1.0 / cell, truncation / sd
-        slope, coarse_scale = scale * inverse, coarse_truncation / sd
+        inverse, per_step = 1.0 / cell, truncation / (sd * STEPS)
+        per_cell, coarse_per_step = per_step * inverse, coarse_truncation / (sd * STEPS)
         h = ti.Vector([0.0] * 6, dt=ti.f32)
         cost, known, likely, crossed = 0.0, 0.0, 0.0, 0.0
-        ox, oy = ct * origin_x - st * origin_y + d[0], st * origin_x + ct * origin_y + d[1]
-        ox, oy = frame[0] * ox - frame[1] * oy + frame[2], frame[1] * ox + frame[0] * oy + frame[3]
+        place = place_in_cells(frame, d, inverse)
+        ox = place[0] * origin_x - place[1] * origin_y + place[2]
+        oy = place[1] * origin_x + place[0] * origin_y + place[3]
         for j in range(points):
-            rx, ry = ct * scan[0, j] - st * scan[1, j], st * scan[0, j] + ct * scan[1, j]
-            qx, qy = rx + d[0], ry + d[1]
-            px, py = frame[0] * qx - frame[1] * qy + frame[2], frame[1] * qx + frame[0] * qy + frame[3]
-            gx, gy = ti.min(ti.max(px * inverse, 1.0), fine_x), ti.min(ti.max(py * inverse, 1.0), fine_y)
+            rx, ry = place[0] * scan[0, j] - place[1] * scan[1, j], place[1] * scan[0, j] + place[0] * scan[1, j]
+            px, py = rx + place[2], ry + place[3]
+            gx, gy = ti.min(ti.max(px, 1.0), fine_x), ti.min(ti.max(py, 1.0), fine_y)
             f = bilinear(pool, table, base, columns, gx, gy, 0)
             r, seen = 0.0, f[3]
             if seen > 0:
-                r = f[0] * scale
-                jacobian = jacobian_of(frame, f[1] * slope, f[2] * slope, rx, ry)
-                h += square(jacobian)
+                r = f[0] * per_step
+                h += square(f[1], f[2], f[2] * rx - f[1] * ry)
             else:
-                gx = ti.min(ti.max(0.5 * px * inverse, 1.0), coarse_x)
-                gy = ti.min(ti.max(0.5 * py * inverse, 1.0), coarse_y)
+                gx, gy = ti.min(ti.max(0.5 * px, 1.0), coarse_x), ti.min(ti.max(0.5 * py, 1.0), coarse_y)
                 g = bilinear(pool, table, base, columns, gx, gy, 1)
-                r, seen = g[0] * coarse_scale, g[3]
+                r, seen = g[0] * coarse_per_step, g[3]
             if seen > 0:
                 cost += ti.min(0.5 * r * r, outlier)
                 known += 1
@@ -130,13 +127,14 @@ def _register(
             else:
                 cost += unknown
             hit = _crosses_surface(
-                pool, table, base, columns, fine_x, fine_y, ox, oy, px, py, inverse, clearance, ray_weight, ray_steps
+                pool, table, base, columns, fine_x, fine_y, ox, oy, px, py, clearance * inverse, ray_weight, ray_steps
             )
             crossed += ti.cast(hit, ti.f32)
+        information = by_offset(h, frame, per_cell, per_step)
         for j in ti.static(range(3)):
             found[i, j] = d[j]
         for j in ti.static(range(6)):
-            found[i, 3 + j] = h[j]
+            found[i, 3 + j] = information[j]
         found[i, COST], found[i, KNOWN], found[i, LIKELIHOOD], found[i, CROSSED] = cost, known, likely, crossed
         if deviation > 0:
             keep_prediction(found, i, deviation, error, gate)

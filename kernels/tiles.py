@@ -113,7 +113,7 @@ def read(
 
 @func
 def bilinear(pool: template, table: template, base: I32, columns: I32, x: F32, y: F32, level: template):
-    """Distance and its gradient at (x, y) [cells of the level]: (d, dd/dx, dd/dy, known), d in truncations.
+    """Distance and its gradient at (x, y) [cells of the level]: (d, dd/dx, dd/dy, known), d in steps.
 
     The point must lie half a cell or more inside the table. ``known`` is 1 where all four cells around it were seen.
     """
@@ -131,11 +131,10 @@ def bilinear(pool: template, table: template, base: I32, columns: I32, x: F32, y
     words = ti.cast(ti.Vector([pool[a00], pool[a10], pool[a01], pool[a11]], dt=ti.i16), ti.i32)
     weights, d = weight_of(words), ti.cast(steps_of(words), ti.f32)
     least = ti.min(ti.min(weights[0], weights[1]), ti.min(weights[2], weights[3]))
-    low, high = d[0] + fx * (d[1] - d[0]), d[2] + fx * (d[3] - d[2])
-    scale = ti.f32(1.0 / STEPS)
-    dx = ((d[1] - d[0]) * (1 - fy) + (d[3] - d[2]) * fy) * scale
-    dy = (high - low) * scale
-    return ti.Vector([(low + fy * (high - low)) * scale, dx, dy, ti.cast(least > 0, ti.f32)], dt=ti.f32)
+    below, above = d[1] - d[0], d[3] - d[2]
+    low, high = d[0] + fx * below, d[2] + fx * above
+    dx, dy = below + fy * (above - below), high - low
+    return ti.Vector([low + fy * dy, dx, dy, ti.cast(least > 0, ti.f32)], dt=ti.f32)
 
 
 @func

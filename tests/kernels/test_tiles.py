@@ -32,7 +32,7 @@ def _bilinear(pool: I16_1D, table: I32_1D, columns: I32, places: F32_2D, level: 
     for i in range(places.shape[0]):
         f = tiles.bilinear(pool, table, 0, columns, places[i, 0], places[i, 1], level)
         for k in range(4):
-            found[i, k] = f[k]
+            found[i, k] = f[k] / (1.0 if k == 3 else STEPS)
 
 
 def test_a_cell_holds_every_distance_and_weight() -> None:
