@@ -29,6 +29,8 @@ Flags = NDArray[np.bool_]
 
 MAX_SCANS, MAX_AROUND = 5000, 60
 """At most this many scans are scored, each by at most this many poses of the map around it, evenly chosen."""
+AT_ONCE = 256
+"""Scans whose distances to all poses of the map are held at once."""
 CHI_SQUARED_95 = 7.815
 """The squared error of three normal variables, in variances, is below this in 95 % of cases."""
 ROUNDS = 8
@@ -161,33 +163,61 @@ def _errors(
         numbers: [n] of those whose scans went into the map among all updates; -1 of the others.
         corrections: see ``score_localisation``.
     """
-    from scipy.spatial import cKDTree
-
-    chosen, errors, effects = [], [], []
+    parts = [(np.empty(0, np.intp), np.empty((0, 3)), np.empty((0, 3, 3)))]
     updates = np.flatnonzero(numbers >= 0)
-    if len(updates):
-        candidates = evenly(np.arange(len(estimated)), MAX_SCANS)
-        # how many corrections each scan comes after
-        epochs = np.searchsorted([correction.scan for correction in corrections], scans[candidates], side="left")
-        true_tree = cKDTree(true[updates, :2])
-        for epoch in np.unique(epochs).tolist():
-            mapped = _mapped(estimated, numbers, corrections[epoch - 1] if epoch else None)
-            tree = cKDTree(mapped[updates, :2])
-            for scan in candidates[epochs == epoch].tolist():
-                near = (
-                    tree.query_ball_point(estimated[scan, :2], NEIGHBOURHOOD),
-                    true_tree.query_ball_point(true[scan, :2], NEIGHBOURHOOD),
-                )
-                around = updates[np.union1d(*near).astype(np.intp)]
-                around = evenly(around[around < scan], MAX_AROUND)
-                if not len(around):
-                    continue
-                relative = se2.between(true[around], true[scan])
-                off = se2.between(relative, se2.between(mapped[around], estimated[scan]))
-                chosen.append(scan)
-                errors.append(off.mean(axis=0))
-                effects.append(np.eye(3) - _seen_from(relative).mean(axis=0))
-    return np.array(chosen, np.intp), np.array(errors).reshape(-1, 3), np.array(effects).reshape(-1, 3, 3)
+    candidates = evenly(np.arange(len(estimated)), MAX_SCANS)
+    # how many corrections each scan comes after
+    epochs = np.searchsorted([correction.scan for correction in corrections], candidates, side="left")
+    for epoch in np.unique(epochs).tolist():
+        mapped = _mapped(estimated, numbers, corrections[epoch - 1] if epoch else None)
+        of_epoch = candidates[epochs == epoch]
+        for first in range(0, len(of_epoch), AT_ONCE):
+            scans = of_epoch[first : first + AT_ONCE]
+            before = updates[updates < scans[-1]]
+            near = _near(estimated[scans], mapped[before]) | _near(true[scans], true[before])
+            which, around = np.nonzero(near & (before < scans[:, None]))
+            parts.append(_mean_errors(estimated, true, mapped, scans, which, before[around]))
+    chosen, errors, effects = zip(*parts, strict=True)
+    return np.concatenate(chosen), np.concatenate(errors), np.concatenate(effects)
+
+
+def _near(some: Poses, others: Poses) -> Flags:
+    """[k, m] whether poses [k, 3] are within ``NEIGHBOURHOOD`` of others [m, 3]."""
+    squares = np.square(some[:, None, 0] - others[:, 0])
+    squares += np.square(some[:, None, 1] - others[:, 1])
+    return squares <= NEIGHBOURHOOD**2
+
+
+def _mean_errors(
+    estimated: Poses,
+    true: Poses,
+    mapped: Poses,
+    scans: NDArray[np.intp],
+    which: NDArray[np.intp],
+    around: NDArray[np.intp],
+) -> tuple[NDArray[np.intp], Array, Array]:
+    """The scans that have a map around them, their errors and their effects: see ``_errors``.
+
+    Args:
+        estimated, true: [n, 3] poses.
+        mapped: [n, 3] where the map has them.
+        scans: [k] of the poses, in order.
+        which: [p] of the scans, in order, for each pair of a scan and a pose of the map around it.
+        around: [p] these poses.
+    """
+    counts = np.bincount(which, minlength=len(scans))
+    scans, counts = scans[counts > 0], counts[counts > 0]
+    if not len(scans):
+        return scans, np.empty((0, 3)), np.empty((0, 3, 3))
+    begins = np.cumsum(counts) - counts
+    pairs = zip(begins.tolist(), counts.tolist(), strict=True)
+    around = around[np.concatenate([begin + evenly(np.arange(count), MAX_AROUND) for begin, count in pairs])]
+    counts = np.minimum(counts, MAX_AROUND)
+    begins, each = np.cumsum(counts) - counts, np.repeat(scans, counts)
+    relative = se2.between(true[around], true[each])
+    off = se2.between(relative, se2.between(mapped[around], estimated[each]))
+    effects = np.eye(3) - np.add.reduceat(_seen_from(relative), begins) / counts[:, None, None]
+    return scans, np.add.reduceat(off, begins) / counts[:, None], effects
 
 
 def _mapped(estimated: Poses, numbers: NDArray[np.intp], correction: Correction | None) -> Poses:

@@ -11,7 +11,7 @@ from tile_pools import CELL, COARSE_TRUNCATION, MIDDLE, TRUNCATION, Pool, frames
 from twins import tsdf
 
 from moteslam.errors import InputError
-from moteslam.kernels.gauss_newton import solve
+from moteslam.kernels.gauss_newton import CONVERGED_SHIFT, CONVERGED_TURN, solve
 from moteslam.kernels.registration import (
     COST,
     CROSSED,
@@ -29,7 +29,7 @@ from moteslam.kernels.registration import (
 )
 from moteslam.kernels.registration_options import RegistrationOptions
 from moteslam.kernels.runtime import ti
-from moteslam.kernels.tiles import CELLS, tiles_of
+from moteslam.kernels.tiles import CELLS, SIDE, STEPS, WEIGHT_BITS, tiles_of
 from moteslam.kernels.types import F32_2D, kernel
 
 pytestmark = pytest.mark.usefixtures("taichi")
@@ -195,25 +195,55 @@ def test_no_frames(room: Pool) -> None:
 
 
 @kernel
-def _keep_in_view(values: F32_2D):
+def _solve(values: F32_2D):
     for i in range(values.shape[0]):
-        a, b = values[i, 0], values[i, 1]
-        a, b = a - b, a + b
-        pair = ti.Vector([a, b], dt=ti.f32)
         solved = solve(
-            ti.Vector([2.0, 0.5, 0.0, 3.0, -0.5, 4.0], dt=ti.f32), ti.Vector([pair[0], pair[1], 1.0], dt=ti.f32)
+            ti.Vector([2.0, 0.5, 0.0, 3.0, -0.5, 4.0], dt=ti.f32),
+            ti.Vector([values[i, k] for k in ti.static(range(3))], dt=ti.f32),
         )
         for k in ti.static(range(3)):
             values[i, k] = solved[k]
 
 
-def test_the_solver_and_assignment_of_two_at_once() -> None:
-    """The registration assigns (x, y) by a rotation of (x, y): both must be read before either is written."""
-    values = np.array([(1.0, 0.0, 0.0), (0.3, -2.0, 0.0)], np.float32)
+def test_the_solver() -> None:
+    values = np.array([(1.0, 0.0, 0.0), (0.3, -2.0, 1.0)], np.float32)
     matrix = np.array([(2.0, 0.5, 0.0), (0.5, 3.0, -0.5), (0.0, -0.5, 4.0)])
-    expected = [np.linalg.solve(matrix, (a - b, a + b, 1.0)) for a, b, _ in values.astype(float)]
-    _keep_in_view(values)
+    expected = [np.linalg.solve(matrix, right) for right in values.astype(float)]
+    _solve(values)
     np.testing.assert_allclose(values, expected, rtol=0, atol=1e-6)
+
+
+@pytest.mark.parametrize("theta", [0.0, 0.7])
+@pytest.mark.parametrize("iterations", [8, 9])
+def test_steps_to_and_fro_end_halfway(theta: float, iterations: int) -> None:
+    """A distance of 1 + |x| cells has no root: Newton's steps from +1 lead to -1, and back."""
+    pool = Pool.empty(rows=2, columns=3, tiles=7)
+    pool.tables[0] = np.arange(6).reshape(2, 3) + 1
+    kink, rise = 48, 100
+    distances = np.minimum(rise * (1 + np.abs(np.arange(3 * SIDE) - kink)), STEPS)
+    for tile in range(6):
+        row = distances[tile % 3 * SIDE : (tile % 3 + 1) * SIDE]
+        pool.pool.reshape(-1, CELLS)[tile + 1, : SIDE * SIDE] = np.tile(row << WEIGHT_BITS | 9, SIDE)
+    pose = np.array((kink + 0.5 + 0.5, SIDE, 0.0)) * CELL + (0.0, 0.0, theta)
+    across, along = np.array((np.cos(theta), -np.sin(theta))), np.array((np.sin(theta), np.cos(theta)))  # in its frame
+    points = np.linspace(-0.8, 0.8, 9)[:, None] * along
+    (offset,), _ = register(pool, [pose], points, iterations=iterations, coarse=False)
+    np.testing.assert_allclose(offset, (*(-0.5 * CELL * across), 0.0), rtol=0, atol=1e-4)
+
+
+def test_it_ends_within_the_bounds_of_where_it_would_go(room: Pool) -> None:
+    """By the rate at which the steps get shorter, the last ones are not made; noise makes the rate worse."""
+    generator = np.random.default_rng(6)
+    points = room_scan((0.0, 0.0, 0.3)) + generator.normal(0, 0.03, (360, 2))
+    wrong = generator.uniform((-0.1, -0.1, -0.02), (0.1, 0.1, 0.02), (300, 3))
+    poses = MIDDLE + (0.0, 0.0, 0.3) + wrong
+    first, _ = register(room, poses, points, iterations=100, coarse=False)
+    offsets = first
+    for _ in range(20):
+        offsets, _ = register(room, poses, points, starts=offsets, iterations=1, coarse=False)
+    left = np.abs(offsets - first)
+    assert (left[:, 0] + left[:, 1]).max() < CONVERGED_SHIFT
+    assert left[:, 2].max() < CONVERGED_TURN
 
 
 @pytest.mark.parametrize(
