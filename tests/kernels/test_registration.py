@@ -236,7 +236,7 @@ def test_it_ends_within_the_bounds_of_where_it_would_go(room: Pool) -> None:
     generator = np.random.default_rng(6)
     points = room_scan((0.0, 0.0, 0.3)) + generator.normal(0, 0.03, (360, 2))
     wrong = generator.uniform((-0.1, -0.1, -0.02), (0.1, 0.1, 0.02), (300, 3))
-    poses = MIDDLE + (0.0, 0.0, 0.3) + wrong
+    poses = MIDDLE + np.array((0.0, 0.0, 0.3)) + wrong
     first, _ = register(room, poses, points, iterations=100, coarse=False)
     offsets = first
     for _ in range(20):
