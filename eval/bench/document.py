@@ -134,7 +134,8 @@ def read_result(path: str | PathLike[str]) -> BenchResult:
     """Read a document.
 
     Raises:
-        InputError: it cannot be read, is none, or of another version; file and field are named.
+        InputError: it cannot be read, is none, or of another version, or has times on other threads than it says; file
+            and field are named.
     """
     path = Path(path)
     text = read_text(path, EXPECTED, limit=MAX_BYTES)
@@ -148,10 +149,17 @@ def read_result(path: str | PathLike[str]) -> BenchResult:
         problem = f"{table.get('format_version')!r}, expected {VERSION}: it is of another version of moteslam"
         raise InputError(problem, file=path, field="format_version")
     try:
-        return BenchResult.model_validate(table)
+        result = BenchResult.model_validate(table)
     except ValidationError as error:
         field, problem = first_complaint(error, "result", _expected)
         raise InputError(problem, file=path, field=field) from error
+    for name, task in result.tasks.items():
+        for key in ("times", "speed", "gain"):
+            for count in getattr(task, key):
+                if int(count) not in result.threads:
+                    problem = f"{count}, expected one of {', '.join(map(str, result.threads))} as in threads"
+                    raise InputError(problem, file=path, field=f"tasks.{name}.{key}")
+    return result
 
 
 def _expected(place: Place) -> str:

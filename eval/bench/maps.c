@@ -26,7 +26,7 @@ static inline int cell_at(const Map *map, int x, int y, int level)
     return map->pool[address(map, x, y, level)];
 }
 
-/* Distance [truncations], its derivatives by a cell and whether it is known, between the four cells around a place. */
+/* Distance [steps], its derivatives by a cell and whether it is known, between the four cells around a place. */
 static inline int between(const Map *map, float x, float y, int level, float *d)
 {
     const float last_x = (map->columns * SIDE >> level) - 2, last_y = (map->rows * SIDE >> level) - 2;
@@ -37,9 +37,9 @@ static inline int between(const Map *map, float x, float y, int level, float *d)
     const int c = cell_at(map, ix, iy + 1, level), e = cell_at(map, ix + 1, iy + 1, level);
     const float da = a >> 5, db = b >> 5, dc = c >> 5, de = e >> 5;
     const float low = da + fx * (db - da), high = dc + fx * (de - dc);
-    d[0] = (low + fy * (high - low)) / STEPS;
-    d[1] = ((db - da) * (1 - fy) + (de - dc) * fy) / STEPS;
-    d[2] = (high - low) / STEPS;
+    d[0] = low + fy * (high - low);
+    d[1] = (db - da) + fy * ((de - dc) - (db - da));
+    d[2] = high - low;
     return (a & WEIGHT) && (b & WEIGHT) && (c & WEIGHT) && (e & WEIGHT);
 }
 
@@ -55,18 +55,44 @@ static void cholesky(const float *h, const float *b, float *x)
     x[0] = (y0 - l10 * x[1] - l20 * x[2]) / l00;
 }
 
-/* What Gauss-Newton has of an endpoint (rx, ry) in the robot's frame: residual and derivatives by (x, y, theta). */
-static inline void add(float *h, const float *f, const float *d, float scale, float slope, float rx, float ry)
+/* What Gauss-Newton has of an endpoint (rx, ry) from the robot [cells]: residual and derivatives by its place and heading
+   in the map. */
+static inline void add(float *h, const float *d, float rx, float ry)
 {
-    const float wx = d[1] * slope, wy = d[2] * slope;
-    const float jx = f[0] * wx + f[1] * wy, jy = -f[1] * wx + f[0] * wy, jt = jy * rx - jx * ry, r = d[0] * scale;
-    h[0] += jx * jx, h[1] += jx * jy, h[2] += jx * jt, h[3] += jy * jy, h[4] += jy * jt, h[5] += jt * jt;
-    h[6] -= jx * r, h[7] -= jy * r, h[8] -= jt * r;
+    const float jt = d[2] * rx - d[1] * ry;
+    h[0] += d[1] * d[1], h[1] += d[1] * d[2], h[2] += d[1] * jt, h[3] += d[2] * d[2], h[4] += d[2] * jt, h[5] += jt * jt;
+    h[6] -= d[1] * d[0], h[7] -= d[2] * d[0], h[8] -= jt * d[0];
+}
+
+/* The same sums by an offset from the frame, in its directions [m], of residuals in standard deviations. */
+static void turn(float *h, const float *f, float inverse, float scale)
+{
+    const float c = f[0] * inverse * scale, s = f[1] * inverse * scale;
+    const float both = 2 * c * s * h[1], xx = h[0], yy = h[3], xt = h[2], yt = h[4], x = h[6], y = h[7];
+    h[0] = c * c * xx + both + s * s * yy, h[3] = s * s * xx - both + c * c * yy;
+    h[1] = c * s * (yy - xx) + (c * c - s * s) * h[1];
+    h[2] = (c * xt + s * yt) * scale, h[4] = (c * yt - s * xt) * scale, h[5] *= scale * scale;
+    h[6] = (c * x + s * y) * scale, h[7] = (c * y - s * x) * scale, h[8] *= scale * scale;
+}
+
+/* The robot's pose in the map, moved by an offset: cos and sin of its heading [cells/m], x and y [cells]. */
+static void place(const float *f, const float *o, float inverse, float *p)
+{
+    const float c = cosf(o[2]), s = sinf(o[2]);
+    p[0] = (f[0] * c - f[1] * s) * inverse, p[1] = (f[1] * c + f[0] * s) * inverse;
+    p[2] = (f[0] * o[0] - f[1] * o[1] + f[2]) * inverse, p[3] = (f[1] * o[0] + f[0] * o[1] + f[3]) * inverse;
+}
+
+/* A step's length, as a multiple of 0.3 mm or 0.1 mrad. */
+static float length_of(float x, float y, float theta)
+{
+    return fmaxf((fabsf(x) + fabsf(y)) / 3e-4f, fabsf(theta) / 1e-4f);
 }
 
 /* A scan of k points (x, then y) registered to the maps of n particles, from frames [n, 4] (cos, sin, x, y [m]) and a
-   prior of these inverse variances: Gauss-Newton on the coarse level, then on the fine one, then the fit there: cost,
-   likelihood, and rays that cross a surface. Writes offset, information, these three, and how many times the scan was
+   prior of these inverse variances: Gauss-Newton on the coarse level, then on the fine one, which ends where the steps
+   still to come are short or the last two undo each other; then the fit there: cost, likelihood, and rays that cross a
+   surface. Writes offset, information, these three, and how many times the scan was
    gone through: [n, 13]. */
 void register_all(const int16_t *pool, const int *tables, int rows, int columns, const double *frames, int n,
                   const float *scan, int k, const float *prior, float cell, float truncation, float coarse_truncation,
@@ -76,68 +102,71 @@ void register_all(const int16_t *pool, const int *tables, int rows, int columns,
     for (int i = 0; i < n; i++) {
         const Map map = {pool, tables + (size_t)i * rows * columns, columns, rows};
         const float f[4] = {frames[4 * i], frames[4 * i + 1], frames[4 * i + 2], frames[4 * i + 3]};
-        float o[3] = {0}, d[3], h[9];
+        float o[3] = {0}, d[3], h[9], p[4];
         int passes = 1;
         for (int level = 1; level >= 0; level--) {
             const float inverse = 1 / (cell * (1 << level)), wide = level ? 10.0f : 1.0f;
-            const float scale = level ? coarse_truncation / (2 * sd) : truncation / sd, slope = scale * inverse;
-            for (int step = 0; step < iterations; step++) {
-                const float c = cosf(o[2]), s = sinf(o[2]);
-                float x[3];
+            const float scale = (level ? coarse_truncation / (2 * sd) : truncation / sd) / STEPS;
+            float x[3], last[3] = {0}, before = 0;
+            for (int step = 0, done = 0; step < iterations && !done; step++) {
                 passes++;
+                place(f, o, inverse, p);
                 for (int j = 0; j < 9; j++)
                     h[j] = 0;
-                h[0] = prior[0], h[3] = prior[1], h[5] = prior[2];
-                for (int j = 0; j < 3; j++)
-                    h[6 + j] = -prior[j] * o[j];
                 for (int j = 0; j < k; j++) {
-                    const float rx = c * scan[j] - s * scan[k + j], ry = s * scan[j] + c * scan[k + j];
-                    const float px = rx + o[0], py = ry + o[1];
-                    const float gx = (f[0] * px - f[1] * py + f[2]) * inverse;
-                    const float gy = (f[1] * px + f[0] * py + f[3]) * inverse;
-                    if (between(&map, gx, gy, level, d))
-                        add(h, f, d, scale, slope, rx, ry);
+                    const float rx = p[0] * scan[j] - p[1] * scan[k + j], ry = p[1] * scan[j] + p[0] * scan[k + j];
+                    if (between(&map, rx + p[2], ry + p[3], level, d))
+                        add(h, d, rx, ry);
                 }
-                cholesky(h, h + 6, x);
+                turn(h, f, inverse, scale);
+                h[0] += prior[0], h[3] += prior[1], h[5] += prior[2];
                 for (int j = 0; j < 3; j++)
-                    o[j] += x[j];
-                if (fabsf(x[0]) + fabsf(x[1]) < wide * 3e-4f && fabsf(x[2]) < wide * 1e-4f)
-                    break;
+                    h[6 + j] -= prior[j] * o[j];
+                cholesky(h, h + 6, x);
+                const float length = length_of(x[0], x[1], x[2]);
+                float share = 1;
+                if (length < wide || length * length < wide * (before - length)) {
+                    done = 1;
+                } else if (length_of(x[0] + last[0], x[1] + last[1], x[2] + last[2]) < wide) {
+                    share = 0.5f;
+                    done = 1;
+                }
+                for (int j = 0; j < 3; j++)
+                    o[j] += share * x[j], last[j] = x[j];
+                before = length;
             }
         }
-        const float c = cosf(o[2]), s = sinf(o[2]), inverse = 1 / cell, scale = truncation / sd;
-        const float ox = f[0] * o[0] - f[1] * o[1] + f[2], oy = f[1] * o[0] + f[0] * o[1] + f[3];
+        const float inverse = 1 / cell, scale = truncation / sd / STEPS, clear = 2 * truncation * inverse;
         float cost = 0, likely = 0, crossed = 0;
+        place(f, o, inverse, p);
         for (int j = 0; j < 9; j++)
             h[j] = 0;
         for (int j = 0; j < k; j++) {
-            const float rx = c * scan[j] - s * scan[k + j], ry = s * scan[j] + c * scan[k + j];
-            const float qx = rx + o[0], qy = ry + o[1];
-            const float px = f[0] * qx - f[1] * qy + f[2], py = f[1] * qx + f[0] * qy + f[3];
+            const float rx = p[0] * scan[j] - p[1] * scan[k + j], ry = p[1] * scan[j] + p[0] * scan[k + j];
+            const float px = rx + p[2], py = ry + p[3];
             float r = 0;
-            int seen = between(&map, px * inverse, py * inverse, 0, d);
+            int seen = between(&map, px, py, 0, d);
             if (seen) {
                 r = d[0] * scale;
-                add(h, f, d, scale, scale * inverse, rx, ry);
+                add(h, d, rx, ry);
             } else {
-                seen = between(&map, 0.5f * px * inverse, 0.5f * py * inverse, 1, d);
-                r = d[0] * coarse_truncation / sd;
+                seen = between(&map, 0.5f * px, 0.5f * py, 1, d);
+                r = d[0] * coarse_truncation / sd / STEPS;
             }
             cost += seen ? fminf(0.5f * r * r, 8.0f) : 2.0f;
             likely += seen ? expf(-0.125f * r * r) : 0;
-            const float length = sqrtf((px - ox) * (px - ox) + (py - oy) * (py - oy));
+            const float length = sqrtf(rx * rx + ry * ry);
             int hit = 0;
             for (int m = 0; m < 6; m++) {
                 const float share = 0.9f - 0.15f * m;
-                if ((1 - share) * length > 2 * truncation) {
-                    const int gx = (int)((ox + share * (px - ox)) * inverse);
-                    const int gy = (int)((oy + share * (py - oy)) * inverse);
-                    const int word = cell_at(&map, gx, gy, 0);
+                if ((1 - share) * length > clear) {
+                    const int word = cell_at(&map, (int)(p[2] + share * rx), (int)(p[3] + share * ry), 0);
                     hit |= (word & WEIGHT) > 4 && abs(word >> 5) < STEPS / 3;
                 }
             }
             crossed += hit;
         }
+        turn(h, f, inverse, scale);
         for (int j = 0; j < 3; j++)
             out[13 * i + j] = o[j];
         for (int j = 0; j < 6; j++)

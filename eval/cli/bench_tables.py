@@ -27,12 +27,13 @@ def say_result(result: BenchResult, form: str) -> None:
         say_table(rows, form, right=range(2, len(rows[0])))
         return
     say_table(_about(result))
-    say()
-    say_table(rows, right=range(2, len(rows[0])))
-    base, *more = result.threads
-    say(f"On {threads_in_words(base)}. Speed: C's time over moteslam's, above 1 where moteslam is faster.")
-    if more:
-        say("Gain: how many times sooner it is done with more threads.")
+    if len(rows) > 1:  # arithmetic and memory alone stand above
+        say()
+        say_table(rows, right=range(2, len(rows[0])))
+        base, *more = result.threads
+        say(f"On {threads_in_words(base)}. Speed: C's time over moteslam's, above 1 where moteslam is faster.")
+        if more:
+            say("Gain: how many times sooner it is done with more threads.")
     for table in (
         _limits(result),
         _runs(result),

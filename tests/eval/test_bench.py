@@ -11,7 +11,7 @@ from made_bench import TIMES, made
 
 from moteslam.errors import InputError
 from moteslam.eval.bench.comparison import compare, machine_ratios, read_results
-from moteslam.eval.bench.document import read_result, write_result
+from moteslam.eval.bench.document import TaskResult, read_result, write_result
 from moteslam.eval.bench.figures import doubts, figure, gains, speeds, spread, time_of
 from moteslam.eval.cli import main
 
@@ -20,6 +20,15 @@ def written(folder: Path, name: str = "a.json", factor: float = 1.0, **changes: 
     path = folder / name
     write_result(path, made(factor).model_copy(update=changes))
     return path
+
+
+def on_threads(count: int) -> dict[str, TaskResult]:
+    """The tasks, with the times on this many threads alone."""
+    tasks = {}
+    for name, task in made().tasks.items():
+        kept = {key: {c: v for c, v in getattr(task, key).items() if c == str(count)} for key in ("times", "speed")}
+        tasks[name] = task.model_copy(update={**kept, "gain": {}})
+    return tasks
 
 
 def edited(path: Path, *keys: str, value: object) -> Path:
@@ -110,6 +119,14 @@ def test_a_result_in_other_formats(tmp_path: Path, capsys: pytest.CaptureFixture
     assert len(rows) == 1 + sum(len(figures) for task in TIMES.values() for figures in task.values())
 
 
+def test_the_machine_alone_stands_above(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    write_result(tmp_path / "a.json", made(times={name: TIMES[name] for name in ("arithmetic", "memory")}))
+    text = printed(capsys, "show", tmp_path / "a.json")
+    assert "GB/s on 1 thread" in text
+    assert "task" not in text
+    assert "Speed" not in text
+
+
 def test_what_failed_stands_below(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     write_result(tmp_path / "a.json", made(errors={"search": "scores of kernel and C differ"}))
     assert printed(capsys, "show", tmp_path / "a.json").endswith(
@@ -144,9 +161,9 @@ def test_what_one_result_lacks_is_a_gap() -> None:
 
 
 def test_results_are_compared_on_threads_that_all_have(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    one, two = written(tmp_path, "one.json"), written(tmp_path, "two.json", threads=(2,))
+    one, two = written(tmp_path, "one.json"), written(tmp_path, "two.json", threads=(2,), tasks=on_threads(2))
     assert json.loads(printed(capsys, "compare", one, two, "--json"))["threads"] == 2
-    alone = written(tmp_path, "alone.json", threads=(4,))
+    alone = written(tmp_path, "alone.json", threads=(4,), tasks={})
     assert "alone.json: threads: 4, expected one of 1, 2 as in one.json" in refused(
         capsys, "bench", "compare", one, alone
     )
@@ -200,6 +217,12 @@ def test_no_result_is_refused(text: str, problem: str, tmp_path: Path, capsys: p
             "tasks.run-30.facts.scans: nan, expected a finite number",
         ),
         (("tasks", "run-30", "error"), 7, "tasks.run-30.error: 7, expected a text"),
+        (("threads",), [2, 4], "tasks.arithmetic.times: 1, expected one of 2, 4 as in threads"),
+        (
+            ("tasks", "run-30", "gain"),
+            {"3": {"median": 1, "least": 1, "most": 1}},
+            "run-30.gain: 3, expected one of 1, 2",
+        ),
     ],
 )
 def test_a_broken_result_is_refused(
