@@ -5,10 +5,10 @@ from moteslam.kernels.tiles import STEPS, bilinear
 from moteslam.kernels.types import F32, I32, func, template
 
 CONVERGED_SHIFT, CONVERGED_TURN = 3e-4, 1e-4
-"""Gauss-Newton ends with a step below both, |x| + |y| [m] and |theta| [rad]: far less than a cell, which is all that
-interpolated distances can resolve."""
+"""Gauss-Newton ends where a step is below both, or the steps still to come are together, |x| + |y| [m] and |theta|
+[rad]: far less than a cell, which is all that interpolated distances can resolve."""
 COARSE_STEP = 10.0
-"""On the coarse level it ends with a step this many times as long, since the fine level begins where it ended."""
+"""On the coarse level the bounds are this many times as large, since the fine level begins where it ended."""
 LEAST_PIVOT = 1e-9
 """Keeps the square roots of the Cholesky factors real where rounding would not."""
 
@@ -50,17 +50,18 @@ def square(jx: F32, jy: F32, jt: F32):
 
 @func
 def by_offset(h: template, frame: template, per_cell: F32, per_step: F32):
-    """Information about a pose in the map (x, y [cells], theta), as information about an offset from ``frame``.
+    """Information about the robot's pose in the map, as information about its offset from ``frame``.
 
-    Of residuals [steps of distance], each of which counts ``per_step``, in the frame's directions (x, y [m], theta):
-    ``per_cell`` is ``per_step`` times cells in a metre.
+    The first is of residuals in steps of distance, about x, y [cells] and theta; the second of residuals in standard
+    deviations, ``per_step`` to a step, about x, y [m] and theta in the frame. ``per_cell`` is ``per_step`` times cells
+    in a metre.
     """
     c, s = frame[0] * per_cell, frame[1] * per_cell
-    both, other = 2 * c * s * h[1], c * s * (h[3] - h[0]) + (c * c - s * s) * h[1]
+    both = 2 * c * s * h[1]
     return ti.Vector(
         [
             c * c * h[0] + both + s * s * h[3],
-            other,
+            c * s * (h[3] - h[0]) + (c * c - s * s) * h[1],
             (c * h[2] + s * h[4]) * per_step,
             s * s * h[0] - both + c * c * h[3],
             (c * h[4] - s * h[2]) * per_step,
@@ -84,10 +85,13 @@ def descend(
 ):  # fmt: skip
     """Gauss-Newton on one level. Returns the offset from the frame (x, y [m], theta), in the frame.
 
-    Where a step undoes the one before, it would go to and fro until the iterations are used up: between two poses whose
-    endpoints lie in other cells, or over cells known to one of them alone. It ends halfway.
-    Sums over the endpoints are of distances in steps, by the pose in the map in cells: no endpoint is turned into the
-    frame.
+    It ends where the steps still to come are short: if each is q times the one before, together they are q / (1 - q)
+    times the last one (Hairer and Wanner 1996, Solving Ordinary Differential Equations II, section IV.8). Where a step
+    undoes the one before, it would go to and fro until the iterations are used up, between two poses whose endpoints
+    lie in other cells, or over cells known to one of them alone: it ends halfway.
+
+    The sums over the endpoints are about the pose in the map, in cells and steps of distance: turned into the frame are
+    the sums, not the endpoints.
     """
     d = ti.Vector([start[0], start[1], start[2]], dt=ti.f32)
     inverse, per_step = 1.0 / cell, truncation / (sd * STEPS)
