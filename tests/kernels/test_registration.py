@@ -195,21 +195,24 @@ def test_no_frames(room: Pool) -> None:
 
 
 @kernel
-def _solve(values: F32_2D):
+def _keep_in_view(values: F32_2D):
     for i in range(values.shape[0]):
+        a, b = values[i, 0], values[i, 1]
+        a, b = a - b, a + b
+        pair = ti.Vector([a, b], dt=ti.f32)
         solved = solve(
-            ti.Vector([2.0, 0.5, 0.0, 3.0, -0.5, 4.0], dt=ti.f32),
-            ti.Vector([values[i, k] for k in ti.static(range(3))], dt=ti.f32),
+            ti.Vector([2.0, 0.5, 0.0, 3.0, -0.5, 4.0], dt=ti.f32), ti.Vector([pair[0], pair[1], 1.0], dt=ti.f32)
         )
         for k in ti.static(range(3)):
             values[i, k] = solved[k]
 
 
-def test_the_solver() -> None:
-    values = np.array([(1.0, 0.0, 0.0), (0.3, -2.0, 1.0)], np.float32)
+def test_the_solver_and_assignment_of_two_at_once() -> None:
+    """Kernels turn (cos, sin) by a rotation of (cos, sin): both must be read before either is written."""
+    values = np.array([(1.0, 0.0, 0.0), (0.3, -2.0, 0.0)], np.float32)
     matrix = np.array([(2.0, 0.5, 0.0), (0.5, 3.0, -0.5), (0.0, -0.5, 4.0)])
-    expected = [np.linalg.solve(matrix, right) for right in values.astype(float)]
-    _solve(values)
+    expected = [np.linalg.solve(matrix, (a - b, a + b, 1.0)) for a, b, _ in values.astype(float)]
+    _keep_in_view(values)
     np.testing.assert_allclose(values, expected, rtol=0, atol=1e-6)
 
 
