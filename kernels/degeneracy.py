@@ -23,19 +23,17 @@ class Kept(NamedTuple):
     Attributes:
         deviation: standard deviation of the prediction [m].
         error: of the registration along a direction that is informed as well as the one across [m].
-        gate: a shift along the direction of more than this many deviations is the registration's.
     """
 
     deviation: float
     error: float
-    gate: float
 
 
-NOT_KEPT = Kept(0.0, 0.0, 0.0)
+NOT_KEPT = Kept(0.0, 0.0)
 
 
 @func
-def keep_prediction(found: template, i: I32, deviation: F64, error: F64, gate: F64):
+def keep_prediction(found: template, i: I32, deviation: F64, error: F64):
     """Row i of ``found``, an offset (x, y, theta) and its information 00 01 02 11 12 22, as ``keep_predictions``."""
     xx, xy, yy = found[i, 3], found[i, 4], found[i, 6]
     middle, half = (xx + yy) / 2, ti.sqrt(((xx - yy) / 2) ** 2 + xy * xy)
@@ -44,8 +42,6 @@ def keep_prediction(found: template, i: I32, deviation: F64, error: F64, gate: F
     ratio = ti.max((middle - half) / ti.max(middle + half, LEAST_INFORMATION), LEAST_RATIO)
     shift = ax * found[i, 0] + ay * found[i, 1]
     weight = deviation * deviation / (deviation * deviation + (error / ratio) ** 2)
-    if ti.abs(shift) > gate * deviation:
-        weight = 1.0
     found[i, 0] -= ax * (1 - weight) * shift
     found[i, 1] -= ay * (1 - weight) * shift
     less = 1 - ti.sqrt(weight)
@@ -58,10 +54,10 @@ def keep_prediction(found: template, i: I32, deviation: F64, error: F64, gate: F
 
 
 @kernel
-def _keep_all(found: F64_2D, deviation: F64, error: F64, gate: F64):
+def _keep_all(found: F64_2D, deviation: F64, error: F64):
     ti.loop_config(serialize=True)
     for i in range(found.shape[0]):
-        keep_prediction(found, i, deviation, error, gate)
+        keep_prediction(found, i, deviation, error)
 
 
 def keep_predictions(

@@ -30,13 +30,17 @@ QUERY = 13
 INVERSE_VARIANCES = slice(7, 10)
 """Those of the prior."""
 
+LIKELIHOODS = (0.2, 0.98)
+"""Mean likelihoods that residuals are estimated from: beyond these they say nothing."""
+
 FIRST_POINTS = 1024
 """Of a scan, to begin with: there is room for more where one has more."""
 
 OFFSET = slice(0, 3)
 INFORMATION = slice(3, 9)
 COST, KNOWN, LIKELIHOOD, CROSSED = range(9, 13)
-FOUND = 13
+FREE = slice(13, 16)
+FOUND = 16
 """The columns of what ``register_scans`` returns."""
 
 
@@ -64,15 +68,15 @@ def _crosses_surface(
 @kernel
 def _register(
     pool: I16_1D, table: I32_1D, begin: I32, stride: I32, columns: I32, rows: I32, queries: F64_2D, scan: F32_2D,
-    points: I32, origin_x: F32, origin_y: F32, settings: F32_1D, coarse: I32, deviation: F64, error: F64, gate: F64,
+    points: I32, origin_x: F32, origin_y: F32, settings: F32_1D, coarse: I32, deviation: F64, error: F64,
     found: F64_2D, passes: I32, alone: template,
 ):  # fmt: skip
     """Coarse level, fine level, then the fit: see ``register_scans``.
 
     ``stride`` is from one particle's table to the next; 0 where all use one. The first ``points`` columns of ``scan``
     are x and y of its points. ``settings`` are those of ``settings_of``. With a ``deviation`` above 0 the prediction
-    is kept along degenerate directions. A query that is ``alone`` wakes no other thread; of others
-    there are ``passes`` each, see ``passes_for``.
+    is kept along degenerate directions, whose ``error`` is that of standard residuals. A query that is ``alone`` wakes
+    no other thread; of others there are ``passes`` each, see ``passes_for``.
     """
     fine_x, fine_y = ti.cast(columns * SIDE - 2, ti.f32), ti.cast(rows * SIDE - 2, ti.f32)
     coarse_x, coarse_y = ti.cast(columns * SIDE // 2 - 2, ti.f32), ti.cast(rows * SIDE // 2 - 2, ti.f32)
@@ -133,11 +137,14 @@ def _register(
         information = by_offset(h, frame, per_cell, per_step)
         for j in ti.static(range(3)):
             found[i, j] = d[j]
+            found[i, ti.static(FREE.start) + j] = d[j]
         for j in ti.static(range(6)):
             found[i, 3 + j] = information[j]
         found[i, COST], found[i, KNOWN], found[i, LIKELIHOOD], found[i, CROSSED] = cost, known, likely, crossed
         if deviation > 0:
-            keep_prediction(found, i, deviation, error, gate)
+            mean = ti.min(ti.max(likely / ti.max(known, 1.0), ti.static(LIKELIHOODS[0])), ti.static(LIKELIHOODS[1]))
+            variance = 0.5 * (1.0 - 1.0 / (mean * mean)) / exponent  # of the residuals, by their mean likelihood
+            keep_prediction(found, i, deviation, error * variance)
 
 
 class _Room(threading.local):
@@ -188,14 +195,16 @@ def register_scans(
         origin: [2] where its rays start, in the same frame [m].
         options: of the maps and of the costs.
         coarse: whether to begin on the coarse level; not needed where the start is good to a cell.
-        kept: how the predicted pose is kept along degenerate directions: ``keep_predictions``; not at all if None.
+        kept: how the predicted pose is kept along degenerate directions: ``keep_predictions``, with the error times
+            the variance of the residuals in standard ones; not at all if None.
         finite: the points are known to be finite float32 numbers, as those of ``thin_scans`` are: they are not checked.
 
     Returns:
         [n, FOUND]: ``OFFSET`` from the poses, in their frames (x, y [m], theta); there ``INFORMATION`` of the endpoints
         on the fine level about the offset, the elements 00 01 02 11 12 22 [1/m^2, 1/m, 1]; ``COST``, the endpoints'
         negative log-likelihood; ``KNOWN``, how many of them have a distance; ``LIKELIHOOD``, the sum of the
-        likelihoods of those; ``CROSSED``, how many rays cross a surface of the map.
+        likelihoods of those; ``CROSSED``, how many rays cross a surface of the map; ``FREE``, the offset before the
+        prediction was kept along a degenerate direction.
 
     Raises:
         InputError: arrays that do not fit together, or numbers that are not finite or out of bounds.

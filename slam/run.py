@@ -320,6 +320,7 @@ class SlamSession:
             issues.append(Issue("no-colours", f"colours: {self._missing}: particles are weighed without"))
         if self._views is not None:
             issues += self._views.issues()
+        issues += getattr(self._backend, "issues", ())  # back ends of other packages may have none
         return tuple(issues)
 
 

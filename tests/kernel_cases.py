@@ -205,7 +205,7 @@ def distance_maps() -> Results:
     queries = np.zeros((particles, QUERY))
     queries[:, FRAME], queries[:, PRIOR] = frames(poses), (1e4, 1e4, 1e4, 0.0, 0.0, 0.0)
     found = register_scans(
-        tiles, queries, scan.points, (0.1, 0.0), kept=Kept(0.02, 1e-4, 5.0),
+        tiles, queries, scan.points, (0.1, 0.0), kept=Kept(0.02, 1e-4),
         options=RegistrationOptions(
             cell_size=CELL, truncation=0.15, coarse_truncation=0.4, residual=0.01, coarse_residual_factor=2.0,
             iterations=8, unknown=2.0, outlier=8.0, likelihood_width=2.0, ray_clearance=2.0, ray_weight=4,

@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 from moteslam.robot.summary import Summarised
 
 Array = NDArray[np.float64]
-Verdict = Literal["accepted", "weak", "ambiguous", "outside", "contradicted", "overruled"]
+Verdict = Literal["accepted", "weak", "ambiguous", "outside", "contradicted", "overruled", "unsearched"]
 """What became of a candidate: `accepted`; `weak`: too few endpoints on surfaces; `ambiguous`: another place fits nearly
 as well; `outside`: found beyond what the relative covariance allows; `contradicted`: the other edges of the graph
-outvoted it; `overruled`: it was an edge of the graph, but the final path, from all scans, lies elsewhere."""
+outvoted it; `overruled`: it was an edge of the graph, but the final path, from all scans, lies elsewhere;
+`unsearched`: its window is so wide that the search would cost more than the path driven allows."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -7,6 +7,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from moteslam.robot.issues import Issue
 from moteslam.slam.backend.ledger import LoopCandidate
 from moteslam.slam.backend.protocol import BackendConfig, KeyScan
 
@@ -32,6 +33,11 @@ class NoBackend:
     @property
     def graph(self) -> None:
         """None."""
+
+    @property
+    def issues(self) -> tuple[Issue, ...]:
+        """None."""
+        return ()
 
     def add(self, key: KeyScan) -> None:
         """Nothing to correct."""

@@ -8,6 +8,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from moteslam.robot.issues import Issue
 from moteslam.robot.pose_graph import PoseGraph
 from moteslam.robot.section import Section
 from moteslam.robot.summary import Summarised
@@ -59,6 +60,10 @@ class Backend(Protocol):
     @property
     def graph(self) -> PoseGraph | None:
         """The pose graph behind the latest ``finish``; None of a back end without one. May be left out."""
+
+    @property
+    def issues(self) -> tuple[Issue, ...]:
+        """What the latest ``finish`` left aside or contradicts, for people. May be left out."""
 
     def add(self, key: KeyScan) -> Array | None:
         """Take in the next key scan.

@@ -23,6 +23,9 @@ from moteslam.slam.inputs.scans import Scans
 from moteslam.slam.inputs.standing import has_moved, stands
 
 Array = NDArray[np.float64]
+GAP, LEAST_GAP = 10.0, 0.5
+"""Readings of the odometry have a gap between them where they are this many times as far apart as the median of those
+before, and by more than the second [s]."""
 APART = 1.0
 """Scans and odometry whose times are this far apart [s] are of different recordings, or on different clocks."""
 
@@ -122,7 +125,8 @@ def require_lidar(recording: Recording) -> LidarStream:
 def _at_scans(lidar: LidarStream, path: OdometryPath, config: SyncConfig, *, name: str) -> Array:
     """The odometry's pose [n, 3] at every scan; the pose logged with a scan where the log has one."""
     if lidar.odometry is not None:
-        return lidar.odometry
+        stale = _stale(lidar.stamps, path.stamps)
+        return np.where(stale[:, None], path.at(lidar.stamps), lidar.odometry) if stale.any() else lidar.odometry
     if lidar.stamps[-1] < path.stamps[0] - APART or lidar.stamps[0] > path.stamps[-1] + APART:
         raise InputError(
             f"scans from {lidar.stamps[0]:.3f} to {lidar.stamps[-1]:.3f} s, odometry from {path.stamps[0]:.3f} to "
@@ -133,6 +137,27 @@ def _at_scans(lidar: LidarStream, path: OdometryPath, config: SyncConfig, *, nam
     if config.method == "interpolate":
         return path.at(lidar.stamps)
     return path.poses[nearest_stamp(path.stamps, lidar.stamps)]
+
+
+def _stale(scans: Array, readings: Array) -> NDArray[np.bool_]:
+    """Which scans [n] lie in a gap of the odometry: between readings that are much farther apart than usual.
+
+    The pose logged with such a scan is that of the reading before the gap.
+
+    Args:
+        scans: [n] stamps [s].
+        readings: [m] stamps of the odometry [s].
+    """
+    if np.array_equal(scans, readings):
+        return np.zeros(len(scans), np.bool_)
+    intervals = np.diff(readings)
+    after = np.searchsorted(readings, scans, side="left")
+    inside = (after > 0) & (after < len(readings)) & (readings[np.minimum(after, len(readings) - 1)] > scans)
+    stale = np.zeros(len(scans), np.bool_)
+    for k in np.flatnonzero(inside & (np.r_[0.0, intervals, 0.0][after] > LEAST_GAP)).tolist():
+        gap = after[k] - 1
+        stale[k] = intervals[gap] > GAP * np.median(intervals[: gap + 1])
+    return stale
 
 
 def sweep_seconds(recording: Recording, lidar: LidarStream) -> float:

@@ -51,9 +51,10 @@ class RegistrationConfig(Section):
     """Largest negative log-likelihood of an endpoint."""
     degenerate: NotNegative = 0.001
     """Standard deviation of what is found along the least informed direction, times the ratio of its information to
-    that of the best informed [m]: along two bare walls the odometry is kept instead; 0 turns it off."""
-    degenerate_gate: Positive = 3.0
-    """An offset of more standard deviations of the odometry is kept even along a degenerate direction."""
+    that of the best informed, where the endpoints' distances to the surface deviate by ``residual`` [m]; it grows with
+    their variance. Along two bare walls the odometry is kept instead; 0 turns it off."""
+    gate: Positive = 3.0
+    """An offset of more standard deviations of the odometry must be proved by the endpoints."""
 
 
 class SearchConfig(Section):

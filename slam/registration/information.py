@@ -5,13 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from moteslam.kernels.registration import LIKELIHOODS
 from moteslam.slam.registration.config import RegistrationConfig
 from moteslam.slam.registration.registrar import Registration
 
 Array = NDArray[np.float64]
-
-LIKELIHOODS = (0.2, 0.98)
-"""Mean likelihoods that residuals are estimated from: beyond these they say nothing."""
 
 
 def residual_variance(likelihood: float, config: RegistrationConfig) -> float:

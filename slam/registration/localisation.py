@@ -14,7 +14,16 @@ from moteslam.robot.se2 import Pose
 from moteslam.slam.mapping.config import TsdfConfig
 from moteslam.slam.mapping.tsdf import TsdfView
 from moteslam.slam.registration.config import RegistrationConfig, TrackingConfig
-from moteslam.slam.registration.registrar import Fitted, Spread, options_of, register, register_one, subsample
+from moteslam.slam.registration.evidence import heavy_tail, proved
+from moteslam.slam.registration.registrar import (
+    Fitted,
+    Registration,
+    Spread,
+    options_of,
+    register,
+    register_one,
+    subsample,
+)
 from moteslam.slam.registration.search import Window, apart, candidates
 
 Array = NDArray[np.float64]
@@ -102,6 +111,8 @@ class Localiser:
         points: Points,
         origin: tuple[float, float],
         predictions: Callable[[], Array],
+        *,
+        measured: bool,
     ) -> Located:
         """Where a scan fits: from the prediction, else after a search around it, at last in the relocation window.
 
@@ -113,6 +124,7 @@ class Localiser:
             origin: where its rays start [m].
             predictions: of a search, gives other predictions [m, 3] to try beside what it finds, as offsets from
                 ``predicted``.
+            measured: whether odometry measured the prediction: then only the endpoints' evidence overrules it.
         """
         c = self._config
         options = self._options_of(maps.config)
@@ -121,12 +133,28 @@ class Localiser:
         (x, y, theta), (along, across, about), most = fitted.offset, spread, c.accept_deviation
         near = sure and abs(x) <= most * along and abs(y) <= most * across and abs(theta) <= most * about
         score = match_score(fitted.known, fitted.likelihood, fitted.crossed, c)
-        if near and fitted.likelihood >= c.accept_likelihood and not self.contradicts(score, len(points)):
+        known = measured and sure
+        accepted = near and fitted.likelihood >= c.accept_likelihood and not self.contradicts(score, len(points))
+        most = self._registration.gate
+        x, y, theta = fitted.free
+        if accepted and not (known and (abs(x) > most * along or abs(y) > most * across or abs(theta) > most * about)):
             return Located(fitted, score)
-        sought = _Sought(maps, np.array(predicted), np.array(spread), points, np.array(origin), predictions())
-        return self._search(sought, sure=sure)
+        sought = _Sought(maps, np.array(predicted), np.array(spread), points, np.array(origin), np.zeros((0, 3)))
+        if accepted:
+            return self._proved(sought, Located(fitted, score))
+        return self._search(sought._replace(predictions=predictions()), sure=sure, measured=known)
 
-    def _search(self, sought: _Sought, *, sure: bool) -> Located:
+    def _proved(self, sought: _Sought, located: Located) -> Located:
+        """Where a scan was found, or near the odometry where its endpoints do not prove that."""
+        found = Registration.one(located.fitted)
+        here, c = sought.predicted[None], self._config
+        kept = proved(found, sought.maps, here, sought.spread, sought.points, sought.origin, self._registration, c)
+        fitted = kept.of(0)
+        if fitted.free == located.fitted.free:
+            return located._replace(fitted=fitted)
+        return Located(fitted, match_score(fitted.known, fitted.likelihood, fitted.crossed, c))
+
+    def _search(self, sought: _Sought, *, sure: bool, measured: bool) -> Located:
         """Where a scan fits, after a search around the prediction, at last in the relocation window."""
         c, spread, points, cell = self._config, sought.spread, len(sought.points), sought.maps.config.cell_size
         half = np.minimum(c.window * spread, (np.inf, np.inf, np.pi))
@@ -137,13 +165,14 @@ class Localiser:
         if best.fitted.likelihood < c.retry_likelihood:
             best = self._best(sought, window, c.retry_starts)
         if not self.contradicts(best.score, points):
-            return best
+            return self._proved(sought, best) if measured else best
         half = np.array([c.relocation_distance, c.relocation_distance, c.relocation_rotation])
         window = Window(half, 2 * cell, 2 * c.heading_step)
         wider = sought._replace(spread=np.maximum(half / 2, spread))
         wide = self._best(wider, window, c.relocation_starts, keep=False)
-        clearly = wide.score >= best.score + c.relocation_gain * points
-        return wide if clearly else best
+        if wide.score < best.score + c.relocation_gain * points:
+            return best
+        return self._proved(sought, wide) if measured else wide
 
     def _options_of(self, maps: TsdfConfig) -> RegistrationOptions:
         """Of registrations to such maps, made once for all scans."""
@@ -196,8 +225,3 @@ def match_score(known: Numbers, likelihood: Numbers, crossed: Numbers, config: T
     """
     c = config
     return known * (c.score_likelihood * likelihood - c.score_known) - c.score_crossing * crossed
-
-
-def heavy_tail(squares: Array, config: TrackingConfig) -> Array:
-    """What offsets from the odometry cost [nats]: half their squares in standard deviations, with a heavy tail."""
-    return np.asarray(config.prior_tail * np.log1p(squares / (2 * config.prior_tail)))

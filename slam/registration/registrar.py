@@ -12,6 +12,7 @@ from moteslam.kernels.registration import (
     COST,
     CROSSED,
     FRAME,
+    FREE,
     INFORMATION,
     KNOWN,
     LIKELIHOOD,
@@ -47,6 +48,7 @@ class Registration(NamedTuple):
         known: [N] number of endpoints where the map is known.
         likelihoods: [N] mean likelihood of those, 0 to 1.
         crossed: [N] number of rays that pass through a surface of the map.
+        free: [N, 3] the offsets before the odometry was kept along degenerate directions.
     """
 
     offsets: Array
@@ -55,12 +57,25 @@ class Registration(NamedTuple):
     known: Array
     likelihoods: Array
     crossed: Array
+    free: Array
 
     def of(self, which: int) -> Fitted:
         """One of them."""
         (xx, xy, xt), (_, yy, yt), (_, _, tt) = self.information[which].tolist()
         known, likelihood, crossed = (float(a[which]) for a in (self.known, self.likelihoods, self.crossed))
-        return Fitted(as_pose(self.offsets[which]), (xx, xy, xt, yy, yt, tt), known, likelihood, crossed)
+        offset, information = as_pose(self.offsets[which]), (xx, xy, xt, yy, yt, tt)
+        cost, free = float(self.costs[which]), as_pose(self.free[which])
+        return Fitted(offset, information, known, likelihood, crossed, cost, free)
+
+    @classmethod
+    def one(cls, fitted: Fitted) -> Registration:
+        """Of one particle: what ``of`` took out."""
+        information = np.array(fitted.information)[FULL].reshape(1, 3, 3)
+        cost, known, likelihood, crossed = np.array(
+            ((fitted.cost,), (fitted.known,), (fitted.likelihood,), (fitted.crossed,))
+        )
+        offset, free = np.array((fitted.offset,)), np.array((fitted.free,))
+        return cls(offset, information, cost, known, likelihood, crossed, free)
 
 
 def register(
@@ -110,14 +125,16 @@ def register(
     information = found[:, INFORMATION][:, FULL].reshape(-1, 3, 3)
     known = found[:, KNOWN]
     likelihoods = found[:, LIKELIHOOD] / np.maximum(known, 1)
-    return Registration(found[:, OFFSET], information, found[:, COST], known, likelihoods, found[:, CROSSED])
+    return Registration(
+        found[:, OFFSET], information, found[:, COST], known, likelihoods, found[:, CROSSED], found[:, FREE]
+    )
 
 
 class Fitted(NamedTuple):
     """Where one scan was found, in plain numbers: see ``Registration``.
 
     Attributes:
-        offset, known, likelihood, crossed: as there.
+        offset, known, likelihood, crossed, cost, free: as there.
         information: the elements xx, xy, xt, yy, yt, tt; t is theta.
     """
 
@@ -126,6 +143,8 @@ class Fitted(NamedTuple):
     known: float
     likelihood: float
     crossed: float
+    cost: float
+    free: Pose
 
 
 def register_one(
@@ -149,8 +168,11 @@ def register_one(
     query = *maps.frame(predicted), 0.0, 0.0, 0.0, *prior
     kept = kept_by(x, config)
     found = register_scan(maps.tiles, query, points, origin, options=options, kept=kept, finite=True)
-    x, y, theta, xx, xy, xt, yy, yt, tt, _, known, likelihood, crossed = found  # the columns of register_scans
-    return Fitted((x, y, theta), (xx, xy, xt, yy, yt, tt), known, likelihood / max(known, 1), crossed)
+    x, y, theta, xx, xy, xt, yy, yt, tt, cost, known, likelihood, crossed, free_x, free_y, free_turn = (
+        found  # the columns of register_scans
+    )
+    offset, information = (x, y, theta), (xx, xy, xt, yy, yt, tt)
+    return Fitted(offset, information, known, likelihood / max(known, 1), crossed, cost, (free_x, free_y, free_turn))
 
 
 def options_of(maps: TsdfConfig, config: RegistrationConfig) -> RegistrationOptions:
@@ -173,7 +195,7 @@ def options_of(maps: TsdfConfig, config: RegistrationConfig) -> RegistrationOpti
 
 def kept_by(deviation: float, config: RegistrationConfig) -> Kept:
     """How odometry of this standard deviation [m] is kept along degenerate directions."""
-    return Kept(deviation, config.degenerate, config.degenerate_gate)
+    return Kept(deviation, config.degenerate)
 
 
 def prior_deviations(config: RegistrationConfig, distance: float, rotation: float, *, measured: bool = True) -> Spread:

@@ -150,8 +150,8 @@ class TsdfFilter(FilterDefaults):
             step.origin,
             c.proposal,
             c.registration,
+            c.tracking,
             measured=step.measured,
-            min_points=c.tracking.min_points,
             places=places,
         )
 

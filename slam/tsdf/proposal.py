@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from moteslam.kernels.thinning import ThinnedScan
 from moteslam.robot import se2
 from moteslam.slam.odometry.noise import odometry_error
-from moteslam.slam.registration.config import RegistrationConfig
+from moteslam.slam.registration.config import RegistrationConfig, TrackingConfig
+from moteslam.slam.registration.evidence import proved
 from moteslam.slam.registration.registrar import Registration, prior_spread, register, subsample
 from moteslam.slam.tsdf.config import ProposalConfig
 from moteslam.slam.tsdf.motion import MotionSinceUpdate
@@ -75,9 +76,9 @@ def propose(
     origin: Array,
     config: ProposalConfig,
     registration: RegistrationConfig,
+    tracking: TrackingConfig,
     *,
     measured: bool,
-    min_points: int,
     places: Array | None = None,
 ) -> Proposal:
     """Register a scan to every particle's map.
@@ -89,8 +90,8 @@ def propose(
         origin: [2] where its rays start.
         config: of spread and weights.
         registration: of the registration.
-        measured: whether odometry measured the last step.
-        min_points: a scan of fewer points is not registered.
+        tracking: the fewest points of a scan that is registered, and what speaks against it far from the odometry.
+        measured: whether odometry measured the last step: then only the endpoints' evidence overrules it.
         places: [N, 3] where each looks for the robot, from where the tracked motion leads it; by default there.
     """
     n, travelled = len(particles), since.travelled
@@ -100,7 +101,7 @@ def propose(
         starts = se2.compose(se2.compose(particles.poses[away], since.tracked), places[away])
         predicted[away] = se2.compose(starts, se2.between(since.tracked, since.odometry))
     spread = np.array(odometry_error(config, travelled.distance, travelled.rotation))
-    if len(scan.points) < min_points:
+    if len(scan.points) < tracking.min_points:
         zeros = np.zeros(n)
         nothing = np.zeros((n, 3, 3))
         return Proposal(predicted, nothing[..., 0], nothing, spread, config.sampled_share, False, zeros, zeros)
@@ -108,6 +109,8 @@ def propose(
     starts = np.array((se2.between_one(since.odometry, since.tracked),) * n)
     points = subsample(scan.points, registration.max_points)
     found = register(particles.maps.all(), predicted, drift, points, origin, starts, registration, keep=True)
+    if measured:
+        found = proved(found, particles.maps.all(), predicted, drift, points, origin, registration, tracking)
     return Proposal(
         predicted=predicted,
         offsets=found.offsets,

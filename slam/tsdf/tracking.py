@@ -141,7 +141,13 @@ class Tracker:
                 return np.array((STILL, between_one(motion.corrected, self._extrapolated(motion.dt))))
 
             fitted, score, elsewhere = self._localiser.locate(
-                particles.maps.of(particles.best), predicted, spread, scan.points, origin, predictions
+                particles.maps.of(particles.best),
+                predicted,
+                spread,
+                scan.points,
+                origin,
+                predictions,
+                measured=self._blind_measured,
             )
             fit = Fit(fitted.information, fitted.likelihood, spread, score / max(fitted.known, 1.0))
             contradicts = self._localiser.contradicts(score, len(scan.points))

@@ -10,7 +10,9 @@ from numpy.typing import NDArray
 
 from moteslam.robot import se2
 from moteslam.robot.alignment import umeyama
+from moteslam.robot.issues import Issue
 from moteslam.robot.pose_graph import PoseGraph
+from moteslam.slam.backend.graph.chain import CONTRADICTED
 from moteslam.slam.backend.graph.config import GraphConfig
 from moteslam.slam.backend.graph.endpoints import Endpoints, cells_along, clearly_fewer, sharpness
 from moteslam.slam.backend.graph.joint import register_jointly
@@ -62,6 +64,7 @@ class GraphBackend:
         self._corrected = 0.0  # length of the path at the last correction [m]
         self._loops: tuple[LoopCandidate, ...] = ()
         self._graph: PoseGraph | None = None
+        self._issues: tuple[Issue, ...] = ()
 
     @property
     def loops(self) -> tuple[LoopCandidate, ...]:
@@ -72,6 +75,11 @@ class GraphBackend:
     def graph(self) -> PoseGraph | None:
         """See ``Backend``: of the latest estimate."""
         return self._graph
+
+    @property
+    def issues(self) -> tuple[Issue, ...]:
+        """See ``Backend``: of the latest estimate."""
+        return self._issues
 
     def add(self, key: KeyScan) -> Array | None:
         """See ``Backend``."""
@@ -172,13 +180,15 @@ class GraphBackend:
         updates = np.array(graph.nodes.updates)
         filtered = path[updates]
         frame = _frame(graph, filtered)
-        best = laid_over(sharpest(graph, filtered, self._config), frame)
+        final, measured = sharpest(graph, filtered, self._config)
+        best = laid_over(final, frame)
         self._loops = checked(graph.ledger, graph.nodes, best)
+        self._issues = contradictions(graph, best, self._loops, measured=measured)
         self._graph = graph.as_measured(best, self._loops)
         return self._between_nodes(best, updates, path)
 
 
-def sharpest(graph: LoopGraph, filtered: Array, config: GraphConfig) -> Array:
+def sharpest(graph: LoopGraph, filtered: Array, config: GraphConfig) -> tuple[Array, bool]:
     """The path that is nearest to what was measured, of those that draw about as few cells as any.
 
     Candidates are, in this order, the joint registrations that begin at the graph as measured, at the corrected graph
@@ -188,28 +198,66 @@ def sharpest(graph: LoopGraph, filtered: Array, config: GraphConfig) -> Array:
         graph: of n nodes, as it was solved last; solved as measured afterwards.
         filtered: [n, 3] by the filter, with the corrections while it drove.
         config: of the back end.
+
+    Returns:
+        [n, 3] poses, and whether the graph's measurements led there rather than the filter's path.
     """
     endpoints = Endpoints.of(graph.nodes.scans)
     if not len(endpoints.points):
-        return filtered
+        return filtered, False
     corrected = graph.poses
     graph.solve_as_measured()
     starts = [graph.poses, corrected, filtered]
-    paths: list[Array] = []
+    paths: list[tuple[Array, bool]] = []
     if config.joint.enabled:
         tried: list[Array] = []
         for start in starts:
             if any(_off(start, other) < SAME_START for other in tried):
                 continue
-            paths.append(register_jointly(endpoints, start, graph.chain, config))
-            tried += [start, paths[-1]]
-    paths += starts
-    best, fewest = paths[0], cells_along(endpoints, paths[0])
+            registered = register_jointly(endpoints, start, graph.chain, config)
+            paths.append((registered, start is not filtered))
+            tried += [start, registered]
+    paths += [(start, start is not filtered) for start in starts]
+    best, fewest = paths[0], cells_along(endpoints, paths[0][0])
     for path in paths[1:]:
-        cells = cells_along(endpoints, path)
+        cells = cells_along(endpoints, path[0])
         if clearly_fewer(cells, fewest):
             best, fewest = path, cells
     return best
+
+
+def contradictions(
+    graph: LoopGraph, poses: Array, loops: tuple[LoopCandidate, ...], *, measured: bool
+) -> tuple[Issue, ...]:
+    """What the final path contradicts of what the graph measured.
+
+    Args:
+        graph: of n nodes.
+        poses: [n, 3] the final ones.
+        loops: the ledger as these confirm it.
+        measured: whether the graph's measurements led there.
+    """
+    issues, stamps = [], graph.nodes.stamps
+    if not measured:
+        known, kept = (sum(loop.accepted for loop in ledger) for ledger in (graph.ledger, loops))
+        text = (
+            "the final path follows from the filter's, whose map is clearly sharper than the graph's: it confirms "
+            f"{kept} of {known} loops"
+        )
+        issues.append(Issue("graph-left", text, known - kept))
+    off, deviations = graph.chain.errors(poses)
+    far = (np.abs(off) > CONTRADICTED * deviations).any(axis=1)
+    if far.any():
+        size = np.hypot(off[:, 0], off[:, 1]) + np.abs(off[:, 2])
+        worst = int(np.where(far, size, -1.0).argmax())
+        distance, turn = float(np.hypot(*off[worst, :2])), abs(float(np.degrees(off[worst, 2])))
+        text = (
+            f"{int(far.sum())} steps of the final path contradict odometry and registration by over {CONTRADICTED:g} "
+            f"standard deviations, most from {stamps[worst]:.2f} to {stamps[worst + 1]:.2f} s, by {distance:.2f} m and "
+            f"{turn:.1f} degrees: the map may be bent there"
+        )
+        issues.append(Issue("step-contradicted", text, int(far.sum())))
+    return tuple(issues)
 
 
 def _frame(graph: LoopGraph, filtered: Array) -> Array:

@@ -103,6 +103,11 @@ class Chain:
             steps[k], covariance[k] = begun[k], np.diag(np.square(loose))
         return steps, covariance, doubted | unregistered | contradicted
 
+    def errors(self, poses: Array) -> tuple[Array, Array]:
+        """[n - 1, 3] how far the steps between poses [n, 3] are off the chain's, and the deviations of these."""
+        off = np.asarray(se2.between(self.steps, se2.between(poses[:-1], poses[1:])))
+        return off, np.sqrt(np.diagonal(self.covariance, axis1=1, axis2=2))
+
     def last(self) -> tuple[Array, Array]:
         """The latest step [3] and its covariance [3, 3]."""
         return self._fused.steps[-1], self._fused.covariance[-1]

@@ -42,8 +42,6 @@ class LoopConfig(Section):
     first_deviation: Positive = 0.5
     """Loops whose relative position has up to this standard deviation are searched first; then it is doubled, again and
     again [m]. What is proved makes the next searches smaller."""
-    max_window: Annotated[Number, Field(gt=0, le=100)] = 12.0
-    """Half width of the largest search [m]: three standard deviations of the relative position."""
     rounds: Annotated[Whole, Field(ge=1, le=100)] = 8
     """Rounds of search and solution at the end, at most."""
     candidates: Annotated[Whole, Field(ge=1, le=100)] = 3

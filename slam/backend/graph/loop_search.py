@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from moteslam.kernels.correlative import MAX_SEARCH_POINTS
 from moteslam.robot import se2
 from moteslam.slam.backend.graph.config import GraphConfig
 from moteslam.slam.backend.graph.nodes import Nodes
@@ -36,6 +37,8 @@ WEAKEST = 1e-3
 LEAST_STARTS, STARTS, START_POINTS, FINALISTS = 8, 40, 120, 12
 """Places of the lattice that are registered with some points, at least and at most: as many as basins of Gauss-Newton
 fit into the window; and how many of them with all points."""
+LEAST_KNOWN = 0.3
+"""A rival that knows less of the endpoints counts as if it knew this share."""
 RIVAL_DISTANCE, RIVAL_ROTATION = 0.5, 0.15
 """A place this far from the best one is another place [m], [rad]."""
 CROSSING = 0.3
@@ -94,8 +97,7 @@ class LoopSearch:
         points = self._submaps.query(query)
         if not len(points):
             return None
-        step = FINE_TURN if half[2] <= WIDE else COARSE_TURN
-        window = Window(half, 2 * maps.config.cell_size, step)
+        window = self._window(half)
         number = int(np.clip(np.ceil(np.prod(half / self._lattice.basin)), LEAST_STARTS, STARTS))
         starts = candidates(maps, predicted, half, points, window, number, self._lattice)
         few = subsample(points, START_POINTS)
@@ -106,7 +108,9 @@ class LoopSearch:
         best = int(shares.argmax())
         off = np.abs(found.offsets - found.offsets[best])
         rivals = (np.hypot(off[:, 0], off[:, 1]) > RIVAL_DISTANCE) | (off[:, 2] > RIVAL_ROTATION)
-        runner_up = max(float(shares[rivals].max()), 0.0) if rivals.any() else 0.0
+        # that a place knows more is no evidence for it: a rival at the edge of the submap counts by what it knows
+        fair = shares * np.maximum(found.known[best] / np.maximum(found.known, LEAST_KNOWN * len(points)), 1.0)
+        runner_up = max(float(fair[rivals].max()), 0.0) if rivals.any() else 0.0
         # along bare walls the prediction is kept, and the loop binds less there
         kept = keep_odometry(found, half / WINDOW_DEVIATIONS, self._registration)
         information = measured_information(kept, best, self._registration, self._config.correlation)
@@ -127,6 +131,35 @@ class LoopSearch:
             verdict=self._verdict(float(shares[best]), runner_up, found.offsets[best], half),
         )
         return Loop(candidate, np.linalg.inv(covariance))
+
+    def unsearched(self, submap: int, query: int, predicted: Array, half: Array) -> Loop:
+        """The candidate of a search that is not made."""
+        nodes = self._nodes
+        candidate = LoopCandidate(
+            earlier=int(nodes.indices[submap]),
+            later=int(nodes.indices[query]),
+            stamps=(float(nodes.stamps[submap]), float(nodes.stamps[query])),
+            predicted=predicted,
+            found=predicted,
+            window=(float(half[0]), float(half[2])),
+            share=0.0,
+            runner_up=0.0,
+            known=0.0,
+            likelihood=0.0,
+            crossed=0.0,
+            verdict="unsearched",
+        )
+        return Loop(candidate, WEAKEST * np.eye(3))
+
+    def cost(self, half: Array) -> float:
+        """The endpoints that a search over a window of these half widths [3] looks up."""
+        window = self._window(half)
+        x, y, turn = 2 * half / (window.step, window.step, window.heading_step) + 1
+        return float(x * y * turn * MAX_SEARCH_POINTS)
+
+    def _window(self, half: Array) -> Window:
+        """A window of half widths [3], and the steps of its lattice."""
+        return Window(half, 2 * self._config.tsdf.cell_size, FINE_TURN if half[2] <= WIDE else COARSE_TURN)
 
     def _register(self, maps: TsdfView, predicted: Array, half: Array, points: Points, starts: Array) -> Registration:
         """Register endpoints from many starts, all but free of the prediction."""

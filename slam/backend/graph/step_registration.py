@@ -17,8 +17,9 @@ from moteslam.slam.backend.graph.config import GraphConfig
 from moteslam.slam.backend.graph.nodes import FEW_POINTS
 from moteslam.slam.mapping.tsdf import TsdfMaps
 from moteslam.slam.registration.config import TrackingConfig
+from moteslam.slam.registration.evidence import against, heavy_tail, nats_for
 from moteslam.slam.registration.information import measured_information
-from moteslam.slam.registration.localisation import heavy_tail, match_score
+from moteslam.slam.registration.localisation import match_score
 from moteslam.slam.registration.registrar import Registration, register, subsample
 
 Array = NDArray[np.float64]
@@ -35,8 +36,6 @@ BASIN = 0.2
 Gauss-Newton may end at a place that explains a few of the endpoints."""
 MOST_NATS = 50.0
 """Certainty enough [nats]; the exponential of more overflows."""
-SLIP = 7.0
-"""Negative log-probability that the wheels slip in one step: one in a thousand."""
 DOUBT = 4.0
 """Nats by which evidence and prior may be misjudged: the logistic scale of the doubt that is left."""
 
@@ -187,20 +186,8 @@ def _overrules(
     spread: Array,
     config: GraphConfig,
 ) -> float:
-    """By how many nats a registration far from the odometry is more probable than one held near it.
-
-    The evidence is the difference of the mean costs of the endpoints that each place knows, times the smaller number of
-    them, counting as many as err independently. That a place knows more is no evidence for it, nor are rays through
-    what was a surface evidence against one: doors open. Against the evidence stand the odometry's heavy tail and how
-    seldom wheels slip.
-    """
-    unknown = config.registration.unknown_cost
-
-    def mean_cost(fit: Registration, which: int) -> float:
-        known = float(fit.known[which])
-        return (float(fit.costs[which]) - unknown * (points - known)) / max(known, 1.0)
-
-    both = min(float(held.known[near]), float(found.known[best]))
-    evidence = (mean_cost(held, near) - mean_cost(found, best)) * both / config.correlation
+    """By how many nats a registration far from the odometry is more probable than one held near it."""
+    one, other = Registration.one(found.of(best)), Registration.one(held.of(near))
+    evidence = float(nats_for(one, other, points, config.registration.unknown_cost, config.correlation)[0])
     off = np.square(found.offsets[best] / spread).sum()
-    return evidence - float(heavy_tail(off, SCORES)) - SLIP
+    return evidence - float(against(off, SCORES))

@@ -7,7 +7,7 @@ import pytest
 
 from moteslam.robot import cell_counts, se2
 from moteslam.slam.backend.graph import backend
-from moteslam.slam.backend.graph.backend import laid_over, sharpest
+from moteslam.slam.backend.graph.backend import contradictions, laid_over, sharpest
 from moteslam.slam.backend.graph.config import GraphConfig
 from moteslam.slam.backend.graph.endpoints import Endpoints, sharpness
 from moteslam.slam.backend.graph.loop_closing import LoopClosing
@@ -156,7 +156,7 @@ def test_a_joint_registration_starts_from_each_path_that_is_elsewhere(
         backend, "cells_along", lambda endpoints, poses: np.full(4, -np.abs(np.diff(poses[:, 1])).max())
     )
     filtered = np.asarray(se2.compose((3.0, 2.0, 1.0), graph.poses + np.eye(13, 3, k=-6)[:, [1, 0, 2]] * elsewhere))
-    found = sharpest(graph, filtered, GraphConfig())
+    found, _ = sharpest(graph, filtered, GraphConfig())
     assert len(started) == starts
     np.testing.assert_array_equal(started[-1], filtered if starts == 2 else graph.poses)
     assert np.abs(found - filtered).max() <= 0.001
@@ -176,8 +176,21 @@ def test_a_path_that_contradicts_the_measured_one_must_be_clearly_sharper(
         return np.array((1000, 1010, 990, 1000)) - np.array(fewer) * bool(np.array_equal(poses, filtered))
 
     monkeypatch.setattr(backend, "cells_along", cells)
-    found = sharpest(graph, filtered, GraphConfig())
+    found, measured = sharpest(graph, filtered, GraphConfig())
     assert np.array_equal(found, filtered) == taken
+    assert measured != taken
+
+
+@pytest.mark.usefixtures("taichi")
+def test_what_the_final_path_contradicts_is_told():
+    graph = graph_of(12)
+    assert contradictions(graph, graph.poses, (), measured=True) == ()
+    bent = graph.poses.copy()
+    bent[7:, :2] += (1.0, 2.0)
+    left, step = contradictions(graph, bent, (), measured=False)
+    assert (left.code, left.count, step.code, step.count) == ("graph-left", 0, "step-contradicted", 1)
+    first, last = graph.nodes.stamps[6:8]
+    assert f"from {first:.2f} to {last:.2f} s, by 2.24 m" in step.message
 
 
 def test_cells_are_counted_alike_on_a_grid_and_by_sorting(monkeypatch: pytest.MonkeyPatch):

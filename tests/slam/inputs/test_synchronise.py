@@ -104,6 +104,19 @@ def test_scans_that_share_a_stamp_keep_their_own_odometry():
     assert [step.dt for step in found] == [0, 1, 0, 1]
 
 
+def test_the_pose_logged_with_a_scan_after_a_gap_of_the_odometry_is_stale():
+    """Nothing is recorded for 3 s, and the scan just before the next reading still carries the pose from before."""
+    readings = np.r_[np.arange(0, 2.05, 0.1), 5.0, 5.1]
+    path = np.column_stack((readings, np.zeros((len(readings), 2))))
+    scans = np.array([1.0, 1.95, 2.03, 4.9, 5.05])
+    latest = path[np.searchsorted(readings, scans, side="right") - 1]
+    lidar = LidarStream(scans, np.ones((5, 2), np.float32), 0.0, 1.0, 0.0, 30.0, odometry=latest)
+    recording = Recording("c", CARMEN, lidar=lidar, odometry=OdometryStream(readings, path))
+    np.testing.assert_allclose(synchronise(recording).odometry[:, 0], [1.0, 1.9, 2.03, 4.9, 5.0], atol=1e-9)
+    alone = Recording("c", CARMEN, lidar=lidar)
+    np.testing.assert_array_equal(synchronise(alone).odometry, latest)
+
+
 def test_encoders_that_end_before_the_lidar_are_told():
     recording = circle(seconds=4)
     encoders = recording.encoders

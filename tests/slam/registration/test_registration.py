@@ -13,13 +13,15 @@ from moteslam.slam.mapping.tsdf import TsdfMaps, TsdfView
 from moteslam.slam.registration import localisation
 from moteslam.slam.registration.config import RegistrationConfig, TrackingConfig
 from moteslam.slam.registration.degeneracy import keep_odometry, least_informed
+from moteslam.slam.registration.evidence import SLIP, against, nats_for, proved
 from moteslam.slam.registration.localisation import Localiser, match_score
-from moteslam.slam.registration.registrar import Registration
+from moteslam.slam.registration.registrar import Registration, register
 
 Array = NDArray[np.float64]
 SPREAD = (0.02, 0.02, 0.02)
 HERE = (0.0, 0.0)
 ODOMETRY = np.zeros((1, 3))
+UNKNOWN = RegistrationConfig().unknown_cost
 
 
 def found(offset: tuple[float, float, float], along: float, across: float, heading: float) -> Registration:
@@ -30,7 +32,7 @@ def found(offset: tuple[float, float, float], along: float, across: float, headi
     information[0, :2, :2] = turn @ np.diag([along, across]) @ turn.T
     information[0, 2, 2] = 1e6
     ones = np.ones(1)
-    return Registration(np.array([offset]), information, ones, ones, ones, ones)
+    return Registration(np.array([offset]), information, ones, ones, ones, ones, np.array([offset]))
 
 
 def localiser(**keys: float) -> Localiser:
@@ -67,9 +69,26 @@ def test_where_all_directions_are_informed_the_scan_is_kept() -> None:
     np.testing.assert_allclose(kept(seen).offsets, seen.offsets, atol=1e-3)
 
 
-def test_odometry_that_failed_is_not_kept_between_bare_walls_either() -> None:
-    seen = found((0.5, 0.0, 0.0), 2e3, 1e6, 0.0)
-    np.testing.assert_array_equal(kept(seen).offsets, seen.offsets)
+def placed(offset: float, cost: float, known: float) -> Registration:
+    """One registration that is this far ahead of the odometry; of 200 points this many are known, at this mean cost."""
+    one = np.array([[offset, 0.0, 0.0]])
+    costs = np.array([cost * known + UNKNOWN * (200 - known)])
+    return Registration(one, np.zeros((1, 3, 3)), costs, np.array([known]), np.ones(1), np.zeros(1), one)
+
+
+def test_the_evidence_is_what_known_endpoints_cost_and_not_how_many_are_known() -> None:
+    near, far = placed(0.0, 1.5, 100), placed(0.5, 1.5, 190)
+    assert nats_for(far, near, 200, UNKNOWN, 10.0)[0] == pytest.approx(0.0)
+    assert nats_for(placed(0.5, 1.0, 190), placed(0.0, 6.0, 100), 200, UNKNOWN, 10.0)[0] == pytest.approx(50.0)
+
+
+def test_against_a_place_far_off_speaks_no_more_than_that_odometry_fails_seldom_and_where_it_may_be_then() -> None:
+    config = TrackingConfig()
+    window = np.array((config.relocation_distance, config.relocation_distance, config.relocation_rotation))
+    nats = against(np.array((0.0, 16.0, 1e4, 1e8)), config)
+    assert nats[0] == SLIP
+    assert nats[1] == pytest.approx(SLIP + 3 * np.log1p(16 / 6))
+    np.testing.assert_allclose(nats[2:], SLIP + np.log(np.prod(window / config.basin)))
 
 
 @pytest.fixture(scope="module")
@@ -80,10 +99,39 @@ def room(taichi: None) -> TsdfView:
     return maps.of(0)
 
 
+def found_from(maps: TsdfView, points: NDArray[np.float32], start: tuple[float, float, float]) -> list[Array]:
+    """What registration from there finds, all but free of the odometry, and what is left of that when it is proved."""
+    config, wide, here = RegistrationConfig(), np.array((2.0, 2.0, 2.0)), np.zeros((1, 3))
+    free = register(maps, here, wide, points, np.zeros(2), np.array([start]), config, means=np.array([start]))
+    kept = proved(free, maps, here, np.array(SPREAD), points, np.zeros(2), config, TrackingConfig())
+    return [free.offsets[0], kept.offsets[0]]
+
+
+def test_a_place_back_along_a_bare_corridor_is_not_proved(taichi: None) -> None:
+    """Half a metre back the endpoints fit as well, and all of them are known."""
+    walls = np.array([(x, y) for y in (-1.0, 1.0) for x in np.sign(y) * np.arange(4.0, -4.0, -0.05)], np.float32)
+    maps = TsdfMaps(TsdfConfig())
+    maps.integrate(np.zeros((1, 3)), thinned(walls))
+    free, kept = found_from(maps.of(0), thinned(walls + np.float32((0.5, 0.0))).points, (-0.5, 0.0, 0.0))
+    np.testing.assert_allclose(free, (-0.5, 0.0, 0.0), atol=0.01)
+    np.testing.assert_allclose(kept, 0.0, atol=0.01)
+
+
+def test_walls_prove_that_the_odometry_failed(room: TsdfView) -> None:
+    at = (0.5, -0.3, 0.4)
+    free, kept = found_from(room, thinned(room_scan(at)).points, (0.45, -0.25, 0.35))
+    np.testing.assert_allclose(free, at, atol=0.005)
+    np.testing.assert_array_equal(kept, free)
+
+
 def locate(room: TsdfView, at: tuple[float, float, float], predicted: Array, predictions: Array = ODOMETRY) -> Array:
     """Where a scan taken there is found to be, from where the odometry puts it."""
     points = thinned(room_scan(at)).points
-    result = localiser().locate(room, se2.as_pose(predicted), SPREAD, points, HERE, lambda: predictions).fitted
+    result = (
+        localiser()
+        .locate(room, se2.as_pose(predicted), SPREAD, points, HERE, lambda: predictions, measured=True)
+        .fitted
+    )
     return se2.compose(predicted, result.offset)
 
 
@@ -104,8 +152,8 @@ def test_a_scan_is_found_where_the_same_velocity_would_put_it(room: TsdfView) ->
     points = thinned(room_scan(at)).points
     narrow = localiser(relocation_distance=0.0, relocation_rotation=0.0)
     predictions = np.stack((np.zeros(3), se2.between(stood, np.array(at) + 0.02)))
-    with_velocity = narrow.locate(room, stood, SPREAD, points, HERE, lambda: predictions).fitted.offset
-    without = narrow.locate(room, stood, SPREAD, points, HERE, lambda: ODOMETRY).fitted.offset
+    with_velocity = narrow.locate(room, stood, SPREAD, points, HERE, lambda: predictions, measured=True).fitted.offset
+    without = narrow.locate(room, stood, SPREAD, points, HERE, lambda: ODOMETRY, measured=True).fitted.offset
     assert np.abs(np.subtract(with_velocity, at)).max() < 0.005
     assert np.abs(np.subtract(without, at)).max() > 0.1
 
@@ -127,7 +175,7 @@ def test_places_that_look_alike_are_rivals_by_what_their_offsets_cost(room: Tsdf
     spread = (0.4, 0.4, 1.5)
     for lean in (0.0, 0.2):
         predicted = (0.0, 0.0, float(at[2]) + np.pi / 2 - lean)
-        fitted, _, rivals = localiser().locate(room, predicted, spread, points, HERE, lambda: ODOMETRY)
+        fitted, _, rivals = localiser().locate(room, predicted, spread, points, HERE, lambda: ODOMETRY, measured=True)
         here = se2.compose(predicted, fitted.offset)
         places = se2.compose(here, rivals.offsets)
         expected = other if abs(se2.wrap(here[2] - at[2])) < 1 else at
@@ -145,7 +193,9 @@ def test_a_place_that_looks_like_no_other_has_no_rivals(room: TsdfView) -> None:
     at = np.array((0.3, -0.2, 0.1))
     points = thinned(room_scan(at)).points
     predicted = se2.as_pose(at + 0.3)
-    fitted, _, rivals = localiser().locate(room, predicted, (0.3, 0.3, 0.3), points, HERE, lambda: ODOMETRY)
+    fitted, _, rivals = localiser().locate(
+        room, predicted, (0.3, 0.3, 0.3), points, HERE, lambda: ODOMETRY, measured=True
+    )
     np.testing.assert_allclose(se2.between(se2.compose(predicted, fitted.offset), at), 0.0, atol=0.005)
     assert not len(rivals.offsets)
     assert not len(rivals.log_odds(0.03))

@@ -116,8 +116,8 @@ def test_a_particle_that_looks_elsewhere_begins_at_its_place_whatever_the_odomet
         np.zeros(2),
         ProposalConfig(),
         RegistrationConfig(),
+        TrackingConfig(),
         measured=True,
-        min_points=5,
         places=np.stack((np.zeros(3), offset)),
     )
     start = se2.compose(found.predicted, se2.between(odometry, at))
@@ -150,8 +150,9 @@ def test_rivals_divide_the_particles_even_where_no_update_is_due(monkeypatch: py
     tsdf.step(Step(0, 0.0, 0.0, np.zeros(3), True, room_scan(), origin))
     locate = Localiser.locate
 
-    def with_rival(self: Localiser, *arguments: Any) -> Located:
-        return locate(self, *arguments)._replace(rivals=Rivals(np.array([(0.0, 0.0, np.pi)]), np.zeros(1), np.zeros(1)))
+    def with_rival(self: Localiser, *arguments: Any, measured: bool) -> Located:
+        found = locate(self, *arguments, measured=measured)
+        return found._replace(rivals=Rivals(np.array([(0.0, 0.0, np.pi)]), np.zeros(1), np.zeros(1)))
 
     monkeypatch.setattr(Localiser, "locate", with_rival)
     result = tsdf.step(Step(1, 0.1, 0.1, np.zeros(3), True, room_scan(), origin))
