@@ -17,15 +17,15 @@ from moteslam.robot import se2
 from moteslam.robot.recording import LidarStream, Recording
 from moteslam.robot.stamps import nearest_stamp
 from moteslam.slam.inputs.config import SyncConfig
-from moteslam.slam.inputs.jumps import jumps
+from moteslam.slam.inputs.jumps import LATEST, jumps
 from moteslam.slam.inputs.odometry_path import OdometryPath, odometry_path
 from moteslam.slam.inputs.scans import Scans
 from moteslam.slam.inputs.standing import has_moved, stands
 
 Array = NDArray[np.float64]
 GAP, LEAST_GAP = 10.0, 0.5
-"""Readings of the odometry have a gap between them where they are this many times as far apart as the median of those
-before, and by more than the second [s]."""
+"""Readings of the odometry have a gap between them where they are this many times as far apart as the median of the
+latest 1000, and by more than the second [s]."""
 APART = 1.0
 """Scans and odometry whose times are this far apart [s] are of different recordings, or on different clocks."""
 
@@ -148,16 +148,12 @@ def _stale(scans: Array, readings: Array) -> NDArray[np.bool_]:
         scans: [n] stamps [s].
         readings: [m] stamps of the odometry [s].
     """
-    if np.array_equal(scans, readings):
-        return np.zeros(len(scans), np.bool_)
     intervals = np.diff(readings)
-    after = np.searchsorted(readings, scans, side="left")
-    inside = (after > 0) & (after < len(readings)) & (readings[np.minimum(after, len(readings) - 1)] > scans)
-    stale = np.zeros(len(scans), np.bool_)
-    for k in np.flatnonzero(inside & (np.r_[0.0, intervals, 0.0][after] > LEAST_GAP)).tolist():
-        gap = after[k] - 1
-        stale[k] = intervals[gap] > GAP * np.median(intervals[: gap + 1])
-    return stale
+    gaps = np.zeros(len(readings) + 1, np.bool_)  # before each reading, and after the last
+    for k in np.flatnonzero(intervals > LEAST_GAP).tolist():
+        gaps[k + 1] = intervals[k] > GAP * np.median(intervals[max(0, k + 1 - LATEST) : k + 1])
+    following = np.searchsorted(readings, scans, side="left")
+    return np.asarray(gaps[following] & ~np.isin(scans, readings))
 
 
 def sweep_seconds(recording: Recording, lidar: LidarStream) -> float:

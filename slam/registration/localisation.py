@@ -130,14 +130,11 @@ class Localiser:
         options = self._options_of(maps.config)
         fitted = register_one(maps, predicted, spread, points, origin, self._registration, options)
         sure = spread[0] <= c.basin_distance and spread[2] <= OPEN_HEADING
-        (x, y, theta), (along, across, about), most = fitted.offset, spread, c.accept_deviation
-        near = sure and abs(x) <= most * along and abs(y) <= most * across and abs(theta) <= most * about
+        near = sure and _within(c.accept_deviation, fitted.offset, spread)
         score = match_score(fitted.known, fitted.likelihood, fitted.crossed, c)
         known = measured and sure
         accepted = near and fitted.likelihood >= c.accept_likelihood and not self.contradicts(score, len(points))
-        most = self._registration.gate
-        x, y, theta = fitted.free
-        if accepted and not (known and (abs(x) > most * along or abs(y) > most * across or abs(theta) > most * about)):
+        if accepted and (not known or _within(self._registration.gate, fitted.free, spread)):
             return Located(fitted, score)
         sought = _Sought(maps, np.array(predicted), np.array(spread), points, np.array(origin), np.zeros((0, 3)))
         if accepted:
@@ -214,6 +211,12 @@ class Localiser:
         fitted = found.of(0)
         score = match_score(fitted.known, fitted.likelihood, fitted.crossed, c)
         return Located(fitted, score, Rivals(offsets, scores[rivals] - scores[best], cost[rivals] - cost[best]))
+
+
+def _within(most: float, offset: Pose, spread: Spread) -> bool:
+    """Whether an offset is within ``most`` standard deviations in each component."""
+    (x, y, theta), (along, across, about) = offset, spread
+    return abs(x) <= most * along and abs(y) <= most * across and abs(theta) <= most * about
 
 
 def match_score(known: Numbers, likelihood: Numbers, crossed: Numbers, config: TrackingConfig) -> Numbers:

@@ -67,6 +67,10 @@ class Registration(NamedTuple):
         cost, free = float(self.costs[which]), as_pose(self.free[which])
         return Fitted(offset, information, known, likelihood, crossed, cost, free)
 
+    def at(self, which: int) -> Registration:
+        """One of them, as of one particle."""
+        return Registration(*(values[which : which + 1] for values in self))
+
     @classmethod
     def one(cls, fitted: Fitted) -> Registration:
         """Of one particle: what ``of`` took out."""
@@ -168,9 +172,8 @@ def register_one(
     query = *maps.frame(predicted), 0.0, 0.0, 0.0, *prior
     kept = kept_by(x, config)
     found = register_scan(maps.tiles, query, points, origin, options=options, kept=kept, finite=True)
-    x, y, theta, xx, xy, xt, yy, yt, tt, cost, known, likelihood, crossed, free_x, free_y, free_turn = (
-        found  # the columns of register_scans
-    )
+    x, y, theta, xx, xy, xt, yy, yt, tt, cost, known, likelihood, crossed = found[: CROSSED + 1]
+    free_x, free_y, free_turn = found[FREE]
     offset, information = (x, y, theta), (xx, xy, xt, yy, yt, tt)
     return Fitted(offset, information, known, likelihood / max(known, 1), crossed, cost, (free_x, free_y, free_turn))
 

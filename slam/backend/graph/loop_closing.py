@@ -118,8 +118,9 @@ class LoopClosing:
         submap = min(before, key=lambda node: abs(node - submap), default=submap)
         pair = submap, query
         predicted = np.asarray(se2.between(graph.poses[submap], graph.poses[query]))
-        last = graph.loops[pair].candidate if pair in graph.loops else None
-        if last is not None and last.verdict != "unsearched":
+        known = graph.loops.get(pair)
+        last = None if known is None or known.candidate.verdict == "unsearched" else known.candidate
+        if last is not None:
             if last.accepted and (np.abs(se2.between(predicted, last.found)) < half).all():
                 return []
             moved = np.asarray(se2.between(last.predicted, predicted))
@@ -129,14 +130,14 @@ class LoopClosing:
         cost = self._search.cost(half)
         if cost > CHEAP:
             if self._looked_up + cost > LOOKUPS_PER_METRE * graph.driven:
-                if last is None:
+                if known is None:
                     graph.enter(pair, self._search.unsearched(submap, query, predicted, half))
                 return []
             self._looked_up += cost
         found = self._search.match(submap, query, predicted, half)
         if found is None:
             return []
-        if last is None or last.verdict == "unsearched":
+        if last is None:
             self._searched.setdefault(query, []).append(submap)
         graph.enter(pair, found)
         if not found.candidate.accepted:

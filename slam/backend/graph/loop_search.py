@@ -7,6 +7,7 @@ allows.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -115,14 +116,9 @@ class LoopSearch:
         kept = keep_odometry(found, half / WINDOW_DEVIATIONS, self._registration)
         information = measured_information(kept, best, self._registration, self._config.correlation)
         covariance = np.linalg.inv(information + WEAKEST * np.eye(3)) + np.diag(np.square(FLOOR))
-        indices, stamps = self._nodes.indices, self._nodes.stamps
-        candidate = LoopCandidate(
-            earlier=int(indices[submap]),
-            later=int(indices[query]),
-            stamps=(float(stamps[submap]), float(stamps[query])),
-            predicted=predicted,
+        candidate = replace(
+            self._candidate(submap, query, predicted, half),
             found=np.asarray(se2.compose(predicted, kept.offsets[best])),
-            window=(float(half[0]), float(half[2])),
             share=float(shares[best]),
             runner_up=runner_up,
             known=float(found.known[best]) / len(points),
@@ -134,11 +130,15 @@ class LoopSearch:
 
     def unsearched(self, submap: int, query: int, predicted: Array, half: Array) -> Loop:
         """The candidate of a search that is not made."""
-        nodes = self._nodes
-        candidate = LoopCandidate(
-            earlier=int(nodes.indices[submap]),
-            later=int(nodes.indices[query]),
-            stamps=(float(nodes.stamps[submap]), float(nodes.stamps[query])),
+        return Loop(self._candidate(submap, query, predicted, half), WEAKEST * np.eye(3))
+
+    def _candidate(self, submap: int, query: int, predicted: Array, half: Array) -> LoopCandidate:
+        """A pair before it is searched."""
+        indices, stamps = self._nodes.indices, self._nodes.stamps
+        return LoopCandidate(
+            earlier=int(indices[submap]),
+            later=int(indices[query]),
+            stamps=(float(stamps[submap]), float(stamps[query])),
             predicted=predicted,
             found=predicted,
             window=(float(half[0]), float(half[2])),
@@ -149,7 +149,6 @@ class LoopSearch:
             crossed=0.0,
             verdict="unsearched",
         )
-        return Loop(candidate, WEAKEST * np.eye(3))
 
     def cost(self, half: Array) -> float:
         """The endpoints that a search over a window of these half widths [3] looks up."""

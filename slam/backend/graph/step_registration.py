@@ -187,7 +187,7 @@ def _overrules(
     config: GraphConfig,
 ) -> float:
     """By how many nats a registration far from the odometry is more probable than one held near it."""
-    one, other = Registration.one(found.of(best)), Registration.one(held.of(near))
-    evidence = float(nats_for(one, other, points, config.registration.unknown_cost, config.correlation)[0])
+    unknown = config.registration.unknown_cost
+    evidence = float(nats_for(found.at(best), held.at(near), points, unknown, config.correlation)[0])
     off = np.square(found.offsets[best] / spread).sum()
     return evidence - float(against(off, SCORES))
