@@ -12,6 +12,7 @@ from moteslam.robot import se2
 from moteslam.robot.alignment import umeyama
 from moteslam.robot.issues import Issue
 from moteslam.robot.pose_graph import PoseGraph
+from moteslam.robot.wording import counted
 from moteslam.slam.backend.graph.chain import CONTRADICTED
 from moteslam.slam.backend.graph.config import GraphConfig
 from moteslam.slam.backend.graph.endpoints import Endpoints, cells_along, clearly_fewer, sharpness
@@ -242,7 +243,7 @@ def contradictions(
         known, kept = (sum(loop.accepted for loop in ledger) for ledger in (graph.ledger, loops))
         text = (
             "the final path follows from the filter's, whose map is clearly sharper than the graph's: it confirms "
-            f"{kept} of {known} loops"
+            f"{kept} of {counted(known, 'loop')}"
         )
         issues.append(Issue("graph-left", text, known - kept))
     off, deviations = graph.chain.errors(poses)
@@ -252,9 +253,9 @@ def contradictions(
         worst = int(np.where(far, size, -1.0).argmax())
         distance, turn = float(np.hypot(*off[worst, :2])), abs(float(np.degrees(off[worst, 2])))
         text = (
-            f"{int(far.sum())} steps of the final path contradict odometry and registration by over {CONTRADICTED:g} "
-            f"standard deviations, most from {stamps[worst]:.2f} to {stamps[worst + 1]:.2f} s, by {distance:.2f} m and "
-            f"{turn:.1f} degrees: the map may be bent there"
+            f"the final path contradicts odometry and registration by over {CONTRADICTED:g} standard deviations in "
+            f"{counted(int(far.sum()), 'step')}, most from {stamps[worst]:.2f} to {stamps[worst + 1]:.2f} s, by "
+            f"{distance:.2f} m and {turn:.1f} degrees: the map may be bent there"
         )
         issues.append(Issue("step-contradicted", text, int(far.sum())))
     return tuple(issues)
