@@ -58,6 +58,8 @@ class LidarStream(_Frozen):
         range_min, range_max: what the sensor can measure [m].
         time_increment: between beams [s]; 0 where it is not known.
         odometry: [n, 3] the robot's odometry pose logged with each scan, where the format logs one.
+        sequence: [n] rising in the order in which the scans were taken, where the stamps are known to be wrong about
+            it; None where they are right.
     """
 
     stamps: NDArray[np.float64]
@@ -68,6 +70,7 @@ class LidarStream(_Frozen):
     range_max: float
     time_increment: float = 0.0
     odometry: NDArray[np.float64] | None = None
+    sequence: NDArray[np.int64] | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()

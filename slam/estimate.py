@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -91,3 +91,38 @@ class Estimate(Summarised):
     def _summary(self) -> str:
         path = self.trajectory_final._summary()
         return f"{self.name!r}, method {self.config.method}, seed {self.seed}, {path}, map: {self.map._summary()}"
+
+
+def as_logged(estimate: Estimate, stamps: NDArray[np.float64]) -> Estimate:
+    """An estimate in the order of the recording, whose stamps are not in the order in which its scans were taken.
+
+    Args:
+        estimate: of n scans, in the order in which they were taken.
+        stamps: [n] that the recording gives them, in that order [s].
+    """
+    order = np.argsort(stamps, kind="stable")
+    updates = np.flatnonzero(estimate.diagnostics["updated"])
+    at = np.argsort(order)  # where each scan lies in the recording
+
+    def sorted_(trajectory: Trajectory) -> Trajectory:
+        return Trajectory(stamps[order], trajectory.poses[order])
+
+    def path_order(length: int) -> NDArray[np.intp]:
+        return np.argsort(stamps[updates[:length]], kind="stable")
+
+    kept = path_order(len(updates))
+    return replace(
+        estimate,
+        trajectory=sorted_(estimate.trajectory),
+        trajectory_final=sorted_(estimate.trajectory_final),
+        dead_reckoning=sorted_(estimate.dead_reckoning),
+        particle_stamps=stamps[updates][kept],
+        particle_paths=estimate.particle_paths[:, kept],
+        particle_ancestors=estimate.particle_ancestors[:, kept],
+        particle_spread=estimate.particle_spread[kept],
+        covariances=estimate.covariances[order],
+        diagnostics={name: values[order] for name, values in estimate.diagnostics.items()},
+        corrections=tuple(
+            Correction(int(at[scan]), path[path_order(len(path))]) for scan, path in estimate.corrections
+        ),
+    )

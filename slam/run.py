@@ -22,7 +22,7 @@ from moteslam.slam.backend.kinds import BACKENDS
 from moteslam.slam.backend.protocol import KeyScan
 from moteslam.slam.colouring import with_texture
 from moteslam.slam.config import SlamConfig
-from moteslam.slam.estimate import Correction, Estimate
+from moteslam.slam.estimate import Correction, Estimate, as_logged
 from moteslam.slam.filter.certainty import LocalisationState, certainty_of_particles
 from moteslam.slam.filter.spread import spread
 from moteslam.slam.inputs.filling import between_known
@@ -213,7 +213,7 @@ class SlamSession:
         corrected = self._backend.finish(path)
         finishing = time.perf_counter() - began
         final = between_known(path if corrected is None else corrected, updates, se2.accumulate(records.motions))
-        return Estimate(
+        found = Estimate(
             name=self.recording.name,
             config=self.config,
             seed=self.seed,
@@ -234,6 +234,7 @@ class SlamSession:
             loops=self._backend.loops,
             graph=getattr(self._backend, "graph", None),  # back ends of other packages may have none
         )
+        return found if self._inputs.logged is None else as_logged(found, self._inputs.logged[:n])
 
     @property
     def _done(self) -> int:

@@ -112,16 +112,15 @@ def lidar_stream(
     check_fan(beams, fan.angle_increment, file=path, field=f"{field} angular resolution")
     angle_min, increment, range_min, range_max = fan.over(given)
     check_figures(beams, increment, range_min, range_max, file=path)
-    poses = () if odometry is None else (odometry,)
+    stamps, (order,) = sort_by_stamp(path, field, stamps, issues, np.arange(len(stamps)))
+    poses = None if odometry is None else odometry[order]
+    sequence = None if odometry is None else _sequence(path, field, odometry, order, issues)
     clean: Ranges
     if isinstance(ranges, LoggedRanges):
-        numbers = np.arange(len(stamps))
-        stamps, (order, *poses) = sort_by_stamp(path, field, stamps, issues, numbers, *poses)  # type: ignore[assignment]
         limits = (range_min, range_max)
         clean, found = ranges.cleaned(order, *limits, file=path, field=field, zero_is_invalid=zero_is_invalid)
     else:
-        stamps, (ranges, *poses) = sort_by_stamp(path, field, stamps, issues, ranges, *poses)  # type: ignore[assignment]
-        array, found = clean_ranges(ranges, range_min, range_max, file=path, field=field)
+        array, found = clean_ranges(ranges[order], range_min, range_max, file=path, field=field)
         if zero_is_invalid:
             array[array == 0] = np.nan
         clean = given_up(array)
@@ -134,8 +133,38 @@ def lidar_stream(
         range_min=range_min,
         range_max=range_max,
         time_increment=robot.lidar.time_increment,
-        odometry=poses[0] if poses else None,
+        odometry=poses,
+        sequence=sequence,
     )
+
+
+def _sequence(
+    path: Path, field: str, odometry: Array, order: NDArray[np.int64], issues: list[Issue]
+) -> NDArray[np.int64] | None:
+    """The order [n] in which scans sorted by stamp were taken, where it is the file's and not that of their stamps.
+
+    A clock that is set back or a message that waits gives a scan the stamp of another moment; the pose logged with it
+    tells: in the right order the robot's path by odometry is the shorter one.
+
+    Args:
+        path, field: where they come from, for messages.
+        odometry: [n, 3] poses logged with the scans, in the order of the file.
+        order: [n] of the scans by their stamps.
+        issues: what was found is added.
+    """
+
+    def metres(poses: Array) -> float:
+        return float(np.hypot(*np.diff(poses[:, :2], axis=0).T).sum())
+
+    written, sorted_ = metres(odometry), metres(odometry[order])
+    if written >= sorted_:
+        return None
+    text = (
+        f"{path.name}: {field}: by the odometry logged with them ({written:.0f} m in the file's order, {sorted_:.0f} m "
+        "in that of their stamps) the scans were taken in the file's order: SLAM takes them so"
+    )
+    issues.append(Issue("stamps-out-of-order", text))
+    return order
 
 
 def odometry_stream(path: Path, field: str, stamps: Array, poses: Array, issues: list[Issue]) -> OdometryStream | None:

@@ -7,7 +7,7 @@ readings costs this delay of one reading. No statistic of the complete recording
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,7 +36,7 @@ class Inputs:
 
     Attributes:
         name: of the recording.
-        stamps: [n] of the scans [s].
+        stamps: [n] of the scans, in the order in which they were taken [s].
         scans: their endpoints.
         path: by odometry, at its own stamps; None where there is no odometry.
         odometry: [n, 3] the pose at every scan by odometry; zeros where there is none.
@@ -47,6 +47,7 @@ class Inputs:
             of wheel encoders, has moved by then, or the robot is seen to stand.
         moves: whether the odometry measures any motion.
         stood: [n] at which scans the robot is seen to stand before its odometry moves; None where that is not asked.
+        logged: [n] the stamps that the recording gives them, where it has them in another order [s].
     """
 
     name: str
@@ -59,6 +60,7 @@ class Inputs:
     measured: NDArray[np.bool_]
     moves: bool
     stood: NDArray[np.bool_] | None = None
+    logged: Array | None = None
 
     def __len__(self) -> int:
         return len(self.stamps)
@@ -87,6 +89,13 @@ def synchronise(
     n = len(lidar)
     path = odometry_path(recording, config)
     odometry = np.zeros((n, 3)) if path is None else _at_scans(lidar, path, config, name=recording.name)
+    logged = None
+    if lidar.sequence is not None:
+        taken = np.argsort(lidar.sequence, kind="stable")
+        logged, odometry = lidar.stamps[taken], odometry[taken]
+        lidar = replace(
+            lidar, stamps=np.maximum.accumulate(logged), ranges=lidar.ranges[taken], odometry=odometry, sequence=None
+        )
     jumped = jumps(lidar.stamps, odometry, config)
     motions = np.vstack((np.zeros(3), se2.between(odometry[:-1], odometry[1:])))
     moved = measures = np.full(n, path is not None)
@@ -108,6 +117,7 @@ def synchronise(
         measured=measures & ~jumped,
         moves=bool(moved.any()),
         stood=stood,
+        logged=logged,
     )
 
 
@@ -125,6 +135,8 @@ def require_lidar(recording: Recording) -> LidarStream:
 def _at_scans(lidar: LidarStream, path: OdometryPath, config: SyncConfig, *, name: str) -> Array:
     """The odometry's pose [n, 3] at every scan; the pose logged with a scan where the log has one."""
     if lidar.odometry is not None:
+        if lidar.sequence is not None:  # the stamps cannot tell in which gap a scan lies
+            return lidar.odometry
         stale = _stale(lidar.stamps, path.stamps)
         return np.where(stale[:, None], path.at(lidar.stamps), lidar.odometry) if stale.any() else lidar.odometry
     if lidar.stamps[-1] < path.stamps[0] - APART or lidar.stamps[0] > path.stamps[-1] + APART:

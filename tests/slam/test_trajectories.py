@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -10,7 +11,7 @@ from slam_rooms import circled_room
 
 from moteslam.robot import se2
 from moteslam.slam.estimate import Estimate
-from moteslam.slam.run import SlamSession
+from moteslam.slam.run import SlamSession, run_slam
 from moteslam.slam.settings import resolve_config
 
 pytestmark = pytest.mark.usefixtures("taichi")
@@ -49,3 +50,28 @@ def test_between_updates_the_misfit_of_motion_and_path_is_spread_evenly():
         np.testing.assert_allclose(off[before:after], off[before:after].mean(), atol=1e-9)
         largest = max(largest, abs(off[before:after].sum()))
     assert largest > 0.01
+
+
+def test_an_estimate_has_the_order_of_the_recording_where_its_stamps_are_wrong():
+    """Each fifth scan has the stamp of three scans before: the same poses, each at its own stamp."""
+    recording, _ = circled_room(scans=60)
+    settings = resolve_config("paper", ["particles=20", "update.distance=0.3", "update.rotation=10"])
+    lidar = recording.lidar
+    assert lidar is not None
+    poses = finished()[0].dead_reckoning.poses
+    lidar = replace(lidar, odometry=poses)
+    right = run_slam(replace(recording, lidar=lidar, encoders=None, imu=None), settings)
+    wrong = lidar.stamps.copy()
+    wrong[5::5] -= 3.5 * np.diff(lidar.stamps)[0]
+    order = np.argsort(wrong)
+    shuffled = replace(
+        lidar, stamps=wrong[order], ranges=lidar.ranges[order], odometry=poses[order], sequence=order.astype(np.int64)
+    )
+    found = run_slam(replace(recording, lidar=shuffled, encoders=None, imu=None), settings)
+    np.testing.assert_array_equal(found.trajectory.stamps, wrong[order])
+    for name in ("trajectory", "trajectory_final", "dead_reckoning"):
+        np.testing.assert_array_equal(getattr(found, name).poses, getattr(right, name).poses[order])
+    np.testing.assert_array_equal(found.diagnostics["updated"], right.diagnostics["updated"][order])
+    np.testing.assert_array_equal(found.covariances, right.covariances[order])
+    updated = np.flatnonzero(right.diagnostics["updated"])
+    np.testing.assert_array_equal(found.particle_stamps, np.sort(wrong[updated]))

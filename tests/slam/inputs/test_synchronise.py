@@ -117,6 +117,19 @@ def test_the_pose_logged_with_a_scan_after_a_gap_of_the_odometry_is_stale():
     np.testing.assert_array_equal(synchronise(alone).odometry, latest)
 
 
+def test_scans_are_taken_in_the_order_in_which_they_were_taken():
+    stamps = np.array([0.0, 1.0, 2.0, 3.0])
+    poses = np.array([[0, 0, 0], [2, 0, 0], [1, 0, 0], [3, 0, 0]], float)
+    ranges = poses[:, :1].astype(np.float32) + 1
+    lidar = LidarStream(stamps, ranges, 0.0, 1.0, 0.0, 30.0, odometry=poses, sequence=np.array([0, 5, 3, 8], np.int64))
+    readings = OdometryStream(np.array([0.0, 0.4, 0.8, 2.9, 3.0]), np.zeros((5, 3)))  # a gap says nothing here
+    inputs = synchronise(Recording("c", CARMEN, lidar=lidar, odometry=readings))
+    assert [float(step.points[0, 0]) for step in steps(inputs)] == [1, 2, 3, 4]
+    np.testing.assert_array_equal(inputs.motions[1:, 0], 1)
+    np.testing.assert_array_equal(inputs.stamps, [0, 2, 2, 3])
+    np.testing.assert_array_equal(inputs.logged, [0, 2, 1, 3])
+
+
 def test_encoders_that_end_before_the_lidar_are_told():
     recording = circle(seconds=4)
     encoders = recording.encoders
