@@ -36,6 +36,7 @@ from moteslam.sim.robot.vehicle import check_body, check_wheels
 from moteslam.sim.robot.wander import Wander
 from moteslam.sim.sensors.checks import check_camera, check_sensors
 from moteslam.sim.sensors.faults import Outage
+from moteslam.sim.sensors.lidar_faults import Cart, Tilt, check_tilt
 from moteslam.sim.world.clearance import check_world
 from moteslam.sim.world.floor import FloorSettings
 from moteslam.sim.world.layout import Layout
@@ -48,7 +49,7 @@ MAX_SEED = 2**63 - 1
 _RANDOM = re.compile(rf"{RANDOM_CORRIDORS}(?:-(\d{{1,40}}))?")
 _TASKS = ("route", "wander", "commands")
 
-Fault = Annotated[RepeatedScans | Gap | StaleOdometry | OdometryJump, Field(discriminator="kind")]
+Fault = Annotated[Cart | Tilt | RepeatedScans | Gap | StaleOdometry | OdometryJump, Field(discriminator="kind")]
 """What goes wrong in a run, each kind a table of its own."""
 _KINDS = tuple(fault.model_fields["kind"].default for fault in get_args(get_args(Fault)[0]))
 
@@ -156,6 +157,9 @@ def _check(scenario: Scenario) -> None:
     except InputError as error:
         raise ConfigError(str(error), field="world.plan.file") from error
     check_world(world)
+    for i, fault in enumerate(scenario.faults):
+        if isinstance(fault, Tilt):
+            check_tilt(fault, platform.lidar, field=f"faults.{i}")
     check_people(scenario.people, world, start, platform.radius)
     check_doors(scenario.doors, world, start, platform.radius)
     check_task(scenario.task, world, platform)

@@ -237,6 +237,7 @@ def _record(scenario: Scenario, driven: Drive, scene: Scene, rngs: Rngs, report:
         rngs["lidar"],
         errors=errors,
         tilt=tilt_of(driven, noise.drive, rngs["sway"]) if moves else None,
+        faults=scenario.faults,
         effects=rngs["echoes"],
         progress=lambda share: report("lidar", share),
     )
