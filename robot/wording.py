@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from os import PathLike
-from typing import Any, get_args, get_origin
+from typing import Any, Literal, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
@@ -62,7 +62,9 @@ def shortened(value: object) -> str:
     return text if len(text) <= _LONGEST else f"{text[: _LONGEST - 3]}..."
 
 
-def first_complaint(error: ValidationError, whole: str, expected: Callable[[Place], str]) -> tuple[str, str]:
+def first_complaint(
+    error: ValidationError, whole: str, expected: Callable[[Place], str], *, kinds: Collection[str] = ()
+) -> tuple[str, str]:
     """The field, with dots, and the problem of the first thing that is wrong.
 
     A key that is missing where another is unknown is most likely misspelt: the unknown one is named first.
@@ -71,36 +73,59 @@ def first_complaint(error: ValidationError, whole: str, expected: Callable[[Plac
         error: of a model that the table was validated by.
         whole: what the table is, ``scenario``.
         expected: the keys that there are at a place.
+        kinds: of the items of lists that may be one of several models (see `known_keys`); they are left out of fields.
     """
+
+    def named(place: Place) -> str:
+        shown = (part for i, part in enumerate(place) if not (part in kinds and i and isinstance(place[i - 1], int)))
+        return ".".join(map(str, shown))
+
     errors = error.errors(include_url=False)
     first = errors[0]
+    if first["type"].startswith("union_tag"):
+        key = first["ctx"]["discriminator"].strip("'")
+        given = first["input"].get(key) if isinstance(first["input"], dict) else None
+        found = "missing" if given is None else shortened(given)
+        return named((*first["loc"], key)), f"{found}, expected one of {', '.join(kinds)}"
     *parent, last = first["loc"] or ("",)
     beside = [other for other in errors if list(other["loc"][:-1]) == parent]
     if first["type"] == "missing" and isinstance(last, int):
         count = len(first["input"])
-        return _dotted(tuple(parent)), f"{counted(count, 'item')}, expected {count + len(beside)}"
+        return named(tuple(parent)), f"{counted(count, 'item')}, expected {count + len(beside)}"
     unknown = next((other for other in beside if other["type"] == "extra_forbidden"), None)
     if first["type"] == "missing" and unknown is not None:
-        return _dotted(unknown["loc"]), f"unknown key, {expected(tuple(parent))}; {_dotted(first['loc'])} is missing"
+        return named(unknown["loc"]), f"unknown key, {expected(tuple(parent))}; {named(first['loc'])} is missing"
     if first["type"] == "extra_forbidden":
-        return _dotted(first["loc"]), f"unknown key, {expected(tuple(parent))}"
+        return named(first["loc"]), f"unknown key, {expected(tuple(parent))}"
     if first["type"] == "missing":
         table = ".".join(str(part) for part in parent if not isinstance(part, int))
-        return _dotted(first["loc"]), f"missing, expected in every {table or whole}"
-    return _dotted(first["loc"]), in_words(first)
+        return named(first["loc"]), f"missing, expected in every {table or whole}"
+    return named(first["loc"]), in_words(first)
 
 
 def known_keys(model: type[BaseModel], place: Place) -> list[str]:
-    """The keys of the table at a place in a model: within tables, lists of tables, and tables by name."""
-    named = 0
+    """The keys of the table at a place in a model: within tables, lists of tables, and tables by name.
+
+    An item of a list may be one of several models, each with a ``kind``: the place names it after the index.
+    """
+    named, models = 0, [model]
     for part in place:
         if isinstance(part, int) or named:  # an item of a list, or of a table by name
             named = max(0, named - 1)
             continue
-        annotation: Any = model.model_fields[part].annotation
+        if len(models) > 1 and (chosen := [one for one in models if part in _kinds(one)]):
+            models = chosen
+            continue
+        annotation: Any = models[0].model_fields[part].annotation
         named = _names(annotation)
-        model = next(_models(annotation))
-    return list(model.model_fields)
+        models = list(_models(annotation))
+    return list(models[0].model_fields)
+
+
+def _kinds(model: type[BaseModel]) -> tuple[str, ...]:
+    """What the ``kind`` of a model may be; nothing where it has none."""
+    kind = model.model_fields.get("kind")
+    return get_args(kind.annotation) if kind is not None and get_origin(kind.annotation) is Literal else ()
 
 
 def _names(kind: Any) -> int:
@@ -165,7 +190,3 @@ def _number(value: float) -> str:
 
 def _bound(context: dict[str, Any]) -> str:
     return f"at least {context['min_length']}" if "min_length" in context else f"at most {context['max_length']}"
-
-
-def _dotted(place: Place) -> str:
-    return ".".join(map(str, place))

@@ -11,8 +11,9 @@ from dataclasses import dataclass, replace
 from moteslam.errors import ConfigError, InputError
 from moteslam.sim.base_odometry import with_odometry
 from moteslam.sim.key_scans import key_scans
+from moteslam.sim.log_faults import with_gaps, with_odometry_faults
 from moteslam.sim.odometry_noise import with_odometry_noise
-from moteslam.sim.simulate import Simulation, rng_of
+from moteslam.sim.simulate import EPOCH, Simulation, rng_of
 
 
 @dataclass(frozen=True)
@@ -43,10 +44,14 @@ class Logging:
 def logged(simulation: Simulation, logging: Logging) -> Simulation:
     """The simulation with its recording as it is logged: odometry first, then key scans, then noise on their steps.
 
+    The base goes on through a gap of the log, and what is wrong with its odometry is so after all else.
+
     Raises:
         InputError: no scans or no encoder readings are left to log.
     """
-    recording = with_odometry(simulation.recording, gyro=simulation.recording.imu is not None)
+    faults = simulation.scenario.faults
+    base = simulation.recording if simulation.base is None else simulation.base
+    recording = with_gaps(with_odometry(base, gyro=base.imu is not None), faults, EPOCH)
     if logging.every is not None or logging.turn is not None:
         distance = math.inf if logging.every is None else logging.every
         recording = key_scans(recording, distance=distance, turn=math.inf if logging.turn is None else logging.turn)
@@ -59,4 +64,5 @@ def logged(simulation: Simulation, logging: Logging) -> Simulation:
         rng = rng_of(simulation.scenario.seed, "odometry")
         distance, rotation = logging.noise
         recording = with_odometry_noise(recording, distance=distance, rotation=rotation, rng=rng)
-    return replace(simulation, recording=recording)
+    recording = with_odometry_faults(recording, faults, EPOCH)
+    return replace(simulation, recording=recording.replace(rgbd=simulation.recording.rgbd))

@@ -7,7 +7,7 @@ import tomllib
 from collections.abc import Sequence
 from os import PathLike
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +26,7 @@ from moteslam.sim.actors.checks import check_doors, check_people
 from moteslam.sim.actors.crowd import Crowd
 from moteslam.sim.actors.doors import MAX_DOORS, Door
 from moteslam.sim.actors.people import MAX_PEOPLE, Person
+from moteslam.sim.log_faults import Gap, OdometryJump, RepeatedScans, StaleOdometry
 from moteslam.sim.robot.choice import chosen_platform, with_its_robot
 from moteslam.sim.robot.commands import Commands
 from moteslam.sim.robot.limits import MAX_DURATION, Limits
@@ -35,6 +36,7 @@ from moteslam.sim.robot.vehicle import check_body, check_wheels
 from moteslam.sim.robot.wander import Wander
 from moteslam.sim.sensors.checks import check_camera, check_sensors
 from moteslam.sim.sensors.faults import Outage
+from moteslam.sim.sensors.lidar_faults import Cart, Tilt, check_tilt
 from moteslam.sim.world.clearance import check_world
 from moteslam.sim.world.floor import FloorSettings
 from moteslam.sim.world.layout import Layout
@@ -46,6 +48,10 @@ SCENARIOS = Path(__file__).parent / "scenarios"
 MAX_SEED = 2**63 - 1
 _RANDOM = re.compile(rf"{RANDOM_CORRIDORS}(?:-(\d{{1,40}}))?")
 _TASKS = ("route", "wander", "commands")
+
+Fault = Annotated[Cart | Tilt | RepeatedScans | Gap | StaleOdometry | OdometryJump, Field(discriminator="kind")]
+"""What goes wrong in a run, each kind a table of its own."""
+_KINDS = tuple(fault.model_fields["kind"].default for fault in get_args(get_args(Fault)[0]))
 
 
 class Scenario(Section):
@@ -68,6 +74,7 @@ class Scenario(Section):
         noise_class: whose figures ``noise`` begins with: the robot's ``datasheet`` or ``as_recorded``.
         noise: of the sensors; a file changes single values of the robot's own.
         outages: when a sensor is dead.
+        faults: what else goes wrong, and when.
         floor: what it looks like; tiles if None.
         camera: of the robot, which a file changes in single values; no images are recorded if None.
     """
@@ -90,6 +97,7 @@ class Scenario(Section):
     noise_class: Literal["datasheet", "as_recorded"] = "datasheet"
     noise: Noise = UCSD.noise
     outages: Annotated[tuple[Outage, ...], Field(max_length=100)] = ()
+    faults: Annotated[tuple[Fault, ...], Field(max_length=100)] = ()
     floor: FloorSettings | None = None
     camera: CameraSettings | None = None
 
@@ -149,6 +157,9 @@ def _check(scenario: Scenario) -> None:
     except InputError as error:
         raise ConfigError(str(error), field="world.plan.file") from error
     check_world(world)
+    for i, fault in enumerate(scenario.faults):
+        if isinstance(fault, Tilt):
+            check_tilt(fault, platform.lidar, field=f"faults.{i}")
     check_people(scenario.people, world, start, platform.radius)
     check_doors(scenario.doors, world, start, platform.radius)
     check_task(scenario.task, world, platform)
@@ -260,7 +271,10 @@ def _validated(table: Table, *, file: str | PathLike[str] | None) -> Scenario:
         raise ConfigError(error.problem, file=error.file or file, field=error.field) from error
     except ValidationError as error:
         field, problem = first_complaint(
-            error, "scenario", lambda place: f"expected one of {', '.join(known_keys(Scenario, place))}"
+            error,
+            "scenario",
+            lambda place: f"expected one of {', '.join(known_keys(Scenario, place))}",
+            kinds=_KINDS,
         )
         raise ConfigError(problem, file=file, field=field or None) from error
 

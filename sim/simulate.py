@@ -16,6 +16,15 @@ from moteslam.robot.trajectory import Trajectory
 from moteslam.robot.wording import expect_type
 from moteslam.sim.actors.actors import Actors
 from moteslam.sim.actors.tracks import TRUTH_RATE, Tracks
+from moteslam.sim.log_faults import (
+    Gap,
+    OdometryJump,
+    StaleOdometry,
+    with_gaps,
+    with_odometry_faults,
+    with_scans_repeated,
+    without_lost_motion,
+)
 from moteslam.sim.robot.drive import Drive, drive
 from moteslam.sim.robot.task import driver_for
 from moteslam.sim.robot.vehicle import PHYSICS_RATE, Vehicle
@@ -71,6 +80,8 @@ class Simulation(Summarised):
         end: why the drive ended: ``arrived``, ``stuck`` or ``out of time``.
         tracks: where people and doors were, from the first true pose on; None where there are none.
         frames: the camera's, drawn when they are asked for; None where it records none.
+        base: what the robot's own base integrates: the recording before gaps and faults of the odometry; None where
+            there are none.
     """
 
     recording: Recording
@@ -80,6 +91,7 @@ class Simulation(Summarised):
     end: str
     tracks: Tracks | None = None
     frames: CameraFrames | None = None
+    base: Recording | None = None
 
     def true_map(self, resolution: float) -> Raster:
         """The true occupancy of what stands, in all places that can be reached from the robot's start; see `true_map`.
@@ -134,6 +146,7 @@ def simulate(scenario: Scenario, seed: int | None = None, *, progress: Progress 
             field="route",
         )
     report("drive", 1.0)
+    _check_starts(scenario, driven)
     if scenario.noise.surroundings != Surroundings():
         path, radius = driven.poses[:: PHYSICS_RATE // 20, :2], scenario.platform.radius
         world = lived_in(world, scenario.noise.surroundings, rngs["surroundings"], path=path, radius=radius)
@@ -142,13 +155,21 @@ def simulate(scenario: Scenario, seed: int | None = None, *, progress: Progress 
     if scenario.camera is not None:
         floor, mount = scenario.floor or FloorSettings(), scenario.platform.camera
         frames = schedule_frames(driven, scene, floor, mount, scenario.camera, scenario.seed, epoch=EPOCH)
-    recording = _record(scenario, driven, scene, rngs, report)
+    recording, base = _record(scenario, driven, scene, rngs, report), None
+    if scenario.faults:
+        recording = with_scans_repeated(recording, scenario.faults, EPOCH)
+    if any(isinstance(fault, Gap | StaleOdometry | OdometryJump) for fault in scenario.faults):
+        base = without_lost_motion(recording, scenario.faults, EPOCH)
+        recording = with_odometry_faults(with_gaps(base, scenario.faults, EPOCH), scenario.faults, EPOCH)
     if frames is not None:
+        for gap in scenario.faults:
+            if isinstance(gap, Gap):
+                frames = frames.without(gap, EPOCH)
         recording = recording.replace(rgbd=frames.stream)
     every = PHYSICS_RATE // TRUTH_RATE
     kept = np.unique(np.append(np.arange(0, len(driven.stamps), every), len(driven.stamps) - 1))
     truth = Trajectory(EPOCH + driven.stamps[kept], driven.truth.poses[kept])
-    return Simulation(recording, truth, scenario, world, driven.end, driven.tracks, frames)
+    return Simulation(recording, truth, scenario, world, driven.end, driven.tracks, frames, base)
 
 
 def drive_scenario(
@@ -216,6 +237,7 @@ def _record(scenario: Scenario, driven: Drive, scene: Scene, rngs: Rngs, report:
         rngs["lidar"],
         errors=errors,
         tilt=tilt_of(driven, noise.drive, rngs["sway"]) if moves else None,
+        faults=scenario.faults,
         effects=rngs["echoes"],
         progress=lambda share: report("lidar", share),
     )
@@ -248,6 +270,20 @@ def _record(scenario: Scenario, driven: Drive, scene: Scene, rngs: Rngs, report:
         encoders=arrived("encoders", counts, noise.encoders.clock),
         imu=None if inertial is None else arrived("imu", inertial, noise.imu.clock),
     )
+
+
+def _check_starts(scenario: Scenario, driven: Drive) -> None:
+    """Refuse a fault that begins after the drive; one that is cut short may have lost some.
+
+    Raises:
+        ConfigError: there is one.
+    """
+    end = float(driven.stamps[-1])
+    for i, fault in enumerate(scenario.faults):
+        if fault.start >= end and driven.end == "arrived":
+            raise ConfigError(
+                f"{fault.start:g} s, expected before the end of the drive, {end:.1f} s", field=f"faults.{i}.start"
+            )
 
 
 def _seeded(scenario: Scenario, seed: int | None) -> Scenario:

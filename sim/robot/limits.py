@@ -1,9 +1,12 @@
-"""The limits that a robot drives within."""
+"""The limits that a robot drives within, and intervals of its drive."""
 
 from __future__ import annotations
 
+import math
 from typing import Annotated
 
+import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field
 
 from moteslam.robot.section import Number, Positive, Section
@@ -34,3 +37,22 @@ class Limits(Section):
     wander_distance: Positive = 2.0
     rest_start: Seconds = 6.0
     rest_end: Seconds = 4.0
+
+
+Duration = Annotated[Number, Field(gt=0, le=MAX_DURATION)]
+
+
+class Interval(Section):
+    """A part of a drive: from ``start`` after its first moment [s], for ``duration`` [s] or to its end."""
+
+    start: Seconds = 0.0
+    duration: Duration | None = None
+
+    @property
+    def end(self) -> float:
+        """When it ends [s], infinite where it lasts to the drive's end."""
+        return math.inf if self.duration is None else self.start + self.duration
+
+    def covers(self, times: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Which times [...] since the drive's first moment [s] are in it, its start but not its end."""
+        return np.asarray((times >= self.start) & (times < self.end))

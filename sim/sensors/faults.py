@@ -7,13 +7,14 @@ from dataclasses import fields, replace
 from typing import Annotated, Any, Literal, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field
 
 from moteslam.robot.noise import ClockNoise
-from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream
+from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream, OdometryStream
 from moteslam.robot.section import Number, Section
 
-Stream = TypeVar("Stream", LidarStream, EncoderStream, ImuStream)
+Stream = TypeVar("Stream", LidarStream, EncoderStream, ImuStream, OdometryStream)
 
 
 class Outage(Section):
@@ -43,13 +44,19 @@ def with_faults(stream: Stream, clock: ClockNoise, outages: Sequence[Outage], rn
         kept &= rng.random(len(stream)) >= clock.lost
     for outage in outages:
         kept &= (stream.stamps < outage.start) | (stream.stamps >= outage.start + outage.duration)
-    if not kept.all():
-        arrays: dict[str, Any] = {
-            field.name: value[kept]
-            for field in fields(stream)
-            if isinstance(value := getattr(stream, field.name), np.ndarray)
-        }
-        stream = replace(stream, **arrays)
+    stream = readings_of(stream, kept)
     if clock.offset or clock.drift:
         stream = replace(stream, stamps=stream.stamps + clock.offset + clock.drift * stream.stamps)
     return stream
+
+
+def readings_of(stream: Stream, kept: NDArray[np.bool_]) -> Stream:
+    """Those readings of a stream that are kept [n], the stream itself where all are."""
+    if kept.all():
+        return stream
+    arrays: dict[str, Any] = {
+        field.name: value[kept]
+        for field in fields(stream)
+        if isinstance(value := getattr(stream, field.name), np.ndarray)
+    }
+    return replace(stream, **arrays)

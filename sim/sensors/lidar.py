@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +16,7 @@ from moteslam.sim.robot.drive import Drive
 from moteslam.sim.sensors.beams import add_false_returns, mix_at_edges
 from moteslam.sim.sensors.clock import readings
 from moteslam.sim.sensors.echoes import Floats, Scene
+from moteslam.sim.sensors.lidar_faults import Cart, Tilt, carts_in_view, leaning
 
 
 @dataclass(frozen=True)
@@ -66,6 +67,7 @@ def simulate_lidar(
     *,
     errors: LidarErrors = LidarErrors(),
     tilt: Floats | None = None,
+    faults: Sequence[object] = (),
     effects: np.random.Generator | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> LidarStream:
@@ -82,6 +84,7 @@ def simulate_lidar(
         rng: random generator of noise and clock.
         errors: of this lidar, over the recording.
         tilt: [n, 2] roll and pitch of the body at the drive's stamps [rad]; None for a body that stays level.
+        faults: of a scenario; carts in its view and mounts aslant are taken from them.
         effects: random generator of surfaces, edges and rain; of seed 0 by default.
         progress: called with the share of the scans done.
 
@@ -101,7 +104,9 @@ def simulate_lidar(
     true_mount = lidar.model_copy(
         update={"x": lidar.x + errors.x, "y": lidar.y + errors.y, "yaw": lidar.yaw + errors.yaw}
     )
-    is_level = tilt is None and not errors.roll and not errors.pitch
+    carts = [fault for fault in faults if isinstance(fault, Cart)]
+    aslant = [fault for fault in faults if isinstance(fault, Tilt)]
+    is_level = tilt is None and not errors.roll and not errors.pitch and not aslant
     for start in range(0, len(times), at_a_time):
         rows = slice(start, start + at_a_time)
         moments = times[rows, None] + offsets
@@ -110,7 +115,13 @@ def simulate_lidar(
         exact = beam_ranges(scene, origins, directions, moments.reshape(-1), scan, noise, effects)
         if not is_level:
             leans = np.array((errors.roll, errors.pitch)) + (0.0 if tilt is None else _at(drive, moments, tilt))
-            exact = tilted(exact, leans.reshape(-1, 2), np.tile(lidar.yaw + angles, len(moments)), lidar.z)
+            leans, height, grazing = leaning(leans, lidar.z, aslant, moments)
+            bearings = np.tile(lidar.yaw + angles, len(moments))
+            exact = tilted(exact, leans.reshape(-1, 2), bearings, height, grazing)
+        if carts:
+            bearings = np.asarray(true_mount.yaw + angles, np.float64)
+            scans = exact.reshape(moments.shape)
+            exact = carts_in_view(scans, carts, moments, (errors.x, errors.y), bearings).reshape(-1)
         if errors.scale or errors.bias:
             exact = (exact * (1 + errors.scale) + errors.bias).astype(np.float32)
         ranges[rows] = measured(exact.reshape(-1, scan.beams), scan, noise, rng)
@@ -163,7 +174,13 @@ def beam_ranges(
     return ranges
 
 
-def tilted(level: NDArray[np.float32], leans: Floats, bearings: Floats, height: float) -> NDArray[np.float32]:
+def tilted(
+    level: NDArray[np.float32],
+    leans: Floats,
+    bearings: Floats,
+    height: Floats | float,
+    grazing: Floats | float = np.inf,
+) -> NDArray[np.float32]:
     """The ranges [n] of beams that do not lie level: walls are a little further, and some beams end on the floor.
 
     A floor that is met at a degree or two sends nothing back (the power falls with the angle, as of the materials).
@@ -172,15 +189,16 @@ def tilted(level: NDArray[np.float32], leans: Floats, bearings: Floats, height: 
         level: [n] of the level beams [m].
         leans: roll and pitch of the lidar [2] or [n, 2] [rad].
         bearings: [n] of the beams in the robot's frame [rad].
-        height: of the lidar above the floor [m]; at 0 or below no floor is met.
+        height: of the lidar above the floor [m], one or [n]; at 0 or below no floor is met.
+        grazing: angle from which on the floor is measured [rad], one or [n].
     """
     leans = np.broadcast_to(leans, (len(level), 2))
     down = leans[:, 1] * np.cos(bearings) + leans[:, 0] * -np.sin(bearings)
     slant = level / np.cos(down)
-    if height > 0:
-        with np.errstate(divide="ignore"):
-            floor = np.where(down > 0, height / np.sin(np.maximum(down, 0.0)), np.inf)
-        slant[slant > floor] = np.inf
+    with np.errstate(divide="ignore", invalid="ignore"):
+        floor = np.where((down > 0) & (np.asarray(height) > 0), height / np.sin(np.maximum(down, 0.0)), np.inf)
+    ends = slant > floor
+    slant[ends] = np.where(down >= grazing, floor, np.inf)[ends]
     return slant.astype(np.float32)
 
 

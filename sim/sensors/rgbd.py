@@ -7,7 +7,7 @@ from where every frame is taken, and `CameraFrames` draws the images of some of 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -28,6 +28,7 @@ from moteslam.robot.se2 import interpolate
 from moteslam.robot.specs import CameraSettings, CameraSpec
 from moteslam.robot.summary import Summarised
 from moteslam.sim.robot.drive import Drive
+from moteslam.sim.robot.limits import Interval
 from moteslam.sim.sensors.checks import check_camera
 from moteslam.sim.sensors.clock import readings
 from moteslam.sim.sensors.echoes import Scene
@@ -48,6 +49,8 @@ class CameraFrames(Summarised):
         scene: walls, people and doors that it sees.
         floor: what it drives on.
         seed: of the images' noise.
+        rgb_numbers, disparity_numbers: [m], [n] of each frame among all that reached the host, whose noise it has.
+        reached: how many colour and disparity images these were.
     """
 
     rgb_stamps: NDArray[np.float64]
@@ -61,6 +64,24 @@ class CameraFrames(Summarised):
     scene: Scene = field(repr=False)
     floor: FloorSettings
     seed: tuple[int, ...]
+    rgb_numbers: NDArray[np.intp]
+    disparity_numbers: NDArray[np.intp]
+    reached: tuple[int, int]
+
+    def without(self, gap: Interval, epoch: float) -> CameraFrames:
+        """The frames whose stamps are not in an interval; they look as they did. ``epoch`` is its time 0 [s]."""
+        rgb, disparity = (~gap.covers(stamps - epoch) for stamps in (self.rgb_stamps, self.disparity_stamps))
+        return replace(
+            self,
+            rgb_stamps=self.rgb_stamps[rgb],
+            rgb_poses=self.rgb_poses[rgb],
+            rgb_times=self.rgb_times[rgb],
+            rgb_numbers=self.rgb_numbers[rgb],
+            disparity_stamps=self.disparity_stamps[disparity],
+            disparity_poses=self.disparity_poses[disparity],
+            disparity_times=self.disparity_times[disparity],
+            disparity_numbers=self.disparity_numbers[disparity],
+        )
 
     @property
     def stream(self) -> RgbdStream:
@@ -76,17 +97,19 @@ class CameraFrames(Summarised):
             self.scene,
             self.floor,
             path=self.rgb_poses[:, :2],
-            frames=(len(self.rgb_stamps), len(self.disparity_stamps)),
+            frames=self.reached,
             seed=self.seed,
         )
 
     def draw_rgb(self, indices: NDArray[np.intp]) -> NDArray[np.uint8]:
         """The colour images [k, 480, 640, 3] (red, green, blue) of frames [k]."""
-        return self.renderer.rgb(indices, self.rgb_poses[indices], self.rgb_times[indices])
+        return self.renderer.rgb(self.rgb_numbers[indices], self.rgb_poses[indices], self.rgb_times[indices])
 
     def draw_disparity(self, indices: NDArray[np.intp]) -> NDArray[np.uint16]:
         """The raw disparity images [k, 480, 640] of frames [k]."""
-        return self.renderer.disparity(indices, self.disparity_poses[indices], self.disparity_times[indices])
+        return self.renderer.disparity(
+            self.disparity_numbers[indices], self.disparity_poses[indices], self.disparity_times[indices]
+        )
 
 
 def schedule_frames(
@@ -140,6 +163,9 @@ def schedule_frames(
         scene=scene,
         floor=floor,
         seed=words,
+        rgb_numbers=np.arange(len(rgb)),
+        disparity_numbers=np.arange(len(disparity)),
+        reached=(len(rgb), len(disparity)),
     )
 
 
