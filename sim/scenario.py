@@ -30,6 +30,7 @@ from moteslam.sim.log_faults import Gap, OdometryJump, RepeatedScans, StaleOdome
 from moteslam.sim.robot.choice import chosen_platform, with_its_robot
 from moteslam.sim.robot.commands import Commands
 from moteslam.sim.robot.limits import MAX_DURATION, Limits
+from moteslam.sim.robot.mishaps import Carried, StuckWheels, check_mishaps
 from moteslam.sim.robot.route import Route
 from moteslam.sim.robot.task import Task, check_duration, check_task
 from moteslam.sim.robot.vehicle import check_body, check_wheels
@@ -49,7 +50,10 @@ MAX_SEED = 2**63 - 1
 _RANDOM = re.compile(rf"{RANDOM_CORRIDORS}(?:-(\d{{1,40}}))?")
 _TASKS = ("route", "wander", "commands")
 
-Fault = Annotated[Cart | Tilt | RepeatedScans | Gap | StaleOdometry | OdometryJump, Field(discriminator="kind")]
+Fault = Annotated[
+    Cart | Tilt | RepeatedScans | StuckWheels | Gap | StaleOdometry | OdometryJump | Carried,
+    Field(discriminator="kind"),
+]
 """What goes wrong in a run, each kind a table of its own."""
 _KINDS = tuple(fault.model_fields["kind"].default for fault in get_args(get_args(Fault)[0]))
 
@@ -163,6 +167,7 @@ def _check(scenario: Scenario) -> None:
     check_people(scenario.people, world, start, platform.radius)
     check_doors(scenario.doors, world, start, platform.radius)
     check_task(scenario.task, world, platform)
+    check_mishaps(scenario.faults, scenario.task, world, platform)
 
 
 def with_camera(scenario: Scenario) -> Scenario:

@@ -26,12 +26,13 @@ from moteslam.sim.log_faults import (
     without_lost_motion,
 )
 from moteslam.sim.robot.drive import Drive, drive
+from moteslam.sim.robot.mishaps import Carried, Mishap
 from moteslam.sim.robot.task import driver_for
 from moteslam.sim.robot.vehicle import PHYSICS_RATE, Vehicle
 from moteslam.sim.scenario import Scenario
 from moteslam.sim.sensors.echoes import Scene
 from moteslam.sim.sensors.encoders import simulate_encoders
-from moteslam.sim.sensors.faults import Stream, with_faults
+from moteslam.sim.sensors.faults import Outage, Stream, with_faults
 from moteslam.sim.sensors.imu import simulate_imu
 from moteslam.sim.sensors.lidar import LidarErrors, simulate_lidar
 from moteslam.sim.sensors.rgbd import CameraFrames, schedule_frames
@@ -190,7 +191,8 @@ def drive_scenario(
         progress: called with the share of the path that lies behind.
 
     Raises:
-        ConfigError: no room for a crowd, or a wander that finds no free leg.
+        ConfigError: no room for a crowd, a wander that finds no free leg, or a robot that is carried further than its
+            path is long.
     """
     vehicle = Vehicle(scenario.platform, scenario.start, world, scenario.noise.drive)
     actors = None
@@ -206,7 +208,15 @@ def drive_scenario(
             rng=np.random.default_rng(0) if actors_rng is None else actors_rng,
         )
     driver = driver_for(scenario.task, scenario.drive, world, rng)
-    return drive(vehicle, driver, scenario.drive, scenario.duration, actors=actors, progress=progress)
+    return drive(
+        vehicle,
+        driver,
+        scenario.drive,
+        scenario.duration,
+        actors=actors,
+        faults=scenario.faults,
+        progress=progress,
+    )
 
 
 def true_drive(scenario: Scenario, seed: int | None = None) -> Drive:
@@ -257,7 +267,9 @@ def _record(scenario: Scenario, driven: Drive, scene: Scene, rngs: Rngs, report:
     faults = dict(zip(("lidar", "encoders", "imu"), rngs["faults"].spawn(3), strict=True))
 
     def arrived(sensor: str, stream: Stream, clock: ClockNoise) -> Stream:
-        outages = [outage for outage in scenario.outages if outage.sensor == sensor]
+        outages: list[Outage | Carried] = [outage for outage in scenario.outages if outage.sensor == sensor]
+        if sensor == "lidar":
+            outages += [one for one in scenario.faults if isinstance(one, Carried) and one.lidar == "off"]
         if clock.offset_error:
             off = clock.offset + clock.offset_error * rngs["constants"].standard_normal()
             clock = clock.model_copy(update={"offset": off})
@@ -273,17 +285,22 @@ def _record(scenario: Scenario, driven: Drive, scene: Scene, rngs: Rngs, report:
 
 
 def _check_starts(scenario: Scenario, driven: Drive) -> None:
-    """Refuse a fault that begins after the drive; one that is cut short may have lost some.
+    """Refuse a fault that begins after the drive, or a mishap after the robot's arrival.
+
+    A drive that runs out of time may have lost some.
 
     Raises:
         ConfigError: there is one.
     """
+    if driven.end != "arrived":
+        return
     end = float(driven.stamps[-1])
     for i, fault in enumerate(scenario.faults):
-        if fault.start >= end and driven.end == "arrived":
-            raise ConfigError(
-                f"{fault.start:g} s, expected before the end of the drive, {end:.1f} s", field=f"faults.{i}.start"
-            )
+        last, what = end, "the end of the drive"
+        if isinstance(fault, Mishap):
+            last, what = end - scenario.drive.rest_end, "the robot's arrival"
+        if fault.start >= last:
+            raise ConfigError(f"{fault.start:g} s, expected before {what}, {last:.1f} s", field=f"faults.{i}.start")
 
 
 def _seeded(scenario: Scenario, seed: int | None) -> Scenario:

@@ -36,8 +36,10 @@ class BlindDriver:
     """Follows commands in order, whatever happens; see `Driver`."""
 
     looks = False
+    path = None
 
     def __init__(self, commands: Commands) -> None:
+        self.at = 0
         self._steps = commands.steps
         self._ends = np.cumsum([step.duration for step in commands.steps])
         self._time = 0.0

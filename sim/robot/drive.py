@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from array import array
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,6 +18,7 @@ from moteslam.sim.actors.tracks import TRUTH_RATE, Tracks
 from moteslam.sim.robot.driver import Driver
 from moteslam.sim.robot.give_way import PATIENCE, pace
 from moteslam.sim.robot.limits import Limits
+from moteslam.sim.robot.mishaps import Carried, Mishap, carrying
 from moteslam.sim.robot.vehicle import PHYSICS_RATE, Vehicle
 
 CONTROL_STEPS = 8
@@ -61,6 +62,7 @@ def drive(
     duration: float,
     *,
     actors: Actors | None = None,
+    faults: Sequence[object] = (),
     progress: Callable[[float], None] | None = None,
 ) -> Drive:
     """Rest, drive until the driver has arrived, is stuck or out of time, and rest again.
@@ -71,18 +73,31 @@ def drive(
         limits: of its accelerations, and its rests.
         duration: of the drive at most [s].
         actors: people and doors in the vehicle's space.
+        faults: of a scenario; what happens to the robot (see `Mishap`) is taken from them, one at a time.
         progress: called with the share of the path that lies behind.
+
+    Raises:
+        ConfigError: the robot is carried further than its path is long.
     """
     run = _Run(vehicle, actors)
     dt, interval = 1 / PHYSICS_RATE, CONTROL_STEPS / PHYSICS_RATE
     speed = turn_rate = waited = 0.0
     end, end_step = "out of time", round((duration - limits.rest_end) * PHYSICS_RATE)
     rest_steps, stuck_steps = round(limits.rest_start * PHYSICS_RATE), round(STUCK_AFTER * PHYSICS_RATE)
-    stuck_check, stuck_pose = rest_steps + stuck_steps, run.state
+    stuck_check, stuck_pose, carried = rest_steps + stuck_steps, run.state, 0
+    mishaps = [_Held(fault, f"faults.{i}") for i, fault in enumerate(faults) if isinstance(fault, Mishap)]
     for step in range(end_step):
+        held = next((one for one in mishaps if one.first <= step < one.end), None) if mishaps else None
+        if held is not None:
+            stuck_check, stuck_pose = max(step, rest_steps) + stuck_steps, run.state
+        if held is not None and isinstance(held.fault, Carried):
+            run.carry(held, step, driver)
+            speed = turn_rate = 0.0
+            carried += step >= rest_steps
+            continue
         if step >= rest_steps and step % CONTROL_STEPS == 0:
             x, y, theta = run.state[:3]
-            wanted = driver.command((step - rest_steps) * dt, x, y, theta)
+            wanted = driver.command((step - rest_steps - carried) * dt, x, y, theta)
             if wanted is None:
                 end = "arrived"
                 break
@@ -102,7 +117,10 @@ def drive(
                 stuck_check, stuck_pose = step + stuck_steps, run.state
             if progress is not None and step % PHYSICS_RATE == 0:
                 progress(driver.done)
-        run.step(speed, turn_rate)
+        if held is not None:
+            run.stand(speed, turn_rate)
+        else:
+            run.step(speed, turn_rate)
     for _ in range(max(1, round(limits.rest_end * PHYSICS_RATE))):
         speed = _approach(speed, 0.0, 2 * limits.acceleration * dt)
         turn_rate = _approach(turn_rate, 0.0, 2 * limits.turn_acceleration * dt)
@@ -111,6 +129,17 @@ def drive(
     stamps = np.arange(len(table), dtype=np.float64) / PHYSICS_RATE
     tracks = None if actors is None else actors.tracks()
     return Drive(stamps, table[:, :3], table[:, 3:6], table[:, 6:], end, tracks)
+
+
+class _Held:
+    """A mishap in physics steps, from ``first`` to before ``end``; of a robot that is carried its poses and goal."""
+
+    def __init__(self, fault: Mishap, field: str) -> None:
+        self.fault, self.field = fault, field
+        self.first = round(fault.start * PHYSICS_RATE)
+        self.end = self.first + max(1, round(fault.duration * PHYSICS_RATE))
+        self.poses: NDArray[np.float64] | None = None
+        self.goal = 0
 
 
 class _Run:
@@ -126,11 +155,43 @@ class _Run:
 
     def step(self, speed: float, turn_rate: float) -> None:
         """One physics step with the motors asked for a speed [m/s] and turn rate [rad/s]."""
+        self._vehicle.push(speed, turn_rate)
+        self._advance()
+
+    def stand(self, speed: float, turn_rate: float) -> None:
+        """One physics step in which the wheels spin as asked while the robot stands."""
+        x, y, theta = self.state[:3]
+        self._vehicle.spin(speed, turn_rate)
+        self._advance((x, y, theta), (0.0, 0.0, 0.0))
+
+    def carry(self, held: _Held, step: int, driver: Driver) -> None:
+        """One physics step of being carried; the driver goes on from where the last of them ends."""
+        assert isinstance(held.fault, Carried)
+        vehicle, index = self._vehicle, step - held.first
+        if held.poses is None:
+            pose = np.array(self.state[:3])
+            held.poses, held.goal = carrying(held.fault, pose, driver, PHYSICS_RATE, field=held.field)
+            vehicle.lift(up=True)
+        here, following = held.poses[index], held.poses[min(index + 1, len(held.poses) - 1)]
+        vehicle.spin(0.0, 0.0)
+        (x, y, theta), (vx, vy, turn) = here.tolist(), ((following - here) * PHYSICS_RATE).tolist()
+        self._advance((x, y, theta), (vx, vy, turn))
+        if step == held.end - 1:
+            vehicle.lift(up=False)
+            driver.at = held.goal
+
+    def _advance(
+        self,
+        pose: tuple[float, float, float] | None = None,
+        velocity: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    ) -> None:
+        """One physics step of all; with a pose the robot is there after it."""
         vehicle, actors, done, dt = self._vehicle, self._actors, self._steps, 1 / PHYSICS_RATE
-        vehicle.push(speed, turn_rate)
         if actors is not None and done % CONTROL_STEPS == 0:
             actors.move(done * dt, CONTROL_STEPS * dt, vehicle.position, vehicle.platform.radius)
         vehicle.space.step(dt)
+        if pose is not None:
+            vehicle.put(pose, velocity)
         self.state = vehicle.state()
         self._states.extend(self.state)
         self._steps += 1

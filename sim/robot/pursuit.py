@@ -28,22 +28,23 @@ class PathDriver:
     looks = True
 
     def __init__(self, path: NDArray[np.float64], limits: Limits, rng: np.random.Generator) -> None:
-        points, length = _sample(path)
+        points, length = sampled(path)
         points = points + _sway(points, length, limits, rng)
+        self.path = points
         self._x, self._y = points.T.tolist()
         self._limits = limits
-        self._at = 0
+        self.at = 0
         self._ahead = max(1, round(limits.lookahead / SPACING))
 
     def command(self, time: float, x: float, y: float, theta: float) -> tuple[float, float] | None:
         """See `Driver`; arrived when the nearest point ahead is the last, or the last is hardly reachable."""
         limits, last = self._limits, len(self._x) - 1
-        self._at = min(
-            range(self._at, min(self._at + 2 * self._ahead, last) + 1),
+        self.at = min(
+            range(self.at, min(self.at + 2 * self._ahead, last) + 1),
             key=lambda i: (self._x[i] - x) ** 2 + (self._y[i] - y) ** 2,
         )
-        left = (last - self._at) * SPACING
-        target = min(self._at + self._ahead, last)
+        left = (last - self.at) * SPACING
+        target = min(self.at + self._ahead, last)
         dx, dy = self._x[target] - x, self._y[target] - y
         distance = math.hypot(dx, dy)
         bearing = math.remainder(math.atan2(dy, dx) - theta, math.tau)
@@ -60,10 +61,10 @@ class PathDriver:
     @property
     def done(self) -> float:
         """See `Driver`."""
-        return self._at / (len(self._x) - 1)
+        return self.at / (len(self._x) - 1)
 
 
-def _sample(path: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def sampled(path: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """The path at every ``SPACING`` of its length, its end included: points [n, 2], length up to each [n] [m]."""
     corners = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))))
     length = np.linspace(0.0, corners[-1], max(2, round(corners[-1] / SPACING) + 1))

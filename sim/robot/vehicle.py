@@ -59,7 +59,7 @@ class Vehicle:
         self._body = pymunk.Body(body.mass, _inertia(body, platform))
         x, y, theta = start.tolist()
         self._body.position, self._body.angle = (x, y), theta
-        hull = pymunk.Poly.create_box(self._body, (platform.length, platform.width))
+        self._hull = hull = pymunk.Poly.create_box(self._body, (platform.length, platform.width))
         hull.friction = body.wall_friction
         hull.filter = pymunk.ShapeFilter(categories=ROBOT)
         self.space.add(self._body, hull)
@@ -114,6 +114,26 @@ class Vehicle:
         total_x -= self._rolling_resistance(forward)
         body.force = (cos * total_x - sin * total_y, sin * total_x + cos * total_y)
         body.torque = moment
+
+    def spin(self, speed: float, turn_rate: float) -> None:
+        """Turn the wheels for a physics step as asked, a speed [m/s] and turn rate [rad/s], whatever the body does."""
+        for i, (_, py) in enumerate(self._places):
+            self._rims[i] = speed + math.copysign(self._half_track, py) * -turn_rate
+            self._travel[i] += self._rims[i] / PHYSICS_RATE
+
+    def put(self, pose: tuple[float, float, float], velocity: tuple[float, float, float]) -> None:
+        """Set the pose (x, y [m], heading [rad]) of the body and its velocity, whatever pushes it."""
+        body = self._body
+        body.position, body.angle = pose[:2], pose[2]
+        body.velocity, body.angular_velocity = velocity[:2], velocity[2]
+        body.force, body.torque = (0.0, 0.0), 0.0
+        self.space.reindex_shapes_for_body(body)
+
+    def lift(self, *, up: bool) -> None:
+        """Lift the body off the floor, where it touches nothing, or set it down."""
+        import pymunk
+
+        self._hull.filter = pymunk.ShapeFilter(categories=ROBOT, **({"mask": 0} if up else {}))
 
     def _shift_load(self, forward: float, left: float) -> None:
         """Share the weight between the wheels anew, for accelerations [m/s^2]; in 20 ms, as springs do."""

@@ -13,6 +13,7 @@ from pydantic import Field
 from moteslam.robot.noise import ClockNoise
 from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream, OdometryStream
 from moteslam.robot.section import Number, Section
+from moteslam.sim.robot.mishaps import Carried
 
 Stream = TypeVar("Stream", LidarStream, EncoderStream, ImuStream, OdometryStream)
 
@@ -28,7 +29,9 @@ class Outage(Section):
     duration: Annotated[Number, Field(gt=0, le=1800)]
 
 
-def with_faults(stream: Stream, clock: ClockNoise, outages: Sequence[Outage], rng: np.random.Generator) -> Stream:
+def with_faults(
+    stream: Stream, clock: ClockNoise, outages: Sequence[Outage | Carried], rng: np.random.Generator
+) -> Stream:
     """The readings that arrive, with the stamps that they get.
 
     A reading of the wheel counters that is lost takes its counts with it: the counters have been reset.
@@ -36,7 +39,7 @@ def with_faults(stream: Stream, clock: ClockNoise, outages: Sequence[Outage], rn
     Args:
         stream: as the sensor took it, stamps from the drive's start [s].
         clock: its faults.
-        outages: of this sensor.
+        outages: of this sensor, and when it is off while the robot is carried.
         rng: of which messages are lost; drawn from only if some are.
     """
     kept = np.ones(len(stream), bool)

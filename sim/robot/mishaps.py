@@ -1,0 +1,202 @@
+"""What happens to a robot on its drive: its wheels spin while it stands, or it is lifted and carried elsewhere."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Annotated, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, model_validator
+
+from moteslam.errors import ConfigError
+from moteslam.robot import se2
+from moteslam.robot.platform import Platform
+from moteslam.robot.section import Number
+from moteslam.sim.robot.commands import Commands
+from moteslam.sim.robot.driver import Driver
+from moteslam.sim.robot.limits import Duration, Interval, Seconds
+from moteslam.sim.robot.pursuit import SPACING, sampled
+from moteslam.sim.robot.route import Route
+from moteslam.sim.robot.task import Task
+from moteslam.sim.world.clearance import check_place
+from moteslam.sim.world.world import World
+
+Floats = NDArray[np.float64]
+
+FAR = 10.0
+"""How far along its path a robot is carried unless it is said [m]."""
+CORNER = 0.3
+"""Over which corners are rounded, before and after them [m]."""
+TURNS = 0.4
+"""Over which turns are smoothed, before and after them [s]."""
+
+
+class StuckWheels(Interval):
+    """The robot stands against a step while its wheels spin: they turn at the speed that the driver asks for.
+
+    Attributes:
+        start: [s]; duration: [s].
+    """
+
+    kind: Literal["stuck_wheels"] = "stuck_wheels"
+    start: Seconds
+    duration: Duration
+
+
+class Carried(Interval):
+    """The robot is lifted, carried along its path, set down elsewhere, and goes on with its task from there.
+
+    Its wheels do not turn meanwhile; its gyro measures how it is turned, to where it is carried.
+
+    Attributes:
+        start: [s]; duration: [s].
+        to: where it is set down: x, y [m], heading [rad]; it goes on from the nearest place of its path.
+        along: in place of that: how far along its path, negative for back [m]. Without either it is 10 m, ahead where
+            the path is that long, else back.
+        lidar: whether scans are recorded meanwhile.
+    """
+
+    kind: Literal["carried"] = "carried"
+    start: Seconds
+    duration: Annotated[Number, Field(ge=1, le=600)] = 15.0
+    to: tuple[Number, Number, Number] | None = None
+    along: Annotated[Number, Field(ge=-10_000, le=10_000)] | None = None
+    lidar: Literal["on", "off"] = "on"
+
+    @model_validator(mode="after")
+    def _goes_to_one_place(self) -> Carried:
+        if self.to is not None and self.along is not None:
+            raise ValueError("both to and along, expected one of them at most")
+        return self
+
+
+Mishap = StuckWheels | Carried
+
+
+def check_mishaps(faults: Sequence[object], task: Task, world: World, platform: Platform) -> None:
+    """Refuse mishaps at the same time, and places to set the robot down at that are not free or off its path.
+
+    Args:
+        faults: of a scenario; those of other kinds are passed over.
+        task: of the robot.
+        world: it drives in.
+        platform: the robot.
+
+    Raises:
+        ConfigError: the first of them; its place in the scenario is named.
+    """
+    end = 0.0
+    for start, i in sorted((fault.start, i) for i, fault in enumerate(faults) if isinstance(fault, Mishap)):
+        fault, field = faults[i], f"faults.{i}"
+        assert isinstance(fault, Mishap)
+        if start < end:
+            raise ConfigError(
+                f"{start:g} s, expected after the end of the one before, {end:g} s", field=f"{field}.start"
+            )
+        end = fault.end
+        if not isinstance(fault, Carried):
+            continue
+        if fault.to is None:
+            if isinstance(task, Commands):
+                raise ConfigError("missing, expected where a robot with commands is set down", field=f"{field}.to")
+            continue
+        place = np.array(fault.to[:2])
+        check_place(world, place, platform.radius, field=f"{field}.to", what="the robot is set down")
+        if isinstance(task, Route):
+            points, _ = sampled(task.path())
+            nearest = points[np.argmin(np.hypot(*(points - place).T))]
+            samples = np.linspace(place, nearest, 2 + int(np.hypot(*(nearest - place)) / SPACING))
+            if not world.is_free(samples, platform.width / 2).all():
+                raise ConfigError(
+                    f"a wall between ({place[0]:g}, {place[1]:g}) and the route, expected a free line between them",
+                    field=f"{field}.to",
+                )
+
+
+def carrying(fault: Carried, pose: Floats, driver: Driver, rate: int, *, field: str) -> tuple[Floats, int]:
+    """How the robot is carried: along its path, at the speed of one who starts and stops, facing where it is carried.
+
+    Args:
+        fault: where to, and how long it takes.
+        pose: [3] where it is lifted, the heading not wrapped.
+        driver: whose path it is.
+        rate: poses a second [Hz].
+        field: of the fault, for the message.
+
+    Returns:
+        poses [n, 3], the heading not wrapped, the last where it is set down; and the index on the driver's path from
+        which it goes on, 0 where it has none.
+
+    Raises:
+        ConfigError: a path that is shorter than it is carried.
+    """
+    points, at = driver.path, driver.at
+    if points is None:
+        assert fault.to is not None  # a scenario without is refused
+        corners, goal, target = np.array((pose[:2], fault.to[:2])), 0, np.array(fault.to)
+    else:
+        headings = np.arctan2(*np.gradient(points, axis=0).T[::-1])
+        if fault.to is None:
+            goal = _along(fault.along, at, len(points) - 1, field)
+            target = np.append(points[goal], headings[goal])
+        else:
+            target = np.array(fault.to)
+            # of places alike the one that leads on in the same direction, and of laps the nearest
+            away = np.hypot(*(points - target[:2]).T) + 0.1 * np.abs(se2.wrap(headings - target[2]))
+            goal = int(np.argmin(away + 1e-3 * SPACING * np.abs(np.arange(len(points)) - at)))
+        between = points[at : goal + 1] if goal >= at else points[goal : at + 1][::-1]
+        corners = np.concatenate((pose[None, :2], between, target[None, :2]))
+    return _walked(corners, pose[2], target, max(1, round(fault.duration * rate)), rate), goal
+
+
+def _along(along: float | None, at: int, last: int, field: str) -> int:
+    """The index on a path [last + 1] so far along [m] from another."""
+    if along is None:
+        return at + min(round(FAR / SPACING), last - at) if last - at >= at else max(at - round(FAR / SPACING), 0)
+    goal = at + round(along / SPACING)
+    if not 0 <= goal <= last:
+        left, which = (last - at, "left") if along > 0 else (at, "behind")
+        raise ConfigError(
+            f"{along:g} m of a path of which {left * SPACING:.1f} m are {which}, expected at most this distance",
+            field=f"{field}.along",
+        )
+    return goal
+
+
+def _walked(corners: Floats, heading: float, target: Floats, count: int, rate: int) -> Floats:
+    """The poses [count, 3] of one carried from corner to corner [k, 2], facing where it is carried but at both ends."""
+    distinct = np.append(True, np.hypot(*np.diff(corners, axis=0).T) > 1e-9)
+    share = np.arange(1, count + 1) / count
+    poses = np.empty((count, 3))
+    if distinct.sum() < 2:
+        poses[:, :2], facing = corners[0], np.full(count, heading)
+    else:
+        points, length = sampled(corners[distinct])
+        points = _smoothed(points, round(CORNER / SPACING))
+        directions = np.unwrap(np.arctan2(*np.gradient(points, axis=0).T[::-1]))
+        walked = length[-1] * _eased(share)
+        poses[:, :2] = np.stack([np.interp(walked, length, axis) for axis in points.T], axis=-1)
+        facing = np.interp(walked, length, directions)
+        facing += math.tau * round((heading - facing[0]) / math.tau)
+    last = target[2] + math.tau * round((facing[-1] - target[2]) / math.tau)
+    begun, ending = _eased(share / 0.2), _eased((share - 0.8) / 0.2)
+    facing = heading + (facing - heading) * begun + (last - facing) * ending
+    poses[:, 2] = _smoothed(facing, round(TURNS * rate))
+    poses[-1] = *target[:2], last
+    return poses
+
+
+def _eased(share: Floats) -> Floats:
+    """From 0 to 1 as the share does, slowly at both ends."""
+    share = np.clip(share, 0.0, 1.0)
+    return np.asarray(share**2 * (3 - 2 * share))
+
+
+def _smoothed(values: Floats, half: int) -> Floats:
+    """The mean of each value [n, ...] and at most ``half`` of those on either side; the ends stay where they are."""
+    half = min(half, len(values) - 1)
+    before, after = 2 * values[:1] - values[half:0:-1], 2 * values[-1:] - values[-2 : -half - 2 : -1]
+    total = np.cumsum(np.concatenate((np.zeros_like(values[:1]), before, values, after)), axis=0)
+    return np.asarray((total[2 * half + 1 :] - total[: -2 * half - 1]) / (2 * half + 1))

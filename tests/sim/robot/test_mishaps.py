@@ -1,0 +1,196 @@
+"""Wheels that spin while the robot stands, a robot that is carried: what is true, and what the sensors make of it."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+from moteslam.errors import ConfigError
+from moteslam.robot import se2
+from moteslam.robot.noise import Noise
+from moteslam.sim.robot.drive import Drive
+from moteslam.sim.scenario import load_scenario, parse_scenario
+from moteslam.sim.simulate import EPOCH, Simulation, simulate, true_drive
+from moteslam.sim.world.world import World
+
+START, DURATION = 4.0, 5.0
+
+
+def run(table: dict[str, Any], *faults: dict[str, Any], **changes: Any) -> Simulation:
+    return simulate(parse_scenario({**table, "noise": Noise().model_dump(), **changes, "faults": list(faults)}), seed=2)
+
+
+def driven(table: dict[str, Any], *faults: dict[str, Any], **changes: Any) -> Drive:
+    return true_drive(parse_scenario({**table, **changes, "faults": list(faults)}), seed=2)
+
+
+def mishap(kind: str, **keys: Any) -> dict[str, Any]:
+    return {"kind": kind, "start": START, "duration": DURATION, **keys}
+
+
+def within(stamps: np.ndarray, *, margin: float = 0.0) -> np.ndarray:
+    return (stamps >= START + margin) & (stamps < START + DURATION - margin)
+
+
+@pytest.mark.usefixtures("taichi")
+def test_stuck_wheels_count_while_the_robot_stands(table: dict[str, Any]) -> None:
+    plain, stuck = run(table), run(table, mishap("stuck_wheels"))
+    assert stuck.end == "arrived"
+    # the same up to there
+    same = stuck.truth.stamps <= EPOCH + START
+    assert stuck.truth.poses[same].tobytes() == plain.truth.poses[: same.sum()].tobytes()
+    # the truth stands
+    held = stuck.truth.poses[within(stuck.truth.stamps - EPOCH, margin=0.02)]
+    assert (held == held[0]).all()
+    # the encoders count as if it went on at its 0.95 m/s
+    encoders, imu, wheels = stuck.recording.encoders, stuck.recording.imu, stuck.scenario.platform.wheels
+    assert encoders is not None
+    assert imu is not None
+    assert wheels is not None
+    counted = encoders.counts[within(encoders.stamps - EPOCH)].sum(0) * wheels.metres_per_count
+    assert counted.mean() == pytest.approx(0.95 * DURATION, rel=0.05)
+    # the gyro measures no turn
+    assert np.abs(imu.angular_velocity[within(imu.stamps - EPOCH, margin=0.05), 2]).max() < 1e-3
+    # and the drive goes on, and takes as much longer
+    assert stuck.truth.stamps[-1] - plain.truth.stamps[-1] == pytest.approx(DURATION, abs=1.5)
+    assert np.hypot(*(stuck.truth.poses[-1] - plain.truth.poses[-1])[:2]) < 0.1
+
+
+def test_people_do_not_push_a_robot_that_stands(table: dict[str, Any]) -> None:
+    person = {"waypoints": [[9.0, 2.0], [1.0, 2.0]], "speed": 1.5}
+    stuck = driven(table, mishap("stuck_wheels"), people=[person])
+    held = stuck.poses[within(stuck.stamps, margin=0.01)]
+    assert (held == held[0]).all()
+
+
+@pytest.mark.usefixtures("taichi")
+@pytest.mark.parametrize("lidar", ["on", "off"])
+def test_a_robot_that_is_carried_along_its_path(table: dict[str, Any], lidar: str) -> None:
+    plain, carried = run(table), run(table, mishap("carried", along=3.0, lidar=lidar))
+    assert carried.end == "arrived"
+    same = carried.truth.stamps <= EPOCH + START
+    assert carried.truth.poses[same].tobytes() == plain.truth.poses[: same.sum()].tobytes()
+    # it is set down 3 m on
+    poses, since = carried.truth.poses, carried.truth.stamps - EPOCH
+    lifted, down = poses[since <= START][-1], poses[since >= START + DURATION][0]
+    path = float(np.abs(lifted[:2] - (7.0, 2.0)).sum())  # to the corner, then up
+    expected = (lifted[0] + 3.0, 2.0) if path > 3.0 else (7.0, 2.0 + 3.0 - path)
+    np.testing.assert_allclose(down[:2], expected, atol=0.25)
+    assert np.abs(np.diff(poses[within(since), :2], axis=0)).max() < 0.02  # it does not leap
+    # its wheels do not turn
+    encoders, scans, imu = carried.recording.encoders, carried.recording.lidar, carried.recording.imu
+    assert encoders is not None
+    assert scans is not None
+    assert imu is not None
+    assert not encoders.counts[within(encoders.stamps - EPOCH, margin=0.06)].any()
+    # the gyro measures how it is turned
+    turning = within(imu.stamps - EPOCH)
+    turned = imu.angular_velocity[turning, 2].sum() * 0.01
+    assert turned == pytest.approx(se2.wrap(down[2] - lifted[2]), abs=0.05)
+    # scans are taken from where it truly is, or not at all
+    meanwhile = np.flatnonzero(within(scans.stamps - EPOCH))
+    assert len(meanwhile) == (0 if lidar == "off" else pytest.approx(DURATION * 40, abs=2))
+    for i in meanwhile[::40]:
+        at = scans.stamps[i : i + 1] + scans.time_increment * 540
+        x, y, theta = se2.interpolate(carried.truth.stamps, poses, at)[0]
+        mount = carried.scenario.platform.lidar
+        x, y = x + math.cos(theta) * mount.x, y + math.sin(theta) * mount.x
+        cos, sin = math.cos(theta), math.sin(theta)
+        walls = [(10.0 - x) / cos if cos > 0 else -x / cos, (8.0 - y) / sin if sin > 0 else -y / sin]
+        assert scans.ranges[i, 540] == pytest.approx(min(walls), abs=0.05)
+
+
+def test_carried_back_it_drives_the_same_path_again(table: dict[str, Any]) -> None:
+    plain, carried = driven(table), driven(table, mishap("carried", along=-1.5))
+    lifted, down = (carried.poses[carried.stamps >= at][0] for at in (START, START + DURATION))
+    np.testing.assert_allclose(down[:2], lifted[:2] - (1.5, 0.0), atol=0.15)
+    assert abs(math.remainder(down[2] - lifted[2], math.tau)) < 0.2
+    facing = carried.poses[within(carried.stamps, margin=1.5), 2]
+    assert np.cos(facing - lifted[2]).max() < -0.9  # who carries it looks ahead
+    assert carried.wheel_travel[-1].mean() - plain.wheel_travel[-1].mean() == pytest.approx(1.5, abs=0.3)
+    np.testing.assert_allclose(carried.poses[-1, :2], plain.poses[-1, :2], atol=0.1)
+
+
+def test_carried_to_a_place_it_goes_on_from_the_nearest_of_its_route(table: dict[str, Any]) -> None:
+    run = driven(table, mishap("carried", to=[6.0, 5.0, -2.0]))
+    down = run.poses[run.stamps >= START + DURATION][0]
+    np.testing.assert_allclose((*down[:2], se2.wrap(down[2])), (6.0, 5.0, -2.0), atol=1e-3)
+    after = run.poses[run.stamps > START + DURATION]
+    assert after[:, 1].min() > 4.5  # never back to where it was lifted
+    assert run.end == "arrived"
+    assert np.hypot(*(run.poses[-1, :2] - (7.0, 6.0))) < 0.3
+
+
+def test_by_default_it_is_carried_ten_metres_on_or_back() -> None:
+    for start, ahead in ((30.0, True), (117.0, False)):
+        scenario = load_scenario("corridor", settings=[f'faults=[{{kind="carried", start={start}}}]'])
+        run = true_drive(scenario, seed=1)
+        lifted, down = (run.poses[run.stamps >= at][0] for at in (start, start + 15.0))
+        assert 4.0 < np.hypot(*(down - lifted)[:2]) < 10.5
+        facing = np.array((np.cos(lifted[2]), np.sin(lifted[2])))
+        assert (facing @ (down - lifted)[:2] > 0) == ahead
+        world = World.of(scenario.world)
+        assert world.is_free(run.poses[::20, :2], scenario.platform.radius).all()
+        assert run.end == "arrived"
+
+
+def test_a_robot_that_drives_blind_does_the_rest_of_its_commands(table: dict[str, Any]) -> None:
+    task = {key: value for key, value in table.items() if key != "route"}
+    task["commands"] = {"start": [2.0, 2.0, 0.0], "steps": [{"duration": 4.0, "speed": 0.5}]}
+    plain = true_drive(parse_scenario(task))
+    carried = true_drive(parse_scenario({**task, "faults": [mishap("carried", start=3.0, to=[5.0, 6.0, 0.0])]}))
+    assert carried.wheel_travel[-1].mean() == pytest.approx(plain.wheel_travel[-1].mean(), abs=0.4)
+    assert carried.poses[-1, 1] == pytest.approx(6.0, abs=0.05)
+    assert carried.poses[-1, 0] > 5.8
+
+
+@pytest.mark.parametrize(
+    ("wrong", "line"),
+    [
+        (mishap("carried", to=[1.0, 1.0, 0.0], along=1.0), r"^faults.0: both to and along, expected one of them at"),
+        (mishap("carried", to=[11.0, 1.0, 0.0]), r"^faults.0.to: a wall between \(11, 1\) and the route, expected a "),
+        (mishap("carried", to=[9.95, 1.0, 0.0]), r"^faults.0.to: the robot is set down 0\.05 m from a wall at"),
+        (mishap("carried", duration=0.5), r"^faults.0.duration: 0.5, expected at least 1$"),
+        (mishap("carried", lidar="dim"), r"^faults.0.lidar: 'dim', expected 'on' or 'off'$"),
+        (
+            {"kind": "stuck_wheels", "start": 1.0},
+            r"^faults.0.duration: missing, expected in every faults.stuck_wheels$",
+        ),
+    ],
+)
+def test_refused(table: dict[str, Any], wrong: dict[str, Any], line: str) -> None:
+    with pytest.raises(ConfigError, match=line):
+        parse_scenario({**table, "faults": [wrong]})
+
+
+def test_two_mishaps_at_once_are_refused(table: dict[str, Any]) -> None:
+    with pytest.raises(ConfigError, match=r"^faults.0.start: 8 s, expected after the end of the one before, 9 s$"):
+        parse_scenario({**table, "faults": [mishap("carried", start=8.0), mishap("stuck_wheels")]})
+
+
+def test_without_a_path_it_must_be_said_where_it_is_set_down(table: dict[str, Any]) -> None:
+    task = {key: value for key, value in table.items() if key != "route"}
+    task["commands"] = {"start": [2.0, 2.0, 0.0], "steps": [{"duration": 4.0, "speed": 0.5}]}
+    with pytest.raises(ConfigError, match=r"^faults.0.to: missing, expected where a robot with commands is set down$"):
+        parse_scenario({**task, "faults": [mishap("carried", along=1.0)]})
+
+
+def test_a_wall_between_the_place_and_the_route_is_refused(table: dict[str, Any]) -> None:
+    table["world"]["walls"] = [{"points": [[0.0, 4.0], [5.5, 4.0]]}]
+    table["route"]["waypoints"] = [[2.0, 2.0], [7.0, 2.0]]
+    with pytest.raises(ConfigError, match=r"^faults.0.to: a wall between \(3, 6\) and the route, expected a free line"):
+        parse_scenario({**table, "faults": [mishap("carried", to=[3.0, 6.0, 0.0])]})
+
+
+@pytest.mark.usefixtures("taichi")
+def test_further_than_the_path_is_long_is_refused(table: dict[str, Any]) -> None:
+    for along, which in ((50.0, "left"), (-50.0, "behind")):
+        with pytest.raises(
+            ConfigError, match=rf"^faults.0.along: {along:g} m of a path of which \d\.\d m are {which}, "
+        ):
+            run(table, mishap("carried", along=along))
+    with pytest.raises(ConfigError, match=r"^faults.0.start: 13 s, expected before the robot's arrival, 12\.\d s$"):
+        run(table, mishap("stuck_wheels", start=13.0))
