@@ -33,6 +33,7 @@ def bare_corridor(*, scans: int = 120) -> Recording:
     walls = [((-99, -1), (99, -1)), ((-99, 1), (99, 1))]
     walls += [((2, 1), (2, 0.5)), ((2, 0.5), (2.5, 0.5)), ((2.5, 0.5), (2.5, 1))]
     ranges = seen_from(true, walls)
+    ranges += np.random.default_rng(0).normal(0, 0.001, ranges.shape)  # without noise all scans would be the same
     return recorded(np.where(ranges <= REACH, ranges, np.inf), true)
 
 

@@ -143,8 +143,8 @@ def _sequence(
 ) -> NDArray[np.int64] | None:
     """The order [n] in which scans sorted by stamp were taken, where it is the file's and not that of their stamps.
 
-    A clock that is set back or a message that waits gives a scan the stamp of another moment; the pose logged with it
-    tells: in the right order the robot's path by odometry is the shorter one.
+    A clock that is set back or a message that waits gives a scan the stamp of another moment. In the right order
+    the robot's path by the poses logged with the scans is the shorter one.
 
     Args:
         path, field: where they come from, for messages.

@@ -37,6 +37,9 @@ class SyncConfig(Section):
     moved_share: Share = 0.2
     """The robot has left where it began when more than this share of the ranges has changed: people who walk by change
     fewer. Odometry that has not moved by then is no measurement."""
+    travelling: Truth = True
+    """Endpoints that keep their bearing and range while the odometry moves are no walls: what travels with the robot
+    is left out, and wheels that spin on the spot are found."""
 
 
 class ThinningConfig(Section):

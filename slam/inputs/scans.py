@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from moteslam.robot.recording import LidarStream
 from moteslam.robot.specs import LidarSpec
+from moteslam.slam.inputs.travelling import Travelling
 
 Array = NDArray[np.float64]
 
@@ -40,15 +41,22 @@ class Scans:
         sweeps: [n, 3] the robot's motion while each scan is taken, in its frame at the first beam; None for scans
             that count as taken at once.
         max_range: endpoints beyond it are left out [m].
+        travelling: what travels with the robot: left out; None where nothing does.
 
     Attributes:
         origin: [2] where the rays start, in the robot's frame [m].
     """
 
     def __init__(
-        self, lidar: LidarStream, mount: LidarSpec, *, sweeps: Array | None = None, max_range: float = np.inf
+        self,
+        lidar: LidarStream,
+        mount: LidarSpec,
+        *,
+        sweeps: Array | None = None,
+        max_range: float = np.inf,
+        travelling: Travelling | None = None,
     ) -> None:
-        self._lidar, self._sweeps, self._max_range = lidar, sweeps, max_range
+        self._lidar, self._sweeps, self._max_range, self._travelling = lidar, sweeps, max_range, travelling
         x, y, yaw = mount.pose
         angles = lidar.angles + yaw
         self._directions = np.stack((np.cos(angles), np.sin(angles)), axis=-1)
@@ -56,7 +64,7 @@ class Scans:
 
     def points(self, index: int) -> NDArray[np.float32]:
         """The finite endpoints [k, 2] of a scan [m], in the robot's frame at the scan's stamp."""
-        ranges = self._lidar.ranges[index]
+        ranges = self._walls(index, self._lidar.ranges[index])
         good = np.isfinite(ranges) & (ranges <= self._max_range)
         points: Array = self.origin + ranges[good, None] * self._directions[good]
         if self._sweeps is not None:
@@ -77,6 +85,13 @@ class Scans:
         from moteslam.kernels.projection import project_scans
 
         ranges = self._lidar.ranges[first:last]
+        if self._travelling is not None:
+            ranges = np.stack([self._walls(first + k, each) for k, each in enumerate(ranges)])
         sweeps = None if self._sweeps is None else self._sweeps[first:last]
         points, counts = project_scans(ranges, self._directions, self.origin, sweeps=sweeps, max_range=self._max_range)
         return ScanBlock(points, np.arange(len(counts), dtype=np.int32) * ranges.shape[1], counts)
+
+    def _walls(self, index: int, ranges: NDArray[np.float32]) -> NDArray[np.float32]:
+        """The ranges [beams] of a scan without what travels with the robot."""
+        hidden = None if self._travelling is None else self._travelling.hides(index, ranges)
+        return ranges if hidden is None else np.where(hidden, np.float32(np.nan), ranges)

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from moteslam.errors import InputError
 from moteslam.robot import se2
+from moteslam.robot.issues import Issue
 from moteslam.robot.recording import LidarStream, Recording
 from moteslam.robot.stamps import nearest_stamp
 from moteslam.slam.inputs.config import SyncConfig
@@ -21,6 +22,7 @@ from moteslam.slam.inputs.jumps import LATEST, jumps
 from moteslam.slam.inputs.odometry_path import OdometryPath, odometry_path
 from moteslam.slam.inputs.scans import Scans
 from moteslam.slam.inputs.standing import has_moved, stands
+from moteslam.slam.inputs.travelling import travelling
 
 Array = NDArray[np.float64]
 GAP, LEAST_GAP = 10.0, 0.5
@@ -48,6 +50,7 @@ class Inputs:
         moves: whether the odometry measures any motion.
         stood: [n] at which scans the robot is seen to stand before its odometry moves; None where that is not asked.
         logged: [n] the stamps that the recording gives them, where it has them in another order [s].
+        issues: what was seen to travel with the robot.
     """
 
     name: str
@@ -61,6 +64,7 @@ class Inputs:
     moves: bool
     stood: NDArray[np.bool_] | None = None
     logged: Array | None = None
+    issues: tuple[Issue, ...] = ()
 
     def __len__(self) -> int:
         return len(self.stamps)
@@ -96,6 +100,10 @@ def synchronise(
         lidar = replace(
             lidar, stamps=np.maximum.accumulate(logged), ranges=lidar.ranges[taken], odometry=odometry, sequence=None
         )
+    travels = None
+    if path is not None and config.travelling:
+        travels = travelling(lidar, recording.platform.lidar, odometry)
+        odometry = odometry if travels is None else travels.odometry
     jumped = jumps(lidar.stamps, odometry, config)
     motions = np.vstack((np.zeros(3), se2.between(odometry[:-1], odometry[1:])))
     moved = measures = np.full(n, path is not None)
@@ -105,7 +113,7 @@ def synchronise(
         stood = stands(lidar.ranges, moved, config, before=None if before is None else before.stood)
         measures = moved | stood
     sweeps = _sweeps(recording, lidar, path, config) if config.deskew else None
-    scans = Scans(lidar, recording.platform.lidar, sweeps=sweeps, max_range=max_range)
+    scans = Scans(lidar, recording.platform.lidar, sweeps=sweeps, max_range=max_range, travelling=travels)
     return Inputs(
         name=recording.name,
         stamps=lidar.stamps,
@@ -118,6 +126,7 @@ def synchronise(
         moves=bool(moved.any()),
         stood=stood,
         logged=logged,
+        issues=() if travels is None else travels.issues(lidar),
     )
 
 
@@ -135,7 +144,7 @@ def require_lidar(recording: Recording) -> LidarStream:
 def _at_scans(lidar: LidarStream, path: OdometryPath, config: SyncConfig, *, name: str) -> Array:
     """The odometry's pose [n, 3] at every scan; the pose logged with a scan where the log has one."""
     if lidar.odometry is not None:
-        if lidar.sequence is not None:  # the stamps cannot tell in which gap a scan lies
+        if lidar.sequence is not None:  # by its stamp a scan may lie in a gap that it was not taken in
             return lidar.odometry
         stale = _stale(lidar.stamps, path.stamps)
         return np.where(stale[:, None], path.at(lidar.stamps), lidar.odometry) if stale.any() else lidar.odometry

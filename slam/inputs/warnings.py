@@ -37,7 +37,7 @@ def warnings(recording: Recording, inputs: Inputs) -> tuple[Issue, ...]:
         if scans:
             text = f"odometry that never moves: constant velocity over {scans} scans"
             issues.append(Issue("still-odometry", text, scans))
-    return tuple(issues)
+    return (*issues, *inputs.issues)
 
 
 def _about_scans(lidar: LidarStream) -> list[Issue]:

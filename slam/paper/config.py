@@ -44,7 +44,9 @@ class PaperFilterConfig(ParticleFilterConfig):
     resample_below: Share = 1.0
     """Resample when the effective number falls under this share of the particles (section III.D.3); 0 never does, 1
     after every update."""
-    sync: SyncConfig = SyncConfig(method="nearest", low_pass_hz=10.0, kinematics="euler", deskew=False)
+    sync: SyncConfig = SyncConfig(
+        method="nearest", low_pass_hz=10.0, kinematics="euler", deskew=False, travelling=False
+    )
     # ours: chosen on Intel seeds 0 to 9; of the 20 seeds after them 3 lose a loop and 3 more miss 6 cm
     motion: MotionNoise = MotionNoise(
         translation_from_translation=0.15,

@@ -18,7 +18,7 @@ ROOT = Path(__file__).parents[2]
 
 def test_text_json_and_python_have_the_same_issues(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     ranges = np.full(181, 3.0)
-    lines = [flaser([-1.0, *ranges[1:]], stamp=k / 5, robot=(k / 20, 0.0, 0.0)) for k in range(8)]
+    lines = [flaser([-1.0, *(ranges[1:] + k / 100)], stamp=k / 5, robot=(k / 20, 0.0, 0.0)) for k in range(8)]
     log = write_log(tmp_path / "a.log", [*lines, "FLASER 181 1.0", "FLASER x"])
     assert run(["replay", str(log), "--out", str(tmp_path / "out"), "--no-figures", "--json"]) == 0
     out, err = capsys.readouterr()

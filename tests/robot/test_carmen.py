@@ -150,8 +150,8 @@ def test_the_poses_logged_with_the_scans_tell_whether_file_or_stamps_have_the_ri
     recording = read_carmen(write_log(tmp_path / "x.log", lines))
     found = lidar_of(recording).sequence
     assert (None if found is None else found.tolist()) == sequence
-    told = [warning.message for warning in recording.warnings if warning.code == "stamps-out-of-order"]
-    assert told == (
+    found_out = [warning.message for warning in recording.warnings if warning.code == "stamps-out-of-order"]
+    assert found_out == (
         []
         if sequence is None
         else [
