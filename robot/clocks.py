@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from moteslam.robot.interlace import phases
 from moteslam.robot.ranges import chosen
 from moteslam.robot.recording import LidarStream, Recording
 from moteslam.robot.summary import Summarised
@@ -120,11 +121,11 @@ def scan_turns(lidar: LidarStream) -> YawRate:
         lidar: with scans closer than a third of a radian to each other; of others the turns are not to be used.
     """
     stamps = lidar.stamps[:SCANS]
-    beams = lidar.ranges.shape[1]
-    every = max(1, beams // _BEAMS)
-    ranges = np.asarray(chosen(lidar.ranges, np.arange(len(stamps))))[:, ::every].astype(np.float64)
+    ranges, begins = _beams_of_scans(np.asarray(chosen(lidar.ranges, np.arange(len(stamps)))), lidar.interlace)
+    every = max(1, ranges.shape[1] // _BEAMS)
+    ranges = ranges[:, ::every].astype(np.float64)
     ranges = np.where(np.isfinite(ranges), ranges, lidar.range_max)
-    step = lidar.angle_increment * every
+    step = lidar.angle_increment * lidar.interlace * every
     widest = max(2, min(ranges.shape[1] // 3, int(_SHIFT / abs(step))))
     shifts = np.arange(-widest, widest + 1)
     inner = slice(widest, ranges.shape[1] - widest)
@@ -140,7 +141,15 @@ def scan_turns(lidar: LidarStream) -> YawRate:
     bend = left - 2 * middle + right
     part = np.where(bend > 0, 0.5 * (left - right) / np.where(bend > 0, bend, 1), 0.0)
     turns = -(shifts[best] + np.clip(part, -0.5, 0.5)) * step  # what the robot turns left, the scan turns right
+    turns -= np.diff(begins) * lidar.angle_increment
     return YawRate(stamps, np.concatenate(([0.0], np.cumsum(turns))))
+
+
+def _beams_of_scans(ranges: NDArray[np.float32], interlace: int) -> tuple[NDArray[np.float32], NDArray[np.intp]]:
+    """The ranges [n, k] of the beams that scans of a lidar measured, and at which beam of its grid each begins [n]."""
+    begins = phases(ranges, interlace)
+    columns = begins[:, None] + np.arange(0, ranges.shape[1] - interlace + 1, interlace)
+    return np.take_along_axis(ranges, columns, axis=1), begins
 
 
 def _compared(name: str, reference: str, rate: YawRate, other: YawRate) -> ClockReport | None:

@@ -8,6 +8,7 @@ from typing import Literal
 import numpy as np
 
 from moteslam.robot.fan import field_of_view
+from moteslam.robot.interlace import measured
 from moteslam.robot.ranges import Ranges, chunks
 from moteslam.robot.recording import LidarStream
 
@@ -48,7 +49,8 @@ class LidarReport:
     """The scans.
 
     Attributes:
-        beams: in a scan.
+        beams: in a scan; of an interlaced lidar, bearings of its grid.
+        interlace: a scan measures every so manieth beam.
         angle_min: of the first beam, in the lidar's frame [rad].
         angle_increment: between beams [rad].
         turns: which way the beams go round.
@@ -65,6 +67,7 @@ class LidarReport:
     """
 
     beams: int
+    interlace: int
     angle_min: float
     angle_increment: float
     turns: Literal["clockwise", "counterclockwise"]
@@ -90,9 +93,10 @@ def lidar_report(lidar: LidarStream, rests: Spans, *, read_ranges: bool = True) 
         read_ranges: or leave them in their file, and only state what its scans have in common.
     """
     beams = lidar.ranges.shape[1]
-    ranges = _ranges(lidar.ranges) if read_ranges else _Ranges()
+    ranges = _ranges(lidar.ranges, lidar.interlace) if read_ranges else _Ranges()
     return LidarReport(
         beams=beams,
+        interlace=lidar.interlace,
         angle_min=lidar.angle_min,
         angle_increment=lidar.angle_increment,
         turns="clockwise" if lidar.angle_increment < 0 else "counterclockwise",
@@ -117,20 +121,22 @@ class _Ranges:
     blind_scans: int | None = None
 
 
-def _ranges(ranges: Ranges) -> _Ranges:
-    nearest, farthest, no_return, invalid, blind = np.inf, -np.inf, 0, 0, 0
+def _ranges(ranges: Ranges, interlace: int) -> _Ranges:
+    nearest, farthest, no_return, invalid, blind, beams = np.inf, -np.inf, 0, 0, 0, 0
     for scans in chunks(ranges):
         finite = np.isfinite(scans)
         nearest = min(nearest, float(scans.min(initial=np.inf, where=finite)))
         farthest = max(farthest, float(scans.max(initial=-np.inf, where=finite)))
         no_return += int(np.isinf(scans).sum())
-        invalid += int(np.isnan(scans).sum())
+        meant = measured(scans, interlace)
+        beams += int(meant.sum())
+        invalid += int((np.isnan(scans) & meant).sum())
         blind += int((~finite.any(axis=1)).sum())
     return _Ranges(
         nearest=nearest if nearest < np.inf else None,
         farthest=farthest if farthest > -np.inf else None,
-        no_return=no_return / ranges.size,
-        invalid=invalid / ranges.size,
+        no_return=no_return / beams,
+        invalid=invalid / beams,
         blind_scans=blind,
     )
 

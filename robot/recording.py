@@ -60,6 +60,8 @@ class LidarStream(_Frozen):
         odometry: [n, 3] the robot's odometry pose logged with each scan, where the format logs one.
         sequence: [n] rising in the order in which the scans were taken, where the stamps are known to be wrong about
             it; None where they are right.
+        interlace: 1, or of an interlaced lidar k: a scan measures every k-th beam, from another one on each time, and
+            the rest of its ranges is ``nan``.
     """
 
     stamps: NDArray[np.float64]
@@ -71,10 +73,13 @@ class LidarStream(_Frozen):
     time_increment: float = 0.0
     odometry: NDArray[np.float64] | None = None
     sequence: NDArray[np.int64] | None = None
+    interlace: int = 1
 
     def __post_init__(self) -> None:
         super().__post_init__()
         shape = tuple(self.ranges.shape)
+        if isinstance(self.interlace, bool) or not isinstance(self.interlace, int) or self.interlace < 1:
+            raise InputError(f"{self.interlace!r}, expected a whole number of 1 or more", field="interlace")
         if self.ranges.dtype != np.float32 or len(shape) != 2 or shape[0] != len(self.stamps):
             found = f"{self.ranges.dtype} {list(shape)}"
             raise InputError(f"{found}, expected float32 [{len(self.stamps)}, beams]", field="ranges")
@@ -90,7 +95,9 @@ class LidarStream(_Frozen):
         return self.angle_min + self.angle_increment * np.arange(self.ranges.shape[1], dtype=np.float64)
 
     def _summary(self) -> str:
-        return f"{counted(len(self), 'scan')} of {counted(self.ranges.shape[1], 'beam')}, {span(self.stamps)}"
+        beams = counted(-(-self.ranges.shape[1] // self.interlace), "beam")
+        turns = f" ({self.interlace} interlaced)" if self.interlace > 1 else ""
+        return f"{counted(len(self), 'scan')} of {beams}{turns}, {span(self.stamps)}"
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -52,7 +52,7 @@ def _lidar(found: LidarReport, rate: float | None, platform: Platform) -> list[R
     spec, noise, at_rest = platform.lidar, platform.noise.lidar, found.noise_at_rest
     simulated = spec.rate is not None  # a platform that gives no rate gives no noise either
     rows = [
-        ("lidar beams", str(found.beams), or_dash(spec.beams, "{}")),
+        ("lidar beams", _beams(found), or_dash(spec.beams, "{}")),
         ("first beam", _angle(found.angle_min), _angle(spec.angle_min)),
         ("between beams", _angle(found.angle_increment), _angle(spec.angle_increment)),
         ("turns", found.turns, _turns(spec.angle_increment)),
@@ -77,6 +77,11 @@ def _lidar(found: LidarReport, rate: float | None, platform: Platform) -> list[R
     rows.append(("dropouts", _percent(found.invalid), _percent(noise.dropout if simulated else None)))
     rows.append(("no return", _percent(found.no_return), NONE))
     return rows
+
+
+def _beams(found: LidarReport) -> str:
+    beams = -(-found.beams // found.interlace)
+    return f"{beams} of {found.beams}" if found.interlace > 1 else str(beams)
 
 
 def _percent(share: float | None) -> str:

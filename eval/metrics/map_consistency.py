@@ -137,8 +137,8 @@ def _surface(scans: Scans, lidar: LidarStream, index: int, pose: Array) -> tuple
     normals = np.zeros_like(points)
     if len(points) >= 3:
         steps = np.diff(points, axis=0)
-        apart = np.minimum(ranges[:-1], ranges[1:]) * abs(lidar.angle_increment)
-        joined = (np.diff(beams) == 1) & (np.hypot(*steps.T) <= np.maximum(JOINED * apart, CELL))
+        apart = np.minimum(ranges[:-1], ranges[1:]) * abs(lidar.angle_increment) * lidar.interlace
+        joined = (np.diff(beams) == lidar.interlace) & (np.hypot(*steps.T) <= np.maximum(JOINED * apart, CELL))
         both = joined[:-1] & joined[1:]
         along = points[2:][both] - points[:-2][both]
         across = np.column_stack((-along[:, 1], along[:, 0])) / np.maximum(np.hypot(*along.T), 1e-9)[:, None]

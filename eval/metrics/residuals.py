@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from moteslam.errors import InputError
 from moteslam.eval.metrics.scan_poses import evenly, placed_scans, travelled
 from moteslam.robot import se2
+from moteslam.robot.interlace import measured
 from moteslam.robot.ranges import chunks
 from moteslam.robot.recording import LidarStream, Recording
 from moteslam.robot.se2 import Poses
@@ -159,6 +160,8 @@ def scan_residuals(recording: Recording, trajectory: Trajectory, *, scans: Scans
         residuals.append(np.array(distances)[found])
         compared.append(scan)
     everything = np.concatenate(residuals)
+    no_return = sum(int(np.isinf(scans).sum()) for scans in chunks(lidar.ranges))
+    beams = sum(int(measured(scans, lidar.interlace).sum()) for scans in chunks(lidar.ranges))
     if not len(everything):
         raise InputError(
             f"no endpoint lies near the lines of another scan, expected scans less than {PATH_REACH:g} m of path "
@@ -170,7 +173,7 @@ def scan_residuals(recording: Recording, trajectory: Trajectory, *, scans: Scans
         quantile_90=float(np.quantile(everything, 0.9)),
         beyond_3_cm=float(np.mean(everything > FAR)),
         unseen=unseen / endpoints,
-        no_return=sum(int(np.isinf(scans).sum()) for scans in chunks(lidar.ranges)) / lidar.ranges.size,
+        no_return=no_return / beams,
         residuals=len(everything),
         endpoints=endpoints,
         matched=len(index),
@@ -220,9 +223,9 @@ class _Lines:
         ranges = lidar.ranges[index, beams].astype(np.float64)
         points = se2.transform_points(pose, scans.points(index))
         steps = np.diff(points, axis=0)
-        between_beams = np.minimum(ranges[:-1], ranges[1:]) * abs(lidar.angle_increment)
+        between_beams = np.minimum(ranges[:-1], ranges[1:]) * abs(lidar.angle_increment) * lidar.interlace
         longest = np.clip(MAX_STRETCH * between_beams, MIN_JOINED, MAX_JOINED)
-        joined = (np.diff(beams) == 1) & (np.hypot(*steps.T) <= longest)
+        joined = (np.diff(beams) == lidar.interlace) & (np.hypot(*steps.T) <= longest)
         along = np.zeros((2, *points.shape))
         along[0, :-1][joined] = steps[joined]
         along[1, 1:][joined] = -steps[joined]

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from moteslam.eval.report.style import DEAD_RECKONING, SLAM, heading, saved_figure
 from moteslam.robot.clocks import SCANS, yaw_rates
 from moteslam.robot.inspection import GAP, REPORTED_GAP, Inspection, stream_stamps
+from moteslam.robot.interlace import measured
 from moteslam.robot.ranges import CHUNK
 
 if TYPE_CHECKING:
@@ -122,7 +123,8 @@ def _draw_ranges(above: Axes, below: Axes, lidar: LidarStream, first: float, spa
         good = np.isfinite(flat) & (flat <= limit)
         row = np.clip((flat[good] / limit * RANGE_BINS).astype(int), 0, RANGE_BINS - 1)
         np.add.at(counts, (row, column[good]), 1)
-        for total, chosen in ((beams, np.ones(len(flat))), (without, np.isinf(flat)), (invalid, np.isnan(flat))):
+        meant = measured(ranges, lidar.interlace).ravel()
+        for total, chosen in ((beams, meant), (without, np.isinf(flat)), (invalid, np.isnan(flat) & meant)):
             total += np.bincount(column, weights=chosen, minlength=bins)
     share = np.divide(counts, beams, out=np.zeros_like(counts), where=beams > 0)
     shown = _shown_in(edges, lidar.stamps - first, beams > 0)

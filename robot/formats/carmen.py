@@ -6,6 +6,7 @@ import re
 from collections.abc import Callable
 from os import PathLike
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +24,7 @@ from moteslam.robot.formats.carmen_lines import (
 )
 from moteslam.robot.formats.carmen_writer import OWN_PARAMETERS, write_log
 from moteslam.robot.formats.format import Format, Robot, one_sequence
+from moteslam.robot.formats.interlaced import interlaced
 from moteslam.robot.formats.logged_ranges import LoggedRanges
 from moteslam.robot.formats.no_return import no_return_limit
 from moteslam.robot.formats.streams import Fan, lidar_stream, mount_between, odometry_stream
@@ -78,7 +80,7 @@ class CarmenFollower:
         platform: as of `read_carmen`.
 
     Raises:
-        InputError: packed by gzip.
+        InputError: packed by gzip. Polled, also an interlaced lidar: its grid is known when the log is finished.
         ConfigError: a ``platform.toml`` that is none.
     """
 
@@ -100,9 +102,12 @@ class CarmenFollower:
             return None
         return _recording(self._lines, log, self._given, self._kept_ranges)
 
-    def _kept_ranges(self, scans: Scans, beams: int) -> LoggedRanges:
-        if self._ranges is None or self._ranges.values is not scans.ranges:
-            self._ranges = LoggedRanges(scans.ranges, beams)
+    def _kept_ranges(self, chosen: _Chosen) -> LoggedRanges:
+        if chosen.interlace > 1:
+            problem = f"scans of an interlaced lidar, {chosen.interlace} in turns; expected a log that is finished"
+            raise InputError(problem, file=self._lines.path, line=chosen.scans.first_line)
+        if self._ranges is None or self._ranges.values is not chosen.scans.ranges:
+            self._ranges = LoggedRanges(chosen.scans.ranges, chosen.kind.beams)
         return self._ranges
 
 
@@ -110,19 +115,19 @@ def _recording(
     lines: ReadLines,
     log: CarmenLines,
     given: GivenRobot,
-    ranges_of: Callable[[Scans, int], NDArray[np.float32] | LoggedRanges],
+    ranges_of: Callable[[_Chosen], NDArray[np.float32] | LoggedRanges],
 ) -> Recording:
-    """The recording of a log that was parsed; ``ranges_of`` gives the ranges of scans with their number of beams."""
+    """The recording of a log that was parsed; ``ranges_of`` gives the ranges of its scans."""
     path = lines.path
     issues = broken_issues(lines, log.broken, log.used, "no FLASER, ROBOTLASER1 or ODOM line, expected a CARMEN log")
     chosen = _choose(path, log, issues)
     odometry = np.array(log.odometry, np.float64).reshape(-1, 5)
-    rows = np.array(chosen[1].rows if chosen else (), np.float64).reshape(-1, 8)
-    if chosen and chosen[0].line == "FLASER" and log.flaser_tail == min(SHORT_TAILS):
+    rows = np.array(chosen.scans.rows if chosen else (), np.float64).reshape(-1, 8)
+    if chosen and chosen.kind.line == "FLASER" and log.flaser_tail == min(SHORT_TAILS):
         rows[:, 6] = np.arange(len(rows))
         odometry = _without_stamps(path, odometry, issues)
     clock = -2 if (rows[:, 6] != 0).any() or (odometry[:, 3] != 0).any() else -1
-    has_poses = chosen is not None and chosen[0].line not in RAW_LASERS
+    has_poses = chosen is not None and chosen.kind.line not in RAW_LASERS
     robot = given.over(_platform(path, log, rows if has_poses else rows[:0]))
     return Recording(
         name=re.sub(r"(\.log|\.clf)?(\.gz)?$", "", path.name) or path.name,
@@ -132,7 +137,7 @@ def _recording(
             path,
             log,
             chosen,
-            ranges=ranges_of(chosen[1], chosen[0].beams),
+            ranges=ranges_of(chosen),
             rows=rows,
             clock=clock,
             robot=robot,
@@ -154,10 +159,20 @@ def _without_stamps(path: Path, odometry: NDArray[np.float64], issues: list[Issu
     return odometry[:0]
 
 
-def _choose(path: Path, log: CarmenLines, issues: list[Issue]) -> tuple[ScanKind, Scans] | None:
+class _Chosen(NamedTuple):
+    """The scans that are read, what they have in common, and how they are interlaced; see `LidarStream`."""
+
+    kind: ScanKind
+    scans: Scans
+    interlace: int
+    kinds: frozenset[ScanKind]
+
+
+def _choose(path: Path, log: CarmenLines, issues: list[Issue]) -> _Chosen | None:
     """The kind of scan most frequent in the log (of equals, the one that states its angles); others are left aside.
 
-    Scans of a laser that looks back are left aside whatever their number.
+    Kinds that together are of one interlaced lidar count as one. Scans of a laser that looks back are left aside
+    whatever their number.
 
     Raises:
         InputError: a tenth of the scans of that kind of line have other beams: the log is two.
@@ -167,20 +182,37 @@ def _choose(path: Path, log: CarmenLines, issues: list[Issue]) -> tuple[ScanKind
         issues.append(Issue("other-scans", text, count))
     if not log.scans:
         return None
-    kind, scans = max(log.scans.items(), key=lambda item: (len(item[1]), item[0].line == "ROBOTLASER1"))
+    lines = dict.fromkeys(kind.line for kind in log.scans)
+    chosen = max((_of_line(log, line) for line in lines), key=lambda c: (len(c.scans), c.kind.line == "ROBOTLASER1"))
+    kind, scans = chosen.kind, chosen.scans
     for other, left in log.scans.items():
-        if other == kind:
+        if other in chosen.kinds:
             continue
         text = f"{counted(len(left), f'{other.line} scan')} of {counted(other.beams, 'beam')}"
-        if other.line == kind.line and len(left) > max(MAX_BROKEN, len(scans) // 10):
+        if other.line == kind.line and len(left) > _most_others(scans):
+            step = f" every {kind.angle_increment:.4f} rad" if chosen.interlace > 1 else ""
             raise InputError(
-                f"{text}, expected {kind.beams} beams from {kind.angle_min:.4f} rad as in the other {len(scans)}",
+                f"{text} from {other.angle_min:.4f} rad, expected {kind.beams} beams{step} from {kind.angle_min:.4f} "
+                f"rad as in the other {len(scans)}",
                 file=path,
                 line=left.first_line,
             )
         text = f"{path.name}: {text} left aside, the first is line {left.first_line}"
         issues.append(Issue("other-scans", text, len(left)))
-    return kind, scans
+    return chosen
+
+
+def _of_line(log: CarmenLines, line: str) -> _Chosen:
+    """The most frequent scans of a kind of line."""
+    kinds = {kind: scans for kind, scans in log.scans.items() if kind.line == line}
+    usual = max(kinds, key=lambda kind: len(kinds[kind]))
+    found = interlaced(kinds, usual, _most_others(kinds[usual]))
+    return _Chosen(*found) if found else _Chosen(usual, kinds[usual], 1, frozenset({usual}))
+
+
+def _most_others(scans: Scans) -> int:
+    """How many scans of other beams a log may have beside these."""
+    return max(MAX_BROKEN, len(scans) // 10)
 
 
 def _platform(path: Path, log: CarmenLines, rows: NDArray[np.float64]) -> Platform:
@@ -210,7 +242,7 @@ def _mount(params: dict[str, float], rows: NDArray[np.float64]) -> LidarSpec:
 def _lidar(
     path: Path,
     log: CarmenLines,
-    chosen: tuple[ScanKind, Scans],
+    chosen: _Chosen,
     *,
     ranges: NDArray[np.float32] | LoggedRanges,
     rows: NDArray[np.float64],
@@ -221,11 +253,13 @@ def _lidar(
     issues: list[Issue],
 ) -> LidarStream:
     """The scans; figures that a caller's ``platform.toml`` gives are taken in place of the log's."""
-    kind, scans = chosen
+    kind, scans = chosen.kind, chosen.scans
     stated = next((log.params[key] for key in _LIMITS if log.params.get(key, 0) > 0), scans.stated)
     figures = given.lidar_figures
     range_max = figures.get("range_max") or (
-        ranges.limit(stated) if isinstance(ranges, LoggedRanges) else no_return_limit(ranges, stated)
+        ranges.limit(stated)
+        if isinstance(ranges, LoggedRanges)
+        else no_return_limit(ranges if chosen.interlace == 1 else ranges[ranges > 0], stated)
     )
     return lidar_stream(
         path,
@@ -237,11 +271,12 @@ def _lidar(
         given=figures,
         issues=issues,
         odometry=rows[:, 3:6] if has_poses else None,
+        interlace=chosen.interlace,
     )
 
 
-def _ranges_of(scans: Scans, beams: int) -> NDArray[np.float32]:
-    return np.array(scans.ranges, np.float32).reshape(-1, beams)
+def _ranges_of(chosen: _Chosen) -> NDArray[np.float32]:
+    return np.array(chosen.scans.ranges, np.float32).reshape(-1, chosen.kind.beams)
 
 
 FORMAT = Format(

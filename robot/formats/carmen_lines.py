@@ -70,12 +70,14 @@ class Scans:
             states none are 0, and so are stamps.
         stated: the ``maximum_range`` of the first line [m], or None.
         first_line: number of the line it came from.
+        numbers: flat [n]: of the lines of all.
     """
 
     first_line: int
     stated: float | None
     ranges: array[float] = field(default_factory=lambda: array("f"))
     rows: array[float] = field(default_factory=lambda: array("d"))
+    numbers: array[int] = field(default_factory=lambda: array("q"))
 
     def __len__(self) -> int:
         return len(self.rows) // 8
@@ -195,6 +197,7 @@ def _add(
     scans = log.scans.setdefault(kind, Scans(number, stated))
     scans.ranges.extend(values)
     scans.rows.extend(row)
+    scans.numbers.append(number)
 
 
 def _rear(log: CarmenLines, words: Sequence[bytes], number: int) -> None:

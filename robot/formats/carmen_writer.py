@@ -17,6 +17,7 @@ from moteslam.robot.formats.carmen_lines import CLASSIC_STEPS, fov_of
 from moteslam.robot.formats.no_return import no_return_codes
 from moteslam.robot.formats.not_written import not_written
 from moteslam.robot.formats.written_odometry import computed_odometry
+from moteslam.robot.interlace import phases
 from moteslam.robot.issues import Issue
 from moteslam.robot.recording import LidarStream, Recording
 from moteslam.robot.specs import LidarSpec
@@ -57,7 +58,7 @@ def write_carmen(path: str | PathLike[str], recording: Recording) -> None:
     if mount.z:
         head.append(f"PARAM {OWN_PARAMETERS['z']} {mount.z!r}")
     if lidar is not None and lidar.time_increment:
-        head.append(f"PARAM {OWN_PARAMETERS['time_increment']} {lidar.time_increment!r}")
+        head.append(f"PARAM {OWN_PARAMETERS['time_increment']} {lidar.time_increment * lidar.interlace!r}")
     if odometry is not None:
         for stamp, (x, y, theta) in zip(odometry.stamps.tolist(), odometry.poses.tolist(), strict=True):
             entries.append((stamp, 0, f"ODOM {x!r} {y!r} {theta!r} 0 0 0 {_clock(stamp)}"))
@@ -120,18 +121,22 @@ def write_log(path: Path, recording: Recording) -> tuple[Issue, ...]:
 
 
 def _scan_entries(lidar: LidarStream, poses: NDArray[np.float64], mount: LidarSpec) -> list[tuple[float, int, str]]:
-    ranges = np.asarray(lidar.ranges)
+    ranges, every = np.asarray(lidar.ranges), lidar.interlace
     beams = ranges.shape[1]
     codes = no_return_codes(mount.no_return, lidar.range_max, lidar.range_max, beams)
     coded = np.where(np.isinf(ranges), codes, ranges)
     coded[np.isnan(coded)] = 0
-    kind = (
-        f"ROBOTLASER1 0 {lidar.angle_min!r} {lidar.angle_increment * (beams - 1)!r} "
-        f"{lidar.angle_increment!r} {lidar.range_max!r} 0.01 0 {beams}"
-    )
+    step = lidar.angle_increment * every
+    kinds = []
+    for begin in range(every):
+        first, count = lidar.angle_min + begin * lidar.angle_increment, len(range(begin, beams, every))
+        fan = f"{first!r} {step * (count - 1)!r} {step!r}"
+        kinds.append(f"ROBOTLASER1 0 {fan} {lidar.range_max!r} 0.01 0 {count}")
     entries = []
     lasers = se2.compose(poses, mount.pose)
-    for stamp, ranges, laser, pose in zip(lidar.stamps.tolist(), coded, lasers, poses, strict=True):
+    begins = phases(ranges, every).tolist()
+    for stamp, scan, begin, laser, pose in zip(lidar.stamps.tolist(), coded, begins, lasers, poses, strict=True):
+        kind, ranges = kinds[begin], scan[begin::every]
         numbers = " ".join(ranges.astype(str).tolist())  # the fewest digits that give the same float32
         places = " ".join(map(repr, [*laser.tolist(), *pose.tolist()]))
         entries.append((stamp, 1, f"{kind} {numbers} 0 {places} 0 0 0 0 0 {_clock(stamp)}"))

@@ -91,6 +91,7 @@ def lidar_stream(
     issues: list[Issue],
     odometry: Array | None = None,
     zero_is_invalid: bool = True,
+    interlace: int = 1,
 ) -> LidarStream:
     """The scans of a file.
 
@@ -104,6 +105,7 @@ def lidar_stream(
         issues: what was done is added.
         odometry: poses [n, 3] logged with the scans.
         zero_is_invalid: a range of 0 is an error code, whatever the least range.
+        interlace: of the scans, see `LidarStream`; the robot's time between beams is that between those of one scan.
 
     Raises:
         InputError: a fan of more than a turn, limits the wrong way round, or stamps that are none.
@@ -132,9 +134,10 @@ def lidar_stream(
         angle_increment=increment,
         range_min=range_min,
         range_max=range_max,
-        time_increment=robot.lidar.time_increment,
+        time_increment=robot.lidar.time_increment / interlace,
         odometry=poses,
         sequence=sequence,
+        interlace=interlace,
     )
 
 

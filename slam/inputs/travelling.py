@@ -27,7 +27,7 @@ STEP = 0.25
 FARTHEST = 0.6
 """Scans farther apart are not compared [m]: on the way the odometry errs and the view changes too much."""
 LEAST_MOVED = 0.15
-"""Only where a wall would have moved by more than this, seen from the robot, it can be told from what travels [m]."""
+"""Only where a wall would have moved by more than this, seen from the robot, it differs from what travels [m]."""
 SAME, OTHER = 0.25, 0.5
 """A range is where it was expected within this share of that displacement, and not from this share on."""
 ASIDE = 2

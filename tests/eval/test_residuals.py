@@ -80,6 +80,19 @@ def test_a_displaced_scan_is_as_far_off_as_it_is_displaced() -> None:
     assert scan_residuals(recording, Trajectory(truth.stamps, poses)).beyond_3_cm == 0.0
 
 
+def test_lines_join_the_beams_that_an_interlaced_scan_measured_one_after_the_other() -> None:
+    recording, truth = along_wall(20)
+    assert recording.lidar is not None
+    scan, beam = np.indices(recording.lidar.ranges.shape)
+    ranges = np.where((scan // 2 + beam) % 2, np.float32(np.nan), recording.lidar.ranges)
+    ranges[:, :4] = np.where(np.isnan(ranges[:, :4]), ranges[:, :4], np.float32(np.inf))
+    lidar = replace(recording.lidar, ranges=ranges, interlace=2)
+    result = scan_residuals(recording.replace(lidar=lidar), truth)
+    assert result.quantile_90 < 1e-6
+    assert result.no_return == pytest.approx(4 / len(BEAMS))
+    assert result.endpoints == pytest.approx(10 * (len(BEAMS) - 4) / 2, abs=10)
+
+
 def test_beams_without_return_are_counted_and_break_lines() -> None:
     recording, truth = along_wall(4)
     assert recording.lidar is not None

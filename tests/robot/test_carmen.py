@@ -231,7 +231,7 @@ def test_infinite_is_no_return_and_zero_says_nothing(tmp_path: Path) -> None:
 
 def test_a_change_of_beams_is_refused_with_its_line(tmp_path: Path) -> None:
     lines = [*GOOD, *(flaser([1.0] * 5, stamp=200.0 + k) for k in range(5))]
-    with pytest.raises(InputError, match=r"x\.log:9: 5 FLASER scans of 5 beams, expected 3 beams"):
+    with pytest.raises(InputError, match=r"x\.log:9: 5 FLASER scans of 5 beams from -1\.5708 rad, expected 3 beams"):
         read_carmen(write_log(tmp_path / "x.log", lines))
 
 

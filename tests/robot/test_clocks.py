@@ -53,10 +53,22 @@ def test_late_stamps_are_a_problem_and_small_delays_are_none() -> None:
     assert "clock-offset" not in {problem.code for problem in inspect_recording(turning(0.05)).problems}
 
 
+def interlaced(lidar: LidarStream) -> LidarStream:
+    """The same, but every other beam of a scan is not measured, and of the next scan those between."""
+    scan, beam = np.indices(lidar.ranges.shape)
+    return replace(lidar, ranges=np.where((scan + beam) % 2, np.float32(np.nan), lidar.ranges), interlace=2)
+
+
 def test_the_turns_that_scans_show() -> None:
     found = scan_turns(scans())
     errors = found.headings - HEADINGS[:400] + HEADINGS[0]
     assert np.abs(errors).max() < 0.1  # of turns of a radian and more
+
+
+def test_the_turns_that_interlaced_scans_show() -> None:
+    errors = scan_turns(interlaced(scans())).headings - HEADINGS[:400] + HEADINGS[0]
+    assert np.abs(errors).max() < 0.2  # a scan has half as many beams
+    assert np.abs(np.diff(errors)).max() < 0.01  # it begins 0.026 rad beside the one before
 
 
 def test_scans_against_odometry() -> None:

@@ -1,0 +1,162 @@
+"""Interlaced lidars: logs whose scans begin at another quarter of a degree each time."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from issues import messages
+from robot_logs import flaser, robotlaser, write_log
+
+from moteslam.errors import InputError
+from moteslam.robot.formats import follow_recording, open_recording
+from moteslam.robot.formats.carmen_writer import write_carmen
+from moteslam.robot.interlace import measured, phases
+from moteslam.robot.lidar_inspection import lidar_report
+from moteslam.robot.recording import LidarStream, Recording
+from moteslam.slam.inputs.scans import Scans
+
+QUARTERS = (0, 2, 1, 3)
+"""At which quarter of a degree the scans of a SICK begin, in turns."""
+
+
+def range_at(degrees: float) -> float:
+    """What the lidar sees at a bearing: no return in one direction, an error in another [m]."""
+    quarter = round(4 * degrees)
+    return 81.91 if quarter == 100 else 0.0 if quarter == 201 else 1 + (quarter + 360) / 100
+
+
+def line(number: int, quarter: int, *, beams: int = 180, start: float = -90.0, **changes: object) -> str:
+    """A scan of a SICK that begins at a quarter of a degree after ``start``, with angles of six digits as logged."""
+    bearings = start + quarter / 4 + np.arange(beams + (quarter == 0))
+    options = {"stamp": 100.0 + number, "limit": 81.9, "robot": (0.1 * number, 0, 0), **changes}
+    return robotlaser(
+        [range_at(bearing) for bearing in bearings],
+        angle_min=round(float(np.radians(bearings[0])), 6),
+        step=0.017453,
+        **options,  # type: ignore[arg-type]
+    )
+
+
+def log(scans: int = 40, **changes: object) -> list[str]:
+    return [line(number, QUARTERS[number % 4], **changes) for number in range(scans)]  # type: ignore[arg-type]
+
+
+def lidar_of(recording: Recording) -> LidarStream:
+    assert recording.lidar is not None
+    return recording.lidar
+
+
+def test_every_scan_has_its_own_bearings(tmp_path: Path) -> None:
+    recording = open_recording(write_log(tmp_path / "x.log", log()))
+    lidar = lidar_of(recording)
+    assert messages(recording.warnings) == ()
+    assert str(lidar) == "LidarStream(40 scans of 181 beams (4 interlaced), 39.0 s)"
+    assert (lidar.ranges.shape, lidar.interlace, lidar.angle_min) == ((40, 721), 4, -1.570796)
+    assert lidar.odometry is not None
+    np.testing.assert_allclose(lidar.odometry[:, 0], 0.1 * np.arange(40))
+    bearings = np.linspace(-90, 90, 721)
+    np.testing.assert_allclose(lidar.angles, np.radians(bearings), atol=6e-5)
+    expected = np.array([range_at(bearing) for bearing in bearings], np.float32)
+    expected[expected == 0], expected[expected > 80] = np.nan, np.inf
+    for number, ranges in enumerate(lidar.ranges):
+        seen = np.arange(721) % 4 == QUARTERS[number % 4]
+        np.testing.assert_array_equal(ranges, np.where(seen, expected, np.float32(np.nan)))
+    np.testing.assert_array_equal(phases(np.asarray(lidar.ranges), 4), np.resize(QUARTERS, 40))
+    assert measured(np.asarray(lidar.ranges), 4).sum() == 10 * (181 + 3 * 180)
+
+
+def test_what_a_scan_did_not_measure_is_no_endpoint_and_no_error(tmp_path: Path) -> None:
+    recording = open_recording(write_log(tmp_path / "x.log", log()))
+    lidar = lidar_of(recording)
+    scans = Scans(lidar, recording.platform.lidar)
+    assert [len(scans.points(number)) for number in range(4)] == [180, 180, 179, 180]
+    report = lidar_report(lidar, [])
+    assert (report.beams, report.interlace) == (721, 4)
+    assert report.no_return == pytest.approx(10 / 7210)
+    assert report.invalid == pytest.approx(10 / 7210)
+
+
+@pytest.mark.parametrize("quarters", [(0, 2), (1, 3), (3, 1, 2)])
+def test_other_grids(tmp_path: Path, quarters: tuple[int, ...]) -> None:
+    lines = [line(number, quarters[number % len(quarters)]) for number in range(30)]
+    lidar = lidar_of(open_recording(write_log(tmp_path / "x.log", lines)))
+    assert lidar.interlace == (4 if len(quarters) == 3 else 2)
+    assert np.degrees(lidar.angle_min) == pytest.approx(-90 + min(quarters) / 4, abs=1e-4)
+
+
+def test_scans_of_one_stamp_keep_the_order_of_the_file(tmp_path: Path) -> None:
+    lines = log(12, stamp=5.0)
+    lidar = lidar_of(open_recording(write_log(tmp_path / "x.log", lines)))
+    assert lidar.odometry is not None
+    np.testing.assert_allclose(lidar.odometry[:, 0], 0.1 * np.arange(12))
+
+
+def test_a_few_scans_of_another_bearing_are_strays(tmp_path: Path) -> None:
+    lines = [*(line(number, 0) for number in range(20)), line(20, 2)]
+    recording = open_recording(write_log(tmp_path / "x.log", lines))
+    assert lidar_of(recording).ranges.shape == (20, 181)
+    assert messages(recording.warnings) == ("x.log: 1 ROBOTLASER1 scan of 180 beams left aside, the first is line 21",)
+
+
+OTHERS = {
+    "another laser, turned": [line(number, 0, start=-45.0) for number in range(10)],
+    "half as many beams": [line(number, 1, beams=90) for number in range(10)],
+    "another reach": [line(number, 1, limit=8.0) for number in range(10)],
+    "off the grid": [line(number, 0, start=-90 + offset) for offset in (0.31, 0.77) for number in range(10)],
+}
+
+
+@pytest.mark.parametrize("others", OTHERS.values(), ids=OTHERS.keys())
+def test_two_lasers_in_one_log_are_refused(tmp_path: Path, others: list[str]) -> None:
+    lines = [*(line(number, 0) for number in range(15)), *others]
+    with pytest.raises(InputError, match=r"x\.log:16: 10 ROBOTLASER1 scans of .* expected 181 beams from -1\.5708 rad"):
+        open_recording(write_log(tmp_path / "x.log", lines))
+
+
+def test_another_laser_beside_an_interlaced_one_is_refused(tmp_path: Path) -> None:
+    lines = [*log(40), *(line(number, 0, start=-45.0) for number in range(10))]
+    wanted = r"expected 721 beams every 0\.0044 rad from -1\.5708 rad as in the other 40"
+    with pytest.raises(InputError, match=rf"x\.log:41: 10 ROBOTLASER1 scans of 181 beams from -0\.7854 rad, {wanted}"):
+        open_recording(write_log(tmp_path / "x.log", lines))
+
+
+def test_interlaced_scans_are_read_in_place_of_their_flaser_lines(tmp_path: Path) -> None:
+    lines = [*log(24), *(flaser([1.0] * 180, stamp=100.0 + number) for number in range(24))]
+    recording = open_recording(write_log(tmp_path / "x.log", lines))
+    assert lidar_of(recording).interlace == 4
+    assert messages(recording.warnings) == ("x.log: 24 FLASER scans of 180 beams left aside, the first is line 25",)
+
+
+@pytest.mark.parametrize("scans", [8, 40])
+def test_what_is_written_reads_back_the_same(tmp_path: Path, scans: int) -> None:
+    (tmp_path / "p.toml").write_text("[lidar]\ntime_increment = 1e-4\n")
+    recording = open_recording(write_log(tmp_path / "x.log", log(scans)), platform=tmp_path / "p.toml")
+    assert lidar_of(recording).time_increment == pytest.approx(2.5e-5)
+    write_carmen(tmp_path / "y.log", recording)
+    again = open_recording(tmp_path / "y.log")
+    assert messages(again.warnings) == ()
+    for key, value in vars(lidar_of(recording)).items():
+        other = getattr(lidar_of(again), key)
+        assert value.tobytes() == other.tobytes() if isinstance(value, np.ndarray) else value == other, key
+
+
+def test_a_log_that_is_being_written_is_refused_in_one_line(tmp_path: Path) -> None:
+    follower = follow_recording(write_log(tmp_path / "x.log", log()))
+    with pytest.raises(InputError, match=r"x\.log:1: scans of an interlaced lidar, 4 in turns; expected .* finished"):
+        follower.poll()
+
+
+@pytest.mark.parametrize("interlace", [0, -1, 1.5, True])
+def test_an_interlace_that_is_none_is_refused(interlace: int) -> None:
+    with pytest.raises(InputError, match=r"interlace: .* expected a whole number of 1 or more"):
+        LidarStream(np.zeros(1), np.ones((1, 4), np.float32), 0.0, 0.1, 0.0, 9.0, interlace=interlace)
+
+
+def test_the_clinic(data_folder: Path) -> None:
+    recording = open_recording(data_folder / "radish/fr-clinic_robotlaser.log.gz")
+    lidar = lidar_of(recording)
+    assert (lidar.ranges.shape, lidar.interlace) == ((6917, 721), 4)
+    np.testing.assert_array_equal(np.bincount(phases(np.asarray(lidar.ranges), 4)), [1748, 1709, 1725, 1735])
+    assert messages(recording.warnings) == ()
