@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from importlib.metadata import version
+from itertools import zip_longest
 
 import numpy as np
 from numpy.typing import NDArray
@@ -110,6 +111,8 @@ class SlamSession:
         self._waiting: list[KeyScan] = []  # for the back end, until the filter is settled
         self._spreads: list[Array] = []
         self._corrections: list[Correction] = []
+        self._lost: list[float] = []  # when the robot was lost and found, in turns [s]
+        self._pieces: list[tuple[int, int]] = []  # the first scan that did not fit, and the first in the map apart
         self._drawn: tuple[int, Raster | None] = (0, None)  # the map, and after how many scans
 
     def __len__(self) -> int:
@@ -157,6 +160,11 @@ class SlamSession:
                 self._waiting.append(self._key_scan(step))
                 if self._filter.settled:
                     corrected = self._hand_over(step.index)
+                corrected += self._relocate(step.index)
+                if self._filter.lost is not (len(self._lost) % 2 == 1):
+                    self._lost.append(step.stamp)
+                    if self._filter.lost:
+                        self._pieces.append((self._records.last_sure + 1, step.index))
             seconds = time.perf_counter() - began
             poses, weights = self._filter.poses, self._filter.weights.values
             if result.updated:
@@ -212,7 +220,12 @@ class SlamSession:
         began = time.perf_counter()
         corrected = self._backend.finish(path)
         finishing = time.perf_counter() - began
-        final = between_known(path if corrected is None else corrected, updates, se2.accumulate(records.motions))
+        driven = se2.accumulate(records.motions)
+        final = between_known(path if corrected is None else corrected, updates, driven)
+        for first, begun in self._pieces:  # what no longer fitted the map before belongs to what follows
+            last = int(updates[updates < first][-1])
+            final[last:first] = se2.compose(final[last], se2.between(driven[last], driven[last:first]))
+            final[first:begun] = se2.compose(final[begun], se2.between(driven[begun], driven[first:begun]))
         found = Estimate(
             name=self.recording.name,
             config=self.config,
@@ -264,7 +277,19 @@ class SlamSession:
             odometry=np.asarray(se2.between(odometry[last], odometry[step.index])),
             measured=bool(self._inputs.measured[last + 1 : step.index + 1].all()),
             motion=self._filter.history.step(best),
+            lost=self._filter.lost,
         )
+
+    def _relocate(self, scan: int) -> float:
+        """Move the path since the robot was lost to where the filter has found it again; how far that moved it [m]."""
+        path = self._filter.relocated()
+        if path is None:
+            return 0.0
+        before = self._filter.history.last[self._filter.best_particle].copy()
+        self._filter.revise(path, np.array(self._updates), self._inputs.scans)
+        self._backend.relocated(path[: len(path) - len(self._waiting)])
+        self._corrections.append(Correction(scan, path))
+        return float(np.hypot(*(path[-1] - before)[:2]))
 
     def _hand_over(self, scan: int) -> float:
         """Give the back end the key scans that wait; where it corrects the path, the filter goes on from there.
@@ -321,6 +346,10 @@ class SlamSession:
             issues.append(Issue("no-colours", f"colours: {self._missing}: particles are weighed without"))
         if self._views is not None:
             issues += self._views.issues()
+        for begin, end in zip_longest(self._lost[::2], self._lost[1::2]):
+            text = f"from {begin:.2f} s on the scans do not fit the map: the robot is lost, and a map apart is drawn, "
+            text += "to the end" if end is None else f"until it is found in the one before at {end:.2f} s"
+            issues.append(Issue("lost", text))
         issues += getattr(self._backend, "issues", ())  # back ends of other packages may have none
         return tuple(issues)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from moteslam.slam.filter.certainty import Certainty
+from moteslam.slam.filter.certainty import Certainty, LocalisationState
 from moteslam.slam.filter.protocol import StepResult
 
 Array = NDArray[np.float64]
@@ -67,6 +67,12 @@ class ScanRecords:
         """What the latest scan cost, and was corrected by, beyond what is recorded of it."""
         self._diagnostics[self.done - 1, DIAGNOSTICS.index("seconds")] += seconds
         self._diagnostics[self.done - 1, DIAGNOSTICS.index("corrected")] += corrected
+
+    @property
+    def last_sure(self) -> int:
+        """Index of the latest scan at which the filter was sure of the pose; -1 without one."""
+        sure = self._diagnostics[: self.done, DIAGNOSTICS.index("state")] == LocalisationState.SURE
+        return self.done - 1 - int(sure[::-1].argmax()) if sure.any() else -1
 
     @property
     def nbytes(self) -> int:

@@ -97,7 +97,7 @@ def _values(recording: Recording) -> Iterator[tuple[str, NDArray[Any]]]:
             value = getattr(stream, field.name)
             if value is None:
                 continue
-            if isinstance(value, float):
+            if isinstance(value, int | float):
                 yield f"{name}.figures.{field.name}", np.array([value])
             elif field.name == "poses":
                 yield f"{name}.positions", value[:, :2]

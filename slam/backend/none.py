@@ -42,5 +42,8 @@ class NoBackend:
     def add(self, key: KeyScan) -> None:
         """Nothing to correct."""
 
+    def relocated(self, path: NDArray[np.float64]) -> None:
+        """Nothing to correct."""
+
     def finish(self, path: NDArray[np.float64]) -> None:
         """Nothing to correct."""

@@ -38,6 +38,7 @@ class KeyScan(Summarised):
             nothing measured it.
         measured: whether the odometry measured all of that motion.
         motion: [3] the same motion as the filter estimates it, along the path of its best particle.
+        lost: the filter does not know where the robot is in the map of before.
     """
 
     index: int
@@ -48,6 +49,7 @@ class KeyScan(Summarised):
     odometry: Array
     measured: bool
     motion: Array
+    lost: bool = False
 
 
 class Backend(Protocol):
@@ -74,6 +76,9 @@ class Backend(Protocol):
             [u, 3] corrected poses of all u key scans taken in so far, from which the filter goes on; None where there
             is nothing to correct.
         """
+
+    def relocated(self, path: Array) -> None:
+        """Take in that the filter has found a robot that was lost: the path [u, 3] of all key scans by it."""
 
     def finish(self, path: Array) -> Array | None:
         """The path of all key scans as known at the end.

@@ -21,9 +21,9 @@ Array = NDArray[np.float64]
 
 NEIGHBOURHOOD = 5.0
 """The map around the robot was made from poses up to this distance from it [m]."""
-LOST_DISTANCE = 0.5
+LOST_DISTANCE = 0.3
 """A pose that is off by more than this distance from the map around it is wrong [m]; ..."""
-LOST_ROTATION = 0.2
+LOST_ROTATION = math.radians(5.0)
 """... or whose heading is off by more than this [rad]."""
 FLOOR = RESOLVED[0] ** 2, RESOLVED[1] ** 2
 """Variances that no pose falls below [m^2], [rad^2]."""

@@ -28,6 +28,36 @@ FIRST_PATH = 10.0
 """See ``LEAST_SPREAD`` [m]."""
 
 
+class Scores:
+    """What match scores are usual: their mean along the last ``NEIGHBOURHOOD`` of path, and their spread along it all.
+
+    Attributes:
+        mean: so far.
+    """
+
+    def __init__(self) -> None:
+        self.mean = 0.0
+        self._scans = 0  # that it is of
+        self._variance, self._path = LEAST_SPREAD**2, FIRST_PATH  # of the scores about it, along all the path
+
+    @property
+    def spread(self) -> float:
+        """Standard deviation of the scores about their mean."""
+        return max(math.sqrt(self._variance), LEAST_SPREAD)
+
+    def below(self, score: float) -> float:
+        """How far a score is below the mean; 0 for the first."""
+        return self.mean - score if self._scans else 0.0
+
+    def take_in(self, driven: float, score: float) -> None:
+        """Take in the next score, of a scan driven so far after the one before [m]."""
+        step, below = min(driven, NEIGHBOURHOOD), self.below(score)
+        self._path += step
+        self._variance += step / self._path * (below * below - self._variance)
+        self._scans += 1
+        self.mean += max(1 / self._scans, step / NEIGHBOURHOOD) * (score - self.mean)
+
+
 @dataclass
 class _Drop:
     """A scan that did not fit, and how those since did.
@@ -68,9 +98,7 @@ class Misfit:
     """Watches the match scores of one run."""
 
     def __init__(self) -> None:
-        self._mean = 0.0  # of the scores along the last NEIGHBOURHOOD of path
-        self._scans = 0  # that it is of
-        self._variance, self._path = LEAST_SPREAD**2, FIRST_PATH  # of the scores about it, along all the path
+        self._scores = Scores()
         self._places: list[tuple[float, float]] = []  # of the updates
         self._lost: _Drop | None = None
         self._doubtful: float | None = None  # path since [m]
@@ -114,20 +142,15 @@ class Misfit:
 
     def _compare(self, driven: float, score: float, *, left_out: bool) -> None:
         """Compare a score with those before, and take it in among them."""
-        spread = max(math.sqrt(self._variance), LEAST_SPREAD)
-        below = self._mean - score if self._scans else 0.0
+        spread, below = self._scores.spread, self._scores.below(score)
         if below > LOST_DROP * spread:
-            usual = self._mean - spread if self._lost is None else self._lost.usual
+            usual = self._scores.mean - spread if self._lost is None else self._lost.usual
             self._lost = _Drop(usual, np.array(self._places).reshape(-1, 2))
         elif below > DOUBTFUL_DROP * spread:
             self._doubtful = 0.0
         if left_out:
             return
-        step = min(driven, NEIGHBOURHOOD)
-        self._path += step
-        self._variance += step / self._path * (below * below - self._variance)
-        self._scans += 1
-        self._mean += max(1 / self._scans, step / NEIGHBOURHOOD) * (score - self._mean)
+        self._scores.take_in(driven, score)
         if self._lost is not None:
             self._lost.matched += driven
             self._lost.fit += score * driven

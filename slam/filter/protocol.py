@@ -84,8 +84,18 @@ class Filter(Protocol):
     def occupancy(self) -> Raster | None:
         """The filter's own occupancy map; None where it is to be drawn along the best particle's path."""
 
+    @property
+    def lost(self) -> bool:
+        """Whether the robot is lost, and what it sees goes into a map apart until it is found."""
+
+    def relocated(self) -> Array | None:
+        """The path [u, 3] of all updates where a robot that was lost has been found since this was asked; else None.
+
+        The caller corrects the path by ``revise``.
+        """
+
     def revise(self, poses: Array, updates: NDArray[np.intp], scans: Scans) -> None:
-        """Go on from a path that the back end has corrected.
+        """Go on from a path that was corrected.
 
         Args:
             poses: [u, 3] of the robot at every update so far, corrected.
@@ -118,6 +128,15 @@ class FilterDefaults:
         return 0
 
     def occupancy(self) -> Raster | None:
+        """See ``Filter``."""
+        return None
+
+    @property
+    def lost(self) -> bool:
+        """See ``Filter``."""
+        return False
+
+    def relocated(self) -> Array | None:
         """See ``Filter``."""
         return None
 

@@ -51,6 +51,11 @@ class TsdfMaps:
         return self._store.tiles.maps
 
     @property
+    def config(self) -> TsdfConfig:
+        """As given."""
+        return self._config
+
+    @property
     def memory(self) -> int:
         """Bytes taken by tiles and tables."""
         return self._store.nbytes

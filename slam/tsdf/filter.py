@@ -6,11 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.kernels.thinning import ThinnedScan
+from moteslam.robot import se2
 from moteslam.robot.se2 import as_pose, compose_one
-from moteslam.slam.filter.certainty import Certainty, certainty_of
+from moteslam.slam.filter.certainty import Certainty, LocalisationState, certainty_of
 from moteslam.slam.filter.history import History
 from moteslam.slam.filter.kld import choose_parents
-from moteslam.slam.filter.misfit import Misfit
 from moteslam.slam.filter.protocol import FilterDefaults, Scans, Step, StepResult
 from moteslam.slam.filter.resampling import Draws, generator_for
 from moteslam.slam.filter.update_policy import update_due
@@ -18,12 +18,14 @@ from moteslam.slam.filter.weights import Weights
 from moteslam.slam.inputs.config import ThinningConfig
 from moteslam.slam.inputs.thinning import thin, thin_some
 from moteslam.slam.tsdf.config import TsdfFilterConfig
+from moteslam.slam.tsdf.doubt import Doubt
 from moteslam.slam.tsdf.floor_likelihood import FloorLikelihood
 from moteslam.slam.tsdf.hypotheses import divide, join, settled
 from moteslam.slam.tsdf.motion import STILL, MotionSinceUpdate, magnitude
 from moteslam.slam.tsdf.particles import Particles
 from moteslam.slam.tsdf.pose_covariance import PoseCovariance
 from moteslam.slam.tsdf.proposal import Proposal, propose, sample
+from moteslam.slam.tsdf.relocation import Relocation
 from moteslam.slam.tsdf.tracking import Tracked, Tracker
 
 Array = NDArray[np.float64]
@@ -42,7 +44,9 @@ class TsdfFilter(FilterDefaults):
         self._particles = Particles(config.particles, config.tsdf)
         self._tracker = Tracker(config.tracking, config.registration, config.calibration)
         self._floor = FloorLikelihood(config.colours, config.texture, config.proposal.information_share)
-        self._covariance, self._misfit = PoseCovariance(config.registration), Misfit()
+        self._covariance, self._doubt = PoseCovariance(config.registration), Doubt()
+        self._relocation: Relocation | None = None  # of a robot that is lost, in the map that it had
+        self._relocated: Array | None = None
         self._since = MotionSinceUpdate()
         self._mode_mean = STILL  # of the best particle's mode at the last update, in that particle's frame
 
@@ -92,9 +96,12 @@ class TsdfFilter(FilterDefaults):
         if not len(self.history):
             return self._start(scan)
         tracked = self._track(step, scan)
+        if self._doubt.state is LocalisationState.LOST:
+            return self._begin_anew(scan, tracked)
+        doubted = tracked.lost or self._doubt.state is LocalisationState.DOUBTFUL
         due = update_due(self._config.update, self._since.travelled, self._since.tracked)
         moved = np.array(tracked.motion)
-        if tracked.lost or not (due or len(tracked.rivals.offsets)):
+        if doubted or not (due or len(tracked.rivals.offsets)):
             n_eff = self.weights.effective_number
             return StepResult(self._pose(), moved, n_eff, 0.0, False, False, self._certainty())
         places = divide(self._particles, tracked.rivals, self._config.proposal.evidence_share)
@@ -104,19 +111,36 @@ class TsdfFilter(FilterDefaults):
         proposal, resampled = self._resample(step, proposal)
         self._sample(step, proposal)
         self._map(scan, proposal)
+        self._look_for_it(scan)
         return StepResult(self._pose(), moved, n_eff, score, True, resampled, self._certainty())
 
+    @property
+    def lost(self) -> bool:
+        """Whether the scans stopped to fit, and the robot has not been found in its map since."""
+        return self._relocation is not None
+
+    def relocated(self) -> Array | None:
+        """See ``Filter``."""
+        relocated, self._relocated = self._relocated, None
+        return relocated
+
     def revise(self, poses: Array, updates: NDArray[np.intp], scans: Scans) -> None:
-        """Go on from a path that the back end has corrected: with one map, drawn along it, that all particles share.
+        """Go on from a path that was corrected: with one map, drawn along it, that all particles share.
+
+        While the robot is lost that is a map of what it has seen since, and the one that it had is drawn anew, too.
 
         Args:
             poses: [u, 3] of the robot at every update so far, corrected.
             updates: [u] the indices of their scans.
             scans: endpoints of all scans.
         """
-        self._particles.revise(poses, thin_some(scans, updates.tolist(), self._config.thinning))
+        drawn = thin_some(scans, updates.tolist(), self._config.thinning)
+        if self._relocation is not None:
+            before = self._relocation.updates
+            self._relocation.revise(poses[:before], drawn[:before])
+            drawn = drawn[before:]
+        self._particles.revise(poses, drawn)
         self._tracker.pose = as_pose(self._particles.best_pose)
-        self._misfit.revise(poses)
         self._floor = FloorLikelihood(
             self._config.colours, self._config.texture, self._config.proposal.information_share
         )
@@ -124,9 +148,31 @@ class TsdfFilter(FilterDefaults):
     def _start(self, scan: ThinnedScan) -> StepResult:
         """The first scan: there is nothing to register to; it goes into the one map that all particles share."""
         self._particles.start(scan)
-        self._misfit.update(self._tracker.pose)
         pose, n_eff = np.array(self._tracker.pose), self.weights.effective_number
         return StepResult(pose, np.zeros(3), n_eff, 0.0, True, False, self._certainty())
+
+    def _begin_anew(self, scan: ThinnedScan, tracked: Tracked) -> StepResult:
+        """The robot is lost: from here on it draws another map, and the one that it had is where it is looked for."""
+        particles = self._particles
+        if self._relocation is None:
+            path = self.history.path(self.best_particle)
+            self._relocation = Relocation(particles.maps, self.best_particle, path, self._config.registration)
+        particles.begin_anew(np.array(self._tracker.pose), scan)
+        self._covariance, self._doubt = PoseCovariance(self._config.registration), Doubt()
+        self._since, self._mode_mean = MotionSinceUpdate(), STILL
+        pose, n_eff = np.array(self._tracker.pose), self.weights.effective_number
+        return StepResult(pose, np.array(tracked.motion), n_eff, 0.0, True, False, self._certainty())
+
+    def _look_for_it(self, scan: ThinnedScan) -> None:
+        """Look for a robot that is lost in the map that it had."""
+        if self._relocation is None:
+            return
+        frame = self._relocation.look(self._particles.best_pose, scan.points)
+        if frame is None:
+            return
+        path, before = self.history.path(self.best_particle), self._relocation.updates
+        self._relocated = np.vstack((path[:before], se2.compose(frame, path[before:])))
+        self._relocation = None
 
     def _track(self, step: Step, scan: ThinnedScan) -> Tracked:
         """Predict the motion since the last scan, and register the scan to the best particle's map."""
@@ -137,7 +183,7 @@ class TsdfFilter(FilterDefaults):
         fit = tracked.fit
         self._covariance.step(motion, tracked.motion, None if tracked.lost else fit)
         driven, _ = magnitude(tracked.motion)
-        self._misfit.look(driven, None if fit is None else fit.score, left_out=tracked.lost)
+        self._doubt.look(driven, None if fit is None else fit.score)
         return tracked
 
     def _register(self, step: Step, scan: ThinnedScan, places: Array) -> Proposal:
@@ -200,7 +246,6 @@ class TsdfFilter(FilterDefaults):
             self._covariance.mapped()
         self._floor.integrate(self._particles, self._since)
         self._tracker.pose = as_pose(self._particles.best_pose)
-        self._misfit.update(self._tracker.pose)
         self._since = MotionSinceUpdate()
         self._mode_mean = as_pose(
             self._particles.mode_mean(self._config.proposal.mode_distance, self._config.proposal.mode_rotation)
@@ -208,7 +253,8 @@ class TsdfFilter(FilterDefaults):
 
     def _certainty(self) -> Certainty:
         """How sure the online pose is."""
-        return certainty_of(self._covariance.value, self._covariance.degenerate, self._misfit.state)
+        state = LocalisationState.LOST if self.lost else self._doubt.state
+        return certainty_of(self._covariance.value, self._covariance.degenerate, state)
 
     def _pose(self) -> Array:
         """The online pose [3]: the mean of the best particle's mode, moved by what was tracked since."""

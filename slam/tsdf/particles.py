@@ -74,19 +74,27 @@ class Particles:
         self.maps.integrate(self.poses[:1], scan)
         self.maps.resample(np.zeros(len(self), np.int64))
 
+    def begin_anew(self, pose: Array, scan: ThinnedScan) -> None:
+        """An update without the maps so far: all particles at one pose [3], with a map of this scan alone."""
+        self.poses = np.repeat(pose[None], len(self), axis=0)
+        self.hypotheses[:] = 0
+        self.weights = Weights.uniform(len(self))
+        self.maps = TsdfMaps(self._config)
+        self.start(scan)
+
     def revise(self, path: Array, scans: Sequence[ThinnedScan]) -> None:
         """Move all particles by the correction of the best one's path, and redraw one map along it for all of them.
 
         Args:
             path: [u, 3] poses at every update, corrected.
-            scans: the scans of these updates.
+            scans: the scans of the latest of these updates, which are drawn.
         """
         last = self.best_pose
         self.history.revise(self.history.path(self.best), path)
         self.poses = se2.compose(path[-1], se2.between(last, self.poses))
         self.hypotheses[:] = 0
         self.maps = TsdfMaps(self._config)
-        self.maps.draw(path, scans)
+        self.maps.draw(path[len(path) - len(scans) :], scans)
         self.maps.resample(np.zeros(len(self), np.int64))
 
     def resample(self, parents: NDArray[np.int64]) -> None:

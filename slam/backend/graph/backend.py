@@ -93,10 +93,18 @@ class GraphBackend:
             self._closing = LoopClosing(LoopGraph(self._nodes, self._config), self._config)
             return None
         self._closing.graph.extend()
-        if not self._config.loops.enabled:
+        if not self._config.loops.enabled or key.lost:
             return None
         self._closing.look()
         return self._correction(self._closing)
+
+    def relocated(self, path: Array) -> None:
+        """See ``Backend``."""
+        updates = np.array(self._nodes.updates, np.intp)
+        self._path, self._placed = list(path), path[updates]
+        if self._closing is not None:
+            self._nodes.place(self._placed)
+            self._closing.graph.rejoin()
 
     def _crowded(self) -> bool:
         """Whether there are enough nodes where the key scan before the latest was taken; it goes with the nearest."""

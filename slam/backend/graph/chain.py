@@ -128,6 +128,11 @@ class Chain:
         if len(self) < FITS[-1]:
             self.fit(anew=True)
 
+    def renew(self) -> None:
+        """Register all nodes anew, with what the filter says of the steps now."""
+        self._raw = [self._unregistered(k) for k in range(1, len(self) + 1)]
+        self.fit(anew=True)
+
     def fit(self, *, anew: bool = False) -> None:
         """Fit the odometry's errors to the first steps, and register the nodes anew where that changes the odometry.
 

@@ -91,6 +91,12 @@ class LoopGraph:
         if self.chain.fits != self._fits:
             self._refit()
 
+    def rejoin(self) -> None:
+        """Take in that the filter's steps have changed."""
+        self.chain.renew()
+        if self.chain.fits != self._fits:
+            self._refit()
+
     def enter(self, pair: Pair, loop: Loop) -> None:
         """Enter a candidate as searched; it takes the place of an earlier search of the pair."""
         self.loops.pop(pair, None)

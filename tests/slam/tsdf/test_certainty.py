@@ -54,12 +54,14 @@ def test_along_a_bare_corridor_the_variance_grows_and_the_direction_is_degenerat
     assert along.max() < bound * 1.01
 
 
-@pytest.mark.parametrize("preset", METHODS)
+@pytest.mark.parametrize(("preset", "within"), [("default", 15), ("paper", 5)])
 @pytest.mark.usefixtures("taichi")
-def test_a_robot_that_is_carried_into_another_room_is_lost_at_once(preset: str):
+def test_a_robot_that_is_carried_into_another_room_is_soon_lost(preset: str, within: int):
     states = estimated(carried_into_another_room(at=60), preset).diagnostics["state"]
     assert (states[:60] == SURE).all()
-    assert (states[65:] == LOST).all()
+    assert (states[60 + within :] == LOST).all()
+    if preset == "default":
+        assert (states[60 : 60 + within] >= DOUBTFUL).all()
 
 
 @pytest.mark.usefixtures("taichi")
@@ -81,7 +83,7 @@ def test_without_scans_and_odometry_the_robot_is_soon_lost():
         covariance.step(step_motion(step, step, 0.1, measured=False), step, None)
         value = covariance.value
         states.append(state_by_spread(largest_deviation(value), math.sqrt(value[5])))
-    assert states[0] is SURE
+    assert states[0] is not LOST
     assert states == sorted(states)
     assert states[-1] is LOST
     assert math.sqrt(value[0]) > LOST_DISTANCE

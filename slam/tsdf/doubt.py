@@ -1,0 +1,52 @@
+"""Whether the robot is lost: scans that stop to fit from one to the next, and go on not to.
+
+While the filter doubts it leaves the scans out of its maps: else they would fit again soon, wherever the robot is.
+"""
+
+from __future__ import annotations
+
+from moteslam.slam.filter.certainty import LocalisationState
+from moteslam.slam.filter.misfit import DOUBTFUL_DROP, LOST_DROP, Scores
+
+PROBATION, LEAST_SCANS = 1.0, 3
+"""The robot is lost when no scan has fitted for this path [m], and as many have not: people who stand in the way are
+passed by then."""
+
+
+class Doubt:
+    """Watches the match scores of one map.
+
+    A scan whose score is ``LOST_DROP`` standard deviations below the usual, and below that of the scan before, is
+    doubted: what the robot drives into, and what changes little by little, lowers the scores less suddenly. Those that
+    follow are as long as they are ``DOUBTFUL_DROP`` below.
+
+    Attributes:
+        state: as the scans until now have it; once lost it stays so.
+    """
+
+    def __init__(self) -> None:
+        self.state = LocalisationState.SURE
+        self._scores, self._before = Scores(), 0.0
+        self._scans, self._path = 0, 0.0  # that have not fitted in a row, and driven since the first [m]
+
+    def look(self, driven: float, score: float | None) -> None:
+        """Take in a scan.
+
+        Args:
+            driven: since the scan before [m].
+            score: its match score, as a share of the points where the map is known; None where it was not matched.
+        """
+        if self._scans:
+            self._path += driven
+        if score is None or self.state is LocalisationState.LOST:
+            return
+        spread, below = self._scores.spread, self._scores.below(score)
+        sudden = min(below, self._before - score) > LOST_DROP * spread
+        self._before = score
+        if below > DOUBTFUL_DROP * spread and (sudden or self._scans):
+            self._scans += 1
+            lost = self._scans >= LEAST_SCANS and self._path >= PROBATION
+            self.state = LocalisationState.LOST if lost else LocalisationState.DOUBTFUL
+            return
+        self._scans, self._path, self.state = 0, 0.0, LocalisationState.SURE
+        self._scores.take_in(driven, score)

@@ -1,0 +1,147 @@
+"""A lost robot: it draws a map of its own from there on, and is looked for in the whole of the one that it had.
+
+The scans of the latest metres together are searched for on a lattice over all places where the robot has been and all
+headings, and registered from the best of them; a place counts that has no rival, and only if a second search, of other
+scans, finds the robot at the same place.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from moteslam.kernels.correlative import MAX_SEARCH_POINTS
+from moteslam.kernels.thinning import ThinnedScan
+from moteslam.robot import se2
+from moteslam.slam.mapping.tsdf import TsdfMaps
+from moteslam.slam.registration.config import RegistrationConfig, SearchConfig
+from moteslam.slam.registration.registrar import Registration, register, subsample
+from moteslam.slam.registration.search import Window, candidates
+
+Array = NDArray[np.float64]
+Points = NDArray[np.float32]
+
+QUERY = 4.0
+"""Path of the scans that are searched for together [m]."""
+FIRST_LOOK, APART = 2.0, 1.0
+"""The first search is made after this path, and those after it this far apart [m]: further, where they are dear."""
+ENDPOINTS_PER_METRE = 4e8
+"""The searches look up at most as many endpoints for every metre driven: 0.4 s of one processor."""
+MARGIN = 1.0
+"""The robot is looked for this far beyond the path on which the map was made [m]."""
+STEP, TURN = 0.2, 0.06
+"""Of the lattice: a basin of Gauss-Newton [m], [rad]."""
+STARTS, START_POINTS, FINALISTS = 60, 120, 12
+"""Places that are registered with some endpoints, and of these with all."""
+LEAST_SHARE, LEAST_MARGIN = 0.3, 0.1
+"""Share of the endpoints on surfaces, less what crosses surfaces, and how much less a place elsewhere has."""
+CROSSING, LEAST_KNOWN = 0.3, 0.3
+"""What a ray through a surface costs [endpoints]; a place that knows less than this share counts as if it knew it."""
+ELSEWHERE = np.array([0.5, 0.15])
+"""A place this far off is another one [m], [rad]."""
+RESIDUAL = 0.03
+"""Standard deviation of an endpoint's distance to the surfaces of a map that bends a little [m]."""
+
+
+class Relocation:
+    """Looks for the robot in the map that it had before it was lost.
+
+    Args:
+        maps: that it had, of several particles.
+        particle: whose map it is.
+        path: [u, 3] on which that map was made.
+        config: of registrations.
+
+    Attributes:
+        updates: how many updates the map is of: those since are in the new one.
+    """
+
+    def __init__(self, maps: TsdfMaps, particle: int, path: Array, config: RegistrationConfig) -> None:
+        self.updates = len(path)
+        self._maps, self._particle = maps, particle
+        self._config = RegistrationConfig(**{**config.model_dump(), "residual": RESIDUAL})
+        low, high = path[:, :2].min(axis=0), path[:, :2].max(axis=0)
+        self._middle = np.array([*(low + high) / 2, 0.0])
+        self._half = np.array([*np.repeat((high - low).max() / 2 + MARGIN, 2), np.pi])
+        places = np.prod(2 * self._half[:2] / STEP) * (2 * np.pi / TURN)
+        self._every = max(APART, float(places) * MAX_SEARCH_POINTS / ENDPOINTS_PER_METRE)
+        self._seen: list[tuple[float, Array, Points]] = []  # path, pose and endpoints of the latest updates
+        self._driven = 0.0
+        self._next = FIRST_LOOK
+        self._found: Array | None = None  # by the search before: where the new map's frame lies in the old one's
+
+    def look(self, pose: Array, points: Points) -> Array | None:
+        """Take in an update since, and search if it is time.
+
+        Args:
+            pose: [3] in the new map.
+            points: [k, 2] of its scan.
+
+        Returns:
+            [3] where the new map's frame lies in the old one's, once that is known.
+        """
+        if self._seen:
+            self._driven += float(np.hypot(*(pose - self._seen[-1][1])[:2]))
+        self._seen.append((self._driven, pose, points))
+        self._seen = [seen for seen in self._seen if seen[0] > self._driven - QUERY]
+        if self._driven < self._next:
+            return None
+        self._next = self._driven + self._every
+        place = self._search(pose)
+        before, self._found = self._found, None
+        if place is None:
+            return None
+        self._found = np.asarray(se2.compose(place, se2.between(pose, np.zeros(3))))
+        if before is None:
+            return None
+        off = se2.between(se2.compose(before, pose), place)
+        return self._found if np.hypot(*off[:2]) < ELSEWHERE[0] and abs(off[2]) < ELSEWHERE[1] else None
+
+    def revise(self, path: Array, scans: Sequence[ThinnedScan]) -> None:
+        """Draw the map anew along its corrected path.
+
+        Args:
+            path: [u, 3] at its updates.
+            scans: of these.
+        """
+        self._maps, self._particle, self._found = TsdfMaps(self._maps.config), 0, None
+        self._maps.draw(path, scans)
+
+    def _search(self, pose: Array) -> Array | None:
+        """Where in the old map the robot is [3]; None where no place is sure."""
+        points = np.concatenate([_seen_from(pose, at, scan) for _, at, scan in self._seen])
+        view, few = self._maps.of(self._particle), subsample(points, START_POINTS)
+        lattice = SearchConfig(search_prior=1e-6)
+        starts = candidates(view, self._middle, self._half, few, Window(self._half, STEP, TURN), STARTS, lattice)
+        tried = self._registered(few, starts)
+        finalists = np.argsort(-self._shares(tried, len(few))[0], kind="stable")[:FINALISTS]
+        found = self._registered(points, tried.offsets[finalists])
+        shares, fair = self._shares(found, len(points))
+        best = int(shares.argmax())
+        off = np.abs(se2.between(found.offsets[best], found.offsets))
+        rivals = (np.hypot(off[:, 0], off[:, 1]) > ELSEWHERE[0]) | (off[:, 2] > ELSEWHERE[1])
+        second = max(float(fair[rivals].max()), 0.0) if rivals.any() else 0.0
+        if shares[best] < LEAST_SHARE or shares[best] - second < LEAST_MARGIN:
+            return None
+        return np.asarray(se2.compose(self._middle, found.offsets[best]))
+
+    def _registered(self, points: Points, starts: Array) -> Registration:
+        """Endpoints registered from many starts, as offsets from the middle, free of any prediction."""
+        many = np.repeat(self._middle[None], len(starts), axis=0)
+        loose = 3 * self._half
+        return register(self._maps.of(self._particle), many, loose, points, np.zeros(2), starts, self._config)
+
+    def _shares(self, found: Registration, points: int) -> tuple[Array, Array]:
+        """Endpoints on surfaces, less what crosses surfaces [N]; and the same of rivals, which may know less."""
+        shares = (found.known * found.likelihoods - CROSSING * found.crossed) / points
+        best = int(shares.argmax())
+        return shares, shares * np.maximum(found.known[best] / np.maximum(found.known, LEAST_KNOWN * points), 1.0)
+
+
+def _seen_from(pose: Array, at: Array, points: Points) -> Points:
+    """Endpoints [k, 2] of a scan taken at one pose, in the frame of another."""
+    x, y, theta = se2.between(pose, at)
+    cos, sin = np.cos(theta), np.sin(theta)
+    return np.asarray(points @ np.array([[cos, sin], [-sin, cos]]) + (x, y), np.float32)

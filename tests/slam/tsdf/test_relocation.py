@@ -1,0 +1,58 @@
+"""A robot that is carried elsewhere while it sees nothing: lost, and found again in its own map."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from slam_rooms import recorded, seen_from
+
+from moteslam.robot import se2
+from moteslam.slam.filter.certainty import LocalisationState
+from moteslam.slam.run import run_slam
+from moteslam.slam.settings import resolve_config
+
+pytestmark = pytest.mark.usefixtures("taichi")
+CORNERS = [(-3, -2.5), (6, -2.5), (6, 1.0), (4.5, 3.5), (0.5, 3.5), (0.5, 2.6), (-3, 2.6), (-3, -2.5)]
+ROOM = [*pairwise(CORNERS), ((3.5, -1.8), (4.6, -1.8)), ((3.5, -1.8), (3.5, -1.0)), ((-2, -2.5), (-2, -1.5))]
+OTHER = [((-3, -5), (5.5, -4.2)), ((5.5, -4.2), (2.6, 3.8)), ((2.6, 3.8), (-1.2, 1.9)), ((-1.2, 1.9), (-3, -5))]
+CARRIED = 130
+
+
+def driven(scans: int, start: tuple[float, float, float]) -> np.ndarray:
+    """Poses on a circle of 0.9 m from a place on."""
+    steps = np.tile([0.08, 0.0, 0.08 / 0.9], (scans - 1, 1))
+    return np.asarray(se2.compose(np.array(start), se2.accumulate(np.vstack((np.zeros(3), steps)))))
+
+
+def carried(elsewhere: tuple[float, float, float], walls: list, *, scans: int = 120):
+    """A recording of a robot that is set down elsewhere after ``CARRIED`` scans, and its true poses."""
+    true = np.vstack((driven(CARRIED, (0.0, 0.0, 0.0)), driven(scans, elsewhere)))
+    ranges = np.vstack((seen_from(true[:CARRIED], ROOM), seen_from(true[CARRIED:], walls)))
+    ranges += np.random.default_rng(0).normal(0, 0.005, ranges.shape)
+    return recorded(ranges, driven(CARRIED + scans, (0.0, 0.0, 0.0))), true
+
+
+@pytest.mark.parametrize("method", ["none", "graph"])
+def test_it_is_found_in_its_map_and_all_since_it_was_lost_with_it(method: str):
+    recording, true = carried((3.6, 1.6, 2.5), ROOM)
+    estimate = run_slam(recording, resolve_config("default", [f"backend.method={method}"]), seed=0)
+    states = estimate.diagnostics["state"]
+    assert (states[:CARRIED] == LocalisationState.SURE).all()
+    assert (states[CARRIED + 20 : CARRIED + 40] == LocalisationState.LOST).all()
+    assert states[-1] == LocalisationState.SURE
+    off = se2.between(true, estimate.trajectory_final.poses)
+    assert np.hypot(off[:, 0], off[:, 1]).max() < 0.05
+    assert np.abs(off[:, 2]).max() < 0.03
+    assert np.hypot(*(true - estimate.trajectory.poses)[-1, :2]) < 0.05  # online, too
+    lost = [issue.message for issue in estimate.warnings if issue.code == "lost"]
+    assert len(lost) == 1
+    assert "until it is found" in lost[0]
+
+
+def test_in_a_room_that_it_has_never_seen_it_is_not_found():
+    recording, _ = carried((0.4, -0.8, 1.0), OTHER)
+    estimate = run_slam(recording, resolve_config("default", ["backend.method=none"]), seed=0)
+    assert (estimate.diagnostics["state"][CARRIED + 20 :] == LocalisationState.LOST).all()
+    assert [issue.message.endswith("to the end") for issue in estimate.warnings if issue.code == "lost"] == [True]
