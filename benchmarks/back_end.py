@@ -10,14 +10,14 @@
     python benchmarks/back_end.py picture --out docs/images/back_end_aces.png
 
 key-scans: the LMS200 by wheels alone, a scan each 0.75 m or 0.5 rad, the steps as they are and with noise of 5 % and
-10 %, six scenarios on seeds 100 to 109 and ten random buildings; and every scan of big_loop. worlds: campus, twins and
-grid as key scans of poor odometry, with the loops judged by the truth. dense: every scan of campus, by the scenario's
-own robot. With --noise as_recorded errors are stated with the scale fitted, too. false-loops: the worlds with false
-loops in the final graph, in clusters of five, a tenth as many as were accepted, and without. stages: each stage
-off, on the real logs, on key scans of the scenarios and the worlds, on these worlds with false loops, and on every scan
-of the bundled scenarios and of campus. particles: fork and lookalikes as key scans, seeds 100 to 149, with 1, 10,
-30 and 100 particles, with the back end and without: how often the final path is right. picture: the map of aces
-without and with the back end. Every run is on one thread, with seed 0 of SLAM.
+10 %, six scenarios on seeds 100 to 109 and ten random buildings; and every scan of big_loop. worlds: campus, twins,
+grid and mile as key scans of poor odometry, with the loops judged by the truth. dense: every scan of campus and mile,
+by the scenario's own robot. With --noise as_recorded errors are stated with the scale fitted, too. false-loops: the
+worlds with false loops in the final graph, in clusters of five, a tenth as many as were accepted, and without.
+stages: each stage off, on the real logs, on key scans of the scenarios and the worlds, on these worlds with false
+loops, and on every scan of the bundled scenarios, of campus and mile. particles: fork and lookalikes as key scans,
+seeds 100 to 149, with 1, 10, 30 and 100 particles, with the back end and without: how often the final path is right.
+picture: the map of aces without and with the back end. Every run is on one thread, with seed 0 of SLAM.
 """
 
 from __future__ import annotations
@@ -52,8 +52,8 @@ from moteslam.errors import ConfigError
 from moteslam.eval.cli.text import table
 
 SCENARIOS = ("doors", "lab", "corridor", "loop", "big_loop", "people")
-WORLDS = ("campus", "twins", "grid")
-DENSE = "campus"
+WORLDS = ("campus", "twins", "grid", "mile")
+DENSE = ("campus", "mile")
 BUNDLED = (
     "big_loop",
     "corridor",
@@ -184,7 +184,8 @@ def runs(study: str, chosen: range | None, noise_class: str | None) -> list[Run]
         ]
     if study == "dense":
         return [
-            Run(f"{DENSE}, every scan", DENSE, seed, noise_class=noise_class, own_robot=True)
+            Run(f"{name}, every scan", name, seed, noise_class=noise_class, own_robot=True)
+            for name in DENSE
             for seed in chosen or range(5)
         ]
     if study == "false-loops":
@@ -216,7 +217,7 @@ def runs(study: str, chosen: range | None, noise_class: str | None) -> list[Run]
         Run(f"{name} with false loops", name, seed, STEP_NOISE, injected=True) for name in WORLDS for seed in numbers
     ]
     dense = [Run(f"{name} every scan", name, seed, own_robot=True) for name in BUNDLED for seed in numbers]
-    dense.append(Run(f"{DENSE} every scan", DENSE, numbers[0], own_robot=True))
+    dense += [Run(f"{name} every scan", name, numbers[0], own_robot=True) for name in DENSE]
     return [
         replace(each, label=f"{each.label}, {stage}", settings=settings)
         for each in (*real, *key_scans, *injected, *dense)

@@ -11,8 +11,8 @@ from pydantic import Field
 
 from moteslam.robot.section import Number, Positive, Section
 
-MAX_DURATION = 9000.0
-"""The longest recording [s], for a kilometre and a half at 0.2 m/s; of `ucsd` 360 000 scans, 1.6 GB of ranges."""
+MAX_DURATION = 12_000.0
+"""The longest recording [s], for two kilometres at 0.2 m/s; of `ucsd` 480 000 scans, 2.1 GB of ranges."""
 
 Seconds = Annotated[Number, Field(ge=0, le=MAX_DURATION)]
 

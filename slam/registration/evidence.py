@@ -42,7 +42,15 @@ def against(squares: Array, config: TrackingConfig) -> Array:
     return np.asarray(SLIP + np.minimum(heavy_tail(squares, config), np.log(places)))
 
 
-def nats_for(found: Registration, held: Registration, points: int, unknown: float, correlation: float) -> Array:
+def nats_for(
+    found: Registration,
+    held: Registration,
+    points: int,
+    unknown: float,
+    correlation: float,
+    *,
+    least_known: float = 0.0,
+) -> Array:
     """The evidence [N] of a scan's endpoints for where it was found, against a place near the odometry [nats].
 
     The difference of the mean costs of the endpoints that each place knows, times the smaller number of them, counting
@@ -55,12 +63,16 @@ def nats_for(found: Registration, held: Registration, points: int, unknown: floa
         points: of the scan.
         unknown: cost of an endpoint where the map is unknown.
         correlation: this many endpoints count as one.
+        least_known: of the endpoints that the place found knows, the one near the odometry counts as knowing at least
+            this share: where a corridor ends a heading that is wrong by 20 degrees puts nearly all of them behind
+            walls, where nothing is known, and the few that are left would prove nothing however badly they fit.
     """
 
     def mean_cost(fit: Registration) -> Array:
         return np.asarray((fit.costs - unknown * (points - fit.known)) / np.maximum(fit.known, 1.0))
 
-    return np.asarray((mean_cost(held) - mean_cost(found)) * np.minimum(held.known, found.known) / correlation)
+    known = np.minimum(np.maximum(held.known, least_known * found.known), found.known)
+    return np.asarray((mean_cost(held) - mean_cost(found)) * known / correlation)
 
 
 def proved(

@@ -104,6 +104,32 @@ def test_campus_is_driven_in_the_same_direction_here_and_in_opposite_ones_alone_
     assert STEP * len(same) > 400.0
 
 
+@pytest.mark.slow
+def test_mile_returns_to_a_known_place_after_a_kilometre_and_a_half_and_not_before() -> None:
+    run = drive("mile")
+    assert run.end == "arrived"
+    assert 2100.0 < run.truth.length < 2200.0
+    places, _ = path_of("mile")
+    first, again = meetings(places, STEP * np.arange(len(places)), 3.0).T
+    assert 1500.0 < STEP * again.min() < 1550.0
+    assert STEP * first.max() < STEP * again.max() < STEP * len(places)
+    assert STEP * len(np.unique(again)) > 250.0
+
+
+@pytest.mark.usefixtures("taichi")
+def test_junctions_beside_that_of_the_first_return_to_mile_look_like_it() -> None:
+    """As far as a corridor is wide and a few metres more, to all sides."""
+    angles = np.linspace(-np.pi, np.pi, 200, endpoint=False) + 0.01
+    junctions = np.array([[20.0 * rib, 0.0] for rib in range(1, 9)])
+    origins = np.repeat(junctions, len(angles), axis=0)
+    segments = World.of(load_scenario("mile").world).segments
+    ranges = cast_rays(build_buckets(segments), origins, np.tile(angles, len(junctions)), max_range=REACH)
+    views = np.minimum(ranges, REACH).reshape(len(junctions), -1)
+    alike = (np.abs(views - views[3]) > 0.05).mean(axis=1) <= 0.02
+    assert alike[[2, 3, 4]].all()  # the fourth rib is driven down; the others are 20 m to both sides
+    assert alike.sum() >= 5
+
+
 @pytest.mark.parametrize("name", ["twins", "grid"])
 @pytest.mark.usefixtures("taichi")
 def test_most_places_look_like_another_one(name: str) -> None:
@@ -132,7 +158,7 @@ def test_key_scans_close_loops(name: str) -> None:
     assert len(closing) > 0.5 * len(places)
 
 
-@pytest.mark.parametrize("name", ["campus", "twins", "grid"])
+@pytest.mark.parametrize("name", ["campus", "twins", "grid", "mile"])
 def test_seeds_differ(name: str) -> None:
     begun = load_scenario(name).model_copy(update={"duration": 60.0})
     one, other = (true_drive(begun, seed).poses for seed in (0, 1))

@@ -247,7 +247,7 @@ def test_what_files_change_is_changed_and_nothing_else(tmp_path: Path) -> None:
     assert (based.wheels, based.lidar) != (burger.wheels, burger.lidar)
 
 
-LARGE = {"campus": ("turtlebot3",), "twins": ("ucsd", "rplidar_a1"), "grid": ("ucsd",)}
+LARGE = {"campus": ("turtlebot3",), "mile": ("turtlebot3",), "twins": ("ucsd", "rplidar_a1"), "grid": ("ucsd",)}
 """Worlds that take long to drive, each with its robots here: the slowest one, those that differ most in the doors.
 The tests of these worlds drive them with ucsd and lms200."""
 

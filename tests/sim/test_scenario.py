@@ -100,7 +100,7 @@ WALL = {"points": [[0.0, 0.0], [4.0, 0.0], [4.0, 4.0]]}
         ("route", None, "route", "nothing to do, expected exactly one"),
         ("wander", {"start": [2.0, 2.0], "distance": 9.0}, "wander", "route and wander, expected exactly one"),
         ("duration", 3.0, "duration", "expected more than the rests"),
-        ("duration", 1e6, "duration", "expected at most 9000"),
+        ("duration", 1e6, "duration", "expected at most 12000"),
         ("duration", 6.0, "duration", "expected at least the 12 s that 9 m at 0.95 m/s and the rests take"),
         ("platform.lidar.time_increment", 1e-4, "platform.lidar.time_increment", "between two scans"),
         ("platform.body.mass", 0.2, "platform.body.stiffness", "expected at most"),

@@ -36,6 +36,9 @@ BASIN = 0.2
 Gauss-Newton may end at a place that explains a few of the endpoints."""
 MOST_NATS = 50.0
 """Certainty enough [nats]; the exponential of more overflows."""
+LEAST_KNOWN = 0.3
+"""Of the endpoints that a registration far from the odometry knows, the one near it counts as knowing this share: as a
+rival at the edge of a submap (`loop_search`). The local TSDF knows little around a corner."""
 DOUBT = 4.0
 """Nats by which evidence and prior may be misjudged: the logistic scale of the doubt that is left."""
 
@@ -188,6 +191,7 @@ def _overrules(
 ) -> float:
     """By how many nats a registration far from the odometry is more probable than one held near it."""
     unknown = config.registration.unknown_cost
-    evidence = float(nats_for(found.at(best), held.at(near), points, unknown, config.correlation)[0])
+    fits = found.at(best), held.at(near)
+    evidence = float(nats_for(*fits, points, unknown, config.correlation, least_known=LEAST_KNOWN)[0])
     off = np.square(found.offsets[best] / spread).sum()
     return evidence - float(against(off, SCORES))
