@@ -18,7 +18,8 @@ class Doubt:
 
     A scan whose score is ``LOST_DROP`` standard deviations below the usual, and below that of the scan before, is
     doubted: what the robot drives into, and what changes little by little, lowers the scores less suddenly. Those that
-    follow are as long as they are ``DOUBTFUL_DROP`` below.
+    follow are as long as they are ``DOUBTFUL_DROP`` below. Where most of them are of a place that is new the
+    doubt ends: left out of the map, those that follow would fit no better.
 
     Attributes:
         state: as the scans until now have it; once lost it stays so.
@@ -27,14 +28,16 @@ class Doubt:
     def __init__(self) -> None:
         self.state = LocalisationState.SURE
         self._scores, self._before = Scores(), 0.0
-        self._scans, self._path = 0, 0.0  # that have not fitted in a row, and driven since the first [m]
+        # scans that have not fitted in a row, those of them that tell, and path since the first [m]
+        self._scans, self._telling, self._path = 0, 0, 0.0
 
-    def look(self, driven: float, score: float | None) -> None:
+    def look(self, driven: float, score: float | None, *, tells: bool = True) -> None:
         """Take in a scan.
 
         Args:
             driven: since the scan before [m].
             score: its match score, as a share of the points where the map is known; None where it was not matched.
+            tells: the map knows enough of what it shows, or it contradicts the map altogether.
         """
         if self._scans:
             self._path += driven
@@ -44,9 +47,12 @@ class Doubt:
         sudden = min(below, self._before - score) > LOST_DROP * spread
         self._before = score
         if below > DOUBTFUL_DROP * spread and (sudden or self._scans):
-            self._scans += 1
-            lost = self._scans >= LEAST_SCANS and self._path >= PROBATION
-            self.state = LocalisationState.LOST if lost else LocalisationState.DOUBTFUL
-            return
-        self._scans, self._path, self.state = 0, 0.0, LocalisationState.SURE
+            self._scans, self._telling = self._scans + 1, self._telling + tells
+            if self._scans < LEAST_SCANS or self._path < PROBATION:
+                self.state = LocalisationState.DOUBTFUL
+                return
+            if self._telling > self._scans / 2:
+                self.state = LocalisationState.LOST
+                return
+        self._scans, self._telling, self._path, self.state = 0, 0, 0.0, LocalisationState.SURE
         self._scores.take_in(driven, score)

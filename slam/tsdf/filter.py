@@ -30,6 +30,9 @@ from moteslam.slam.tsdf.tracking import Tracked, Tracker
 
 Array = NDArray[np.float64]
 
+LEAST_KNOWN = 0.5
+"""A scan of which the map knows a smaller share is of a place that is new, and no sign that the robot is lost."""
+
 
 class TsdfFilter(FilterDefaults):
     """Track every scan; where an update is due register, weigh, resample, sample and map.
@@ -183,7 +186,11 @@ class TsdfFilter(FilterDefaults):
         fit = tracked.fit
         self._covariance.step(motion, tracked.motion, None if tracked.lost else fit)
         driven, _ = magnitude(tracked.motion)
-        self._doubt.look(driven, None if fit is None else fit.score)
+        if fit is None:
+            self._doubt.look(driven, None)
+        else:
+            tells = fit.known >= LEAST_KNOWN or fit.score * fit.known < self._config.tracking.lost_score
+            self._doubt.look(driven, fit.score, tells=tells)
         return tracked
 
     def _register(self, step: Step, scan: ThinnedScan, places: Array) -> Proposal:

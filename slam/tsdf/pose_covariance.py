@@ -32,12 +32,14 @@ class Fit(NamedTuple):
         likelihood: mean of the endpoints, 0 to 1.
         spread: standard deviation of the prediction that it was registered with.
         score: match score as a share of the points where the map is known.
+        known: these, as a share of all.
     """
 
     information: Symmetric
     likelihood: float
     spread: Spread
     score: float
+    known: float = 1.0
 
 
 class PoseCovariance:

@@ -47,5 +47,16 @@ def test_scans_that_are_not_matched_say_nothing():
     assert states(LOW, None, None, None, None, 1.0) == [DOUBTFUL] * 5 + [SURE]
 
 
+def test_a_place_that_is_new_is_no_misfit():
+    doubt = Doubt()
+    for _ in range(40):
+        doubt.look(0.25, 1.0)
+    found = []
+    for score in (LOW, *[STILL_LOW] * 4):
+        doubt.look(0.25, score, tells=False)
+        found.append(doubt.state)
+    assert found == [*[DOUBTFUL] * 4, SURE]
+
+
 def test_who_is_lost_stays_so():
     assert states(LOW, *[STILL_LOW] * 4, *[1.0] * 20)[4:] == [LOST] * 21
