@@ -30,9 +30,6 @@ from moteslam.slam.tsdf.tracking import Tracked, Tracker
 
 Array = NDArray[np.float64]
 
-LEAST_KNOWN = 0.5
-"""A scan of which the map knows a smaller share is of a place that is new, and no sign that the robot is lost."""
-
 
 class TsdfFilter(FilterDefaults):
     """Track every scan; where an update is due register, weigh, resample, sample and map.
@@ -189,8 +186,8 @@ class TsdfFilter(FilterDefaults):
         if fit is None:
             self._doubt.look(driven, None)
         else:
-            tells = fit.known >= LEAST_KNOWN or fit.score * fit.known < self._config.tracking.lost_score
-            self._doubt.look(driven, fit.score, tells=tells)
+            contradicts = fit.score * fit.known < self._config.tracking.lost_score
+            self._doubt.look(driven, fit.score, known=1.0 if contradicts else fit.known)
         return tracked
 
     def _register(self, step: Step, scan: ThinnedScan, places: Array) -> Proposal:

@@ -32,7 +32,7 @@ class Fit(NamedTuple):
         likelihood: mean of the endpoints, 0 to 1.
         spread: standard deviation of the prediction that it was registered with.
         score: match score as a share of the points where the map is known.
-        known: these, as a share of all.
+        known: these and the rays through surfaces, as a share of all points.
     """
 
     information: Symmetric

@@ -149,7 +149,8 @@ class Tracker:
                 predictions,
                 measured=self._blind_measured,
             )
-            share, known = score / max(fitted.known, 1.0), fitted.known / len(scan.points)
+            share = score / max(fitted.known, 1.0)
+            known = (fitted.known + fitted.crossed) / len(scan.points)
             fit = Fit(fitted.information, fitted.likelihood, spread, share, known)
             contradicts = self._localiser.contradicts(score, len(scan.points))
             if contradicts and self._lost < self._config.max_lost_scans:

@@ -53,7 +53,7 @@ def test_a_place_that_is_new_is_no_misfit():
         doubt.look(0.25, 1.0)
     found = []
     for score in (LOW, *[STILL_LOW] * 4):
-        doubt.look(0.25, score, tells=False)
+        doubt.look(0.25, score, known=0.4)
         found.append(doubt.state)
     assert found == [*[DOUBTFUL] * 4, SURE]
 
