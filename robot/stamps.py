@@ -1,4 +1,4 @@
-"""The one search for the stamp nearest to a time."""
+"""The one search for the stamp nearest to a time; gaps between stamps."""
 
 from __future__ import annotations
 
@@ -6,6 +6,12 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
+
+GAP, LEAST_GAP = 10.0, 0.5
+"""Readings have a gap between them where they are this many times as far apart as the median of the latest 1000, and by
+more than the second [s]."""
+LATEST = 1000
+"""How many intervals that is the median of."""
 
 
 def nearest_stamp(
@@ -25,3 +31,16 @@ def nearest_stamp(
     before = after - 1
     after = np.minimum(after, len(stamps) - 1)
     return np.where(times - stamps[before] <= stamps[after] - times, before, after)
+
+
+def gaps(stamps: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Before which stamps [n] there is a gap; causal.
+
+    Args:
+        stamps: [n] rising [s].
+    """
+    intervals = np.diff(stamps)
+    gap = np.zeros(len(stamps), np.bool_)
+    for k in np.flatnonzero(intervals > LEAST_GAP).tolist():
+        gap[k + 1] = intervals[k] > GAP * np.median(intervals[max(0, k + 1 - LATEST) : k + 1])
+    return gap

@@ -17,6 +17,7 @@ from moteslam.robot import se2
 from moteslam.robot.kinematics import arc_increment, wheel_motion
 from moteslam.robot.platform import Wheels
 from moteslam.robot.recording import ImuStream, Recording
+from moteslam.robot.stamps import gaps
 
 Array = NDArray[np.float64]
 
@@ -30,10 +31,18 @@ def side_travel(counts: NDArray[np.int64], wheels: Wheels) -> tuple[Array, Array
 
 
 def gyro_covers(stamps: Array, imu: ImuStream | None) -> NDArray[np.bool_]:
-    """At which stamps [n] a turn is the gyro's: from its first reading to its last; nowhere with less than two."""
+    """At which stamps [n] the turn since the stamp before is the gyro's; nowhere with less than two readings of it.
+
+    From its first reading to its last, but where it has a gap in between: the yaw rates before and after say nothing of
+    the turns in it, of which wheels may have counted all.
+    """
     if imu is None or len(imu) < 2:
         return np.zeros(len(stamps), np.bool_)
-    return np.asarray((stamps >= imu.stamps[0]) & (stamps <= imu.stamps[-1]))
+    covered = (stamps >= imu.stamps[0]) & (stamps <= imu.stamps[-1])
+    for k in np.flatnonzero(gaps(imu.stamps)).tolist():
+        first, last = np.searchsorted(stamps, (imu.stamps[k - 1], imu.stamps[k]), side="right")
+        covered[first : last + 1] = False
+    return np.asarray(covered)
 
 
 def gyro_turn(stamps: Array, imu: ImuStream, yaw_rate: Array | None = None) -> Array:

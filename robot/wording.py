@@ -16,6 +16,8 @@ Place = tuple[int | str, ...]
 
 _LONGEST = 40
 """Characters of a value that are shown."""
+_SPANS = 3
+"""As many times are given, others counted."""
 
 
 def counted(count: int, what: str) -> str:
@@ -26,6 +28,18 @@ def counted(count: int, what: str) -> str:
 def interval(first: str, last: str) -> str:
     """From the first to the last, ``2 to 3``; once where they are the same."""
     return first if first == last else f"{first} to {last}"
+
+
+def when(spans: list[tuple[float, float]]) -> str:
+    """Times [s] in words, ``from 2.00 to 3.00 s``; spans less than a second apart are one, and some are given."""
+    joined = spans[:1]
+    for begin, end in spans[1:]:
+        if begin - joined[-1][1] < 1.0:
+            joined[-1] = joined[-1][0], end
+        else:
+            joined.append((begin, end))
+    first = ", ".join(f"{begin:.2f} to {end:.2f} s" for begin, end in joined[:_SPANS])
+    return f"from {first}" + (f" and {len(joined) - _SPANS} times more" if len(joined) > _SPANS else "")
 
 
 def expect_type(value: object, kind: type, field: str, hint: str = "") -> None:

@@ -18,7 +18,7 @@ from moteslam.robot.raster import Raster
 from moteslam.robot.recording import Recording
 from moteslam.robot.summary import Summarised
 from moteslam.robot.trajectory import Trajectory
-from moteslam.robot.wording import expect_type
+from moteslam.robot.wording import expect_type, when
 from moteslam.slam.backend.kinds import BACKENDS
 from moteslam.slam.backend.protocol import KeyScan
 from moteslam.slam.colouring import with_texture
@@ -340,7 +340,10 @@ class SlamSession:
         issues = [*warnings(self.recording, self._inputs)]
         jumps = int(self._inputs.jumped[: self._done].sum())
         if jumps and not METHODS[self.config.method].needs_odometry:
-            text = f"odometry jumps at {jumps} of {self._done} scans: constant velocity there"
+            stamps = self._inputs.stamps
+            at = np.flatnonzero(self._inputs.jumped[: self._done])
+            spans = [(float(stamps[scan - 1]), float(stamps[scan])) for scan in at.tolist()]
+            text = f"odometry jumps at {jumps} of {self._done} scans: constant velocity there; {when(spans)}"
             issues.append(Issue("odometry-jumps", text, jumps))
         if self._missing:
             issues.append(Issue("no-colours", f"colours: {self._missing}: particles are weighed without"))

@@ -13,6 +13,7 @@ from moteslam.kernels.thinning import ThinnedScan
 from moteslam.robot.summary import Summarised
 from moteslam.slam.inputs.config import ThinningConfig
 from moteslam.slam.inputs.floor_views import FloorView, FloorViews
+from moteslam.slam.inputs.lapses import Open
 from moteslam.slam.inputs.synchronise import Inputs
 from moteslam.slam.inputs.thinning import BLOCK, thin_block
 
@@ -34,6 +35,8 @@ class Step(Summarised):
         scan: thinned as the filter asks for it (``Filter.thinning``); None where it asks for none.
         floor: reads the newest camera frame of at most a given age [s], which takes time: call it at most once, and
             only to make use of it. None where the run does not use the camera.
+        open: of a motion that was not measured, but of which more is known than the velocity before: how far off it
+            may be; None of all others.
     """
 
     index: int
@@ -45,6 +48,7 @@ class Step(Summarised):
     origin: NDArray[np.float64]
     scan: ThinnedScan | None = None
     floor: Callable[[float], FloorView | None] | None = None
+    open: Open | None = None
 
 
 def steps(
@@ -81,4 +85,5 @@ def steps(
                 origin=inputs.scans.origin,
                 scan=scan,
                 floor=None if views is None else partial(views.at, index),
+                open=inputs.open_at(index),
             )

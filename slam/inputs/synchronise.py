@@ -16,18 +16,16 @@ from moteslam.errors import InputError
 from moteslam.robot import se2
 from moteslam.robot.issues import Issue
 from moteslam.robot.recording import LidarStream, Recording
-from moteslam.robot.stamps import nearest_stamp
+from moteslam.robot.stamps import gaps, nearest_stamp
 from moteslam.slam.inputs.config import SyncConfig
-from moteslam.slam.inputs.jumps import LATEST, jumps
+from moteslam.slam.inputs.jumps import jumps
+from moteslam.slam.inputs.lapses import Lapses, Open, lapses
 from moteslam.slam.inputs.odometry_path import OdometryPath, odometry_path
 from moteslam.slam.inputs.scans import Scans
 from moteslam.slam.inputs.standing import has_moved, stands
 from moteslam.slam.inputs.travelling import travelling
 
 Array = NDArray[np.float64]
-GAP, LEAST_GAP = 10.0, 0.5
-"""Readings of the odometry have a gap between them where they are this many times as far apart as the median of the
-latest 1000, and by more than the second [s]."""
 APART = 1.0
 """Scans and odometry whose times are this far apart [s] are of different recordings, or on different clocks."""
 
@@ -50,7 +48,8 @@ class Inputs:
         moves: whether the odometry measures any motion.
         stood: [n] at which scans the robot is seen to stand before its odometry moves; None where that is not asked.
         logged: [n] the stamps that the recording gives them, where it has them in another order [s].
-        issues: what was seen to travel with the robot.
+        lapses: where the odometry did not measure; None where there is none.
+        issues: what was seen to travel with the robot, and the lapses.
     """
 
     name: str
@@ -64,7 +63,12 @@ class Inputs:
     moves: bool
     stood: NDArray[np.bool_] | None = None
     logged: Array | None = None
+    lapses: Lapses | None = None
     issues: tuple[Issue, ...] = ()
+
+    def open_at(self, scan: int) -> Open | None:
+        """What is left open of the motion to a scan of which is known more than the velocity before it."""
+        return None if self.lapses is None else self.lapses.open.get(scan)
 
     def __len__(self) -> int:
         return len(self.stamps)
@@ -100,12 +104,18 @@ def synchronise(
         lidar = replace(
             lidar, stamps=np.maximum.accumulate(logged), ranges=lidar.ranges[taken], odometry=odometry, sequence=None
         )
-    travels = None
+    counted = recording.encoders is not None and len(recording.encoders) > 0 and lidar.odometry is None
+    travels = missing = None
+    unmeasured = jumped = np.zeros(n, np.bool_)
+    if path is not None:
+        missing = lapses(path, odometry, lidar, recording.platform.lidar, config, counted=counted)
+        unmeasured, jumped = missing.unmeasured, missing.jumped
     if path is not None and config.travelling:
-        travels = travelling(lidar, recording.platform.lidar, odometry)
+        travels = travelling(lidar, recording.platform.lidar, odometry, unmeasured)
         odometry = odometry if travels is None else travels.odometry
-    jumped = jumps(lidar.stamps, odometry, config)
     motions = np.vstack((np.zeros(3), se2.between(odometry[:-1], odometry[1:])))
+    for scan, motion in ({} if missing is None else missing.motions).items():
+        motions[scan] = motion
     moved = measures = np.full(n, path is not None)
     stood = None
     if path is not None and (recording.encoders is None or not len(recording.encoders)):
@@ -122,11 +132,15 @@ def synchronise(
         odometry=odometry,
         motions=motions,
         jumped=jumped,
-        measured=measures & ~jumped,
+        measured=measures & ~unmeasured,
         moves=bool(moved.any()),
         stood=stood,
         logged=logged,
-        issues=() if travels is None else travels.issues(lidar),
+        lapses=missing,
+        issues=(
+            *(() if travels is None else travels.issues(lidar)),
+            *(() if missing is None else missing.issues(lidar.stamps)),
+        ),
     )
 
 
@@ -169,12 +183,9 @@ def _stale(scans: Array, readings: Array) -> NDArray[np.bool_]:
         scans: [n] stamps [s].
         readings: [m] stamps of the odometry [s].
     """
-    intervals = np.diff(readings)
-    gaps = np.zeros(len(readings) + 1, np.bool_)  # before each reading, and after the last
-    for k in np.flatnonzero(intervals > LEAST_GAP).tolist():
-        gaps[k + 1] = intervals[k] > GAP * np.median(intervals[max(0, k + 1 - LATEST) : k + 1])
+    gap = np.append(gaps(readings), False)  # before each reading, and after the last
     following = np.searchsorted(readings, scans, side="left")
-    return np.asarray(gaps[following] & ~np.isin(scans, readings))
+    return np.asarray(gap[following] & ~np.isin(scans, readings))
 
 
 def sweep_seconds(recording: Recording, lidar: LidarStream) -> float:

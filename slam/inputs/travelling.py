@@ -18,6 +18,8 @@ from moteslam.robot.issues import Issue
 from moteslam.robot.ranges import chunks
 from moteslam.robot.recording import LidarStream
 from moteslam.robot.specs import LidarSpec
+from moteslam.robot.wording import when
+from moteslam.slam.inputs.comparison import Fan, votes
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -26,14 +28,6 @@ STEP = 0.25
 """Scans this far apart by odometry are compared [m]; a turn counts as a metre a radian."""
 FARTHEST = 0.6
 """Scans farther apart are not compared [m]: on the way the odometry errs and the view changes too much."""
-LEAST_MOVED = 0.15
-"""Only where a wall would have moved by more than this, seen from the robot, it differs from what travels [m]."""
-SAME, OTHER = 0.25, 0.5
-"""A range is where it was expected within this share of that displacement, and not from this share on."""
-ASIDE = 2
-"""An expected endpoint is looked for, and looked through, this many beams to either side."""
-BEAM = np.radians(1.0)
-"""Of a finer lidar beams this far apart are compared [rad]."""
 TRAVELS = 3
 """An endpoint travels that was seen to do so in this many comparisons, less those in which it did not."""
 MOST = 12
@@ -52,8 +46,6 @@ BEAMS = 5
 """Fewer beams than this say nothing of the wheels."""
 MEMORY = 4
 """Walls that were seen in the latest comparisons, this many, must be seen now."""
-SPANS = 3
-"""As many times are given, others counted."""
 PAIRS_AT_ONCE = 256
 """Comparisons that are made at once."""
 
@@ -100,16 +92,16 @@ class Travelling:
         if spans := self._spans("along", lidar):
             near, far = np.nanpercentile(self.ranges, (0, 50))
             text = (
-                f"{_when(spans)}: something {near:.1f} to {far:.1f} m away travels with the robot (a load, or the "
+                f"{when(spans)}: something {near:.1f} to {far:.1f} m away travels with the robot (a load, or the "
                 "floor before a tilted lidar): left out"
             )
             issues.append(Issue("travels-along", text, self._scans("along")))
         if spans := self._spans("repeated", lidar):
-            text = f"{_when(spans)}: the lidar gives the same scan again while the odometry moves: odometry alone there"
+            text = f"{when(spans)}: the lidar gives the same scan again while the odometry moves: odometry alone there"
             issues.append(Issue("scans-repeat", text, self._scans("repeated")))
         if spans := self._spans("spins", lidar):
             text = (
-                f"{_when(spans)}: the wheels turn while all that the lidar sees stands still: the robot is taken to "
+                f"{when(spans)}: the wheels turn while all that the lidar sees stands still: the robot is taken to "
                 "stand"
             )
             issues.append(Issue("wheels-spin", text, self._scans("spins")))
@@ -125,32 +117,16 @@ class Travelling:
         return sum(one.last - one.first + 1 for one in self.seen if one.kind == kind)
 
 
-def _when(spans: list[tuple[float, float]]) -> str:
-    """Times [s] in words; spans less than a second apart are one."""
-    joined = spans[:1]
-    for begin, end in spans[1:]:
-        if begin - joined[-1][1] < 1.0:
-            joined[-1] = joined[-1][0], end
-        else:
-            joined.append((begin, end))
-    first = ", ".join(f"{begin:.2f} to {end:.2f} s" for begin, end in joined[:SPANS])
-    return f"from {first}" + (f" and {len(joined) - SPANS} times more" if len(joined) > SPANS else "")
-
-
-class _Votes(NamedTuple):
-    """Of comparisons [k] of two scans: [k, beams] which endpoints of the first travel, and which stand still."""
-
-    travel: Flags
-    stand: Flags
-
-
-def travelling(lidar: LidarStream, mount: LidarSpec, odometry: Array) -> Travelling | None:
+def travelling(
+    lidar: LidarStream, mount: LidarSpec, odometry: Array, unmeasured: Flags | None = None
+) -> Travelling | None:
     """Find what travels with the robot; causal: what is said of a scan depends on those before and itself.
 
     Args:
         lidar: the scans, n.
         mount: of the lidar on the robot.
         odometry: [n, 3] the robot's pose at each by odometry.
+        unmeasured: [n] at which scans that does not say how the robot has moved since the one before.
 
     Returns:
         None where nothing does.
@@ -158,19 +134,22 @@ def travelling(lidar: LidarStream, mount: LidarSpec, odometry: Array) -> Travell
     motion = se2.between(odometry[:-1], odometry[1:])
     path = np.concatenate(([0.0], np.cumsum(np.hypot(motion[:, 0], motion[:, 1]) + np.abs(motion[:, 2]))))
     repeated = _repeated(lidar, path)
+    if unmeasured is not None:  # as far apart as is not compared
+        path = path + FARTHEST * np.cumsum(unmeasured)
     fresh = np.flatnonzero(~repeated)
     compared = fresh[np.flatnonzero(np.diff(np.floor(path[fresh] / STEP), prepend=-1.0))]
-    beams = np.arange(0, lidar.ranges.shape[1], max(1, round(BEAM / abs(lidar.angle_increment))))
+    fan = Fan(lidar, mount)
+    beams = fan.beams
     found = _Follower(lidar.angles[beams], odometry)
     for first in range(0, len(compared) - 1, PAIRS_AT_ONCE):
         some = compared[first : first + PAIRS_AT_ONCE + 1]
         ranges = np.asarray(lidar.ranges[some])[:, beams]
-        votes = _votes(_Fan(lidar, mount, beams), ranges, odometry[some])
+        seen = votes(fan, ranges, odometry[some])
         for k in np.flatnonzero(np.diff(path[some]) < FARTHEST).tolist():
-            found.compare(int(some[k]), int(some[k + 1]), ranges[k + 1], votes.travel[k], votes.stand[k])
+            found.compare(int(some[k]), int(some[k + 1]), ranges[k + 1], seen.travel[k], seen.stand[k])
     along = () if found.along is None else (found.along,)
-    seen = sorted((*_runs("repeated", repeated), *found.seen, *along), key=lambda one: one.first)
-    if not seen:
+    there_was = sorted((*_runs("repeated", repeated), *found.seen, *along), key=lambda one: one.first)
+    if not there_was:
         return None
     nearest = np.searchsorted(beams[:-1] + np.diff(beams) / 2, np.arange(lidar.ranges.shape[1]))
     return Travelling(
@@ -178,7 +157,7 @@ def travelling(lidar: LidarStream, mount: LidarSpec, odometry: Array) -> Travell
         np.array(found.epochs, np.float32).reshape(-1, len(beams))[:, nearest],
         repeated,
         found.odometry,
-        tuple(seen),
+        tuple(there_was),
     )
 
 
@@ -201,83 +180,6 @@ def _repeated(lidar: LidarStream, path: Array) -> Flags:
         return same
     new = np.maximum.accumulate(np.where(same, 0, np.arange(len(same))))
     return np.asarray(same & (path > path[new] + STANDS))
-
-
-class _Fan:
-    """The beams of a lidar that are compared.
-
-    Attributes:
-        mount: [3] of the lidar on the robot.
-        angles: [b] of the beams in the lidar's frame [rad], ``step`` apart.
-        closed: whether they go all the way round.
-    """
-
-    def __init__(self, lidar: LidarStream, mount: LidarSpec, beams: NDArray[np.intp]) -> None:
-        self.mount = mount.pose
-        self.angles = lidar.angles[beams]
-        self.step = lidar.angle_increment * (beams[1] - beams[0] if len(beams) > 1 else 1)
-        self.closed = bool(len(beams) * abs(self.step) > 2 * np.pi - 1.5 * abs(self.step))
-
-
-def _votes(fan: _Fan, ranges: NDArray[np.float32], odometry: Array) -> _Votes:
-    """Which endpoints of each of some scans [k + 1] travel to the next, and which stand still: [k, b].
-
-    An endpoint that tells the two apart travels where the same beam has the same range and the place where a wall would
-    be is seen through; it stands where the next scan has an endpoint there and the beam another range.
-
-    Args:
-        fan: the beams.
-        ranges: [k + 1, b] along them [m].
-        odometry: [k + 1, 3] the robot's poses.
-    """
-    known = np.where(np.isfinite(ranges), ranges, np.nan).astype(np.float64)
-    before, after = known[:-1], known[1:]
-    moved = se2.between(odometry[:-1], odometry[1:])
-    straight = moved * (1.0, 1.0, 0.0)  # wheels that slip in a turn show a wall at a glancing angle elsewhere
-    with np.errstate(invalid="ignore"):
-        kept = np.abs(after - before)
-        displaced, expected, seen = _expected(fan, before, after, moved)
-        there = (np.abs(seen - expected) <= SAME * displaced).any(axis=0)
-        stand = (displaced > LEAST_MOVED) & ~(kept <= OTHER * displaced) & there
-        travel = kept <= SAME * displaced
-        for motion in (moved, straight):
-            displaced, expected, seen = _expected(fan, before, after, motion)
-            travel &= (displaced > LEAST_MOVED) & (seen >= expected + OTHER * displaced).all(axis=0)
-    return _Votes(travel, stand)
-
-
-def _expected(fan: _Fan, before: Array, after: Array, moved: Array) -> tuple[Array, Array, Array]:
-    """Where endpoints of walls would be, and what the scans after see there.
-
-    Args:
-        fan: the beams.
-        before, after: [k, b] ranges of pairs of scans, NaN where there is no return [m].
-        moved: [k, 3] the robot's motion from the one to the other.
-
-    Returns:
-        of each endpoint before how far it moves as seen from the robot [k, b], its range then [k, b], and the ranges
-        after of the beams about its bearing [2 ASIDE + 1, k, b]; NaN outside of the scan.
-    """
-    x, y, yaw = fan.mount
-    angles = fan.angles + yaw
-    points_x, points_y = x + before * np.cos(angles), y + before * np.sin(angles)
-    cos, sin = np.cos(moved[:, 2])[:, None], np.sin(moved[:, 2])[:, None]
-    forward, left = points_x - moved[:, 0, None], points_y - moved[:, 1, None]
-    there_x, there_y = cos * forward + sin * left, cos * left - sin * forward
-    displaced = np.hypot(there_x - points_x, there_y - points_y)
-    expected = np.hypot(there_x - x, there_y - y)
-    beams = after.shape[1]
-    bearing = np.arctan2(there_y - y, there_x - x) - angles[0]
-    number = np.floor(np.mod(bearing / fan.step + 0.5, 2 * np.pi / abs(fan.step)))
-    known = np.isfinite(number)
-    first = np.where(known, number, 0).astype(np.intp)
-    rows = np.arange(len(after))[:, None]
-    seen = np.full((2 * ASIDE + 1, *after.shape), np.nan)
-    for k, aside in enumerate(range(-ASIDE, ASIDE + 1)):
-        beam = first + aside
-        inside = known & ((beam >= 0) & (beam < beams) | fan.closed)
-        seen[k] = np.where(inside, after[rows, beam % beams], np.nan)
-    return displaced, expected, seen
 
 
 def _line(angles: Array, ranges: Array) -> Array:

@@ -35,6 +35,8 @@ APART = np.array([0.5, 0.5, 0.2])
 RIVALS, RIVAL_SHARE = 4, 0.05
 """Rivals of the place where a scan is found, at most; the match score of one, less what its offset from the prediction
 costs, is smaller by this share of the points at most."""
+WIDE = 6.0
+"""Wider windows than this are searched in steps twice as long [m], as the relocation window is."""
 OPEN_HEADING = 0.5
 """A scan is searched for where the heading is known no better [rad]."""
 
@@ -155,7 +157,8 @@ class Localiser:
         """Where a scan fits, after a search around the prediction, at last in the relocation window."""
         c, spread, points, cell = self._config, sought.spread, len(sought.points), sought.maps.config.cell_size
         half = np.minimum(c.window * spread, (np.inf, np.inf, np.pi))
-        window = Window(half, cell, c.heading_step)
+        finer = 1 if half.max() <= WIDE else 2
+        window = Window(half, finer * cell, finer * c.heading_step)
         largest = c.max_starts if sure else c.retry_starts
         starts = int(np.clip(np.ceil(np.prod(window.half / c.basin)), c.min_starts, largest))
         best = self._best(sought, window, starts)

@@ -176,7 +176,7 @@ class TsdfFilter(FilterDefaults):
 
     def _track(self, step: Step, scan: ThinnedScan) -> Tracked:
         """Predict the motion since the last scan, and register the scan to the best particle's map."""
-        motion = self._tracker.predict(as_pose(step.motion), step.dt, measured=step.measured)
+        motion = self._tracker.predict(as_pose(step.motion), step.dt, measured=step.measured, left=step.open)
         x, y = step.origin.tolist()
         tracked = self._tracker.track(motion, scan, (x, y), self._particles)
         self._since = self._since.plus(motion, tracked.motion, slipped=tracked.slipped)

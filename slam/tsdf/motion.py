@@ -6,9 +6,12 @@ from typing import NamedTuple
 
 from moteslam.robot.se2 import Pose, compose_one
 from moteslam.slam.filter.update_policy import Travelled, magnitude
+from moteslam.slam.inputs.lapses import Open
 
-__all__ = ["MotionSinceUpdate", "StepMotion", "Travelled", "magnitude", "step_motion"]
+__all__ = ["MotionSinceUpdate", "Open", "StepMotion", "Travelled", "magnitude", "step_motion"]
 
+CLOSED = Open()
+"""Nothing is left open."""
 STILL: Pose = (0.0, 0.0, 0.0)
 """No motion."""
 
@@ -22,6 +25,7 @@ class StepMotion(NamedTuple):
         dt: of the step [s].
         measured: whether odometry measured it.
         distance, rotation: length and absolute turn of ``corrected`` [m], [rad].
+        open: how far off one may be that odometry bounds but did not measure.
     """
 
     wheels: Pose
@@ -30,11 +34,12 @@ class StepMotion(NamedTuple):
     measured: bool
     distance: float
     rotation: float
+    open: Open = CLOSED
 
 
-def step_motion(wheels: Pose, corrected: Pose, dt: float, *, measured: bool) -> StepMotion:
+def step_motion(wheels: Pose, corrected: Pose, dt: float, *, measured: bool, left: Open = CLOSED) -> StepMotion:
     """The motion of one step: see ``StepMotion``."""
-    return StepMotion(wheels, corrected, dt, measured, *magnitude(corrected))
+    return StepMotion(wheels, corrected, dt, measured, *magnitude(corrected), left)
 
 
 class MotionSinceUpdate(NamedTuple):

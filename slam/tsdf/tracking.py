@@ -20,7 +20,16 @@ from moteslam.slam.odometry.noise import aside
 from moteslam.slam.registration.config import RegistrationConfig, TrackingConfig
 from moteslam.slam.registration.localisation import Localiser, Rivals
 from moteslam.slam.registration.registrar import Spread, prior_deviations
-from moteslam.slam.tsdf.motion import STILL, MotionSinceUpdate, StepMotion, Travelled, magnitude, step_motion
+from moteslam.slam.tsdf.motion import (
+    CLOSED,
+    STILL,
+    MotionSinceUpdate,
+    Open,
+    StepMotion,
+    Travelled,
+    magnitude,
+    step_motion,
+)
 from moteslam.slam.tsdf.particles import Particles
 from moteslam.slam.tsdf.pose_covariance import Fit
 
@@ -72,18 +81,22 @@ class Tracker:
         self._motion, self._seconds = STILL, 0.0  # of the last step, as tracked, and how long it took
         self._slip = STILL  # how far the odometry was off in the last step, if it slipped
         self._blind, self._blind_measured = Travelled(), True  # since the last scan that was registered
+        self._open = CLOSED  # of the motion since then
         self._lost = 0  # scans in a row that contradict the map
 
-    def predict(self, motion: Pose, dt: float, *, measured: bool) -> StepMotion:
+    def predict(self, motion: Pose, dt: float, *, measured: bool, left: Open | None = None) -> StepMotion:
         """The motion of a step by the calibrated odometry; at a constant velocity where nothing measured it.
 
         Args:
             motion: by the odometry.
             dt: of the step [s].
             measured: whether the odometry measured it.
+            left: open by a motion that was not measured, but of which more is known than the velocity before.
         """
         if measured:
             return step_motion(motion, self._calibration.corrected(motion), dt, measured=True)
+        if left is not None:
+            return step_motion(motion, self._calibration.corrected(motion), dt, measured=False, left=left)
         constant = self._extrapolated(dt)
         return step_motion(constant, constant, dt, measured=False)
 
@@ -115,7 +128,9 @@ class Tracker:
         moved = aside(driven.distance, turn)
         if moved > self._config.basin_distance:
             forward, left = math.hypot(forward, moved), math.hypot(left, moved)
-        return min(forward, LARGEST_SPREAD), min(left, LARGEST_SPREAD), turn
+        place, heading = self._open
+        most = max(LARGEST_SPREAD, place)
+        return min(math.hypot(forward, place), most), min(math.hypot(left, place), most), math.hypot(turn, heading)
 
     def track(
         self, motion: StepMotion, scan: ThinnedScan, origin: tuple[float, float], particles: Particles
@@ -131,6 +146,7 @@ class Tracker:
         predicted = compose_one(self.pose, motion.corrected)
         self._blind = self._blind.plus(motion.distance, motion.rotation, motion.dt)
         self._blind_measured &= motion.measured
+        self._open = Open(*map(math.hypot, self._open, motion.open))
         usual = self._spread()
         slip = self._slip
         spread = usual[0] + slip[0], usual[1] + slip[1], usual[2] + slip[2]
@@ -157,7 +173,7 @@ class Tracker:
                 self._lost += 1
             else:
                 offset, self._lost = fitted.offset, 0
-                self._blind, self._blind_measured = Travelled(), True
+                self._blind, self._blind_measured, self._open = Travelled(), True, CLOSED
                 rivals = elsewhere
         shift, turn = magnitude(offset)
         threshold = self._config.slip_threshold
@@ -170,6 +186,8 @@ class Tracker:
         forward, left, about = prior_deviations(
             self._registration, motion.distance, motion.rotation, measured=motion.measured
         )
+        place, heading = motion.open
+        forward, left, about = math.hypot(forward, place), math.hypot(left, place), math.hypot(about, heading)
         slipped = shift > threshold * forward or shift > threshold * left or turn > threshold * about
         moved = compose_one(predicted, offset)
         self._motion, self._seconds = between_one(self.pose, moved), motion.dt

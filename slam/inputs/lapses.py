@@ -1,0 +1,284 @@
+"""Lapses of the odometry: gaps in the log, odometry that is stale, and jumps.
+
+The step over one is no measurement of the usual accuracy. What can be known of it is said here, and how well; where the
+robot is then is for the scans to say (``docs/theory/default-filter.md``).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from moteslam.robot import se2
+from moteslam.robot.issues import Issue
+from moteslam.robot.recording import LidarStream
+from moteslam.robot.specs import LidarSpec
+from moteslam.robot.stamps import LATEST, gaps
+from moteslam.robot.wording import when
+from moteslam.slam.inputs.comparison import Fan, votes
+from moteslam.slam.inputs.config import SyncConfig
+from moteslam.slam.inputs.jumps import jumps
+from moteslam.slam.inputs.odometry_path import OdometryPath
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+BEFORE = 0.5
+"""The speed before a lapse is the mean over so long [s], or the last step's if that is less: the robot may brake."""
+HARDEST, USUAL = 3.0, 1.0
+"""Robots on wheels do not brake harder than the first, nor in a gap, which they know nothing of, than the second
+[m/s^2]."""
+RESOLVED = 4.0
+"""Odometry stands still where it should have gone this many of the smallest steps that it has ..."""
+LEAST_STOPPED = 0.005
+"""... and this far [m]."""
+TURNS = 0.5
+"""How fast a robot that drives turns [rad/s]."""
+CURVATURE = 0.02
+"""Standard deviation of the heading that wheels alone measure [rad/m], as of the calibration's prior."""
+APART, FARTHEST = 0.25, 1.5
+"""Whether the robot stands while its odometry does is asked when it would have gone as far as the first [m], again each
+time as far, up to the second."""
+BEAMS = 5
+"""As many endpoints say so."""
+CAUGHT_UP = 2.0
+"""Odometry has caught up that goes on in a step this many times as fast as before it stood."""
+
+
+class Lapse(NamedTuple):
+    """One of them, from a reading of the odometry to another [s]; ``named`` if it is worth a warning."""
+
+    kind: Literal["gap", "stale", "jump"]
+    begin: float
+    end: float
+    named: bool = True
+
+
+class Open(NamedTuple):
+    """What is left open of a motion that was not measured: the standard deviations of place [m] and heading [rad]."""
+
+    place: float = 0.0
+    heading: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Lapses:
+    """Where the odometry did not measure.
+
+    Attributes:
+        unmeasured: [n] the scans since the one before which nothing measured the motion.
+        jumped: [n] those of them where the odometry jumps.
+        motions: of those over a gap what the motion was as far as is known, by scan.
+        open: how well that is known, by scan.
+        seen: what there was, in order.
+    """
+
+    unmeasured: Flags
+    jumped: Flags
+    motions: dict[int, Array]
+    open: dict[int, Open]
+    seen: tuple[Lapse, ...]
+
+    def issues(self, stamps: Array) -> tuple[Issue, ...]:
+        """What there was, each kind with its times."""
+        issues = []
+        if spans := self._spans("gap", stamps):
+            text = f"{when(spans)}: nothing was recorded while the robot drove on: the scans after it say where it is"
+            issues.append(Issue("gap", text, len(spans)))
+        if spans := self._spans("stale", stamps):
+            text = f"{when(spans)}: the odometry stood still while the robot drove: the scans alone there"
+            count = sum(int(((stamps > begin) & (stamps <= end)).sum()) for begin, end in spans)
+            issues.append(Issue("stale-odometry", text, max(count, 1)))
+        return tuple(issues)
+
+    def _spans(self, kind: str, stamps: Array) -> list[tuple[float, float]]:
+        return [(one.begin, one.end) for one in self.seen if one.kind == kind and one.named and one.begin < stamps[-1]]
+
+
+def lapses(
+    path: OdometryPath,
+    odometry: Array,
+    lidar: LidarStream,
+    mount: LidarSpec,
+    config: SyncConfig,
+    *,
+    counted: bool,
+) -> Lapses:
+    """Where the odometry did not measure; causal: what is said of a scan follows from it, and from the reading after.
+
+    Args:
+        path: the odometry at its own stamps.
+        odometry: [n, 3] at the scans.
+        lidar, mount: the scans.
+        config: of jumps.
+        counted: of wheel counters, which do not say on which way a robot went in a gap; else of poses that the base
+            went on to integrate.
+    """
+    stamps = lidar.stamps
+    readings = path if lidar.odometry is None else OdometryPath(stamps, odometry)
+    steps = _Steps(readings)
+    jumped = jumps(stamps, odometry, config)
+    unmeasured = jumped.copy()
+    seen: list[Lapse] = []
+    if lidar.odometry is None:
+        for k in np.flatnonzero(jumps(readings.stamps, readings.poses, config)).tolist():
+            over = _over(stamps, readings.stamps[k - 1], readings.stamps[k])
+            jumped[over] = True
+    motions: dict[int, Array] = {}
+    left: dict[int, Open] = {}
+    fan: Fan | None = None
+    for k in np.flatnonzero(gaps(readings.stamps)).tolist():
+        begin, end = float(readings.stamps[k - 1]), float(readings.stamps[k])
+        over = _over(stamps, begin, end)
+        if not len(over):
+            continue
+        lost = steps.lost(k)
+        inside = (stamps[over] > begin) & (stamps[over] < end)
+        if inside.sum() > 2:  # the scans go on
+            if lost:
+                unmeasured[over] = True
+                seen.append(Lapse("stale", begin, end))
+            continue
+        longest = int(over[np.argmax(np.diff(stamps)[over - 1])])
+        travelled = steps.travelled(k)
+        if lost or travelled > CAUGHT_UP * steps.usual(k):
+            seen.append(Lapse("gap", begin, end))
+        jumped[over] = False
+        if lost:
+            motions[longest], left[longest] = steps.extrapolated(k)
+        elif counted:
+            moved = se2.between(odometry[longest - 1], odometry[longest])
+            motions[longest], left[longest] = np.asarray(moved), steps.open(k)
+        unmeasured[over] = lost
+        unmeasured[longest] = lost or counted
+    for first, sure, last in steps.standstills():
+        fan = fan or Fan(lidar, mount)
+        found = _stale(steps, first, last, lidar, fan)
+        seen.append(found)
+        unmeasured[_over(stamps, float(readings.stamps[sure - 1]), found.end)] = True
+    unmeasured |= jumped
+    spans = [Lapse("jump", float(stamps[max(k - 1, 0)]), float(stamps[k])) for k in np.flatnonzero(jumped).tolist()]
+    seen = sorted((*seen, *spans), key=lambda one: one.begin)
+    return Lapses(unmeasured, jumped, motions, left, tuple(seen))
+
+
+def _over(stamps: Array, begin: float, end: float) -> NDArray[np.intp]:
+    """The scans whose motion since the one before is not all before or after this time."""
+    return np.flatnonzero((stamps[1:] > begin) & (stamps[:-1] < end)) + 1
+
+
+def _stale(steps: _Steps, first: int, last: int, lidar: LidarStream, fan: Fan) -> Lapse:
+    """The lapse of odometry that stops dead; it ends where the scans say that the robot stands.
+
+    Args:
+        steps: of the odometry.
+        first, last: readings between which it stands still.
+        lidar, fan: the scans.
+    """
+    stamps, speed = steps.stamps, steps.speed(first)
+    begin, end = float(stamps[first]), float(stamps[min(last + 1, len(stamps) - 1)])
+    since = max(int(np.searchsorted(lidar.stamps, begin, side="right")) - 1, 0)
+    confirmed = last + 1 < len(stamps) and steps.lengths[last + 1] > CAUGHT_UP * speed * steps.seconds[last + 1]
+    for far in np.arange(APART, FARTHEST + 1e-9, APART):
+        scan = int(np.searchsorted(lidar.stamps, begin + far / speed))
+        if scan >= len(lidar) or lidar.stamps[scan] >= end:
+            break
+        turn = float(se2.wrap(steps.heading(float(lidar.stamps[scan])) - steps.heading(float(lidar.stamps[since]))))
+        going = np.array((speed * (lidar.stamps[scan] - lidar.stamps[since]), 0.0, turn))
+        some = np.asarray(lidar.ranges[np.array((since, scan))])[:, fan.beams]
+        seen = votes(fan, some, np.vstack((np.zeros(3), going)))
+        travel, stand = int(seen.travel.sum()), int(seen.stand.sum())
+        if travel >= BEAMS and stand <= travel / 4:
+            return Lapse("stale", begin, float(lidar.stamps[scan]), named=False)
+        if stand >= BEAMS and travel <= stand / 4:
+            confirmed = True
+            break
+    return Lapse("stale", begin, end, named=bool(confirmed))
+
+
+class _Steps:
+    """The steps between the readings of the odometry.
+
+    Attributes:
+        stamps: [m] of the readings.
+        seconds, lengths, turns: [m] of the step to each [s], [m], [rad]; the first is 0.
+    """
+
+    def __init__(self, path: OdometryPath) -> None:
+        self.stamps, self._path = path.stamps, path
+        moved = np.asarray(se2.between(path.poses[:-1], path.poses[1:]))
+        self.seconds = np.diff(path.stamps, prepend=path.stamps[:1])
+        self.lengths = np.concatenate(([0.0], np.hypot(moved[:, 0], moved[:, 1])))
+        self.turns = np.concatenate(([0.0], moved[:, 2]))
+        self._forward = np.concatenate(([1.0], np.where(moved[:, 0] < 0, -1.0, 1.0)))
+        self._still = np.concatenate(([True], (path.poses[1:, :2] == path.poses[:-1, :2]).all(axis=1)))
+
+    def heading(self, stamp: float) -> float:
+        """By the odometry [rad]."""
+        return float(self._path.at(np.array([stamp]))[0, 2])
+
+    def speed(self, k: int) -> float:
+        """At reading k [m/s]."""
+        first = min(int(np.searchsorted(self.stamps, self.stamps[k] - BEFORE, side="right")), k)
+        seconds = float(self.seconds[first : k + 1].sum())
+        if seconds <= 0 or k == 0:
+            return 0.0
+        mean = float(self.lengths[first : k + 1].sum()) / seconds
+        late = slice(max(k - 1, 1), k + 1)  # two, since stamps come in bursts
+        return min(mean, float(self.lengths[late].sum()) / max(float(self.seconds[late].sum()), 1e-9))
+
+    def travelled(self, k: int) -> float:
+        """The length of step k along an arc [m]."""
+        return float(self.lengths[k] / max(abs(np.sinc(self.turns[k] / (2 * np.pi))), 0.1))
+
+    def usual(self, k: int) -> float:
+        """The 90th percentile of the latest steps before step k [m]."""
+        return float(np.percentile(self.lengths[max(0, k - LATEST) : k], 90)) if k else 0.0
+
+    def lost(self, k: int) -> bool:
+        """Whether step k is shorter than the way that braking takes: the motion in a gap was not counted."""
+        speed, seconds = self.speed(k - 1), float(self.seconds[k])
+        braking = min(speed / USUAL, seconds)
+        least = speed * braking - USUAL * braking**2 / 2
+        return bool(least > LEAST_STOPPED and self.travelled(k) < least)
+
+    def open(self, k: int) -> Open:
+        """What counters leave open of a step over a gap: its length is known, and how far it turned, not when.
+
+        If that was all at its beginning or at its end, the robot is elsewhere; the place is within the length.
+        """
+        length, seconds = self.travelled(k), float(self.seconds[k])
+        return Open(length * min(TURNS * seconds / 2, 1.0) / 3, CURVATURE * length)
+
+    def extrapolated(self, k: int) -> tuple[Array, Open]:
+        """A step over a gap not counted: on at the speed from before, in the end in any direction."""
+        speed, seconds = self.speed(k - 1), float(self.seconds[k])
+        length = speed * seconds * self._forward[k - 1]
+        turns = self.turns[max(k - 2, 0) : k].sum() / max(float(self.seconds[max(k - 2, 0) : k].sum()), 1e-9)
+        turn = float(np.clip(turns, -TURNS, TURNS)) * min(seconds, BEFORE)
+        moved = np.array((length * np.cos(turn / 2), length * np.sin(turn / 2), turn))
+        heading = min(TURNS * seconds / 2, np.pi / np.sqrt(3))
+        return moved, Open(abs(length) * min(heading, 1.0) / 3, heading)
+
+    def standstills(self) -> Iterator[tuple[int, int, int]]:
+        """Where the odometry has stopped dead: harder than a robot brakes.
+
+        Yields:
+            the reading from which on it stands still, the one at which that is sure, and the last that does.
+        """
+        edges = np.flatnonzero(np.diff(np.concatenate(([False], self._still, [False])).astype(np.int8)))
+        for begin, end in edges.reshape(-1, 2).tolist():
+            first, last = begin - 1, end - 1
+            speed = self.speed(first) if first > 0 else 0.0
+            if speed <= 0:
+                continue
+            braking = np.minimum(speed / HARDEST, self.stamps[begin:end] - self.stamps[first])
+            least = speed * braking - HARDEST * braking**2 / 2
+            latest = self.lengths[max(0, first + 1 - LATEST) : first + 1]
+            sure = least > max(LEAST_STOPPED, RESOLVED * float(latest[latest > 0].min(initial=np.inf)))
+            if sure.any():
+                yield first, begin + int(sure.argmax()), last

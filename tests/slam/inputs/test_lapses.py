@@ -1,0 +1,112 @@
+"""Gaps of the log, stale odometry and jumps: what is not measured, and what is known of it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from slam_rooms import recorded, seen_from
+
+from moteslam.robot import se2
+from moteslam.robot.platforms import UCSD
+from moteslam.robot.recording import EncoderStream, LidarStream, Recording
+from moteslam.slam.inputs.step import steps
+from moteslam.slam.inputs.synchronise import Inputs, synchronise
+
+SCANS = 100
+CORNERS = [(-3, -2), (12, -2), (12, 2), (4, 2), (4, 1), (3, 1), (3, 2), (-3, 2), (-3, -2)]
+GOING = np.minimum(0.004 * np.arange(SCANS), 0.1)
+"""Of the robot in each step [m]: it starts slowly, ten scans a second."""
+
+
+def driven(going: np.ndarray = GOING) -> Recording:
+    """A robot that drives straight on and logs its odometry with each scan."""
+    true = np.column_stack((np.cumsum(going), np.zeros((SCANS, 2))))
+    ranges = seen_from(true, list(pairwise(CORNERS)))
+    return recorded(ranges + np.random.default_rng(0).normal(0, 0.003, ranges.shape), true)
+
+
+def with_odometry(recording: Recording, odometry: np.ndarray) -> Inputs:
+    assert recording.lidar is not None
+    return synchronise(replace(recording, lidar=replace(recording.lidar, odometry=odometry)))
+
+
+def codes(inputs: Inputs) -> list[str]:
+    return [issue.code for issue in inputs.issues]
+
+
+def wheels(*, kept: bool, first: int = 200, last: int = 520) -> Recording:
+    """Scans and counters of a robot that goes straight on at 0.44 m/s, without readings for 8 s."""
+    stamps = 0.025 * np.arange(800)
+    counts = np.full((800, 4), 5, np.int64)
+    if kept:
+        counts[last] = 5 * (last - first + 1)
+    there = (np.arange(800) < first) | (np.arange(800) >= last)
+    scans = stamps[there][2::4]
+    ranges = np.random.default_rng(0).uniform(1, 2, (len(scans), 8)).astype(np.float32)
+    lidar = LidarStream(scans, ranges, -1.0, 0.3, 0.1, 30.0)
+    return Recording("gap", UCSD, lidar=lidar, encoders=EncoderStream(stamps[there], counts[there]))
+
+
+def test_odometry_without_lapses_is_all_measured():
+    inputs = synchronise(driven())
+    assert inputs.measured[1:].all()
+    assert not inputs.issues
+    assert all(step.open is None for step in steps(inputs))
+
+
+def test_odometry_that_stops_dead_while_the_robot_drives_is_stale():
+    recording = driven()
+    assert recording.lidar is not None
+    assert recording.lidar.odometry is not None
+    stale = recording.lidar.odometry.copy()
+    stale[40:70] = stale[40]
+    inputs = with_odometry(recording, stale)
+    assert not inputs.measured[42:70].any()
+    assert inputs.measured[1:40].all()
+    assert inputs.measured[75:].all()
+    assert "stale-odometry" in codes(inputs)
+
+
+def test_a_robot_that_stops_is_not_stale():
+    """It brakes at 2.5 m/s^2 and stands for 3 s."""
+    going = GOING.copy()
+    going[40:75] = np.concatenate((0.1 - 0.025 * np.arange(1, 5), np.zeros(31)))
+    inputs = synchronise(driven(going))
+    assert (~inputs.measured[1:]).sum() < 10  # until the scans show that it stands
+    assert inputs.measured[75:].all()
+    assert "stale-odometry" not in codes(inputs)
+
+
+@pytest.mark.parametrize("kept", [True, False])
+def test_over_a_gap_the_motion_is_not_measured_but_known_within_bounds(kept: bool):
+    inputs = synchronise(wheels(kept=kept))
+    over = [step for step in steps(inputs) if step.open is not None]
+    assert len(over) == 1
+    assert codes(inputs) == ["gap"]
+    (step,) = over
+    assert not step.measured
+    assert step.dt > 8
+    assert step.motion[0] == pytest.approx(0.44 * 8, rel=0.05)  # counted, or at the speed of before
+    assert step.open is not None
+    assert 0.5 < step.open.place < step.motion[0]
+    assert step.open.heading < 0.2 if kept else step.open.heading > 1.0
+    rest = [other.measured for other in steps(inputs) if other is not step][1:]
+    assert sum(rest) >= len(rest) - 2
+
+
+def test_it_is_causal():
+    recording = driven()
+    assert recording.lidar is not None
+    assert recording.lidar.odometry is not None
+    stale = recording.lidar.odometry.copy()
+    stale[40:70] = stale[40]
+    whole = with_odometry(recording, stale)
+    lidar = replace(
+        recording.lidar, stamps=recording.lidar.stamps[:60], ranges=recording.lidar.ranges[:60], odometry=stale[:60]
+    )
+    part = synchronise(replace(recording, lidar=lidar))
+    np.testing.assert_array_equal(part.measured[:59], whole.measured[:59])
+    np.testing.assert_allclose(se2.between(part.odometry, whole.odometry[:60]), 0, atol=1e-12)
