@@ -45,6 +45,8 @@ APART, FARTHEST = 0.25, 1.5
 time as far, up to the second."""
 BEAMS = 5
 """As many endpoints say so."""
+LEAST_SCANS = 3
+"""Fewer scans while the odometry stands do not say that the robot goes on: one that was carried may stand elsewhere."""
 CAUGHT_UP = 2.0
 """Odometry has caught up that goes on in a step this many times as fast as before it stood."""
 
@@ -156,10 +158,14 @@ def lapses(
         unmeasured[over] = lost
         unmeasured[longest] = lost or counted
     for first, sure, last in steps.standstills():
+        scans = np.flatnonzero((stamps > readings.stamps[first]) & (stamps < readings.stamps[last]))
+        if len(scans) < LEAST_SCANS:
+            continue
         fan = fan or Fan(lidar, mount)
         found = _stale(steps, first, last, lidar, fan)
         seen.append(found)
-        unmeasured[_over(stamps, float(readings.stamps[sure - 1]), found.end)] = True
+        over = _over(stamps, float(readings.stamps[sure - 1]), found.end)
+        unmeasured[over[over >= scans[LEAST_SCANS - 1]]] = True
     unmeasured |= jumped
     spans = [Lapse("jump", float(stamps[max(k - 1, 0)]), float(stamps[k])) for k in np.flatnonzero(jumped).tolist()]
     seen = sorted((*seen, *spans), key=lambda one: one.begin)
