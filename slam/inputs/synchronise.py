@@ -107,7 +107,9 @@ def synchronise(
     counted = recording.encoders is not None and len(recording.encoders) > 0 and lidar.odometry is None
     travels = missing = None
     unmeasured = jumped = np.zeros(n, np.bool_)
-    if path is not None:
+    if path is not None and logged is not None:  # lapses are seen by stamps, and these are wrong
+        unmeasured = jumped = jumps(lidar.stamps, odometry, config)
+    elif path is not None:
         missing = lapses(path, odometry, lidar, recording.platform.lidar, config, counted=counted)
         unmeasured, jumped = missing.unmeasured, missing.jumped
     if path is not None and config.travelling:
