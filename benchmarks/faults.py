@@ -23,9 +23,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from parts.machine import save, stamp
 from parts.options import count, result_file, seeds
-from parts.pool import Row, row_or_error, rows_of
+from parts.pool import Row, row_or_error, study
 from parts.runs import KEY_SCANS, expect_names
 
 from moteslam.errors import ConfigError
@@ -271,12 +270,7 @@ def main() -> None:
         for seed in options.seeds
         for fault in faults
     ]
-    rows: list[Row] = []
-    for row in rows_of(run, calls, options.jobs):
-        rows.append(row)
-        save(options.out, {**stamp(), "summary": summarised(rows), "rows": rows})
-    print()
-    print(printed(summarised(rows)))
+    study(run, calls, options.jobs, options.out, summarised=summarised, printed=printed)
 
 
 if __name__ == "__main__":

@@ -17,9 +17,8 @@ import statistics
 from dataclasses import dataclass
 
 from parts.carried import carried_off
-from parts.machine import save, stamp
 from parts.options import count, result_file, seeds
-from parts.pool import Row, row_or_error, rows_of
+from parts.pool import Row, row_or_error, study
 from parts.runs import FILTER_ALONE, STEP_NOISE, expect_names, simulate_case, wheels_case
 
 from moteslam.errors import ConfigError
@@ -180,12 +179,7 @@ def main() -> None:
         if options.scenarios or not (SETUPS[name].dense and scenario in LONG)
         for seed in options.seeds or SETUPS[name].seeds
     ]
-    rows: list[Row] = []
-    for row in rows_of(run, calls, options.workers):
-        rows.append(row)
-        save(options.out, {**stamp(), "summary": summarised(rows), "rows": rows})
-    print()
-    print(printed(summarised(rows)))
+    study(run, calls, options.workers, options.out, summarised=summarised, printed=printed)
 
 
 if __name__ == "__main__":

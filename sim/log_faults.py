@@ -17,13 +17,13 @@ from moteslam.robot import se2
 from moteslam.robot.platform import Wheels
 from moteslam.robot.recording import EncoderStream, OdometryStream, Recording
 from moteslam.robot.section import Number, Section, Truth
-from moteslam.sim.robot.limits import MAX_DURATION, Duration, Interval, Seconds
+from moteslam.sim.robot.limits import MAX_DURATION, Interval, Spell
 from moteslam.sim.sensors.faults import readings_of
 
 Array = NDArray[np.float64]
 
 
-class RepeatedScans(Interval):
+class RepeatedScans(Spell):
     """The lidar's driver sends the last scan again and again; the stamps go on.
 
     Attributes:
@@ -31,11 +31,9 @@ class RepeatedScans(Interval):
     """
 
     kind: Literal["repeated_scans"] = "repeated_scans"
-    start: Seconds
-    duration: Duration
 
 
-class Gap(Interval):
+class Gap(Spell):
     """Nothing at all is recorded: no scan, no reading of wheels and gyro, no image.
 
     Attributes:
@@ -45,12 +43,10 @@ class Gap(Interval):
     """
 
     kind: Literal["gap"] = "gap"
-    start: Seconds
-    duration: Duration
     counters: Literal["kept", "lost"] = "kept"
 
 
-class StaleOdometry(Interval):
+class StaleOdometry(Spell):
     """The odometry keeps the value from before while all else goes on, then takes the right one at once.
 
     Of the wheel counters no count comes meanwhile, and all of them with the first reading after it.
@@ -60,8 +56,6 @@ class StaleOdometry(Interval):
     """
 
     kind: Literal["stale_odometry"] = "stale_odometry"
-    start: Seconds
-    duration: Duration
 
 
 class OdometryJump(Section):

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from importlib.metadata import version
-from itertools import zip_longest
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,21 +15,21 @@ from moteslam.robot import se2
 from moteslam.robot.issues import Issue
 from moteslam.robot.raster import Raster
 from moteslam.robot.recording import Recording
-from moteslam.robot.summary import Summarised
 from moteslam.robot.trajectory import Trajectory
-from moteslam.robot.wording import expect_type, when
+from moteslam.robot.wording import expect_type
 from moteslam.slam.backend.kinds import BACKENDS
 from moteslam.slam.backend.protocol import KeyScan
 from moteslam.slam.colouring import with_texture
 from moteslam.slam.config import SlamConfig
-from moteslam.slam.estimate import Correction, Estimate, as_logged
-from moteslam.slam.filter.certainty import LocalisationState, certainty_of_particles
+from moteslam.slam.estimate import Correction, Estimate, Update, as_logged
+from moteslam.slam.filter.certainty import certainty_of_particles
 from moteslam.slam.filter.spread import spread
 from moteslam.slam.inputs.filling import between_known
 from moteslam.slam.inputs.floor_views import FloorViews, missing_for_floor_views
 from moteslam.slam.inputs.step import Step, steps
 from moteslam.slam.inputs.synchronise import synchronise
-from moteslam.slam.inputs.warnings import warnings
+from moteslam.slam.inputs.warnings import about_jumps, warnings
+from moteslam.slam.losses import Losses
 from moteslam.slam.mapping.occupancy import draw_map
 from moteslam.slam.methods import METHODS
 from moteslam.slam.odometry.dead_reckoning import dead_reckoning
@@ -38,37 +37,6 @@ from moteslam.slam.scan_records import ScanRecords
 from moteslam.slam.settings import load_preset
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class Update(Summarised):
-    """What is known after a scan.
-
-    Attributes:
-        index, stamp: of the scan; stamp in s.
-        pose: [3] estimate at the scan.
-        poses, weights: [N, 3] and [N] of the particles, at the last scan that the filter updated them with.
-        n_eff, score, updated, resampled: see ``StepResult``.
-        seconds: spent on it.
-        corrected: how far the back end then moved the robot, with the map [m]; 0 where it did not. The next pose is
-            the first after it.
-        covariance, degenerate, state: how sure the filter is of the pose, see ``Certainty``.
-    """
-
-    index: int
-    stamp: float
-    pose: Array
-    poses: Array
-    weights: Array
-    n_eff: float
-    score: float
-    updated: bool
-    resampled: bool
-    seconds: float
-    corrected: float
-    covariance: Array
-    degenerate: float
-    state: LocalisationState
 
 
 class SlamSession:
@@ -111,8 +79,7 @@ class SlamSession:
         self._waiting: list[KeyScan] = []  # for the back end, until the filter is settled
         self._spreads: list[Array] = []
         self._corrections: list[Correction] = []
-        self._lost: list[float] = []  # when the robot was lost and found, in turns [s]
-        self._pieces: list[tuple[int, int]] = []  # the first scan that did not fit, and the first in the map apart
+        self._losses = Losses()
         self._drawn: tuple[int, Raster | None] = (0, None)  # the map, and after how many scans
 
     def __len__(self) -> int:
@@ -161,10 +128,8 @@ class SlamSession:
                 if self._filter.settled:
                     corrected = self._hand_over(step.index)
                 corrected += self._relocate(step.index)
-                if self._filter.lost is not (len(self._lost) % 2 == 1):
-                    self._lost.append(step.stamp)
-                    if self._filter.lost:
-                        self._pieces.append((self._records.last_sure + 1, step.index))
+                doubted_from = self._records.last_sure + 1
+                self._losses.look(self._filter.lost, step.stamp, doubted_from=doubted_from, scan=step.index)
             seconds = time.perf_counter() - began
             poses, weights = self._filter.poses, self._filter.weights.values
             if result.updated:
@@ -222,10 +187,7 @@ class SlamSession:
         finishing = time.perf_counter() - began
         driven = se2.accumulate(records.motions)
         final = between_known(path if corrected is None else corrected, updates, driven)
-        for first, begun in self._pieces:  # what no longer fitted the map before belongs to what follows
-            last = int(updates[updates < first][-1])
-            final[last:first] = se2.compose(final[last], se2.between(driven[last], driven[last:first]))
-            final[first:begun] = se2.compose(final[begun], se2.between(driven[begun], driven[first:begun]))
+        final = self._losses.parted(final, updates, driven)
         found = Estimate(
             name=self.recording.name,
             config=self.config,
@@ -338,21 +300,13 @@ class SlamSession:
     def _warnings(self) -> tuple[Issue, ...]:
         """What SLAM had to do without."""
         issues = [*warnings(self.recording, self._inputs)]
-        jumps = int(self._inputs.jumped[: self._done].sum())
-        if jumps and not METHODS[self.config.method].needs_odometry:
-            stamps = self._inputs.stamps
-            at = np.flatnonzero(self._inputs.jumped[: self._done])
-            spans = [(float(stamps[scan - 1]), float(stamps[scan])) for scan in at.tolist()]
-            text = f"odometry jumps at {jumps} of {self._done} scans: constant velocity there; {when(spans)}"
-            issues.append(Issue("odometry-jumps", text, jumps))
+        if not METHODS[self.config.method].needs_odometry:
+            issues += about_jumps(self._inputs, self._done)
         if self._missing:
             issues.append(Issue("no-colours", f"colours: {self._missing}: particles are weighed without"))
         if self._views is not None:
             issues += self._views.issues()
-        for begin, end in zip_longest(self._lost[::2], self._lost[1::2]):
-            text = f"from {begin:.2f} s on the scans do not fit the map: the robot is lost, and a map apart is drawn, "
-            text += "to the end" if end is None else f"until it is found in the one before at {end:.2f} s"
-            issues.append(Issue("lost", text))
+        issues += self._losses.issues()
         issues += getattr(self._backend, "issues", ())  # back ends of other packages may have none
         return tuple(issues)
 

@@ -5,7 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
+from pathlib import Path
 from typing import Any
+
+from parts.machine import save, stamp
 
 Row = dict[str, Any]
 
@@ -44,3 +47,28 @@ def rows_of(
                 flush=True,
             )
             yield row
+
+
+def study(
+    run: Callable[..., Row],
+    calls: Iterable[tuple[Any, ...]],
+    workers: int,
+    out: Path | None,
+    *,
+    summarised: Callable[[list[Row]], Any],
+    printed: Callable[[Any], str],
+) -> None:
+    """Run all calls, save rows and summary after each of them, and print the summary.
+
+    Args:
+        run, calls, workers: as of ``rows_of``.
+        out: the result file; None for none.
+        summarised: gives the summary of rows.
+        printed: gives its text.
+    """
+    rows: list[Row] = []
+    for row in rows_of(run, calls, workers):
+        rows.append(row)
+        save(out, {**stamp(), "summary": summarised(rows), "rows": rows})
+    print()
+    print(printed(summarised(rows)))

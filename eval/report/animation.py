@@ -14,7 +14,8 @@ from moteslam.eval.report.pace import Pace
 from moteslam.robot import se2
 from moteslam.robot.picture_style import PictureStyle
 from moteslam.sim.simulate import EPOCH, Simulation
-from moteslam.slam.run import SlamSession, Update
+from moteslam.slam.estimate import Update
+from moteslam.slam.run import SlamSession
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

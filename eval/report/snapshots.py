@@ -7,7 +7,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from moteslam.robot.raster import Raster
-from moteslam.slam.run import SlamSession, Update
+from moteslam.slam.estimate import Update
+from moteslam.slam.run import SlamSession
 
 STAGES = 6
 """Panels of the figure."""

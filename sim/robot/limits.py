@@ -56,3 +56,10 @@ class Interval(Section):
     def covers(self, times: NDArray[np.float64]) -> NDArray[np.bool_]:
         """Which times [...] since the drive's first moment [s] are in it, its start but not its end."""
         return np.asarray((times >= self.start) & (times < self.end))
+
+
+class Spell(Interval):
+    """An interval of which both must be said."""
+
+    start: Seconds
+    duration: Duration

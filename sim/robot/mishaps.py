@@ -16,7 +16,7 @@ from moteslam.robot.platform import Platform
 from moteslam.robot.section import Number
 from moteslam.sim.robot.commands import Commands
 from moteslam.sim.robot.driver import Driver
-from moteslam.sim.robot.limits import Duration, Interval, Seconds
+from moteslam.sim.robot.limits import Interval, Seconds, Spell
 from moteslam.sim.robot.pursuit import SPACING, sampled
 from moteslam.sim.robot.route import Route
 from moteslam.sim.robot.task import Task
@@ -33,7 +33,7 @@ TURNS = 0.4
 """Over which turns are smoothed, before and after them [s]."""
 
 
-class StuckWheels(Interval):
+class StuckWheels(Spell):
     """The robot stands against a step while its wheels spin: they turn at the speed that the driver asks for.
 
     Attributes:
@@ -41,8 +41,6 @@ class StuckWheels(Interval):
     """
 
     kind: Literal["stuck_wheels"] = "stuck_wheels"
-    start: Seconds
-    duration: Duration
 
 
 class Carried(Interval):

@@ -7,6 +7,7 @@ import numpy as np
 from moteslam.robot.issues import Issue
 from moteslam.robot.ranges import chunks
 from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream, Recording
+from moteslam.robot.wording import when
 from moteslam.slam.inputs.synchronise import Inputs
 
 GYRO_MARGIN = 3.0
@@ -38,6 +39,16 @@ def warnings(recording: Recording, inputs: Inputs) -> tuple[Issue, ...]:
             text = f"odometry that never moves: constant velocity over {scans} scans"
             issues.append(Issue("still-odometry", text, scans))
     return (*issues, *inputs.issues)
+
+
+def about_jumps(inputs: Inputs, scans: int) -> tuple[Issue, ...]:
+    """Where the odometry jumps among the first ``scans`` scans, and a filter does without it."""
+    at = np.flatnonzero(inputs.jumped[:scans]).tolist()
+    if not at:
+        return ()
+    spans = [(float(inputs.stamps[scan - 1]), float(inputs.stamps[scan])) for scan in at]
+    text = f"odometry jumps at {len(at)} of {scans} scans: constant velocity there; {when(spans)}"
+    return (Issue("odometry-jumps", text, len(at)),)
 
 
 def _about_scans(lidar: LidarStream) -> list[Issue]:

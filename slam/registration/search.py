@@ -13,10 +13,17 @@ from moteslam.kernels.tiles import STEPS
 from moteslam.robot import se2
 from moteslam.slam.mapping.tsdf import TsdfView
 from moteslam.slam.registration.config import SearchConfig
-from moteslam.slam.registration.registrar import subsample
+from moteslam.slam.registration.registrar import Registration, subsample
 
 Array = NDArray[np.float64]
 Points = NDArray[np.float32]
+
+CROSSING = 0.3
+"""What a ray through a surface costs [endpoints]: little, since doors open and people walk."""
+LEAST_KNOWN = 0.3
+"""A place that knows less of the endpoints than another counts as if it knew this share of them."""
+ELSEWHERE_DISTANCE, ELSEWHERE_ROTATION = 0.5, 0.15
+"""A place this far off is another one [m], [rad]."""
 
 
 class Window(NamedTuple):
@@ -99,3 +106,29 @@ def lattice(most: int, step: float, block: int) -> tuple[Array, int]:
 def _steps_to(half: float, step: float) -> int:
     """The number of steps that reach ``half`` or just beyond."""
     return int(np.ceil(half / step - 1e-9))
+
+
+def shares(found: Registration, points: int, cost: Array | float = 0.0) -> Array:
+    """Of the endpoints on surfaces, less what rays through surfaces and the place itself cost [N].
+
+    Args:
+        found: at N places.
+        points: all endpoints.
+        cost: [N] of the places [endpoints].
+    """
+    return np.asarray((found.known * found.likelihoods - CROSSING * found.crossed - cost) / points)
+
+
+def runner_up(found: Registration, shares: Array, points: int) -> float:
+    """The largest share of a place elsewhere than the best one, 0 at least.
+
+    That a place knows more is no evidence for it: one at the edge of a map counts by what it knows.
+
+    Args:
+        found, points: as of ``shares``, which gave the second.
+    """
+    best = int(shares.argmax())
+    off = np.abs(se2.between(found.offsets[best], found.offsets))
+    elsewhere = (np.hypot(off[:, 0], off[:, 1]) > ELSEWHERE_DISTANCE) | (off[:, 2] > ELSEWHERE_ROTATION)
+    fair = shares * np.maximum(found.known[best] / np.maximum(found.known, LEAST_KNOWN * points), 1.0)
+    return max(float(fair[elsewhere].max()), 0.0) if elsewhere.any() else 0.0

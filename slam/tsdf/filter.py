@@ -117,7 +117,7 @@ class TsdfFilter(FilterDefaults):
     @property
     def lost(self) -> bool:
         """Whether the scans stopped to fit, and the robot has not been found in its map since."""
-        return self._relocation is not None
+        return self._relocation is not None or self._relocated is not None
 
     def relocated(self) -> Array | None:
         """See ``Filter``."""

@@ -18,7 +18,14 @@ from moteslam.robot import se2
 from moteslam.slam.mapping.tsdf import TsdfMaps
 from moteslam.slam.registration.config import RegistrationConfig, SearchConfig
 from moteslam.slam.registration.registrar import Registration, register, subsample
-from moteslam.slam.registration.search import Window, candidates
+from moteslam.slam.registration.search import (
+    ELSEWHERE_DISTANCE,
+    ELSEWHERE_ROTATION,
+    Window,
+    candidates,
+    runner_up,
+    shares,
+)
 
 Array = NDArray[np.float64]
 Points = NDArray[np.float32]
@@ -37,10 +44,6 @@ STARTS, START_POINTS, FINALISTS = 60, 120, 12
 """Places that are registered with some endpoints, and of these with all."""
 LEAST_SHARE, LEAST_MARGIN = 0.3, 0.1
 """Share of the endpoints on surfaces, less what crosses surfaces, and how much less a place elsewhere has."""
-CROSSING, LEAST_KNOWN = 0.3, 0.3
-"""What a ray through a surface costs [endpoints]; a place that knows less than this share counts as if it knew it."""
-ELSEWHERE = np.array([0.5, 0.15])
-"""A place this far off is another one [m], [rad]."""
 RESIDUAL = 0.03
 """Standard deviation of an endpoint's distance to the surfaces of a map that bends a little [m]."""
 
@@ -97,7 +100,7 @@ class Relocation:
         if before is None:
             return None
         off = se2.between(se2.compose(before, pose), place)
-        return self._found if np.hypot(*off[:2]) < ELSEWHERE[0] and abs(off[2]) < ELSEWHERE[1] else None
+        return self._found if np.hypot(*off[:2]) < ELSEWHERE_DISTANCE and abs(off[2]) < ELSEWHERE_ROTATION else None
 
     def revise(self, path: Array, scans: Sequence[ThinnedScan]) -> None:
         """Draw the map anew along its corrected path.
@@ -116,14 +119,11 @@ class Relocation:
         lattice = SearchConfig(search_prior=1e-6)
         starts = candidates(view, self._middle, self._half, few, Window(self._half, STEP, TURN), STARTS, lattice)
         tried = self._registered(few, starts)
-        finalists = np.argsort(-self._shares(tried, len(few))[0], kind="stable")[:FINALISTS]
+        finalists = np.argsort(-shares(tried, len(few)), kind="stable")[:FINALISTS]
         found = self._registered(points, tried.offsets[finalists])
-        shares, fair = self._shares(found, len(points))
-        best = int(shares.argmax())
-        off = np.abs(se2.between(found.offsets[best], found.offsets))
-        rivals = (np.hypot(off[:, 0], off[:, 1]) > ELSEWHERE[0]) | (off[:, 2] > ELSEWHERE[1])
-        second = max(float(fair[rivals].max()), 0.0) if rivals.any() else 0.0
-        if shares[best] < LEAST_SHARE or shares[best] - second < LEAST_MARGIN:
+        places = shares(found, len(points))
+        best = int(places.argmax())
+        if places[best] < LEAST_SHARE or places[best] - runner_up(found, places, len(points)) < LEAST_MARGIN:
             return None
         return np.asarray(se2.compose(self._middle, found.offsets[best]))
 
@@ -132,12 +132,6 @@ class Relocation:
         many = np.repeat(self._middle[None], len(starts), axis=0)
         loose = 3 * self._half
         return register(self._maps.of(self._particle), many, loose, points, np.zeros(2), starts, self._config)
-
-    def _shares(self, found: Registration, points: int) -> tuple[Array, Array]:
-        """Endpoints on surfaces, less what crosses surfaces [N]; and the same of rivals, which may know less."""
-        shares = (found.known * found.likelihoods - CROSSING * found.crossed) / points
-        best = int(shares.argmax())
-        return shares, shares * np.maximum(found.known[best] / np.maximum(found.known, LEAST_KNOWN * points), 1.0)
 
 
 def _seen_from(pose: Array, at: Array, points: Points) -> Points:

@@ -24,7 +24,7 @@ from moteslam.slam.registration.config import RegistrationConfig, SearchConfig
 from moteslam.slam.registration.degeneracy import keep_odometry
 from moteslam.slam.registration.information import measured_information
 from moteslam.slam.registration.registrar import Registration, register, subsample
-from moteslam.slam.registration.search import Window, candidates
+from moteslam.slam.registration.search import Window, candidates, runner_up, shares
 
 Array = NDArray[np.float64]
 Points = NDArray[np.float32]
@@ -38,12 +38,6 @@ WEAKEST = 1e-3
 LEAST_STARTS, STARTS, START_POINTS, FINALISTS = 8, 40, 120, 12
 """Places of the lattice that are registered with some points, at least and at most: as many as basins of Gauss-Newton
 fit into the window; and how many of them with all points."""
-LEAST_KNOWN = 0.3
-"""A rival that knows less of the endpoints counts as if it knew this share."""
-RIVAL_DISTANCE, RIVAL_ROTATION = 0.5, 0.15
-"""A place this far from the best one is another place [m], [rad]."""
-CROSSING = 0.3
-"""What a ray through a surface costs [endpoints]: little, since doors open and people walk."""
 WIDE, FINE_TURN, COARSE_TURN = 0.1, 0.02, 0.04
 """Windows wider than the first [rad] are searched in the coarser steps."""
 SLACK, SLACK_DISTANCE = 1.2, 0.2
@@ -105,13 +99,9 @@ class LoopSearch:
         tried = self._register(maps, predicted, half, few, starts)
         finalists = np.argsort(-self._shares(tried, len(few), half), kind="stable")[:FINALISTS]
         found = self._register(maps, predicted, half, points, tried.offsets[finalists])
-        shares = self._shares(found, len(points), half)
-        best = int(shares.argmax())
-        off = np.abs(found.offsets - found.offsets[best])
-        rivals = (np.hypot(off[:, 0], off[:, 1]) > RIVAL_DISTANCE) | (off[:, 2] > RIVAL_ROTATION)
-        # that a place knows more is no evidence for it: a rival at the edge of the submap counts by what it knows
-        fair = shares * np.maximum(found.known[best] / np.maximum(found.known, LEAST_KNOWN * len(points)), 1.0)
-        runner_up = max(float(fair[rivals].max()), 0.0) if rivals.any() else 0.0
+        places = self._shares(found, len(points), half)
+        best = int(places.argmax())
+        second = runner_up(found, places, len(points))
         # along bare walls the prediction is kept, and the loop binds less there
         kept = keep_odometry(found, half / WINDOW_DEVIATIONS, self._registration)
         information = measured_information(kept, best, self._registration, self._config.correlation)
@@ -119,12 +109,12 @@ class LoopSearch:
         candidate = replace(
             self._candidate(submap, query, predicted, half),
             found=np.asarray(se2.compose(predicted, kept.offsets[best])),
-            share=float(shares[best]),
-            runner_up=runner_up,
+            share=float(places[best]),
+            runner_up=second,
             known=float(found.known[best]) / len(points),
             likelihood=float(found.likelihoods[best]),
             crossed=float(found.crossed[best]) / len(points),
-            verdict=self._verdict(float(shares[best]), runner_up, found.offsets[best], half),
+            verdict=self._verdict(float(places[best]), second, found.offsets[best], half),
         )
         return Loop(candidate, np.linalg.inv(covariance))
 
@@ -172,7 +162,7 @@ class LoopSearch:
         look alike the one nearer to the prediction is meant.
         """
         off = 0.5 * self._config.correlation * np.square(found.offsets * WINDOW_DEVIATIONS / half).sum(axis=1)
-        return np.asarray((found.known * found.likelihoods - CROSSING * found.crossed - off) / points)
+        return shares(found, points, off)
 
     def _verdict(self, share: float, runner_up: float, offset: Array, half: Array) -> Verdict:
         c = self._config.loops

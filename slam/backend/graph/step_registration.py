@@ -21,6 +21,7 @@ from moteslam.slam.registration.evidence import against, heavy_tail, nats_for
 from moteslam.slam.registration.information import measured_information
 from moteslam.slam.registration.localisation import match_score
 from moteslam.slam.registration.registrar import Registration, register, subsample
+from moteslam.slam.registration.search import LEAST_KNOWN
 
 Array = NDArray[np.float64]
 
@@ -36,9 +37,6 @@ BASIN = 0.2
 Gauss-Newton may end at a place that explains a few of the endpoints."""
 MOST_NATS = 50.0
 """Certainty enough [nats]; the exponential of more overflows."""
-LEAST_KNOWN = 0.3
-"""Of the endpoints that a registration far from the odometry knows, the one near it counts as knowing this share: as a
-rival at the edge of a submap (`loop_search`). The local TSDF knows little around a corner."""
 DOUBT = 4.0
 """Nats by which evidence and prior may be misjudged: the logistic scale of the doubt that is left."""
 

@@ -42,6 +42,9 @@ def test_it_is_found_in_its_map_and_all_since_it_was_lost_with_it(method: str):
     assert (states[:CARRIED] == LocalisationState.SURE).all()
     assert (states[CARRIED + 20 : CARRIED + 40] == LocalisationState.LOST).all()
     assert states[-1] == LocalisationState.SURE
+    found = estimate.corrections[0].scan  # its own pose is still that of the map apart
+    assert states[found] == LocalisationState.LOST
+    assert states[found + 1] == LocalisationState.SURE
     off = se2.between(true, estimate.trajectory_final.poses)
     assert np.hypot(off[:, 0], off[:, 1]).max() < 0.05
     assert np.abs(off[:, 2]).max() < 0.03

@@ -1,0 +1,61 @@
+"""When the robot was lost and found, and which scans belong to the part of the path that began there."""
+
+from __future__ import annotations
+
+from itertools import zip_longest
+
+import numpy as np
+from numpy.typing import NDArray
+
+from moteslam.robot import se2
+from moteslam.robot.issues import Issue
+
+Array = NDArray[np.float64]
+
+
+class Losses:
+    """Takes note of a run's losses."""
+
+    def __init__(self) -> None:
+        self._stamps: list[float] = []  # when it was lost and found, in turns [s]
+        self._parts: list[tuple[int, int]] = []  # the first scan that did not fit, and the first in the map apart
+
+    def look(self, lost: bool, stamp: float, *, doubted_from: int, scan: int) -> None:
+        """Take in an update.
+
+        Args:
+            lost: whether the robot is.
+            stamp: of its scan [s].
+            doubted_from: the first scan since the filter was sure of the pose.
+            scan: that of the update.
+        """
+        if lost is (len(self._stamps) % 2 == 1):
+            return
+        self._stamps.append(stamp)
+        if lost:
+            self._parts.append((doubted_from, scan))
+
+    def parted(self, poses: Array, updates: NDArray[np.intp], driven: Array) -> Array:
+        """Poses [n, 3] of all scans without the bridge from a part of the path to the next.
+
+        What no longer fitted the map before belongs to what follows, what did to what was before.
+
+        Args:
+            poses: of the scans, between those of the updates as if it were one path.
+            updates: [u] indices of their scans.
+            driven: [n, 3] poses by the motion from scan to scan alone.
+        """
+        for first, begun in self._parts:
+            last = int(updates[updates < first][-1])
+            poses[last:first] = se2.compose(poses[last], se2.between(driven[last], driven[last:first]))
+            poses[first:begun] = se2.compose(poses[begun], se2.between(driven[begun], driven[first:begun]))
+        return poses
+
+    def issues(self) -> tuple[Issue, ...]:
+        """Each loss with its times."""
+        issues = []
+        for begin, end in zip_longest(self._stamps[::2], self._stamps[1::2]):
+            text = f"from {begin:.2f} s on the scans do not fit the map: the robot is lost, and a map apart is drawn, "
+            text += "to the end" if end is None else f"until it is found in the one before at {end:.2f} s"
+            issues.append(Issue("lost", text))
+        return tuple(issues)
