@@ -16,10 +16,10 @@ from moteslam.robot.ranges import chosen
 from moteslam.robot.recording import Recording
 from moteslam.robot.wording import counted
 from moteslam.slam.config import SlamConfig
-from moteslam.slam.estimate import Update
 from moteslam.slam.inputs.complete import complete_scans
 from moteslam.slam.inputs.odometry_path import odometry_path
 from moteslam.slam.run import SlamSession
+from moteslam.slam.scan_records import Update
 
 Array = NDArray[np.float64]
 

@@ -1,4 +1,4 @@
-"""What a SLAM run came to, with its configuration, seed and versions in it, and what is known after each scan."""
+"""What a SLAM run came to: a value with its configuration, seed and versions in it."""
 
 from __future__ import annotations
 
@@ -15,40 +15,8 @@ from moteslam.robot.summary import Summarised
 from moteslam.robot.trajectory import Trajectory
 from moteslam.slam.backend.ledger import LoopCandidate
 from moteslam.slam.config import SlamConfig
-from moteslam.slam.filter.certainty import LocalisationState
 from moteslam.slam.preview import preview_png
 from moteslam.slam.texture.floor_map import TextureMap
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class Update(Summarised):
-    """What is known after a scan.
-
-    Attributes:
-        index, stamp: of the scan; stamp in s.
-        pose: [3] estimate at the scan.
-        poses, weights: [N, 3] and [N] of the particles, at the last scan that the filter updated them with.
-        n_eff, score, updated, resampled: see ``StepResult``.
-        seconds: spent on it.
-        corrected: how far the back end then moved the robot, with the map [m]; 0 where it did not. The next pose is
-            the first after it.
-        covariance, degenerate, state: how sure the filter is of the pose, see ``Certainty``.
-    """
-
-    index: int
-    stamp: float
-    pose: NDArray[np.float64]
-    poses: NDArray[np.float64]
-    weights: NDArray[np.float64]
-    n_eff: float
-    score: float
-    updated: bool
-    resampled: bool
-    seconds: float
-    corrected: float
-    covariance: NDArray[np.float64]
-    degenerate: float
-    state: LocalisationState
 
 
 class Correction(NamedTuple):

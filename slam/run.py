@@ -21,7 +21,7 @@ from moteslam.slam.backend.kinds import BACKENDS
 from moteslam.slam.backend.protocol import KeyScan
 from moteslam.slam.colouring import with_texture
 from moteslam.slam.config import SlamConfig
-from moteslam.slam.estimate import Correction, Estimate, Update, as_logged
+from moteslam.slam.estimate import Correction, Estimate, as_logged
 from moteslam.slam.filter.certainty import certainty_of_particles
 from moteslam.slam.filter.spread import spread
 from moteslam.slam.inputs.filling import between_known
@@ -33,7 +33,7 @@ from moteslam.slam.losses import Losses
 from moteslam.slam.mapping.occupancy import draw_map
 from moteslam.slam.methods import METHODS
 from moteslam.slam.odometry.dead_reckoning import dead_reckoning
-from moteslam.slam.scan_records import ScanRecords
+from moteslam.slam.scan_records import ScanRecords, Update
 from moteslam.slam.settings import load_preset
 
 Array = NDArray[np.float64]

@@ -1,16 +1,50 @@
-"""What is kept of every scan: its pose and motion while SLAM ran, how sure the filter was, and what it cost."""
+"""What is known after every scan, and what is kept of it: pose and motion, how sure the filter was, what it cost."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from moteslam.robot.summary import Summarised
 from moteslam.slam.filter.certainty import Certainty, LocalisationState
 from moteslam.slam.filter.protocol import StepResult
 
 Array = NDArray[np.float64]
 DIAGNOSTICS = ("particles", "n_eff", "score", "updated", "resampled", "seconds", "degenerate", "state", "corrected")
 """What is kept of every step: see ``Estimate.diagnostics``."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Update(Summarised):
+    """What is known after a scan.
+
+    Attributes:
+        index, stamp: of the scan; stamp in s.
+        pose: [3] estimate at the scan.
+        poses, weights: [N, 3] and [N] of the particles, at the last scan that the filter updated them with.
+        n_eff, score, updated, resampled: see ``StepResult``.
+        seconds: spent on it.
+        corrected: how far the back end then moved the robot, with the map [m]; 0 where it did not. The next pose is
+            the first after it.
+        covariance, degenerate, state: how sure the filter is of the pose, see ``Certainty``.
+    """
+
+    index: int
+    stamp: float
+    pose: Array
+    poses: Array
+    weights: Array
+    n_eff: float
+    score: float
+    updated: bool
+    resampled: bool
+    seconds: float
+    corrected: float
+    covariance: Array
+    degenerate: float
+    state: LocalisationState
 
 
 class ScanRecords:

@@ -18,7 +18,7 @@ from moteslam.eval.literal import literal
 
 if TYPE_CHECKING:
     from moteslam.eval.live import Live
-    from moteslam.slam.estimate import Update
+    from moteslam.slam.scan_records import Update
 
 POLL = 0.02
 """Between two looks at the file [s]."""

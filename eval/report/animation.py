@@ -14,8 +14,8 @@ from moteslam.eval.report.pace import Pace
 from moteslam.robot import se2
 from moteslam.robot.picture_style import PictureStyle
 from moteslam.sim.simulate import EPOCH, Simulation
-from moteslam.slam.estimate import Update
 from moteslam.slam.run import SlamSession
+from moteslam.slam.scan_records import Update
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from moteslam.robot.raster import Raster
-from moteslam.slam.estimate import Update
 from moteslam.slam.run import SlamSession
+from moteslam.slam.scan_records import Update
 
 STAGES = 6
 """Panels of the figure."""
