@@ -35,6 +35,19 @@ class Losses:
         if lost:
             self._parts.append((doubted_from, scan))
 
+    def drawn(self, updates: NDArray[np.intp]) -> NDArray[np.bool_]:
+        """Of which updates [u] the map is drawn, while the robot is lost: of the longer part.
+
+        Where the two lie relative to each other is not known, and one would be drawn over the other.
+
+        Args:
+            updates: [u] indices of their scans.
+        """
+        if len(self._stamps) % 2 == 0:
+            return np.ones(len(updates), np.bool_)
+        apart = updates >= self._parts[-1][1]
+        return np.asarray(apart == (apart.mean() > 0.5))
+
     def parted(self, poses: Array, updates: NDArray[np.intp], driven: Array) -> Array:
         """Poses [n, 3] of all scans without the bridge from a part of the path to the next.
 
@@ -56,6 +69,10 @@ class Losses:
         issues = []
         for begin, end in zip_longest(self._stamps[::2], self._stamps[1::2]):
             text = f"from {begin:.2f} s on the scans do not fit the map: the robot is lost, and a map apart is drawn, "
-            text += "to the end" if end is None else f"until it is found in the one before at {end:.2f} s"
+            text += (
+                "to the end; the map is that of the longer part"
+                if end is None
+                else f"until it is found in the one before at {end:.2f} s"
+            )
             issues.append(Issue("lost", text))
         return tuple(issues)

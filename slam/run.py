@@ -294,7 +294,8 @@ class SlamSession:
     def _draw(self, path: Array, scans: int) -> Raster:
         """The occupancy map along a path [u, 3], of at most ``scans`` scans, evenly chosen."""
         updates = np.array(self._updates)[: len(path)]
-        some = np.unique(np.linspace(0, len(path) - 1, min(len(path), scans)).round().astype(int))
+        parts = np.flatnonzero(self._losses.drawn(updates))
+        some = parts[np.unique(np.linspace(0, len(parts) - 1, min(len(parts), scans)).round().astype(int))]
         return draw_map(self.config.map, self._inputs.scans, updates[some].tolist(), path[some])
 
     def _warnings(self) -> tuple[Issue, ...]:

@@ -9,6 +9,7 @@ import pytest
 from slam_rooms import recorded, seen_from
 
 from moteslam.robot import se2
+from moteslam.robot.raster import Raster
 from moteslam.slam.filter.certainty import LocalisationState
 from moteslam.slam.run import run_slam
 from moteslam.slam.settings import resolve_config
@@ -32,6 +33,13 @@ def carried(elsewhere: tuple[float, float, float], walls: list, *, scans: int = 
     ranges = np.vstack((seen_from(true[:CARRIED], ROOM), seen_from(true[CARRIED:], walls)))
     ranges += np.random.default_rng(0).normal(0, 0.005, ranges.shape)
     return recorded(ranges, driven(CARRIED + scans, (0.0, 0.0, 0.0))), true
+
+
+def occupied(drawn: Raster) -> set[tuple[int, int]]:
+    """The occupied cells of a map, by their place in the world."""
+    rows, columns = np.nonzero(drawn.values > 0)
+    x, y, _ = np.array(drawn.origin) / drawn.cell_size
+    return set(zip((columns + round(x)).tolist(), (rows + round(y)).tolist(), strict=True))
 
 
 @pytest.mark.parametrize("method", ["none", "graph"])
@@ -58,4 +66,10 @@ def test_in_a_room_that_it_has_never_seen_it_is_not_found():
     recording, _ = carried((0.4, -0.8, 1.0), OTHER)
     estimate = run_slam(recording, resolve_config("default", ["backend.method=none"]), seed=0)
     assert (estimate.diagnostics["state"][CARRIED + 20 :] == LocalisationState.LOST).all()
-    assert [issue.message.endswith("to the end") for issue in estimate.warnings if issue.code == "lost"] == [True]
+    lost = [issue.message for issue in estimate.warnings if issue.code == "lost"]
+    assert [text.endswith("to the end; the map is that of the longer part") for text in lost] == [True]
+    alone, _ = carried((0.4, -0.8, 1.0), ROOM, scans=1)
+    before = run_slam(alone, resolve_config("default", ["backend.method=none"]), seed=0)
+    walls, others = occupied(before.map), occupied(estimate.map)
+    assert len(walls & others) > 0.9 * len(walls)
+    assert len(others - walls) < 0.1 * len(walls)
