@@ -1,13 +1,13 @@
-"""How far covariances and states can be trusted: NEES, and precision and recall of "lost", over all scenarios.
+"""How far covariances and states can be trusted: NEES, precision and recall of "lost", said against true probability.
 
     python benchmarks/localisation_state.py --out benchmarks/results/localisation-state-YYYY-MM-DD.json
     python benchmarks/localisation_state.py --setups "key scans" --scenarios doors lab --seeds 200-204
+    python benchmarks/localisation_state.py --draw docs/images/reliability.png --out FILE
 
-Every bundled scenario as the setups have it: a scan each 0.1 m; key scans of the LMS200 by wheels alone, with noise of
-5 % and 10 % added to each step; all that noise class `as_recorded` adds, with three times its odometry noise; robots
-that are carried off: for a part of the path there are no scans, and the odometry stands still. The filter runs alone
-(`backend.method=none`), but for the setups that say so, on one thread, with seed 0. What is counted:
-docs/theory/am-i-lost.md.
+Every bundled scenario as the setups have it: every scan of the scenario's own robot, by the noise of data sheets or as
+recorded; key scans of the LMS200 by wheels alone, with noise of 5 % and 10 % added to each step; robots that are
+carried off: for a part of the path there are no scans, and the odometry stands still. On one thread, with seed 0. What
+is counted: docs/theory/am-i-lost.md.
 """
 
 from __future__ import annotations
@@ -15,22 +15,24 @@ from __future__ import annotations
 import argparse
 import statistics
 from dataclasses import dataclass
+from pathlib import Path
 
+import numpy as np
 from parts.carried import carried_off
 from parts.options import count, result_file, seeds
 from parts.pool import Row, row_or_error, study
-from parts.runs import FILTER_ALONE, STEP_NOISE, expect_names, simulate_case, wheels_case
+from parts.runs import STEP_NOISE, expect_names, simulate_case, wheels_case
 
 from moteslam.errors import ConfigError
 from moteslam.eval.cli.text import table
 
-LONG = ("campus",)
-"""Left out of dense setups, unless asked for: 1.6 km of a scan each 0.1 m take longer than all others together."""
-DENSE = (0.1, 0.1)
-"""Distance [m] and turn [rad] between the scans of dense setups."""
+LONG = ("campus", "mile", "twins", "grid")
+"""Left out of the setups of every scan, unless asked for: they take longer than all others together."""
 
 COUNTS = ("wrong", "lost", "lost_wrong", "doubted", "doubted_wrong")
 """Figures of a run that are counts of scans."""
+BINS = (0.0, 0.01, 0.05, 0.2, 0.5, 0.8, 0.93, 1.0)
+"""Said probabilities of a wrong pose are gathered between these."""
 
 
 @dataclass(frozen=True)
@@ -38,34 +40,29 @@ class Setup:
     """What is simulated, logged and run.
 
     Attributes:
-        dense: a scan each 0.1 m of the scenario's own robot; else key scans of the LMS200 by noisy wheels.
-        recorded: noise class ``as_recorded``, with three times its odometry noise.
+        every_scan: of the scenario's own robot; else key scans of the LMS200 by noisy wheels.
+        seeds: of the simulations.
+        recorded: noise class ``as_recorded``.
         carried: after which share of the path the robot is carried off, and how far [m].
         preset: of SLAM.
-        back_end: the filter does not run alone.
-        seeds: of the simulations.
     """
 
-    dense: bool
+    every_scan: bool
     seeds: range
     recorded: bool = False
     carried: tuple[float, float] | None = None
     preset: str = "default"
-    back_end: bool = False
 
 
 SETUPS = {
     "key scans": Setup(False, range(100, 105)),
-    "key scans, carried 1.2 m": Setup(False, range(105, 108), carried=(0.4, 1.2)),
+    "key scans, as recorded": Setup(False, range(100, 105), recorded=True),
     "key scans, carried 6 m": Setup(False, range(107, 110), carried=(0.6, 6.0)),
-    "dense": Setup(True, range(100, 101)),
-    "dense, as recorded": Setup(True, range(101, 102), recorded=True),
-    "dense, carried 4 m": Setup(True, range(102, 103), carried=(0.5, 4.0)),
-    "dense, paper": Setup(True, range(100, 101), preset="paper"),
-    "key scans, back end": Setup(False, range(100, 105), back_end=True),
-    "key scans, carried 1.2 m, back end": Setup(False, range(105, 108), carried=(0.4, 1.2), back_end=True),
-    "key scans, carried 6 m, back end": Setup(False, range(107, 110), carried=(0.6, 6.0), back_end=True),
-    "dense, back end": Setup(True, range(100, 101), back_end=True),
+    "every scan": Setup(True, range(100, 101)),
+    "every scan, as recorded": Setup(True, range(101, 102), recorded=True),
+    "every scan, carried 4 m": Setup(True, range(102, 103), carried=(0.5, 4.0)),
+    "every scan, carried 10 m": Setup(True, range(103, 104), carried=(0.4, 10.0)),
+    "every scan, paper": Setup(True, range(100, 101), preset="paper"),
 }
 
 
@@ -83,22 +80,17 @@ def measure(setup: Setup, scenario: str, seed: int) -> Row:
     from moteslam.slam.settings import resolve_config
 
     runtime.init("cpu", 1)
-    if setup.dense:
-        case = simulate_case(
-            scenario,
-            seed,
-            noise_class="as_recorded" if setup.recorded else None,
-            key_scans=DENSE,
-            odometry_noise=3.0 if setup.recorded else 1.0,
-        )
+    noise_class = "as_recorded" if setup.recorded else None
+    if setup.every_scan:
+        case = simulate_case(scenario, seed, noise_class=noise_class)
     else:
-        case = wheels_case(scenario, seed, step_noise=STEP_NOISE)
+        case = wheels_case(scenario, seed, noise_class=noise_class, step_noise=STEP_NOISE)
     recording, truth = case.recording, case.reference
     assert truth is not None
     if setup.carried is not None:
         after, distance = setup.carried
         recording = carried_off(recording, truth, after=after, distance=distance)
-    estimate = run_slam(recording, resolve_config(setup.preset, () if setup.back_end else FILTER_ALONE), seed=0)
+    estimate = run_slam(recording, resolve_config(setup.preset), seed=0)
     found = score_localisation(
         estimate.trajectory,
         estimate.covariances,
@@ -107,6 +99,8 @@ def measure(setup: Setup, scenario: str, seed: int) -> Row:
         truth,
         corrections=estimate.corrections,
     )
+    said = estimate.diagnostics["wrong"][np.searchsorted(estimate.trajectory.stamps, found.stamps)]
+    bins = np.clip(np.searchsorted(BINS, said, side="right") - 1, 0, len(BINS) - 2)
     nees = found.as_dict()["nees"] or {}
     lost, doubted = found.states == LocalisationState.LOST, found.states >= LocalisationState.DOUBTFUL
     return {
@@ -116,6 +110,9 @@ def measure(setup: Setup, scenario: str, seed: int) -> Row:
         "lost_wrong": int((found.wrong & lost).sum()),
         "doubted": int(doubted.sum()),
         "doubted_wrong": int((found.wrong & doubted).sum()),
+        "said": [float(said[bins == k].sum()) for k in range(len(BINS) - 1)],
+        "in_bin": [int((bins == k).sum()) for k in range(len(BINS) - 1)],
+        "wrong_in_bin": [int(found.wrong[bins == k].sum()) for k in range(len(BINS) - 1)],
         **{f"nees_{key}": value for key, value in nees.items()},
     }
 
@@ -133,7 +130,40 @@ def pooled(rows: list[Row]) -> Row:
     for key in ("nees_mean", "nees_median", "nees_within_95"):
         values = [row[key] for row in good if key in row]
         result[key] = statistics.median(values) if values else None
+    result["reliability"] = reliability(good)
     return result
+
+
+def reliability(rows: list[Row]) -> list[Row]:
+    """For each bin of ``BINS`` with scans: their share, the mean probability that was said, and the share wrong."""
+    weights = [1 / row["scans"] for row in rows]  # every run counts alike
+    sums = {
+        key: np.sum([weight * np.array(row[key]) for weight, row in zip(weights, rows, strict=True)], axis=0)
+        for key in ("in_bin", "said", "wrong_in_bin")
+    }
+    return [
+        {"scans": float(scans / len(rows)), "said": float(said / scans), "wrong": float(wrong / scans)}
+        for scans, said, wrong in zip(*sums.values(), strict=True)
+        if scans > 0
+    ]
+
+
+def draw(path: Path, summary: dict[str, Row]) -> None:
+    """The reliability diagram of each setup, said against true."""
+    import matplotlib as mpl
+
+    mpl.use("Agg")
+    from matplotlib import pyplot as plt
+
+    figure, axes = plt.subplots(figsize=(6, 5), constrained_layout=True)
+    axes.plot((0, 1), (0, 1), color="0.6", label="said is true")
+    for name, marker in zip((name for name in summary if ":" not in name), "osD^vP*X", strict=False):
+        bins = summary[name]["reliability"]
+        sizes = [30 + 200 * one["scans"] for one in bins]
+        axes.scatter([one["said"] for one in bins], [one["wrong"] for one in bins], sizes, marker=marker, label=name)
+    axes.set(xlabel="probability of a wrong pose, as said", ylabel="share of the poses that are wrong")
+    axes.legend(loc="upper left", fontsize="small")
+    figure.savefig(path, dpi=150)
 
 
 def printed(summary: dict[str, Row]) -> str:
@@ -167,6 +197,7 @@ def main() -> None:
     parser.add_argument("--seeds", type=seeds, metavar="N", help="in place of the setups' own; or 200-204")
     parser.add_argument("--workers", type=count, default=2, help="processes; 2")
     parser.add_argument("--out", type=result_file)
+    parser.add_argument("--draw", type=Path, metavar="PNG", help="the reliability diagram")
     options = parser.parse_args()
     try:
         expect_names(options.scenarios or (), tuple(bundled_scenarios()), field="--scenarios")
@@ -176,10 +207,12 @@ def main() -> None:
         (name, scenario, seed)
         for name in options.setups
         for scenario in options.scenarios or bundled_scenarios()
-        if options.scenarios or not (SETUPS[name].dense and scenario in LONG)
+        if options.scenarios or not (SETUPS[name].every_scan and scenario in LONG)
         for seed in options.seeds or SETUPS[name].seeds
     ]
-    study(run, calls, options.workers, options.out, summarised=summarised, printed=printed)
+    rows = study(run, calls, options.workers, options.out, summarised=summarised, printed=printed)
+    if options.draw:
+        draw(options.draw, summarised(rows))
 
 
 if __name__ == "__main__":

@@ -27,7 +27,7 @@ ELEMENTS = {
     "cov_y_theta": (1, 2),
 }
 """Columns of the covariance, and the element of each."""
-VALUES = ("degenerate", "particles", "n_eff", "score", "updated", "resampled", "corrected")
+VALUES = ("degenerate", "wrong", "particles", "n_eff", "score", "updated", "resampled", "corrected")
 """Columns that are diagnostics of the estimate; its seconds are not, since they differ from run to run."""
 COLUMNS = ("stamp", "state", *ELEMENTS, *VALUES)
 """Of ``diagnostics.csv``; what they mean: ``Estimate``. Metres, radians and seconds."""

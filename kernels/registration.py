@@ -40,7 +40,8 @@ OFFSET = slice(0, 3)
 INFORMATION = slice(3, 9)
 COST, KNOWN, LIKELIHOOD, CROSSED = range(9, 13)
 FREE = slice(13, 16)
-FOUND = 16
+FAR = 16
+FOUND = 17
 """The columns of what ``register_scans`` returns."""
 
 
@@ -90,6 +91,7 @@ def _register(
         sd, coarse_sd, iterations = settings[3], settings[4], ti.cast(settings[5], ti.i32)
         unknown, outlier, exponent = settings[6], settings[7], settings[8]
         clearance, ray_weight, ray_steps = settings[9], ti.cast(settings[10], ti.i32), ti.cast(settings[11], ti.i32)
+        far_steps = ti.cast(settings[12], ti.i32)
         base = begin + i * stride
         frame = ti.Vector([ti.cast(queries[i, m], ti.f32) for m in ti.static(range(4))], dt=ti.f32)
         prior = ti.Vector([ti.cast(queries[i, 7 + m], ti.f32) for m in ti.static(range(6))], dt=ti.f32)
@@ -107,7 +109,7 @@ def _register(
         inverse, per_step = 1.0 / cell, truncation / (sd * STEPS)
         per_cell, coarse_per_step = per_step * inverse, coarse_truncation / (sd * STEPS)
         h = ti.Vector([0.0] * 6, dt=ti.f32)
-        cost, known, likely, crossed = 0.0, 0.0, 0.0, 0.0
+        cost, known, likely, crossed, far = 0.0, 0.0, 0.0, 0.0, 0.0
         place = place_in_cells(frame, d, inverse)
         ox = place[0] * origin_x - place[1] * origin_y + place[2]
         oy = place[1] * origin_x + place[0] * origin_y + place[3]
@@ -117,6 +119,9 @@ def _register(
             gx, gy = ti.min(ti.max(px, 1.0), fine_x), ti.min(ti.max(py, 1.0), fine_y)
             f = bilinear(pool, table, base, columns, gx, gy, 0)
             r, seen = 0.0, f[3]
+            if seen == 0 or ti.abs(f[0]) > ti.static(STEPS / 2):  # else it lies at a surface
+                word = read(pool, table, base, columns, 0.5 * px, 0.5 * py, coarse_x, coarse_y, 1)
+                far += ti.cast(weight_of(word) > 0 and ti.abs(steps_of(word)) >= far_steps, ti.f32)
             if seen > 0:
                 r = f[0] * per_step
                 h += square(f[1], f[2], f[2] * rx - f[1] * ry)
@@ -141,6 +146,7 @@ def _register(
         for j in ti.static(range(6)):
             found[i, 3 + j] = information[j]
         found[i, COST], found[i, KNOWN], found[i, LIKELIHOOD], found[i, CROSSED] = cost, known, likely, crossed
+        found[i, FAR] = far
         if deviation > 0:
             mean = ti.min(ti.max(likely / ti.max(known, 1.0), ti.static(LIKELIHOODS[0])), ti.static(LIKELIHOODS[1]))
             variance = 0.5 * (1.0 - 1.0 / (mean * mean)) / exponent  # of the residuals, by their mean likelihood
@@ -204,7 +210,8 @@ def register_scans(
         on the fine level about the offset, the elements 00 01 02 11 12 22 [1/m^2, 1/m, 1]; ``COST``, the endpoints'
         negative log-likelihood; ``KNOWN``, how many of them have a distance; ``LIKELIHOOD``, the sum of the
         likelihoods of those; ``CROSSED``, how many rays cross a surface of the map; ``FREE``, the offset before the
-        prediction was kept along a degenerate direction.
+        prediction was kept along a degenerate direction; ``FAR``, how many endpoints are far from the surface
+        by the coarse level.
 
     Raises:
         InputError: arrays that do not fit together, or numbers that are not finite or out of bounds.

@@ -26,6 +26,8 @@ class RegistrationOptions(NamedTuple):
         ray_clearance: a ray crosses a surface of the map if it meets one this far from its endpoint [truncations], ...
         ray_weight: ... in a cell that weighs more than this, ...
         ray_distance: ... nearer to the surface than this [truncations].
+        far: an endpoint at least this far from the surface on the coarse level is far [m]; at most three quarters of
+            its truncation count.
     """
 
     cell_size: float
@@ -40,6 +42,7 @@ class RegistrationOptions(NamedTuple):
     ray_clearance: float
     ray_weight: int
     ray_distance: float
+    far: float
 
 
 @lru_cache(maxsize=64)
@@ -49,13 +52,13 @@ def settings_of(options: RegistrationOptions) -> NDArray[np.float32]:
     Returns:
         cell size, truncations of both levels and standard deviations of both [m], iterations, the costs ``unknown`` and
         ``outlier``, the exponent of an endpoint's likelihood, exp(exponent * residual^2), and of rays the clearance
-        [m], weight and distance [steps].
+        [m], weight and distance [steps]; what is far [steps of the coarse level].
 
     Raises:
         InputError: one that is not finite or out of bounds.
     """
     o = options
-    for name in ("cell_size", "truncation", "coarse_truncation", "residual"):
+    for name in ("cell_size", "truncation", "coarse_truncation", "residual", "far"):
         length = getattr(o, name)
         if not (math.isfinite(length) and length > 0):
             raise InputError(f"{length:g} m, expected above 0", field=name)
@@ -75,7 +78,8 @@ def settings_of(options: RegistrationOptions) -> NDArray[np.float32]:
     coarse_residual, exponent = o.coarse_residual_factor * o.residual, -0.5 / o.likelihood_width**2
     settings = np.array(
         (o.cell_size, o.truncation, o.coarse_truncation, o.residual, coarse_residual, o.iterations, o.unknown,
-         o.outlier, exponent, o.ray_clearance * o.truncation, o.ray_weight, round(o.ray_distance * STEPS)),
+         o.outlier, exponent, o.ray_clearance * o.truncation, o.ray_weight, round(o.ray_distance * STEPS),
+         round(min(o.far / o.coarse_truncation, 0.75) * STEPS)),
         np.float32,
     )  # fmt: skip
     settings.setflags(write=False)

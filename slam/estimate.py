@@ -52,8 +52,9 @@ class Estimate(Summarised):
         covariances: [n, 3, 3] of the online pose at every scan, in the robot's frame, relative to the map around it.
         diagnostics: per scan [n]: ``particles``, ``n_eff``, ``score``, ``updated``, ``resampled``, ``seconds``;
             ``degenerate``, the heading of a degenerate direction in the robot's frame [rad], NaN where there is none;
-            ``state``, a ``LocalisationState`` (0 sure, 1 doubtful, 2 lost); ``corrected``, how far the back end moved
-            the robot after the scan, with the map [m], 0 where it did not.
+            ``wrong``, the probability that the online pose is wrong, and ``state``, that in a word, a
+            ``LocalisationState`` (0 sure, 1 doubtful, 2 lost); ``corrected``, how far the back end moved the robot
+            after the scan, with the map [m], 0 where it did not.
         warnings: what SLAM had to do without.
         seconds: time spent in filter and back end [s].
         corrections: what the back end corrected while the robot drove, in order.

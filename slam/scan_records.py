@@ -8,11 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.robot.summary import Summarised
-from moteslam.slam.filter.certainty import Certainty, LocalisationState
+from moteslam.slam.filter.certainty import Certainty, LocalisationState, state_of
 from moteslam.slam.filter.protocol import StepResult
 
 Array = NDArray[np.float64]
-DIAGNOSTICS = ("particles", "n_eff", "score", "updated", "resampled", "seconds", "degenerate", "state", "corrected")
+DIAGNOSTICS = (
+    "particles", "n_eff", "score", "updated", "resampled", "seconds", "degenerate", "wrong", "state", "corrected",
+)  # fmt: skip
 """What is kept of every step: see ``Estimate.diagnostics``."""
 
 
@@ -28,7 +30,7 @@ class Update(Summarised):
         seconds: spent on it.
         corrected: how far the back end then moved the robot, with the map [m]; 0 where it did not. The next pose is
             the first after it.
-        covariance, degenerate, state: how sure the filter is of the pose, see ``Certainty``.
+        covariance, degenerate, wrong: how sure the filter is of the pose, see ``Certainty``.
     """
 
     index: int
@@ -44,7 +46,12 @@ class Update(Summarised):
     corrected: float
     covariance: Array
     degenerate: float
-    state: LocalisationState
+    wrong: float
+
+    @property
+    def state(self) -> LocalisationState:
+        """The probability ``wrong`` in a word."""
+        return state_of(self.wrong)
 
 
 class ScanRecords:
@@ -92,6 +99,7 @@ class ScanRecords:
             result.resampled,
             seconds,
             certainty.degenerate,
+            certainty.wrong,
             certainty.state,
             corrected,
         )

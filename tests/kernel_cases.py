@@ -209,7 +209,7 @@ def distance_maps() -> Results:
         options=RegistrationOptions(
             cell_size=CELL, truncation=0.15, coarse_truncation=0.4, residual=0.01, coarse_residual_factor=2.0,
             iterations=8, unknown=2.0, outlier=8.0, likelihood_width=2.0, ray_clearance=2.0, ray_weight=4,
-            ray_distance=1 / 3,
+            ray_distance=1 / 3, far=0.3,
         ),
     )  # fmt: skip
     shifts = 0.06 * np.stack(np.divmod(np.arange(100), 10), axis=1) - 0.3

@@ -57,8 +57,8 @@ def study(
     *,
     summarised: Callable[[list[Row]], Any],
     printed: Callable[[Any], str],
-) -> None:
-    """Run all calls, save rows and summary after each of them, and print the summary.
+) -> list[Row]:
+    """Run all calls, save rows and summary after each of them, print the summary, and return the rows.
 
     Args:
         run, calls, workers: as of ``rows_of``.
@@ -72,3 +72,4 @@ def study(
         save(out, {**stamp(), "summary": summarised(rows), "rows": rows})
     print()
     print(printed(summarised(rows)))
+    return rows

@@ -6,7 +6,7 @@ from which that map was made (``docs/theory/am-i-lost.md``).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -22,7 +22,8 @@ from moteslam.robot.summary import Summarised
 from moteslam.robot.trajectory import Trajectory
 from moteslam.robot.wording import counted, expect_type
 from moteslam.slam.estimate import Correction
-from moteslam.slam.filter.certainty import LOST_DISTANCE, LOST_ROTATION, NEIGHBOURHOOD, LocalisationState
+from moteslam.slam.filter.certainty import NEIGHBOURHOOD, LocalisationState
+from moteslam.slam.mapping.config import LOST_DISTANCE, LOST_ROTATION
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -37,6 +38,9 @@ ROUNDS = 8
 """Of reweighting, for the offset of the robot's frame."""
 TYPICAL = np.array([0.02, 0.02, 0.003])
 """Errors of this size weigh half in that offset [m], [m], [rad]."""
+ASTRAY_DISTANCE, ASTRAY_ROTATION = 1.0, 0.35
+"""A step from one update to the next that is off by more than this is no drift [m], [rad]: the robot stands elsewhere
+than it thinks."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -50,6 +54,8 @@ class LocalisationResult(Summarised):
         states: [n] as the filter had them, ``LocalisationState``.
         offset: [3] of the robot's frame that was taken out, the same for all scans: the lidar stands elsewhere than the
             recording states.
+        astray: [n] whether it is elsewhere than it thinks: since a step that was off by more than drift, until it is
+            right about a place that was mapped before.
     """
 
     stamps: Array
@@ -57,12 +63,12 @@ class LocalisationResult(Summarised):
     nees: Array
     states: NDArray[np.int64]
     offset: Array
+    astray: Flags
 
     @property
     def wrong(self) -> Flags:
-        """[n] whether the pose is off by more than ``LOST_DISTANCE`` or ``LOST_ROTATION``."""
-        far = np.hypot(self.errors[:, 0], self.errors[:, 1]) > LOST_DISTANCE
-        return np.asarray(far | (np.abs(self.errors[:, 2]) > LOST_ROTATION))
+        """[n] whether the pose is off by more than ``LOST_DISTANCE`` or ``LOST_ROTATION``, or the robot is astray."""
+        return np.asarray(_beyond(self.errors, LOST_DISTANCE, LOST_ROTATION) | self.astray)
 
     def precision(self, least: LocalisationState) -> float | None:
         """The share of wrong poses among those of this state or a worse one; None where there are none."""
@@ -115,7 +121,8 @@ def score_localisation(
     robot is, or of where it was estimated to be. The error of an online pose is the mean, over these updates, of the
     difference between its estimated and its true pose relative to the update's. Drift that has built up before the map
     around the robot was made is in none of these. Where a back end corrected the path, and the map with it, the updates
-    before count where the correction put them.
+    before count where the correction put them. A robot that was carried off may draw a map apart, in which it is right:
+    it is astray until it is right about what it mapped before.
 
     Args:
         trajectory: [n] online poses.
@@ -149,7 +156,8 @@ def score_localisation(
     if not (np.linalg.eigvalsh(covariances[scans]) > 0).all():
         raise InputError("a covariance that is not positive definite", field="covariances")
     nees = np.einsum("ni,ni->n", errors, np.linalg.solve(covariances[scans], errors[..., None])[..., 0])
-    return LocalisationResult(trajectory.stamps[scans], errors, nees, states[scans].astype(np.int64), offset)
+    astray = _astray(estimated, true, there, numbers[there], corrections)[chosen]
+    return LocalisationResult(trajectory.stamps[scans], errors, nees, states[scans].astype(np.int64), offset, astray)
 
 
 def _errors(
@@ -165,12 +173,7 @@ def _errors(
     """
     parts = [(np.empty(0, np.intp), np.empty((0, 3)), np.empty((0, 3, 3)))]
     updates = np.flatnonzero(numbers >= 0)
-    candidates = evenly(np.arange(len(estimated)), MAX_SCANS)
-    # how many corrections each scan comes after
-    epochs = np.searchsorted([correction.scan for correction in corrections], candidates, side="left")
-    for epoch in np.unique(epochs).tolist():
-        mapped = _mapped(estimated, numbers, corrections[epoch - 1] if epoch else None)
-        of_epoch = candidates[epochs == epoch]
+    for mapped, of_epoch in _epochs(estimated, evenly(np.arange(len(estimated)), MAX_SCANS), numbers, corrections):
         for first in range(0, len(of_epoch), AT_ONCE):
             scans = of_epoch[first : first + AT_ONCE]
             before = updates[updates < scans[-1]]
@@ -179,6 +182,52 @@ def _errors(
             parts.append(_mean_errors(estimated, true, mapped, scans, which, before[around]))
     chosen, errors, effects = zip(*parts, strict=True)
     return np.concatenate(chosen), np.concatenate(errors), np.concatenate(effects)
+
+
+def _epochs(
+    estimated: Poses, scans: NDArray[np.intp], numbers: NDArray[np.intp], corrections: Sequence[Correction]
+) -> Iterator[tuple[Poses, NDArray[np.intp]]]:
+    """Where the map has the poses [n, 3] after each correction, and which of the scans come then: see ``_errors``."""
+    after = np.searchsorted([correction.scan for correction in corrections], scans, side="left")
+    for epoch in np.unique(after).tolist():
+        yield _mapped(estimated, numbers, corrections[epoch - 1] if epoch else None), scans[after == epoch]
+
+
+def _astray(
+    estimated: Poses, true: Poses, scans: NDArray[np.intp], numbers: NDArray[np.intp], corrections: Sequence[Correction]
+) -> Flags:
+    """[n] whether the robot is elsewhere than it thinks: see ``LocalisationResult``; arguments as of ``_errors``."""
+    astray = np.zeros(len(estimated), np.bool_)
+    updates = np.flatnonzero(numbers >= 0)
+    known = 0  # updates before the robot went astray; 0 where it did not
+    for mapped, of_epoch in _epochs(estimated, np.arange(len(estimated)), numbers, corrections):
+        count = np.searchsorted(updates, of_epoch)  # of the updates before each scan
+        of_epoch, count = of_epoch[count > 0], count[count > 0]
+        jumps = _beyond(_off(estimated, true, mapped, updates[count - 1], of_epoch), ASTRAY_DISTANCE, ASTRAY_ROTATION)
+        for scan, before, jump in zip(of_epoch, count.tolist(), jumps.tolist(), strict=True):
+            if known:
+                around, here = updates[:known], scan[None]
+                around = around[(_near(estimated[here], mapped[around]) | _near(true[here], true[around]))[0]]
+                off = _off(estimated, true, mapped, around, scan)
+                if len(off) and not _beyond(off.mean(axis=0)[None], LOST_DISTANCE, LOST_ROTATION)[0]:
+                    known = 0
+            elif jump:
+                known = before
+            astray[scan] = known > 0
+    return astray
+
+
+def _off(
+    estimated: Poses, true: Poses, mapped: Poses, around: NDArray[np.intp], scans: NDArray[np.intp] | np.intp
+) -> Poses:
+    """The difference [k, 3] of estimated and true poses of scans relative to poses around them."""
+    relative = se2.between(true[around], true[scans])
+    return se2.between(relative, se2.between(mapped[around], estimated[scans]))
+
+
+def _beyond(errors: Array, distance: float, rotation: float) -> Flags:
+    """[n] whether errors [n, 3] are larger than a distance [m] or a rotation [rad]."""
+    return np.asarray((np.hypot(errors[:, 0], errors[:, 1]) > distance) | (np.abs(errors[:, 2]) > rotation))
 
 
 def _near(some: Poses, others: Poses) -> Flags:
@@ -214,9 +263,9 @@ def _mean_errors(
     around = around[np.concatenate([begin + evenly(np.arange(count), MAX_AROUND) for begin, count in pairs])]
     counts = np.minimum(counts, MAX_AROUND)
     begins, each = np.cumsum(counts) - counts, np.repeat(scans, counts)
-    relative = se2.between(true[around], true[each])
-    off = se2.between(relative, se2.between(mapped[around], estimated[each]))
-    effects = np.eye(3) - np.add.reduceat(_seen_from(relative), begins) / counts[:, None, None]
+    off = _off(estimated, true, mapped, around, each)
+    seen_from = _seen_from(se2.between(true[around], true[each]))
+    effects = np.eye(3) - np.add.reduceat(seen_from, begins) / counts[:, None, None]
     return scans, np.add.reduceat(off, begins) / counts[:, None], effects
 
 

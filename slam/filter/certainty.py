@@ -15,16 +15,12 @@ from numpy.typing import NDArray
 
 from moteslam.robot import se2
 from moteslam.slam.filter.covariance import Symmetric, as_array, largest_deviation
-from moteslam.slam.mapping.config import RESOLVED
+from moteslam.slam.mapping.config import LOST_DISTANCE, LOST_ROTATION, RESOLVED
 
 Array = NDArray[np.float64]
 
 NEIGHBOURHOOD = 5.0
 """The map around the robot was made from poses up to this distance from it [m]."""
-LOST_DISTANCE = 0.3
-"""A pose that is off by more than this distance from the map around it is wrong [m]; ..."""
-LOST_ROTATION = math.radians(5.0)
-"""... or whose heading is off by more than this [rad]."""
 FLOOR = RESOLVED[0] ** 2, RESOLVED[1] ** 2
 """Variances that no pose falls below [m^2], [rad^2]."""
 DOUBTFUL_FROM, LOST_FROM = 0.05, 0.5
@@ -53,36 +49,45 @@ class Certainty(NamedTuple):
             and y left [m], theta [rad].
         degenerate: heading of the direction in the plane about which the scan carries less information than the
             odometry, in the robot's frame, -pi/2 to pi/2 [rad]; NaN where there is none.
-        state: what follows from it and from how the scans fit the map.
+        wrong: probability that the pose is wrong, by its covariance and by how the scans fit the map.
     """
 
     covariance: Array
     degenerate: float
-    state: LocalisationState
+    wrong: float
+
+    @property
+    def state(self) -> LocalisationState:
+        """In a word."""
+        return state_of(self.wrong)
 
 
-def state_by_spread(position: float, heading: float) -> LocalisationState:
-    """The state that follows from standard deviations alone, by the normal probability of a wrong pose.
-
-    Args:
-        position: largest standard deviation of the position in any direction [m].
-        heading: standard deviation of the heading [rad].
-    """
-    wrong = _beyond(LOST_DISTANCE, position) + _beyond(LOST_ROTATION, heading)
+def state_of(wrong: float) -> LocalisationState:
+    """The state by the probability of a wrong pose."""
     if wrong < DOUBTFUL_FROM:
         return LocalisationState.SURE
     return LocalisationState.DOUBTFUL if wrong < LOST_FROM else LocalisationState.LOST
 
 
-def certainty_of(covariance: Symmetric, degenerate: float, fits: LocalisationState) -> Certainty:
+def wrong_by_spread(position: float, heading: float) -> float:
+    """The probability of a wrong pose by standard deviations alone, if errors are normal; 1 at most.
+
+    Args:
+        position: largest standard deviation of the position in any direction [m].
+        heading: standard deviation of the heading [rad].
+    """
+    return min(_beyond(LOST_DISTANCE, position) + _beyond(LOST_ROTATION, heading), 1.0)
+
+
+def certainty_of(covariance: Symmetric, degenerate: float, misfit: float) -> Certainty:
     """The certainty of a pose.
 
     Args:
         covariance, degenerate: as of ``Certainty``.
-        fits: the state by how the scans fit the map; the worse one counts.
+        misfit: probability of a wrong pose by how the scans fit the map.
     """
-    spread = state_by_spread(largest_deviation(covariance), math.sqrt(covariance[5]))
-    return Certainty(as_array(covariance), degenerate, max(fits, spread))
+    spread = wrong_by_spread(largest_deviation(covariance), math.sqrt(covariance[5]))
+    return Certainty(as_array(covariance), degenerate, 1 - (1 - spread) * (1 - misfit))
 
 
 def certainty_of_particles(poses: Array, weights: Array, pose: Array) -> Certainty:
@@ -96,7 +101,7 @@ def certainty_of_particles(poses: Array, weights: Array, pose: Array) -> Certain
     off = se2.between(pose, poses)
     covariance = (off * weights[:, None]).T @ off + np.diag((FLOOR[0], *FLOOR))
     position = math.sqrt(float(np.linalg.eigvalsh(covariance[:2, :2])[1]))
-    return Certainty(covariance, math.nan, state_by_spread(position, math.sqrt(covariance[2, 2])))
+    return Certainty(covariance, math.nan, wrong_by_spread(position, math.sqrt(covariance[2, 2])))
 
 
 def _beyond(limit: float, deviation: float) -> float:

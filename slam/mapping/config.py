@@ -15,6 +15,11 @@ MAX_TRUNCATION = 100
 RESOLVED = 0.003, math.radians(0.05)
 """Standard deviations [m], [rad] that no pose or step falls below: what the cells of a map resolve."""
 
+LOST_DISTANCE = 0.3
+"""A pose that is off by more than this from the map around it is wrong [m]; ..."""
+LOST_ROTATION = math.radians(5.0)
+"""... or whose heading is off by more than this [rad]."""
+
 
 class MapConfig(Section):
     """The occupancy grid (sections II.A and III.C of the paper)."""

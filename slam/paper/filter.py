@@ -130,7 +130,7 @@ class PaperFilter(FilterDefaults):
 
     def _certainty(self) -> Certainty:
         """How sure the pose is."""
-        return certainty_of(self._covariance.value, math.nan, self._misfit.state)
+        return certainty_of(self._covariance.value, math.nan, self._misfit.probability)
 
     def _map(self, pose: Array, points: NDArray[np.float32], origin: Array) -> None:
         """III.2: the best particle's scan goes into the map."""

@@ -11,6 +11,7 @@ from moteslam.kernels.degeneracy import Kept
 from moteslam.kernels.registration import (
     COST,
     CROSSED,
+    FAR,
     FRAME,
     FREE,
     INFORMATION,
@@ -25,7 +26,7 @@ from moteslam.kernels.registration import (
 )
 from moteslam.kernels.registration_options import RegistrationOptions
 from moteslam.robot.se2 import Pose, as_pose
-from moteslam.slam.mapping.config import TsdfConfig
+from moteslam.slam.mapping.config import LOST_DISTANCE, TsdfConfig
 from moteslam.slam.mapping.tsdf import TsdfView
 from moteslam.slam.odometry.noise import odometry_error
 from moteslam.slam.registration.config import RegistrationConfig
@@ -49,6 +50,7 @@ class Registration(NamedTuple):
         likelihoods: [N] mean likelihood of those, 0 to 1.
         crossed: [N] number of rays that pass through a surface of the map.
         free: [N, 3] the offsets before the odometry was kept along degenerate directions.
+        far: [N] number of endpoints that the coarse level knows to be ``LOST_DISTANCE`` or more from the surface.
     """
 
     offsets: Array
@@ -58,14 +60,15 @@ class Registration(NamedTuple):
     likelihoods: Array
     crossed: Array
     free: Array
+    far: Array
 
     def of(self, which: int) -> Fitted:
         """One of them."""
         (xx, xy, xt), (_, yy, yt), (_, _, tt) = self.information[which].tolist()
         known, likelihood, crossed = (float(a[which]) for a in (self.known, self.likelihoods, self.crossed))
         offset, information = as_pose(self.offsets[which]), (xx, xy, xt, yy, yt, tt)
-        cost, free = float(self.costs[which]), as_pose(self.free[which])
-        return Fitted(offset, information, known, likelihood, crossed, cost, free)
+        cost, free, far = float(self.costs[which]), as_pose(self.free[which]), float(self.far[which])
+        return Fitted(offset, information, known, likelihood, crossed, cost, free, far)
 
     def at(self, which: int) -> Registration:
         """One of them, as of one particle."""
@@ -75,11 +78,11 @@ class Registration(NamedTuple):
     def one(cls, fitted: Fitted) -> Registration:
         """Of one particle: what ``of`` took out."""
         information = np.array(fitted.information)[FULL].reshape(1, 3, 3)
-        cost, known, likelihood, crossed = np.array(
-            ((fitted.cost,), (fitted.known,), (fitted.likelihood,), (fitted.crossed,))
+        cost, known, likelihood, crossed, far = np.array(
+            ((fitted.cost,), (fitted.known,), (fitted.likelihood,), (fitted.crossed,), (fitted.far,))
         )
         offset, free = np.array((fitted.offset,)), np.array((fitted.free,))
-        return cls(offset, information, cost, known, likelihood, crossed, free)
+        return cls(offset, information, cost, known, likelihood, crossed, free, far)
 
 
 def register(
@@ -130,7 +133,14 @@ def register(
     known = found[:, KNOWN]
     likelihoods = found[:, LIKELIHOOD] / np.maximum(known, 1)
     return Registration(
-        found[:, OFFSET], information, found[:, COST], known, likelihoods, found[:, CROSSED], found[:, FREE]
+        found[:, OFFSET],
+        information,
+        found[:, COST],
+        known,
+        likelihoods,
+        found[:, CROSSED],
+        found[:, FREE],
+        found[:, FAR],
     )
 
 
@@ -138,7 +148,7 @@ class Fitted(NamedTuple):
     """Where one scan was found, in plain numbers: see ``Registration``.
 
     Attributes:
-        offset, known, likelihood, crossed, cost, free: as there.
+        offset, known, likelihood, crossed, cost, free, far: as there.
         information: the elements xx, xy, xt, yy, yt, tt; t is theta.
     """
 
@@ -149,6 +159,7 @@ class Fitted(NamedTuple):
     crossed: float
     cost: float
     free: Pose
+    far: float
 
 
 def register_one(
@@ -174,8 +185,8 @@ def register_one(
     found = register_scan(maps.tiles, query, points, origin, options=options, kept=kept, finite=True)
     x, y, theta, xx, xy, xt, yy, yt, tt, cost, known, likelihood, crossed = found[: CROSSED + 1]
     free_x, free_y, free_turn = found[FREE]
-    offset, information = (x, y, theta), (xx, xy, xt, yy, yt, tt)
-    return Fitted(offset, information, known, likelihood / max(known, 1), crossed, cost, (free_x, free_y, free_turn))
+    offset, information, free = (x, y, theta), (xx, xy, xt, yy, yt, tt), (free_x, free_y, free_turn)
+    return Fitted(offset, information, known, likelihood / max(known, 1), crossed, cost, free, found[FAR])
 
 
 def options_of(maps: TsdfConfig, config: RegistrationConfig) -> RegistrationOptions:
@@ -193,6 +204,7 @@ def options_of(maps: TsdfConfig, config: RegistrationConfig) -> RegistrationOpti
         ray_clearance=config.ray_clearance,
         ray_weight=config.ray_weight,
         ray_distance=config.ray_distance,
+        far=LOST_DISTANCE,
     )
 
 

@@ -21,7 +21,7 @@ from moteslam.slam.tsdf.config import TsdfFilterConfig
 from moteslam.slam.tsdf.doubt import Doubt
 from moteslam.slam.tsdf.floor_likelihood import FloorLikelihood
 from moteslam.slam.tsdf.hypotheses import divide, join, settled
-from moteslam.slam.tsdf.motion import STILL, MotionSinceUpdate, magnitude
+from moteslam.slam.tsdf.motion import STILL, MotionSinceUpdate
 from moteslam.slam.tsdf.particles import Particles
 from moteslam.slam.tsdf.pose_covariance import PoseCovariance
 from moteslam.slam.tsdf.proposal import Proposal, propose, sample
@@ -29,6 +29,9 @@ from moteslam.slam.tsdf.relocation import Relocation
 from moteslam.slam.tsdf.tracking import Tracked, Tracker
 
 Array = NDArray[np.float64]
+
+WRONG_WHILE_LOST = 0.95
+"""Probability of a wrong pose from when the robot is lost until it is found."""
 
 
 class TsdfFilter(FilterDefaults):
@@ -182,12 +185,7 @@ class TsdfFilter(FilterDefaults):
         self._since = self._since.plus(motion, tracked.motion, slipped=tracked.slipped)
         fit = tracked.fit
         self._covariance.step(motion, tracked.motion, None if tracked.lost else fit)
-        driven, _ = magnitude(tracked.motion)
-        if fit is None:
-            self._doubt.look(driven, None)
-        else:
-            contradicts = fit.score * fit.known < self._config.tracking.lost_score
-            self._doubt.look(driven, fit.score, known=1.0 if contradicts else fit.known)
+        self._doubt.look(motion.distance, None if fit is None else fit.seen)
         return tracked
 
     def _register(self, step: Step, scan: ThinnedScan, places: Array) -> Proposal:
@@ -257,8 +255,8 @@ class TsdfFilter(FilterDefaults):
 
     def _certainty(self) -> Certainty:
         """How sure the online pose is."""
-        state = LocalisationState.LOST if self.lost else self._doubt.state
-        return certainty_of(self._covariance.value, self._covariance.degenerate, state)
+        wrong = max(self._doubt.probability, WRONG_WHILE_LOST if self.lost else 0.0)
+        return certainty_of(self._covariance.value, self._covariance.degenerate, wrong)
 
     def _pose(self) -> Array:
         """The online pose [3]: the mean of the best particle's mode, moved by what was tracked since."""

@@ -16,6 +16,7 @@ from moteslam.slam.filter.covariance import Symmetric, inverse, moved, plus, plu
 from moteslam.slam.registration.config import RegistrationConfig
 from moteslam.slam.registration.information import residual_variance
 from moteslam.slam.registration.registrar import Spread, prior_deviations
+from moteslam.slam.tsdf.doubt import Seen
 from moteslam.slam.tsdf.motion import StepMotion
 
 CORRELATION = 14.0
@@ -31,15 +32,13 @@ class Fit(NamedTuple):
         information: of the endpoints, in standard residuals.
         likelihood: mean of the endpoints, 0 to 1.
         spread: standard deviation of the prediction that it was registered with.
-        score: match score as a share of the points where the map is known.
-        known: these and the rays through surfaces, as a share of all points.
+        seen: what it contradicts in the map.
     """
 
     information: Symmetric
     likelihood: float
     spread: Spread
-    score: float
-    known: float = 1.0
+    seen: Seen
 
 
 class PoseCovariance:

@@ -20,6 +20,7 @@ from moteslam.slam.odometry.noise import aside
 from moteslam.slam.registration.config import RegistrationConfig, TrackingConfig
 from moteslam.slam.registration.localisation import Localiser, Rivals
 from moteslam.slam.registration.registrar import Spread, prior_deviations
+from moteslam.slam.tsdf.doubt import Seen
 from moteslam.slam.tsdf.motion import (
     CLOSED,
     STILL,
@@ -166,8 +167,8 @@ class Tracker:
                 measured=self._blind_measured,
             )
             share = score / max(fitted.known, 1.0)
-            known = (fitted.known + fitted.crossed) / len(scan.points)
-            fit = Fit(fitted.information, fitted.likelihood, spread, share, known)
+            seen = Seen(share, len(scan.points), fitted.known, fitted.far, fitted.crossed)
+            fit = Fit(fitted.information, fitted.likelihood, spread, seen)
             contradicts = self._localiser.contradicts(score, len(scan.points))
             if contradicts and self._lost < self._config.max_lost_scans:
                 self._lost += 1

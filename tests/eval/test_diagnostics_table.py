@@ -71,14 +71,14 @@ def test_a_line_names_where_the_robot_was_lost_and_none_if_it_never_was(lost: Es
     assert localisation_summary(run[0])["first_lost_stamp"] is None
 
 
-ROW = "1.5,sure," + ",".join(["1"] * 6) + ",nan,30,20,0.9,1,0,0"
+ROW = "1.5,sure,1,1,1,1,1,1,nan,0.1,30,20,0.9,1,0,0"
 
 
 @pytest.mark.parametrize(
     ("text", "problem"),
     [
         ("a,b\n", f":1: expected the columns {','.join(COLUMNS)}"),
-        ("HEADER\n1,sure\n", ":2: 2 columns, expected 15"),
+        ("HEADER\n1,sure\n", ":2: 2 columns, expected 16"),
         (
             f"HEADER\n{ROW}\n{ROW.replace('sure', 'happy')}\n",
             ":3: state: 'happy', expected one of sure, doubtful, lost",

@@ -86,16 +86,24 @@ def test_a_lidar_that_is_not_where_it_is_said_to_be_is_no_error():
     assert result.nees[off].mean() == pytest.approx(3, abs=0.3)
 
 
-def test_a_robot_that_is_carried_off_is_wrong_among_the_old_scans():
+def test_a_robot_that_is_carried_off_is_astray_where_all_around_was_seen_since_too():
     """It stands 3 m aside from scan 800 on, and the estimate knows nothing of it."""
     estimated = driven()
     true = estimated.copy()
     true[800:, 0] += 3.0
     result = score(estimated, true)
-    wrong = result.wrong
-    assert not wrong[:799].any()
-    assert wrong[799:820].all()
-    assert not wrong[-300:].any()  # by then all that is around it was seen after that
+    assert not result.wrong[:799].any()
+    assert result.wrong[799:].all()
+    assert np.abs(result.errors[-300:]).max() < 0.1
+
+
+def test_a_robot_that_was_astray_is_right_where_it_is_about_what_was_mapped_before():
+    angles = np.linspace(0, 6 * np.pi, N)
+    true = np.column_stack((4 * np.cos(angles), 4 * np.sin(angles), angles + np.pi / 2))
+    estimated = true.copy()
+    estimated[800:1200] = se2.compose((3.0, 0.0, 0.5), estimated[800:1200])
+    astray = score(estimated, true).astray
+    np.testing.assert_array_equal(np.flatnonzero(astray) + 1, np.arange(800, 1200))
 
 
 def test_precision_and_recall_count_the_scans():

@@ -15,6 +15,7 @@ from moteslam.kernels.gauss_newton import CONVERGED_SHIFT, CONVERGED_TURN, solve
 from moteslam.kernels.registration import (
     COST,
     CROSSED,
+    FAR,
     FOUND,
     FRAME,
     INFORMATION,
@@ -40,7 +41,7 @@ LOOSER = 1.7
 OPTIONS = {
     "cell_size": CELL, "truncation": TRUNCATION, "coarse_truncation": COARSE_TRUNCATION, "residual": SD,
     "coarse_residual_factor": LOOSER, "iterations": 8, "unknown": 2.0, "outlier": 8.0, "likelihood_width": 2.5,
-    "ray_clearance": 1.8, "ray_weight": 3, "ray_distance": 0.4,
+    "ray_clearance": 1.8, "ray_weight": 3, "ray_distance": 0.4, "far": 0.3,
 }  # fmt: skip
 LOOSE = (1.0, 1.0, 1.0, 0.0, 0.0, 0.0)
 """A prior that is negligible: a metre, a radian."""
@@ -186,6 +187,20 @@ def test_rays_through_walls_are_counted(room: Pool, origin: tuple[float, float])
     _, (fit,) = register(room, [pose], points, origin=origin)
     assert fit[CROSSED] > 0.8 * len(inside)
     assert register(room, [pose], inside, origin=origin)[1][0, CROSSED] == 0
+
+
+@pytest.mark.parametrize("far", [0.2, 0.25, 0.3])
+def test_endpoints_off_the_walls_are_counted(room: Pool, far: float) -> None:
+    """Of endpoints moved towards the robot those that the coarse level knows to be that far from the walls."""
+    points = np.concatenate([thinned(room_scan()).points * share for share in (1.0, 0.95, 0.9, 0.85, 0.5)])
+    pose = MIDDLE + np.array((0.013, 0.017, 0.0))  # at which no wall ends up between two cells
+    _, (fit,) = register(room, [pose], points, iterations=0, far=far)
+    coarse = room.tsdf(level=1)
+    ix, iy = np.floor((pose[:2] + points) / (2 * CELL)).astype(int).T
+    least = round(far / COARSE_TRUNCATION * STEPS)
+    expected = np.count_nonzero((coarse.weights[iy, ix] > 0) & (np.abs(coarse.steps[iy, ix]) >= least))
+    assert fit[FAR] == pytest.approx(expected, abs=2)  # of which some lie between two cells
+    assert 0 < fit[FAR] < 0.5 * fit[KNOWN]
 
 
 def test_no_frames(room: Pool) -> None:

@@ -21,7 +21,7 @@ MAPS = IntegrationOptions(**OPTIONS)  # type: ignore[arg-type]
 REGISTRATION = RegistrationOptions(
     cell_size=MAPS.cell_size, truncation=MAPS.truncation, coarse_truncation=MAPS.coarse_truncation, residual=0.01,
     coarse_residual_factor=2.0, iterations=8, unknown=2.0, outlier=8.0, likelihood_width=2.0, ray_clearance=2.0,
-    ray_weight=4, ray_distance=0.3,
+    ray_weight=4, ray_distance=0.3, far=0.3,
 )  # fmt: skip
 
 

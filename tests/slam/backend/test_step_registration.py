@@ -70,7 +70,8 @@ def test_what_is_far_is_compared_with_the_best_that_is_near():
     spread = np.array((0.1, 0.1, 0.1))
     offsets = np.array(((1.0, 0.0, 0.0), (0.1, 0.0, 0.0), (0.0, 0.2, 0.0)))
     known, likelihoods = np.array((90.0, 60.0, 70.0)), np.array((0.9, 0.9, 0.9))
-    found = Registration(offsets, np.zeros((3, 3, 3)), np.zeros(3), known, likelihoods, np.zeros(3), offsets)
+    none = np.zeros(3)
+    found = Registration(offsets, np.zeros((3, 3, 3)), none, known, likelihoods, none, offsets, none)
     far = step_registration._far(found, spread)
     np.testing.assert_array_equal(far, np.abs(offsets[:, 0]) > GATE * 0.1)
     assert step_registration._better(found, spread) == 0

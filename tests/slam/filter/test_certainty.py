@@ -9,13 +9,13 @@ import pytest
 
 from moteslam.slam.filter.certainty import (
     FLOOR,
-    LOST_DISTANCE,
-    LOST_ROTATION,
     LocalisationState,
     certainty_of,
     certainty_of_particles,
-    state_by_spread,
+    state_of,
+    wrong_by_spread,
 )
+from moteslam.slam.mapping.config import LOST_DISTANCE, LOST_ROTATION
 
 SURE, DOUBTFUL, LOST = LocalisationState
 
@@ -34,14 +34,17 @@ SURE, DOUBTFUL, LOST = LocalisationState
     ],
 )
 def test_a_pose_is_doubted_by_the_probability_that_it_is_wrong(position: float, heading: float, state):
-    assert state_by_spread(position, heading) is state
+    assert state_of(wrong_by_spread(position, heading)) is state
 
 
-def test_the_worse_of_spread_and_fit_counts():
-    small, large = (1e-4, 0.0, 0.0, 1e-4, 0.0, 1e-4), (1.0, 0.0, 0.0, 1e-4, 0.0, 1e-4)
-    assert certainty_of(small, math.nan, SURE).state is SURE
-    assert certainty_of(small, math.nan, DOUBTFUL).state is DOUBTFUL
-    assert certainty_of(large, math.nan, SURE).state is LOST
+def test_a_pose_is_wrong_by_its_spread_or_by_its_fit():
+    small, large = (1e-4, 0.0, 0.0, 1e-4, 0.0, 1e-4), (0.09, 0.0, 0.0, 1e-4, 0.0, 1e-4)
+    assert certainty_of(small, math.nan, 0.0).wrong == pytest.approx(0.0, abs=1e-6)
+    assert certainty_of(small, math.nan, 0.2).wrong == pytest.approx(0.2)
+    by_spread = math.erfc(1 / math.sqrt(2))  # beyond one standard deviation
+    assert certainty_of(large, math.nan, 0.0).wrong == pytest.approx(by_spread, abs=1e-6)
+    assert certainty_of(large, math.nan, 0.5).wrong == pytest.approx(1 - 0.5 * (1 - by_spread), abs=1e-6)
+    assert certainty_of(large, math.nan, 0.5).state is LOST
 
 
 def test_particles_give_their_covariance_in_the_frame_of_the_pose():

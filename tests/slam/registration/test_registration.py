@@ -32,7 +32,7 @@ def found(offset: tuple[float, float, float], along: float, across: float, headi
     information[0, :2, :2] = turn @ np.diag([along, across]) @ turn.T
     information[0, 2, 2] = 1e6
     ones = np.ones(1)
-    return Registration(np.array([offset]), information, ones, ones, ones, ones, np.array([offset]))
+    return Registration(np.array([offset]), information, ones, ones, ones, ones, np.array([offset]), ones)
 
 
 def localiser(**keys: float) -> Localiser:
@@ -73,7 +73,7 @@ def placed(offset: float, cost: float, known: float) -> Registration:
     """One registration that is this far ahead of the odometry; of 200 points this many are known, at this mean cost."""
     one = np.array([[offset, 0.0, 0.0]])
     costs = np.array([cost * known + UNKNOWN * (200 - known)])
-    return Registration(one, np.zeros((1, 3, 3)), costs, np.array([known]), np.ones(1), np.zeros(1), one)
+    return Registration(one, np.zeros((1, 3, 3)), costs, np.array([known]), np.ones(1), np.zeros(1), one, np.zeros(1))
 
 
 def test_the_evidence_is_what_known_endpoints_cost_and_not_how_many_are_known() -> None:

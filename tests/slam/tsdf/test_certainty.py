@@ -9,16 +9,25 @@ import pytest
 from slam_rooms import bare_corridor, carried_into_another_room, circled_room
 
 from moteslam.slam.estimate import Estimate
-from moteslam.slam.filter.certainty import FLOOR, LOST_DISTANCE, NEIGHBOURHOOD, LocalisationState, state_by_spread
+from moteslam.slam.filter.certainty import (
+    FLOOR,
+    NEIGHBOURHOOD,
+    LocalisationState,
+    state_of,
+    wrong_by_spread,
+)
 from moteslam.slam.filter.covariance import as_array, largest_deviation, symmetric
+from moteslam.slam.mapping.config import LOST_DISTANCE
 from moteslam.slam.registration.config import RegistrationConfig
 from moteslam.slam.registration.registrar import prior_spread
 from moteslam.slam.run import SlamSession, run_slam
 from moteslam.slam.settings import resolve_config
+from moteslam.slam.tsdf.doubt import Seen
 from moteslam.slam.tsdf.motion import STILL, step_motion
 from moteslam.slam.tsdf.pose_covariance import CORRELATION, Fit, PoseCovariance
 
 SURE, DOUBTFUL, LOST = LocalisationState
+FITS = Seen(1.0, 200.0, 180.0, 0.0, 0.0)
 METHODS = {"default": ["particles=5"], "paper": ["particles=30"]}
 
 
@@ -82,7 +91,7 @@ def test_without_scans_and_odometry_the_robot_is_soon_lost():
         step = (0.05, 0.0, 0.0)
         covariance.step(step_motion(step, step, 0.1, measured=False), step, None)
         value = covariance.value
-        states.append(state_by_spread(largest_deviation(value), math.sqrt(value[5])))
+        states.append(state_of(wrong_by_spread(largest_deviation(value), math.sqrt(value[5]))))
     assert states[0] is not LOST
     assert states == sorted(states)
     assert states[-1] is LOST
@@ -98,7 +107,9 @@ def test_a_registration_leaves_the_error_of_its_weighted_mean():
     spread = (0.03, 0.03, 0.05)
     covariance.step(step_motion(step, step, 0.1, measured=True), step, None)
     before = as_array(covariance._pose)
-    covariance.step(step_motion(STILL, STILL, 0.1, measured=True), STILL, Fit(symmetric(information), 0.8, spread, 1.0))
+    covariance.step(
+        step_motion(STILL, STILL, 0.1, measured=True), STILL, Fit(symmetric(information), 0.8, spread, FITS)
+    )
     scale = config.likelihood_width**2 * (1 / 0.8**2 - 1) * CORRELATION
     prior = config.prior_weight * np.diag(1 / np.square(spread))
     share = np.linalg.inv(information + prior) @ prior
@@ -120,13 +131,13 @@ def test_the_degenerate_direction_is_that_of_least_information():
         covariance.step(
             step_motion(STILL, STILL, 0.1, measured=True),
             STILL,
-            Fit(symmetric(information), 0.9, (0.01, 0.01, 0.01), 1.0),
+            Fit(symmetric(information), 0.9, (0.01, 0.01, 0.01), FITS),
         )
         assert covariance.degenerate == pytest.approx(angle, abs=1e-6)
         information[:2, :2] += 1e6 * np.outer(along, along)
         covariance.step(
             step_motion(STILL, STILL, 0.1, measured=True),
             STILL,
-            Fit(symmetric(information), 0.9, (0.01, 0.01, 0.01), 1.0),
+            Fit(symmetric(information), 0.9, (0.01, 0.01, 0.01), FITS),
         )
         assert math.isnan(covariance.degenerate)

@@ -1,62 +1,90 @@
-"""When scans stop to fit the map, and when that is taken for a robot that is lost."""
+"""When scans contradict the map, and when that is taken for a robot that is lost."""
 
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from moteslam.slam.filter.certainty import LocalisationState
-from moteslam.slam.filter.misfit import DOUBTFUL_DROP, LEAST_SPREAD, LOST_DROP
-from moteslam.slam.tsdf.doubt import LEAST_SCANS, PROBATION, Doubt
+from moteslam.slam.filter.misfit import LEAST_SPREAD, LOST_DROP
+from moteslam.slam.tsdf.doubt import APART, PRIOR, Doubt, Seen
 
 SURE, DOUBTFUL, LOST = LocalisationState
-LOW, STILL_LOW = 1.0 - 1.1 * LOST_DROP * LEAST_SPREAD, 1.0 - 1.1 * DOUBTFUL_DROP * LEAST_SPREAD
+LOW = 1.0 - 1.2 * LOST_DROP * LEAST_SPREAD
+FITS = Seen(1.0, 200.0, 180.0, 0.0, 0.0)
+ELSEWHERE = Seen(LOW, 200.0, 150.0, 25.0, 10.0)
+"""A sixth of the known endpoints far from the surface."""
+BENT = Seen(LOW, 200.0, 180.0, 0.0, 0.0)
+"""As low a score, but no endpoint far from the surface."""
 
 
-def states(*scores: float | None, driven: float = 0.25, calm: int = 40) -> list[LocalisationState]:
+def watched(*scans: Seen | None, driven: float = 0.1, calm: int = 100) -> list[float]:
+    """The probability after each scan, of a robot that drove through a known place before."""
     doubt, found = Doubt(), []
-    for score in [*([1.0] * calm), *scores]:
-        doubt.look(driven, score)
-        found.append(doubt.state)
-    assert found[:calm] == [SURE] * calm
+    for seen in [*([FITS] * calm), *scans]:
+        doubt.look(driven, seen)
+        found.append(doubt.probability)
+    assert max(found[:calm]) == pytest.approx(1 / (1 + np.exp(-PRIOR)))
     return found[calm:]
 
 
-def test_a_robot_is_lost_when_nothing_has_fitted_for_a_metre():
-    assert states(LOW, *[STILL_LOW] * 5) == [DOUBTFUL] * 4 + [LOST] * 2
-    assert round(PROBATION / 0.25) == 4
+def states(*scans: Seen | None, driven: float = 0.1) -> list[LocalisationState]:
+    doubt, found = Doubt(), []
+    for seen in [*([FITS] * 100), *scans]:
+        doubt.look(driven, seen)
+        found.append(doubt.state)
+    return found[100:]
 
 
-def test_few_scans_do_not_decide():
-    assert states(LOW, *[STILL_LOW] * 3, driven=5.0) == [DOUBTFUL] * (LEAST_SCANS - 1) + [LOST] * 2
+def test_a_robot_that_sees_another_place_is_doubtful_at_once_and_lost_within_half_a_metre():
+    found = states(*[ELSEWHERE] * 10)
+    assert found[0] is DOUBTFUL
+    assert found == sorted(found)
+    assert found.index(LOST) <= APART / 0.1
 
 
-def test_a_scan_that_fits_again_ends_the_doubt_and_what_did_not_fit_is_not_usual():
-    found = states(*[LOW, STILL_LOW, 1.0] * 5)
-    assert found == [DOUBTFUL, DOUBTFUL, SURE] * 5
+def test_one_scan_alone_makes_no_robot_lost_nor_do_many_from_one_place():
+    assert states(ELSEWHERE, driven=5.0) == [DOUBTFUL]
+    assert set(states(*[ELSEWHERE] * 500, driven=0.0)) == {DOUBTFUL}
+
+
+def test_scans_that_fit_again_end_the_doubt():
+    found = watched(*[ELSEWHERE] * 2, *[FITS] * 60)
+    assert found[1] > 0.05
+    assert found[-1] < 0.05
+    assert (np.diff(found[1:]) <= 0).all()
+
+
+def test_a_map_that_bends_makes_nobody_lost():
+    assert set(states(*[BENT] * 50)) == {SURE}
+
+
+def test_rays_through_surfaces_count_with_a_drop_of_the_score_and_beyond_what_is_usual():
+    hidden = BENT._replace(crossed=40.0)
+    assert watched(hidden)[0] > watched(BENT)[0]
+    assert watched(FITS._replace(crossed=190.0))[0] == watched(FITS)[0]
+    doubt = Doubt()
+    for _ in range(1000):
+        doubt.look(0.1, FITS._replace(crossed=40.0))
+    doubt.look(0.1, hidden)
+    assert doubt.probability < watched(hidden)[0]
 
 
 def test_what_changes_little_by_little_is_no_misfit():
-    assert set(states(*np.arange(1.0, 0.2, -0.05).repeat(2))) == {SURE}
+    scores = np.arange(1.0, 0.2, -0.05).repeat(2)
+    assert set(states(*[FITS._replace(score=score, crossed=60.0) for score in scores])) == {SURE}
 
 
-def test_a_small_drop_alone_is_none():
-    assert set(states(*[STILL_LOW] * 3)) == {SURE}
+def test_where_many_endpoints_are_far_from_surfaces_that_is_usual():
+    crowd = FITS._replace(far=10.0)
+    doubt = Doubt()
+    for _ in range(3000):
+        doubt.look(0.1, crowd)
+        assert doubt.state is SURE
+    doubt.look(0.1, crowd._replace(far=15.0))
+    assert doubt.probability < watched(crowd._replace(far=15.0))[0]
 
 
 def test_scans_that_are_not_matched_say_nothing():
-    assert states(LOW, None, None, None, None, 1.0) == [DOUBTFUL] * 5 + [SURE]
-
-
-def test_a_place_that_is_new_is_no_misfit():
-    doubt = Doubt()
-    for _ in range(40):
-        doubt.look(0.25, 1.0)
-    found = []
-    for score in (LOW, *[STILL_LOW] * 4):
-        doubt.look(0.25, score, known=0.4)
-        found.append(doubt.state)
-    assert found == [*[DOUBTFUL] * 4, SURE]
-
-
-def test_who_is_lost_stays_so():
-    assert states(LOW, *[STILL_LOW] * 4, *[1.0] * 20)[4:] == [LOST] * 21
+    found = watched(ELSEWHERE, None, None)
+    assert found[0] == found[1] == found[2]
