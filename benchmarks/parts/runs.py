@@ -197,6 +197,7 @@ def wheels_case(
     platform: str = "lms200",
     noise_class: str | None = None,
     step_noise: tuple[float, float] | None = None,
+    settings: Sequence[str] = (),
     every_scan: bool = False,
 ) -> Case:
     """A bundled scenario driven by a robot without gyro, as a log of key scans (``KEY_SCANS``).
@@ -207,6 +208,7 @@ def wheels_case(
         platform: the robot.
         noise_class: in place of that of data sheets.
         step_noise: noise added to each step, as ``STEP_NOISE``.
+        settings: ``key=value`` over the scenario's.
         every_scan: keep all scans; without noise of the steps.
     """
     return simulate_case(
@@ -214,7 +216,7 @@ def wheels_case(
         seed,
         platform=platform,
         noise_class=noise_class,
-        settings=("platform.imu=false",),
+        settings=("platform.imu=false", *settings),
         key_scans=None if every_scan else KEY_SCANS,
         step_noise=step_noise,
     )

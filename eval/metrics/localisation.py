@@ -38,9 +38,9 @@ ROUNDS = 8
 """Of reweighting, for the offset of the robot's frame."""
 TYPICAL = np.array([0.02, 0.02, 0.003])
 """Errors of this size weigh half in that offset [m], [m], [rad]."""
-ASTRAY_DISTANCE, ASTRAY_ROTATION = 1.0, 0.35
-"""A step from one update to the next that is off by more than this is no drift [m], [rad]: the robot stands elsewhere
-than it thinks."""
+ASTRAY_DISTANCE, ASTRAY_ROTATION = 0.5, 0.15
+"""A robot that has moved by this much more than it thinks since an update is astray [m], [rad]: that is no drift. Less
+says nothing: where another particle is the best one the estimate jumps."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -203,7 +203,10 @@ def _astray(
     for mapped, of_epoch in _epochs(estimated, np.arange(len(estimated)), numbers, corrections):
         count = np.searchsorted(updates, of_epoch)  # of the updates before each scan
         of_epoch, count = of_epoch[count > 0], count[count > 0]
-        jumps = _beyond(_off(estimated, true, mapped, updates[count - 1], of_epoch), ASTRAY_DISTANCE, ASTRAY_ROTATION)
+        last = updates[count - 1]
+        moved, thought = se2.between(true[last], true[of_epoch]), se2.between(mapped[last], estimated[of_epoch])
+        distance = np.hypot(moved[:, 0], moved[:, 1]) - np.hypot(thought[:, 0], thought[:, 1])
+        jumps = (distance > ASTRAY_DISTANCE) | (np.abs(moved[:, 2]) - np.abs(thought[:, 2]) > ASTRAY_ROTATION)
         for scan, before, jump in zip(of_epoch, count.tolist(), jumps.tolist(), strict=True):
             if known:
                 around, here = updates[:known], scan[None]

@@ -44,6 +44,9 @@ STARTS, START_POINTS, FINALISTS = 60, 120, 12
 """Places that are registered with some endpoints, and of these with all."""
 LEAST_SHARE, LEAST_MARGIN = 0.3, 0.1
 """Share of the endpoints on surfaces, less what crosses surfaces, and how much less a place elsewhere has."""
+NEAR_DISTANCE, NEAR_ROTATION = 5.0, 0.5
+"""Places this far from where the robot was tracked to [m], [rad] need that margin over those beyond only once, these
+over them twice: a robot that comes back to a map by much drift looks lost, too."""
 RESIDUAL = 0.03
 """Standard deviation of an endpoint's distance to the surfaces of a map that bends a little [m]."""
 
@@ -121,7 +124,9 @@ class Relocation:
         tried = self._registered(few, starts)
         finalists = np.argsort(-shares(tried, len(few)), kind="stable")[:FINALISTS]
         found = self._registered(points, tried.offsets[finalists])
-        places = shares(found, len(points))
+        off = se2.between(se2.between(self._middle, pose), found.offsets)
+        near = (np.hypot(off[:, 0], off[:, 1]) < NEAR_DISTANCE) & (np.abs(off[:, 2]) < NEAR_ROTATION)
+        places = shares(found, len(points)) - np.where(near, 0.0, LEAST_MARGIN)
         best = int(places.argmax())
         if places[best] < LEAST_SHARE or places[best] - runner_up(found, places, len(points)) < LEAST_MARGIN:
             return None

@@ -97,11 +97,19 @@ def test_a_robot_that_is_carried_off_is_astray_where_all_around_was_seen_since_t
     assert np.abs(result.errors[-300:]).max() < 0.1
 
 
+def test_an_estimate_that_jumps_by_itself_is_not_astray():
+    """Another particle is the best one: among the scans of its own map it is right."""
+    true = driven()
+    estimated = true.copy()
+    estimated[800:] = se2.compose((3.0, 0.0, 0.5), estimated[800:])
+    assert not score(estimated, true).astray.any()
+
+
 def test_a_robot_that_was_astray_is_right_where_it_is_about_what_was_mapped_before():
     angles = np.linspace(0, 6 * np.pi, N)
-    true = np.column_stack((4 * np.cos(angles), 4 * np.sin(angles), angles + np.pi / 2))
-    estimated = true.copy()
-    estimated[800:1200] = se2.compose((3.0, 0.0, 0.5), estimated[800:1200])
+    estimated = np.column_stack((4 * np.cos(angles), 4 * np.sin(angles), angles + np.pi / 2))
+    true = estimated.copy()
+    true[800:1200] = se2.compose((3.0, 0.0, 0.5), true[800:1200])
     astray = score(estimated, true).astray
     np.testing.assert_array_equal(np.flatnonzero(astray) + 1, np.arange(800, 1200))
 
