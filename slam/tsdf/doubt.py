@@ -29,6 +29,8 @@ is not, before it is known what is usual; and then, at least (in the mean of rea
 CONTRADICTED = 0.05
 """A drop of the score counts in full where this share of the endpoints is far from the surface, or hidden by surfaces
 beyond what is usual."""
+UNKNOWN_WHERE_LOST, LEAST_UNKNOWN = 0.5, 0.1
+"""Shares of the endpoints where the map is unknown: where a robot is lost; and where it is not, at least."""
 USUAL = 10.0
 """What is usual is a mean along the path of this length [m]."""
 
@@ -61,7 +63,7 @@ class Doubt:
     def __init__(self) -> None:
         self._log_odds = PRIOR
         self._scores, self._before = Scores(), 0.0
-        self._far, self._crossed = FAR_AT_FIRST, 0.0  # usual shares of the endpoints
+        self._far, self._crossed, self._unknown = FAR_AT_FIRST, 0.0, UNKNOWN_WHERE_LOST  # usual shares of the endpoints
 
     @property
     def probability(self) -> float:
@@ -92,20 +94,30 @@ class Doubt:
             share = min(driven / USUAL, 1.0)
             self._far += share * (seen.far / max(seen.known, 1.0) - self._far)
             self._crossed += share * (seen.crossed / seen.points - self._crossed)
+            self._unknown += share * (1 - seen.known / seen.points - self._unknown)
 
     def _evidence(self, seen: Seen, *, suspected: bool) -> float:
         """The log-likelihood ratio of a wrong pose against a right one [nats].
 
         By the endpoints far from the surface, as many as err independently; and by how far the score is below what is
         usual: for the first scan only if it is below the one before, too, since what the robot drives into lowers the
-        scores little by little.
+        scores little by little. Once it is suspected also by more endpoints than usual of which nothing is known: there
+        a search finds places that contradict nothing.
         """
-        usual = min(max(self._far, LEAST_FAR), FAR_WHERE_LOST)
-        near = math.log((1 - FAR_WHERE_LOST) / (1 - usual))
-        free = (seen.far * math.log(FAR_WHERE_LOST / usual) + (seen.known - seen.far) * near) / CORRELATION
+        evidence = _log_ratio(seen.far, seen.known, FAR_WHERE_LOST, max(self._far, LEAST_FAR))
         spread, below = self._scores.spread, self._scores.below(seen.score)
         sudden = min(below, self._before - seen.score) > LOST_DROP * spread
-        if not (suspected or sudden):
-            return free
-        contradicted = seen.far / max(seen.known, 1.0) + max(seen.crossed / seen.points - self._crossed, 0.0)
-        return free + max(below / spread - DOUBTFUL_DROP, 0.0) * min(contradicted / CONTRADICTED, 1.0)
+        if suspected or sudden:
+            contradicted = seen.far / max(seen.known, 1.0) + max(seen.crossed / seen.points - self._crossed, 0.0)
+            evidence += max(below / spread - DOUBTFUL_DROP, 0.0) * min(contradicted / CONTRADICTED, 1.0)
+        if suspected:
+            usual = max(self._unknown, LEAST_UNKNOWN)
+            evidence += max(_log_ratio(seen.points - seen.known, seen.points, UNKNOWN_WHERE_LOST, usual), 0.0)
+        return evidence
+
+
+def _log_ratio(some: float, of: float, where_lost: float, usually: float) -> float:
+    """The log-likelihood ratio [nats] of some endpoints of so many, by the share of such endpoints in either case."""
+    usually = min(usually, where_lost)
+    rest = (of - some) * math.log((1 - where_lost) / (1 - usually))
+    return (some * math.log(where_lost / usually) + rest) / CORRELATION
