@@ -68,9 +68,9 @@ class Losses:
         """Each loss with its times."""
         issues = []
         for begin, end in zip_longest(self._stamps[::2], self._stamps[1::2]):
-            text = f"from {begin:.2f} s on the scans do not fit the map: the robot is lost, and a map apart is drawn, "
-            text += (
-                "to the end; the map is that of the longer part"
+            text = f"from {begin:.2f} s on the scans do not say where in its map the robot is: it is lost, and a map "
+            text += "apart is drawn, " + (
+                "to the end: how the two lie is a prediction; the map is that of the longer part"
                 if end is None
                 else f"until it is found in the one before at {end:.2f} s"
             )

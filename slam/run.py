@@ -240,6 +240,7 @@ class SlamSession:
             measured=bool(self._inputs.measured[last + 1 : step.index + 1].all()),
             motion=self._filter.history.step(best),
             lost=self._filter.lost,
+            left_open=self._inputs.left_open(last + 1, step.index + 1),
         )
 
     def _relocate(self, scan: int) -> float:

@@ -13,6 +13,7 @@ from moteslam.robot.pose_graph import PoseGraph
 from moteslam.robot.section import Section
 from moteslam.robot.summary import Summarised
 from moteslam.slam.backend.ledger import LoopCandidate
+from moteslam.slam.inputs.lapses import CLOSED, Open
 
 Array = NDArray[np.float64]
 
@@ -39,6 +40,8 @@ class KeyScan(Summarised):
         measured: whether the odometry measured all of that motion.
         motion: [3] the same motion as the filter estimates it, along the path of its best particle.
         lost: the filter does not know where the robot is in the map of before.
+        left_open: after a lapse of the odometry how far off the filter may be, if the scan did not say where the robot
+            is.
     """
 
     index: int
@@ -50,6 +53,7 @@ class KeyScan(Summarised):
     measured: bool
     motion: Array
     lost: bool = False
+    left_open: Open = CLOSED
 
 
 class Backend(Protocol):

@@ -6,6 +6,7 @@ robot is then is for the scans to say (``docs/theory/default-filter.md``).
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
@@ -28,18 +29,22 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 BEFORE = 0.5
-"""The speed before a lapse is the mean over so long [s], or the last step's if that is less: the robot may brake."""
+"""The speed before a lapse is the mean over so long [s]."""
 HARDEST, USUAL = 3.0, 1.0
 """Robots on wheels do not brake harder than the first, nor in a gap, which they know nothing of, than the second
 [m/s^2]."""
 RESOLVED = 4.0
 """Odometry stands still where it should have gone this many of the smallest steps that it has ..."""
-LEAST_STOPPED = 0.005
+LEAST_STOPPED = 0.002
 """... and this far [m]."""
+STILL = 1e-9
+"""Odometry that moves by less stands still, to the last bits of its place [m]."""
 TURNS = 0.5
 """How fast a robot that drives turns [rad/s]."""
 CURVATURE = 0.02
 """Standard deviation of the heading that wheels alone measure [rad/m], as of the calibration's prior."""
+WEAVES = 0.05
+"""How far aside a robot is that went round things, as a share of the way."""
 APART, FARTHEST = 0.25, 1.5
 """Whether the robot stands while its odometry does is asked when it would have gone as far as the first [m], again each
 time as far, up to the second."""
@@ -61,10 +66,24 @@ class Lapse(NamedTuple):
 
 
 class Open(NamedTuple):
-    """What is left open of a motion that was not measured: the standard deviations of place [m] and heading [rad]."""
+    """What is left open of a motion that was not measured.
+
+    Attributes:
+        place, heading: standard deviations, for a robot that may have turned aside on the way [m], [rad].
+        arc: that of the place if it did not [m].
+    """
 
     place: float = 0.0
     heading: float = 0.0
+    arc: float = 0.0
+
+    def plus(self, other: Open) -> Open:
+        """After another such motion."""
+        return Open(*map(math.hypot, self, other))
+
+
+CLOSED = Open()
+"""Nothing is left open."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +108,7 @@ class Lapses:
         """What there was, each kind with its times."""
         issues = []
         if spans := self._spans("gap", stamps):
-            text = f"{when(spans)}: nothing was recorded while the robot drove on: the scans after it say where it is"
+            text = f"{when(spans)}: nothing was recorded while the robot drove on: where it is then the scans must say"
             issues.append(Issue("gap", text, len(spans)))
         if spans := self._spans("stale", stamps):
             text = f"{when(spans)}: the odometry stood still while the robot drove: the scans alone there"
@@ -127,7 +146,10 @@ def lapses(
     unmeasured = jumped.copy()
     seen: list[Lapse] = []
     if lidar.odometry is None:
-        for k in np.flatnonzero(jumps(readings.stamps, readings.poses, config)).tolist():
+        leaps = jumps(readings.stamps, readings.poses, config)
+        if path.by_wheels is not None:  # the gyro's turns hide what the counters say
+            leaps = leaps | jumps(readings.stamps, path.by_wheels, config)
+        for k in np.flatnonzero(leaps).tolist():
             over = _over(stamps, readings.stamps[k - 1], readings.stamps[k])
             jumped[over] = True
     motions: dict[int, Array] = {}
@@ -154,9 +176,9 @@ def lapses(
             motions[longest], left[longest] = steps.extrapolated(k)
         elif counted:
             moved = se2.between(odometry[longest - 1], odometry[longest])
-            motions[longest], left[longest] = np.asarray(moved), steps.open(k)
+            motions[longest], left[longest] = np.asarray(moved), steps.bounded(k)
         unmeasured[over] = lost
-        unmeasured[longest] = lost or counted
+        unmeasured[longest] = longest in left
     for first, sure, last in steps.standstills():
         scans = np.flatnonzero((stamps > readings.stamps[first]) & (stamps < readings.stamps[last]))
         if len(scans) < LEAST_SCANS:
@@ -185,7 +207,7 @@ def _stale(steps: _Steps, first: int, last: int, lidar: LidarStream, fan: Fan) -
         first, last: readings between which it stands still.
         lidar, fan: the scans.
     """
-    stamps, speed = steps.stamps, steps.speed(first)
+    stamps, speed = steps.stamps, steps.speed(first, late=True)
     begin, end = float(stamps[first]), float(stamps[min(last + 1, len(stamps) - 1)])
     since = max(int(np.searchsorted(lidar.stamps, begin, side="right")) - 1, 0)
     confirmed = last + 1 < len(stamps) and steps.lengths[last + 1] > CAUGHT_UP * speed * steps.seconds[last + 1]
@@ -221,21 +243,21 @@ class _Steps:
         self.lengths = np.concatenate(([0.0], np.hypot(moved[:, 0], moved[:, 1])))
         self.turns = np.concatenate(([0.0], moved[:, 2]))
         self._forward = np.concatenate(([1.0], np.where(moved[:, 0] < 0, -1.0, 1.0)))
-        self._still = np.concatenate(([True], (path.poses[1:, :2] == path.poses[:-1, :2]).all(axis=1)))
+        self._still = self.lengths < STILL
 
     def heading(self, stamp: float) -> float:
         """By the odometry [rad]."""
         return float(self._path.at(np.array([stamp]))[0, 2])
 
-    def speed(self, k: int) -> float:
-        """At reading k [m/s]."""
+    def speed(self, k: int, *, late: bool = False) -> float:
+        """At reading k [m/s], the mean of ``BEFORE``; with ``late`` of the last two steps, if that is less."""
         first = min(int(np.searchsorted(self.stamps, self.stamps[k] - BEFORE, side="right")), k)
         seconds = float(self.seconds[first : k + 1].sum())
         if seconds <= 0 or k == 0:
             return 0.0
         mean = float(self.lengths[first : k + 1].sum()) / seconds
-        late = slice(max(k - 1, 1), k + 1)  # two, since stamps come in bursts
-        return min(mean, float(self.lengths[late].sum()) / max(float(self.seconds[late].sum()), 1e-9))
+        last = slice(max(k - 1, 1), k + 1)  # two, since stamps come in bursts
+        return min(mean, float(self.lengths[last].sum()) / max(float(self.seconds[last].sum()), 1e-9)) if late else mean
 
     def travelled(self, k: int) -> float:
         """The length of step k along an arc [m]."""
@@ -252,23 +274,32 @@ class _Steps:
         least = speed * braking - USUAL * braking**2 / 2
         return bool(least > LEAST_STOPPED and self.travelled(k) < least)
 
-    def open(self, k: int) -> Open:
+    def bounded(self, k: int) -> Open:
         """What counters leave open of a step over a gap: its length is known, and how far it turned, not when.
 
-        If that was all at its beginning or at its end, the robot is elsewhere; the place is within the length.
+        A turn all at the beginning or all at the end leads to elsewhere than the arc does, by a share of the length
+        that grows with it: its standard deviation, for a turn at any time, is the length times the turn over the square
+        root of 12, on either axis. A robot that turned aside and back may be anywhere within the length.
         """
-        length, seconds = self.travelled(k), float(self.seconds[k])
-        return Open(length * min(TURNS * seconds / 2, 1.0) / 3, CURVATURE * length)
+        length, turn = self.travelled(k), min(abs(float(self.turns[k])), 1.0)
+        place, arc = length * min(TURNS * float(self.seconds[k]) / 2, 1.0) / 3, length * (WEAVES + turn / math.sqrt(12))
+        return Open(max(place, arc), CURVATURE * length, arc)
 
     def extrapolated(self, k: int) -> tuple[Array, Open]:
-        """A step over a gap not counted: on at the speed from before, in the end in any direction."""
+        """A step over a gap not counted: with the speed from before, ever less in its direction.
+
+        As if the heading on the way were anything up to what the robot can have turned by: the mean of its cosine.
+        """
         speed, seconds = self.speed(k - 1), float(self.seconds[k])
-        length = speed * seconds * self._forward[k - 1]
+        widest = min(TURNS * seconds / 2, math.pi)
+        length, ahead = speed * seconds, math.sin(widest) / widest
         turns = self.turns[max(k - 2, 0) : k].sum() / max(float(self.seconds[max(k - 2, 0) : k].sum()), 1e-9)
         turn = float(np.clip(turns, -TURNS, TURNS)) * min(seconds, BEFORE)
-        moved = np.array((length * np.cos(turn / 2), length * np.sin(turn / 2), turn))
-        heading = min(TURNS * seconds / 2, np.pi / np.sqrt(3))
-        return moved, Open(abs(length) * min(heading, 1.0) / 3, heading)
+        mean = length * ahead * float(self._forward[k - 1])
+        moved = np.array((mean * math.cos(turn / 2), mean * math.sin(turn / 2), turn))
+        heading = min(widest, math.pi / math.sqrt(3))
+        place = length * min(heading, 1.0) / 3
+        return moved, Open(place, heading, place)
 
     def standstills(self) -> Iterator[tuple[int, int, int]]:
         """Where the odometry has stopped dead: harder than a robot brakes.
@@ -276,15 +307,15 @@ class _Steps:
         Yields:
             the reading from which on it stands still, the one at which that is sure, and the last that does.
         """
+        smallest = np.minimum.accumulate(np.where(self._still, np.inf, self.lengths))
         edges = np.flatnonzero(np.diff(np.concatenate(([False], self._still, [False])).astype(np.int8)))
         for begin, end in edges.reshape(-1, 2).tolist():
             first, last = begin - 1, end - 1
-            speed = self.speed(first) if first > 0 else 0.0
+            speed = self.speed(first, late=True) if first > 0 else 0.0
             if speed <= 0:
                 continue
             braking = np.minimum(speed / HARDEST, self.stamps[begin:end] - self.stamps[first])
             least = speed * braking - HARDEST * braking**2 / 2
-            latest = self.lengths[max(0, first + 1 - LATEST) : first + 1]
-            sure = least > max(LEAST_STOPPED, RESOLVED * float(latest[latest > 0].min(initial=np.inf)))
+            sure = least > max(LEAST_STOPPED, RESOLVED * float(smallest[first]))
             if sure.any():
                 yield first, begin + int(sure.argmax()), last

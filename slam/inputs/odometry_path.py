@@ -28,10 +28,12 @@ class OdometryPath:
     Attributes:
         stamps: [n] [s].
         poses: [n, 3]; the path of wheel encoders starts at the identity.
+        by_wheels: [n, 3] the same with the wheels' own turns; None where the turns are no gyro's.
     """
 
     stamps: Array
     poses: Array
+    by_wheels: Array | None = None
 
     def at(self, stamps: Array) -> Array:
         """The poses [m, 3] interpolated at stamps [m] [s]."""
@@ -50,7 +52,8 @@ def odometry_path(recording: Recording, config: SyncConfig) -> OdometryPath | No
     if recording.encoders is not None and len(recording.encoders):
         increment = euler_increment if config.kinematics == "euler" else arc_increment
         poses = wheel_path(recording, turn_of=partial(_gyro_turn, config=config), increment=increment)
-        return OdometryPath(recording.encoders.stamps, poses)
+        alone = wheel_path(recording, turn_of=None) if recording.imu is not None else None
+        return OdometryPath(recording.encoders.stamps, poses, alone)
     if recording.odometry is not None and len(recording.odometry):
         return OdometryPath(recording.odometry.stamps, recording.odometry.poses)
     if recording.lidar is not None and recording.lidar.odometry is not None:

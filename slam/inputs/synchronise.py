@@ -19,7 +19,7 @@ from moteslam.robot.recording import LidarStream, Recording
 from moteslam.robot.stamps import gaps, nearest_stamp
 from moteslam.slam.inputs.config import SyncConfig
 from moteslam.slam.inputs.jumps import jumps
-from moteslam.slam.inputs.lapses import Lapses, Open, lapses
+from moteslam.slam.inputs.lapses import CLOSED, Lapses, Open, lapses
 from moteslam.slam.inputs.odometry_path import OdometryPath, odometry_path
 from moteslam.slam.inputs.scans import Scans
 from moteslam.slam.inputs.standing import has_moved, stands
@@ -69,6 +69,14 @@ class Inputs:
     def open_at(self, scan: int) -> Open | None:
         """What is left open of the motion to a scan of which is known more than the velocity before it."""
         return None if self.lapses is None else self.lapses.open.get(scan)
+
+    def left_open(self, first: int, last: int) -> Open:
+        """The same of the motions to the scans from the first to before the last, together."""
+        left = CLOSED
+        for scan, more in ({} if self.lapses is None else self.lapses.open).items():
+            if first <= scan < last:
+                left = left.plus(more)
+        return left
 
     def __len__(self) -> int:
         return len(self.stamps)

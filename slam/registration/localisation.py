@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 from moteslam.kernels.registration_options import RegistrationOptions
 from moteslam.robot import se2
 from moteslam.robot.se2 import Pose
+from moteslam.slam.inputs.lapses import CLOSED, Open
 from moteslam.slam.mapping.config import TsdfConfig
 from moteslam.slam.mapping.tsdf import TsdfView
 from moteslam.slam.registration.config import RegistrationConfig, TrackingConfig
-from moteslam.slam.registration.evidence import heavy_tail, proved
+from moteslam.slam.registration.evidence import CORRELATION, heavy_tail, proved
 from moteslam.slam.registration.registrar import (
     Fitted,
     Registration,
@@ -24,7 +25,7 @@ from moteslam.slam.registration.registrar import (
     register_one,
     subsample,
 )
-from moteslam.slam.registration.search import Window, apart, candidates
+from moteslam.slam.registration.search import LEAST_KNOWN, Window, apart, candidates
 
 Array = NDArray[np.float64]
 Points = NDArray[np.float32]
@@ -37,8 +38,16 @@ RIVALS, RIVAL_SHARE = 4, 0.05
 costs, is smaller by this share of the points at most."""
 WIDE = 6.0
 """Wider windows than this are searched in steps twice as long [m], as the relocation window is."""
+STILL: Pose = (0.0, 0.0, 0.0)
+"""No offset."""
 OPEN_HEADING = 0.5
 """A scan is searched for where the heading is known no better [rad]."""
+OPEN_PLACE = 0.5
+"""A lapse of the odometry that leaves more open [m], or more than that of the heading, is undecided until a scan is
+found in the map."""
+DECIDED = 4.6
+"""So it is found at a place that is a hundred times as probable as any other, and as one that is not in the map [nats].
+"""
 
 
 class Rivals(NamedTuple):
@@ -70,11 +79,13 @@ class Located(NamedTuple):
         fitted: the registration there.
         score: its match score [points].
         rivals: other places.
+        decided: whether the scan says where the robot is, after a lapse of the odometry; true of all others.
     """
 
     fitted: Fitted
     score: float
     rivals: Rivals = Rivals()
+    decided: bool = True
 
 
 class _Sought(NamedTuple):
@@ -83,6 +94,7 @@ class _Sought(NamedTuple):
     Attributes:
         maps, predicted, spread, points, origin: as of ``Localiser.locate``.
         predictions: [m, 3] other predictions to try, as offsets from ``predicted``.
+        left: open by a lapse of the odometry.
     """
 
     maps: TsdfView
@@ -91,6 +103,44 @@ class _Sought(NamedTuple):
     points: Points
     origin: Array
     predictions: Array
+    left: Open = Open()
+
+    @property
+    def open(self) -> bool:
+        """Whether a lapse of the odometry leaves open where the robot is."""
+        return self.left.place > OPEN_PLACE or self.left.heading > OPEN_HEADING
+
+    def log_odds(
+        self, tried: Registration, points: int, config: TrackingConfig, costs: RegistrationConfig
+    ) -> tuple[Array, Array]:
+        """Of places [m] after a lapse of the odometry, against one that is not in the map [nats].
+
+        Either the robot did not turn aside on the way, or it did, with equal odds. All places of a standard deviation
+        that registration can tell apart share its probability.
+
+        Args:
+            tried: registrations of some points.
+            points: how many these are.
+            config, costs: what crossed rays and unknown endpoints cost.
+
+        Returns:
+            them, and the same as if each place knew no more endpoints than that of the likely ones which knows fewest:
+            that one knows more is no evidence against another, but for one that knows less than ``LEAST_KNOWN``.
+        """
+        crossing = config.score_crossing / config.score_likelihood * costs.outlier_cost
+        share = len(self.points) / points / CORRELATION
+        known = (costs.unknown_cost * points - tried.costs) * share
+        aside = np.hypot(tried.offsets[:, 0], tried.offsets[:, 1])
+        place, arc = self.left.place, max(self.left.arc, config.basin_distance)
+        turned = np.square(aside / place) + 4 * np.log(max(place / arc, 1.0))
+        off = np.minimum(np.square(aside / arc), turned) + np.square(tried.offsets[:, 2] / self.spread[2])
+        places = np.log(np.maximum(np.array((arc, arc, self.spread[2])) / config.basin, 1.0)).sum()
+        odds = np.asarray(known - crossing * tried.crossed * share - off / 2 - places)
+        likely = odds > DECIDED
+        if not likely.any():
+            return odds, odds
+        fewest = max(tried.known[likely].min(), LEAST_KNOWN * tried.known[likely].max())
+        return odds, np.where(likely, odds - known * (1 - np.minimum(fewest / np.maximum(tried.known, 1), 1)), -np.inf)
 
 
 class Localiser:
@@ -115,6 +165,7 @@ class Localiser:
         predictions: Callable[[], Array],
         *,
         measured: bool,
+        left: Open = CLOSED,
     ) -> Located:
         """Where a scan fits: from the prediction, else after a search around it, at last in the relocation window.
 
@@ -127,6 +178,7 @@ class Localiser:
             predictions: of a search, gives other predictions [m, 3] to try beside what it finds, as offsets from
                 ``predicted``.
             measured: whether odometry measured the prediction: then only the endpoints' evidence overrules it.
+            left: open by a lapse of the odometry.
         """
         c = self._config
         options = self._options_of(maps.config)
@@ -138,7 +190,7 @@ class Localiser:
         accepted = near and fitted.likelihood >= c.accept_likelihood and not self.contradicts(score, len(points))
         if accepted and (not known or _within(self._registration.gate, fitted.free, spread)):
             return Located(fitted, score)
-        sought = _Sought(maps, np.array(predicted), np.array(spread), points, np.array(origin), np.zeros((0, 3)))
+        sought = _Sought(maps, np.array(predicted), np.array(spread), points, np.array(origin), np.zeros((0, 3)), left)
         if accepted:
             return self._proved(sought, Located(fitted, score))
         return self._search(sought._replace(predictions=predictions()), sure=sure, measured=known)
@@ -162,6 +214,8 @@ class Localiser:
         largest = c.max_starts if sure else c.retry_starts
         starts = int(np.clip(np.ceil(np.prod(window.half / c.basin)), c.min_starts, largest))
         best = self._best(sought, window, starts)
+        if sought.open:
+            return best
         if best.fitted.likelihood < c.retry_likelihood:
             best = self._best(sought, window, c.retry_starts)
         if not self.contradicts(best.score, points):
@@ -187,7 +241,7 @@ class Localiser:
     def _best(self, sought: _Sought, window: Window, most: int, *, keep: bool = True) -> Located:
         """Registered from the most promising places of a window, the best of them."""
         c = self._config
-        maps, predicted, spread, points, origin, predictions = sought
+        maps, predicted, spread, points, origin, predictions, _ = sought
         likely = candidates(maps, predicted, spread, points, window, most, c)
         starts = np.vstack((predictions, likely))
         means = np.vstack((predictions, np.zeros_like(likely)))
@@ -200,7 +254,9 @@ class Localiser:
         cost[heavy] = heavy_tail(off[heavy], c)
         matched = match_score(tried.known, tried.likelihoods, tried.crossed, c)
         scores = matched * len(points) / len(some)
-        values = scores - cost
+        values = odds = scores - cost
+        if sought.open:
+            odds, values = sought.log_odds(tried, len(some), c, self._registration)
         best = [int(values.argmax())]
         start, mean = tried.offsets[best], means[best]
         here = predicted[None]
@@ -213,6 +269,11 @@ class Localiser:
         offsets = np.asarray(se2.between(start, tried.offsets[rivals]))
         fitted = found.of(0)
         score = match_score(fitted.known, fitted.likelihood, fitted.crossed, c)
+        if sought.open:
+            here_odds = float(sought.log_odds(found, len(points), c, self._registration)[0][0])
+            elsewhere = (np.abs(se2.between(start, tried.offsets)) >= APART).any(axis=1)
+            fitted = fitted if here_odds > DECIDED else fitted._replace(offset=STILL, free=STILL)
+            return Located(fitted, score, decided=here_odds - odds[elsewhere].max(initial=0.0) > DECIDED)
         return Located(fitted, score, Rivals(offsets, scores[rivals] - scores[best], cost[rivals] - cost[best]))
 
 

@@ -116,8 +116,8 @@ class Doubt:
         return evidence
 
 
-def _log_ratio(some: float, of: float, where_lost: float, usually: float) -> float:
-    """The log-likelihood ratio [nats] of some endpoints of so many, by the share of such endpoints in either case."""
+def _log_ratio(some: float, all_: float, where_lost: float, usually: float) -> float:
+    """The log-likelihood ratio [nats] of some endpoints among all, by the share of such ones in either case."""
     usually = min(usually, where_lost)
-    rest = (of - some) * math.log((1 - where_lost) / (1 - usually))
+    rest = (all_ - some) * math.log((1 - where_lost) / (1 - usually))
     return (some * math.log(where_lost / usually) + rest) / CORRELATION

@@ -99,7 +99,7 @@ class TsdfFilter(FilterDefaults):
         if not len(self.history):
             return self._start(scan)
         tracked = self._track(step, scan)
-        if self._doubt.state is LocalisationState.LOST:
+        if self._doubt.state is LocalisationState.LOST or tracked.astray:
             return self._begin_anew(scan, tracked)
         doubted = tracked.lost or self._doubt.state is LocalisationState.DOUBTFUL
         due = update_due(self._config.update, self._since.travelled, self._since.tracked)
@@ -159,7 +159,12 @@ class TsdfFilter(FilterDefaults):
         particles = self._particles
         if self._relocation is None:
             path = self.history.path(self.best_particle)
-            self._relocation = Relocation(particles.maps, self.best_particle, path, self._config.registration)
+            begin, reach = np.array(self._tracker.pose), tracked.astray or np.inf
+            self._relocation = Relocation(
+                particles.maps, self.best_particle, path, self._config.registration, begin=begin, reach=reach
+            )
+        else:  # lost once more
+            self._relocation.reach = np.inf
         particles.begin_anew(np.array(self._tracker.pose), scan)
         self._covariance, self._doubt = PoseCovariance(self._config.registration), Doubt()
         self._since, self._mode_mean = MotionSinceUpdate(), STILL

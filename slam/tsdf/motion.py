@@ -6,12 +6,10 @@ from typing import NamedTuple
 
 from moteslam.robot.se2 import Pose, compose_one
 from moteslam.slam.filter.update_policy import Travelled, magnitude
-from moteslam.slam.inputs.lapses import Open
+from moteslam.slam.inputs.lapses import CLOSED, Open
 
-__all__ = ["MotionSinceUpdate", "Open", "StepMotion", "Travelled", "magnitude", "step_motion"]
+__all__ = ["CLOSED", "MotionSinceUpdate", "Open", "StepMotion", "Travelled", "magnitude", "step_motion"]
 
-CLOSED = Open()
-"""Nothing is left open."""
 STILL: Pose = (0.0, 0.0, 0.0)
 """No motion."""
 

@@ -59,20 +59,29 @@ class Relocation:
         particle: whose map it is.
         path: [u, 3] on which that map was made.
         config: of registrations.
+        begin: [3] where the new map begins, as far as is known.
+        reach: how far off that is at most [m].
 
     Attributes:
         updates: how many updates the map is of: those since are in the new one.
     """
 
-    def __init__(self, maps: TsdfMaps, particle: int, path: Array, config: RegistrationConfig) -> None:
+    def __init__(
+        self,
+        maps: TsdfMaps,
+        particle: int,
+        path: Array,
+        config: RegistrationConfig,
+        *,
+        begin: Array,
+        reach: float = np.inf,
+    ) -> None:
         self.updates = len(path)
         self._maps, self._particle = maps, particle
         self._config = RegistrationConfig(**{**config.model_dump(), "residual": RESIDUAL})
-        low, high = path[:, :2].min(axis=0), path[:, :2].max(axis=0)
-        self._middle = np.array([*(low + high) / 2, 0.0])
-        self._half = np.array([*np.repeat((high - low).max() / 2 + MARGIN, 2), np.pi])
-        places = np.prod(2 * self._half[:2] / STEP) * (2 * np.pi / TURN)
-        self._every = max(APART, float(places) * MAX_SEARCH_POINTS / ENDPOINTS_PER_METRE)
+        self._mapped = path[:, :2].min(axis=0) - MARGIN, path[:, :2].max(axis=0) + MARGIN
+        self._begin, self.reach = begin[:2], reach
+        self._middle, self._half = np.zeros(3), np.zeros(3)  # of what is searched
         self._seen: list[tuple[float, Array, Points]] = []  # path, pose and endpoints of the latest updates
         self._driven = 0.0
         self._next = FIRST_LOOK
@@ -94,8 +103,14 @@ class Relocation:
         self._seen = [seen for seen in self._seen if seen[0] > self._driven - QUERY]
         if self._driven < self._next:
             return None
-        self._next = self._driven + self._every
-        place = self._search(pose)
+        low, high = self._window()
+        self._middle, self._half = (
+            np.array([*(low + high) / 2, 0.0]),
+            np.array([*np.repeat((high - low).max() / 2, 2), np.pi]),
+        )
+        places = np.prod(2 * self._half[:2] / STEP) * (2 * np.pi / TURN)
+        self._next = self._driven + max(APART, float(places) * MAX_SEARCH_POINTS / ENDPOINTS_PER_METRE)
+        place = self._search(pose) if (low < high).all() else None
         before, self._found = self._found, None
         if place is None:
             return None
@@ -114,6 +129,11 @@ class Relocation:
         """
         self._maps, self._particle, self._found = TsdfMaps(self._maps.config), 0, None
         self._maps.draw(path, scans)
+
+    def _window(self) -> tuple[Array, Array]:
+        """The lowest and the highest x and y [2] that the robot may have in the old map."""
+        within, (low, high) = self.reach + self._driven, self._mapped
+        return np.maximum(low, self._begin - within), np.minimum(high, self._begin + within)
 
     def _search(self, pose: Array) -> Array | None:
         """Where in the old map the robot is [3]; None where no place is sure."""

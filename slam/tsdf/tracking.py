@@ -51,6 +51,8 @@ class Tracked(NamedTuple):
         lost: the scan contradicts the map: it is left out.
         fit: how it was registered; None where it was not, since it has too few points.
         rivals: where else the robot may be, from the tracked pose.
+        astray: how far off the pose is at most, where after a lapse of the odometry the scan does not say where in the
+            map the robot is [m]; 0 of all others.
     """
 
     motion: Pose
@@ -58,6 +60,7 @@ class Tracked(NamedTuple):
     lost: bool
     fit: Fit | None
     rivals: Rivals
+    astray: float = 0.0
 
 
 class Tracker:
@@ -129,7 +132,7 @@ class Tracker:
         moved = aside(driven.distance, turn)
         if moved > self._config.basin_distance:
             forward, left = math.hypot(forward, moved), math.hypot(left, moved)
-        place, heading = self._open
+        place, heading, _ = self._open
         most = max(LARGEST_SPREAD, place)
         return min(math.hypot(forward, place), most), min(math.hypot(left, place), most), math.hypot(turn, heading)
 
@@ -147,17 +150,17 @@ class Tracker:
         predicted = compose_one(self.pose, motion.corrected)
         self._blind = self._blind.plus(motion.distance, motion.rotation, motion.dt)
         self._blind_measured &= motion.measured
-        self._open = Open(*map(math.hypot, self._open, motion.open))
+        self._open = self._open.plus(motion.open)
         usual = self._spread()
         slip = self._slip
         spread = usual[0] + slip[0], usual[1] + slip[1], usual[2] + slip[2]
-        offset, fit, rivals = STILL, None, NO_RIVALS
+        offset, fit, rivals, astray = STILL, None, NO_RIVALS, 0.0
         if len(scan.points) >= self._config.min_points:
 
             def predictions() -> Array:
                 return np.array((STILL, between_one(motion.corrected, self._extrapolated(motion.dt))))
 
-            fitted, score, elsewhere = self._localiser.locate(
+            fitted, score, elsewhere, decided = self._localiser.locate(
                 particles.maps.of(particles.best),
                 predicted,
                 spread,
@@ -165,12 +168,15 @@ class Tracker:
                 origin,
                 predictions,
                 measured=self._blind_measured,
+                left=self._open,
             )
             share = score / max(fitted.known, 1.0)
             seen = Seen(share, len(scan.points), fitted.known, fitted.far, fitted.crossed)
             fit = Fit(fitted.information, fitted.likelihood, spread, seen)
             contradicts = self._localiser.contradicts(score, len(scan.points))
-            if contradicts and self._lost < self._config.max_lost_scans:
+            if not decided:
+                astray = self._config.window * self._open.place + magnitude(fitted.offset)[0]
+            if decided and contradicts and self._lost < self._config.max_lost_scans:
                 self._lost += 1
             else:
                 offset, self._lost = fitted.offset, 0
@@ -187,10 +193,10 @@ class Tracker:
         forward, left, about = prior_deviations(
             self._registration, motion.distance, motion.rotation, measured=motion.measured
         )
-        place, heading = motion.open
+        place, heading, _ = motion.open
         forward, left, about = math.hypot(forward, place), math.hypot(left, place), math.hypot(about, heading)
         slipped = shift > threshold * forward or shift > threshold * left or turn > threshold * about
         moved = compose_one(predicted, offset)
         self._motion, self._seconds = between_one(self.pose, moved), motion.dt
         self.pose = moved
-        return Tracked(self._motion, slipped, self._lost > 0, fit, rivals)
+        return Tracked(self._motion, slipped, self._lost > 0, fit, rivals, astray)

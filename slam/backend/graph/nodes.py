@@ -11,6 +11,7 @@ from moteslam.kernels.thinning import ThinnedScan
 from moteslam.robot import se2
 from moteslam.slam.backend.graph.config import GraphConfig
 from moteslam.slam.backend.protocol import KeyScan
+from moteslam.slam.inputs.lapses import CLOSED, Open
 from moteslam.slam.inputs.thinning import thin
 
 Array = NDArray[np.float64]
@@ -38,6 +39,7 @@ class Nodes:
         odometry: [3] each: motion since the node before by odometry alone, in the frame of the pose there.
         filtered: [3] each: the same as the filter estimates it.
         measured: whether odometry measured all of it.
+        left_open: what a lapse of the odometry leaves open of that motion; nothing, of others.
     """
 
     def __init__(self, config: GraphConfig) -> None:
@@ -50,11 +52,12 @@ class Nodes:
         self.odometry: list[Array] = []
         self.filtered: list[Array] = []
         self.measured: list[bool] = []
+        self.left_open: list[Open] = []
         self._keys = 0  # key scans so far
         self._last: KeyScan | None = None  # the latest, while it is no node
         # since the latest node
         self._odometry, self._filtered, self._known = np.zeros(3), np.zeros(3), True
-        self._far, self._turn = 0.0, 0.0
+        self._far, self._turn, self._open = 0.0, 0.0, CLOSED
 
     def __len__(self) -> int:
         return len(self.updates)
@@ -72,6 +75,7 @@ class Nodes:
         self._odometry = np.asarray(se2.compose(self._odometry, key.odometry))
         self._filtered = np.asarray(se2.compose(self._filtered, key.motion))
         self._known &= key.measured and self._far + distance < LONGEST
+        self._open = self._open.plus(key.left_open)
         self._far, self._turn = self._far + distance, self._turn + rotation
         self._last, self._keys = key, self._keys + 1
         return self.close() if self._keys == 1 else added
@@ -98,9 +102,10 @@ class Nodes:
         self.odometry.append(self._odometry)
         self.filtered.append(self._filtered)
         self.measured.append(self._known)
+        self.left_open.append(self._open)
         self.origin = key.origin
         self._odometry, self._filtered, self._known = np.zeros(3), np.zeros(3), True
-        self._far, self._turn, self._last = 0.0, 0.0, None
+        self._far, self._turn, self._last, self._open = 0.0, 0.0, None, CLOSED
         return True
 
 

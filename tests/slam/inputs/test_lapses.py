@@ -9,11 +9,16 @@ import numpy as np
 import pytest
 from slam_rooms import recorded, seen_from
 
+from moteslam.eval.metrics.ate import absolute_trajectory_error
 from moteslam.robot import se2
 from moteslam.robot.platforms import UCSD
 from moteslam.robot.recording import EncoderStream, LidarStream, Recording
+from moteslam.sim.scenario import load_scenario
+from moteslam.sim.simulate import EPOCH, simulate
+from moteslam.slam.filter.certainty import LocalisationState
 from moteslam.slam.inputs.step import steps
 from moteslam.slam.inputs.synchronise import Inputs, synchronise
+from moteslam.slam.run import run_slam
 
 SCANS = 100
 CORNERS = [(-3, -2), (12, -2), (12, 2), (4, 2), (4, 1), (3, 1), (3, 2), (-3, 2), (-3, -2)]
@@ -89,9 +94,11 @@ def test_over_a_gap_the_motion_is_not_measured_but_known_within_bounds(kept: boo
     (step,) = over
     assert not step.measured
     assert step.dt > 8
-    assert step.motion[0] == pytest.approx(0.44 * 8, rel=0.05)  # counted, or at the speed of before
+    ahead = 1.0 if kept else np.sin(2) / 2  # counted, or at the speed of before, with any turn of up to 2 rad
+    assert step.motion[0] == pytest.approx(0.44 * 8 * ahead, rel=0.05)
     assert step.open is not None
-    assert 0.5 < step.open.place < step.motion[0]
+    assert 0.5 < step.open.place < 0.44 * 8
+    assert (step.open.arc < 0.1 * step.motion[0]) == kept  # counters say that it did not turn in the end
     assert step.open.heading < 0.2 if kept else step.open.heading > 1.0
     rest = [other.measured for other in steps(inputs) if other is not step][1:]
     assert sum(rest) >= len(rest) - 2
@@ -110,3 +117,27 @@ def test_it_is_causal():
     part = synchronise(replace(recording, lidar=lidar))
     np.testing.assert_array_equal(part.measured[:59], whole.measured[:59])
     np.testing.assert_allclose(se2.between(part.odometry, whole.odometry[:60]), 0, atol=1e-12)
+
+
+@pytest.mark.usefixtures("taichi")
+def test_a_turn_that_counters_alone_leap_by_is_a_jump_though_a_gyro_knows_better():
+    fault = 'faults=[{kind="odometry_jump", start=40, theta=0.3}]'
+    simulation = simulate(load_scenario("loop", platform="ucsd", settings=[fault]), 200)
+    inputs = synchronise(simulation.recording)
+    assert np.abs(inputs.stamps[inputs.jumped] - EPOCH - 40).max() < 0.5
+    assert "wheels-spin" not in codes(inputs)
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("taichi")
+@pytest.mark.parametrize("counters", ["kept", "lost"])
+def test_after_a_gap_into_a_new_place_the_robot_is_lost_until_it_is_found(counters: str):
+    fault = f'faults=[{{kind="gap", start=54.4, duration=10, counters="{counters}"}}]'
+    simulation = simulate(load_scenario("loop", platform="ucsd", settings=[fault]), 200)
+    estimate = run_slam(simulation.recording, seed=0)
+    assert absolute_trajectory_error(estimate.trajectory_final, simulation.truth).rmse < 0.005
+    since = estimate.trajectory.stamps - EPOCH
+    state = estimate.diagnostics["state"]
+    assert (state[(since > 64.5) & (since < 75)] == LocalisationState.LOST).all()
+    assert state[-1] == LocalisationState.SURE
+    assert {"gap", "lost"} <= {issue.code for issue in estimate.warnings}

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from tile_pools import room_scan, thinned
 
 from moteslam.robot import se2
+from moteslam.slam.inputs.lapses import Open
 from moteslam.slam.mapping.config import TsdfConfig
 from moteslam.slam.mapping.tsdf import TsdfMaps, TsdfView
 from moteslam.slam.registration import localisation
@@ -185,7 +186,8 @@ def test_places_that_look_alike_are_rivals_by_what_their_offsets_cost(room: Tsdf
     spread = (0.4, 0.4, 1.5)
     for lean in (0.0, 0.2):
         predicted = (0.0, 0.0, float(at[2]) + np.pi / 2 - lean)
-        fitted, _, rivals = localiser().locate(room, predicted, spread, points, HERE, lambda: ODOMETRY, measured=True)
+        located = localiser().locate(room, predicted, spread, points, HERE, lambda: ODOMETRY, measured=True)
+        fitted, rivals = located.fitted, located.rivals
         here = se2.compose(predicted, fitted.offset)
         places = se2.compose(here, rivals.offsets)
         expected = other if abs(se2.wrap(here[2] - at[2])) < 1 else at
@@ -203,9 +205,35 @@ def test_a_place_that_looks_like_no_other_has_no_rivals(room: TsdfView) -> None:
     at = np.array((0.3, -0.2, 0.1))
     points = thinned(room_scan(at)).points
     predicted = se2.as_pose(at + 0.3)
-    fitted, _, rivals = localiser().locate(
+    fitted, _, rivals, _ = localiser().locate(
         room, predicted, (0.3, 0.3, 0.3), points, HERE, lambda: ODOMETRY, measured=True
     )
     np.testing.assert_allclose(se2.between(se2.compose(predicted, fitted.offset), at), 0.0, atol=0.005)
     assert not len(rivals.offsets)
     assert not len(rivals.log_odds(0.03))
+
+
+@pytest.mark.parametrize(("heading", "decided"), [(0.6, True), (1.5, False)])
+def test_after_a_lapse_a_scan_decides_where_the_room_looks_the_same_from_no_likely_place(
+    room: TsdfView, heading: float, decided: bool
+) -> None:
+    """It looks the same from the other side, which is as likely where the robot may have turned any way."""
+    at = np.array((0.3, -0.2, 0.1))
+    points, left = thinned(room_scan(at)).points, Open(1.0, heading, 1.0)
+    predicted = (0.0, 0.0, 0.1 + (0.0 if decided else np.pi / 2))
+    located = localiser().locate(
+        room, predicted, (1.0, 1.0, heading), points, HERE, lambda: ODOMETRY, measured=False, left=left
+    )
+    assert located.decided == decided
+    if decided:
+        np.testing.assert_allclose(se2.between(se2.compose(predicted, located.fitted.offset), at), 0.0, atol=0.01)
+
+
+def test_after_a_lapse_a_scan_of_a_round_room_leaves_the_robot_where_it_was_predicted(room: TsdfView) -> None:
+    angles = np.linspace(0, 2 * np.pi, 200, endpoint=False)
+    points = (0.7 * np.column_stack((np.cos(angles), np.sin(angles)))).astype(np.float32)
+    located = localiser().locate(
+        room, (0.5, 0.0, 0.0), (1, 1, 1), points, HERE, lambda: ODOMETRY, measured=False, left=Open(1.0, 1.0, 1.0)
+    )
+    assert not located.decided
+    assert located.fitted.offset == (0.0, 0.0, 0.0)

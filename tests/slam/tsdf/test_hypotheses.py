@@ -150,8 +150,8 @@ def test_rivals_divide_the_particles_even_where_no_update_is_due(monkeypatch: py
     tsdf.step(Step(0, 0.0, 0.0, np.zeros(3), True, room_scan(), origin))
     locate = Localiser.locate
 
-    def with_rival(self: Localiser, *arguments: Any, measured: bool) -> Located:
-        found = locate(self, *arguments, measured=measured)
+    def with_rival(self: Localiser, *arguments: Any, **keys: Any) -> Located:
+        found = locate(self, *arguments, **keys)
         return found._replace(rivals=Rivals(np.array([(0.0, 0.0, np.pi)]), np.zeros(1), np.zeros(1)))
 
     monkeypatch.setattr(Localiser, "locate", with_rival)
