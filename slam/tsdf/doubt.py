@@ -16,9 +16,9 @@ from moteslam.slam.registration.evidence import CORRELATION
 
 PRIOR = -6.0
 """The log-odds that a pose is wrong of which nothing is known: one in 400."""
-MOST = 4.0
-"""A scan is evidence of at most this, either way [nats]: one alone makes no robot lost, who walks up to it may hide
-half of what it sees."""
+FIRST, MOST = 4.0, 1.5
+"""The first scan that is suspected is evidence of at most so much, and one after it, either way [nats]: three decide at
+the earliest. Who walks up to the robot hides half of what it sees, and is passed by then."""
 SURELY = 8.0
 """The log-odds are at most this."""
 APART = 0.5
@@ -31,6 +31,8 @@ CONTRADICTED = 0.05
 beyond what is usual."""
 UNKNOWN_WHERE_LOST, LEAST_UNKNOWN = 0.5, 0.1
 """Shares of the endpoints where the map is unknown: where a robot is lost; and where it is not, at least."""
+AHEAD = 0.25
+"""So much larger may the latter be for every metre driven since the scan before that was not suspected [1/m]."""
 USUAL = 10.0
 """What is usual is a mean along the path of this length [m]."""
 
@@ -57,11 +59,14 @@ class Doubt:
     """Watches the scans of one map.
 
     The log-odds of a wrong pose rise and fall from scan to scan by the evidence of each, and never fall below the
-    prior: a robot is carried off at any time. What is usual is learnt while it is not doubted.
+    prior: a robot is carried off at any time. The first scan that counts is one whose score drops below what is usual,
+    and below the scan before: what the robot drives into lowers the scores little by little. What is usual is learnt
+    while the robot is not doubted.
     """
 
     def __init__(self) -> None:
         self._log_odds = PRIOR
+        self._driven = 0.0  # since the last scan that was not suspected [m]
         self._scores, self._before = Scores(), 0.0
         self._far, self._crossed, self._unknown = FAR_AT_FIRST, 0.0, UNKNOWN_WHERE_LOST  # usual shares of the endpoints
 
@@ -82,13 +87,19 @@ class Doubt:
             driven: since the scan before, by the odometry [m]: where the robot is found elsewhere that is no drive.
             seen: None where it was not matched.
         """
+        self._driven += driven
         if seen is None:
             return
-        suspected = self._log_odds > PRIOR
-        evidence = min(max(self._evidence(seen, suspected=suspected), -MOST), MOST)
-        share = min(driven / APART, 1.0) if suspected else 1.0
-        self._log_odds = min(max(self._log_odds + share * evidence, PRIOR), SURELY)
+        spread, below = self._scores.spread, self._scores.below(seen.score)
+        if self._log_odds > PRIOR:
+            evidence = min(driven / APART, 1.0) * min(max(self._evidence(seen, below / spread), -MOST), MOST)
+        else:
+            sudden = min(below, self._before - seen.score) > LOST_DROP * spread
+            evidence = min(max(self._evidence(seen, below / spread), 0.0), FIRST) if sudden else 0.0
+        self._log_odds = min(max(self._log_odds + evidence, PRIOR), SURELY)
         self._before = seen.score
+        if self._log_odds == PRIOR:
+            self._driven = 0.0
         if self.state is LocalisationState.SURE:
             self._scores.take_in(driven, seen.score)
             share = min(driven / USUAL, 1.0)
@@ -96,24 +107,21 @@ class Doubt:
             self._crossed += share * (seen.crossed / seen.points - self._crossed)
             self._unknown += share * (1 - seen.known / seen.points - self._unknown)
 
-    def _evidence(self, seen: Seen, *, suspected: bool) -> float:
+    def _evidence(self, seen: Seen, below: float) -> float:
         """The log-likelihood ratio of a wrong pose against a right one [nats].
 
-        By the endpoints far from the surface, as many as err independently; and by how far the score is below what is
-        usual: for the first scan only if it is below the one before, too, since what the robot drives into lowers the
-        scores little by little. Once it is suspected also by more endpoints than usual of which nothing is known: there
-        a search finds places that contradict nothing.
+        By the endpoints far from the surface, as many as err independently; by the score, ``below`` the usual one [its
+        standard deviations], as far as the map is known; and by more endpoints than usual of which nothing is known: there a search finds places
+        that contradict nothing.
         """
-        evidence = _log_ratio(seen.far, seen.known, FAR_WHERE_LOST, max(self._far, LEAST_FAR))
-        spread, below = self._scores.spread, self._scores.below(seen.score)
-        sudden = min(below, self._before - seen.score) > LOST_DROP * spread
-        if suspected or sudden:
-            contradicted = seen.far / max(seen.known, 1.0) + max(seen.crossed / seen.points - self._crossed, 0.0)
-            evidence += max(below / spread - DOUBTFUL_DROP, 0.0) * min(contradicted / CONTRADICTED, 1.0)
-        if suspected:
-            usual = max(self._unknown, LEAST_UNKNOWN)
-            evidence += max(_log_ratio(seen.points - seen.known, seen.points, UNKNOWN_WHERE_LOST, usual), 0.0)
-        return evidence
+        far = _log_ratio(seen.far, seen.known, FAR_WHERE_LOST, max(self._far, LEAST_FAR))
+        usual = max(self._unknown, LEAST_UNKNOWN) + AHEAD * self._driven
+        unknown = _log_ratio(seen.points - seen.known, seen.points, UNKNOWN_WHERE_LOST, usual)
+        contradicted = seen.far / max(seen.known, 1.0) + max(seen.crossed / seen.points - self._crossed, 0.0)
+        drop = max(below - DOUBTFUL_DROP, -MOST)
+        if drop > 0:
+            drop *= min(contradicted / CONTRADICTED, 1.0)
+        return far + max(unknown, 0.0) + drop * seen.known / seen.points
 
 
 def _log_ratio(some: float, all_: float, where_lost: float, usually: float) -> float:
