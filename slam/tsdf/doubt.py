@@ -17,7 +17,7 @@ from moteslam.slam.registration.evidence import CORRELATION
 PRIOR = -6.0
 """The log-odds that a pose is wrong of which nothing is known: one in 400."""
 FIRST, MOST = 4.0, 1.5
-"""The first scan that is suspected is evidence of at most so much, and one after it, either way [nats]: three decide at
+"""The first scan that is suspected is evidence of at most the first, and one after it of at most the second, either way [nats]: three decide at
 the earliest. Who walks up to the robot hides half of what it sees, and is passed by then."""
 SURELY = 8.0
 """The log-odds are at most this."""
@@ -32,7 +32,7 @@ beyond what is usual."""
 UNKNOWN_WHERE_LOST, LEAST_UNKNOWN = 0.5, 0.1
 """Shares of the endpoints where the map is unknown: where a robot is lost; and where it is not, at least."""
 AHEAD = 0.25
-"""So much larger may the latter be for every metre driven since the scan before that was not suspected [1/m]."""
+"""The latter may be larger by this share for every metre driven since the scan before that was not suspected [1/m]."""
 USUAL = 10.0
 """What is usual is a mean along the path of this length [m]."""
 
@@ -111,8 +111,8 @@ class Doubt:
         """The log-likelihood ratio of a wrong pose against a right one [nats].
 
         By the endpoints far from the surface, as many as err independently; by the score, ``below`` the usual one [its
-        standard deviations], as far as the map is known; and by more endpoints than usual of which nothing is known: there a search finds places
-        that contradict nothing.
+        standard deviations], as far as the map is known; and by more endpoints than usual of which nothing is known:
+        there a search finds places that contradict nothing.
         """
         far = _log_ratio(seen.far, seen.known, FAR_WHERE_LOST, max(self._far, LEAST_FAR))
         usual = max(self._unknown, LEAST_UNKNOWN) + AHEAD * self._driven
