@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from moteslam.slam.mapping.tsdf import TsdfView
 from moteslam.slam.registration.config import RegistrationConfig, TrackingConfig
 from moteslam.slam.registration.registrar import Registration, register
+from moteslam.slam.registration.search import LEAST_KNOWN
 
 Array = NDArray[np.float64]
 Points = NDArray[np.float32]
@@ -48,14 +49,14 @@ def nats_for(
     points: int,
     unknown: float,
     correlation: float,
-    *,
-    least_known: float = 0.0,
 ) -> Array:
     """The evidence [N] of a scan's endpoints for where it was found, against a place near the odometry [nats].
 
     The difference of the mean costs of the endpoints that each place knows, times the smaller number of them, counting
     as many as err independently. That a place knows more is no evidence for it, nor are rays through what was a surface
-    evidence against one: doors open.
+    evidence against one: doors open. But the place near the odometry counts as knowing ``LEAST_KNOWN`` of what the one
+    found does: round a corner a heading that is wrong by 20 degrees puts nearly all endpoints behind walls, where
+    nothing is known, and the few that are left would prove nothing however badly they fit.
 
     Args:
         found: of N particles.
@@ -63,15 +64,12 @@ def nats_for(
         points: of the scan.
         unknown: cost of an endpoint where the map is unknown.
         correlation: this many endpoints count as one.
-        least_known: of the endpoints that the place found knows, the one near the odometry counts as knowing at least
-            this share: where a corridor ends a heading that is wrong by 20 degrees puts nearly all of them behind
-            walls, where nothing is known, and the few that are left would prove nothing however badly they fit.
     """
 
     def mean_cost(fit: Registration) -> Array:
         return np.asarray((fit.costs - unknown * (points - fit.known)) / np.maximum(fit.known, 1.0))
 
-    known = np.minimum(np.maximum(held.known, least_known * found.known), found.known)
+    known = np.minimum(np.maximum(held.known, LEAST_KNOWN * found.known), found.known)
     return np.asarray((mean_cost(held) - mean_cost(found)) * known / correlation)
 
 

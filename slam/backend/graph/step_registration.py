@@ -21,7 +21,6 @@ from moteslam.slam.registration.evidence import against, heavy_tail, nats_for
 from moteslam.slam.registration.information import measured_information
 from moteslam.slam.registration.localisation import match_score
 from moteslam.slam.registration.registrar import Registration, register, subsample
-from moteslam.slam.registration.search import LEAST_KNOWN
 
 Array = NDArray[np.float64]
 
@@ -190,6 +189,6 @@ def _overrules(
     """By how many nats a registration far from the odometry is more probable than one held near it."""
     unknown = config.registration.unknown_cost
     fits = found.at(best), held.at(near)
-    evidence = float(nats_for(*fits, points, unknown, config.correlation, least_known=LEAST_KNOWN)[0])
+    evidence = float(nats_for(*fits, points, unknown, config.correlation)[0])
     off = np.square(found.offsets[best] / spread).sum()
     return evidence - float(against(off, SCORES))

@@ -86,11 +86,10 @@ def test_the_evidence_is_what_known_endpoints_cost_and_not_how_many_are_known() 
 def test_a_place_that_knows_next_to_nothing_and_fits_badly_is_no_refuge() -> None:
     """With a heading that is wrong around a corner nearly all endpoints lie behind walls."""
     right, lost, new = placed(0.5, 1.0, 150), placed(0.0, 8.0, 5), placed(0.0, 1.0, 5)
-    assert nats_for(right, lost, 200, UNKNOWN, 10.0)[0] == pytest.approx(7.0 * 5 / 10)
-    assert nats_for(right, lost, 200, UNKNOWN, 10.0, least_known=0.3)[0] == pytest.approx(7.0 * 0.3 * 150 / 10)
-    assert nats_for(right, new, 200, UNKNOWN, 10.0, least_known=0.3)[0] == pytest.approx(0.0)  # new, and it fits
+    assert nats_for(right, lost, 200, UNKNOWN, 10.0)[0] == pytest.approx(7.0 * 0.3 * 150 / 10)
+    assert nats_for(right, new, 200, UNKNOWN, 10.0)[0] == pytest.approx(0.0)  # new, and it fits
     known = placed(0.0, 8.0, 60)  # enough: nothing changes
-    assert nats_for(right, known, 200, UNKNOWN, 10.0, least_known=0.3)[0] == pytest.approx(7.0 * 60 / 10)
+    assert nats_for(right, known, 200, UNKNOWN, 10.0)[0] == pytest.approx(7.0 * 60 / 10)
 
 
 def test_against_a_place_far_off_speaks_no_more_than_that_odometry_fails_seldom_and_where_it_may_be_then() -> None:
