@@ -17,8 +17,8 @@ from moteslam.slam.registration.evidence import CORRELATION
 PRIOR = -6.0
 """The log-odds that a pose is wrong of which nothing is known: one in 400."""
 FIRST, MOST = 4.0, 1.5
-"""The first scan that is suspected is evidence of at most the first, and one after it of at most the second, either way [nats]: three decide at
-the earliest. Who walks up to the robot hides half of what it sees, and is passed by then."""
+"""Of the first scan that is suspected the evidence is at most the one, and of each after it the other, either way
+[nats]: three decide at the earliest. Who walks up to the robot hides half of what it sees, and is passed by then."""
 SURELY = 8.0
 """The log-odds are at most this."""
 APART = 0.5
