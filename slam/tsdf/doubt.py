@@ -19,6 +19,8 @@ PRIOR = -6.0
 FIRST, MOST = 4.0, 1.5
 """Of the first scan that is suspected the evidence is at most the one, and of each after it the other, either way
 [nats]: three decide at the earliest. Who walks up to the robot hides half of what it sees, and is passed by then."""
+CARRIED = -0.5
+"""The log-odds where the robot was carried: it may have been found within the window of the search, or not."""
 SURELY = 8.0
 """The log-odds are at most this."""
 APART = 0.5
@@ -66,6 +68,7 @@ class Doubt:
 
     def __init__(self) -> None:
         self._log_odds = PRIOR
+        self._carried = False  # and not found since
         self._driven = 0.0  # since the last scan that was not suspected [m]
         self._scores, self._before = Scores(), 0.0
         self._far, self._crossed, self._unknown = FAR_AT_FIRST, 0.0, UNKNOWN_WHERE_LOST  # usual shares of the endpoints
@@ -80,18 +83,27 @@ class Doubt:
         """As the probability has it."""
         return state_of(self.probability)
 
-    def look(self, driven: float, seen: Seen | None) -> None:
+    def look(self, driven: float, seen: Seen | None, *, carried: bool = False) -> None:
         """Take in a scan.
 
         Args:
             driven: since the scan before, by the odometry [m]: where the robot is found elsewhere that is no drive.
             seen: None where it was not matched.
+            carried: it was found farther off than the robot can have driven: somebody moved it, and it is only found
+                where the scans fit as is usual.
         """
         self._driven += driven
         if seen is None:
             return
         spread, below = self._scores.spread, self._scores.below(seen.score)
-        if self._log_odds > PRIOR:
+        unknown = 1 - seen.known / seen.points
+        self._carried |= carried
+        if self._carried:
+            fits = below <= spread and unknown <= max(self._unknown, LEAST_UNKNOWN)
+            evidence = min(driven / APART, 1.0) * (-MOST if fits else MOST)
+            if carried:
+                evidence = max(CARRIED - self._log_odds, 0.0)
+        elif self._log_odds > PRIOR:
             evidence = min(driven / APART, 1.0) * min(max(self._evidence(seen, below / spread), -MOST), MOST)
         else:
             sudden = min(below, self._before - seen.score) > LOST_DROP * spread
@@ -101,11 +113,12 @@ class Doubt:
         if self._log_odds == PRIOR:
             self._driven = 0.0
         if self.state is LocalisationState.SURE:
+            self._carried = False
             self._scores.take_in(driven, seen.score)
             share = min(driven / USUAL, 1.0)
             self._far += share * (seen.far / max(seen.known, 1.0) - self._far)
             self._crossed += share * (seen.crossed / seen.points - self._crossed)
-            self._unknown += share * (1 - seen.known / seen.points - self._unknown)
+            self._unknown += share * (unknown - self._unknown)
 
     def _evidence(self, seen: Seen, below: float) -> float:
         """The log-likelihood ratio of a wrong pose against a right one [nats].

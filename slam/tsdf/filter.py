@@ -161,7 +161,13 @@ class TsdfFilter(FilterDefaults):
             path = self.history.path(self.best_particle)
             begin, reach = np.array(self._tracker.pose), tracked.astray or np.inf
             self._relocation = Relocation(
-                particles.maps, self.best_particle, path, self._config.registration, begin=begin, reach=reach
+                particles.maps,
+                self.best_particle,
+                path,
+                self._config.registration,
+                begin=begin,
+                reach=reach,
+                carried=tracked.carried,
             )
         else:  # lost once more
             self._relocation.reach = np.inf
@@ -190,7 +196,7 @@ class TsdfFilter(FilterDefaults):
         self._since = self._since.plus(motion, tracked.motion, slipped=tracked.slipped)
         fit = tracked.fit
         self._covariance.step(motion, tracked.motion, None if tracked.lost else fit)
-        self._doubt.look(motion.distance, None if fit is None else fit.seen)
+        self._doubt.look(motion.distance, None if fit is None else fit.seen, carried=tracked.carried)
         return tracked
 
     def _register(self, step: Step, scan: ThinnedScan, places: Array) -> Proposal:

@@ -61,6 +61,7 @@ class Relocation:
         config: of registrations.
         begin: [3] where the new map begins, as far as is known.
         reach: how far off that is at most [m].
+        carried: it is not known at all.
 
     Attributes:
         updates: how many updates the map is of: those since are in the new one.
@@ -75,12 +76,13 @@ class Relocation:
         *,
         begin: Array,
         reach: float = np.inf,
+        carried: bool = False,
     ) -> None:
         self.updates = len(path)
         self._maps, self._particle = maps, particle
         self._config = RegistrationConfig(**{**config.model_dump(), "residual": RESIDUAL})
         self._mapped = path[:, :2].min(axis=0) - MARGIN, path[:, :2].max(axis=0) + MARGIN
-        self._begin, self.reach = begin[:2], reach
+        self._begin, self.reach, self._carried = begin[:2], reach, carried
         self._middle, self._half = np.zeros(3), np.zeros(3)  # of what is searched
         self._seen: list[tuple[float, Array, Points]] = []  # path, pose and endpoints of the latest updates
         self._driven = 0.0
@@ -146,7 +148,7 @@ class Relocation:
         found = self._registered(points, tried.offsets[finalists])
         off = se2.between(se2.between(self._middle, pose), found.offsets)
         near = (np.hypot(off[:, 0], off[:, 1]) < NEAR_DISTANCE) & (np.abs(off[:, 2]) < NEAR_ROTATION)
-        places = shares(found, len(points)) - np.where(near, 0.0, LEAST_MARGIN)
+        places = shares(found, len(points)) - np.where(near | self._carried, 0.0, LEAST_MARGIN)
         best = int(places.argmax())
         if places[best] < LEAST_SHARE or places[best] - runner_up(found, places, len(points)) < LEAST_MARGIN:
             return None

@@ -42,6 +42,10 @@ LARGEST_SPREAD = 2.0
 second."""
 
 
+CARRIED_DISTANCE, CARRIED_ROTATION = 0.5, 0.5
+"""A robot that is found this much farther off than it drove was carried [m], [rad]: a push is less."""
+
+
 class Tracked(NamedTuple):
     """A step as tracked.
 
@@ -53,6 +57,7 @@ class Tracked(NamedTuple):
         rivals: where else the robot may be, from the tracked pose.
         astray: how far off the pose is at most, where after a lapse of the odometry the scan does not say where in the
             map the robot is [m]; 0 of all others.
+        carried: the scan was found farther off than the robot can have driven.
     """
 
     motion: Pose
@@ -61,6 +66,7 @@ class Tracked(NamedTuple):
     fit: Fit | None
     rivals: Rivals
     astray: float = 0.0
+    carried: bool = False
 
 
 class Tracker:
@@ -136,6 +142,12 @@ class Tracker:
         most = max(LARGEST_SPREAD, place)
         return min(math.hypot(forward, place), most), min(math.hypot(left, place), most), math.hypot(turn, heading)
 
+    def _carried(self, offset: Pose) -> bool:
+        """Whether an offset is larger than what slipping wheels can have missed: somebody moved the robot."""
+        driven, (shift, turn) = self._blind, magnitude(offset)
+        known = self._blind_measured and self._open == CLOSED
+        return known and (shift > driven.distance + CARRIED_DISTANCE or turn > driven.rotation + CARRIED_ROTATION)
+
     def track(
         self, motion: StepMotion, scan: ThinnedScan, origin: tuple[float, float], particles: Particles
     ) -> Tracked:
@@ -154,7 +166,7 @@ class Tracker:
         usual = self._spread()
         slip = self._slip
         spread = usual[0] + slip[0], usual[1] + slip[1], usual[2] + slip[2]
-        offset, fit, rivals, astray = STILL, None, NO_RIVALS, 0.0
+        offset, fit, rivals, astray, carried = STILL, None, NO_RIVALS, 0.0, False
         if len(scan.points) >= self._config.min_points:
 
             def predictions() -> Array:
@@ -180,6 +192,7 @@ class Tracker:
                 self._lost += 1
             else:
                 offset, self._lost = fitted.offset, 0
+                carried = self._carried(offset)
                 self._blind, self._blind_measured, self._open = Travelled(), True, CLOSED
                 rivals = elsewhere
         shift, turn = magnitude(offset)
@@ -199,4 +212,4 @@ class Tracker:
         moved = compose_one(predicted, offset)
         self._motion, self._seconds = between_one(self.pose, moved), motion.dt
         self.pose = moved
-        return Tracked(self._motion, slipped, self._lost > 0, fit, rivals, astray)
+        return Tracked(self._motion, slipped, self._lost > 0, fit, rivals, astray, carried)

@@ -94,3 +94,15 @@ def test_a_scan_that_fits_where_next_to_nothing_is_known_ends_no_doubt():
 def test_scans_that_are_not_matched_say_nothing():
     found = watched(ELSEWHERE, None, None)
     assert found[0] == found[1] == found[2]
+
+
+def test_a_robot_that_was_carried_is_found_where_scans_fit_as_usual_and_else_is_lost():
+    for seen, state in ((FITS, SURE), (FITS._replace(score=0.9), LOST), (FITS._replace(known=100.0), LOST)):
+        doubt = Doubt()
+        for _ in range(100):
+            doubt.look(0.1, FITS)
+        doubt.look(0.0, seen, carried=True)
+        assert doubt.state is DOUBTFUL
+        for _ in range(12):
+            doubt.look(0.1, seen)
+        assert doubt.state is state
