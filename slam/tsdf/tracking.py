@@ -42,8 +42,9 @@ LARGEST_SPREAD = 2.0
 second."""
 
 
-CARRIED_DISTANCE, CARRIED_ROTATION = 0.5, 0.5
-"""A robot that is found this much farther off than it drove was carried [m], [rad]: a push is less."""
+CARRIED_DISTANCE, CARRIED_ROTATION, CARRIED_TIME = 0.5, 0.5, 3.0
+"""A robot that is found this much farther off than it drove was carried [m], [rad]: a push is less; if it was not seen
+for so long [s]: to lift it and to set it down takes that, else the odometry has failed."""
 
 
 class Tracked(NamedTuple):
@@ -145,8 +146,8 @@ class Tracker:
     def _carried(self, offset: Pose) -> bool:
         """Whether an offset is larger than what slipping wheels can have missed: somebody moved the robot."""
         driven, (shift, turn) = self._blind, magnitude(offset)
-        known = self._blind_measured and self._open == CLOSED
-        return known and (shift > driven.distance + CARRIED_DISTANCE or turn > driven.rotation + CARRIED_ROTATION)
+        unseen = self._blind_measured and self._open == CLOSED and driven.elapsed > CARRIED_TIME
+        return unseen and (shift > driven.distance + CARRIED_DISTANCE or turn > driven.rotation + CARRIED_ROTATION)
 
     def track(
         self, motion: StepMotion, scan: ThinnedScan, origin: tuple[float, float], particles: Particles
