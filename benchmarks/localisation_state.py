@@ -160,7 +160,7 @@ def draw(path: Path, summary: dict[str, Row]) -> None:
         sizes = [30 + 200 * one["scans"] for one in bins]
         axes.scatter([one["said"] for one in bins], [one["wrong"] for one in bins], sizes, marker=marker, label=name)
     axes.set(xlabel="probability of a wrong pose, as said", ylabel="share of the poses that are wrong")
-    axes.legend(loc="upper left", fontsize="small")
+    axes.legend(loc="lower right", fontsize="small", markerscale=0.5)
     figure.savefig(path, dpi=150)
 
 
