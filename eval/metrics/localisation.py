@@ -211,21 +211,14 @@ def _astray(
             if known:
                 around, here = updates[:known], scan[None]
                 around = around[(_near(estimated[here], mapped[around]) | _near(true[here], true[around]))[0]]
-                off = _off(estimated, true, mapped, around, scan)
+                relative = se2.between(true[around], true[scan])
+                off = se2.between(relative, se2.between(mapped[around], estimated[scan]))
                 if len(off) and not _beyond(off.mean(axis=0)[None], LOST_DISTANCE, LOST_ROTATION)[0]:
                     known = 0
             elif jump:
                 known = before
             astray[scan] = known > 0
     return astray
-
-
-def _off(
-    estimated: Poses, true: Poses, mapped: Poses, around: NDArray[np.intp], scans: NDArray[np.intp] | np.intp
-) -> Poses:
-    """The difference [k, 3] of estimated and true poses of scans relative to poses around them."""
-    relative = se2.between(true[around], true[scans])
-    return se2.between(relative, se2.between(mapped[around], estimated[scans]))
 
 
 def _beyond(errors: Array, distance: float, rotation: float) -> Flags:
@@ -266,9 +259,9 @@ def _mean_errors(
     around = around[np.concatenate([begin + evenly(np.arange(count), MAX_AROUND) for begin, count in pairs])]
     counts = np.minimum(counts, MAX_AROUND)
     begins, each = np.cumsum(counts) - counts, np.repeat(scans, counts)
-    off = _off(estimated, true, mapped, around, each)
-    seen_from = _seen_from(se2.between(true[around], true[each]))
-    effects = np.eye(3) - np.add.reduceat(seen_from, begins) / counts[:, None, None]
+    relative = se2.between(true[around], true[each])
+    off = se2.between(relative, se2.between(mapped[around], estimated[each]))
+    effects = np.eye(3) - np.add.reduceat(_seen_from(relative), begins) / counts[:, None, None]
     return scans, np.add.reduceat(off, begins) / counts[:, None], effects
 
 

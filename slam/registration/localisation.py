@@ -38,8 +38,6 @@ RIVALS, RIVAL_SHARE = 4, 0.05
 costs, is smaller by this share of the points at most."""
 WIDE = 6.0
 """Wider windows than this are searched in steps twice as long [m], as the relocation window is."""
-STILL: Pose = (0.0, 0.0, 0.0)
-"""No offset."""
 OPEN_HEADING = 0.5
 """A scan is searched for where the heading is known no better [rad]."""
 OPEN_PLACE = 0.5
@@ -272,7 +270,8 @@ class Localiser:
         if sought.open:
             here_odds = float(sought.log_odds(found, len(points), c, self._registration)[0][0])
             elsewhere = (np.abs(se2.between(start, tried.offsets)) >= APART).any(axis=1)
-            fitted = fitted if here_odds > DECIDED else fitted._replace(offset=STILL, free=STILL)
+            if here_odds <= DECIDED:
+                fitted = fitted._replace(offset=(0.0, 0.0, 0.0), free=(0.0, 0.0, 0.0))
             return Located(fitted, score, decided=here_odds - odds[elsewhere].max(initial=0.0) > DECIDED)
         return Located(fitted, score, Rivals(offsets, scores[rivals] - scores[best], cost[rivals] - cost[best]))
 

@@ -21,8 +21,6 @@ FIRST, MOST = 4.0, 1.5
 [nats]: three decide at the earliest. Who walks up to the robot hides half of what it sees, and is passed by then."""
 CARRIED = -0.5
 """The log-odds where the robot was carried: it may have been found within the window of the search, or not."""
-SURELY = 8.0
-"""The log-odds are at most this."""
 APART = 0.5
 """Scans this far apart err independently [m]; of nearer ones each counts by its share of it."""
 FAR_WHERE_LOST, FAR_AT_FIRST, LEAST_FAR = 0.12, 0.03, 0.01
@@ -64,11 +62,14 @@ class Doubt:
     prior: a robot is carried off at any time. The first scan that counts is one whose score drops below what is usual,
     and below the scan before: what the robot drives into lowers the scores little by little. What is usual is learnt
     while the robot is not doubted.
+
+    Attributes:
+        carried: the robot was, and has not been found since.
     """
 
     def __init__(self) -> None:
         self._log_odds = PRIOR
-        self._carried = False  # and not found since
+        self.carried = False
         self._driven = 0.0  # since the last scan that was not suspected [m]
         self._scores, self._before = Scores(), 0.0
         self._far, self._crossed, self._unknown = FAR_AT_FIRST, 0.0, UNKNOWN_WHERE_LOST  # usual shares of the endpoints
@@ -97,8 +98,8 @@ class Doubt:
             return
         spread, below = self._scores.spread, self._scores.below(seen.score)
         unknown = 1 - seen.known / seen.points
-        self._carried |= carried
-        if self._carried:
+        self.carried |= carried
+        if self.carried:
             fits = below <= spread and unknown <= max(self._unknown, LEAST_UNKNOWN)
             evidence = min(driven / APART, 1.0) * (-MOST if fits else MOST)
             if carried:
@@ -108,12 +109,12 @@ class Doubt:
         else:
             sudden = min(below, self._before - seen.score) > LOST_DROP * spread
             evidence = min(max(self._evidence(seen, below / spread), 0.0), FIRST) if sudden else 0.0
-        self._log_odds = min(max(self._log_odds + evidence, PRIOR), SURELY)
+        self._log_odds = max(self._log_odds + evidence, PRIOR)
         self._before = seen.score
         if self._log_odds == PRIOR:
             self._driven = 0.0
         if self.state is LocalisationState.SURE:
-            self._carried = False
+            self.carried = False
             self._scores.take_in(driven, seen.score)
             share = min(driven / USUAL, 1.0)
             self._far += share * (seen.far / max(seen.known, 1.0) - self._far)

@@ -167,7 +167,7 @@ class TsdfFilter(FilterDefaults):
                 self._config.registration,
                 begin=begin,
                 reach=reach,
-                carried=tracked.carried,
+                carried=self._doubt.carried,
             )
         else:  # lost once more
             self._relocation.reach = np.inf

@@ -168,9 +168,10 @@ class Chain:
         distance, rotation = float(np.hypot(*step[:2])), abs(float(step[2]))
         error = prior_spread(self._config.registration, distance, rotation, measured=measured)
         spread = turned_aside(step, error)
-        place, heading, _ = self._nodes.left_open[k]
-        if place or heading:  # a lapse, after which the filter has searched
-            return Prediction(filtered, np.hypot(spread, (place, place, heading)), False, filtered)
+        left = self._nodes.left_open[k]
+        if any(left):  # a lapse, after which the filter has searched
+            spread = np.hypot(spread, (left.place, left.place, left.heading))
+            return Prediction(filtered, spread, False, filtered)
         if spread[:2].max() > OPEN:
             step, spread, measured = filtered, turned_aside(filtered, error), False
         return Prediction(step, spread, measured, filtered)

@@ -106,3 +106,4 @@ def test_a_robot_that_was_carried_is_found_where_scans_fit_as_usual_and_else_is_
         for _ in range(12):
             doubt.look(0.1, seen)
         assert doubt.state is state
+        assert doubt.carried is (state is LOST)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -13,6 +14,8 @@ from moteslam.robot.raster import Raster
 from moteslam.slam.filter.certainty import LocalisationState
 from moteslam.slam.run import run_slam
 from moteslam.slam.settings import resolve_config
+from moteslam.slam.tsdf import filter as tsdf_filter
+from moteslam.slam.tsdf.relocation import Relocation
 
 pytestmark = pytest.mark.usefixtures("taichi")
 CORNERS = [(-3, -2.5), (6, -2.5), (6, 1.0), (4.5, 3.5), (0.5, 3.5), (0.5, 2.6), (-3, 2.6), (-3, -2.5)]
@@ -73,3 +76,26 @@ def test_in_a_room_that_it_has_never_seen_it_is_not_found():
     walls, others = occupied(before.map), occupied(estimate.map)
     assert len(walls & others) > 0.9 * len(walls)
     assert len(others - walls) < 0.1 * len(walls)
+
+
+def test_no_place_is_preferred_for_a_robot_that_was_carried_while_it_was_not_seen(monkeypatch: pytest.MonkeyPatch):
+    """It stands, and after ten seconds it sees a room much like its own, half a metre aside and half turned round."""
+    alike = [tuple((1.03 * x, 1.03 * y) for x, y in wall) for wall in ROOM]
+    stand = np.repeat(driven(CARRIED, (0.0, 0.0, 0.0))[-1:], 15, axis=0)
+    moved = se2.compose(stand[-1], (0.4, 0.5, 1.2))
+    true = np.vstack((driven(CARRIED, (0.0, 0.0, 0.0)), stand, driven(60, tuple(moved.tolist()))))
+    ranges = np.vstack((seen_from(true[: CARRIED + 15], ROOM), seen_from(true[CARRIED + 15 :], alike)))
+    odometry = np.vstack((true[: CARRIED + 15], driven(60, tuple(stand[-1].tolist()))))
+    recording = recorded(ranges, odometry)
+    assert recording.lidar is not None
+    stamps = recording.lidar.stamps + 10.0 * (np.arange(len(true)) >= CARRIED + 15)
+    recording = recording.replace(lidar=replace(recording.lidar, stamps=stamps))
+    asked = []
+
+    def spied(*args, carried: bool, **kwargs) -> Relocation:
+        asked.append(carried)
+        return Relocation(*args, carried=carried, **kwargs)
+
+    monkeypatch.setattr(tsdf_filter, "Relocation", spied)
+    run_slam(recording, resolve_config("default", ["backend.method=none"]), seed=0)
+    assert asked == [True]
