@@ -147,7 +147,7 @@ def reliability(rows: list[Row]) -> list[Row]:
 
 
 def draw(path: Path, summary: dict[str, Row]) -> None:
-    """The reliability diagram of each setup, said against true."""
+    """The reliability diagram of each setup, said against true; the larger a mark, the more scans."""
     import matplotlib as mpl
 
     mpl.use("Agg")
@@ -155,10 +155,13 @@ def draw(path: Path, summary: dict[str, Row]) -> None:
 
     figure, axes = plt.subplots(figsize=(6, 5), constrained_layout=True)
     axes.plot((0, 1), (0, 1), color="0.6", label="said is true")
-    for name, marker in zip((name for name in summary if ":" not in name), "osD^vP*X", strict=False):
+    for k, (name, marker) in enumerate(zip((name for name in summary if ":" not in name), "osD^vP*X", strict=False)):
         bins = summary[name]["reliability"]
-        sizes = [30 + 200 * one["scans"] for one in bins]
-        axes.scatter([one["said"] for one in bins], [one["wrong"] for one in bins], sizes, marker=marker, label=name)
+        said, wrong, scans = ([one[key] for one in bins] for key in ("said", "wrong", "scans"))
+        sizes = 30 + 200 * np.array(scans)
+        axes.scatter(
+            said, wrong, sizes, facecolors="none", edgecolors=f"C{k}", linewidths=1.5, marker=marker, label=name
+        )
     axes.set(xlabel="probability of a wrong pose, as said", ylabel="share of the poses that are wrong")
     axes.legend(loc="lower right", fontsize="small", markerscale=0.5)
     figure.savefig(path, dpi=150)
