@@ -29,7 +29,7 @@ PUBLIC = {
         "Recording",
         "RgbdStream",
     ),
-    "moteslam.robot.formats": ("follow_recording", "open_recording", "write_recording"),
+    "moteslam.robot.formats": ("open_recording", "write_recording"),
     "moteslam.robot.cut": ("Cut", "cut"),
     "moteslam.robot.formats.carmen_writer": ("write_carmen",),
     "moteslam.robot.formats.csv_writer": ("write_csv",),

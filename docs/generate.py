@@ -38,7 +38,7 @@ SWEEP = ("run", "list", "show", "plot", "merge", "diff", "export")
 BENCH = ("run", "show", "compare")
 COMMANDS = (
     *("demo", "simulate", "replay", "evaluate", "compare", "report"),
-    *("inspect", "convert", "follow", "platforms", "metrics", "scenarios", "sweep", "bench"),
+    *("inspect", "convert", "platforms", "metrics", "scenarios", "sweep", "bench"),
 )
 
 

@@ -52,7 +52,7 @@ class Reader:
 @cache
 def readers() -> tuple[Reader, ...]:
     """One of each, in a fixed order."""
-    return (*_recordings(), *_logs(), *_trajectories(), *_maps(), *_tables())
+    return (*_recordings(), *_trajectories(), *_maps(), *_tables())
 
 
 def recorded(scans: int = 12, beams: int = 19) -> Recording:
@@ -89,33 +89,6 @@ def _recordings() -> Iterator[Reader]:
             main = "." if known.is_folder else f"log{known.endings[0]}"
             known.write(folder / main, recorded())
             yield Reader(name, _contents(folder), main, _inspected)
-
-
-def _logs() -> Iterator[Reader]:
-    """Formats that are only read, a short log of each."""
-    rng = np.random.default_rng(5)
-
-    def ranges(beams: int, unit: float) -> str:
-        return " ".join(str(int(value)) for value in rng.uniform(0.5, 3.9, beams) / unit)
-
-    rows = [f"{100_000 * k} 0 {20 * k} {21 * k}{' 0' * 20} {ranges(682, 0.001)} 0\n" for k in range(6)]
-    yield Reader("breezyslam", {"exp.dat": "".join(rows).encode()}, "exp.dat", _inspected)
-    rows = [f"O {k} 0 0 {k}.1\nL {k} 0 0 {k + 25} 0 0 {ranges(180, 0.01)} {k}.2\n" for k in range(6)]
-    yield Reader("wean", {"robot.log": "".join(rows).encode()}, "robot.log", _inspected)
-    rows = [f"Odometry {k / 10} 0 0.1\nLaser 181 {ranges(181, 1.0)}\n" for k in range(6)]
-    yield Reader("dpslam", {"loop.log": "".join(rows).encode()}, "loop.log", _inspected)
-    motors = "".join(f"M {200 * k} {30 * k} 0 0 0 {30 * k} 0 0 0 0 0 0 0\n" for k in range(9))
-    scans = "".join(f"S {300 * k} 660 {ranges(660, 0.001)}\n" for k in range(6))
-    files = {"r_motors.txt": motors.encode(), "r_scan.txt": scans.encode()}
-    yield Reader("brenner", files, ".", _inspected)
-    rows = [
-        f"@SENS 1-2-1998 10:00:0{k}.5\n#ROBOT {10 * k} 0 90.0\n\n@SENS 1-2-1998 10:00:0{k}.6\n"
-        f"#LASER 180 0: {ranges(180, 0.01)}\n\n"
-        for k in range(6)
-    ]
-    yield Reader(
-        "beesoft", {"run.script": ("@OPEN 1-2-1998 10:00:00\n" + "".join(rows)).encode()}, "run.script", _inspected
-    )
 
 
 def _inspected(path: Path) -> Any:

@@ -19,7 +19,6 @@ from moteslam.eval.cli import (
     convert,
     demo,
     evaluate,
-    follow,
     inspect,
     metrics,
     platforms,
@@ -73,7 +72,7 @@ def _root(
 
 
 for command in (
-    *(demo.demo, simulate.simulate, replay.replay, follow.follow, evaluate.evaluate),
+    *(demo.demo, simulate.simulate, replay.replay, evaluate.evaluate),
     *(compare.compare, report.report, inspect.inspect, convert.convert, platforms.platforms, metrics.metrics),
 ):
     app.command()(command)

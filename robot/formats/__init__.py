@@ -9,8 +9,7 @@ from pathlib import Path
 
 from moteslam.errors import ConfigError, InputError
 from moteslam.plugins import PluginWarning
-from moteslam.robot.formats.format import FORMATS, Follower, Format, Robot, Topics
-from moteslam.robot.given_robot import GivenRobot
+from moteslam.robot.formats.format import FORMATS, Format, Robot, Topics
 from moteslam.robot.issues import Issue
 from moteslam.robot.platform import Platform
 from moteslam.robot.platforms import bundled_platform
@@ -21,11 +20,9 @@ from moteslam.robot.wording import expect_path, expect_type
 
 __all__ = [
     "FORMATS",
-    "Follower",
     "Format",
     "Robot",
     "Topics",
-    "follow_recording",
     "format_of",
     "format_to_write",
     "open_recording",
@@ -64,64 +61,6 @@ def open_recording(
     if known.read_topics is None:
         raise InputError(f"a {known.name} has no topics, expected none to be named", file=path, field="topics")
     return known.read_topics(Path(path), sequence, platform, topics)
-
-
-def follow_recording(path: str | PathLike[str], *, platform: Robot = None) -> Follower:
-    """Read a recording that is still being written, again and again.
-
-    A file that is not there yet, or whose beginning does not show its format yet, is waited for: `Follower.poll` gives
-    None until it does.
-
-    Args:
-        path: a file.
-        platform: as of `open_recording`.
-
-    Raises:
-        InputError: a folder, or a file that cannot be followed.
-        ConfigError: a ``platform.toml`` that is none.
-    """
-    expect_path(path, "path", "a recording")
-    platform = _bundled_or_file(platform)
-    GivenRobot.read(platform)
-    awaited = _Awaited(Path(path), platform)
-    awaited.begin()
-    return awaited
-
-
-class _Awaited:
-    """Follows a file as soon as it is there and its beginning shows its format; see `Follower`."""
-
-    def __init__(self, path: Path, platform: Robot) -> None:
-        self._path, self._platform = path, platform
-        self._follower: Follower | None = None
-
-    def begin(self) -> None:
-        """Look whether the format shows by now.
-
-        Raises:
-            InputError: it does, and cannot be followed; or a folder, or no file.
-        """
-        try:
-            known = format_of(self._path)
-        except InputError:
-            if self._path.exists() and not self._path.is_file():
-                raise
-            return
-        if known.follow is None:
-            able = " or ".join(each.name.partition(" (")[0] for _, each in FORMATS.items() if each.follow is not None)
-            problem = f"{known.name}, expected what can be read while it is written: {able}"
-            raise InputError(problem, file=self._path)
-        self._follower = known.follow(self._path, self._platform)
-
-    def poll(self, *, last: bool = False) -> Recording | None:
-        """See `Follower`."""
-        if self._follower is None:
-            self.begin()
-        if self._follower is None:
-            if last:
-                format_of(self._path)  # says why not
-            return None
-        return self._follower.poll(last=last)
 
 
 def write_recording(path: str | PathLike[str], recording: Recording, *, to: str | None = None) -> tuple[Issue, ...]:

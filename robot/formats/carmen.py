@@ -1,9 +1,8 @@
-"""CARMEN logs, plain or gzip, finished or being written. Lines, rules and bounds: ``docs/reference/formats.md``."""
+"""CARMEN logs, plain or gzip. Lines, rules and bounds: ``docs/reference/formats.md``."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
 from os import PathLike
 from pathlib import Path
 from typing import NamedTuple
@@ -14,27 +13,25 @@ from pydantic import ValidationError
 
 from moteslam.errors import InputError
 from moteslam.robot.formats.carmen_lines import (
+    CLASSIC_STEPS,
     RAW_LASERS,
     SHORT_TAILS,
     CarmenLines,
-    CarmenParser,
     ScanKind,
     Scans,
     parse_lines,
 )
 from moteslam.robot.formats.carmen_writer import OWN_PARAMETERS, write_log
-from moteslam.robot.formats.format import Format, Robot, one_sequence
+from moteslam.robot.formats.format import Format, one_sequence
 from moteslam.robot.formats.interlaced import interlaced
-from moteslam.robot.formats.logged_ranges import LoggedRanges
+from moteslam.robot.formats.lines import MAX_BROKEN, TextLines, broken_issues
 from moteslam.robot.formats.no_return import no_return_limit
 from moteslam.robot.formats.streams import Fan, lidar_stream, mount_between, odometry_stream
-from moteslam.robot.formats.text import GrowingLines, TextLines, begins_as_gzip
-from moteslam.robot.formats.words import MAX_BROKEN, ReadLines, broken_issues
 from moteslam.robot.given_robot import GivenRobot
 from moteslam.robot.issues import Issue
 from moteslam.robot.platform import Platform
 from moteslam.robot.platforms import CARMEN
-from moteslam.robot.recording import LidarStream, Recording
+from moteslam.robot.recording import Recording
 from moteslam.robot.specs import LidarSpec
 from moteslam.robot.wording import counted, first_complaint
 
@@ -66,59 +63,7 @@ def read_carmen(path: str | PathLike[str], *, platform: Platform | str | PathLik
     """
     lines = TextLines(Path(path))
     log = parse_lines(lines)
-    return _recording(lines, log, GivenRobot.read(platform), _ranges_of)
-
-
-class CarmenFollower:
-    """Reads a plain CARMEN log that is still being written; see `Follower`.
-
-    Lines are parsed as they are finished, ranges cleaned as they are used. The streams are made anew at every poll:
-    with 36 000 scans and 144 000 lines of odometry, an hour's, that costs 30 ms.
-
-    Args:
-        path: the log, which exists.
-        platform: as of `read_carmen`.
-
-    Raises:
-        InputError: packed by gzip. Polled, also an interlaced lidar: its grid is known when the log is finished.
-        ConfigError: a ``platform.toml`` that is none.
-    """
-
-    def __init__(self, path: Path, platform: Robot) -> None:
-        if begins_as_gzip(path):
-            problem = "packed by gzip, which cannot be read while it is written; expected a plain CARMEN log"
-            raise InputError(problem, file=path)
-        self._lines, self._parser = GrowingLines(path, "a CARMEN log"), CarmenParser()
-        self._given = GivenRobot.read(platform)
-        self._ranges: LoggedRanges | None = None
-
-    def poll(self, *, last: bool = False) -> Recording | None:
-        """See `Follower`."""
-        lines = self._lines.new(last=last)
-        self._parser.feed(lines)
-        log = self._parser.log
-        is_empty = not log.used and log.broken.count <= MAX_BROKEN
-        if not last and (not lines or is_empty):
-            return None
-        return _recording(self._lines, log, self._given, self._kept_ranges)
-
-    def _kept_ranges(self, chosen: _Chosen) -> LoggedRanges:
-        if chosen.interlace > 1:
-            problem = f"scans of an interlaced lidar, {chosen.interlace} in turns; expected a log that is finished"
-            raise InputError(problem, file=self._lines.path, line=chosen.scans.first_line)
-        if self._ranges is None or self._ranges.values is not chosen.scans.ranges:
-            self._ranges = LoggedRanges(chosen.scans.ranges, chosen.kind.beams)
-        return self._ranges
-
-
-def _recording(
-    lines: ReadLines,
-    log: CarmenLines,
-    given: GivenRobot,
-    ranges_of: Callable[[_Chosen], NDArray[np.float32] | LoggedRanges],
-) -> Recording:
-    """The recording of a log that was parsed; ``ranges_of`` gives the ranges of its scans."""
-    path = lines.path
+    path, given = lines.path, GivenRobot.read(platform)
     issues = broken_issues(lines, log.broken, log.used, "no FLASER, ROBOTLASER1 or ODOM line, expected a CARMEN log")
     chosen = _choose(path, log, issues)
     odometry = np.array(log.odometry, np.float64).reshape(-1, 5)
@@ -129,25 +74,43 @@ def _recording(
     clock = -2 if (rows[:, 6] != 0).any() or (odometry[:, 3] != 0).any() else -1
     has_poses = chosen is not None and chosen.kind.line not in RAW_LASERS
     robot = given.over(_platform(path, log, rows if has_poses else rows[:0]))
+    lidar = None
+    if chosen is not None:
+        kind, interlace = chosen.kind, chosen.interlace
+        ranges = np.array(chosen.scans.ranges, np.float32).reshape(-1, kind.beams)
+        lidar = lidar_stream(
+            path,
+            kind.line,
+            stamps=rows[:, clock],
+            ranges=ranges,
+            fan=Fan(kind.angle_min, kind.angle_increment, 0.0, _range_max(log, chosen, ranges, given)),
+            robot=robot,
+            given=given.lidar_figures,
+            issues=issues,
+            odometry=rows[:, 3:6] if has_poses else None,
+            interlace=interlace,
+        )
+        if kind.line == "FLASER" and kind.beams not in CLASSIC_STEPS and "angle_increment" not in given.lidar_figures:
+            text = (
+                f"{path.name}: FLASER lines state no angles: {kind.beams} beams are assumed to span 180 degrees. Of "
+                "another lidar the map is wrong: give [lidar] angle_min and angle_increment by --platform"
+            )
+            issues.append(Issue("assumed-angles", text, len(lidar)))
     return Recording(
         name=re.sub(r"(\.log|\.clf)?(\.gz)?$", "", path.name) or path.name,
         platform=robot,
-        lidar=chosen
-        and _lidar(
-            path,
-            log,
-            chosen,
-            ranges=ranges_of(chosen),
-            rows=rows,
-            clock=clock,
-            robot=robot,
-            given=given,
-            has_poses=has_poses,
-            issues=issues,
-        ),
+        lidar=lidar,
         odometry=odometry_stream(path, "ODOM", odometry[:, clock], odometry[:, :3], issues),
         warnings=tuple(issues),
     )
+
+
+def _range_max(log: CarmenLines, chosen: _Chosen, ranges: NDArray[np.float32], given: GivenRobot) -> float:
+    """From where on a range is no return [m]: as given, as the log states, or as its ranges show."""
+    if given.lidar_figures.get("range_max"):
+        return float(given.lidar_figures["range_max"])
+    stated = next((log.params[key] for key in _LIMITS if log.params.get(key, 0) > 0), chosen.scans.stated)
+    return no_return_limit(ranges if chosen.interlace == 1 else ranges[ranges > 0], stated)
 
 
 def _without_stamps(path: Path, odometry: NDArray[np.float64], issues: list[Issue]) -> NDArray[np.float64]:
@@ -239,52 +202,11 @@ def _mount(params: dict[str, float], rows: NDArray[np.float64]) -> LidarSpec:
     return mount_between(rows[:, 3:6], rows[:, :3]) or LidarSpec()
 
 
-def _lidar(
-    path: Path,
-    log: CarmenLines,
-    chosen: _Chosen,
-    *,
-    ranges: NDArray[np.float32] | LoggedRanges,
-    rows: NDArray[np.float64],
-    clock: int,
-    robot: Platform,
-    given: GivenRobot,
-    has_poses: bool,
-    issues: list[Issue],
-) -> LidarStream:
-    """The scans; figures that a caller's ``platform.toml`` gives are taken in place of the log's."""
-    kind, scans = chosen.kind, chosen.scans
-    stated = next((log.params[key] for key in _LIMITS if log.params.get(key, 0) > 0), scans.stated)
-    figures = given.lidar_figures
-    range_max = figures.get("range_max") or (
-        ranges.limit(stated)
-        if isinstance(ranges, LoggedRanges)
-        else no_return_limit(ranges if chosen.interlace == 1 else ranges[ranges > 0], stated)
-    )
-    return lidar_stream(
-        path,
-        kind.line,
-        stamps=rows[:, clock],
-        ranges=ranges,
-        fan=Fan(kind.angle_min, kind.angle_increment, 0.0, range_max),
-        robot=robot,
-        given=figures,
-        issues=issues,
-        odometry=rows[:, 3:6] if has_poses else None,
-        interlace=chosen.interlace,
-    )
-
-
-def _ranges_of(chosen: _Chosen) -> NDArray[np.float32]:
-    return np.array(chosen.scans.ranges, np.float32).reshape(-1, chosen.kind.beams)
-
-
 FORMAT = Format(
     "CARMEN log (FLASER, ROBOTLASER1, RAWLASER1, ODOM lines; plain or gzip)",
     is_folder=False,
     recognise=is_carmen,
     read=one_sequence("a CARMEN log", read_carmen),
     write=write_log,
-    follow=CarmenFollower,
     endings=(".log", ".log.gz", ".clf", ".clf.gz"),
 )

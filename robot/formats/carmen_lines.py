@@ -20,14 +20,14 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import NamedTuple
 
-from moteslam.robot.formats.words import (
+from moteslam.robot.formats.lines import (
     BrokenLines,
-    WordParser,
     count_at,
     expect_stamp,
     expect_words,
     finite_numbers,
     numbers,
+    parse_words,
     pose_of,
 )
 
@@ -109,36 +109,19 @@ class CarmenLines:
         return sum(map(len, self.scans.values())) + len(self.odometry) // 5
 
 
-class CarmenParser:
-    """Parses the lines of a log as they come; comments and other kinds of line are passed over.
-
-    Attributes:
-        log: what the lines said until now.
-    """
-
-    def __init__(self) -> None:
-        kinds: dict[str, Callable[[CarmenLines, Sequence[bytes], int], None]] = {
-            "FLASER": _flaser,
-            "ROBOTLASER1": _robotlaser,
-            "ODOM": _odometry,
-            "PARAM": _param,
-            **dict.fromkeys(RAW_LASERS, _rawlaser),
-            **dict.fromkeys(REAR_LASERS, _rear),
-        }
-        self.log = CarmenLines()
-        self._words = WordParser({kind.encode(): partial(parse, self.log) for kind, parse in kinds.items()})
-        self.log.broken = self._words.broken
-
-    def feed(self, lines: Iterable[bytes]) -> None:
-        """Parse the lines that follow."""
-        self._words.feed(lines)
-
-
 def parse_lines(lines: Iterable[bytes]) -> CarmenLines:
-    """Parse the lines of a log."""
-    parser = CarmenParser()
-    parser.feed(lines)
-    return parser.log
+    """What the lines of a log say; comments and other kinds of line are passed over."""
+    kinds: dict[str, Callable[[CarmenLines, Sequence[bytes], int], None]] = {
+        "FLASER": _flaser,
+        "ROBOTLASER1": _robotlaser,
+        "ODOM": _odometry,
+        "PARAM": _param,
+        **dict.fromkeys(RAW_LASERS, _rawlaser),
+        **dict.fromkeys(REAR_LASERS, _rear),
+    }
+    log = CarmenLines()
+    log.broken = parse_words(lines, {kind.encode(): partial(parse, log) for kind, parse in kinds.items()})
+    return log
 
 
 def fov_of(beams: int) -> tuple[float, float]:

@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 
 from moteslam.errors import ConfigError
 from moteslam.robot.formats.csv_model import RANGE, Column, CsvTable
-from moteslam.robot.formats.text import TextLines
-from moteslam.robot.formats.words import BrokenLines, broken_issues
+from moteslam.robot.formats.lines import BrokenLines, TextLines, broken_issues
 from moteslam.robot.issues import Issue
 from moteslam.robot.specs import MAX_BEAMS
 from moteslam.robot.summary import Summarised

@@ -24,23 +24,6 @@ Topics = Mapping[str, tuple[str, ...]]
 """Of which topics of a bag the streams are: ``{"lidar": ("/scan",)}``; several lidars are merged to one."""
 
 
-class Follower(Protocol):
-    """Reads a recording that is still being written."""
-
-    def poll(self, *, last: bool = False) -> Recording | None:
-        """All that has been written until now; None where nothing came since the last call.
-
-        What is not whole yet, as a line without its end, is left for the next call.
-
-        Args:
-            last: nothing will follow. It is then the recording that `open_recording` gives of the file, whether
-                anything came or not.
-
-        Raises:
-            InputError: the file was replaced or cut short, or is broken; with ``last`` also where it is no recording.
-        """
-
-
 @dataclass(frozen=True)
 class Format:
     """How a recording is stored.
@@ -53,7 +36,6 @@ class Format:
         read_topics: ``read_topics(path, sequence, platform, topics)``, of a format with topics; None for others.
         write: ``write(path, recording)`` writes a file or folder that reads back the same, but for what the format
             cannot hold: an issue each. None for a format that is only read.
-        follow: ``follow(path, platform)`` reads a file that is still being written; None for a format that cannot be.
         endings: of the names of files in this format, the first the usual one: ``.log``, ``.log.gz``.
     """
 
@@ -63,7 +45,6 @@ class Format:
     read: Callable[[Path, str | int | None, Robot], Recording]
     read_topics: Callable[[Path, str | int | None, Robot, Topics], Recording] | None = None
     write: Callable[[Path, Recording], tuple[Issue, ...]] | None = None
-    follow: Callable[[Path, Robot], Follower] | None = None
     endings: tuple[str, ...] = ()
 
 
@@ -96,11 +77,6 @@ FORMATS: Plugins[Format] = Plugins(
     bundled={
         "ucsd": "moteslam.robot.formats.ucsd:FORMAT",
         "carmen": "moteslam.robot.formats.carmen:FORMAT",
-        "breezyslam": "moteslam.robot.formats.breezyslam:FORMAT",
-        "wean": "moteslam.robot.formats.wean:FORMAT",
-        "brenner": "moteslam.robot.formats.brenner:FORMAT",
-        "dpslam": "moteslam.robot.formats.dpslam:FORMAT",
-        "beesoft": "moteslam.robot.formats.beesoft:FORMAT",
         "csv": "moteslam.robot.formats.csv_log:FORMAT",
         "bag": "moteslam.robot.formats.bags.formats:ROSBAG1",
         "rosbag2": "moteslam.robot.formats.bags.formats:ROSBAG2",

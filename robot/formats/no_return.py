@@ -36,55 +36,23 @@ def no_return_limit(ranges: NDArray[np.float32], stated: float | None) -> float:
         ranges: of the whole log, any shape [m]; not finite ones are left aside.
         stated: the limit that the log states [m], or None.
     """
-    tally = RangeTally()
-    if stated is None:
-        tally.add(ranges)
-    return tally.limit(stated)
-
-
-class RangeTally:
-    """How often each range was measured, to a tenth of a millimetre: what `no_return_limit` looks at.
-
-    Ranges are added as they come; a limit costs 1 ms, however many there are.
-    """
-
-    def __init__(self) -> None:
-        self._counts = np.zeros(0, np.int64)
-        self._least = np.zeros(0, np.float32)
-        self._total = 0
-        self._beyond = False
-
-    def add(self, ranges: NDArray[np.float32]) -> None:
-        """Count ranges of any shape [m]; not finite ones are left aside."""
-        finite = ranges[np.isfinite(ranges)]
-        values = np.rint(finite.astype(np.float64) * _BINS)
-        self._total += len(values)
-        self._beyond |= bool((values >= SICK_REACH * _BINS).any())
-        if self._beyond:
-            return
-        if not len(self._counts):
-            self._counts = np.zeros(round(SICK_REACH * _BINS), np.int64)
-            self._least = np.full(len(self._counts), np.inf, np.float32)
-        known = values >= 0
-        bins = values[known].astype(np.intp)
-        self._counts += np.bincount(bins, minlength=len(self._counts))
-        np.minimum.at(self._least, bins, finite[known])
-
-    def limit(self, stated: float | None) -> float:
-        """As `no_return_limit`, of all ranges that were added."""
-        if stated is not None:
-            return SICK_REACH if SICK_REACH < stated <= SICK_CODES else stated
-        used = np.flatnonzero(self._counts)
-        if self._beyond or not len(used):
-            return SICK_REACH
-        values, counts = used / _BINS, self._counts[used]
-        code = int(np.where(values > values[-1] * (1 - _CODES), counts, 0).argmax())
-        upper = values >= values[-1] / 2
-        upper[code] = False
-        spike = counts[code] >= max(_SHARE * self._total, _FEWEST, _TIMES * counts[upper].max(initial=0))
-        if spike and (values[:code] > 0).any():
-            return float(self._least[used[code]])
+    if stated is not None:
+        return SICK_REACH if SICK_REACH < stated <= SICK_CODES else stated
+    finite = ranges[np.isfinite(ranges)]
+    finite = finite[finite >= 0]
+    bins = np.rint(finite.astype(np.float64) * _BINS).astype(np.int64)
+    if not len(bins) or bins.max() >= SICK_REACH * _BINS:
         return SICK_REACH
+    tally = np.bincount(bins)
+    used = np.flatnonzero(tally)
+    values, counts = used / _BINS, tally[used]
+    code = int(np.where(values > values[-1] * (1 - _CODES), counts, 0).argmax())
+    upper = values >= values[-1] / 2
+    upper[code] = False
+    spike = counts[code] >= max(_SHARE * len(bins), _FEWEST, _TIMES * counts[upper].max(initial=0))
+    if spike and (values[:code] > 0).any():
+        return float(finite[bins == used[code]].min())
+    return SICK_REACH
 
 
 def no_return_codes(codes: tuple[float, ...], range_max: float, otherwise: float, beams: int) -> NDArray[np.float32]:

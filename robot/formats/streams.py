@@ -12,12 +12,10 @@ from moteslam.errors import InputError
 from moteslam.robot import se2
 from moteslam.robot.arrays import given_up
 from moteslam.robot.formats.bounds import check_fan, check_figures, plausible_counts, plausible_rates
-from moteslam.robot.formats.logged_ranges import LoggedRanges
 from moteslam.robot.formats.ranges import clean_ranges
 from moteslam.robot.formats.stamps import stamp_order
 from moteslam.robot.issues import Issue
 from moteslam.robot.platform import Platform
-from moteslam.robot.ranges import Ranges
 from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream, OdometryStream
 from moteslam.robot.specs import LidarSpec
 from moteslam.robot.tables import Table
@@ -84,7 +82,7 @@ def lidar_stream(
     field: str,
     *,
     stamps: Array,
-    ranges: NDArray[np.float32] | LoggedRanges,
+    ranges: NDArray[np.float32],
     fan: Fan,
     robot: Platform,
     given: Table,
@@ -98,7 +96,7 @@ def lidar_stream(
     Args:
         path, field: where they come from, for messages.
         stamps: [n] [s], in the order of the file.
-        ranges: [n, beams] [m], as reported; of a log that is still being written they stay there until they are used.
+        ranges: [n, beams] [m], as reported.
         fan: angles and limits that the file or its format states.
         robot: for the time between beams.
         given: figures that a caller's ``platform.toml`` puts in place of those.
@@ -117,19 +115,13 @@ def lidar_stream(
     stamps, (order,) = sort_by_stamp(path, field, stamps, issues, np.arange(len(stamps)))
     poses = None if odometry is None else odometry[order]
     sequence = None if odometry is None else _sequence(path, field, odometry, order, issues)
-    clean: Ranges
-    if isinstance(ranges, LoggedRanges):
-        limits = (range_min, range_max)
-        clean, found = ranges.cleaned(order, *limits, file=path, field=field, zero_is_invalid=zero_is_invalid)
-    else:
-        array, found = clean_ranges(ranges[order], range_min, range_max, file=path, field=field)
-        if zero_is_invalid:
-            array[array == 0] = np.nan
-        clean = given_up(array)
+    clean, found = clean_ranges(ranges[order], range_min, range_max, file=path, field=field)
+    if zero_is_invalid:
+        clean[clean == 0] = np.nan
     issues.extend(found)
     return LidarStream(
         stamps=stamps,
-        ranges=clean,
+        ranges=given_up(clean),
         angle_min=angle_min,
         angle_increment=increment,
         range_min=range_min,

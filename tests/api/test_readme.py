@@ -24,7 +24,6 @@ def test_the_table_has_the_commands():
         "demo",
         "simulate",
         "replay",
-        "follow",
         "evaluate",
         "sweep",
         "compare",

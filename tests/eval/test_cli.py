@@ -18,7 +18,7 @@ from moteslam.robot.trajectories.tum import read_tum
 
 HEAVY = {"numpy", "scipy", "matplotlib", "taichi", "cv2", "pymunk", "rich"}  # Typer itself loads some of Pydantic
 COMMANDS = (
-    *("demo", "simulate", "replay", "follow", "evaluate", "compare", "report"),
+    *("demo", "simulate", "replay", "evaluate", "compare", "report"),
     *("inspect", "platforms", "metrics", "scenarios", "bench"),
 )
 

@@ -145,7 +145,7 @@ def capsys_emptied(capsys: pytest.CaptureFixture[str]) -> pytest.CaptureFixture[
         ("a.xyz", "--to: 'a.xyz' has the ending of no format, expected one of .log, .log.gz, .clf, "),
         ("a", "--to: 'a' has the ending of no format"),
         ("a.log --to nothing", "--to: 'nothing', expected one of ucsd, carmen, csv, bag, rosbag2, mcap"),
-        ("a.log --to wean", "--to: 'wean' is only read, expected one of ucsd, carmen, csv, bag, rosbag2, mcap"),
+        ("a.log --to db3", "--to: 'db3' is only read, expected one of ucsd, carmen, csv, bag, rosbag2, mcap"),
         ("a.csv --to csv", "a.csv: expected a name that ends in .toml"),
     ],
 )
@@ -345,8 +345,8 @@ def test_from_python_a_folder_with_something_in_it_is_not(form: str, drive: Reco
 def test_from_python_what_is_refused(drive: Recording, tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r"^to: 'a.xyz' has the ending of no format"):
         write_recording(tmp_path / "a.xyz", drive)
-    with pytest.raises(ConfigError, match=r"^to: 'beesoft' is only read"):
-        write_recording(tmp_path / "a", drive, to="beesoft")
+    with pytest.raises(ConfigError, match=r"^to: 'db3' is only read"):
+        write_recording(tmp_path / "a", drive, to="db3")
     with pytest.raises(InputError, match=r"no stream with readings"):
         write_recording(tmp_path / "new" / "a.toml", Recording("none", drive.platform))
     (tmp_path / "file").touch()

@@ -97,7 +97,7 @@ def test_a_gzip_that_unpacks_to_a_gigabyte_of_comments_is_refused_in_little_memo
 
 
 def test_lines_are_counted_before_they_are_kept(monkeypatch: pytest.MonkeyPatch, capsys) -> None:
-    monkeypatch.setattr("moteslam.robot.formats.text.MAX_LINES", 100)
+    monkeypatch.setattr("moteslam.robot.formats.lines.MAX_LINES", 100)
     Path("long.log").write_text("# a comment\n" * 101 + CARMEN)
     assert "long.log: over 100 lines" in refused(capsys, "inspect", "long.log")
 

@@ -7,7 +7,6 @@ from pathlib import Path
 
 from moteslam.robot.formats.bags.bag import begins_as
 from moteslam.robot.formats.bags.database import is_bag_database
-from moteslam.robot.formats.bags.follow import McapFollower
 from moteslam.robot.formats.bags.read import read_bag
 from moteslam.robot.formats.bags.rosbag2 import is_rosbag2
 from moteslam.robot.formats.bags.write import write_mcap, write_rosbag1, write_rosbag2
@@ -47,7 +46,6 @@ MCAP = Format(
     read=_read,
     read_topics=_read_topics,
     write=write_mcap,
-    follow=McapFollower,
     endings=(".mcap",),
 )
 
