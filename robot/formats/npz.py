@@ -1,24 +1,17 @@
-"""Arrays out of an ``.npz`` file that nobody vouches for.
-
-The zip directory and the header of every array are read first: names, dtypes, shapes and sizes are checked, and only
-then is an array allocated. Pickles are never loaded. (``np.load`` allocates what a header declares, whatever the file
-holds.)
-"""
+"""Arrays out of an ``.npz`` file that nobody vouches for: sizes are looked at before an array is read; no pickles."""
 
 from __future__ import annotations
 
-import io
+import lzma
 import math
 import tokenize
 import zipfile
 import zlib
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.lib import format as npy
 from numpy.typing import NDArray
 
 from moteslam.errors import InputError
@@ -27,20 +20,14 @@ from moteslam.robot.reading import open_regular
 MAX_BYTES = 2 << 30
 """No file may declare more than this for the arrays asked for: 2 GiB, over an hour of a 1081-beam lidar at 40 Hz."""
 
-_HEADER_BYTES = 16 << 10
-_METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
+_BROKEN = (
+    *(zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError, ValueError, KeyError, MemoryError),
+    *(OverflowError, SyntaxError, tokenize.TokenError, lzma.LZMAError),
+)
+"""What `zipfile` and `numpy.load` raise of a damaged file."""
 
 Shape = tuple[int | str, ...]
 """A shape asked for: numbers, and letters that stand for one size throughout the file. ``()`` is one number."""
-
-
-@dataclass(frozen=True)
-class _Header:
-    member: zipfile.ZipInfo
-    shape: tuple[int, ...]
-    fortran: bool
-    dtype: np.dtype[Any]
-    offset: int
 
 
 def is_archive(path: Path) -> bool:
@@ -65,76 +52,53 @@ def read_arrays(path: Path, shapes: Mapping[str, Shape], *, max_bytes: int = MAX
         InputError: not a whole ``.npz`` file, an array that is missing, of another shape, not of numbers, that
             lies about its size, or is too large.
     """
-    try:
-        with open_regular(path, "a .npz file") as file, zipfile.ZipFile(file) as archive:
-            members = {member.filename: member for member in archive.infolist()}
-            headers = {name: _header(archive, members, path, name) for name in shapes}
-            _check_shapes(path, shapes, headers)
-            total = sum(header.member.file_size for header in headers.values())
-            if total > max_bytes:
-                raise InputError(f"{total} bytes of arrays, expected at most {max_bytes}", file=path)
-            return {name: _data(archive, path, name, header) for name, header in headers.items()}
-    except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError, ValueError) as error:
-        problem = "is empty" if path.stat().st_size == 0 else "not a whole file"
-        raise InputError(f"{problem}, expected a .npz of {', '.join(shapes)}", file=path) from error
-    except OSError as error:
-        raise InputError(f"{error.strerror or error}, expected a .npz file", file=path) from error
-
-
-def _header(archive: zipfile.ZipFile, members: dict[str, zipfile.ZipInfo], path: Path, name: str) -> _Header:
-    member = members.get(f"{name}.npy")
-    if member is None:
-        names = [key.removesuffix(".npy") for key in sorted(members)]
-        found = ", ".join(key if key.isidentifier() else ascii(key[:40]) for key in names[:8]) or "none"
-        raise InputError(f"missing, expected an array of this name (the file has {found})", file=path, field=name)
-    if member.compress_type not in _METHODS or member.flag_bits & 1:
-        raise InputError("packed in a way not known here, expected stored or deflated", file=path, field=name)
-    with archive.open(member) as stream:
-        start = io.BytesIO(stream.read(_HEADER_BYTES))  # bounded: a header may declare any length of itself
-    try:
-        read = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}[npy.read_magic(start)]
-        shape, fortran, dtype = read(start)
-    except (KeyError, ValueError, EOFError, OverflowError, RecursionError, MemoryError, tokenize.TokenError) as error:
-        raise InputError("has no readable .npy header", file=path, field=name) from error
-    if dtype.hasobject:
-        raise InputError("holds pickled objects, expected numbers", file=path, field=name)
-    if dtype.kind not in "fiu":
-        raise InputError(f"of dtype {dtype}, expected real numbers", file=path, field=name)
-    if min(shape, default=1) < 0 or member.file_size != start.tell() + math.prod(shape) * dtype.itemsize:
-        raise InputError(
-            f"declares {_text(shape)} of {dtype} but has {member.file_size - start.tell()} bytes",
-            file=path,
-            field=name,
-        )
-    return _Header(member, shape, fortran, dtype, start.tell())
-
-
-def _check_shapes(path: Path, shapes: Mapping[str, Shape], headers: Mapping[str, _Header]) -> None:
+    with open_regular(path, "a .npz file") as file:
+        try:
+            with zipfile.ZipFile(file) as archive:
+                stored = {member.filename.removesuffix(".npy"): member.file_size for member in archive.infolist()}
+        except _BROKEN as error:
+            problem = "is empty" if path.stat().st_size == 0 else "not a whole file"
+            raise InputError(f"{problem}, expected a .npz of {', '.join(shapes)}", file=path) from error
+        if missing := [name for name in shapes if name not in stored]:
+            names = (name if name.isidentifier() else ascii(name[:40]) for name in sorted(stored)[:8])
+            found = ", ".join(names) or "none"
+            problem = f"missing, expected an array of this name (the file has {found})"
+            raise InputError(problem, file=path, field=missing[0])
+        if (total := sum(stored[name] for name in shapes)) > max_bytes:
+            raise InputError(f"{total} bytes of arrays, expected at most {max_bytes}", file=path)
+        file.seek(0)
+        arrays, name = {}, ""
+        try:
+            with np.load(file, allow_pickle=False) as content:
+                for name in shapes:
+                    arrays[name] = content[name]
+        except (OSError, *_BROKEN) as error:
+            problem = "holds pickled objects" if "allow_pickle" in str(error) else "cut short or damaged"
+            raise InputError(f"{problem}, expected an array of numbers", file=path, field=name) from error
     sizes: dict[str, int] = {}
-    for name, wanted in shapes.items():
-        found = headers[name].shape
-        if wanted == () and math.prod(found) == 1:
-            continue
-        expected = tuple(sizes.get(size, size) if isinstance(size, str) else size for size in wanted)
-        fits = len(found) == len(expected) and all(
-            have > 0 and have == (want if isinstance(want, int) else have)
-            for have, want in zip(found, expected, strict=True)
-        )
-        if not fits or wanted == ():
-            hint = ", none of them 0" if 0 in found else ""
-            what = _text(expected) if wanted else "one number"
-            raise InputError(f"shape {_text(found)}, expected {what}{hint}", file=path, field=name)
-        sizes.update((size, have) for size, have in zip(wanted, found, strict=True) if isinstance(size, str))
+    for name, shape in shapes.items():
+        _check(path, name, arrays[name], shape, sizes)
+    return arrays
 
 
-def _data(archive: zipfile.ZipFile, path: Path, name: str, header: _Header) -> NDArray[Any]:
-    with archive.open(header.member) as stream:
-        data = stream.read(header.member.file_size)
-    if len(data) != header.member.file_size:
-        raise InputError(f"cut short at {len(data)} bytes", file=path, field=name)
-    flat = np.frombuffer(data, header.dtype, offset=header.offset)
-    return flat.reshape(header.shape, order="F" if header.fortran else "C")
+def _check(path: Path, name: str, array: object, wanted: Shape, sizes: dict[str, int]) -> None:
+    """Refuse an array of another kind or shape; the sizes that letters stand for are added to ``sizes``.
 
-
-def _text(shape: tuple[int | str, ...]) -> str:
-    return "[" + ", ".join(map(str, shape)) + "]"
+    Raises:
+        InputError: it is.
+    """
+    if not isinstance(array, np.ndarray):
+        raise InputError("no array, expected numbers", file=path, field=name)
+    if array.dtype.kind not in "fiu":
+        raise InputError(f"of dtype {array.dtype}, expected real numbers", file=path, field=name)
+    if wanted == () and math.prod(array.shape) == 1:
+        return
+    expected = tuple(sizes.get(size, size) if isinstance(size, str) else size for size in wanted)
+    fits = len(array.shape) == len(expected) and all(
+        have > 0 and (isinstance(want, str) or have == want) for have, want in zip(array.shape, expected, strict=True)
+    )
+    if not fits or wanted == ():
+        what = f"[{', '.join(map(str, expected))}]" if wanted else "one number"
+        hint = ", none of them 0" if 0 in array.shape else ""
+        raise InputError(f"shape {list(array.shape)}, expected {what}{hint}", file=path, field=name)
+    sizes.update((size, have) for size, have in zip(wanted, array.shape, strict=True) if isinstance(size, str))
