@@ -15,7 +15,6 @@ from moteslam.errors import InputError, OutputError
 from moteslam.eval.metrics.registry import COSTS
 from moteslam.eval.sweep.plan import PlannedRun
 from moteslam.eval.sweep.workers import Outcome
-from moteslam.robot.result_folder import take_lock
 
 VERSION = 1
 SCHEMA = """
@@ -252,6 +251,12 @@ def _alone(path: Path, *, write: bool) -> Iterator[None]:
         return
     # SQLite's own locks are of another kind, and are lost where the file is closed: it stays open beyond the connection
     with path.open("rb") as file:
-        if take_lock(file.fileno()) is False:
-            raise OutputError("another sweep writes it, expected another file", file=path)
+        try:
+            import fcntl
+
+            fcntl.flock(file.fileno(), fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise OutputError("another sweep writes it, expected another file", file=path) from None
+        except (ImportError, OSError):  # a system or a file system without locks
+            pass
         yield
