@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import tomllib
+from array import array
+from collections.abc import Mapping
 from os import PathLike
 from pathlib import Path
 
@@ -14,9 +16,11 @@ from moteslam.robot.formats.csv_model import (
     METRES,
     RADIANS,
     RADIANS_PER_SECOND,
+    RANGE,
     SECONDS,
     STREAMS,
     TWO_WHEELS,
+    Column,
     CsvDescription,
     CsvTable,
     EncoderTable,
@@ -26,9 +30,9 @@ from moteslam.robot.formats.csv_model import (
     OdometryTable,
     read_description,
 )
-from moteslam.robot.formats.csv_table import Wanted, read_columns
 from moteslam.robot.formats.csv_writer import write_csv
 from moteslam.robot.formats.format import Format, Robot, one_sequence
+from moteslam.robot.formats.lines import BrokenLines, TextLines, broken_issues
 from moteslam.robot.formats.streams import (
     Fan,
     axle_counts,
@@ -44,8 +48,12 @@ from moteslam.robot.platform import Platform
 from moteslam.robot.platforms import platform_of, read_platform
 from moteslam.robot.reading import read_text
 from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream, OdometryStream, Recording
+from moteslam.robot.specs import MAX_BEAMS
 from moteslam.robot.tables import MAX_BYTES, Table
 from moteslam.robot.within import file_within
+from moteslam.robot.wording import counted, shortened
+
+Array = NDArray[np.float64]
 
 MAX_COUNT = 2**53
 """Ticks stay below it: whole numbers up to there are exact."""
@@ -53,12 +61,14 @@ MAX_COUNT = 2**53
 AT_REST = (0.0, 0.0, 1.0)
 """What an accelerometer says of a robot at rest [g]."""
 
+EMPTY = "no line of numbers, expected a CSV file"
+
 
 def is_csv_log(path: Path) -> bool:
     """Whether a file is TOML with a table of a stream that names its ``file``."""
     try:
         table = tomllib.loads(read_text(path, "a description of CSV files", limit=MAX_BYTES))
-    except (InputError, ValueError, RecursionError):
+    except (InputError, OSError, ValueError, RecursionError):
         return False
     streams = [table.get(name) for name in STREAMS]
     return any(isinstance(stream, dict) and "file" in stream for stream in streams)
@@ -116,12 +126,8 @@ class _Reader:
     def lidar(self, table: LidarTable) -> LidarStream:
         """The scans."""
         poses = {} if table.odometry is None else dict(zip(("x", "y", "theta"), table.odometry, strict=True))
-        wanted = Wanted(
-            {"lidar.stamp": table.stamp, **{f"lidar.odometry.{key}": column for key, column in poses.items()}},
-            table.ranges,
-            METRES[table.range_unit],
-        )
-        file, stamps, values, ranges = self._columns("lidar", table, wanted)
+        columns = {f"lidar.odometry.{key}": column for key, column in poses.items()}
+        file, stamps, values, ranges = self._columns("lidar", table, columns, table.ranges, METRES[table.range_unit])
         return lidar_stream(
             file,
             table.ranges,
@@ -136,15 +142,15 @@ class _Reader:
 
     def odometry(self, table: OdometryTable) -> OdometryStream | None:
         """The odometry poses."""
-        wanted = Wanted({f"odometry.{key}": getattr(table, key) for key in ("stamp", "x", "y", "theta")})
-        file, stamps, values, _ = self._columns("odometry", table, wanted)
+        columns = {f"odometry.{key}": getattr(table, key) for key in ("x", "y", "theta")}
+        file, stamps, values, _ = self._columns("odometry", table, columns)
         poses = _poses(values, table.length_unit, table.angle_unit)
         return odometry_stream(file, str(table.stamp), stamps, poses, self.issues)
 
     def encoders(self, table: EncoderTable) -> EncoderStream:
         """The counts of the wheels."""
         wheels = {f"encoders.{key}": column for key, column in table.wheels.items()}
-        file, stamps, values, _ = self._columns("encoders", table, Wanted({"encoders.stamp": table.stamp, **wheels}))
+        file, stamps, values, _ = self._columns("encoders", table, wheels)
         if (values != np.round(values)).any() or (np.abs(values) >= MAX_COUNT).any():
             raise InputError("not whole numbers, or beyond 2^53, expected ticks", file=file, field="encoders")
         counts = values.astype(np.int64)
@@ -156,28 +162,73 @@ class _Reader:
     def imu(self, table: ImuTable) -> ImuStream:
         """The inertial readings."""
         rates = {key: getattr(table, key) for key in ("roll_rate", "pitch_rate", "yaw_rate")}
-        along = () if table.acceleration is None else table.acceleration
-        columns = {key: column for key, column in rates.items() if column is not None}
-        columns |= {f"acceleration.{axis}": column for axis, column in zip("xyz", along, strict=False)}
-        wanted = Wanted({"imu.stamp": table.stamp, **{f"imu.{key}": column for key, column in columns.items()}})
-        file, stamps, values, _ = self._columns("imu", table, wanted)
+        along = {} if table.acceleration is None else dict(zip("xyz", table.acceleration, strict=True))
+        columns = {f"imu.{key}": column for key, column in rates.items() if column is not None}
+        columns |= {f"imu.acceleration.{axis}": column for axis, column in along.items()}
+        file, stamps, values, _ = self._columns("imu", table, columns)
         found = dict(zip(columns, values.T, strict=True))
-        nothing = np.zeros(len(stamps))
-        unit = RADIANS_PER_SECOND[table.rate_unit]
-        angular = np.stack([found.get(key, nothing) * unit for key in rates], axis=-1)
+        still = np.zeros(len(stamps))
+        angular = np.stack([found.get(f"imu.{key}", still) for key in rates], axis=-1)
+        linear = np.tile(AT_REST, (len(stamps), 1))
         if along:
-            linear = np.stack([found[f"acceleration.{axis}"] for axis in "xyz"], axis=-1) * G[table.acceleration_unit]
-        else:
-            linear = np.tile(AT_REST, (len(stamps), 1))
+            linear = np.stack([found[f"imu.acceleration.{axis}"] for axis in "xyz"], axis=-1)
+            linear = linear * G[table.acceleration_unit]
+        angular = angular * RADIANS_PER_SECOND[table.rate_unit]
         return imu_stream(file, str(table.stamp), stamps, angular, linear, self.issues)
 
     def _columns(
-        self, stream: str, table: CsvTable, wanted: Wanted
-    ) -> tuple[Path, NDArray[np.float64], NDArray[np.float64], NDArray[np.float32]]:
-        """The file, its stamps [n] [s], the other finite columns [n, k] in its units, and the ranges [n, m] [m]."""
+        self,
+        stream: str,
+        table: CsvTable,
+        columns: Mapping[str, Column],
+        ranges: str | None = None,
+        metres: float = 1.0,
+    ) -> tuple[Path, Array, Array, NDArray[np.float32]]:
+        """The file, its stamps [n] [s], other columns [n, k] of finite numbers, and the ranges [n, m] [m].
+
+        Empty lines and comments (``#``) are passed over, broken lines counted; the range of an empty cell is 0.
+
+        Raises:
+            ConfigError: a column that is not there.
+            InputError: not readable, no line of numbers, or too many broken lines.
+        """
         file = file_within(self.path.resolve().parent, table.file, file=self.path, field=f"{stream}.file")
-        columns = read_columns(file, table, wanted, description=self.path, issues=self.issues)
-        return file, columns.finite[:, 0] * SECONDS[table.stamp_unit], columns.finite[:, 1:], columns.ranges
+        lines, mark = TextLines(file), None if table.delimiter == " " else table.delimiter.encode()
+        stripped = ((number, line.strip(b" \r" if mark == b"\t" else None)) for number, line in enumerate(lines, 1))
+        rows = (
+            (number, [cell.strip().strip(b'"') for cell in line.split(mark)])
+            for number, line in stripped
+            if line and not line.startswith(b"#")
+        )
+        header: list[str] | None = None
+        if table.header:
+            first: list[bytes] = next(rows, (1, []))[1]
+            if not first:
+                broken_issues(lines, BrokenLines(), 0, EMPTY)  # raises
+            header = [cell.decode("utf-8", "replace") for cell in first]
+        names = _Names(header, file, self.path)
+        finite = [names.index(column, field) for field, column in {f"{stream}.stamp": table.stamp, **columns}.items()]
+        span = range(0) if ranges is None else names.span(ranges)
+        last = max(*finite, *span) if span else max(finite)
+        values, found, broken = array("d"), array("f"), BrokenLines()
+        for number, cells in rows:
+            try:
+                if len(cells) <= last:
+                    raise ValueError(f"{counted(len(cells), 'cell')}, expected at least {last + 1}")
+                row = [float(cells[index]) for index in finite]
+                if not np.isfinite(row).all():
+                    raise ValueError("NaN or infinite, expected finite numbers")
+                found.extend(array("f", [float(cells[index] or b"0") * metres for index in span]))
+            except (ValueError, OverflowError) as error:
+                no_number = str(error).startswith("could not convert")
+                broken.add(number, "a cell that is no number, expected numbers" if no_number else str(error))
+                continue
+            values.extend(row)
+        count = len(values) // len(finite)
+        self.issues.extend(broken_issues(lines, broken, count, EMPTY))
+        table_of = np.array(values, np.float64).reshape(count, len(finite))
+        stamps = table_of[:, 0] * SECONDS[table.stamp_unit]
+        return file, stamps, table_of[:, 1:], np.array(found, np.float32).reshape(count, len(span))
 
     def _fan(self, table: LidarTable) -> Fan:
         """Angles and limits: of the description, else of its robot."""
@@ -201,8 +252,58 @@ class _Reader:
         return Fan(angle_min, increment, range_min, range_max)
 
 
-def _poses(values: NDArray[np.float64], length: str, angle: str) -> NDArray[np.float64]:
+def _poses(values: Array, length: str, angle: str) -> Array:
     return values * (METRES[length], METRES[length], RADIANS[angle])
+
+
+class _Names:
+    """Finds columns in a header, or without one by number; ``description`` is the file that asks for them."""
+
+    def __init__(self, header: list[str] | None, path: Path, description: Path) -> None:
+        self.header, self.path, self.description = header, path, description
+
+    def index(self, column: Column, field: str) -> int:
+        """The index from 0 of a column.
+
+        Raises:
+            ConfigError: it is not there.
+        """
+        header, name = self.header, self.path.name
+        if isinstance(column, int):
+            most = MAX_BEAMS if header is None else min(MAX_BEAMS, len(header))
+            if column <= most:
+                return column - 1
+            problem = f"{column}, expected a column of {name}, 1 to {most}"
+        elif header is None:
+            problem = f"{column!r}, expected a number: {name} has no header"
+        elif header.count(column) == 1:
+            return header.index(column)
+        else:
+            found = "stands twice" if column in header else "is no column"
+            problem = f"{column!r} {found} of {name}, expected one of {shortened(', '.join(header))}"
+        raise ConfigError(problem, file=self.description, field=field)
+
+    def span(self, ranges: str) -> range:
+        """The indices of the ranges, from the first to the last column.
+
+        Raises:
+            ConfigError: there are no such columns.
+        """
+        ends = [int(end) if end.isdecimal() and len(end) < 10 else end for end in ranges.split(RANGE)]
+        problem = None
+        if len(ends) != 2 or "" in ends or 0 in ends:
+            problem = f"{ranges!r}, expected first and last column, r0..r359 or 2..361"
+        else:
+            if self.header is not None:  # a column may be named by a number
+                ends = [str(end) if str(end) in self.header else end for end in ends]
+            first, last = (self.index(end, "lidar.ranges") for end in ends)
+            if last < first:
+                problem = f"{ranges!r}, expected the first column before the last"
+            elif last - first >= MAX_BEAMS:
+                problem = f"{last - first + 1} beams, expected at most {MAX_BEAMS}"
+        if problem is not None:
+            raise ConfigError(problem, file=self.description, field="lidar.ranges")
+        return range(first, last + 1)
 
 
 FORMAT = Format(
