@@ -58,13 +58,12 @@ test: .venv/.stamp ## every test, then the kernels once more with bounds checks
 test-fast: .venv/.stamp ## the tests that take no whole run, in under two minutes
 	$(PYTEST) -n $(WORKERS) --dist worksteal -m "not slow"
 
-lint: .venv-lint/.stamp .venv-lint/.links ## style, types, floors and words
+lint: .venv-lint/.stamp .venv-lint/.links ## style, types and floors
 	$(LINT)/ruff check .
 	$(LINT)/ruff format --check .
 	$(LINT)/mypy -p moteslam
 	$(LINT)/mypy benchmarks
 	$(LINT)/lint-imports --no-logo
-	$(LINT)/python .ci/words.py
 
 docs: .venv-lint/.stamp .venv-lint/.links ## the reference of the Python package, from its docstrings, in build/docs
 	$(LINT)/python -W error::UserWarning -m pdoc --docformat google --no-show-source --output-directory build/docs moteslam

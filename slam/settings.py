@@ -13,12 +13,11 @@ from pathlib import Path
 from pydantic import ValidationError
 
 from moteslam.errors import ConfigError
-from moteslam.robot.tables import Table, assigned, leaves, merged, read_toml
+from moteslam.robot.tables import Table, assigned, merged, read_toml
 from moteslam.robot.wording import Place, expect_type, first_complaint, known_keys
 from moteslam.slam.backend.kinds import BACKENDS
 from moteslam.slam.config import SlamConfig
 from moteslam.slam.methods import METHODS
-from moteslam.slam.renamed import new_name
 
 DEFAULT_PRESET = "default"
 """The best preset that exists."""
@@ -78,13 +77,10 @@ def _resolved(preset: Table, given: Table, *, file: Path | None) -> SlamConfig:
     try:
         return model.model_validate(values)
     except ConfigError as error:
-        problem = new_name(error.field or "") or _other_backend(error.field or "", _backend_of(values)) or error.problem
+        problem = _other_backend(error.field or "", _backend_of(values)) or error.problem
         raise ConfigError(problem, file=file, field=error.field) from error
     except ValidationError as error:
         field, problem = first_complaint(error, "configuration", lambda place: _expected(model, place))
-        for key in leaves(given):
-            if key == field or key.startswith(f"{field}."):
-                field, problem = (key, new) if (new := new_name(key)) else (field, problem)
         raise ConfigError(_other_method(field, base["method"]) or problem, file=file, field=field) from error
 
 
@@ -109,7 +105,7 @@ def _model(method: object, *, file: Path | None) -> type[SlamConfig]:
     try:
         return METHODS[method].config
     except ConfigError as error:
-        raise ConfigError(new_name(f"method={method}") or error.problem, file=file, field="method") from error
+        raise ConfigError(error.problem, file=file, field="method") from error
 
 
 def _other_method(field: str, method: str) -> str | None:

@@ -15,9 +15,6 @@ from moteslam.sim.robot.limits import MAX_DURATION, Limits
 NOISE_CLASSES = ("datasheet", "as_recorded")
 """Whose figures the noise begins with: `Platform.noise` or `Platform.as_recorded`."""
 
-_MOVED = {"body": "platform.body", "noise.lidar.range_min": "platform.lidar.range_min"}
-"""Keys that had another name."""
-
 
 def with_its_robot(values: Table) -> Table:
     """A scenario's table with the robot's own figures below what the table changes of them.
@@ -28,9 +25,6 @@ def with_its_robot(values: Table) -> Table:
     Raises:
         ConfigError: no such robot, one that is not whole, or one that has no noise of the class asked for.
     """
-    for old, new in _MOVED.items():
-        if _holds(values, old):
-            raise ConfigError(f"is called {new} now", field=old)
     platform = chosen_platform(values.get("platform"))
     values = {**values, "platform": platform}
     noise = values.get("noise")
@@ -92,12 +86,3 @@ def _within_reach(values: Table, platform: Platform) -> Table:
         if key == "speed" and isinstance(duration, int | float):
             values = {**values, "duration": max(duration, min(duration * wanted / top, MAX_DURATION))}
     return {**values, "drive": drive}
-
-
-def _holds(table: Any, key: str) -> bool:
-    """Whether a table has a dotted key."""
-    for part in key.split("."):
-        if not isinstance(table, dict) or part not in table:
-            return False
-        table = table[part]
-    return True

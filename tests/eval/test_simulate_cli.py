@@ -44,8 +44,6 @@ def simulated(scenario: Path, out: Path, *options: object) -> Recording:
         ("--set noise.lidar.dropout", "--set: expected key=value, found 'noise.lidar.dropout'"),
         ("--set =3", "--set: expected key=value, found '=3'"),
         ("--set noise.lidar.nothing=2", "--set noise.lidar.nothing: unknown key, expected one of range_noise, "),
-        ("--set body.mass=2", "--set body: is called platform.body now"),
-        ("--set noise.lidar.range_min=2", "--set noise.lidar.range_min: is called platform.lidar.range_min now"),
         ("--set platform=nobody", "--set platform: no robot of this name, expected one of lms200, "),
         ("--set platform.base=nobody", "--set platform.base: 'nobody', expected one of "),
         ("--set platform.wheels=false", "--set platform.wheels: none, expected wheels to drive on"),

@@ -105,8 +105,6 @@ WALL = {"points": [[0.0, 0.0], [4.0, 0.0], [4.0, 4.0]]}
         ("platform.lidar.time_increment", 1e-4, "platform.lidar.time_increment", "between two scans"),
         ("platform.body.mass", 0.2, "platform.body.stiffness", "expected at most"),
         ("platform.body.wheel_mass", 0.2, "platform.body.stiffness", "expected at most"),
-        ("body.mass", 0.2, "body", "is called platform.body now"),
-        ("noise.lidar.range_min", 0.2, "noise.lidar.range_min", "is called platform.lidar.range_min now"),
         ("noise_class", "kind", "noise_class", "'kind', expected datasheet or as_recorded"),
         ("platform", "nobody", "platform", "no robot of this name, expected one of lms200"),
         ("platform", 3, "platform", "3, expected a robot's name, a .toml file, or a table"),

@@ -11,7 +11,6 @@ import pytest
 from moteslam.errors import ConfigError
 from moteslam.slam.config import ParticleFilterConfig, SlamConfig
 from moteslam.slam.paper.config import PaperFilterConfig
-from moteslam.slam.renamed import RENAMED
 from moteslam.slam.settings import load_preset, preset_names, resolve_config
 from moteslam.slam.tsdf.config import TsdfFilterConfig
 
@@ -133,39 +132,6 @@ def test_another_method_takes_from_a_preset_what_both_know():
     assert isinstance(config, TsdfFilterConfig)
     assert config == TsdfFilterConfig()
     assert resolve_config("default", ["method=paper", "search.offsets_xy=[0]"]).search.offsets_xy == (0.0,)
-
-
-@pytest.mark.parametrize(
-    ("setting", "line"),
-    [
-        ("surface.vertices=180", "surface.vertices: renamed, expected thinning.max_points"),
-        ("registration.clear_gain=0.2", "registration.clear_gain: renamed, expected tracking.relocation_gain"),
-        ("calibration.lever=0.2", "calibration.lever: renamed, expected calibration.lidar_offset"),
-        ("method=surface", 'method: renamed, expected method = "tsdf"'),
-        ("proposal.explore=true", "proposal.explore: removed: "),
-    ],
-)
-def test_an_old_key_is_refused_with_its_new_name(tmp_path: Path, setting: str, line: str):
-    with pytest.raises(ConfigError) as caught:
-        resolve_config("default", [setting])
-    assert str(caught.value).startswith(line)
-    key, _, value = setting.partition("=")
-    file = tmp_path / "mine.toml"
-    file.write_text(f"{key} = {value if value[0] in '01t' and value != 'tsdf' else repr(value)}\n", encoding="utf-8")
-    with pytest.raises(ConfigError) as caught:
-        resolve_config("default", [], file)
-    assert str(caught.value).startswith(f"{file}: {line}")
-
-
-@pytest.mark.parametrize(("old", "new"), RENAMED.items())
-def test_the_new_names_exist(old: str, new: str):
-    if "." not in new:
-        return
-    value: object = TsdfFilterConfig()
-    for part in new.split("."):
-        value = getattr(value, part)
-    with pytest.raises(ConfigError, match=f"renamed, expected {new}"):
-        resolve_config("default", [f"{old}=1"])
 
 
 @pytest.mark.parametrize(

@@ -9,6 +9,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from parts.visibility import seen_cells
 from twins.camera import look
 from ucsd_robot import CAMERA, KINECT
 
@@ -22,7 +23,6 @@ from moteslam.sim.robot.drive import Drive
 from moteslam.sim.scenario import Scenario, parse_scenario, with_camera
 from moteslam.sim.sensors.echoes import Scene
 from moteslam.sim.sensors.rgbd import CameraFrames, schedule_frames
-from moteslam.sim.sensors.visibility import seen_cells
 from moteslam.sim.simulate import Simulation, simulate
 from moteslam.sim.world.blocks import Box
 from moteslam.sim.world.floor import FloorSettings

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from issues import messages
+from parts.visibility import seen_cells
 
 from moteslam.errors import InputError
 from moteslam.eval.metrics.texture import registration, score_texture
@@ -17,7 +18,6 @@ from moteslam.robot.recording import Recording
 from moteslam.robot.trajectory import Trajectory
 from moteslam.sim.output import write_simulation
 from moteslam.sim.scenario import parse_scenario
-from moteslam.sim.sensors.visibility import seen_cells
 from moteslam.sim.simulate import Simulation, simulate
 from moteslam.sim.world.floor import rasterise
 from moteslam.slam.run import run_slam
