@@ -138,7 +138,7 @@ BAD = [
     ("Hokuyo_range_max", np.float64(np.inf), "range_max: inf, expected a finite number"),
     ("Hokuyo_time_stamps", np.full(12, np.nan), "time_stamps: nan at reading 0, expected finite seconds"),
     ("Encoders_time_stamps", np.append(np.arange(11.0), np.inf), "time_stamps: inf at reading 11"),
-    ("Encoders_time_stamps", np.append(0.0, START + np.arange(11)), "time_stamps: jump of"),
+    ("Encoders_time_stamps", np.append(1.0, START + np.arange(11)), "time_stamps: jump of"),
     ("Encoders_time_stamps", np.arange(12) * 1e3 + START * 1e3, "expected seconds below 1e11"),
     ("Encoders_time_stamps", None, "time_stamps: missing"),
     ("Encoders_counts", np.full((4, 12), 0.5), "counts: not whole numbers"),
