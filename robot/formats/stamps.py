@@ -84,8 +84,8 @@ def stamp_order(
     if (again := set_back(used)) is not None:
         seconds = used[:again].max() - used[again]
         raise InputError(
-            f"the clock goes back by {seconds:.6g} s at reading {kept[again]} and goes on from there: several recordings "
-            "in one, expected one; cut the file there",
+            f"the clock goes back by {seconds:.6g} s at reading {kept[again]} and goes on from there: several "
+            "recordings in one, expected one; cut the file there",
             file=file,
             field=field,
         )
