@@ -69,7 +69,6 @@ docs: .venv-lint/.stamp .venv-lint/.links ## the reference of the Python package
 	$(LINT)/python -W error::UserWarning -m pdoc --docformat google --no-show-source --output-directory build/docs moteslam
 
 bench: .venv/.stamp ## the benchmarks, ratios measured side by side in one run
-	.venv/bin/moteslam bench
 	@set -e; for script in benchmarks/*.py; do echo "== $$script"; .venv/bin/python $$script; done
 
 clean: ## remove what the targets made: environments, caches, builds, demo/

@@ -35,10 +35,9 @@ REFERENCE = Path(__file__).parent / "reference"
 BUNDLED = ("tsdf", "paper")
 """The methods whose keys are listed."""
 SWEEP = ("run", "list", "show", "plot", "merge", "diff", "export")
-BENCH = ("run", "show", "compare")
 COMMANDS = (
     *("demo", "simulate", "replay", "evaluate", "compare", "report"),
-    *("inspect", "convert", "platforms", "metrics", "scenarios", "sweep", "bench"),
+    *("inspect", "convert", "platforms", "metrics", "scenarios", "sweep"),
 )
 
 
@@ -64,7 +63,6 @@ def commands() -> str:
         *COMMANDS,
         *(f"scenarios {name}" for name in ("show", "animate")),
         *(f"sweep {name}" for name in SWEEP),
-        *(f"bench {name}" for name in BENCH),
     ):
         done = CliRunner().invoke(app, [*name.split(), "--help"], prog_name="moteslam", terminal_width=100)
         assert done.exit_code == 0, done.output

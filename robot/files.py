@@ -43,24 +43,6 @@ def write_atomically(path: str | PathLike[str], content: str | bytes | Callable[
             Path(temporary).unlink(missing_ok=True)
 
 
-def expect_writable(path: str | PathLike[str]) -> None:
-    """Refuse a file that cannot be written, before the long work whose result it is to hold.
-
-    Args:
-        path: the target; its folder must exist.
-
-    Raises:
-        OutputError: it is there and no regular file, or nothing can be written beside it.
-    """
-    path = Path(path)
-    try:
-        expect_file(path)
-        with tempfile.NamedTemporaryFile(prefix=".moteslam-", dir=path.parent):
-            pass
-    except OSError as error:
-        raise OutputError(f"cannot be written: {error.strerror or error}", file=path) from error
-
-
 @contextmanager
 def folder_for(path: str | PathLike[str]) -> Iterator[None]:
     """Make the folders above a file that the block will write; where it fails, those that were made go again.

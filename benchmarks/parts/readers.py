@@ -132,10 +132,7 @@ def _maps() -> Iterator[Reader]:
 
 
 def _tables() -> Iterator[Reader]:
-    """Scenarios, robots, configurations, specifications of sweeps, loops, and results of a bench."""
-    from moteslam.eval.bench.comparison import compare
-    from moteslam.eval.bench.document import BenchResult, Compiler, TaskResult, read_result
-    from moteslam.eval.bench.figures import figure, speeds
+    """Scenarios, robots, configurations, specifications of sweeps, and loops."""
     from moteslam.eval.loop_table import COLUMNS, VERDICTS, read_loops
     from moteslam.eval.sweep.plan import plan
     from moteslam.eval.sweep.spec import read_spec
@@ -156,11 +153,3 @@ def _tables() -> Iterator[Reader]:
     numbers = ",".join(["0.5"] * 15)
     loops = f"{','.join(COLUMNS)}\n" + "".join(f"{k},{k + 40},{numbers},{VERDICTS[0]}\n" for k in range(6))
     yield Reader("loops", {"loops.csv": loops.encode()}, "loops.csv", read_loops)
-    times = {"1": {name: figure([[(2e-6, 1e-6)], [(3e-6, 2e-6)]]) for name in ("moteslam", "c")}}
-    task = TaskResult(title="a task", unit="scan", facts={"lookups": 9.0}, times=times, speed=speeds(times))
-    bench = BenchResult(
-        workload=1, quick=False, date="2026-11-24", versions={"moteslam": "0.1.0"}, hardware={"cpu": "some"},
-        compiler=Compiler(name="cc", flags=("-O3",)), load=0.1, threads=(1,), rounds=2, tasks={"grid": task},
-    )  # fmt: skip
-    content = bench.model_dump_json(indent=1).encode()
-    yield Reader("bench", {"b.json": content}, "b.json", lambda path: compare([read_result(path)] * 2, 1))

@@ -14,7 +14,6 @@ import typer
 
 from moteslam.errors import ExistsError, MoteslamError, MoteslamWarning, OutputError
 from moteslam.eval.cli import (
-    bench,
     compare,
     convert,
     demo,
@@ -78,7 +77,6 @@ for command in (
     app.command()(command)
 app.add_typer(scenarios.app, name="scenarios")
 app.add_typer(sweep.app, name="sweep")
-app.add_typer(bench.app, name="bench")
 
 
 def main() -> None:

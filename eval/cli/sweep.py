@@ -3,19 +3,29 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
+from typer.core import TyperGroup
 
 from moteslam.errors import ConfigError, InputError, OutputError
 from moteslam.eval.cli import options
-from moteslam.eval.cli.groups import RunByDefault
 from moteslam.eval.cli.interrupt import Interrupted
 from moteslam.eval.cli.sweep_file import begin, spec_of
 from moteslam.eval.cli.sweep_plot import plot_sweep
 from moteslam.eval.cli.sweep_tables import say_affordable, say_differences, say_specs, say_summaries
 from moteslam.eval.cli.text import note, say, say_json
 from moteslam.eval.literal import literal
+
+
+class RunByDefault(TyperGroup):
+    """``sweep SPEC.toml`` is ``sweep run SPEC.toml``."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Put ``run`` before what is no command."""
+        given = bool(args) and args[0] not in (*self.commands, "--help", "-h")
+        return super().parse_args(ctx, ["run", *args] if given else args)
+
 
 app = typer.Typer(
     cls=RunByDefault,

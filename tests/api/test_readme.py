@@ -27,7 +27,6 @@ def test_the_table_has_the_commands():
         "evaluate",
         "sweep",
         "compare",
-        "bench",
         "report",
         "metrics",
         "inspect",

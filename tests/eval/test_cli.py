@@ -19,7 +19,7 @@ from moteslam.robot.trajectories.tum import read_tum
 HEAVY = {"numpy", "scipy", "matplotlib", "taichi", "cv2", "pymunk", "rich"}  # Typer itself loads some of Pydantic
 COMMANDS = (
     *("demo", "simulate", "replay", "evaluate", "compare", "report"),
-    *("inspect", "platforms", "metrics", "scenarios", "bench"),
+    *("inspect", "platforms", "metrics", "scenarios"),
 )
 
 

@@ -110,27 +110,3 @@ int thin(const float *ends, int n, float gap, float gap_from_range, float spacin
         within = fminf(fmaxf(within * 1.2f, 0.001f), max_spacing);
     }
 }
-
-/* The sum of n floats: what memory gives. */
-float sum(const float *values, int n)
-{
-    float total = 0;
-#pragma omp parallel for schedule(static) reduction(+ : total)
-    for (int i = 0; i < n; i++)
-        total += values[i];
-    return total;
-}
-
-/* Arithmetic alone, n chains of k steps, no memory: what this number of threads can gain on this machine. */
-void arithmetic(int n, int k, float *out)
-{
-#pragma omp parallel for schedule(static)
-    for (int i = 0; i < n; i++) {
-        float a = (float)i, b = 0.5f;
-        for (int j = 0; j < k; j++) {
-            a = a * 0.999f + b;
-            b = b * 0.998f + 0.1f;
-        }
-        out[i] = a + b;
-    }
-}

@@ -1,0 +1,183 @@
+"""How fast the kernels are beside the same work in plain C, in Python, and by other libraries.
+
+    python benchmarks/speed.py
+    python benchmarks/speed.py --tasks registration integration --rounds 21 --threads 2
+    python benchmarks/speed.py --out speed.csv
+
+A ratio is how many times as long the other takes for a unit of the work: above 1 the kernel is faster. Kernel and
+others take turns in one process, in random order: a round makes a pair with each other. The median of the pairs' ratios
+counts, with its 95 % bootstrap interval. Times are processor time on one thread, by the clock on more, where only what
+uses them is measured. Before a task is timed all must give the same result, else it has no figures, and the exit code
+is 1. The C loops (loops.c, maps.c) are compiled by CC, gcc, clang or cc.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import os
+import shlex
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from statistics import median
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))  # the twins
+from parts.machine import stamp
+from parts.options import count, result_file
+from parts.rays import raycasting
+from parts.tasks import (
+    Contender,
+    Loops,
+    Task,
+    grid_update,
+    integration,
+    matching,
+    registration,
+    search,
+    thinning,
+)
+
+from moteslam.eval.cli.text import table
+from moteslam.eval.statistics.summary import median_interval
+from moteslam.kernels import runtime
+
+SOURCES = [Path(__file__).with_name(name) for name in ("loops.c", "maps.c")]
+FLAGS = ("-O3", "-ffast-math", "-fPIC")
+SOME_KNOW = (("-march=native", "-fopenmp"), ("-march=native",), ("-fopenmp",), ())
+"""Flags that some compilers do not know, in the order in which they are tried."""
+SHORTEST = 2e-3
+"""Of a turn [s]: in it a shorter call is made several times."""
+TASKS: dict[str, Callable[[Loops], Task]] = {
+    "thinning": thinning,
+    "registration": registration,
+    "integration": integration,
+    "search": search,
+    "matching": matching,
+    "raycasting": raycasting,
+    "grid": grid_update,
+}
+HEAD = ("task", "unit", "beside", "kernel [us]", "other [us]", "ratio", "low", "high")
+
+
+class Differs(Exception):  # noqa: N818 - a finding
+    """Another does not compute what the kernel does."""
+
+
+def compile_loops(folder: Path, threads: int) -> tuple[Loops, str]:
+    """The C loops, compiled into a folder, and how; or none, and why."""
+    given = shlex.split(os.environ.get("CC", ""))
+    found = next(filter(None, map(shutil.which, given[:1] or ("gcc", "clang", "cc"))), None)
+    if found is None:
+        return Loops(None), f"no C loops: there is no {given[0] if given else 'gcc, clang or cc'}"
+    compiler, said, objects = [found, *given[1:]], "", [source.with_suffix(".o").name for source in SOURCES]
+    for more in SOME_KNOW:
+        openmp = [flag for flag in more if flag == "-fopenmp"]
+        if threads > 1 and not openmp:
+            continue
+        # not linked with -ffast-math: loaded, the library would have the whole process take the smallest numbers for 0
+        calls = ([*compiler, *FLAGS, *more, "-c", *map(str, SOURCES)], [*compiler, *openmp, "-shared", *objects, "-lm"])
+        done = [subprocess.run(words, cwd=folder, capture_output=True, text=True, check=False) for words in calls]
+        if not any(one.returncode for one in done):
+            return Loops(folder / "a.out"), " ".join(("C by", *compiler, *FLAGS, *more))
+        said = said or (done[0].stderr + done[1].stderr).strip()
+    why = said.splitlines()[-1] if said else "it says nothing"
+    return Loops(None), f"no C loops: {found} cannot compile them: {why}"
+
+
+def measure(task: Task, rounds: int, threads: int) -> dict[str, tuple[list[float], list[float]]]:
+    """By name of each other, what a unit takes the kernel and the other, a pair a round [s].
+
+    Raises:
+        Differs: another's result is not the kernel's.
+    """
+    for name, other in task.others.items():
+        for what, theirs in other.results(other.call()).items():
+            share, most = task.results[what].differing(theirs), task.results[what].most
+            if not share <= most:
+                raise Differs(f"{what} of the kernel and of {name} differ: {share:.2g} of them, expected {most:g}")
+    clock = time.process_time if threads == 1 else time.perf_counter
+    contenders = [task.kernel, *task.others.values()]
+    calls, order = [_calls(one) for one in contenders], np.random.default_rng(0)
+    times = np.empty((rounds, len(contenders)))
+    for row in times:
+        for index in order.permutation(len(contenders)):
+            if calls[index] > 1:
+                contenders[index].call()  # what came before was in the caches
+            began = clock()
+            for _ in range(calls[index]):
+                contenders[index].call()
+            row[index] = (clock() - began) / (calls[index] * contenders[index].work)
+    ours, *others = times.T.tolist()
+    return {name: (ours, theirs) for name, theirs in zip(task.others, others, strict=True)}
+
+
+def _calls(one: Contender) -> int:
+    """How many make a turn."""
+    one.call()
+    began = time.perf_counter()
+    one.call()
+    return int(np.ceil(SHORTEST / max(time.perf_counter() - began, 1e-7)))
+
+
+def digits(value: float) -> str:
+    """Three of them, without an exponent."""
+    return f"{float(f'{value:.3g}'):.12g}"
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Measure, print the table; the exit code."""
+    parser = argparse.ArgumentParser(
+        description=__doc__,
+        epilog="\n".join(["tasks:", *(f"  {name:12}  {task.__doc__}" for name, task in TASKS.items())]),
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--tasks", nargs="+", choices=TASKS, default=list(TASKS), metavar="NAME", help="only these")
+    parser.add_argument("--rounds", type=count, default=9, help="pairs of each [9]")
+    parser.add_argument("--threads", type=count, default=1, help="of the kernels and the C loops [1]")
+    parser.add_argument("--out", type=result_file, metavar="FILE.csv", help="the table as CSV")
+    options = parser.parse_args(arguments)
+    # read when OpenMP is loaded; passive: idle threads would spin, and hold a processor of whoever is next
+    os.environ.update(OMP_NUM_THREADS=str(options.threads), OMP_WAIT_POLICY="passive")
+    runtime.init("cpu", options.threads)
+    about, rows, failed = stamp(), [], 0
+    load = "unknown" if about["load"] is None else f"{about['load']:.1f}"
+    with tempfile.TemporaryDirectory() as folder:
+        loops, how = compile_loops(Path(folder), options.threads)
+        print(f"{about['date']}, {about['hardware']}, load {load}, threads: {options.threads}\n{how}")
+        for name in options.tasks:
+            task = TASKS[name](loops)
+            for other, contender in list(task.others.items()):
+                if (other == "C" and loops.library is None) or (contender.serial and options.threads > 1):
+                    del task.others[other]
+            if not task.others:
+                print(f"{name}: left out, nothing here does its work" + " on several threads" * (options.threads > 1))
+                continue
+            try:
+                found = measure(task, options.rounds, options.threads)
+            except Differs as error:
+                failed = 1
+                print(f"{name}: {error}", file=sys.stderr)
+                continue
+            for other, (ours, theirs) in found.items():
+                ratios = np.sort(np.divide(theirs, ours))
+                figures = (1e6 * median(ours), 1e6 * median(theirs), float(np.median(ratios)), *median_interval(ratios))
+                rows.append([name, task.unit, other, *map(digits, figures)])
+    if rows:
+        print(table([HEAD, *rows], right=range(3, len(HEAD))))
+    if options.out is not None:
+        with options.out.open("w", encoding="utf-8", newline="") as file:
+            csv.writer(file).writerows([(*HEAD, "rounds", "threads", "date", "hardware")])
+            more = options.rounds, options.threads, about["date"], about["hardware"]
+            csv.writer(file).writerows([*row, *more] for row in rows)
+    return failed
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,1 +1,0 @@
-"""How fast the kernels and whole runs are on this computer, beside plain C loops and programs of others."""

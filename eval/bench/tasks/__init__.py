@@ -1,1 +1,0 @@
-"""The tasks of the bench, a file each."""
