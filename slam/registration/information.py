@@ -5,8 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from moteslam.kernels.degeneracy import LEAST_RATIO
 from moteslam.kernels.registration import LIKELIHOODS
 from moteslam.slam.registration.config import RegistrationConfig
+from moteslam.slam.registration.degeneracy import least_informed
 from moteslam.slam.registration.registrar import Registration
 
 Array = NDArray[np.float64]
@@ -37,3 +39,23 @@ def measured_information(found: Registration, which: int, config: RegistrationCo
     """
     variance = residual_variance(float(found.likelihoods[which]), config)
     return np.asarray(found.information[which] / (variance * correlation))
+
+
+def less_along_bare_walls(information: Array, found: Registration, which: int, config: RegistrationConfig) -> Array:
+    """Information [3, 3] of a registration with its error along the direction that the endpoints bind least.
+
+    Along bare walls it is wrong by errors of the map, not by the endpoints' noise: by ``config.degenerate`` over the
+    ratio of the information along the walls to that across, times the variance of the residuals, as ``keep_prediction``
+    has it.
+
+    Args:
+        information: as of ``measured_information``.
+        found, which, config: as there.
+    """
+    (ratio,), (along,) = least_informed(found.information[which : which + 1])
+    variance = residual_variance(float(found.likelihoods[which]), config)
+    error = config.degenerate * variance / max(float(ratio), LEAST_RATIO)
+    known = information @ np.append(along, 0.0)
+    return (
+        np.asarray(information - np.outer(known, known) / (1 / error**2 + known[:2] @ along)) if error else information
+    )

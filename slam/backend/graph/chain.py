@@ -24,9 +24,9 @@ Array = NDArray[np.float64]
 FLOOR = np.diag(np.square([RESOLVED[0], *RESOLVED]))
 """The covariance [3, 3] of the error that every step has besides."""
 AGREEING = 5.0
-"""Odometry farther off than this many standard deviations is left out of a step."""
+"""Odometry that differs from a registration by more standard deviations of both is left out of a step."""
 DOUBTED = 2.0
-"""A registration that differs from the odometry by this many standard deviations is no prior of the joint one."""
+"""A registration that differs from the odometry by this many standard deviations of both is no prior of the joint."""
 CONTRADICTED = 10.0
 """A path that differs from a step by this many standard deviations is no error of that step but contradicts it."""
 OPEN = 0.5
@@ -91,7 +91,8 @@ class Chain:
         spread = np.array([each.spread for each in self._predicted]).reshape(-1, 3)
         found = np.array([each.step for each in self._proved]).reshape(-1, 3)
         predicted = _headed(predicted, found[:, 2])
-        doubted = np.asarray(_differs(found, predicted, DOUBTED * spread).any(axis=1))
+        known = np.array([_deviations(each.information) for each in self._proved]).reshape(-1, 3)
+        doubted = np.asarray(_differs(found, predicted, DOUBTED * np.hypot(spread, known)).any(axis=1))
         unregistered = np.array([not each.information.any() for each in self._proved], bool)
         steps[doubted], covariance[doubted] = predicted[doubted], np.square(spread[doubted])[:, None] * np.eye(3)
         begun = np.asarray(se2.between(start[:-1], start[1:]))
@@ -229,6 +230,11 @@ def _differs(found: Array, predicted: Array, most: Array) -> NDArray[np.bool_]:
     return np.asarray(np.abs(se2.between(found, predicted)) >= most)
 
 
+def _deviations(information: Array) -> Array:
+    """The standard deviations [3] of a step of this information [3, 3]."""
+    return np.asarray(np.sqrt(np.diagonal(np.linalg.inv(information + LEAST_INFORMATION * np.eye(3)))))
+
+
 def _fuse(found: RegisteredStep, predicted: Prediction, between: int) -> tuple[Array, Array]:
     """Registration, odometry and the filter's step together, weighted by their information: see ``_Fused``.
 
@@ -237,9 +243,9 @@ def _fuse(found: RegisteredStep, predicted: Prediction, between: int) -> tuple[A
     """
     off = se2.between(found.step, predicted.step)
     # where the registration overruled the odometry this says nothing
-    weights = np.where(
-        _differs(found.step, predicted.step, AGREEING * predicted.spread), 0.0, 1 / np.square(predicted.spread)
-    )
+    spread = np.hypot(predicted.spread, _deviations(found.information))
+    overruled = _differs(found.step, predicted.step, AGREEING * spread)
+    weights = np.where(overruled, 0.0, 1 / np.square(predicted.spread))
     covariance = np.linalg.inv(found.information + np.diag(weights) + LEAST_INFORMATION * np.eye(3))
     step = se2.compose(found.step, covariance @ (weights * off))
     off = se2.between(step, predicted.filtered)

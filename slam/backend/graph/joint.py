@@ -147,10 +147,11 @@ class _Problem:
         matches = match_endpoints(points, normals, seen.owners, self._partners, reach=reach, agreement=AGREEMENT)
         scale = max(SCALE_SHARE * reach, LEAST_SCALE)
         pairs, costs = accumulate(seen.points, seen.normals, seen.starts, poses, self._partners, matches, scale=scale)
-        information = self._weight / (_residual_variance(costs, scale) * self._config.correlation)
+        variance = _residual_variance(costs, scale)
+        information = self._weight / (variance * self._config.correlation)
         sums = information * pairs[self._first, self._slots]
         blocks, right = np.zeros((len(poses), 3, 3)), np.zeros((len(poses), 3))
-        by_pair = _add_pairs(poses, self._first, self._second, sums, self._config, blocks, right)
+        by_pair = _add_pairs(poses, self._first, self._second, sums, variance, self._config, blocks, right)
         by_step = _add_steps(poses, self._steps, blocks, right)
         between = np.concatenate((by_pair, by_step))[self._inner]
         return self._system.solve(blocks[self._moving], between, -right[self._moving])
@@ -193,6 +194,7 @@ def _add_pairs(
     first: Indices,
     second: Indices,
     sums: Array,
+    variance: float,
     config: GraphConfig,
     blocks: Array,
     right: Array,
@@ -207,16 +209,18 @@ def _add_pairs(
         poses: [n, 3].
         first, second: [e] the scans whose endpoints are held, and those that they are held to.
         sums: [e, PAIR] of ``accumulate``, times the information of an endpoint.
+        variance: of the endpoints' distances to their lines [m^2].
         config: of the back end.
         blocks, right: [n, 3, 3] and [n, 3] of the system; added to.
     """
     information, gradient = sums[:, FULL].reshape(-1, 3, 3), sums[:, 6:].copy()
     ratio, along = least_informed(information)
     along = np.column_stack((along, np.zeros(len(along))))
-    deviation = config.registration.degenerate / np.maximum(ratio, 1e-9)
+    registration = config.registration
+    deviation = registration.degenerate * variance / registration.residual**2 / np.maximum(ratio, 1e-9)
     moved = _turned(information, along)
-    variance = np.bincount(first)[first] * np.square(deviation)
-    share = variance / (1 + variance * (along * moved).sum(axis=1))
+    unknown = np.bincount(first)[first] * np.square(deviation)
+    share = unknown / (1 + unknown * (along * moved).sum(axis=1))
     gradient -= (share * (along * gradient).sum(axis=1))[:, None] * moved
     information -= share[:, None, None] * moved[:, :, None] * moved[:, None, :]
     off = poses[first, :2] - poses[second, :2]

@@ -78,7 +78,7 @@ def fit_odometry(odometry: Array, registered: Array, covariance: Array) -> Odome
     shape = _shape(odometry)
     errors = np.asarray(se2.between(odometry, registered))
     variance = np.diagonal(covariance, axis1=1, axis2=2)
-    gains, scales = np.zeros((3, 3)), np.ones(3)
+    gains, scales, measured = np.zeros((3, 3)), np.ones(3), np.zeros(3, bool)
     for _ in range(ROUNDS):
         for axis in range(3):
             noise = np.square(scales[axis] * shape[:, axis])
@@ -91,8 +91,11 @@ def fit_odometry(odometry: Array, registered: Array, covariance: Array) -> Odome
             )
             rest = errors[:, axis] - odometry @ gains[axis]
             known = variance[:, axis] < KNOWN * noise
-            if known.sum() > FEWEST:
+            measured[axis] = known.sum() > FEWEST
+            if measured[axis]:
                 scales[axis] = max(NORMAL_MAD * float(np.median(np.abs(rest[known]) / shape[known, axis])), LEAST_SCALE)
+        if measured.any():  # along bare walls: no worse than where it can be measured
+            scales[~measured] = scales[measured].max()
     return OdometryModel(gains, scales)
 
 

@@ -82,6 +82,19 @@ def test_systematic_errors_are_taken_out_and_the_rest_is_measured():
     assert 0.7 < spread[:, 2].mean() / (SAFETY * off[:, 2].std()) < 1.4
 
 
+def test_where_walls_measure_no_step_the_noise_is_that_of_the_other_axes():
+    """In a bare hall registration knows nothing of how far the robot came."""
+    rng = np.random.default_rng(2)
+    n = 200
+    true = np.column_stack((rng.uniform(0.3, 0.5, n), np.zeros(n), rng.normal(0, 0.1, n)))
+    wrong = true + rng.normal(0, 1, true.shape) * (0.004, 0.002, 0.004)
+    registered = true + rng.normal(0, 0.15, (n, 1)) * (1, 0, 0)
+    model = fit_odometry(wrong, registered, np.tile(np.diag((0.15**2, 1e-6, 1e-7)), (n, 1, 1)))
+    assert model.scales[0] == model.scales[1:].max() < 0.5
+    nothing = fit_odometry(wrong, registered, np.tile(np.eye(3), (n, 1, 1)))
+    np.testing.assert_array_equal(nothing.scales, np.ones(3))
+
+
 def test_errors_of_the_heading_on_a_long_step_move_its_end_aside():
     """As in a simulation, in which the heading errs evenly with the distance; and next to nothing on a short one."""
     rng = np.random.default_rng(5)
