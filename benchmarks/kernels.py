@@ -1,6 +1,6 @@
 """The kernels beside their twins in NumPy and plain Python, on one thread; a dated result file.
 
-    python benchmarks/kernels.py [--out benchmarks/results/kernels-YYYY-MM-DD.json]
+    python benchmarks/kernels.py [--out result.json]
 
 The twins are those that the tests compare the kernels with. Beside plain C, on several threads and in whole runs the
 kernels are measured by `moteslam bench`, whose tasks these are.

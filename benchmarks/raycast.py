@@ -1,6 +1,6 @@
 """Exact rays a second in an office of mean range 3 m, beside what else can be installed; a dated result file.
 
-    python benchmarks/raycast.py [--out benchmarks/results/raycast-YYYY-MM-DD.json]
+    python benchmarks/raycast.py [--out result.json]
 
 The world is 100 m by 100 m, as a map of 2000 x 2000 cells of 0.05 m: offices of 4 m with a door of 1.2 m in each wall
 and a piece of furniture in every other, as segments. Scans of 1081 beams over 270 degrees, up to 30 m, from 200
@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from parts.machine import dated_file, save, stamp
+from parts.machine import save, stamp
 from parts.options import result_file
 
 from moteslam.eval.bench.contest import Contender
@@ -121,7 +121,7 @@ def others(segments: np.ndarray, poses: np.ndarray, beams: np.ndarray, exact: np
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--out", type=result_file, default=dated_file("raycast"))
+    parser.add_argument("--out", type=result_file)
     parser.add_argument("--threads", type=int, help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.threads is not None:
