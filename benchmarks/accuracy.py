@@ -1,9 +1,9 @@
 """The accuracy of a preset over many seeds, against truth, references and hand-checked relations; a dated result file.
 
-    python benchmarks/accuracy.py --preset default --out benchmarks/results/accuracy-default-YYYY-MM-DD.json
-    python benchmarks/accuracy.py --preset default --odometry-noise 3 --out benchmarks/results/accuracy-...-noise-3.json
-    python benchmarks/accuracy.py --preset default --all-scenarios --out benchmarks/results/scenarios-...json
-    python benchmarks/accuracy.py --preset default --unseen --out benchmarks/results/unseen-...json
+    python benchmarks/accuracy.py --preset default --out result.json
+    python benchmarks/accuracy.py --preset default --odometry-noise 3 --out result.json
+    python benchmarks/accuracy.py --preset default --all-scenarios --out result.json
+    python benchmarks/accuracy.py --preset default --unseen --out result.json
     python benchmarks/accuracy.py --preset default --runs freiburg-101 hall --seeds 5-9 --set particles=100
 
 Simulated scenarios are scored by ATE RMSE after alignment, the Intel log by its relations, the others against the

@@ -1,12 +1,12 @@
 """What the back end brings: key-scan logs with truth, worlds of loops, and its stages switched off one at a time.
 
-    python benchmarks/back_end.py key-scans --out benchmarks/results/back-end-key-scans-YYYY-MM-DD.json
-    python benchmarks/back_end.py worlds --out benchmarks/results/back-end-worlds-YYYY-MM-DD.json
-    python benchmarks/back_end.py worlds --runs twins grid --seeds 0-99 --out benchmarks/results/back-end-...json
-    python benchmarks/back_end.py dense --noise as_recorded --out benchmarks/results/back-end-dense-...json
-    python benchmarks/back_end.py false-loops --out benchmarks/results/back-end-false-loops-YYYY-MM-DD.json
-    python benchmarks/back_end.py stages --out benchmarks/results/back-end-stages-YYYY-MM-DD.json
-    python benchmarks/back_end.py particles --out benchmarks/results/back-end-particles-YYYY-MM-DD.json
+    python benchmarks/back_end.py key-scans --out result.json
+    python benchmarks/back_end.py worlds --out result.json
+    python benchmarks/back_end.py worlds --runs twins grid --seeds 0-99 --out result.json
+    python benchmarks/back_end.py dense --noise as_recorded --out result.json
+    python benchmarks/back_end.py false-loops --out result.json
+    python benchmarks/back_end.py stages --out result.json
+    python benchmarks/back_end.py particles --out result.json
     python benchmarks/back_end.py picture --out docs/images/back_end_aces.png
 
 key-scans: the LMS200 by wheels alone, a scan each 0.75 m or 0.5 rad, the steps as they are and with noise of 5 % and

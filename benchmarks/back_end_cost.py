@@ -1,6 +1,6 @@
 """What the stages of the back end cost in processor time, at sizes that do not depend on a recording, and on `campus`.
 
-    python benchmarks/back_end_cost.py --out benchmarks/results/back-end-cost-YYYY-MM-DD.json
+    python benchmarks/back_end_cost.py --out result.json
     python benchmarks/back_end_cost.py --cases solver joint
 
 | case | what |

@@ -1,6 +1,6 @@
 """Long bags: how fast they open, and how much memory reading all their scans takes; a dated result file.
 
-    python benchmarks/bags.py --hours 1 --out benchmarks/results/bags-YYYY-MM-DD.json
+    python benchmarks/bags.py --hours 1 --out result.json
     python benchmarks/bags.py --hours 0.02 --kinds bag
     python benchmarks/bags.py --hours 1 --image-rate 0
 

@@ -1,6 +1,6 @@
 """Colours of the floor in the weights: the same drives with and without, seed by seed; a dated result file.
 
-    python benchmarks/colours.py --out benchmarks/results/colours-YYYY-MM-DD.json
+    python benchmarks/colours.py --out result.json
     python benchmarks/colours.py --runs two_halls hall --seeds 5-9 --set colours.share=0.05
 
 Each scenario is simulated with its camera, at its full rate and with lost frames, and run twice with the filter of the

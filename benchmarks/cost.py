@@ -1,6 +1,6 @@
 """What SLAM costs: processor time a scan, speed beside real time, memory; a dated result file.
 
-    python benchmarks/cost.py --set backend.method=none --out benchmarks/results/cost-default-YYYY-MM-DD.json
+    python benchmarks/cost.py --set backend.method=none --out result.json
     python benchmarks/cost.py --cases filter real_time_100 --seeds 1
     python benchmarks/cost.py --quick
     python benchmarks/cost.py --against ../older-clone

@@ -1,6 +1,6 @@
 """What faults of a log cost: the ATE with a fault over that without, and whether a warning names it and its time.
 
-    python benchmarks/faults.py --out benchmarks/results/faults-YYYY-MM-DD.json
+    python benchmarks/faults.py --out result.json
     python benchmarks/faults.py --worlds loop office --platforms ucsd rplidar_a1 --seeds 200-203 --faults gap stale
 
 Every fault is put into a drive while the robot drives straight and where it goes into a bend, at a place that goes by

@@ -1,6 +1,6 @@
 """Whether a recording survives every format that is written: stream by stream, and in what SLAM makes of it.
 
-    python benchmarks/formats.py --out benchmarks/results/formats-YYYY-MM-DD.json
+    python benchmarks/formats.py --out result.json
     python benchmarks/formats.py --robots lms200 --seeds 2 --duration 15
 
 A simulated drive is written in every format and read back. Every stream that the format holds must be equal within the

@@ -1,6 +1,6 @@
 """Mutated inputs for every reader: each is read, or refused in one line, within bounds of time and memory.
 
-    python benchmarks/fuzz.py --inputs 100000 --out benchmarks/results/fuzz-YYYY-MM-DD.json
+    python benchmarks/fuzz.py --inputs 100000 --out result.json
     python benchmarks/fuzz.py --readers carmen ucsd --inputs 5000 --seed 3 --keep failures
 
 An input is a file that the project has written itself, with bits, bytes, words, lines or members of an archive changed,

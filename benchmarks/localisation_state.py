@@ -1,6 +1,6 @@
 """How far covariances and states can be trusted: NEES, precision and recall of "lost", said against true probability.
 
-    python benchmarks/localisation_state.py --out benchmarks/results/localisation-state-YYYY-MM-DD.json
+    python benchmarks/localisation_state.py --out result.json
     python benchmarks/localisation_state.py --setups "key scans" --scenarios doors lab --seeds 200-204
     python benchmarks/localisation_state.py --draw docs/images/reliability.png --out FILE
 

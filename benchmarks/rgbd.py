@@ -1,6 +1,6 @@
 """The camera and the coloured floor against their bars; a dated result file.
 
-    python benchmarks/rgbd.py --out benchmarks/results/rgbd-YYYY-MM-DD.json
+    python benchmarks/rgbd.py --out result.json
 
 Time: the `corridor` scenario, cut at 120 s, with RGB-D at 30 Hz and no frame lost, simulated and written. Colours: the
 same drive with the real robot's lost frames, its floor coloured along the true trajectory and along SLAM's, against the

@@ -1,4 +1,4 @@
-"""What another robot, another lidar, key scans and the noise of real recordings do to the error; dated result files.
+"""What another robot, another lidar, key scans and the noise of real recordings do to the error.
 
     python benchmarks/sensors.py classes      all scenarios, both noise classes, presets paper and default, seeds 0 to 4
     python benchmarks/sensors.py lidars       three lidars, dense and as key scans, three scenarios, seeds 0 to 19
@@ -10,8 +10,7 @@
 
 Every run is simulated, replayed by the filter alone (the joint registration of the back end minimises the residuals
 that are measured here), and scored by ATE RMSE after alignment, with and without scale. A run is lost from an
-ATE of 0.15 m on, and is counted as such, never left out. Every run is on one thread. A study goes into today's file in
-benchmarks/results; a part of one (--scenarios, --seeds) only into the file that --out names.
+ATE of 0.15 m on, and is counted as such, never left out. Every run is on one thread.
 """
 
 from __future__ import annotations
@@ -21,7 +20,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from parts.bars import summarise
-from parts.machine import dated_file, save, stamp
+from parts.machine import save, stamp
 from parts.options import count, result_file, seeds
 from parts.pool import Row, row_or_error, rows_of
 from parts.runs import (
@@ -224,7 +223,7 @@ def main() -> None:
     parser.add_argument("--seeds", type=seeds, metavar="N", help="of each run, from 0; or 10-19")
     parser.add_argument("--scenarios", nargs="+", metavar="NAME", help="in place of the study's own")
     parser.add_argument("--workers", type=count, default=2, help="processes; 2")
-    parser.add_argument("--out", type=result_file, help="of a complete study today's file in benchmarks/results")
+    parser.add_argument("--out", type=result_file, help="JSON of the results")
     options = parser.parse_args()
     from moteslam.sim.scenario import bundled_scenarios
 
@@ -234,8 +233,6 @@ def main() -> None:
         expect_names(scenarios, tuple(bundled_scenarios()), field="--scenarios")
     except ConfigError as error:
         parser.error(str(error))
-    complete = options.scenarios is None and options.seeds is None
-    out = options.out or (dated_file(f"sensors-{options.study}") if complete else None)
     about = {**stamp(), "study": options.study, "setups": [asdict(setup) for setup in study.setups]}
     calls = [
         (setup, scenario, seed, bool(study.logs))
@@ -246,7 +243,7 @@ def main() -> None:
     rows = list(rows_of(run_log, [(name,) for name in that_are_there(study.logs)], options.workers))
     for row in rows_of(run, calls, options.workers):
         rows.append(row)
-        save(out, {**about, "summary": summarised(rows), "rows": rows})
+        save(options.out, {**about, "summary": summarised(rows), "rows": rows})
     print(printed(summarised(rows)))
 
 

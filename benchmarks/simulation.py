@@ -1,6 +1,6 @@
 """How long a whole simulation takes: lidar, encoders and IMU of every bundled scenario, warm; a dated result file.
 
-    python benchmarks/simulation.py [--out benchmarks/results/simulation-YYYY-MM-DD.json]
+    python benchmarks/simulation.py [--out result.json]
 
 Each is simulated twice in one process on two threads and the second time counts, in wall and in processor time, and
 scaled to 120 s of recording.
@@ -14,7 +14,7 @@ import time
 from typing import Any
 
 import numpy as np
-from parts.machine import dated_file, save, stamp
+from parts.machine import save, stamp
 from parts.options import result_file
 
 
@@ -43,7 +43,7 @@ def main() -> None:
     from moteslam.sim.scenario import bundled_scenarios
 
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--out", type=result_file, default=dated_file("simulation"))
+    parser.add_argument("--out", type=result_file)
     options = parser.parse_args()
     runtime.init("cpu", 2)
     result: dict[str, Any] = {

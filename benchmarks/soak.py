@@ -1,6 +1,6 @@
 """Ten hours in a loop with the back end on: what memory a run takes, hour by hour.
 
-    python benchmarks/soak.py --out benchmarks/results/soak-YYYY-MM-DD.json
+    python benchmarks/soak.py --out result.json
 
     python benchmarks/soak.py --hours 0.02
 

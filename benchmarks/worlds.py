@@ -1,6 +1,6 @@
 """Many random buildings, each simulated whole and looked at: can they be driven, and is what is recorded true.
 
-    python benchmarks/worlds.py [--count 200] [--first 0] [--jobs 2] [--out benchmarks/results/worlds-YYYY-MM-DD.json]
+    python benchmarks/worlds.py [--count 200] [--first 0] [--jobs 2] [--out result.json]
 
 Of each building: the robot arrives; every true pose is in free space, by half the robot's width; each stream has the
 readings that its rate and its span give, without a gap; and of a hundred beams, followed in exact arithmetic, none goes
@@ -19,7 +19,7 @@ from fractions import Fraction
 from typing import Any
 
 import numpy as np
-from parts.machine import dated_file, save, stamp
+from parts.machine import save, stamp
 from parts.options import result_file
 
 RAYS = 100
@@ -111,7 +111,7 @@ def main() -> None:
     parser.add_argument("--count", type=int, default=200)
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--jobs", type=int, default=os.cpu_count())
-    parser.add_argument("--out", type=result_file, default=dated_file("worlds"))
+    parser.add_argument("--out", type=result_file)
     options = parser.parse_args()
     seeds = range(options.first, options.first + options.count)
     with multiprocessing.get_context("spawn").Pool(options.jobs, start) as pool:

@@ -1,7 +1,6 @@
-"""Writes the pages of docs/reference that are generated from the code: ``.venv/bin/python docs/generate.py``.
+"""Writes docs/reference/configuration.md from the configuration models: ``.venv/bin/python docs/generate.py``.
 
-Their text stands beside what it is about: in the attribute docstrings of the configuration models, in the help of the
-commands, in the docstrings of the public names. A test compares the pages with what this makes of them.
+The text stands in the attribute docstrings of the models. A test compares the page with what this makes of them.
 """
 
 from __future__ import annotations
@@ -12,96 +11,22 @@ import sys
 import textwrap
 from collections.abc import Iterable, Iterator
 from functools import cache
-from importlib import import_module
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, Literal, get_args, get_origin
 
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
-from typer.testing import CliRunner
 
-from moteslam import PUBLIC
-from moteslam.eval.cli.main import app
-from moteslam.eval.metrics.registry import BUNDLED as BUNDLED_METRICS
-from moteslam.eval.metrics.registry import METRICS
 from moteslam.robot.section import LARGEST, SMALLEST
 from moteslam.slam.backend.kinds import BACKENDS
 from moteslam.slam.backend.protocol import BackendConfig
 from moteslam.slam.config import ParticleFilterConfig, SlamConfig
 from moteslam.slam.methods import METHODS
 
-REFERENCE = Path(__file__).parent / "reference"
+PAGE = Path(__file__).parent / "reference" / "configuration.md"
 BUNDLED = ("tsdf", "paper")
 """The methods whose keys are listed."""
-SWEEP = ("run", "list", "show", "plot", "merge", "diff", "export")
-COMMANDS = (
-    *("demo", "simulate", "replay", "evaluate", "compare", "report"),
-    *("inspect", "convert", "platforms", "metrics", "scenarios", "sweep"),
-)
-
-
-def pages() -> dict[str, str]:
-    """The generated pages by the name of their file."""
-    return {
-        "configuration.md": configuration(),
-        "commands.md": commands(),
-        "metrics.md": metrics(),
-        "python.md": python(),
-    }
-
-
-def commands() -> str:
-    """What every command prints of itself."""
-    lines = [
-        "# Commands",
-        "",
-        "What `--help` prints, by `.venv/bin/python docs/generate.py`. How they are used: "
-        "[the guide](../guide/commands.md).",
-    ]
-    for name in (
-        *COMMANDS,
-        *(f"scenarios {name}" for name in ("show", "animate")),
-        *(f"sweep {name}" for name in SWEEP),
-    ):
-        done = CliRunner().invoke(app, [*name.split(), "--help"], prog_name="moteslam", terminal_width=100)
-        assert done.exit_code == 0, done.output
-        lines += ["", f"## `moteslam {name}`", "", "```", inspect.cleandoc(done.output), "```"]
-    return "\n".join(lines) + "\n"
-
-
-def metrics() -> str:
-    """Every metric: unit, meaning, source."""
-    lines = [
-        "# Metrics",
-        "",
-        "What `moteslam metrics` lists, by `.venv/bin/python docs/generate.py`; how they are computed: "
-        "[the theory](../theory/metrics.md).",
-    ]
-    for title, of_run in (("Of each trajectory", False), ("Of a run", True)):
-        lines += ["", f"## {title}", "", "| name | unit | better | what it is | source |", "|---|---|---|---|---|"]
-        for name in BUNDLED_METRICS:
-            one = METRICS[name]
-            if (one.of_run is not None) == of_run:
-                costly = "; costly" if one.costly else ""
-                lines.append(f"| `{name}` | {one.unit} | {one.better or ''} | {one.meaning} | {one.source}{costly} |")
-    return "\n".join(lines) + "\n"
-
-
-def python() -> str:
-    """Every public name with the first sentence about it, by the module that defines it."""
-    lines = [
-        "# Python: stable names",
-        "",
-        "Generated from the docstrings by `.venv/bin/python docs/generate.py`. `import moteslam` has all of these "
-        "names; each is imported when it is first used. What they take and return: `make docs` writes the reference to "
-        "`build/docs`. What stable means, and a tutorial: [the guide](../guide/python.md).",
-    ]
-    for module, names in PUBLIC.items():
-        found = {name: getattr(import_module(module), name) for name in names}
-        rows = [[f"`{name}`", _paragraph((inspect.getdoc(one) or "").split("\n\n")[0])] for name, one in found.items()]
-        lines += ["", f"## `{module}`", "", *_table(["name", "what it is"], rows)]
-    return "\n".join(lines) + "\n"
 
 
 def configuration() -> str:
@@ -243,10 +168,9 @@ def _paragraph(text: str | None) -> str:
 
 
 def main() -> None:
-    """Write all pages."""
-    for name, text in pages().items():
-        (REFERENCE / name).write_text(text, encoding="utf-8")
-        sys.stdout.write(f"{REFERENCE / name}\n")
+    """Write the page."""
+    PAGE.write_text(configuration(), encoding="utf-8")
+    sys.stdout.write(f"{PAGE}\n")
 
 
 if __name__ == "__main__":

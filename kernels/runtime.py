@@ -84,7 +84,7 @@ def one_thread() -> bool:
 
     Every outermost loop of a kernel is preceded by this line, which Taichi evaluates when it compiles the kernel. With
     one thread the loop then runs in the thread that launches it. Otherwise Taichi would wake its one worker and wait
-    for it, which costs 60 us of processor time and twice as much to wait for (docs/notes/).
+    for it, which costs 60 us of processor time and twice as much to wait for (docs/results.md).
     """
     current = runtime()
     return current.arch == "cpu" and current.threads == 1
@@ -180,7 +180,7 @@ def _pin(threads: list[int], processors: list[int]) -> None:
 
     For each kernel all threads are woken at once, and Linux prefers to wake a thread on the processor of its waker:
     there they queue, and only after some 4 ms one is moved away, so that kernels shorter than that gain nothing from a
-    second thread (measured: docs/notes/). Fewer threads than processors are not pinned, since several programs
+    second thread (measured: docs/results.md). Fewer threads than processors are not pinned, since several programs
     that did so would share the first few processors; nor are the main thread and the threads that it starts.
 
     Taichi starts some threads that compile, then its workers, one after another: in turns no two workers share a

@@ -12,13 +12,6 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-RESULTS = Path(__file__).parents[1] / "results"
-
-
-def dated_file(name: str) -> Path:
-    """The result file of today."""
-    return RESULTS / f"{name}-{date.today().isoformat()}.json"
-
 
 def stamp() -> dict[str, Any]:
     """Date, hardware, how busy it was, and versions, as they go into a result file."""

@@ -1,7 +1,7 @@
 """What the benchmarks run: real logs with their references, simulated scenarios with their truth; and what is asked.
 
 The limits are those that the preset ``default`` was built for: a quarter less error than the best of GMapping, Karto,
-Cartographer and Hector on the same logs (docs/notes/2026-11-22-accuracy.md).
+Cartographer and Hector on the same logs (docs/results.md).
 """
 
 from __future__ import annotations

@@ -26,7 +26,7 @@ OFFICE_FLOORS = ("corridor", "office", "loop")
 HALF = {"csail": (0.0090, 0.0306, 0.103, 0.0281), "freiburg-101": (0.0089, 0.0271, 0.0875, None)}
 ONE = {"intel_key_scans": (0.0080, 0.0263, 0.0805, 0.0255)}
 """Median and 90 % quantile [m], shares beyond 3 cm and without return, of the logs of beams half a degree and a degree
-apart (docs/notes). The halls of freiburg-101 give 11.9 % without return, which follows from the building."""
+apart (docs/results.md). The halls of freiburg-101 give 11.9 % without return, which follows from the building."""
 REAL = HALF | ONE
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("taichi")]
