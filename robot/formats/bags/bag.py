@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import re
-import shutil
-import tempfile
 from array import array
 from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cache
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -16,23 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.errors import InputError
-from moteslam.robot.formats.bags.containers import (
-    MAX_CHUNK,
-    MAX_MESSAGES,
-    MAX_RATIO,
-    Container,
-    begins_as,
-    damage_in_one_line,
-    is_bag_database,
-    open_container,
-    zstd,
-)
+from moteslam.robot.formats.bags.containers import MAX_MESSAGES
+from moteslam.robot.formats.bags.folder import open_files
 from moteslam.robot.issues import Issue
-from moteslam.robot.yaml_table import read_yaml
 
-METADATA, _TABLE = "metadata.yaml", "rosbag2_bagfile_information"
-_MAX_FILES = 10_000
-_PART = re.compile(r"(?P<stem>.*)_(?P<number>\d+)\.(?P<ending>mcap|db3|bag)")
 SECOND = 1_000_000_000
 """Nanoseconds."""
 
@@ -102,8 +87,7 @@ class Bag:
 
     def __init__(self, path: Path) -> None:
         self.path, self.issues = path, list[Issue]()
-        with damage_in_one_line(path):
-            self._containers = self._folder() if path.is_dir() else (open_container(path),)
+        self._containers = open_files(path, self.issues)
         if len({container.ros1 for container in self._containers}) > 1:
             raise InputError("files of ROS 1 and of ROS 2, expected one of them", file=path)
         self.ros1 = self._containers[0].ros1
@@ -144,7 +128,7 @@ class Bag:
     def payloads(self, places: NDArray[np.int64]) -> Iterator[bytes]:
         """The messages at some places [n, 3]."""
         edges = [0, *(np.flatnonzero(np.diff(places[:, 0])) + 1).tolist(), len(places)]
-        for first, last in zip(edges[:-1], edges[1:], strict=True):
+        for first, last in pairwise(edges):
             if first < last:
                 container = self._containers[int(places[first, 0])]
                 yield from container.payloads([(row[1], row[2]) for row in places[first:last].tolist()])
@@ -191,115 +175,6 @@ class Bag:
             table.marks.append(hash(data[4:4096]))  # behind what numbers the messages in ROS 1
             table.frames.append(frame)
         return broken
-
-    def _folder(self) -> tuple[Container, ...]:
-        """The files that ``metadata.yaml`` names, or the parts of a recording whose recorder did not write one."""
-        if not _has_metadata(self.path):
-            parts = parts_of(self.path)
-            if not parts:
-                raise InputError("neither metadata.yaml nor parts of a recording, expected a ROS 2 bag", file=self.path)
-            numbers = [int(_PART.fullmatch(part.name)["number"]) for part in parts]  # type: ignore[index]
-            gaps = f"; {len(missing)} between them are missing" if (missing := _missing(numbers)) else ""
-            text = f"{self.path.name}: no metadata.yaml; {', '.join(part.name for part in parts[:4])}"
-            text += f"{' and others' if len(parts) > 4 else ''} are read as one recording{gaps}"
-            self.issues.append(Issue("no-metadata", text, len(parts)))
-            return tuple(open_container(part) for part in parts)
-        path = self.path / METADATA
-        table = read_yaml(path, "the metadata of a ROS 2 bag", limit=4_000_000)
-        about = table.get(_TABLE) if isinstance(table, dict) else None
-        if not isinstance(about, dict):
-            raise InputError("missing or no table", file=path, field=_TABLE)
-        mode, packing = str(about.get("compression_mode") or "none").lower(), about.get("compression_format")
-        if mode not in ("none", "storage") and (mode not in ("message", "file") or packing != "zstd"):
-            raise InputError(f"{mode[:20]} {str(packing)[:20]}, expected zstd", file=path, field="compression_mode")
-        names = about.get("relative_file_paths")
-        if (
-            not isinstance(names, list)
-            or not names
-            or len(names) > _MAX_FILES
-            or len(set(map(str, names))) < len(names)
-        ):
-            raise InputError("no list of files, expected one", file=path, field="relative_file_paths")
-        files = [self._inside(str(name)) for name in names]
-        if mode == "file":
-            self._unpacked = tempfile.TemporaryDirectory(prefix="moteslam-")
-            files = [_unpack(file, Path(self._unpacked.name, f"{index}")) for index, file in enumerate(files)]
-        opened = [open_container(file) for file in files]
-        return tuple(_PackedMessages(container) if mode == "message" else container for container in opened)
-
-    def _inside(self, name: str) -> Path:
-        """The file of that name in the folder; bags before version 4 name it with the folder before it."""
-        file, inside = self.path / Path(name).name, not {"..", ""} & set(name.split("/"))
-        if (
-            "\0" in name
-            or "\\" in name
-            or not inside
-            or not file.is_file()
-            or file.resolve().parent != self.path.resolve()
-        ):
-            problem = f"{name[:80]!r}, expected the name of a file in the folder"
-            raise InputError(problem, file=self.path / METADATA, field="relative_file_paths")
-        return file
-
-
-class _PackedMessages:
-    """A file whose messages are packed by Zstandard one by one; see `Container`."""
-
-    def __init__(self, container: Container) -> None:
-        self.path, self.ros1, self.damage = container.path, container.ros1, container.damage
-        self.channels, self._container = container.channels, container
-
-    def messages(self, channels: Collection[int]) -> Iterator[Any]:
-        for message in self._container.messages(channels):
-            yield message._replace(data=self._unpack(message.data))
-
-    def payloads(self, places: Collection[tuple[int, int]]) -> Iterator[bytes]:
-        yield from map(self._unpack, self._container.payloads(places))
-
-    def _unpack(self, data: bytes) -> bytes:
-        with damage_in_one_line(self.path):
-            return bytes(zstd().ZstdDecompressor().decompress(data, max_length=MAX_CHUNK))
-
-
-def _unpack(file: Path, into: Path) -> Path:
-    """A file packed as a whole, unpacked."""
-    limit = MAX_RATIO * file.stat().st_size
-    with zstd().open(file, "rb") as packed, into.open("wb") as plain:
-        while block := packed.read(1 << 20):
-            plain.write(block)
-            if plain.tell() > min(limit, shutil.disk_usage(into.parent).total // 2):
-                raise InputError("unpacks to more than a recording does: unpack it with zstd -d", file=file)
-    return into
-
-
-def _has_metadata(folder: Path) -> bool:
-    try:
-        with (folder / METADATA).open("rb") as file:
-            return _TABLE.encode() in file.read(4096)
-    except OSError:
-        return False
-
-
-def is_bag_folder(folder: Path) -> bool:
-    """Whether a folder holds the ``metadata.yaml`` of a bag, or the parts of a single one."""
-    return _has_metadata(folder) or bool(parts_of(folder))
-
-
-def parts_of(folder: Path) -> list[Path]:
-    """The parts ``name_0.mcap``, ``name_1.mcap`` of the one recording in a folder, in order; else none."""
-    try:
-        files = [file for _, file in zip(range(_MAX_FILES), folder.iterdir(), strict=False) if begins_as(file)]
-    except OSError:
-        return []
-    parts = [(found, file) for file in files if (found := _PART.fullmatch(file.name))]
-    one = len({(found["stem"], found["ending"]) for found, _ in parts}) == 1 and len(parts) == len(files)
-    if not one or any(file.suffix == ".db3" and not is_bag_database(file) for file in files):
-        return []
-    return [file for _, file in sorted(parts, key=lambda part: int(part[0]["number"]))]
-
-
-def _missing(numbers: list[int]) -> set[int]:
-    return set(range(numbers[0], min(numbers[-1], numbers[0] + _MAX_FILES))) - set(numbers)
 
 
 def frame_name(name: str) -> str:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from moteslam.robot.formats.bags.bag import is_bag_folder
-from moteslam.robot.formats.bags.containers import begins_as, is_bag_database
+from moteslam.robot.formats.bags.database import is_bag_database
+from moteslam.robot.formats.bags.folder import begins_as, is_bag_folder
 from moteslam.robot.formats.bags.read import read_bag
 from moteslam.robot.formats.bags.write import write_mcap, write_rosbag1, write_rosbag2
 from moteslam.robot.formats.format import Format

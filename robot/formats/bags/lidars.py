@@ -126,9 +126,7 @@ def _fan(path: Path, topic: Topic, points: NDArray[np.float64]) -> Fan:
 
 @dataclass(frozen=True, eq=False)
 class _Part:
-    """One of several lidars: its scans, its fan with its limits, where it stands, and its scan [n] for each of the first
-    lidar, -1 where there is none near.
-    """
+    """One of several lidars: scans, fan, mount, and its scan [n] for each of the first, -1 where there is none near."""
 
     scans: Scans
     fan: Fan

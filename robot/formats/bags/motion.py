@@ -33,6 +33,12 @@ JOINTS = ("front_right_wheel_joint", "front_left_wheel_joint", "rear_right_wheel
 MAX_ANGLE = 1e9
 """No wheel has turned further [rad]: some 30 000 km."""
 
+REACH, MIN_PATH = 0.2, 1.0
+"""Of a path, along which a direction is taken, and of one that is long enough to say any [m]."""
+MIN_TURN, FOLLOWS = math.radians(60), 0.3
+"""A path that turns by more [rad] and agrees with the headings by less (the mean resultant length of twice the angle
+between them, which is 1 for wheels that do not slip) has headings that are none."""
+
 _TRUTH = re.compile(r"(^|[^a-z])(ground_?truth|groundtruth|truth|true|gt|p3d)([^a-z]|$)")
 """In the name of a topic or frame that holds where the robot truly was."""
 _WORLD = {"world", "map"}
@@ -114,40 +120,65 @@ def choose_odometry(
 
 
 def odometry_stream(path: Path, table: Table, times: Times, issues: list[Issue]) -> OdometryStream | None:
-    """The odometry of messages or transforms, projected to the plane; None where its headings cannot be used.
+    """The odometry of messages or transforms, projected to the plane; None where it says no headings at all.
 
     Raises:
         InputError: too many broken messages, or absurd stamps.
     """
-    values = table.values
-    good = (np.abs(values) <= MAX_PLACE).all(axis=1)
-    kept, stamps = times.used(table, good)
-    poses, turns = values[kept], values[kept, 3:]
+    values, name = table.values, f"{path.name}: {table.topic.name}"
+    kept, stamps = times.used(table, (np.abs(values) <= MAX_PLACE).all(axis=1))
+    places, turns = values[kept, :2], values[kept, 3:]
     lengths = np.linalg.norm(turns, axis=1)
-    if problem := _no_headings(lengths, turns):
-        name = f"{path.name}: {table.topic.name}"
-        text = f"{name}: {problem}: they say no headings, and SLAM goes without this odometry"
-        issues.append(Issue("no-headings", text, len(kept)))
-        return None
     none = lengths == 0
+    headings = se2.heading(np.where(none[:, None], (0.0, 0.0, 0.0, 1.0), turns))
+    along = _path_headings(places)
+    if problem := _no_headings(lengths, headings, along):
+        if along is None:
+            text = f"{name}: {problem}, and a path too short to take them from: SLAM goes without this odometry"
+            issues.append(Issue("no-headings", text, len(kept)))
+            return None
+        text = f"{name}: {problem}: the direction of the path is taken, which says nothing of turns on the spot"
+        issues.append(Issue("no-headings", text, len(kept)))
+        return OdometryStream(stamps, np.column_stack((places, along)))
     if none.any():
-        text = (
-            f"{path.name}: {table.topic.name}: {counted(int(none.sum()), 'pose')} with a quaternion of length 0 dropped"
-        )
+        text = f"{name}: {counted(int(none.sum()), 'pose')} with a quaternion of length 0 dropped"
         issues.append(Issue("broken-messages", text, int(none.sum())))
-    headings = se2.heading(turns[~none])
-    return OdometryStream(stamps[~none], np.column_stack((poses[~none, :2], headings)))
+    return OdometryStream(stamps[~none], np.column_stack((places, headings))[~none])
 
 
-def _no_headings(lengths: NDArray[np.float64], turns: NDArray[np.float64]) -> str | None:
-    """Why quaternions [n, 4] of some lengths [n] say no headings; None where they do."""
+def _no_headings(
+    lengths: NDArray[np.float64], headings: NDArray[np.float64], along: NDArray[np.float64] | None
+) -> str | None:
+    """Why quaternions of some lengths [n], as headings [n], say no headings beside those along the path; else None."""
     many = 0.1 * len(lengths)
     if (zero := int((lengths == 0).sum())) > many:
         return f"{zero} of {len(lengths)} quaternions of length 0"
-    short = int((np.abs(lengths - 1) > 0.1).sum())
-    if short > many:
+    if (short := int((np.abs(lengths - 1) > 0.1).sum())) > many:
         return f"{short} of {len(lengths)} quaternions of lengths {lengths.min():.2g} to {lengths.max():.2g}, not 1"
-    return None
+    if along is None or np.ptp(np.unwrap(along)) < MIN_TURN:
+        return None
+    if np.ptp(np.unwrap(headings)) < _LEVEL:
+        return f"every heading is {math.degrees(headings[0]):.1f} degrees while the path turns"
+    off = np.abs(np.exp(2j * (along - headings)).mean())  # twice: forward and backward are one direction
+    return f"headings that do not follow the path (agreement {off:.2f} of 1)" if off < FOLLOWS else None
+
+
+def _path_headings(places: NDArray[np.float64]) -> NDArray[np.float64] | None:
+    """The directions [n] [rad] in which places [n, 2] follow each other, over twice `REACH`; None of a short path.
+
+    A robot that turns by more than 120 degrees on the spot is taken to drive backward from there on.
+    """
+    travelled = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(places, axis=0).T))))
+    before = np.searchsorted(travelled, travelled - REACH)
+    after = np.searchsorted(travelled, travelled + REACH, side="right") - 1
+    x, y = (places[after] - places[before]).T
+    known = np.flatnonzero(np.hypot(x, y) > REACH / 3)
+    if travelled[-1] < MIN_PATH or not len(known):
+        return None
+    directions = np.unwrap(np.arctan2(y[known], x[known]))
+    steps = np.diff(directions, prepend=directions[0])
+    reversals = np.cumsum(np.where(np.abs(steps) > 2 * np.pi / 3, np.sign(steps), 0))
+    return se2.wrap(np.interp(np.arange(len(places)), known, directions - np.pi * reversals))
 
 
 def imu_stream(
@@ -191,6 +222,7 @@ class Joints:
         self._columns: dict[tuple[str, ...], tuple[int, ...] | None] = {}
 
     def __call__(self, message: Any) -> tuple[float, ...]:
+        """The angles of the four wheels in a message; a ValueError where it has none."""
         names = tuple(message.name)
         if names not in self._columns and len(self._columns) < 100:
             self._columns[names] = self._wheels(names)
@@ -204,7 +236,7 @@ class Joints:
 
     @staticmethod
     def _wheels(names: tuple[str, ...]) -> tuple[int, ...] | None:
-        """Which joints are the front right, front left, rear right and rear left wheel; None where there are no such."""
+        """Which joints are the front right, front left, rear right, rear left wheel; None where there are none."""
         columns: dict[tuple[str, bool], int] = {}
         for index, name in enumerate(map(str.lower, names)):
             for side in _SIDES:

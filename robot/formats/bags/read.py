@@ -98,13 +98,11 @@ def read_bag(
     """
     bag = Bag(Path(path))
     issues = bag.issues
+    known = {*TRANSFORMS, *(kind for kinds in KINDS.values() for kind in kinds)}
     for topic in bag.topics:
-        if topic.kind in {kind for kinds in (*KINDS.values(), TRANSFORMS) for kind in kinds} and topic.count:
-            if not bag.is_readable(topic):
-                text = (
-                    f"{bag.path.name}: {topic.name}: {topic.kind} by another definition than the usual one, left aside"
-                )
-                issues.append(Issue("other-definition", text, topic.count))
+        if topic.kind in known and topic.count and not bag.is_readable(topic):
+            text = f"{topic.name}: {topic.kind} by another definition than the usual one, left aside"
+            issues.append(Issue("other-definition", f"{bag.path.name}: {text}", topic.count))
     return _Reading(bag, GivenRobot.read(platform), topics or {}, sequence).recording()
 
 
@@ -117,7 +115,8 @@ class _Reading:
     """
 
     def __init__(self, bag: Bag, given: GivenRobot, topics: Topics, session: str | int | None) -> None:
-        self.bag, self.given, self.issues = bag, given, bag.issues
+        self.bag, self.issues = bag, bag.issues
+        self.given, self.mounts = given.lidars()
         if unknown := [stream for stream in topics if stream not in KINDS]:
             raise InputError(f"{unknown[0]!r}, expected {', '.join(KINDS)}", file=bag.path, field="topics")
         named = {stream: self._named(stream, names) for stream, names in topics.items() if names}
@@ -128,6 +127,10 @@ class _Reading:
         def candidates(stream: str) -> list[Topic]:
             return [] if stream in left else named.get(stream) or bag.of_kind(*KINDS[stream])
 
+        if strange := [
+            topic for topic in self.mounts if topic not in {one.name for one in bag.of_kind(*KINDS["lidar"])}
+        ]:
+            raise InputError(f"no lidar {strange[0]!r}", file=self.given.file, field="lidars")
         lidars = named.get("lidar") or ([] if "lidar" in left else self._best_lidar())
         self.lidars = [image_table(topic) if topic.kind == POINT_CLOUD else scan_table(topic) for topic in lidars]
         odometry = [] if computed and "odometry" not in named else candidates("odometry")[:MAX_CANDIDATES]
@@ -238,21 +241,23 @@ class _Reading:
             return None, Mount()
         if len(scans) == 1:
             return scans[0], self._mount(scans[0])
-        mounts = [
-            lidar_mount(self.bag.path, one.topic, one.frame, self.frames, self.base, self.issues) for one in scans
-        ]
-        return merged_scans(self.bag.path, scans, mounts), Mount()
+        return merged_scans(self.bag.path, scans, [self._mount(one) for one in scans]), Mount()
 
     def _mount(self, scans: Scans) -> Mount:
         """Where a lidar stands by the transforms; where a caller says it, these matter only for which way is up."""
-        is_given = self.given.platform is not None or {"x", "y", "yaw"} <= self.given.lidar_figures.keys()
+        given, alone = self.mounts.get(scans.topic), len(self.lidars) == 1
+        keys = self.given.lidar_figures.keys() if alone else set()
+        is_given = given is not None or (alone and self.given.platform is not None) or {"x", "y", "yaw"} <= keys
         issues: list[Issue] = [] if is_given else self.issues
         try:
-            return lidar_mount(self.bag.path, scans.topic, scans.frame, self.frames, self.base, issues)
+            mount = lidar_mount(self.bag.path, scans.topic, scans.frame, self.frames, self.base, issues)
         except InputError:
-            if is_given:
-                return Mount()
-            raise
+            if not is_given:
+                raise
+            mount = Mount()
+        if given is None:
+            return mount
+        return Mount(given.x, given.y, given.z, given.yaw, mount.upside_down)
 
     def _stated(self, scans: Scans | None, mount: Mount, camera: CameraSpec | None) -> Platform:
         """The robot that the bag states: of one that this package wrote, the whole; else where its sensors stand."""

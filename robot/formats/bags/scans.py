@@ -34,8 +34,8 @@ MAX_STEP = 0.01
 """Between two beams [s]: no lidar is slower."""
 
 FINER = 4
-"""Of scans with beams of their own each, the common fan has this many beams for one of theirs: an endpoint lies up to an
-eighth of their step beside its beam."""
+"""Of scans with beams of their own each, the common fan has this many beams for one of theirs: an endpoint lies up to
+an eighth of their step beside its beam."""
 
 Rows = NDArray[np.float32]
 

@@ -19,8 +19,8 @@ MAX_BROKEN = 3
 """Up to this many broken messages are always dropped; more of them only up to a tenth of the topic."""
 
 BACK = SECOND
-"""A stamp further behind the latest before it [ns], with all that follow, is of a clock that was set back: what waits in
-a queue is less late, or is followed by others that are not."""
+"""A stamp further behind the latest before it [ns], with all that follow, is of a clock that was set back: what waits
+in a queue is less late, or is followed by others that are not."""
 
 FOLLOWING = 10
 """Messages that all stay behind after a clock was set back; near the end of the recording `FEWEST`."""

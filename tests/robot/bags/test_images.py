@@ -11,8 +11,7 @@ from made_bags import START, imu, make_bag, placed
 from numpy.typing import NDArray
 
 from moteslam import open_recording
-from moteslam.robot.formats.bags.events import Event, transform, turned
-from moteslam.robot.formats.bags.events import camera_transforms, image_events
+from moteslam.robot.formats.bags.events import Event, camera_transforms, image_events, transform, turned
 from moteslam.robot.formats.bags.write import write_mcap, write_rosbag1
 from moteslam.robot.frames import camera_frames, read_frame
 from moteslam.robot.kinect import HEIGHT, NO_DISPARITY, WIDTH, depth_of, disparity_of
