@@ -9,6 +9,9 @@ from __future__ import annotations
 
 import bz2
 import importlib
+import shutil
+import tempfile
+import weakref
 from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -55,7 +58,7 @@ class Container(Protocol):
     ros1: bool
     channels: list[Channel]
     damage: str | None
-    temporary: Any
+    temporary: TemporaryFolder | None
 
     def messages(self, channels: Collection[int]) -> Iterator[Message]:
         """Those of some channels, in the order of the file."""
@@ -116,7 +119,7 @@ class Chunked:
 
     ros1 = False
     damage: str | None = None
-    temporary: Any = None
+    temporary: TemporaryFolder | None = None
 
     def __init__(self, path: Path) -> None:
         self.path, self.size = path, path.stat().st_size
@@ -156,6 +159,14 @@ class Chunked:
 
     def _payload(self, file: IO[bytes], place: Place) -> bytes:
         raise NotImplementedError
+
+
+class TemporaryFolder:
+    """A folder that is there as long as this is."""
+
+    def __init__(self) -> None:
+        self.path = Path(tempfile.mkdtemp(prefix="moteslam-"))
+        weakref.finalize(self, shutil.rmtree, self.path, ignore_errors=True)
 
 
 def plain_kind(name: str) -> str:

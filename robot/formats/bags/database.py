@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import shutil
 import sqlite3
-import tempfile
 from collections.abc import Collection, Iterator
 from contextlib import closing
 from pathlib import Path
@@ -16,6 +15,7 @@ from moteslam.robot.formats.bags.containers import (
     Channel,
     Message,
     Place,
+    TemporaryFolder,
     damage_in_one_line,
     plain_kind,
 )
@@ -30,14 +30,14 @@ class Database:
 
     ros1 = False
     damage: str | None = None
-    temporary: tempfile.TemporaryDirectory[str] | None = None
+    temporary: TemporaryFolder | None = None
 
     def __init__(self, path: Path) -> None:
         self.path, self._file = path, path
         beside = path.with_name(path.name + "-wal")
         if beside.is_file() and beside.stat().st_size:
-            self.temporary = tempfile.TemporaryDirectory(prefix="moteslam-")
-            self._file = Path(self.temporary.name, "copy.db3")
+            self.temporary = TemporaryFolder()
+            self._file = self.temporary.path / "copy.db3"
             shutil.copyfile(path, self._file)
             shutil.copyfile(beside, self._file.with_name("copy.db3-wal"))
             with closing(sqlite3.connect(self._file)) as connection:

@@ -4,12 +4,18 @@ from __future__ import annotations
 
 import re
 import shutil
-import tempfile
 from collections.abc import Callable, Collection, Iterator
 from pathlib import Path
 
 from moteslam.errors import InputError
-from moteslam.robot.formats.bags.containers import MAX_CHUNK, Container, Message, damage_in_one_line, zstd
+from moteslam.robot.formats.bags.containers import (
+    MAX_CHUNK,
+    Container,
+    Message,
+    TemporaryFolder,
+    damage_in_one_line,
+    zstd,
+)
 from moteslam.robot.formats.bags.database import Database, is_bag_database
 from moteslam.robot.formats.bags.mcap import Mcap
 from moteslam.robot.formats.bags.rosbag1 import Rosbag1
@@ -88,8 +94,8 @@ def _folder(folder: Path, issues: list[Issue]) -> tuple[Container, ...]:
     if mode != "file":
         opened = [open_container(file) for file in files]
     else:
-        place = tempfile.TemporaryDirectory(prefix="moteslam-")
-        unpacked = [_unpack(file, Path(place.name, f"{index}_{file.stem}")) for index, file in enumerate(files)]
+        place = TemporaryFolder()
+        unpacked = [_unpack(file, place.path / f"{index}_{file.stem}") for index, file in enumerate(files)]
         opened = [open_container(file) for file in unpacked]
         opened[0].temporary = place  # removed with it
     return tuple(_PackedMessages(container) if mode == "message" else container for container in opened)
