@@ -1,4 +1,4 @@
-"""What is wrong with bags that people have: read rightly and told, or refused in a line that says what to do."""
+"""What is wrong with bags that people have: read rightly with a warning, or refused in a line that says what to do."""
 
 from __future__ import annotations
 
@@ -349,7 +349,7 @@ def turned_path(change: Callable[[dict[str, float]], dict[str, float]]) -> list[
         (lambda q: q, None),
     ],
 )
-def test_headings_that_are_none_are_told_and_not_used(
+def test_headings_that_are_none_are_named_and_not_used(
     tmp_path: Path, change: Callable[[dict[str, float]], dict[str, float]], problem: str | None
 ) -> None:
     recording = open_recording(make_bag(tmp_path, turned_path(change)))
