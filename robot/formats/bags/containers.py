@@ -72,7 +72,7 @@ def damage_in_one_line(path: Path) -> Iterator[None]:
     """The boundary to rosbags, SQLite and the packers: what they raise is an `InputError` that names the file."""
     try:
         yield
-    except (MoteslamError, GeneratorExit):
+    except MoteslamError:
         raise
     except OSError as error:
         raise InputError(f"{error.strerror or error}, expected a ROS bag", file=path) from error

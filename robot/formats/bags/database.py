@@ -11,7 +11,6 @@ from pathlib import Path
 from moteslam.errors import InputError
 from moteslam.robot.formats.bags.containers import (
     MAX_CHUNK,
-    MAX_MESSAGES,
     Channel,
     Message,
     Place,
@@ -43,11 +42,8 @@ class Database:
             with closing(sqlite3.connect(self._file)) as connection:
                 connection.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchall()
             self.damage = f"the recorder was killed: {beside.name} is read with it"
-        with closing(self._connect()) as connection:
-            self._check_tables(connection)
-            (count,) = connection.execute("SELECT count(*) FROM messages").fetchone()
-            if count > MAX_MESSAGES:
-                raise InputError(f"{count} messages, expected at most {MAX_MESSAGES}", file=path)
+        with closing(_connect(self._file)) as connection:
+            _check_tables(connection, path)
             counts = dict(connection.execute("SELECT topic_id, count(*) FROM messages GROUP BY topic_id").fetchall())
             topics = connection.execute("SELECT id, name, type, serialization_format FROM topics ORDER BY id")
             self.channels = [
@@ -58,7 +54,7 @@ class Database:
 
     def messages(self, channels: Collection[int]) -> Iterator[Message]:
         """See `Container`."""
-        with damage_in_one_line(self.path), closing(self._connect()) as connection:
+        with damage_in_one_line(self.path), closing(_connect(self._file)) as connection:
             among = ", ".join(str(int(channel)) for channel in channels)
             query = f"SELECT topic_id, timestamp, id, data FROM messages WHERE topic_id IN ({among}) ORDER BY id"
             for channel, received, row, data in connection.execute(query):
@@ -66,42 +62,48 @@ class Database:
 
     def payloads(self, places: Collection[Place]) -> Iterator[bytes]:
         """See `Container`."""
-        with damage_in_one_line(self.path), closing(self._connect()) as connection:
+        with damage_in_one_line(self.path), closing(_connect(self._file)) as connection:
             for _, row in places:
                 found = connection.execute("SELECT data FROM messages WHERE id = ?", (int(row),)).fetchone()
                 if found is None:
                     raise InputError(f"message {row} is not there", file=self.path)
                 yield bytes(found[0])
 
-    def _connect(self) -> sqlite3.Connection:
-        """The file, to be read alone: no value in it is longer than a chunk."""
-        open_regular(self._file, "a bag's SQLite file").close()
-        connection = sqlite3.connect(f"{self._file.absolute().as_uri()}?mode=ro&immutable=1", uri=True)
-        connection.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, MAX_CHUNK)
-        connection.execute("PRAGMA trusted_schema = OFF")
-        return connection
-
-    def _check_tables(self, connection: sqlite3.Connection) -> None:
-        """Refuse what has not the two tables, as plain ones: a virtual or computed one runs what a file says."""
-        tables = {
-            "topics": {"id", "name", "type", "serialization_format"},
-            "messages": {"id", "topic_id", "timestamp", "data"},
-        }
-        query = "SELECT substr(sql, 1, 100) FROM sqlite_master WHERE type = 'table' AND name = ?"
-        for table, columns in tables.items():
-            made = connection.execute(query, (table,)).fetchone()
-            found = {row[1]: row[6] for row in connection.execute(f"PRAGMA table_xinfo({table})")}
-            virtual = made is None or "virtual" in str(made[0]).lower().split("(")[0]
-            if virtual or columns - found.keys() or any(found.values()):
-                problem = f"no plain table {table} of {', '.join(sorted(columns))}, expected that of a ROS 2 bag"
-                raise InputError(problem, file=self.path)
-
 
 def is_bag_database(path: Path) -> bool:
-    """Whether a SQLite file has the tables of a bag."""
+    """Whether a SQLite file has the tables of a bag, in itself or in the ``-wal`` beside it."""
     try:
         with damage_in_one_line(path):
-            Database(path)
+            if path.with_name(f"{path.name}-wal").exists():
+                Database(path)
+            else:
+                with closing(_connect(path)) as connection:
+                    _check_tables(connection, path)
     except InputError:
         return False
     return True
+
+
+def _connect(path: Path) -> sqlite3.Connection:
+    """The file, to be read alone: no value in it is longer than a chunk."""
+    open_regular(path, "a bag's SQLite file").close()
+    connection = sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro&immutable=1", uri=True)
+    connection.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, MAX_CHUNK)
+    connection.execute("PRAGMA trusted_schema = OFF")
+    return connection
+
+
+def _check_tables(connection: sqlite3.Connection, path: Path) -> None:
+    """Refuse what has not the two tables, as plain ones: a virtual or computed one runs what a file says."""
+    tables = {
+        "topics": {"id", "name", "type", "serialization_format"},
+        "messages": {"id", "topic_id", "timestamp", "data"},
+    }
+    query = "SELECT substr(sql, 1, 100) FROM sqlite_master WHERE type = 'table' AND name = ?"
+    for table, columns in tables.items():
+        made = connection.execute(query, (table,)).fetchone()
+        found = {row[1]: row[6] for row in connection.execute(f"PRAGMA table_xinfo({table})")}
+        virtual = made is None or "virtual" in str(made[0]).lower().split("(")[0]
+        if virtual or columns - found.keys() or any(found.values()):
+            problem = f"no plain table {table} of {', '.join(sorted(columns))}, expected that of a ROS 2 bag"
+            raise InputError(problem, file=path)

@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 from moteslam.robot.formats.bags.database import is_bag_database
 from moteslam.robot.formats.bags.folder import begins_as, is_bag_folder
 from moteslam.robot.formats.bags.read import read_bag
 from moteslam.robot.formats.bags.write import write_mcap, write_rosbag1, write_rosbag2
 from moteslam.robot.formats.format import Format
 
-ROSBAG1 = Format(
-    "ROS 1 bag",
-    is_folder=False,
-    recognise=lambda path: begins_as(path) == "bag",
-    read=read_bag,
-    read_topics=read_bag,
-    write=write_rosbag1,
-    endings=(".bag",),
-)
+_file = partial(Format, is_folder=False, read=read_bag, read_topics=read_bag)
 
+ROSBAG1 = _file("ROS 1 bag", recognise=lambda path: begins_as(path) == "bag", write=write_rosbag1, endings=(".bag",))
+MCAP = _file("MCAP file of ROS", recognise=lambda path: begins_as(path) == "mcap", write=write_mcap, endings=(".mcap",))
+DB3 = _file("SQLite file of ROS 2", recognise=lambda path: begins_as(path) == "db3" and is_bag_database(path))
 ROSBAG2 = Format(
     "ROS 2 bag (a folder with metadata.yaml)",
     is_folder=True,
@@ -25,22 +22,4 @@ ROSBAG2 = Format(
     read=read_bag,
     read_topics=read_bag,
     write=write_rosbag2,
-)
-
-MCAP = Format(
-    "MCAP file of ROS",
-    is_folder=False,
-    recognise=lambda path: begins_as(path) == "mcap",
-    read=read_bag,
-    read_topics=read_bag,
-    write=write_mcap,
-    endings=(".mcap",),
-)
-
-DB3 = Format(
-    "SQLite file of ROS 2",
-    is_folder=False,
-    recognise=lambda path: begins_as(path) == "db3" and is_bag_database(path),
-    read=read_bag,
-    read_topics=read_bag,
 )

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from moteslam.errors import InputError
 from moteslam.robot import se2
 from moteslam.robot.formats.bags.bag import Table, Topic
-from moteslam.robot.formats.bags.frames import Frames
+from moteslam.robot.formats.bags.frames import BASES, Frames
 from moteslam.robot.formats.bags.times import Times
 from moteslam.robot.formats.bounds import MAX_PLACE, SLACK, plausible_counts, plausible_rates
 from moteslam.robot.issues import Issue
@@ -93,13 +93,17 @@ def choose_odometry(
         return parent in _WORLD or any(map(_TRUTH.search, named))
 
     def is_other_robots(table: Table) -> bool:
-        return table.child in frames and frame in frames and frames.place(frame, table.child) is None
+        apart = table.child in frames and frame in frames and frames.place(frame, table.child) is None
+        return apart and not (table.child in BASES and any(frames.place(frame, base) for base in BASES))
 
     def rank(table: Table) -> tuple[bool, bool, bool, int]:
-        space, same = topic.split("/")[1:-1], table.topic.name.split("/")[1:-1]
-        near = not space or not same or space[0] == same[0]
         carried = frames.place(frame, table.child) is not None
-        return carried, near, table.frame().rpartition("/")[2].startswith("odom"), len(table.stamps)
+        return (
+            carried,
+            beside(table.topic.name, topic),
+            table.frame().rpartition("/")[2].startswith("odom"),
+            len(table.stamps),
+        )
 
     truth = [table for table in tables if is_truth(table)]
     others = [table for table in tables if table not in truth and is_other_robots(table)]
@@ -117,6 +121,12 @@ def choose_odometry(
     best = max(candidates, key=rank)
     left_aside(path, "odometry", best.topic, [table.topic for table in candidates if table is not best], issues)
     return best
+
+
+def beside(topic: str, lidar: str) -> bool:
+    """Whether a topic is in the namespace of the lidar's, or one of the two is in none."""
+    ours, theirs = topic.split("/")[1:-1], lidar.split("/")[1:-1]
+    return not ours or not theirs or ours[0] == theirs[0]
 
 
 def odometry_stream(path: Path, table: Table, times: Times, issues: list[Issue]) -> OdometryStream | None:

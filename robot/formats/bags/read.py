@@ -30,6 +30,7 @@ from moteslam.robot.formats.bags.motion import (
     JOINT_STATE,
     ODOMETRY,
     Joints,
+    beside,
     choose_odometry,
     imu_stream,
     imu_table,
@@ -134,7 +135,7 @@ class _Reading:
         lidars = named.get("lidar") or ([] if "lidar" in left else self._best_lidar())
         self.lidars = [image_table(topic) if topic.kind == POINT_CLOUD else scan_table(topic) for topic in lidars]
         odometry = [] if computed and "odometry" not in named else candidates("odometry")[:MAX_CANDIDATES]
-        imus = candidates("imu")
+        imus = sorted(candidates("imu"), key=lambda topic: not beside(topic.name, lidars[0].name if lidars else ""))
         if imus:
             left_aside(bag.path, "imu", imus[0], [] if "imu" in named else imus[1:], self.issues)
         written = self.manifest is not None and "encoders" in self.manifest.streams and "encoders" not in left

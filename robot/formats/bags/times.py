@@ -166,8 +166,9 @@ def _cuts(stamps: NDArray[np.int64], known: NDArray[np.bool_]) -> list[int]:
 
 def _parts(table: Table, cuts: list[int], edges: list[int]) -> list[Rows]:
     """The rows of each session: a table's own cuts where it has them near, else where the bag is cut."""
-    order = np.array(table.order)
-    borders = []
+    order, borders = np.array(table.order), []
+    if len(cuts) == len(edges):
+        edges, borders = [], list(cuts)
     for edge in edges:
         near = [cut for cut in cuts if min(edges, key=lambda other: abs(other - order[cut])) == edge]
         borders.append(near[0] if near else int(np.searchsorted(order, edge)))

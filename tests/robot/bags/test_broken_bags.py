@@ -70,6 +70,15 @@ def without_index(content: bytes) -> bytes:
     return content[:at] + bytes(8) + content[at + 8 : end]
 
 
+def in_a_chunk(content: bytes) -> bytes:
+    """A ROS 1 bag whose recorder was killed amidst its last chunk: sizes of 0, and a message that is cut."""
+    content = without_index(content)
+    header = content.rindex(struct.pack("<I", 41), 0, content.rindex(b"op=\x05"))  # with op, compression and size
+    data, size = header + 45, content.rindex(b"size=", 0, header + 45) + 5
+    assert header < size < data
+    return content[:size] + bytes(4) + content[size + 4 : data] + bytes(4) + content[data + 4 : -200_000]
+
+
 def long_bag(folder: Path, kind: str) -> bytes:
     """A bag of two chunks: 120 scans, 86 of them in the first."""
     return make_bag(folder, (scan(0.1 * index, np.ones(3000)) for index in range(120)), kind).read_bytes()
@@ -80,6 +89,7 @@ def long_bag(folder: Path, kind: str) -> bytes:
     [
         ("bag", without_index, 120),
         ("lz4", without_index, 120),
+        ("bag", in_a_chunk, 102),
         ("bag", lambda content: content[: -len(content) // 4], 87),
         ("bag", lambda content: content[:-40], 120),
         ("mcap", lambda content: content[: content.rindex(b"serialized_metadata") - 100], 120),

@@ -203,6 +203,18 @@ def test_of_two_robots_the_lidars_odometry_and_transforms_are_read(tmp_path: Pat
     assert recording.platform.lidar.x == 2.0
 
 
+def test_a_transform_that_is_missing_between_the_bases_makes_no_other_robot(tmp_path: Path) -> None:
+    events = [odometry(0.1 * i, (0.1 * i, 0.0, 0.0), child="base_footprint") for i in range(9)]
+    events += [
+        placed(0, "odom", "base_footprint"),
+        placed(0, "base_link", "laser", topic="/tf_static"),
+        scan(0, [1.0, 2.0]),
+    ]
+    recording = open_recording(make_bag(tmp_path, events))
+    assert len(odometry_of(recording)) == 9
+    assert codes(recording) == ["no-mount"]
+
+
 def test_only_the_truth_is_no_odometry(tmp_path: Path) -> None:
     events = [scan(0.1 * i, [1.0, 2.0]) for i in range(9)]
     recording = open_recording(make_bag(tmp_path, [*events, *other_odometry("/gt", "world", "base_link", 9)]))
