@@ -99,7 +99,7 @@ class Bag:
             for channel in container.channels:
                 name = channel.topic if channel.topic.startswith("/") else f"/{channel.topic}"
                 key = (name[:4096], channel.kind[:4096], channel.digest)
-                parts.setdefault(key, []).append((number, channel.number, channel.count))
+                parts.setdefault(key, []).append((number, channel.number, channel.total))
         self.topics = [
             Topic(*key, sum(part[2] for part in found), frozenset(part[:2] for part in found))
             for key, found in parts.items()

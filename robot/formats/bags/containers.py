@@ -36,7 +36,7 @@ class Channel(NamedTuple):
     topic: str
     kind: str
     digest: str
-    count: int
+    total: int
 
 
 class Message(NamedTuple):

@@ -273,7 +273,8 @@ def _depth(stream: RgbdStream, index: int) -> NDArray[Any] | None:
     else:
         return None
     depth = depth_of(disparity)
-    return np.rint(1000 * np.where(depth <= _FARTHEST, depth, 0.0)).astype(np.uint16)
+    millimetres: NDArray[np.uint16] = np.rint(1000 * np.where(depth <= _FARTHEST, depth, 0.0)).astype(np.uint16)
+    return millimetres
 
 
 def _camera_info(camera: str) -> Values:

@@ -92,13 +92,13 @@ def _folder(folder: Path, issues: list[Issue]) -> tuple[Container, ...]:
         raise InputError("no list of files, expected one", file=path, field="relative_file_paths")
     files = [_inside(folder, str(name)) for name in names]
     if mode != "file":
-        opened = [open_container(file) for file in files]
+        opened: list[Container] = [open_container(file) for file in files]
     else:
         place = TemporaryFolder()
         unpacked = [_unpack(file, place.path / f"{index}_{file.stem}") for index, file in enumerate(files)]
         opened = [open_container(file) for file in unpacked]
         opened[0].temporary = place  # removed with it
-    return tuple(_PackedMessages(container) if mode == "message" else container for container in opened)
+    return tuple(opened) if mode != "message" else tuple(map(_PackedMessages, opened))
 
 
 def _inside(folder: Path, name: str) -> Path:
@@ -116,7 +116,8 @@ class _PackedMessages:
 
     def __init__(self, container: Container) -> None:
         self.path, self.ros1, self.damage = container.path, container.ros1, container.damage
-        self.channels, self._container, self.temporary = container.channels, container, None
+        self.channels, self._container = container.channels, container
+        self.temporary: TemporaryFolder | None = None
 
     def messages(self, channels: Collection[int]) -> Iterator[Message]:
         """See `Container`."""

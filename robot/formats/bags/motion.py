@@ -136,7 +136,7 @@ def odometry_stream(path: Path, table: Table, times: Times, issues: list[Issue])
         InputError: too many broken messages, or absurd stamps.
     """
     values, name = table.values, f"{path.name}: {table.topic.name}"
-    kept, stamps = times.used(table, (np.abs(values) <= MAX_PLACE).all(axis=1))
+    kept, stamps = times.used(table, np.asarray((np.abs(values) <= MAX_PLACE).all(axis=1)))
     places, turns = values[kept, :2], values[kept, 3:]
     lengths = np.linalg.norm(turns, axis=1)
     none = lengths == 0

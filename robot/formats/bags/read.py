@@ -151,9 +151,8 @@ class _Reading:
         tables = [*self.lidars, *odometries, self.imu, self.encoders, *(self.images or ())]
         self._fill([table for table in tables if table is not None], lidars)
         frame = self.lidars[0].frame() if self.lidars else ""
-        if "odometry" in named:
-            self.odometry = odometries[0]
-        else:
+        self.odometry: Table | None = odometries[0] if "odometry" in named else None
+        if "odometry" not in named:
             about = (lidars[0].name if lidars else "", frame)
             self.odometry = choose_odometry(bag.path, odometries, about, self.frames, self.issues)
         edge = self.frames.odometry_under(frame)

@@ -89,7 +89,7 @@ class Rosbag1(Chunked):
         return data[begin : begin + size]
 
 
-class _Index(rosbag1.Reader):
+class _Index(rosbag1.Reader):  # type: ignore[misc]
     """Rosbags' reader of ROS 1 with an index of arrays.
 
     Its ``parts`` are, by connection, rows [n, 4] of it, time [ns], chunk and offset; its ``stored`` the chunks.
@@ -165,7 +165,8 @@ class _Index(rosbag1.Reader):
         assert file
         file.seek(chunk.position)
         data = UNPACKERS[chunk.compression](file.read(chunk.stored), chunk.size)
-        content, found = BytesIO(data), {}
+        found: dict[int, list[tuple[int, int]]] = {}
+        content = BytesIO(data)
         try:
             while (offset := content.tell()) < len(data):
                 header = rosbag1.Header.read(content)

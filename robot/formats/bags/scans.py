@@ -62,7 +62,7 @@ class Fan:
     @property
     def angles(self) -> NDArray[np.float64]:
         """Of the beams [beams] [rad]."""
-        return self.angle_min + self.angle_increment * np.arange(self.beams)
+        return self.angle_min + self.angle_increment * np.arange(self.beams, dtype=np.float64)
 
     def flipped(self) -> Fan:
         """The fan seen from the other side: of a lidar that hangs upside down."""
@@ -137,7 +137,8 @@ def laser_scans(bag: Bag, table: Table, times: Times, issues: list[Issue]) -> Sc
         issues.append(
             Issue("other-scans", f"{name}: {counted(absurd, 'scan')} of angles of no lidar left aside", absurd)
         )
-        kept, stamps, beams, figures, alike = (each[can_be] for each in (kept, stamps, beams, figures, alike))
+        kept, stamps, beams = kept[can_be], stamps[can_be], beams[can_be]
+        figures, alike = figures[can_be], alike[can_be]
     laid = not alike.all()
     if laid:
         fan = fan if 2 * alike.sum() > len(alike) else _finer_fan(figures, beams, fan)
@@ -191,7 +192,7 @@ def lay(row: Rows, ranges: Rows, angles: NDArray[np.float64], fan: Fan) -> None:
 def _step(figures: NDArray[np.float64]) -> float:
     """Between the beams of a scan [rad]."""
     first, last, step, _, _, _, beams = figures.tolist()
-    return step or (last - first) / max(1, beams - 1)
+    return float(step or (last - first) / max(1, beams - 1))
 
 
 def _can_be(figures: NDArray[np.float64], beams: NDArray[np.int64]) -> NDArray[np.bool_]:

@@ -81,8 +81,9 @@ class Times:
         spans = [_span(found[id(tables[0])][0][part]) for part in parts[id(tables[0])]]
         used = int(np.argmax(spans)) if session is None else int(session) - 1
         lengths = ", ".join(f"{index} ({span:.1f} s)" for index, span in enumerate(spans[:8], 1))
-        text = f"{path.name}: the clock is set {counted(len(edges), 'time')}: sessions {lengths}; of these {used + 1}"
-        issues.append(Issue("sessions", f"{text} is used{', the longest' if session is None else ''}", len(edges)))
+        text = f"{path.name}: the clock was set {counted(len(edges), 'time')} in between: the sessions are {lengths}"
+        text += f"; session {used + 1} is read{', the longest' if session is None else ''}"
+        issues.append(Issue("sessions", text, len(edges)))
         for table in tables:
             stamps, unset, rows = self._kept[id(table)]
             self._kept[id(table)] = stamps, unset, rows[parts[id(table)][used]]

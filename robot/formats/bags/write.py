@@ -109,7 +109,7 @@ def bytes_of(kind: str, values: Values, *, ros1: bool) -> bytes:
 def _message(types: Any, name: str, values: Values) -> Any:
     made = {}
     for field, (how, what) in types.fielddefs[name][1]:
-        value = values.get(field)
+        value: Any = values.get(field)
         if how.name == "NAME":
             value = _message(types, what, value)
         elif how.name != "BASE":  # an array of messages or of numbers

@@ -98,7 +98,7 @@ def test_a_clock_that_is_set_back_cuts_the_recording(
     events, received = zip(*reset(4.0, 6.0, rising=rising), strict=True)
     recording = open_recording(make_bag(tmp_path, events, kind, received=received), sequence=session)
     assert codes(recording)[0] == "sessions"
-    assert "sessions 1 (3.9 s), 2 (5.9 s)" in recording.warnings[0].message
+    assert "the sessions are 1 (3.9 s), 2 (5.9 s)" in recording.warnings[0].message
     assert len(lidar_of(recording)) == scans
     assert (lidar_of(recording).ranges[:] == 1.0 + run).all()
     assert (odometry_of(recording).poses[:, 1] == run).all()
