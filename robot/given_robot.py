@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path
 
+from moteslam.errors import ConfigError
 from moteslam.robot.platform import Platform
 from moteslam.robot.platforms import BASE, platform_of
+from moteslam.robot.specs import LidarSpec
 from moteslam.robot.tables import Table, read_toml
 
 _MOUNT = ("x", "y", "yaw", "time_increment")
@@ -39,6 +41,24 @@ class GivenRobot:
             return cls(given, None, {})
         file = Path(given)
         return cls(None, file, read_toml(file, "a platform.toml"))
+
+    def lidars(self) -> tuple[GivenRobot, dict[str, LidarSpec]]:
+        """The same without the tables ``[lidars."/topic"]`` of a file, and the mounts that these give, by topic.
+
+        Raises:
+            ConfigError: a table that is none, or has other keys than ``x``, ``y``, ``z`` and ``yaw``.
+        """
+        if self.file is None or "lidars" not in self.table:
+            return self, {}
+        found, rest = self.table["lidars"], {key: value for key, value in self.table.items() if key != "lidars"}
+        mounts = {}
+        for topic, table in found.items() if isinstance(found, dict) else [("", found)]:
+            field = f"lidars.{topic!r}" if topic else "lidars"
+            if not isinstance(table, dict) or set(table) - {"x", "y", "z", "yaw"}:
+                raise ConfigError("expected a table a topic, with x, y, z and yaw", file=self.file, field=field)
+            name = topic if topic.startswith("/") else f"/{topic}"
+            mounts[name] = platform_of({"lidar": table}, file=self.file).lidar
+        return replace(self, table=rest), mounts
 
     @property
     def is_nothing(self) -> bool:

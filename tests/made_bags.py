@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from moteslam.robot.formats.bags.events import Event, header, transform, turned, vector
-from moteslam.robot.formats.bags.serial import Serialiser, full_name
+from moteslam.robot.formats.bags.write import write_events
 
 SECOND = 1_000_000_000
 START = 1_600_000_000 * SECOND
@@ -38,7 +38,7 @@ def _ros1(path: Path, events: Events, kind: str, received: Sequence[int] | None)
     if kind != "bag":
         writer.set_compression(Writer.CompressionFormat[kind.upper()])
     with writer:
-        _write(writer, events, received, ros1=True)
+        write_events(writer, iter(events), ros1=True, received=received and iter(received))
     return path
 
 
@@ -51,18 +51,8 @@ def _ros2(folder: Path, events: Events, kind: str, received: Sequence[int] | Non
         mode = CompressionMode.STORAGE if kind == "zstd" else CompressionMode.MESSAGE
         writer.set_compression(mode, CompressionFormat.ZSTD)
     with writer:
-        _write(writer, events, received, ros1=False)
+        write_events(writer, iter(events), ros1=False, received=received and iter(received))
     return folder
-
-
-def _write(writer: Any, events: Events, received: Sequence[int] | None, *, ros1: bool) -> None:
-    serialiser = Serialiser(ros1=ros1)
-    known: dict[str, Any] = {}
-    for index, event in enumerate(events):
-        if event.topic not in known:
-            known[event.topic] = writer.add_connection(event.topic, full_name(event.kind), typestore=serialiser.store)
-        time = event.time if received is None else received[index]
-        writer.write(known[event.topic], time, serialiser.bytes_of(event.kind, event.values))
 
 
 def scan(

@@ -27,7 +27,10 @@ Format = Annotated[
     str | None,
     typer.Option("--format", metavar="text|markdown|latex|csv|json", help="Of the table that is printed [text]."),
 ]
-Sequence = Annotated[str | None, typer.Option(help="Which of several sequences in a folder.")]
+Sequence = Annotated[
+    str | None,
+    typer.Option("--sequence", "--session", help="Which of several sequences in a folder, or sessions of a bag."),
+]
 Robot = Annotated[
     str | None, typer.Option("--platform", metavar="NAME|FILE", help="Another robot: see moteslam platforms.")
 ]

@@ -54,7 +54,8 @@ class RecordingOptions:
         except ConfigError as error:
             raise ConfigError(error.problem, field=f"--{error.field}") from error
         topics = topics_of(self.topics or ())
-        return cut(open_recording(path, sequence=self.sequence, platform=self.platform, topics=topics), part)
+        recording = open_recording(path, sequence=self.sequence, platform=self.platform, topics=topics, streams=streams)
+        return cut(recording, part)
 
     @property
     def about(self) -> dict[str, object]:

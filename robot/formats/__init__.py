@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from os import PathLike
 from pathlib import Path
 
@@ -39,15 +39,18 @@ def open_recording(
     sequence: str | int | None = None,
     platform: Robot = None,
     topics: Topics | None = None,
+    streams: Collection[str] = (),
 ) -> Recording:
     """Read a recording, whatever its format: it is known by the content, not by the name.
 
     Args:
         path: a file or folder.
-        sequence: which of several, where the format holds several.
+        sequence: which of several, where the format holds several; of a bag whose clock was set the session, from 1 on.
         platform: the robot, or the name of a bundled one, instead of what the recording (or the format) states; or a
             ``platform.toml`` that lies over that key by key.
         topics: of a bag, which of its topics a stream is read from; by their types where it is left out.
+        streams: of a bag, the only ones that are read, ``lidar``, ``odometry`` and so on; all if empty. What is wrong
+            with the others does not matter then.
 
     Raises:
         InputError: nothing there, no format known here, topics of a format that has none, or a recording that is
@@ -56,6 +59,12 @@ def open_recording(
     """
     platform = _bundled_or_file(platform)
     known = format_of(path)
+    if streams and known.read_topics is not None:
+        left = {"lidar", "odometry", "imu", "encoders", "rgbd"} - set(streams)
+        topics = {
+            **dict.fromkeys(left - {"rgbd"} | ({"rgb", "depth"} if "rgbd" in left else set()), ()),
+            **(topics or {}),
+        }
     if not topics:
         return known.read(Path(path), sequence, platform)
     if known.read_topics is None:

@@ -78,7 +78,7 @@ def stamp_order(
     without = (stamps == 0) & stamps.any() & (np.min(stamps[stamps != 0], initial=np.inf) > MAX_JUMP)
     if 0 < (count := int(without.sum())) <= max(MAX_DROPPED, len(stamps) // 10):
         text = f"{file.name}: {field}: {counted(count, 'reading')} with the stamp 0 left out, before the clock was set"
-        issues.append(Issue("zero-stamps", text, count))
+        issues.append(Issue("unset-stamps", text, count))
         kept = np.flatnonzero(~without)
     used = stamps[kept]
     if (again := set_back(used)) is not None:

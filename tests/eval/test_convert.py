@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -238,9 +237,9 @@ BREAKS = {
     "ucsd": "moteslam.robot.formats.ucsd._compact",
     "carmen": "moteslam.robot.formats.carmen_writer.gzip.compress",
     "csv": "moteslam.robot.formats.csv_writer.platform_table",
-    "bag": "moteslam.robot.formats.bags.write.Serialiser.bytes_of",
-    "rosbag2": "moteslam.robot.formats.bags.write.Serialiser.bytes_of",
-    "mcap": "moteslam.robot.formats.bags.write.Serialiser.bytes_of",
+    "bag": "moteslam.robot.formats.bags.write.bytes_of",
+    "rosbag2": "moteslam.robot.formats.bags.write.bytes_of",
+    "mcap": "moteslam.robot.formats.bags.write.bytes_of",
 }
 """What is called in the midst of writing; of a UCSD folder and CSV files after some of them are there."""
 
@@ -265,19 +264,6 @@ def test_a_write_that_fails_midway_leaves_nothing(
     assert str(out) in said
     assert files_in(tmp_path) == before
     assert (tmp_path / "new").exists() == existing
-
-
-@pytest.mark.parametrize("form", ["bag", "rosbag2", "mcap"])
-def test_without_the_extra_a_bag_is_one_line(
-    form: str, drives: dict[str, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys
-) -> None:
-    for name in [name for name in sys.modules if name.partition(".")[0] == "rosbags"]:
-        monkeypatch.delitem(sys.modules, name)
-    monkeypatch.setitem(sys.modules, "rosbags", None)
-    out = tmp_path / "new" / name_of(form)
-    said = refused(capsys, "convert", drives["csv"], out, *to(form))
-    assert said == f"moteslam: {out}: a ROS bag, expected the extra: pip install 'moteslam[bags]'\n"
-    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.skipif(os.name != "posix" or os.geteuid() == 0, reason="a folder that cannot be written to")

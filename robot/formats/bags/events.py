@@ -1,14 +1,15 @@
 """What a bag is written from: the messages of a recording with their times, as plain values, in the order of time.
 
 Frames are ``odom``, ``base_link``, ``laser`` and the optical frames of the camera, topics those that navigation
-stacks subscribe to by default. Values are nested tables of what the message types hold; `serial.py` makes bytes.
+stacks subscribe to by default. Depths are whole millimetres, as REP 118 has them in 16 bits: nearer than 0.6 m, where a
+step of the raw disparity is less than one, a disparity reads back as one of those within a millimetre.
 """
 
 from __future__ import annotations
 
 import heapq
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,26 +18,42 @@ from numpy.typing import NDArray
 
 from moteslam.errors import InputError
 from moteslam.robot import se2
-from moteslam.robot.formats.bags.choice import JOINT_STATE, TRANSFORMS
+from moteslam.robot.formats.bags.bag import SECOND
+from moteslam.robot.formats.bags.frames import TRANSFORMS
+from moteslam.robot.formats.bags.images import CAMERA_INFO, COMPRESSED_IMAGE
 from moteslam.robot.formats.bags.manifest import KIND as MANIFEST_KIND
 from moteslam.robot.formats.bags.manifest import TOPIC as MANIFEST_TOPIC
 from moteslam.robot.formats.bags.manifest import manifest_of
-from moteslam.robot.formats.bags.motion import GRAVITY, IMU, ODOMETRY
+from moteslam.robot.formats.bags.motion import GRAVITY, IMU, JOINT_STATE, JOINTS, ODOMETRY, joint_angles
 from moteslam.robot.formats.bags.scans import LASER_SCAN
-from moteslam.robot.formats.bags.times import SECOND, nanoseconds
-from moteslam.robot.formats.bags.wheels import JOINTS, joint_angles
+from moteslam.robot.formats.bags.times import nanoseconds
+from moteslam.robot.formats.ucsd_rgbd import read_disparity, read_rgb
 from moteslam.robot.formats.written_odometry import WrittenOdometry
+from moteslam.robot.frames import has_images
+from moteslam.robot.kinect import (
+    CENTRE,
+    FOCAL,
+    HEIGHT,
+    RGB_CENTRE,
+    RGB_FOCAL,
+    RGB_OFFSET,
+    WIDTH,
+    depth_of,
+    mount_rotation,
+)
+from moteslam.robot.pictures import encode_png
 from moteslam.robot.ranges import CHUNK
-from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream, OdometryStream, Recording
-from moteslam.robot.specs import LidarSpec
+from moteslam.robot.recording import ImuStream, LidarStream, OdometryStream, Recording, RgbdStream
+from moteslam.robot.specs import CameraSpec
 
 ODOM, BASE, LASER = "odom", "base_link", "laser"
+RGB, DEPTH = "/camera/rgb", "/camera/depth"
+_RGB_FRAME, _DEPTH_FRAME = "camera_rgb_optical_frame", "camera_depth_optical_frame"
+_FORMATS = {RGB: "rgb8; png compressed bgr8", DEPTH: "16UC1; png compressed"}
+_FARTHEST = 65.535
 
 Values = dict[str, Any]
 """A message: numbers, texts, arrays, tables of these and lists of tables, by the names of its fields."""
-
-Places = Callable[[int], list[Values]]
-"""Gives transforms, for a time [ns]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,44 +75,44 @@ class Event:
     latched: bool = False
 
 
-def events_of(
-    recording: Recording,
-    written: WrittenOdometry,
-    *,
-    images: Sequence[Iterator[Event]] = (),
-    places: Places | None = None,
-) -> Iterator[Event]:
+def events_of(recording: Recording, written: WrittenOdometry, missing: list[int]) -> Iterator[Event]:
     """The messages of a recording by their times; of equal ones what others rely on comes first.
 
     Args:
         recording: to write.
         written: its odometry.
-        images: the messages of its images.
-        places: gives, for a time [ns], the transforms to its cameras.
+        missing: the indices of images that are missing or unreadable are added.
 
     Raises:
         InputError: no readings.
     """
     lidar, imu, encoders, odometry = recording.lidar, recording.imu, recording.encoders, written.stream
-    streams: list[Iterator[Event]] = []
     stamps = [stream.stamps for stream in (odometry, lidar, imu, encoders) if stream is not None and len(stream)]
     if not stamps:
         raise InputError("no readings, expected scans, odometry, wheels or an IMU", file=recording.name)
     begin = int(nanoseconds(np.array([min(float(times[0]) for times in stamps)]))[0])
-    cameras = places(begin) if places is not None else []
-    streams.append(iter(_standing(recording, begin, cameras, with_odometry=written.is_stream)))
-    ticks = [stream.stamps for stream in (odometry, lidar) if stream is not None]
-    if ticks:
-        streams.append(_clock(np.unique(nanoseconds(np.concatenate(ticks)))))
+    mount, camera, wheels = recording.platform.lidar, recording.platform.camera, recording.platform.wheels
+    standing = [transform(begin, BASE, LASER, (mount.x, mount.y, mount.z), turned(mount.yaw))]
+    standing += [] if camera is None else camera_transforms(begin, camera)
+    manifest = {"data": manifest_of(recording, with_odometry=written.is_stream)}
+    once = [
+        Event(begin, MANIFEST_TOPIC, MANIFEST_KIND, manifest, latched=True),
+        Event(begin, "/tf_static", TRANSFORMS[0], {"transforms": standing}, latched=True),
+    ]
+    streams: list[Iterator[Event]] = [iter(once)]
+    if ticks := [stream.stamps for stream in (odometry, lidar) if stream is not None]:
+        times = np.unique(nanoseconds(np.concatenate(ticks))).tolist()
+        streams.append(Event(time, "/clock", "rosgraph_msgs/Clock", {"clock": stamp(time)}) for time in times)
     if odometry is not None:
         streams += [_odometry(odometry), _transforms(odometry)]
-    if encoders is not None and recording.platform.wheels is not None:
-        streams.append(_wheels(encoders, recording))
+    if encoders is not None and wheels is not None:
+        streams.append(_wheels(nanoseconds(encoders.stamps).tolist(), joint_angles(encoders.counts, wheels)))
     if imu is not None:
         streams.append(_imu(imu))
     if lidar is not None:
         streams.append(_scans(lidar))
-    streams += images
+    if recording.rgbd is not None and has_images(recording.rgbd):
+        streams += image_events(recording.rgbd, missing)
     yield from heapq.merge(*streams, key=lambda event: event.time)
 
 
@@ -123,27 +140,6 @@ def vector(x: float, y: float, z: float) -> Values:
 def turned(yaw: float) -> Values:
     """The quaternion of a turn about z [rad]."""
     return {"x": 0.0, "y": 0.0, "z": math.sin(yaw / 2), "w": math.cos(yaw / 2)}
-
-
-def _standing(recording: Recording, time: int, cameras: list[Values], *, with_odometry: bool) -> list[Event]:
-    """What holds throughout: the recording's description, and where the sensors stand."""
-    mount: LidarSpec = recording.platform.lidar
-    place = transform(time, BASE, LASER, (mount.x, mount.y, mount.z), turned(mount.yaw))
-    return [
-        Event(
-            time,
-            MANIFEST_TOPIC,
-            MANIFEST_KIND,
-            {"data": manifest_of(recording, with_odometry=with_odometry)},
-            latched=True,
-        ),
-        Event(time, "/tf_static", TRANSFORMS[0], {"transforms": [place, *cameras]}, latched=True),
-    ]
-
-
-def _clock(times: NDArray[np.int64]) -> Iterator[Event]:
-    for time in times.tolist():
-        yield Event(time, "/clock", "rosgraph_msgs/Clock", {"clock": stamp(time)})
 
 
 def _odometry(odometry: OdometryStream) -> Iterator[Event]:
@@ -186,32 +182,18 @@ def twists(stamps: NDArray[np.float64], poses: se2.Poses) -> NDArray[np.float64]
     return rates
 
 
-def _wheels(encoders: EncoderStream, recording: Recording) -> Iterator[Event]:
-    wheels = recording.platform.wheels
-    assert wheels is not None
+def _wheels(times: list[int], angles: NDArray[np.float64]) -> Iterator[Event]:
     nothing = np.empty(0)
-    angles = joint_angles(encoders.counts, wheels)
-    for time, row in zip(nanoseconds(encoders.stamps).tolist(), angles, strict=True):
-        values = {
-            "header": header(time, ""),
-            "name": list(JOINTS),
-            "position": row,
-            "velocity": nothing,
-            "effort": nothing,
-        }
-        yield Event(time, "/joint_states", JOINT_STATE, values)
+    for time, row in zip(times, angles, strict=True):
+        values = {"header": header(time, ""), "name": list(JOINTS), "position": row}
+        yield Event(time, "/joint_states", JOINT_STATE, {**values, "velocity": nothing, "effort": nothing})
 
 
 def _imu(imu: ImuStream) -> Iterator[Event]:
     nothing, unknown = np.zeros(9), np.zeros(9)
     unknown[0] = -1.0  # no orientation is measured: sensor_msgs/Imu
-    rows = zip(
-        nanoseconds(imu.stamps).tolist(),
-        imu.angular_velocity.tolist(),
-        (imu.linear_acceleration_g * GRAVITY).tolist(),
-        strict=True,
-    )
-    for time, angular, linear in rows:
+    rates, pushes = imu.angular_velocity.tolist(), (imu.linear_acceleration_g * GRAVITY).tolist()
+    for time, angular, linear in zip(nanoseconds(imu.stamps).tolist(), rates, pushes, strict=True):
         values = {
             "header": header(time, BASE),
             "orientation": turned(0.0),
@@ -240,3 +222,67 @@ def _scans(lidar: LidarStream) -> Iterator[Event]:
         for time, ranges in zip(times[first : first + CHUNK].tolist(), rows, strict=True):
             values = {"header": header(time, LASER), **figures, "ranges": ranges, "intensities": nothing}
             yield Event(time, "/scan", LASER_SCAN, values)
+
+
+def image_events(stream: RgbdStream, missing: list[int]) -> list[Iterator[Event]]:
+    """The messages of the colour and of the depth images: packed as PNG, each with the CameraInfo of the Kinect."""
+
+    def images(stamps: NDArray[np.float64], camera: str, frame: str) -> Iterator[Event]:
+        for index, time in enumerate(nanoseconds(stamps).tolist()):
+            try:
+                pixels = _colour(stream, index) if camera == RGB else _depth(stream, index)
+            except InputError:
+                pixels = None
+            if pixels is None:
+                missing.append(index)
+                continue
+            head = header(time, frame)
+            yield Event(time, f"{camera}/camera_info", CAMERA_INFO, {"header": head, **_camera_info(camera)})
+            content = np.frombuffer(encode_png(pixels, fast=True), np.uint8)
+            values = {"header": head, "format": _FORMATS[camera], "data": content}
+            yield Event(time, f"{camera}/image_raw/compressed", COMPRESSED_IMAGE, values)
+
+    return [images(stream.rgb_stamps, RGB, _RGB_FRAME), images(stream.disparity_stamps, DEPTH, _DEPTH_FRAME)]
+
+
+def camera_transforms(time: int, mount: CameraSpec) -> list[Values]:
+    """Where the two cameras stand: the depth camera on the robot, the colour camera to the right of it."""
+    from scipy.spatial.transform import Rotation
+
+    names = ("x", "y", "z", "w")
+    turn = dict(zip(names, Rotation.from_matrix(mount_rotation(mount)).as_quat().tolist(), strict=True))
+    return [
+        transform(time, BASE, _DEPTH_FRAME, (mount.x, mount.y, mount.z), turn),
+        transform(time, _DEPTH_FRAME, _RGB_FRAME, (RGB_OFFSET, 0.0, 0.0), turned(0.0)),
+    ]
+
+
+def _colour(stream: RgbdStream, index: int) -> NDArray[Any] | None:
+    if stream.images is not None:
+        return stream.images.rgb(index)
+    path = stream.rgb_files[index]
+    return None if path is None else read_rgb(path)
+
+
+def _depth(stream: RgbdStream, index: int) -> NDArray[Any] | None:
+    """Depths [480, 640] in millimetres, 0 where nothing was seen."""
+    if stream.images is not None:
+        disparity = stream.images.disparity(index)
+    elif (path := stream.disparity_files[index]) is not None:
+        disparity = read_disparity(path)
+    else:
+        return None
+    depth = depth_of(disparity)
+    millimetres: NDArray[np.uint16] = np.rint(1000 * np.where(depth <= _FARTHEST, depth, 0.0)).astype(np.uint16)
+    return millimetres
+
+
+def _camera_info(camera: str) -> Values:
+    """A pinhole camera without distortion; its matrices by the names of ROS 1 and of ROS 2."""
+    focal, (column, row) = (RGB_FOCAL, RGB_CENTRE) if camera == RGB else (FOCAL, CENTRE)
+    matrix = np.array((focal, 0, column, 0, focal, row, 0, 0, 1))
+    projection = np.array((focal, 0, column, 0, 0, focal, row, 0, 0, 0, 1, 0))
+    matrices = {"d": np.zeros(5), "k": matrix, "r": np.eye(3).ravel(), "p": projection}
+    region = {"x_offset": 0, "y_offset": 0, "height": 0, "width": 0, "do_rectify": False}
+    figures = {"height": HEIGHT, "width": WIDTH, "distortion_model": "plumb_bob", "binning_x": 0, "binning_y": 0}
+    return {**figures, **matrices, **{name.upper(): value for name, value in matrices.items()}, "roi": region}

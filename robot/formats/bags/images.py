@@ -14,23 +14,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.errors import InputError
-from moteslam.robot.formats.bags.bag import Bag, Topic
-from moteslam.robot.formats.bags.choice import CAMERA_INFO, COMPRESSED_IMAGE, IMAGE, Chosen, is_readable
-from moteslam.robot.formats.bags.cursor import BrokenMessageError, Cursor
-from moteslam.robot.formats.bags.heads import HeadReader
-from moteslam.robot.formats.bags.times import used_messages
-from moteslam.robot.formats.bags.transforms import FrameTree, frame_name
+from moteslam.robot.formats.bags.bag import Bag, Table, Topic
+from moteslam.robot.formats.bags.frames import Frames
+from moteslam.robot.formats.bags.times import Times
 from moteslam.robot.issues import Issue
 from moteslam.robot.kinect import CENTRE, FOCAL, HEIGHT, RGB_CENTRE, RGB_FOCAL, WIDTH, disparity_of, mount_of
 from moteslam.robot.pictures import PNG, decode_picture, picture_size
 from moteslam.robot.recording import RgbdStream
 from moteslam.robot.specs import CameraSpec
 
+IMAGE, COMPRESSED_IMAGE, CAMERA_INFO = "sensor_msgs/Image", "sensor_msgs/CompressedImage", "sensor_msgs/CameraInfo"
+
 TOLERANCE = 4.0
 """Pixels by which a camera may see a corner of the image elsewhere than the Kinect does."""
-
-INFO = 4096
-"""Bytes of a CameraInfo that are read, and of an image for its size and encoding."""
 
 _COLOURS = {"rgb8": (3, (0, 1, 2)), "bgr8": (3, (2, 1, 0)), "rgba8": (4, (0, 1, 2)), "bgra8": (4, (2, 1, 0))}
 """Bytes a pixel, and which of them are red, green and blue, by encoding."""
@@ -47,14 +43,14 @@ class BagImages:
     Attributes:
         bag: to read from.
         colour, depth: the topics.
-        colour_indices, depth_indices: the message of each stamp.
+        colour_places, depth_places: [m, 3], [n, 3] where the image of each stamp lies.
     """
 
     bag: Bag
     colour: Topic
     depth: Topic
-    colour_indices: NDArray[np.intp]
-    depth_indices: NDArray[np.intp]
+    colour_places: NDArray[np.int64]
+    depth_places: NDArray[np.int64]
 
     def rgb(self, index: int) -> NDArray[np.uint8]:
         """The colour image [480, 640, 3] of a stamp.
@@ -62,131 +58,111 @@ class BagImages:
         Raises:
             InputError: it is damaged, or of another size or kind.
         """
-        image: NDArray[np.uint8] = self._image(self.colour, int(self.colour_indices[index]), _colour_image)
+        image: NDArray[np.uint8] = self._image(self.colour, self.colour_places, index, _colour_image)
         return image
 
     def disparity(self, index: int) -> NDArray[np.uint16]:
-        """The raw disparities [480, 640] of a stamp.
+        """The raw disparities [480, 640] of a stamp; raises as `rgb`."""
+        return disparity_of(self._image(self.depth, self.depth_places, index, _depth_image))
 
-        Raises:
-            InputError: as `rgb`.
-        """
-        return disparity_of(self._image(self.depth, int(self.depth_indices[index]), _depth_image))
-
-    def _image(self, topic: Topic, index: int, decode: Any) -> Any:
-        data = next(iter(self.bag.messages(topic, np.array([index]))))
+    def _image(self, topic: Topic, places: NDArray[np.int64], index: int, decode: Any) -> Any:
+        (data,) = self.bag.payloads(places[index : index + 1])
         try:
-            return decode(data, topic.kind, ros1=self.bag.ros1)
-        except (BrokenMessageError, ValueError) as error:
+            return decode(self.bag.decode(topic, data), topic.kind)
+        except ValueError as error:
             raise InputError(f"image {index}: {error}", file=self.bag.path, field=topic.name) from error
 
 
-def image_reader(topic: Topic, *, ros1: bool) -> HeadReader:
-    """What reads the stamps of images."""
-    return HeadReader(len(topic), ros1=ros1, texts=1, kind="u4", width=0)
+def image_table(topic: Topic) -> Table:
+    """Of images: their stamps."""
+    return Table(topic, lambda _: (), 0)
 
 
-def image_topics(bag: Bag, chosen: Chosen, issues: list[Issue]) -> tuple[Topic, Topic] | None:
+def image_topics(bag: Bag, named: dict[str, Topic], issues: list[Issue]) -> tuple[Topic, Topic] | None:
     """The topics of colour and depth images of a Kinect: those named, else the first with intrinsics that agree.
 
     Images that are not read are an issue, with the reason.
     """
-    topics = [topic for topic in bag.of_kind(COMPRESSED_IMAGE, IMAGE) if is_readable(topic)]
+    topics = bag.of_kind(COMPRESSED_IMAGE, IMAGE)
+    infos = {info.name: info for info in bag.of_kind(CAMERA_INFO)}
+    firsts = _firsts(bag, [*topics, *infos.values()]) if topics else {}
     found: dict[str, Topic] = {}
     reasons = []
     for topic in topics:
-        kind, problem = _kind_of(bag, topic)
-        named = {"rgb": chosen.rgb, "depth": chosen.depth}
-        wanted = [named[kind]] if kind and named[kind] is not None else topics
-        if problem is None and kind and topic in wanted:
-            found.setdefault(kind, topic)
-        elif problem is not None:
+        kind, problem = _kind_of(topic, infos, firsts)
+        if problem is not None:
             reasons.append(f"{topic.name} ({problem})")
-    if "rgb" in found and "depth" in found:
+        elif topic == named.get(kind, topic):
+            found.setdefault(kind, topic)
+    if len(found) == 2:
         return found["rgb"], found["depth"]
     if topics:
-        only = [
-            f"{topic.name} (no {'depth' if kind == 'rgb' else 'colour'} beside it)" for kind, topic in found.items()
-        ]
-        text = f"{bag.path.name}: images left out: {', '.join((reasons + only)[:4]) or topics[0].name}"
+        alone = [f"{one.name} (no {'depth' if kind == 'rgb' else 'colour'} beside it)" for kind, one in found.items()]
+        text = f"{bag.path.name}: images left out: {', '.join((reasons + alone)[:4]) or topics[0].name}"
         issues.append(Issue("images-left", text, len(topics)))
     return None
 
 
-def rgbd_stream(
-    bag: Bag, topics: tuple[Topic, Topic], readers: tuple[HeadReader, HeadReader], issues: list[Issue]
-) -> RgbdStream:
+def _firsts(bag: Bag, topics: list[Topic]) -> dict[Topic, Any]:
+    """The first message of each topic, or why it is none."""
+    found: dict[Topic, Any] = {}
+    for topic, _, _, data in bag.sweep(topics):
+        if topic not in found:
+            try:
+                found[topic] = bag.decode(topic, data)
+            except ValueError as error:
+                found[topic] = str(error)
+            if len(found) == len(topics):
+                break
+    return found
+
+
+def rgbd_stream(bag: Bag, tables: tuple[Table, Table], times: Times) -> RgbdStream:
     """The frames of colour and depth images.
 
     Raises:
         InputError: too many broken messages, or absurd stamps.
     """
-    (colour, rgb), (depth, disparity) = (
-        used_messages(bag.path, topic, reader.heads().stamps, reader.heads().broken, issues)
-        for topic, reader in zip(topics, readers, strict=True)
-    )
-    return RgbdStream(rgb, disparity, images=BagImages(bag, *topics, colour, depth))
+    (colour, rgb), (depth, disparity) = (times.used(table) for table in tables)
+    places = [np.array(table.places).reshape(-1, 3) for table in tables]
+    images = BagImages(bag, tables[0].topic, tables[1].topic, places[0][colour], places[1][depth])
+    return RgbdStream(rgb, disparity, images=images)
 
 
-def camera_mount(reader: HeadReader, tree: FrameTree, base: str | None) -> CameraSpec | None:
+def camera_mount(table: Table, frames: Frames, base: str | None) -> CameraSpec | None:
     """Where the depth camera stands on the robot; None where no transforms lead there."""
-    frame = next((frame_name(texts[0]) for texts in reader.heads().texts if texts), "")
-    placed = tree.place(frame, base) if base is not None else None
+    placed = frames.place(table.frame(), base) if base is not None else None
     if placed is None:
         return None
-    x, y, z = placed.pose[:3, 3].tolist()
-    roll, pitch, yaw = mount_of(placed.pose[:3, :3])
+    x, y, z = placed[0][:3, 3].tolist()
+    roll, pitch, yaw = mount_of(placed[0][:3, :3])
     return CameraSpec(x=x, y=y, z=z, roll=roll, pitch=pitch, yaw=yaw)
 
 
-def _kind_of(bag: Bag, topic: Topic) -> tuple[str, str | None]:
+def _kind_of(topic: Topic, infos: dict[str, Topic], firsts: dict[Topic, Any]) -> tuple[str, str | None]:
     """Whether a topic's images are ``rgb`` or ``depth``, ``""`` if neither; and why they cannot be read, or None."""
-    try:
-        kind = _declared_kind(next(iter(bag.messages(topic, np.arange(1), at_most=INFO))), topic.kind, ros1=bag.ros1)
-    except (BrokenMessageError, ValueError) as error:
-        return "", str(error)
-    info = _info_of(bag, topic)
+    image = firsts.get(topic, "no message")
+    if isinstance(image, str):
+        return "", image
+    text = str(image.format if topic.kind == COMPRESSED_IMAGE else image.encoding)
+    if topic.kind == IMAGE and text not in _COLOURS and text not in _DEPTHS:
+        return "", f"encoding {text[:20]!r}"
+    kind = "depth" if any(word in text for word in ("compressedDepth", *_DEPTHS)) else "rgb"
+    above = [
+        topic.name.rsplit("/", level)[0] + "/camera_info" for level in (1, 2)
+    ]  # beside it, or what it is packed of
+    info = next((firsts.get(infos[name], "") for name in above if name in infos), None)
     if info is None:
         return kind, "no CameraInfo beside it"
-    try:
-        height, width, matrix = _intrinsics(next(iter(bag.messages(info, np.arange(1), at_most=INFO))), bag.ros1)
-    except BrokenMessageError as error:
-        return kind, f"CameraInfo {error}"
-    if (height, width) != (HEIGHT, WIDTH):
-        return kind, f"{height} x {width} pixels, expected {HEIGHT} x {WIDTH}"
+    if isinstance(info, str):
+        return kind, f"CameraInfo {info}"
+    if (info.height, info.width) != (HEIGHT, WIDTH):
+        return kind, f"{info.height} x {info.width} pixels, expected {HEIGHT} x {WIDTH}"
+    matrix = np.asarray(info.K if hasattr(info, "K") else info.k, np.float64)
     off = _off(matrix, *((RGB_FOCAL, RGB_CENTRE) if kind == "rgb" else (FOCAL, CENTRE)))
     if not off <= TOLERANCE:
         return kind, f"its corners lie {off:.0f} pixels from the Kinect's, expected at most {TOLERANCE:g}"
     return kind, None
-
-
-def _declared_kind(data: bytes, message: str, *, ros1: bool) -> str:
-    cursor = _behind_header(data, ros1=ros1)
-    if message == COMPRESSED_IMAGE:
-        text = cursor.text()
-        is_depth = any(word in text for word in ("compressedDepth", "16UC1", "mono16", "32FC1"))
-        return "depth" if is_depth else "rgb"
-    cursor.numbers("II")
-    encoding = cursor.text()
-    if encoding not in _COLOURS and encoding not in _DEPTHS:
-        raise BrokenMessageError(f"encoding {encoding[:20]!r}")
-    return "rgb" if encoding in _COLOURS else "depth"
-
-
-def _info_of(bag: Bag, topic: Topic) -> Topic | None:
-    """The CameraInfo of an image topic: ``camera_info`` beside it, or beside what it is a packed form of."""
-    above = [topic.name.rsplit("/", level)[0] + "/camera_info" for level in (1, 2)]
-    infos = {info.name: info for info in bag.of_kind(CAMERA_INFO) if is_readable(info)}
-    return next((infos[name] for name in above if name in infos), None)
-
-
-def _intrinsics(data: bytes, ros1: bool) -> tuple[int, int, NDArray[np.float64]]:
-    """Height, width and the matrix K [9] of a CameraInfo."""
-    cursor = _behind_header(data, ros1=ros1)
-    height, width = cursor.numbers("II")
-    cursor.raw_text()
-    cursor.array("f8")
-    return height, width, cursor.array("f8", 9).astype(np.float64)
 
 
 def _off(matrix: NDArray[np.float64], focal: float, centre: tuple[float, float]) -> float:
@@ -200,70 +176,57 @@ def _off(matrix: NDArray[np.float64], focal: float, centre: tuple[float, float])
     return float(np.abs(shifts).max())
 
 
-def _behind_header(data: bytes, *, ros1: bool) -> Cursor:
-    cursor = Cursor(data, ros1=ros1)
-    cursor.position = 12
-    cursor.raw_text()
-    return cursor
-
-
-def _colour_image(data: bytes, kind: str, *, ros1: bool) -> NDArray[np.uint8]:
+def _colour_image(image: Any, kind: str) -> NDArray[np.uint8]:
     import cv2
 
-    cursor = _behind_header(data, ros1=ros1)
     if kind == COMPRESSED_IMAGE:
-        cursor.raw_text()
-        image = _decoded(cursor.array("u1").tobytes(), cv2.IMREAD_COLOR)
-        return np.ascontiguousarray(image[..., ::-1])
-    encoding, rows, _ = _raw_rows(cursor)
-    if encoding not in _COLOURS:
-        raise BrokenMessageError(f"encoding {encoding[:20]!r}, expected colours")
-    size, order = _COLOURS[encoding]
+        return np.ascontiguousarray(_decoded(image.data.tobytes(), cv2.IMREAD_COLOR)[..., ::-1])
+    if image.encoding not in _COLOURS:
+        raise ValueError(f"encoding {image.encoding[:20]!r}, expected colours")
+    size, order = _COLOURS[image.encoding]
+    rows = _raw_rows(image, size)
     return np.ascontiguousarray(rows[:, : WIDTH * size].reshape(HEIGHT, WIDTH, size)[..., order])
 
 
-def _depth_image(data: bytes, kind: str, *, ros1: bool) -> NDArray[np.float64]:
+def _depth_image(image: Any, kind: str) -> NDArray[np.float64]:
     """Depths [480, 640] [m]; 0 or NaN where nothing was seen."""
     import cv2
 
-    cursor = _behind_header(data, ros1=ros1)
     if kind == COMPRESSED_IMAGE:
-        text = cursor.text()
-        content = cursor.array("u1").tobytes()
-        content = content[_DEPTH_HEADER:] if "compressedDepth" in text else content
-        image = _decoded(content, cv2.IMREAD_UNCHANGED)
-        if image.dtype != np.uint16 or image.ndim != 2:
-            raise BrokenMessageError("no depths of 16 bits")
-        return image * 0.001
-    encoding, rows, order = _raw_rows(cursor)
-    if encoding not in _DEPTHS:
-        raise BrokenMessageError(f"encoding {encoding[:20]!r}, expected depths")
-    name, unit = _DEPTHS[encoding]
-    dtype = np.dtype(f"{order}{name}")
-    values = np.ascontiguousarray(rows[:, : WIDTH * dtype.itemsize]).view(dtype)
-    return values.astype(np.float64) * unit
+        content = image.data.tobytes()
+        pixels = _decoded(
+            content[_DEPTH_HEADER:] if "compressedDepth" in image.format else content, cv2.IMREAD_UNCHANGED
+        )
+        if pixels.dtype != np.uint16 or pixels.ndim != 2:
+            raise ValueError("no depths of 16 bits")
+        return pixels * 0.001
+    if image.encoding not in _DEPTHS:
+        raise ValueError(f"encoding {image.encoding[:20]!r}, expected depths")
+    name, unit = _DEPTHS[image.encoding]
+    dtype = np.dtype(f"{'>' if image.is_bigendian else '<'}{name}")
+    rows = _raw_rows(image, dtype.itemsize)
+    return np.ascontiguousarray(rows[:, : WIDTH * dtype.itemsize]).view(dtype).astype(np.float64) * unit
 
 
-def _raw_rows(cursor: Cursor) -> tuple[str, NDArray[np.uint8], str]:
-    """Encoding, bytes [480, step] and byte order of an Image."""
-    height, width = cursor.numbers("II")
-    encoding = cursor.text()
-    order = ">" if cursor.number("B") else "<"
-    step = cursor.number("I")
-    content = cursor.array("u1")
-    size = _COLOURS[encoding][0] if encoding in _COLOURS else np.dtype(_DEPTHS.get(encoding, ("f4", 1))[0]).itemsize
-    if (height, width) != (HEIGHT, WIDTH) or step < WIDTH * size or len(content) < step * HEIGHT:
-        raise BrokenMessageError(f"{height} x {width} pixels, expected {HEIGHT} x {WIDTH}")
-    return encoding, content[: step * HEIGHT].reshape(HEIGHT, step), order
+def _raw_rows(image: Any, size: int) -> NDArray[np.uint8]:
+    """The bytes [480, step] of an Image, ``size`` of them a pixel."""
+    if (
+        (image.height, image.width) != (HEIGHT, WIDTH)
+        or image.step < WIDTH * size
+        or len(image.data) < image.step * HEIGHT
+    ):
+        raise ValueError(f"{image.height} x {image.width} pixels, expected {HEIGHT} x {WIDTH}")
+    rows: NDArray[np.uint8] = image.data[: image.step * HEIGHT].reshape(HEIGHT, image.step)
+    return rows
 
 
 def _decoded(content: bytes, how: int) -> NDArray[Any]:
     if not content.startswith((PNG, b"\xff\xd8")):
-        raise BrokenMessageError("neither PNG nor JPEG")
+        raise ValueError("neither PNG nor JPEG")
     size = picture_size(content)
     if size != (WIDTH, HEIGHT):  # before any memory is taken for it
-        raise BrokenMessageError(f"{size or 'no'} pixels, expected {HEIGHT} x {WIDTH}")
+        raise ValueError(f"{size or 'no'} pixels, expected {HEIGHT} x {WIDTH}")
     image = decode_picture(content, how)
     if image is None:
-        raise BrokenMessageError("cut short or damaged")
+        raise ValueError("cut short or damaged")
     return image

@@ -14,8 +14,6 @@ import tomli_w
 
 from moteslam.errors import ConfigError, InputError
 from moteslam.robot.formats.bags.bag import Bag
-from moteslam.robot.formats.bags.choice import is_readable
-from moteslam.robot.formats.bags.cursor import BrokenMessageError, Cursor
 from moteslam.robot.formats.bags.scans import Fan
 from moteslam.robot.platform import Platform
 from moteslam.robot.platforms import platform_of, platform_table
@@ -24,7 +22,7 @@ from moteslam.robot.tables import Table
 
 TOPIC, KIND = "/moteslam/recording", "std_msgs/String"
 
-MAX_BYTES = 1 << 20
+MAX_LETTERS = 1 << 20
 """Of the text."""
 
 STREAMS = ("lidar", "encoders", "odometry", "imu", "rgbd")
@@ -59,10 +57,9 @@ def manifest_of(recording: Recording, *, with_odometry: bool) -> str:
     """The text for a recording; ``with_odometry`` where that of the bag was not computed."""
     lidar = recording.lidar
     names = [field.name for field in fields(Fan) if field.name != "beams"]
+    has = {name: with_odometry if name == "odometry" else getattr(recording, name) is not None for name in STREAMS}
     table: Table = {
-        "streams": [
-            name for name in STREAMS if (with_odometry if name == "odometry" else getattr(recording, name) is not None)
-        ],
+        "streams": [name for name in STREAMS if has[name]],
         "scan": {} if lidar is None else {name: float(getattr(lidar, name)) for name in names},
         "platform": platform_table(recording.platform),
     }
@@ -75,17 +72,20 @@ def read_manifest(bag: Bag) -> Manifest | None:
     Raises:
         InputError: it is on that topic, but broken.
     """
-    topic = next((topic for topic in bag.of_kind(KIND) if topic.name == TOPIC and is_readable(topic)), None)
+    topic = next((topic for topic in bag.of_kind(KIND) if topic.name == TOPIC), None)
     if topic is None:
         return None
     try:
-        cursor = Cursor(next(bag.messages(topic, np.arange(1), at_most=MAX_BYTES)), ros1=bag.ros1)
-        table = tomllib.loads(cursor.text())
+        _, _, _, data = next(bag.sweep([topic]))
+        text = bag.decode(topic, data).data
+        if len(text) > MAX_LETTERS:
+            raise ValueError(f"{len(text)} letters")
+        table = tomllib.loads(text)
         streams, scan, robot = table["streams"], table["scan"], table["platform"]
         if not isinstance(streams, list) or not isinstance(scan, dict) or not isinstance(robot, dict):
             raise ValueError("another table")
         names = tuple(name for name in STREAMS if name in streams)
         return Manifest(names, platform_of(robot, file=bag.path), scan)
-    except (BrokenMessageError, ValueError, KeyError, RecursionError, ConfigError) as error:
+    except (ValueError, KeyError, RecursionError, StopIteration, ConfigError) as error:
         problem = f"{' '.join(str(error).split())[:200]}, expected the description of a recording"
         raise InputError(problem, file=bag.path, field=TOPIC) from error

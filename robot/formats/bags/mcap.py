@@ -1,135 +1,151 @@
-"""MCAP files as containers of messages: whole ones, and those that are still being written."""
+"""MCAP files (mcap.dev/spec), their summaries by rosbags' reader."""
 
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterator, Sequence
-from contextlib import AbstractContextManager
+from collections import Counter
+from collections.abc import Collection, Iterator
+from io import BytesIO
 from pathlib import Path
+from typing import IO, Any
+
+from rosbags.rosbag2.storage_mcap import McapReader
 
 from moteslam.errors import InputError
-from moteslam.robot.formats.bags.container import (
-    MAX_MESSAGE,
+from moteslam.robot.formats.bags.containers import (
+    MAX_CHUNK,
     Channel,
-    ChunkReader,
-    Indices,
-    StoredChunk,
+    Chunk,
+    Chunked,
+    Message,
+    Place,
     damage_in_one_line,
+    plain_kind,
 )
-from moteslam.robot.formats.bags.mcap_index import DATA_END, FOOTER, MAGIC, MESSAGE, RECORD, LooseMessages, McapIndex
-from moteslam.robot.growing import GrowingFile
-from moteslam.robot.reading import open_regular
-
-_EXPECTED = "an MCAP file"
-_MESSAGE_HEAD = struct.Struct("<BQHIQQ")
 
 
-def _damage(path: Path) -> AbstractContextManager[None]:
-    return damage_in_one_line(path, _EXPECTED, struct.error, OverflowError, ValueError)
-
-
-class Mcap:
-    """An MCAP file, by its index; see `Container`."""
+class Mcap(Chunked):
+    """An MCAP file (mcap.dev/spec); one without a summary, or without chunks, is gone through as far as it is whole."""
 
     def __init__(self, path: Path) -> None:
-        """Read the index.
+        super().__init__(path)
+        reader = McapReader(path)
+        self._loose: list[tuple[int, int, int]] = []
+        with path.open("rb") as file:
+            try:
+                counts = self._by_summary(reader, file)
+            except (InputError, MemoryError):
+                raise
+            except Exception:
+                counts = None
+            if counts is None:
+                reader = McapReader(path)
+                counts = self._go_through(reader, file)
+        self.check_chunks()
+        encodings = {each.ext.serialization_format for each in reader.connections} & {"cdr", "ros1"}
+        if len(encodings) != 1:
+            raise InputError(f"messages of {len(encodings)} ROS encodings, expected cdr or ros1", file=path)
+        self.ros1 = encodings == {"ros1"}
+        self.channels = [
+            Channel(each.id, each.topic, plain_kind(each.msgtype), "", counts[each.id])
+            for each in reader.connections
+            if each.ext.serialization_format in encodings
+        ]
 
-        Raises:
-            InputError: no MCAP file, damaged, or without messages of ROS.
-        """
-        self.path = path
-        opening = McapIndex(path)
-        with _damage(path), open_regular(path, _EXPECTED) as file:
-            opening.file, opening.end = file, file.seek(0, 2)
-            opening.read()
-        self.damage = opening.damage
-        self.channels, self.ros1 = opening.known_channels()
-        self._chunks = tuple(opening.chunks)
+    def _by_summary(self, reader: Any, file: IO[bytes]) -> Counter[int] | None:
+        """The messages of each channel by the summary at the end; None where that does not say it."""
+        file.seek(max(0, self.size - 37))
+        footer = file.read()
+        start = struct.unpack_from("<Q", footer, 9)[0] if footer[:1] == b"\x02" else 0
+        if not footer.endswith(b"\x89MCAP0\r\n") or not 0 < start < self.size:
+            return None
+        reader.bio, reader.data_end = file, start
+        reader.read_index()
+        if not reader.chunks or not reader.channels:
+            return None
+        self.chunks = [
+            Chunk(
+                each.chunk_start_offset + 49 + len(each.compression.encode()),
+                each.compressed_size,
+                each.compression,
+                each.uncompressed_size,
+            )
+            for each in sorted(reader.chunks, key=lambda each: each.chunk_start_offset)
+        ]
+        if reader.statistics is not None:
+            return Counter(reader.statistics.channel_message_counts)
+        return sum((Counter(each.channel_count) for each in reader.chunks), Counter())
 
-    def payloads(self, places: Indices, at_most: Indices) -> Iterator[bytes]:
-        """See `Container`."""
-        yield from _payloads(self.path, self._chunks, places, at_most)
-
-
-class GrowingMcap:
-    """An MCAP file that is still being written, by its index as far as it is whole; see `Container`.
-
-    It is gone through from its beginning, a record once. Chunks count when they are whole.
-
-    Args:
-        path: of the file.
-    """
-
-    def __init__(self, path: Path) -> None:
-        self.path, self.ros1 = path, False
-        self.damage: str | None = None
-        self.channels: tuple[Channel, ...] = ()
-        self._file = GrowingFile(path, _EXPECTED)
-        self._index = McapIndex(path)
-        self._at_end = False
-
-    def go_on(self, *, last: bool) -> bool:
-        """Index what was appended since the last call; whether there was a whole message.
-
-        Args:
-            last: nothing will follow; what is missing then is `damage`.
-
-        Raises:
-            InputError: damaged, or as `GrowingFile.opened`.
-        """
-        index = self._index
-        messages = index.builder.total
-        with _damage(self.path), self._file.opened() as (file, end):
-            index.file, index.end = file, end
-            position = self._file.position
-            if not position and end >= len(MAGIC):
-                if file.read(len(MAGIC)) != MAGIC:
-                    raise InputError("does not begin as an MCAP file", file=self.path)
-                position = len(MAGIC)
-            if position and not self._at_end:
-                self._index_from(position)
-            if last:
-                index.summary_start()
-        self.damage = index.damage
-        if index.builder.total == messages and not last:
-            return False
-        self.channels, self.ros1 = index.known_channels()
-        return True
-
-    def _index_from(self, position: int) -> None:
-        loose = LooseMessages()
-        for kind, content, size in self._index.whole_records(position):
-            if kind in (DATA_END, FOOTER):
-                self._at_end = True
+    def _go_through(self, reader: Any, file: IO[bytes]) -> Counter[int]:
+        """The messages of each channel, by all records of the file."""
+        self.chunks, self.damage = [], "it was not closed"
+        counts: Counter[int] = Counter()
+        known: dict[bytes, None] = {}
+        position = 8
+        while position + 9 <= self.size:
+            file.seek(position)
+            operation, length = struct.unpack("<BQ", file.read(9))
+            begin, position = position + 9, position + 9 + length
+            if operation in (2, 15):  # the footer, or the end of the data: it was closed
+                self.damage = None
                 break
-            self._index.enter(kind, content, size, loose)
-            position = content + size
-        self._index.note_loose(loose)
-        self._file.take(self._index.file, position)
+            if position > self.size:
+                break
+            if operation in (3, 4):
+                known[struct.pack("<BQ", operation, length) + file.read(length)] = None
+            elif operation == 5 and length >= 22:
+                channel, _, received, _ = struct.unpack("<HIQQ", file.read(22))
+                self._loose.append((channel, received, begin))
+                counts[channel] += 1
+            elif operation == 6:
+                head = file.read(min(length, 100))
+                (size,) = struct.unpack_from("<Q", head, 16)
+                (letters,) = struct.unpack_from("<I", head, 28)
+                name = head[32 : 32 + letters].decode()
+                (stored,) = struct.unpack_from("<Q", head, 32 + letters)
+                self.chunks.append(Chunk(begin + 40 + letters, stored, name, size))
+                self.check_chunks()
+                data = self.unpacked(file, len(self.chunks) - 1)
+                for inner, at, end in _records(data):
+                    if inner in (3, 4):
+                        known[data[at - 9 : end]] = None
+                    elif inner == 5 and end - at >= 22:
+                        counts[struct.unpack_from("<H", data, at)[0]] += 1
+        reader.bio, reader.data_end = BytesIO(b"".join(sorted(known)) + b"\x02"), 0  # schemas before channels
+        reader.read_index()
+        return counts
 
-    def payloads(self, places: Indices, at_most: Indices) -> Iterator[bytes]:
+    def messages(self, channels: Collection[int]) -> Iterator[Message]:
         """See `Container`."""
-        yield from _payloads(self.path, self._index.chunks, places, at_most)
+        with damage_in_one_line(self.path), self.path.open("rb") as file:
+            for number in range(len(self.chunks)):
+                data = self.unpacked(file, number)
+                for operation, at, end in _records(data):
+                    if operation == 5 and end - at >= 22:
+                        channel, _, received, _ = struct.unpack_from("<HIQQ", data, at)
+                        if channel in channels:
+                            yield Message(channel, received, (number, at), data[at + 22 : end])
+            for channel, received, at in self._loose:
+                if channel in channels:
+                    yield Message(channel, received, (-1, at), self._payload(file, (-1, at)))
+
+    def _payload(self, file: IO[bytes], place: Place) -> bytes:
+        number, at = place
+        if number < 0:
+            file.seek(at - 8)
+            (size,) = struct.unpack("<Q", file.read(8))
+            return file.read(min(size, MAX_CHUNK))[22:]
+        data = self.unpacked(file, number)
+        (size,) = struct.unpack_from("<Q", data, at - 8)
+        return data[at + 22 : at + size]
 
 
-def _payloads(path: Path, chunks: Sequence[StoredChunk], places: Indices, at_most: Indices) -> Iterator[bytes]:
-    with open_regular(path, _EXPECTED) as file:
-        reader = ChunkReader(file, path, chunks)
-        for (chunk, offset), most in zip(places.tolist(), at_most.tolist(), strict=True):
-            yield _payload(path, reader, chunk, offset, most)
-
-
-def _payload(path: Path, reader: ChunkReader, chunk: int, offset: int, at_most: int) -> bytes:
-    start = reader.read(chunk, offset, _MESSAGE_HEAD.size + min(at_most, 512))
-    size = -1
-    if len(start) >= _MESSAGE_HEAD.size and start[0] == MESSAGE:
-        size = _MESSAGE_HEAD.unpack_from(start)[1] - (_MESSAGE_HEAD.size - RECORD.size)
-    if size > MAX_MESSAGE:
-        raise InputError(f"message of {size} bytes, expected at most {MAX_MESSAGE}", file=path)
-    wanted = min(size, at_most)
-    data = start[_MESSAGE_HEAD.size : _MESSAGE_HEAD.size + max(wanted, 0)]
-    if len(data) < wanted:
-        data = reader.read(chunk, offset + _MESSAGE_HEAD.size, wanted)
-    if size < 0 or len(data) < wanted:
-        raise InputError(f"no whole message at offset {offset} of a chunk, where the index has one", file=path)
-    return data
+def _records(data: bytes) -> Iterator[tuple[int, int, int]]:
+    """The records of an unpacked chunk: what it is, where its content begins and ends."""
+    at = 0
+    while at + 9 <= len(data):
+        operation, size = struct.unpack_from("<BQ", data, at)
+        if at + 9 + size > len(data):
+            return
+        yield operation, at + 9, at + 9 + size
+        at += 9 + size

@@ -3,104 +3,212 @@
 from __future__ import annotations
 
 import math
+import re
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from moteslam.errors import InputError
 from moteslam.robot import se2
-from moteslam.robot.formats.bags.bag import Bag, Topic
-from moteslam.robot.formats.bags.heads import HeadReader, Heads
-from moteslam.robot.formats.bags.times import seconds, used_messages
-from moteslam.robot.formats.bags.transforms import FrameTree, OdometryEdge, frame_name
-from moteslam.robot.formats.bounds import MAX_PLACE, plausible_rates
-from moteslam.robot.formats.stamps import stamp_order
+from moteslam.robot.formats.bags.bag import Table, Topic
+from moteslam.robot.formats.bags.frames import BASES, Frames
+from moteslam.robot.formats.bags.times import Times
+from moteslam.robot.formats.bounds import MAX_PLACE, SLACK, plausible_counts, plausible_rates
 from moteslam.robot.issues import Issue
-from moteslam.robot.recording import ImuStream, OdometryStream
+from moteslam.robot.platform import Wheels
+from moteslam.robot.recording import EncoderStream, ImuStream, OdometryStream
 from moteslam.robot.wording import counted
 
-ODOMETRY, IMU = "nav_msgs/Odometry", "sensor_msgs/Imu"
+ODOMETRY, IMU, JOINT_STATE = "nav_msgs/Odometry", "sensor_msgs/Imu", "sensor_msgs/JointState"
 
 GRAVITY = 9.80665
 """Standard gravity [m/s^2]."""
 
-_KEPT = (13, 14, 15, 25, 26, 27)
-"""Of the float64 behind the header of an Imu: orientation 4, its covariance 9, rates 3, theirs 9, accelerations 3."""
-_ANGULAR, _LINEAR = slice(0, 3), slice(3, 6)
+JOINTS = ("front_right_wheel_joint", "front_left_wheel_joint", "rear_right_wheel_joint", "rear_left_wheel_joint")
+"""As written, in the order of an `EncoderStream`."""
+
+MAX_ANGLE = 1e9
+"""No wheel has turned further [rad]: some 30 000 km."""
+
+REACH, MIN_PATH = 0.2, 1.0
+"""Of a path, along which a direction is taken, and of one that is long enough to say any [m]."""
+MIN_TURN, FOLLOWS = math.radians(60), 0.3
+"""A path that turns by more [rad] and agrees with the headings by less (the mean resultant length of twice the angle
+between them, which is 1 for wheels that do not slip) has headings that are none."""
+
+_TRUTH = re.compile(r"(^|[^a-z])(ground_?truth|groundtruth|truth|true|gt|p3d)([^a-z]|$)")
+"""In the name of a topic or frame that holds where the robot truly was."""
+_WORLD = {"world", "map"}
+"""Frames in which no wheel measures."""
+_SIDES, _REAR = ("right", "left"), ("rear", "back", "hind")
 _LEVEL = 1e-6
 
 
-def odometry_reader(topic: Topic, *, ros1: bool) -> HeadReader:
-    """What reads the heads of odometry: two frames, a position and a quaternion."""
-    return HeadReader(len(topic), ros1=ros1, texts=2, kind="f8", width=7)
+def odometry_table(topic: Topic) -> Table:
+    """Of odometry: positions and quaternions."""
+    return Table(topic, _pose, 7)
 
 
-def imu_reader(topic: Topic, *, ros1: bool) -> HeadReader:
-    """What reads the heads of inertial readings: a frame, and of the 37 numbers behind it rates and accelerations."""
-    return HeadReader(len(topic), ros1=ros1, texts=1, kind="f8", width=37, columns=_KEPT)
+def _pose(message: Any) -> tuple[float, ...]:
+    place, turn = message.pose.pose.position, message.pose.pose.orientation
+    pose = (place.x, place.y, place.z, turn.x, turn.y, turn.z, turn.w)
+    if not all(abs(value) <= MAX_PLACE for value in pose):
+        raise ValueError("no pose of a robot")
+    return pose
 
 
-def child_frame(heads: Heads) -> str:
-    """The frame of the robot in odometry messages: that of the first whole one."""
-    return next((frame_name(texts[1]) for texts in heads.texts if texts), "")
+def imu_table(topic: Topic) -> Table:
+    """Of inertial readings: rates and accelerations."""
+    return Table(topic, _rates, 6)
 
 
-def odometry_of_messages(bag: Bag, topic: Topic, heads: Heads, issues: list[Issue]) -> OdometryStream:
-    """The odometry of messages, projected to the plane.
+def _rates(message: Any) -> tuple[float, ...]:
+    turn, push = message.angular_velocity, message.linear_acceleration
+    values = (turn.x, turn.y, turn.z, push.x, push.y, push.z)
+    if not all(map(math.isfinite, values)):
+        raise ValueError("no reading")
+    return values
+
+
+def choose_odometry(
+    path: Path, tables: Sequence[Table], lidar: tuple[str, str], frames: Frames, issues: list[Issue]
+) -> Table | None:
+    """The odometry of a bag where none is named: of the lidar's robot, and never where the robot truly was.
+
+    Args:
+        path: of the bag.
+        tables: of all its odometry, those with most messages first.
+        lidar: the topic and frame of the scans.
+        frames: of the bag.
+        issues: what is left aside is added.
+    """
+    topic, frame = lidar
+
+    def is_truth(table: Table) -> bool:
+        parent = table.frame().rpartition("/")[2].lower()
+        named = (table.topic.name.lower(), table.frame().lower(), table.child.lower())
+        return parent in _WORLD or any(map(_TRUTH.search, named))
+
+    def is_other_robots(table: Table) -> bool:
+        apart = table.child in frames and frame in frames and frames.place(frame, table.child) is None
+        return apart and not (table.child in BASES and any(frames.place(frame, base) for base in BASES))
+
+    def rank(table: Table) -> tuple[bool, bool, bool, int]:
+        carried = frames.place(frame, table.child) is not None
+        return (
+            carried,
+            beside(table.topic.name, topic),
+            table.frame().rpartition("/")[2].startswith("odom"),
+            len(table.stamps),
+        )
+
+    truth = [table for table in tables if is_truth(table)]
+    others = [table for table in tables if table not in truth and is_other_robots(table)]
+    if truth:
+        names = ", ".join(f"{table.topic.name} (in {table.frame() or 'no frame'})" for table in truth[:4])
+        text = f"{path.name}: {names}: where the robot truly was, or an estimate in a map; not used as odometry"
+        issues.append(Issue("truth-left", f"{text} unless it is named", len(truth)))
+    if others:
+        names = ", ".join(table.topic.name for table in others[:4])
+        text = f"{path.name}: {names}: of a robot that does not carry the lidar's frame {frame}; left aside"
+        issues.append(Issue("other-robot", text, len(others)))
+    candidates = [table for table in tables if table not in truth and table not in others]
+    if not candidates:
+        return None
+    best = max(candidates, key=rank)
+    left_aside(path, "odometry", best.topic, [table.topic for table in candidates if table is not best], issues)
+    return best
+
+
+def beside(topic: str, lidar: str) -> bool:
+    """Whether a topic is in the namespace of the lidar's, or one of the two is in none."""
+    ours, theirs = topic.split("/")[1:-1], lidar.split("/")[1:-1]
+    return not ours or not theirs or ours[0] == theirs[0]
+
+
+def odometry_stream(path: Path, table: Table, times: Times, issues: list[Issue]) -> OdometryStream | None:
+    """The odometry of messages or transforms, projected to the plane; None where it says no headings at all.
 
     Raises:
         InputError: too many broken messages, or absurd stamps.
     """
-    kept, stamps = used_messages(bag.path, topic, heads.stamps, heads.broken | _no_poses(heads.values), issues)
-    return OdometryStream(stamps, _planar(heads.values[kept]))
+    values, name = table.values, f"{path.name}: {table.topic.name}"
+    kept, stamps = times.used(table, np.asarray((np.abs(values) <= MAX_PLACE).all(axis=1)))
+    places, turns = values[kept, :2], values[kept, 3:]
+    lengths = np.linalg.norm(turns, axis=1)
+    none = lengths == 0
+    headings = se2.heading(np.where(none[:, None], (0.0, 0.0, 0.0, 1.0), turns))
+    along = _path_headings(places)
+    if problem := _no_headings(lengths, headings, along):
+        if along is None:
+            text = f"{name}: {problem}, and a path too short to take them from: SLAM goes without this odometry"
+            issues.append(Issue("no-headings", text, len(kept)))
+            return None
+        text = f"{name}: {problem}: the direction of the path is taken, which says nothing of turns on the spot"
+        issues.append(Issue("no-headings", text, len(kept)))
+        return OdometryStream(stamps, np.column_stack((places, along)))
+    if none.any():
+        text = f"{name}: {counted(int(none.sum()), 'pose')} with a quaternion of length 0 dropped"
+        issues.append(Issue("broken-messages", text, int(none.sum())))
+    return OdometryStream(stamps[~none], np.column_stack((places, headings))[~none])
 
 
-def odometry_of_transforms(path: Path, edge: OdometryEdge, issues: list[Issue]) -> OdometryStream | None:
-    """The odometry of a bag that has it as transforms only; None where these are no poses.
-
-    Raises:
-        InputError: absurd stamps.
-    """
-    good = ~_no_poses(edge.poses)
-    if not good.any():
+def _no_headings(
+    lengths: NDArray[np.float64], headings: NDArray[np.float64], along: NDArray[np.float64] | None
+) -> str | None:
+    """Why quaternions of some lengths [n], as headings [n], say no headings beside those along the path; else None."""
+    many = 0.1 * len(lengths)
+    if (zero := int((lengths == 0).sum())) > many:
+        return f"{zero} of {len(lengths)} quaternions of length 0"
+    if (short := int((np.abs(lengths - 1) > 0.1).sum())) > many:
+        return f"{short} of {len(lengths)} quaternions of lengths {lengths.min():.2g} to {lengths.max():.2g}, not 1"
+    if along is None or np.ptp(np.unwrap(along)) < MIN_TURN:
         return None
-    stamps = seconds(edge.stamps[good])
-    order, found = stamp_order(stamps, file=path, field=f"/tf {edge.parent} to {edge.child}")
-    issues.extend(found)
-    poses = _planar(edge.poses[good])
-    return OdometryStream(stamps, poses) if order is None else OdometryStream(stamps[order], poses[order])
+    if np.ptp(np.unwrap(headings)) < _LEVEL:
+        return f"every heading is {math.degrees(headings[0]):.1f} degrees while the path turns"
+    off = np.abs(np.exp(2j * (along - headings)).mean())  # twice: forward and backward are one direction
+    return f"headings that do not follow the path (agreement {off:.2f} of 1)" if off < FOLLOWS else None
 
 
-def _no_poses(values: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Which rows [n, 7] are no poses of a robot: not finite, farther than any drives, or a quaternion of no length."""
-    far = ~(np.abs(values) <= MAX_PLACE).all(axis=1)
-    return np.asarray(far | ~(values[:, 3:] != 0).any(axis=1))
+def _path_headings(places: NDArray[np.float64]) -> NDArray[np.float64] | None:
+    """The directions [n] [rad] in which places [n, 2] follow each other, over twice `REACH`; None of a short path.
 
-
-def _planar(values: NDArray[np.float64]) -> se2.Poses:
-    return np.column_stack((values[:, :2], se2.heading(values[:, 3:])))
+    A robot that turns by more than 120 degrees on the spot is taken to drive backward from there on.
+    """
+    travelled = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(places, axis=0).T))))
+    before = np.searchsorted(travelled, travelled - REACH)
+    after = np.searchsorted(travelled, travelled + REACH, side="right") - 1
+    x, y = (places[after] - places[before]).T
+    known = np.flatnonzero(np.hypot(x, y) > REACH / 3)
+    if travelled[-1] < MIN_PATH or not len(known):
+        return None
+    directions = np.unwrap(np.arctan2(y[known], x[known]))
+    steps = np.diff(directions, prepend=directions[0])
+    reversals = np.cumsum(np.where(np.abs(steps) > 2 * np.pi / 3, np.sign(steps), 0))
+    return se2.wrap(np.interp(np.arange(len(places)), known, directions - np.pi * reversals))
 
 
 def imu_stream(
-    bag: Bag, topic: Topic, heads: Heads, tree: FrameTree, base: str | None, issues: list[Issue]
+    path: Path, table: Table, times: Times, frames: Frames, base: str | None, issues: list[Issue]
 ) -> ImuStream:
     """The inertial readings in the robot's axes, as far as transforms say how the sensor is turned.
 
     Raises:
         InputError: too many broken messages, or absurd stamps.
     """
-    values = heads.values
-    bad = ~np.isfinite(values[:, _ANGULAR]).all(axis=1) | ~np.isfinite(values[:, _LINEAR]).all(axis=1)
-    bad |= ~plausible_rates(values[:, _ANGULAR])
-    kept, stamps = used_messages(bag.path, topic, heads.stamps, heads.broken | bad, issues)
-    angular, linear = values[kept, _ANGULAR], values[kept, _LINEAR] / GRAVITY
-    frame = next((frame_name(texts[0]) for texts in heads.texts if texts), "")
-    placed = tree.place(frame, base) if base is not None else None
-    rotation = np.eye(3) if placed is None else placed.pose[:3, :3]
+    values = table.values
+    kept, stamps = times.used(table, plausible_rates(values[:, :3]))
+    angular, linear = values[kept, :3], values[kept, 3:] / GRAVITY
+    frame = table.frame()
+    placed = frames.place(frame, base) if base is not None else None
+    rotation = np.eye(3) if placed is None else placed[0][:3, :3]
     if np.abs(rotation - np.eye(3)).max() > _LEVEL:
         angular, linear = angular @ rotation.T, linear @ rotation.T
         turn = math.degrees(math.acos(min(1.0, max(-1.0, (float(np.trace(rotation)) - 1) / 2))))
-        text = f"{bag.path.name}: {topic.name}: {frame} is turned by {turn:.1f} degrees in {base}; its readings are"
+        text = f"{path.name}: {table.topic.name}: {frame} is turned by {turn:.1f} degrees in {base}; its readings are"
         issues.append(Issue("imu-turned", f"{text} turned into the robot's axes"))
     return ImuStream(stamps, angular, linear)
 
@@ -108,6 +216,80 @@ def imu_stream(
 def left_aside(path: Path, what: str, used: Topic, others: list[Topic], issues: list[Issue]) -> None:
     """An issue that names the topics of a kind that are not used, if there are any."""
     if others:
-        names = ", ".join(f"{topic.name} ({counted(len(topic), 'message')})" for topic in others[:8])
-        text = f"{path.name}: {what} of {used.name} ({counted(len(used), 'message')}) used; left aside: {names}"
+        names = ", ".join(f"{topic.name} ({counted(topic.count, 'message')})" for topic in others[:8])
+        text = f"{path.name}: {what} of {used.name} ({counted(used.count, 'message')}) used; left aside: {names}"
         issues.append(Issue("topics-left", text, len(others)))
+
+
+class Joints:
+    """The angles of the wheels in messages of joints; a wheel is a joint with its side in its name.
+
+    Of two wheels each counts twice. An angle is counts times the angle of one, ``metres_per_count`` over the wheel's
+    radius; written angles are sums of counts, and so the counts come back exactly, as long as they stay below 2^50.
+    """
+
+    def __init__(self) -> None:
+        self._columns: dict[tuple[str, ...], tuple[int, ...] | None] = {}
+
+    def __call__(self, message: Any) -> tuple[float, ...]:
+        """The angles of the four wheels in a message; a ValueError where it has none."""
+        names = tuple(message.name)
+        if names not in self._columns and len(self._columns) < 100:
+            self._columns[names] = self._wheels(names)
+        columns = self._columns.get(names)
+        if columns is None or len(message.position) != len(names):
+            raise ValueError("no wheels")
+        angles = tuple(float(message.position[column]) for column in columns)
+        if not all(abs(angle) <= MAX_ANGLE for angle in angles):
+            raise ValueError("no angles")
+        return angles
+
+    @staticmethod
+    def _wheels(names: tuple[str, ...]) -> tuple[int, ...] | None:
+        """Which joints are the front right, front left, rear right, rear left wheel; None where there are none."""
+        columns: dict[tuple[str, bool], int] = {}
+        for index, name in enumerate(map(str.lower, names)):
+            for side in _SIDES:
+                if side in name and ("wheel" in name or len(names) <= 4):
+                    columns.setdefault((side, any(word in name for word in _REAR)), index)
+        order = [(side, rear) for rear in (False, True) for side in _SIDES]
+        found = [columns.get((side, rear), columns.get((side, not rear))) for side, rear in order]
+        return None if None in found else tuple(index for index in found if index is not None)
+
+    def encoder_stream(
+        self, path: Path, table: Table, times: Times, wheels: Wheels, issues: list[Issue]
+    ) -> EncoderStream:
+        """The counters of the wheels.
+
+        The first reading counts from 0 where the wheels had travelled less than 1 m by then, else it counts nothing:
+        joints go on from where they stood. No motion is before the first reading in either case.
+
+        Raises:
+            InputError: no joints that are wheels, too many broken messages, or absurd stamps.
+        """
+        if not len(table.stamps):
+            names = ", ".join(name[:40] for name in next(iter(self._columns), ())[:8]) or "none"
+            problem = f"joints {names}, expected angles of wheels with left and right in their names"
+            raise InputError(problem, file=path, field=table.topic.name)
+        kept, stamps = times.used(table)
+        totals = np.rint(table.values[kept] / angle_of_count(wheels)).astype(np.int64)
+        counts = np.diff(totals, axis=0, prepend=0)
+        if np.abs(counts[0]).max() * wheels.metres_per_count > SLACK:
+            counts[0] = 0
+        good = plausible_counts(stamps, counts, wheels.metres_per_count)
+        if dropped := int((~good).sum()):
+            text = f"{dropped} of {counted(len(good), 'reading')} beyond 100 m/s"
+            if dropped > max(3, len(good) // 10):
+                raise InputError(f"{text}, expected wheels of a robot", file=path, field=table.topic.name)
+            issues.append(Issue("implausible-readings", f"{path.name}: {table.topic.name}: {text} dropped", dropped))
+        return EncoderStream(stamps[good], counts[good])
+
+
+def angle_of_count(wheels: Wheels) -> float:
+    """The angle that a wheel turns for one count [rad]."""
+    return wheels.metres_per_count / (wheels.diameter / 2)
+
+
+def joint_angles(counts: NDArray[np.int64], wheels: Wheels) -> NDArray[np.float64]:
+    """The angles [n, 4] [rad] of wheels that stood at 0 before the first of the counts [n, 4]."""
+    return np.cumsum(counts, axis=0).astype(np.float64) * angle_of_count(wheels)

@@ -2,57 +2,79 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import replace
+from collections.abc import Callable, Mapping
 from functools import partial
 from os import PathLike
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from moteslam.errors import InputError
-from moteslam.robot.formats.bags.bag import Bag, Topic
-from moteslam.robot.formats.bags.choice import JOINT_STATE, POINT_CLOUD, TRANSFORMS, Chosen, choose, is_readable
-from moteslam.robot.formats.bags.clouds import cloud_reader, cloud_scans
-from moteslam.robot.formats.bags.heads import HEAD, HeadReader
-from moteslam.robot.formats.bags.images import camera_mount, image_reader, image_topics, rgbd_stream
-from moteslam.robot.formats.bags.manifest import read_manifest
-from moteslam.robot.formats.bags.merged import merged_scans
-from moteslam.robot.formats.bags.motion import (
-    child_frame,
-    imu_reader,
-    imu_stream,
-    odometry_of_messages,
-    odometry_of_transforms,
-    odometry_reader,
+from moteslam.robot.formats.bags.bag import Bag, Table, Topic
+from moteslam.robot.formats.bags.frames import TRANSFORMS, Frames, Mount, lidar_mount
+from moteslam.robot.formats.bags.images import (
+    COMPRESSED_IMAGE,
+    IMAGE,
+    camera_mount,
+    image_table,
+    image_topics,
+    rgbd_stream,
 )
-from moteslam.robot.formats.bags.mount import Mount, lidar_mount
-from moteslam.robot.formats.bags.progress import Progress
-from moteslam.robot.formats.bags.scans import Fan, Scans, laser_scans, scan_reader
-from moteslam.robot.formats.bags.wheels import JointReader, encoder_stream
+from moteslam.robot.formats.bags.lidars import cloud_scans, merged_scans
+from moteslam.robot.formats.bags.manifest import read_manifest
+from moteslam.robot.formats.bags.motion import (
+    IMU,
+    JOINT_STATE,
+    ODOMETRY,
+    Joints,
+    beside,
+    choose_odometry,
+    imu_stream,
+    imu_table,
+    left_aside,
+    odometry_stream,
+    odometry_table,
+)
+from moteslam.robot.formats.bags.scans import LASER_SCAN, MULTI_ECHO, Fan, Scans, laser_scans, scan_table
+from moteslam.robot.formats.bags.times import Times
 from moteslam.robot.formats.bounds import check_figures
 from moteslam.robot.formats.format import Robot, Topics
 from moteslam.robot.given_robot import GivenRobot
 from moteslam.robot.issues import Issue
 from moteslam.robot.platform import Platform
-from moteslam.robot.ranges import CHUNK, ChunkedRanges
-from moteslam.robot.recording import EncoderStream, LidarStream, OdometryStream, Recording, RgbdStream
+from moteslam.robot.ranges import ChunkedRanges
+from moteslam.robot.recording import LidarStream, Recording
 from moteslam.robot.specs import CameraSpec, LidarSpec
-from moteslam.robot.tables import Table
 from moteslam.robot.wording import counted, first_complaint
 
-IMAGE_HEAD = 256
-"""Bytes of an image that are read for its stamp."""
+POINT_CLOUD = "sensor_msgs/PointCloud2"
 
-MAX_JOINTS = 1 << 20
-"""Bytes of a message of joints."""
+KINDS: Mapping[str, tuple[str, ...]] = {
+    "lidar": (LASER_SCAN, MULTI_ECHO, POINT_CLOUD),
+    "odometry": (ODOMETRY,),
+    "imu": (IMU,),
+    "encoders": (JOINT_STATE,),
+    "rgb": (COMPRESSED_IMAGE, IMAGE),
+    "depth": (COMPRESSED_IMAGE, IMAGE),
+}
+"""By stream, the types that it can be read from."""
+
+MANY = 0.75
+"""A lidar with this share of the most scans competes with it."""
+
+MAX_CANDIDATES = 16
+"""Topics of odometry that are read, to choose by their frames."""
+
+_NOT_LEVEL = ("vertical", "tilt", "nod")
+"""In the name of a topic or frame of a lidar that does not scan the plane of the floor."""
 
 
 def read_bag(
     path: str | PathLike[str],
-    *,
+    sequence: str | int | None = None,
     platform: Robot = None,
     topics: Topics | None = None,
 ) -> Recording:
@@ -62,9 +84,11 @@ def read_bag(
 
     Args:
         path: of the file or folder.
-        platform: the robot, or a ``platform.toml`` whose keys override what the bag's transforms give.
+        sequence: which session, from 1 on, where the clock was set in between; the longest if None.
+        platform: the robot, or a ``platform.toml`` whose keys override what the bag's transforms give; a table
+            ``[lidars."/topic"]`` in it gives the mount of one of several lidars.
         topics: by stream, the topics to read it from; several lidars are merged into one fan. By their types where a
-            stream is left out.
+            stream is left out; a stream of no topics is not read.
 
     Returns:
         a recording with the streams that the bag has; ``warnings`` lists what was dropped, repaired or left aside.
@@ -74,138 +98,166 @@ def read_bag(
         ConfigError: a ``platform.toml`` that is none.
     """
     bag = Bag(Path(path))
-    issues = list(bag.issues)
-    chosen = choose(bag, topics or {}, issues)
-    recording = BagReading(bag, chosen, GivenRobot.read(platform), issues).recording()
-    bag.forget_index()
-    return recording
+    issues = bag.issues
+    known = {*TRANSFORMS, *(kind for kinds in KINDS.values() for kind in kinds)}
+    for topic in bag.topics:
+        if topic.kind in known and topic.count and not bag.is_readable(topic):
+            text = f"{topic.name}: {topic.kind} by another definition than the usual one, left aside"
+            issues.append(Issue("other-definition", f"{bag.path.name}: {text}", topic.count))
+    return _Reading(bag, GivenRobot.read(platform), topics or {}, sequence).recording()
 
 
-class BagReading:
-    """What is read of a bag, between its topics and its streams.
+class _Reading:
+    """A bag between its topics and its streams.
 
-    Args:
-        bag: to read.
-        chosen: which topics.
-        given: the robot, as far as the caller gives it.
-        issues: found on the way; those of the streams are added.
-        progress: what was read of the same bag before; nothing if None.
-        chunk: scans whose ranges are read at a time.
+    Of several topics with a type the one with most messages is read, and an issue names the others. Of lidars with
+    nearly as many scans, one whose topic is called vertical or tilted comes last. Point clouds are read where there are
+    no scans. Wheels are read where they are named, or known by what this package wrote into the bag.
     """
 
-    def __init__(
-        self,
-        bag: Bag,
-        chosen: Chosen,
-        given: GivenRobot,
-        issues: list[Issue],
-        *,
-        progress: Progress | None = None,
-        chunk: int = CHUNK,
-    ) -> None:
-        self.bag, self.chosen, self.given, self.issues, self.chunk = bag, chosen, given, issues, chunk
-        progress = progress or Progress()
+    def __init__(self, bag: Bag, given: GivenRobot, topics: Topics, session: str | int | None) -> None:
+        self.bag, self.issues = bag, bag.issues
+        self.given, self.mounts = given.lidars()
+        if unknown := [stream for stream in topics if stream not in KINDS]:
+            raise InputError(f"{unknown[0]!r}, expected {', '.join(KINDS)}", file=bag.path, field="topics")
+        named = {stream: self._named(stream, names) for stream, names in topics.items() if names}
+        left = {stream for stream, names in topics.items() if not names}
         self.manifest = read_manifest(bag)
-        if self._odometry_is_computed:
-            self.chosen = replace(chosen, odometry=None)
-        self.images = image_topics(bag, chosen, issues)
-        self.encoders = chosen.encoders if self.manifest is None else self._written_wheels()
+        computed = self.manifest is not None and "odometry" not in self.manifest.streams
 
-        def head(key: str, topic: Topic, make: Callable[..., HeadReader], at_most: int = HEAD) -> HeadReader:
-            return progress.reader(key, topic, at_most, partial(make, topic, ros1=bag.ros1))
+        def candidates(stream: str) -> list[Topic]:
+            return [] if stream in left else named.get(stream) or bag.of_kind(*KINDS[stream])
 
-        self.scans = [
-            head("scans", topic, cloud_reader if topic.kind == POINT_CLOUD else scan_reader) for topic in chosen.lidar
-        ]
-        self.image_heads = [head("images", topic, image_reader, IMAGE_HEAD) for topic in self.images or ()]
-        topic = self.chosen.odometry
-        self.odometry = None if topic is None else head("odometry", topic, odometry_reader)
-        self.imu = None if chosen.imu is None else head("imu", chosen.imu, imu_reader)
-        self.joints: JointReader | None = None
-        if self.encoders is not None:
-            make = partial(JointReader, len(self.encoders), ros1=bag.ros1)
-            self.joints = progress.reader("encoders", self.encoders, MAX_JOINTS, make)
-        self.transforms = progress.transforms(
-            [topic for topic in bag.of_kind(*TRANSFORMS) if is_readable(topic)], ros1=bag.ros1
-        )
-        progress.go_on(bag)
-        if broken := self.transforms.broken:
-            text = f"{bag.path.name}: transforms: {counted(broken, 'broken message')} dropped"
-            issues.append(Issue("broken-messages", text, broken))
-        self.tree = self.transforms.tree()
-        self.base = self._base()
+        if strange := [
+            topic for topic in self.mounts if topic not in {one.name for one in bag.of_kind(*KINDS["lidar"])}
+        ]:
+            raise InputError(f"no lidar {strange[0]!r}", file=self.given.file, field="lidars")
+        lidars = named.get("lidar") or ([] if "lidar" in left else self._best_lidar())
+        self.lidars = [image_table(topic) if topic.kind == POINT_CLOUD else scan_table(topic) for topic in lidars]
+        odometry = [] if computed and "odometry" not in named else candidates("odometry")[:MAX_CANDIDATES]
+        imus = sorted(candidates("imu"), key=lambda topic: not beside(topic.name, lidars[0].name if lidars else ""))
+        if imus:
+            left_aside(bag.path, "imu", imus[0], [] if "imu" in named else imus[1:], self.issues)
+        written = self.manifest is not None and "encoders" in self.manifest.streams and "encoders" not in left
+        joints = named.get("encoders") or (bag.of_kind(JOINT_STATE)[:1] if written else [])
+        self.joints = Joints()
+        single = {stream: found[0] for stream, found in named.items() if stream != "lidar"}
+        images = None if {"rgb", "depth"} & left else image_topics(bag, single, self.issues)
+        self.images = None if images is None else (image_table(images[0]), image_table(images[1]))
+        self.imu = imu_table(imus[0]) if imus else None
+        self.encoders = Table(joints[0], self.joints, 4) if joints else None
+        odometries = [odometry_table(topic) for topic in odometry]
+        self.frames = Frames()
+        tables = [*self.lidars, *odometries, self.imu, self.encoders, *(self.images or ())]
+        self._fill([table for table in tables if table is not None], lidars)
+        frame = self.lidars[0].frame() if self.lidars else ""
+        self.odometry: Table | None = odometries[0] if "odometry" in named else None
+        if "odometry" not in named:
+            about = (lidars[0].name if lidars else "", frame)
+            self.odometry = choose_odometry(bag.path, odometries, about, self.frames, self.issues)
+        edge = self.frames.odometry_under(frame)
+        self.base = (self.odometry.child if self.odometry else "") or (edge[0] if edge else self.frames.base())
+        if self.odometry is None and edge is not None and not computed and "odometry" not in left:
+            self.odometry = edge[1]
+        tables = [*self.lidars, self.odometry, self.imu, self.encoders, *(self.images or ())]
+        self.times = Times(bag.path, [table for table in tables if table is not None], session, self.issues)
 
-    @property
-    def is_empty(self) -> bool:
-        """Whether there is nothing yet that streams are made of."""
-        edge = None if self._odometry_is_computed else self.transforms.odometry()
-        return all(found is None for found in (*self.scans, self.odometry, self.imu, self.joints, edge))
+    def _named(self, stream: str, names: tuple[str, ...]) -> list[Topic]:
+        names, field = (names,) if isinstance(names, str) else tuple(names), f"topics.{stream}"
+        if len(names) > 1 and stream != "lidar":
+            raise InputError(f"{len(names)} topics, expected one", file=self.bag.path, field=field)
+        full = [name if name.startswith("/") else f"/{name}" for name in names]
+        if len(set(full)) < len(full):
+            raise InputError("a topic twice, expected each once", file=self.bag.path, field=field)
+        usable = {topic.name: topic for topic in reversed(self.bag.of_kind(*KINDS[stream]))}
+        if missing := [name for name in full if name not in usable]:
+            kinds = " or ".join(kind.partition("/")[2] for kind in KINDS[stream])
+            known = ", ".join(sorted(usable)[:20])
+            expected = f"one of {known}" if usable else f"a topic of {kinds}, of which there is none"
+            raise InputError(f"{missing[0]!r}, expected {expected}", file=self.bag.path, field=field)
+        return [usable[name] for name in full]
 
-    @property
-    def _odometry_is_computed(self) -> bool:
-        """Whether the bag's odometry was computed by this package, for those who play the bag: it is no stream."""
-        return self.manifest is not None and "odometry" not in self.manifest.streams
+    def _best_lidar(self) -> list[Topic]:
+        topics = self.bag.of_kind(LASER_SCAN, MULTI_ECHO) or self.bag.of_kind(POINT_CLOUD)
+        if not topics:
+            return []
+        enough = [topic for topic in topics if topic.count >= MANY * topics[0].count]
+        best = min(enough, key=lambda topic: any(word in topic.name.lower() for word in _NOT_LEVEL))
+        left_aside(self.bag.path, "scans", best, [topic for topic in topics if topic is not best], self.issues)
+        return [best]
 
-    def _written_wheels(self) -> Topic | None:
-        """The wheels of a bag that this package wrote, or those that are named."""
-        if self.chosen.encoders is not None or self.manifest is None or "encoders" not in self.manifest.streams:
-            return self.chosen.encoders
-        return next((topic for topic in self.bag.of_kind(JOINT_STATE) if is_readable(topic)), None)
-
-    def _base(self) -> str | None:
-        """The robot's frame: that of its odometry, else by the usual names."""
-        if self.odometry and (frame := child_frame(self.odometry.heads())):
-            return frame
-        edge = self.transforms.odometry()
-        return edge.child if edge is not None else self.tree.base()
+    def _fill(self, tables: list[Table], lidars: list[Topic]) -> None:
+        """Go through the bag: of several robots' transforms those in the lidar's namespace, and those in none."""
+        transforms = self.bag.of_kind(*TRANSFORMS)
+        space = lidars[0].name.split("/")[1:-1][:1] if lidars else []
+        if space and any(topic.name.split("/")[1:-1][:1] == space for topic in transforms):
+            transforms = [topic for topic in transforms if topic.name.split("/")[1:-1][:1] in (space, [])]
+        others: dict[Topic, Callable[[Any, int], None]] = {
+            topic: partial(self.frames.add, topic=topic) for topic in transforms
+        }
+        broken = self.bag.fill({table.topic: table for table in tables}, others)
+        if broken:
+            text = f"{self.bag.path.name}: transforms: {counted(broken, 'broken message')} dropped"
+            self.issues.append(Issue("broken-messages", text, broken))
 
     def recording(self) -> Recording:
         """The streams, on the robot."""
+        bag, path, issues, times = self.bag, self.bag.path, self.issues, self.times
         scans, mount = self._scans_and_mount()
-        camera = camera_mount(self.image_heads[1], self.tree, self.base) if self.images else None
+        camera = camera_mount(self.images[1], self.frames, self.base) if self.images else None
         robot = self.given.platform or self.given.over(self._stated(scans, mount, camera))
         lidar = self._lidar(scans, mount, robot) if scans is not None else None
-        odometry, imu = self._odometry_stream(), None
-        if self.chosen.imu is not None and self.imu is not None:
-            imu = imu_stream(self.bag, self.chosen.imu, self.imu.heads(), self.tree, self.base, self.issues)
-        encoders = self._encoder_stream(robot)
+        odometry = None if self.odometry is None else odometry_stream(path, self.odometry, times, issues)
+        imu = None if self.imu is None else imu_stream(path, self.imu, times, self.frames, self.base, issues)
+        encoders = None
+        if self.encoders is not None:  # by the wheels that they were written by, else by those that are given
+            wheels = robot.wheels if self.manifest is None else self.manifest.platform.wheels
+            if wheels is None:
+                problem = "joints of wheels, expected a platform with [wheels] to count them by"
+                raise InputError(problem, file=path, field=self.encoders.topic.name)
+            encoders = self.joints.encoder_stream(path, self.encoders, times, wheels, issues)
         if lidar is None and odometry is None and imu is None and encoders is None:
-            kinds = ", ".join(sorted({topic.kind[:60] for topic in self.bag.topics})[:8]) or "no topics"
-            raise InputError(f"{kinds}: expected scans, odometry or an IMU", file=self.bag.path)
-        return Recording(
-            name=self.bag.path.resolve().name.removesuffix(self.bag.path.suffix),
-            platform=robot,
-            lidar=lidar,
-            encoders=encoders,
-            odometry=odometry,
-            imu=imu,
-            rgbd=self._rgbd(robot),
-            warnings=tuple(self.issues),
-        )
+            kinds = ", ".join(sorted({topic.kind[:60] for topic in bag.topics})[:8]) or "no topics"
+            raise InputError(f"{kinds}: expected scans, odometry or an IMU", file=path)
+        rgbd = None
+        if self.images is not None and robot.camera is not None:
+            rgbd = rgbd_stream(bag, self.images, times)
+        elif self.images is not None:
+            text = f"{path.name}: images left out: no transform to the frame of {self.images[1].topic.name}"
+            issues.append(Issue("images-left", text, 2))
+        name = path.resolve().name.removesuffix(path.suffix)
+        streams = {"lidar": lidar, "encoders": encoders, "odometry": odometry, "imu": imu, "rgbd": rgbd}
+        return Recording(name=name, platform=robot, warnings=tuple(issues), **streams)  # type: ignore[arg-type]
 
     def _scans_and_mount(self) -> tuple[Scans | None, Mount]:
         """The scans of the lidar, or of several as one about the robot's centre, and where it stands."""
-        path, scans = self.bag.path, []
-        for topic, reader in zip(self.chosen.lidar, self.scans, strict=True):
-            read = cloud_scans if topic.kind == POINT_CLOUD else laser_scans
-            scans.append(read(self.bag, topic, reader, self.issues))
+        scans = [
+            cloud_scans(self.bag, table, self.times)
+            if table.topic.kind == POINT_CLOUD
+            else laser_scans(self.bag, table, self.times, self.issues)
+            for table in self.lidars
+        ]
         if not scans:
             return None, Mount()
         if len(scans) == 1:
             return scans[0], self._mount(scans[0])
-        mounts = [lidar_mount(path, one.topic, one.frame, self.tree, self.base, self.issues) for one in scans]
-        return merged_scans(path, scans, mounts), Mount()
+        return merged_scans(self.bag.path, scans, [self._mount(one) for one in scans]), Mount()
 
     def _mount(self, scans: Scans) -> Mount:
         """Where a lidar stands by the transforms; where a caller says it, these matter only for which way is up."""
-        is_given = self.given.platform is not None or {"x", "y", "yaw"} <= self.given.lidar_figures.keys()
+        given, alone = self.mounts.get(scans.topic), len(self.lidars) == 1
+        keys = self.given.lidar_figures.keys() if alone else set()
+        is_given = given is not None or (alone and self.given.platform is not None) or {"x", "y", "yaw"} <= keys
         issues: list[Issue] = [] if is_given else self.issues
         try:
-            return lidar_mount(self.bag.path, scans.topic, scans.frame, self.tree, self.base, issues)
+            mount = lidar_mount(self.bag.path, scans.topic, scans.frame, self.frames, self.base, issues)
         except InputError:
-            if is_given:
-                return Mount()
-            raise
+            if not is_given:
+                raise
+            mount = Mount()
+        if given is None:
+            return mount
+        return Mount(given.x, given.y, given.z, given.yaw, mount.upside_down)
 
     def _stated(self, scans: Scans | None, mount: Mount, camera: CameraSpec | None) -> Platform:
         """The robot that the bag states: of one that this package wrote, the whole; else where its sensors stand."""
@@ -221,64 +273,22 @@ class BagReading:
             raise InputError(problem, file=self.bag.path, field=f"{scans.topic}: {field}") from error
         return Platform(lidar=spec, camera=camera)
 
-    def _rgbd(self, robot: Platform) -> RgbdStream | None:
-        """The images, where it is known where the camera stands."""
-        if self.images is None:
-            return None
-        if robot.camera is None:
-            text = f"{self.bag.path.name}: images left out: no transform to the frame of {self.images[1].name}"
-            self.issues.append(Issue("images-left", text, 2))
-            return None
-        colour, depth = self.image_heads
-        return rgbd_stream(self.bag, self.images, (colour, depth), self.issues)
-
     def _lidar(self, scans: Scans, mount: Mount, robot: Platform) -> LidarStream:
         fan = self.manifest.sharpened(scans.fan) if self.manifest is not None else scans.fan
-        fan = _given_over(fan.flipped() if mount.upside_down else fan, self.given.lidar_figures, self.bag.path)
+        fan, given = fan.flipped() if mount.upside_down else fan, self.given.lidar_figures
+        names = ("angle_min", "angle_increment", "range_min", "range_max")
+        fan = Fan(**{**vars(fan), **{name: given[name] for name in names if name in given}})
+        check_figures(fan.beams, fan.angle_increment, fan.range_min, fan.range_max, file=self.bag.path)
 
         def load(first: int, last: int) -> NDArray[np.float32]:
             return scans.cleaned(np.arange(first, last), fan)
 
         return LidarStream(
             stamps=scans.stamps,
-            ranges=ChunkedRanges(load, len(scans.stamps), fan.beams, chunk=self.chunk),
+            ranges=ChunkedRanges(load, len(scans.stamps), fan.beams),
             angle_min=fan.angle_min,
             angle_increment=fan.angle_increment,
             range_min=fan.range_min,
             range_max=fan.range_max,
             time_increment=robot.lidar.time_increment,
         )
-
-    def _encoder_stream(self, robot: Platform) -> EncoderStream | None:
-        """The counters of the wheels, where their topic is named or known, on a robot with wheels.
-
-        Raises:
-            InputError: they are named, but the robot has no wheels.
-        """
-        if self.encoders is None or self.joints is None:
-            return None
-        wheels = robot.wheels if self.manifest is None else self.manifest.platform.wheels  # that they were written by
-        if wheels is None:
-            problem = "joints of wheels, expected a platform with [wheels] to count them by"
-            raise InputError(problem, file=self.bag.path, field=self.encoders.name)
-        return encoder_stream(self.bag, self.encoders, self.joints, wheels, self.issues)
-
-    def _odometry_stream(self) -> OdometryStream | None:
-        if self._odometry_is_computed:
-            return None
-        if self.chosen.odometry is not None and self.odometry is not None:
-            return odometry_of_messages(self.bag, self.chosen.odometry, self.odometry.heads(), self.issues)
-        edge = self.transforms.odometry()
-        return odometry_of_transforms(self.bag.path, edge, self.issues) if edge is not None else None
-
-
-def _given_over(fan: Fan, given: Table, path: Path) -> Fan:
-    """The fan with the figures that a caller's ``platform.toml`` puts in place of the messages'.
-
-    Raises:
-        InputError: they do not fit the scans.
-    """
-    names = ("angle_min", "angle_increment", "range_min", "range_max")
-    changed = Fan(**{**vars(fan), **{name: given[name] for name in names if name in given}})
-    check_figures(changed.beams, changed.angle_increment, changed.range_min, changed.range_max, file=path)
-    return changed

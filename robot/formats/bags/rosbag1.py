@@ -1,224 +1,187 @@
-"""ROS 1 bags: the container, version 2.0 (wiki.ros.org/Bags/Format/2.0).
-
-A file is a line, then records: a header of fields ``name=value`` and data, each with its length before it. Messages
-lie in chunks; the index behind them says in which, and where. Only index records are read on opening.
-"""
+"""ROS 1 bags of version 2.0 (wiki.ros.org/Bags/Format/2.0), by rosbags' reader with an index of arrays."""
 
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
+from io import BytesIO
 from pathlib import Path
-from typing import IO
+from typing import IO, Any
 
 import numpy as np
+from numpy.typing import NDArray
+from rosbags.rosbag1 import reader as rosbag1
 
 from moteslam.errors import InputError
-from moteslam.robot.formats.bags.container import (
-    MAX_DEFINITION,
-    MAX_MESSAGE,
+from moteslam.robot.formats.bags.containers import (
+    MAX_CHUNK,
+    MAX_MESSAGES,
+    UNPACKERS,
     Channel,
-    ChunkReader,
-    IndexBuilder,
-    Indices,
-    StoredChunk,
-    check_chunk,
+    Chunk,
+    Chunked,
+    Message,
+    Place,
     damage_in_one_line,
-    name_of,
+    plain_kind,
 )
-from moteslam.robot.reading import open_regular
-
-MAGIC = b"#ROSBAG V2.0\n"
-
-_EXPECTED = "a ROS bag"
-_HEADER = 1 << 20
-"""Bytes of a record's header, at most: fields are numbers, and names."""
-
-_MESSAGE, _BAG, _INDEX, _CHUNK, _CHUNK_INFO, _CONNECTION = 2, 3, 4, 5, 6, 7
-_ENTRY = np.dtype([("sec", "<u4"), ("nsec", "<u4"), ("offset", "<u4")])
-_AHEAD, _MORE = 128, 1024
-"""Bytes that are read at a message's place before its length is known: for its header, which takes some 40, and for
-its beginning."""
-_LENGTH = struct.Struct("<I")
-_IS_MESSAGE = b"op=\x02"
-
-Fields = dict[bytes, bytes]
 
 
-class Rosbag1:
-    """A ROS 1 bag, by its index; see `Container`."""
+class Rosbag1(Chunked):
+    """A ROS 1 bag of version 2.0; one without an index is gone through, as far as it is whole."""
 
     ros1 = True
-    damage: str | None = None
 
     def __init__(self, path: Path) -> None:
-        """Read the index.
+        super().__init__(path)
+        with path.open("rb") as file:
+            version = file.readline(20).decode(errors="replace").strip().rpartition("V")[2]
+        if version != "2.0":
+            problem = f"a bag of format {version[:8]}, expected 2.0: `rosbag reindex` converts it, which the Python "
+            raise InputError(f"{problem}package rosbag of rospypi.github.io has without ROS, too", file=path)
+        index = _Index(path)
+        try:
+            with index:
+                self._take(index)
+        except InputError:
+            raise
+        except Exception as error:
+            index = _Index(path)
+            problem = index.go_through()
+            if not index.stored:
+                raise error if not isinstance(error, AssertionError) else ValueError("its index") from error
+            self._take(index)
+            self.damage = problem
+        self.check_chunks()
 
-        Raises:
-            InputError: no bag, one that was not closed, encrypted, cut short or damaged.
-        """
-        self.path = path
-        damage = damage_in_one_line(path, _EXPECTED, struct.error, OverflowError)
-        with damage, open_regular(path, _EXPECTED) as file:
-            self.channels, self._chunks = _Opening(file, path).read()
+    def _take(self, index: _Index) -> None:
+        self.chunks = list(index.stored)
+        empty = np.empty((0, 4), np.int64)
+        self._rows = {number: np.concatenate([empty, *found]) for number, found in index.parts.items()}
+        self.channels = [
+            Channel(each.id, each.topic, plain_kind(each.msgtype), each.digest, len(self._rows.get(each.id, empty)))
+            for each in index.connections
+        ]
 
-    def payloads(self, places: Indices, at_most: Indices) -> Iterator[bytes]:
+    def messages(self, channels: Collection[int]) -> Iterator[Message]:
         """See `Container`."""
-        with open_regular(self.path, _EXPECTED) as file:
-            reader = ChunkReader(file, self.path, self._chunks)
-            for (chunk, offset), most in zip(places.tolist(), at_most.tolist(), strict=True):
-                start = reader.read(chunk, offset, _AHEAD + most if most < _MORE else _AHEAD + _MORE)
-                begin = 8 + _LENGTH.unpack_from(start)[0] if len(start) >= 4 else len(start) + 1
-                if begin <= len(start) and _IS_MESSAGE in start[4:begin]:  # as nearly always
-                    size = _LENGTH.unpack_from(start, begin - 4)[0]
-                    end = begin + (size if size < most else most)
-                    if end <= len(start):
-                        yield start[begin:end]
-                        continue
-                yield self._payload(reader, chunk, offset, most)
+        found = [rows for number, rows in self._rows.items() if number in channels]
+        if not found:
+            return
+        rows = np.concatenate(found)
+        order = np.lexsort((rows[:, 3], rows[:, 2]))
+        with damage_in_one_line(self.path), self.path.open("rb") as file:
+            for first in range(0, len(order), 4096):
+                for channel, received, number, offset in rows[order[first : first + 4096]].tolist():
+                    yield Message(channel, received, (number, offset), self._payload(file, (number, offset)))
 
-    def _payload(self, reader: ChunkReader, chunk: int, offset: int, at_most: int) -> bytes:
+    def _payload(self, file: IO[bytes], place: Place) -> bytes:
+        data, at = self.unpacked(file, place[0]), place[1]
         while True:
-            start = reader.read(chunk, offset, _AHEAD + min(at_most, _MORE))
-            if len(start) < 4:
-                raise self._nothing_at(offset)
-            (length,) = struct.unpack_from("<I", start)
-            if length > _HEADER:
-                raise self._nothing_at(offset)
-            begin = 4 + length + 4
-            if begin > len(start):
-                start = reader.read(chunk, offset, begin)
-                if len(start) < begin:
-                    raise self._nothing_at(offset)
-            (size,) = struct.unpack_from("<I", start, 4 + length)
-            if _IS_MESSAGE in start[4 : 4 + length]:
+            (length,) = struct.unpack_from("<I", data, at)
+            (size,) = struct.unpack_from("<I", data, at + 4 + length)
+            begin = at + 8 + length
+            if b"op=\x07" not in data[at + 4 : at + 4 + length] or begin + size >= len(data):
                 break
-            if b"op=\x07" not in start[4 : 4 + length]:  # a connection may stand before its first message
-                raise self._nothing_at(offset)
-            offset += begin + size
-        if size > MAX_MESSAGE:
-            raise InputError(f"message of {size} bytes, expected at most {MAX_MESSAGE}", file=self.path)
-        wanted = min(size, at_most)
-        data = start[begin : begin + wanted]
-        if len(data) < wanted:
-            data = reader.read(chunk, offset + begin, wanted)
-            if len(data) < wanted:
-                raise self._nothing_at(offset)
-        return data
-
-    def _nothing_at(self, offset: int) -> InputError:
-        return InputError(f"no whole message at offset {offset} of a chunk, where the index has one", file=self.path)
+            at = begin + size
+        if begin + size > len(data) or b"op=\x02" not in data[at + 4 : at + 4 + length]:
+            raise InputError(f"no whole message at byte {at} of chunk {place[0]}", file=self.path)
+        return data[begin : begin + size]
 
 
-class _Opening:
-    """What is read while a bag is opened."""
+class _Index(rosbag1.Reader):  # type: ignore[misc]
+    """Rosbags' reader of ROS 1 with an index of arrays.
 
-    def __init__(self, file: IO[bytes], path: Path) -> None:
-        self.file, self.path = file, path
-        self.end = file.seek(0, 2)
-        file.seek(0)
+    Its ``parts`` are, by connection, rows [n, 4] of it, time [ns], chunk and offset; its ``stored`` the chunks.
 
-    def read(self) -> tuple[tuple[Channel, ...], tuple[StoredChunk, ...]]:
-        """The channels and the chunks."""
-        if self.file.read(len(MAGIC)) != MAGIC:
-            raise InputError("does not begin as a ROS bag of version 2.0", file=self.path)
-        fields, _ = self.record(_BAG)
-        index, connections, chunks = (
-            self.number(fields, name, kind)
-            for name, kind in (("index_pos", "<Q"), ("conn_count", "<I"), ("chunk_count", "<I"))
-        )
-        if fields.get(b"encryptor"):
-            raise InputError("encrypted, expected a plain bag", file=self.path)
-        if index == 0:
-            problem = "was not closed and has no index, expected one: rosbag reindex makes it"
-            raise InputError(problem, file=self.path)
-        if index > self.end:
-            raise InputError(f"cut short: its index is at byte {index} of {self.end}", file=self.path)
-        self.file.seek(index)
-        known = dict(self.connection() for _ in range(connections))
-        positions = [self.chunk_info() for _ in range(chunks)]
-        builder = IndexBuilder(self.path)
-        stored = []
-        behind = 0
-        for number, (position, count) in enumerate(sorted(positions)):
-            if position < behind:
-                raise InputError(f"chunk at byte {position} begins within another", file=self.path)
-            self.file.seek(min(position, self.end))
-            stored.append(self.chunk())
-            for _ in range(count):
-                self.index(number, builder)
-            behind = self.file.tell()
-        channels = (builder.channel(number, *names) for number, names in known.items())
-        return tuple(channels), tuple(stored)
+    The length of an index record is not looked at: rosbag of 2010 and 2011 wrote 20 bytes a message, and 12 there
+    (ros_comm, tools/rosbag/src/rosbag/bag.py, "Workaround the possible invalid data length").
+    """
 
-    def record(self, op: int) -> tuple[Fields, int]:
-        """The fields of the next record, which is of that kind, and the length of its data, where the file is then."""
-        data = self.file.read(4)
-        (length,) = struct.unpack("<I", data) if len(data) == 4 else (0,)
-        header = self.file.read(min(length, _HEADER))
-        data = self.file.read(4)
-        if not length or len(header) < length or len(data) < 4:
-            raise InputError(f"cut short or damaged at byte {self.file.tell()}", file=self.path)
-        fields = _fields(header, self.path)
-        if fields.get(b"op", b"\0")[0] != op:
-            raise InputError(f"no record {op} before byte {self.file.tell()}: its index is wrong", file=self.path)
-        return fields, struct.unpack("<I", data)[0]
+    def __init__(self, path: Path) -> None:
+        super().__init__(path)
+        self.size = path.stat().st_size
+        self.stored: list[Chunk] = []
+        self.parts: dict[int, list[NDArray[np.int64]]] = {}
+        self.total = 0
 
-    def number(self, fields: Fields, name: str, kind: str) -> int:
-        """A field as a whole number."""
-        value = fields.get(name.encode(), b"")
-        if len(value) != struct.calcsize(kind):
-            raise InputError("missing or no number", file=self.path, field=name)
-        return int(struct.unpack(kind, value)[0])
+    def read_chunk(self) -> rosbag1.Chunk:
+        assert self.bio
+        header = rosbag1.Header.read(self.bio, rosbag1.RecordType.CHUNK)
+        stored = rosbag1.read_uint32(self.bio)
+        position = self.bio.tell()
+        self.stored.append(Chunk(position, stored, header.get_string("compression"), header.get_uint32("size")))
+        self.bio.seek(stored, 1)
+        return rosbag1.Chunk(stored, position, bytes)
 
-    def connection(self) -> tuple[int, tuple[str, str, str]]:
-        """A connection: its number, topic, type and the digest of that."""
-        fields, size = self.record(_CONNECTION)
-        if size > MAX_DEFINITION:
-            raise InputError(f"message definition of {size} bytes, expected at most {MAX_DEFINITION}", file=self.path)
-        data = self.file.read(size)
-        if len(data) < size:
-            raise InputError(f"cut short or damaged at byte {self.end}", file=self.path)
-        about = _fields(data, self.path)
-        names = (fields.get(b"topic", b""), about.get(b"type", b""), about.get(b"md5sum", b""))
-        topic, kind, digest = (name_of(name, self.path, "a connection's name") for name in names)
-        return self.number(fields, "conn", "<I"), (topic, kind, digest)
+    def read_index_data(self, pos: int, indexes: dict[int, list[rosbag1.IndexData]]) -> None:
+        assert self.bio
+        header = rosbag1.Header.read(self.bio, rosbag1.RecordType.IDXDATA)
+        self.bio.seek(4, 1)
+        connection, count = header.get_uint32("conn"), header.get_uint32("count")
+        self.total += count
+        if 12 * self.total > self.size or self.total > MAX_MESSAGES:
+            raise InputError(f"an index of {self.total} messages, expected fewer", file=Path(self.path))
+        table = np.frombuffer(rosbag1.read_bytes(self.bio, 12 * count), "<u4").reshape(-1, 3).astype(np.int64)
+        self.add(connection, table[:, 0] * 10**9 + table[:, 1], table[:, 2])
 
-    def chunk_info(self) -> tuple[int, int]:
-        """Where a chunk is, and how many index records follow it."""
-        fields, size = self.record(_CHUNK_INFO)
-        self.file.seek(size, 1)
-        return self.number(fields, "chunk_pos", "<Q"), self.number(fields, "count", "<I")
+    def add(self, connection: int, times: Any, offsets: Any) -> None:
+        rows = np.empty((len(times), 4), np.int64)
+        rows[:, 0], rows[:, 1], rows[:, 2], rows[:, 3] = connection, times, len(self.stored) - 1, offsets
+        self.parts.setdefault(connection, []).append(rows)
 
-    def chunk(self) -> StoredChunk:
-        """The next record, a chunk; the file is behind it then."""
-        fields, stored = self.record(_CHUNK)
-        compression = name_of(fields.get(b"compression", b""), self.path, "a compression's name")
-        chunk = StoredChunk(self.file.tell(), stored, compression, self.number(fields, "size", "<I"))
-        check_chunk(chunk, self.path, self.end)
-        self.file.seek(stored, 1)
-        return chunk
+    def go_through(self) -> str:
+        """Make the index of a bag that has none; what is the matter with it."""
+        known: dict[int, Any] = {}
+        with self.path.open("rb") as self.bio:
+            self.bio.readline()
+            while (begin := self.bio.tell()) < self.size:
+                try:
+                    header = rosbag1.Header.read(self.bio)
+                    length, operation = rosbag1.read_uint32(self.bio), header.get_uint8("op")
+                    end = self.bio.tell() + length
+                    if header.get("encryptor") or end > self.size:
+                        break
+                    if operation == rosbag1.RecordType.CHUNK:
+                        self.bio.seek(begin)
+                        self.read_chunk()
+                        if not length:  # the one that the recorder was writing: its messages follow, unpacked
+                            rest = self.size - self.bio.tell()
+                            self.stored[-1] = Chunk(self.bio.tell(), rest, "none", rest)
+                        self._go_through_chunk(known)
+                    self.bio.seek(end)
+                except (rosbag1.ReaderError, InputError, ValueError, OSError, EOFError, RuntimeError):
+                    break
+        self.bio = None
+        self.connections = list(known.values())
+        return "it was not closed, or its index is damaged"
 
-    def index(self, chunk: int, builder: IndexBuilder) -> None:
-        """The next record, where the messages of a connection lie in a chunk."""
-        fields, size = self.record(_INDEX)
-        count = self.number(fields, "count", "<I")
-        if size != count * _ENTRY.itemsize or self.file.tell() + size > self.end:
-            raise InputError(f"index of {count} messages takes {size} bytes: cut short or damaged", file=self.path)
-        entries = np.frombuffer(self.file.read(size), _ENTRY)
-        received = entries["sec"].astype(np.int64) * 1_000_000_000 + entries["nsec"]
-        builder.add(self.number(fields, "conn", "<I"), chunk, received, entries["offset"].astype(np.int64))
-
-
-def _fields(data: bytes, path: Path) -> Fields:
-    """The fields of a header."""
-    fields: Fields = {}
-    position = 0
-    while position < len(data):
-        (length,) = struct.unpack_from("<I", data, position)
-        name, equals, value = data[position + 4 : position + 4 + length].partition(b"=")
-        if not equals or position + 4 + length > len(data):
-            raise InputError("a record's header is damaged", file=path)
-        fields[name] = value
-        position += 4 + length
-    return fields
+    def _go_through_chunk(self, known: dict[int, Any]) -> None:
+        file = self.bio
+        chunk = self.stored[-1]
+        if chunk.size > MAX_CHUNK:
+            self.stored.pop()
+            return
+        assert file
+        file.seek(chunk.position)
+        data = UNPACKERS[chunk.compression](file.read(chunk.stored), chunk.size)
+        found: dict[int, list[tuple[int, int]]] = {}
+        content = BytesIO(data)
+        try:
+            while (offset := content.tell()) < len(data):
+                header = rosbag1.Header.read(content)
+                operation, length = header.get_uint8("op"), rosbag1.read_uint32(content)
+                after = content.tell() + length
+                if operation == rosbag1.RecordType.CONNECTION:
+                    content.seek(offset)
+                    self.bio = content
+                    connection = self.read_connection()
+                    known.setdefault(connection.id, connection)
+                elif operation == rosbag1.RecordType.MSGDATA and after <= len(data):
+                    row = (header.get_time("time"), offset)
+                    found.setdefault(header.get_uint32("conn"), []).append(row)
+                content.seek(after)
+        finally:
+            self.bio = file
+            for number, rows in found.items():
+                self.add(number, *zip(*rows, strict=True))

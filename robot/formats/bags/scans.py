@@ -1,4 +1,4 @@
-"""Scans of ``sensor_msgs/LaserScan`` and ``MultiEchoLaserScan``: their figures from the heads, their ranges on demand.
+"""Scans of ``sensor_msgs/LaserScan`` and ``MultiEchoLaserScan``: figures on opening, ranges on demand, one fan.
 
 Ranges mean what REP 117 says: positive infinity is no return, negative infinity too near, NaN an error; and what is
 beyond the limits that a message states counts as no return, or invalid (``docs/reference/formats.md``).
@@ -6,19 +6,18 @@ beyond the limits that a message states counts as no return, or invalid (``docs/
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.errors import InputError
-from moteslam.robot.formats.bags.bag import Bag, Topic
-from moteslam.robot.formats.bags.cursor import BrokenMessageError, Cursor
-from moteslam.robot.formats.bags.heads import HeadReader
-from moteslam.robot.formats.bags.times import used_messages
-from moteslam.robot.formats.bags.transforms import frame_name
+from moteslam.robot.formats.bags.bag import Bag, Table, Topic
+from moteslam.robot.formats.bags.times import Times
 from moteslam.robot.formats.bounds import check_fan
 from moteslam.robot.formats.no_return import no_return_limit
 from moteslam.robot.formats.ranges import clean_ranges
@@ -33,6 +32,10 @@ SAMPLE = 64
 
 MAX_STEP = 0.01
 """Between two beams [s]: no lidar is slower."""
+
+FINER = 4
+"""Of scans with beams of their own each, the common fan has this many beams for one of theirs: an endpoint lies up to
+an eighth of their step beside its beam."""
 
 Rows = NDArray[np.float32]
 
@@ -56,9 +59,20 @@ class Fan:
     range_max: float
     time_increment: float = 0.0
 
+    @property
+    def angles(self) -> NDArray[np.float64]:
+        """Of the beams [beams] [rad]."""
+        return self.angle_min + self.angle_increment * np.arange(self.beams, dtype=np.float64)
+
     def flipped(self) -> Fan:
         """The fan seen from the other side: of a lidar that hangs upside down."""
         return replace(self, angle_min=-self.angle_min, angle_increment=-self.angle_increment)
+
+    def reversed(self) -> Fan:
+        """The fan with its last beam first."""
+        last = self.angle_min + (self.beams - 1) * self.angle_increment
+        step, time = -self.angle_increment, -self.time_increment
+        return replace(self, angle_min=last, angle_increment=step, time_increment=time)
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,54 +95,117 @@ class Scans:
 
     def cleaned(self, indices: NDArray[np.intp], fan: Fan) -> Rows:
         """The ranges [k, beams] of some scans: endpoints within a fan's limits, ``inf`` and ``nan``."""
-        name = Path(self.topic)
-        ranges, _ = clean_ranges(self.load(indices), fan.range_min, fan.range_max, file=name, field="ranges")
+        ranges, _ = clean_ranges(
+            self.load(indices), fan.range_min, fan.range_max, file=Path(self.topic), field="ranges"
+        )
         ranges[ranges == 0] = np.nan
         return ranges
 
 
-def scan_reader(topic: Topic, *, ros1: bool) -> HeadReader:
-    """What reads the heads of scans: seven float32 and the number of beams, four bytes each."""
-    return HeadReader(len(topic), ros1=ros1, texts=1, kind="u4", width=8)
+def scan_table(topic: Topic) -> Table:
+    """Of scans: first and last angle, steps of angle and time, limits, number of beams."""
+    return Table(topic, _figures, 7)
 
 
-def laser_scans(bag: Bag, topic: Topic, reader: HeadReader, issues: list[Issue]) -> Scans:
-    """The scans of a topic, from their heads.
+def _figures(message: Any) -> tuple[float, ...]:
+    angles = (message.angle_min, message.angle_max, message.angle_increment)
+    if not all(map(math.isfinite, angles)) or len(message.ranges) > MAX_BEAMS:
+        raise ValueError("no angles")
+    return (*angles, message.time_increment, message.range_min, message.range_max, len(message.ranges))
 
-    The number of beams that most scans have is kept; scans with another, or whose first or last beam points more than
-    half an increment elsewhere, are left aside, and counted in an issue.
+
+def laser_scans(bag: Bag, table: Table, times: Times, issues: list[Issue]) -> Scans:
+    """The scans of a topic, each with its angles, on the fan that most of them have or on a finer one.
 
     Raises:
         InputError: too many broken messages, absurd stamps, no beams, or figures of no lidar.
     """
-    heads = reader.heads()
-    figures = heads.values.view(np.float32).astype(np.float64)
-    beams = heads.values[:, 7].astype(np.int64)
-    broken = heads.broken | ~np.isfinite(figures[:, :3]).all(axis=1) | (beams < 1) | (beams > MAX_BEAMS)
-    kept, stamps = used_messages(bag.path, topic, heads.stamps, broken, issues)
-    figures, beams = figures[kept], beams[kept]
-    alike, fan = _common_fan(bag.path, topic, figures, beams, issues)
-    frame = frame_name(heads.texts[kept[int(np.argmax(alike))]][0])
-    chosen = kept[alike]
-    read = _multi_echo if topic.kind == MULTI_ECHO else _laser_scan
+    name = f"{bag.path.name}: {table.topic.name}"
+    figures = table.values
+    kept, stamps = times.used(table)
+    beams = figures[kept, 6].astype(np.int64)
+    if empty := int((beams == 0).sum()):
+        issues.append(Issue("empty-scans", f"{name}: {counted(empty, 'scan')} without ranges left aside", empty))
+        kept, stamps, beams = kept[beams > 0], stamps[beams > 0], beams[beams > 0]
+    if not len(kept):
+        raise InputError("scans without ranges, expected some", file=bag.path, field=table.topic.name)
+    figures = figures[kept]
+    alike, fan = _common_fan(bag.path, table.topic, figures, beams, issues)
+    frame = table.frame(int(kept[int(np.argmax(alike))]))
+    can_be = alike | _can_be(figures, beams)
+    if absurd := int((~can_be).sum()):
+        issues.append(
+            Issue("other-scans", f"{name}: {counted(absurd, 'scan')} of angles of no lidar left aside", absurd)
+        )
+        kept, stamps, beams = kept[can_be], stamps[can_be], beams[can_be]
+        figures, alike = figures[can_be], alike[can_be]
+    laid = not alike.all()
+    if laid:
+        fan = fan if 2 * alike.sum() > len(alike) else _finer_fan(figures, beams, fan)
+        check_fan(fan.beams, fan.angle_increment, file=bag.path, field=f"{table.topic.name}: angle_increment")
+        text = f"{name}: {counted(int((~alike).sum()), 'scan')} of other beams than most: laid by their angles on "
+        issues.append(Issue("other-scans", f"{text}{fan.beams} beams", int((~alike).sum())))
+    places = np.array(table.places).reshape(-1, 3)[kept]
+    read = _first_echoes if table.topic.kind == MULTI_ECHO else _ranges
 
     def load(indices: NDArray[np.intp]) -> Rows:
-        rows = np.empty((len(indices), fan.beams), np.float32)
-        for row, data in zip(rows, bag.messages(topic, chosen[indices]), strict=True):
+        rows = np.full((len(indices), fan.beams), np.nan, np.float32)
+        for row, index, data in zip(rows, indices.tolist(), bag.payloads(places[indices]), strict=True):
             try:
-                row[:] = read(data, bag.ros1, fan.beams)
-            except (BrokenMessageError, ValueError) as error:
-                raise InputError(f"a scan is broken: {error}", file=bag.path, field=topic.name) from error
+                ranges = read(bag.decode(table.topic, data))
+            except ValueError as error:
+                raise InputError(f"a scan is broken: {error}", file=bag.path, field=table.topic.name) from error
+            if laid:
+                lay(row, ranges, figures[index, 0] + _step(figures[index]) * np.arange(len(ranges)), fan)
+            else:
+                row[:] = ranges
         return rows
 
-    scans = Scans(topic.name, frame, stamps[alike], fan, load)
-    return _with_limit(bag.path, _with_step(bag.path, scans, issues), issues)
+    scans = Scans(table.topic.name, frame, stamps, fan, load)
+    scans = _with_limit(bag.path, _with_step(bag.path, scans, issues), issues)
+    if scans.fan.time_increment >= 0:
+        return scans
+    return replace(scans, fan=scans.fan.reversed(), load=lambda indices: load(indices)[:, ::-1])
+
+
+def _ranges(message: Any) -> Rows:
+    ranges: Rows = message.ranges
+    return ranges
+
+
+def _first_echoes(message: Any) -> Rows:
+    """The first echo of each beam; a beam without one has no return."""
+    firsts = [beam.echoes[0] if len(beam.echoes) else np.inf for beam in message.ranges]
+    return np.array(firsts, np.float32)
+
+
+def lay(row: Rows, ranges: Rows, angles: NDArray[np.float64], fan: Fan) -> None:
+    """Put the ranges of beams at some angles into the nearest beams of a fan; of two in one the nearer counts."""
+    turn = 2 * np.pi / abs(fan.angle_increment)
+    steps = (angles - fan.angle_min) / fan.angle_increment
+    beams = np.rint(np.mod(steps + 0.5, turn) - 0.5)
+    inside = (beams >= 0) & (beams < fan.beams)
+    at, found = beams[inside].astype(np.intp), ranges[inside].astype(np.float32)
+    np.fmin.at(row, at, found)
+
+
+def _step(figures: NDArray[np.float64]) -> float:
+    """Between the beams of a scan [rad]."""
+    first, last, step, _, _, _, beams = figures.tolist()
+    return float(step or (last - first) / max(1, beams - 1))
+
+
+def _can_be(figures: NDArray[np.float64], beams: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Which scans have angles in radians that go round once."""
+    steps = np.array([_step(row) for row in figures])
+    turn = np.abs(steps) * (beams - 1) <= 2 * np.pi + np.abs(steps) / 2
+    return np.asarray((np.abs(figures[:, 0]) <= 4 * np.pi) & turn & (steps != 0))
 
 
 def _common_fan(
     path: Path, topic: Topic, figures: NDArray[np.float64], beams: NDArray[np.int64], issues: list[Issue]
 ) -> tuple[NDArray[np.bool_], Fan]:
-    """Which scans have the fan of most of them, and that."""
+    """Which scans have the fan of most of them, to half a step at both ends, and that."""
     numbers, counts = np.unique(beams, return_counts=True)
     most = int(numbers[np.argmax(counts)])
     same = beams == most
@@ -148,11 +225,32 @@ def _common_fan(
     half = abs(increment) / 2
     alike = same & (np.abs(figures[:, 0] - angle_min) <= half)
     alike &= (np.abs(ends - last) <= half) | (figures[:, 2] == 0)
-    if others := int((~alike).sum()):
-        text = f"{path.name}: {topic.name}: {counted(others, 'scan')} of other beams than {most} left aside"
-        issues.append(Issue("other-scans", text, others))
-    time_increment, _, range_min, range_max = (_most_frequent(column[alike]) for column in figures[:, 3:7].T)
-    return alike, Fan(most, angle_min, increment, max(0.0, range_min), range_max, max(0.0, time_increment))
+    time_increment, range_min, range_max = (_most_frequent(column[alike]) for column in figures[:, 3:6].T)
+    return alike, Fan(most, angle_min, increment, max(0.0, range_min), range_max, time_increment)
+
+
+def _finer_fan(figures: NDArray[np.float64], beams: NDArray[np.int64], common: Fan) -> Fan:
+    """A fan over all the directions of scans that have beams of their own each."""
+    steps = np.array([_step(row) for row in figures])
+    ends = figures[:, 0] + (beams - 1) * steps
+    step = float(np.median(np.abs(steps))) / FINER
+    low, high = float(np.minimum(figures[:, 0], ends).min()), float(np.maximum(figures[:, 0], ends).max())
+    around = round(2 * np.pi / step)
+    if high - low > 2 * np.pi - 2 * FINER * step:
+        count, step = around, 2 * np.pi / around
+    else:
+        count = round((high - low) / step) + 1
+    count = min(count, MAX_BEAMS)
+    sweep = np.median(figures[:, 3] / np.where(steps == 0, np.inf, np.abs(steps)))
+    up = common.angle_increment > 0
+    first = low if up else high
+    return replace(
+        common,
+        beams=count,
+        angle_min=first,
+        angle_increment=step if up else -step,
+        time_increment=float(np.nan_to_num(sweep, posinf=0, neginf=0)) * step,
+    )
 
 
 def _most_frequent(values: NDArray[np.float64]) -> float:
@@ -166,7 +264,7 @@ def _with_step(path: Path, scans: Scans, issues: list[Issue]) -> Scans:
     """The scans with a time between beams that can be: of a scan that is over before the next but one begins."""
     fan = scans.fan
     period = float(np.median(np.diff(scans.stamps))) if len(scans.stamps) > 1 else np.inf
-    if fan.time_increment * fan.beams <= 2 * period and fan.time_increment <= MAX_STEP:
+    if abs(fan.time_increment) * fan.beams <= 2 * period and abs(fan.time_increment) <= MAX_STEP:
         return scans
     text = f"{path.name}: {scans.topic}: time_increment of {fan.time_increment:g} s is more than scans take; not used"
     issues.append(Issue("time-increment", text))
@@ -183,35 +281,3 @@ def _with_limit(path: Path, scans: Scans, issues: list[Issue]) -> Scans:
     text = f"{path.name}: {scans.topic}: range_max of {fan.range_max:g} m; {limit:g} m is taken, by the ranges"
     issues.append(Issue("range-max", text))
     return replace(scans, fan=replace(fan, range_min=0.0 if fan.range_min >= limit else fan.range_min, range_max=limit))
-
-
-def _at_beams(data: bytes, ros1: bool) -> Cursor:
-    """A cursor before the ranges: behind header and figures."""
-    cursor = Cursor(data, ros1=ros1)
-    cursor.position = 12
-    cursor.raw_text()
-    cursor.align(4)
-    cursor.position += 28
-    return cursor
-
-
-def _laser_scan(data: bytes, ros1: bool, beams: int) -> Rows:
-    return _at_beams(data, ros1).array("f4")[:beams]
-
-
-def _multi_echo(data: bytes, ros1: bool, beams: int) -> Rows:
-    """The first echo of each beam; a beam without one has no return."""
-    cursor = _at_beams(data, ros1)
-    if cursor.number("I") != beams:
-        raise BrokenMessageError("another number of beams")
-    left = (len(data) - cursor.position) // 4
-    words = cursor.array("u4", left)
-    values, lengths = words.view(f"{cursor.order}f4"), words.tolist()
-    firsts = np.empty(beams, np.intp)
-    at = 0
-    for beam in range(beams):
-        if at >= left or at + lengths[at] >= left + 1:
-            raise BrokenMessageError("cut short")
-        firsts[beam] = at + 1 if lengths[at] else -1
-        at += 1 + lengths[at]
-    return np.where(firsts < 0, np.float32(np.inf), values[firsts].astype(np.float32))

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import bz2
+import shutil
 import sqlite3
 import struct
+from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
 
@@ -18,17 +20,9 @@ from parts.mutations import mutated
 
 from moteslam import open_recording
 from moteslam.errors import InputError, MoteslamError
-from moteslam.robot.formats.bags import container
-from moteslam.robot.formats.bags.bag import Bag
+from moteslam.robot.formats.bags import containers, folder, rosbag1
 
-FILES = {
-    "bag": "made.bag",
-    "bz2": "made.bag",
-    "lz4": "made.bag",
-    "mcap": "made.mcap",
-    "zstd": "made.mcap",
-    "db3": "made.db3",
-}
+FILES = {"bag": "x.bag", "bz2": "x.bag", "lz4": "x.bag", "mcap": "x.mcap", "zstd": "x.mcap", "db3": "x.db3"}
 
 
 @pytest.fixture(scope="module")
@@ -69,154 +63,126 @@ def test_bags_that_are_cut_short_end_in_one_line(
     read_all(path)
 
 
+def without_index(content: bytes) -> bytes:
+    """A ROS 1 bag as it is while it is recorded."""
+    at = content.index(b"index_pos=") + len(b"index_pos=")
+    (end,) = struct.unpack_from("<Q", content, at)
+    return content[:at] + bytes(8) + content[at + 8 : end]
+
+
+def in_a_chunk(content: bytes) -> bytes:
+    """A ROS 1 bag whose recorder was killed amidst its last chunk: sizes of 0, and a message that is cut."""
+    content = without_index(content)
+    header = content.rindex(struct.pack("<I", 41), 0, content.rindex(b"op=\x05"))  # with op, compression and size
+    data, size = header + 45, content.rindex(b"size=", 0, header + 45) + 5
+    assert header < size < data
+    return content[:size] + bytes(4) + content[size + 4 : data] + bytes(4) + content[data + 4 : -200_000]
+
+
+def long_bag(folder: Path, kind: str) -> bytes:
+    """A bag of two chunks: 120 scans, 86 of them in the first."""
+    return make_bag(folder, (scan(0.1 * index, np.ones(3000)) for index in range(120)), kind).read_bytes()
+
+
 @pytest.mark.parametrize(
-    ("kind", "keep", "problem"),
+    ("kind", "change", "scans"),
     [
-        ("bag", 0.3, r"made\.bag: cut short: its index is at byte"),
-        ("bag", 0.99, r"made\.bag: cut short or damaged at byte"),
-        ("lz4", 0.5, r"made\.bag: cut short: its index is at byte"),
-        ("db3", 0.5, r"made\.db3: "),
+        ("bag", without_index, 120),
+        ("lz4", without_index, 120),
+        ("bag", in_a_chunk, 102),
+        ("bag", lambda content: content[: -len(content) // 4], 87),
+        ("bag", lambda content: content[:-40], 120),
+        ("mcap", lambda content: content[: content.rindex(b"serialized_metadata") - 100], 120),
+        ("mcap", lambda content: content[: -len(content) // 4], 87),
+        ("zstd", lambda content: content[: content.rindex(b"serialized_metadata") - 100], 120),
     ],
 )
-def test_what_is_missing_is_named(
-    tmp_path: Path, contents: dict[str, bytes], kind: str, keep: float, problem: str
+def test_what_was_not_closed_is_gone_through(
+    tmp_path: Path, kind: str, change: Callable[[bytes], bytes], scans: int
 ) -> None:
-    path = tmp_path / FILES[kind]
-    path.write_bytes(contents[kind][: int(keep * len(contents[kind]))])
-    with pytest.raises(InputError, match=problem):
-        open_recording(path)
-
-
-def test_an_mcap_file_without_summary_is_gone_through(tmp_path: Path, contents: dict[str, bytes]) -> None:
-    path = tmp_path / "made.mcap"
-    whole = contents["mcap"]
-    path.write_bytes(whole[: whole.rindex(b"serialized_metadata") - 100])
+    path = tmp_path / "x"
+    path.write_bytes(change(long_bag(tmp_path, kind)))
     recording = open_recording(path)
     assert recording.lidar is not None
-    assert len(recording.lidar) == 8
-    assert recording.lidar.ranges[7, 0] == np.float32(1.07)
-    assert [issue.code for issue in recording.warnings] == ["damaged-bag"]
-    assert "made.mcap: it was not closed; what came before is used" in recording.warnings[0].message
+    assert abs(len(recording.lidar) - scans) <= 2
+    assert recording.lidar.ranges[len(recording.lidar) - 1, 0] == 1.0
+    assert [issue.code for issue in recording.warnings] == ["damaged-bag", "no-mount"]
 
 
-def test_a_bag_that_was_not_closed_is_refused_with_a_way_out(tmp_path: Path, contents: dict[str, bytes]) -> None:
-    content = bytearray(contents["bag"])
-    at = content.index(b"index_pos=") + len(b"index_pos=")
-    content[at : at + 8] = bytes(8)
-    path = tmp_path / "x.bag"
-    path.write_bytes(content)
-    with pytest.raises(InputError, match=r"was not closed and has no index, expected one: rosbag reindex makes it"):
-        open_recording(path)
+def changed(content: bytes, after: bytes, value: bytes) -> bytes:
+    at = content.index(after) + len(after)
+    return content[:at] + value + content[at + len(value) :]
 
 
-def test_a_chunk_that_unpacks_to_more_than_it_declares_is_refused(tmp_path: Path, contents: dict[str, bytes]) -> None:
-    content = bytearray(contents["bz2"])
-    at = content.index(b"size=") + len(b"size=")
-    content[at : at + 4] = struct.pack("<I", 1000)
-    path = tmp_path / "x.bag"
-    path.write_bytes(content)
-    with pytest.raises(InputError, match=r"chunk at byte \d+ unpacks to more, expected 1000 bytes"):
-        open_recording(path)
-
-
-@pytest.mark.parametrize(("kind", "field"), [("bag", b"size="), ("lz4", b"size=")])
-def test_a_chunk_that_declares_too_much_is_refused(
-    tmp_path: Path, contents: dict[str, bytes], kind: str, field: bytes
+@pytest.mark.parametrize(
+    ("kind", "change", "problem"),
+    [
+        ("bag", lambda content: content[: len(content) // 8], "cut short|damaged|expected"),
+        ("db3", lambda content: content[: len(content) // 2], "not a recording known here|damaged"),
+        ("bz2", lambda content: changed(content, b"size=", struct.pack("<I", 1000)), "unpacks to more, expected 1000"),
+        ("lz4", lambda content: changed(content, b"size=", struct.pack("<I", 2**32 - 1)), "4294967295 unpacked"),
+        ("bag", lambda content: content.replace(b"V2.0", b"V1.2", 1), "a bag of format 1.2, expected 2.0: .*reindex"),
+        ("bag", lambda content: content[:13], "damaged"),
+        ("mcap", lambda content: content[:8], "messages of 0 ROS encodings"),
+    ],
+)
+def test_what_cannot_be_read_is_refused(
+    tmp_path: Path, contents: dict[str, bytes], kind: str, change: Callable[[bytes], bytes], problem: str
 ) -> None:
-    content = bytearray(contents[kind])
-    at = content.index(field) + len(field)
-    content[at : at + 4] = struct.pack("<I", 2**32 - 1)
-    path = tmp_path / "x.bag"
-    path.write_bytes(content)
-    with pytest.raises(InputError, match=r"chunk of 4294967295 bytes unpacked, expected at most 268435456"):
-        open_recording(path)
+    path = tmp_path / FILES[kind]
+    path.write_bytes(change(contents[kind]))
+    with pytest.raises(InputError, match=problem):
+        np.asarray(open_recording(path).lidar.ranges)  # type: ignore[union-attr]
 
 
 @pytest.mark.parametrize("compression", ["bz2", "lz4", "zstd"])
-def test_nothing_unpacks_to_more_than_it_declares(compression: str) -> None:
+def test_nothing_unpacks_to_more_than_it_is_allowed(compression: str) -> None:
     import lz4.frame
 
-    bomb = bytes(50_000_000)
-    packed = {"bz2": bz2.compress, "lz4": lz4.frame.compress, "zstd": container.zstd().compress}[compression](bomb)
-    chunk = container.StoredChunk(0, len(packed), compression, 1000)
-    with pytest.raises(InputError, match="unpacks to more, expected 1000 bytes"):
-        container.unpacked(packed, chunk, Path("x"))
+    packers = {"bz2": bz2.compress, "lz4": lz4.frame.compress, "zstd": containers.zstd().compress}
+    assert len(containers.UNPACKERS[compression](packers[compression](bytes(50_000_000)), 1001)) == 1001
 
 
 def test_more_messages_than_any_bag_has_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = make_bag(tmp_path, drive(8))
-    monkeypatch.setattr(container, "MAX_MESSAGES", 20)
-    with pytest.raises(InputError, match="over 20 messages, expected fewer"):
+    monkeypatch.setattr(rosbag1, "MAX_MESSAGES", 20)
+    with pytest.raises(InputError, match=r"an index of .* messages, expected fewer"):
         open_recording(path)
 
 
-def test_a_message_that_is_too_large_is_refused(tmp_path: Path, contents: dict[str, bytes]) -> None:
-    path = tmp_path / "x.bag"
-    content = bytearray(contents["bag"])
-    at = content.index(b"op=\x02")
-    header = content.rindex(struct.pack("<I", 4) + b"op=\x02", 0, at + 4) - 4
-    (length,) = struct.unpack_from("<I", content, header)
-    content[header + 4 + length : header + 8 + length] = struct.pack("<I", 100 << 20)
-    path.write_bytes(content)
-    with pytest.raises(InputError, match=r"message of 104857600 bytes, expected at most 67108864|no whole message"):
-        list(Bag(path).messages(Bag(path).topics[0]))
-
-
-@pytest.mark.parametrize(
-    ("name", "problem"),
-    [
-        ("../other.db3", r"relative_file_paths: '\.\./other\.db3' lies outside the folder"),
-        ("/etc/passwd", r"relative_file_paths: '/etc/passwd' lies outside the folder"),
-        ("nothing.db3", r"relative_file_paths: 'nothing\.db3' is not there"),
-        ("link.db3", r"relative_file_paths: 'link\.db3' leads outside the folder"),
-    ],
-)
-def test_files_outside_the_folder_are_refused(tmp_path: Path, name: str, problem: str) -> None:
-    folder = make_bag(tmp_path, drive(2), "folder")
-    (tmp_path / "other.db3").write_bytes((folder / "made.db3").read_bytes())
-    (folder / "link.db3").symlink_to(tmp_path / "other.db3")
-    metadata = folder / "metadata.yaml"
+@pytest.mark.parametrize("name", ["../other.db3", "/etc/passwd", "nothing.db3", "link.db3"])
+def test_files_outside_the_folder_are_refused(tmp_path: Path, name: str) -> None:
+    bag = make_bag(tmp_path, drive(2), "folder")
+    shutil.copyfile(bag / "made.db3", tmp_path / "other.db3")
+    (bag / "link.db3").symlink_to(tmp_path / "other.db3")
+    metadata = bag / "metadata.yaml"
     metadata.write_text(metadata.read_text().replace("- made.db3", f"- {name}", 1))
-    with pytest.raises(InputError, match=problem):
-        open_recording(folder)
+    with pytest.raises(InputError, match=r"relative_file_paths: .*, expected the name of a file in the folder"):
+        open_recording(bag)
 
 
 @pytest.mark.parametrize(
     ("old", "new", "problem"),
     [
-        (
-            "storage_identifier: sqlite3",
-            "storage_identifier: tape",
-            r"storage_identifier: 'tape', expected sqlite3 or mcap",
-        ),
-        ("compression_mode: ''", "compression_mode: file", "compression_mode: files packed as a whole"),
-        ("compression_mode: ''", "compression_mode: magic", "compression_mode: magic , expected zstd or none"),
+        ("compression_mode: ''", "compression_mode: magic", "compression_mode: magic .*, expected zstd"),
         ("rosbag2_bagfile_information:", "rosbag2_bagfile_information: [", r"metadata\.yaml: not YAML"),
         ("rosbag2_bagfile_information:", "a: rosbag2_bagfile_information\nb:", "missing or no table"),
+        (
+            "rosbag2_bagfile_information:",
+            "x: !!python/object/apply:os.getcwd []\nrosbag2_bagfile_information:",
+            "not YAML",
+        ),
         ("relative_file_paths:", "files_there:", "relative_file_paths: no list of files"),
+        ("- made.db3", "- made.db3\n  - made.db3", "relative_file_paths: no list of files"),
     ],
 )
 def test_metadata_that_is_none_is_refused(tmp_path: Path, old: str, new: str, problem: str) -> None:
-    folder = make_bag(tmp_path, drive(2), "folder")
-    metadata = folder / "metadata.yaml"
-    text = metadata.read_text()
-    assert old in text
-    metadata.write_text(text.replace(old, new, 1))
+    bag = make_bag(tmp_path, drive(2), "folder")
+    metadata = bag / "metadata.yaml"
+    assert old in metadata.read_text()
+    metadata.write_text(metadata.read_text().replace(old, new, 1))
     with pytest.raises(InputError, match=problem):
-        open_recording(folder)
-
-
-def test_a_file_that_is_named_twice_is_refused(tmp_path: Path) -> None:
-    folder = make_bag(tmp_path, drive(2), "folder")
-    metadata = folder / "metadata.yaml"
-    metadata.write_text(metadata.read_text().replace("- made.db3", "- made.db3\n  - made/made.db3", 1))
-    with pytest.raises(InputError, match="relative_file_paths: a file twice, expected each once"):
-        open_recording(folder)
-
-
-def long_bag(folder: Path, kind: str) -> Path:
-    """A bag of two chunks."""
-    return make_bag(folder, (scan(0.1 * index, np.ones(3000)) for index in range(120)), kind)
+        open_recording(bag)
 
 
 def places_of_chunks(content: bytes, kind: str) -> list[int]:
@@ -235,30 +201,12 @@ def places_of_chunks(content: bytes, kind: str) -> list[int]:
 
 @pytest.mark.parametrize("kind", ["bag", "mcap"])
 def test_chunks_that_overlap_are_refused(tmp_path: Path, kind: str) -> None:
-    path = long_bag(tmp_path, kind)
-    content = bytearray(path.read_bytes())
+    content = bytearray(long_bag(tmp_path, kind))
     first, second = places_of_chunks(content, kind)
     content[second : second + 8] = content[first : first + 8]
-    path.write_bytes(content)
+    (tmp_path / "x").write_bytes(content)
     with pytest.raises(InputError, match=r"chunk at byte \d+ begins within another"):
-        open_recording(path)
-
-
-def test_yaml_makes_no_objects(tmp_path: Path) -> None:
-    folder = make_bag(tmp_path, drive(2), "folder")
-    metadata = folder / "metadata.yaml"
-    metadata.write_text(f"{metadata.read_text()}\nx: !!python/object/apply:os.getcwd []\n")
-    with pytest.raises(InputError, match="not YAML: could not determine a constructor"):
-        open_recording(folder)
-
-
-@pytest.mark.parametrize("storage", ["[x]", "{a: 1}", "7", "null"])
-def test_a_storage_that_is_no_name_is_refused(tmp_path: Path, storage: str) -> None:
-    (tmp_path / "metadata.yaml").write_text(
-        f"rosbag2_bagfile_information: {{relative_file_paths: [a.db3], storage_identifier: {storage}, version: 5}}\n"
-    )
-    with pytest.raises(InputError, match=r"metadata\.yaml: storage_identifier: .*, expected sqlite3 or mcap"):
-        open_recording(tmp_path)
+        open_recording(tmp_path / "x")
 
 
 def test_computed_columns_of_a_database_are_refused(tmp_path: Path) -> None:
@@ -270,20 +218,18 @@ def test_computed_columns_of_a_database_are_refused(tmp_path: Path) -> None:
             "data BLOB AS (zeroblob(1000000000)))"
         )
         connection.commit()
-    with pytest.raises(InputError, match="part of a ROS 2 bag"):  # not known as a database of its own
-        open_recording(path)
-    with pytest.raises(InputError, match="table messages has computed columns, expected plain ones"):
-        Bag(path)
+    with pytest.raises(InputError, match="no plain table messages"):
+        folder.open_container(path)
 
 
-def test_a_scan_that_lies_about_its_length_is_refused_when_it_is_read(tmp_path: Path) -> None:
-    path = make_bag(tmp_path, [scan(0, np.ones(50)), scan(1, np.ones(50))])
+def test_a_scan_that_lies_about_its_length_is_dropped(tmp_path: Path) -> None:
+    path = make_bag(tmp_path, [scan(index, np.ones(50 if index else 51)) for index in range(3)])
     content = path.read_bytes()
-    path.write_bytes(content.replace(struct.pack("<I", 50) + np.float32(1.0).tobytes(), struct.pack("<If", 60, 1.0)))
+    path.write_bytes(content.replace(struct.pack("<If", 51, 1.0), struct.pack("<If", 60, 1.0)))
     recording = open_recording(path)
     assert recording.lidar is not None
-    with pytest.raises(InputError, match=r"/scan: a scan is broken: cut short"):
-        recording.lidar.ranges[:]
+    assert len(recording.lidar) == 2
+    assert "broken-messages" in [issue.code for issue in recording.warnings]
 
 
 def test_another_definition_of_a_type_is_left_aside(tmp_path: Path) -> None:

@@ -11,8 +11,7 @@ from made_bags import START, imu, make_bag, placed
 from numpy.typing import NDArray
 
 from moteslam import open_recording
-from moteslam.robot.formats.bags.events import Event, transform, turned
-from moteslam.robot.formats.bags.image_events import ImageEvents, camera_transforms
+from moteslam.robot.formats.bags.events import Event, camera_transforms, image_events, transform, turned
 from moteslam.robot.formats.bags.write import write_mcap, write_rosbag1
 from moteslam.robot.frames import camera_frames, read_frame
 from moteslam.robot.kinect import HEIGHT, NO_DISPARITY, WIDTH, depth_of, disparity_of
@@ -64,7 +63,7 @@ def test_disparities_and_depths() -> None:
 
 def events(encoding: str = "", *, width: int = WIDTH, focal: float = 1.0, camera: bool = True) -> list[Event]:
     """Images as written, in other encodings, or of other cameras."""
-    found = [event for stream in ImageEvents(recording_of()).streams() for event in stream]
+    found = [event for stream in image_events(recording_of().rgbd, []) for event in stream]
     changed = []
     for event in found:
         values = event.values

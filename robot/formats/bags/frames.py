@@ -1,0 +1,206 @@
+"""The frames of a bag's ``/tf`` and ``/tf_static``: where sensors stand on the robot, and its odometry.
+
+Frames as in ROS REP 105: ``odom`` moves smoothly under the robot's ``base_link`` or ``base_footprint``, on which the
+sensors stand. Names with and without a leading slash are the same.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from moteslam.errors import InputError
+from moteslam.robot.formats.bags.bag import SECOND, Table, Topic, frame_name
+from moteslam.robot.formats.bounds import MAX_PLACE
+from moteslam.robot.issues import Issue
+from moteslam.robot.se2 import wrap
+
+TRANSFORMS = ("tf2_msgs/TFMessage", "tf/tfMessage")
+
+BASES = ("base_footprint", "base_link")
+"""Frames of a robot, the first that a tree has."""
+
+MAX_FRAMES = 10_000
+"""Different pairs of frames that are kept."""
+
+LEVEL, TILTED = math.radians(2.0), math.radians(15.0)
+"""A lidar tilted by less counts as level, for transforms are measured by hand; one tilted by more does not scan the
+plane that the robot drives in [rad]."""
+
+_MOVES = 1e-3
+"""A frame that a later transform puts elsewhere by more than this [m, or of its quaternion] moves."""
+_DIGITS = 9
+
+Matrix = NDArray[np.float64]
+"""A pose in space [4, 4], homogeneous."""
+
+
+@dataclass
+class _Edge:
+    pose: tuple[float, ...]
+    static: bool
+    count: int = 0
+    latest: int = 0
+    moves: bool = False
+
+
+@dataclass(frozen=True)
+class Mount:
+    """Where a lidar stands in the robot's frame [m, rad], and whether its beams turn the other way, seen from above."""
+
+    x: float = 0.0
+    y: float = 0.0
+    z: float = 0.0
+    yaw: float = 0.0
+    upside_down: bool = False
+
+
+class Frames:
+    """The transforms of a bag: of a static one the last counts, as in tf2, of another the first.
+
+    Attributes:
+        odometry: by parent ``odom*`` and child, its transforms, seven numbers each.
+        broken: transforms that are no poses.
+    """
+
+    def __init__(self) -> None:
+        self._edges: dict[tuple[str, str], _Edge] = {}
+        self.odometry: dict[tuple[str, str], Table] = {}
+        self.broken = 0
+
+    def add(self, message: Any, order: int, *, topic: Topic) -> None:
+        """A message of a topic, ``tf_static`` or another."""
+        static = topic.name.endswith("tf_static")
+        for each in message.transforms:
+            frames = (frame_name(each.header.frame_id), frame_name(each.child_frame_id))
+            place, turn = each.transform.translation, each.transform.rotation
+            pose = (place.x, place.y, place.z, turn.x, turn.y, turn.z, turn.w)
+            edge = self._edges.get(frames)
+            if edge is None:
+                if len(self._edges) >= MAX_FRAMES:
+                    return
+                edge = self._edges[frames] = _Edge(pose, static)
+                if frames[0].rpartition("/")[2].startswith("odom"):
+                    topic_of = Topic(f"/tf {frames[0]} to {frames[1]}", topic.kind, "", 0, frozenset())
+                    self.odometry[frames] = Table(topic_of, lambda _: (), 7)
+            edge.count, edge.latest = edge.count + 1, order
+            if pose != edge.pose:
+                apart = max(abs(a - b) for a, b in zip(pose, edge.pose, strict=True))
+                edge.moves |= not apart <= _MOVES
+                if static:
+                    edge.pose, edge.static = pose, True
+            if (table := self.odometry.get(frames)) is not None:
+                table.stamps.append(each.header.stamp.sec * SECOND + each.header.stamp.nanosec)
+                table.received.append(0)
+                table.order.append(order)
+                table.numbers.extend(pose)
+                table.marks.append(hash(pose))
+
+    def __contains__(self, frame: str) -> bool:
+        return any(frame in pair for pair in self._edges)
+
+    def base(self) -> str | None:
+        """The robot's frame, by its usual names; with a prefix where there are no others."""
+        names = dict.fromkeys(name for pair in self._edges for name in pair)
+        for base in BASES:
+            if found := [name for name in names if name == base] or [
+                name for name in names if name.endswith(f"/{base}")
+            ]:
+                return found[0] if len(found) == 1 else None
+        return None
+
+    def odometry_under(self, frame: str) -> tuple[str, Table] | None:
+        """The odometry of transforms whose child carries a frame, else that with most; its child and its transforms."""
+        if not self.odometry:
+            return None
+
+        def rank(item: tuple[tuple[str, str], Table]) -> tuple[bool, int]:
+            (_, child), table = item
+            return self.place(frame, child) is not None, len(table.stamps)
+
+        (_, child), table = max(self.odometry.items(), key=rank)
+        return child, table
+
+    def place(self, frame: str, base: str) -> tuple[Matrix, list[_Edge]] | None:
+        """Where a frame stands in another, and the transforms on the way; None where none connect them."""
+        ours, theirs = self._above(frame), self._above(base)
+        shared = base if base in ours else next((name for name in ours if name in theirs), None)
+        if shared is None:
+            return None
+        (pose, way), (other, rest) = ours[shared], theirs[shared]
+        return np.linalg.inv(other) @ pose, way + rest
+
+    def _above(self, frame: str) -> dict[str, tuple[Matrix, list[_Edge]]]:
+        """The frame and all above it, with its pose in each; of two parents both are gone up to."""
+        found: dict[str, tuple[Matrix, list[_Edge]]] = {frame: (np.eye(4), [])}
+        waiting = [frame]
+        while waiting:
+            below = waiting.pop(0)
+            parents = [(parent, edge) for (parent, child), edge in self._edges.items() if child == below]
+            for parent, edge in sorted(parents, key=lambda one: (-one[1].static, -one[1].count, -one[1].latest)):
+                length = math.hypot(*edge.pose[3:])
+                if parent in found or not length > _MOVES or not all(abs(value) <= MAX_PLACE for value in edge.pose):
+                    continue
+                pose, way = found[below]
+                found[parent] = (_matrix(edge.pose) @ pose, [*way, edge])
+                waiting.append(parent)
+        return found
+
+
+def lidar_mount(path: Path, topic: str, frame: str, frames: Frames, base: str | None, issues: list[Issue]) -> Mount:
+    """The mount of the lidar whose scans are in a frame; the robot's centre where no transforms lead there.
+
+    Args:
+        path, topic: of the scans, for messages.
+        frame: of the scans.
+        frames: of the bag.
+        base: the robot's frame, where it is known.
+        issues: what is not as it should be is added.
+
+    Raises:
+        InputError: tilted by more than 15 degrees, from upright and from upside down.
+    """
+    placed = frames.place(frame, base) if base is not None else None
+    if placed is None:
+        names = base or " or ".join(BASES)
+        text = f"{path.name}: {topic}: no transform from {names} to {frame or 'its frame'}"
+        issues.append(Issue("no-mount", f"{text}; the lidar is taken to stand at the robot's centre"))
+        return Mount()
+    pose, way = placed
+    if any(edge.moves and not edge.static for edge in way):
+        text = f"{path.name}: {topic}: the transforms to {frame} change; the first is taken"
+        issues.append(Issue("mount-moves", text))
+    if any(edge.moves and edge.static for edge in way):
+        text = f"{path.name}: {topic}: a static transform to {frame} was given again, another; the last is taken"
+        issues.append(Issue("mount-corrected", text))
+    rotation = pose[:3, :3]
+    up = float(rotation[2, 2])
+    tilt = math.acos(min(1.0, abs(up)))
+    if tilt > TILTED:
+        problem = f"{frame} is tilted by {math.degrees(tilt):.0f} degrees in {base}, expected a lidar that lies level"
+        raise InputError(problem, file=path, field=topic)
+    if tilt > LEVEL:
+        text = f"{path.name}: {topic}: {frame} is tilted by {math.degrees(tilt):.1f} degrees; its scans count as level"
+        issues.append(Issue("lidar-tilted", text))
+    yaw = float(wrap(math.atan2(rotation[1, 0], rotation[0, 0])))
+    x, y, z = (round(float(value), _DIGITS) for value in pose[:3, 3])
+    return Mount(x, y, z, round(yaw, _DIGITS), upside_down=up < 0)
+
+
+def _matrix(pose: ArrayLike) -> Matrix:
+    """The pose [4, 4] of x, y, z and a quaternion x, y, z, w of any length but 0."""
+    values = np.asarray(pose, np.float64)
+    x, y, z, w = values[3:] / np.linalg.norm(values[3:])
+    matrix = np.eye(4)
+    matrix[:3, :3] = (
+        (1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)),
+        (2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)),
+        (2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)),
+    )
+    matrix[:3, 3] = values[:3]
+    return matrix

@@ -1,0 +1,449 @@
+"""What is wrong with bags that people have: read rightly with a warning, or refused in a line that says what to do."""
+
+from __future__ import annotations
+
+import math
+import os
+import shutil
+import sqlite3
+import struct
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from made_bags import START, drive, imu, make_bag, odometry, placed, scan
+
+from moteslam import open_recording
+from moteslam.errors import ConfigError, InputError
+from moteslam.robot.formats.bags.containers import zstd
+from moteslam.robot.formats.bags.events import Event, header
+from moteslam.robot.recording import LidarStream, OdometryStream, Recording
+
+SECOND = 1_000_000_000
+
+
+def codes(recording: Recording) -> list[str]:
+    return [issue.code for issue in recording.warnings]
+
+
+def lidar_of(recording: Recording) -> LidarStream:
+    assert recording.lidar is not None
+    return recording.lidar
+
+
+def odometry_of(recording: Recording) -> OdometryStream:
+    assert recording.odometry is not None
+    return recording.odometry
+
+
+def stamped(event: Event, seconds: float) -> Event:
+    """The same message with another stamp in its header."""
+    frame = event.values["header"]["frame_id"]
+    return replace(event, values={**event.values, "header": header(round(seconds * SECOND), frame)})
+
+
+def room(angles: np.ndarray) -> np.ndarray:
+    """The ranges to the walls of a square room of 6 m in the directions of these angles."""
+    return 3.0 / np.maximum(np.abs(np.cos(angles)), np.abs(np.sin(angles)))
+
+
+@pytest.mark.parametrize("turn", [1, -1], ids=["counterclockwise", "clockwise"])
+@pytest.mark.parametrize("vary", ["number", "first"])
+def test_beams_that_differ_from_scan_to_scan_are_laid_on_one_fan(tmp_path: Path, turn: int, vary: str) -> None:
+    events = []
+    for index in range(30):
+        beams = 430 + 7 * (index * 5 % 13) if vary == "number" else 450
+        first = turn * (-math.pi + (0.0 if vary == "number" else 0.013 * (index % 7)))
+        step = turn * 2 * math.pi / beams
+        ranges = room(first + step * np.arange(beams))
+        figures = {"angle_min": first, "angle_max": first + (beams - 1) * step, "angle_increment": step}
+        events.append(scan(0.1 * index, ranges, time_increment=0.09 / beams, **figures))
+    recording = open_recording(make_bag(tmp_path, events))
+    lidar = lidar_of(recording)
+    assert codes(recording) == ["other-scans", "no-mount"]
+    assert len(lidar) == 30
+    assert lidar.angle_increment * turn > 0
+    assert lidar.time_increment * lidar.ranges.shape[1] == pytest.approx(0.09, rel=0.03)
+    seen = np.isfinite(lidar.ranges[:])
+    assert (seen.sum(axis=1) > 420).all()
+    row, beam = np.nonzero(seen)
+    np.testing.assert_allclose(lidar.ranges[:][row, beam], room(lidar.angles[beam]), atol=3 * math.sqrt(2) * 0.002)
+
+
+def test_a_scan_of_absurd_angles_is_left_aside(tmp_path: Path) -> None:
+    events = [scan(0.1 * i, np.ones(5), **({"angle_min": 1e30} if i == 3 else {})) for i in range(9)]
+    recording = open_recording(make_bag(tmp_path, events))
+    assert len(lidar_of(recording)) == 8
+    assert "angles of no lidar left aside" in recording.warnings[0].message
+
+
+def reset(first: float, second: float, *, rising: bool = True) -> Iterator[tuple[Event, int]]:
+    """Two runs, the second with the stamps of the first; ``rising`` times of reception, or those of the stamps."""
+    for run, length in enumerate((first, second)):
+        for index in range(round(10 * length)):
+            time, received = 0.1 * index, 0.1 * index + (run * first if rising else 0)
+            yield scan(time, np.full(5, 1.0 + run)), START + round(received * SECOND)
+            yield odometry(time, (time, float(run), 0.0)), START + round(received * SECOND) + 1
+
+
+@pytest.mark.parametrize("kind", ["bag", "mcap", "db3"])
+@pytest.mark.parametrize("rising", [True, False])
+@pytest.mark.parametrize(("session", "run", "scans"), [(None, 1, 60), (1, 0, 40), ("2", 1, 60)])
+def test_a_clock_that_is_set_back_cuts_the_recording(
+    tmp_path: Path, kind: str, rising: bool, session: str | int | None, run: int, scans: int
+) -> None:
+    events, received = zip(*reset(4.0, 6.0, rising=rising), strict=True)
+    recording = open_recording(make_bag(tmp_path, events, kind, received=received), sequence=session)
+    assert codes(recording)[0] == "sessions"
+    assert "the sessions are 1 (3.9 s), 2 (5.9 s)" in recording.warnings[0].message
+    assert len(lidar_of(recording)) == scans
+    assert (lidar_of(recording).ranges[:] == 1.0 + run).all()
+    assert (odometry_of(recording).poses[:, 1] == run).all()
+    np.testing.assert_allclose(odometry_of(recording).poses[:, 0], 0.1 * np.arange(scans), atol=1e-12)
+
+
+@pytest.mark.parametrize(("session", "problem"), [("3", "'3', expected 1 to 2"), ("x", "'x', expected 1 to 2")])
+def test_a_session_that_is_not_there_is_refused(tmp_path: Path, session: str, problem: str) -> None:
+    events, received = zip(*reset(4.0, 6.0), strict=True)
+    with pytest.raises(InputError, match=problem):
+        open_recording(make_bag(tmp_path, events, received=received), sequence=session)
+
+
+def test_a_clock_that_is_set_ahead_by_days_cuts_the_recording(tmp_path: Path) -> None:
+    events = [stamped(scan(0.1 * i, np.ones(5)), 0.1 * i + (40.0 if i < 9 else 1.6e9)) for i in range(40)]
+    recording = open_recording(make_bag(tmp_path, events))
+    assert codes(recording)[0] == "sessions"
+    assert len(lidar_of(recording)) == 31
+
+
+def test_stamps_that_jitter_are_sorted(tmp_path: Path) -> None:
+    late = {7: 0.25, 8: -0.15, 15: -1.5, 16: -1.5}
+    events = [stamped(scan(0.1 * i, np.full(5, 1.0 + i)), 1.6e9 + 0.1 * i + late.get(i, 0.0)) for i in range(40)]
+    recording = open_recording(make_bag(tmp_path, events))
+    assert codes(recording) == ["stamps-go-back", "no-mount"]
+    assert len(lidar_of(recording)) == 40
+
+
+@pytest.mark.parametrize("count", [1, 3, 9])
+def test_first_stamps_of_zero_are_dropped(tmp_path: Path, count: int) -> None:
+    events = [
+        stamped(event, 0.0) if i < count else event
+        for i, event in enumerate(scan(0.1 * i, [1.0 + i / 4, 2.0]) for i in range(30))
+    ]
+    recording = open_recording(make_bag(tmp_path, events))
+    assert [(issue.code, issue.count) for issue in recording.warnings] == [("unset-stamps", count), ("no-mount", 1)]
+    np.testing.assert_array_equal(lidar_of(recording).ranges[:, 0], 1 + np.arange(count, 30) / 4)
+
+
+def test_a_clock_that_begins_at_zero_is_one(tmp_path: Path) -> None:
+    events = [stamped(scan(0.1 * i, [1.0, 2.0]), 0.1 * i) for i in range(30)]
+    assert len(lidar_of(open_recording(make_bag(tmp_path, events)))) == 30
+
+
+def test_doubles_and_empty_scans_are_left_aside_and_counted(tmp_path: Path) -> None:
+    events = [scan(0.1 * i, [] if i in (3, 4, 5, 6, 7) else [1.0 + i, 2.0]) for i in range(20)]
+    moves = [odometry(0.1 * i, (0.1 * i, 0.0, 0.0)) for i in range(20)]
+    again = [
+        events[9],
+        events[10],
+        moves[4],
+        scan(1.1, [7.0, 7.0]),
+    ]  # the last at the stamp of another, and not the same
+    recording = open_recording(make_bag(tmp_path, [*events[:12], *moves, *again, *events[12:]]))
+    found = [(issue.code, issue.count) for issue in recording.warnings if issue.code != "no-mount"]
+    assert found == [("doubles", 2), ("empty-scans", 5), ("doubles", 1)]
+    assert len(lidar_of(recording)) == 16
+    assert len(odometry_of(recording)) == 20
+
+
+def other_odometry(topic: str, frame: str, child: str, count: int, *, x: float = 9.0) -> list[Event]:
+    events = [odometry(0.05 * index, (x, 0.0, 0.0), topic=topic, child=child) for index in range(count)]
+    return [replace(event, values={**event.values, "header": header(event.time, frame)}) for event in events]
+
+
+@pytest.mark.parametrize(
+    ("topic", "frame", "child", "code"),
+    [
+        ("/ground_truth/state", "world", "base_link", "truth-left"),
+        ("/base_pose_ground_truth", "odom", "base_link", "truth-left"),
+        ("/gt", "odom", "base_link", "truth-left"),
+        ("/p3d/odom", "odom", "base_link", "truth-left"),
+        ("/truth", "odom", "base_link", "truth-left"),
+        ("/localised", "map", "base_link", "truth-left"),
+        ("/state", "/world", "base_link", "truth-left"),
+        ("/other/odom", "odom2", "other_base", "other-robot"),
+        ("/filtered", "anything", "base_link", "topics-left"),
+        ("/gtx/odometry", "start", "base_link", "topics-left"),
+    ],
+)
+def test_the_odometry_is_that_of_the_lidars_robot_and_never_the_truth(
+    tmp_path: Path, topic: str, frame: str, child: str, code: str
+) -> None:
+    elsewhere = [placed(0, "other_base", "other_laser", topic="/tf_static")]
+    path = make_bag(tmp_path, [*drive(), *elsewhere, *other_odometry(topic, frame, child, 50)])
+    recording = open_recording(path)
+    assert codes(recording) == [code]
+    assert topic in recording.warnings[0].message
+    assert len(odometry_of(recording)) == 20
+    named = open_recording(path, topics={"odometry": (topic,)})
+    assert (odometry_of(named).poses[:, 0] == 9.0).all()
+
+
+def test_of_two_robots_the_lidars_odometry_and_transforms_are_read(tmp_path: Path) -> None:
+    events = []
+    for robot, count, x in (("a", 40, 1.0), ("b", 20, 2.0)):
+        events += other_odometry(f"/{robot}/odom", "odom", "base_link", count, x=x)
+        events.append(placed(0, "base_link", "laser", (x, 0.0, 0.0), topic=f"/{robot}/tf_static"))
+        events += [scan(0.1 * i, [1.0, 2.0], topic=f"/{robot}/scan") for i in range(count)]
+    recording = open_recording(make_bag(tmp_path, events), topics={"lidar": ("/b/scan",)})
+    assert (odometry_of(recording).poses[:, 0] == 2.0).all()
+    assert recording.platform.lidar.x == 2.0
+
+
+def test_a_transform_that_is_missing_between_the_bases_makes_no_other_robot(tmp_path: Path) -> None:
+    events = [odometry(0.1 * i, (0.1 * i, 0.0, 0.0), child="base_footprint") for i in range(9)]
+    events += [
+        placed(0, "odom", "base_footprint"),
+        placed(0, "base_link", "laser", topic="/tf_static"),
+        scan(0, [1.0, 2.0]),
+    ]
+    recording = open_recording(make_bag(tmp_path, events))
+    assert len(odometry_of(recording)) == 9
+    assert codes(recording) == ["no-mount"]
+
+
+def test_only_the_truth_is_no_odometry(tmp_path: Path) -> None:
+    events = [scan(0.1 * i, [1.0, 2.0]) for i in range(9)]
+    recording = open_recording(make_bag(tmp_path, [*events, *other_odometry("/gt", "world", "base_link", 9)]))
+    assert recording.odometry is None
+    assert "truth-left" in codes(recording)
+
+
+def with_wal(folder: Path) -> Path:
+    """A SQLite bag whose recorder was killed: the second half of its messages is in the ``-wal`` file alone."""
+    made = make_bag(folder, drive(), "db3")
+    path = folder / "killed_0.db3"
+    connection = sqlite3.connect(made)
+    connection.execute("PRAGMA journal_mode = WAL")
+    rows = connection.execute("SELECT * FROM messages WHERE id > 30").fetchall()
+    connection.execute("DELETE FROM messages WHERE id > 30")
+    connection.commit()
+    connection.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchall()
+    connection.executemany("INSERT INTO messages VALUES (?, ?, ?, ?)", rows)
+    connection.commit()
+    shutil.copyfile(made, path)
+    shutil.copyfile(f"{made}-wal", f"{path}-wal")
+    connection.close()
+    return path
+
+
+def test_a_wal_beside_a_database_is_read_and_nothing_is_written_there(tmp_path: Path) -> None:
+    (tmp_path / "x").mkdir()
+    path = with_wal(tmp_path / "x")
+    before = {file: file.read_bytes() for file in path.parent.glob("killed*")}
+    recording = open_recording(path)
+    assert len(lidar_of(recording)) == 20
+    assert lidar_of(recording).ranges[19, 0] == np.float32(1.19)
+    assert codes(recording) == ["damaged-bag"]
+    assert {file: file.read_bytes() for file in path.parent.glob("killed*")} == before
+    Path(f"{path}-wal").unlink()
+    assert len(lidar_of(open_recording(path))) == 6
+
+
+def split(folder: Path, kind: str, names: tuple[str, ...]) -> Path:
+    """A recording in parts of ten scans, without metadata."""
+    (folder / "drive").mkdir()
+    events = list(drive(10 * len(names)))
+    for number, name in enumerate(names):
+        (folder / name).mkdir()
+        made = make_bag(folder / name, events[50 * number : 50 * (number + 1)], kind)
+        made.rename(folder / "drive" / name)
+    return folder / "drive"
+
+
+@pytest.mark.parametrize("kind", ["mcap", "db3"])
+@pytest.mark.parametrize("metadata", [None, ""])
+def test_parts_without_metadata_are_one_recording(tmp_path: Path, kind: str, metadata: str | None) -> None:
+    folder = split(tmp_path, kind, tuple(f"drive_{number}.{kind}" for number in (0, 1, 10)))
+    if metadata is not None:
+        (folder / "metadata.yaml").write_text(metadata)
+    recording = open_recording(folder)
+    assert codes(recording) == ["no-metadata"]
+    assert "8 are missing" in recording.warnings[0].message
+    np.testing.assert_array_equal(lidar_of(recording).stamps, np.round(1.6e9 + 0.1 * np.arange(30), 6))
+    assert lidar_of(recording).ranges[29, 0] == np.float32(1.29)
+
+
+def test_recordings_that_are_no_parts_of_one_are_not_put_together(tmp_path: Path) -> None:
+    folder = split(tmp_path, "mcap", ("monday_0.mcap", "tuesday_0.mcap"))
+    with pytest.raises(InputError, match="a folder with recordings in it, expected one of them"):
+        open_recording(folder)
+
+
+def test_files_packed_as_a_whole_are_unpacked(tmp_path: Path) -> None:
+    folder = make_bag(tmp_path, drive(), "folder")
+    (folder / "made.db3.zstd").write_bytes(zstd().compress((folder / "made.db3").read_bytes()))
+    (folder / "made.db3").unlink()
+    text = (folder / "metadata.yaml").read_text().replace("made.db3", "made.db3.zstd")
+    text = text.replace("compression_mode: ''", "compression_mode: FILE")
+    (folder / "metadata.yaml").write_text(text.replace("compression_format: ''", "compression_format: zstd"))
+    recording = open_recording(folder)
+    assert recording.warnings == ()
+    assert lidar_of(recording).ranges[19, 0] == np.float32(1.19)
+    (folder / "made.db3.zstd").write_bytes(zstd().compress(bytes(200_000_000)))
+    with pytest.raises(InputError, match="unpacks to more than a recording does: unpack it with zstd -d"):
+        open_recording(folder)
+
+
+def test_the_length_of_an_index_record_is_not_looked_at(tmp_path: Path) -> None:
+    path = make_bag(tmp_path, drive())
+    content = bytearray(path.read_bytes())
+    at, found = content.find(b"op=\x04"), 0
+    while at >= 0:
+        begin = content.rfind(struct.pack("<I", 47), 0, at)
+        (size,) = struct.unpack_from("<I", content, begin + 51)
+        content[begin + 51 : begin + 55] = struct.pack("<I", size // 12 * 20)
+        at, found = content.find(b"op=\x04", at + 1), found + 1
+    assert found
+    path.write_bytes(content)
+    assert len(lidar_of(open_recording(path))) == 20
+
+
+@pytest.mark.parametrize(("topic", "x", "code"), [("/tf_static", 0.3, "mount-corrected"), ("/tf", 0.1, "mount-moves")])
+def test_of_static_transforms_the_last_counts(tmp_path: Path, topic: str, x: float, code: str) -> None:
+    mounts = [placed(index, "base_link", "laser", (0.1 + 0.2 * index, 0.0, 0.0), topic=topic) for index in range(2)]
+    recording = open_recording(make_bag(tmp_path, [*mounts, scan(0, [1.0, 2.0])]))
+    assert recording.platform.lidar.x == pytest.approx(x)
+    assert codes(recording) == [code]
+
+
+def test_of_two_parents_the_one_that_leads_to_the_base_counts(tmp_path: Path) -> None:
+    events = [placed(index, "camera", "laser", (9.0, 0.0, 0.0)) for index in range(5)]
+    events += [placed(0, "base_link", "laser", (0.2, 0.0, 0.0)), placed(0, "odom", "base_link"), scan(0, [1.0, 2.0])]
+    assert open_recording(make_bag(tmp_path, events)).platform.lidar.x == pytest.approx(0.2)
+
+
+def test_a_negative_time_between_beams_is_honoured(tmp_path: Path) -> None:
+    events = [scan(0.1 * i, [1.0, 2.0, 3.0], time_increment=-0.01) for i in range(5)]
+    recording = open_recording(make_bag(tmp_path, events))
+    lidar = lidar_of(recording)
+    assert lidar.time_increment == recording.platform.lidar.time_increment == pytest.approx(0.01)
+    np.testing.assert_array_equal(lidar.ranges[0], [3.0, 2.0, 1.0])
+    np.testing.assert_allclose(lidar.angles, [math.pi / 2, 0.0, -math.pi / 2], atol=1e-6)
+    assert lidar.stamps[0] == 1.6e9
+
+
+def turned_path(change: Callable[[dict[str, float]], dict[str, float]]) -> list[Event]:
+    """A robot that drives 3 m along x, turns in an arc, and drives 3 m along y; its quaternions are changed."""
+    s = np.linspace(0, 6 + math.pi / 2, 160)
+    yaw = np.clip(s - 3, 0, math.pi / 2)
+    x = np.minimum(s, 3) + np.sin(yaw)
+    y = 1 - np.cos(yaw) + np.maximum(0, s - 3 - math.pi / 2)
+    events = [odometry(0.05 * k, (float(x[k]), float(y[k]), float(yaw[k]))) for k in range(len(s))]
+    for event in events:
+        pose: dict[str, Any] = event.values["pose"]["pose"]
+        pose["orientation"] = change(pose["orientation"])
+    return [*events, *(scan(0.1 * k, [1.0, 2.0], frame="base_link") for k in range(80))]
+
+
+@pytest.mark.parametrize(
+    ("change", "problem"),
+    [
+        (lambda q: {**q, "w": 0.0}, "quaternions of length 0"),
+        (lambda q: {**q, "w": q["w"] * 0.3}, "quaternions of lengths 0.3 to 0.74, not 1"),
+        (lambda q: dict.fromkeys(q, 0.0), "160 of 160 quaternions of length 0"),
+        (lambda q: {**q, "z": 1.0, "w": 0.0}, "every heading is 180.0 degrees while the path turns"),
+        (lambda q: {**q, "z": 0.0, "w": 1.0}, "every heading is 0.0 degrees while the path turns"),
+        (lambda q: {**q, "z": q["w"], "w": -q["z"]}, None),
+        (lambda q: q, None),
+    ],
+)
+def test_headings_that_are_none_are_named_and_not_used(
+    tmp_path: Path, change: Callable[[dict[str, float]], dict[str, float]], problem: str | None
+) -> None:
+    recording = open_recording(make_bag(tmp_path, turned_path(change)))
+    assert codes(recording) == (["no-headings"] if problem else [])
+    if problem:
+        assert problem in recording.warnings[0].message
+        headings = odometry_of(recording).poses[:, 2]
+        np.testing.assert_allclose(headings[[0, 20, 140, 159]], [0, 0, math.pi / 2, math.pi / 2], atol=1e-6)
+        np.testing.assert_allclose(
+            headings, np.clip(np.linspace(0, 6 + math.pi / 2, 160) - 3, 0, math.pi / 2), atol=0.1
+        )
+
+
+def test_a_robot_that_drives_back_does_not_turn_round(tmp_path: Path) -> None:
+    places = [*np.linspace(0, 2, 50), *np.linspace(2, 0.5, 40)]
+    events = [odometry(0.05 * k, (x, 0.0, 0.0)) for k, x in enumerate(places)]
+    for event in events:
+        event.values["pose"]["pose"]["orientation"] = dict.fromkeys("xyzw", 0.0)
+    recording = open_recording(make_bag(tmp_path, [*events, scan(0, [1.0, 2.0], frame="base_link")]))
+    np.testing.assert_allclose(odometry_of(recording).poses[:, 2], 0, atol=1e-9)
+
+
+def test_streams_that_are_not_wanted_are_not_read(tmp_path: Path) -> None:
+    broken = [odometry(0.1 * i, (math.nan, 0.0, 0.0)) for i in range(9)] + [
+        imu(0.1 * i, (math.nan, 0, 0)) for i in range(9)
+    ]
+    path = make_bag(tmp_path, [*(scan(0.1 * i, [1.0, 2.0]) for i in range(9)), *broken])
+    with pytest.raises(InputError, match="/odom: 9 of 9 messages broken"):
+        open_recording(path)
+    recording = open_recording(path, streams=("lidar",))
+    assert len(lidar_of(recording)) == 9
+    assert codes(recording) == ["no-mount"]
+
+
+def two_lidars() -> list[Event]:
+    angles = np.linspace(-math.pi / 2, math.pi / 2, 181)
+    events = []
+    for topic, x in (("/front", 0.3), ("/rear", -0.3)):
+        ranges = np.minimum((3 - 0.3) / np.maximum(np.cos(angles), 1e-9), 3 / np.maximum(np.abs(np.sin(angles)), 1e-9))
+        events += [scan(0.1 * i, ranges, topic=topic, frame=f"{topic[1:]}_{x}") for i in range(4)]
+    return events
+
+
+def test_mounts_of_several_lidars_are_stated_by_topic(tmp_path: Path) -> None:
+    path = make_bag(tmp_path, two_lidars())
+    robot = tmp_path / "robot.toml"
+    robot.write_text('[lidars."/front"]\nx = 0.3\n[lidars."/rear"]\nx = -0.3\nyaw = 3.14159265\n')
+    topics = {"lidar": ("/front", "/rear")}
+    with pytest.raises(InputError, match=r'two lidars at one place, .*a table \[lidars."/front"\]'):
+        open_recording(path, topics=topics)
+    recording = open_recording(path, topics=topics, platform=robot)
+    assert recording.warnings == ()
+    lidar = lidar_of(recording)
+    seen = np.isfinite(lidar.ranges[0])
+    assert seen.mean() > 0.8
+    np.testing.assert_allclose(lidar.ranges[0][seen], room(lidar.angles[seen]), atol=3 * math.sqrt(2) * math.radians(1))
+    alone = open_recording(path, topics={"lidar": ("/rear",)}, platform=robot)
+    assert alone.platform.lidar.pose == pytest.approx((-0.3, 0.0, 3.14159265))
+
+
+@pytest.mark.parametrize(
+    ("text", "error", "problem"),
+    [
+        ('[lidars."/side"]\nx = 1.0\n', InputError, "no lidar '/side'"),
+        ('[lidars."/front"]\nbeams = 3\n', ConfigError, "expected a table a topic, with x, y, z and yaw"),
+        ("lidars = 3\n", ConfigError, "expected a table a topic, with x, y, z and yaw"),
+        ('[lidars."/front"]\nx = "a"\n', ConfigError, "lidar.x"),
+    ],
+)
+def test_mounts_that_are_none_are_refused(tmp_path: Path, text: str, error: type[Exception], problem: str) -> None:
+    robot = tmp_path / "robot.toml"
+    robot.write_text(text)
+    path = make_bag(tmp_path, two_lidars())
+    with pytest.raises(error, match=problem):
+        open_recording(path, topics={"lidar": ("/front", "/rear")}, platform=robot)
+
+
+@pytest.mark.skipif(os.name != "posix" or os.geteuid() == 0, reason="a folder that cannot be written to")
+def test_a_wal_in_a_folder_that_cannot_be_written_to(tmp_path: Path) -> None:
+    (tmp_path / "x").mkdir()
+    path = with_wal(tmp_path / "x")
+    path.parent.chmod(0o500)
+    scans = len(lidar_of(open_recording(path)))
+    path.parent.chmod(0o700)
+    assert scans == 20
