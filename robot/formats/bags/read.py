@@ -207,10 +207,14 @@ class _Reading:
         camera = camera_mount(self.images[1], self.frames, self.base) if self.images else None
         robot = self.given.platform or self.given.over(self._stated(scans, mount, camera))
         lidar = self._lidar(scans, mount, robot) if scans is not None else None
-        odometry = None if self.odometry is None else odometry_stream(path, self.odometry, times, issues)
-        imu = None if self.imu is None else imu_stream(path, self.imu, times, self.frames, self.base, issues)
-        encoders = None
-        if self.encoders is not None:  # by the wheels that they were written by, else by those that are given
+        odometry, imu, encoders = None, None, None
+        if self.odometry is not None and times.has(self.odometry):
+            odometry = odometry_stream(path, self.odometry, times, issues)
+        if self.imu is not None and times.has(self.imu):
+            imu = imu_stream(path, self.imu, times, self.frames, self.base, issues)
+        if self.encoders is not None and times.has(
+            self.encoders
+        ):  # by the wheels that they were written by, else by those that are given
             wheels = robot.wheels if self.manifest is None else self.manifest.platform.wheels
             if wheels is None:
                 problem = "joints of wheels, expected a platform with [wheels] to count them by"

@@ -102,15 +102,20 @@ class Times:
             unset[:] = False
         return stamps, unset
 
-    def used(
-        self, table: Table, good: NDArray[np.bool_] | None = None, *, what: str = ""
-    ) -> tuple[Rows, NDArray[np.float64]]:
+    def has(self, table: Table) -> bool:
+        """Whether there is anything of a table in the session that is read; where there is not, an issue says so."""
+        if not len(table.stamps) or len(self._kept[id(table)][2]):
+            return True  # or all of it is broken, which `used` says
+        text = f"{self._path.name}: {table.topic.name}: no message in the session that is read"
+        self._issues.append(Issue("sessions", text))
+        return False
+
+    def used(self, table: Table, good: NDArray[np.bool_] | None = None) -> tuple[Rows, NDArray[np.float64]]:
         """Which messages of a table are used, in the order of their stamps, and these [s].
 
         Args:
             table: of a topic.
             good: [n] which of them are what their type says; all if None.
-            what: the others are, for the issue; broken.
 
         Raises:
             InputError: more than 3 broken ones that are more than a tenth, or none that is whole; or absurd stamps.
@@ -120,25 +125,26 @@ class Times:
         bad = table.broken + int((~good).sum())
         if bad == total or bad > max(MAX_BROKEN, total // 10):
             problem = f"{bad} of {counted(total, 'message')} broken, expected those of a {table.topic.kind}"
-            raise InputError(problem + (f": {what}" if what else ""), file=self._path, field=name)
-        self._tell("broken-messages", name, bad, "broken message")
+            raise InputError(problem, file=self._path, field=name)
+        head = f"{self._path.name}: {name}"
+        if bad:
+            self._issues.append(Issue("broken-messages", f"{head}: {counted(bad, 'broken message')} dropped", bad))
         stamps, unset, rows = self._kept[id(table)]
-        self._tell("unset-stamps", name, int(unset[rows].sum()), "message", " without a stamp (0)")
+        if none := int(unset[rows].sum()):
+            text = f"{head}: {counted(none, 'message')} without a stamp (0) dropped"
+            self._issues.append(Issue("unset-stamps", text, none))
         rows = rows[(good & ~unset)[rows]]
         if not len(rows):
             raise InputError("no message in this session, expected some", file=self._path, field=name)
         doubles = _doubles(stamps[rows], np.array(table.marks, np.int64)[rows])
-        self._tell("doubles", name, int(doubles.sum()), "message", " recorded twice")
+        if again := int(doubles.sum()):
+            text = f"{head}: {counted(again, 'message')} recorded twice: the second is dropped"
+            self._issues.append(Issue("doubles", text, again))
         rows = rows[~doubles]
         times = seconds(stamps[rows])
         order, found = stamp_order(times, file=self._path, field=name)
         self._issues.extend(found)
         return (rows, times) if order is None else (rows[order], times[order])
-
-    def _tell(self, code: str, topic: str, count: int, what: str, more: str = "") -> None:
-        if count:
-            text = f"{self._path.name}: {topic}: {counted(count, what)}{more} dropped"
-            self._issues.append(Issue(code, text, count))
 
 
 def _cuts(stamps: NDArray[np.int64], known: NDArray[np.bool_]) -> list[int]:

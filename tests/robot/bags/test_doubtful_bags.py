@@ -105,6 +105,17 @@ def test_a_clock_that_is_set_back_cuts_the_recording(
     np.testing.assert_allclose(odometry_of(recording).poses[:, 0], 0.1 * np.arange(scans), atol=1e-12)
 
 
+def test_a_stream_that_the_session_has_not_is_left_out(tmp_path: Path) -> None:
+    events, received = zip(*reset(4.0, 6.0), strict=True)
+    early = [imu(0.1 * i, (0.0, 0.0, 0.1)) for i in range(9)]
+    path = make_bag(tmp_path, [*early, *events], received=[START] * 9 + list(received))
+    recording = open_recording(path)
+    assert recording.imu is None
+    assert codes(recording)[:2] == ["sessions", "no-mount"]
+    assert "/imu: no message in the session that is read" in str(recording.warnings[2])
+    assert open_recording(path, sequence=1).imu is not None
+
+
 @pytest.mark.parametrize(("session", "problem"), [("3", "'3', expected 1 to 2"), ("x", "'x', expected 1 to 2")])
 def test_a_session_that_is_not_there_is_refused(tmp_path: Path, session: str, problem: str) -> None:
     events, received = zip(*reset(4.0, 6.0), strict=True)
