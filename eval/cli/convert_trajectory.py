@@ -68,14 +68,15 @@ def _read(path: Path) -> tuple[Trajectory, tuple[Issue, ...]]:
     """
     from moteslam.robot.issues import Issue
     from moteslam.robot.trajectories import TRAJECTORY_FORMATS, read_trajectory, trajectory_format_of
-    from moteslam.robot.trajectories.g2o import read_g2o, trajectory_of
+    from moteslam.robot.trajectories.bag import parts_of
+    from moteslam.robot.trajectories.g2o import read_both
     from moteslam.robot.wording import counted
 
-    if trajectory_format_of(path) is not TRAJECTORY_FORMATS["g2o"]:
-        return read_trajectory(path), ()
-    graph = read_g2o(path)
-    trajectory, edges = trajectory_of(graph, path), len(graph.first)
-    if not edges:
-        return trajectory, ()
+    if parts_of(path) is not None or trajectory_format_of(path) is not TRAJECTORY_FORMATS["g2o"]:
+        trajectory = read_trajectory(path)
+        return trajectory, trajectory.warnings
+    graph, trajectory = read_both(path)
+    if not (edges := len(graph.first)):
+        return trajectory, trajectory.warnings
     text = f"{path.name}: {counted(edges, 'edge')} not written, no part of a trajectory"
-    return trajectory, (Issue("not-written", text, edges),)
+    return trajectory, (*trajectory.warnings, Issue("not-written", text, edges))

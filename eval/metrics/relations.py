@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from moteslam.errors import InputError
 from moteslam.eval.metrics.association import MAX_GAP
 from moteslam.eval.metrics.statistics import Statistics
+from moteslam.robot.formats.stamps import MAX_JUMP
 from moteslam.robot.reading import open_regular, read_text
 from moteslam.robot.se2 import Poses, between, wrap
 from moteslam.robot.se2 import interpolate as interpolated
@@ -26,6 +27,9 @@ TOLERANCE = 1e-4
 
 MAX_BYTES = 500_000_000
 """No file of relations is larger."""
+
+UPRIGHT = 0.2
+"""Height [m], roll and pitch [rad] of a relation are less."""
 
 HEAD = 100_000
 """Bytes by which a file of relations is known."""
@@ -116,8 +120,9 @@ class RelationResult(Summarised):
 def is_relations(path: str | PathLike[str]) -> bool:
     """Whether a file holds relations rather than TUM poses; both are eight numbers a line.
 
-    The last four of a TUM line are a quaternion: of length 1. Of a relation they are 0, 0, 0 (or nearly) and an
-    angle, which is not 1 rad in every line. A file that cannot be read, or has no such lines, holds none.
+    The last four of a TUM line are a quaternion: of length 1, or 0 throughout where there is no orientation. Of a
+    relation they are 0, 0, 0 (or nearly) and an angle, which is not 1 rad in every line, and the first two are times of
+    one clock. A file named ``.relations`` holds some; one that cannot be read, or has no such lines, holds none.
     """
     try:
         with open_regular(path, "relations") as file:
@@ -128,7 +133,11 @@ def is_relations(path: str | PathLike[str]) -> bool:
         return False
     if rows.ndim != 2 or rows.shape[1] != 8:
         return False
-    return bool((np.abs(np.linalg.norm(rows[:, 4:], axis=1) - 1) > 0.01).any())
+    if Path(path).suffix == ".relations":
+        return True
+    angles = (np.abs(rows[:, 4:7]) < UPRIGHT).all() and (np.abs(np.linalg.norm(rows[:, 4:], axis=1) - 1) > 0.01).any()
+    clock = np.median(np.abs(rows[:, 1] - rows[:, 0])) < MAX_JUMP
+    return bool(angles and clock and rows[:, 4:].any())
 
 
 def read_relations(path: str | PathLike[str]) -> Relations:
@@ -181,6 +190,8 @@ def evaluate_relations(
     """
     expect_type(trajectory, Trajectory, "trajectory", "read_trajectory(path) reads one")
     expect_type(relations, Relations, "relations", "read_relations(path) reads some")
+    if not trajectory.oriented:
+        raise InputError("a trajectory without orientation, expected headings: relations are poses")
     if not len(trajectory):
         raise InputError("a trajectory without poses, expected one at every scan")
     first, poses_there = _poses_at(trajectory.stamps, relations.stamps, tolerance)
