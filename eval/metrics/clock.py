@@ -24,8 +24,8 @@ COARSE, FINE = 200, 5000
 LEAST = 10
 """Positions that are compared at least."""
 GAIN, GAIN_METRES = 0.5, 0.01
-"""The error must fall to less than this share of itself, to the less the less the drives have in common with the offset,
-and by more than this [m]."""
+"""The error must fall to less than this share of itself, the less the less of the drives is left in common, and by more
+than this [m]."""
 OVERLAP = 0.6
 """Share of the shorter drive that they must have in common."""
 WINDOW, CHORDS = 3.0, 0.7

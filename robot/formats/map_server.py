@@ -6,6 +6,7 @@ greys mean is in ``map_server_cells``, the YAML file in ``map_server_yaml``.
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping
 from os import PathLike
 from pathlib import Path
@@ -14,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from moteslam.errors import ConfigError, InputError, OutputError
+from moteslam.errors import ConfigError, InputError, MoteslamWarning, OutputError
 from moteslam.robot.files import write_atomically
 from moteslam.robot.formats.map_server_cells import (
     FREE_GREY,
@@ -250,7 +251,33 @@ def _read(path: Path) -> tuple[MapFile, NDArray[np.uint16]]:
     pixels = decode_channels(content) if columns * rows else None
     if pixels is None:
         raise InputError("not readable as an image, expected a complete pgm or png map", file=about.image)
+    _tell_meanings(path, about, pixels)
     return about, pixels
+
+
+def _tell_meanings(path: Path, about: MapFile, pixels: NDArray[np.uint16]) -> None:
+    """Warn where all greys are map_saver's, and the thresholds make something else of that of unknown cells.
+
+    map_saver wrote ``free_thresh: 0.25`` for years, by which its grey of them, 205, is free.
+    """
+    if about.mode == "raw" or pixels.shape[2] == 4 or (pixels != pixels[..., :1]).any():
+        return
+    counts = np.bincount((pixels[..., 0] >> 8).ravel(), minlength=256)
+    if about.negate and counts[255 - UNKNOWN_GREY]:
+        counts = counts[::-1]  # a negative of map_saver's
+        unknown = 255 - UNKNOWN_GREY
+    else:
+        unknown = UNKNOWN_GREY
+    there = set(np.flatnonzero(counts).tolist())
+    if UNKNOWN_GREY not in there or not {UNKNOWN_GREY} < there <= {FREE_GREY, OCCUPIED_GREY, UNKNOWN_GREY, 255}:
+        return
+    read = int(occupancies(np.full((1, 1, 1), unknown * 257, np.uint16), about, between=False)[0, 0])
+    if read != UNKNOWN_PERCENT:
+        what = f"grey {unknown}, which map_saver writes for unknown, is read as {'occupied' if read else 'free'}"
+        why = f"by free_thresh {about.free:g}, occupied_thresh {about.occupied:g} and negate {int(about.negate)}"
+        cells = f"{counts[UNKNOWN_GREY]} of {counts.sum()} cells count as known, so map_known is too high"
+        mend = "" if read else ": free_thresh: 0.196 would leave them unknown"
+        warnings.warn(MoteslamWarning(f"{path}: {what} {why}; {cells}{mend}"), stacklevel=3)
 
 
 def _raster(values: NDArray[Any], about: MapFile) -> Raster:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 from math import isfinite
-from pathlib import Path
+from pathlib import Path, PureWindowsPath
 from typing import Any, Literal, get_args
 
-from moteslam.errors import InputError
+from moteslam.errors import InputError, MoteslamWarning
 from moteslam.robot.files import write_atomically
 from moteslam.robot.raster import Raster
 from moteslam.robot.yaml_table import read_yaml
@@ -97,7 +98,10 @@ def _table(path: Path) -> dict[str, Any]:
 
 
 def _image(name: object, path: Path) -> Path:
-    """The image's path, relative to the YAML file's folder or absolute, and within that folder."""
+    """The image's path, relative to the YAML file's folder or absolute, and within that folder.
+
+    Of a path of another computer or folder its name is looked for beside the YAML file, with a warning.
+    """
     if not isinstance(name, str) or not name:
         raise InputError(f"{name!r}, expected the name of a pgm or png image", file=path, field="image")
     image = path.parent / name
@@ -105,6 +109,12 @@ def _image(name: object, path: Path) -> Path:
         inside = image.resolve().is_relative_to(path.parent.resolve())
     except (OSError, ValueError, RuntimeError) as error:  # a null byte in the name, links in a circle
         raise InputError(f"{name!r}, expected a pgm or png image", file=path, field="image") from error
+    there = PureWindowsPath(name)  # knows both slashes
+    beside = path.parent / there.name
+    if there.root and not (inside and image.is_file()) and there.name and beside.is_file() and not beside.is_symlink():
+        text = f"{path}: image: {name[:200]!r} is not in its folder, {beside.name!r} beside it is taken"
+        warnings.warn(MoteslamWarning(text), stacklevel=2)
+        return beside
     if not inside:
         expected = "expected an image in the folder of this file, or below"
         raise InputError(f"{name!r} lies elsewhere, {expected}", file=path, field="image")
