@@ -68,11 +68,11 @@ def _read(path: Path) -> tuple[Trajectory, tuple[Issue, ...]]:
     """
     from moteslam.robot.issues import Issue
     from moteslam.robot.trajectories import TRAJECTORY_FORMATS, read_trajectory, trajectory_format_of
-    from moteslam.robot.trajectories.bag import parts_of
+    from moteslam.robot.trajectories.bag import is_bag, parts_of
     from moteslam.robot.trajectories.g2o import read_both
     from moteslam.robot.wording import counted
 
-    if parts_of(path) is not None or trajectory_format_of(path) is not TRAJECTORY_FORMATS["g2o"]:
+    if parts_of(path) is not None or is_bag(path) or trajectory_format_of(path) is not TRAJECTORY_FORMATS["g2o"]:
         trajectory = read_trajectory(path)
         return trajectory, trajectory.warnings
     graph, trajectory = read_both(path)

@@ -46,6 +46,8 @@ def read_trajectory(path: str | PathLike[str]) -> Trajectory:
     if (parts := bag.parts_of(path)) is not None:
         return bag.read_bag(*parts)
     path = Path(path)
+    if bag.is_bag(path):
+        raise InputError(bag.without_topic(path), file=path)
     return trajectory_format_of(path).read(path)
 
 
@@ -87,8 +89,8 @@ def trajectory_format_to_write(path: str | PathLike[str], name: str | None = Non
 
 def is_trajectory(path: str | PathLike[str]) -> bool:
     """Whether a path is a file whose first lines are those of a trajectory, or one within a bag."""
-    if bag.parts_of(path) is not None:
-        return True
+    if (parts := bag.parts_of(path)) is not None or bag.is_bag(path):
+        return parts is not None
     try:
         trajectory_format_of(path)
     except InputError:
@@ -113,8 +115,6 @@ def trajectory_format_of(path: str | PathLike[str]) -> TrajectoryFormat:
             for known in TRAJECTORY_FORMATS.values():
                 if known.recognise(comments, line):
                     return known
-            if bag.is_bag(path):
-                raise InputError(bag.without_topic(Path(path)), file=path)
             names = ", ".join(known.name for known in reversed(TRAJECTORY_FORMATS.values()))
             raise InputError(f"no line of a trajectory, expected one of {names}", file=path, line=number)
     raise InputError("no poses, expected a trajectory", file=path)
