@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,8 @@ COARSE, FINE = 200, 5000
 """Positions of the reference that are compared in the search, and at its end."""
 LEAST = 10
 """Positions that are compared at least."""
+DENSE = 0.5
+"""Poses nearer to each other than this [s] are interpolated."""
 GAIN, GAIN_METRES = 0.5, 0.01
 """The error must fall to less than this share of itself, the less the less of the drives is left in common, and by more
 than this [m]."""
@@ -55,23 +57,31 @@ def clock_offset(estimate: Trajectory, reference: Trajectory) -> ClockOffset | N
     """The offset of the estimate's clock that lays it on its reference best, where it helps much: see ``GAIN``.
 
     The RMSE after rigid alignment is least there, among offsets that leave most of the shorter drive in common; with
-    and without the offset the same positions of the reference are compared. The distances moved in some metres of path
+    and without the offset the same positions are compared. The distances moved in some metres of path
     must fit better, too.
     """
     if min(len(estimate), len(reference)) < LEAST:
         return None
     space = in_space(estimate, reference)
     paths = [spatial(one).positions if space else one.poses[:, :2] for one in (estimate, reference)]
-    search = _Search(estimate.stamps, paths[0], reference.stamps, paths[1])
+    clocks = [estimate.stamps, reference.stamps]
+    swapped = float(np.median(np.diff(clocks[0]))) > float(np.median(np.diff(clocks[1])))
+    found = _offset(clocks[swapped], paths[swapped], clocks[not swapped], paths[not swapped])
+    return replace(found, seconds=-found.seconds) if found is not None and swapped else found
+
+
+def _offset(stamps: Array, positions: Array, times: Array, goal: Array) -> ClockOffset | None:
+    """The offset to add to stamps [n] of positions [n, d], so that they fit those [m, d] at times [m], the sparser."""
+    search = _Search(stamps, positions, times, goal)
     if search.shorter <= 0:
         return None
-    common = min(estimate.stamps[-1], reference.stamps[-1]) - max(estimate.stamps[0], reference.stamps[0]) > 0
+    common = min(stamps[-1], times[-1]) - max(stamps[0], times[0]) > 0
     if common and search.rmse(0.0, FINE) < GAIN_METRES:
         return None
-    middle = 0.0 if common else float(reference.stamps[0] - estimate.stamps[0])
+    middle = 0.0 if common else float(times[0] - stamps[0])
     reach = search.shorter / 2 if not common else min(FARTHEST, search.shorter / 2)
     if not common:  # the longer one may have begun before
-        reach += abs(float(np.ptp(reference.stamps) - np.ptp(estimate.stamps)))
+        reach += abs(float(np.ptp(times) - np.ptp(stamps)))
     step = max(STEP, 2 * reach / TRIES)
     offsets = middle + step * np.arange(-np.floor(reach / step), np.floor(reach / step) + 1)
     errors = np.array([search.rmse(offset, COARSE) for offset in offsets])
@@ -101,6 +111,12 @@ class _Search:
         self.stamps, self.positions, self.times, self.goal = stamps, positions, times, goal
         self.shorter = float(min(np.ptp(stamps), np.ptp(times)))
         self.spread = float(np.linalg.norm(goal.std(axis=0)))
+        self.at, self.there = times, goal
+        if float(np.median(np.diff(times))) < DENSE:  # anywhere between: noise is least between poses, at any offset
+            at = np.linspace(times[0], times[-1], FINE)
+            after = np.clip(np.searchsorted(times, at), 1, len(times) - 1)
+            self.at = at[times[after] - times[after - 1] < DENSE]
+            self.there = np.column_stack([np.interp(self.at, times, column) for column in goal.T])
 
     def rmse(self, offset: float, most: int, *, also: float | None = None) -> float:
         """After rigid alignment, of at most so many positions; NaN where too little of the shorter drive is left.
@@ -110,11 +126,12 @@ class _Search:
             most: positions to compare.
             also: another offset at which the same positions are to be had.
         """
-        chosen = np.unique(np.linspace(0, len(self.times) - 1, min(most, len(self.times))).astype(np.intp))
-        keep = chosen[self._inside(self.times[chosen], offset) & self._inside(self.times[chosen], also or offset)]
-        if len(keep) < LEAST or np.ptp(self.times[keep]) < OVERLAP * self.shorter:
+        chosen = np.unique(np.linspace(0, len(self.at) - 1, min(most, len(self.at))).astype(np.intp))
+        keep = chosen[self._inside(self.at[chosen], offset)]
+        keep = keep if also is None else keep[self._inside(self.at[keep], also)]
+        if len(keep) < LEAST or np.ptp(self.at[keep]) < OVERLAP * self.shorter:
             return float("nan")
-        a, b = self._at(self.times[keep] - offset), self.goal[keep]
+        a, b = self._at(self.at[keep] - offset), self.there[keep]
         a, b = a - a.mean(axis=0), b - b.mean(axis=0)
         if np.linalg.norm(b.std(axis=0)) < 0.5 * self.spread:
             return float("nan")  # what is left stands still
