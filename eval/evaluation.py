@@ -208,7 +208,7 @@ def against_trajectory(
     try:
         ate = absolute_trajectory_error(estimate, reference, align=align, scale=scale, max_difference=apart)
     except InputError as error:
-        offset = clock_offset(estimate, reference) if error.field == "stamps" else None
+        offset = clock_offset(estimate, reference)
         if offset is None:
             raise
         raise InputError(f"{error.problem}; {_said(offset)}", file=error.file, field=error.field) from error
@@ -217,7 +217,7 @@ def against_trajectory(
         len(ate.stamps), min(len(estimate), len(reference)), "poses", "are these the same drive, on the same clock?"
     )
     if align and (offset := clock_offset(estimate, reference)) is not None:
-        issues += (Issue("clock-offset", _said(offset)),)
+        issues += (Issue("clocks-differ", _said(offset)),)
     rpe: RpeResult | None = None
     try:
         rpe = relative_pose_error(

@@ -90,8 +90,7 @@ def match(
     if not len(stamps):
         raise InputError(
             f"no stamps in common: the estimate covers {from_to(estimate.stamps)}, the reference "
-            f"{from_to(reference.stamps)}, expected stamps within {max_difference:g} s of each other",
-            field="stamps",
+            f"{from_to(reference.stamps)}, expected stamps within {max_difference:g} s of each other"
         )
     spaces = None if there[1] is None or true[1] is None else (there[1], true[1])
     return Matched(stamps, there[0], true[0], estimate.oriented and reference.oriented, spaces)

@@ -119,7 +119,7 @@ class _Search:
             self.there = np.column_stack([np.interp(self.at, times, column) for column in goal.T])
 
     def rmse(self, offset: float, most: int, *, also: float | None = None) -> float:
-        """After rigid alignment, of at most so many positions; NaN where too little of the shorter drive is left.
+        """After rigid alignment, of at most this many positions; NaN where too little of the shorter drive is left.
 
         Args:
             offset: to add to the stamps.

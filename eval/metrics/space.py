@@ -15,7 +15,7 @@ from moteslam.robot.trajectory import Space, Trajectory
 Array = NDArray[np.float64]
 
 HEIGHTS = 0.05
-"""Heights that are left out are told where they are spread by more [m]."""
+"""Heights that are left out are reported where they are spread by more [m]."""
 
 
 def in_space(estimate: Trajectory, reference: Trajectory) -> bool:
@@ -111,7 +111,7 @@ def in_plane(
 
 
 def space_issues(estimate: Trajectory, reference: Trajectory) -> tuple[Issue, ...]:
-    """What is told of two trajectories of which at least one is in space."""
+    """What is reported of two trajectories of which at least one is in space."""
     spaces = [one.space for one in (estimate, reference) if one.space is not None]
     if not spaces:
         return ()
