@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import isnan
 from pathlib import Path
 from typing import Any
@@ -28,11 +28,13 @@ from moteslam.eval.metrics.relations import (
 from moteslam.eval.metrics.residuals import ResidualResult, scan_residuals
 from moteslam.eval.metrics.rpe import RpeResult, relative_pose_error
 from moteslam.eval.metrics.space import in_plane, in_space, space_issues, spatial
+from moteslam.robot.alignment import umeyama
 from moteslam.robot.formats.map_server import read_map
 from moteslam.robot.issues import Issue
 from moteslam.robot.platform import Platform
 from moteslam.robot.positions import Positions, is_positions, read_positions
 from moteslam.robot.recording import Recording
+from moteslam.robot.se2 import compose, transform_points
 from moteslam.robot.trajectories import read_trajectory
 from moteslam.robot.trajectories.space import TILT, tilt_of
 from moteslam.robot.trajectory import Trajectory
@@ -40,6 +42,8 @@ from moteslam.slam.inputs.scans import Scans
 
 ACCURACY_OF_MAPS = ("map_precision", "map_recall", "map_f1", "map_distance", "map_free_iou", "map_known")
 """Metrics that compare a map with the true one."""
+SMALL, LARGER = 0.1, 50.0
+"""Errors and sizes below this [m], and ratios of sizes below that, are no other unit."""
 AXES = np.deg2rad(30.0)
 """Orientations that differ by more than this throughout [rad] are of other axes."""
 FEW = 0.5
@@ -212,12 +216,14 @@ def against_trajectory(
         if offset is None:
             raise
         raise InputError(f"{error.problem}; {_said(offset)}", file=error.file, field=error.field) from error
-    issues = _of_reading(estimate, reference) + space_issues(estimate, reference) + _of_axes(ate, reference, estimate)
+    issues = _of_reading(estimate, reference) + space_issues(estimate, reference) + _of_axes(ate)
     issues += _few_matched(
         len(ate.stamps), min(len(estimate), len(reference)), "poses", "are these the same drive, on the same clock?"
     )
     if align and (offset := clock_offset(estimate, reference)) is not None:
-        issues += (Issue("clocks-differ", _said(offset)),)
+        moved = replace(estimate, stamps=estimate.stamps + offset.seconds)
+        after = absolute_trajectory_error(moved, reference, scale=scale, max_difference=apart)
+        issues += (Issue("clocks-differ", _said(replace(offset, rmse=after.rmse, before=ate.rmse))),)
     rpe: RpeResult | None = None
     try:
         rpe = relative_pose_error(
@@ -262,12 +268,22 @@ def against_positions(
     mount = (0.0, 0.0, 0.0) if robot is None else robot.lidar.pose
     if not estimate.oriented and any(mount):
         raise InputError("an estimate without orientation, expected headings: the lidar is not at the robot's origin")
-    ate = position_error(estimate, positions, mount=mount, align=align, scale=scale, max_difference=apart)
+    heads = np.column_stack((positions.points, np.zeros(len(positions))))
+    measured_at = Trajectory(positions.stamps, heads, oriented=False)
+    there = replace(estimate, poses=compose(estimate.poses, mount), space=None)
+    try:
+        ate = position_error(estimate, positions, mount=mount, align=align, scale=scale, max_difference=apart)
+    except InputError as error:
+        if (offset := clock_offset(there, measured_at)) is None:
+            raise
+        raise InputError(f"{error.problem}; {_said(offset)}", file=error.file, field=error.field) from error
     question = "are these of the same drive, on the same clock?"
     issues = _few_matched(len(ate.stamps), min(len(estimate), len(positions)), "positions", question)
     if robot is None:
         text = "the positions are the lidar's, whose place on the robot only the recording says: taken for its origin"
         issues = (Issue("unknown-mount", text), *issues)
+    if align and (offset := clock_offset(there, measured_at)) is not None:
+        issues += (Issue("clocks-differ", _said(offset)),)
     return AgainstPositions(ate, align, align and scale, issues)
 
 
@@ -338,8 +354,18 @@ def _of_reading(estimate: Trajectory, reference: Trajectory) -> tuple[Issue, ...
     return tuple(issue for issue in issues if issue.code not in left_out)
 
 
-def _of_axes(ate: AteResult, reference: Trajectory, estimate: Trajectory) -> tuple[Issue, ...]:
-    """That the axes of both bodies differ, or that one path is the mirror image of the other, in space."""
+def _of_axes(ate: AteResult) -> tuple[Issue, ...]:
+    """That one path is far larger than the other or its mirror image, or that the axes of both bodies differ."""
+    there, true = ate.aligned[:, :2], ate.reference[:, :2]
+    size = float(np.linalg.norm(there.std(axis=0)) / max(np.linalg.norm(true.std(axis=0)), SMALL))
+    if ate.rmse > SMALL and not 1 / LARGER < size < LARGER:
+        return (Issue("sizes-differ", f"the estimate is {size:.3g} times as large as the reference: other units?"),)
+    mirrored = there * (1.0, -1.0)
+    off = transform_points(umeyama(mirrored, true), mirrored) - true
+    if ate.motion is None and ate.rmse > SMALL and float(np.sqrt(np.square(off).sum(axis=1).mean())) < ate.rmse / 5:
+        return (
+            Issue("mirrored", "the estimate fits the reference as its mirror image: y or turns of the wrong sign?"),
+        )
     if ate.motion is None or ate.rotation_errors is None or np.median(ate.rotation_errors) < AXES:
         return ()
     if ate.rotation_errors.std() > 0.2 * AXES:

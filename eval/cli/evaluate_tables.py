@@ -68,8 +68,9 @@ def _print_against(
             say(f"{literal(name)} against {literal(reference)}")
             say(_trajectory_table(result))
         if isinstance(result, AgainstTrajectory | AgainstPositions):
-            for issue in result.issues:
-                note(f"warning: {name}: {issue}")
+            for issue in result.issues:  # those of reading begin with the file
+                about = "" if issue.message.startswith((f"{name}: ", f"{reference}: ")) else f"{name}: "
+                note(f"warning: {about}{issue}")
     located = {name: result for name, result in results.items() if isinstance(result, AgainstPositions)}
     if located:
         say(f"positions of the lidar against {literal(reference)}")

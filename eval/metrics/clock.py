@@ -14,7 +14,7 @@ from moteslam.robot.trajectory import Trajectory
 Array = NDArray[np.float64]
 
 FARTHEST = 120.0
-"""Offsets up to this, and up to half of the shorter drive, are tried [s]; of clocks without a common time all those."""
+"""Offsets up to this are tried [s]; of clocks without a common time all."""
 STEP = 0.1
 """The search begins with offsets this far apart [s]."""
 TRIES = 1200
@@ -75,11 +75,11 @@ def _offset(stamps: Array, positions: Array, times: Array, goal: Array) -> Clock
     search = _Search(stamps, positions, times, goal)
     if search.shorter <= 0:
         return None
-    common = min(stamps[-1], times[-1]) - max(stamps[0], times[0]) > 0
+    common = search.common(0.0) > 0
     if common and search.rmse(0.0, FINE) < GAIN_METRES:
         return None
     middle = 0.0 if common else float(times[0] - stamps[0])
-    reach = search.shorter / 2 if not common else min(FARTHEST, search.shorter / 2)
+    reach = min(FARTHEST, search.shorter) if common else search.shorter
     if not common:  # the longer one may have begun before
         reach += abs(float(np.ptp(times) - np.ptp(stamps)))
     step = max(STEP, 2 * reach / TRIES)
@@ -93,10 +93,11 @@ def _offset(stamps: Array, positions: Array, times: Array, goal: Array) -> Clock
     start = float(around[np.nanargmin([search.rmse(offset, COARSE) for offset in around])])
     best = _least(lambda offset: search.rmse(offset, FINE), start - step, start + step)
     rmse = search.rmse(best, FINE)
-    if not common:
-        return ClockOffset(best, rmse, None) if rmse < FITS * search.spread else None
     before, after = search.rmse(0.0, FINE, also=best), search.rmse(best, FINE, also=0.0)
-    left = 1 - abs(best) / search.shorter
+    left = search.common(best) / search.shorter
+    if np.isnan(before):  # hardly a time in common
+        fits = rmse < FITS * search.spread * (left - OVERLAP) / (1 - OVERLAP) and rmse + GAIN_METRES < search.spread
+        return ClockOffset(best, rmse, None) if fits else None
     if not (after < GAIN * before * (left - OVERLAP) / (1 - OVERLAP) and before - after > GAIN_METRES):
         return None
     if not search.chords(best, also=0.0) < CHORDS * search.chords(0.0, also=best):
@@ -152,6 +153,11 @@ class _Search:
         there = self._at(begin + window - offset) - self._at(begin - offset)
         off = np.linalg.norm(true, axis=1) - np.linalg.norm(there, axis=1)
         return float(np.sqrt(np.square(off).mean())) if len(off) else float("nan")
+
+    def common(self, offset: float) -> float:
+        """How long both last at an offset [s]; below 0 the gap between them."""
+        end, begin = min(self.stamps[-1] + offset, self.times[-1]), max(self.stamps[0] + offset, self.times[0])
+        return float(end - begin)
 
     def _inside(self, times: Array, offset: float) -> NDArray[np.bool_]:
         return np.asarray((times - offset >= self.stamps[0]) & (times - offset <= self.stamps[-1]))

@@ -126,7 +126,7 @@ class Evidence:
     def localisation(self) -> LocalisationResult:
         """Covariances and states of the online trajectory against the truth."""
         known, truth = needed(self.certainty, "covariances"), needed(self.truth, "truth")
-        online = oriented(self.track(ONLINE).trajectory, truth)[0]
+        online = oriented(self.track(ONLINE).trajectory, truth, field="truth")[0]
         return score_localisation(
             online, known.covariances, known.states, known.updated, truth, corrections=known.corrections
         )
@@ -228,14 +228,14 @@ class Track:
         return self._rpe[key]
 
 
-def oriented(*trajectories: Trajectory) -> tuple[Trajectory, ...]:
+def oriented(*trajectories: Trajectory, field: str | None = None) -> tuple[Trajectory, ...]:
     """The trajectories.
 
     Raises:
-        InputError: one of them has no headings.
+        InputError: one of them has no headings; of the field.
     """
     if not all(trajectory.oriented for trajectory in trajectories):
-        raise InputError("a trajectory without orientation, expected headings")
+        raise InputError("a trajectory without orientation, expected headings", field=field)
     return trajectories
 
 

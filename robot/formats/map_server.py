@@ -260,9 +260,10 @@ def _tell_meanings(path: Path, about: MapFile, pixels: NDArray[np.uint16]) -> No
 
     map_saver wrote ``free_thresh: 0.25`` for years, by which its grey of them, 205, is free.
     """
-    if about.mode == "raw" or pixels.shape[2] == 4 or (pixels != pixels[..., :1]).any():
+    grey = (pixels[..., 0] >> 8).ravel()
+    if about.mode == "raw" or (pixels[..., :3] != pixels[..., :1]).any():
         return
-    counts = np.bincount((pixels[..., 0] >> 8).ravel(), minlength=256)
+    counts = np.bincount(grey, minlength=256)
     if about.negate and counts[255 - UNKNOWN_GREY]:
         counts = counts[::-1]  # a negative of map_saver's
         unknown = 255 - UNKNOWN_GREY
@@ -271,7 +272,8 @@ def _tell_meanings(path: Path, about: MapFile, pixels: NDArray[np.uint16]) -> No
     there = set(np.flatnonzero(counts).tolist())
     if UNKNOWN_GREY not in there or not {UNKNOWN_GREY} < there <= {FREE_GREY, OCCUPIED_GREY, UNKNOWN_GREY, 255}:
         return
-    read = int(occupancies(np.full((1, 1, 1), unknown * 257, np.uint16), about, between=False)[0, 0])
+    one = pixels.reshape(1, -1, pixels.shape[2])[:, [int(np.argmax(grey == unknown))]]
+    read = int(occupancies(one, about, between=False)[0, 0])
     if read != UNKNOWN_PERCENT:
         what = f"grey {unknown}, which map_saver writes for unknown, is read as {'occupied' if read else 'free'}"
         why = f"by free_thresh {about.free:g}, occupied_thresh {about.occupied:g} and negate {int(about.negate)}"

@@ -78,7 +78,7 @@ def read_bag(bag: Path, name: str) -> Trajectory:
         InputError: no bag that can be read, no such topic or frames, messages of another type or of several frames, or
             stamps that go back.
     """
-    file = Path(f"{bag.name}:{name}")
+    file = Path(f"{bag}:{name}")
     try:
         with _opened(bag) as reader:
             if name.startswith("tf:"):

@@ -82,7 +82,7 @@ def read_poses(path: Path, what: str) -> Trajectory:
                 continue
             separator = separator_of(line)
             words = split(line, separator)
-            if finite_numbers(words[:1]) is None and (found := _named(words, path, number)):
+            if finite_numbers(words[:1]) is None and (found := _named(words, path, number, header=True)):
                 columns = found
                 continue
             columns = columns or _columns(comments, words, separator, path, number)
@@ -112,7 +112,7 @@ def read_poses(path: Path, what: str) -> Trajectory:
         quaternions = np.column_stack([table[name] for name in ("qx", "qy", "qz", "qw")])
         if not columns.stated and ((separator is not None and columns.unit == "ns") or _turns_about_x(quaternions)):
             names = " ".join(name for name in columns.at if name[0] == "q")
-            text = f"{path.name}: no names of columns: its orientations are taken for {names}; a header would say so"
+            text = f"{path}: no names of columns: its orientations are taken for {names}; a header would say so"
             issues += (Issue("orientation-order", text, len(rows)),)
     elif "yaw" in table:
         if "yaw" not in columns.scale and np.abs(table["yaw"]).max() > MAX_TURN:
@@ -128,7 +128,7 @@ def recognise(comments: str, line: str) -> str | None:
     numbers = finite_numbers(words[:1]) is not None
     try:
         if not numbers:
-            return None if _named(words, Path(), 0) is None else "euroc"
+            return None if _named(words, Path(), 0, header=True) is None else "euroc"
         if finite_numbers(words[:8]) is None and separator is None:
             return None
         found = _columns(comments.splitlines(), words, separator, Path(), 0)
@@ -160,7 +160,8 @@ def _columns(comments: Sequence[str], words: Sequence[str], separator: str | Non
     for text in (re.sub(r"\s+([\[(])", r"\1", text) for text in reversed(comments)):
         for mark in (",", ";", "\t", None):
             names = split(text.lstrip("#% "), mark)
-            if len(names) == len(words) and (found := _named(names, path, line)):
+            found = _named(names, path, line) if len(names) == len(words) else None
+            if found is not None and (mark is not None or len(found.at) > len(names) / 2):  # or it is a sentence
                 return found
     first = words[0] if words else ""
     stated = any("[ns]" in text or "q_RS_w" in text for text in comments)
@@ -176,8 +177,11 @@ def _columns(comments: Sequence[str], words: Sequence[str], separator: str | Non
     raise InputError(f"{len(words)} columns without names, {expected}", file=path, line=line)
 
 
-def _named(names: Sequence[str], path: Path, line: int) -> Columns | None:
-    """The columns that names stand for; None where they are no names of a stamp and a position."""
+def _named(names: Sequence[str], path: Path, line: int, *, header: bool = False) -> Columns | None:
+    """The columns that names stand for; None where they are no names of a stamp and a position.
+
+    A header must name both; a comment need not.
+    """
     at: dict[str, int] = {}
     scale: dict[str, float] = {}
     times: dict[str, tuple[int, str | None]] = {}
@@ -206,7 +210,7 @@ def _named(names: Sequence[str], path: Path, line: int) -> Columns | None:
                     raise InputError(f"{name.strip()[:60]}: expected m, rad or deg", file=path, line=line)
                 if unit:
                     scale[role] = SCALES[unit]
-    if not at or not (times or {"x", "y"} <= set(at)):
+    if not (at and (times or {"x", "y"} <= set(at))) and not (header and times and len(names) > 2):
         return None
     shown = ", ".join(name.strip()[:30] for name in names[:12])
     quaternion = [name for name in ("qx", "qy", "qz", "qw") if name in at]
@@ -219,7 +223,7 @@ def _named(names: Sequence[str], path: Path, line: int) -> Columns | None:
     if "sec" in times and "nsec" in times:
         return Columns({"t": times["sec"][0], "nsec": times["nsec"][0], **at}, scale)
     first = next((name for name in (*TIME, "sec") if name in times), None)
-    if first is None:
+    if first is None or (first == "sec" and "part" in times):
         raise InputError(f"no column of a stamp among {shown}, expected its name", file=path, line=line)
     column, unit_of_time = times[first]
     return Columns({"t": column, **at}, scale, unit_of_time)
@@ -239,6 +243,8 @@ def _time_of(words: list[str]) -> str | None:
         return "sec"
     if words[-1] in ("nsec", "nsecs", "nanosec") and words[-2:-1] in ([], ["stamp"]):
         return "nsec"
+    if words[-1] in ("msec", "msecs", "usec", "usecs", "microsec", "millis", "micros"):
+        return "part"
     if words[-2:] == ["header", "stamp"]:
         return "header.stamp"
     last = {"times": "time", "timestamps": "timestamp", "stamps": "stamp"}.get(words[-1], words[-1])

@@ -72,11 +72,9 @@ def read_kitti(path: str | PathLike[str], *, camera_axes: bool = False) -> Traje
         position = position @ ROBOT_FROM_CAMERA.T
     stamps, issues = stamps_beside(path, len(rows))
     found = trajectory_of(path, stamps, position, quaternions_of(rotation), lines=lines, warnings=issues)
-    if not found.oriented:
-        return found
     # as written, without a way through quaternions
     heading = se2.wrap(np.arctan2(rotation[:, 1, 0], rotation[:, 0, 0]))
-    return Trajectory(stamps, np.column_stack((position[:, :2], heading)), True, found.space, found.warnings)
+    return Trajectory(stamps, np.column_stack((position[:, :2], heading)), found.oriented, found.space, found.warnings)
 
 
 def write_kitti(path: str | PathLike[str], trajectory: Trajectory, *, camera_axes: bool = False) -> None:

@@ -109,7 +109,7 @@ def seconds(
     found = by_size if unit is None or (unit == "s" and by_size != "s") else unit
     issues: tuple[Issue, ...] = ()
     if found != (unit or "s"):
-        text = f"{path.name}: stamps of {largest:.3g} are taken for {LONG[found]}, not seconds"
+        text = f"{path}: stamps of {largest:.3g} are taken for {LONG[found]}, not seconds"
         issues = (Issue("stamps-scaled", text, len(values)),)
     scale = 10 ** UNITS[found]
     if scale > 1:
@@ -123,7 +123,7 @@ def seconds(
         raise InputError("stamp before the one above it, expected rising stamps", file=path, line=line)
     step = float(np.median(steps[steps > 0])) if (steps > 0).any() else 1.0
     if not LEAST_STEP < step < MAX_STEP:
-        text = f"{path.name}: stamps {step:.3g} s apart: if they are in another unit, times and rates are wrong"
+        text = f"{path}: stamps {step:.3g} s apart: if they are in another unit, times and rates are wrong"
         issues += (Issue("stamps-unlikely", text, len(values)),)
     return values, issues
 

@@ -21,7 +21,7 @@ SAME = 1e-6
 """Orientations and heights that differ by less are the same."""
 STANDS = 0.05
 """A path that is spread by less [m] says nothing of orientations."""
-FEW = 10
+FEW = 3
 """Poses of which fewer say nothing of it, either."""
 TILT = np.deg2rad(10.0)
 """A plane of motion tilted by more than this is not that of x and y."""
@@ -48,7 +48,7 @@ def trajectory_of(
     Raises:
         InputError: a quaternion of another length than 1, of a file where not all are 0.
     """
-    why = "has no orientation"
+    why = "has no orientation" if quaternions is None else ""
     if quaternions is not None:
         length = np.linalg.norm(quaternions, axis=1)
         if not length.any() and len(length):
@@ -59,25 +59,22 @@ def trajectory_of(
             raise InputError(f"quaternion of length {length[at]:.3g}, expected one of length 1", file=path, line=line)
         elif _contradicts(positions, quaternions):
             shown = " ".join(f"{value:g}" for value in quaternions[0].tolist())
-            quaternions, why = None, f"has the orientation {shown} throughout, whichever way it goes"
-    if quaternions is None:
-        text = f"{path.name}: {why}: taken for positions; no errors of headings, relative errors are those of distances"
-        warnings += (Issue("no-orientation", text, len(stamps)),)
-        headings, rotations = np.zeros(len(stamps)), np.tile(np.eye(3), (len(stamps), 1, 1))
-        upright = True
-    else:
+            why = f"has the orientation {shown} throughout, whichever way it goes"
+    headings, rotations = np.zeros(len(stamps)), np.tile(np.eye(3), (len(stamps), 1, 1))
+    upright = quaternions is None or bool((np.abs(quaternions[:, :2]) < SAME).all())
+    if quaternions is not None:
         headings, rotations = se2.heading(quaternions), rotations_of(quaternions)
-        upright = bool((np.abs(quaternions[:, :2]) < SAME).all())
+    if why:
+        text = f"{path}: {why}: taken for positions; no errors of headings, relative errors are those of distances"
+        warnings += (Issue("no-orientation", text, len(stamps)),)
     poses = np.column_stack((positions[:, :2], headings))
     flat = not len(stamps) or float(np.ptp(positions[:, 2])) < SAME
     space = None if flat and upright else Space(positions, rotations)
     if space is not None and (tilt := np.rad2deg(tilt_of(positions))) > np.rad2deg(TILT):
-        text = (
-            f"{path.name}: moves in a plane {tilt:.0f} degrees out of x and y, as in a camera's axes: of z, which is \
+        text = f"{path}: moves in a plane {tilt:.0f} degrees out of x and y, as in a camera's axes: of z, which is \
 left out in x and y, the path spans {np.ptp(positions[:, 2]):.1f} m"
-        )
         warnings += (Issue("out-of-plane", text, len(stamps)),)
-    return Trajectory(stamps, poses, quaternions is not None, space, warnings)
+    return Trajectory(stamps, poses, not why, space, warnings)
 
 
 def rotations_of(quaternions: Array) -> Array:

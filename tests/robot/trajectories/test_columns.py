@@ -64,7 +64,7 @@ READ = [
     ("", "ns x y z 0 0 qz qw", " "),
     ("", "ns x y z qw 0 0 qz", ","),
     ("", "ns x y z qw 0 0 qz junk junk", ","),
-    ("# a path in words\n# of two lines", "t x y z 0 0 qz qw", " "),
+    ("# a path in words\n# x y of the robot at time t", "t x y z 0 0 qz qw", " "),
 ]  # fmt: skip
 
 
@@ -92,13 +92,15 @@ def test_columns_by_their_names(tmp_path: Path, header: str, columns: str, separ
 def test_what_is_assumed_is_told(tmp_path: Path, header: str, columns: str, code: str) -> None:
     found = read_trajectory(written(tmp_path / "t.csv", header, columns, "," if header or "qw 0" in columns else " "))
     assert [issue.code for issue in found.warnings] == [code]
-    assert found.warnings[0].message.startswith("t.csv: ")
+    assert found.warnings[0].message.startswith(f"{tmp_path / 't.csv'}: ")
 
 
 @pytest.mark.parametrize(
     ("header", "columns", "words"),
     [
         ("num,x,y,z,qx,qy,qz,qw", "n x y z 0 0 qz qw", "no column of a stamp among num, x, y"),
+        ("timestamp,latitude,longitude,altitude", "t x y z", "no column of x among timestamp, latitude"),
+        ("sec,usec,x,y,yaw", "sec n x y yaw", "no column of a stamp among sec, usec"),
         ("t,x,z,qx,qy,qz,qw", "t x z 0 0 qz qw", "no column of y among t, x, z"),
         ("t,x,y,z,qx,qy,qz", "t x y z 0 0 qz", "no column of qw among"),
         ("t,x,y,pose.x,yaw", "t x y x yaw", "both x and pose.x may be x"),
