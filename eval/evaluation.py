@@ -11,9 +11,10 @@ from typing import Any
 import numpy as np
 
 from moteslam.errors import ConfigError, InputError
+from moteslam.eval.comparison_issues import few_matched, of_reading, of_shape, said
 from moteslam.eval.metrics.association import MAX_DIFFERENCE
 from moteslam.eval.metrics.ate import AteResult, absolute_trajectory_error
-from moteslam.eval.metrics.clock import ClockOffset, clock_offset
+from moteslam.eval.metrics.clock import clock_offset
 from moteslam.eval.metrics.evidence import FINAL, Evidence, oriented
 from moteslam.eval.metrics.positions import PositionResult, position_error
 from moteslam.eval.metrics.registry import Value, measure
@@ -27,14 +28,13 @@ from moteslam.eval.metrics.relations import (
 )
 from moteslam.eval.metrics.residuals import ResidualResult, scan_residuals
 from moteslam.eval.metrics.rpe import RpeResult, relative_pose_error
-from moteslam.eval.metrics.space import in_plane, in_space, space_issues, spatial
-from moteslam.robot.alignment import umeyama
+from moteslam.eval.metrics.space import in_plane, space_issues, spatial
 from moteslam.robot.formats.map_server import read_map
 from moteslam.robot.issues import Issue
 from moteslam.robot.platform import Platform
 from moteslam.robot.positions import Positions, is_positions, read_positions
 from moteslam.robot.recording import Recording
-from moteslam.robot.se2 import compose, transform_points
+from moteslam.robot.se2 import compose
 from moteslam.robot.trajectories import read_trajectory
 from moteslam.robot.trajectories.space import TILT, tilt_of
 from moteslam.robot.trajectory import Trajectory
@@ -42,12 +42,6 @@ from moteslam.slam.inputs.scans import Scans
 
 ACCURACY_OF_MAPS = ("map_precision", "map_recall", "map_f1", "map_distance", "map_free_iou", "map_known")
 """Metrics that compare a map with the true one."""
-SMALL, LARGER = 0.1, 50.0
-"""Errors and sizes below this [m], and ratios of sizes below that, are no other unit."""
-AXES = np.deg2rad(30.0)
-"""Orientations that differ by more than this throughout [rad] are of other axes."""
-FEW = 0.5
-"""Where less than this share of the shorter trajectory's poses has a partner, the two may not belong together."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -215,15 +209,15 @@ def against_trajectory(
         offset = clock_offset(estimate, reference)
         if offset is None:
             raise
-        raise InputError(f"{error.problem}; {_said(offset)}", file=error.file, field=error.field) from error
-    issues = _of_reading(estimate, reference) + space_issues(estimate, reference) + _of_axes(ate)
-    issues += _few_matched(
+        raise InputError(f"{error.problem}; {said(offset)}", file=error.file, field=error.field) from error
+    issues = of_reading(estimate, reference) + space_issues(estimate, reference) + of_shape(ate)
+    issues += few_matched(
         len(ate.stamps), min(len(estimate), len(reference)), "poses", "are these the same drive, on the same clock?"
     )
     if align and (offset := clock_offset(estimate, reference)) is not None:
         moved = replace(estimate, stamps=estimate.stamps + offset.seconds)
         after = absolute_trajectory_error(moved, reference, scale=scale, max_difference=apart)
-        issues += (Issue("clocks-differ", _said(replace(offset, rmse=after.rmse, before=ate.rmse))),)
+        issues += (Issue("clocks-differ", said(replace(offset, rmse=after.rmse, before=ate.rmse))),)
     rpe: RpeResult | None = None
     try:
         rpe = relative_pose_error(
@@ -276,14 +270,14 @@ def against_positions(
     except InputError as error:
         if (offset := clock_offset(there, measured_at)) is None:
             raise
-        raise InputError(f"{error.problem}; {_said(offset)}", file=error.file, field=error.field) from error
+        raise InputError(f"{error.problem}; {said(offset)}", file=error.file, field=error.field) from error
     question = "are these of the same drive, on the same clock?"
-    issues = _few_matched(len(ate.stamps), min(len(estimate), len(positions)), "positions", question)
+    issues = few_matched(len(ate.stamps), min(len(estimate), len(positions)), "positions", question)
     if robot is None:
         text = "the positions are the lidar's, whose place on the robot only the recording says: taken for its origin"
         issues = (Issue("unknown-mount", text), *issues)
     if align and (offset := clock_offset(there, measured_at)) is not None:
-        issues += (Issue("clocks-differ", _said(offset)),)
+        issues += (Issue("clocks-differ", said(offset)),)
     return AgainstPositions(ate, align, align and scale, issues)
 
 
@@ -294,7 +288,7 @@ def under_recording(estimate: Trajectory, recording: Recording, *, scans: Scans 
     assert recording.lidar is not None  # or there would be no residuals
     shorter = min(len(estimate), len(recording.lidar))
     question = "is this its recording, on the same clock?"
-    return UnderRecording(result, _few_matched(result.matched, shorter, "scans or poses", question))
+    return UnderRecording(result, few_matched(result.matched, shorter, "scans or poses", question))
 
 
 def measured(
@@ -338,46 +332,3 @@ def measured(
         return measure(evidence, dict.fromkeys([*(ACCURACY_OF_MAPS if true_map is not None else ()), *(names or ())]))
     except ConfigError as error:
         raise ConfigError(error.problem, file=error.file, field="--metric") from error
-
-
-def _said(offset: ClockOffset) -> str:
-    """An offset of the clocks in words, with the option that takes it."""
-    instead = "" if offset.before is None else f" in place of {offset.before:.4f} m"
-    fits = f"moved by {offset.seconds:+.3f} s the estimate fits with an ATE of {offset.rmse:.4f} m{instead}"
-    return f"{fits}: its clock seems to be another one (--time-offset {offset.seconds:.3f})"
-
-
-def _of_reading(estimate: Trajectory, reference: Trajectory) -> tuple[Issue, ...]:
-    """What was assumed when both were read; the plane of motion matters where they are compared in x and y."""
-    left_out = {"out-of-plane"} if in_space(estimate, reference) else set()
-    issues = dict.fromkeys((*estimate.warnings, *reference.warnings))
-    return tuple(issue for issue in issues if issue.code not in left_out)
-
-
-def _of_axes(ate: AteResult) -> tuple[Issue, ...]:
-    """That one path is far larger than the other or its mirror image, or that the axes of both bodies differ."""
-    there, true = ate.aligned[:, :2], ate.reference[:, :2]
-    size = float(np.linalg.norm(there.std(axis=0)) / max(np.linalg.norm(true.std(axis=0)), SMALL))
-    if ate.rmse > SMALL and not 1 / LARGER < size < LARGER:
-        return (Issue("sizes-differ", f"the estimate is {size:.3g} times as large as the reference: other units?"),)
-    mirrored = there * (1.0, -1.0)
-    off = transform_points(umeyama(mirrored, true), mirrored) - true
-    if ate.motion is None and ate.rmse > SMALL and float(np.sqrt(np.square(off).sum(axis=1).mean())) < ate.rmse / 5:
-        return (
-            Issue("mirrored", "the estimate fits the reference as its mirror image: y or turns of the wrong sign?"),
-        )
-    if ate.motion is None or ate.rotation_errors is None or np.median(ate.rotation_errors) < AXES:
-        return ()
-    if ate.rotation_errors.std() > 0.2 * AXES:
-        return ()
-    degrees = np.rad2deg(float(np.median(ate.rotation_errors)))
-    why = f"orientations differ by {degrees:.0f} degrees throughout: other axes of the body, or a mirrored path"
-    text = f"{why}; errors of rotation and relative errors hold that"
-    return (Issue("body-axes", text, len(ate.stamps)),)
-
-
-def _few_matched(matched: int, shorter: int, what: str, question: str) -> tuple[Issue, ...]:
-    """The issue that few of the shorter one's stamps have a partner, if they are few."""
-    if matched >= FEW * shorter:
-        return ()
-    return (Issue("few-matched", f"{matched} of {shorter} {what} have a partner: {question}", matched),)

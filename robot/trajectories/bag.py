@@ -79,14 +79,15 @@ def read_bag(bag: Path, name: str) -> Trajectory:
             stamps that go back.
     """
     file = Path(f"{bag}:{name}")
+    left_out: tuple[Issue, ...] = ()
     try:
         with _opened(bag) as reader:
             if name.startswith("tf:"):
-                rows, issues = _along(reader, *_frames(name)), ()
+                rows = _along(reader, *_frames(name))
             else:
-                rows, issues = _of_topic(reader, name)
+                rows, left_out = _of_topic(reader, name)
         stamps, positions, quaternions, more = _in_order(rows)
-        issues = tuple(Issue(issue.code, f"{file}: {issue.message}", issue.count) for issue in (*issues, *more))
+        issues = tuple(Issue(one.code, f"{file}: {one.message}", one.count) for one in (*left_out, *more))
         return trajectory_of(file, stamps, positions, quaternions if rows[:, 4:].any() else None, warnings=issues)
     except InputError as error:
         raise InputError(error.problem, file=f"{bag}:{name}", field=error.field) from error

@@ -73,7 +73,9 @@ def read_poses(path: Path, what: str) -> Trajectory:
     columns: Columns | None = None
     comments: list[str] = []
     separator: str | None = None
-    stamps, rows, lines = [], [], []
+    stamps: list[str] = []
+    rows: list[list[float]] = []
+    lines: list[int] = []
     wanted: list[int] = []
     for number, line in all_lines(path, what):
         if columns is None:

@@ -102,7 +102,7 @@ def quaternions_of(rotations: Array) -> Array:
     outer[:, 3, :3] = outer[:, :3, 3] = vector
     best = np.argmax(np.diagonal(outer, axis1=1, axis2=2), axis=1)
     found = outer[np.arange(len(r)), best]
-    return found / np.linalg.norm(found, axis=1, keepdims=True)
+    return np.asarray(found / np.linalg.norm(found, axis=1, keepdims=True))
 
 
 def interpolated(stamps: Array, positions: Array, quaternions: Array, at: Array) -> tuple[Array, Array]:
@@ -142,7 +142,7 @@ def normal_of(positions: Array) -> Array:
     if size[1] <= 1e-4 * size[0]:
         up = up - axes[0] * axes[0, 2]
         return up / np.linalg.norm(up) if np.linalg.norm(up) > SAME else np.array((1.0, 0.0, 0.0))
-    return axes[2] if axes[2, 2] >= 0 else -axes[2]
+    return np.asarray(axes[2] if axes[2, 2] >= 0 else -axes[2])
 
 
 def tilt_of(positions: Array) -> float:
