@@ -66,6 +66,8 @@ def _read(path: Path) -> tuple[Trajectory, tuple[Issue, ...]]:
     Raises:
         InputError: it is broken.
     """
+    import numpy as np
+
     from moteslam.robot.issues import Issue
     from moteslam.robot.trajectories import TRAJECTORY_FORMATS, read_trajectory, trajectory_format_of
     from moteslam.robot.trajectories.bag import is_bag, parts_of
@@ -73,10 +75,16 @@ def _read(path: Path) -> tuple[Trajectory, tuple[Issue, ...]]:
     from moteslam.robot.wording import counted
 
     if parts_of(path) is not None or is_bag(path) or trajectory_format_of(path) is not TRAJECTORY_FORMATS["g2o"]:
-        trajectory = read_trajectory(path)
-        return trajectory, trajectory.warnings
-    graph, trajectory = read_both(path)
-    if not (edges := len(graph.first)):
-        return trajectory, trajectory.warnings
-    text = f"{path.name}: {counted(edges, 'edge')} not written, no part of a trajectory"
-    return trajectory, (*trajectory.warnings, Issue("not-written", text, edges))
+        trajectory, edges = read_trajectory(path), 0
+    else:
+        graph, trajectory = read_both(path)
+        edges = len(graph.first)
+    issues = trajectory.warnings
+    if trajectory.space is not None:
+        span = float(np.ptp(trajectory.space.positions[:, 2]))
+        text = f"{path.name}: z, which spans {span:.2f} m, roll and pitch not written: poses are those in x and y"
+        issues += (Issue("not-written", text, len(trajectory)),)
+    if edges:
+        text = f"{path.name}: {counted(edges, 'edge')} not written, no part of a trajectory"
+        issues += (Issue("not-written", text, edges),)
+    return trajectory, issues

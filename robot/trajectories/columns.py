@@ -31,7 +31,7 @@ OTHER = {
     *("b", "bias", "std", "sigma", "var", "variance", "omega", "gyro", "err", "error", "scale", "w", "a"),
 }
 """Words that make a column one of something else."""
-TURNS = {"roll": "roll", "pitch": "pitch", "yaw": "yaw", "theta": "yaw", "heading": "yaw", "psi": "yaw"}
+TURNS = {"roll": "roll", "pitch": "pitch", "yaw": "yaw", "theta": "yaw", "psi": "yaw"}
 EAST = {"easting": "x", "east": "x", "northing": "y", "north": "y", "up": "z"}
 SCALES = {"m": 1.0, "cm": 0.01, "mm": 0.001, "km": 1000.0, "rad": 1.0, "deg": np.pi / 180, "": 1.0}
 MAX_TURN = 6.3

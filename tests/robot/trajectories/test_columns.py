@@ -86,6 +86,7 @@ def test_columns_by_their_names(tmp_path: Path, header: str, columns: str, separ
         ("", "ns x y z 0 0 qz qw", "stamps-scaled"),
         ("", "ns x y z qw 0 0 qz", "orientation-order"),
         ("t,x,y,z", "t x y z", "no-orientation"),
+        ("t,x,y,heading", "t x y yaw", "no-orientation"),
         ("time [ns],x,y,yaw", "n x y yaw", "stamps-unlikely"),
     ],
 )
