@@ -11,11 +11,13 @@ Row 0 of every array has the smallest y, in the file as in memory. Nothing is pi
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+import zipfile
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
-from typing import IO, Any, Literal, NamedTuple, get_args
+from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
@@ -23,8 +25,8 @@ from numpy.typing import DTypeLike, NDArray
 from moteslam.errors import InputError
 from moteslam.robot.arrays import frozen
 from moteslam.robot.files import write_atomically
-from moteslam.robot.formats.npz import Shape, read_arrays
 from moteslam.robot.raster import Raster
+from moteslam.robot.reading import open_regular
 from moteslam.robot.summary import Summarised
 from moteslam.robot.wording import expect_type, shortened
 
@@ -128,13 +130,8 @@ def write_map_arrays(path: str | PathLike[str], map_arrays: MapArrays) -> None:
     header |= {"cell_size": float(map_arrays.cell_size), "origin": [float(value) for value in map_arrays.origin]}
     header |= {} if map_arrays.truncation is None else {"truncation": float(map_arrays.truncation)}
     content = np.frombuffer(json.dumps(header | {"units": units}, allow_nan=False).encode(), np.uint8)
-
     arrays: dict[str, Any] = {"header": content, **map_arrays.arrays}
-
-    def write(file: IO[bytes]) -> None:
-        np.savez_compressed(file, **arrays)
-
-    write_atomically(path, write)
+    write_atomically(path, lambda file: np.savez_compressed(file, **arrays))
 
 
 def read_map_arrays(path: str | PathLike[str]) -> MapArrays:
@@ -145,42 +142,67 @@ def read_map_arrays(path: str | PathLike[str]) -> MapArrays:
             other shapes or of more than 1 GiB, or values out of bounds; file and field are named.
     """
     path = Path(path)
-    header = _header(path)
-    kind = header.get("kind")
-    if not isinstance(kind, str) or kind not in ARRAYS:
-        raise InputError(f"{shortened(kind)}, expected one of {', '.join(ARRAYS)}", file=path, field="header.kind")
+    with _opened(path) as arrays:
+        header = _header(path, arrays)
+        kind = header.get("kind")
+        if not isinstance(kind, str) or kind not in ARRAYS:
+            raise InputError(f"{shortened(kind)}, expected one of {', '.join(ARRAYS)}", file=path, field="header.kind")
+        found = {name: _array(path, arrays, name) for name in ARRAYS[kind]}
     origin = header.get("origin")
-    shapes: dict[str, Shape] = {name: ("rows", "columns", *about.depth) for name, about in ARRAYS[kind].items()}
     try:
         return MapArrays(
-            kind=kind,
-            arrays=read_arrays(path, shapes, max_bytes=MAX_BYTES),
+            kind=kind,  # type: ignore[arg-type]
+            arrays=found,
             cell_size=header.get("cell_size"),  # type: ignore[arg-type]
             origin=tuple(origin) if isinstance(origin, list) else (),
             truncation=header.get("truncation"),
         )
     except InputError as error:
-        if error.file is not None:
-            raise
-        field = error.field if error.field in ARRAYS[kind] else f"header.{error.field}"
+        field = error.field if error.field in found else f"header.{error.field}"
         raise InputError(error.problem, file=path, field=field) from error
 
 
-def _header(path: Path) -> dict[str, Any]:
-    """The header of a file, of a version that is known here."""
-    content = read_arrays(path, {"header": ("n",)}, max_bytes=MAX_HEADER)["header"]
+@contextmanager
+def _opened(path: Path) -> Iterator[Mapping[str, NDArray[Any]]]:
+    """The arrays of a file that together take no more than ``MAX_BYTES``."""
+    with open_regular(path, "a map as .npz") as file:
+        try:
+            with zipfile.ZipFile(file) as archive:
+                size = sum(member.file_size for member in archive.infolist())
+            if size <= MAX_BYTES + MAX_HEADER:
+                with np.load(file, allow_pickle=False) as arrays:
+                    yield arrays
+                return
+        except InputError:
+            raise
+        except Exception as error:
+            raise InputError("not a whole file, expected an .npz archive", file=path) from error
+        raise InputError(f"{size} bytes of arrays, expected at most {MAX_BYTES}", file=path)
+
+
+def _array(path: Path, arrays: Mapping[str, NDArray[Any]], name: str) -> NDArray[Any]:
+    """One of them; whatever NumPy stumbles over is an error of one line."""
+    if name not in arrays:
+        raise InputError("missing, expected an array of this name", file=path, field=name)
     try:
-        header = json.loads(content.tobytes()) if content.dtype == np.uint8 else None
+        return np.asarray(arrays[name])
+    except Exception as error:
+        raise InputError("has no readable values, expected an array of numbers", file=path, field=name) from error
+
+
+def _header(path: Path, arrays: Mapping[str, NDArray[Any]]) -> dict[str, Any]:
+    """The header of a file, of a version that is known here."""
+    content = _array(path, arrays, "header")
+    try:
+        header = json.loads(content.tobytes()) if content.dtype == np.uint8 and content.size <= MAX_HEADER else None
     except (ValueError, RecursionError):
         header = None
     if not isinstance(header, dict) or header.get("format") != NAME:
         raise InputError(f'expected JSON with "format": "{NAME}"', file=path, field="header")
     version = header.get("version")
-    if not isinstance(version, int) or isinstance(version, bool) or version < 1:
-        raise InputError(f"{shortened(version)}, expected {VERSION}", file=path, field="header.version")
-    if version > VERSION:
-        expected = f"expected at most {VERSION}: a newer moteslam reads it"
-        raise InputError(f"{shortened(version)}, {expected}", file=path, field="header.version")
+    if not isinstance(version, int) or isinstance(version, bool) or not 1 <= version <= VERSION:
+        problem = f"{shortened(version)}, expected {VERSION}; a newer moteslam reads more"
+        raise InputError(problem, file=path, field="header.version")
     return header
 
 

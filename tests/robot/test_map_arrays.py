@@ -119,8 +119,8 @@ HEADER = {"format": "moteslam-map", "version": 1, "kind": "log_odds", "cell_size
 @pytest.mark.parametrize(
     ("header", "message"),
     [
-        ({"version": 2}, "header.version: 2, expected at most 1: a newer moteslam reads it"),
-        ({"version": 10**400}, "header.version: 10+.*expected at most 1"),
+        ({"version": 2}, "header.version: 2, expected 1; a newer moteslam reads more"),
+        ({"version": 10**400}, "header.version: 10+.*expected 1"),
         ({"version": True}, "header.version: True, expected 1"),
         ({"version": "1"}, "header.version: '1', expected 1"),
         ({"format": "grid"}, 'header: expected JSON with "format": "moteslam-map"'),
@@ -136,7 +136,7 @@ HEADER = {"format": "moteslam-map", "version": 1, "kind": "log_odds", "cell_size
         (b"{", "header: expected JSON"),
         (b"[" * 50_000, "header: expected JSON"),
         (b"\xff", "header: expected JSON"),
-        (b" " * 200_000, "bytes of arrays, expected at most 100000"),
+        (b" " * 200_000, "header: expected JSON"),
     ],
 )
 def test_a_header_that_is_none_is_refused(tmp_path: Path, header: Any, message: str) -> None:
@@ -158,7 +158,7 @@ def test_more_keys_are_passed_over(tmp_path: Path) -> None:
 def test_pickles_and_bombs_are_refused(tmp_path: Path) -> None:
     content = np.frombuffer(json.dumps(HEADER).encode(), np.uint8)
     np.savez(tmp_path / "p.npz", header=content, log_odds=np.array([[{}]], object))
-    with pytest.raises(InputError, match="log_odds: holds pickled objects"):
+    with pytest.raises(InputError, match="log_odds: has no readable values"):
         read_map_arrays(tmp_path / "p.npz")
     with zipfile.ZipFile(tmp_path / "b.npz", "w", zipfile.ZIP_DEFLATED) as archive:
         for name, values in (("header", content), ("log_odds", np.zeros((1, 1), np.float32))):
@@ -168,7 +168,7 @@ def test_pickles_and_bombs_are_refused(tmp_path: Path) -> None:
             if name == "log_odds":
                 head = head.replace(b"(1, 1), }      ", b"(50000, 50000),}")
             archive.writestr(f"{name}.npy", head)
-    with pytest.raises(InputError, match=r"log_odds: (declares|has no readable)"):
+    with pytest.raises(InputError, match="log_odds: has no readable values"):
         read_map_arrays(tmp_path / "b.npz")
 
 
