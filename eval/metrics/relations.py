@@ -14,19 +14,17 @@ from moteslam.errors import InputError
 from moteslam.eval.metrics.association import MAX_GAP
 from moteslam.eval.metrics.statistics import Statistics
 from moteslam.robot.formats.stamps import MAX_JUMP
-from moteslam.robot.reading import open_regular, read_text
+from moteslam.robot.reading import open_regular
 from moteslam.robot.se2 import Poses, between, wrap
 from moteslam.robot.se2 import interpolate as interpolated
 from moteslam.robot.stamps import nearest_stamp
 from moteslam.robot.summary import Summarised
+from moteslam.robot.trajectories.rows import data_lines, finite_numbers
 from moteslam.robot.trajectory import Trajectory
 from moteslam.robot.wording import expect_type
 
 TOLERANCE = 1e-4
 """Stamps of a relation and of a pose that are the same reading differ by less than this [s]."""
-
-MAX_BYTES = 500_000_000
-"""No file of relations is larger."""
 
 UPRIGHT = 0.2
 """Height [m], roll and pitch [rad] of a relation are less."""
@@ -144,20 +142,13 @@ def read_relations(path: str | PathLike[str]) -> Relations:
     """Read ``t1 t2 x y z roll pitch yaw`` lines (metres, radians), of which x, y and yaw count.
 
     Raises:
-        InputError: not a text file of at most ``MAX_BYTES``, a line without eight finite numbers, or no line.
+        InputError: not a text file of at most 500 MB, a line without eight finite numbers, or no line.
     """
     path = Path(path)
-    text = read_text(path, "relations", limit=MAX_BYTES)
     rows: list[list[float]] = []
-    for number, line in enumerate(text.splitlines(), start=1):
-        words = line.split()
-        if not words or words[0].startswith("#"):
-            continue
-        try:
-            row = [float(word) for word in words]
-        except ValueError:
-            row = []
-        if len(row) != 8 or not np.isfinite(row).all():
+    for number, line in data_lines(path, "relations"):
+        row = finite_numbers(line.split())
+        if row is None or len(row) != 8:
             raise InputError("expected 8 finite numbers: t1 t2 x y z roll pitch yaw", file=path, line=number)
         rows.append(row)
     if not rows:

@@ -1,12 +1,11 @@
 """Maps as ROS's map_server keeps them: an image, and a YAML file that says where it lies and what its greys mean.
 
 A raster has row 0 at the smallest y, an image at the largest: it is flipped here, at the file, and nowhere else. What
-greys mean is in ``map_server_cells``, the YAML file in ``map_server_yaml``.
+the YAML file and the greys mean is in ``map_server_cells``.
 """
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping
 from os import PathLike
 from pathlib import Path
@@ -15,22 +14,27 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from moteslam.errors import ConfigError, InputError, MoteslamWarning, OutputError
+from moteslam.errors import ConfigError, InputError, OutputError
 from moteslam.robot.files import write_atomically
 from moteslam.robot.formats.map_server_cells import (
     FREE_GREY,
     FREE_PERCENT,
+    MODES,
     OCCUPIED_GREY,
     OCCUPIED_PERCENT,
     RULES,
     UNKNOWN_GREY,
     UNKNOWN_PERCENT,
+    MapFile,
+    Mode,
     Rules,
+    map_file_text,
     occupancies,
     pixels_of,
+    read_map_file,
     saved,
+    warn_of_thresholds,
 )
-from moteslam.robot.formats.map_server_yaml import MODES, MapFile, Mode, read_map_file, write_map_file
 from moteslam.robot.pictures import decode_channels, encode_png, picture_size
 from moteslam.robot.raster import Raster
 from moteslam.robot.reading import read_bytes
@@ -49,17 +53,10 @@ MAX_EXTENT = 2000.0
 
 
 def read_map(path: str | PathLike[str]) -> Raster:
-    """Read a map as free, occupied and unknown cells.
+    """Read a map [H, W] as `FREE`, `OCCUPIED` and `UNKNOWN` cells, int8, of its ``.yaml``.
 
-    What is above the one threshold is occupied, what is below the other free, all else unknown: in the mode ``scale``,
-    too. In the mode ``raw``, which has no thresholds of its own, they are applied as map_saver does: at least
-    ``occupied_thresh`` and at most ``free_thresh``, in whole percent.
-
-    Args:
-        path: of the ``.yaml``; the image that it names lies beside it, or below.
-
-    Returns:
-        int8 values [H, W]: `FREE`, `OCCUPIED` or `UNKNOWN`.
+    What is between the thresholds is unknown in the mode ``scale``, too. In the mode ``raw`` they are applied as
+    map_saver does: at least ``occupied_thresh`` and at most ``free_thresh``, in whole percent.
 
     Raises:
         InputError: a file that is missing, not YAML or no image, a key that is missing or out of bounds, an image
@@ -165,7 +162,7 @@ def write_occupancy(
     if mode == "trinary":  # the greys are map_saver's own, whatever decided
         occupied, free = OCCUPIED_THRESHOLD, FREE_THRESHOLD
     about = {"negate": int(negate), "occupied_thresh": float(occupied), "free_thresh": float(free)}
-    write_map_file(path, raster, {"mode": mode}, about)
+    _write_yaml(path, raster, {"mode": mode}, about)
 
 
 def occupancy_of(log_odds: Raster) -> Raster:
@@ -201,7 +198,7 @@ def write_picture(path: str | PathLike[str], raster: Raster, about: Mapping[str,
         OutputError: one of them cannot be written.
     """
     write_atomically(path, encode_png(raster.values[::-1]))
-    write_map_file(Path(path), raster, {}, about or {})
+    _write_yaml(Path(path), raster, {}, about or {})
 
 
 def trinary(log_odds: NDArray[np.float32]) -> NDArray[np.int8]:
@@ -251,35 +248,14 @@ def _read(path: Path) -> tuple[MapFile, NDArray[np.uint16]]:
     pixels = decode_channels(content) if columns * rows else None
     if pixels is None:
         raise InputError("not readable as an image, expected a complete pgm or png map", file=about.image)
-    _tell_meanings(path, about, pixels)
+    warn_of_thresholds(path, about, pixels)
     return about, pixels
 
 
-def _tell_meanings(path: Path, about: MapFile, pixels: NDArray[np.uint16]) -> None:
-    """Warn where all greys are map_saver's, and the thresholds make something else of that of unknown cells.
-
-    map_saver wrote ``free_thresh: 0.25`` for years, by which its grey of them, 205, is free.
-    """
-    grey = (pixels[..., 0] >> 8).ravel()
-    if about.mode == "raw" or (pixels[..., :3] != pixels[..., :1]).any():
-        return
-    counts = np.bincount(grey, minlength=256)
-    if about.negate and counts[255 - UNKNOWN_GREY]:
-        counts = counts[::-1]  # a negative of map_saver's
-        unknown = 255 - UNKNOWN_GREY
-    else:
-        unknown = UNKNOWN_GREY
-    there = set(np.flatnonzero(counts).tolist())
-    if UNKNOWN_GREY not in there or not {UNKNOWN_GREY} < there <= {FREE_GREY, OCCUPIED_GREY, UNKNOWN_GREY, 255}:
-        return
-    one = pixels.reshape(1, -1, pixels.shape[2])[:, [int(np.argmax(grey == unknown))]]
-    read = int(occupancies(one, about, between=False)[0, 0])
-    if read != UNKNOWN_PERCENT:
-        what = f"grey {unknown}, which map_saver writes for unknown, is read as {'occupied' if read else 'free'}"
-        why = f"by free_thresh {about.free:g}, occupied_thresh {about.occupied:g} and negate {int(about.negate)}"
-        cells = f"{counts[UNKNOWN_GREY]} of {counts.sum()} cells count as known, so map_known is too high"
-        mend = "" if read else ": free_thresh: 0.196 would leave them unknown"
-        warnings.warn(MoteslamWarning(f"{path}: {what} {why}; {cells}{mend}"), stacklevel=3)
+def _write_yaml(image: Path, raster: Raster, before: dict[str, Any], after: Mapping[str, Any]) -> None:
+    """Write the YAML file beside an image, under its name."""
+    place = {"resolution": float(raster.cell_size), "origin": [float(value) for value in raster.origin]}
+    write_atomically(image.with_suffix(".yaml"), map_file_text(image, place, before, dict(after)))
 
 
 def _raster(values: NDArray[Any], about: MapFile) -> Raster:
