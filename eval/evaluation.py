@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import isnan
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from moteslam.errors import ConfigError, InputError
+from moteslam.eval.comparison_issues import few_matched, of_reading, of_shape, said
 from moteslam.eval.metrics.association import MAX_DIFFERENCE
 from moteslam.eval.metrics.ate import AteResult, absolute_trajectory_error
-from moteslam.eval.metrics.evidence import FINAL, Evidence
+from moteslam.eval.metrics.clock import clock_offset
+from moteslam.eval.metrics.evidence import FINAL, Evidence, oriented
 from moteslam.eval.metrics.positions import PositionResult, position_error
 from moteslam.eval.metrics.registry import Value, measure
 from moteslam.eval.metrics.relations import (
@@ -24,19 +28,20 @@ from moteslam.eval.metrics.relations import (
 )
 from moteslam.eval.metrics.residuals import ResidualResult, scan_residuals
 from moteslam.eval.metrics.rpe import RpeResult, relative_pose_error
+from moteslam.eval.metrics.space import in_plane, space_issues, spatial
 from moteslam.robot.formats.map_server import read_map
 from moteslam.robot.issues import Issue
 from moteslam.robot.platform import Platform
-from moteslam.robot.positions import Positions, is_positions
+from moteslam.robot.positions import Positions, is_positions, read_positions
 from moteslam.robot.recording import Recording
+from moteslam.robot.se2 import compose
 from moteslam.robot.trajectories import read_trajectory
+from moteslam.robot.trajectories.space import TILT, tilt_of
 from moteslam.robot.trajectory import Trajectory
 from moteslam.slam.inputs.scans import Scans
 
 ACCURACY_OF_MAPS = ("map_precision", "map_recall", "map_f1", "map_distance", "map_free_iou", "map_known")
 """Metrics that compare a map with the true one."""
-FEW = 0.5
-"""Where less than this share of the shorter trajectory's poses has a partner, the two may not belong together."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +53,8 @@ class AgainstTrajectory:
         aligned: whether after rigid alignment.
         scaled: whether the alignment fitted the scale, too.
         rpe: the relative error; None where it cannot be had.
-        issues: why it cannot be had; that few poses have a partner.
+        issues: why it cannot be had; that few poses have a partner; how they were read and compared; that the clocks
+            differ.
     """
 
     ate: AteResult
@@ -63,6 +69,7 @@ class AgainstTrajectory:
             "kind": "trajectory",
             "aligned": self.aligned,
             "scaled": self.scaled,
+            "oriented": self.ate.rotation is not None,
             "ate": self.ate.as_dict(),
             "rpe": None if self.rpe is None else self.rpe.as_dict(),
             "warnings": [issue.as_dict() for issue in self.issues],
@@ -70,10 +77,11 @@ class AgainstTrajectory:
 
     def errors(self) -> dict[str, Any]:
         """The error at every stamp, as it goes into JSON."""
+        turns = self.ate.rotation_errors
         return {
             "stamps": self.ate.stamps.tolist(),
             "translation_m": self.ate.errors.tolist(),
-            "rotation_rad": self.ate.rotation_errors.tolist(),
+            "rotation_rad": None if turns is None else turns.tolist(),
         }
 
 
@@ -159,6 +167,17 @@ class Evaluated:
     under: UnderRecording | None = None
 
 
+def read_reference(path: Path) -> Trajectory | Relations | Positions:
+    """What to score by: relations, positions or a trajectory, by the content of a file.
+
+    Raises:
+        InputError: it is none of them, or broken.
+    """
+    if is_relations(path):
+        return read_relations(path)
+    return read_positions(path) if is_positions(path) else read_trajectory(path)
+
+
 def against_trajectory(
     estimate: Trajectory,
     reference: Trajectory,
@@ -184,10 +203,21 @@ def against_trajectory(
             relative error, and the rest all the same.
     """
     apart = MAX_DIFFERENCE if max_difference is None else max_difference
-    ate = absolute_trajectory_error(estimate, reference, align=align, scale=scale, max_difference=apart)
-    issues = _few_matched(
+    try:
+        ate = absolute_trajectory_error(estimate, reference, align=align, scale=scale, max_difference=apart)
+    except InputError as error:
+        offset = clock_offset(estimate, reference)
+        if offset is None:
+            raise
+        raise InputError(f"{error.problem}; {said(offset)}", file=error.file, field=error.field) from error
+    issues = of_reading(estimate, reference) + space_issues(estimate, reference) + of_shape(ate)
+    issues += few_matched(
         len(ate.stamps), min(len(estimate), len(reference)), "poses", "are these the same drive, on the same clock?"
     )
+    if align and (offset := clock_offset(estimate, reference)) is not None:
+        moved = replace(estimate, stamps=estimate.stamps + offset.seconds)
+        after = absolute_trajectory_error(moved, reference, scale=scale, max_difference=apart)
+        issues += (Issue("clocks-differ", said(replace(offset, rmse=after.rmse, before=ate.rmse))),)
     rpe: RpeResult | None = None
     try:
         rpe = relative_pose_error(
@@ -230,27 +260,40 @@ def against_positions(
     """
     apart = MAX_DIFFERENCE if max_difference is None else max_difference
     mount = (0.0, 0.0, 0.0) if robot is None else robot.lidar.pose
-    ate = position_error(estimate, positions, mount=mount, align=align, scale=scale, max_difference=apart)
+    if not estimate.oriented and any(mount):
+        raise InputError("an estimate without orientation, expected headings: the lidar is not at the robot's origin")
+    heads = np.column_stack((positions.points, np.zeros(len(positions))))
+    measured_at = Trajectory(positions.stamps, heads, oriented=False)
+    there = replace(estimate, poses=compose(estimate.poses, mount), space=None)
+    try:
+        ate = position_error(estimate, positions, mount=mount, align=align, scale=scale, max_difference=apart)
+    except InputError as error:
+        if (offset := clock_offset(there, measured_at)) is None:
+            raise
+        raise InputError(f"{error.problem}; {said(offset)}", file=error.file, field=error.field) from error
     question = "are these of the same drive, on the same clock?"
-    issues = _few_matched(len(ate.stamps), min(len(estimate), len(positions)), "positions", question)
+    issues = few_matched(len(ate.stamps), min(len(estimate), len(positions)), "positions", question)
     if robot is None:
         text = "the positions are the lidar's, whose place on the robot only the recording says: taken for its origin"
         issues = (Issue("unknown-mount", text), *issues)
+    if align and (offset := clock_offset(there, measured_at)) is not None:
+        issues += (Issue("clocks-differ", said(offset)),)
     return AgainstPositions(ate, align, align and scale, issues)
 
 
 def under_recording(estimate: Trajectory, recording: Recording, *, scans: Scans | None = None) -> UnderRecording:
     """Score a trajectory by the scans of its recording; arguments and errors as in ``scan_residuals``."""
+    oriented(estimate)
     result = scan_residuals(recording, estimate, scans=scans)
     assert recording.lidar is not None  # or there would be no residuals
     shorter = min(len(estimate), len(recording.lidar))
     question = "is this its recording, on the same clock?"
-    return UnderRecording(result, _few_matched(result.matched, shorter, "scans or poses", question))
+    return UnderRecording(result, few_matched(result.matched, shorter, "scans or poses", question))
 
 
 def measured(
     estimate: Trajectory,
-    reference: Path | None,
+    reference: Trajectory | Relations | Positions | None,
     *,
     recording: Recording | None = None,
     occupancy: Path | None = None,
@@ -261,7 +304,7 @@ def measured(
 
     Args:
         estimate: the trajectory.
-        reference: file of a trajectory, of relations or of positions; by the last no metric is measured.
+        reference: a trajectory, relations or positions; by the last no metric is measured.
         recording: of its drive.
         occupancy, true_map: map_server ``.yaml`` files of its map, in the frame of the estimate, and of the true one.
         names: of the metrics; with a true map its accuracy is measured, too.
@@ -270,12 +313,17 @@ def measured(
         ConfigError: a name that is no metric's.
         InputError: a map that cannot be read, or no stamps in common.
     """
-    relations = reference is not None and is_relations(reference)
-    no_truth = reference is None or relations or is_positions(reference)
+    truth = reference if isinstance(reference, Trajectory) else None
+    if truth is not None and any(tilt_of(spatial(one).positions) > TILT for one in (estimate, truth)):
+        if occupancy is not None:
+            raise InputError("a map in x and y, expected none of a motion in another plane", file=occupancy)
+        motion = absolute_trajectory_error(estimate, truth).motion
+        assert motion is not None  # in space
+        estimate, truth = in_plane(estimate, truth, *motion)
     evidence = Evidence(
         {FINAL: estimate},
-        truth=None if no_truth or reference is None else read_trajectory(reference),
-        relations=read_relations(reference) if reference is not None and relations else None,
+        truth=truth,
+        relations=reference if isinstance(reference, Relations) else None,
         recording=recording,
         occupancy=None if occupancy is None else read_map(occupancy),
         true_map=None if true_map is None else read_map(true_map),
@@ -284,10 +332,3 @@ def measured(
         return measure(evidence, dict.fromkeys([*(ACCURACY_OF_MAPS if true_map is not None else ()), *(names or ())]))
     except ConfigError as error:
         raise ConfigError(error.problem, file=error.file, field="--metric") from error
-
-
-def _few_matched(matched: int, shorter: int, what: str, question: str) -> tuple[Issue, ...]:
-    """The issue that few of the shorter one's stamps have a partner, if they are few."""
-    if matched >= FEW * shorter:
-        return ()
-    return (Issue("few-matched", f"{matched} of {shorter} {what} have a partner: {question}", matched),)

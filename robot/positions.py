@@ -11,12 +11,10 @@ from numpy.typing import NDArray
 
 from moteslam.errors import InputError
 from moteslam.robot.arrays import frozen
-from moteslam.robot.reading import open_regular, read_text
+from moteslam.robot.reading import open_regular
 from moteslam.robot.summary import Summarised, span
+from moteslam.robot.trajectories.rows import data_lines, finite_numbers
 from moteslam.robot.wording import counted
-
-MAX_BYTES = 500_000_000
-"""No file of positions is larger."""
 
 HEAD = 100_000
 """Bytes by which a file of positions is known."""
@@ -68,25 +66,22 @@ def read_positions(path: str | PathLike[str]) -> Positions:
     """Read ``P t x y`` lines: milliseconds and millimetres (C. Brenner's LEGO robot); other kinds are passed over.
 
     Raises:
-        InputError: no text file of at most ``MAX_BYTES``, a line without three finite numbers, stamps that go back,
+        InputError: no text file of at most 500 MB, a line without three finite numbers, stamps that go back,
             or no position.
     """
     path = Path(path)
     rows: list[list[float]] = []
-    for number, line in enumerate(read_text(path, "positions", limit=MAX_BYTES).splitlines(), start=1):
-        words = line.split()
-        if not words or words[0] != "P":
+    for number, line in data_lines(path, "positions"):
+        kind, *words = line.split()
+        if kind != "P":
             continue
-        try:
-            row = [MILLI * float(word) for word in words[1:]]
-        except ValueError:
-            row = []
-        if len(row) != 3 or not np.isfinite(row).all():
+        row = finite_numbers(words)
+        if row is None or len(row) != 3:
             raise InputError("expected 3 finite numbers after P: t [ms], x and y [mm]", file=path, line=number)
         if rows and row[0] < rows[-1][0]:
             raise InputError("stamp before the one above it, expected rising stamps", file=path, line=number)
         rows.append(row)
     if not rows:
         raise InputError("no positions, expected lines: P t x y", file=path)
-    table = np.array(rows)
+    table = MILLI * np.array(rows)
     return Positions(table[:, 0], table[:, 1:])

@@ -99,6 +99,7 @@ def _inspected(path: Path) -> Any:
 
 
 def _trajectories() -> Iterator[Reader]:
+    from moteslam.eval.evaluation import against_trajectory
     from moteslam.eval.metrics.relations import read_relations
     from moteslam.robot.positions import read_positions
     from moteslam.robot.trajectories import TRAJECTORY_FORMATS, read_trajectory
@@ -110,10 +111,44 @@ def _trajectories() -> Iterator[Reader]:
             main = f"path{known.endings[0]}"
             known.write(Path(scratch) / main, path)
             yield Reader(name, _contents(Path(scratch)), main, read_trajectory)
+    turns = np.column_stack((np.sin(stamps), np.zeros((9, 2)), np.cos(stamps)))
+    rows = np.column_stack((stamps, stamps, np.sin(stamps), 0.1 * stamps, turns)).tolist()
+    lines = "".join(f"{k},{','.join(map(repr, row))},0.5\n" for k, row in enumerate(rows))
+    table = f"#num,t,x,y,z,qx,qy,qz,qw,cov_x\n{lines}".encode()
+    yield Reader("csv table", {"t.csv": table}, "t.csv", lambda file: against_trajectory(read_trajectory(file), path))
+    yield Reader(
+        "bag topics", {"p.bag": _bag_of_poses()}, "p.bag",
+        lambda file: [read_trajectory(f"{file}:{name}") for name in ("/pose", "tf:map:base")],
+    )  # fmt: skip
     places = "".join(f"P {100 * k} {k} {2 * k}.5\n" for k in range(9))
     yield Reader("positions", {"p.txt": places.encode()}, "p.txt", read_positions)
     lines = "".join(f"{k}.5 {k + 1}.5 0.5 0.1 0 0 0 0.2\n" for k in range(8))
     yield Reader("relations", {"a.relations": lines.encode()}, "a.relations", read_relations)
+
+
+def _bag_of_poses() -> bytes:
+    """A bag of ROS 1 with poses and transforms."""
+    from rosbags.rosbag1 import Writer
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+    store = get_typestore(Stores.ROS1_NOETIC)
+    store.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms", "tf2_msgs/msg/TFMessage"))
+    kinds = {
+        name.rpartition("/")[2]: kind for name, kind in store.types.items() if name.startswith(("geo", "tf2", "bu"))
+    }
+    header = store.types["std_msgs/msg/Header"]
+    with tempfile.TemporaryDirectory() as scratch:
+        with Writer(Path(scratch) / "p.bag") as writer:
+            topics = {"/pose": "geometry_msgs/msg/PoseStamped", "/tf": "tf2_msgs/msg/TFMessage"}
+            known = {name: writer.add_connection(name, kind, typestore=store) for name, kind in topics.items()}
+            for k in range(9):
+                head, turn = header(k, kinds["Time"](k + 1, 0), "map"), kinds["Quaternion"](0.0, 0.0, 0.6, 0.8)
+                pose = kinds["PoseStamped"](head, kinds["Pose"](kinds["Point"](0.1 * k, 0.0, 0.0), turn))
+                moved = kinds["Transform"](kinds["Vector3"](0.1 * k, 0.0, 0.0), turn)
+                tree = kinds["TFMessage"]([kinds["TransformStamped"](head, "base", moved)])
+                for name, message in (("/pose", pose), ("/tf", tree)):
+                    writer.write(known[name], k * 10**9, bytes(store.serialize_ros1(message, topics[name])))
+        return (Path(scratch) / "p.bag").read_bytes()
 
 
 def _maps() -> Iterator[Reader]:

@@ -66,16 +66,25 @@ def _read(path: Path) -> tuple[Trajectory, tuple[Issue, ...]]:
     Raises:
         InputError: it is broken.
     """
+    import numpy as np
+
     from moteslam.robot.issues import Issue
     from moteslam.robot.trajectories import TRAJECTORY_FORMATS, read_trajectory, trajectory_format_of
-    from moteslam.robot.trajectories.g2o import read_g2o, trajectory_of
+    from moteslam.robot.trajectories.bag import is_bag, parts_of
+    from moteslam.robot.trajectories.g2o import read_both
     from moteslam.robot.wording import counted
 
-    if trajectory_format_of(path) is not TRAJECTORY_FORMATS["g2o"]:
-        return read_trajectory(path), ()
-    graph = read_g2o(path)
-    trajectory, edges = trajectory_of(graph, path), len(graph.first)
-    if not edges:
-        return trajectory, ()
-    text = f"{path.name}: {counted(edges, 'edge')} not written, no part of a trajectory"
-    return trajectory, (Issue("not-written", text, edges),)
+    if parts_of(path) is not None or is_bag(path) or trajectory_format_of(path) is not TRAJECTORY_FORMATS["g2o"]:
+        trajectory, edges = read_trajectory(path), 0
+    else:
+        graph, trajectory = read_both(path)
+        edges = len(graph.first)
+    issues = trajectory.warnings
+    if trajectory.space is not None:
+        span = float(np.ptp(trajectory.space.positions[:, 2]))
+        text = f"{path.name}: z, which spans {span:.2f} m, roll and pitch not written: poses are those in x and y"
+        issues += (Issue("not-written", text, len(trajectory)),)
+    if edges:
+        text = f"{path.name}: {counted(edges, 'edge')} not written, no part of a trajectory"
+        issues += (Issue("not-written", text, edges),)
+    return trajectory, issues

@@ -23,7 +23,9 @@ if TYPE_CHECKING:
         Evaluated,
         UnderRecording,
     )
+    from moteslam.eval.metrics.relations import Relations
     from moteslam.robot.platform import Platform
+    from moteslam.robot.positions import Positions
     from moteslam.robot.recording import Recording
     from moteslam.robot.trajectory import Trajectory
     from moteslam.slam.inputs.scans import Scans
@@ -35,8 +37,8 @@ def evaluate(
         list[Path],
         typer.Argument(
             metavar="EST... [REF]",
-            help="Trajectories to score (TUM, KITTI, EuRoC, g2o); last of several the reference, also .relations or "
-            "positions.",
+            help="Trajectories to score (TUM, KITTI, CSV, g2o, BAG:TOPIC); last of several the reference, also "
+            ".relations or positions.",
         ),
     ],
     recording: Annotated[
@@ -74,6 +76,7 @@ def evaluate(
         float | None,
         typer.Option(min=0, metavar="S", help="Between stamps that belong together [0.01; 0.0001 for relations]."),
     ] = None,
+    time_offset: Annotated[float, typer.Option(metavar="S", help="Seconds to add to the stamps of every EST.")] = 0.0,
     no_interpolate: Annotated[
         bool, typer.Option("--no-interpolate", help="Only relations with a pose at both of their stamps.")
     ] = False,
@@ -87,10 +90,12 @@ def evaluate(
     """Score trajectories by another one, by relations, or by the scans of their recording.
 
     Absolute and relative errors against a trajectory; against hand-checked relations, the mean and standard deviation
-    of their errors. Several trajectories are scored side by side. A reference with more poses than the estimate is
-    interpolated at the estimate's stamps; else each pose takes the nearest stamp. Relations are interpolated between
-    poses; clear relations are those whose stamps each belong to exactly one pose. Against measured positions of the
-    lidar (lines P t x y), the absolute error of its position; where it stands on the robot, --recording says.
+    of their errors. Several trajectories are scored side by side. Of estimate and reference the one with more poses is
+    interpolated at the stamps of the other; where they have as many, each takes the nearest stamp. Motion out of x and
+    y is compared in space, a reference without orientation by positions and distances. A trajectory in a ROS bag is
+    BAG:TOPIC or BAG:tf:PARENT:CHILD. Relations are interpolated between poses; clear relations are those whose stamps
+    each belong to exactly one pose. Against measured positions of the lidar (lines P t x y), the absolute error of its
+    position; where it stands on the robot, --recording says.
 
     With --recording, the residuals of every EST: the distances of endpoints to the lines of scans less than 2 m of
     path away.
@@ -109,16 +114,20 @@ def evaluate(
       moteslam evaluate result/trajectory.tum intel.relations
       moteslam evaluate result/trajectory_final.tum --recording robot.log.gz
       moteslam evaluate result/trajectory_final.tum robot4_reference.txt --recording robot4
+      moteslam evaluate theirs.tum robot.bag:/ground_truth --time-offset -2.5
       moteslam evaluate theirs.tum truth.tum --map theirs.yaml --true-map truth_map.yaml --metric rpe_10m
       moteslam evaluate result/trajectory_final.tum truth.tum --loops result/loops.csv --recording robot.log.gz
     """  # noqa: D301
     from moteslam.eval.cli.evaluate_tables import loop_lines, metric_table, say_scores
-    from moteslam.eval.evaluation import Evaluated, measured
+    from moteslam.eval.evaluation import Evaluated, measured, read_reference
     from moteslam.eval.loop_table import read_loops
+    from moteslam.eval.metrics.evidence import oriented
     from moteslam.eval.metrics.loops import score_loops
     from moteslam.eval.metrics.relations import is_relations
     from moteslam.robot.formats import open_recording
+    from moteslam.robot.formats.stamps import MAX_STAMP
     from moteslam.robot.trajectories import read_trajectory
+    from moteslam.robot.trajectory import Trajectory
     from moteslam.slam.inputs.synchronise import synchronise
 
     refuse_options(context, paths, recording, map_file)
@@ -133,12 +142,21 @@ def evaluate(
                 "holds relations, or quaternions of other lengths than 1; expected trajectories, and relations last"
             )
             raise InputError(problem, file=file)
+    if not abs(time_offset) < MAX_STAMP:
+        raise InputError(f"{time_offset:g}, expected seconds", field="--time-offset")
     trajectories = {str(file): read_trajectory(file) for file in estimates}
+    if time_offset:
+        trajectories = {name: replace(one, stamps=one.stamps + time_offset) for name, one in trajectories.items()}
     scores = {name: Evaluated() for name in trajectories}
     opened = None if recording is None else open_recording(recording, sequence=sequence, platform=platform)
-    if reference is not None:
+    truth = None if reference is None else read_reference(reference)
+    if not isinstance(truth, Trajectory):
+        for one in trajectories.values():
+            warn(one.warnings)
+    if reference is not None and truth is not None:
         against = _against(
             trajectories,
+            truth,
             reference,
             robot=None if opened is None else opened.platform,
             align=not no_align,
@@ -157,13 +175,13 @@ def evaluate(
         scores = {name: replace(score, under=under[name]) for name, score in scores.items()}
     ledger = None
     if loops is not None:
-        assert reference is not None  # or --loops was refused
-        ledger = score_loops(read_loops(loops), read_trajectory(reference), opened, scans=scans)
+        assert isinstance(truth, Trajectory)  # or --loops was refused
+        ledger = score_loops(read_loops(loops), oriented(truth)[0], opened, scans=scans)
     more: dict[str, Any] = {} if ledger is None else {"loops": {"file": str(loops), **ledger.as_dict()}}
     values = {}
     if metrics or true_map is not None:
         given: dict[str, Any] = {"recording": opened, "occupancy": map_file, "true_map": true_map, "names": metrics}
-        values = {name: measured(trajectory, reference, **given) for name, trajectory in trajectories.items()}
+        values = {name: measured(trajectory, truth, **given) for name, trajectory in trajectories.items()}
         more["metrics"] = {
             name: {metric: value.as_dict() for metric, value in each.items()} for name, each in values.items()
         }
@@ -182,6 +200,7 @@ def evaluate(
 
 def _against(
     trajectories: Mapping[str, Trajectory],
+    truth: Trajectory | Relations | Positions,
     reference: Path,
     *,
     robot: Platform | None,
@@ -195,27 +214,19 @@ def _against(
 ) -> dict[str, AgainstTrajectory | AgainstRelations | AgainstPositions]:
     """Every trajectory against the reference; errors name the option or the reference."""
     from moteslam.eval.evaluation import against_positions, against_relations, against_trajectory
-    from moteslam.eval.metrics.relations import is_relations, read_relations
-    from moteslam.robot.positions import is_positions, read_positions
-    from moteslam.robot.trajectories import read_trajectory
+    from moteslam.eval.metrics.relations import Relations
+    from moteslam.robot.positions import Positions
 
     results: dict[str, AgainstTrajectory | AgainstRelations | AgainstPositions] = {}
     try:
-        if is_relations(reference):
-            relations = read_relations(reference)
-            for name, trajectory in trajectories.items():
-                results[name] = against_relations(
-                    trajectory, relations, interpolate=interpolate, tolerance=max_difference
-                )
-        elif is_positions(reference):
-            positions = read_positions(reference)
-            for name, trajectory in trajectories.items():
+        for name, trajectory in trajectories.items():
+            if isinstance(truth, Relations):
+                results[name] = against_relations(trajectory, truth, interpolate=interpolate, tolerance=max_difference)
+            elif isinstance(truth, Positions):
                 results[name] = against_positions(
-                    trajectory, positions, robot=robot, align=align, scale=scale, max_difference=max_difference
+                    trajectory, truth, robot=robot, align=align, scale=scale, max_difference=max_difference
                 )
-        else:
-            truth = read_trajectory(reference)
-            for name, trajectory in trajectories.items():
+            else:
                 results[name] = against_trajectory(
                     trajectory,
                     truth,

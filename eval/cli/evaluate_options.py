@@ -8,7 +8,7 @@ import typer
 
 NEEDED = {
     **dict.fromkeys(("sequence", "platform"), "a recording"),
-    **dict.fromkeys(("plot", "max_difference"), "a reference"),
+    **dict.fromkeys(("plot", "max_difference", "time_offset"), "a reference"),
     **dict.fromkeys(("no_align", "scale"), "a reference trajectory or positions"),
     **dict.fromkeys(("delta", "unit", "all_pairs", "loops"), "a reference trajectory"),
     "no_interpolate": "a .relations reference",

@@ -68,8 +68,9 @@ def _print_against(
             say(f"{literal(name)} against {literal(reference)}")
             say(_trajectory_table(result))
         if isinstance(result, AgainstTrajectory | AgainstPositions):
-            for issue in result.issues:
-                note(f"warning: {name}: {issue}")
+            for issue in result.issues:  # those of reading begin with the file
+                about = "" if issue.message.startswith((f"{name}: ", f"{reference}: ")) else f"{name}: "
+                note(f"warning: {about}{issue}")
     located = {name: result for name, result in results.items() if isinstance(result, AgainstPositions)}
     if located:
         say(f"positions of the lidar against {literal(reference)}")
@@ -128,10 +129,12 @@ def _trajectory_table(result: AgainstTrajectory) -> str:
     scores = [(_ate_name(result), result.ate.translation, result.ate.rotation)]
     if result.rpe is not None:
         rpe = result.rpe
-        scores.append((f"RPE over {rpe.delta:g} {rpe.unit}", rpe.translation, rpe.rotation))
+        of = "RPE" if rpe.rotation is not None else "RPE of distances"
+        scores.append((f"{of} over {rpe.delta:g} {rpe.unit}", rpe.translation, rpe.rotation))
     for name, along, turn in scores:
         for what, form in (("m", "{:.4f}"), ("deg", "{:.3f}")):
-            s = along if what == "m" else turn
+            if (s := along if what == "m" else turn) is None:
+                continue
             values = (s.rmse, s.mean, s.median, s.std, s.max)
             shown: Sequence[float] = values if what == "m" else [degrees(value) for value in values]
             rows.append((f"{name} [{what}]", str(s.count), *(form.format(value) for value in shown)))
@@ -147,7 +150,8 @@ def _comparison_table(results: dict[str, AgainstTrajectory]) -> str:
     rows: list[tuple[str, ...]] = [(*head, f"RPE over {pairs}, RMSE [m]") if pairs else head]
     for name, result in results.items():
         along, turn = result.ate.translation, result.ate.rotation
-        values = (f"{along.rmse:.4f}", f"{along.median:.4f}", f"{along.max:.4f}", f"{degrees(turn.rmse):.3f}")
+        heading = "-" if turn is None else f"{degrees(turn.rmse):.3f}"
+        values = (f"{along.rmse:.4f}", f"{along.median:.4f}", f"{along.max:.4f}", heading)
         rpe = ("-" if result.rpe is None else f"{result.rpe.rmse:.4f}",) if pairs else ()
         rows.append((literal(name), str(along.count), *values, *rpe))
     return table(rows, right=range(1, len(rows[0])))

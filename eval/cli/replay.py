@@ -122,7 +122,7 @@ def _truth_beside(path: Path, stamps: NDArray[np.float64]) -> tuple[Trajectory |
         from moteslam.robot.issues import Issue
 
         return None, (Issue("not-scored", f"{file}: {error.problem}; not scored"),)
-    return truth, ()
+    return truth, truth.warnings
 
 
 def _dead_reckon(

@@ -215,7 +215,7 @@ def score_table(scores: Scores) -> str:
             (
                 name,
                 *(f"{100 * value:.1f} cm" for value in (ate.rmse, ate.median, ate.max)),
-                f"{degrees(ate.rotation.rmse):.2f} deg",
+                "-" if ate.rotation is None else f"{degrees(ate.rotation.rmse):.2f} deg",
                 over_1m,
             )
         )

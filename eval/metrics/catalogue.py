@@ -9,7 +9,7 @@ import numpy as np
 from moteslam.errors import InputError
 from moteslam.eval.metrics.ate import absolute_trajectory_error
 from moteslam.eval.metrics.consistency import share_within_spread
-from moteslam.eval.metrics.evidence import FINAL, ONLINE, Cost, Evidence, Track, needed
+from moteslam.eval.metrics.evidence import FINAL, ONLINE, Cost, Evidence, Track, needed, oriented
 from moteslam.eval.metrics.map_accuracy import MapAccuracy
 from moteslam.eval.metrics.registry import Metric
 from moteslam.eval.metrics.rpe import Unit
@@ -56,7 +56,10 @@ ATE_FROM_START = Metric(
     lambda track: absolute_trajectory_error(track.trajectory, track.truth, from_start=True).rmse,
 )
 HEADING = Metric(
-    "deg", "RMSE of the headings after rigid alignment.", STURM, lambda track: _degrees(_moved(track).ate.rotation.rmse)
+    "deg",
+    "RMSE of the headings after rigid alignment.",
+    STURM,
+    lambda track: _degrees(needed(_moved(track).ate.rotation, "orientation").rmse),
 )
 
 
@@ -68,7 +71,7 @@ def relative_error(delta: float, unit: Unit, *, rotation: bool = False) -> Metri
             "deg",
             f"RMSE of the rotation between poses {over} apart.",
             STURM,
-            lambda track: _degrees(track.rpe(delta, unit).rotation.rmse),
+            lambda track: _degrees(needed(track.rpe(delta, unit).rotation, "orientation").rmse),
         )
     return Metric(
         "m", f"RMSE of the motion between poses {over} apart.", STURM, lambda track: track.rpe(delta, unit).rmse
@@ -201,7 +204,7 @@ def _within_95(run: Evidence) -> float | None:
 def _within_spread(run: Evidence) -> float:
     known = needed(run.certainty, "spread of the particles")
     spread, updated = needed(known.spread, "spread of the particles"), known.updated > 0
-    poses, truth = run.track(ONLINE).trajectory, needed(run.truth, "truth")
+    poses, truth = oriented(run.track(ONLINE).trajectory, needed(run.truth, "truth"))
     true = truth.at(poses.stamps).poses
     laid = compose(compose(true[0], inverse(poses.poses[0])), poses.poses)
     return share_within_spread(np.asarray(between(true, laid))[updated], spread)

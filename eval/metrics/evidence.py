@@ -126,7 +126,7 @@ class Evidence:
     def localisation(self) -> LocalisationResult:
         """Covariances and states of the online trajectory against the truth."""
         known, truth = needed(self.certainty, "covariances"), needed(self.truth, "truth")
-        online = self.track(ONLINE).trajectory
+        online = oriented(self.track(ONLINE).trajectory, truth, field="truth")[0]
         return score_localisation(
             online, known.covariances, known.states, known.updated, truth, corrections=known.corrections
         )
@@ -135,13 +135,15 @@ class Evidence:
     def nees_from_start(self) -> NeesResult:
         """The NEES of the online trajectory, anchored at the start."""
         known, truth = needed(self.certainty, "covariances"), needed(self.truth, "truth")
-        return nees_from_start(self.track(ONLINE).trajectory, known.covariances, truth)
+        return nees_from_start(oriented(self.track(ONLINE).trajectory, truth)[0], known.covariances, truth)
 
     @cached_property
     def loop_result(self) -> LoopResult:
         """The accepted loops against the truth."""
         loops, truth = needed(self.loops, "back end that looks for loops"), needed(self.truth, "truth")
-        return score_loops(loops, truth, self.recording, scans=None if self.recording is None else self.scans)
+        return score_loops(
+            loops, oriented(truth)[0], self.recording, scans=None if self.recording is None else self.scans
+        )
 
     @cached_property
     def map_accuracy(self) -> MapAccuracy:
@@ -154,6 +156,8 @@ class Evidence:
         if self.recording is None or self.recording.lidar is None:
             return None
         truth, stamps = needed(self.truth, "truth"), self.recording.lidar.stamps
+        if not truth.oriented:
+            return None
         there = evenly(np.flatnonzero(covered(stamps, truth.stamps, MAX_DIFFERENCE)), MAX_SEEN)
         poses = se2.interpolate(truth.stamps, truth.poses, stamps[there])
         seen = [
@@ -192,27 +196,29 @@ class Track:
     @cached_property
     def drift(self) -> DriftResult:
         """Per metre of path."""
-        return drift(self.trajectory, self.truth)
+        return drift(*oriented(self.trajectory, self.truth))
 
     @cached_property
     def returns(self) -> ReturnResult:
         """Where the robot comes back to a place."""
-        return loop_closing_error(self.trajectory, self.truth)
+        return loop_closing_error(*oriented(self.trajectory, self.truth))
 
     @cached_property
     def relations(self) -> RelationResult:
         """Against hand-checked relations."""
-        return evaluate_relations(self.trajectory, needed(self.run.relations, "relations"))
+        return evaluate_relations(oriented(self.trajectory)[0], needed(self.run.relations, "relations"))
 
     @cached_property
     def residuals(self) -> ResidualResult:
         """Of the recording's scans."""
-        return scan_residuals(needed(self.run.recording, "recording"), self.trajectory, scans=self.run.scans)
+        trajectory = oriented(self.trajectory)[0]
+        return scan_residuals(needed(self.run.recording, "recording"), trajectory, scans=self.run.scans)
 
     @cached_property
     def consistency(self) -> MapConsistency:
         """Of the map that the recording's scans draw."""
-        return map_consistency(needed(self.run.recording, "recording"), self.trajectory, scans=self.run.scans)
+        trajectory = oriented(self.trajectory)[0]
+        return map_consistency(needed(self.run.recording, "recording"), trajectory, scans=self.run.scans)
 
     def rpe(self, delta: float, unit: Unit) -> RpeResult:
         """Over a distance, a time, or a number of poses."""
@@ -220,6 +226,17 @@ class Track:
         if key not in self._rpe:
             self._rpe[key] = relative_pose_error(self.trajectory, self.truth, delta=delta, unit=unit)
         return self._rpe[key]
+
+
+def oriented(*trajectories: Trajectory, field: str | None = None) -> tuple[Trajectory, ...]:
+    """The trajectories.
+
+    Raises:
+        InputError: one of them has no headings; of the field.
+    """
+    if not all(trajectory.oriented for trajectory in trajectories):
+        raise InputError("a trajectory without orientation, expected headings", field=field)
+    return trajectories
 
 
 def needed(value: T | None, name: str) -> T:

@@ -13,19 +13,21 @@ from numpy.typing import NDArray
 from moteslam.errors import InputError
 from moteslam.eval.metrics.association import MAX_GAP
 from moteslam.eval.metrics.statistics import Statistics
-from moteslam.robot.reading import open_regular, read_text
+from moteslam.robot.formats.stamps import MAX_JUMP
+from moteslam.robot.reading import open_regular
 from moteslam.robot.se2 import Poses, between, wrap
 from moteslam.robot.se2 import interpolate as interpolated
 from moteslam.robot.stamps import nearest_stamp
 from moteslam.robot.summary import Summarised
+from moteslam.robot.trajectories.rows import data_lines, finite_numbers
 from moteslam.robot.trajectory import Trajectory
 from moteslam.robot.wording import expect_type
 
 TOLERANCE = 1e-4
 """Stamps of a relation and of a pose that are the same reading differ by less than this [s]."""
 
-MAX_BYTES = 500_000_000
-"""No file of relations is larger."""
+UPRIGHT = 0.2
+"""Height [m], roll and pitch [rad] of a relation are less."""
 
 HEAD = 100_000
 """Bytes by which a file of relations is known."""
@@ -116,8 +118,9 @@ class RelationResult(Summarised):
 def is_relations(path: str | PathLike[str]) -> bool:
     """Whether a file holds relations rather than TUM poses; both are eight numbers a line.
 
-    The last four of a TUM line are a quaternion: of length 1. Of a relation they are 0, 0, 0 (or nearly) and an
-    angle, which is not 1 rad in every line. A file that cannot be read, or has no such lines, holds none.
+    The last four of a TUM line are a quaternion: of length 1, or 0 throughout where there is no orientation. Of a
+    relation they are 0, 0, 0 (or nearly) and an angle, which is not 1 rad in every line, and the first two are times of
+    one clock. A file named ``.relations`` holds some; one that cannot be read, or has no such lines, holds none.
     """
     try:
         with open_regular(path, "relations") as file:
@@ -128,27 +131,24 @@ def is_relations(path: str | PathLike[str]) -> bool:
         return False
     if rows.ndim != 2 or rows.shape[1] != 8:
         return False
-    return bool((np.abs(np.linalg.norm(rows[:, 4:], axis=1) - 1) > 0.01).any())
+    if Path(path).suffix == ".relations":
+        return True
+    angles = (np.abs(rows[:, 4:7]) < UPRIGHT).all() and (np.abs(np.linalg.norm(rows[:, 4:], axis=1) - 1) > 0.01).any()
+    clock = np.median(np.abs(rows[:, 1] - rows[:, 0])) < MAX_JUMP
+    return bool(angles and clock and rows[:, 4:].any())
 
 
 def read_relations(path: str | PathLike[str]) -> Relations:
     """Read ``t1 t2 x y z roll pitch yaw`` lines (metres, radians), of which x, y and yaw count.
 
     Raises:
-        InputError: not a text file of at most ``MAX_BYTES``, a line without eight finite numbers, or no line.
+        InputError: not a text file of at most 500 MB, a line without eight finite numbers, or no line.
     """
     path = Path(path)
-    text = read_text(path, "relations", limit=MAX_BYTES)
     rows: list[list[float]] = []
-    for number, line in enumerate(text.splitlines(), start=1):
-        words = line.split()
-        if not words or words[0].startswith("#"):
-            continue
-        try:
-            row = [float(word) for word in words]
-        except ValueError:
-            row = []
-        if len(row) != 8 or not np.isfinite(row).all():
+    for number, line in data_lines(path, "relations"):
+        row = finite_numbers(line.split())
+        if row is None or len(row) != 8:
             raise InputError("expected 8 finite numbers: t1 t2 x y z roll pitch yaw", file=path, line=number)
         rows.append(row)
     if not rows:
@@ -181,6 +181,8 @@ def evaluate_relations(
     """
     expect_type(trajectory, Trajectory, "trajectory", "read_trajectory(path) reads one")
     expect_type(relations, Relations, "relations", "read_relations(path) reads some")
+    if not trajectory.oriented:
+        raise InputError("a trajectory without orientation, expected headings: relations are poses")
     if not len(trajectory):
         raise InputError("a trajectory without poses, expected one at every scan")
     first, poses_there = _poses_at(trajectory.stamps, relations.stamps, tolerance)

@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.errors import InputError
-from moteslam.eval.metrics.association import MAX_DIFFERENCE, match
+from moteslam.eval.metrics.association import MAX_DIFFERENCE, Matched, match
+from moteslam.eval.metrics.space import angles
 from moteslam.eval.metrics.statistics import Statistics
-from moteslam.robot.se2 import Poses, between
+from moteslam.robot.se2 import between
 from moteslam.robot.summary import Summarised
 from moteslam.robot.trajectory import Trajectory
 from moteslam.robot.wording import counted
@@ -31,19 +32,19 @@ class RpeResult(Summarised):
     Attributes:
         delta, unit: how far apart the poses of a pair are.
         start_stamps: [n] where each pair begins [s].
-        errors: [n] translation error of each pair [m].
-        rotation_errors: [n] rotation error of each pair [rad].
+        errors: [n] translation error of each pair [m]; without headings that of the distance between its poses.
+        rotation_errors: [n] rotation error of each pair [rad]; None without headings.
         translation: statistics of ``errors`` [m].
-        rotation: statistics of ``rotation_errors`` [rad].
+        rotation: statistics of ``rotation_errors`` [rad], or None.
     """
 
     delta: float
     unit: Unit
     start_stamps: NDArray[np.float64]
     errors: NDArray[np.float64]
-    rotation_errors: NDArray[np.float64]
+    rotation_errors: NDArray[np.float64] | None
     translation: Statistics
-    rotation: Statistics
+    rotation: Statistics | None
 
     @property
     def rmse(self) -> float:
@@ -57,15 +58,17 @@ class RpeResult(Summarised):
 
     def as_dict(self) -> dict[str, Any]:
         """The statistics as they go into ``metrics.json``: metres, and degrees for the rotation."""
+        turns = self.rotation_errors
         return {
             "delta": self.delta,
             "unit": self.unit,
             "translation_m": self.translation.as_dict(),
-            "rotation_deg": Statistics.of(np.rad2deg(self.rotation_errors)).as_dict(),
+            "rotation_deg": None if turns is None else Statistics.of(np.rad2deg(turns)).as_dict(),
         }
 
     def _summary(self) -> str:
-        errors = f"RMSE {self.rmse:.3f} m and {np.rad2deg(self.rotation.rmse):.2f} deg"
+        turn = "" if self.rotation is None else f" and {np.rad2deg(self.rotation.rmse):.2f} deg"
+        errors = f"RMSE {self.rmse:.3f} m{turn}"
         return f"{counted(self.pairs, 'pair')} {self.delta:g} {self.unit} apart, {errors}"
 
 
@@ -100,17 +103,14 @@ def relative_pose_error(
         kind = "a whole number of poses from 1 on" if unit == "frames" else "a length above 0"
         raise InputError(f"{delta:g} {unit}, expected {kind}", field="delta")
     matched = match(estimate, reference, max_difference=max_difference, interpolate=interpolate)
-    first, last = _pairs(matched.stamps, matched.estimate, delta, unit, all_pairs=all_pairs)
+    positions = matched.estimate[:, :2] if matched.space is None else matched.space[0].positions
+    first, last = _pairs(matched.stamps, positions, delta, unit, all_pairs=all_pairs)
     if not len(first):
         raise InputError(
             f"no pair {delta:g} {unit} apart among {len(matched)} matched poses, expected a shorter delta",
             field="pairs",
         )
-    errors = between(
-        between(matched.reference[first], matched.reference[last]),
-        between(matched.estimate[first], matched.estimate[last]),
-    )
-    translation, rotation = np.hypot(errors[:, 0], errors[:, 1]), np.abs(errors[:, 2])
+    translation, rotation = _errors(matched, first, last)
     return RpeResult(
         delta=delta,
         unit=unit,
@@ -118,18 +118,44 @@ def relative_pose_error(
         errors=translation,
         rotation_errors=rotation,
         translation=Statistics.of(translation),
-        rotation=Statistics.of(rotation),
+        rotation=None if rotation is None else Statistics.of(rotation),
     )
 
 
-def _pairs(stamps: NDArray[np.float64], poses: Poses, delta: float, unit: Unit, *, all_pairs: bool) -> Pairs:
+def _errors(
+    matched: Matched, first: NDArray[np.intp], last: NDArray[np.intp]
+) -> tuple[NDArray[np.float64], NDArray[np.float64] | None]:
+    """Of pairs [k] the errors of translation [m] and rotation [rad]; of positions alone that of their distance."""
+    if not matched.oriented:
+        pair = (matched.estimate[:, :2], matched.reference[:, :2])
+        if matched.space is not None:
+            pair = (matched.space[0].positions, matched.space[1].positions)
+        there, true = (np.linalg.norm(points[last] - points[first], axis=1) for points in pair)
+        return np.abs(there - true), None
+    if matched.space is None:
+        errors = between(
+            between(matched.reference[first], matched.reference[last]),
+            between(matched.estimate[first], matched.estimate[last]),
+        )
+        return np.hypot(errors[:, 0], errors[:, 1]), np.abs(errors[:, 2])
+    moved, turned = [], []
+    for space in matched.space:
+        back = np.swapaxes(space.rotations[first], 1, 2)
+        moved.append((back @ (space.positions[last] - space.positions[first])[:, :, None])[:, :, 0])
+        turned.append(back @ space.rotations[last])
+    return np.linalg.norm(moved[0] - moved[1], axis=1), angles(np.swapaxes(turned[1], 1, 2) @ turned[0])
+
+
+def _pairs(
+    stamps: NDArray[np.float64], positions: NDArray[np.float64], delta: float, unit: Unit, *, all_pairs: bool
+) -> Pairs:
     """First and last index [k] of every pair."""
     if unit == "frames":
         step = int(delta)
-        ids = np.arange(0, len(poses), 1 if all_pairs else step)
+        ids = np.arange(0, len(positions), 1 if all_pairs else step)
         last = ids + step
-        return ids[last < len(poses)], last[last < len(poses)]
-    steps = np.diff(stamps) if unit == "s" else np.sqrt((np.diff(poses[:, :2], axis=0) ** 2).sum(axis=1))
+        return ids[last < len(positions)], last[last < len(positions)]
+    steps = np.diff(stamps) if unit == "s" else np.sqrt((np.diff(positions, axis=0) ** 2).sum(axis=1))
     choose: Callable[[NDArray[np.float64], float], Pairs] = _every if all_pairs else _end_to_end
     # Unix stamps are known to a microsecond: ten times 0.1 s is a second, whichever way it rounds
     return choose(steps, delta - 1e-6 if unit == "s" else delta)

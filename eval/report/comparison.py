@@ -53,7 +53,10 @@ def _draw_errors_and_paths(
     start = min(float(result.ate.stamps[0]) for result in results.values())
     with style.saved_figure(path, size=(12.0, 5.5)) as figure:
         grid = figure.add_gridspec(2, 2, width_ratios=(1.2, 1.0))
-        has_heading = any(isinstance(result, AgainstTrajectory) for result in results.values())
+        turns = [
+            result.ate.rotation_errors if isinstance(result, AgainstTrajectory) else None for result in results.values()
+        ]
+        has_heading = any(turn is not None for turn in turns)
         plan = figure.add_subplot(grid[:, 1])
         distance = figure.add_subplot(grid[0, 0] if has_heading else grid[:, 0])
         angle = figure.add_subplot(grid[1, 0], sharex=distance) if has_heading else None
@@ -65,8 +68,8 @@ def _draw_errors_and_paths(
             plan.plot(*ate.aligned[:, :2].T, lw=1.1, **look)
             label = f"{name}, ATE RMSE {100 * ate.rmse:.1f} cm" + (", scale fitted" if result.scaled else "")
             distance.plot(*broken(time, 100 * ate.errors), lw=1.0, label=label, **look)
-            if angle is not None and isinstance(result, AgainstTrajectory):
-                angle.plot(*broken(time, np.rad2deg(result.ate.rotation_errors)), lw=1.0, **look)
+            if angle is not None and (turn := turns[i]) is not None:
+                angle.plot(*broken(time, np.rad2deg(turn)), lw=1.0, **look)
         _curves(distance, "position error [cm]")
         if angle is not None:
             _curves(angle, "heading error [deg]")

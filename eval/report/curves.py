@@ -55,7 +55,8 @@ def draw_error(
             label = f"{name}, RMSE {100 * result.rmse:.1f} cm"
             time = result.stamps - start
             distance.plot(*broken(time, 100 * result.errors), lw=1.0, label=label, **look)
-            angle.plot(*broken(time, np.rad2deg(result.rotation_errors)), lw=1.0, **look)
+            if result.rotation_errors is not None:
+                angle.plot(*broken(time, np.rad2deg(result.rotation_errors)), lw=1.0, **look)
         for axes, unit in ((distance, "position error [cm]"), (angle, "heading error [deg]")):
             axes.set_ylabel(unit)
             if logarithmic:

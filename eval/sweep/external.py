@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import tempfile
+import warnings
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from moteslam.errors import InputError, MoteslamError
+from moteslam.errors import InputError, MoteslamError, MoteslamWarning
 from moteslam.eval.sweep.program import run_program
 from moteslam.robot.formats.carmen_writer import write_carmen
 from moteslam.robot.formats.map_server import read_map
@@ -79,6 +80,8 @@ def estimate(command: Command, recording: Recording, seed: int) -> tuple[Traject
             raise InputError(f"wrote no {command.trajectory}, expected its trajectory in {{out}}", file=words[0])
         try:
             trajectory = read_trajectory(out / command.trajectory)
+            for issue in trajectory.warnings:
+                warnings.warn(MoteslamWarning(str(issue)), stacklevel=2)
             occupancy = read_map(out / command.map) if command.map and (out / command.map).exists() else None
         except MoteslamError as error:  # its file is gone soon
             where = f"{Path(error.file).name}: " if error.file is not None else ""

@@ -1,7 +1,7 @@
 """Maps as ROS's map_server keeps them: an image, and a YAML file that says where it lies and what its greys mean.
 
 A raster has row 0 at the smallest y, an image at the largest: it is flipped here, at the file, and nowhere else. What
-greys mean is in ``map_server_cells``, the YAML file in ``map_server_yaml``.
+the YAML file and the greys mean is in ``map_server_cells``.
 """
 
 from __future__ import annotations
@@ -19,17 +19,22 @@ from moteslam.robot.files import write_atomically
 from moteslam.robot.formats.map_server_cells import (
     FREE_GREY,
     FREE_PERCENT,
+    MODES,
     OCCUPIED_GREY,
     OCCUPIED_PERCENT,
     RULES,
     UNKNOWN_GREY,
     UNKNOWN_PERCENT,
+    MapFile,
+    Mode,
     Rules,
+    map_file_text,
     occupancies,
     pixels_of,
+    read_map_file,
     saved,
+    warn_of_thresholds,
 )
-from moteslam.robot.formats.map_server_yaml import MODES, MapFile, Mode, read_map_file, write_map_file
 from moteslam.robot.pictures import decode_channels, encode_png, picture_size
 from moteslam.robot.raster import Raster
 from moteslam.robot.reading import read_bytes
@@ -48,17 +53,10 @@ MAX_EXTENT = 2000.0
 
 
 def read_map(path: str | PathLike[str]) -> Raster:
-    """Read a map as free, occupied and unknown cells.
+    """Read a map [H, W] as `FREE`, `OCCUPIED` and `UNKNOWN` cells, int8, of its ``.yaml``.
 
-    What is above the one threshold is occupied, what is below the other free, all else unknown: in the mode ``scale``,
-    too. In the mode ``raw``, which has no thresholds of its own, they are applied as map_saver does: at least
-    ``occupied_thresh`` and at most ``free_thresh``, in whole percent.
-
-    Args:
-        path: of the ``.yaml``; the image that it names lies beside it, or below.
-
-    Returns:
-        int8 values [H, W]: `FREE`, `OCCUPIED` or `UNKNOWN`.
+    What is between the thresholds is unknown in the mode ``scale``, too. In the mode ``raw`` they are applied as
+    map_saver does: at least ``occupied_thresh`` and at most ``free_thresh``, in whole percent.
 
     Raises:
         InputError: a file that is missing, not YAML or no image, a key that is missing or out of bounds, an image
@@ -164,7 +162,7 @@ def write_occupancy(
     if mode == "trinary":  # the greys are map_saver's own, whatever decided
         occupied, free = OCCUPIED_THRESHOLD, FREE_THRESHOLD
     about = {"negate": int(negate), "occupied_thresh": float(occupied), "free_thresh": float(free)}
-    write_map_file(path, raster, {"mode": mode}, about)
+    _write_yaml(path, raster, {"mode": mode}, about)
 
 
 def occupancy_of(log_odds: Raster) -> Raster:
@@ -200,7 +198,7 @@ def write_picture(path: str | PathLike[str], raster: Raster, about: Mapping[str,
         OutputError: one of them cannot be written.
     """
     write_atomically(path, encode_png(raster.values[::-1]))
-    write_map_file(Path(path), raster, {}, about or {})
+    _write_yaml(Path(path), raster, {}, about or {})
 
 
 def trinary(log_odds: NDArray[np.float32]) -> NDArray[np.int8]:
@@ -250,7 +248,14 @@ def _read(path: Path) -> tuple[MapFile, NDArray[np.uint16]]:
     pixels = decode_channels(content) if columns * rows else None
     if pixels is None:
         raise InputError("not readable as an image, expected a complete pgm or png map", file=about.image)
+    warn_of_thresholds(path, about, pixels)
     return about, pixels
+
+
+def _write_yaml(image: Path, raster: Raster, before: dict[str, Any], after: Mapping[str, Any]) -> None:
+    """Write the YAML file beside an image, under its name."""
+    place = {"resolution": float(raster.cell_size), "origin": [float(value) for value in raster.origin]}
+    write_atomically(image.with_suffix(".yaml"), map_file_text(image, place, before, dict(after)))
 
 
 def _raster(values: NDArray[Any], about: MapFile) -> Raster:

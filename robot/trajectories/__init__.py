@@ -7,8 +7,8 @@ from pathlib import Path
 
 from moteslam.errors import ConfigError, InputError, OutputError
 from moteslam.robot.reading import open_regular
-from moteslam.robot.trajectories import euroc, g2o, kitti, tum
-from moteslam.robot.trajectories.format import TrajectoryFormat
+from moteslam.robot.trajectories import bag, euroc, g2o, kitti, tum
+from moteslam.robot.trajectories.rows import TrajectoryFormat, decoded
 from moteslam.robot.trajectory import Trajectory
 from moteslam.robot.wording import expect_path
 
@@ -32,14 +32,22 @@ HEAD = 1 << 18
 def read_trajectory(path: str | PathLike[str]) -> Trajectory:
     """Read a trajectory in any format known here (`TRAJECTORY_FORMATS`): it is known by the content, not by the name.
 
-    Poses are projected to the plane. A format without stamps takes them from a file beside, or one a second with a
-    warning. The axes are those of the file; `read_kitti` can turn those of a camera.
+    Poses are projected to the plane; those in space are kept in ``space``. What was assumed is in ``warnings``: stamps
+    that a file does not have, or in another unit; orientations that it does not have. The axes are those of the file;
+    `read_kitti` can turn those of a camera.
+
+    Args:
+        path: of the file; of a ROS bag ``BAG:TOPIC`` or ``BAG:tf:parent:child``.
 
     Raises:
         InputError: nothing there, no format known here, or a file that is broken; file and line are named.
     """
     expect_path(path, "path", "a trajectory")
+    if (parts := bag.parts_of(path)) is not None:
+        return bag.read_bag(*parts)
     path = Path(path)
+    if bag.is_bag(path):
+        raise InputError(bag.without_topic(path), file=path)
     return trajectory_format_of(path).read(path)
 
 
@@ -80,7 +88,9 @@ def trajectory_format_to_write(path: str | PathLike[str], name: str | None = Non
 
 
 def is_trajectory(path: str | PathLike[str]) -> bool:
-    """Whether a path is a file whose first lines are those of a trajectory."""
+    """Whether a path is a file whose first lines are those of a trajectory, or one within a bag."""
+    if (parts := bag.parts_of(path)) is not None or bag.is_bag(path):
+        return parts is not None
     try:
         trajectory_format_of(path)
     except InputError:
@@ -95,11 +105,11 @@ def trajectory_format_of(path: str | PathLike[str]) -> TrajectoryFormat:
         InputError: it cannot be read, has no such line, or is of no format known here.
     """
     with open_regular(path, "a trajectory") as file:
-        head = file.read(HEAD).decode("utf-8-sig", errors="replace")
+        head = decoded(file.read(HEAD), "replace")
     comments = ""
     for number, line in enumerate(head.splitlines(), start=1):
         line = line.strip()
-        if line.startswith("#"):
+        if line.startswith(("#", "%")):
             comments += line + "\n"
         elif line:
             for known in TRAJECTORY_FORMATS.values():

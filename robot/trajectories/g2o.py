@@ -23,11 +23,8 @@ from moteslam.errors import InputError, MoteslamWarning
 from moteslam.robot import se2
 from moteslam.robot.files import write_atomically
 from moteslam.robot.pose_graph import PoseGraph
-from moteslam.robot.reading import read_text
-from moteslam.robot.trajectories.format import TrajectoryFormat
-from moteslam.robot.trajectories.plane import check_quaternion
-from moteslam.robot.trajectories.rows import MAX_BYTES, Table, finite_numbers
-from moteslam.robot.trajectories.times import stamps_beside
+from moteslam.robot.trajectories.rows import TrajectoryFormat, all_lines, finite_numbers, stamps_beside
+from moteslam.robot.trajectories.space import UNIT, quaternion_of_yaw, trajectory_of
 from moteslam.robot.trajectory import Trajectory
 from moteslam.robot.wording import counted, expect_type
 
@@ -55,11 +52,36 @@ def read_g2o(path: str | PathLike[str]) -> PoseGraph:
             finite, an id that is none or stands twice, a quaternion of no length, an edge or stamp of a vertex that is
             not there, stamps for some of the vertices alone or that go back, or no vertex.
     """
+    return _read(Path(path)).graph()
+
+
+def read_both(path: str | PathLike[str]) -> tuple[PoseGraph, Trajectory]:
+    """A pose graph, and its vertices as a trajectory.
+
+    Their stamps are those in the file, or as of a KITTI file those beside it, or one a second, which its ``warnings``
+    say.
+
+    Raises:
+        InputError: as of `read_g2o`, or times beside it that do not fit.
+    """
     path = Path(path)
+    lines = _read(path)
+    graph = lines.graph()
+    stamps, issues = stamps_beside(path, len(graph)) if graph.stamps is None else (graph.stamps, ())
+    if not lines.spatial:
+        return graph, Trajectory(stamps, graph.poses, warnings=issues)
+    z, w = quaternion_of_yaw(graph.poses[:, 2])
+    flat = dict(zip(graph.ids.tolist(), zip(*graph.poses[:, :2].T.tolist(), z, w, strict=True), strict=True))
+    rows = [lines.spatial.get(id_) or [x, y, 0.0, 0.0, 0.0, z, w] for id_, (x, y, z, w) in flat.items()]
+    table = np.array(rows)
+    return graph, trajectory_of(path, stamps, table[:, :3], table[:, 3:], warnings=issues)
+
+
+def _read(path: Path) -> _Lines:
     lines = _Lines(path)
-    for number, line in enumerate(read_text(path, "a g2o pose graph", limit=MAX_BYTES).splitlines(), start=1):
+    for number, line in all_lines(path, "a g2o pose graph"):
         lines.take(number, line.split())
-    return lines.graph()
+    return lines
 
 
 def write_g2o(path: str | PathLike[str], graph: PoseGraph, *, comments: Sequence[str] = ()) -> None:
@@ -95,23 +117,8 @@ def write_g2o(path: str | PathLike[str], graph: PoseGraph, *, comments: Sequence
 
 
 def read_trajectory(path: str | PathLike[str]) -> Trajectory:
-    """The vertices of a pose graph in the order of their ids, as a trajectory.
-
-    Their stamps are those in the file, or as of a KITTI file those beside it, or one a second, with a warning.
-
-    Raises:
-        InputError: as of `read_g2o`, or times beside it that do not fit.
-    """
-    return trajectory_of(read_g2o(path), path)
-
-
-def trajectory_of(graph: PoseGraph, path: str | PathLike[str]) -> Trajectory:
-    """The poses of a graph that was read from a path, with its stamps or those beside it.
-
-    Raises:
-        InputError: times beside it that do not fit.
-    """
-    return Trajectory(stamps_beside(Path(path), len(graph)) if graph.stamps is None else graph.stamps, graph.poses)
+    """The vertices of a pose graph in the order of their ids, as a trajectory; see `read_both`."""
+    return read_both(path)[1]
 
 
 def write_trajectory(path: str | PathLike[str], trajectory: Trajectory) -> None:
@@ -141,23 +148,24 @@ class _Lines:
 
     path: Path
     nodes: dict[int, int] = field(default_factory=dict)  # where each vertex stands in the table
-    poses: Table = field(default_factory=lambda: Table(3))
+    poses: list[list[float]] = field(default_factory=list)
+    spatial: dict[int, list[float]] = field(default_factory=dict)  # position and quaternion by id
     edges: list[tuple[int, int, int]] = field(default_factory=list)  # line and ids
-    measured: Table = field(default_factory=lambda: Table(12))
+    measured: list[list[float]] = field(default_factory=list)
     fixed: list[tuple[int, int]] = field(default_factory=list)  # line and id
     stamps: dict[int, tuple[int, float]] = field(default_factory=dict)  # line and seconds, by id
     passed_over: Counter[str] = field(default_factory=Counter)
 
     def take(self, line: int, words: list[str]) -> None:
         """Take in a line."""
-        if not words:
-            return
         tag, *rest = words
         if tag in VERTICES:
             (id_,), numbers = self._split(line, tag, rest, ids=1, count=VERTICES[tag])
             if id_ in self.nodes:
                 raise InputError(f"vertex {id_} stands twice, expected it once", file=self.path, line=line)
             self.nodes[id_] = len(self.poses)
+            if len(numbers) == 7:
+                self.spatial[id_] = numbers
             self.poses.append(self._planar(line, numbers))
         elif tag in EDGES:
             (first, second), numbers = self._split(line, tag, rest, ids=2, count=EDGES[tag])
@@ -189,14 +197,14 @@ class _Lines:
         index = {id_: k for k, id_ in enumerate(ids)}
         ends = [(self._index(index, a, line), self._index(index, b, line)) for line, a, b in self.edges]
         fixed = [self._index(index, id_, line) for line, id_ in self.fixed]
-        measured = self.measured.values
+        measured = np.array(self.measured).reshape(-1, 12)
         if self.passed_over:
             kinds = ", ".join(f"{tag[:40]} ({count})" for tag, count in self.passed_over.most_common(5))
             text = f"{self.path}: {counted(self.passed_over.total(), 'line')} passed over, of no pose or edge: {kinds}"
             warnings.warn(MoteslamWarning(text), stacklevel=3)
         return PoseGraph(
             ids=np.array(ids, np.int64),
-            poses=self.poses.values[[self.nodes[id_] for id_ in ids]],
+            poses=np.array([self.poses[self.nodes[id_]] for id_ in ids]),
             first=np.array([first for first, _ in ends], np.int64),
             second=np.array([second for _, second in ends], np.int64),
             relative=measured[:, :3],
@@ -243,7 +251,8 @@ class _Lines:
         """x, y and heading of three or seven numbers."""
         if len(numbers) == 3:
             return numbers
-        check_quaternion(numbers[3:], self.path, line)
+        if not abs((length := float(np.linalg.norm(numbers[3:]))) - 1) <= UNIT:
+            raise InputError(f"quaternion of length {length:.3g}, expected one of length 1", file=self.path, line=line)
         return [*numbers[:2], float(se2.heading(numbers[3:]))]
 
 

@@ -7,19 +7,25 @@ the same twelve numbers, and nothing in a file says which: as evo does, the axes
 
 from __future__ import annotations
 
-import warnings
 from os import PathLike
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from moteslam.errors import InputError, MoteslamWarning
+from moteslam.errors import InputError
+from moteslam.robot import se2
 from moteslam.robot.files import write_atomically
-from moteslam.robot.trajectories.format import TrajectoryFormat
-from moteslam.robot.trajectories.plane import is_rotation, rotation_of_yaw, yaw_of_rotation
-from moteslam.robot.trajectories.rows import Table, data_lines, finite_numbers
-from moteslam.robot.trajectories.times import stamps_beside, times_file, write_times
+from moteslam.robot.trajectories.columns import recognise
+from moteslam.robot.trajectories.rows import (
+    TrajectoryFormat,
+    data_lines,
+    finite_numbers,
+    stamps_beside,
+    times_file,
+    write_times,
+)
+from moteslam.robot.trajectories.space import UNIT, quaternions_of, trajectory_of
 from moteslam.robot.trajectory import Trajectory
 from moteslam.robot.wording import expect_type
 
@@ -28,15 +34,13 @@ Array = NDArray[np.float64]
 LINE = "r11 r12 r13 x r21 r22 r23 y r31 r32 r33 z"
 ROBOT_FROM_CAMERA = np.array([(0.0, 0.0, 1.0), (-1.0, 0.0, 0.0), (0.0, -1.0, 0.0)])
 """Turns a camera's axes (right, down, ahead) to a robot's (ahead, left, up)."""
-TURNS = 0.98
-"""Mean cosine between an axis and where the rotations take it, below which they are not about it."""
 
 
 def read_kitti(path: str | PathLike[str], *, camera_axes: bool = False) -> Trajectory:
     """Read a KITTI trajectory, projected to the plane.
 
     The stamps are those of ``NAME.times.txt`` or ``times.txt`` beside it, one a line; where there is neither, one a
-    second, with a warning.
+    second, which its ``warnings`` say.
 
     Args:
         path: of the file.
@@ -49,29 +53,28 @@ def read_kitti(path: str | PathLike[str], *, camera_axes: bool = False) -> Traje
             no pose, or times that do not fit the poses.
     """
     path = Path(path)
-    table, lines = Table(12), []
+    rows, lines = [], []
     for number, line in data_lines(path, "a KITTI trajectory"):
         row = finite_numbers(line.split())
         if row is None or len(row) != 12:
             raise InputError(f"expected 12 finite numbers: {LINE}", file=path, line=number)
-        table.append(row)
+        rows.append(row)
         lines.append(number)
-    if not len(table):
+    if not rows:
         raise InputError(f"no poses, expected KITTI lines: {LINE}", file=path)
-    matrices = table.values.reshape(-1, 3, 4)
+    matrices = np.array(rows).reshape(-1, 3, 4)
     rotation, position = matrices[:, :, :3], matrices[:, :, 3]
-    if not (fits := is_rotation(rotation)).all():
-        raise InputError("expected a rotation matrix in columns 1 to 3", file=path, line=lines[int(np.argmin(fits))])
+    off = np.abs(rotation @ np.swapaxes(rotation, 1, 2) - np.eye(3)).max(axis=(1, 2))
+    if (bad := (off > UNIT) | (np.linalg.det(rotation) <= 0)).any():
+        raise InputError("expected a rotation matrix in columns 1 to 3", file=path, line=lines[int(np.argmax(bad))])
     if camera_axes:
         rotation = ROBOT_FROM_CAMERA @ rotation @ ROBOT_FROM_CAMERA.T
         position = position @ ROBOT_FROM_CAMERA.T
-    elif _turns_about_y(rotation):
-        text = (
-            f"{path}: turns about its y axis as a camera's poses do, not about z; read_kitti has camera_axes for those"
-        )
-        warnings.warn(MoteslamWarning(text), stacklevel=2)
-    poses = np.column_stack((position[:, :2], yaw_of_rotation(rotation)))
-    return Trajectory(stamps_beside(path, len(poses)), poses)
+    stamps, issues = stamps_beside(path, len(rows))
+    found = trajectory_of(path, stamps, position, quaternions_of(rotation), lines=lines, warnings=issues)
+    # as written, without a way through quaternions
+    heading = se2.wrap(np.arctan2(rotation[:, 1, 0], rotation[:, 0, 0]))
+    return Trajectory(stamps, np.column_stack((position[:, :2], heading)), found.oriented, found.space, found.warnings)
 
 
 def write_kitti(path: str | PathLike[str], trajectory: Trajectory, *, camera_axes: bool = False) -> None:
@@ -90,7 +93,10 @@ def write_kitti(path: str | PathLike[str], trajectory: Trajectory, *, camera_axe
     """
     expect_type(trajectory, Trajectory, "trajectory")
     path = Path(path)
-    rotation = rotation_of_yaw(trajectory.poses[:, 2])
+    cos, sin = np.cos(trajectory.poses[:, 2]), np.sin(trajectory.poses[:, 2])
+    rotation = np.zeros((len(trajectory), 3, 3))
+    rotation[:, 0, 0], rotation[:, 1, 1], rotation[:, 2, 2] = cos, cos, 1.0
+    rotation[:, 1, 0], rotation[:, 0, 1] = sin, -sin
     position = np.column_stack((trajectory.poses[:, :2], np.zeros(len(trajectory))))
     if camera_axes:
         rotation = ROBOT_FROM_CAMERA.T @ rotation @ ROBOT_FROM_CAMERA
@@ -106,16 +112,9 @@ def _shortest(number: float) -> str:
     return str(int(number)) if number in (0.0, 1.0) else repr(number)
 
 
-def _turns_about_y(rotation: Array) -> bool:
-    """Whether rotations [n, 3, 3] leave the y axis where it is, and not the z axis."""
-    _, about_y, about_z = rotation.mean(axis=0).diagonal().tolist()
-    return bool(about_y > TURNS > about_z)
-
-
 def _recognise(comments: str, line: str) -> bool:
-    del comments
     row = finite_numbers(line.split())
-    return row is not None and len(row) == 12
+    return row is not None and len(row) == 12 and recognise(comments, line) is None
 
 
 FORMAT = TrajectoryFormat(f"KITTI ({LINE})", _recognise, read_kitti, write_kitti, (".kitti",))

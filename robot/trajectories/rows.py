@@ -1,9 +1,9 @@
-"""Lines of numbers, as files of trajectories have them: read within bounds, refused with their line."""
+"""Lines of numbers, as files of trajectories have them: decoded, read within bounds, refused with their line."""
 
 from __future__ import annotations
 
-from array import array
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from math import isfinite
 from pathlib import Path
 
@@ -11,26 +11,71 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.errors import InputError
-from moteslam.robot.reading import read_text
+from moteslam.robot.files import write_atomically
+from moteslam.robot.formats.stamps import MAX_STAMP
+from moteslam.robot.issues import Issue
+from moteslam.robot.reading import read_bytes
+from moteslam.robot.trajectory import Trajectory
+from moteslam.robot.wording import counted
 
 MAX_BYTES = 500_000_000
 """No file of a trajectory is larger: some five million poses."""
+UNITS = {"s": 0, "ms": 3, "us": 6, "ns": 9}
+"""Of stamps, with the power of ten that a second has of them."""
+LONG = {"ms": "milliseconds", "us": "microseconds", "ns": "nanoseconds"}
+LEAST_STEP, MAX_STEP = 1e-5, 1e4
+"""Stamps typically nearer or further apart than this [s] are hardly in the unit that they were taken for."""
+
+
+@dataclass(frozen=True)
+class TrajectoryFormat:
+    """How a trajectory is stored, in lines of text.
+
+    Attributes:
+        name: what it is called, and what its lines are.
+        recognise: ``recognise(comments, line)``: whether a file is of this format, by the comments that it begins with
+            (``#``, with their line ends) and its first line that is none; must not raise for any other.
+        read: ``read(path)``.
+        write: ``write(path, trajectory)`` writes a file that reads back the same, but for what the format cannot hold.
+        endings: of the names of its files, by which one to be written is known.
+    """
+
+    name: str
+    recognise: Callable[[str, str], bool]
+    read: Callable[[Path], Trajectory]
+    write: Callable[[Path, Trajectory], None]
+    endings: tuple[str, ...]
+
+
+def decoded(content: bytes, errors: str = "strict") -> str:
+    """UTF-8, or UTF-16 where a byte order mark or the zeros of its ASCII characters show it."""
+    zeros = [content[k:2000:2].count(0) for k in (0, 1)]
+    if content[:2] in (b"\xff\xfe", b"\xfe\xff"):
+        return content.decode("utf-16", errors)
+    if max(zeros) > 4 * min(zeros) + 8:
+        return content.decode("utf-16-le" if zeros[1] > zeros[0] else "utf-16-be", errors)
+    return content.decode("utf-8-sig", errors)
+
+
+def all_lines(path: Path, what: str) -> Iterator[tuple[int, str]]:
+    """The lines that are not blank, with their numbers from 1, without space around them.
+
+    Raises:
+        InputError: no text file of at most ``MAX_BYTES``; ``what`` was expected.
+    """
+    content = read_bytes(path, what, limit=MAX_BYTES)
+    try:
+        text = decoded(content)
+    except UnicodeDecodeError as error:
+        raise InputError(f"not UTF-8 text, expected {what}", file=path) from error
+    for number, line in enumerate(text.splitlines(), start=1):
+        if line := line.strip():
+            yield number, line
 
 
 def data_lines(path: Path, what: str) -> Iterator[tuple[int, str]]:
-    """The lines that are neither blank nor comments (``#``), with their numbers from 1, without space around them.
-
-    Args:
-        path: of the file.
-        what: was expected there, for the message: ``a TUM trajectory``.
-
-    Raises:
-        InputError: no text file of at most ``MAX_BYTES``.
-    """
-    for number, line in enumerate(read_text(path, what, limit=MAX_BYTES).splitlines(), start=1):
-        line = line.strip()
-        if line and not line.startswith("#"):
-            yield number, line
+    """Those that are no comments (``#``)."""
+    return ((number, line) for number, line in all_lines(path, what) if not line.startswith("#"))
 
 
 def finite_numbers(words: Sequence[str]) -> list[float] | None:
@@ -42,34 +87,80 @@ def finite_numbers(words: Sequence[str]) -> list[float] | None:
     return row if all(map(isfinite, row)) else None
 
 
-class Table:
-    """Rows of numbers as they are read, eight bytes a number.
+def seconds(
+    words: Sequence[str], path: Path, lines: Sequence[int], unit: str | None = None
+) -> tuple[NDArray[np.float64], tuple[Issue, ...]]:
+    """Stamps in seconds, and what was taken for granted of their unit.
 
     Args:
-        columns: of every row.
-    """
+        words: [n] finite numbers.
+        path, lines: where they stand.
+        unit: that the file states; else 1e18 are nanoseconds, 1e15 microseconds, 1e12 milliseconds.
 
-    def __init__(self, columns: int) -> None:
-        self._columns, self._numbers = columns, array("d")
-
-    def __len__(self) -> int:
-        return len(self._numbers) // self._columns
-
-    def append(self, row: Sequence[float]) -> None:
-        """Take in a row."""
-        self._numbers.extend(row)
-
-    @property
-    def values(self) -> NDArray[np.float64]:
-        """The rows [n, columns]."""
-        return np.array(self._numbers, np.float64).reshape(-1, self._columns)
-
-
-def check_rising(stamp: float, before: float | None, path: Path, line: int) -> None:
-    """Refuse a stamp that is less than the one above it.
+    Returns:
+        stamps [n] [s], of whole numbers the nearest float64.
 
     Raises:
-        InputError: it is; file and line are named.
+        InputError: stamps that go back, or lie beyond 1e11 s.
     """
-    if before is not None and stamp < before:
+    values = np.array([float(word) for word in words])
+    largest = float(np.abs(values).max(initial=0.0))
+    by_size = "ns" if largest > 1e17 else "us" if largest > 1e14 else "ms" if largest > MAX_STAMP else "s"
+    found = by_size if unit is None or (unit == "s" and by_size != "s") else unit
+    issues: tuple[Issue, ...] = ()
+    if found != (unit or "s"):
+        text = f"{path}: stamps of {largest:.3g} are taken for {LONG[found]}, not seconds"
+        issues = (Issue("stamps-scaled", text, len(values)),)
+    scale = 10 ** UNITS[found]
+    if scale > 1:
+        values = np.array([(int(word) if word.isdecimal() else float(word)) / scale for word in words])
+    if np.abs(values).max(initial=0.0) > MAX_STAMP:
+        at = lines[int(np.argmax(np.abs(values) > MAX_STAMP))]
+        raise InputError("stamp beyond 1e11 s, expected seconds or whole nanoseconds", file=path, line=at)
+    steps = np.diff(values)
+    if (steps < 0).any():
+        line = lines[int(np.argmax(steps < 0)) + 1]
         raise InputError("stamp before the one above it, expected rising stamps", file=path, line=line)
+    step = float(np.median(steps[steps > 0])) if (steps > 0).any() else 1.0
+    if not LEAST_STEP < step < MAX_STEP:
+        text = f"{path}: stamps {step:.3g} s apart: if they are in another unit, times and rates are wrong"
+        issues += (Issue("stamps-unlikely", text, len(values)),)
+    return values, issues
+
+
+def times_file(path: Path) -> Path:
+    """The file beside a trajectory that has its stamps: ``NAME.times.txt`` beside ``NAME.kitti``."""
+    return path.with_name(f"{path.stem}.times.txt")
+
+
+def stamps_beside(path: Path, count: int) -> tuple[NDArray[np.float64], tuple[Issue, ...]]:
+    """The stamps [count] [s] of a trajectory without any: ``NAME.times.txt``, ``times.txt``, else one a second.
+
+    The last with an issue.
+
+    Raises:
+        InputError: one of these files is there, and has not as many rising, finite numbers.
+    """
+    for file in (times_file(path), path.with_name("times.txt")):
+        if file.exists():
+            words, lines = [], []
+            for number, line in data_lines(file, "times [s]"):
+                if len(line.split()) != 1 or finite_numbers([line]) is None:
+                    raise InputError("expected a finite number [s]", file=file, line=number)
+                words.append(line)
+                lines.append(number)
+            stamps, issues = seconds(words, file, lines)
+            if len(stamps) != count:
+                raise InputError(f"{counted(len(stamps), 'time')}, expected {count}, one a pose", file=file)
+            return stamps, issues
+    text = f"{path}: has no stamps, and no {times_file(path).name} or times.txt lies beside it; taken as one a second"
+    return np.arange(count, dtype=np.float64), (Issue("no-stamps", text, count),)
+
+
+def write_times(path: Path, stamps: NDArray[np.float64]) -> None:
+    """Write stamps [n] [s], one a line, with the fewest digits that read back the same.
+
+    Raises:
+        OutputError: it cannot be written.
+    """
+    write_atomically(path, "".join(f"{stamp!r}\n" for stamp in stamps.tolist()))

@@ -8,41 +8,21 @@ from __future__ import annotations
 from os import PathLike
 from pathlib import Path
 
-import numpy as np
-
-from moteslam.errors import InputError
-from moteslam.robot import se2
 from moteslam.robot.files import write_atomically
-from moteslam.robot.trajectories.format import TrajectoryFormat
-from moteslam.robot.trajectories.plane import check_quaternion, quaternion_of_yaw
-from moteslam.robot.trajectories.rows import Table, check_rising, data_lines, finite_numbers
+from moteslam.robot.trajectories.columns import TUM, read_poses, recognise
+from moteslam.robot.trajectories.rows import TrajectoryFormat
+from moteslam.robot.trajectories.space import quaternion_of_yaw
 from moteslam.robot.trajectory import Trajectory
 from moteslam.robot.wording import expect_type
-
-LINE = "stamp x y z qx qy qz qw"
 
 
 def read_tum(path: str | PathLike[str]) -> Trajectory:
     """Read a TUM trajectory, projected to the plane (x, y and the rotation about z); commas count as blanks.
 
     Raises:
-        InputError: no text file of at most 500 MB, a line without eight finite numbers, a quaternion of no length,
-            stamps that go back, or no pose.
+        InputError: as of `read_poses`.
     """
-    path = Path(path)
-    table, before = Table(8), None
-    for number, line in data_lines(path, "a TUM trajectory"):
-        row = finite_numbers(line.replace(",", " ").split())
-        if row is None or len(row) != 8:
-            raise InputError(f"expected 8 finite numbers: {LINE}", file=path, line=number)
-        check_quaternion(row[4:], path, number)
-        check_rising(row[0], before, path, number)
-        table.append(row)
-        before = row[0]
-    if not len(table):
-        raise InputError(f"no poses, expected TUM lines: {LINE}", file=path)
-    rows = table.values
-    return Trajectory(rows[:, 0], np.column_stack((rows[:, 1:3], se2.heading(rows[:, 4:]))))
+    return read_poses(Path(path), "a TUM trajectory")
 
 
 def write_tum(path: str | PathLike[str], trajectory: Trajectory) -> None:
@@ -62,10 +42,6 @@ def write_tum(path: str | PathLike[str], trajectory: Trajectory) -> None:
     write_atomically(path, "\n".join(lines) + "\n")
 
 
-def _recognise(comments: str, line: str) -> bool:
-    del comments
-    row = finite_numbers(line.replace(",", " ").split())
-    return row is not None and len(row) == 8
-
-
-FORMAT = TrajectoryFormat(f"TUM ({LINE})", _recognise, read_tum, write_tum, (".tum",))
+FORMAT = TrajectoryFormat(
+    f"TUM ({TUM})", lambda comments, line: recognise(comments, line) == "tum", read_tum, write_tum, (".tum",)
+)

@@ -130,3 +130,9 @@ def test_the_poses_are_in_the_plane() -> None:
     Path("space.tum").write_text("0 1 2 3 0 0 1 0\n1 4 5 6 0 0 0 1\n")
     assert convert("space.tum", "flat.g2o") == 0
     np.testing.assert_allclose(read_trajectory("flat.g2o").poses, [[1, 2, math.pi], [4, 5, 0]])
+
+
+def test_heights_that_are_lost_are_printed(capsys) -> None:
+    Path("hill.tum").write_text("0 1 2 3 0 0 0 1\n1 4 5 3.5 0 0 0 1\n")
+    assert convert("hill.tum", "hill.csv") == 0
+    assert "hill.tum: z, which spans 0.50 m, roll and pitch not written" in capsys.readouterr().err

@@ -14,7 +14,7 @@ from moteslam.errors import InputError
 from moteslam.robot.trajectories.euroc import read_euroc, write_euroc
 from moteslam.robot.trajectory import Trajectory
 
-LINE = "1403636580838555648,4.5,-1.5,0.8,0.5,0,0,0.5,0.1,0.2,0.3\n"
+LINE = "1403636580838555648,4.5,-1.5,0.8,0.6,0,0,0.8,0.1,0.2,0.3\n"
 
 
 @given(trajectories())
@@ -46,21 +46,22 @@ def test_a_line_of_the_data_set_is_read(tmp_path: Path) -> None:
     (tmp_path / "data.csv").write_text(header + LINE.replace(",", ", "))
     found = read_euroc(tmp_path / "data.csv")
     assert found.stamps.tolist() == [1403636580.838555648]
-    np.testing.assert_allclose(found.poses, [[4.5, -1.5, np.pi / 2]])
+    np.testing.assert_allclose(found.poses, [[4.5, -1.5, 2 * np.arctan2(0.8, 0.6)]])
 
 
 @pytest.mark.parametrize(
     ("text", "message"),
     [
         ("#\n", r"e\.csv: no poses, expected EuRoC lines"),
-        (LINE + "1.5,0,0,0,1,0,0,0\n", r"e\.csv:2: expected whole nanoseconds and 7 finite numbers"),
-        (LINE + "-1,0,0,0,1,0,0,0\n", r"e\.csv:2: expected whole nanoseconds"),
-        (LINE + f"{'9' * 5000},0,0,0,1,0,0,0\n", r"e\.csv:2: expected whole nanoseconds"),
-        (LINE + "1,0,0,0,1,0,0\n", r"e\.csv:2: expected whole nanoseconds and 7 finite numbers"),
-        (LINE + "1,0,0,0,1,0,0,nan\n", r"e\.csv:2: expected whole nanoseconds and 7 finite numbers"),
-        (LINE + "1,0,0,0,0,0,0,0\n", r"e\.csv:2: quaternion of length 0"),
+        (LINE + "1.5,0,0,0,1,0,0,0\n", r"e\.csv:2: expected whole nanoseconds and finite numbers"),
+        (LINE + "-1,0,0,0,1,0,0,0\n", r"e\.csv:2: stamp before the one above it"),
+        (LINE + f"{'9' * 5000},0,0,0,1,0,0,0\n", r"e\.csv:2: stamp beyond 1e11 s"),
+        (LINE + "1,0,0,0,1,0,0\n", r"e\.csv:2: expected whole nanoseconds and finite numbers"),
+        (LINE + "1,0,0,0,1,0,0,nan\n", r"e\.csv:2: expected whole nanoseconds and finite numbers"),
+        (LINE + LINE.replace("0.6,0,0,0.8", "0,0,0,0"), r"e\.csv:2: quaternion of length 0"),
+        (LINE + LINE.replace("0.6,0,0,0.8", "0.5,0,0,0.5"), r"e\.csv:2: quaternion of length 0\.707"),
         (LINE + "1,0,0,0,1,0,0,0\n", r"e\.csv:2: stamp before the one above it"),
-        ("100000000000000000000,0,0,0,1,0,0,0\n", r"e\.csv:1: expected whole nanoseconds"),
+        ("200000000000000000000,0,0,0,1,0,0,0\n", r"e\.csv:1: stamp beyond 1e11 s"),
     ],
 )
 def test_bad_lines_are_told_with_their_number(tmp_path: Path, text: str, message: str) -> None:

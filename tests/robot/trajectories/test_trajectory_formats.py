@@ -38,8 +38,9 @@ def test_each_format_recognises_its_own_alone(tmp_path: Path, name: str) -> None
     [
         ("1,0,0,0,0,0,0,1\n2,0,0,0,0,0,0,1\n", [1, 2], 0.0),  # TUM with commas: the last is qw
         ("#timestamp [ns],x\n1,0,0,0,0,0,0,1\n", [1e-9], np.pi),  # EuRoC by its header: the last is qz
-        ("1,0,0,0,0,0,0,1,0,0,0\n", [1e-9], np.pi),  # and by its columns
-        ("1403636580838555648,0,0,0,0,0,0,1\n", [1403636580.838555648], np.pi),  # and by its stamps
+        ("1403636580838555648,0,0,0,0,0,0,1,0,0,0\n", [1403636580.838555648], np.pi),  # and by its columns
+        ("1403636580838555648,0,0,0,0.6,0,0,0.8\n", [1403636580.838555648], 2 * np.arctan2(0.8, 0.6)),  # or stamps
+        ("1403636580838555648,0,0,0,0,0,0.6,0.8\n", [1403636580.838555648], 2 * np.arctan2(0.6, 0.8)),  # upright so
     ],
 )
 def test_commas_alone_do_not_make_it_euroc(tmp_path: Path, text: str, stamps: list[float], heading: float) -> None:

@@ -39,9 +39,9 @@ def test_tum_is_read_as_evo_reads_it(tmp_path: Path) -> None:
 
 def test_a_tilted_pose_is_projected_and_commas_and_comments_are_read(tmp_path: Path) -> None:
     path = tmp_path / "t.tum"
-    path.write_text("# head\n\n1.5, 1, 2, 3, 0, 0, 0.5, 0.5\n2.5 1 2 3 0.1 0 0 2\n")
+    path.write_text("# head\n\n1.5, 1, 2, 3, 0, 0, 0.6, 0.8\n2.5 1 2 3 0.1 0 0 0.995\n")
     trajectory = read_tum(path)
-    np.testing.assert_allclose(trajectory.poses, [[1, 2, np.pi / 2], [1, 2, 0]], atol=1e-15)
+    np.testing.assert_allclose(trajectory.poses, [[1, 2, 2 * np.arctan2(0.6, 0.8)], [1, 2, 0]], atol=1e-15)
 
 
 GOOD = "1 0 0 0 0 0 0 1\n"
@@ -50,7 +50,7 @@ GOOD = "1 0 0 0 0 0 0 1\n"
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("", "no poses, expected TUM lines"),
+        ("", "no poses, expected a TUM trajectory"),
         ("# only\n", "no poses"),
         (GOOD + "2 0 0 0 0 0 0\n", r":2: expected 8 finite numbers"),
         (GOOD + "2 0 0 0 0 0 0 1 5\n", r":2: expected 8 finite numbers"),

@@ -1,0 +1,183 @@
+"""The offset between two clocks at which a trajectory fits its reference best."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from moteslam.eval.metrics.space import in_space, spatial
+from moteslam.robot.trajectory import Trajectory
+
+Array = NDArray[np.float64]
+
+FARTHEST = 120.0
+"""Offsets up to this are tried [s]; of clocks without a common time all."""
+STEP = 0.1
+"""The search begins with offsets this far apart [s]."""
+TRIES = 1200
+"""Offsets that are tried at most; farther apart where there would be more."""
+COARSE, FINE = 200, 5000
+"""Positions of the reference that are compared in the search, and at its end."""
+LEAST = 10
+"""Positions that are compared at least."""
+DENSE = 0.5
+"""Poses nearer to each other than this [s] are interpolated."""
+GAIN, GAIN_METRES = 0.5, 0.01
+"""The error must fall to less than this share of itself, the less the less of the drives is left in common, and by more
+than this [m]."""
+OVERLAP = 0.6
+"""Share of the shorter drive that they must have in common."""
+WINDOW, CHORDS = 3.0, 0.7
+"""Over this much path [m] the distances moved must differ less, by this factor."""
+FITS = 0.1
+"""Without a common time it must be less than this share of the spread of the reference."""
+ALIKE = 1.2
+"""Of offsets whose errors differ by less than this factor the smallest is taken."""
+
+
+@dataclass(frozen=True)
+class ClockOffset:
+    """An offset that fits much better than none.
+
+    Attributes:
+        seconds: to add to the estimate's stamps [s].
+        rmse: distance to the reference with it, after alignment [m].
+        before: the same without it; None where the two have no time in common.
+    """
+
+    seconds: float
+    rmse: float
+    before: float | None
+
+
+def clock_offset(estimate: Trajectory, reference: Trajectory) -> ClockOffset | None:
+    """The offset of the estimate's clock that lays it on its reference best, where it helps much: see ``GAIN``.
+
+    The RMSE after rigid alignment is least there, among offsets that leave most of the shorter drive in common; with
+    and without the offset the same positions are compared. The distances moved in some metres of path
+    must fit better, too.
+    """
+    if min(len(estimate), len(reference)) < LEAST:
+        return None
+    space = in_space(estimate, reference)
+    paths = [spatial(one).positions if space else one.poses[:, :2] for one in (estimate, reference)]
+    clocks = [estimate.stamps, reference.stamps]
+    swapped = float(np.median(np.diff(clocks[0]))) > float(np.median(np.diff(clocks[1])))
+    found = _offset(clocks[swapped], paths[swapped], clocks[not swapped], paths[not swapped])
+    return replace(found, seconds=-found.seconds) if found is not None and swapped else found
+
+
+def _offset(stamps: Array, positions: Array, times: Array, goal: Array) -> ClockOffset | None:
+    """The offset to add to stamps [n] of positions [n, d], so that they fit those [m, d] at times [m], the sparser."""
+    search = _Search(stamps, positions, times, goal)
+    if search.shorter <= 0:
+        return None
+    common = search.common(0.0) > 0
+    if common and search.rmse(0.0, FINE) < GAIN_METRES:
+        return None
+    middle = 0.0 if common else float(times[0] - stamps[0])
+    reach = min(FARTHEST, search.shorter) if common else search.shorter
+    if not common:  # the longer one may have begun before
+        reach += abs(float(np.ptp(times) - np.ptp(stamps)))
+    step = max(STEP, 2 * reach / TRIES)
+    offsets = middle + step * np.arange(-np.floor(reach / step), np.floor(reach / step) + 1)
+    errors = np.array([search.rmse(offset, COARSE) for offset in offsets])
+    if not np.isfinite(errors).any():
+        return None
+    good = offsets[errors <= ALIKE * np.nanmin(errors) + 1e-9]
+    nearest = float(good[np.argmin(np.abs(good - middle))])
+    around = offsets[np.abs(offsets - nearest) <= 5 * step]
+    start = float(around[np.nanargmin([search.rmse(offset, COARSE) for offset in around])])
+    best = _least(lambda offset: search.rmse(offset, FINE), start - step, start + step)
+    rmse = search.rmse(best, FINE)
+    before, after = search.rmse(0.0, FINE, also=best), search.rmse(best, FINE, also=0.0)
+    left = search.common(best) / search.shorter
+    if np.isnan(before):  # hardly a time in common
+        fits = rmse < FITS * search.spread * (left - OVERLAP) / (1 - OVERLAP) and rmse + GAIN_METRES < search.spread
+        return ClockOffset(best, rmse, None) if fits else None
+    if not (after < GAIN * before * (left - OVERLAP) / (1 - OVERLAP) and before - after > GAIN_METRES):
+        return None
+    if not search.chords(best, also=0.0) < CHORDS * search.chords(0.0, also=best):
+        return None  # a fit of another shape, not of another time
+    return ClockOffset(best, rmse, search.rmse(0.0, FINE))
+
+
+class _Search:
+    """Positions [n, d] and [m, d] of two drives at stamps [n] and [m]."""
+
+    def __init__(self, stamps: Array, positions: Array, times: Array, goal: Array) -> None:
+        self.stamps, self.positions, self.times, self.goal = stamps, positions, times, goal
+        self.shorter = float(min(np.ptp(stamps), np.ptp(times)))
+        self.spread = float(np.linalg.norm(goal.std(axis=0)))
+        self.at, self.there = times, goal
+        if float(np.median(np.diff(times))) < DENSE:  # anywhere between: noise is least between poses, at any offset
+            at = np.linspace(times[0], times[-1], FINE)
+            after = np.clip(np.searchsorted(times, at), 1, len(times) - 1)
+            self.at = at[times[after] - times[after - 1] < DENSE]
+            self.there = np.column_stack([np.interp(self.at, times, column) for column in goal.T])
+
+    def rmse(self, offset: float, most: int, *, also: float | None = None) -> float:
+        """After rigid alignment, of at most this many positions; NaN where too little of the shorter drive is left.
+
+        Args:
+            offset: to add to the stamps.
+            most: positions to compare.
+            also: another offset at which the same positions are to be had.
+        """
+        chosen = np.unique(np.linspace(0, len(self.at) - 1, min(most, len(self.at))).astype(np.intp))
+        keep = chosen[self._inside(self.at[chosen], offset)]
+        keep = keep if also is None else keep[self._inside(self.at[keep], also)]
+        if len(keep) < LEAST or np.ptp(self.at[keep]) < OVERLAP * self.shorter:
+            return float("nan")
+        a, b = self._at(self.at[keep] - offset), self.there[keep]
+        a, b = a - a.mean(axis=0), b - b.mean(axis=0)
+        if np.linalg.norm(b.std(axis=0)) < 0.5 * self.spread:
+            return float("nan")  # what is left stands still
+        cross = b.T @ a
+        size = np.linalg.svd(cross, compute_uv=False)
+        size[-1] *= np.sign(np.linalg.det(cross))
+        return float(np.sqrt(max(0.0, float((a * a).sum() + (b * b).sum()) - 2 * float(size.sum())) / len(a)))
+
+    def chords(self, offset: float, *, also: float) -> float:
+        """How far the distances moved in some ``WINDOW`` of path differ, RMS [m]; they know no frame."""
+        length = float(np.linalg.norm(np.diff(self.goal, axis=0), axis=1).sum())
+        window = min(max(1.0, WINDOW / length * float(np.ptp(self.times))), self.shorter / 10)
+        begin = np.linspace(self.times[0], self.times[-1] - window, 1200)
+        inside = [self._inside(at, one) for at in (begin, begin + window) for one in (offset, also)]
+        begin = begin[np.logical_and.reduce(inside)]
+        true = np.column_stack([np.interp(begin + window, self.times, column) for column in self.goal.T])
+        true -= np.column_stack([np.interp(begin, self.times, column) for column in self.goal.T])
+        there = self._at(begin + window - offset) - self._at(begin - offset)
+        off = np.linalg.norm(true, axis=1) - np.linalg.norm(there, axis=1)
+        return float(np.sqrt(np.square(off).mean())) if len(off) else float("nan")
+
+    def common(self, offset: float) -> float:
+        """How long both last at an offset [s]; below 0 the gap between them."""
+        end, begin = min(self.stamps[-1] + offset, self.times[-1]), max(self.stamps[0] + offset, self.times[0])
+        return float(end - begin)
+
+    def _inside(self, times: Array, offset: float) -> NDArray[np.bool_]:
+        return np.asarray((times - offset >= self.stamps[0]) & (times - offset <= self.stamps[-1]))
+
+    def _at(self, stamps: Array) -> Array:
+        return np.column_stack([np.interp(stamps, self.stamps, column) for column in self.positions.T])
+
+
+def _least(error: Callable[[float], float], low: float, high: float, within: float = 1e-4) -> float:
+    """Where an error with one minimum between two values has it: the golden section (Kiefer 1953)."""
+    golden = (5**0.5 - 1) / 2
+    a, b = high - golden * (high - low), low + golden * (high - low)
+    at_a, at_b = error(a), error(b)
+    while high - low > within:
+        if at_a <= at_b or np.isnan(at_b):
+            high, b, at_b = b, a, at_a
+            a = high - golden * (high - low)
+            at_a = error(a)
+        else:
+            low, a, at_a = a, b, at_b
+            b = low + golden * (high - low)
+            at_b = error(b)
+    return (low + high) / 2

@@ -1,0 +1,160 @@
+"""Poses in space, as files have them, and the trajectory in the plane that is left of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from moteslam.errors import InputError
+from moteslam.robot import se2
+from moteslam.robot.issues import Issue
+from moteslam.robot.trajectory import Space, Trajectory
+
+Array = NDArray[np.float64]
+
+UNIT = 0.05
+"""Quaternions whose length is off 1 by more than this are none, however they were rounded; so rotation matrices."""
+SAME = 1e-6
+"""Orientations and heights that differ by less are the same."""
+STANDS = 0.05
+"""A path that is spread by less [m] says nothing of orientations."""
+FEW = 3
+"""Poses of which fewer say nothing of it, either."""
+TILT = np.deg2rad(10.0)
+"""A plane of motion tilted by more than this is not that of x and y."""
+
+
+def trajectory_of(
+    path: Path,
+    stamps: Array,
+    positions: Array,
+    quaternions: Array | None,
+    *,
+    lines: Sequence[int] = (),
+    warnings: tuple[Issue, ...] = (),
+) -> Trajectory:
+    """The trajectory of poses in space.
+
+    Args:
+        path, lines: of the file, and where in it each pose stands.
+        stamps: [n] [s].
+        positions: [n, 3] [m].
+        quaternions: [n, 4] x, y, z, w; None where the file has no orientation.
+        warnings: what was assumed so far.
+
+    Raises:
+        InputError: a quaternion of another length than 1, of a file where not all are 0.
+    """
+    why = "has no orientation" if quaternions is None else ""
+    if quaternions is not None:
+        length = np.linalg.norm(quaternions, axis=1)
+        if not length.any() and len(length):
+            quaternions, why = None, "has orientations of length 0 throughout"
+        elif (bad := np.abs(length - 1) > UNIT).any():
+            at = int(np.argmax(bad))
+            line = lines[at] if len(lines) else None
+            raise InputError(f"quaternion of length {length[at]:.3g}, expected one of length 1", file=path, line=line)
+        elif _contradicts(positions, quaternions):
+            shown = " ".join(f"{value:g}" for value in quaternions[0].tolist())
+            why = f"has the orientation {shown} throughout, whichever way it goes"
+    headings, rotations = np.zeros(len(stamps)), np.tile(np.eye(3), (len(stamps), 1, 1))
+    upright = quaternions is None or bool((np.abs(quaternions[:, :2]) < SAME).all())
+    if quaternions is not None:
+        headings, rotations = se2.heading(quaternions), rotations_of(quaternions)
+    if why:
+        text = f"{path}: {why}: taken for positions; no errors of headings, relative errors are those of distances"
+        warnings += (Issue("no-orientation", text, len(stamps)),)
+    poses = np.column_stack((positions[:, :2], headings))
+    flat = not len(stamps) or float(np.ptp(positions[:, 2])) < SAME
+    space = None if flat and upright else Space(positions, rotations)
+    if space is not None and (tilt := np.rad2deg(tilt_of(positions))) > np.rad2deg(TILT):
+        text = f"{path}: moves in a plane {tilt:.0f} degrees out of x and y, as in a camera's axes: of z, which is \
+left out in x and y, the path spans {np.ptp(positions[:, 2]):.1f} m"
+        warnings += (Issue("out-of-plane", text, len(stamps)),)
+    return Trajectory(stamps, poses, not why, space, warnings)
+
+
+def rotations_of(quaternions: Array) -> Array:
+    """The rotation matrices [n, 3, 3] of quaternions [n, 4] (x, y, z, w) of any length but 0."""
+    x, y, z, w = (quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)).T
+    rows = (
+        (1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)),
+        (2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)),
+        (2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)),
+    )
+    return np.moveaxis(np.array(rows), -1, 0)
+
+
+def quaternions_of(rotations: Array) -> Array:
+    """The quaternions [n, 4] (x, y, z, w) of rotation matrices [n, 3, 3], rounded ones made proper (Shepperd 1978)."""
+    r = rotations
+    trace = np.trace(r, axis1=1, axis2=2)
+    # four times the outer product of the quaternion with itself: its column of the largest diagonal is divided by it
+    outer = np.empty((len(r), 4, 4))
+    outer[:, :3, :3] = r + np.swapaxes(r, 1, 2)
+    diagonal = np.diagonal(r, axis1=1, axis2=2)
+    outer[:, [0, 1, 2], [0, 1, 2]] = 1 - trace[:, None] + 2 * diagonal
+    outer[:, 3, 3] = 1 + trace
+    vector = np.stack((r[:, 2, 1] - r[:, 1, 2], r[:, 0, 2] - r[:, 2, 0], r[:, 1, 0] - r[:, 0, 1]), axis=-1)
+    outer[:, 3, :3] = outer[:, :3, 3] = vector
+    best = np.argmax(np.diagonal(outer, axis1=1, axis2=2), axis=1)
+    found = outer[np.arange(len(r)), best]
+    return np.asarray(found / np.linalg.norm(found, axis=1, keepdims=True))
+
+
+def interpolated(stamps: Array, positions: Array, quaternions: Array, at: Array) -> tuple[Array, Array]:
+    """Positions [m, 3] on the straight line and quaternions [m, 4] on the great circle between those of stamps [n].
+
+    Held beyond the ends. Source: Shoemake 1985.
+    """
+    after = np.clip(np.searchsorted(stamps, at, side="right"), 1, max(len(stamps) - 1, 1))
+    before, after = after - 1, np.minimum(after, len(stamps) - 1)
+    gap = stamps[after] - stamps[before]
+    share = np.clip(np.where(gap > 0, (at - stamps[before]) / np.where(gap > 0, gap, 1.0), 0.0), 0.0, 1.0)[:, None]
+    unit = quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)
+    a, b = unit[before], unit[after]
+    cos = (a * b).sum(axis=1, keepdims=True)
+    b, cos = np.where(cos < 0, -b, b), np.abs(cos)
+    angle = np.arctan2(np.linalg.norm(b - a * cos, axis=1, keepdims=True), cos)
+    sin = np.sin(angle)
+    small = sin < 1e-9
+    safe = np.where(small, 1.0, sin)
+    turned = np.where(small, a + share * (b - a), (np.sin((1 - share) * angle) * a + np.sin(share * angle) * b) / safe)
+    where = positions[before] + share * (positions[after] - positions[before])
+    return where, turned / np.linalg.norm(turned, axis=1, keepdims=True)
+
+
+def quaternion_of_yaw(yaw: Array) -> tuple[list[float], list[float]]:
+    """The z and the w of the quaternions of headings [n] [rad]; x and y are 0."""
+    return np.sin(yaw / 2).tolist(), np.cos(yaw / 2).tolist()
+
+
+def normal_of(positions: Array) -> Array:
+    """The normal [3], upward, of the plane in which a path [n, 3] lies; of a straight one the steepest."""
+    off = positions - positions.mean(axis=0)
+    _, size, axes = np.linalg.svd(off.T @ off)
+    up = np.array((0.0, 0.0, 1.0))
+    if size[0] <= len(off) * STANDS**2:
+        return up
+    if size[1] <= 1e-4 * size[0]:
+        up = up - axes[0] * axes[0, 2]
+        return up / np.linalg.norm(up) if np.linalg.norm(up) > SAME else np.array((1.0, 0.0, 0.0))
+    return np.asarray(axes[2] if axes[2, 2] >= 0 else -axes[2])
+
+
+def tilt_of(positions: Array) -> float:
+    """The angle [rad] between the plane of a path [n, 3] and that of x and y."""
+    return float(np.arccos(min(1.0, normal_of(positions)[2])))
+
+
+def _contradicts(positions: Array, quaternions: Array) -> bool:
+    """Whether orientations are all the same where the path goes another way than ahead (x, or z of a camera)."""
+    same = (np.abs(np.abs(quaternions @ quaternions[0]) / np.square(quaternions[0]).sum() - 1) < SAME).all()
+    if not same or len(positions) < FEW:
+        return False
+    spread = ((positions - positions.mean(axis=0)) @ rotations_of(quaternions[:1])[0]).std(axis=0)
+    beside = (np.hypot(spread[1], spread[2]), np.hypot(spread[0], spread[1]))
+    return bool(np.linalg.norm(spread) > STANDS and min(beside) > max(STANDS, 0.05 * np.linalg.norm(spread)))

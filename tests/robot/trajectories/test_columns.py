@@ -1,0 +1,166 @@
+"""CSV and other tables of poses: columns by their names, stamps by their unit, refused where it is not clear."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from moteslam.errors import InputError
+from moteslam.robot.trajectories import read_trajectory
+
+T0 = 1403636579.763555
+STAMPS = T0 + np.arange(12) / 20
+X, Y, YAW = np.cos(0.3 * np.arange(12)), np.sin(0.5 * np.arange(12)), 0.2 * np.arange(12)
+QZ, QW = np.sin(YAW / 2), np.cos(YAW / 2)
+NS = [round(stamp * 10**9) for stamp in STAMPS.tolist()]
+ZERO = [0.0] * 12
+ALL = {
+    "t": STAMPS.tolist(), "ns": NS, "us": [n // 1000 for n in NS], "ms": [n / 1e6 for n in NS], "n": list(range(12)),
+    "x": X.tolist(), "y": Y.tolist(), "mmx": (1000 * X).tolist(), "mmy": (1000 * Y).tolist(), "z": ZERO, "0": ZERO,
+    "qz": QZ.tolist(), "qw": QW.tolist(), "yaw": YAW.tolist(), "deg": np.rad2deg(YAW).tolist(), "word": ["map"] * 12,
+    "sec": [n // 10**9 for n in NS], "nsec": [n % 10**9 for n in NS], "junk": [7.5] * 12, "empty": [""] * 12,
+    "start": [0.05 * k for k in range(12)],
+}  # fmt: skip
+
+
+def written(path: Path, header: str, columns: str, separator: str = ",", encoding: str = "utf-8") -> Path:
+    """A file of columns of ``ALL`` under a header."""
+    rows = zip(*(ALL[name] for name in columns.split()), strict=True)
+    lines = [header] if header else []
+    lines += [separator.join(value if isinstance(value, str) else repr(value) for value in row) for row in rows]
+    path.write_bytes(("\r\n".join(lines) + "\r\n").encode(encoding))
+    return path
+
+
+READ = [
+    ("#num,t,x,y,z,qx,qy,qz,qw", "n t x y z 0 0 qz qw", ","),
+    ("num,t,x,y,z,qx,qy,qz,qw", "n t x y z 0 0 qz qw", ","),
+    ("num;t;x;y;z;qx;qy;qz;qw", "n t x y z 0 0 qz qw", ";"),
+    ("timestamp\ttx\tty\ttz\tqx\tqy\tqz\tqw", "t x y z 0 0 qz qw", "\t"),
+    ("timestamp tx ty tz qx qy qz qw", "t x y z 0 0 qz qw", " "),
+    ("# timestamp tx ty tz qx qy qz qw", "t x y z 0 0 qz qw", " "),
+    ("# timestamp [s] tx [m] ty [m] tz [m] qw qx qy qz", "t x y z qw 0 0 qz", " "),
+    ("#timestamp [ns],p_RS_R_x [m],p_RS_R_y [m],p_RS_R_z [m],q_RS_w [],q_RS_x [],q_RS_y [],q_RS_z [],"
+     "v_RS_R_x [m s^-1],b_w_RS_S_x [rad s^-1]", "ns x y z qw 0 0 qz junk junk", ","),
+    ("qw,qz,qy,qx,z,y,x,time", "qw qz 0 0 z y x t", ","),
+    ("time_ns,pos_x,pos_y,pos_z,quat_x,quat_y,quat_z,quat_w", "ns x y z 0 0 qz qw", ","),
+    ("t_ms,x,y,yaw", "ms x y yaw", ","),
+    ("time [us],x [mm],y [mm],theta [deg]", "us mmx mmy deg", ","),
+    ("stamp,frame,x,y,yaw_deg,cov_x_x,cov_y_y,std_x", "t word x y deg junk junk empty", ","),
+    ("%time,field.header.seq,field.header.stamp,field.header.frame_id,field.pose.pose.position.x,"
+     "field.pose.pose.position.y,field.pose.pose.position.z,field.pose.pose.orientation.x,"
+     "field.pose.pose.orientation.y,field.pose.pose.orientation.z,field.pose.pose.orientation.w,field.pose.covariance0,"
+     "field.twist.twist.linear.x", "start n ns word x y z 0 0 qz qw junk junk", ","),
+    ("Time,header.seq,header.stamp.secs,header.stamp.nsecs,pose.position.x,pose.position.y,pose.orientation.x,"
+     "pose.orientation.y,pose.orientation.z,pose.orientation.w", "start n sec nsec x y 0 0 qz qw", ","),
+    ("__time,/odom/pose/pose/position/x,/odom/pose/pose/position/y,/odom/pose/pose/orientation/x,"
+     "/odom/pose/pose/orientation/y,/odom/pose/pose/orientation/z,/odom/pose/pose/orientation/w,"
+     "/odom/twist/twist/angular/z", "t x y 0 0 qz qw junk", ","),
+    ('"timestamp","position_x","position_y","roll","pitch","yaw"', "t x y 0 0 yaw", ","),
+    ("", "t x y z 0 0 qz qw", " "),
+    ("", "t x y z 0 0 qz qw", ","),
+    ("", "ns x y z 0 0 qz qw", " "),
+    ("", "ns x y z qw 0 0 qz", ","),
+    ("", "ns x y z qw 0 0 qz junk junk", ","),
+    ("# a path in words\n# x y of the robot at time t", "t x y z 0 0 qz qw", " "),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16"])
+@pytest.mark.parametrize(("header", "columns", "separator"), READ)
+def test_columns_by_their_names(tmp_path: Path, header: str, columns: str, separator: str, encoding: str) -> None:
+    found = read_trajectory(written(tmp_path / "t.csv", header, columns, separator, encoding))
+    np.testing.assert_allclose(found.stamps, STAMPS, rtol=0, atol=1e-6)
+    np.testing.assert_allclose(found.poses[:, :2], np.column_stack((X, Y)), atol=1e-12)
+    np.testing.assert_allclose(np.unwrap(found.poses[:, 2]), YAW, atol=1e-12)
+    assert found.oriented
+
+
+@pytest.mark.parametrize(
+    ("header", "columns", "code"),
+    [
+        ("timestamp,x,y,yaw", "ns x y yaw", "stamps-scaled"),
+        ("time [s],x,y,yaw", "us x y yaw", "stamps-scaled"),
+        ("", "ns x y z 0 0 qz qw", "stamps-scaled"),
+        ("", "ns x y z qw 0 0 qz", "orientation-order"),
+        ("t,x,y,z", "t x y z", "no-orientation"),
+        ("t,x,y,heading", "t x y yaw", "no-orientation"),
+        ("time [ns],x,y,yaw", "n x y yaw", "stamps-unlikely"),
+    ],
+)
+def test_what_is_assumed_is_told(tmp_path: Path, header: str, columns: str, code: str) -> None:
+    found = read_trajectory(written(tmp_path / "t.csv", header, columns, "," if header or "qw 0" in columns else " "))
+    assert [issue.code for issue in found.warnings] == [code]
+    assert found.warnings[0].message.startswith(f"{tmp_path / 't.csv'}: ")
+
+
+@pytest.mark.parametrize(
+    ("header", "columns", "words"),
+    [
+        ("num,x,y,z,qx,qy,qz,qw", "n x y z 0 0 qz qw", "no column of a stamp among num, x, y"),
+        ("timestamp,latitude,longitude,altitude", "t x y z", "no column of x among timestamp, latitude"),
+        ("sec,usec,x,y,yaw", "sec n x y yaw", "no column of a stamp among sec, usec"),
+        ("t,x,z,qx,qy,qz,qw", "t x z 0 0 qz qw", "no column of y among t, x, z"),
+        ("t,x,y,z,qx,qy,qz", "t x y z 0 0 qz", "no column of qw among"),
+        ("t,x,y,pose.x,yaw", "t x y x yaw", "both x and pose.x may be x"),
+        ("t,x [ft],y [ft],yaw", "t x y yaw", "x [ft]: expected m, rad or deg"),
+        ("t,x,y,yaw", "t x y deg", "angles beyond 6.3, expected a unit in the header"),
+        ("", "n t x y z 0 0 qz qw", "9 columns without names"),
+        ("time [ns],x,y,yaw", "t x y yaw", "expected whole nanoseconds and finite numbers"),
+        ("t,x,y,yaw", "t x empty yaw", "expected finite numbers: t, x, y, yaw"),
+    ],
+)
+def test_what_is_not_clear_is_refused(tmp_path: Path, header: str, columns: str, words: str) -> None:
+    path = written(tmp_path / "t.csv", header, columns)
+    with pytest.raises(InputError) as caught:
+        read_trajectory(path)
+    assert words in caught.value.problem
+    assert caught.value.file == str(path)
+    assert "\n" not in str(caught.value)
+
+
+def test_semicolons_go_with_decimal_commas(tmp_path: Path) -> None:
+    (tmp_path / "t.csv").write_text("t;x;y;yaw\n0,5;1,25;-2;0\n1,5;2,25;-2;0,5\n")
+    found = read_trajectory(tmp_path / "t.csv")
+    assert found.stamps.tolist() == [0.5, 1.5]
+    np.testing.assert_allclose(found.poses, [[1.25, -2, 0], [2.25, -2, 0.5]], atol=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("quaternion", "read"), [("0 0 0.02 1.02", True), ("0 0 0 1.2", False), ("0 0 0.5 0.5", False)]
+)
+def test_quaternions_are_of_length_1(tmp_path: Path, quaternion: str, read: bool) -> None:
+    (tmp_path / "t").write_text(f"0 0 0 0 0 0 0 1\n1 0 0 0 {quaternion}\n2 0 0 0 0 0 0 1\n")
+    if read:
+        assert len(read_trajectory(tmp_path / "t")) == 3
+    else:
+        with pytest.raises(InputError, match=r"t:2: quaternion of length"):
+            read_trajectory(tmp_path / "t")
+
+
+def path_of(quaternion: str, direction: tuple[float, float, float], n: int = 20) -> str:
+    rows = (f"{k / 10} {' '.join(str(0.1 * k * part) for part in direction)} {quaternion}" for k in range(n))
+    return "\n".join(rows) + "\n"
+
+
+@pytest.mark.parametrize(
+    ("quaternion", "direction", "oriented"),
+    [
+        ("0 0 0 1", (1, 0, 0), True),  # straight ahead
+        ("0 0 0 1", (-1, 0, 0), True),
+        ("0 0 0 1", (0, 0, 1), True),  # as a camera
+        ("0 0 0 1", (0, 1, 0), False),
+        ("0 0 0 1", (1, 1, 0), False),
+        ("0 0 0.70710678 0.70710678", (0, 1, 0), True),
+        ("0 0 0.70710678 0.70710678", (1, 0, 0), False),
+        ("0 0 0 1", (0, 0.001, 0), True),  # stands
+        ("0 0 0 0", (1, 0, 0), False),
+    ],
+)
+def test_an_orientation_that_never_changes(tmp_path: Path, quaternion: str, direction, oriented: bool) -> None:
+    (tmp_path / "t").write_text(path_of(quaternion, direction))
+    found = read_trajectory(tmp_path / "t")
+    assert found.oriented == oriented
+    assert ("no-orientation" in [issue.code for issue in found.warnings]) != oriented
