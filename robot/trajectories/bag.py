@@ -28,7 +28,8 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-ENDINGS = (".bag", ".mcap", ".db3")
+ENDINGS = (".bag", ".mcap", ".db3", ".active")
+PARTS = ("*.mcap", "*.db3")
 NOWHERE = (0.0, 0.0, 0.0, 0.0)
 POSES: dict[str, Callable[[Any], tuple[Any, Any]]] = {
     "geometry_msgs/msg/PoseStamped": lambda message: (message.pose.position, message.pose.orientation),
@@ -60,9 +61,16 @@ def is_bag(path: str | PathLike[str]) -> bool:
     """Whether a path is a bag: a file of ROS 1, MCAP or SQLite, or a folder of ROS 2, by its name."""
     path = Path(path)
     try:
-        return path.is_file() if path.suffix in ENDINGS else (path / "metadata.yaml").is_file()
+        if path.suffix in ENDINGS:
+            return path.is_file()
+        return path.is_dir() and ((path / "metadata.yaml").is_file() or bool(_parts(path)))
     except (OSError, ValueError):
         return False
+
+
+def _parts(folder: Path) -> list[Path]:
+    """The files of a recording in a folder."""
+    return next((sorted(found) for kind in PARTS if (found := list(folder.glob(kind)))), [])
 
 
 def without_topic(bag: Path) -> str:
@@ -86,6 +94,9 @@ def read_bag(bag: Path, name: str) -> Trajectory:
                 rows = _along(reader, *_frames(name))
             else:
                 rows, left_out = _of_topic(reader, name)
+            if len(reader.paths) > 1:
+                text = f"no metadata.yaml: {len(reader.paths)} files are taken for parts of one recording"
+                left_out += (Issue("no-metadata", text, len(reader.paths)),)
         stamps, positions, quaternions, more = _in_order(rows)
         issues = tuple(Issue(one.code, f"{file}: {one.message}", one.count) for one in (*left_out, *more))
         return trajectory_of(file, stamps, positions, quaternions if rows[:, 4:].any() else None, warnings=issues)
@@ -99,10 +110,19 @@ def _opened(bag: Path) -> Iterator[AnyReader]:
     from rosbags.highlevel import AnyReader
     from rosbags.typesys import Stores, get_typestore
 
+    if bag.suffix == ".active":
+        raise InputError("was not closed and has no index, expected a bag that rosbag reindex has mended", file=bag)
+    files = _parts(bag) if bag.is_dir() else [bag]
+    for log in (file.with_name(f"{file.name}-wal") for file in files):
+        if log.exists() and log.stat().st_size:
+            expected = "expected it merged: sqlite3 FILE 'PRAGMA wal_checkpoint(TRUNCATE)'"
+            raise InputError(f"{log.name} beside it holds the latest messages, {expected}", file=bag)
+    if not bag.is_dir() or (bag / "metadata.yaml").is_file():
+        files = [bag]
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            with AnyReader([bag], default_typestore=get_typestore(Stores.LATEST)) as reader:
+            with AnyReader(files, default_typestore=get_typestore(Stores.LATEST)) as reader:
                 yield reader
     except InputError:
         raise

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,7 @@ import numpy as np
 import pytest
 import yaml
 
-from moteslam.errors import InputError, OutputError
+from moteslam.errors import InputError, MoteslamWarning, OutputError
 from moteslam.robot.formats.map_server import (
     FREE,
     OCCUPIED,
@@ -201,3 +202,53 @@ def test_an_outsized_image_is_refused_before_it_is_unpacked(tmp_path: Path) -> N
 def test_a_missing_folder_is_refused(tmp_path: Path) -> None:
     with pytest.raises(OutputError, match="cannot be written"):
         write_map(tmp_path / "no" / "m.pgm", Raster(np.zeros((2, 2), np.int8), 0.1))
+
+
+def map_of(folder: Path, greys: list[int], picture: str = "m.png", **changes: Any) -> Path:
+    """A map of greys, each in three cells, of any picture."""
+    image = np.repeat(np.array([greys], np.uint8), 3, axis=1)
+    assert cv2.imwrite(str(folder / picture), image)
+    about = {"image": picture, "resolution": 0.1, "origin": [0, 0, 0], "negate": 0, **THRESHOLDS, **changes}
+    (folder / "m.yaml").write_text(yaml.safe_dump(about))
+    return folder / "m.yaml"
+
+
+@pytest.mark.parametrize(
+    ("greys", "changes", "words"),
+    [
+        ([0, 205, 254], {"free_thresh": 0.25}, "grey 205, which map_saver writes for unknown, is read as free"),
+        ([205, 254], {"free_thresh": 0.2, "picture": "m.pgm"}, "3 of 6 cells count as known, so map_known is too high"),
+        ([0, 205, 255], {"free_thresh": 0.25, "mode": "scale"}, "read as free by free_thresh 0.25"),
+        ([0, 205, 254], {"negate": 1}, "grey 205, which map_saver writes for unknown, is read as occupied"),
+        (
+            [255, 50, 1],
+            {"negate": 1, "free_thresh": 0.25},
+            "grey 50, which map_saver writes for unknown, is read as free",
+        ),
+        ([0, 205, 254], {}, ""),
+        ([255, 50, 1], {"negate": 1}, ""),
+        ([0, 100, 205, 254], {"free_thresh": 0.25}, ""),  # other greys: a map of somebody else
+        ([0, 205, 254], {"free_thresh": 0.25, "mode": "raw"}, ""),
+        ([0, 254], {"free_thresh": 0.25}, ""),
+    ],
+)
+def test_thresholds_that_make_known_what_map_saver_calls_unknown(
+    tmp_path: Path, greys: list[int], changes: dict[str, Any], words: str
+) -> None:
+    path = map_of(tmp_path, greys, **changes)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        read_map(path)
+        read_occupancy(path)
+    assert len(caught) == (2 if words else 0)
+    assert all(words in str(one.message) and issubclass(one.category, MoteslamWarning) for one in caught)
+
+
+@pytest.mark.parametrize("name", ["/home/somebody/maps/m.png", "C:\\maps\\m.png", "/m.png"])
+def test_of_an_absolute_path_elsewhere_the_name_beside_is_read(tmp_path: Path, name: str) -> None:
+    path = written(tmp_path, image=name)
+    with pytest.warns(MoteslamWarning, match="is not in its folder, 'm.png' beside it is taken"):
+        assert read_map(path).shape == (1, 8)
+    (tmp_path / "m.png").unlink()
+    with pytest.raises(InputError, match="image: "):
+        read_map(path)

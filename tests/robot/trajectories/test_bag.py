@@ -72,14 +72,14 @@ class Made:
         return self.of("tf2_msgs/msg/TFMessage", [stamped])
 
 
-def bag_of(folder: Path, made: Made, messages: Iterable[tuple[str, Any]]) -> Path:
+def bag_of(folder: Path, made: Made, messages: Iterable[tuple[str, Any]], begin: int = 0) -> Path:
     """A bag of topics and messages in this order, received a tenth of a second apart."""
     folder.mkdir(exist_ok=True)
     path = folder / ("made.bag" if made.ros1 else "made")
     writer: Any = Writer1(path) if made.ros1 else Writer2(path, version=8)
     known: dict[str, Any] = {}
     with writer:
-        for k, (topic, message) in enumerate(messages):
+        for k, (topic, message) in enumerate(messages, start=begin):
             kind = message.__msgtype__
             if topic not in known:
                 known[topic] = writer.add_connection(topic, kind, typestore=made.store)
@@ -217,6 +217,24 @@ def test_a_bag_whose_topic_is_not_named_and_one_that_is_none(tmp_path: Path) -> 
         read_trajectory(tmp_path / "broken.bag:/pose")
     with pytest.raises(InputError, match="No such file"):
         read_trajectory(tmp_path / "none.bag:/pose")
+
+
+def test_parts_without_metadata_and_a_log_that_was_not_merged(tmp_path: Path) -> None:
+    made = Made(ros1=False)
+    poses = drive(made, "PoseStamped")
+    for k, part in enumerate((poses[:12], poses[12:])):
+        folder = bag_of(tmp_path / str(k), made, [("/pose", message) for _, message in part], begin=12 * k)
+        (tmp_path / "both").mkdir(exist_ok=True)
+        (folder / "made.db3").rename(tmp_path / "both" / f"made_{k}.db3")
+    found = read_trajectory(f"{tmp_path / 'both'}:/pose")
+    assert len(found) == 20
+    assert [issue.code for issue in found.warnings] == ["no-metadata"]
+    (tmp_path / "both" / "made_1.db3-wal").write_bytes(b"some")
+    with pytest.raises(InputError, match=r"made_1\.db3-wal beside it holds the latest messages"):
+        read_trajectory(f"{tmp_path / 'both'}:/pose")
+    (tmp_path / "x.bag.active").write_bytes(b"#ROSBAG V2.0\n")
+    with pytest.raises(InputError, match="was not closed and has no index"):
+        read_trajectory(f"{tmp_path / 'x.bag.active'}:/pose")
 
 
 def test_a_bag_is_converted_and_scored(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
