@@ -82,15 +82,14 @@ class LoopClosing:
         before = graph.submaps.path < graph.submaps.path[query] - c.least_path
         if not before.any():
             return False
-        distance = self._distances(query)
         accepted, deviation = False, c.first_deviation
         covariance = graph.relative(query)
         position = _largest_deviations(covariance)
+        reachable, cost = self._reachable(query, covariance)
         while True:
-            reachable = before & (distance < c.near + 2 * position)
-            near = reachable & (position < deviation)
+            near = before & reachable & (position < deviation)
             found = []
-            for submap in _passages(np.flatnonzero(near), distance + position)[: c.candidates]:
+            for submap in _passages(np.flatnonzero(near), cost)[: c.candidates]:
                 found += self._try(submap, query, covariance)
             if found:
                 accepted = True
@@ -98,16 +97,27 @@ class LoopClosing:
                     graph.solve()
                 covariance = graph.relative(query)
                 position = _largest_deviations(covariance)
-                distance = self._distances(query)
-                reachable = before & (distance < c.near + 2 * position)
-            if deviation > position.max(where=reachable, initial=0.0):
+                reachable, cost = self._reachable(query, covariance)
+            if deviation > position.max(where=before & reachable, initial=0.0):
                 return accepted
             deviation *= 2
 
-    def _distances(self, query: int) -> Array:
-        """Of all nodes from one [n] [m]."""
-        places = self.graph.poses[:, :2]
-        return np.asarray(np.hypot(*(places - places[query]).T))
+    def _reachable(self, query: int, covariance: Array) -> tuple[NDArray[np.bool_], Array]:
+        """Which nodes [n] may show the same walls as one, and the cost [n] of that.
+
+        They are within the window of where it may be, and ``config.loops.near``; the cost is the negative logarithm of
+        the density that they are in one place.
+
+        Args:
+            query: the one.
+            covariance: [n, 3, 3] of its pose as seen from all, in its frame.
+        """
+        poses, near = self.graph.poses, (self._config.loops.near / WINDOW_DEVIATIONS) ** 2
+        x, y = np.asarray(se2.between(poses[query], poses))[:, :2].T
+        xx, xy, yy = covariance[:, 0, 0] + near, covariance[:, 0, 1], covariance[:, 1, 1] + near
+        determinant = xx * yy - xy * xy
+        squares = (yy * x * x - 2 * xy * x * y + xx * y * y) / determinant
+        return squares < WINDOW_DEVIATIONS**2, (squares + np.log(determinant)) / 2
 
     def _try(self, submap: int, query: int, covariance: Array) -> list[Pair]:
         """Search one pair, unless its passage was, from about the same prediction; the pair if that found a loop."""
