@@ -39,6 +39,8 @@ LEAST_STARTS, STARTS, START_POINTS, FINALISTS = 8, 40, 120, 12
 fit into the window; and how many of them with all points."""
 WIDE, FINE_TURN, COARSE_TURN = 0.1, 0.02, 0.04
 """Windows wider than the first [rad] are searched in the coarser steps."""
+MANY, WIDEST_STEP, WIDEST_TURN = 500_000, 0.2, 0.06
+"""Windows of more places than the first are searched in steps of a basin of Gauss-Newton [m], [rad]."""
 FARTHEST = 4.0
 """A place is nearer to the prediction than this [standard deviations]: of three that are independent one in a thousand
 is not."""
@@ -144,7 +146,8 @@ class LoopSearch:
     def window(self, covariance: Array) -> Window:
         """What is searched of a prediction of this covariance [3, 3]."""
         turn = FINE_TURN if WINDOW_DEVIATIONS**2 * covariance[2, 2] <= WIDE**2 else COARSE_TURN
-        return Window.of(covariance, WINDOW_DEVIATIONS, 2 * self._config.tsdf.cell_size, turn)
+        window = Window.of(covariance, WINDOW_DEVIATIONS, 2 * self._config.tsdf.cell_size, turn)
+        return window._replace(step=WIDEST_STEP, heading_step=WIDEST_TURN) if window.places > MANY else window
 
     def _register(self, maps: TsdfView, predicted: Array, half: Array, points: Points, starts: Array) -> Registration:
         """Register endpoints from many starts, all but free of the prediction."""
