@@ -121,7 +121,7 @@ def apart(offsets: Array, most: int, distance: Array) -> NDArray[np.intp]:
     return np.array(chosen, np.intp)
 
 
-@lru_cache(maxsize=64)
+@lru_cache(maxsize=16)  # the window of a loop may have megabytes of them
 def lattice(most_x: int, most_y: int, step: float, block: int) -> tuple[Array, int]:
     """Shifts up to so many steps in x and y, in equal blocks of neighbours, and the number of blocks."""
     across, sizes = [], []

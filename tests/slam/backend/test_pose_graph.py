@@ -174,3 +174,35 @@ def test_a_loop_is_searched_for_in_all_headings_that_the_covariance_allows(
     monkeypatch.setattr(closing._search, "match", match)
     closing._look_for(nodes - 1)
     np.testing.assert_allclose(windows[0], (np.hypot(0.9, 0.5), np.hypot(0.9, 0.5), half))
+
+
+@pytest.mark.parametrize(
+    ("x", "y", "searched"), [(0.0, 12.0, False), (0.0, 3.0, True), (11.0, 0.0, True), (13.0, 0.0, False)]
+)
+def test_a_loop_is_searched_for_where_the_covariance_reaches(
+    x: float, y: float, searched: bool, monkeypatch: pytest.MonkeyPatch
+):
+    """Known to a metre across, and to four along: not on the leg beside, and not beyond the end of what is open."""
+    nodes = 80
+    poses = np.zeros((nodes, 3))
+    poses[-1] = x, y, np.pi / 2
+    # in the frame of the node that is looked for, which is turned by a right angle
+    graph = SimpleNamespace(
+        nodes=None,
+        loops={},
+        submaps=SimpleNamespace(path=0.5 * np.arange(nodes)),
+        poses=poses,
+        relative=lambda _: np.tile(np.diag((1.0, 16.0, 0.01)), (nodes, 1, 1)),
+    )
+    closing, tried = LoopClosing(cast(LoopGraph, graph), GraphConfig()), []
+    monkeypatch.setattr(closing, "_try", lambda submap, *_: tried.append(submap) or [])
+    closing._look_for(nodes - 1)
+    assert bool(tried) == searched
+
+
+def test_a_wider_window_is_searched_in_coarser_steps():
+    search = LoopClosing(cast(LoopGraph, SimpleNamespace(nodes=None, submaps=None)), GraphConfig())._search
+    places = [search.window(np.diag((d * d, d * d, 0.01))).places for d in (1.0, 3.0, 10.0)]
+    assert places[0] < places[1] < 500_000
+    # a hundred times the area of the first one
+    assert places[2] < 50 * places[0]
