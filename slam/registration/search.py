@@ -45,9 +45,9 @@ class Window(NamedTuple):
 
     @classmethod
     def of(cls, covariance: Array, deviations: float, step: float, heading_step: float) -> Window:
-        """The places and headings within so many standard deviations of a covariance [3, 3]; headings half round at most.
+        """What is within this many standard deviations of a covariance [3, 3]; headings half round at most.
 
-        For each heading those that go with it: where both err together that is a part of all.
+        For each heading the places that go with it: where both err together that is a part of all.
         """
         turn = float(covariance[2, 2])
         by_turn = covariance[:2, 2] / turn
@@ -123,7 +123,7 @@ def apart(offsets: Array, most: int, distance: Array) -> NDArray[np.intp]:
 
 @lru_cache(maxsize=16)  # the window of a loop may have megabytes of them
 def lattice(most_x: int, most_y: int, step: float, block: int) -> tuple[Array, int]:
-    """Shifts up to so many steps in x and y, in equal blocks of neighbours, and the number of blocks."""
+    """Shifts up to ``most`` steps in x and y, in equal blocks of neighbours, and the number of blocks."""
     across, sizes = [], []
     for most in (most_x, most_y):
         count = 2 * most + 1

@@ -24,7 +24,8 @@ def room() -> Pool:
 
 def search(
     pool: Pool, poses: ArrayLike, points: ArrayLike, turns: ArrayLike, shifts: NDArray[np.float64], *, blocks: int = 1,
-    turn_costs: ArrayLike | None = None, shift_costs: ArrayLike | None = None, near: float = 0.5, drift: tuple[float, float] = (0.0, 0.0),
+    turn_costs: ArrayLike | None = None, shift_costs: ArrayLike | None = None, near: float = 0.5,
+    drift: tuple[float, float] = (0.0, 0.0),
 ) -> tuple[NDArray[np.int32], NDArray[np.int32]]:  # fmt: skip
     return search_scans(
         pool.tiles, frames(poses), points, turns,
