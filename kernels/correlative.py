@@ -59,12 +59,13 @@ def _lay_out(
 @kernel
 def _search(
     pool: I16_1D, table: I32_1D, begin: I32, columns: I32, rows: I32, frames: F64_2D, scan: F32_2D, turns: F32_1D,
-    turn_costs: I32_1D, shifts: F32_2D, shift_costs: I32_1D, blocks: I32, near: I32, corners: I32_2D, side: I32,
-    laid: I32_1D, scores: I32_2D, chosen: I32_2D, passes: I32, dense: template,
+    turn_costs: I32_1D, shifts: F32_2D, shift_costs: I32_1D, drifts: F32_2D, blocks: I32, near: I32, corners: I32_2D,
+    side: I32, laid: I32_1D, scores: I32_2D, chosen: I32_2D, passes: I32, dense: template,
 ):  # fmt: skip
     """The best shift of every block, the first of equal ones, for every particle and turn.
 
-    Frames are cos, sin, x, y [coarse cells], shifts in the frame. A ``dense`` search reads scores that were laid out.
+    Frames are cos, sin, x, y [coarse cells], shifts and drifts in the frame. A ``dense`` search reads scores that were
+    laid out.
     """
     n_turns = turns.shape[0]
     tiles = columns * rows
@@ -89,7 +90,8 @@ def _search(
         corner = i * side * side - corners[i, 1] * side - corners[i, 0]  # of the box: where cell (0, 0) would be
         best, at = -(1 << 30), 0
         for v in range(block * size, (block + 1) * size):
-            dx, dy = c0 * shifts[v, 0] - s0 * shifts[v, 1], s0 * shifts[v, 0] + c0 * shifts[v, 1]
+            u, w = shifts[v, 0] + drifts[t, 0], shifts[v, 1] + drifts[t, 1]
+            dx, dy = c0 * u - s0 * w, s0 * u + c0 * w
             total = -turn_costs[t] - shift_costs[v]
             for j in range(points):
                 gx, gy = xs[j] + dx, ys[j] + dy
@@ -118,6 +120,7 @@ def search_scans(
     blocks: int,
     cell_size: float,
     near: float,
+    drift: tuple[float, float] = (0.0, 0.0),
 ) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
     """The best places of a lattice around each pose, by the coarse level (correlative matching, Olson 2009).
 
@@ -136,6 +139,7 @@ def search_scans(
         blocks: number of equal blocks of consecutive shifts; the best shift of each is returned.
         cell_size: of the fine level [m].
         near: how near to a surface a point must lie to count for a place [truncations].
+        drift: by this the shifts of a turn are moved besides [m/rad]: errors of heading and place go together.
 
     Returns:
         int32 [n, a * blocks] the scores of the best shift of each block, turn by turn, and which shifts these are,
@@ -148,6 +152,7 @@ def search_scans(
     places = frames_in_cells(frames, 2 * cell_size)
     scan = as_finite("points", points, np.float32, (None, 2))
     angles = as_finite("turns", turns, np.float32, (None,))
+    drifts = angles[:, None] * as_finite("drift", np.asarray(drift) / (2 * cell_size), np.float32, (2,))
     across = as_finite("shifts", np.asarray(shifts, np.float64) / (2 * cell_size), np.float32, (None, 2))
     if len(places) != n:
         raise InputError(f"{len(places)}, expected one for each of {n} maps", field="frames")
@@ -164,34 +169,35 @@ def search_scans(
     if len(angles):
         grid = tiles.pool, tiles.table, tiles.first, tiles.columns, tiles.rows
         ends = np.ascontiguousarray(scan.T / np.float32(2 * cell_size), np.float32)
-        corners, side = _boxes(places, ends, across, columns=tiles.columns, rows=tiles.rows)
+        farthest = float(np.hypot(*across.T).max(initial=0.0) + np.hypot(*drifts.T).max(initial=0.0))
+        corners, side = _boxes(places, ends, farthest, columns=tiles.columns, rows=tiles.rows)
         dense = n * side**2 < min(MAX_LAID, len(angles) * len(across) * len(scan) * n / LOOKED_UP)
         laid = np.empty(n * side**2 if dense else 1, np.int32)
         if dense:
             _lay_out(*grid, corners, side, int(near * STEPS), laid)
         _search(
             *grid, places, ends, angles, _costs("turn_costs", turn_costs, len(angles)), across,
-            _costs("shift_costs", shift_costs, len(across)), blocks, int(near * STEPS), corners, side, laid, scores,
-            chosen, passes_for(n * len(angles) * blocks), dense,
+            _costs("shift_costs", shift_costs, len(across)), drifts, blocks, int(near * STEPS), corners, side, laid,
+            scores, chosen, passes_for(n * len(angles) * blocks), dense,
         )  # fmt: skip
     return scores, chosen
 
 
 def _boxes(
-    places: NDArray[np.float64], ends: NDArray[np.float32], shifts: NDArray[np.float32], *, columns: int, rows: int
+    places: NDArray[np.float64], ends: NDArray[np.float32], farthest: float, *, columns: int, rows: int
 ) -> tuple[NDArray[np.int32], int]:
     """The square boxes of coarse cells that searches look into.
 
     Args:
         places: [n, 4] frames [coarse cells].
         ends: [2, k] of the scan [coarse cells].
-        shifts: [b, 2] [coarse cells].
+        farthest: that a search shifts them [coarse cells].
         columns, rows: of the tables [tiles].
 
     Returns:
         [n, 2] column and row of each box's first cell, within the tables; and the cells along a side.
     """
-    reach = float(np.hypot(*ends).max(initial=0.0) + np.hypot(*shifts.T).max(initial=0.0)) + 2
+    reach = float(np.hypot(*ends).max(initial=0.0)) + farthest + 2
     last = np.array((columns, rows)) * (SIDE // 2) - 1
     corners = np.clip(np.floor(places[:, 2:] - reach), 0, last).astype(np.int32)
     return corners, 2 * math.ceil(reach) + 2

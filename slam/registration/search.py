@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -30,13 +31,37 @@ class Window(NamedTuple):
     """A search window around a predicted pose.
 
     Attributes:
-        half: [3] half width in x [m], y [m], theta [rad].
+        half: [3] half width along its two axes [m], [m], and in theta [rad].
         step, heading_step: of the lattice [m], [rad].
+        along: heading of its first axis in the frame of the predicted pose [rad].
+        drift: its middle moves by this for every radian of turn, along its axes [m/rad].
     """
 
     half: Array
     step: float
     heading_step: float
+    along: float = 0.0
+    drift: tuple[float, float] = (0.0, 0.0)
+
+    @classmethod
+    def of(cls, covariance: Array, deviations: float, step: float, heading_step: float) -> Window:
+        """What is within this many standard deviations of a covariance [3, 3]; headings half round at most.
+
+        For each heading the places that go with it: where both err together that is a part of all.
+        """
+        turn = float(covariance[2, 2])
+        by_turn = covariance[:2, 2] / turn
+        variances, axes = np.linalg.eigh(covariance[:2, :2] - turn * np.outer(by_turn, by_turn))
+        half = deviations * np.sqrt([max(variances[1], 0.0), max(variances[0], 0.0), turn])
+        (x, y), (u, w) = axes[:, 1].tolist(), by_turn.tolist()
+        drift = x * u + y * w, x * w - y * u
+        return cls(np.minimum(half, (np.inf, np.inf, np.pi)), step, heading_step, math.atan2(y, x), drift)
+
+    @property
+    def places(self) -> int:
+        """Of the lattice."""
+        steps = self.step, self.step, self.heading_step
+        return math.prod(2 * _steps_to(half, step) + 1 for half, step in zip(self.half, steps, strict=True))
 
 
 def candidates(
@@ -54,14 +79,17 @@ def candidates(
         config: of the search.
     """
     few = subsample(points, MAX_SEARCH_POINTS)
-    shifts, blocks = lattice(_steps_to(window.half[0], window.step), window.step, config.search_block)
+    c, s = math.cos(window.along), math.sin(window.along)
+    axes = np.array([[c, -s], [s, c]])
+    most_x, most_y = (_steps_to(half, window.step) for half in window.half[:2])
+    shifts, blocks = lattice(most_x, most_y, window.step, config.search_block)
     most_turns = _steps_to(window.half[2], window.heading_step)
     turns = np.arange(-most_turns, most_turns + 1, dtype=np.float64) * window.heading_step
     weight = config.search_prior * len(few)
     scores, chosen = search_scans(
         maps.tiles,
-        maps.frames(predicted[None]),
-        few,
+        maps.frames(predicted[None] + (0.0, 0.0, window.along)),
+        few if window.along == 0 else few @ axes.astype(np.float32),
         turns,
         weight * (turns / spread[2]) ** 2 * STEPS,
         shifts,
@@ -69,9 +97,12 @@ def candidates(
         blocks=blocks,
         cell_size=maps.config.cell_size,
         near=config.search_near / maps.config.coarse_truncation,
+        drift=window.drift,
     )
     best = np.argsort(-scores[0], kind="stable")
-    found = np.column_stack((shifts[chosen[0, best]], turns[best // blocks]))
+    turned = turns[best // blocks]
+    places = shifts[chosen[0, best]] + turned[:, None] * window.drift
+    found = np.column_stack((places @ axes.T, turned))
     return np.asarray(found[apart(found, most, config.separation * config.basin)])
 
 
@@ -90,17 +121,17 @@ def apart(offsets: Array, most: int, distance: Array) -> NDArray[np.intp]:
     return np.array(chosen, np.intp)
 
 
-@lru_cache(maxsize=64)
-def lattice(most: int, step: float, block: int) -> tuple[Array, int]:
-    """Shifts in x and y up to ``most`` steps, in equal blocks of neighbours, and the number of blocks."""
-    across = np.arange(-most, most + 1, dtype=np.float64) * step
-    if len(across) <= 2 * block:
-        return np.stack(np.meshgrid(across, across, indexing="ij"), axis=-1).reshape(-1, 2), 1
-    n = -(-len(across) // block) * block
-    across = across[0] + np.arange(n) * step
-    grid = np.stack(np.meshgrid(across, across, indexing="ij"), axis=-1)
-    m = n // block
-    return grid.reshape(m, block, m, block, 2).swapaxes(1, 2).reshape(-1, 2), m * m
+@lru_cache(maxsize=16)  # the window of a loop may have megabytes of them
+def lattice(most_x: int, most_y: int, step: float, block: int) -> tuple[Array, int]:
+    """Shifts up to ``most`` steps in x and y, in equal blocks of neighbours, and the number of blocks."""
+    across, sizes = [], []
+    for most in (most_x, most_y):
+        count = 2 * most + 1
+        sizes.append(count if count <= 2 * block else block)
+        across.append((np.arange(-(-count // sizes[-1]) * sizes[-1]) - most) * step)
+    grid = np.stack(np.meshgrid(*across, indexing="ij"), axis=-1)
+    m, n = (len(shifts) // size for shifts, size in zip(across, sizes, strict=True))
+    return grid.reshape(m, sizes[0], n, sizes[1], 2).swapaxes(1, 2).reshape(-1, 2), m * n
 
 
 def _steps_to(half: float, step: float) -> int:

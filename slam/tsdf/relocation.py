@@ -38,6 +38,9 @@ ENDPOINTS_PER_METRE = 4e8
 """The searches look up at most as many endpoints for every metre driven: 0.4 s of one processor."""
 MARGIN = 1.0
 """The robot is looked for this far beyond the path on which the map was made [m]."""
+FIRST_WINDOW, FIRST_SHARE = np.array([10.0, 10.0, 0.5]), 0.7
+"""A robot that nobody carried has drifted: it is looked for within this of where it was tracked to [m, m, rad] first,
+and taken to be there if this share of the endpoints is on surfaces: a place elsewhere could hardly have more."""
 STEP, TURN = 0.2, 0.06
 """Of the lattice: a basin of Gauss-Newton [m], [rad]."""
 STARTS, START_POINTS, FINALISTS = 60, 120, 12
@@ -83,10 +86,9 @@ class Relocation:
         self._config = RegistrationConfig(**{**config.model_dump(), "residual": RESIDUAL})
         self._mapped = path[:, :2].min(axis=0) - MARGIN, path[:, :2].max(axis=0) + MARGIN
         self._begin, self.reach, self._carried = begin[:2], reach, carried
-        self._middle, self._half = np.zeros(3), np.zeros(3)  # of what is searched
         self._seen: list[tuple[float, Array, Points]] = []  # path, pose and endpoints of the latest updates
         self._driven = 0.0
-        self._next = FIRST_LOOK
+        self._next, self._next_whole = FIRST_LOOK, FIRST_LOOK
         self._found: Array | None = None  # by the search before: where the new map's frame lies in the old one's
 
     def look(self, pose: Array, points: Points) -> Array | None:
@@ -105,14 +107,17 @@ class Relocation:
         self._seen = [seen for seen in self._seen if seen[0] > self._driven - QUERY]
         if self._driven < self._next:
             return None
-        low, high = self._window()
-        self._middle, self._half = (
-            np.array([*(low + high) / 2, 0.0]),
-            np.array([*np.repeat((high - low).max() / 2, 2), np.pi]),
-        )
-        places = np.prod(2 * self._half[:2] / STEP) * (2 * np.pi / TURN)
-        self._next = self._driven + max(APART, float(places) * MAX_SEARCH_POINTS / ENDPOINTS_PER_METRE)
-        place = self._search(pose) if (low < high).all() else None
+        self._next = self._driven + APART
+        drifted = not self._carried and self.reach == np.inf
+        place, share = self._search(pose, pose, FIRST_WINDOW) if drifted else (None, 0.0)
+        if share < FIRST_SHARE:
+            if self._driven < self._next_whole:
+                return None
+            low, high = self._window()
+            half = np.array([*np.maximum(high - low, 0.0) / 2, np.pi])
+            window = Window(half, STEP, TURN)
+            self._next_whole = self._driven + window.places * MAX_SEARCH_POINTS / ENDPOINTS_PER_METRE
+            place, _ = self._search(pose, np.array([*(low + high) / 2, 0.0]), half) if half[:2].all() else (None, 0.0)
         before, self._found = self._found, None
         if place is None:
             return None
@@ -137,28 +142,36 @@ class Relocation:
         within, (low, high) = self.reach + self._driven, self._mapped
         return np.maximum(low, self._begin - within), np.minimum(high, self._begin + within)
 
-    def _search(self, pose: Array) -> Array | None:
-        """Where in the old map the robot is [3]; None where no place is sure."""
+    def _search(self, pose: Array, middle: Array, half: Array) -> tuple[Array | None, float]:
+        """Where in the old map the robot is.
+
+        Args:
+            pose: [3] in the new map.
+            middle: [3] of the window.
+            half: [3] half widths of that.
+
+        Returns:
+            [3] and the share of the endpoints there; None and 0 where no place is sure.
+        """
         points = np.concatenate([_seen_from(pose, at, scan) for _, at, scan in self._seen])
         view, few = self._maps.of(self._particle), subsample(points, START_POINTS)
         lattice = SearchConfig(search_prior=1e-6)
-        starts = candidates(view, self._middle, self._half, few, Window(self._half, STEP, TURN), STARTS, lattice)
-        tried = self._registered(few, starts)
+        starts = candidates(view, middle, half, few, Window(half, STEP, TURN), STARTS, lattice)
+        tried = self._registered(few, starts, middle, half)
         finalists = np.argsort(-shares(tried, len(few)), kind="stable")[:FINALISTS]
-        found = self._registered(points, tried.offsets[finalists])
-        off = se2.between(se2.between(self._middle, pose), found.offsets)
+        found = self._registered(points, tried.offsets[finalists], middle, half)
+        off = se2.between(se2.between(middle, pose), found.offsets)
         near = (np.hypot(off[:, 0], off[:, 1]) < NEAR_DISTANCE) & (np.abs(off[:, 2]) < NEAR_ROTATION)
         places = shares(found, len(points)) - np.where(near | self._carried, 0.0, LEAST_MARGIN)
         best = int(places.argmax())
         if places[best] < LEAST_SHARE or places[best] - runner_up(found, places, len(points)) < LEAST_MARGIN:
-            return None
-        return np.asarray(se2.compose(self._middle, found.offsets[best]))
+            return None, 0.0
+        return np.asarray(se2.compose(middle, found.offsets[best])), float(places[best])
 
-    def _registered(self, points: Points, starts: Array) -> Registration:
+    def _registered(self, points: Points, starts: Array, middle: Array, half: Array) -> Registration:
         """Endpoints registered from many starts, as offsets from the middle, free of any prediction."""
-        many = np.repeat(self._middle[None], len(starts), axis=0)
-        loose = 3 * self._half
-        return register(self._maps.of(self._particle), many, loose, points, np.zeros(2), starts, self._config)
+        many = np.repeat(middle[None], len(starts), axis=0)
+        return register(self._maps.of(self._particle), many, 3 * half, points, np.zeros(2), starts, self._config)
 
 
 def _seen_from(pose: Array, at: Array, points: Points) -> Points:

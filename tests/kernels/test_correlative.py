@@ -25,11 +25,13 @@ def room() -> Pool:
 def search(
     pool: Pool, poses: ArrayLike, points: ArrayLike, turns: ArrayLike, shifts: NDArray[np.float64], *, blocks: int = 1,
     turn_costs: ArrayLike | None = None, shift_costs: ArrayLike | None = None, near: float = 0.5,
+    drift: tuple[float, float] = (0.0, 0.0),
 ) -> tuple[NDArray[np.int32], NDArray[np.int32]]:  # fmt: skip
     return search_scans(
         pool.tiles, frames(poses), points, turns,
         np.zeros(len(np.asarray(turns))) if turn_costs is None else turn_costs, shifts,
         np.zeros(len(shifts)) if shift_costs is None else shift_costs, blocks=blocks, cell_size=CELL, near=near,
+        drift=drift,
     )  # fmt: skip
 
 
@@ -91,6 +93,17 @@ def test_offsets_on_the_lattice_are_found(room: Pool) -> None:
         found = moved(pose, (*shifts[chosen[best]], turns[best]))
         assert np.abs(found - MIDDLE)[:2].max() < 0.11  # to a step: the walls lie between two coarse cells
         assert abs(found[2] - MIDDLE[2]) < 0.051
+
+
+def test_shifts_drift_with_the_turn(room: Pool) -> None:
+    """As if each turn were looked for among shifts of its own."""
+    shifts, turns, drift = lattice(6, 0.1), np.array((-0.2, 0.1, 0.3)), (2.0, -1.5)
+    pose, points = moved(MIDDLE, (0.5, -0.3, 0.2)), few(room_scan())
+    scores, chosen = search(room, [pose], points, turns, shifts, blocks=13, drift=drift)
+    for k, turn in enumerate(turns):
+        alone = search(room, [pose], points, [turn], shifts + turn * np.array(drift), blocks=13)
+        np.testing.assert_array_equal((scores[0, 13 * k :][:13], chosen[0, 13 * k :][:13]), np.array(alone)[:, 0])
+    assert len(np.unique(scores)) > 10
 
 
 def test_costs_decide_between_places_that_fit_alike(room: Pool) -> None:

@@ -37,8 +37,8 @@ class LoopConfig(Section):
     every: Positive = 2.0
     """A node is searched for in other nodes' submaps each time the robot has driven this far [m]."""
     near: Positive = 2.0
-    """Places this far apart may show the same walls: candidates are nodes within it, and two standard deviations of
-    their relative position [m]."""
+    """Places this far apart may show the same walls: candidates are nodes within it, and three standard deviations
+    of their relative position [m]."""
     first_deviation: Positive = 0.5
     """Loops whose relative position has up to this standard deviation are searched first; then it is doubled, again and
     again [m]. What is proved makes the next searches smaller."""

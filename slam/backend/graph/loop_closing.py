@@ -8,6 +8,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from moteslam.kernels.correlative import MAX_SEARCH_POINTS
 from moteslam.robot import se2
 from moteslam.slam.backend.graph.config import GraphConfig
 from moteslam.slam.backend.graph.loop_graph import PROVED, LoopGraph, Pair
@@ -19,9 +20,8 @@ SAME_PREDICTION, SAME_WINDOW = 0.3, 0.5
 """A pair is not searched again where the prediction moved by less [m], and the window changed by less [share]."""
 SOLVED = 0.2
 """The graph is solved anew for a loop that is off by more than this [m]."""
-LEAST_WINDOW, LARGEST_TURN = np.array([0.5, 0.5, 0.06]), np.pi
-"""Half widths of a search window: at least [m, m, rad], and at most the whole circle [rad]. In a narrower one than the
-relative covariance asks for, the true place might not be found, and be no rival of a wrong one."""
+LEAST_DEVIATIONS = np.array([0.5, 0.5, 0.06]) / WINDOW_DEVIATIONS
+"""What the relative covariance has besides [m, m, rad]: submaps bend a little."""
 CHEAP = 1e8
 """A search that looks up fewer endpoints than this is made in any case: a tenth of a second of one processor."""
 LOOKUPS_PER_METRE = 4e6
@@ -82,35 +82,44 @@ class LoopClosing:
         before = graph.submaps.path < graph.submaps.path[query] - c.least_path
         if not before.any():
             return False
-        distance = self._distances(query)
         accepted, deviation = False, c.first_deviation
-        position, heading = graph.relative(query)
+        covariance = graph.relative(query)
+        position = _largest_deviations(covariance)
+        reachable, cost = self._reachable(query, covariance)
         while True:
-            reachable = before & (distance < c.near + 2 * position)
-            near = reachable & (position < deviation)
+            near = before & reachable & (position < deviation)
             found = []
-            for submap in _passages(np.flatnonzero(near), distance + position)[: c.candidates]:
-                half = np.array([position[submap], position[submap], heading[submap]]) * WINDOW_DEVIATIONS
-                half = np.maximum(half, LEAST_WINDOW)
-                half[2] = min(half[2], LARGEST_TURN)
-                found += self._try(submap, query, half)
+            for submap in _passages(np.flatnonzero(near), cost)[: c.candidates]:
+                found += self._try(submap, query, covariance)
             if found:
                 accepted = True
                 if graph.misfit(found, graph.poses) > SOLVED:
                     graph.solve()
-                position, heading = graph.relative(query)
-                distance = self._distances(query)
-                reachable = before & (distance < c.near + 2 * position)
-            if deviation > position.max(where=reachable, initial=0.0):
+                covariance = graph.relative(query)
+                position = _largest_deviations(covariance)
+                reachable, cost = self._reachable(query, covariance)
+            if deviation > position.max(where=before & reachable, initial=0.0):
                 return accepted
             deviation *= 2
 
-    def _distances(self, query: int) -> Array:
-        """Of all nodes from one [n] [m]."""
-        places = self.graph.poses[:, :2]
-        return np.asarray(np.hypot(*(places - places[query]).T))
+    def _reachable(self, query: int, covariance: Array) -> tuple[NDArray[np.bool_], Array]:
+        """Which nodes [n] may show the same walls as one, and the cost [n] of that.
 
-    def _try(self, submap: int, query: int, half: Array) -> list[Pair]:
+        They are within the window of where it may be, and ``config.loops.near``; the cost is the negative logarithm of
+        the density that they are in one place.
+
+        Args:
+            query: the one.
+            covariance: [n, 3, 3] of its pose as seen from all, in its frame.
+        """
+        poses, near = self.graph.poses, (self._config.loops.near / WINDOW_DEVIATIONS) ** 2
+        x, y = np.asarray(se2.between(poses[query], poses))[:, :2].T
+        xx, xy, yy = covariance[:, 0, 0] + near, covariance[:, 0, 1], covariance[:, 1, 1] + near
+        determinant = xx * yy - xy * xy
+        squares = (yy * x * x - 2 * xy * x * y + xx * y * y) / determinant
+        return squares < WINDOW_DEVIATIONS**2, (squares + np.log(determinant)) / 2
+
+    def _try(self, submap: int, query: int, covariance: Array) -> list[Pair]:
         """Search one pair, unless its passage was, from about the same prediction; the pair if that found a loop."""
         graph, path = self.graph, self.graph.submaps.path
         passage = self._config.loops.submap_length / 2
@@ -118,23 +127,26 @@ class LoopClosing:
         submap = min(before, key=lambda node: abs(node - submap), default=submap)
         pair = submap, query
         predicted = np.asarray(se2.between(graph.poses[submap], graph.poses[query]))
+        spread = covariance[submap] + np.diag(np.square(LEAST_DEVIATIONS))
+        window = self._search.window(spread)
         known = graph.loops.get(pair)
         last = None if known is None or known.candidate.verdict == "unsearched" else known.candidate
         if last is not None:
-            if last.accepted and (np.abs(se2.between(predicted, last.found)) < half).all():
+            off = np.asarray(se2.between(predicted, last.found))
+            if last.accepted and off @ np.linalg.inv(spread) @ off < WINDOW_DEVIATIONS**2:
                 return []
             moved = np.asarray(se2.between(last.predicted, predicted))
-            same = abs(last.window[0] - half[0]) < SAME_WINDOW * half[0]
+            same = abs(last.window[0] - window.half[0]) < SAME_WINDOW * window.half[0]
             if same and np.abs(moved[:2]).max() < SAME_PREDICTION:
                 return []
-        cost = self._search.cost(half)
+        cost = float(window.places * MAX_SEARCH_POINTS)
         if cost > CHEAP:
             if self._looked_up + cost > LOOKUPS_PER_METRE * graph.driven:
                 if known is None:
-                    graph.enter(pair, self._search.unsearched(submap, query, predicted, half))
+                    graph.enter(pair, self._search.unsearched(submap, query, predicted, window))
                 return []
             self._looked_up += cost
-        found = self._search.match(submap, query, predicted, half)
+        found = self._search.match(submap, query, predicted, spread)
         if found is None:
             return []
         if last is None:
@@ -144,6 +156,11 @@ class LoopClosing:
             return []
         self.news.add(pair)
         return [pair]
+
+
+def _largest_deviations(covariance: Array) -> Array:
+    """The standard deviations [n] of positions along the direction where they are largest, of [n, 3, 3] [m]."""
+    return np.asarray(np.sqrt(np.maximum(np.linalg.eigvalsh(covariance[:, :2, :2])[:, 1], 0.0)))
 
 
 def _passages(near: NDArray[np.intp], cost: Array) -> list[int]:

@@ -16,7 +16,7 @@ from moteslam.slam.backend.graph.loop_search import Loop
 from moteslam.slam.backend.graph.nodes import Nodes
 from moteslam.slam.backend.graph.pose_graph import Edges, solve
 from moteslam.slam.backend.graph.submaps import Submaps
-from moteslam.slam.backend.graph.uncertainty import Uncertainty, Variances
+from moteslam.slam.backend.graph.uncertainty import Uncertainty
 from moteslam.slam.backend.ledger import LoopCandidate, Verdict
 
 Array = NDArray[np.float64]
@@ -58,8 +58,6 @@ class LoopGraph:
         self.poses, self.registered = np.zeros((1, 3)), np.zeros((0, 3))
         self._known: set[Pair] = set()  # the loops that the joint registration knew
         self._fits = 0  # of the chain, as taken in
-        self._steps = Variances.of(np.zeros((0, 3, 3)))
-        self._variances: dict[Pair, Variances] = {}  # of the loops
         self._uncertainty: Uncertainty | None = None
 
     @property
@@ -78,10 +76,8 @@ class LoopGraph:
         if self.chain.fits != self._fits:
             self._refit()
             return
-        step, covariance = self.chain.last()
+        step, _ = self.chain.last()
         self.submaps.extend(step)
-        latest = Variances.of(covariance[None])
-        self._steps = Variances(*(np.append(old, new) for old, new in zip(self._steps, latest, strict=True)))
         self.poses = np.vstack((self.poses, se2.compose(self.poses[-1], step)))
         self._uncertainty = None
 
@@ -101,7 +97,6 @@ class LoopGraph:
         """Enter a candidate as searched; it takes the place of an earlier search of the pair."""
         self.loops.pop(pair, None)
         self.loops[pair] = loop
-        self._variances[pair] = Variances.of(np.asarray(np.linalg.inv(loop.information))[None])
         self._uncertainty = None
 
     def solve(self, verdicts: Sequence[Verdict] = ("accepted",)) -> None:
@@ -162,16 +157,16 @@ class LoopGraph:
         off = np.asarray(se2.between(found, se2.between(poses[first], poses[second])))
         return float(np.hypot(off[:, 0], off[:, 1]).max())
 
-    def relative(self, node: int) -> tuple[Array, Array]:
-        """The standard deviations of all nodes' positions and headings as seen from one: see ``Uncertainty.of``."""
+    def relative(self, node: int) -> Array:
+        """The covariance [n, 3, 3] of a node's pose as seen from all others: see ``Uncertainty.of``."""
         if self._uncertainty is None:
             n = len(self.poses)
             accepted = [pair for pair, loop in self.loops.items() if loop.candidate.accepted]
             first = np.r_[np.arange(n - 1), np.array([a for a, _ in accepted], np.intp)]
             second = np.r_[np.arange(1, n), np.array([b for _, b in accepted], np.intp)]
-            parts = (self._steps, *(self._variances[pair] for pair in accepted))
-            variances = Variances(*(np.concatenate(values) for values in zip(*parts, strict=True)))
-            self._uncertainty = Uncertainty(self.poses, first, second, variances)
+            loops = np.array([self.loops[pair].information for pair in accepted]).reshape(-1, 3, 3)
+            covariance = np.concatenate((self.chain.covariance, np.linalg.inv(loops)))
+            self._uncertainty = Uncertainty(self.poses, first, second, covariance)
         return self._uncertainty.of(node)
 
     def _refit(self) -> None:
@@ -179,7 +174,6 @@ class LoopGraph:
         self._fits, self._uncertainty = self.chain.fits, None
         steps = self.chain.steps
         self.submaps.follow(steps)
-        self._steps = Variances.of(self.chain.covariance)
         if len(self.registered):
             late = np.asarray(se2.accumulate(steps[len(self.poses) - 1 :], self.poses[-1]))
             self.poses = np.vstack((self.poses, late.reshape(-1, 3)))

@@ -13,7 +13,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from moteslam.kernels.correlative import MAX_SEARCH_POINTS
 from moteslam.robot import se2
 from moteslam.slam.backend.graph.config import GraphConfig
 from moteslam.slam.backend.graph.nodes import Nodes
@@ -40,8 +39,11 @@ LEAST_STARTS, STARTS, START_POINTS, FINALISTS = 8, 40, 120, 12
 fit into the window; and how many of them with all points."""
 WIDE, FINE_TURN, COARSE_TURN = 0.1, 0.02, 0.04
 """Windows wider than the first [rad] are searched in the coarser steps."""
-SLACK, SLACK_DISTANCE = 1.2, 0.2
-"""A place may lie this far beyond the window: Gauss-Newton moves it [windows], [m]."""
+MANY, WIDEST_STEP, WIDEST_TURN = 500_000, 0.2, 0.06
+"""Windows of more places than the first are searched in steps of a basin of Gauss-Newton [m], [rad]."""
+FARTHEST = 4.0
+"""A place is nearer to the prediction than this [standard deviations]: of three that are independent one in a thousand
+is not."""
 NEGLIGIBLE_PRIOR = 1e-6
 """Of the lattice: within the window the prediction counts for nothing until the end."""
 WINDOW_DEVIATIONS = 3.0
@@ -76,53 +78,54 @@ class LoopSearch:
         self._registration = RegistrationConfig(**{**config.registration.model_dump(), "residual": RESIDUAL})
         self._lattice = SearchConfig(search_prior=NEGLIGIBLE_PRIOR)
 
-    def match(self, submap: int, query: int, predicted: Array, half: Array) -> Loop | None:
+    def match(self, submap: int, query: int, predicted: Array, covariance: Array) -> Loop | None:
         """Search a query in a submap.
 
         Args:
             submap, query: their nodes.
             predicted: [3] pose of the query's node in the frame of the submap's.
-            half: [3] half widths of the window about it.
+            covariance: [3, 3] of that, in its frame.
 
         Returns:
             None where there is nothing to compare.
         """
         # a place beyond the ends of the submap could be no rival of a wrong one
-        maps = self._submaps.around(submap, max(half[0] - COVERED, 0.0)).of(0)
+        half = WINDOW_DEVIATIONS * np.sqrt(covariance.diagonal())
+        window = self.window(covariance)
+        maps = self._submaps.around(submap, max(float(window.half[0]) - COVERED, 0.0)).of(0)
         points = self._submaps.query(query)
         if not len(points):
             return None
-        window = self._window(half)
-        number = int(np.clip(np.ceil(np.prod(half / self._lattice.basin)), LEAST_STARTS, STARTS))
+        number = int(np.clip(np.ceil(np.prod(window.half / self._lattice.basin)), LEAST_STARTS, STARTS))
         starts = candidates(maps, predicted, half, points, window, number, self._lattice)
         few = subsample(points, START_POINTS)
         tried = self._register(maps, predicted, half, few, starts)
-        finalists = np.argsort(-self._shares(tried, len(few), half), kind="stable")[:FINALISTS]
+        finalists = np.argsort(-self._shares(tried, len(few), covariance), kind="stable")[:FINALISTS]
         found = self._register(maps, predicted, half, points, tried.offsets[finalists])
-        places = self._shares(found, len(points), half)
+        places = self._shares(found, len(points), covariance)
         best = int(places.argmax())
         second = runner_up(found, places, len(points))
         # along bare walls the prediction is kept, and the loop binds less there
         kept = keep_odometry(found, half / WINDOW_DEVIATIONS, self._registration)
         information = measured_information(kept, best, self._registration, self._config.correlation)
-        covariance = np.linalg.inv(information + WEAKEST * np.eye(3)) + np.diag(np.square(FLOOR))
+        error = np.linalg.inv(information + WEAKEST * np.eye(3)) + np.diag(np.square(FLOOR))
         candidate = replace(
-            self._candidate(submap, query, predicted, half),
+            self._candidate(submap, query, predicted, window),
             found=np.asarray(se2.compose(predicted, kept.offsets[best])),
             share=float(places[best]),
             runner_up=second,
             known=float(found.known[best]) / len(points),
             likelihood=float(found.likelihoods[best]),
             crossed=float(found.crossed[best]) / len(points),
-            verdict=self._verdict(float(places[best]), second, found.offsets[best], half),
+            verdict=self._verdict(float(places[best]), second, found.offsets[best], covariance),
         )
-        return Loop(candidate, np.linalg.inv(covariance))
+        return Loop(candidate, np.linalg.inv(error))
 
-    def unsearched(self, submap: int, query: int, predicted: Array, half: Array) -> Loop:
+    def unsearched(self, submap: int, query: int, predicted: Array, window: Window) -> Loop:
         """The candidate of a search that is not made."""
-        return Loop(self._candidate(submap, query, predicted, half), WEAKEST * np.eye(3))
+        return Loop(self._candidate(submap, query, predicted, window), WEAKEST * np.eye(3))
 
-    def _candidate(self, submap: int, query: int, predicted: Array, half: Array) -> LoopCandidate:
+    def _candidate(self, submap: int, query: int, predicted: Array, window: Window) -> LoopCandidate:
         """A pair before it is searched."""
         indices, stamps = self._nodes.indices, self._nodes.stamps
         return LoopCandidate(
@@ -131,7 +134,7 @@ class LoopSearch:
             stamps=(float(stamps[submap]), float(stamps[query])),
             predicted=predicted,
             found=predicted,
-            window=(float(half[0]), float(half[2])),
+            window=(float(window.half[0]), float(window.half[2])),
             share=0.0,
             runner_up=0.0,
             known=0.0,
@@ -140,35 +143,35 @@ class LoopSearch:
             verdict="unsearched",
         )
 
-    def cost(self, half: Array) -> float:
-        """The endpoints that a search over a window of these half widths [3] looks up."""
-        window = self._window(half)
-        x, y, turn = 2 * half / (window.step, window.step, window.heading_step) + 1
-        return float(x * y * turn * MAX_SEARCH_POINTS)
-
-    def _window(self, half: Array) -> Window:
-        """A window of half widths [3], and the steps of its lattice."""
-        return Window(half, 2 * self._config.tsdf.cell_size, FINE_TURN if half[2] <= WIDE else COARSE_TURN)
+    def window(self, covariance: Array) -> Window:
+        """What is searched of a prediction of this covariance [3, 3]."""
+        turn = FINE_TURN if WINDOW_DEVIATIONS**2 * covariance[2, 2] <= WIDE**2 else COARSE_TURN
+        window = Window.of(covariance, WINDOW_DEVIATIONS, 2 * self._config.tsdf.cell_size, turn)
+        return window._replace(step=WIDEST_STEP, heading_step=WIDEST_TURN) if window.places > MANY else window
 
     def _register(self, maps: TsdfView, predicted: Array, half: Array, points: Points, starts: Array) -> Registration:
         """Register endpoints from many starts, all but free of the prediction."""
         many = np.repeat(predicted[None], len(starts), axis=0)
         return register(maps, many, LOOSE * half, points, np.zeros(2), starts, self._registration)
 
-    def _shares(self, found: Registration, points: int, half: Array) -> Array:
+    def _shares(self, found: Registration, points: int, covariance: Array) -> Array:
         """Of the endpoints on surfaces, less what rays through surfaces and the offset from the prediction cost [N].
 
         The offset costs half its square in standard deviations, in endpoints that err independently: of two places that
         look alike the one nearer to the prediction is meant.
         """
-        off = 0.5 * self._config.correlation * np.square(found.offsets * WINDOW_DEVIATIONS / half).sum(axis=1)
-        return shares(found, points, off)
+        return shares(found, points, 0.5 * self._config.correlation * _squares(found.offsets, covariance))
 
-    def _verdict(self, share: float, runner_up: float, offset: Array, half: Array) -> Verdict:
+    def _verdict(self, share: float, runner_up: float, offset: Array, covariance: Array) -> Verdict:
         c = self._config.loops
         if share <= c.least_share:
             return "weak"
         if share - runner_up <= c.least_margin:
             return "ambiguous"
-        inside = (np.abs(offset) <= SLACK * half + SLACK_DISTANCE).all()
+        inside = _squares(offset, covariance) <= FARTHEST**2
         return "accepted" if inside else "outside"
+
+
+def _squares(offsets: Array, covariance: Array) -> Array:
+    """The squares [...] of offsets [..., 3], in standard deviations."""
+    return np.asarray(np.einsum("...i,ij,...j->...", offsets, np.linalg.inv(covariance), offsets))

@@ -29,6 +29,8 @@ GAIN_INFORMATION = 100.0
 """Prior on the gains, of standard deviation 0.1."""
 LEAST_SCALE = 0.1
 """Of the noise, over its shape: no odometry is better."""
+LEAST_SHARE = 0.1
+"""Of that noise is the odometry's own, at least."""
 SAFETY = 2.0
 """Factor on the measured standard deviation: errors of neighbouring steps are alike."""
 NORMAL_MAD = 1.4826
@@ -68,24 +70,30 @@ def fit_odometry(odometry: Array, registered: Array, covariance: Array) -> Odome
     """Fit a linear map of each step that corrects it, and measure what noise is left.
 
     Alternately the gains of forward, left and turning error are fitted, robustly, and the scale of the noise: the
-    median absolute residual of the steps that registration knows better than odometry.
+    median absolute residual of the steps that registration knows better than odometry. Both sides err: what is left is
+    to be orthogonal not to the steps by the odometry, whose noise is in it, but to the true ones, by odometry and
+    registration together (errors in variables, as in ``OdometryCalibration``).
 
     Args:
         odometry: [n - 1, 3] steps.
         registered: [n - 1, 3] the same by registration.
         covariance: [n - 1, 3, 3] of that.
     """
-    shape = _shape(odometry)
     errors = np.asarray(se2.between(odometry, registered))
     variance = np.diagonal(covariance, axis1=1, axis2=2)
-    gains, scales, measured = np.zeros((3, 3)), np.ones(3), np.zeros(3, bool)
+    gains, scales, true = np.zeros((3, 3)), np.ones(3), odometry + errors
+    measured = np.zeros(3, bool)
     for _ in range(ROUNDS):
+        shape = _shape(true)
+        noises = np.square(scales * shape)
+        own = np.maximum(noises - variance, LEAST_SHARE * noises)  # what is measured below is that of both
+        true = odometry + errors - variance / (variance + own) * (errors - odometry @ gains.T)
         for axis in range(3):
-            noise = np.square(scales[axis] * shape[:, axis])
+            noise = noises[:, axis]
             rest = errors[:, axis] - odometry @ gains[axis]
             total = variance[:, axis] + noise
             weights = 1 / total / (1 + rest * rest / total / TAIL)
-            weighted = odometry * weights[:, None]
+            weighted = true * weights[:, None]
             gains[axis] = np.linalg.solve(
                 weighted.T @ odometry + GAIN_INFORMATION * np.eye(3), weighted.T @ errors[:, axis]
             )

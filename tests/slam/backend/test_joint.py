@@ -182,11 +182,11 @@ def test_a_loop_between_bare_walls_keeps_the_prediction_along_them_and_binds_les
         nodes.add(node(k, (0.0 if k == 0 else 0.5, 0.0, 0.0), scan_between_walls(rng).points))
     submaps = Submaps(nodes, GraphConfig())
     submaps.follow(np.tile((0.5, 0.0, 0.0), (len(nodes) - 1, 1)))
-    half = np.array((0.5, 0.5, 0.06))
+    covariance = np.diag(np.square((0.5, 0.5, 0.06))) / 9
 
     def searched(config: GraphConfig, along: float) -> tuple[float, float]:
         """By how much the prediction is changed along the walls, and the information along them."""
-        found = LoopSearch(nodes, submaps, config).match(4, 6, np.array((along, 0.06, 0.02)), half)
+        found = LoopSearch(nodes, submaps, config).match(4, 6, np.array((along, 0.06, 0.02)), covariance)
         assert found is not None
         np.testing.assert_allclose(found.candidate.found[1:], 0.0, atol=0.005)
         return abs(float(found.candidate.found[0]) - along), float(found.information[0, 0])

@@ -1,6 +1,7 @@
 """Which key scans become nodes, and what the odometry's errors are."""
 
 import numpy as np
+import pytest
 
 from moteslam.robot import se2
 from moteslam.slam.backend.graph.config import GraphConfig
@@ -93,6 +94,21 @@ def test_where_walls_measure_no_step_the_noise_is_that_of_the_other_axes():
     assert model.scales[0] == model.scales[1:].max() < 0.5
     nothing = fit_odometry(wrong, registered, np.tile(np.eye(3), (n, 1, 1)))
     np.testing.assert_array_equal(nothing.scales, np.ones(3))
+
+
+@pytest.mark.parametrize(("wheels", "scans"), [(0.08, 0.002), (0.05, 0.05), (0.0, 0.0)])
+def test_noise_of_the_turns_does_not_dilute_their_gain(wheels: float, scans: float):
+    """On a path that is straight but for one turn in twelve most of what noisy wheels say of a turn is noise."""
+    rng = np.random.default_rng(2)
+    n = 1500
+    true = np.column_stack((np.full(n, 0.6), np.zeros(n), np.where(np.arange(n) % 12 == 0, 0.3, 0.0)))
+    true[::24, 2] *= -1
+    noise = rng.normal(0, 1, (2, n, 3)) * (0.003, 0.001, 0.0)
+    noise[:, :, 2] = rng.normal(0, 1, (2, n)) * [[wheels], [scans]]
+    counted, found = true * (1.0, 1.0, 1 / 1.03) + noise[0], true + noise[1]
+    model = fit_odometry(counted, found, np.tile(np.diag((1e-5, 1e-6, max(scans, 1e-3) ** 2)), (n, 1, 1)))
+    turn = model.corrected(np.array([[0.6, 0.0, 0.5]]))[0, 2]
+    assert turn == pytest.approx(0.515, abs=0.03)
 
 
 def test_errors_of_the_heading_on_a_long_step_move_its_end_aside():

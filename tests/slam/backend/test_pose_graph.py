@@ -11,7 +11,7 @@ from moteslam.slam.backend.graph.config import GraphConfig
 from moteslam.slam.backend.graph.loop_closing import LoopClosing
 from moteslam.slam.backend.graph.loop_graph import LoopGraph
 from moteslam.slam.backend.graph.pose_graph import Edges, relative_jacobians, solve
-from moteslam.slam.backend.graph.uncertainty import Uncertainty, Variances
+from moteslam.slam.backend.graph.uncertainty import Uncertainty
 
 STEP_NOISE = np.array([0.02, 0.01, 0.01])
 
@@ -113,52 +113,96 @@ def test_the_jacobians_are_derivatives():
 
 
 def uncertainty(poses: np.ndarray, edges: Edges) -> Uncertainty:
-    return Uncertainty(poses, edges.first, edges.second, Variances.of(np.linalg.inv(edges.information)))
+    return Uncertainty(poses, edges.first, edges.second, np.linalg.inv(edges.information))
 
 
-def test_the_uncertainty_of_a_chain_is_its_marginal():
-    """Along a chain the bound is exact: heading errors times distance, and position errors, add up."""
+@pytest.mark.parametrize("seen_from", [0, 12])
+def test_the_uncertainty_of_a_chain_is_its_marginal(seen_from: int):
+    """Along a chain the bound is exact, and place and heading err together: out and back, they hardly err apart."""
     rng = np.random.default_rng(6)
     n = 30
-    steps = np.column_stack((rng.uniform(0.5, 1.5, n - 1), rng.normal(0, 0.1, n - 1), rng.normal(0, 0.4, n - 1)))
+    turns = np.where(np.arange(n - 1) == 14, np.pi, rng.normal(0, 0.2, n - 1))
+    steps = np.column_stack((rng.uniform(0.5, 1.5, n - 1), rng.normal(0, 0.1, n - 1), turns))
     poses = np.vstack((np.zeros(3), se2.accumulate(steps)))
-    information = np.tile(np.diag((1 / 0.02**2, 1 / 0.02**2, 1 / 0.01**2)), (n - 1, 1, 1))
+    # as far along the path as to the side, and headings that go with it
+    shape = np.array([[4e-4, 1e-4, 0.0], [1e-4, 1e-4, 2e-5], [0.0, 2e-5, 1e-4]])
+    information = np.tile(np.linalg.inv(shape), (n - 1, 1, 1))
     edges = Edges(np.arange(n - 1), np.arange(1, n), steps, information, np.zeros(n - 1, bool))
-    position, heading = uncertainty(poses, edges).of(0)
-    noise = rng.normal(0, 1, (4000, n - 1, 3)) * (0.02, 0.02, 0.01)
-    ends = np.array([np.asarray(se2.accumulate(se2.compose(steps, one)))[-1] for one in noise])
-    spread = np.sqrt(np.square(ends[:, :2] - ends[:, :2].mean(axis=0)).sum(axis=1).mean())
-    # in the plane the position's variance is counted once along its worst direction
-    assert position[-1] == pytest.approx(spread, rel=0.1)
-    assert heading[-1] == pytest.approx(ends[:, 2].std(), rel=0.05)
-    assert position[0] == heading[0] == 0.0
+    for last in (n - 1, 3):
+        covariance = uncertainty(poses, edges).of(last)[seen_from]
+        first, end = sorted((seen_from, last))
+        noise = rng.multivariate_normal(np.zeros(3), shape, (20000, end - first))
+        found = np.broadcast_to(np.zeros(3), (20000, 3))
+        for k in range(first, end):
+            found = np.asarray(se2.compose(found, se2.compose(steps[k], noise[:, k - first])))
+        if seen_from > last:
+            found = np.asarray(se2.between(found, np.zeros(3)))
+        sampled = np.cov(np.asarray(se2.between(se2.between(poses[seen_from], poses[last]), found)).T)
+        scale = np.sqrt(np.outer(sampled.diagonal(), sampled.diagonal()))
+        np.testing.assert_allclose(covariance / scale, sampled / scale, atol=0.03)
+    np.testing.assert_array_equal(uncertainty(poses, edges).of(4)[4], 0.0)
 
 
 def test_a_loop_makes_both_its_ends_surer():
     _, start, edges = case(7)
     chain = Edges(*(getattr(edges, name)[:119] for name in ("first", "second", "relative", "information", "robust")))
-    before, _ = uncertainty(start, chain).of(119)
-    after, _ = uncertainty(start, edges).of(119)
-    assert (after <= before + 1e-9).all()
-    assert after[5] < 0.5 * before[5]
+    before, after = (np.linalg.det(uncertainty(start, some).of(119)[:119]) for some in (chain, edges))
+    assert (after <= before * (1 + 1e-9)).all()
+    assert after[5] < 0.1 * before[5]
 
 
-@pytest.mark.parametrize(("heading", "half"), [(0.01, 0.06), (0.4, 1.2), (2.0, np.pi)])
+@pytest.mark.parametrize(("heading", "half"), [(0.01, np.hypot(0.03, 0.06)), (0.4, np.hypot(1.2, 0.06)), (2.0, np.pi)])
 def test_a_loop_is_searched_for_in_all_headings_that_the_covariance_allows(
     heading: float, half: float, monkeypatch: pytest.MonkeyPatch
 ):
     """After a step whose turn is doubtful the true place may be turned by a radian."""
     nodes = 80
-    spread = np.full(nodes, 0.3), np.full(nodes, heading)
+    covariance = np.tile(np.diag((0.09, 0.09, heading**2)), (nodes, 1, 1))
     graph = SimpleNamespace(
         nodes=None,
+        loops={},
         submaps=SimpleNamespace(path=0.5 * np.arange(nodes)),
         poses=np.zeros((nodes, 3)),
-        relative=lambda _: spread,
+        relative=lambda _: covariance,
     )
     closing = LoopClosing(cast(LoopGraph, graph), GraphConfig())
     windows: list[np.ndarray] = []
-    monkeypatch.setattr(closing, "_try", lambda _submap, _query, window: windows.append(window) or [])
+
+    def match(submap: int, query: int, predicted: np.ndarray, covariance: np.ndarray) -> None:
+        windows.append(closing._search.window(covariance).half)
+
+    monkeypatch.setattr(closing._search, "match", match)
     closing._look_for(nodes - 1)
-    assert windows
-    np.testing.assert_allclose(windows[0], (0.9, 0.9, half))
+    np.testing.assert_allclose(windows[0], (np.hypot(0.9, 0.5), np.hypot(0.9, 0.5), half))
+
+
+@pytest.mark.parametrize(
+    ("x", "y", "searched"), [(0.0, 12.0, False), (0.0, 3.0, True), (11.0, 0.0, True), (13.0, 0.0, False)]
+)
+def test_a_loop_is_searched_for_where_the_covariance_reaches(
+    x: float, y: float, searched: bool, monkeypatch: pytest.MonkeyPatch
+):
+    """Known to a metre across, and to four along: not on the leg beside, and not beyond the end of what is open."""
+    nodes = 80
+    poses = np.zeros((nodes, 3))
+    poses[-1] = x, y, np.pi / 2
+    # in the frame of the node that is looked for, which is turned by a right angle
+    graph = SimpleNamespace(
+        nodes=None,
+        loops={},
+        submaps=SimpleNamespace(path=0.5 * np.arange(nodes)),
+        poses=poses,
+        relative=lambda _: np.tile(np.diag((1.0, 16.0, 0.01)), (nodes, 1, 1)),
+    )
+    closing, tried = LoopClosing(cast(LoopGraph, graph), GraphConfig()), []
+    monkeypatch.setattr(closing, "_try", lambda submap, *_: tried.append(submap) or [])
+    closing._look_for(nodes - 1)
+    assert bool(tried) == searched
+
+
+def test_a_wider_window_is_searched_in_coarser_steps():
+    search = LoopClosing(cast(LoopGraph, SimpleNamespace(nodes=None, submaps=None)), GraphConfig())._search
+    places = [search.window(np.diag((d * d, d * d, 0.01))).places for d in (1.0, 3.0, 10.0)]
+    assert places[0] < places[1] < 500_000
+    # a hundred times the area of the first one
+    assert places[2] < 50 * places[0]

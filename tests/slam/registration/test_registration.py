@@ -17,6 +17,7 @@ from moteslam.slam.registration.degeneracy import keep_odometry, least_informed
 from moteslam.slam.registration.evidence import SLIP, against, nats_for, proved
 from moteslam.slam.registration.localisation import Localiser, match_score
 from moteslam.slam.registration.registrar import Registration, register
+from moteslam.slam.registration.search import Window, candidates
 
 Array = NDArray[np.float64]
 SPREAD = (0.02, 0.02, 0.02)
@@ -236,3 +237,35 @@ def test_after_a_lapse_a_scan_of_a_round_room_leaves_the_robot_where_it_was_pred
     )
     assert not located.decided
     assert located.fitted.offset == (0.0, 0.0, 0.0)
+
+
+def test_a_window_holds_the_places_within_its_deviations_and_few_others():
+    """Of a covariance whose place goes with the heading, most of its box is not looked into."""
+    by = np.array([[0.5, 0.0, 12.0], [0.0, 0.3, -9.0], [0.0, 0.0, 1.0]])
+    covariance = by @ np.diag(np.square((1.0, 1.0, 0.1))) @ by.T
+    window = Window.of(covariance, 3.0, 0.1, 0.04)
+    rng = np.random.default_rng(2)
+    unit = rng.normal(0, 1, (2000, 3))
+    unit *= 3 * (rng.uniform(0, 1, 2000) ** (1 / 3) / np.linalg.norm(unit, axis=1))[:, None]
+    offsets = unit @ np.linalg.cholesky(covariance).T
+    c, s = np.cos(window.along), np.sin(window.along)
+    along = offsets[:, :2] @ np.array([[c, -s], [s, c]]) - offsets[:, 2:] * np.array(window.drift)
+    assert (np.abs(np.column_stack((along, offsets[:, 2]))) <= window.half + 1e-9).all()
+    box = 3 * np.sqrt(covariance.diagonal())
+    assert np.prod(window.half) == pytest.approx(27 * np.sqrt(np.linalg.det(covariance)))
+    assert window.places < 0.5 * np.prod(2 * box / (0.1, 0.1, 0.04))
+
+
+def test_a_place_at_the_far_end_of_a_window_is_found():
+    """Turned by 0.3 rad and, as far as that goes, two metres off: beyond what is allowed of other headings."""
+    maps = TsdfMaps(TsdfConfig())
+    maps.integrate(np.zeros((1, 3)), thinned(room_scan()))
+    by = np.array([[0.2, 0.0, 5.0], [0.0, 0.05, 5.0], [0.0, 0.0, 1.0]])
+    covariance = by @ np.diag(np.square((1.0, 1.0, 0.12))) @ by.T
+    window = Window.of(covariance, 3.0, 0.1, 0.04)
+    truth = np.array((1.4, 1.6, 0.3))
+    predicted = np.asarray(se2.compose((0.5, -1.0, 0.4), se2.between(truth, np.zeros(3))))
+    points = se2.transform_points(se2.between((0.5, -1.0, 0.4), np.zeros(3)), room_scan()).astype(np.float32)
+    (best,) = candidates(maps.of(0), predicted, np.ones(3), points, window, 1, TrackingConfig())
+    assert (np.abs(best - truth) < (0.15, 0.15, 0.03)).all()
+    assert np.hypot(*window.half[:2]) < 1.5 < np.hypot(*truth[:2])

@@ -8,10 +8,14 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from slam_rooms import recorded, seen_from
+from tile_pools import room_scan, thinned
 
 from moteslam.robot import se2
 from moteslam.robot.raster import Raster
 from moteslam.slam.filter.certainty import LocalisationState
+from moteslam.slam.mapping.config import TsdfConfig
+from moteslam.slam.mapping.tsdf import TsdfMaps
+from moteslam.slam.registration.config import RegistrationConfig
 from moteslam.slam.run import run_slam
 from moteslam.slam.settings import resolve_config
 from moteslam.slam.tsdf import filter as tsdf_filter
@@ -99,3 +103,23 @@ def test_no_place_is_preferred_for_a_robot_that_was_carried_while_it_was_not_see
     monkeypatch.setattr(tsdf_filter, "Relocation", spied)
     run_slam(recording, resolve_config("default", ["backend.method=none"]), seed=0)
     assert asked == [True]
+
+
+@pytest.mark.parametrize(("carried", "known"), [(False, True), (True, False)])
+def test_a_robot_that_has_drifted_is_found_near_where_it_was_tracked_to(carried: bool, known: bool):
+    """Its room looks the same turned half round: who was carried may stand either way, who drifted is not turned."""
+    path = np.column_stack((np.linspace(-2, 2, 9), np.zeros((9, 2))))
+    maps = TsdfMaps(TsdfConfig())
+    maps.draw(path, [thinned(room_scan(pose)) for pose in path])
+    drift = np.array((3.0, -2.0, 0.2))
+    looking = Relocation(maps, 0, path, RegistrationConfig(), begin=drift, carried=carried)
+    found = []
+    for x in np.arange(-2, 2.1, 0.4):
+        true = np.array((x, 0.3, 0.0))
+        frame = looking.look(np.asarray(se2.compose(drift, true)), room_scan(true))
+        if frame is not None:
+            found.append((x, np.asarray(se2.compose(frame, drift))))
+    assert bool(found) == known
+    if known:
+        assert found[0][0] < 1.7  # two searches, two metres and three from where it was lost
+        np.testing.assert_allclose(found[0][1], 0.0, atol=0.02)
