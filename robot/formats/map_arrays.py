@@ -151,7 +151,7 @@ def read_map_arrays(path: str | PathLike[str]) -> MapArrays:
     origin = header.get("origin")
     try:
         return MapArrays(
-            kind=kind,  # type: ignore[arg-type]
+            kind=kind,
             arrays=found,
             cell_size=header.get("cell_size"),  # type: ignore[arg-type]
             origin=tuple(origin) if isinstance(origin, list) else (),

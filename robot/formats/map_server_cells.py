@@ -62,7 +62,7 @@ class MapFile:
 
     image: Path
     resolution: float
-    origin: tuple[float, ...]
+    origin: tuple[float, float, float]
     mode: Mode
     negate: bool
     occupied: float
@@ -99,9 +99,9 @@ def read_map_file(path: Path) -> MapFile:
         raise InputError(f"{negate!r}, expected 0 or 1", file=path, field="negate")
     place = about["origin"] if isinstance(about["origin"], list) and len(about["origin"]) == 3 else [None]
     three = "three numbers: x, y [m] and yaw [rad]"
-    origin = tuple(number("origin", value, -MAX_PLACE, MAX_PLACE, three) for value in place)
+    x, y, yaw = [number("origin", value, -MAX_PLACE, MAX_PLACE, three) for value in place]
     resolution = number("resolution", about["resolution"], 1e-4, 100)
-    return MapFile(_image(about["image"], path), resolution, origin, mode, bool(negate), occupied, free)
+    return MapFile(_image(about["image"], path), resolution, (x, y, yaw), mode, bool(negate), occupied, free)
 
 
 def _as_number(value: object) -> float | None:
