@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import csv
 import re
+from array import array
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -33,9 +34,9 @@ OTHER = {
 """Words that make a column one of something else."""
 TURNS = {"roll": "roll", "pitch": "pitch", "yaw": "yaw", "theta": "yaw", "psi": "yaw"}
 EAST = {"easting": "x", "east": "x", "northing": "y", "north": "y", "up": "z"}
-SCALES = {"m": 1.0, "cm": 0.01, "mm": 0.001, "km": 1000.0, "rad": 1.0, "deg": np.pi / 180, "": 1.0}
+LENGTHS, ANGLES = {"m": 1.0, "cm": 0.01, "mm": 0.001, "km": 1000.0}, {"rad": 1.0, "deg": np.pi / 180}
 MAX_TURN = 6.3
-"""Angles without a unit beyond this are not refused only where they are said to be radians or degrees."""
+"""Angles beyond this must have a unit."""
 
 
 @dataclass(frozen=True)
@@ -74,8 +75,7 @@ def read_poses(path: Path, what: str) -> Trajectory:
     comments: list[str] = []
     separator: str | None = None
     stamps: list[str] = []
-    rows: list[list[float]] = []
-    lines: list[int] = []
+    rows, lines = array("d"), array("q")
     wanted: list[int] = []
     for number, line in all_lines(path, what):
         if columns is None:
@@ -100,14 +100,20 @@ def read_poses(path: Path, what: str) -> Trajectory:
             numbers = f"whole nanoseconds and {numbers}" if columns.unit == "ns" else numbers
             raise InputError(f"expected {numbers}: {', '.join(columns.at)}", file=path, line=number)
         stamps.append(stamp)
-        rows.append(row)
+        rows.extend(row)
         lines.append(number)
-    if columns is None or not rows:
+    if columns is None or not lines:
         raise InputError(f"no poses, expected {what}", file=path)
     times, issues = seconds(stamps, path, lines, "ns" if "nsec" in columns.at else columns.unit)
-    table = dict(zip((name for name in columns.at if name not in ("t", "nsec")), np.array(rows).T, strict=True))
+    table = dict(
+        zip(
+            (name for name in columns.at if name not in ("t", "nsec")),
+            np.array(rows).reshape(len(lines), -1).T,
+            strict=True,
+        )
+    )
     table = {name: values * columns.scale.get(name, 1.0) for name, values in table.items()}
-    nothing = np.zeros(len(rows))
+    nothing = np.zeros(len(lines))
     positions = np.column_stack((table["x"], table["y"], table.get("z", nothing)))
     quaternions = None
     if "qw" in table:
@@ -115,7 +121,7 @@ def read_poses(path: Path, what: str) -> Trajectory:
         if not columns.stated and ((separator is not None and columns.unit == "ns") or _turns_about_x(quaternions)):
             names = " ".join(name for name in columns.at if name[0] == "q")
             text = f"{path}: no names of columns: its orientations are taken for {names}; a header would say so"
-            issues += (Issue("orientation-order", text, len(rows)),)
+            issues += (Issue("orientation-order", text, len(lines)),)
     elif "yaw" in table:
         if "yaw" not in columns.scale and np.abs(table["yaw"]).max() > MAX_TURN:
             raise InputError("angles beyond 6.3, expected a unit in the header: yaw [rad] or yaw [deg]", file=path)
@@ -162,8 +168,13 @@ def _columns(comments: Sequence[str], words: Sequence[str], separator: str | Non
     for text in (re.sub(r"\s+([\[(])", r"\1", text) for text in reversed(comments)):
         for mark in (",", ";", "\t", None):
             names = split(text.lstrip("#% "), mark)
-            found = _named(names, path, line) if len(names) == len(words) else None
-            if found is not None and (mark is not None or len(found.at) > len(names) / 2):  # or it is a sentence
+            try:
+                found = _named(names, path, line) if len(names) == len(words) else None
+            except InputError:
+                if mark is not None:
+                    raise
+                continue  # a sentence
+            if found is not None and (mark is not None or len(found.at) > len(names) / 2):
                 return found
     first = words[0] if words else ""
     stated = any("[ns]" in text or "q_RS_w" in text for text in comments)
@@ -207,11 +218,11 @@ def _named(names: Sequence[str], path: Path, line: int, *, header: bool = False)
                     line=line,
                 )
             at[role] = index
-            if role not in ("qx", "qy", "qz", "qw"):
-                if unit and unit not in SCALES:
-                    raise InputError(f"{name.strip()[:60]}: expected m, rad or deg", file=path, line=line)
-                if unit:
-                    scale[role] = SCALES[unit]
+            known = LENGTHS if role in ("x", "y", "z") else ANGLES
+            if unit and role[0] != "q":
+                if unit not in known:
+                    raise InputError(f"{name.strip()[:60]}: expected {', '.join(known)}", file=path, line=line)
+                scale[role] = known[unit]
     if not (at and (times or {"x", "y"} <= set(at))) and not (header and times and len(names) > 2):
         return None
     shown = ", ".join(name.strip()[:30] for name in names[:12])

@@ -60,16 +60,15 @@ def trajectory_of(
         elif _contradicts(positions, quaternions):
             shown = " ".join(f"{value:g}" for value in quaternions[0].tolist())
             why = f"has the orientation {shown} throughout, whichever way it goes"
-    headings, rotations = np.zeros(len(stamps)), np.tile(np.eye(3), (len(stamps), 1, 1))
-    upright = quaternions is None or bool((np.abs(quaternions[:, :2]) < SAME).all())
-    if quaternions is not None:
-        headings, rotations = se2.heading(quaternions), rotations_of(quaternions)
+    if quaternions is None:
+        quaternions = np.tile((0.0, 0.0, 0.0, 1.0), (len(stamps), 1))
     if why:
         text = f"{path}: {why}: taken for positions; no errors of headings, relative errors are those of distances"
         warnings += (Issue("no-orientation", text, len(stamps)),)
-    poses = np.column_stack((positions[:, :2], headings))
+    poses = np.column_stack((positions[:, :2], se2.heading(quaternions)))
     flat = not len(stamps) or float(np.ptp(positions[:, 2])) < SAME
-    space = None if flat and upright else Space(positions, rotations)
+    upright = bool((np.abs(quaternions[:, :2]) < SAME).all())
+    space = None if flat and upright else Space(positions, rotations_of(quaternions))
     if space is not None and (tilt := np.rad2deg(tilt_of(positions))) > np.rad2deg(TILT):
         text = f"{path}: moves in a plane {tilt:.0f} degrees out of x and y, as in a camera's axes: of z, which is \
 left out in x and y, the path spans {np.ptp(positions[:, 2]):.1f} m"

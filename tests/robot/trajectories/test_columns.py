@@ -65,6 +65,7 @@ READ = [
     ("", "ns x y z qw 0 0 qz", ","),
     ("", "ns x y z qw 0 0 qz junk junk", ","),
     ("# a path in words\n# x y of the robot at time t", "t x y z 0 0 qz qw", " "),
+    ("# the time t and x and x again", "t x y z 0 0 qz qw", " "),
 ]  # fmt: skip
 
 
@@ -105,7 +106,8 @@ def test_what_is_assumed_is_told(tmp_path: Path, header: str, columns: str, code
         ("t,x,z,qx,qy,qz,qw", "t x z 0 0 qz qw", "no column of y among t, x, z"),
         ("t,x,y,z,qx,qy,qz", "t x y z 0 0 qz", "no column of qw among"),
         ("t,x,y,pose.x,yaw", "t x y x yaw", "both x and pose.x may be x"),
-        ("t,x [ft],y [ft],yaw", "t x y yaw", "x [ft]: expected m, rad or deg"),
+        ("t,x [ft],y [ft],yaw", "t x y yaw", "x [ft]: expected m, cm, mm, km"),
+        ("t,x [deg],y [deg],yaw", "t x y yaw", "x [deg]: expected m, cm, mm, km"),
         ("t,x,y,yaw", "t x y deg", "angles beyond 6.3, expected a unit in the header"),
         ("", "n t x y z 0 0 qz qw", "9 columns without names"),
         ("time [ns],x,y,yaw", "t x y yaw", "expected whole nanoseconds and finite numbers"),
