@@ -154,11 +154,7 @@ def read_map_arrays(path: str | PathLike[str]) -> MapArrays:
     try:
         return MapArrays(
             kind=kind,
-<<<<<<< HEAD
             arrays=read_arrays(path, shapes, max_bytes=MAX_BYTES),
-=======
-            arrays=found,
->>>>>>> hT
             cell_size=header.get("cell_size"),  # type: ignore[arg-type]
             origin=tuple(origin) if isinstance(origin, list) else (),
             truncation=header.get("truncation"),

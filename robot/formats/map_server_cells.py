@@ -99,11 +99,7 @@ def read_map_file(path: Path) -> MapFile:
         raise InputError(f"{negate!r}, expected 0 or 1", file=path, field="negate")
     place = about["origin"] if isinstance(about["origin"], list) and len(about["origin"]) == 3 else [None]
     three = "three numbers: x, y [m] and yaw [rad]"
-<<<<<<< HEAD
-    x, y, yaw = (number("origin", value, -MAX_PLACE, MAX_PLACE, three) for value in (*place, None, None)[:3])
-=======
     x, y, yaw = [number("origin", value, -MAX_PLACE, MAX_PLACE, three) for value in place]
->>>>>>> hT
     resolution = number("resolution", about["resolution"], 1e-4, 100)
     return MapFile(_image(about["image"], path), resolution, (x, y, yaw), mode, bool(negate), occupied, free)
 
