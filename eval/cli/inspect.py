@@ -16,7 +16,9 @@ from moteslam.eval.literal import literal
 
 if TYPE_CHECKING:
     from moteslam.robot.inspection import Inspection
+    from moteslam.robot.issues import Issue
     from moteslam.robot.platform import Platform
+    from moteslam.robot.recording import Recording
     from moteslam.slam.calibration.findings import Findings
 
 
@@ -56,12 +58,16 @@ def inspect(
         options.refuse_existing(plot, force=force)
     recording = part.open(path)
     found = inspect_recording(recording, deep=deep)
-    about = None
+    about: Findings | None = None
+    stale: tuple[Issue, ...] = ()
     if recording.lidar is not None and (deep or isinstance(recording.lidar.ranges, np.ndarray)):
         calibration = calibrate(recording)
         about = None if calibration is None else findings(calibration, recording)
-    if about is not None:
-        found = replace(found, problems=(*found.problems, *about.issues))
+        stale = _stale(recording)
+    more = stale if about is None else (*stale, *about.issues)
+    known = {issue.code for issue in more}
+    kept = [issue for issue in found.problems if not (issue.code in known and issue.message.startswith("lidar:"))]
+    found = replace(found, problems=(*kept, *more))
     if plot is not None:
         from moteslam.eval.report.streams import draw_streams
         from moteslam.robot.files import folder_for
@@ -72,6 +78,19 @@ def inspect(
         say_json({**found.to_dict(), "calibration": None if about is None else [asdict(one) for one in about.figures]})
     else:
         _print(found, recording.platform, about)
+
+
+def _stale(recording: Recording) -> tuple[Issue, ...]:
+    """Where the odometry stood still while the robot drove."""
+    from moteslam.errors import InputError
+    from moteslam.slam.inputs.config import SyncConfig
+    from moteslam.slam.inputs.synchronise import synchronise
+
+    try:
+        issues = synchronise(recording, SyncConfig(travelling=False, deskew=False)).issues
+    except InputError:  # no scans, or no odometry at their time: said elsewhere
+        return ()
+    return tuple(issue for issue in issues if issue.code == "stale-odometry")
 
 
 def _print(found: Inspection, platform: Platform, about: Findings | None) -> None:

@@ -33,11 +33,13 @@ FAR, TURNED, LONG = 0.15, 0.14, 0.06
 WITHIN = 1.96
 """Standard deviations to either side of a value that it lies within, in 95 of 100 cases."""
 WRONG = {
-    "turns": ("odometry-turns", "its headings turn the wrong way against its own path"),
-    "y": ("odometry-y", "its y has the wrong sign against its own headings"),
-    "path": ("odometry-headings", "its headings do not follow the way that it drives, and are of no use"),
+    "turns": Issue("odometry-signs", "odometry: its headings turn the wrong way against its own path"),
+    "y": Issue("odometry-signs", "odometry: its y has the wrong sign against its own headings"),
+    "path": Issue(
+        "odometry-headings", "odometry: its headings do not follow the way that it drives, and are of no use"
+    ),
 }
-"""Codes and words of the forms of odometry poses that are not as stated."""
+"""What is said of the forms of odometry poses that are not as stated."""
 
 
 @dataclass(frozen=True)
@@ -81,32 +83,34 @@ def findings(calibration: Calibration, recording: Recording) -> Findings:
     assert lidar is not None
     c, issues, moves = calibration, [], []
 
-    def say(code: str, text: str, *, much: bool) -> None:
-        issues.append(Issue(code, text))
+    def say(issue: Issue, *, much: bool) -> None:
+        issues.append(issue)
         if much:
-            moves.append(issues[-1])
+            moves.append(issue)
 
     figures = _figures(c, recording)
     certain = {figure.name.split(" ")[0]: figure for figure in figures if figure.certain}
     right = _lidar(lidar, c, certain)
     if not c.fits:
         text = f"odometry: it does not measure the motion that scans show (correlation of turns {c.correlation:.2f}): "
-        say("odometry-unfit", text + "of another run, clock or robot, or broken; SLAM is better off without", much=True)
+        say(
+            Issue("odometry-unfit", text + "of another run, clock or robot, or broken; SLAM is better off without"),
+            much=True,
+        )
     toml = f"angle_min = {right.angle_min:.6g}, angle_increment = {right.angle_increment:.6g}"
     if c.form in WRONG and c.fits:
-        code, words = WRONG[c.form]
-        say(code, f"odometry: {words}: turns of the robot are misread", much=True)
+        say(WRONG[c.form], much=True)
     if c.mirrored and c.fits:
         text = (
             f"scans and odometry turn in opposite directions (correlation {-abs(c.correlation):.2f}): a mirror image "
             f"of the place, if anything. Either the beams go the other way round, in platform.toml: [lidar] {toml}; "
             "or the odometry has y and turns of the wrong sign"
         )
-        say("mirrored", text, much=True)
+        say(Issue("mirrored", text), much=True)
     if (angles := certain.get("angles")) is not None:
         text = f"lidar: angles between beams are {_percent(angles)} stated: walls come out bent, turns wrong. "
         text += f"In platform.toml: [lidar] {toml}, yaw = {_mount(c, recording, certain)[2]:.4f}"
-        say("lidar-angles", text, much=True)
+        say(Issue("lidar-angles", text), much=True)
     if mounts := [certain[name] for name in ("x", "y", "yaw") if name in certain]:
         x, y, yaw = _mount(c, recording, certain)
         backwards = abs(se2.wrap(yaw - mount.yaw)) > np.pi * 3 / 4
@@ -115,7 +119,10 @@ def findings(calibration: Calibration, recording: Recording) -> Findings:
         ]
         text = f"lidar: mounted {'backwards' if backwards else 'elsewhere'} by the odometry: {'; '.join(parts)}. "
         far = hypot(x - mount.x, y - mount.y) > FAR or abs(se2.wrap(yaw - mount.yaw)) > TURNED
-        say("lidar-mount", f"{text}In platform.toml: [lidar] x = {x:.3f}, y = {y:.3f}, yaw = {yaw:.4f}", much=bool(far))
+        say(
+            Issue("lidar-mount", f"{text}In platform.toml: [lidar] x = {x:.3f}, y = {y:.3f}, yaw = {yaw:.4f}"),
+            much=bool(far),
+        )
     if (scale := certain.get("lengths")) is not None:
         wheels = recording.platform.wheels
         text = f"ranges measure {_percent(scale)} odometry does; which of them is right scans cannot say. "
@@ -125,19 +132,19 @@ def findings(calibration: Calibration, recording: Recording) -> Findings:
             text += f"effective_track = {track:.4g}"
         else:
             text += "If ranges are, the odometry's x and y are to be multiplied by it; if not, the ranges divided"
-        say("range-scale", text, much=abs(scale.value - 1) > LONG)
+        say(Issue("range-scale", text), much=abs(scale.value - 1) > LONG)
     if (turns := certain.get("turns")) is not None:
         text = f"odometry: robot turns {_percent(turns)} odometry does: its track is wrong, or its angles no radians"
-        say("odometry-turn-scale", text, much=True)
+        say(Issue("odometry-turn-scale", text), much=True)
     if (late := certain.get("offset")) is not None:
         side = "earlier" if late.value > 0 else "later"
         text = f"lidar: scans are stamped {abs(late.value):.2f} s ({_interval(late)}) {side} than the odometry of them"
-        say("clock-offset", f"{text}: every turn is smeared", much=True)
+        say(Issue("clock-offset", f"{text}: every turn is smeared"), much=True)
     if (drift := certain.get("drift")) is not None:
         text = f"lidar: its clock runs {1000 * -drift.value:+.2f} ms a second against the odometry's, 95 %: "
         text += f"{1000 * (-drift.value - WITHIN * drift.deviation):+.2f} to "
         text += f"{1000 * (-drift.value + WITHIN * drift.deviation):+.2f}"
-        say("clock-drift", text, much=True)
+        say(Issue("clock-drift", text), much=True)
     return Findings(figures, tuple(issues), tuple(moves), c.fits and c.form in WRONG)
 
 
