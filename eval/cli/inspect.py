@@ -125,5 +125,7 @@ def _print(found: Inspection, platform: Platform, about: Findings | None) -> Non
         )
     for problem in found.problems:
         say(f"problem: {literal(problem)}")
+    if about is not None and about.issues:
+        say("what is certain of lidar and odometry is mended by replay --calibrate lidar, or odometry")
     if not found.problems:
         say("no problems")

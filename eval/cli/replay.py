@@ -134,7 +134,9 @@ def _checked(recording: Recording, side: str | None) -> tuple[Recording, tuple[I
         return recording, () if side is None else (Issue("not-calibrated", text),)
     about = findings(found, recording)
     if side is None:
-        return (with_form(recording, found.form) if about.unusable else recording), about.moves
+        hint = "; see --calibrate"
+        moves = tuple(Issue(issue.code, issue.message + hint) for issue in about.moves)
+        return (with_form(recording, found.form) if about.unusable else recording), moves
     mended = calibrated(recording, found, "lidar" if side == "lidar" else "odometry")
     return mended, tuple(Issue(issue.code, f"{issue.message}; mended by the {side}") for issue in about.issues)
 

@@ -50,6 +50,8 @@ LATE, LATE_WHEELS = 0.16, 0.25
 """Clocks that differ by less are taken for one [s]: wheels without a gyro turn before the robot does, by 0.1 s."""
 DRIFT = 1e-3
 """Likewise [s/s]."""
+PLACE_BY_WHEELS = 0.02
+"""Added to the deviations of the mount's place, since such wheels slip aside in turns [m]."""
 MOVES = 0.05
 """The direction of a path is taken over this distance [m]."""
 FORMS = ("stated", "turns", "y", "path")
@@ -128,6 +130,9 @@ def _calibrate(recording: Recording, lidar: LidarStream, pairs: int) -> Calibrat
     shared = logged or not clocks_differ(clocks, float(np.ptp(lidar.stamps)), wheels_alone=wheels_alone)
     if shared and not logged:
         best = fit(scans.pairs, at, (0.0, 0.0), shared=True)
+    if wheels_alone:
+        for each in (best, clocks):
+            each.deviations[:2] = np.hypot(each.deviations[:2], PLACE_BY_WHEELS)
     fits = read is not None and min(best.cost, clocks.cost) < UNFIT
     clocks_or_none = None if logged else clocks
     return Calibration(angle_scale, deviation, mirrored, form, best, correlation, clocks_or_none, shared, fits)

@@ -94,10 +94,11 @@ def findings(calibration: Calibration, recording: Recording) -> Findings:
     if not c.fits:
         text = f"odometry: it does not measure the motion that scans show (correlation of turns {c.correlation:.2f}): "
         say(
-            Issue("odometry-unfit", text + "of another run, clock or robot, or broken; SLAM is better off without"),
+            Issue("odometry-unfit", text + "of another run, clock or robot, or broken; leave its stream out"),
             much=True,
         )
-    toml = f"angle_min = {right.angle_min:.6g}, angle_increment = {right.angle_increment:.6g}"
+    x, y, yaw = _mount(c, recording, certain)
+    toml = f"angle_min = {right.angle_min:.6g}, angle_increment = {right.angle_increment:.6g}, yaw = {yaw:.4f}"
     if c.form in WRONG and c.fits:
         say(WRONG[c.form], much=True)
     if c.mirrored and c.fits:
@@ -109,10 +110,8 @@ def findings(calibration: Calibration, recording: Recording) -> Findings:
         say(Issue("mirrored", text), much=True)
     if (angles := certain.get("angles")) is not None:
         text = f"lidar: angles between beams are {_percent(angles)} stated: walls come out bent, turns wrong. "
-        text += f"In platform.toml: [lidar] {toml}, yaw = {_mount(c, recording, certain)[2]:.4f}"
-        say(Issue("lidar-angles", text), much=True)
+        say(Issue("lidar-angles", f"{text}In platform.toml: [lidar] {toml}"), much=True)
     if mounts := [certain[name] for name in ("x", "y", "yaw") if name in certain]:
-        x, y, yaw = _mount(c, recording, certain)
         backwards = abs(se2.wrap(yaw - mount.yaw)) > np.pi * 3 / 4
         parts = [
             f"{one.name.split(' ')[0]} {one.value:.3g} ({_interval(one)}), stated {one.stated:.3g}" for one in mounts
@@ -244,7 +243,7 @@ def _mount(c: Calibration, recording: Recording, certain: Collection[str]) -> tu
     mount, values = recording.platform.lidar, c.fit.values
     x = float(values[0]) if "x" in certain else mount.x
     y = float(values[1]) if "y" in certain else mount.y
-    turned = "yaw" in certain or "angles" in certain or c.mirrored
+    turned = c.fits and ("yaw" in certain or "angles" in certain or c.mirrored)
     return x, y, float(values[2]) if turned else mount.yaw
 
 
