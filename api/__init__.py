@@ -52,6 +52,8 @@ PUBLIC = {
     "moteslam.slam.config": ("SlamConfig",),
     "moteslam.slam.settings": ("load_preset", "preset_names", "resolve_config"),
     "moteslam.slam.odometry.dead_reckoning": ("dead_reckon",),
+    "moteslam.slam.calibration.calibrate": ("Calibration", "calibrate"),
+    "moteslam.slam.calibration.findings": ("Findings", "calibrated", "findings"),
     "moteslam.slam.backend.ledger": ("LoopCandidate",),
     "moteslam.slam.estimate": ("Estimate",),
     "moteslam.slam.filter.certainty": ("LocalisationState",),

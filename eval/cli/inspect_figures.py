@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from moteslam.robot.lidar_inspection import LidarReport
     from moteslam.robot.platform import Platform
     from moteslam.robot.specs import EncoderSpec, ImuSpec
+    from moteslam.slam.calibration.findings import Figure
 
 Row = tuple[str, str, str]
 """A figure's name, as measured, and by the platform."""
@@ -41,6 +42,14 @@ def figures(found: Inspection, platform: Platform) -> list[Row]:
             ("gyro at rest, noise", f"{gyro.deviation:.5f} rad/s", f"{noise.gyro_noise:.5f} rad/s" if known else NONE)
         )
     return rows
+
+
+def calibration_row(figure: Figure) -> tuple[str, str, str, str]:
+    """An estimate beside what is stated."""
+    from moteslam.slam.calibration.findings import WITHIN
+
+    reach = WITHIN * figure.deviation
+    return figure.name, f"{figure.value:.4f}", f"+-{reach:.4f}", f"{figure.stated:g}"
 
 
 def or_dash(value: float | None, form: str) -> str:

@@ -14,6 +14,9 @@ from moteslam.eval.cli.recording_options import RecordingOptions
 from moteslam.eval.cli.text import say, say_json, warn
 from moteslam.eval.literal import literal
 
+FEW_PAIRS = 150
+"""Of scans: enough to see what moves a result by a tenth of a metre, in half a second."""
+
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
@@ -33,11 +36,22 @@ def replay(
     dead_reckoning: Annotated[
         bool, typer.Option("--dead-reckoning", help="Odometry alone: no lidar needed, --out optional.")
     ] = False,
+    calibrate: Annotated[
+        str | None,
+        typer.Option(
+            metavar="lidar|odometry",
+            help="Mend what is certainly not as stated; where the two contradict each other, this one is wrong.",
+        ),
+    ] = None,
     *,
     part: RecordingOptions,
     run: options.SlamOptions,
 ) -> None:
     """Run SLAM over a recording and fill a result folder.
+
+    Scans are held against each other and the odometry first: where lidar or odometry are not as stated, by enough to
+    move the result by a tenth of a metre, that is a warning. Headings that do not fit the odometry's own path are not
+    used as they are.
 
     A folder with truth.tum in it, or a log with one beside it, is scored with it, and its map with truth_map.yaml; SLAM
     does not see them.
@@ -47,6 +61,7 @@ def replay(
       moteslam replay robot.log.gz --out result
       moteslam replay robot.log.gz --out more --preset paper --set particles=300 --seed 7
       moteslam replay robot.bag --topics lidar=/scan_front --start 20 --end 80 --out part
+      moteslam replay robot.bag --calibrate lidar --out mended
       moteslam replay ucsd --sequence 20 --dead-reckoning
       moteslam replay --preset paper --print-config > mine.toml
     """  # noqa: D301
@@ -56,6 +71,8 @@ def replay(
         return
     if path is None:
         raise typer.BadParameter("missing, expected a recording", param_hint="'PATH'")
+    if calibrate not in (None, "lidar", "odometry"):
+        raise typer.BadParameter(f"{calibrate!r}, expected lidar or odometry", param_hint="'--calibrate'")
     if out is None and not dead_reckoning:
         raise typer.BadParameter("missing, expected a folder for the result", param_hint="'--out'")
 
@@ -69,6 +86,7 @@ def replay(
     from moteslam.robot.result_folder import result_folder
 
     assert out is not None
+    recording, found = _checked(recording, calibrate)
     truth, issues = (None, ()) if recording.lidar is None else _truth_beside(path, recording.lidar.stamps)
     with result_folder(out, force=run.force, keep=path) as folder:
         done = run_into(
@@ -80,8 +98,8 @@ def replay(
             truth=truth,
             true_map=None if truth is None else true_map_beside(path),
             figures=not run.no_figures,
-            about={"path": str(path), **part.about},
-            issues=issues,
+            about={"path": str(path), **part.about, **({} if calibrate is None else {"calibrate": calibrate})},
+            issues=(*found, *issues),
         )
     if run.as_json:
         say_json(run_summary(done, out))
@@ -97,6 +115,30 @@ def replay(
     if done.scores is not None:
         say(score_table(done.scores))
     say(f"result in {literal(out)}")
+
+
+def _checked(recording: Recording, side: str | None) -> tuple[Recording, tuple[Issue, ...]]:
+    """The recording as SLAM is to take it in, and what of it is not as stated.
+
+    Args:
+        recording: as it was read.
+        side: what is mended; None: nothing but headings that are of no use.
+    """
+    from moteslam.robot.issues import Issue
+    from moteslam.slam.calibration.calibrate import PAIRS, calibrate
+    from moteslam.slam.calibration.findings import calibrated, findings, with_form
+
+    found = calibrate(recording, pairs=PAIRS if side is not None else FEW_PAIRS)
+    if found is None:
+        text = "calibration: too few scans that fit each other, or no odometry that turns as they do: nothing is mended"
+        return recording, () if side is None else (Issue("not-calibrated", text),)
+    about = findings(found, recording)
+    if side is None:
+        hint = "; see --calibrate"
+        moves = tuple(Issue(issue.code, issue.message + hint) for issue in about.moves)
+        return (with_form(recording, found.form) if about.unusable else recording), moves
+    mended = calibrated(recording, found, "lidar" if side == "lidar" else "odometry")
+    return mended, tuple(Issue(issue.code, f"{issue.message}; mended by the {side}") for issue in about.issues)
 
 
 def _truth_beside(path: Path, stamps: NDArray[np.float64]) -> tuple[Trajectory | None, tuple[Issue, ...]]:

@@ -1,0 +1,323 @@
+"""A recording held against itself: what its lidar and its odometry are, as pairs of scans show it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from moteslam.errors import InputError
+from moteslam.robot import se2
+from moteslam.robot.ranges import chosen
+from moteslam.robot.recording import LidarStream, Recording
+from moteslam.robot.wording import expect_type
+from moteslam.slam.calibration.hand_eye import Fit, Pairs, Path, clock, covariances, fit
+from moteslam.slam.calibration.scan_pairs import Beams, Motions, refine, register
+from moteslam.slam.inputs.config import SyncConfig
+from moteslam.slam.inputs.odometry_path import OdometryPath, odometry_path
+from moteslam.slam.inputs.synchronise import sweep_seconds
+
+Array = NDArray[np.float64]
+
+PAIRS = 300
+"""Of a recording."""
+MOTION, SHORTEST, LONGEST = (0.5, 0.4), 0.3, 2.0
+"""A pair is about this far apart [m], or turned [rad], and apart from at least to at most this long [s]."""
+FEWEST, GOOD = 40, 0.75
+"""Fewer pairs, or a smaller share of them that are registered, say nothing."""
+BEAMS = 360
+"""Of a scan, about."""
+TURNS = (0.0, -0.3, 0.3)
+"""Turns that the registration of a pair begins with, one after the other [rad]."""
+ROUNDS = 8
+"""Of the scale of the angles, at most."""
+OFFSET = 0.1
+"""Prior standard deviation of a common offset of the ranges [m]; it would pass for a scale of the angles."""
+ANGLE_FLOOR = 0.0015
+"""The standard deviation of that scale is no smaller."""
+AGREES = 0.6
+"""Turns of scans and odometry that correlate less are not of the same motion."""
+BETTER, EVIDENCE = 0.4, 60.0
+"""Odometry is read in another way where that costs less than this share, and over all pairs less by this much."""
+UNFIT = 7.0
+"""Odometry that costs more in every way does not measure the motion of the scans."""
+TURNING = 0.05
+"""Scans whose turns deviate by less show nothing of odometry [rad]."""
+SIGMAS = 5.0
+"""What differs from what is stated by less than this many standard deviations is not certain."""
+LATE, LATE_WHEELS = 0.16, 0.25
+"""Clocks that differ by less are taken for one [s]: wheels without a gyro turn before the robot does, by 0.1 s."""
+DRIFT = 1e-3
+"""Likewise [s/s]."""
+PLACE_BY_WHEELS = 0.02
+"""Added to the deviations of the mount's place, since such wheels slip aside in turns [m]."""
+MOVES = 0.05
+"""The direction of a path is taken over this distance [m]."""
+FORMS = ("stated", "turns", "y", "path")
+"""How odometry poses are read: as stated, with their headings or their y negated, headings along the path."""
+
+
+@dataclass(frozen=True, eq=False)
+class Calibration:
+    """What scans show of their lidar and of the odometry.
+
+    Attributes:
+        angle_scale: angles between beams, over the stated; ``angle_deviation`` its standard deviation.
+        mirrored: the beams, or the odometry, go the other way round.
+        form: of `FORMS`, the one that odometry poses fit the scans in.
+        fit: the mount and the rest; its clocks are one where they do not differ clearly.
+        correlation: of the turns of scans and odometry.
+        clocks: a fit with the difference of the clocks; None where the odometry is logged with the scans.
+        shared_clock: the clocks do not differ clearly.
+        fits: the odometry measures the motion of the scans; else nothing but the angles is known.
+    """
+
+    angle_scale: float
+    angle_deviation: float
+    mirrored: bool
+    form: str
+    fit: Fit
+    correlation: float
+    clocks: Fit | None
+    shared_clock: bool
+    fits: bool
+
+
+def calibrate(recording: Recording, *, pairs: int = PAIRS) -> Calibration | None:
+    """Estimate what a recording shows of its sensors, from scans alone and from scans and odometry.
+
+    Args:
+        recording: any.
+        pairs: of scans that are registered: the more, the longer it takes, and the smaller the deviations.
+
+    Returns:
+        None where too few scans can be registered, the robot hardly turns, or there is no odometry.
+    """
+    expect_type(recording, Recording, "recording", "open_recording(path) reads one")
+    lidar = _in_order(recording.lidar)
+    if lidar is None or len(lidar) < FEWEST or lidar.ranges.shape[1] < FEWEST or lidar.interlace > 1:
+        return None
+    try:
+        with np.errstate(all="ignore"):
+            return _calibrate(recording, lidar, pairs)
+    except (InputError, np.linalg.LinAlgError):  # encoders without wheels; numbers that are none
+        return None
+
+
+def _calibrate(recording: Recording, lidar: LidarStream, pairs: int) -> Calibration | None:
+    path = _path(recording, lidar)
+    if path is None:
+        return None
+    scans = _Scans(recording, lidar, path, pairs)
+    if not scans.enough(GOOD / 2):
+        return None
+    logged = lidar.odometry is not None
+    if scans.pairs.motions[:, 2].std() < TURNING:
+        return None
+    read = _read(scans, path, logged=logged, poses=logged or recording.encoders is None)
+    form, mirrored, correlation, (offset, drift) = read or ("stated", False, 0.0, (0.0, 0.0))
+    at = _at(in_form(path, form))
+    if mirrored:
+        scans.mirror()
+    angle_scale, deviation = scans.scale_angles()
+    best = fit(scans.pairs, at, (offset, drift), shared=logged)
+    scans.refine(best.expected(scans.first, scans.last, at))
+    if not scans.enough(GOOD):
+        return None
+    best = clocks = fit(scans.pairs, at, (offset, drift), shared=logged)
+    wheels_alone = recording.encoders is not None and recording.imu is None and not logged
+    shared = logged or not clocks_differ(clocks, float(np.ptp(lidar.stamps)), wheels_alone=wheels_alone)
+    if shared and not logged:
+        best = fit(scans.pairs, at, (0.0, 0.0), shared=True)
+    if wheels_alone:
+        for each in (best, clocks):
+            each.deviations[:2] = np.hypot(each.deviations[:2], PLACE_BY_WHEELS)
+    fits = read is not None and min(best.cost, clocks.cost) < UNFIT
+    clocks_or_none = None if logged else clocks
+    return Calibration(angle_scale, deviation, mirrored, form, best, correlation, clocks_or_none, shared, fits)
+
+
+def clocks_differ(found: Fit, duration: float, *, wheels_alone: bool) -> bool:
+    """Whether the stamps of scans and odometry clearly are of two clocks."""
+    (offset, drift), (about_offset, about_drift) = found.values[5:], found.deviations[5:]
+    late = abs(offset) > max(LATE_WHEELS if wheels_alone else LATE, SIGMAS * about_offset)
+    apart = abs(drift) * duration > LATE and abs(drift) > max(DRIFT, SIGMAS * about_drift)
+    return bool(late or apart)
+
+
+def in_form(path: OdometryPath, form: str) -> OdometryPath:
+    """A path read in one of the `FORMS`."""
+    x, y, heading = path.poses.T
+    if form == "turns":
+        heading = -heading
+    elif form == "y":
+        y = -y
+    elif form == "path":
+        heading = _along(path.poses)
+    return OdometryPath(path.stamps, np.stack((x, y, heading), axis=1))
+
+
+def _at(path: OdometryPath) -> Path:
+    """The poses at times, as ``path.at`` gives them, made for many calls."""
+    columns = path.poses[:, 0], path.poses[:, 1], np.unwrap(path.poses[:, 2])
+    return lambda times: np.stack([np.interp(times, path.stamps, column) for column in columns], axis=-1)
+
+
+def _along(poses: Array) -> Array:
+    """The direction of a path at its poses [n], unwrapped [rad]."""
+    way = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(poses[:, :2], axis=0).T))))
+    _, first = np.unique(np.floor(way / MOVES), return_index=True)
+    if len(first) < 3:
+        return np.zeros(len(poses))
+    step = np.diff(poses[first, :2], axis=0)
+    middle = (first[1:] + first[:-1]) / 2
+    return np.interp(np.arange(len(poses)), middle, np.unwrap(np.arctan2(step[:, 1], step[:, 0])))
+
+
+def _in_order(lidar: LidarStream | None) -> LidarStream | None:
+    if lidar is None or lidar.sequence is None:
+        return lidar
+    order = np.argsort(lidar.sequence, kind="stable")
+    return replace(
+        lidar,
+        stamps=np.maximum.accumulate(lidar.stamps[order]),
+        ranges=chosen(lidar.ranges, order),
+        odometry=None if lidar.odometry is None else lidar.odometry[order],
+        sequence=None,
+    )
+
+
+def _path(recording: Recording, lidar: LidarStream) -> OdometryPath | None:
+    if lidar.odometry is not None:
+        return OdometryPath(lidar.stamps, lidar.odometry)
+    return odometry_path(recording, SyncConfig())
+
+
+def _read(
+    scans: _Scans, path: OdometryPath, *, logged: bool, poses: bool
+) -> tuple[str, bool, float, tuple[float, float]] | None:
+    """In which form the odometry fits the scans, whether one of them is mirrored, the correlation, and the clocks."""
+    best: tuple[str, bool, float, tuple[float, float]] | None = None
+    least = np.inf
+    for form in FORMS if poses else FORMS[:1]:
+        read = in_form(path, form)
+        headings = np.unwrap(read.poses[:, 2])
+        offset, drift, correlation = clock(scans.pairs, read.stamps, headings)
+        if logged:
+            offset = drift = 0.0
+        if abs(correlation) < AGREES:
+            continue
+        pairs, mirrored = scans.pairs, correlation < 0
+        if mirrored:
+            pairs = pairs._replace(
+                motions=pairs.motions * (1, -1, -1),
+                covariances=pairs.covariances * np.outer((1, -1, -1), (1, -1, -1)),
+            )
+        cost = fit(pairs, _at(read), (offset, drift), shared=logged).cost
+        if cost < BETTER * least and (least - cost) * len(pairs.first) > EVIDENCE:
+            best, least = (form, mirrored, correlation, (offset, drift)), cost
+    if best is not None and best[1] and best[0] in ("turns", "y"):  # one wrong sign in place of two
+        best = ("y" if best[0] == "turns" else "turns", False, *best[2:])
+    return best
+
+
+class _Scans:
+    """Pairs of scans of a recording, registered.
+
+    Attributes:
+        first, last: [k] times of the scans, in the middle of their sweeps [s].
+    """
+
+    def __init__(self, recording: Recording, lidar: LidarStream, path: OdometryPath, count: int) -> None:
+        total = lidar.ranges.shape[1]
+        sweep = sweep_seconds(recording, lidar)
+        before, after = _pairs(lidar, path.at(lidar.stamps), count)
+        self.first, self.last = lidar.stamps[before] + sweep / 2, lidar.stamps[after] + sweep / 2
+        self._seconds = self.last - self.first
+        beams = np.arange(0, total, max(1, round(total / BEAMS)))
+        self._beams = Beams(lidar.angles[beams], beams / max(total - 1, 1), sweep)
+        scans = np.unique(np.concatenate((before, after)))
+        ranges = np.asarray(lidar.ranges[scans], np.float64)[:, beams] if len(scans) else np.zeros((0, len(beams)))
+        ranges[~np.isfinite(ranges)] = np.nan
+        self._ranges = ranges[np.searchsorted(scans, before)], ranges[np.searchsorted(scans, after)]
+        starts = np.stack([np.tile((0.0, 0.0, turn), (len(before), 1)) for turn in TURNS])
+        self._found: Motions | None = None
+        if len(before) >= FEWEST:
+            self._found = register(*self._ranges, self._beams, self._seconds, starts)
+
+    def enough(self, share: float) -> bool:
+        """Whether enough pairs are registered, and this share of all."""
+        return self._found is not None and bool(self._found.good.sum() >= FEWEST and self._found.good.mean() >= share)
+
+    @property
+    def pairs(self) -> Pairs:
+        """Those that are."""
+        assert self._found is not None
+        good = self._found.good
+        about = covariances(self._found.information[good], self._found.deviation[good])
+        return Pairs(self.first[good], self.last[good], self._found.motions[good], about)
+
+    def refine(self, motions: Array, *, anew: bool = False) -> None:
+        """Register from motions [k, 3] that are expected, and keep what fits better, unless it is done anew."""
+        self._found = refine(*self._ranges, self._beams, self._seconds, motions, None if anew else self._found)
+
+    def mirror(self) -> None:
+        """Take the beams the other way round."""
+        assert self._found is not None
+        self._beams = self._beams._replace(angles=-self._beams.angles)
+        self.refine(self._found.motions * (1, -1, -1), anew=True)
+
+    def scale_angles(self) -> tuple[float, float]:
+        """The scale of the angles between beams at which the scans fit each other best, and its deviation.
+
+        Gauss-Newton of what all pairs have in common, this scale and an offset of the ranges; a scale that differs
+        between the sectors of the fan adds to the deviation, and the pairs are registered again after each step.
+        """
+        scale, offset, deviation, stated = 1.0, 0.0, 1.0, self._beams.angles
+        for _ in range(ROUNDS):
+            assert self._found is not None
+            good = self._found.good
+            weight = 1 / np.maximum(self._found.deviation[good], 0.003) ** 2
+            gradient = self._found.gradients[good] * weight[:, None]
+            about = np.einsum("kvw,k->vw", self._found.about_warps[good], weight)
+            about[0, 0] += 1 / OFFSET**2
+            slope = gradient.sum(axis=0)
+            slope[0] += offset / OFFSET**2
+            both = np.zeros((len(about), 2))
+            both[0, 0], both[1:, 1] = 1.0, 1.0
+            inverse = np.linalg.inv(both.T @ about @ both + 1e-6 * np.eye(2))
+            shift, step = np.clip(-inverse @ (slope @ both), -0.1, 0.1)
+            parts = np.array([part.sum(axis=0) for part in np.array_split(gradient @ both, 25)])
+            sectors = -np.linalg.solve(about + 1e-6 * np.eye(len(about)), slope)[1:]
+            spread = np.sqrt((inverse @ (parts.T @ parts) @ inverse)[1, 1])
+            deviation = float(np.linalg.norm((spread, sectors.std() / np.sqrt(len(sectors)), ANGLE_FLOOR)))
+            scale, offset = scale * (1 + step), offset + shift
+            if abs(step) < 0.002 and abs(shift) < 0.003:
+                break
+            self._beams = self._beams._replace(angles=stated[0] + scale * (stated - stated[0]))
+            self._ranges = self._ranges[0] + shift, self._ranges[1] + shift
+            self.refine(self._found.motions, anew=True)
+        return float(scale), deviation
+
+
+def _pairs(lidar: LidarStream, odometry: Array, count: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Pairs of scans all over a recording, half of them evenly in time, half by the distance of the odometry."""
+    stamps, n = lidar.stamps, len(lidar)
+    motion, seconds = np.abs(se2.between(odometry[:-1], odometry[1:])), np.diff(stamps)
+    size = np.hypot(motion[:, 0], motion[:, 1]) / MOTION[0] + motion[:, 2] / MOTION[1]
+    moving = size > 0.1 * np.percentile(size, 90)
+    span, usual = LONGEST, 1.0
+    if moving.any():
+        usual = float(np.median(size[moving]))
+        rate = float(np.median(size[moving] / np.maximum(seconds[moving], 1e-3)))
+        span = min(max(1 / rate, SHORTEST), LONGEST)
+    way = np.concatenate(([0.0], np.cumsum(np.minimum(size, 5 * usual))))
+    evenly = (np.arange(count // 2) + 0.5) / (count // 2)
+    by_way = np.interp(evenly * way[-1], way, np.arange(n))
+    first = np.unique(np.concatenate((by_way, evenly * (n - 1))).astype(np.intp))
+    last = np.maximum(np.searchsorted(stamps, stamps[first] + span), first + 1)
+    first, last = first[last < n], last[last < n]
+    apart = stamps[last] - stamps[first]
+    use = (apart > 0) & (apart < 3 * max(span, float(np.median(seconds))))
+    return first[use], last[use]

@@ -1,0 +1,303 @@
+"""What is certain of a calibration: what it says, what mends it, and a recording mended by it."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass, replace
+from math import degrees, hypot
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from moteslam.robot import se2
+from moteslam.robot.issues import Issue
+from moteslam.robot.ranges import ChunkedRanges, Ranges
+from moteslam.robot.recording import LidarStream, Recording
+from moteslam.slam.calibration.calibrate import SIGMAS, Calibration, in_form
+from moteslam.slam.inputs.odometry_path import OdometryPath
+
+Array = NDArray[np.float64]
+Side = Literal["lidar", "odometry"]
+
+ANGLES = 0.012
+"""Smaller differences move no result by a tenth of a metre: of angles over the stated,"""
+PLACE, YAW = 0.07, 0.06
+"""of the mount [m], [rad],"""
+SCALE = 0.04
+"""and of ranges over the odometry's lengths, which SLAM calibrates while driving."""
+TURNS = 0.25
+"""Likewise of turns by scans over the odometry's."""
+FAR, TURNED, LONG = 0.15, 0.14, 0.06
+"""From here on a mount [m], [rad] and a scale move the result by a tenth of a metre or more."""
+WITHIN = 1.96
+"""Standard deviations to either side of a value that it lies within, in 95 of 100 cases."""
+WRONG = {
+    "turns": Issue("odometry-signs", "odometry: its headings turn the wrong way against its own path"),
+    "y": Issue("odometry-signs", "odometry: its y has the wrong sign against its own headings"),
+    "path": Issue(
+        "odometry-headings", "odometry: its headings do not follow the way that it drives, and are of no use"
+    ),
+}
+"""What is said of the forms of odometry poses that are not as stated."""
+
+
+@dataclass(frozen=True)
+class Figure:
+    """One estimate beside what is stated.
+
+    Attributes:
+        name: with the unit.
+        value, deviation: of the estimate.
+        stated: by the recording and its platform.
+        certain: that it differs, by enough to matter.
+    """
+
+    name: str
+    value: float
+    deviation: float
+    stated: float
+    certain: bool
+
+
+@dataclass(frozen=True)
+class Findings:
+    """What is estimated of a recording, and what of it is certain.
+
+    Attributes:
+        figures: all estimates.
+        issues: what is certain.
+        moves: those that move the result of SLAM by more than a tenth of a metre.
+        unusable: the odometry's headings are certainly wrong.
+    """
+
+    figures: tuple[Figure, ...]
+    issues: tuple[Issue, ...]
+    moves: tuple[Issue, ...]
+    unusable: bool
+
+
+def findings(calibration: Calibration, recording: Recording) -> Findings:
+    """What a calibration says of the recording that it was made of."""
+    lidar, mount = recording.lidar, recording.platform.lidar
+    assert lidar is not None
+    c, issues, moves = calibration, [], []
+
+    def say(issue: Issue, *, much: bool) -> None:
+        issues.append(issue)
+        if much:
+            moves.append(issue)
+
+    figures = _figures(c, recording)
+    certain = {figure.name.split(" ")[0]: figure for figure in figures if figure.certain}
+    right = _lidar(lidar, c, certain)
+    if not c.fits:
+        text = f"odometry: it does not measure the motion that scans show (correlation of turns {c.correlation:.2f}): "
+        say(
+            Issue("odometry-unfit", text + "of another run, clock or robot, or broken; leave its stream out"),
+            much=True,
+        )
+    x, y, yaw = _mount(c, recording, certain)
+    toml = f"angle_min = {right.angle_min:.6g}, angle_increment = {right.angle_increment:.6g}, yaw = {yaw:.4f}"
+    if c.form in WRONG and c.fits:
+        say(WRONG[c.form], much=True)
+    if c.mirrored and c.fits:
+        text = (
+            f"scans and odometry turn in opposite directions (correlation {-abs(c.correlation):.2f}): a mirror image "
+            f"of the place, if anything. Either the beams go the other way round, in platform.toml: [lidar] {toml}; "
+            "or the odometry has y and turns of the wrong sign"
+        )
+        say(Issue("mirrored", text), much=True)
+    if (angles := certain.get("angles")) is not None:
+        text = f"lidar: angles between beams are {_percent(angles)} stated: walls come out bent, turns wrong. "
+        say(Issue("lidar-angles", f"{text}In platform.toml: [lidar] {toml}"), much=True)
+    if mounts := [certain[name] for name in ("x", "y", "yaw") if name in certain]:
+        backwards = abs(se2.wrap(yaw - mount.yaw)) > np.pi * 3 / 4
+        parts = [
+            f"{one.name.split(' ')[0]} {one.value:.3g} ({_interval(one)}), stated {one.stated:.3g}" for one in mounts
+        ]
+        text = f"lidar: mounted {'backwards' if backwards else 'elsewhere'} by the odometry: {'; '.join(parts)}. "
+        far = hypot(x - mount.x, y - mount.y) > FAR or abs(se2.wrap(yaw - mount.yaw)) > TURNED
+        say(
+            Issue("lidar-mount", f"{text}In platform.toml: [lidar] x = {x:.3f}, y = {y:.3f}, yaw = {yaw:.4f}"),
+            much=bool(far),
+        )
+    if (scale := certain.get("lengths")) is not None:
+        wheels = recording.platform.wheels
+        text = f"ranges measure {_percent(scale)} odometry does; which of them is right scans cannot say. "
+        if recording.encoders is not None and wheels is not None:
+            metres, track = (value * scale.value for value in (wheels.metres_per_count, wheels.effective_track))
+            text += f"If ranges are, in platform.toml: [wheels] metres_per_count = {metres:.6g}, "
+            text += f"effective_track = {track:.4g}"
+        else:
+            text += "If ranges are, the odometry's x and y are to be multiplied by it; if not, the ranges divided"
+        say(Issue("range-scale", text), much=abs(scale.value - 1) > LONG)
+    if (turns := certain.get("turns")) is not None:
+        text = f"odometry: robot turns {_percent(turns)} odometry does: its track is wrong, or its angles no radians"
+        say(Issue("odometry-turn-scale", text), much=True)
+    if (late := certain.get("offset")) is not None:
+        side = "earlier" if late.value > 0 else "later"
+        text = f"lidar: scans are stamped {abs(late.value):.2f} s ({_interval(late)}) {side} than the odometry of them"
+        say(Issue("clock-offset", f"{text}: every turn is smeared"), much=True)
+    if (drift := certain.get("drift")) is not None:
+        text = f"lidar: its clock runs {1000 * -drift.value:+.2f} ms a second against the odometry's, 95 %: "
+        text += f"{1000 * (-drift.value - WITHIN * drift.deviation):+.2f} to "
+        text += f"{1000 * (-drift.value + WITHIN * drift.deviation):+.2f}"
+        say(Issue("clock-drift", text), much=True)
+    return Findings(figures, tuple(issues), tuple(moves), c.fits and c.form in WRONG)
+
+
+def calibrated(recording: Recording, calibration: Calibration, side: Side) -> Recording:
+    """A recording mended by what is certain.
+
+    Args:
+        recording: that the calibration was made of.
+        calibration: of it.
+        side: what is taken to be wrong where the two contradict each other and scans cannot say which is: one that is
+            a mirror image, the ratio of lengths, the clock.
+    """
+    lidar, c = recording.lidar, calibration
+    assert lidar is not None
+    lidar_is_wrong = side == "lidar"
+    mirrored = c.mirrored and c.fits
+    c = replace(c, mirrored=mirrored)
+    if mirrored and not lidar_is_wrong:  # the mount was found in the mirror
+        c = replace(c, mirrored=False, fit=c.fit._replace(values=c.fit.values * (1, -1, -1, 1, 1, 1, 1)))
+    certain = {figure.name.split(" ")[0] for figure in _figures(c, recording) if figure.certain}
+    right = _lidar(lidar, c, certain)
+    x, y, yaw = _mount(c, recording, certain)
+    scale = c.fit.values[3] if "lengths" in certain else 1.0
+    offset, drift = c.fit.values[5:] if not c.shared_clock else (0.0, 0.0)
+    mended = recording.replace(
+        platform=recording.platform.model_copy(
+            update={"lidar": recording.platform.lidar.model_copy(update={"x": x, "y": y, "yaw": yaw})}
+        )
+    )
+    if c.form in WRONG and c.fits:
+        mended = with_form(mended, c.form)
+    if lidar_is_wrong:
+        stamps = lidar.stamps + offset + drift * (lidar.stamps - c.fit.middle)
+        ranges = lidar.ranges if scale == 1 else _scaled(lidar, float(1 / scale))
+        right = replace(right, stamps=stamps, ranges=ranges, range_max=lidar.range_max / scale)
+        return mended.replace(lidar=replace(right, odometry=_logged(mended)))
+    mended = mended.replace(lidar=replace(right, odometry=_logged(mended)))
+    return _other_odometry(mended, mirrored, float(scale), offset, drift, c.fit.middle)
+
+
+def with_form(recording: Recording, form: str) -> Recording:
+    """The same with its odometry poses read in another form, see `FORMS`."""
+    lidar, odometry = recording.lidar, recording.odometry
+    if lidar is not None and lidar.odometry is not None:
+        poses = in_form(OdometryPath(lidar.stamps, lidar.odometry), form).poses
+        recording = recording.replace(lidar=replace(lidar, odometry=poses))
+    if odometry is not None:
+        poses = in_form(OdometryPath(odometry.stamps, odometry.poses), form).poses
+        recording = recording.replace(odometry=replace(odometry, poses=poses))
+    return recording
+
+
+def _figures(c: Calibration, recording: Recording) -> tuple[Figure, ...]:
+    mount, values, deviations = recording.platform.lidar, c.fit.values, c.fit.deviations
+    clocks = c.clocks or c.fit
+    angles_differ = abs(c.angle_scale - 1) > max(ANGLES, SIGMAS * c.angle_deviation)
+    least = [PLACE, PLACE, YAW + (abs(c.angle_scale - 1) * _span(recording.lidar) if angles_differ else 0.0)]
+    far = np.full(3, c.fits)
+    for each in (c.fit, clocks):  # with one clock, and with two
+        apart = se2.wrap(each.values[:3] - mount.pose) * (0, 0, 1) + (each.values[:3] - mount.pose) * (1, 1, 0)
+        far &= np.abs(apart) > np.maximum(least, SIGMAS * each.deviations[:3])
+    scaled = c.fits and abs(values[3] - 1) > max(SCALE, SIGMAS * deviations[3])
+    turns = c.fits and abs(values[4] - 1) > max(TURNS, SIGMAS * deviations[4])
+    rows = [
+        ("angles between beams, over the stated", c.angle_scale, c.angle_deviation, 1.0, angles_differ),
+        ("x of the lidar [m]", values[0], deviations[0], mount.x, far[0]),
+        ("y of the lidar [m]", values[1], deviations[1], mount.y, far[1]),
+        ("yaw of the lidar [deg]", degrees(values[2]), degrees(deviations[2]), degrees(mount.yaw), far[2]),
+        ("lengths by ranges, over odometry", values[3], deviations[3], 1.0, scaled),
+        ("turns by scans, over odometry", values[4], deviations[4], 1.0, turns),
+    ]
+    if c.clocks is not None and c.fits:
+        differ = c.fits and not c.shared_clock
+        drifts = differ and abs(clocks.values[6]) > SIGMAS * clocks.deviations[6]
+        rows += [
+            ("offset of the odometry's clock [s]", clocks.values[5], clocks.deviations[5], 0.0, differ and not drifts),
+            ("drift of the odometry's clock [s/s]", clocks.values[6], clocks.deviations[6], 0.0, drifts),
+        ]
+    return tuple(
+        Figure(name, float(value), float(deviation), float(stated), bool(certain))
+        for name, value, deviation, stated, certain in rows
+    )
+
+
+def _span(lidar: LidarStream | None) -> float:
+    return 0.0 if lidar is None else abs(lidar.angle_increment) * (lidar.ranges.shape[1] - 1)
+
+
+def _lidar(lidar: LidarStream, c: Calibration, certain: Collection[str]) -> LidarStream:
+    """With the angles that are certain."""
+    sign = -1.0 if c.mirrored else 1.0
+    scale = c.angle_scale if "angles" in certain else 1.0
+    return replace(lidar, angle_min=sign * lidar.angle_min, angle_increment=sign * scale * lidar.angle_increment)
+
+
+def _mount(c: Calibration, recording: Recording, certain: Collection[str]) -> tuple[float, float, float]:
+    mount, values = recording.platform.lidar, c.fit.values
+    x = float(values[0]) if "x" in certain else mount.x
+    y = float(values[1]) if "y" in certain else mount.y
+    turned = c.fits and ("yaw" in certain or "angles" in certain or c.mirrored)
+    return x, y, float(values[2]) if turned else mount.yaw
+
+
+def _logged(recording: Recording) -> Array | None:
+    return None if recording.lidar is None else recording.lidar.odometry
+
+
+def _scaled(lidar: LidarStream, factor: float) -> Ranges:
+    """The ranges, times a factor; those of a file are read when they are asked for."""
+    if isinstance(lidar.ranges, np.ndarray):
+        return lidar.ranges * np.float32(factor)
+    ranges = lidar.ranges
+    return ChunkedRanges(lambda first, last: ranges[first:last] * np.float32(factor), *ranges.shape)
+
+
+def _other_odometry(
+    recording: Recording, mirrored: bool, scale: float, offset: float, drift: float, middle: float
+) -> Recording:
+    """With the odometry on the lidar's clock, as long as its ranges, and turning as its scans do."""
+    sign = np.array((scale, -scale, -1.0) if mirrored else (scale, scale, 1.0))
+    changes: dict[str, Any] = {}
+    lidar, wheels = recording.lidar, recording.platform.wheels
+    assert lidar is not None
+    if lidar.odometry is not None:
+        changes["lidar"] = replace(lidar, odometry=lidar.odometry * sign)
+    for name in ("odometry", "encoders", "imu"):
+        if (stream := getattr(recording, name)) is not None:
+            shifted = middle + (stream.stamps - offset - middle) / (1 + drift)
+            changes[name] = replace(stream, stamps=shifted)
+    if "odometry" in changes:
+        changes["odometry"] = replace(changes["odometry"], poses=changes["odometry"].poses * sign)
+    if mirrored and "encoders" in changes:
+        changes["encoders"] = replace(changes["encoders"], counts=changes["encoders"].counts[:, [1, 0, 3, 2]])
+    if mirrored and "imu" in changes:
+        changes["imu"] = replace(changes["imu"], angular_velocity=changes["imu"].angular_velocity * (1, 1, -1))
+    if scale != 1 and "encoders" in changes and wheels is not None:
+        longer = {
+            "metres_per_count": wheels.metres_per_count * scale,
+            "effective_track": wheels.effective_track * scale,
+        }
+        changed = {"wheels": wheels.model_copy(update=longer)}
+        changes["platform"] = recording.platform.model_copy(update=changed)
+    return recording.replace(**changes)
+
+
+def _interval(figure: Figure) -> str:
+    low, high = (figure.value + side * WITHIN * figure.deviation for side in (-1, 1))
+    return f"95 %: {low:.3g} to {high:.3g}"
+
+
+def _percent(figure: Figure) -> str:
+    low, high = (100 * (figure.value - 1 + side * WITHIN * figure.deviation) for side in (-1, 1))
+    if not 0.5 < figure.value < 2:
+        return f"{figure.value:.4g} times what"
+    side = "more" if figure.value > 1 else "less"
+    low, high = sorted((abs(low), abs(high)))
+    return f"{100 * abs(figure.value - 1):.1f} % (95 %: {low:.1f} to {high:.1f} %) {side} than"

@@ -1,0 +1,237 @@
+"""Pairs of scans registered to each other, all at once, without odometry: the motion of the lidar between them.
+
+Endpoints are held to the lines through the other scan's endpoints (point to line). Which endpoint belongs to which line
+is found by bearing, as in polar scan matching, so that every step is an operation on arrays [pairs, beams].
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+LINE = 0.15
+"""Endpoints this near, plus `LINE_SHARE` of the range, make up the line at an endpoint [m]."""
+LINE_SHARE = 0.06
+LINE_BEAMS = 6
+"""At most this many beams to either side make up a line."""
+REACH = (1.0, 0.5, 0.3, 0.2)
+"""Residuals beyond this are left out, step by step; the last one holds from there on [m]."""
+STEPS, REFINING = 12, 5
+SCALE = 0.05
+"""Of the weights of residuals, Geman-McClure [m]."""
+SECTORS = 4
+"""Of a fan, whose angles are scaled each by itself."""
+AGREEMENT = 0.8
+"""Least cosine between the normals of two surfaces that are held to each other."""
+LEAST_FIT = 0.6
+"""A pair is registered where this share of the endpoints fits."""
+LEAST_BEAMS = 25
+"""And at least this many."""
+
+
+class Beams(NamedTuple):
+    """The beams of a scan that are compared.
+
+    Attributes:
+        angles: [b] in the lidar's frame [rad].
+        shares: [b] of the sweep at which each is measured, 0 to 1.
+        sweep: how long a sweep takes [s].
+    """
+
+    angles: Array
+    shares: Array
+    sweep: float
+
+
+@dataclass(frozen=True, eq=False)
+class Motions:
+    """What the registration of k pairs found.
+
+    Attributes:
+        motions: [k, 3] of the lidar from the former scan to the latter, in its frame there.
+        information: [k, 3, 3] of them, for residuals of unit variance.
+        deviation: [k] of a residual [m].
+        fit: [k] share of the endpoints that fit.
+        good: [k] which pairs are registered.
+        gradients: [k, w] of half the squared residuals of each pair by what all pairs have in common, an offset of all
+            ranges [m] and a scale of the angles in each of `SECTORS` sectors; its motion is eliminated.
+        about_warps: [k, w, w] the information of these, for residuals of unit variance.
+    """
+
+    motions: Array
+    information: Array
+    deviation: Array
+    fit: Array
+    good: Flags
+    gradients: Array
+    about_warps: Array
+
+
+def register(former: Array, latter: Array, beams: Beams, seconds: Array, starts: Array) -> Motions:
+    """Register pairs of scans.
+
+    Args:
+        former, latter: [k, b] ranges [m]; not finite where there is no endpoint.
+        beams: of both.
+        seconds: [k] between the stamps; the lidar is taken to move evenly between them and during a sweep.
+        starts: [s, k, 3] motions to begin with; a pair that one does not register begins with the next.
+    """
+    found = _register(former, latter, beams, seconds, starts[0], STEPS)
+    for start in starts[1:]:
+        again = np.flatnonzero(~found.good)
+        if not len(again):
+            break
+        other = _register(former[again], latter[again], beams, seconds[again], start[again], STEPS)
+        better = other.good
+        for ours, theirs in zip(vars(found).values(), vars(other).values(), strict=True):
+            ours[again[better]] = theirs[better]
+    return found
+
+
+def refine(
+    former: Array, latter: Array, beams: Beams, seconds: Array, motions: Array, other: Motions | None = None
+) -> Motions:
+    """The same from motions [k, 3] that are nearly right; where another registration fits better, that one."""
+    found = _register(former, latter, beams, seconds, motions, REFINING)
+    if other is not None:
+        worse = other.good & ~(found.good & (_cost(found) <= _cost(other)))
+        for ours, theirs in zip(vars(found).values(), vars(other).values(), strict=True):
+            ours[worse] = theirs[worse]
+    return found
+
+
+def _cost(found: Motions) -> Array:
+    return np.asarray(found.deviation / np.maximum(found.fit, 0.05))
+
+
+def _register(former: Array, latter: Array, beams: Beams, seconds: Array, start: Array, steps: int) -> Motions:
+    motion = start.astype(np.float64).copy()
+    pairs = np.arange(len(motion))[:, None]
+    step = (beams.angles[-1] - beams.angles[0]) / (len(beams.angles) - 1)
+    round_trip = 2 * np.pi / abs(step)
+    lines = None
+    for k in range(STEPS - steps, STEPS):
+        reach = REACH[min(k // 2, len(REACH) - 1)]
+        if lines is None or (beams.sweep > 0 and k in (4, 9)):
+            ends = _points(former, beams, motion, seconds)
+            lines = _lines(ends, former)
+            own, facing, faced = _lines(_points(latter, beams, motion, seconds), latter)
+        ends, normals, known = lines
+        cos, sin = np.cos(motion[:, 2, None]), np.sin(motion[:, 2, None])
+        arm = np.stack((cos * own[..., 0] - sin * own[..., 1], sin * own[..., 0] + cos * own[..., 1]), axis=-1)
+        placed = arm + motion[:, None, :2]
+        bearing = np.arctan2(placed[..., 1], placed[..., 0])
+        at = np.mod((bearing - beams.angles[0]) / step + 0.5, round_trip) - 0.5
+        inside = at < len(beams.angles) - 0.5
+        index = np.where(inside & np.isfinite(at), np.rint(at), 0).astype(np.intp)
+        normal, end = normals[pairs, index], ends[pairs, index]
+        apart = placed - end
+        residual = (normal * apart).sum(axis=-1)
+        near = np.hypot(apart[..., 0], apart[..., 1]) < reach + 0.1 * np.abs(former[pairs, index])
+        nx, ny = cos * facing[..., 0] - sin * facing[..., 1], sin * facing[..., 0] + cos * facing[..., 1]
+        alike = faced & (np.abs(nx * normal[..., 0] + ny * normal[..., 1]) > AGREEMENT)
+        seen = inside & known[pairs, index] & np.isfinite(residual)
+        near &= alike
+        held = seen & near & (np.abs(residual) < reach)
+        residual = np.where(held, residual, 0.0)
+        weight = np.where(held, 1 / (1 + (residual / SCALE) ** 2) ** 2, 0.0)
+        jacobian = np.stack(
+            (normal[..., 0], normal[..., 1], normal[..., 1] * arm[..., 0] - normal[..., 0] * arm[..., 1]), axis=-1
+        )
+        jacobian = np.where(held[..., None], jacobian, 0.0)
+        information = np.einsum("kbi,kbj,kb->kij", jacobian, jacobian, weight)
+        gradient = np.einsum("kbi,kb->ki", jacobian, weight * residual)
+        damped = information + np.eye(3) * (1e-3 * np.trace(information, axis1=1, axis2=2)[:, None, None] / 3 + 1e-6)
+        if k < STEPS - 1:
+            motion -= np.clip(np.linalg.solve(damped, gradient[..., None])[..., 0], -0.3, 0.3)
+    fits = held & (np.abs(residual) < 2 * SCALE)
+    count = seen.sum(axis=1)
+    fit = fits.sum(axis=1) / np.maximum(count, 1)
+    total = np.maximum(weight.sum(axis=1), 1e-9)
+    deviation = np.sqrt((weight * residual**2).sum(axis=1) / total)
+    good = (fits.sum(axis=1) >= LEAST_BEAMS) & (fit > LEAST_FIT) & (count > 0.3 * np.isfinite(latter).sum(axis=1))
+    bend = np.where(held[..., None], _warps(own, end, normal, beams, index, cos, sin), 0.0)
+    across = np.einsum("kbi,kbw,kb->kiw", jacobian, bend, weight)
+    solved = np.linalg.solve(damped, np.concatenate((across, gradient[..., None]), axis=-1))
+    by_warp = np.einsum("kbw,kb->kw", bend, weight * residual) - np.einsum("kiw,ki->kw", across, solved[..., -1])
+    about = np.einsum("kbv,kbw,kb->kvw", bend, bend, weight) - np.einsum("kiv,kiw->kvw", across, solved[..., :-1])
+    return Motions(motion, information, deviation, fit, good, by_warp, about)
+
+
+def _warps(
+    own: Array, end: Array, normal: Array, beams: Beams, index: NDArray[np.intp], cos: Array, sin: Array
+) -> Array:
+    """The derivatives of residuals [k, b, 1 + SECTORS] by an offset of ranges and a scale of each sector's angles."""
+    edges = np.linspace(beams.angles[0], beams.angles[-1], SECTORS + 1)
+    wide = np.abs(edges[1] - edges[0])
+    sign = np.sign(edges[1] - edges[0])
+    angles = sign * np.clip(sign * (beams.angles[:, None] - edges[:-1]), 0.0, wide)  # [b, s]
+    size, other = (np.maximum(np.hypot(each[..., 0], each[..., 1]), 1e-6)[..., None] for each in (own, end))
+    turned = np.stack((cos * own[..., 0] - sin * own[..., 1], sin * own[..., 0] + cos * own[..., 1]), axis=-1)
+    facing = (normal * turned).sum(axis=-1)[..., None] / size - (normal * end).sum(axis=-1)[..., None] / other
+    mine = normal[..., 1] * turned[..., 0] - normal[..., 0] * turned[..., 1]
+    their = normal[..., 1] * end[..., 0] - normal[..., 0] * end[..., 1]
+    return np.asarray(np.concatenate((facing, mine[..., None] * angles - their[..., None] * angles[index]), axis=-1))
+
+
+def _points(ranges: Array, beams: Beams, motion: Array, seconds: Array) -> Array:
+    """Endpoints [k, b, 2] in the lidar's frame in the middle of the sweep."""
+    points: Array = ranges[..., None] * np.stack((np.cos(beams.angles), np.sin(beams.angles)), axis=-1)
+    if not beams.sweep > 0:
+        return points
+    share = beams.sweep * (beams.shares - 0.5) / np.maximum(seconds, 1e-3)[:, None]
+    turn = motion[:, 2, None] * share
+    cos, sin = np.cos(turn), np.sin(turn)
+    x = cos * points[..., 0] - sin * points[..., 1] + motion[:, 0, None] * share
+    y = sin * points[..., 0] + cos * points[..., 1] + motion[:, 1, None] * share
+    return np.stack((x, y), axis=-1)
+
+
+def _lines(points: Array, ranges: Array) -> tuple[Array, Array, Flags]:
+    """Endpoints [k, b, 2] laid on the lines through them and their neighbours, the normals of these [k, b, 2], and
+    which endpoints have one [k, b].
+
+    Noise of ranges would be taken for a scale of the angles: it is in a residual and in its derivative.
+    """
+    reach = LINE + LINE_SHARE * ranges
+    known = np.isfinite(ranges)
+    x, y = (np.where(known, points[..., axis], 0.0) for axis in (0, 1))
+    count, sx, sy, xx, xy, yy = (np.zeros_like(ranges) for _ in range(6))
+    joined = [known, known]
+    for offset in range(1, LINE_BEAMS + 1):
+        for side, sign in enumerate((1, -1)):
+            dx, dy = _beside(x, sign * offset) - x, _beside(y, sign * offset) - y
+            near = _beside(known, sign * offset) & (dx * dx + dy * dy < reach * reach) & joined[side]
+            joined[side] = near
+            dx *= near
+            dy *= near
+            count += near
+            sx += dx
+            sy += dy
+            xx += dx * dx
+            xy += dx * dy
+            yy += dy * dy
+    n = count + 1
+    xx, xy, yy = xx - sx * sx / n, xy - sx * sy / n, yy - sy * sy / n
+    angle = 0.5 * np.arctan2(2 * xy, xx - yy)
+    normals = np.stack((-np.sin(angle), np.cos(angle)), axis=-1)
+    spread = np.hypot(xx - yy, 2 * xy)
+    thin = (xx + yy - spread) < 0.15 * (xx + yy + spread)
+    across = (normals[..., 0] * sx + normals[..., 1] * sy) / n
+    return points + across[..., None] * normals, normals, known & (count >= 3) & thin
+
+
+def _beside(values: Any, offset: int) -> Any:
+    """The values of the beam that is ``offset`` farther; zeros beyond the ends."""
+    shifted = np.zeros_like(values)
+    if offset > 0:
+        shifted[:, :-offset] = values[:, offset:]
+    else:
+        shifted[:, -offset:] = values[:, :offset]
+    return shifted

@@ -1,0 +1,66 @@
+"""What `inspect` and `replay` say of a lidar that is not as stated, and what `replay --calibrate` makes of it."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from command_lines import refused
+
+from moteslam.eval.cli import main
+from moteslam.eval.metrics.ate import absolute_trajectory_error
+from moteslam.robot.formats.carmen_writer import write_carmen
+from moteslam.robot.trajectories.tum import read_tum, write_tum
+from moteslam.sim.scenario import load_scenario
+from moteslam.sim.simulate import simulate
+from moteslam.slam.odometry.dead_reckoning import dead_reckon
+
+
+@pytest.fixture(scope="module")
+def reversed_beams(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A log of a drive whose scans have their beams the other way round."""
+    folder = tmp_path_factory.mktemp("logs")
+    simulation = simulate(load_scenario("office", platform="lms200"), 200)
+    recording = simulation.recording
+    lidar = recording.lidar
+    assert lidar is not None
+    poses = dead_reckon(recording).poses
+    ranges = np.ascontiguousarray(lidar.ranges[:, ::-1])
+    write_carmen(folder / "drive.log", recording.replace(lidar=replace(lidar, ranges=ranges, odometry=poses)))
+    write_tum(folder / "drive.tum", simulation.truth)
+    return folder / "drive.log"
+
+
+def test_inspect_prints_estimates_and_what_is_certain(reversed_beams: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main.run(["inspect", str(reversed_beams)]) == 0
+    out = capsys.readouterr().out
+    assert "angles between beams, over the stated" in out
+    assert "problem: scans and odometry turn in opposite directions" in out
+    assert main.run(["inspect", str(reversed_beams), "--json"]) == 0
+    shown = json.loads(capsys.readouterr().out)
+    assert "mirrored" in [problem["code"] for problem in shown["problems"]]
+    assert {"name", "value", "deviation", "stated", "certain"} == shown["calibration"][0].keys()
+
+
+@pytest.mark.slow
+def test_replay_warns_and_mends(reversed_beams: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for name, options in (("as_is", []), ("mended", ["--calibrate", "lidar"])):
+        out = str(tmp_path / name)
+        assert main.run(["replay", str(reversed_beams), "--out", out, "--no-figures", "--json", *options]) == 0
+        warnings = json.loads(capsys.readouterr().out)["warnings"]
+        (mirrored,) = [issue["message"] for issue in warnings if issue["code"] == "mirrored"]
+        assert mirrored.endswith("; mended by the lidar") == bool(options)
+    truth = read_tum(reversed_beams.with_suffix(".tum"))
+    as_is, mended = (
+        absolute_trajectory_error(read_tum(tmp_path / name / "trajectory_final.tum"), truth).rmse
+        for name in ("as_is", "mended")
+    )
+    assert mended < 0.1 < as_is
+
+
+def test_another_side_is_refused(reversed_beams: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    err = refused(capsys, "replay", reversed_beams, "--out", tmp_path / "out", "--calibrate", "both")
+    assert "expected lidar or odometry" in err

@@ -1,0 +1,215 @@
+"""Lidars and odometry that are not as stated, measured from simulated recordings to which a fault was added."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+
+from moteslam.robot.ranges import ChunkedRanges
+from moteslam.robot.recording import OdometryStream, Recording
+from moteslam.sim.scenario import load_scenario
+from moteslam.sim.simulate import simulate
+from moteslam.slam.calibration.calibrate import Calibration, calibrate
+from moteslam.slam.calibration.findings import calibrated, findings
+from moteslam.slam.odometry.dead_reckoning import dead_reckon
+
+Fault = Callable[[Recording], Recording]
+WORLDS = {"ucsd": "loop", "lms200": "office", "rplidar_a1": "corridor"}
+"""The platforms here, and where they drive."""
+
+
+@cache
+def driven(platform: str) -> Recording:
+    return simulate(load_scenario(WORLDS[platform], platform=platform), 200).recording
+
+
+def poses_of(recording: Recording) -> Recording:
+    """The same with odometry poses in place of wheels and gyro."""
+    path = dead_reckon(recording)
+    return recording.replace(encoders=None, imu=None, odometry=OdometryStream(path.stamps, path.poses))
+
+
+def lidar(**changes: Any) -> Fault:
+    """Of the stream: each change is a function of its lidar."""
+    return lambda r: r.replace(lidar=replace(r.lidar, **{name: value(r.lidar) for name, value in changes.items()}))
+
+
+def mount(**shifts: float) -> Fault:
+    def shifted(r: Recording) -> Recording:
+        spec = r.platform.lidar
+        spec = spec.model_copy(update={name: getattr(spec, name) + shift for name, shift in shifts.items()})
+        return r.replace(platform=r.platform.model_copy(update={"lidar": spec}))
+
+    return shifted
+
+
+def poses(change: Callable[[np.ndarray], np.ndarray]) -> Fault:
+    def changed(r: Recording) -> Recording:
+        r = poses_of(r)
+        return r.replace(odometry=replace(r.odometry, poses=change(r.odometry.poses)))
+
+    return changed
+
+
+def late(seconds: float) -> Fault:
+    def shifted(r: Recording) -> Recording:
+        r = poses_of(r)
+        return r.replace(odometry=replace(r.odometry, stamps=r.odometry.stamps + seconds))
+
+    return shifted
+
+
+def figure(found: Calibration, recording: Recording, name: str) -> float:
+    figures = findings(found, recording).figures
+    return next(one.value - one.stated for one in figures if one.name.startswith(name))
+
+
+NARROW = lidar(angle_increment=lambda s: s.angle_increment * 0.95)
+LONG = lidar(ranges=lambda s: s.ranges * np.float32(1.1), range_max=lambda s: s.range_max * 1.1)
+REVERSED = lidar(ranges=lambda s: np.ascontiguousarray(s.ranges[:, ::-1]))
+DRIFTS = lidar(stamps=lambda s: s.stamps[0] + (s.stamps - s.stamps[0]) * 1.005)
+
+FAULTS: dict[str, tuple[Fault, str, str, float, float]] = {
+    "narrow": (NARROW, "lidar-angles", "angles", 1 / 0.95 - 1, 0.005),
+    "wide": (lidar(angle_increment=lambda s: s.angle_increment / 0.975), "lidar-angles", "angles", -0.025, 0.005),
+    "long": (LONG, "range-scale", "lengths", 0.1, 0.02),
+    "ahead": (mount(x=0.2), "lidar-mount", "x", -0.2, 0.04),
+    "aside": (mount(y=-0.2), "lidar-mount", "y", 0.2, 0.04),
+    "turned": (mount(yaw=np.radians(10)), "lidar-mount", "yaw", -10, 2),
+    "drifts": (DRIFTS, "clock-drift", "drift", -0.005, 0.001),
+}
+"""Faults of a lidar: what is done, the code, the figure that shows it, its true difference, and a fifth of that."""
+
+
+@pytest.mark.parametrize("platform", ["lms200", "rplidar_a1"])
+@pytest.mark.parametrize("name", FAULTS)
+def test_a_lidar_that_is_not_as_stated_is_measured_to_a_fifth(name: str, platform: str) -> None:
+    fault, code, shows, size, within = FAULTS[name]
+    if name == "wide" and platform == "rplidar_a1":
+        pytest.skip("more than a turn")
+    recording = fault(driven(platform))
+    found = calibrate(recording)
+    assert found is not None
+    assert [issue.code for issue in findings(found, recording).issues] == [code]
+    assert figure(found, recording, shows) == pytest.approx(size, abs=within)
+
+
+@pytest.mark.parametrize("form", [lambda r: r, poses_of], ids=["sensors", "poses"])
+@pytest.mark.parametrize("platform", WORLDS)
+def test_nothing_is_found_where_nothing_is_wrong(platform: str, form: Fault) -> None:
+    recording = form(driven(platform))
+    found = calibrate(recording)
+    assert found is not None
+    about = findings(found, recording)
+    assert about.issues == about.moves == ()
+    assert not about.unusable
+
+
+@pytest.mark.parametrize("platform", WORLDS)
+def test_beams_the_other_way_round_are_a_mirror_image(platform: str) -> None:
+    recording = REVERSED(driven(platform))
+    found = calibrate(recording)
+    assert found is not None
+    assert found.mirrored
+    assert [issue.code for issue in findings(found, recording).moves] == ["mirrored"]
+
+
+def test_a_lidar_mounted_backwards_is_said_to_be() -> None:
+    recording = mount(yaw=np.pi)(driven("ucsd"))
+    found = calibrate(recording)
+    assert found is not None
+    (issue,) = findings(found, recording).moves
+    assert issue.code == "lidar-mount"
+    assert "backwards" in issue.message
+    assert calibrated(recording, found, "lidar").platform.lidar.yaw == pytest.approx(0, abs=0.02)
+
+
+@pytest.mark.parametrize(
+    ("fault", "form", "code"),
+    [
+        (poses(lambda p: p * (1, 1, -1)), "turns", "odometry-signs"),
+        (poses(lambda p: p * (1, -1, 1)), "y", "odometry-signs"),
+        (poses(lambda p: p * (1, 1, 0)), "path", "odometry-headings"),
+        (poses(lambda p: p * (1, -1, -1)), "stated", "mirrored"),
+        (poses(lambda p: p * (1.1, 1.1, 1)), "stated", "range-scale"),
+        (poses(lambda p: p * (1000, 1000, 1)), "stated", "range-scale"),
+        (late(0.2), "stated", "clock-offset"),
+        (late(-5), "stated", "clock-offset"),
+    ],
+    ids=["turns", "y", "headings", "mirrored", "scaled", "millimetres", "late", "early"],
+)
+def test_odometry_that_cannot_be_right(fault: Fault, form: str, code: str) -> None:
+    recording = fault(driven("ucsd"))
+    found = calibrate(recording)
+    assert found is not None
+    assert found.form == form
+    assert [issue.code for issue in findings(found, recording).moves] == [code]
+
+
+def test_odometry_of_another_drive_fits_in_no_way() -> None:
+    recording = poses_of(driven("ucsd"))
+    other = poses_of(simulate(load_scenario("office", platform="ucsd"), 201).recording).odometry
+    shifted = replace(other, stamps=other.stamps + (recording.odometry.stamps[0] - other.stamps[0]))
+    recording = recording.replace(odometry=shifted)
+    found = calibrate(recording)
+    assert found is not None
+    assert [issue.code for issue in findings(found, recording).issues] == ["odometry-unfit"]
+
+
+@pytest.mark.parametrize("fault", [NARROW, LONG, REVERSED, DRIFTS, mount(x=0.2, y=0.2, yaw=0.2)])
+def test_a_recording_that_is_mended_is_right(fault: Fault) -> None:
+    true = driven("ucsd")
+    mended = calibrated(fault(true), calibrate(fault(true)), "lidar")
+    assert mended.lidar.angle_increment == pytest.approx(true.lidar.angle_increment, rel=0.005) or fault is REVERSED
+    assert mended.platform.lidar.pose == pytest.approx(true.platform.lidar.pose, abs=0.04)
+    found = calibrate(mended)
+    assert findings(found, mended).issues == ()
+
+
+@pytest.mark.parametrize(
+    "fault",
+    [poses(lambda p: p * (1, -1, -1)), poses(lambda p: p * (1.1, 1.1, 1)), poses(lambda p: p * (1, 1, -1)), late(0.3)],
+)
+def test_odometry_that_is_mended_leaves_the_lidar_as_it_is(fault: Fault) -> None:
+    recording = fault(driven("ucsd"))
+    mended = calibrated(recording, calibrate(recording), "odometry")
+    assert mended.lidar is not None
+    assert mended.lidar.angle_increment == recording.lidar.angle_increment
+    assert mended.lidar.ranges is recording.lidar.ranges
+    assert findings(calibrate(mended), mended).issues == ()
+
+
+def test_wheels_and_gyro_are_mended_too() -> None:
+    recording = LONG(REVERSED(driven("ucsd")))
+    mended = calibrated(recording, calibrate(recording), "odometry")
+    assert mended.platform.wheels.metres_per_count == pytest.approx(
+        1.1 * recording.platform.wheels.metres_per_count, rel=0.02
+    )
+    assert (mended.encoders.counts == recording.encoders.counts[:, [1, 0, 3, 2]]).all()
+    assert (mended.imu.angular_velocity[:, 2] == -recording.imu.angular_velocity[:, 2]).all()
+    assert findings(calibrate(mended), mended).issues == ()
+
+
+def test_ranges_in_their_file_are_scaled_when_they_are_read() -> None:
+    recording = LONG(driven("lms200"))
+    ranges = recording.lidar.ranges
+    lazy = ChunkedRanges(lambda first, last: ranges[first:last].copy(), *ranges.shape)
+    mended = calibrated(lidar(ranges=lambda _: lazy)(recording), calibrate(recording), "lidar")
+    assert isinstance(mended.lidar.ranges, ChunkedRanges)
+    shown = np.isfinite(ranges[5])
+    assert mended.lidar.ranges[5][shown] == pytest.approx(ranges[5][shown] / 1.1, rel=0.02)
+
+
+def test_too_little_is_not_calibrated() -> None:
+    recording = driven("ucsd")
+    few = lidar(ranges=lambda s: s.ranges[:20], stamps=lambda s: s.stamps[:20])(recording)
+    assert calibrate(few) is None
+    assert calibrate(recording.replace(encoders=None, imu=None)) is None
+    assert calibrate(recording.replace(lidar=None)) is None
+    blind = lidar(ranges=lambda s: np.full_like(s.ranges, np.inf))(recording)
+    assert calibrate(blind) is None
