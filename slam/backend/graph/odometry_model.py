@@ -72,7 +72,7 @@ def fit_odometry(odometry: Array, registered: Array, covariance: Array) -> Odome
     Alternately the gains of forward, left and turning error are fitted, robustly, and the scale of the noise: the
     median absolute residual of the steps that registration knows better than odometry. Both sides err: what is left is
     to be orthogonal not to the steps by the odometry, whose noise is in it, but to the true ones, by odometry and
-    registration together (errors in variables, as in ``OdometryCalibration``).
+    registration together (errors in variables; Fuller 1987, Measurement Error Models, section 1.3).
 
     Args:
         odometry: [n - 1, 3] steps.
