@@ -39,12 +39,12 @@ class OdometryCalibration:
     @property
     def turn_scale(self) -> float:
         """The true turn over that of the odometry."""
-        return 1 / self._turn.values[0]
+        return self._turn.values[0]
 
     @property
     def curvature(self) -> float:
         """The turn per distance of a path that is straight by the odometry [rad/m]."""
-        return -self._turn.values[1] / self._turn.values[0]
+        return self._turn.values[1]
 
     @property
     def lidar_offset(self) -> float:
@@ -69,18 +69,15 @@ class OdometryCalibration:
             return
         c = self._config
         x, _, turn = odometry
-        known = self.corrected(odometry)
-        forward, left, about = (found - expected for found, expected in zip(registered, known, strict=True))
+        innovation = [found - known for found, known in zip(registered, self.corrected(odometry), strict=True)]
+        swing = math.sin(registered[2])
         about_x, about_y, about_turn = (1 / max(value, 1e-9) for value in information.diagonal().tolist())
         of_distance = (c.translation + c.translation_from_translation * abs(x)) ** 2
         of_turn = (c.rotation + c.rotation_from_rotation * abs(turn)) ** 2
-        # the errors of wheels and registration are in what they share, the true turn: by both of them together it is
-        # free of the error of their difference, which would dilute the gain (errors in variables)
-        true = registered[2] - about * about_turn / (of_turn + about_turn)
         for gains, row, error, variance in (
-            (self._distance, [x], forward, of_distance + about_x),
-            (self._offset, [math.sin(registered[2])], left, of_distance + about_y),
-            (self._turn, [true, x], -about / self.turn_scale, of_turn + about_turn),
+            (self._distance, [x], innovation[0], of_distance + about_x),
+            (self._offset, [swing], innovation[1], of_distance + about_y),
+            (self._turn, [turn, x], innovation[2], of_turn + about_turn),
         ):
             gains.predict(abs(x))
             gains.update(row, error, variance, c.gate)

@@ -72,7 +72,7 @@ def fit_odometry(odometry: Array, registered: Array, covariance: Array) -> Odome
     Alternately the gains of forward, left and turning error are fitted, robustly, and the scale of the noise: the
     median absolute residual of the steps that registration knows better than odometry. Both sides err: what is left is
     to be orthogonal not to the steps by the odometry, whose noise is in it, but to the true ones, by odometry and
-    registration together (errors in variables, as in ``OdometryCalibration``).
+    registration together (errors in variables; Fuller 1987, Measurement Error Models, section 1.3).
 
     Args:
         odometry: [n - 1, 3] steps.
@@ -81,13 +81,15 @@ def fit_odometry(odometry: Array, registered: Array, covariance: Array) -> Odome
     """
     errors = np.asarray(se2.between(odometry, registered))
     variance = np.diagonal(covariance, axis1=1, axis2=2)
-    gains, scales, true = np.zeros((3, 3)), np.ones(3), odometry + errors
+    # the noise of distances is small beside them; of turns it is most of what wheels say on a straight path
+    gains, scales, true = np.zeros((3, 3)), np.ones(3), odometry + errors * (0.0, 0.0, 1.0)
     measured = np.zeros(3, bool)
     for _ in range(ROUNDS):
         shape = _shape(true)
         noises = np.square(scales * shape)
-        own = np.maximum(noises - variance, LEAST_SHARE * noises)  # what is measured below is that of both
-        true = odometry + errors - variance / (variance + own) * (errors - odometry @ gains.T)
+        own = np.maximum(noises - variance, LEAST_SHARE * noises)[:, 2]  # what is measured below is that of both
+        share = variance[:, 2] / (variance[:, 2] + own)
+        true[:, 2] = (odometry + errors)[:, 2] - share * (errors[:, 2] - odometry @ gains[2])
         for axis in range(3):
             noise = noises[:, axis]
             rest = errors[:, axis] - odometry @ gains[axis]

@@ -55,21 +55,6 @@ def test_the_errors_are_estimated_in_a_hundred_metres() -> None:
     assert calibration.lidar_offset == pytest.approx(OFFSET[0], abs=0.01)
 
 
-@pytest.mark.parametrize(("wheels", "scans"), [(0.05, 0.002), (0.002, 0.05), (0.04, 0.04)])
-def test_noise_of_the_turns_does_not_dilute_their_gain(wheels: float, scans: float) -> None:
-    """On paths that are straight but for one turn in ten most of what the noisier one says of a turn is its noise."""
-    rng = np.random.default_rng(4)
-    calibration = OdometryCalibration(CalibrationConfig(rotation=wheels, rotation_from_rotation=0.0))
-    turns = np.where(np.arange(1500) % 10 == 0, rng.choice((-0.2, 0.2), 1500), 0.0)
-    for turn in turns:
-        true = np.array((0.3 * np.cos(turn / 2), 0.3 * np.sin(turn / 2), turn))
-        counted = measured(true, scale=1.0, turn=1.03, curvature=0.0)
-        counted[2] += rng.normal(0, wheels)
-        found = true + np.array((0.0, 0.0, rng.normal(0, scans)))
-        calibration.update(counted, found, np.diag((1e6, 1e6, 1 / scans**2)))
-    assert calibration.turn_scale == pytest.approx(1.03, abs=0.04)
-
-
 def test_corrected_motions_are_the_true_ones() -> None:
     calibration, errors = calibrated(400)
     true = np.array([of_lidar(motion) for motion in motions(50, seed=1)])
