@@ -145,9 +145,11 @@ def measure(fault: Fault, share: float, world: str, platform: str, seed: int, at
     """What is found of a fault, and what mending it comes to."""
     import time
 
+    from moteslam.kernels import runtime
     from moteslam.slam.calibration.calibrate import calibrate
     from moteslam.slam.calibration.findings import calibrated, findings
 
+    runtime.init("cpu", 1)
     simulation = _simulated(world, platform, seed)
     recording = fault.put(simulation.recording, share)
     began = time.perf_counter()
@@ -183,10 +185,8 @@ def _ate(recording: Recording, simulation: Simulation) -> float:
     """ATE of the final trajectory [m]; infinite where SLAM refuses the recording."""
     from moteslam.errors import MoteslamError
     from moteslam.eval.metrics.ate import absolute_trajectory_error
-    from moteslam.kernels import runtime
     from moteslam.slam.run import run_slam
 
-    runtime.init("cpu", 1)
     try:
         return absolute_trajectory_error(run_slam(recording, seed=0).trajectory_final, simulation.truth).rmse
     except MoteslamError:

@@ -42,6 +42,9 @@ BETTER, EVIDENCE = 0.4, 60.0
 """Odometry is read in another way where that costs less than this share, and over all pairs less by this much."""
 UNFIT = 7.0
 """Odometry that costs more in every way does not measure the motion of the scans."""
+SKEWED = 0.002
+"""A share of endpoints that fits better, while the robot turns, with the beams in the other order in time: then that is
+the right order. In a short sweep it makes no difference."""
 TURNING = 0.05
 """Scans whose turns deviate by less show nothing of odometry [rad]."""
 SIGMAS = 5.0
@@ -70,6 +73,7 @@ class Calibration:
         correlation: of the turns of scans and odometry.
         clocks: a fit with the difference of the clocks; None where the odometry is logged with the scans.
         shared_clock: the clocks do not differ clearly.
+        reversed: mirrored beams are in the wrong order in time, too: an array that is to be read from its end.
         fits: the odometry measures the motion of the scans; else nothing but the angles is known.
     """
 
@@ -82,6 +86,7 @@ class Calibration:
     clocks: Fit | None
     shared_clock: bool
     fits: bool
+    reversed: bool
 
 
 def calibrate(recording: Recording, *, pairs: int = PAIRS) -> Calibration | None:
@@ -118,24 +123,29 @@ def _calibrate(recording: Recording, lidar: LidarStream, pairs: int) -> Calibrat
     read = _read(scans, path, logged=logged, poses=logged or recording.encoders is None)
     form, mirrored, correlation, (offset, drift) = read or ("stated", False, 0.0, (0.0, 0.0))
     at = _at(in_form(path, form))
-    if mirrored:
-        scans.mirror()
+    is_reversed = scans.mirror(lidar) if mirrored else False
     angle_scale, deviation = scans.scale_angles()
     best = fit(scans.pairs, at, (offset, drift), shared=logged)
     scans.refine(best.expected(scans.first, scans.last, at))
     if not scans.enough(GOOD):
         return None
-    best = clocks = fit(scans.pairs, at, (offset, drift), shared=logged)
+    clocks = fit(scans.pairs, at, (offset, drift), shared=logged)
+    best = clocks._replace(values=clocks.values.copy())
     wheels_alone = recording.encoders is not None and recording.imu is None and not logged
     shared = logged or not clocks_differ(clocks, float(np.ptp(lidar.stamps)), wheels_alone=wheels_alone)
     if shared and not logged:
         best = fit(scans.pairs, at, (0.0, 0.0), shared=True)
+    start = clocks.values[5] + clocks.values[6] * (scans.first.min() - clocks.middle)
+    if not shared and abs(start) < (LATE_WHEELS if wheels_alone else LATE):  # one clock when the recording began
+        best.values[5] -= start
     if wheels_alone:
         for each in (best, clocks):
             each.deviations[:2] = np.hypot(each.deviations[:2], PLACE_BY_WHEELS)
     fits = read is not None and min(best.cost, clocks.cost) < UNFIT
     clocks_or_none = None if logged else clocks
-    return Calibration(angle_scale, deviation, mirrored, form, best, correlation, clocks_or_none, shared, fits)
+    return Calibration(
+        angle_scale, deviation, mirrored, form, best, correlation, clocks_or_none, shared, fits, is_reversed
+    )
 
 
 def clocks_differ(found: Fit, duration: float, *, wheels_alone: bool) -> bool:
@@ -262,11 +272,18 @@ class _Scans:
         """Register from motions [k, 3] that are expected, and keep what fits better, unless it is done anew."""
         self._found = refine(*self._ranges, self._beams, self._seconds, motions, None if anew else self._found)
 
-    def mirror(self) -> None:
-        """Take the beams the other way round."""
+    def mirror(self, lidar: LidarStream) -> bool:
+        """Take the beams the other way round; whether they are measured in the other order, too."""
         assert self._found is not None
-        self._beams = self._beams._replace(angles=-self._beams.angles)
-        self.refine(self._found.motions * (1, -1, -1), anew=True)
+        beams, motions = self._beams, self._found.motions * (1, -1, -1)
+        turned = beams._replace(angles=-beams.angles)
+        backwards = beams._replace(angles=lidar.angles[0] + lidar.angles[-1] - beams.angles, shares=1 - beams.shares)
+        found = [(each, refine(*self._ranges, each, self._seconds, motions)) for each in (turned, backwards)]
+        turning = np.abs(motions[:, 2]) > TURNING
+        shares = [float(each.fit[turning].mean()) for _, each in found] if turning.any() else [0.0, 0.0]
+        is_reversed = beams.sweep > 0 and shares[1] > shares[0] + SKEWED
+        self._beams, self._found = found[int(is_reversed)]
+        return is_reversed
 
     def scale_angles(self) -> tuple[float, float]:
         """The scale of the angles between beams at which the scans fit each other best, and its deviation.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, replace
 from math import degrees, hypot
 from typing import Any, Literal
@@ -102,10 +102,12 @@ def findings(calibration: Calibration, recording: Recording) -> Findings:
     if c.form in WRONG and c.fits:
         say(WRONG[c.form], much=True)
     if c.mirrored and c.fits:
+        beams = "are in the other order, the last one first"
+        if not c.reversed:
+            beams = f"go the other way round, in platform.toml: [lidar] {toml}"
         text = (
             f"scans and odometry turn in opposite directions (correlation {-abs(c.correlation):.2f}): a mirror image "
-            f"of the place, if anything. Either the beams go the other way round, in platform.toml: [lidar] {toml}; "
-            "or the odometry has y and turns of the wrong sign"
+            f"of the place, if anything. Either the beams {beams}; or the odometry has y and turns of the wrong sign"
         )
         say(Issue("mirrored", text), much=True)
     if (angles := certain.get("angles")) is not None:
@@ -177,7 +179,8 @@ def calibrated(recording: Recording, calibration: Calibration, side: Side) -> Re
         mended = with_form(mended, c.form)
     if lidar_is_wrong:
         stamps = lidar.stamps + offset + drift * (lidar.stamps - c.fit.middle)
-        ranges = lidar.ranges if scale == 1 else _scaled(lidar, float(1 / scale))
+        factor = np.float32(1 / scale)
+        ranges = right.ranges if scale == 1 else _read(right, lambda ranges: ranges * factor)
         right = replace(right, stamps=stamps, ranges=ranges, range_max=lidar.range_max / scale)
         return mended.replace(lidar=replace(right, odometry=_logged(mended)))
     mended = mended.replace(lidar=replace(right, odometry=_logged(mended)))
@@ -234,7 +237,9 @@ def _span(lidar: LidarStream | None) -> float:
 
 def _lidar(lidar: LidarStream, c: Calibration, certain: Collection[str]) -> LidarStream:
     """With the angles that are certain."""
-    sign = -1.0 if c.mirrored else 1.0
+    if c.mirrored and c.reversed:
+        lidar = replace(lidar, ranges=_read(lidar, lambda ranges: np.ascontiguousarray(ranges[:, ::-1])))
+    sign = -1.0 if c.mirrored and not c.reversed else 1.0
     scale = c.angle_scale if "angles" in certain else 1.0
     return replace(lidar, angle_min=sign * lidar.angle_min, angle_increment=sign * scale * lidar.angle_increment)
 
@@ -251,12 +256,13 @@ def _logged(recording: Recording) -> Array | None:
     return None if recording.lidar is None else recording.lidar.odometry
 
 
-def _scaled(lidar: LidarStream, factor: float) -> Ranges:
-    """The ranges, times a factor; those of a file are read when they are asked for."""
+def _read(lidar: LidarStream, change: Callable[[Any], Any]) -> Ranges:
+    """The ranges, changed; those of a file when they are asked for."""
     if isinstance(lidar.ranges, np.ndarray):
-        return lidar.ranges * np.float32(factor)
+        changed: Ranges = change(lidar.ranges)
+        return changed
     ranges = lidar.ranges
-    return ChunkedRanges(lambda first, last: ranges[first:last] * np.float32(factor), *ranges.shape)
+    return ChunkedRanges(lambda first, last: change(ranges[first:last]), *ranges.shape)
 
 
 def _other_odometry(

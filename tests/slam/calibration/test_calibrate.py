@@ -119,6 +119,22 @@ def test_beams_the_other_way_round_are_a_mirror_image(platform: str) -> None:
     assert [issue.code for issue in findings(found, recording).moves] == ["mirrored"]
 
 
+@pytest.mark.parametrize(
+    ("fault", "is_reversed"),
+    [(REVERSED, True), (lidar(angle_min=lambda s: -s.angle_min, angle_increment=lambda s: -s.angle_increment), False)],
+    ids=["array", "angles"],
+)
+def test_a_sweep_shows_whether_the_order_or_the_angles_are_wrong(fault: Fault, is_reversed: bool) -> None:
+    true = driven("rplidar_a1")
+    recording = fault(true)
+    found = calibrate(recording)
+    assert found is not None
+    assert found.reversed == is_reversed
+    mended = calibrated(recording, found, "lidar")
+    assert mended.lidar.angle_increment == true.lidar.angle_increment
+    assert (mended.lidar.ranges == true.lidar.ranges)[np.isfinite(true.lidar.ranges)].all()
+
+
 def test_a_lidar_mounted_backwards_is_said_to_be() -> None:
     recording = mount(yaw=np.pi)(driven("ucsd"))
     found = calibrate(recording)
