@@ -9,11 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.eval.metrics.space import in_space, spatial
+from moteslam.robot.trajectories.space import FARTHEST
 from moteslam.robot.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 
-FARTHEST = 120.0
+LONGEST = 120.0
 """Offsets up to this are tried [s]; of clocks without a common time all."""
 STEP = 0.1
 """The search begins with offsets this far apart [s]."""
@@ -73,13 +74,13 @@ def clock_offset(estimate: Trajectory, reference: Trajectory) -> ClockOffset | N
 def _offset(stamps: Array, positions: Array, times: Array, goal: Array) -> ClockOffset | None:
     """The offset to add to stamps [n] of positions [n, d], so that they fit those [m, d] at times [m], the sparser."""
     search = _Search(stamps, positions, times, goal)
-    if search.shorter <= 0:
+    if search.shorter <= 0 or max(np.abs(positions).max(), np.abs(goal).max()) > FARTHEST:
         return None
     common = search.common(0.0) > 0
     if common and search.rmse(0.0, FINE) < GAIN_METRES:
         return None
     middle = 0.0 if common else float(times[0] - stamps[0])
-    reach = min(FARTHEST, search.shorter) if common else search.shorter
+    reach = min(LONGEST, search.shorter) if common else search.shorter
     if not common:  # the longer one may have begun before
         reach += abs(float(np.ptp(times) - np.ptp(stamps)))
     step = max(STEP, 2 * reach / TRIES)

@@ -7,9 +7,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from moteslam.errors import InputError
 from moteslam.robot.issues import Issue
 from moteslam.robot.se2 import wrap
-from moteslam.robot.trajectories.space import TILT, interpolated, normal_of, quaternions_of, tilt_of
+from moteslam.robot.trajectories.space import FARTHEST, TILT, interpolated, normal_of, quaternions_of, tilt_of
 from moteslam.robot.trajectory import Space, Trajectory
 
 Array = NDArray[np.float64]
@@ -55,6 +56,8 @@ def space_at(trajectory: Trajectory, stamps: Array) -> Space:
 
 def laid(source: Array, target: Array, *, scale: bool = False) -> tuple[Array, Array, float]:
     """The rotation [3, 3], translation [3] and scale that lay points on points [n, 3] (Umeyama 1991, eq. 38 to 43)."""
+    if max(np.abs(source).max(), np.abs(target).max()) > FARTHEST:  # whose squares are none, and no end of the search
+        raise InputError(f"positions beyond {FARTHEST:g} m, expected metres")
     centre, goal = source.mean(axis=0), target.mean(axis=0)
     u, size, v = np.linalg.svd((target - goal).T @ (source - centre) / len(source))
     mirror = np.array((1.0, 1.0, np.sign(np.linalg.det(u) * np.linalg.det(v))))

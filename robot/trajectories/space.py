@@ -17,6 +17,8 @@ Array = NDArray[np.float64]
 
 UNIT = 0.05
 """Quaternions whose length is off 1 by more than this are none, however they were rounded; so rotation matrices."""
+FARTHEST = 1e9
+"""Positions beyond this [m] are none."""
 SAME = 1e-6
 """Orientations and heights that differ by less are the same."""
 STANDS = 0.05
@@ -46,8 +48,11 @@ def trajectory_of(
         warnings: what was assumed so far.
 
     Raises:
-        InputError: a quaternion of another length than 1, of a file where not all are 0.
+        InputError: a quaternion of another length than 1, of a file where not all are 0, or a position off the globe.
     """
+    if (far := (np.abs(positions) > FARTHEST).any(axis=1)).any():
+        line = lines[int(np.argmax(far))] if len(lines) else None
+        raise InputError(f"position beyond {FARTHEST:g} m, expected metres", file=path, line=line)
     why = "has no orientation" if quaternions is None else ""
     if quaternions is not None:
         length = np.linalg.norm(quaternions, axis=1)

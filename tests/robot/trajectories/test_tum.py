@@ -56,6 +56,7 @@ GOOD = "1 0 0 0 0 0 0 1\n"
         (GOOD + "2 0 0 0 0 0 0 1 5\n", r":2: expected 8 finite numbers"),
         (GOOD + "2 0 0 nan 0 0 0 1\n", r":2: expected 8 finite numbers"),
         (GOOD + "2 0 0 inf 0 0 0 1\n", r":2: expected 8 finite numbers"),
+        (GOOD + "2 0 1e300 0 0 0 0 1\n", r":2: position beyond 1e\+09 m"),
         (GOOD + "two 0 0 0 0 0 0 1\n", r":2: expected 8 finite numbers"),
         (GOOD + "2 0 0 0 0 0 0 0\n", r":2: quaternion of length 0"),
         (GOOD + "0.5 0 0 0 0 0 0 1\n", r":2: stamp before the one above it"),
