@@ -111,12 +111,12 @@ class Relocation:
         drifted = not self._carried and self.reach == np.inf
         place, share = self._search(pose, pose, FIRST_WINDOW) if drifted else (None, 0.0)
         if share < FIRST_SHARE:
-            if self._driven < self._next_whole:
-                return None
             low, high = self._window()
             half = np.array([*np.maximum(high - low, 0.0) / 2, np.pi])
-            window = Window(half, STEP, TURN)
-            self._next_whole = self._driven + window.places * MAX_SEARCH_POINTS / ENDPOINTS_PER_METRE
+            metres = Window(half, STEP, TURN).places * MAX_SEARCH_POINTS / ENDPOINTS_PER_METRE
+            if self._driven < max(self._next_whole, metres if drifted else 0.0):
+                return None
+            self._next_whole = self._driven + metres
             place, _ = self._search(pose, np.array([*(low + high) / 2, 0.0]), half) if half[:2].all() else (None, 0.0)
         before, self._found = self._found, None
         if place is None:
