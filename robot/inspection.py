@@ -30,6 +30,9 @@ LATE = 0.1
 SAME_MOTION = 0.9
 """Two yaw rates that correlate less do not show an offset clearly."""
 
+SPEEDS = 0.005, 20.0
+"""Between these most of a robot's steps are fast [m/s]: a slower or faster one has stamps or lengths in other units."""
+
 REST = 1.0
 """Wheels that stand still at least this long are at rest [s]."""
 
@@ -137,6 +140,7 @@ def inspect_recording(recording: Recording, *, deep: bool = False) -> Inspection
     clocks = clock_reports(yaw_rates(recording, scans=read_ranges))
     problems = [*recording.warnings, *_missing(recording), *_gaps(streams), *_meetings(streams)]
     problems += _late(streams, clocks)
+    problems += _speed(recording)
     if lidar is not None and lidar.blind_scans:
         text = f"lidar: {counted(lidar.blind_scans, 'scan')} without a single endpoint"
         problems.append(Issue("blind-scans", text, lidar.blind_scans))
@@ -223,14 +227,30 @@ def _gyro(imu: ImuStream, rest: list[tuple[float, float]]) -> GyroReport | None:
     return GyroReport(len(rates), float(rates.mean()), float(rates.std()))
 
 
-def _odometry_distance(recording: Recording) -> float | None:
+def _odometry(recording: Recording) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+    """The stamps [n] and poses [n, 3] of the odometry, of those logged with scans where it has no stream."""
     if recording.odometry is not None:
-        poses = recording.odometry.poses
-    elif recording.lidar is not None and recording.lidar.odometry is not None:
-        poses = recording.lidar.odometry
-    else:
-        return None
-    return float(np.hypot(*np.diff(poses[:, :2], axis=0).T).sum())
+        return recording.odometry.stamps, recording.odometry.poses
+    if recording.lidar is not None and recording.lidar.odometry is not None:
+        return recording.lidar.stamps, recording.lidar.odometry
+    return None
+
+
+def _odometry_distance(recording: Recording) -> float | None:
+    found = _odometry(recording)
+    return None if found is None else float(np.hypot(*np.diff(found[1][:, :2], axis=0).T).sum())
+
+
+def _speed(recording: Recording) -> list[Issue]:
+    """Odometry that moves as no robot does."""
+    if (found := _odometry(recording)) is None:
+        return []
+    elapsed, driven = np.diff(found[0]), np.hypot(*np.diff(found[1][:, :2], axis=0).T)
+    moving = (elapsed > 0) & (driven > 0)
+    if not moving.any() or SPEEDS[0] <= (speed := float(np.median(driven[moving] / elapsed[moving]))) <= SPEEDS[1]:
+        return []
+    text = f"odometry: moves at {speed:.3g} m/s, expected a robot's speed: are its stamps in s and its lengths in m?"
+    return [Issue("implausible-speed", text)]
 
 
 def _images(stream: RgbdStream) -> tuple[Issue, ...]:

@@ -140,3 +140,12 @@ def test_a_real_log_with_equal_stamps(data_folder: Path) -> None:
     assert "lidar: 304 readings share the stamp of the one before" in messages(report.problems)
     assert report.lidar is not None
     assert report.lidar.no_return == pytest.approx(0.0489, abs=1e-4)
+
+
+@pytest.mark.parametrize(("seconds", "metres", "is_told"), [(1, 1, False), (1000, 1, True), (1, 1000, True)])
+def test_an_odometry_in_other_units_is_told(seconds: float, metres: float, is_told: bool) -> None:
+    stamps = seconds * np.arange(50) / 10
+    poses = metres * np.column_stack((0.05 * np.arange(50), np.zeros((50, 2))))
+    recording = Recording("x", CARMEN, lidar=scans(stamps), odometry=OdometryStream(stamps, poses))
+    codes = [problem.code for problem in inspect_recording(recording).problems]
+    assert ("implausible-speed" in codes) == is_told
