@@ -66,13 +66,12 @@ def demo(
     if run.as_json:
         say_json(run_summary(done, out))
         return
-    assert done.scores is not None
     stamps = done.estimate.trajectory.stamps
     say(
         f"{literal(driven.name)}: {simulation.truth.length:.1f} m in {stamps[-1] - stamps[0]:.0f} s, "
         f"{size_of(done.estimate)}"
     )
-    if lost := lost_line(done.estimate):
+    if lost := lost_line(done):
         say(lost)
-    say(score_table(done.scores))
+    say(score_table(done.figures))
     say(f"result in {literal(out)}" + ("" if run.no_figures else f"; look at {literal(out / 'trajectories.png')}"))

@@ -81,8 +81,8 @@ def replay(
         _dead_reckon(path, recording, resolved, out, run)
         return
 
-    from moteslam.eval.beside import true_map_beside
     from moteslam.eval.cli.running import Device, lost_line, run_into, run_summary, score_table, size_of
+    from moteslam.eval.scores import true_map_beside
     from moteslam.robot.result_folder import result_folder
 
     assert out is not None
@@ -110,10 +110,10 @@ def replay(
         f"{size_of(estimate)}, "
         f"{1000 * estimate.seconds / len(stamps):.1f} ms a scan"
     )
-    if lost := lost_line(estimate):
+    if lost := lost_line(done):
         say(lost)
-    if done.scores is not None:
-        say(score_table(done.scores))
+    if truth is not None:
+        say(score_table(done.figures))
     say(f"result in {literal(out)}")
 
 
@@ -149,8 +149,8 @@ def _truth_beside(path: Path, stamps: NDArray[np.float64]) -> tuple[Trajectory |
     """
     import numpy as np
 
-    from moteslam.eval.beside import truth_file
     from moteslam.eval.metrics.association import match
+    from moteslam.eval.scores import truth_file
     from moteslam.robot.trajectories.tum import read_tum
     from moteslam.robot.trajectory import Trajectory
 

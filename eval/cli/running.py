@@ -7,17 +7,16 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from math import degrees
 from pathlib import Path
 from typing import Any
 
 from moteslam.eval.cli.progress import progress_bar, working
 from moteslam.eval.cli.text import table, warn
-from moteslam.eval.diagnostics_table import localisation_summary
+from moteslam.eval.metrics.evidence import DEAD_RECKONING, FINAL, ONLINE
 from moteslam.eval.report.snapshots import Snapshot, Snapshots
 from moteslam.eval.report.textures import TextureStages
 from moteslam.eval.results import write_results
-from moteslam.eval.scores import Scores
+from moteslam.eval.scores import Figures, number
 from moteslam.robot.issues import Issue
 from moteslam.robot.raster import Raster
 from moteslam.robot.recording import Recording
@@ -51,10 +50,10 @@ class Device:
 
 @dataclass(frozen=True)
 class Run:
-    """What a run came to: the estimate, its scores (None without truth), and all issues of recording and run."""
+    """A run: the estimate, its figures as of ``metrics.json``, and all issues of recording and run."""
 
     estimate: Estimate
-    scores: Scores | None
+    figures: Figures
     issues: tuple[Issue, ...]
 
 
@@ -163,7 +162,7 @@ def finish_into(
     estimate, stages = _coloured(estimate, recording)
     issues = (*issues, *recording.warnings, *estimate.warnings)
     warn(issues)
-    scores = write_results(
+    found = write_results(
         folder,
         estimate,
         truth,
@@ -178,7 +177,7 @@ def finish_into(
             **started.about(seconds),
         },
     )
-    return Run(estimate, scores, issues)
+    return Run(estimate, found, issues)
 
 
 def _coloured(estimate: Estimate, recording: Recording) -> tuple[Estimate, list[tuple[float, TextureMap]]]:
@@ -198,33 +197,25 @@ def _coloured(estimate: Estimate, recording: Recording) -> tuple[Estimate, list[
     return estimate, stages.kept if estimate.texture is not None else []
 
 
-def score_table(scores: Scores) -> str:
+def score_table(figures: Figures) -> str:
     """The scores as a small table: absolute error, and relative error over 1 m, which is drift a metre.
 
     Below it, where the back end looked for loops, their precision and recall.
     """
     rows: list[tuple[str, ...]] = [("", "ATE RMSE", "median", "max", "heading RMSE", "RPE over 1 m")]
-    for name, score in (
-        ("dead reckoning", scores.dead_reckoning),
-        ("SLAM (online)", scores.online),
-        ("SLAM (final)", scores.final),
-    ):
-        ate = score.ate
-        over_1m = "-" if score.rpe_1m is None else f"{100 * score.rpe_1m.rmse:.2f} cm"
-        rows.append(
-            (
-                name,
-                *(f"{100 * value:.1f} cm" for value in (ate.rmse, ate.median, ate.max)),
-                "-" if ate.rotation is None else f"{degrees(ate.rotation.rmse):.2f} deg",
-                over_1m,
-            )
-        )
+    for name, track in (("dead reckoning", DEAD_RECKONING), ("SLAM (online)", ONLINE), ("SLAM (final)", FINAL)):
+        lengths = [number(figures, f"{track}.{metric}") for metric in ("ate", "ate_median", "ate_max", "rpe_1m")]
+        ate, median, most = ("-" if length is None else f"{100 * length:.1f} cm" for length in lengths[:3])
+        heading = number(figures, f"{track}.heading")
+        over_1m = "-" if lengths[3] is None else f"{100 * lengths[3]:.2f} cm"
+        rows.append((name, ate, median, most, "-" if heading is None else f"{heading:.2f} deg", over_1m))
     errors = table(rows, right=(1, 2, 3, 4, 5))
-    if scores.loops is None:
+    if "loops" not in figures:
         return errors
     from moteslam.eval.cli.evaluate_tables import loop_lines
 
-    return f"{errors}\n{loop_lines(scores.loops)}"
+    shares = {name: number(figures, f"loops_{name}") for name in ("precision", "recall", "false")}
+    return f"{errors}\n{loop_lines(figures['loops'] | shares)}"
 
 
 def size_of(estimate: Estimate) -> str:
@@ -235,26 +226,22 @@ def size_of(estimate: Estimate) -> str:
     return f"{counted(len(estimate.trajectory), 'scan')}, {particles}"
 
 
-def lost_line(estimate: Estimate) -> str | None:
+def lost_line(run: Run) -> str | None:
     """Where the robot was lost, in one line; None if it never was."""
-    found = localisation_summary(estimate)
+    found = run.figures["localisation"]
     if found["first_lost_stamp"] is None:
         return None
-    scans, after = counted(found["states"]["lost"], "scan"), found["first_lost_stamp"] - estimate.trajectory.stamps[0]
-    return f"lost at {scans}, first after {after:.1f} s: see diagnostics.csv"
+    after = found["first_lost_stamp"] - run.estimate.trajectory.stamps[0]
+    return f"lost at {counted(found['states']['lost'], 'scan')}, first after {after:.1f} s: see diagnostics.csv"
 
 
 def run_summary(run: Run, folder: Path) -> dict[str, Any]:
     """What ``--json`` prints of a run."""
-    estimate, scores = run.estimate, run.scores
     return {
         "out": str(folder),
-        "recording": estimate.name,
-        "seed": estimate.seed,
-        "scans": len(estimate.trajectory),
-        "distance_m": estimate.trajectory_final.length,
-        "filter_and_back_end_seconds": estimate.seconds,
-        "localisation": localisation_summary(estimate),
-        "scores": None if scores is None else scores.as_dict(),
+        "recording": run.estimate.name,
+        "seed": run.estimate.seed,
+        "filter_and_back_end_seconds": run.estimate.seconds,
         "warnings": [issue.as_dict() for issue in run.issues],
+        **run.figures,
     }

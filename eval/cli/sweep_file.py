@@ -28,7 +28,7 @@ def begin(target: Path, file: Path, spec: SweepSpec, part: str | None) -> None:
         ConfigError: the specification asks for what there is not, or the part is none.
         OutputError: the file is there, of another specification or part, or of other scenarios or robots.
     """
-    from moteslam.eval.environment import environment
+    from moteslam.eval.results import environment
     from moteslam.eval.sweep.bundled import digest
     from moteslam.eval.sweep.plan import plan
     from moteslam.eval.sweep.plan import shard as shard_of

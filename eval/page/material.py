@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from moteslam.errors import InputError
-from moteslam.eval.populations import MAX_BYTES, read_table
+from moteslam.eval.results import MAX_BYTES, is_result_folder, read_result_folder
 from moteslam.eval.sweep.store import opened
 from moteslam.eval.sweep.tables import group_of, succeeds
 from moteslam.robot.reading import read_text
@@ -130,7 +130,7 @@ def gather(paths: Sequence[Path]) -> Material:
 
 def _within(folder: Path, depth: int) -> Iterable[Path]:
     """Result folders and files of sweeps in a folder, itself included, by name."""
-    if (folder / "metrics.json").is_file() and (folder / "run.json").is_file():
+    if is_result_folder(folder):
         yield folder
         return
     try:
@@ -197,22 +197,9 @@ def _take_folders(material: Material, folders: Sequence[Path]) -> None:
 
 
 def _run_of(material: Material, folder: Path, configuration: str) -> ReportRun:
-    metrics, about = (read_table(folder / name) for name in ("metrics.json", "run.json"))
-    table = metrics.get("metrics")
-    if not isinstance(table, dict):
-        raise InputError("missing, expected in every result folder", file=folder / "metrics.json", field="metrics")
-    values: dict[str, float] = {}
-    absent: dict[str, str] = {}
-    for name, value in table.items():
-        if isinstance(value, dict) and isinstance(value.get("value"), int | float):
-            values[str(name)] = float(value["value"])
-            material.units[str(name)] = str(value.get("unit", ""))
-        elif isinstance(value, dict) and "absent" in value:
-            absent[str(name)] = str(value["absent"])
-        else:
-            raise InputError(
-                "expected a value or why it is absent", file=folder / "metrics.json", field=f"metrics.{name}"
-            )
+    result = read_result_folder(folder)
+    about, values = result.run, result.values
+    material.units |= result.units
     for issue in about.get("warnings") or ():
         if isinstance(issue, dict):
             message = str(issue.get("message"))
@@ -234,7 +221,7 @@ def _run_of(material: Material, folder: Path, configuration: str) -> ReportRun:
         status="ok",
         error="",
         values=values,
-        absent=absent,
+        absent=result.absent,
         succeeded=all(value is not None and value <= limit for value, limit in limits),
         folder=folder,
     )

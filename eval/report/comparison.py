@@ -10,7 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from moteslam.eval.evaluation import AgainstPositions, AgainstRelations, AgainstTrajectory
+from moteslam.eval.metrics.ate import AteResult
+from moteslam.eval.metrics.relations import RelationResult
+from moteslam.eval.metrics.residuals import ResidualResult
 from moteslam.eval.report import style
 from moteslam.eval.report.curves import broken
 
@@ -23,7 +25,7 @@ COLOURS = ("#0072B2", "#D55E00", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 
 def draw_comparison(
     path: str | PathLike[str],
-    results: Mapping[str, AgainstTrajectory | AgainstRelations | AgainstPositions],
+    results: Mapping[str, AteResult | RelationResult | ResidualResult],
     *,
     title: str = "",
 ) -> None:
@@ -40,43 +42,38 @@ def draw_comparison(
         OutputError: it cannot be written.
     """
     shown = dict(zip(_short(list(results)), results.values(), strict=True))
-    against = {name: r for name, r in shown.items() if isinstance(r, AgainstTrajectory | AgainstPositions)}
+    against = {name: r for name, r in shown.items() if isinstance(r, AteResult)}
     if against:
         _draw_errors_and_paths(path, against, title)
     else:
-        _draw_shares(path, {name: r for name, r in shown.items() if isinstance(r, AgainstRelations)}, title)
+        _draw_shares(path, {name: r for name, r in shown.items() if isinstance(r, RelationResult)}, title)
 
 
-def _draw_errors_and_paths(
-    path: str | PathLike[str], results: Mapping[str, AgainstTrajectory | AgainstPositions], title: str
-) -> None:
-    start = min(float(result.ate.stamps[0]) for result in results.values())
+def _draw_errors_and_paths(path: str | PathLike[str], results: Mapping[str, AteResult], title: str) -> None:
+    start = min(float(result.stamps[0]) for result in results.values())
     with style.saved_figure(path, size=(12.0, 5.5)) as figure:
         grid = figure.add_gridspec(2, 2, width_ratios=(1.2, 1.0))
-        turns = [
-            result.ate.rotation_errors if isinstance(result, AgainstTrajectory) else None for result in results.values()
-        ]
-        has_heading = any(turn is not None for turn in turns)
+        has_heading = any(result.rotation_errors is not None for result in results.values())
         plan = figure.add_subplot(grid[:, 1])
         distance = figure.add_subplot(grid[0, 0] if has_heading else grid[:, 0])
         angle = figure.add_subplot(grid[1, 0], sharex=distance) if has_heading else None
-        for i, (name, result) in enumerate(results.items()):
-            ate, look = result.ate, _look(i)
+        for i, (name, ate) in enumerate(results.items()):
+            look = _look(i)
             if i == 0:
                 plan.plot(*ate.reference[:, :2].T, color=style.TRUTH, lw=4.0, alpha=0.55, label="reference")
             time = ate.stamps - start
             plan.plot(*ate.aligned[:, :2].T, lw=1.1, **look)
-            label = f"{name}, ATE RMSE {100 * ate.rmse:.1f} cm" + (", scale fitted" if result.scaled else "")
+            label = f"{name}, ATE RMSE {100 * ate.rmse:.1f} cm" + (", scale fitted" if ate.scale != 1 else "")
             distance.plot(*broken(time, 100 * ate.errors), lw=1.0, label=label, **look)
-            if angle is not None and (turn := turns[i]) is not None:
-                angle.plot(*broken(time, np.rad2deg(turn)), lw=1.0, **look)
+            if angle is not None and ate.rotation_errors is not None:
+                angle.plot(*broken(time, np.rad2deg(ate.rotation_errors)), lw=1.0, **look)
         _curves(distance, "position error [cm]")
         if angle is not None:
             _curves(angle, "heading error [deg]")
-        first = next(iter(results.values())).ate
+        first = next(iter(results.values()))
         style.mark_start(plan, first.reference)
         ends = [(first.reference, style.TRUTH)]
-        ends += [(result.ate.aligned, _look(i)["color"]) for i, result in enumerate(results.values())]
+        ends += [(result.aligned, _look(i)["color"]) for i, result in enumerate(results.values())]
         style.mark_ends(plan, *ends)
         (angle or distance).set_xlabel("time [s]")
         style.plan(plan)
@@ -84,11 +81,10 @@ def _draw_errors_and_paths(
         style.heading(figure, title)
 
 
-def _draw_shares(path: str | PathLike[str], results: Mapping[str, AgainstRelations], title: str) -> None:
+def _draw_shares(path: str | PathLike[str], results: Mapping[str, RelationResult], title: str) -> None:
     with style.saved_figure(path, size=(10.0, 4.2)) as figure:
         distance, angle = figure.subplots(1, 2, sharey=True)
-        for i, (name, against) in enumerate(results.items()):
-            result = against.result
+        for i, (name, result) in enumerate(results.items()):
             share = np.arange(1, result.used + 1) / result.used
             label = f"{name}, mean {result.all.translation.mean:.3f} m over {result.used} relations"
             distance.plot(np.sort(result.errors), share, lw=1.2, label=label, **_look(i))

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from moteslam.eval.loop_table import loop_counts
 from moteslam.eval.report import style
 from moteslam.eval.report.plans import draw_map, map_corners
+from moteslam.eval.run_tables import loop_counts
 from moteslam.robot.raster import Raster
 from moteslam.robot.trajectory import Trajectory
 from moteslam.slam.backend.ledger import LoopCandidate

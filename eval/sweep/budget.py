@@ -7,9 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from moteslam.errors import ConfigError, InputError
-from moteslam.eval.populations import Population
-from moteslam.eval.statistics.pairs import Comparison, compare
-from moteslam.eval.statistics.summary import Summary
+from moteslam.eval.statistics import Comparison, Population, Summary, compare
 from moteslam.eval.sweep.tables import better
 
 COST = "cpu_per_scan"

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from moteslam.errors import InputError
-from moteslam.eval.metrics.registry import COSTS
+from moteslam.eval.metrics.catalogue import COSTS
 from moteslam.eval.sweep.store import opened
 from moteslam.eval.sweep.tables import columns
 from moteslam.robot.reading import read_text

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from moteslam.errors import InputError, OutputError
-from moteslam.eval.metrics.registry import COSTS
+from moteslam.eval.metrics.catalogue import COSTS
 from moteslam.eval.sweep.plan import PlannedRun
 from moteslam.eval.sweep.workers import Outcome
 

@@ -12,8 +12,7 @@ from typing import Any
 from moteslam.errors import ConfigError, OutputError
 from moteslam.eval.literal import literal
 from moteslam.eval.metrics.registry import metric
-from moteslam.eval.statistics.proportion import Proportion
-from moteslam.eval.statistics.summary import Better, Summary
+from moteslam.eval.statistics import Better, Proportion, Summary
 from moteslam.eval.sweep.store import Row
 from moteslam.robot.files import write_atomically
 

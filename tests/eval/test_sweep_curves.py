@@ -11,8 +11,7 @@ from PIL import Image
 
 from moteslam.eval.cli import main
 from moteslam.eval.report.sweep_curves import Places, _unit, dodged, draw_sweep, far_apart, lines_of
-from moteslam.eval.statistics.proportion import Proportion
-from moteslam.eval.statistics.summary import Summary
+from moteslam.eval.statistics import Proportion, Summary
 from moteslam.eval.sweep.tables import GroupSummary
 
 
