@@ -212,7 +212,7 @@ BUNDLED = {
         "deg",
         "RMSE of the heading when the robot comes back to a place, seen from the first visit.",
         OURS,
-        lambda track: _degrees(track.returns.rotation.rmse),
+        lambda track: _degrees(needed(track.returns.rotation, "orientation").rmse),
     ),
     "relations": Metric(
         "m",

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,17 +50,6 @@ class NeesResult(Summarised):
     def interval(self) -> tuple[float, float]:
         """Where the mean of a consistent filter lies in 95 of 100 runs."""
         return nees_interval(self.effective)
-
-    def as_dict(self) -> dict[str, Any]:
-        """Fit for JSON."""
-        low, high = self.interval
-        return {
-            "poses": len(self.nees),
-            "mean": self.mean,
-            "end": self.end,
-            "effective": self.effective,
-            "interval_95": [low, high],
-        }
 
     def _summary(self) -> str:
         low, high = self.interval

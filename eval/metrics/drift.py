@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.errors import InputError
 from moteslam.eval.metrics.association import MAX_DIFFERENCE, evenly, match, travelled
+from moteslam.eval.metrics.ate import PoseErrors
 from moteslam.eval.metrics.rpe import planar_errors
-from moteslam.eval.statistics import Statistics
 from moteslam.robot.summary import Summarised
 from moteslam.robot.trajectory import Trajectory
 from moteslam.robot.wording import counted
@@ -43,56 +42,16 @@ class DriftResult(Summarised):
     translation: Array
     rotation: Array
 
-    def by_length(self) -> dict[float, tuple[float, float]]:
-        """Mean errors per metre of translation [m/m] and rotation [rad/m], by the length of path [m]."""
-        return {
-            length: (float(self.translation[some].mean()), float(self.rotation[some].mean()))
-            for length in LENGTHS
-            if (some := self.lengths == length).any()
-        }
-
-    def as_dict(self) -> dict[str, Any]:
-        """Fit for JSON: shares of the path, and degrees a metre."""
-        groups = self.by_length().items()
-        return {
-            "translation_m_per_m": float(self.translation.mean()),
-            "rotation_deg_per_m": float(np.rad2deg(self.rotation.mean())),
-            "lengths": [
-                {"length_m": length, "translation_m_per_m": shift, "rotation_deg_per_m": float(np.rad2deg(turn))}
-                for length, (shift, turn) in groups
-            ],
-        }
-
     def _summary(self) -> str:
         turn = np.rad2deg(self.rotation.mean())
         return f"{100 * self.translation.mean():.2f} % of the path, {turn:.3f} deg/m over {len(self.lengths)} parts"
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class ReturnResult(Summarised):
-    """Errors of relative poses between visits of the same place.
-
-    Attributes:
-        stamps: [n, 2] of the earlier and the later visit [s].
-        errors: [n] of the translation [m].
-        rotation_errors: [n] of the rotation [rad].
-        translation: statistics of ``errors`` [m].
-        rotation: statistics of ``rotation_errors`` [rad].
-    """
-
-    stamps: Array
-    errors: Array
-    rotation_errors: Array
-    translation: Statistics
-    rotation: Statistics
-
-    def as_dict(self) -> dict[str, Any]:
-        """Fit for JSON: metres and degrees."""
-        in_degrees = Statistics.of(np.rad2deg(self.rotation_errors))
-        return {"translation_m": self.translation.as_dict(), "rotation_deg": in_degrees.as_dict()}
+class ReturnResult(PoseErrors):
+    """Errors of relative poses between visits of the same place, at the stamps [n, 2] of both."""
 
     def _summary(self) -> str:
-        return f"{counted(len(self.errors), 'return')}, RMSE {self.translation.rmse:.3f} m"
+        return f"{counted(self.pairs, 'return')}, {super()._summary()}"
 
 
 def drift(
@@ -158,4 +117,4 @@ def loop_closing_error(
     shift, turn = planar_errors(true, matched.estimate[chosen], earliest[later], later)
     stamps = matched.stamps[chosen]
     visits = np.column_stack((stamps[earliest[later]], stamps[later]))
-    return ReturnResult(visits, shift, turn, Statistics.of(shift), Statistics.of(turn))
+    return ReturnResult(visits, shift, turn)

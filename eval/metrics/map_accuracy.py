@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,10 +48,6 @@ class MapAccuracy(Summarised):
     known: float
     walls: int
     surface: int
-
-    def as_dict(self) -> dict[str, Any]:
-        """Fit for JSON: metres, and shares from 0 to 1."""
-        return {("distance_m" if name == "distance" else name): value for name, value in asdict(self).items()}
 
     def _summary(self) -> str:
         return f"F1 {self.f1:.3f}, walls off by {1000 * self.distance:.0f} mm, free space IoU {self.free_iou:.3f}"
