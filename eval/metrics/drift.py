@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.errors import InputError
-from moteslam.eval.metrics.association import MAX_DIFFERENCE, evenly, match, travelled
+from moteslam.eval.metrics.association import evenly, match, travelled
 from moteslam.eval.metrics.ate import PoseErrors
 from moteslam.eval.metrics.rpe import planar_errors
 from moteslam.robot.summary import Summarised
@@ -54,22 +54,16 @@ class ReturnResult(PoseErrors):
         return f"{counted(self.pairs, 'return')}, {super()._summary()}"
 
 
-def drift(
-    estimate: Trajectory,
-    reference: Trajectory,
-    *,
-    max_difference: float = MAX_DIFFERENCE,
-    interpolate: bool | None = None,
-) -> DriftResult:
+def drift(estimate: Trajectory, reference: Trajectory) -> DriftResult:
     """Drift per metre, as the KITTI odometry benchmark has it (Geiger, Lenz and Urtasun 2012), over lengths indoors.
 
     From every pose on, and over each of ``LENGTHS`` of the reference's path, the error of the relative pose divided by
-    that length. Arguments as of ``absolute_trajectory_error``.
+    that length.
 
     Raises:
         InputError: no stamps in common, or a drive shorter than the shortest length.
     """
-    matched = match(estimate, reference, max_difference=max_difference, interpolate=interpolate)
+    matched = match(estimate, reference)
     path, _ = travelled(matched.reference)
     parts = []
     for length in LENGTHS:
@@ -84,24 +78,18 @@ def drift(
     return DriftResult(*map(np.concatenate, zip(*parts, strict=True)))
 
 
-def loop_closing_error(
-    estimate: Trajectory,
-    reference: Trajectory,
-    *,
-    max_difference: float = MAX_DIFFERENCE,
-    interpolate: bool | None = None,
-) -> ReturnResult:
+def loop_closing_error(estimate: Trajectory, reference: Trajectory) -> ReturnResult:
     """How far apart an estimate puts two visits of the same place, against how far apart they are.
 
     Each pose is compared with the earliest one within ``SAME_PLACE`` of it by the reference that lies more than
-    ``LEAST_PATH`` of path before it. Arguments as of ``absolute_trajectory_error``.
+    ``LEAST_PATH`` of path before it.
 
     Raises:
         InputError: no stamps in common, or a drive that comes back to no place.
     """
     from scipy.spatial import cKDTree
 
-    matched = match(estimate, reference, max_difference=max_difference, interpolate=interpolate)
+    matched = match(estimate, reference)
     chosen = evenly(np.arange(len(matched)), MAX_RETURNS)
     true, path = matched.reference[chosen], travelled(matched.reference)[0][chosen]
     pairs = cKDTree(true[:, :2]).query_pairs(SAME_PLACE, output_type="ndarray")
