@@ -207,39 +207,6 @@ def test_scans_without_endpoints_have_no_possible_loop() -> None:
     assert max(possible_loops(half, truth).later) == 39
 
 
-def test_a_simulated_run_round_a_block(tmp_path) -> None:
-    """The simulator's lidar, odometry and truth: two rounds about a block, a loop possible in the second."""
-    from moteslam.sim.scenario import load_scenario
-    from moteslam.sim.simulate import simulate
-
-    file = tmp_path / "block.toml"
-    file.write_text(
-        'description = "twice round a block"\n[route]\n'
-        "waypoints = [[0, 0], [6, 0], [6, 5], [0, 5], [0, 0], [6, 0], [6, 5], [0, 5], [0, 0]]\n"
-        "[[world.walls]]\npoints = [[-1.5, -1.5], [7.5, -1.5], [7.5, 6.5], [-1.5, 6.5]]\nclosed = true\n"
-        "[[world.walls]]\npoints = [[1.5, 1.5], [4.5, 1.5], [4.5, 3.5], [1.5, 3.5]]\nclosed = true\n"
-    )
-    made = simulate(load_scenario(file), 1)
-    recording, truth = made.recording, made.truth
-    assert recording.lidar is not None
-    stamps = recording.lidar.stamps
-    path = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(truth.at(stamps).poses[:, :2], axis=0).T))))
-    possible = possible_loops(recording, truth)
-    assert path[possible.later].min() > 15
-    assert len(np.unique(possible.later)) > 20
-    poses = truth.at(stamps).poses
-    pairs = list(zip(possible.earlier.tolist(), possible.later.tolist(), strict=True))[::7]
-    found = [
-        candidate(i, j, stamps=(float(stamps[i]), float(stamps[j])), found=se2.between(poses[i], poses[j]))
-        for i, j in pairs
-    ]
-    result = score_loops(found, truth, recording)
-    assert result.precision == 1.0
-    assert result.recall is not None
-    assert result.recall > 0.95
-    assert result.translation_errors.max() < 0.01
-
-
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A log of two rounds, its truth, and a ledger of one right loop and one false one."""
