@@ -17,8 +17,7 @@ from moteslam.eval.loop_table import looks_for_loops, loop_counts, write_loops
 from moteslam.eval.metrics.registry import Value, measure
 from moteslam.eval.particle_table import write_particles
 from moteslam.eval.report.maps import log_odds_arrays, write_map_png, write_map_server
-from moteslam.eval.report.snapshots import Snapshot
-from moteslam.eval.report.textures import draw_texture_over_time, texture_arrays, write_texture
+from moteslam.eval.report.stages import Snapshot, draw_over_time, draw_texture_over_time, texture_arrays, write_texture
 from moteslam.eval.scores import Scores, evidence_of, score_estimate
 from moteslam.robot.files import make_folder, write_atomically
 from moteslam.robot.formats.map_arrays import write_map_arrays
@@ -135,11 +134,10 @@ def draw_figures(
     Raises:
         OutputError: one cannot be written.
     """
-    from moteslam.eval.report import curves, loops, particles, plans
-    from moteslam.eval.report.cloud import Cloud
+    from moteslam.eval.report import curves, maps, particles
 
     name = estimate.name
-    plans.draw_trajectories(
+    maps.draw_trajectories(
         folder / "trajectories.png",
         estimate.map,
         slam=estimate.trajectory_final,
@@ -148,13 +146,13 @@ def draw_figures(
         title=f"{name}: the map and the paths on it",
     )
     if snapshots:
-        plans.draw_over_time(
+        draw_over_time(
             folder / "over_time.png",
             snapshots,
             trajectory=estimate.trajectory,
             title=f"{name}: trajectory and map over time",
         )
-    plans.draw_dead_reckoning(
+    maps.draw_dead_reckoning(
         folder / "dead_reckoning.png",
         estimate.dead_reckoning,
         recording=recording,
@@ -162,7 +160,7 @@ def draw_figures(
         title=f"{name}: dead reckoning",
     )
     if estimate.loops:
-        loops.draw_loops(
+        maps.draw_loops(
             folder / "loops.png",
             estimate.map,
             estimate.loops,
@@ -170,7 +168,7 @@ def draw_figures(
             title=f"{name}: loops on the map",
         )
     if len(estimate.particle_stamps):
-        particles.draw_particles(folder / "particles.png", Cloud.of(estimate), title=f"{name}: particles")
+        particles.draw_particles(folder / "particles.png", particles.Cloud.of(estimate), title=f"{name}: particles")
         updated = estimate.diagnostics["updated"] > 0
         curves.draw_effective_particles(
             folder / "effective_particles.png",

@@ -10,11 +10,10 @@ import numpy as np
 import pytest
 
 from moteslam.errors import InputError
-from moteslam.eval.cli.running import lost_line
+from moteslam.eval.cli.running import Run, say_run
 from moteslam.eval.diagnostics_table import (
     COLUMNS,
     VALUES,
-    localisation_summary,
     read_diagnostics,
     write_diagnostics,
 )
@@ -64,11 +63,12 @@ def test_the_result_folder_sums_it_up(lost: Estimate, simulation, tmp_path: Path
     assert len(read_diagnostics(tmp_path / "diagnostics.csv").stamps) == len(lost.trajectory)
 
 
-def test_a_line_names_where_the_robot_was_lost_and_none_if_it_never_was(lost: Estimate, run):
+def test_a_line_says_where_the_robot_was_lost(lost: Estimate, run, tmp_path: Path, capsys):
     seconds = lost.trajectory.stamps[5] - lost.trajectory.stamps[0]
-    assert lost_line(lost) == f"lost at 2 scans, first after {seconds:.1f} s: see diagnostics.csv"
-    assert lost_line(run[0]) is None
-    assert localisation_summary(run[0])["first_lost_stamp"] is None
+    say_run(Run(lost, None, ()), tmp_path, "room", as_json=False)
+    assert f"lost at 2 scans, first after {seconds:.1f} s: see diagnostics.csv" in capsys.readouterr().out
+    say_run(Run(run[0], None, ()), tmp_path, "room", as_json=False)
+    assert "lost" not in capsys.readouterr().out
 
 
 ROW = "1.5,sure,1,1,1,1,1,1,nan,0.1,30,20,0.9,1,0,0"
