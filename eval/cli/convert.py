@@ -52,7 +52,7 @@ def convert(
         _convert_trajectory(path, out, to, force=force, as_json=as_json)
         return
 
-    from moteslam.eval.beside import truth_file
+    from moteslam.eval.scores import truth_file
     from moteslam.robot.formats import format_to_write
     from moteslam.robot.inspection import stream_reports
     from moteslam.robot.result_folder import result_folder

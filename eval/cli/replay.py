@@ -77,8 +77,8 @@ def replay(
         _dead_reckon(path, recording, config, out, run)
         return
 
-    from moteslam.eval.beside import true_map_beside
     from moteslam.eval.cli.running import run_into, say_run
+    from moteslam.eval.scores import true_map_beside
     from moteslam.robot.result_folder import result_folder
 
     assert out is not None
@@ -131,8 +131,8 @@ def _truth_beside(path: Path, stamps: NDArray[np.float64]) -> tuple[Trajectory |
     """
     import numpy as np
 
-    from moteslam.eval.beside import truth_file
     from moteslam.eval.metrics.association import match
+    from moteslam.eval.scores import truth_file
     from moteslam.robot.trajectories.tum import read_tum
     from moteslam.robot.trajectory import Trajectory
 

@@ -6,16 +6,15 @@ import sys
 import time
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from math import degrees
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from moteslam.eval.cli.text import progress_bar, say, say_json, table, warn
-from moteslam.eval.diagnostics_table import localisation_summary
 from moteslam.eval.literal import literal
+from moteslam.eval.metrics.evidence import DEAD_RECKONING, FINAL, ONLINE
 from moteslam.eval.report.stages import Snapshots, TextureStages
 from moteslam.eval.results import write_results
-from moteslam.eval.scores import Scores
+from moteslam.eval.scores import Figures, number
 from moteslam.robot.issues import Issue
 from moteslam.robot.raster import Raster
 from moteslam.robot.recording import Recording
@@ -33,10 +32,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Run:
-    """A run that is done: its estimate, its scores (None without truth), and all issues of recording and run."""
+    """A run that is done: its estimate, its figures as of ``metrics.json``, and all issues of recording and run."""
 
     estimate: Estimate
-    scores: Scores | None
+    figures: Figures
     issues: tuple[Issue, ...]
 
 
@@ -82,7 +81,7 @@ def run_into(
     estimate, stages = _coloured(estimate, session.recording)
     issues = (*issues, *session.recording.warnings, *estimate.warnings)
     warn(issues)
-    scores = write_results(
+    found = write_results(
         folder,
         estimate,
         truth,
@@ -101,7 +100,7 @@ def run_into(
             "threads": device.threads,
         },
     )
-    return Run(estimate, scores, issues)
+    return Run(estimate, found, issues)
 
 
 def _coloured(estimate: Estimate, recording: Recording) -> tuple[Estimate, list[tuple[float, TextureMap]]]:
@@ -123,24 +122,20 @@ def _coloured(estimate: Estimate, recording: Recording) -> tuple[Estimate, list[
 
 def say_run(run: Run, out: Path, driven: str, *, as_json: bool) -> None:
     """Print a run: what was driven, how many scans and particles, where the robot was lost, and the scores."""
-    estimate, stamps = run.estimate, run.estimate.trajectory.stamps
-    lost = localisation_summary(estimate)
+    estimate, stamps, figures = run.estimate, run.estimate.trajectory.stamps, run.figures
     if as_json:
         say_json(
             {
                 "out": str(out),
                 "recording": estimate.name,
                 "seed": estimate.seed,
-                "scans": len(stamps),
-                "distance_m": estimate.trajectory_final.length,
                 "filter_and_back_end_seconds": estimate.seconds,
-                "localisation": lost,
-                "scores": None if run.scores is None else run.scores.as_dict(),
                 "warnings": [issue.as_dict() for issue in run.issues],
+                **figures,
             }
         )
         return
-    counts = estimate.diagnostics["particles"]
+    counts, lost = estimate.diagnostics["particles"], figures["localisation"]
     particles = counted(int(counts.max()), "particle")
     if counts.min() < counts.max():
         particles = f"{counts.mean():.0f} of {particles} in the mean"
@@ -149,35 +144,27 @@ def say_run(run: Run, out: Path, driven: str, *, as_json: bool) -> None:
     if lost["first_lost_stamp"] is not None:
         after = lost["first_lost_stamp"] - stamps[0]
         say(f"lost at {counted(lost['states']['lost'], 'scan')}, first after {after:.1f} s: see diagnostics.csv")
-    if run.scores is not None:
-        say(score_table(run.scores))
+    if number(figures, "final.ate") is not None:
+        say(score_table(figures))
     say(f"result in {literal(out)}")
 
 
-def score_table(scores: Scores) -> str:
+def score_table(figures: Figures) -> str:
     """The scores as a small table: absolute error, and relative error over 1 m, which is drift a metre.
 
     Below it, where the back end looked for loops, their precision and recall.
     """
     rows: list[tuple[str, ...]] = [("", "ATE RMSE", "median", "max", "heading RMSE", "RPE over 1 m")]
-    for name, score in (
-        ("dead reckoning", scores.dead_reckoning),
-        ("SLAM (online)", scores.online),
-        ("SLAM (final)", scores.final),
-    ):
-        ate = score.ate
-        over_1m = "-" if score.rpe_1m is None else f"{100 * score.rpe_1m.rmse:.2f} cm"
-        rows.append(
-            (
-                name,
-                *(f"{100 * value:.1f} cm" for value in (ate.rmse, ate.median, ate.max)),
-                "-" if ate.rotation is None else f"{degrees(ate.rotation.rmse):.2f} deg",
-                over_1m,
-            )
-        )
+    for name, track in (("dead reckoning", DEAD_RECKONING), ("SLAM (online)", ONLINE), ("SLAM (final)", FINAL)):
+        lengths = [number(figures, f"{track}.{metric}") for metric in ("ate", "ate_median", "ate_max", "rpe_1m")]
+        ate, median, most = ("-" if length is None else f"{100 * length:.1f} cm" for length in lengths[:3])
+        heading = number(figures, f"{track}.heading")
+        over_1m = "-" if lengths[3] is None else f"{100 * lengths[3]:.2f} cm"
+        rows.append((name, ate, median, most, "-" if heading is None else f"{heading:.2f} deg", over_1m))
     errors = table(rows, right=(1, 2, 3, 4, 5))
-    if scores.loops is None:
+    if "loops" not in figures:
         return errors
     from moteslam.eval.cli.evaluate_tables import loop_lines
 
-    return f"{errors}\n{loop_lines(scores.loops)}"
+    shares = {name: number(figures, f"loops_{name}") for name in ("precision", "recall", "false")}
+    return f"{errors}\n{loop_lines(figures['loops'] | shares)}"

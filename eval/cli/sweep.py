@@ -13,7 +13,7 @@ from typer.core import TyperGroup
 from moteslam.errors import ConfigError, InputError
 from moteslam.eval.cli import options
 from moteslam.eval.cli.interrupt import Interrupted
-from moteslam.eval.cli.sweep_tables import MOST_SHOWN, say_affordable, say_summaries
+from moteslam.eval.cli.sweep_tables import MOST_SHOWN, metric_names, say_affordable, say_summaries
 from moteslam.eval.cli.text import note, progress_bar, say, say_json, table
 from moteslam.eval.literal import literal
 
@@ -84,6 +84,7 @@ def run(
       moteslam sweep particles.toml --shard 2/8 --out part2.sweep
       moteslam sweep particles.toml --scheduler tcp://head:8786
     """  # noqa: D301
+    from moteslam.eval.results import environment
     from moteslam.eval.sweep import workers as processes
     from moteslam.eval.sweep.bundled import spec_file
     from moteslam.eval.sweep.spec import read_spec
@@ -99,7 +100,7 @@ def run(
     wanted = read_spec(file)
     beside = file.with_suffix(".sweep") if file == Path(spec) else Path(f"{spec}.sweep")
     target = beside if out is None else out
-    begin(target, file, wanted, shard or WHOLE)
+    begin(target, file, wanted, shard or WHOLE, environment())
     count = 1 if timed else workers or processor_count()
     with opened(target, write=True) as store:
         runs = store.pending()
@@ -188,14 +189,13 @@ def show(
       moteslam sweep show particles.sweep --format latex > table.tex
       moteslam sweep show timed.sweep --budget 10ms
     """  # noqa: D301
-    from moteslam.eval.metrics.registry import chosen
     from moteslam.eval.sweep.spec import SweepSpec
     from moteslam.eval.sweep.store import opened
 
-    chosen(metrics)
+    names = metric_names(metrics)
     form = options.chosen_format(form, as_json=as_json)
     if budget is not None:
-        say_affordable(file, budget, metrics or ["final.ate"], form)
+        say_affordable(file, budget, names, form)
         return
     with opened(file) as store:
         say_summaries(store, SweepSpec.model_validate_json(store.spec), metrics, form)
@@ -222,16 +222,14 @@ def plot(
       moteslam sweep plot particles.sweep --out particles.png
       moteslam sweep plot range.sweep --metric final.ate --metric map_f1 --label "reach [m]" --out range.png
     """  # noqa: D301
-    from moteslam.eval.metrics.registry import chosen
     from moteslam.eval.report.sweep_curves import draw_sweep
     from moteslam.eval.sweep.spec import SweepSpec
     from moteslam.eval.sweep.store import opened
     from moteslam.eval.sweep.tables import summaries, varying
     from moteslam.robot.files import folder_for
 
-    chosen(metrics)
+    names = metric_names(metrics)
     options.expect_new(out, ".png", force=force)
-    names = metrics or ["final.ate"]
     with opened(file) as store:
         spec = SweepSpec.model_validate_json(store.spec)
         found = summaries(store.rows(), names, dict(spec.success))

@@ -24,6 +24,18 @@ PARTS = ("median", "low", "high", "low_quartile", "high_quartile")
 """Of a summary, in the table for programs."""
 
 
+def metric_names(given: list[str] | None) -> list[str]:
+    """The metrics that are asked for, ``final.ate`` by default.
+
+    Raises:
+        ConfigError: one that there is not.
+    """
+    from moteslam.eval.metrics.registry import chosen
+
+    chosen(given)
+    return given or ["final.ate"]
+
+
 def say_summaries(store: Store, spec: SweepSpec, wanted: list[str] | None, form: str) -> None:
     """A row a configuration and scenario: runs, successes, and of each metric the median with its intervals.
 
@@ -115,8 +127,7 @@ def say_affordable(file: Path, budget: str, metrics: list[str], form: str) -> No
         InputError: times were not measured, or no configuration is within the budget; the cheapest is named.
     """
     from moteslam.eval.populations import populations
-    from moteslam.eval.statistics.pairs import compare
-    from moteslam.eval.statistics.summary import Summary
+    from moteslam.eval.statistics import Summary, compare
     from moteslam.eval.sweep.tables import better
     from moteslam.robot.wording import interval
 

@@ -9,10 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.errors import InputError
-from moteslam.eval.metrics.association import MAX_DIFFERENCE, match
-from moteslam.eval.metrics.scan_poses import evenly, travelled
-from moteslam.eval.metrics.statistics import Statistics
-from moteslam.robot.se2 import between
+from moteslam.eval.metrics.association import MAX_DIFFERENCE, evenly, match, travelled
+from moteslam.eval.metrics.rpe import planar_errors
+from moteslam.eval.statistics import Statistics
 from moteslam.robot.summary import Summarised
 from moteslam.robot.trajectory import Trajectory
 from moteslam.robot.wording import counted
@@ -53,7 +52,7 @@ class DriftResult(Summarised):
         }
 
     def as_dict(self) -> dict[str, Any]:
-        """The same as plain values, fit for JSON: shares of the path, and degrees a metre."""
+        """Fit for JSON: shares of the path, and degrees a metre."""
         groups = self.by_length().items()
         return {
             "translation_m_per_m": float(self.translation.mean()),
@@ -67,46 +66,6 @@ class DriftResult(Summarised):
     def _summary(self) -> str:
         turn = np.rad2deg(self.rotation.mean())
         return f"{100 * self.translation.mean():.2f} % of the path, {turn:.3f} deg/m over {len(self.lengths)} parts"
-
-
-def drift(
-    estimate: Trajectory,
-    reference: Trajectory,
-    *,
-    max_difference: float = MAX_DIFFERENCE,
-    interpolate: bool | None = None,
-) -> DriftResult:
-    """Drift per metre, as the KITTI odometry benchmark has it (Geiger, Lenz and Urtasun 2012), over lengths indoors.
-
-    From every pose on, and over each of ``LENGTHS`` of the reference's path, the error of the relative pose divided by
-    that length.
-
-    Args:
-        estimate, reference: the trajectories.
-        max_difference, interpolate: as in ``absolute_trajectory_error``.
-
-    Raises:
-        InputError: no stamps in common, or a drive shorter than the shortest length.
-    """
-    matched = match(estimate, reference, max_difference=max_difference, interpolate=interpolate)
-    path, _ = travelled(matched.reference)
-    lengths, shifts, turns = [], [], []
-    for length in LENGTHS:
-        last = np.searchsorted(path, path + length)
-        first = np.flatnonzero(last < len(path))
-        if not len(first):
-            break
-        last = last[first]
-        errors = between(
-            between(matched.reference[first], matched.reference[last]),
-            between(matched.estimate[first], matched.estimate[last]),
-        )
-        lengths.append(np.full(len(first), length))
-        shifts.append(np.hypot(errors[:, 0], errors[:, 1]) / length)
-        turns.append(np.abs(errors[:, 2]) / length)
-    if not lengths:
-        raise InputError(f"{path[-1]:.2f} m driven, expected at least {LENGTHS[0]:g} m", field="path")
-    return DriftResult(np.concatenate(lengths), np.concatenate(shifts), np.concatenate(turns))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -128,12 +87,42 @@ class ReturnResult(Summarised):
     rotation: Statistics
 
     def as_dict(self) -> dict[str, Any]:
-        """The statistics as plain values, fit for JSON: metres and degrees."""
+        """Fit for JSON: metres and degrees."""
         in_degrees = Statistics.of(np.rad2deg(self.rotation_errors))
         return {"translation_m": self.translation.as_dict(), "rotation_deg": in_degrees.as_dict()}
 
     def _summary(self) -> str:
         return f"{counted(len(self.errors), 'return')}, RMSE {self.translation.rmse:.3f} m"
+
+
+def drift(
+    estimate: Trajectory,
+    reference: Trajectory,
+    *,
+    max_difference: float = MAX_DIFFERENCE,
+    interpolate: bool | None = None,
+) -> DriftResult:
+    """Drift per metre, as the KITTI odometry benchmark has it (Geiger, Lenz and Urtasun 2012), over lengths indoors.
+
+    From every pose on, and over each of ``LENGTHS`` of the reference's path, the error of the relative pose divided by
+    that length. Arguments as of ``absolute_trajectory_error``.
+
+    Raises:
+        InputError: no stamps in common, or a drive shorter than the shortest length.
+    """
+    matched = match(estimate, reference, max_difference=max_difference, interpolate=interpolate)
+    path, _ = travelled(matched.reference)
+    parts = []
+    for length in LENGTHS:
+        last = np.searchsorted(path, path + length)
+        first = np.flatnonzero(last < len(path))
+        if not len(first):
+            break
+        shift, turn = planar_errors(matched.reference, matched.estimate, first, last[first])
+        parts.append((np.full(len(first), length), shift / length, turn / length))
+    if not parts:
+        raise InputError(f"{path[-1]:.2f} m driven, expected at least {LENGTHS[0]:g} m", field="path")
+    return DriftResult(*map(np.concatenate, zip(*parts, strict=True)))
 
 
 def loop_closing_error(
@@ -146,11 +135,7 @@ def loop_closing_error(
     """How far apart an estimate puts two visits of the same place, against how far apart they are.
 
     Each pose is compared with the earliest one within ``SAME_PLACE`` of it by the reference that lies more than
-    ``LEAST_PATH`` of path before it. A wall seen on both visits is drawn twice, that far apart.
-
-    Args:
-        estimate, reference: the trajectories.
-        max_difference, interpolate: as in ``absolute_trajectory_error``.
+    ``LEAST_PATH`` of path before it. Arguments as of ``absolute_trajectory_error``.
 
     Raises:
         InputError: no stamps in common, or a drive that comes back to no place.
@@ -159,8 +144,7 @@ def loop_closing_error(
 
     matched = match(estimate, reference, max_difference=max_difference, interpolate=interpolate)
     chosen = evenly(np.arange(len(matched)), MAX_RETURNS)
-    true, estimated, path = matched.reference[chosen], matched.estimate[chosen], travelled(matched.reference)[0][chosen]
-    # of each pose the earliest one that is near it
+    true, path = matched.reference[chosen], travelled(matched.reference)[0][chosen]
     pairs = cKDTree(true[:, :2]).query_pairs(SAME_PLACE, output_type="ndarray")
     earliest = np.arange(len(true))
     np.minimum.at(earliest, pairs[:, 1], pairs[:, 0])
@@ -171,14 +155,7 @@ def loop_closing_error(
             "path before it",
             field="path",
         )
-    earlier = earliest[later]
-    errors = between(between(true[earlier], true[later]), between(estimated[earlier], estimated[later]))
-    translation, rotation = np.hypot(errors[:, 0], errors[:, 1]), np.abs(errors[:, 2])
+    shift, turn = planar_errors(true, matched.estimate[chosen], earliest[later], later)
     stamps = matched.stamps[chosen]
-    return ReturnResult(
-        np.column_stack((stamps[earlier], stamps[later])),
-        translation,
-        rotation,
-        Statistics.of(translation),
-        Statistics.of(rotation),
-    )
+    visits = np.column_stack((stamps[earliest[later]], stamps[later]))
+    return ReturnResult(visits, shift, turn, Statistics.of(shift), Statistics.of(turn))

@@ -51,7 +51,7 @@ class MapAccuracy(Summarised):
     surface: int
 
     def as_dict(self) -> dict[str, Any]:
-        """The same as plain values, fit for JSON: metres, and shares from 0 to 1."""
+        """Fit for JSON: metres, and shares from 0 to 1."""
         return {("distance_m" if name == "distance" else name): value for name, value in asdict(self).items()}
 
     def _summary(self) -> str:
@@ -79,14 +79,15 @@ def map_accuracy(
         expect_type(raster, Raster, name, "read_map(path) reads one")
         if raster.values.ndim != 2 or not np.isin(raster.values, (FREE, OCCUPIED, UNKNOWN)).all():
             raise InputError("values beside free, occupied and unknown, expected a trinary map", field=name)
-    surface = truth.centres(np.argwhere(_surface(truth.values)))
+    everywhere = surface_of(truth)
+    surface = everywhere
     if seen is not None and len(surface):
         surface = surface[_distances(surface, seen) <= reach]
     walls = se2.transform_points(transform, estimate.centres(np.argwhere(estimate.values == OCCUPIED)))
     for points, name in ((walls, "estimate"), (surface, "truth")):
         if not len(points):
             raise InputError("no wall that was seen" if name == "truth" else "no wall", field=name)
-    to_truth, to_map = _distances(walls, surface_of(truth)), _distances(surface, walls)
+    to_truth, to_map = _distances(walls, everywhere), _distances(surface, walls)
     precision, recall = float((to_truth <= reach).mean()), float((to_map <= reach).mean())
     there = np.argwhere(truth.values != UNKNOWN)
     true = truth.values[there[:, 0], there[:, 1]]
@@ -108,13 +109,9 @@ def map_accuracy(
 
 def surface_of(truth: Raster) -> Array:
     """The centres [n, 2] of the wall cells of a trinary map that share an edge with a free one [m]."""
-    return truth.centres(np.argwhere(_surface(truth.values)))
-
-
-def _surface(values: NDArray[np.int8]) -> NDArray[np.bool_]:
     from scipy.ndimage import binary_dilation
 
-    return np.asarray((values == OCCUPIED) & binary_dilation(values == FREE))
+    return truth.centres(np.argwhere((truth.values == OCCUPIED) & binary_dilation(truth.values == FREE)))
 
 
 def _distances(points: Array, others: Array) -> Array:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.errors import InputError
-from moteslam.eval.metrics.scan_poses import evenly, placed_scans, travelled
+from moteslam.eval.metrics.association import evenly, placed_scans, travelled
 from moteslam.robot import se2
 from moteslam.robot.cell_counts import cells_of, mean_cells
 from moteslam.robot.recording import LidarStream, Recording
@@ -75,7 +75,7 @@ class MapConsistency(Summarised):
     scans: int
 
     def as_dict(self) -> dict[str, Any]:
-        """The same as plain values, fit for JSON: metres, and shares from 0 to 1."""
+        """Fit for JSON: metres, and shares from 0 to 1."""
         units = {"walls": "_m", "near": "_m", "far": "_m", "thickness": "_m", "twice": "_share"}
         return {name + units.get(name, ""): value for name, value in asdict(self).items()}
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from moteslam.errors import InputError
 from moteslam.eval.metrics.association import MAX_GAP
-from moteslam.eval.metrics.statistics import Statistics
+from moteslam.eval.statistics import Statistics
 from moteslam.robot.formats.stamps import MAX_JUMP
 from moteslam.robot.reading import open_regular
 from moteslam.robot.se2 import Poses, between, wrap

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.errors import InputError
-from moteslam.eval.metrics.scan_poses import evenly, placed_scans, travelled
+from moteslam.eval.metrics.association import evenly, placed_scans, travelled
 from moteslam.robot import se2
 from moteslam.robot.interlace import measured
 from moteslam.robot.ranges import chunks

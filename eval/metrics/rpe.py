@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from moteslam.errors import InputError
 from moteslam.eval.metrics.association import MAX_DIFFERENCE, Matched, match
 from moteslam.eval.metrics.space import angles
-from moteslam.eval.metrics.statistics import Statistics
-from moteslam.robot.se2 import between
+from moteslam.eval.statistics import Statistics
+from moteslam.robot.se2 import Poses, between
 from moteslam.robot.summary import Summarised
 from moteslam.robot.trajectory import Trajectory
 from moteslam.robot.wording import counted
@@ -35,7 +35,7 @@ class RpeResult(Summarised):
         errors: [n] translation error of each pair [m]; without headings that of the distance between its poses.
         rotation_errors: [n] rotation error of each pair [rad]; None without headings.
         translation: statistics of ``errors`` [m].
-        rotation: statistics of ``rotation_errors`` [rad], or None.
+        rotation: statistics of ``rotation_errors`` [rad].
     """
 
     delta: float
@@ -56,14 +56,18 @@ class RpeResult(Summarised):
         """Number of pairs that were compared."""
         return self.translation.count
 
+    @property
+    def rotation_deg(self) -> Statistics | None:
+        """Statistics of ``rotation_errors`` [deg]."""
+        return None if self.rotation_errors is None else Statistics.of(np.rad2deg(self.rotation_errors))
+
     def as_dict(self) -> dict[str, Any]:
-        """The statistics as they go into ``metrics.json``: metres, and degrees for the rotation."""
-        turns = self.rotation_errors
+        """Fit for JSON: metres and degrees."""
         return {
             "delta": self.delta,
             "unit": self.unit,
             "translation_m": self.translation.as_dict(),
-            "rotation_deg": None if turns is None else Statistics.of(np.rad2deg(turns)).as_dict(),
+            "rotation_deg": None if self.rotation_deg is None else self.rotation_deg.as_dict(),
         }
 
     def _summary(self) -> str:
@@ -133,17 +137,21 @@ def _errors(
         there, true = (np.linalg.norm(points[last] - points[first], axis=1) for points in pair)
         return np.abs(there - true), None
     if matched.space is None:
-        errors = between(
-            between(matched.reference[first], matched.reference[last]),
-            between(matched.estimate[first], matched.estimate[last]),
-        )
-        return np.hypot(errors[:, 0], errors[:, 1]), np.abs(errors[:, 2])
+        return planar_errors(matched.reference, matched.estimate, first, last)
     moved, turned = [], []
     for space in matched.space:
         back = np.swapaxes(space.rotations[first], 1, 2)
         moved.append((back @ (space.positions[last] - space.positions[first])[:, :, None])[:, :, 0])
         turned.append(back @ space.rotations[last])
     return np.linalg.norm(moved[0] - moved[1], axis=1), angles(np.swapaxes(turned[1], 1, 2) @ turned[0])
+
+
+def planar_errors(
+    true: Poses, estimated: Poses, first: NDArray[np.intp], last: NDArray[np.intp]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Errors [k] of translation [m] and rotation [rad] of the poses ``last`` [k] seen from the poses ``first`` [k]."""
+    errors = between(between(true[first], true[last]), between(estimated[first], estimated[last]))
+    return np.hypot(errors[:, 0], errors[:, 1]), np.abs(errors[:, 2])
 
 
 def _pairs(

@@ -12,7 +12,7 @@ from typing import Any
 
 from moteslam.eval.literal import literal
 from moteslam.eval.page.material import ReportRun
-from moteslam.eval.statistics.summary import Summary
+from moteslam.eval.statistics import Summary
 from moteslam.eval.sweep.tables import better
 
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#7F7F7F", "#B8A700")

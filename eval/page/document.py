@@ -23,8 +23,7 @@ from moteslam.eval.metrics.registry import chosen, metric
 from moteslam.eval.page import charts
 from moteslam.eval.page.material import Material, ReportRun
 from moteslam.eval.page.player import Budget, playable
-from moteslam.eval.statistics.pairs import Comparison, compare
-from moteslam.eval.statistics.proportion import Proportion
+from moteslam.eval.statistics import Comparison, Proportion, compare
 from moteslam.eval.sweep.tables import better
 from moteslam.robot.wording import interval
 

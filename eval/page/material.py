@@ -12,7 +12,7 @@ from typing import Any
 import tomli_w
 
 from moteslam.errors import InputError
-from moteslam.eval.populations import MAX_BYTES, read_table
+from moteslam.eval.results import MAX_BYTES, is_result_folder, read_result_folder
 from moteslam.eval.sweep.store import opened
 from moteslam.eval.sweep.tables import group_of, succeeds
 from moteslam.robot.reading import read_text
@@ -123,7 +123,7 @@ def gather(paths: Sequence[Path]) -> Material:
 
 def _within(folder: Path, depth: int) -> Iterable[Path]:
     """Result folders and files of sweeps in a folder, itself included, by name."""
-    if (folder / "metrics.json").is_file() and (folder / "run.json").is_file():
+    if is_result_folder(folder):
         yield folder
         return
     try:
@@ -187,23 +187,17 @@ def _take_folders(material: Material, folders: Sequence[Path]) -> None:
 
 
 def _run_of(material: Material, folder: Path, configuration: str) -> ReportRun:
-    metrics, about = (read_table(folder / name) for name in ("metrics.json", "run.json"))
-    values: dict[str, float] = {}
-    absent: dict[str, str] = {}
-    try:
-        for name, value in metrics["metrics"].items():
-            if "absent" in value:
-                absent[name] = str(value["absent"])
-            else:
-                values[name] = float(value["value"])
-                material.units[name] = str(value.get("unit", ""))
-        material.issues.update(str(issue["message"]) for issue in about.get("warnings") or ())
-        for title in ("versions", "hardware"):
-            facts = {key: str(value) for key, value in about.get(title, {}).items()}
-            material.facts.setdefault(title.capitalize(), facts)
-        seed = about.get("seed")
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise InputError("not as `moteslam replay` writes it", file=folder, field="metrics.json, run.json") from error
+    result = read_result_folder(folder)
+    about, values = result.run, result.values
+    material.units |= result.units
+    for issue in about.get("warnings") or ():
+        if isinstance(issue, dict):
+            message = str(issue.get("message"))
+            material.issues[message] = material.issues.get(message, 0) + 1
+    for title in ("versions", "hardware"):
+        if isinstance(found := about.get(title), dict):
+            material.facts.setdefault(title.capitalize(), {str(key): str(value) for key, value in found.items()})
+    seed = about.get("seed")
     limits = [(values.get(name), limit) for name, limit in SUCCESS.items()]
     return ReportRun(
         place=str(about.get("scenario") or about.get("recording") or folder.name),
@@ -217,7 +211,7 @@ def _run_of(material: Material, folder: Path, configuration: str) -> ReportRun:
         status="ok",
         error="",
         values=values,
-        absent=absent,
+        absent=result.absent,
         succeeded=all(value is not None and value <= limit for value, limit in limits),
         folder=folder,
     )

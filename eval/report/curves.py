@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from moteslam.eval.evaluation import AgainstPositions, AgainstRelations, AgainstTrajectory
 from moteslam.eval.metrics.ate import AteResult
+from moteslam.eval.metrics.relations import RelationResult
+from moteslam.eval.metrics.residuals import ResidualResult
 from moteslam.eval.report import style
 from moteslam.eval.report.style import broken, curve_axes, line_look
 
@@ -146,10 +147,7 @@ def running_median(
 
 
 def draw_comparison(
-    path: str | PathLike[str],
-    results: Mapping[str, AgainstTrajectory | AgainstRelations | AgainstPositions],
-    *,
-    title: str = "",
+    path: str | PathLike[str], results: Mapping[str, AteResult | RelationResult | ResidualResult], *, title: str = ""
 ) -> None:
     """Errors over time and paths, after alignment; against relations, the share of them below each error.
 
@@ -161,41 +159,36 @@ def draw_comparison(
         title: over the figure.
     """
     shown = dict(zip(_short(list(results)), results.values(), strict=True))
-    against = {name: r for name, r in shown.items() if isinstance(r, AgainstTrajectory | AgainstPositions)}
+    against = {name: result for name, result in shown.items() if isinstance(result, AteResult)}
     if against:
         _draw_errors_and_paths(path, against, title)
     else:
-        _draw_shares(path, {name: r for name, r in shown.items() if isinstance(r, AgainstRelations)}, title)
+        _draw_shares(path, {name: r for name, r in shown.items() if isinstance(r, RelationResult)}, title)
 
 
-def _draw_errors_and_paths(
-    path: str | PathLike[str], results: Mapping[str, AgainstTrajectory | AgainstPositions], title: str
-) -> None:
-    all_ates = [result.ate for result in results.values()]
-    start = min(float(ate.stamps[0]) for ate in all_ates)
-    turns = [r.ate.rotation_errors if isinstance(r, AgainstTrajectory) else None for r in results.values()]
-    has_heading = any(turn is not None for turn in turns)
+def _draw_errors_and_paths(path: str | PathLike[str], results: Mapping[str, AteResult], title: str) -> None:
+    start = min(float(ate.stamps[0]) for ate in results.values())
+    has_heading = any(ate.rotation_errors is not None for ate in results.values())
+    first = next(iter(results.values())).reference
     with style.saved_figure(path, size=(12.0, 5.5)) as figure:
         grid = figure.add_gridspec(2, 2, width_ratios=(1.2, 1.0))
         plan = figure.add_subplot(grid[:, 1])
         distance = figure.add_subplot(grid[0, 0] if has_heading else grid[:, 0])
         angle = figure.add_subplot(grid[1, 0], sharex=distance) if has_heading else None
-        first = all_ates[0].reference
         plan.plot(*first[:, :2].T, color=style.TRUTH, lw=4.0, alpha=0.55, label="reference")
-        for i, (name, result) in enumerate(results.items()):
-            ate, look, turn = result.ate, line_look(i), turns[i]
-            time = ate.stamps - start
+        for i, (name, ate) in enumerate(results.items()):
+            time, look = ate.stamps - start, line_look(i)
             plan.plot(*ate.aligned[:, :2].T, lw=1.1, **look)
-            label = f"{name}, ATE RMSE {100 * ate.rmse:.1f} cm" + (", scale fitted" if result.scaled else "")
+            label = f"{name}, ATE RMSE {100 * ate.rmse:.1f} cm" + (", scale fitted" if ate.scale != 1 else "")
             distance.plot(*broken(time, 100 * ate.errors), lw=1.0, label=label, **look)
-            if angle is not None and turn is not None:
-                angle.plot(*broken(time, np.rad2deg(turn)), lw=1.0, **look)
+            if angle is not None and ate.rotation_errors is not None:
+                angle.plot(*broken(time, np.rad2deg(ate.rotation_errors)), lw=1.0, **look)
         for axes, label in ((distance, "position error [cm]"), (angle, "heading error [deg]")):
             if axes is not None:
                 axes.set_ylim(bottom=0)
                 curve_axes(axes, label)
         style.mark_start(plan, first)
-        ends = [(ate.aligned, line_look(i)["color"]) for i, ate in enumerate(all_ates)]
+        ends = [(ate.aligned, line_look(i)["color"]) for i, ate in enumerate(results.values())]
         style.mark_ends(plan, (first, style.TRUTH), *ends)
         (angle or distance).set_xlabel("time [s]")
         style.plan(plan)
@@ -203,11 +196,10 @@ def _draw_errors_and_paths(
         style.heading(figure, title)
 
 
-def _draw_shares(path: str | PathLike[str], results: Mapping[str, AgainstRelations], title: str) -> None:
+def _draw_shares(path: str | PathLike[str], results: Mapping[str, RelationResult], title: str) -> None:
     with style.saved_figure(path, size=(10.0, 4.2)) as figure:
         distance, angle = figure.subplots(1, 2, sharey=True)
-        for i, (name, against) in enumerate(results.items()):
-            result = against.result
+        for i, (name, result) in enumerate(results.items()):
             share = np.arange(1, result.used + 1) / result.used
             label = f"{name}, mean {result.all.translation.mean:.3f} m over {result.used} relations"
             distance.plot(np.sort(result.errors), share, lw=1.2, label=label, **line_look(i))

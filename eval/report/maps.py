@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from moteslam.eval.loop_table import loop_counts
 from moteslam.eval.report import style
+from moteslam.eval.run_tables import loop_counts
 from moteslam.robot.files import write_atomically
 from moteslam.robot.formats.map_arrays import MapArrays
 from moteslam.robot.formats.map_server import map_image, trinary, write_map

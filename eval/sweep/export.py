@@ -11,7 +11,7 @@ from typing import Any
 
 from moteslam.errors import InputError, OutputError
 from moteslam.eval.literal import literal
-from moteslam.eval.metrics.registry import COSTS
+from moteslam.eval.metrics.catalogue import COSTS
 from moteslam.eval.sweep.store import Row, opened
 from moteslam.robot.files import write_atomically
 from moteslam.robot.reading import read_text

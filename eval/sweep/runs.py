@@ -9,11 +9,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from moteslam.eval.beside import reference_file, relations_beside, true_map_beside, truth_file
+from moteslam.eval.metrics.catalogue import COSTS
 from moteslam.eval.metrics.evidence import FINAL, Cost, Evidence
-from moteslam.eval.metrics.registry import COSTS, Value, measure
+from moteslam.eval.metrics.registry import Value, measure
 from moteslam.eval.metrics.relations import Relations
-from moteslam.eval.scores import evidence_of
+from moteslam.eval.scores import evidence_of, reference_file, relations_beside, true_map_beside, truth_file
 from moteslam.eval.sweep.external import Command, estimate
 from moteslam.eval.sweep.plan import PlannedRun
 from moteslam.robot.issues import Issue

@@ -14,8 +14,7 @@ from typing import Any
 from urllib.parse import quote
 
 from moteslam.errors import ConfigError, InputError, OutputError
-from moteslam.eval.environment import environment
-from moteslam.eval.metrics.registry import COSTS
+from moteslam.eval.metrics.catalogue import COSTS
 from moteslam.eval.sweep import bundled
 from moteslam.eval.sweep.plan import PlannedRun, plan, shard
 from moteslam.eval.sweep.spec import SweepSpec
@@ -231,7 +230,9 @@ def create(
         raise OutputError(f"cannot be made: {error}", file=path) from error
 
 
-def begin(target: Path, file: Path, spec: SweepSpec, part: str) -> None:
+def begin(
+    target: Path, file: Path, spec: SweepSpec, part: str, environment: Mapping[str, Mapping[str, str]] | None = None
+) -> None:
     """Make the file of a sweep, or of a part of it, unless it is there already.
 
     Args:
@@ -239,6 +240,7 @@ def begin(target: Path, file: Path, spec: SweepSpec, part: str) -> None:
         file: of the specification.
         spec: that it holds.
         part: such as ``2/8``.
+        environment: versions and hardware, by name.
 
     Raises:
         ConfigError: the specification asks for what there is not, or the part is none.
@@ -263,7 +265,7 @@ def begin(target: Path, file: Path, spec: SweepSpec, part: str) -> None:
     except ConfigError as error:
         raise ConfigError(error.problem, file=error.file or file, field=error.field) from error
     mine = shard(runs, int(number), int(of))
-    create(target, text, mine, part=part, digest=bundled.digest(runs), environment=environment())
+    create(target, text, mine, part=part, digest=bundled.digest(runs), environment=environment)
 
 
 def merge(files: Sequence[Path], out: Path) -> dict[str, int]:

@@ -9,8 +9,7 @@ from typing import Any
 
 from moteslam.errors import ConfigError
 from moteslam.eval.metrics.registry import metric
-from moteslam.eval.statistics.proportion import Proportion
-from moteslam.eval.statistics.summary import Better, Summary
+from moteslam.eval.statistics import Better, Proportion, Summary
 from moteslam.eval.sweep.store import Row
 
 Group = tuple[tuple[str, Any], ...]

@@ -89,7 +89,8 @@ def test_simulate_then_replay_then_evaluate(program, scenario_file: Path, tmp_pa
     done = program("evaluate", "result/trajectory.tum", "result/truth.tum", "--json", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     ate = json.loads(done.stdout)["ate"]
-    assert ate["translation_m"] == summary["scores"]["online"]["ate"]["translation_m"]
+    assert ate["translation_m"]["rmse"] == summary["metrics"]["online.ate"]["value"]
+    assert ate["rotation_deg"]["mean"] == summary["metrics"]["online.heading"]["mean"]
     assert 0 < ate["translation_m"]["rmse"] < 0.1
 
     done = program("replay", "robot", "--out", "result", cwd=tmp_path)
@@ -186,5 +187,5 @@ def test_demo(program, tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
     assert done.stderr == ""  # quiet in a pipe
     assert "dead reckoning" in done.stdout
-    scores = json.loads((tmp_path / "demo/metrics.json").read_text())["scores"]
-    assert scores["online"]["ate"]["translation_m"]["rmse"] < 0.2
+    scores = json.loads((tmp_path / "demo/metrics.json").read_text())["metrics"]
+    assert scores["online.ate"]["value"] < 0.2

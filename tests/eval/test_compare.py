@@ -9,7 +9,7 @@ import pytest
 
 from moteslam.eval.cli import main
 from moteslam.eval.populations import populations
-from moteslam.eval.statistics.pairs import compare
+from moteslam.eval.statistics import compare
 from moteslam.eval.sweep.plan import plan
 from moteslam.eval.sweep.spec import read_spec
 from moteslam.eval.sweep.store import create, opened

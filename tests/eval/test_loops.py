@@ -12,9 +12,9 @@ from loop_candidates import candidate
 
 from moteslam.errors import InputError
 from moteslam.eval.cli import main
-from moteslam.eval.loop_table import read_loops, write_loops
 from moteslam.eval.metrics import loops as metric
 from moteslam.eval.metrics.loops import possible_loops, score_loops
+from moteslam.eval.run_tables import read_loops, write_loops
 from moteslam.robot import se2
 from moteslam.robot.formats import open_recording
 from moteslam.robot.formats.carmen_writer import write_carmen

@@ -20,8 +20,8 @@ from moteslam.eval.page import charts
 from moteslam.eval.page.document import data_block, page
 from moteslam.eval.page.material import Material, gather
 from moteslam.eval.page.player import Budget, playable
-from moteslam.eval.particle_table import read_particles
 from moteslam.eval.results import write_results
+from moteslam.eval.run_tables import read_particles
 from moteslam.robot.formats.map_server import write_picture
 from moteslam.robot.raster import Raster
 from moteslam.robot.trajectories.tum import read_tum
@@ -53,8 +53,8 @@ def test_a_player_has_the_paths_of_the_folder(result: Path) -> None:
 
 def test_errors_are_those_of_the_metrics(result: Path) -> None:
     found = playable(result, Budget.of(1))
-    scores = json.loads((result / "metrics.json").read_text())["scores"]["final"]["ate"]["translation_m"]
-    assert decoded(found["errors"]["final"], 1e-4).max() == pytest.approx(scores["max"], abs=1e-4)
+    scores = json.loads((result / "metrics.json").read_text())["metrics"]
+    assert decoded(found["errors"]["final"], 1e-4).max() == pytest.approx(scores["final.ate_max"]["value"], abs=1e-4)
 
 
 def test_a_page_of_many_runs_holds_less_of_each(result: Path) -> None:

@@ -258,7 +258,7 @@ def test_scans_without_endpoints_are_no_fault() -> None:
     ranges[2:4] = np.inf
     evaluated = under_recording(truth, recording.replace(lidar=replace(recording.lidar, ranges=ranges)))
     assert np.isnan(evaluated.result.medians).tolist() == [False, True, False]
-    assert [median is None for median in evaluated.errors()["median_m"]] == [False, True, False]
+    assert [median is None for median in evaluated.errors["median_m"]] == [False, True, False]
     assert evaluated.result.endpoints == 2 * len(BEAMS)
 
 

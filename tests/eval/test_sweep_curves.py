@@ -12,8 +12,7 @@ from PIL import Image
 
 from moteslam.eval.cli import main
 from moteslam.eval.report.sweep_curves import axis_unit, draw_sweep, far_apart, lines_of, places_of
-from moteslam.eval.statistics.proportion import Proportion
-from moteslam.eval.statistics.summary import Summary
+from moteslam.eval.statistics import Proportion, Summary
 from moteslam.eval.sweep.tables import GroupSummary
 
 
