@@ -33,7 +33,7 @@ from moteslam.robot.wording import expect_type
 from moteslam.slam.estimate import Estimate
 
 if TYPE_CHECKING:
-    from moteslam.eval.report.snapshots import Snapshot
+    from moteslam.eval.report.stages import Snapshot
     from moteslam.slam.texture.floor_map import TextureMap
 
 PACKAGES = ("moteslam", "taichi", "numpy")
@@ -80,7 +80,7 @@ def write_results(
         OutputError: a file cannot be written.
     """
     from moteslam.eval.report.maps import log_odds_arrays, write_map_png, write_map_server
-    from moteslam.eval.report.textures import draw_texture_over_time, texture_arrays, write_texture
+    from moteslam.eval.report.stages import draw_texture_over_time, texture_arrays, write_texture
 
     expect_type(estimate, Estimate, "estimate", "run_slam(recording) makes one")
     folder = Path(folder)
@@ -143,11 +143,10 @@ def draw_figures(
     Raises:
         OutputError: one cannot be written.
     """
-    from moteslam.eval.report import curves, loops, particles, plans
-    from moteslam.eval.report.cloud import Cloud
+    from moteslam.eval.report import curves, maps, particles, stages
 
     name, truth = estimate.name, run.truth
-    plans.draw_trajectories(
+    maps.draw_trajectories(
         folder / "trajectories.png",
         estimate.map,
         slam=estimate.trajectory_final,
@@ -156,13 +155,13 @@ def draw_figures(
         title=f"{name}: the map and the paths on it",
     )
     if snapshots:
-        plans.draw_over_time(
+        stages.draw_over_time(
             folder / "over_time.png",
             snapshots,
             trajectory=estimate.trajectory,
             title=f"{name}: trajectory and map over time",
         )
-    plans.draw_dead_reckoning(
+    maps.draw_dead_reckoning(
         folder / "dead_reckoning.png",
         estimate.dead_reckoning,
         recording=run.recording,
@@ -170,7 +169,7 @@ def draw_figures(
         title=f"{name}: dead reckoning",
     )
     if estimate.loops:
-        loops.draw_loops(
+        maps.draw_loops(
             folder / "loops.png",
             estimate.map,
             estimate.loops,
@@ -178,7 +177,7 @@ def draw_figures(
             title=f"{name}: loops on the map",
         )
     if len(estimate.particle_stamps):
-        particles.draw_particles(folder / "particles.png", Cloud.of(estimate), title=f"{name}: particles")
+        particles.draw_particles(folder / "particles.png", particles.Cloud.of(estimate), title=f"{name}: particles")
         updated = estimate.diagnostics["updated"] > 0
         curves.draw_effective_particles(
             folder / "effective_particles.png",

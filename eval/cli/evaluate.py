@@ -131,10 +131,8 @@ def evaluate(
     from moteslam.slam.inputs.synchronise import synchronise
 
     _refuse_options(context, paths, recording, map_file)
-    for file in (save, plot):
-        options.refuse_existing(file, force=force)
-    if plot is not None:
-        options.expect_picture(plot)
+    options.expect_new(save, force=force)
+    options.expect_new(plot, ".png", force=force)
     estimates, reference = (paths[:-1], paths[-1]) if len(paths) > 1 else (paths, None)
     for file in estimates:
         if is_relations(file):
@@ -194,7 +192,7 @@ def evaluate(
         with folder_for(save):
             write_json(save, {"results": [row(name, errors=True) for name in trajectories], **found})
     if plot is not None:
-        from moteslam.eval.report.comparison import draw_comparison
+        from moteslam.eval.report.curves import draw_comparison
         from moteslam.robot.files import folder_for
 
         assert reference is not None  # or --plot was refused

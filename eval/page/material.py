@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import json
-import tomllib
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
+
+import tomli_w
 
 from moteslam.errors import InputError
 from moteslam.eval.results import MAX_BYTES, is_result_folder, read_result_folder
 from moteslam.eval.sweep.store import opened
 from moteslam.eval.sweep.tables import group_of, succeeds
 from moteslam.robot.reading import read_text
+from moteslam.robot.tables import read_toml
 
 SUCCESS = {"final.ate": 0.5}
 """Of runs in result folders: limits as of ``SweepSpec.success``."""
@@ -85,19 +88,9 @@ class Material:
     units: dict[str, str] = field(default_factory=dict)
     documents: list[tuple[str, str]] = field(default_factory=list)
     facts: dict[str, dict[str, str]] = field(default_factory=dict)
-    issues: dict[str, int] = field(default_factory=dict)
+    issues: Counter[str] = field(default_factory=Counter)
     pending: int = 0
     wanted: list[str] = field(default_factory=list)
-
-    @property
-    def configurations(self) -> list[str]:
-        """Their names, in the order of their first runs."""
-        return list(dict.fromkeys(run.configuration for run in self.runs))
-
-    @property
-    def metrics(self) -> list[str]:
-        """Names of the metrics that at least one run has."""
-        return list(dict.fromkeys(name for run in self.runs for name in run.values))
 
 
 def gather(paths: Sequence[Path]) -> Material:
@@ -149,7 +142,7 @@ def _take_sweep(material: Material, path: Path, prefix: str) -> None:
         spec = json.loads(store.spec)
         success = dict(spec.get("success", SUCCESS))
         material.wanted += [name for name in spec.get("metrics") or () if name not in material.wanted]
-        material.documents.append((f"Specification of {path.name}", _toml(spec)))
+        material.documents.append((f"Specification of {path.name}", tomli_w.dumps(spec)))
         for title, facts in store.environment.items():
             material.facts.setdefault(f"{title} of {path.name}", facts)
         for row in store.rows():
@@ -158,9 +151,7 @@ def _take_sweep(material: Material, path: Path, prefix: str) -> None:
                 continue
             values = {name: value for name, value in (row.values | row.costs).items() if value is not None}
             material.units |= row.units
-            for issue in row.issues:
-                message = str(issue.get("message"))
-                material.issues[message] = material.issues.get(message, 0) + 1
+            material.issues.update(str(issue["message"]) for issue in row.issues)
             run = row.run
             if run.version:
                 material.facts.setdefault(f"programs of {path.name}", {})[run.configuration] = run.version
@@ -187,8 +178,7 @@ def _take_folders(material: Material, folders: Sequence[Path]) -> None:
     """Result folders: those of one configuration, by the text of ``config.toml``, are runs of it."""
     texts: dict[str, list[Path]] = {}
     for folder in folders:
-        file = folder / "config.toml"
-        text = read_text(file, "a file of a result folder", limit=MAX_BYTES) if file.is_file() else ""
+        text = read_text(folder / "config.toml", "a file of a result folder", limit=MAX_BYTES)
         texts.setdefault(text, []).append(folder)
     names = _names(texts)
     for text, members in texts.items():
@@ -231,7 +221,7 @@ def _names(texts: dict[str, list[Path]]) -> dict[str, str]:
     """A name for each configuration: what it sets otherwise than the first one, else the folder of its runs."""
     if len(texts) < 2:
         return dict.fromkeys(texts, "configuration")
-    tables = {text: _flat(_table(text)) for text in texts}
+    tables = {text: _flat(read_toml(members[0] / "config.toml", "a config.toml")) for text, members in texts.items()}
     keys = dict.fromkeys(key for table in tables.values() for key in table)
     first = next(iter(tables.values()))
     changed = [key for key in keys if any(table.get(key) != first.get(key) for table in tables.values())]
@@ -246,29 +236,8 @@ def _names(texts: dict[str, list[Path]]) -> dict[str, str]:
     return names
 
 
-def _table(text: str) -> dict[str, Any]:
-    try:
-        return tomllib.loads(text)
-    except tomllib.TOMLDecodeError:
-        return {}
-
-
 def _flat(table: dict[str, Any], prefix: str = "") -> dict[str, Any]:
     flat: dict[str, Any] = {}
     for key, value in table.items():
         flat |= _flat(value, f"{prefix}{key}.") if isinstance(value, dict) else {f"{prefix}{key}": value}
     return flat
-
-
-def _toml(spec: dict[str, Any]) -> str:
-    import tomli_w
-
-    return tomli_w.dumps(_without_none(spec))
-
-
-def _without_none(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {str(key): _without_none(item) for key, item in value.items() if item is not None}
-    if isinstance(value, list):
-        return [_without_none(item) for item in value if item is not None]
-    return value

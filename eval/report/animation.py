@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from moteslam.errors import ConfigError
 from moteslam.eval.report import style
-from moteslam.eval.report.pace import Pace
 from moteslam.robot import se2
 from moteslam.robot.picture_style import PictureStyle
 from moteslam.sim.simulate import EPOCH, Simulation
@@ -20,6 +20,14 @@ from moteslam.slam.scan_records import Update
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+MAX_FPS = 50.0
+"""Frames a second. Browsers slow GIFs down that have more."""
+MAX_SPEED = 10000.0
+USUAL_LENGTH = 15.0
+"""A film is at most this long where nobody asks for a speed [s]."""
+SPEEDS = tuple(step * 10.0**power for power in range(4) for step in (1, 2, 5))
+"""The speeds to choose from then."""
+MAX_FRAMES = 2000
 BEAMS_DRAWN = 90
 PERSON, DOOR = "#D55E00", "#CC79A7"
 
@@ -33,6 +41,52 @@ MARGINS = (0.75, 0.3, 1.35, 0.4)
 """Left, right, below (the legend) and above (the caption) of the plan [inch]."""
 NAME_SHOWN = 30
 """Characters of the scenario's name that the caption holds at most."""
+
+
+@dataclass(frozen=True)
+class Pace:
+    """How fast a film goes.
+
+    Attributes:
+        fps: frames a second.
+        speed: seconds of the run in a second of the film: 1 is real time.
+    """
+
+    fps: float
+    speed: float
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.fps <= MAX_FPS:
+            raise ConfigError(f"{self.fps:g}, expected 1 to {MAX_FPS:g} frames a second", field="fps")
+        if not 0.1 <= self.speed <= MAX_SPEED:
+            raise ConfigError(f"{self.speed:g}, expected 0.1 to {MAX_SPEED:g} times real time", field="speed")
+
+    @classmethod
+    def of(cls, duration: float, *, fps: float = 15.0, speed: float | None = None) -> Pace:
+        """The pace of a film of a run of this duration [s]; without a speed it takes at most ``USUAL_LENGTH``.
+
+        Raises:
+            ConfigError: a value out of bounds, or more than ``MAX_FRAMES`` frames.
+        """
+        if speed is None:
+            speed = next((speed for speed in SPEEDS if duration / speed <= USUAL_LENGTH), SPEEDS[-1])
+        pace = cls(fps, speed)
+        if duration * fps / speed > MAX_FRAMES:
+            found = f"{duration:.0f} s at {fps:g} frames a second and {speed:g} times real time"
+            raise ConfigError(f"{found}, expected a speed for at most {MAX_FRAMES} frames", field="speed")
+        return pace
+
+    def moments(self, stamps: NDArray[np.float64]) -> NDArray[np.int64]:
+        """For each frame [k] the index of the last scan before it; the last frame shows the last scan.
+
+        Args:
+            stamps: of the scans [n] [s].
+        """
+        times = np.arange(stamps[0], stamps[-1], self.speed / self.fps)
+        return np.append(np.searchsorted(stamps, times, side="right") - 1, len(stamps) - 1)
+
+    def __str__(self) -> str:
+        return f"{self.speed:g} × real time, {self.fps:g} frames/s"
 
 
 @dataclass(eq=False)

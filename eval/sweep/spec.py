@@ -9,15 +9,14 @@ from os import PathLike
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, ValidationError, field_validator, model_validator
+from pydantic import Discriminator, Field, Tag, ValidationError, field_validator, model_validator
 
 from moteslam.errors import ConfigError, InputError
 from moteslam.eval.metrics.evidence import TRACKS
 from moteslam.eval.metrics.registry import chosen, split
-from moteslam.eval.sweep.program import first_line
+from moteslam.eval.sweep.external import version_of
 from moteslam.robot.section import NotNegative, Number, Positive, Section, Whole
 from moteslam.robot.tables import read_toml
-from moteslam.robot.wording import Place, first_complaint, known_keys, shortened
 from moteslam.slam.settings import DEFAULT_PRESET
 
 MAX_RUNS = 1_000_000
@@ -57,6 +56,13 @@ class Range(Section):
         values = [float(f"{number:.12g}") for number in numbers]
         whole = all(value.is_integer() for value in values)
         return [int(value) for value in values] if whole else values
+
+
+Values = Annotated[
+    Annotated[tuple[Scalar, ...], Field(min_length=1), Tag("values")] | Annotated[Range, Tag("range")],
+    Discriminator(lambda value: "range" if isinstance(value, dict | Range) else "values"),
+]
+"""What a key takes: a list of values, or a range."""
 
 
 class Configuration(Section):
@@ -118,7 +124,7 @@ class SweepSpec(Section):
     """Of the simulation and of SLAM: `0-9`, or `3,5,10-19`."""
     configurations: dict[str, Configuration] = Field(default_factory=lambda: {"default": Configuration()})
     """By name."""
-    vary: dict[str, tuple[Scalar, ...] | Range] = Field(default_factory=dict)
+    vary: dict[str, Values] = Field(default_factory=dict)
     """Keys that take these values, in every combination."""
     metrics: tuple[str, ...] = ()
     """What is measured, by name; all metrics that are not costly by default."""
@@ -132,7 +138,7 @@ class SweepSpec(Section):
     def _keys(cls, value: Any) -> Any:
         if not isinstance(value, dict):
             return value
-        return {_checked_key(key): _values(key, one) for key, one in _flat(value, leaf=_is_range).items()}
+        return {_checked_key(key): one for key, one in _flat(value).items()}
 
     @field_validator("configurations")
     @classmethod
@@ -183,8 +189,9 @@ def read_spec(path: str | PathLike[str]) -> SweepSpec:
     except ConfigError as error:
         raise ConfigError(error.problem, file=path, field=error.field) from error
     except ValidationError as error:
-        field, problem = first_complaint(error, "specification", _expected)
-        raise ConfigError(problem, file=path, field=field) from error
+        first = error.errors(include_url=False)[0]
+        problem = first["msg"].removeprefix("Value error, ")
+        raise ConfigError(problem, file=path, field=".".join(map(str, first["loc"])) or None) from error
     beside = path.absolute().parent
     return spec.model_copy(
         update={
@@ -234,7 +241,7 @@ def _placed(name: str, one: Configuration, file: Path) -> Configuration:
     folder, version = file.absolute().parent, one.version
     if not isinstance(version, str):
         try:
-            version = first_line(_here(version, folder))
+            version = version_of(_here(version, folder))
         except InputError as error:
             raise ConfigError(
                 f"{error.file}: {error.problem}", file=file, field=f"configurations.{name}.version"
@@ -244,10 +251,6 @@ def _placed(name: str, one: Configuration, file: Path) -> Configuration:
 
 def _here(words: tuple[str, ...], folder: Path) -> tuple[str, ...]:
     return tuple(word.replace("{here}", str(folder)) for word in words)
-
-
-def _expected(place: Place) -> str:
-    return f"expected one of {', '.join(known_keys(SweepSpec, place))}"
 
 
 def numbers(text: str) -> list[int]:
@@ -279,36 +282,12 @@ def _checked_key(key: str) -> str:
     return key
 
 
-def _is_range(value: dict[str, Any]) -> bool:
-    return not value.keys().isdisjoint(Range.model_fields)
-
-
-def _values(key: str, value: Any) -> Any:
-    """The range of a table; a list of plain values as it is."""
-    if isinstance(value, Range):
-        return value
-    if isinstance(value, list | tuple):
-        if not value:
-            raise ValueError(f"{key}: no values, expected a list of some, or first, last and steps")
-        strange = next((one for one in value if not isinstance(one, Scalar)), None)
-        if strange is not None:
-            raise ValueError(f"{key}: {shortened(strange)}, expected numbers, texts, true or false")
-        return value
-    if not isinstance(value, dict):
-        raise ValueError(f"{key}: {shortened(value)}, expected a list of values, or first, last and steps")
-    try:
-        return Range.model_validate(value)
-    except ValidationError as error:
-        field, problem = first_complaint(error, "range", lambda _: f"expected one of {', '.join(Range.model_fields)}")
-        raise ValueError(": ".join(part for part in (f"{key}.{field}" if field else key, problem))) from None
-
-
-def _flat(table: dict[str, Any], prefix: str = "", *, leaf: Any = lambda _: False) -> dict[str, Any]:
-    """A table within tables as one of dotted keys."""
+def _flat(table: dict[str, Any], prefix: str = "") -> dict[str, Any]:
+    """A table within tables as one of dotted keys; that of a range is a value."""
     flat: dict[str, Any] = {}
     for key, value in table.items():
-        if isinstance(value, dict) and not leaf(value):
-            flat |= _flat(value, f"{prefix}{key}.", leaf=leaf)
+        if isinstance(value, dict) and value.keys().isdisjoint(Range.model_fields):
+            flat |= _flat(value, f"{prefix}{key}.")
         else:
             flat[f"{prefix}{key}"] = value
     return flat

@@ -32,18 +32,16 @@ from moteslam.eval.literal import literal
         ("demo --scenario full.tml", "full.tml: no such file, and no scenario of this name, expected one of"),
         ("demo --preset none", "--preset none: no such preset, expected one of"),
         ("demo --set particles=0", "--set particles: "),
-        ("demo --particles 9999999", "--particles: "),
         ("replay x --preset none", "--preset none: "),
         ("demo --set particles=many", "particles"),
         ("demo --set speed=1", "--set speed: unknown key, expected one of"),
         ("demo --set map.size=1", "--set map.size: unknown key"),
         ("demo --set colours=3", "--set colours: 3, expected a table"),
         ("demo --set particles", "expected key=value"),
-        ("demo --particles 0", "--particles"),
         ("demo --threads 0", "--threads"),
         ("demo --arch abacus", "abacus"),
         ("demo --config absent.toml", "absent.toml: No such file"),
-        ("simulate corridor", "--out: missing, expected a value"),
+        ("simulate corridor", "--out"),
         ("simulate corridor --out x --seed -1", "--seed"),
         ("simulate random-corridors --out x --batch 2 --seed 9223372036854775807", "--seed: 9223372036854775807"),
         ("simulate random-corridors-9223372036854775808 --out x", "no such building, expected a number up to"),
@@ -260,18 +258,17 @@ runpy.run_module("moteslam", run_name="__main__")
 """
 
 
-@SIGNALS
 @pytest.mark.usefixtures("signals_are_heard")
-@pytest.mark.parametrize("module", ["typer", "moteslam.eval.cli.text", "pydantic", "numpy._core._multiarray_umath"])
-def test_an_interrupt_while_the_program_is_read(number: int, code: int, module: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize("module", ["typer", "moteslam.eval.cli.text", "numpy._core._multiarray_umath"])
+def test_an_interrupt_while_the_program_is_read(module: str, tmp_path: Path) -> None:
     done = subprocess.run(
-        [sys.executable, "-c", WHILE_IMPORTING.format(module=module, number=int(number))],
+        [sys.executable, "-c", WHILE_IMPORTING.format(module=module, number=int(signal.SIGINT))],
         cwd=tmp_path,
         capture_output=True,
         text=True,
         check=False,
     )
-    assert (done.returncode, done.stdout, done.stderr) == (code, "", STOPPED)
+    assert (done.returncode, done.stdout, done.stderr) == (130, "", STOPPED)
     assert not list(tmp_path.iterdir())
 
 
@@ -286,7 +283,7 @@ def test_what_is_ignored_from_the_start_stays_so(tmp_path: Path) -> None:
 @pytest.mark.usefixtures("signals_are_heard")
 def test_an_interrupt_leaves_nothing(number: int, code: int, tmp_path: Path) -> None:
     process = subprocess.Popen(
-        [sys.executable, "-m", "moteslam", "demo", "--particles", "5000"],
+        [sys.executable, "-m", "moteslam", "demo", "--set", "particles=5000"],
         cwd=tmp_path,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
@@ -346,7 +343,7 @@ def test_a_fault_of_ours_is_one_line_too(monkeypatch, capsys) -> None:
     monkeypatch.setattr("moteslam.sim.scenario.bundled_scenarios", broken)
     line = refused(capsys, "scenarios", code=1)
     assert "internal error: ZeroDivisionError: by zero\\nof all things in " in line
-    assert f"{__name__.rpartition('.')[2]}, line " in line
+    assert f"{Path(__file__).name}, line " in line
     assert "; MOTESLAM_TRACEBACK=1 shows more" in line
     monkeypatch.setenv("MOTESLAM_TRACEBACK", "1")
     with pytest.raises(ZeroDivisionError):
@@ -358,7 +355,7 @@ def test_a_truth_on_another_clock_is_left_out(simulated_folder: Path, tmp_path: 
 
     shutil.copytree(simulated_folder, tmp_path / "robot")
     (tmp_path / "robot/truth.tum").write_text("0 0 0 0 0 0 0 1\n1 1 0 0 0 0 0 1\n")
-    arguments = ["replay", tmp_path / "robot", "--out", tmp_path / "x", "--particles", 5, "--json"]
+    arguments = ["replay", tmp_path / "robot", "--out", tmp_path / "x", "--set", "particles=5", "--json"]
     assert main.run([str(argument) for argument in [*arguments, "--no-figures"]]) == 0
     said = capsys.readouterr()
     assert "no stamps in common" in said.err

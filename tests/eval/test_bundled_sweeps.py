@@ -11,7 +11,7 @@ import pytest
 from moteslam.eval.cli import main
 from moteslam.eval.sweep import bundled
 from moteslam.eval.sweep.bundled import bundled_specs, digest
-from moteslam.eval.sweep.differences import read_table
+from moteslam.eval.sweep.export import read_table
 from moteslam.eval.sweep.plan import PlannedRun, plan
 from moteslam.eval.sweep.spec import read_spec
 from moteslam.eval.sweep.store import create, opened

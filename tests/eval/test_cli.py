@@ -46,13 +46,6 @@ def test_version(program, tmp_path: Path) -> None:
     assert (done.returncode, done.stdout, done.stderr) == (0, f"moteslam {__version__}\n", "")
 
 
-def test_scenarios(capsys: pytest.CaptureFixture[str]) -> None:
-    assert run_program(["scenarios"]) == 0
-    assert {"corridor", "hall", "loop", "office"} <= {line.split()[0] for line in capsys.readouterr().out.splitlines()}
-    assert run_program(["scenarios", "--json"]) == 0
-    assert "corridor" in json.loads(capsys.readouterr().out)
-
-
 @pytest.mark.parametrize("command", ["demo", "replay"])
 def test_print_config_reads_back(command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = tmp_path / "mine.toml"
@@ -63,7 +56,8 @@ def test_print_config_reads_back(command: str, tmp_path: Path, capsys: pytest.Ca
     values = tomllib.loads(printed)
     assert (values["particles"], values["map"]["cell_size"]) == (8, 0.1)  # flag over file over preset
     (tmp_path / "again.toml").write_text(printed)
-    assert run_program([command, "--config", str(tmp_path / "again.toml"), "--print-config", "--particles", "9"]) == 0
+    again = [command, "--config", str(tmp_path / "again.toml"), "--print-config", "--set", "particles=9"]
+    assert run_program(again) == 0
     assert tomllib.loads(capsys.readouterr().out) == {**values, "particles": 9}
     assert run_program([*arguments, "--json"]) == 0
     assert json.loads(capsys.readouterr().out) == values
@@ -75,7 +69,7 @@ def test_simulate_then_replay_then_evaluate(program, scenario_file: Path, tmp_pa
     assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout)["seed"] == 3
 
-    done = program("replay", "robot", "--out", "result", "--particles", 20, "--json", cwd=tmp_path)
+    done = program("replay", "robot", "--out", "result", "--set", "particles=20", "--json", cwd=tmp_path)
     assert (done.returncode, done.stderr) == (0, "")
     summary = json.loads(done.stdout)
     names = {file.name for file in (tmp_path / "result").iterdir()}
@@ -114,7 +108,7 @@ def test_the_same_bytes_on_one_thread_and_on_two(program, simulated_folder: Path
     for threads in (1, 2):
         out = f"on{threads}"
         done = program(
-            *("replay", simulated_folder, "--out", out, "--threads", threads, "--particles", 20, "--no-figures"),
+            *("replay", simulated_folder, "--out", out, "--threads", threads, "--set", "particles=20", "--no-figures"),
             cwd=tmp_path,
         )
         assert done.returncode == 0, done.stderr

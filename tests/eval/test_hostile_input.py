@@ -6,7 +6,6 @@ import gzip
 import os
 import subprocess
 import sys
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -181,28 +180,3 @@ def test_a_byte_order_mark_changes_nothing(capsys) -> None:
     assert "particles = 7\n" in capsys.readouterr().out
     written("marked.relations", "0 1 1 0 0 0 0 0\n")
     assert main.run(["evaluate", "ok.tum", "marked.relations"]) == 0
-
-
-SHELL = pytest.mark.skipif(os.name != "posix", reason="a shell of POSIX")
-
-
-def in_shell(command: str) -> subprocess.CompletedProcess[str]:
-    program: Callable[..., str] = command.format
-    line = program(moteslam=f"{sys.executable} -W error -m moteslam")
-    return subprocess.run(["bash", "-c", line], capture_output=True, text=True, check=False, timeout=300)
-
-
-@SHELL
-@pytest.mark.parametrize("line", ["scenarios", "--version", "inspect ok.log", "evaluate ok.tum ok.tum --json"])
-def test_a_closed_stdout_is_one_line(line: str) -> None:
-    done = in_shell(f"{{moteslam}} {line} >&-")
-    assert (done.returncode, done.stderr) == (2, "moteslam: stdout: is closed, expected somewhere to print to\n")
-
-
-@SHELL
-def test_a_working_folder_that_is_gone_is_one_line() -> None:
-    done = in_shell("mkdir gone && cd gone && rmdir ../gone && {moteslam} demo")
-    assert done.returncode == 2
-    assert done.stderr.startswith("moteslam: ")
-    assert "the current folder was deleted" in done.stderr
-    assert done.stderr.count("\n") == 1

@@ -17,7 +17,7 @@ from report_material import HOSTILE, run_of, sweep
 from moteslam.errors import InputError
 from moteslam.eval.cli import main
 from moteslam.eval.page import charts
-from moteslam.eval.page.document import Wishes, data_block, page
+from moteslam.eval.page.document import data_block, page
 from moteslam.eval.page.material import Material, gather
 from moteslam.eval.page.player import Budget, playable
 from moteslam.eval.results import write_results
@@ -108,7 +108,8 @@ def test_what_is_gathered_of_a_sweep(tmp_path: Path) -> None:
     found = gather([sweep(tmp_path / "s.sweep", fail=1)])
     assert (len(found.runs), found.pending) == (58, 2)
     assert found.wanted == ["final.ate", "map_f1"]
-    assert found.configurations[:2] == ["default, slam.particles=1", "default, slam.particles=10"]
+    names = list(dict.fromkeys(run.configuration for run in found.runs))
+    assert names[:2] == ["default, slam.particles=1", "default, slam.particles=10"]
     assert [run.status for run in found.runs].count("failed") == 1
 
 
@@ -170,7 +171,7 @@ def test_names_are_text(tmp_path: Path) -> None:
     material = gather([sweep(tmp_path / "s.sweep", fail=2)])
     material.runs.append(run_of(HOSTILE, place=HOSTILE, error=HOSTILE, status="crashed"))
     material.documents.append((HOSTILE, HOSTILE))
-    text = page(material, Wishes(HOSTILE))
+    text = page(material, title=HOSTILE)
     assert "<img src=x" not in text
     assert "document.title='x'</script>" not in text
     assert "\u202e" not in text
@@ -180,7 +181,7 @@ def test_names_are_text(tmp_path: Path) -> None:
 
 
 def test_the_policy_allows_the_scripts_of_the_page_and_no_others(tmp_path: Path) -> None:
-    text = page(gather([sweep(tmp_path / "s.sweep")]), Wishes("t"))
+    text = page(gather([sweep(tmp_path / "s.sweep")]), title="t")
     policy = re.search(r'Content-Security-Policy" content="([^"]*)"', text)
     assert policy is not None
     assert policy[1].startswith("default-src 'none'; ")
@@ -225,7 +226,7 @@ def test_pairs_are_of_the_same_case() -> None:
 
 def test_failed_runs_count_as_the_worst() -> None:
     material = Material(runs=[run_of("a", k) for k in range(3)] + [run_of("a", 9, "crashed", values={})] * 4)
-    text = page(material, Wishes("t"))
+    text = page(material, title="t")
     assert "3 of 7 (16 to 75 %)" in text
     assert '<span class="median">failed</span>' in text
 

@@ -9,8 +9,7 @@ import pytest
 from figures import legend_of
 from matplotlib.figure import Figure
 
-from moteslam.eval.report.cloud import Cloud
-from moteslam.eval.report.particles import draw_particles, magnification
+from moteslam.eval.report.particles import Cloud, draw_particles, magnification
 
 
 @pytest.fixture

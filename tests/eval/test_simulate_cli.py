@@ -11,7 +11,7 @@ import pytest
 from command_lines import refused
 
 from moteslam.eval.cli.main import run
-from moteslam.eval.cli.wanted import Wanted
+from moteslam.eval.cli.simulate import Wanted
 from moteslam.robot.formats import open_recording
 from moteslam.robot.platforms import bundled_platform, bundled_platforms, load_platform
 from moteslam.robot.recording import Recording
@@ -56,7 +56,7 @@ def simulated(scenario: Path, out: Path, *options: object) -> Recording:
         ("--odometry-noise 0.1", "Option '--odometry-noise' requires 2 arguments."),
         ("--odometry-noise 0.1 2", "--odometry-noise: 0.1 2, expected 0 to 1"),
         ("--odometry-noise -0.1 0.2", "--odometry-noise: -0.1 0.2, expected 0 to 1"),
-        ("--format rosbag", "--format: rosbag is not one of 'ucsd', 'carmen'."),
+        ("--format rosbag", "Invalid value for '--format': 'rosbag' is not one of 'ucsd', 'carmen'."),
         ("--format carmen", "--format: 1081 beams over 270 degrees from -135, expected for a CARMEN log 180 or "),
         ("--format carmen --platform turtlebot3", "--format: 360 beams over 359 degrees from 0, expected for"),
         ("--platform turtlebot3 --camera", "room.toml: platform.camera: none, expected a camera to simulate"),
@@ -124,7 +124,7 @@ def test_the_class_of_noise_is_chosen(scenario_file: Path, tmp_path: Path) -> No
 
 
 def test_no_gyro_is_a_robot_without_imu(scenario_file: Path, tmp_path: Path) -> None:
-    recording = simulated(scenario_file, tmp_path / "out", "--no-gyro")
+    recording = simulated(scenario_file, tmp_path / "out", "--set", "platform.imu=false")
     assert recording.imu is None
     assert recording.platform.imu is None
     assert not list((tmp_path / "out").glob("Imu*"))
@@ -236,7 +236,7 @@ def test_a_batch_that_fails_while_it_logs_leaves_nothing(program, scenario_file:
 
 
 def test_a_random_building_of_the_demo_is_that_of_its_seed(taichi, tmp_path: Path, capsys) -> None:
-    options = ("--duration", "12", "--particles", "2", "--no-figures", "--out", str(tmp_path / "out"))
+    options = ("--duration", "12", "--set", "particles=2", "--no-figures", "--out", str(tmp_path / "out"))
     assert run(["demo", "--scenario", "random-corridors", "--seed", "3", *options]) == 0
     assert capsys.readouterr().out.startswith("random-corridors-3: ")
 
