@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from moteslam.errors import InputError
+from moteslam.eval.metrics.association import match
 from moteslam.eval.metrics.evidence import DEAD_RECKONING, FINAL, ONLINE, Certainty, Evidence
 from moteslam.eval.metrics.localisation import state_counts
 from moteslam.eval.metrics.registry import measure
@@ -88,8 +89,7 @@ def figures_of(estimate: Estimate, run: Evidence) -> Figures:
     """The same of a run whose evidence is at hand."""
     stamps, diagnostics = estimate.trajectory.stamps, estimate.diagnostics
     if run.truth is not None:
-        for name in run.trajectories:
-            run.track(name).ate  # noqa: B018 - a truth that does not belong to the run is an error
+        match(estimate.trajectory, run.truth)  # a truth on another clock is an error, not an absent figure
     lost = np.flatnonzero(diagnostics["state"] == LocalisationState.LOST)
     figures: Figures = {
         "scans": len(stamps),
@@ -104,7 +104,7 @@ def figures_of(estimate: Estimate, run: Evidence) -> Figures:
             "compared": _compared_states(run),
         },
     }
-    if run.loops is not None and run.truth is not None:
+    if run.loops is not None and run.truth is not None and run.truth.oriented:
         found = run.loop_result.as_dict()
         metrics = ("precision", "recall", "false")
         figures["loops"] = {name: value for name, value in found.items() if name not in metrics}

@@ -221,15 +221,15 @@ def quantile(ranked: Array, share: float) -> float:
     return float((1 - share) * below + share * above)
 
 
-def median_interval(ranked: Array, confidence: float = CONFIDENCE) -> tuple[float, float]:
-    """The percentile bootstrap interval of the median of values [n] in rising order (Efron 1979)."""
+def median_interval(ranked: Array) -> tuple[float, float]:
+    """The 95 % percentile bootstrap interval of the median of values [n] in rising order (Efron 1979)."""
     generator = np.random.default_rng(SEED)
     n = len(ranked)
     drawn = np.sort(generator.integers(0, n, (RESAMPLES, n)), axis=1)
     below, above = ranked[drawn[:, (n - 1) // 2]], ranked[drawn[:, n // 2]]
     with np.errstate(invalid="ignore"):  # infinities of both signs in the middle
         medians = np.sort(np.where(below == above, below, 0.5 * below + 0.5 * above))
-    tail = (1 - confidence) / 2
+    tail = (1 - CONFIDENCE) / 2
     return quantile(medians, tail), quantile(medians, 1 - tail)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -25,61 +26,82 @@ STANDING = 0.01
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class AteResult(Summarised):
-    """The absolute trajectory error.
+class PoseErrors(Summarised):
+    """Errors of poses, and their statistics.
 
     Attributes:
-        stamps: [n] of the poses compared [s].
-        errors: [n] distance to the reference [m].
-        rotation_errors: [n] absolute difference of heading [rad]; None where one of the two has none.
-        aligned: [n, 3] the estimate's poses, laid on the reference.
-        reference: [n, 3] the poses they are compared with.
-        transform: [3] what laid them there, a pose of the estimate's frame in the reference's.
-        scale: that the estimate was multiplied by before; 1 unless it was asked for.
-        translation: statistics of ``errors`` [m].
-        rotation: statistics of ``rotation_errors`` [rad].
-        motion: of trajectories that are compared in space, the rotation [3, 3] and translation [3] that laid the
-            estimate on the reference; poses are then those in the plane of motion.
+        stamps: [n] of the poses [s]; [n, 2] of pairs of poses.
+        errors: [n] of the position [m].
+        rotation_errors: [n] of the rotation [rad], from 0; None where one of the two trajectories has none.
     """
 
     stamps: NDArray[np.float64]
     errors: NDArray[np.float64]
     rotation_errors: NDArray[np.float64] | None
-    aligned: Poses
-    reference: Poses
-    transform: Poses
-    scale: float
-    translation: Statistics
-    rotation: Statistics | None
-    motion: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None
 
-    @property
-    def rmse(self) -> float:
-        """Root mean square distance [m]."""
-        return self.translation.rmse
+    @cached_property
+    def translation(self) -> Statistics:
+        """Statistics of ``errors`` [m]."""
+        return Statistics.of(self.errors)
 
-    @property
-    def pairs(self) -> int:
-        """How many poses were compared."""
-        return self.translation.count
+    @cached_property
+    def rotation(self) -> Statistics | None:
+        """Statistics of ``rotation_errors`` [rad]."""
+        return None if self.rotation_errors is None else Statistics.of(self.rotation_errors)
 
-    @property
+    @cached_property
     def rotation_deg(self) -> Statistics | None:
         """Statistics of ``rotation_errors`` [deg]."""
         return None if self.rotation_errors is None else Statistics.of(np.rad2deg(self.rotation_errors))
 
+    @property
+    def rmse(self) -> float:
+        """Root mean square error of the position [m]."""
+        return self.translation.rmse
+
+    @property
+    def pairs(self) -> int:
+        """How many were compared."""
+        return self.translation.count
+
     def as_dict(self) -> dict[str, Any]:
-        """Fit for JSON: metres and degrees."""
+        """The statistics, fit for JSON."""
+        turns = self.rotation_deg
         return {
             "translation_m": self.translation.as_dict(),
-            "rotation_deg": None if self.rotation_deg is None else self.rotation_deg.as_dict(),
-            "transform": self.transform.tolist(),
-            "scale": self.scale,
+            "rotation_deg": None if turns is None else turns.as_dict(),
         }
 
     def _summary(self) -> str:
         turn = "" if self.rotation is None else f" and {np.rad2deg(self.rotation.rmse):.2f} deg"
-        return f"{counted(self.pairs, 'pose')}, RMSE {self.rmse:.3f} m{turn}"
+        return f"RMSE {self.rmse:.3f} m{turn}"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class AteResult(PoseErrors):
+    """The absolute trajectory error: distances to the reference, and differences of heading.
+
+    Attributes:
+        aligned: [n, 3] the estimate's poses, laid on the reference.
+        reference: [n, 3] the poses they are compared with.
+        transform: [3] what laid them there, a pose of the estimate's frame in the reference's.
+        scale: that the estimate was multiplied by before; 1 unless it was asked for.
+        motion: of trajectories that are compared in space, the rotation [3, 3] and translation [3] that laid the
+            estimate on the reference; poses are then those in the plane of motion.
+    """
+
+    aligned: Poses
+    reference: Poses
+    transform: Poses
+    scale: float
+    motion: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None
+
+    def as_dict(self) -> dict[str, Any]:
+        """The statistics, fit for JSON."""
+        return {**super().as_dict(), "transform": self.transform.tolist(), "scale": self.scale}
+
+    def _summary(self) -> str:
+        return f"{counted(self.pairs, 'pose')}, {super()._summary()}"
 
 
 def absolute_trajectory_error(
@@ -165,7 +187,7 @@ def _in_plane(matched: Matched, *, align: bool, from_start: bool, scale: bool) -
     aligned = compose(transform, estimated)
     errors = np.hypot(*(aligned[:, :2] - reference[:, :2]).T)
     turns = np.abs(wrap(aligned[:, 2] - reference[:, 2])) if matched.oriented else None
-    return _result(matched, errors, turns, aligned, reference, np.array(transform), factor)
+    return AteResult(matched.stamps, errors, turns, aligned, reference, np.array(transform), factor)
 
 
 def _laid(estimate: Poses, reference: Poses) -> Poses:
@@ -199,19 +221,5 @@ def _in_space(matched: Matched, *, align: bool, from_start: bool, scale: bool) -
     aligned, reference = (planar(space, turn, true.rotations[0]) for space in (laid_on, true))
     heading = float(np.arctan2(rotation[1, 0] - rotation[0, 1], rotation[0, 0] + rotation[1, 1]))
     transform = np.array((translation[0], translation[1], heading))
-    return _result(matched, errors, turns, aligned, reference, transform, factor, (rotation, translation))
-
-
-def _result(
-    matched: Matched,
-    errors: NDArray[np.float64],
-    turns: NDArray[np.float64] | None,
-    aligned: Poses,
-    reference: Poses,
-    transform: Poses,
-    scale: float,
-    motion: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None,
-) -> AteResult:
-    rotation = None if turns is None else Statistics.of(turns)
-    translation = Statistics.of(errors)
-    return AteResult(matched.stamps, errors, turns, aligned, reference, transform, scale, translation, rotation, motion)
+    motion = (rotation, translation)
+    return AteResult(matched.stamps, errors, turns, aligned, reference, transform, factor, motion)

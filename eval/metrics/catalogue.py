@@ -9,10 +9,9 @@ from typing import Any
 import numpy as np
 
 from moteslam.errors import ConfigError, InputError
-from moteslam.eval.metrics.ate import absolute_trajectory_error
+from moteslam.eval.metrics.ate import PoseErrors, absolute_trajectory_error
 from moteslam.eval.metrics.consistency import share_within_spread
 from moteslam.eval.metrics.evidence import FINAL, ONLINE, Cost, Evidence, Track, needed, oriented
-from moteslam.eval.metrics.map_accuracy import MapAccuracy
 from moteslam.eval.metrics.rpe import Unit
 from moteslam.eval.statistics import Better, Statistics
 from moteslam.robot.se2 import between, compose, inverse
@@ -61,18 +60,19 @@ def relative_error(delta: float, unit: Unit, *, rotation: bool = False) -> Metri
     """The relative error over a distance [m], a time [s], or a number of poses."""
     over = {"m": f"{delta:g} m of path", "s": f"{delta:g} s", "frames": f"{delta:g} poses"}[unit]
 
-    def translation_error(track: Track) -> Found:
-        found = track.rpe(delta, unit)
-        return found.rmse, _others(found.translation)
-
-    def rotation_error(track: Track) -> Found:
-        found = track.rpe(delta, unit)
-        rmse = needed(found.rotation, "orientation").rmse
-        return _degrees(rmse), _others(needed(found.rotation_deg, "orientation"))
-
     if rotation:
-        return Metric("deg", f"RMSE of the rotation between poses {over} apart.", STURM, rotation_error)
-    return Metric("m", f"RMSE of the motion between poses {over} apart.", STURM, translation_error)
+        meaning = f"RMSE of the rotation between poses {over} apart."
+        return Metric("deg", meaning, STURM, lambda track: _rotation(track.rpe(delta, unit)))
+    meaning = f"RMSE of the motion between poses {over} apart."
+    return Metric("m", meaning, STURM, lambda track: _translation(track.rpe(delta, unit)))
+
+
+def _translation(errors: PoseErrors) -> Found:
+    return errors.rmse, _others(errors.translation)
+
+
+def _rotation(errors: PoseErrors) -> Found:
+    return _degrees(needed(errors.rotation, "orientation").rmse), _others(needed(errors.rotation_deg, "orientation"))
 
 
 def _others(errors: Statistics) -> dict[str, Any]:
@@ -88,12 +88,6 @@ def _ate(track: Track) -> Found:
     found = track.ate
     others = {name: value for name, value in _others(found.translation).items() if name not in ("median", "max")}
     return found.rmse, others | {"transform": found.transform.tolist()}
-
-
-def _heading(track: Track) -> Found:
-    found = _moved(track).ate
-    rmse = needed(found.rotation, "orientation").rmse
-    return _degrees(rmse), _others(needed(found.rotation_deg, "orientation"))
 
 
 def _moved(track: Track) -> Track:
@@ -123,8 +117,8 @@ def _within_spread(run: Evidence) -> float:
     return share_within_spread(np.asarray(between(true, laid))[updated], spread)
 
 
-def _of_map(meaning: str, value: Callable[[MapAccuracy], float], unit: str = "", better: Better = "higher") -> Metric:
-    return Metric(unit, meaning, OURS, of_run=lambda run: value(run.map_accuracy), better=better)
+def _of_map(name: str, meaning: str, unit: str = "", better: Better = "higher") -> Metric:
+    return Metric(unit, meaning, OURS, of_run=lambda run: getattr(run.map_accuracy, name), better=better)
 
 
 def _consistency(name: str, unit: str, meaning: str) -> Metric:
@@ -160,16 +154,10 @@ def _quantile(cost: Cost, share: float) -> float | None:
 BUNDLED = {
     "ate": Metric("m", "RMSE of the positions after rigid alignment.", STURM, _ate),
     "ate_median": Metric(
-        "m",
-        "Median error of the positions after rigid alignment.",
-        STURM,
-        lambda track: track.ate.translation.median,
+        "m", "Median error of the positions after rigid alignment.", STURM, lambda track: track.ate.translation.median
     ),
     "ate_max": Metric(
-        "m",
-        "Largest error of a position after rigid alignment.",
-        STURM,
-        lambda track: track.ate.translation.max,
+        "m", "Largest error of a position after rigid alignment.", STURM, lambda track: track.ate.translation.max
     ),
     "ate_scaled": Metric(
         "m",
@@ -183,7 +171,9 @@ BUNDLED = {
         STURM,
         lambda track: absolute_trajectory_error(track.trajectory, track.truth, from_start=True).rmse,
     ),
-    "heading": Metric("deg", "RMSE of the headings after rigid alignment.", STURM, _heading),
+    "heading": Metric(
+        "deg", "RMSE of the headings after rigid alignment.", STURM, lambda track: _rotation(_moved(track).ate)
+    ),
     "rpe_1m": relative_error(1.0, "m"),
     "rpe_1m_rotation": relative_error(1.0, "m", rotation=True),
     "rpe_10m": relative_error(10.0, "m"),
@@ -212,7 +202,7 @@ BUNDLED = {
         "deg",
         "RMSE of the heading when the robot comes back to a place, seen from the first visit.",
         OURS,
-        lambda track: _degrees(track.returns.rotation.rmse),
+        lambda track: _degrees(needed(track.returns.rotation, "orientation").rmse),
     ),
     "relations": Metric(
         "m",
@@ -243,27 +233,19 @@ BUNDLED = {
     ),
     "map_thickness": _consistency("thickness", "m", "Median standard deviation of endpoints across their wall"),
     "map_twice": _consistency(
-        "twice",
-        "",
-        "Share of the walls seen again after 15 m of path that are drawn twice, more than 10 cm apart",
+        "twice", "", "Share of the walls seen again after 15 m of path that are drawn twice, more than 10 cm apart"
     ),
-    "map_precision": _of_map(
-        "Share of the map's wall cells within 10 cm of a true wall.", lambda found: found.precision
-    ),
-    "map_recall": _of_map(
-        "Share of the true walls that were seen within 10 cm of a wall of the map.", lambda found: found.recall
-    ),
-    "map_f1": _of_map("Harmonic mean of map_precision and map_recall.", lambda found: found.f1),
+    "map_precision": _of_map("precision", "Share of the map's wall cells within 10 cm of a true wall."),
+    "map_recall": _of_map("recall", "Share of the true walls that were seen within 10 cm of a wall of the map."),
+    "map_f1": _of_map("f1", "Harmonic mean of map_precision and map_recall."),
     "map_distance": _of_map(
+        "distance",
         "Mean distance between walls of the map and true ones that were seen, both ways, each at most 1 m.",
-        lambda found: found.distance,
         unit="m",
         better="lower",
     ),
-    "map_free_iou": _of_map(
-        "Intersection over union of free space, among the cells that both maps know.", lambda found: found.free_iou
-    ),
-    "map_known": _of_map("Share of the true free space that the map knows.", lambda found: found.known),
+    "map_free_iou": _of_map("free_iou", "Intersection over union of free space, among the cells that both maps know."),
+    "map_known": _of_map("known", "Share of the true free space that the map knows."),
     "nees": Metric(
         "",
         "Mean NEES of the online poses relative to the map around the robot; 3 if the covariances are right.",

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,28 +51,17 @@ class NeesResult(Summarised):
         """Where the mean of a consistent filter lies in 95 of 100 runs."""
         return nees_interval(self.effective)
 
-    def as_dict(self) -> dict[str, Any]:
-        """Fit for JSON."""
-        low, high = self.interval
-        return {
-            "poses": len(self.nees),
-            "mean": self.mean,
-            "end": self.end,
-            "effective": self.effective,
-            "interval_95": [low, high],
-        }
-
     def _summary(self) -> str:
         low, high = self.interval
         return f"{counted(len(self.nees), 'pose')}, NEES {self.mean:.2f}, expected {low:.2f} to {high:.2f}"
 
 
-def nees_interval(count: float, confidence: float = CONFIDENCE) -> tuple[float, float]:
-    """Where the mean NEES of ``count`` independent poses of a consistent filter lies (Bar-Shalom, Li and Kirubarajan
-    2001, section 5.4): quantiles of chi^2 with 3 degrees of freedom each, divided by their number.
+def nees_interval(count: float) -> tuple[float, float]:
+    """Where the mean NEES of ``count`` independent poses of a consistent filter lies in 95 of 100 runs (Bar-Shalom, Li
+    and Kirubarajan 2001, section 5.4): quantiles of chi^2 with 3 degrees of freedom each, divided by their number.
     """
     degrees = DEGREES_OF_FREEDOM * count
-    low, high = (_chi2_quantile((1 + sign * confidence) / 2, degrees) for sign in (-1, 1))
+    low, high = (_chi2_quantile((1 + sign * CONFIDENCE) / 2, degrees) for sign in (-1, 1))
     return low / count, high / count
 
 

@@ -120,10 +120,9 @@ def score_localisation(
 
     The map around the robot is made of the scans of the updates so far from poses within ``NEIGHBOURHOOD`` of where the
     robot is, or of where it was estimated to be. The error of an online pose is the mean, over these updates, of the
-    difference between its estimated and its true pose relative to the update's. Drift that has built up before the map
-    around the robot was made is in none of these. Where a back end corrected the path, and the map with it, the updates
-    before count where the correction put them. A robot that was carried off may draw a map apart, in which it is right:
-    it is astray until it is right about what it mapped before.
+    difference between its estimated and its true pose relative to the update's. Where a back end corrected the path,
+    and the map with it, the updates before count where the correction put them. A robot that was carried off is astray
+    until it is right about what it mapped before.
 
     Args:
         trajectory: [n] online poses.

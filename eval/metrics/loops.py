@@ -116,15 +116,11 @@ def score_loops(
     *,
     scans: Scans | None = None,
 ) -> LoopResult:
-    """Score the loops that a back end accepted.
+    """Score the loops that a back end accepted: how many are false, and how many of the possible ones they bind.
 
-    An accepted loop is false where its relative pose is farther than ``MAX_TRANSLATION`` or ``MAX_ROTATION`` from that
-    of the true poses. Precision is the share of the accepted loops that are not false.
-
-    Recall is the share of the later key scans with a possible loop (``possible_loops``) that are bound: by a loop
-    that was accepted and is not false, whose later scan is at most ``BOUND_PATH`` of path from the key scan, and whose
-    earlier scan is at most as far from one of the key scan's partners. Not every scan needs a loop of its own: one
-    every few metres holds the path.
+    A key scan with a possible loop (``possible_loops``) is bound by a loop that was accepted and is not false, whose
+    later scan is at most ``BOUND_PATH`` of path from the key scan, and whose earlier scan is at most as far from one of
+    the key scan's partners.
 
     Args:
         loops: the candidates, whatever became of them.
@@ -209,11 +205,9 @@ class PossibleLoops(Summarised):
 def possible_loops(recording: Recording, truth: Trajectory, *, scans: Scans | None = None) -> PossibleLoops:
     """The loops that a search could have found.
 
-    Key scans are the first within each ``SPACING`` of true path or turn, whatever the run took for its own, so that
-    runs over one recording have one measure. A loop is possible between two of them that are more than ``MIN_PATH``
-    of path apart, at most ``MAX_DISTANCE`` apart, and share at least ``MIN_SHARED`` of their endpoints: of the later
-    scan's, de-skewed and laid at its true pose, that share is less than ``SAME_PLACE`` from some endpoint of the
-    earlier scan, laid likewise. All endpoints of the earlier scan count, and at most ``MAX_ENDPOINTS`` of the later.
+    Key scans are the first within each ``SPACING`` of true path or turn, whatever the run took for its own. A loop is
+    possible between two of them that are more than ``MIN_PATH`` of path apart, at most ``MAX_DISTANCE`` apart, and
+    share at least ``MIN_SHARED`` of their endpoints, laid at the true poses.
 
     Args:
         recording: with a lidar.

@@ -11,10 +11,9 @@ from numpy.typing import NDArray
 
 from moteslam.errors import InputError
 from moteslam.eval.metrics.association import MAX_DIFFERENCE, Matched, match
+from moteslam.eval.metrics.ate import PoseErrors
 from moteslam.eval.metrics.space import angles
-from moteslam.eval.statistics import Statistics
 from moteslam.robot.se2 import Poses, between
-from moteslam.robot.summary import Summarised
 from moteslam.robot.trajectory import Trajectory
 from moteslam.robot.wording import counted
 
@@ -26,54 +25,22 @@ RELATIVE_TOLERANCE = 0.1
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class RpeResult(Summarised):
-    """The relative pose error.
+class RpeResult(PoseErrors):
+    """The relative pose error of pairs that begin at the stamps; without headings that of the distances of their poses.
 
     Attributes:
         delta, unit: how far apart the poses of a pair are.
-        start_stamps: [n] where each pair begins [s].
-        errors: [n] translation error of each pair [m]; without headings that of the distance between its poses.
-        rotation_errors: [n] rotation error of each pair [rad]; None without headings.
-        translation: statistics of ``errors`` [m].
-        rotation: statistics of ``rotation_errors`` [rad].
     """
 
     delta: float
     unit: Unit
-    start_stamps: NDArray[np.float64]
-    errors: NDArray[np.float64]
-    rotation_errors: NDArray[np.float64] | None
-    translation: Statistics
-    rotation: Statistics | None
-
-    @property
-    def rmse(self) -> float:
-        """Root mean square translation error [m]."""
-        return self.translation.rmse
-
-    @property
-    def pairs(self) -> int:
-        """Number of pairs that were compared."""
-        return self.translation.count
-
-    @property
-    def rotation_deg(self) -> Statistics | None:
-        """Statistics of ``rotation_errors`` [deg]."""
-        return None if self.rotation_errors is None else Statistics.of(np.rad2deg(self.rotation_errors))
 
     def as_dict(self) -> dict[str, Any]:
-        """Fit for JSON: metres and degrees."""
-        return {
-            "delta": self.delta,
-            "unit": self.unit,
-            "translation_m": self.translation.as_dict(),
-            "rotation_deg": None if self.rotation_deg is None else self.rotation_deg.as_dict(),
-        }
+        """The statistics, fit for JSON."""
+        return {"delta": self.delta, "unit": self.unit, **super().as_dict()}
 
     def _summary(self) -> str:
-        turn = "" if self.rotation is None else f" and {np.rad2deg(self.rotation.rmse):.2f} deg"
-        errors = f"RMSE {self.rmse:.3f} m{turn}"
-        return f"{counted(self.pairs, 'pair')} {self.delta:g} {self.unit} apart, {errors}"
+        return f"{counted(self.pairs, 'pair')} {self.delta:g} {self.unit} apart, {super()._summary()}"
 
 
 def relative_pose_error(
@@ -114,16 +81,7 @@ def relative_pose_error(
             f"no pair {delta:g} {unit} apart among {len(matched)} matched poses, expected a shorter delta",
             field="pairs",
         )
-    translation, rotation = _errors(matched, first, last)
-    return RpeResult(
-        delta=delta,
-        unit=unit,
-        start_stamps=matched.stamps[first],
-        errors=translation,
-        rotation_errors=rotation,
-        translation=Statistics.of(translation),
-        rotation=None if rotation is None else Statistics.of(rotation),
-    )
+    return RpeResult(matched.stamps[first], *_errors(matched, first, last), delta, unit)
 
 
 def _errors(

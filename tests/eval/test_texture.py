@@ -9,10 +9,10 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from parts.floor_colours import registration, score_texture
 
 from moteslam.errors import InputError
 from moteslam.eval.cli.main import run as main
-from moteslam.eval.metrics.texture import registration, score_texture
 from moteslam.eval.report.stages import with_opacity, write_texture
 from moteslam.robot.formats.map_arrays import read_map_arrays
 from moteslam.slam.texture.floor_map import TextureMap
