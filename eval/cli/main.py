@@ -100,7 +100,7 @@ def run(arguments: list[str]) -> int:
             code = app(args=arguments, prog_name="moteslam", standalone_mode=False)
         flush()
     except (BrokenPipeError, SystemExit):  # Typer makes the one of the other
-        _discard_stdout()  # whoever read our output has gone (``| head``): leave without a word
+        _discard_stdout()  # the reader of our output has closed it (``| head``)
         return CLOSED_PIPE
     except (Interrupted, KeyboardInterrupt) as error:
         return _interrupted(error)

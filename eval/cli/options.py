@@ -58,11 +58,11 @@ Settings = Annotated[
 
 
 def expect_new(file: Path | None, *endings: str, force: bool) -> None:
-    """Refuse a file to write that has another ending than these, or is there already.
+    """Refuse a file to write that exists, or whose ending is not one of these.
 
     Raises:
-        ExistsError: it is, and is not to be replaced.
-        OutputError: the ending is another one, or it is there and no regular file.
+        ExistsError: it exists, and is not to be replaced.
+        OutputError: another ending, or it exists and is no regular file.
     """
     if file is None:
         return
@@ -109,11 +109,11 @@ class SlamOptions:
     as_json: Json = False
 
     def resolved(self) -> SlamConfig:
-        """The configuration that the options come to: flag over file over preset; printed, where that is asked for.
+        """The configuration: flag over file over preset. With ``--print-config`` it is printed instead.
 
         Raises:
             ConfigError: an unknown preset or key, or a value out of bounds; the option is named.
-            Exit: it was to be printed.
+            Exit: after it was printed.
         """
         from moteslam.eval.cli.text import say, say_json
         from moteslam.slam.settings import DEFAULT_PRESET, resolve_config

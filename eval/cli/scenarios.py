@@ -101,7 +101,7 @@ def animate(
       moteslam scenarios animate corridor --duration 60 --speed 5 --fps 25 --out corridor.mp4
     """  # noqa: D301
     from moteslam.eval.cli.simulate import Wanted, named_in_errors
-    from moteslam.eval.report.animation import Film, Pace
+    from moteslam.eval.report.animation import Pace, film
     from moteslam.eval.report.video import check_film, write_film
     from moteslam.robot.files import folder_for
     from moteslam.sim.simulate import simulate
@@ -126,7 +126,7 @@ def animate(
         with progress_bar("SLAM", len(session), "scans") as progress:
 
             def frames() -> Iterator[NDArray[np.uint8]]:
-                for update, shown in Film(simulation, session, pace).play():
+                for update, shown in film(simulation, session, pace):
                     progress(update.index + 1)
                     yield from shown
 

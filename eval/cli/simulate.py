@@ -155,8 +155,8 @@ class Wanted:
         """The scenario; ``random-corridors`` is the building of that seed.
 
         Raises:
-            ConfigError: there is none, it is not well made, its lidar does not fit the format, or an option that
-                changes it is wrong; that one is named.
+            ConfigError: an unknown scenario or a broken one, a lidar that does not fit the format, or a wrong option,
+                which is named.
         """
         from moteslam.robot.formats.carmen_writer import expect_classic_fan
         from moteslam.sim.scenario import load_scenario, with_camera

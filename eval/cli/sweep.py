@@ -1,4 +1,4 @@
-"""``moteslam sweep``: many runs of many configurations, and what they came to."""
+"""``moteslam sweep``: many runs of many configurations, summed up."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def run(
     ] = None,
     as_json: options.Json = False,
 ) -> None:
-    """Make the runs of a specification, record each as it ends, and print what they came to.
+    """Make the runs of a specification, record each as it ends, and print a summary.
 
     Killed at any moment and started again, it goes on where it was: no run that was recorded is lost or made again. A
     run that fails, crashes or takes too long is recorded with its error. The results are the same, bit for bit,
@@ -177,7 +177,7 @@ def show(
     form: options.Format = None,
     as_json: options.Json = False,
 ) -> None:
-    """Print what the runs recorded so far came to: median with its 95 % interval, quartiles, successes.
+    """Sum up the runs recorded so far: median with its 95 % interval, quartiles, successes.
 
     With --budget, of a sweep made with --time: the configurations that cost at most that much, the best first, and
     in how many of the same runs the best one beats each.

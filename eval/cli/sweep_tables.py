@@ -28,7 +28,7 @@ def metric_names(given: list[str] | None) -> list[str]:
     """The metrics that are asked for, ``final.ate`` by default.
 
     Raises:
-        ConfigError: one that there is not.
+        ConfigError: an unknown metric.
     """
     from moteslam.eval.metrics.registry import chosen
 

@@ -56,7 +56,7 @@ def grouped(runs: Sequence[ReportRun], by: Callable[[ReportRun], Any]) -> dict[A
 def curves(runs: Sequence[ReportRun], key: str, metric: str, unit: str) -> Figure | None:
     """The median of a metric over the values of one key that varies, with its 95 % interval, a line a rest.
 
-    None where fewer than two values have one.
+    None if fewer than two values have one.
     """
     having = [run for run in runs if key in dict(run.varied)]
     values = list(dict.fromkeys(dict(run.varied)[key] for run in having))

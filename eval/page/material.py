@@ -39,23 +39,23 @@ class ReportRun:
         status, error: as of a row of a sweep.
         values: by metric; absent ones are left out.
         absent: why, by metric.
-        succeeded: whether none of the limits was passed.
+        succeeded: whether all limits were kept.
         folder: of its result, if it has one.
     """
 
     place: str
-    platform: str
-    noise: str
     seed: int | None
-    duration: float | None
     configuration: str
-    varied: tuple[tuple[str, Any], ...]
     base: str
-    status: str
-    error: str
     values: dict[str, float]
     absent: dict[str, str]
     succeeded: bool
+    platform: str = ""
+    noise: str = ""
+    duration: float | None = None
+    varied: tuple[tuple[str, Any], ...] = ()
+    status: str = "ok"
+    error: str = ""
     folder: Path | None = None
 
     @property
@@ -97,7 +97,7 @@ def gather(paths: Sequence[Path]) -> Material:
     """Read files of sweeps, result folders, and folders that hold any of these.
 
     Raises:
-        InputError: a path that is none of them, or is damaged; or there is no run.
+        InputError: a path of another kind, or damaged; or no run.
     """
     material = Material()
     sweeps: list[Path] = []
@@ -190,26 +190,20 @@ def _run_of(material: Material, folder: Path, configuration: str) -> ReportRun:
     result = read_result_folder(folder)
     about, values = result.run, result.values
     material.units |= result.units
-    for issue in about.get("warnings") or ():
-        if isinstance(issue, dict):
-            message = str(issue.get("message"))
-            material.issues[message] = material.issues.get(message, 0) + 1
-    for title in ("versions", "hardware"):
-        if isinstance(found := about.get(title), dict):
-            material.facts.setdefault(title.capitalize(), {str(key): str(value) for key, value in found.items()})
+    try:
+        material.issues.update(issue["message"] for issue in about.get("warnings", ()))
+        for title in ("versions", "hardware"):
+            facts = {name: str(value) for name, value in about.get(title, {}).items()}
+            material.facts.setdefault(title.capitalize(), facts)
+    except (AttributeError, KeyError, TypeError) as error:
+        raise InputError("not as `moteslam replay` writes it", file=folder / "run.json") from error
     seed = about.get("seed")
     limits = [(values.get(name), limit) for name, limit in SUCCESS.items()]
     return ReportRun(
         place=str(about.get("scenario") or about.get("recording") or folder.name),
-        platform="",
-        noise="",
         seed=seed if isinstance(seed, int) else None,
-        duration=None,
         configuration=configuration,
-        varied=(),
         base=configuration,
-        status="ok",
-        error="",
         values=values,
         absent=result.absent,
         succeeded=all(value is not None and value <= limit for value, limit in limits),

@@ -134,7 +134,7 @@ def ranges(
 def running_median(
     time: NDArray[np.float64], values: NDArray[np.float64], at: NDArray[np.float64], width: float
 ) -> NDArray[np.float64]:
-    """The median of the values [n] within half a width [s] of each of the times ``at`` [w]; NaN where there is none.
+    """The median of the values [n] within half a width [s] of each of the times ``at`` [w]; NaN in an empty window.
 
     Args:
         time: [n] rising [s].

@@ -87,7 +87,7 @@ def _animated(kind: str, frames: Iterable[Frame], fps: float) -> bytes:
 
 
 def video_codec() -> str | None:
-    """The first of ``CODECS`` that OpenCV encodes and reads back; None: there is none."""
+    """The first of ``CODECS`` that OpenCV encodes and reads back; None if it does with none of them."""
     import cv2
 
     grey = [np.full((64, 64, 3), shade, np.uint8) for shade in (60, 120, 180)]

@@ -94,7 +94,7 @@ def columns(rows: Sequence[Row]) -> dict[str, list[Any]]:
 
 
 def as_csv(rows: Sequence[Row]) -> str:
-    """The columns as CSV: numbers with the fewest digits that read back the same, empty where there is none."""
+    """The columns as CSV: numbers with the fewest digits that read back the same, empty for None."""
     table = columns(rows)
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import re
-from difflib import get_close_matches
 from os import PathLike
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -23,8 +22,6 @@ MAX_RUNS = 1_000_000
 PREFIXES = ("slam.", "scenario.", "platform.")
 """What a key that varies, or that a configuration sets, begins with: whose key it is."""
 NAME = re.compile(r"[\w.+-]{1,80}")
-PLACES = ("recording", "platform", "out", "seed", "here")
-"""What stands in braces in the words of a command."""
 SUCCESS_ATE = 0.5
 """A run succeeds, where nothing else is said, with a final ATE of at most this [m]."""
 
@@ -129,7 +126,7 @@ class SweepSpec(Section):
     metrics: tuple[str, ...] = ()
     """What is measured, by name; all metrics that are not costly by default."""
     success: dict[str, NotNegative] = Field(default_factory=lambda: {"final.ate": SUCCESS_ATE})
-    """A run succeeds if none of these is above its limit, or absent."""
+    """A run succeeds if each of these metrics is present and at most this large."""
     timeout: Positive = 1800.0
     """A run that takes longer has failed [s]."""
 
@@ -172,8 +169,8 @@ def read_spec(path: str | PathLike[str]) -> SweepSpec:
     """Read a specification; paths in it are made absolute.
 
     Raises:
-        ConfigError: it is not TOML, has an unknown key or a value out of bounds, names metrics that there are not, or
-            a command's version cannot be had; file and key are named.
+        ConfigError: it is not TOML, has an unknown key or a value out of bounds, an unknown metric, or a command
+            without the version; file and key are named.
     """
     path = Path(path)
     table = read_toml(path, "a sweep's .toml file")
@@ -184,8 +181,6 @@ def read_spec(path: str | PathLike[str]) -> SweepSpec:
             if track and track not in TRACKS:
                 expected = ", ".join(f"{each}.{short}" for each in TRACKS)
                 raise ConfigError(f"{name!r}, expected one of {expected}", field="metrics")
-        for name, one in spec.configurations.items():
-            _check_places(name, one)
     except ConfigError as error:
         raise ConfigError(error.problem, file=path, field=error.field) from error
     except ValidationError as error:
@@ -193,36 +188,23 @@ def read_spec(path: str | PathLike[str]) -> SweepSpec:
         problem = first["msg"].removeprefix("Value error, ")
         raise ConfigError(problem, file=path, field=".".join(map(str, first["loc"])) or None) from error
     beside = path.absolute().parent
+
+    def seen(names: tuple[str, ...]) -> tuple[str, ...]:
+        """Names as they are, paths of TOML files as seen from the folder of this one."""
+        return tuple(str(beside / name) if name.endswith(".toml") or "/" in name else name for name in names)
+
     return spec.model_copy(
         update={
-            "scenarios": tuple(_beside(name, beside) for name in spec.scenarios),
-            "platforms": tuple(_beside(name, beside) for name in spec.platforms),
+            "scenarios": seen(spec.scenarios),
+            "platforms": seen(spec.platforms),
             "recordings": tuple(str(beside / _filled(name, path)) for name in spec.recordings),
             "configurations": {name: _placed(name, one, path) for name, one in spec.configurations.items()},
         }
     )
 
 
-def _check_places(name: str, one: Configuration) -> None:
-    """Refuse a word of a command in which a place is misspelt; other braces are the command's own.
-
-    Raises:
-        ConfigError: there is one.
-    """
-    for word in one.command:
-        for place in re.findall(r"(?<!\$)\{([a-z]+)\}", word):
-            short = [each for each in PLACES if each.startswith(place)]
-            if place not in PLACES and (meant := short or get_close_matches(place, PLACES, 1, 0.7)):
-                problem = f"{{{place}}}, expected {{{meant[0]}}} or another of {', '.join(PLACES)}"
-                raise ConfigError(problem, field=f"configurations.{name}.command")
-
-
 def _filled(name: str, file: Path) -> str:
-    """A path with the variables of the environment that it names.
-
-    Raises:
-        ConfigError: one of them is not set.
-    """
+    """A path with the variables of the environment that it names, all of which must be set."""
     try:
         return re.sub(r"\$\{([A-Za-z_][A-Za-z0-9_]*)\}", lambda found: os.environ[found[1]], name)
     except KeyError as error:
@@ -231,11 +213,7 @@ def _filled(name: str, file: Path) -> str:
 
 
 def _placed(name: str, one: Configuration, file: Path) -> Configuration:
-    """A configuration whose command and version are those on this computer.
-
-    Raises:
-        ConfigError: its version cannot be had.
-    """
+    """A configuration with the command and its version as they are on this computer."""
     if not one.command:
         return one
     folder, version = file.absolute().parent, one.version
@@ -257,7 +235,7 @@ def numbers(text: str) -> list[int]:
     """The seeds of a text such as ``0-9`` or ``3,5,10-19``, in its order, each once.
 
     Raises:
-        ValueError: it is none.
+        ValueError: any other text.
     """
     found: dict[int, None] = {}
     for part in text.split(","):
@@ -269,11 +247,6 @@ def numbers(text: str) -> list[int]:
             raise ValueError(f"{text!r}, expected ranges that rise, of at most {MAX_RUNS} seeds")
         found |= dict.fromkeys(range(first, last + 1))
     return list(found)
-
-
-def _beside(name: str, folder: Path) -> str:
-    """A name as it is, a path to a TOML file as seen from a folder."""
-    return str(folder / name) if name.endswith(".toml") or "/" in name else name
 
 
 def _checked_key(key: str) -> str:

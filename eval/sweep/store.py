@@ -48,7 +48,7 @@ class Row:
         run: which.
         status: ``ok``, ``failed``, ``crashed`` or ``timed out``; empty of one that was not made yet.
         error: why it is not ok.
-        values: by metric; None where one is absent.
+        values: by metric; None if absent.
         units: by metric.
         absent: reasons, by metric.
         costs: times and memory, by metric, where they were measured.
@@ -157,7 +157,7 @@ def opened(path: str | PathLike[str], *, write: bool = False) -> Iterator[Store]
     """Open a file of a sweep, alone if it is to be written.
 
     Raises:
-        InputError: it is none, or of another version.
+        InputError: not a file of a sweep, or of another version.
         OutputError: another process writes it.
     """
     path = Path(path)
@@ -233,7 +233,7 @@ def create(
 def begin(
     target: Path, file: Path, spec: SweepSpec, part: str, environment: Mapping[str, Mapping[str, str]] | None = None
 ) -> None:
-    """Make the file of a sweep, or of a part of it, unless it is there already.
+    """Make the file of a sweep, or of a part of it, unless it exists.
 
     Args:
         target: the file.
@@ -243,8 +243,8 @@ def begin(
         environment: versions and hardware, by name.
 
     Raises:
-        ConfigError: the specification asks for what there is not, or the part is none.
-        OutputError: the file is there, of another specification or part, or of other scenarios or robots.
+        ConfigError: the specification names something unknown, or the part is malformed.
+        OutputError: the file exists, of another specification or part, or of other scenarios or robots.
     """
     text = spec.model_dump_json(exclude_defaults=True, exclude={"description"})
     number, _, of = part.partition("/")
@@ -273,7 +273,7 @@ def merge(files: Sequence[Path], out: Path) -> dict[str, int]:
 
     Raises:
         InputError: they are parts of different sweeps, or have different results of a run.
-        OutputError: the file is there already.
+        OutputError: the file exists.
     """
     if out.exists():
         raise OutputError("exists already, expected a new file", file=out)

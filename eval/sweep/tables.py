@@ -89,6 +89,6 @@ def better(name: str) -> Better:
 
 
 def succeeds(row: Row, success: dict[str, float]) -> bool:
-    """Whether a run did, and none of its values is above its limit or absent."""
+    """Whether a run ended well, with each value present and within its limit."""
     values = [(row.values.get(name), limit) for name, limit in success.items()]
     return row.status == "ok" and all(value is not None and value <= limit for value, limit in values)

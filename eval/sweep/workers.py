@@ -1,7 +1,7 @@
 """Processes that make runs side by side, here or on a Dask cluster, and what becomes of those that die or hang.
 
 ``python -m moteslam.eval.sweep.workers MODULE`` is such a process: it takes runs as lines of JSON on its input, has the
-function ``make`` of the module make them, and writes outcomes to its output. It ends with its input.
+function ``make`` of the module make them, and writes outcomes to its output. It ends when its input ends.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ RUNS = "moteslam.eval.sweep.runs"
 
 
 class Run(Protocol):
-    """Something to make; runs of one case follow each other in one process, where there are several."""
+    """Something to make; a process is given runs of the same case, one after the other, if there are any."""
 
     @property
     def case(self) -> Any:

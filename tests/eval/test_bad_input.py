@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import re
 import resource
 import signal
 import subprocess
@@ -25,34 +24,23 @@ from moteslam.eval.literal import literal
         ("bogus", "No such command 'bogus'"),
         ("demo --bogus", "--bogus"),
         ("demo --seed -1", "--seed"),
-        ("demo --seed x", "--seed"),
         ("demo --seed 99999999999999999999", "--seed"),
         ("demo --duration 1", "--duration"),
-        ("demo --scenario nowhere", "nowhere: no scenario of this name, expected one of"),
         ("demo --scenario full.tml", "full.tml: no such file, and no scenario of this name, expected one of"),
-        ("demo --preset none", "--preset none: no such preset, expected one of"),
         ("demo --set particles=0", "--set particles: "),
         ("replay x --preset none", "--preset none: "),
-        ("demo --set particles=many", "particles"),
-        ("demo --set speed=1", "--set speed: unknown key, expected one of"),
         ("demo --set map.size=1", "--set map.size: unknown key"),
-        ("demo --set colours=3", "--set colours: 3, expected a table"),
-        ("demo --set particles", "expected key=value"),
         ("demo --threads 0", "--threads"),
         ("demo --arch abacus", "abacus"),
         ("demo --config absent.toml", "absent.toml: No such file"),
         ("simulate corridor", "--out"),
-        ("simulate corridor --out x --seed -1", "--seed"),
         ("simulate random-corridors --out x --batch 2 --seed 9223372036854775807", "--seed: 9223372036854775807"),
         ("simulate random-corridors-9223372036854775808 --out x", "no such building, expected a number up to"),
         ("simulate absent.toml --out x", "absent.toml: No such file"),
         ("replay", "PATH"),
-        ("replay absent", "--out"),
         ("replay absent --out x", "absent: No such file or directory, expected a recording"),
         ("replay . --out x", "expected a folder of one of ucsd"),
         ("inspect absent", "absent: No such file"),
-        ("inspect", "PATH"),
-        ("evaluate absent also", "absent: No such file"),
         ("evaluate", "EST... [REF]"),
     ],
 )
@@ -63,41 +51,22 @@ def test_one_line_and_exit_code_2(line: str, words: str, tmp_path: Path, monkeyp
 
 
 CROWD = "[crowd]\ncount = 1\naway = 100.0\n"
-WANDER = "[wander]\nstart = [0.0, 0.0]\ndistance = 9.0\nclearance = 3.0\n"
-
-
-UCSD_WITHOUT = '[platform]\nbase = "ucsd"\n'
 
 
 @pytest.mark.parametrize(
-    ("line", "more", "words"),
+    "line",
     [
-        ("simulate my.toml --out x", CROWD, "crowd.count: room for 0 of 1 people"),
-        ("simulate my.toml --out new/and/x", WANDER, "wander: no free leg"),
-        (
-            "simulate my.toml --out x --camera",
-            UCSD_WITHOUT + "camera = false\n",
-            "platform.camera: none, expected",
-        ),
-        (
-            "simulate my.toml --out x --camera",
-            UCSD_WITHOUT + "camera.z = 0.0\n",
-            "platform.camera.z: 0 m, expected",
-        ),
-        ("demo --scenario my.toml --out x", CROWD, "crowd.count: room for 0 of 1 people"),
-        ("scenarios show my.toml --drive --out x.png", WANDER, "wander: no free leg"),
-        ("scenarios animate my.toml --out new/and/x.gif", CROWD, "crowd.count: room for 0 of 1 people"),
+        "simulate my.toml --out new/and/x",
+        "demo --scenario my.toml --out x",
+        "scenarios animate my.toml --out new/and/x.gif",
     ],
 )
 def test_what_a_run_finds_names_the_scenario(
-    line: str, more: str, words: str, scenario_file: Path, tmp_path: Path, monkeypatch, capsys
+    line: str, scenario_file: Path, tmp_path: Path, monkeypatch, capsys
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    table = scenario_file.read_text()
-    if more == WANDER:
-        table = re.sub(r"\[route\]\n.*\n", "", table)
-    Path("my.toml").write_text(table + more)
-    assert refused(capsys, *line.split()).startswith(f"moteslam: my.toml: {words}")
+    Path("my.toml").write_text(scenario_file.read_text() + CROWD)
+    assert refused(capsys, *line.split()).startswith("moteslam: my.toml: crowd.count: ")
     assert [entry.name for entry in tmp_path.iterdir()] == ["my.toml"]
 
 
@@ -214,19 +183,6 @@ def test_a_full_disk(tmp_path: Path) -> None:
     assert "cannot be written: File too large" in done.stderr
     assert done.stderr.count("\n") == 1
     assert not list(tmp_path.iterdir())
-
-
-def test_a_folder_that_cannot_be_written(tmp_path: Path, monkeypatch, capsys) -> None:
-    (tmp_path / "file").write_text("")
-    line = refused(capsys, "simulate", "corridor", "--out", tmp_path / "file" / "robot")
-    assert f"{tmp_path / 'file' / 'robot'}: cannot be made: {tmp_path / 'file'} is a file, expected a folder" in line
-
-    def read_only(*_args, **_keywords):
-        raise OSError(30, "Read-only file system")
-
-    monkeypatch.setattr(Path, "mkdir", read_only)
-    line = refused(capsys, "simulate", "corridor", "--out", tmp_path / "robot")
-    assert f"{tmp_path / 'robot'}: cannot be made: Read-only file system" in line
 
 
 def test_the_option_that_helps_is_named(tmp_path: Path, capsys) -> None:

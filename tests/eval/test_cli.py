@@ -12,7 +12,6 @@ import pytest
 from figures import legend_of
 from matplotlib.figure import Figure
 
-from moteslam import __version__
 from moteslam.eval.cli.main import run as run_program
 from moteslam.robot.trajectories.tum import read_tum
 
@@ -39,11 +38,6 @@ def test_help_is_instant_and_has_examples(command: str) -> None:
         assert "Examples:" in done.stdout
     else:
         assert all(name in done.stdout for name in COMMANDS)
-
-
-def test_version(program, tmp_path: Path) -> None:
-    done = program("--version", cwd=tmp_path)
-    assert (done.returncode, done.stdout, done.stderr) == (0, f"moteslam {__version__}\n", "")
 
 
 @pytest.mark.parametrize("command", ["demo", "replay"])
@@ -163,11 +157,6 @@ def test_inspect(simulated_folder: Path, capsys: pytest.CaptureFixture[str]) -> 
     lidar = json.loads(capsys.readouterr().out)["lidar"]
     assert lidar["resolution"] == pytest.approx(0.001)
     assert lidar["noise_at_rest"]["deviation"] == pytest.approx(0.009, abs=0.002)
-
-
-def test_inspect_of_a_real_recording(data_folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert run_program(["inspect", str(data_folder / "ucsd"), "--sequence", "20", "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["problems"][0]["message"].startswith("lidar: none")
 
 
 def test_evaluate_knows_relations_by_their_content(data_folder: Path, tmp_path: Path, capsys) -> None:

@@ -231,10 +231,6 @@ def test_failed_runs_count_as_the_worst() -> None:
     assert '<span class="median">failed</span>' in text
 
 
-def test_chart_texts_are_literal() -> None:
-    assert charts.label("<b>x</b> & \u202e") == "&lt;b&gt;x&lt;/b&gt; &amp; \\u202e"
-
-
 def test_a_page_needs_neither_taichi_nor_matplotlib_for_sweeps(tmp_path: Path, program) -> None:
     import subprocess
     import sys

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from moteslam.errors import OutputError
 from moteslam.eval.metrics.ate import absolute_trajectory_error
 from moteslam.eval.report import curves, maps
-from moteslam.eval.report.maps import write_map_png, write_map_server
+from moteslam.eval.report.maps import write_map_server
 from moteslam.eval.report.particles import Cloud, draw_particles
 from moteslam.eval.report.stages import draw_over_time
 from moteslam.eval.report.style import broken, saved_figure
@@ -61,11 +61,6 @@ def test_map_server_files_read_back(occupancy: Raster, tmp_path: Path) -> None:
         "occupied_thresh": 0.65,
         "free_thresh": 0.196,
     }
-
-
-def test_map_png_reads_back(occupancy: Raster, tmp_path: Path) -> None:
-    write_map_png(tmp_path / "map.png", occupancy)
-    assert opened(tmp_path / "map.png").tolist() == map_image(occupancy.values).tolist()
 
 
 def test_figures_are_white_outside_and_drawn_inside(run, simulation, tmp_path: Path) -> None:
@@ -122,16 +117,6 @@ def test_single_far_endpoints_do_not_shrink_the_plan(tmp_path: Path, drawn: list
     maps.draw_dead_reckoning(tmp_path / "a.png", still, recording=Recording("far", UCSD, lidar=lidar))
     low, high = drawn[0].axes[0].get_xlim()
     assert high - low < 20
-
-
-def test_marks_of_resampling_hide_nothing_of_the_curve(tmp_path: Path, drawn: list[Figure]) -> None:
-    n_eff = np.array([50.0, 20.0, 50.0])
-    curves.draw_effective_particles(tmp_path / "a.png", np.arange(3.0), n_eff, n_eff < 30, particles=np.full(3, 50.0))
-    curve, rug = drawn[0].axes[0].lines
-    np.testing.assert_array_equal(curve.get_ydata(), n_eff)
-    np.testing.assert_array_equal(rug.get_xdata(), [1.0])
-    assert min(rug.get_ydata()) > 50
-    assert legend_of(drawn[0]) == ["effective particles", "resampled (1 of 3 updates)"]
 
 
 def test_many_updates_are_drawn_as_their_range_and_running_median(tmp_path: Path, drawn: list[Figure]) -> None:

@@ -11,7 +11,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from moteslam.eval.report.scenarios import along, draw_scenario
-from moteslam.robot.tables import merged
 from moteslam.sim.scenario import Scenario, load_scenario
 
 
@@ -88,16 +87,6 @@ def test_the_legend_names_what_is_there(tmp_path: Path, drawn: list[Figure]) -> 
     ]
     assert people[-2:] == ["person, there and back", "person, strolls about"]
     assert doors[-2:] == ["door, shut", "door, as it opens"]
-
-
-def test_a_robot_without_a_route_and_a_crowd(tmp_path: Path, drawn: list[Figure]) -> None:
-    hall = load_scenario("hall").model_dump(exclude={"route"})
-    wanders = Scenario.model_validate(
-        merged(hall, {"wander": {"start": [6.0, 3.0], "distance": 40.0}, "crowd": {"count": 4}})
-    )
-    draw_scenario(tmp_path / "x.png", wanders)
-    assert "wanders 40 m at random" in legend_of(drawn[0])
-    assert "+ 4 who stroll anywhere" in legend_of(drawn[0])
 
 
 def test_places_along_a_line_are_even() -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import subprocess
 import sys
@@ -18,22 +17,11 @@ from command_lines import refused
 from moteslam.errors import OutputError
 from moteslam.eval.cli.main import run
 from moteslam.eval.report import video
-from moteslam.eval.report.animation import Film, Pace
+from moteslam.eval.report.animation import Pace, film
 from moteslam.eval.report.scenarios import draw_scenario
 from moteslam.eval.report.video import write_film
-from moteslam.robot.formats.ucsd import read_ucsd
-from moteslam.robot.trajectories.tum import read_tum
-from moteslam.sim.scenario import bundled_scenarios, load_scenario
+from moteslam.sim.scenario import load_scenario
 from moteslam.sim.simulate import simulate
-
-
-def test_each_is_listed_with_why_it_is_hard(capsys: pytest.CaptureFixture[str]) -> None:
-    assert run(["scenarios"]) == 0
-    out = capsys.readouterr().out
-    for name, why in bundled_scenarios().items():
-        assert name in out
-        assert why in out
-    assert "random-corridors" in out
 
 
 @pytest.mark.parametrize("name", ["lab", "doors", "random-corridors"])
@@ -107,7 +95,7 @@ def test_a_film_shows_the_run(scenario_file: Path) -> None:
     session = SlamSession(simulation.recording, resolve_config("paper", ["particles=5"]))
     assert simulation.recording.lidar is not None
     pace = Pace(1.0, 4.0)
-    shown = [frame for _, frames in Film(simulation, session, pace).play() for frame in frames]
+    shown = [frame for _, frames in film(simulation, session, pace) for frame in frames]
     assert len(shown) == len(pace.moments(simulation.recording.lidar.stamps)) >= 4
     (height, width, _), *others = {frame.shape for frame in shown}
     assert not others
@@ -116,24 +104,6 @@ def test_a_film_shows_the_run(scenario_file: Path) -> None:
     assert (shown[0] != shown[-1]).any()
     white = [(frame > 250).all(axis=2).mean() for frame in shown]
     assert white[-1] > white[0] - 0.05
-
-
-@pytest.mark.slow
-def test_a_batch_is_what_its_parts_are(program, scenario_file: Path, tmp_path: Path) -> None:
-    arguments = ("--batch", 2, "--seed", 5, "--jobs", 2, "--true-map", 0.1, "--json")
-    done = program("simulate", scenario_file, "--out", "many", *arguments, cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
-    found = json.loads(done.stdout)["simulations"]
-    assert [one["seed"] for one in found] == [5, 6]
-    alone = program("simulate", scenario_file, "--out", "one", "--seed", 6, cwd=tmp_path)
-    assert alone.returncode == 0, alone.stderr
-    first, second = read_ucsd(tmp_path / "many" / "room-6"), read_ucsd(tmp_path / "one")
-    assert first.lidar is not None
-    assert second.lidar is not None
-    assert first.lidar.ranges.tobytes() == second.lidar.ranges.tobytes()
-    truths = [read_tum(tmp_path / "many" / name / "truth.tum").poses for name in ("room-5", "room-6")]
-    assert truths[0].tobytes() != truths[1].tobytes()
-    assert (tmp_path / "many" / "room-5" / "truth_map.yaml").exists()
 
 
 @pytest.mark.slow

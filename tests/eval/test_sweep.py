@@ -145,8 +145,6 @@ HERE = "scenarios = ['corridor']\n"
         (HERE + "[vary]\nslam.particles = { first = 1, last = 9, step = 2 }", "vary.slam.particles.range.step"),
         (HERE + "[vary]\nscenario.speeed = [1]", "vary.scenario.speeed: "),
         (HERE + "seeds = '0'\n[vary]\nslam.particles = [2, 2]", "(corridor, seed 0, default, slam.particles=2)"),
-        (HERE + "[configurations.a]\ncommand = ['echo', '{rec}']", "configurations.a.command: {rec}, "),
-        (HERE + "[configurations.a]\ncommand = ['x', '{recrding}', '{print}', '${recordin}']", "command: {recrding}, "),
         (HERE + "[configurations.'a b']", "configurations: 'a b', "),
         (HERE + "[configurations.a]\npreset = 'b'", "configurations.a, b: no such preset"),
         (HERE + "[configurations.a]\nset = { slam.backend.method = 'no' }", "configurations.a, backend.method: "),
