@@ -18,17 +18,13 @@ from moteslam.robot.platform import Wheels
 from moteslam.robot.recording import EncoderStream, OdometryStream, Recording
 from moteslam.robot.section import Number, Section, Truth
 from moteslam.sim.robot.limits import MAX_DURATION, Interval, Spell
-from moteslam.sim.sensors.faults import readings_of
+from moteslam.sim.sensors.clock import readings_of
 
 Array = NDArray[np.float64]
 
 
 class RepeatedScans(Spell):
-    """The lidar's driver sends the last scan again and again; the stamps go on.
-
-    Attributes:
-        start: [s]; duration: [s].
-    """
+    """The lidar's driver sends the last scan again and again; the stamps go on."""
 
     kind: Literal["repeated_scans"] = "repeated_scans"
 
@@ -36,10 +32,7 @@ class RepeatedScans(Spell):
 class Gap(Spell):
     """Nothing at all is recorded: no scan, no reading of wheels and gyro, no image.
 
-    Attributes:
-        start: [s]; duration: [s].
-        counters: ``kept``: what the wheels turn meanwhile comes with the first reading after the gap; ``lost``: it is
-            not counted.
+    The counts of the wheels meanwhile are ``kept``: they come with the first reading after the gap; or ``lost``.
     """
 
     kind: Literal["gap"] = "gap"
@@ -50,9 +43,6 @@ class StaleOdometry(Spell):
     """The odometry keeps the value from before while all else goes on, then takes the right one at once.
 
     Of the wheel counters no count comes meanwhile, and all of them with the first reading after it.
-
-    Attributes:
-        start: [s]; duration: [s].
     """
 
     kind: Literal["stale_odometry"] = "stale_odometry"
@@ -87,10 +77,8 @@ class OdometryJump(Section):
 def with_scans_repeated(recording: Recording, faults: Iterable[object], epoch: float) -> Recording:
     """The recording with the scans of every `RepeatedScans` of ``faults`` in place of its own.
 
-    Args:
-        recording: to change.
-        faults: of a scenario; those of other kinds are passed over.
-        epoch: the stamp of the drive's first moment [s].
+    ``faults`` are a scenario's, here and below: those of other kinds are passed over; ``epoch`` is the stamp of the
+    drive's first moment [s].
     """
     lidar = recording.lidar
     for fault in faults:
@@ -120,10 +108,7 @@ def without_lost_motion(recording: Recording, faults: Iterable[object], epoch: f
 
 
 def with_gaps(recording: Recording, faults: Iterable[object], epoch: float) -> Recording:
-    """The recording without what lies in its gaps; the counts of a gap come with the first reading after it.
-
-    Arguments as of `with_scans_repeated`; images are left as they are.
-    """
+    """The recording without what lies in its gaps, but for images; counts come with the first reading after."""
     for fault in faults:
         if not isinstance(fault, Gap):
             continue
@@ -139,10 +124,7 @@ def with_gaps(recording: Recording, faults: Iterable[object], epoch: float) -> R
 
 
 def with_odometry_faults(recording: Recording, faults: Sequence[object], epoch: float) -> Recording:
-    """The recording with its odometry, the pose at every scan and the wheel counters stale or jumping.
-
-    The gyro measures on as it did. Arguments as of `with_scans_repeated`.
-    """
+    """The recording with odometry, poses of scans and wheel counters stale or jumping; the gyro measures on."""
     for jump in faults:
         if isinstance(jump, OdometryJump):
             recording = _jumping(recording, jump, epoch)

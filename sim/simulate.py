@@ -14,8 +14,7 @@ from moteslam.robot.recording import Recording
 from moteslam.robot.summary import Summarised
 from moteslam.robot.trajectory import Trajectory
 from moteslam.robot.wording import expect_type
-from moteslam.sim.actors.actors import Actors
-from moteslam.sim.actors.tracks import TRUTH_RATE, Tracks
+from moteslam.sim.actors.actors import TRUTH_RATE, Actors, Tracks
 from moteslam.sim.log_faults import (
     Gap,
     OdometryJump,
@@ -30,13 +29,12 @@ from moteslam.sim.robot.mishaps import Carried, Mishap
 from moteslam.sim.robot.task import driver_for
 from moteslam.sim.robot.vehicle import PHYSICS_RATE, Vehicle
 from moteslam.sim.scenario import Scenario
+from moteslam.sim.sensors.clock import Outage, Stream, with_faults
 from moteslam.sim.sensors.echoes import Scene
 from moteslam.sim.sensors.encoders import simulate_encoders
-from moteslam.sim.sensors.faults import Outage, Stream, with_faults
 from moteslam.sim.sensors.imu import simulate_imu
-from moteslam.sim.sensors.lidar import LidarErrors, simulate_lidar
+from moteslam.sim.sensors.lidar import LidarErrors, simulate_lidar, tilt_of
 from moteslam.sim.sensors.rgbd import CameraFrames, schedule_frames
-from moteslam.sim.sensors.tilt import tilt_of
 from moteslam.sim.world.floor import FloorSettings, rasterise
 from moteslam.sim.world.surroundings import lived_in
 from moteslam.sim.world.true_map import true_map
@@ -79,10 +77,9 @@ class Simulation(Summarised):
         scenario: what was simulated, with the seed that was used.
         world: its standing parts as the lidar saw them: the plan's, and what noise ``as_recorded`` adds to them.
         end: why the drive ended: ``arrived``, ``stuck`` or ``out of time``.
-        tracks: where people and doors were, from the first true pose on; None where there are none.
-        frames: the camera's, drawn when they are asked for; None where it records none.
-        base: what the robot's own base integrates: the recording before gaps and faults of the odometry; None where
-            there are none.
+        tracks: where people and doors were, from the first true pose on.
+        frames: the camera's, drawn when they are asked for.
+        base: what the robot's own base integrates, where gaps and faults of the odometry are not in it.
     """
 
     recording: Recording
@@ -95,25 +92,11 @@ class Simulation(Summarised):
     base: Recording | None = None
 
     def true_map(self, resolution: float) -> Raster:
-        """The true occupancy of what stands, in all places that can be reached from the robot's start; see `true_map`.
-
-        Args:
-            resolution: a cell's side [m].
-
-        Raises:
-            ConfigError: a resolution that is not positive, or too fine.
-        """
+        """The true occupancy, cells of a side [m], of what can be reached from the robot's start; see `true_map`."""
         return true_map(self.world, resolution, seen_from=self.truth.poses[:1, :2])
 
     def true_floor(self, resolution: float) -> Raster:
-        """The true colours [H, W, 3] of the floor of the complete world, a cell the mean of nine points in it.
-
-        Args:
-            resolution: a cell's side [m].
-
-        Raises:
-            ConfigError: too fine, or a floor's picture that cannot be read.
-        """
+        """The true colours [H, W, 3] of the floor, a cell of a side [m] the mean of nine points in it."""
         return rasterise(self.scenario.floor or FloorSettings(), self.world.bounds, resolution, samples=3)
 
     def _summary(self) -> str:
@@ -124,7 +107,6 @@ def simulate(scenario: Scenario, seed: int | None = None, *, progress: Progress 
     """Drive a scenario and record what the sensors see.
 
     Args:
-        scenario: as `load_scenario` gives it.
         seed: of all that is random, the scenario's own by default; the same seed gives the same bytes.
         progress: called now and then.
 
@@ -181,19 +163,7 @@ def drive_scenario(
     actors_rng: np.random.Generator | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> Drive:
-    """Let the robot do a scenario's task, among its people and doors.
-
-    Args:
-        scenario: the task, the robot's body and the actors.
-        world: of the scenario.
-        rng: of the driver's inattention and, for a wander, of its path.
-        actors_rng: of people and doors; of seed 0 by default.
-        progress: called with the share of the path that lies behind.
-
-    Raises:
-        ConfigError: no room for a crowd, a wander that finds no free leg, or a robot that is carried further than its
-            path is long.
-    """
+    """Let the robot do a scenario's task, among its people and doors; ``rng`` is the driver's."""
     vehicle = Vehicle(scenario.platform, scenario.start, world, scenario.noise.drive)
     actors = None
     if scenario.has_actors:
@@ -220,11 +190,7 @@ def drive_scenario(
 
 
 def true_drive(scenario: Scenario, seed: int | None = None) -> Drive:
-    """What the robot truly does in ``simulate(scenario, seed)``, without any sensor.
-
-    Raises:
-        ConfigError: a negative seed.
-    """
+    """What the robot truly does in ``simulate(scenario, seed)``, without any sensor."""
     scenario = _seeded(scenario, seed)
     rngs = _rngs(scenario.seed)
     return drive_scenario(scenario, World.of(scenario.world), rngs["driver"], actors_rng=rngs["actors"])
@@ -288,9 +254,6 @@ def _check_starts(scenario: Scenario, driven: Drive) -> None:
     """Refuse a fault that begins after the drive, or a mishap after the robot's arrival.
 
     A drive that runs out of time may have lost some.
-
-    Raises:
-        ConfigError: there is one.
     """
     if driven.end != "arrived":
         return

@@ -21,9 +21,6 @@ def with_its_robot(values: Table) -> Table:
 
     ``platform`` becomes a whole robot; ``noise`` and ``camera`` lie, key by key, over the robot's; a speed that it
     cannot drive becomes its top speed, and the run may take longer by as much.
-
-    Raises:
-        ConfigError: no such robot, one that is not whole, or one that has no noise of the class asked for.
     """
     platform = chosen_platform(values.get("platform"))
     values = {**values, "platform": platform}
@@ -40,11 +37,7 @@ def with_its_robot(values: Table) -> Table:
 
 
 def chosen_platform(value: Any) -> Platform:
-    """The whole robot that a scenario's ``platform`` is: a name, a path, a table, or the robot itself.
-
-    Raises:
-        ConfigError: no such robot, or one that is not whole.
-    """
+    """The whole robot that a scenario's ``platform`` is: a name, a path, a table, or the robot itself."""
     if value is None:
         return UCSD
     if isinstance(value, Platform):

@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from moteslam.errors import ConfigError
 from moteslam.robot.formats.ucsd_rgbd import (
     DISPARITY,
     RGB,
@@ -29,11 +30,22 @@ from moteslam.robot.specs import CameraSettings, CameraSpec
 from moteslam.robot.summary import Summarised
 from moteslam.sim.robot.drive import Drive
 from moteslam.sim.robot.limits import Interval
-from moteslam.sim.sensors.checks import check_camera
 from moteslam.sim.sensors.clock import readings
 from moteslam.sim.sensors.echoes import Scene
 from moteslam.sim.sensors.renderer import Renderer
 from moteslam.sim.world.floor import FloorSettings
+
+MAX_HEIGHT = 10.0
+"""Of the camera above the floor [m]."""
+
+
+def check_camera(camera: CameraSpec | None) -> CameraSpec:
+    """A camera that can record: the platform's, above the floor."""
+    if camera is None:
+        raise ConfigError("none, expected a camera to simulate", field="platform.camera")
+    if not 0 < camera.z <= MAX_HEIGHT:
+        raise ConfigError(f"{camera.z:g} m, expected above 0, up to {MAX_HEIGHT:g}", field="platform.camera.z")
+    return camera
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -44,10 +56,6 @@ class CameraFrames(Summarised):
         rgb_stamps, disparity_stamps: [m], [n] as the host stamps them [s].
         rgb_poses, disparity_poses: [m, 3], [n, 3] the robot's true poses when they are taken.
         rgb_times, disparity_times: [m], [n] when they are taken [s], from the drive's first moment.
-        mount: where the camera is.
-        settings: of the camera.
-        scene: walls, people and doors that it sees.
-        floor: what it drives on.
         seed: of the images' noise.
         rgb_numbers, disparity_numbers: [m], [n] of each frame among all that reached the host, whose noise it has.
         reached: how many colour and disparity images these were.
@@ -124,18 +132,8 @@ def schedule_frames(
 ) -> CameraFrames:
     """Settle when the cameras fire and where the robot is then.
 
-    Both tick at the same rate, out of phase by up to half a period, and each loses frames of its own.
-
-    Args:
-        drive: how the robot truly moved.
-        scene, floor: what it drives in and on.
-        mount: where the camera is.
-        settings: of the camera.
-        seed: of the run; the camera draws from a stream of its own, so that it does not change the other sensors.
-        epoch: added to the stamps [s].
-
-    Raises:
-        ConfigError: the platform has no camera, or not above the floor.
+    Both tick at the same rate, out of phase by up to half a period, and each loses frames of its own. The camera draws
+    from a stream of its own, so that it does not change the other sensors. ``epoch`` is added to the stamps [s].
     """
     mount = check_camera(mount)
     clock, images = np.random.SeedSequence((seed, 0x52474244)).spawn(2)
@@ -177,21 +175,9 @@ def write_frames(
     announce: Callable[[str], None] | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> int:
-    """Draw all frames and write them as ``dataRGBD/`` of the UCSD layout.
+    """Draw all frames and write them as ``dataRGBD/`` of the UCSD layout; the bytes written.
 
-    Args:
-        folder: of the recording; it exists.
-        frames: to draw.
-        sequence: the number in the file names.
-        announce: called, before the first is written, with a line on how many and how large they will be.
-        progress: called with the share of them that is written.
-
-    Returns:
-        the bytes written.
-
-    Raises:
-        OutputError: too little space on the disk, or a file cannot be written.
-        ConfigError: the floor's picture cannot be read.
+    ``announce`` is called, before the first is written, with a line on how many and how large they will be.
     """
     kinds: list[tuple[str, Draw, int]] = [
         (RGB, frames.draw_rgb, len(frames.rgb_stamps)),

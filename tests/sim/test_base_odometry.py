@@ -10,7 +10,7 @@ from ucsd_robot import WHEELS
 from moteslam.errors import InputError
 from moteslam.robot.platforms import UCSD
 from moteslam.robot.recording import EncoderStream, Recording
-from moteslam.sim.base_odometry import odometry_of, with_odometry
+from moteslam.sim.logged import with_odometry
 from moteslam.slam.odometry.dead_reckoning import dead_reckon
 
 
@@ -18,7 +18,7 @@ def test_a_straight_drive_and_a_turn_on_the_spot_are_exact() -> None:
     wheels = WHEELS.model_copy(update={"metres_per_count": 0.01, "effective_track": 0.5})
     counts = np.array([[7, 7, 7, 7], [10, 10, 10, 10], [25, -25, 25, -25], [10, 10, 10, 10]])
     robot = UCSD.model_copy(update={"wheels": wheels})
-    poses = odometry_of(Recording("x", robot, encoders=EncoderStream(np.arange(4.0), counts))).poses
+    poses = with_odometry(Recording("x", robot, encoders=EncoderStream(np.arange(4.0), counts))).odometry.poses
     np.testing.assert_allclose(poses[:3], [[0, 0, 0], [0.1, 0, 0], [0.1, 0, 1.0]], atol=1e-15)
     np.testing.assert_allclose(poses[3], [0.1 + 0.1 * np.cos(1), 0.1 * np.sin(1), 1.0], atol=1e-15)
 
@@ -37,9 +37,9 @@ def test_logged_poses_are_what_slam_integrates_from_the_streams(gyro: bool) -> N
 
 def test_the_gyro_changes_headings_and_is_used_only_where_it_is_asked_for() -> None:
     dense = winding()
-    wheels, gyro = odometry_of(dense).poses, odometry_of(dense, gyro=True).poses
+    wheels, gyro = with_odometry(dense).odometry.poses, with_odometry(dense, gyro=True).odometry.poses
     assert np.abs(wheels[:, 2] - gyro[:, 2]).max() > 0.01
-    np.testing.assert_array_equal(odometry_of(dense.replace(imu=None)).poses, wheels)
+    np.testing.assert_array_equal(with_odometry(dense.replace(imu=None)).odometry.poses, wheels)
 
 
 @pytest.mark.parametrize(

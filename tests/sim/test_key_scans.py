@@ -15,8 +15,7 @@ from moteslam.robot.formats.carmen_writer import write_carmen
 from moteslam.robot.formats.ucsd import read_ucsd, write_ucsd
 from moteslam.robot.platforms import UCSD
 from moteslam.robot.recording import EncoderStream, LidarStream, Recording
-from moteslam.sim.base_odometry import with_odometry
-from moteslam.sim.key_scans import key_scans
+from moteslam.sim.logged import key_scans, with_odometry
 from moteslam.slam.inputs.config import SyncConfig
 from moteslam.slam.inputs.synchronise import synchronise
 from moteslam.slam.inputs.warnings import warnings

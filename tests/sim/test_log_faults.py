@@ -10,8 +10,7 @@ import pytest
 from moteslam.errors import ConfigError
 from moteslam.robot import se2
 from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream, OdometryStream, Recording
-from moteslam.sim.base_odometry import with_odometry
-from moteslam.sim.logged import Logging, logged
+from moteslam.sim.logged import Logging, logged, with_odometry
 from moteslam.sim.scenario import parse_scenario
 from moteslam.sim.simulate import EPOCH, Simulation, simulate
 

@@ -12,9 +12,7 @@ from moteslam.robot import se2
 from moteslam.robot.platform import Wheels
 from moteslam.robot.platforms import UCSD
 from moteslam.robot.recording import EncoderStream, OdometryStream, Recording
-from moteslam.sim.base_odometry import with_odometry
-from moteslam.sim.key_scans import key_scans
-from moteslam.sim.odometry_noise import with_odometry_noise
+from moteslam.sim.logged import key_scans, with_odometry, with_odometry_noise
 from moteslam.slam.odometry.dead_reckoning import dead_reckon
 
 

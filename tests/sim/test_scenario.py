@@ -16,24 +16,17 @@ from moteslam.robot.noise import ClockNoise, EncoderNoise, ImuNoise, LidarNoise,
 from moteslam.robot.platform import Body, Platform, Wheels
 from moteslam.robot.platforms import UCSD
 from moteslam.robot.specs import CameraSpec, EncoderSpec, ImuSpec, LidarSpec
-from moteslam.sim.actors.crowd import Crowd
 from moteslam.sim.actors.doors import Door
-from moteslam.sim.actors.people import Person
-from moteslam.sim.robot.commands import Command, Commands
+from moteslam.sim.actors.people import Crowd, Person
 from moteslam.sim.robot.limits import Limits
-from moteslam.sim.robot.route import Route
-from moteslam.sim.robot.wander import Wander
+from moteslam.sim.robot.task import Command, Commands, Route, Wander
 from moteslam.sim.scenario import Fault, Scenario, bundled_scenarios, load_scenario, parse_scenario, scenario_table
-from moteslam.sim.sensors.faults import Outage
+from moteslam.sim.sensors.clock import Outage
 from moteslam.sim.simulate import drive_scenario
-from moteslam.sim.world.blocks import Box, Pillar
-from moteslam.sim.world.clearance import MAX_SEGMENTS
 from moteslam.sim.world.floor_plan import FloorPlan
-from moteslam.sim.world.furniture import Chair, Shelf, Table
-from moteslam.sim.world.layout import Layout, Slippery
-from moteslam.sim.world.materials import Material
-from moteslam.sim.world.walls import Recess, Room, RoomDoorway, Wall
-from moteslam.sim.world.world import World
+from moteslam.sim.world.layout import Layout, Recess, Room, RoomDoorway, Slippery, Wall
+from moteslam.sim.world.pieces import Box, Chair, Material, Pillar, Shelf, Table
+from moteslam.sim.world.world import MAX_SEGMENTS, World
 
 
 def changed(table: dict[str, Any], key: str, value: Any) -> dict[str, Any]:

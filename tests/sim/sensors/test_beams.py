@@ -11,9 +11,8 @@ from moteslam.robot.noise import LidarNoise
 from moteslam.robot.platforms import UCSD
 from moteslam.sim.sensors.echoes import Scene
 from moteslam.sim.sensors.lidar import beam_ranges, measured
-from moteslam.sim.world.blocks import Box
-from moteslam.sim.world.layout import Layout
-from moteslam.sim.world.walls import Room
+from moteslam.sim.world.layout import Layout, Room
+from moteslam.sim.world.pieces import Box
 from moteslam.sim.world.world import World
 
 pytestmark = pytest.mark.usefixtures("taichi")

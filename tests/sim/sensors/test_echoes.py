@@ -8,9 +8,8 @@ import pytest
 from moteslam.errors import ConfigError
 from moteslam.sim.scenario import parse_scenario
 from moteslam.sim.sensors.echoes import Scene
-from moteslam.sim.world.layout import Layout
-from moteslam.sim.world.materials import MATERIALS, Material
-from moteslam.sim.world.walls import Wall
+from moteslam.sim.world.layout import Layout, Wall
+from moteslam.sim.world.pieces import MATERIALS, Material
 from moteslam.sim.world.world import World
 
 pytestmark = pytest.mark.usefixtures("taichi")

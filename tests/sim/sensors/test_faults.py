@@ -13,8 +13,8 @@ from moteslam.robot.noise import ClockNoise, EncoderNoise, Noise
 from moteslam.robot.recording import EncoderStream
 from moteslam.sim.robot.drive import Drive
 from moteslam.sim.scenario import parse_scenario
+from moteslam.sim.sensors.clock import Outage, with_faults
 from moteslam.sim.sensors.encoders import simulate_encoders
-from moteslam.sim.sensors.faults import Outage, with_faults
 from moteslam.sim.simulate import EPOCH, Simulation, simulate
 
 

@@ -12,9 +12,8 @@ from moteslam.robot.recording import LidarStream
 from moteslam.sim.robot.drive import Drive
 from moteslam.sim.sensors.echoes import Scene
 from moteslam.sim.sensors.lidar import measured, simulate_lidar
-from moteslam.sim.world.blocks import Box
-from moteslam.sim.world.layout import Layout
-from moteslam.sim.world.walls import Room
+from moteslam.sim.world.layout import Layout, Room
+from moteslam.sim.world.pieces import Box
 from moteslam.sim.world.world import World
 
 ROOM = World.of(Layout(rooms=(Room(corner=(0, 0), size=(12, 9)),), boxes=(Box(centre=(8, 6), size=(1, 1)),)))

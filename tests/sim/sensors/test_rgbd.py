@@ -17,17 +17,16 @@ from moteslam.errors import ConfigError, OutputError
 from moteslam.robot.formats import open_recording
 from moteslam.robot.frames import camera_frames
 from moteslam.robot.specs import CameraSettings
-from moteslam.sim.actors.tracks import Tracks
+from moteslam.sim.actors.actors import Tracks
 from moteslam.sim.output import write_simulation
 from moteslam.sim.robot.drive import Drive
 from moteslam.sim.scenario import Scenario, parse_scenario, with_camera
 from moteslam.sim.sensors.echoes import Scene
 from moteslam.sim.sensors.rgbd import CameraFrames, schedule_frames
 from moteslam.sim.simulate import Simulation, simulate
-from moteslam.sim.world.blocks import Box
 from moteslam.sim.world.floor import FloorSettings
-from moteslam.sim.world.layout import Layout
-from moteslam.sim.world.walls import Room
+from moteslam.sim.world.layout import Layout, Room
+from moteslam.sim.world.pieces import Box
 from moteslam.sim.world.world import World
 
 ROOM = World.of(Layout(rooms=(Room(corner=(0, 0), size=(12, 9)),), boxes=(Box(centre=(5, 3.4), size=(0.6, 0.6)),)))

@@ -8,7 +8,7 @@ from sim_drives import steady
 
 from moteslam.robot.noise import DriveNoise
 from moteslam.sim.robot.drive import Drive
-from moteslam.sim.sensors.tilt import tilt_of
+from moteslam.sim.sensors.lidar import tilt_of
 
 
 def test_a_body_dips_when_it_brakes_and_rises_when_it_speeds_up() -> None:

@@ -13,8 +13,7 @@ from twins import rays
 from moteslam.errors import ConfigError, InputError
 from moteslam.robot.formats.map_arrays import MapArrays, write_map_arrays
 from moteslam.sim.scenario import load_scenario, parse_scenario
-from moteslam.sim.world.floor_plan import FloorPlan, read_floor_plan
-from moteslam.sim.world.tracing import trace_sides, wall_segments
+from moteslam.sim.world.floor_plan import FloorPlan, read_floor_plan, trace_sides, wall_segments
 from moteslam.sim.world.world import World
 
 REST = "[0, 0, 0]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"

@@ -10,10 +10,9 @@ import pytest
 from moteslam.robot.noise import Surroundings
 from moteslam.sim.scenario import load_scenario, parse_scenario
 from moteslam.sim.simulate import simulate
-from moteslam.sim.world.blocks import Box
-from moteslam.sim.world.layout import Layout
+from moteslam.sim.world.layout import Layout, Room
+from moteslam.sim.world.pieces import Box
 from moteslam.sim.world.surroundings import lived_in
-from moteslam.sim.world.walls import Room
 from moteslam.sim.world.world import World
 
 ROOM = World.of(

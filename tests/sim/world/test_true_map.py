@@ -12,12 +12,10 @@ from moteslam.robot.formats.map_server import FREE, OCCUPIED, UNKNOWN, write_map
 from moteslam.robot.raster import Raster
 from moteslam.sim.scenario import load_scenario
 from moteslam.sim.simulate import true_drive
-from moteslam.sim.world.blocks import Box
 from moteslam.sim.world.floor_plan import FloorPlan, read_floor_plan
-from moteslam.sim.world.furniture import Shelf
-from moteslam.sim.world.layout import Layout
+from moteslam.sim.world.layout import Layout, Room, Wall
+from moteslam.sim.world.pieces import Box, Shelf
 from moteslam.sim.world.true_map import true_map
-from moteslam.sim.world.walls import Room, Wall
 from moteslam.sim.world.world import World
 
 ROOM = World.of(

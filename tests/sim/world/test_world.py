@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from moteslam.sim.world.blocks import Box, Pillar
-from moteslam.sim.world.layout import Layout
-from moteslam.sim.world.walls import Doorway, Recess, Room, RoomDoorway, Wall
+from moteslam.sim.world.layout import Doorway, Layout, Recess, Room, RoomDoorway, Wall
+from moteslam.sim.world.pieces import Box, Pillar
 from moteslam.sim.world.world import World
 
 
