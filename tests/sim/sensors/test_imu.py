@@ -14,7 +14,7 @@ from moteslam.sim.sensors.imu import simulate_imu
 
 def angular_velocity(drive: Drive, seed: int = 0, **errors: float) -> np.ndarray:
     """The readings [n, 3] [rad/s] with these errors alone."""
-    noise = ImuNoise(**errors)  # type: ignore[arg-type]
+    noise = ImuNoise(**errors)
     span = (0.01, float(drive.stamps[-1]))
     return simulate_imu(drive, IMU, noise, 1.0, span, np.random.default_rng(seed)).angular_velocity
 

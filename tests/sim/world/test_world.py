@@ -43,7 +43,7 @@ def test_a_closed_wall_comes_back_to_its_first_point() -> None:
 
 @pytest.mark.parametrize("side", ["north", "east", "south", "west"])
 def test_a_room_has_its_door_in_the_side_asked_for(side: str) -> None:
-    room = Room(corner=(1, 2), size=(4, 3), doors=(RoomDoorway(side=side, at=1, width=0.8),))  # type: ignore[arg-type]
+    room = Room(corner=(1, 2), size=(4, 3), doors=(RoomDoorway(side=side, at=1, width=0.8),))
     middle = {"north": (2.4, 5), "east": (5, 3.4), "south": (2.4, 2), "west": (1, 3.4)}
     world = World(room.segments())
     for name, point in middle.items():
