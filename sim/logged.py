@@ -19,7 +19,7 @@ from moteslam.robot.recording import EncoderStream, ImuStream, OdometryStream, R
 from moteslam.robot.stamps import nearest_stamp
 from moteslam.robot.wheel_odometry import gyro_covers, gyro_turn, side_travel, wheel_path
 from moteslam.sim.log_faults import with_gaps, with_odometry_faults
-from moteslam.sim.simulate import EPOCH, Simulation, rng_of
+from moteslam.sim.simulate import Simulation, rng_of
 
 Array = NDArray[np.float64]
 
@@ -52,7 +52,7 @@ def logged(simulation: Simulation, logging: Logging) -> Simulation:
     """
     faults = simulation.scenario.faults
     base = simulation.recording if simulation.base is None else simulation.base
-    recording = with_gaps(with_odometry(base, gyro=base.imu is not None), faults, EPOCH)
+    recording = with_gaps(with_odometry(base, gyro=base.imu is not None), faults)
     if logging.every is not None or logging.turn is not None:
         distance = math.inf if logging.every is None else logging.every
         recording = key_scans(recording, distance=distance, turn=math.inf if logging.turn is None else logging.turn)
@@ -65,7 +65,7 @@ def logged(simulation: Simulation, logging: Logging) -> Simulation:
         rng = rng_of(simulation.scenario.seed, "odometry")
         distance, rotation = logging.noise
         recording = with_odometry_noise(recording, distance=distance, rotation=rotation, rng=rng)
-    recording = with_odometry_faults(recording, faults, EPOCH)
+    recording = with_odometry_faults(recording, faults)
     return replace(simulation, recording=recording.replace(rgbd=simulation.recording.rgbd))
 
 

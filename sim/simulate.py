@@ -29,7 +29,7 @@ from moteslam.sim.robot.mishaps import Carried, Mishap
 from moteslam.sim.robot.task import driver_for
 from moteslam.sim.robot.vehicle import PHYSICS_RATE, Vehicle
 from moteslam.sim.scenario import Scenario
-from moteslam.sim.sensors.clock import Outage, Stream, with_faults
+from moteslam.sim.sensors.clock import EPOCH, Outage, Stream, with_faults
 from moteslam.sim.sensors.echoes import Scene
 from moteslam.sim.sensors.encoders import simulate_encoders
 from moteslam.sim.sensors.imu import simulate_imu
@@ -39,9 +39,6 @@ from moteslam.sim.world.floor import FloorSettings, rasterise
 from moteslam.sim.world.surroundings import lived_in
 from moteslam.sim.world.true_map import true_map
 from moteslam.sim.world.world import World
-
-EPOCH = 1_300_000_000.0
-"""The stamp of the drive's first moment [s since 1970], so that stamps are as coarse as a real robot's."""
 
 Progress = Callable[[str, float], None]
 """Called with what is being done (``drive``, ``lidar``) and the share of it that is done."""
@@ -137,17 +134,17 @@ def simulate(scenario: Scenario, seed: int | None = None, *, progress: Progress 
     frames = None
     if scenario.camera is not None:
         floor, mount = scenario.floor or FloorSettings(), scenario.platform.camera
-        frames = schedule_frames(driven, scene, floor, mount, scenario.camera, scenario.seed, epoch=EPOCH)
+        frames = schedule_frames(driven, scene, floor, mount, scenario.camera, scenario.seed)
     recording, base = _record(scenario, driven, scene, rngs, report), None
     if scenario.faults:
-        recording = with_scans_repeated(recording, scenario.faults, EPOCH)
+        recording = with_scans_repeated(recording, scenario.faults)
     if any(isinstance(fault, Gap | StaleOdometry | OdometryJump) for fault in scenario.faults):
-        base = without_lost_motion(recording, scenario.faults, EPOCH)
-        recording = with_odometry_faults(with_gaps(base, scenario.faults, EPOCH), scenario.faults, EPOCH)
+        base = without_lost_motion(recording, scenario.faults)
+        recording = with_odometry_faults(with_gaps(base, scenario.faults), scenario.faults)
     if frames is not None:
         for gap in scenario.faults:
             if isinstance(gap, Gap):
-                frames = frames.without(gap, EPOCH)
+                frames = frames.without(gap)
         recording = recording.replace(rgbd=frames.stream)
     every = PHYSICS_RATE // TRUTH_RATE
     kept = np.unique(np.append(np.arange(0, len(driven.stamps), every), len(driven.stamps) - 1))
@@ -239,7 +236,8 @@ def _record(scenario: Scenario, driven: Drive, scene: Scene, rngs: Rngs, report:
         if clock.offset_error:
             off = clock.offset + clock.offset_error * rngs["constants"].standard_normal()
             clock = clock.model_copy(update={"offset": off})
-        return _at_epoch(with_faults(stream, clock, outages, faults[sensor]))
+        stream = with_faults(stream, clock, outages, faults[sensor])
+        return replace(stream, stamps=EPOCH + stream.stamps)
 
     return Recording(
         name=scenario.name,
@@ -293,8 +291,3 @@ def _rngs(seed: int) -> Rngs:
     """A random generator a concern: a change to one sensor's noise leaves the others as they were."""
     children = np.random.SeedSequence(seed).spawn(len(_CONCERNS))
     return {concern: np.random.default_rng(child) for concern, child in zip(_CONCERNS, children, strict=True)}
-
-
-def _at_epoch(stream: Stream) -> Stream:
-    """The stream with its stamps in Unix seconds."""
-    return replace(stream, stamps=EPOCH + stream.stamps)

@@ -35,6 +35,9 @@ def readings(
     return np.asarray(times, np.float64), np.asarray(stamps, np.float64)
 
 
+EPOCH = 1_300_000_000.0
+"""The stamp of the drive's first moment [s since 1970], so that stamps are as coarse as a real robot's."""
+
 Stream = TypeVar("Stream", LidarStream, EncoderStream, ImuStream, OdometryStream)
 
 

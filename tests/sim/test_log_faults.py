@@ -65,10 +65,10 @@ def test_in_a_gap_nothing_is_recorded(table: dict[str, Any], plain: Simulation, 
 def test_in_a_gap_the_camera_is_silent_and_the_other_images_stay(table: dict[str, Any], plain: Simulation) -> None:
     camera = {"camera": {"rate": 5.0}}
     whole, cut = run(table, **camera).frames, run(table, fault("gap"), **camera).frames
-    kept = ~within(whole.rgb_stamps)
-    assert cut.rgb_stamps.tobytes() == whole.rgb_stamps[kept].tobytes()
-    assert not within(cut.disparity_stamps).any()
-    last = np.array([len(cut.rgb_stamps) - 1])
+    kept = ~within(whole.rgb.stamps)
+    assert cut.rgb.stamps.tobytes() == whole.rgb.stamps[kept].tobytes()
+    assert not within(cut.disparity.stamps).any()
+    last = np.array([len(cut.rgb.stamps) - 1])
     np.testing.assert_array_equal(cut.draw_rgb(last), whole.draw_rgb(np.flatnonzero(kept)[-1:]))
 
 
