@@ -16,7 +16,7 @@ from pydantic import Field, ValidationError, model_validator
 from moteslam.errors import ConfigError, InputError
 from moteslam.robot.noise import Noise
 from moteslam.robot.platform import Platform
-from moteslam.robot.platforms import BASE, UCSD, load_platform, platform_table
+from moteslam.robot.platforms import BASE, UCSD, load_platform, platform_table, whole_platform
 from moteslam.robot.section import Number, Section, Truth, Whole
 from moteslam.robot.specs import CameraSettings
 from moteslam.robot.tables import Table, assigned, merged, read_toml
@@ -26,7 +26,6 @@ from moteslam.sim.actors.actors import check_doors, check_people
 from moteslam.sim.actors.doors import MAX_DOORS, Door
 from moteslam.sim.actors.people import MAX_PEOPLE, Crowd, Person
 from moteslam.sim.log_faults import Gap, OdometryJump, RepeatedScans, StaleOdometry
-from moteslam.sim.robot.choice import chosen_platform, with_its_robot
 from moteslam.sim.robot.limits import MAX_DURATION, Limits
 from moteslam.sim.robot.mishaps import Carried, StuckWheels, check_mishaps
 from moteslam.sim.robot.task import Commands, Route, Task, Wander, check_duration, check_task
@@ -207,7 +206,8 @@ def load_scenario(
     if path.suffix != ".toml" and path.name == text:
         path = SCENARIOS / f"{text}.toml"
         if text not in bundled_scenarios():
-            raise ConfigError(_no_such(Path(text)), file=text)
+            expected = f"{', '.join(bundled_scenarios())}, {RANDOM_CORRIDORS}, or a .toml file"
+            raise ConfigError(f"no scenario of this name, expected one of {expected}", file=text)
     table = {"name": path.stem, **read_toml(path, "a scenario's .toml file")}
     changed = _changed(_with_files_beside(table, path, within=True), platform, noise, settings)
     return _validated(_with_files_beside(changed, path), file=name_or_path)
@@ -226,16 +226,6 @@ def _changed(
     if isinstance(robot, dict) and BASE not in robot:  # single values of the robot, whichever it is
         table = {**table, "platform": platform_table(chosen_platform(table.get("platform")))}
     return merged(table, changes)
-
-
-def _no_such(path: Path) -> str:
-    """What is wrong with a name that is no bundled scenario's and does not end in ``.toml``."""
-    found = "no scenario of this name"
-    if path.name and path.exists():
-        found = "no .toml file, and no scenario of this name"
-    elif path.suffix:
-        found = "no such file, and no scenario of this name"
-    return f"{found}, expected one of {', '.join(bundled_scenarios())}, random-corridors, or a .toml file"
 
 
 def parse_scenario(table: dict[str, Any], *, file: str | PathLike[str] | None = None) -> Scenario:
@@ -280,3 +270,68 @@ def _with_files_beside(table: Table, file: Path | None, *, within: bool = False)
         case {"platform": str(name)} if name.endswith(".toml") and "\0" not in name:
             table = {**table, "platform": beside(name, "platform")}
     return table
+
+
+def with_its_robot(values: Table) -> Table:
+    """A scenario's table with the robot's own figures below what the table changes of them.
+
+    ``platform`` becomes a whole robot; ``noise`` and ``camera`` lie, key by key, over the robot's; a speed that it
+    cannot drive becomes its top speed, and the run may take longer by as much.
+    """
+    platform = chosen_platform(values.get("platform"))
+    values = {**values, "platform": platform}
+    noise = values.get("noise")
+    if noise is None or isinstance(noise, dict):
+        figures = _class_noise(platform, values.get("noise_class", "datasheet"))
+        values["noise"] = merged(figures.model_dump(), noise or {})
+    if isinstance(camera := values.get("camera"), dict):
+        if platform.camera is None:
+            raise ConfigError("none, expected a camera to simulate", field="platform.camera")
+        sensor = platform.camera.sensor
+        values["camera"] = camera if sensor is None else merged(sensor.model_dump(), camera)
+    return _within_reach(values, platform)
+
+
+def chosen_platform(value: Any) -> Platform:
+    """The whole robot that a scenario's ``platform`` is: a name, a path, a table, or the robot itself."""
+    if value is None:
+        return UCSD
+    if isinstance(value, Platform):
+        return value
+    try:
+        if isinstance(value, str | Path):
+            return load_platform(value)
+        if isinstance(value, dict):
+            return whole_platform(value)
+    except ConfigError as error:
+        if error.file is not None:
+            raise
+        within = isinstance(value, dict) and error.field
+        raise ConfigError(error.problem, field=f"platform.{error.field}" if within else "platform") from error
+    raise ConfigError(f"{value!r}, expected a robot's name, a .toml file, or a table", field="platform")
+
+
+def _class_noise(platform: Platform, name: object) -> Noise:
+    if name not in ("datasheet", "as_recorded"):
+        raise ConfigError(f"{name!r}, expected datasheet or as_recorded", field="noise_class")
+    noise = platform.noise if name == "datasheet" else platform.as_recorded
+    if noise is None:
+        raise ConfigError(f"{name}, expected a robot with [{name}]; {platform.name} has none", field="noise_class")
+    return noise
+
+
+def _within_reach(values: Table, platform: Platform) -> Table:
+    """The table with ``drive`` within the robot's top speeds, and ``duration`` longer by the ratio of the speeds."""
+    drive = values.get("drive", {})
+    drive = drive.model_dump() if isinstance(drive, Limits) else drive
+    if not isinstance(drive, dict):
+        return values
+    for key, top in (("speed", platform.top_speed), ("turn_rate", platform.top_turn_rate)):
+        wanted = drive.get(key, getattr(Limits(), key))
+        if top is None or not isinstance(wanted, int | float) or wanted <= top:
+            continue
+        drive = {**drive, key: top}
+        duration = values.get("duration", 600.0)
+        if key == "speed" and isinstance(duration, int | float):
+            values = {**values, "duration": max(duration, min(duration * wanted / top, MAX_DURATION))}
+    return {**values, "drive": drive}
