@@ -152,3 +152,18 @@ def test_a_swinging_leaf_stops_for_who_stands_in_its_way() -> None:
 def test_a_crowd_without_room_is_refused() -> None:
     with pytest.raises(ConfigError, match="room for"):
         true_drive(hall(crowd={"count": 60}))
+
+
+def test_who_meets_head_on_passes_on_the_right_and_strides() -> None:
+    people = [{"waypoints": [[3.0, 2.0], [11.0, 2.0]]}, {"waypoints": [[11.0, 2.0], [3.0, 2.0]]}]
+    commands = {"start": [13.0, 3.4, 0.0], "steps": [{"duration": 6.0}]}
+    run = true_drive(parse_scenario({"world": HALL, "drive": REST, "commands": commands, "people": people}))
+    first, second = run.tracks.people[:, 0], run.tracks.people[:, 1]
+    meeting = int(np.abs(first[:, 0] - second[:, 0]).argmin())
+    assert first[meeting, 1] < 2.0 < second[meeting, 1]  # who walks along x has y to the left
+    # a leg swings to and fro once in two steps of 0.7 m
+    ahead = run.tracks.discs[:, 0, 0] - first[:, 0]
+    walked = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(first, axis=0).T))))
+    alone = (walked > 0.5) & (walked < 3.3)
+    assert (np.diff(np.sign(ahead[alone])) != 0).sum() == 4
+    assert np.abs(ahead[alone]).max() == pytest.approx(0.18, abs=0.01)
