@@ -48,32 +48,6 @@ class Tracks(Summarised):
     people: NDArray[np.float64]
 
 
-def tracks_of(
-    persons: tuple[Person, ...], places: NDArray[np.float64], leaves: NDArray[np.float64], surfaces: list[int]
-) -> Tracks:
-    """The discs and lines from what the physics engine recorded.
-
-    Args:
-        places: [t, p, 2] the people's centres at `TRUTH_RATE` [m].
-        leaves: [t, m, 4] the doors' leaves [m].
-        surfaces: [m] of the leaves.
-    """
-    discs = [np.empty((len(places), 0, 3))]
-    for i, person in enumerate(persons):
-        if person.legs:
-            discs.append(_legs(places[:, i], person.leg))
-        else:
-            radius = np.full((len(places), 1), person.radius)
-            discs.append(np.concatenate((places[:, i], radius), axis=1)[:, None])
-    return Tracks(
-        float(TRUTH_RATE),
-        np.ascontiguousarray(np.concatenate(discs, axis=1), np.float32),
-        np.ascontiguousarray(leaves, np.float32),
-        np.asarray(surfaces, np.int16),
-        places,
-    )
-
-
 def _legs(path: NDArray[np.float64], radius: float) -> NDArray[np.float64]:
     """Two legs [t, 2, 3] that swing in turns with the distance walked, side by side while standing."""
     from scipy.ndimage import uniform_filter1d
@@ -145,7 +119,21 @@ class Actors:
 
     def tracks(self) -> Tracks:
         """Everything that was recorded."""
-        return tracks_of(self.persons, np.array(self._places), np.array(self._ends), self._surfaces)
+        places = np.array(self._places)
+        discs = [np.empty((len(places), 0, 3))]
+        for i, person in enumerate(self.persons):
+            if person.legs:
+                discs.append(_legs(places[:, i], person.leg))
+            else:
+                radius = np.full((len(places), 1), person.radius)
+                discs.append(np.concatenate((places[:, i], radius), axis=1)[:, None])
+        return Tracks(
+            float(TRUTH_RATE),
+            np.ascontiguousarray(np.concatenate(discs, axis=1), np.float32),
+            np.ascontiguousarray(self._ends, np.float32),
+            np.asarray(self._surfaces, np.int16),
+            places,
+        )
 
     def obstacles(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """People and leaves as discs: their centres [n, 2] and radii [n] [m]."""

@@ -30,14 +30,7 @@ def smooth_noise(u: Array, v: Array, seed: int, layer: int) -> Array:
     i, j = np.floor(u), np.floor(v)
     s, t = u - i, v - j
     s, t = s * s * (3 - 2 * s), t * t * (3 - 2 * t)
-    (low_i, low_j), across = (i.min(), j.min()), int(np.ptp(i)) + 2
-    if across * (np.ptp(j) + 2) <= 2 * len(u):  # points lie densely: hash each corner of the lattice once
-        rows, columns = np.mgrid[0 : int(np.ptp(j)) + 2, 0:across].astype(np.float64)
-        table = _hash(columns.reshape(-1) + low_i, rows.reshape(-1) + low_j, seed, layer)
-        corner = ((j - low_j) * across + (i - low_i)).astype(np.int64)
-        a, b, c, d = (table[corner + step] for step in (0, 1, across, across + 1))
-    else:
-        a, b, c, d = (_hash(i + right, j + up, seed, layer) for up in (0, 1) for right in (0, 1))
+    a, b, c, d = (cell_noise(i + right, j + up, seed, layer) for up in (0, 1) for right in (0, 1))
     below, above = a + s * (b - a), c + s * (d - c)
     return np.asarray(below + t * (above - below))
 
