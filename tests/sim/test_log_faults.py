@@ -11,7 +11,8 @@ from moteslam.errors import ConfigError
 from moteslam.robot import se2
 from moteslam.sim.logged import Logging, logged
 from moteslam.sim.scenario import parse_scenario
-from moteslam.sim.simulate import EPOCH, Simulation, simulate
+from moteslam.sim.sensors.clock import EPOCH
+from moteslam.sim.simulate import Simulation, simulate
 
 START, DURATION = 4.0, 2.5
 

@@ -16,7 +16,8 @@ from moteslam.robot.recording import Recording
 from moteslam.robot.trajectories.tum import read_tum
 from moteslam.sim.output import write_simulation
 from moteslam.sim.scenario import Scenario, load_scenario, parse_scenario
-from moteslam.sim.simulate import EPOCH, Simulation, simulate
+from moteslam.sim.sensors.clock import EPOCH
+from moteslam.sim.simulate import Simulation, simulate
 
 pytestmark = pytest.mark.usefixtures("taichi")
 

@@ -12,7 +12,8 @@ from moteslam.robot import se2
 from moteslam.robot.noise import Noise
 from moteslam.sim.robot.drive import Drive
 from moteslam.sim.scenario import Scenario, parse_scenario
-from moteslam.sim.simulate import EPOCH, simulate, true_drive
+from moteslam.sim.sensors.clock import EPOCH
+from moteslam.sim.simulate import simulate, true_drive
 from moteslam.sim.world.world import World
 
 HALL = {"rooms": [{"corner": [0.0, 0.0], "size": [14.0, 4.0]}]}

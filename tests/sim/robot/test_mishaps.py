@@ -13,7 +13,8 @@ from moteslam.robot import se2
 from moteslam.robot.noise import Noise
 from moteslam.sim.robot.drive import Drive
 from moteslam.sim.scenario import load_scenario, parse_scenario
-from moteslam.sim.simulate import EPOCH, Simulation, simulate, true_drive
+from moteslam.sim.sensors.clock import EPOCH
+from moteslam.sim.simulate import Simulation, simulate, true_drive
 from moteslam.sim.world.world import World
 
 START, DURATION = 4.0, 5.0

@@ -11,8 +11,8 @@ from moteslam.robot.noise import ClockNoise, Noise
 from moteslam.robot.platforms import UCSD
 from moteslam.robot.recording import EncoderStream
 from moteslam.sim.scenario import parse_scenario
-from moteslam.sim.sensors.clock import Outage, readings, with_faults
-from moteslam.sim.simulate import EPOCH, simulate
+from moteslam.sim.sensors.clock import EPOCH, Outage, readings, with_faults
+from moteslam.sim.simulate import simulate
 
 STREAM = EncoderStream(np.arange(10_000) / 40.0, np.arange(40_000).reshape(10_000, 4))
 

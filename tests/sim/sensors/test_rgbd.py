@@ -19,9 +19,10 @@ from moteslam.sim.actors.actors import Tracks
 from moteslam.sim.output import write_simulation
 from moteslam.sim.robot.drive import Drive
 from moteslam.sim.scenario import Scenario, parse_scenario
+from moteslam.sim.sensors.clock import EPOCH
 from moteslam.sim.sensors.echoes import Scene
 from moteslam.sim.sensors.rgbd import CameraFrames, schedule_frames
-from moteslam.sim.simulate import EPOCH, Simulation, simulate
+from moteslam.sim.simulate import Simulation, simulate
 from moteslam.sim.world.floor import FloorSettings
 from moteslam.sim.world.layout import Layout, Room
 from moteslam.sim.world.pieces import Box
