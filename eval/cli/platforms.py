@@ -32,7 +32,6 @@ def platforms(
 
     from moteslam.robot.fan import field_of_view
     from moteslam.robot.platforms import bundled_platforms, load_platform, platform_table
-    from moteslam.sim.robot.choice import NOISE_CLASSES
 
     if name is not None:
         chosen = platform_table(load_platform(name))
@@ -49,7 +48,7 @@ def platforms(
             "range_min_m": robot.lidar.scan.range_min,
             "range_max_m": robot.lidar.scan.range_max,
             "top_speed_m_s": robot.top_speed,
-            "noise_classes": NOISE_CLASSES[:1] if robot.as_recorded is None else NOISE_CLASSES,
+            "noise_classes": ["datasheet"] if robot.as_recorded is None else ["datasheet", "as_recorded"],
         }
         for each, robot in robots.items()
     }

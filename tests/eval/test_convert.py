@@ -10,7 +10,7 @@ import pytest
 from command_lines import refused
 from converted import WRITTEN, assert_held, name_of, to, with_every_stream
 
-from moteslam.errors import ConfigError, ExistsError, InputError, OutputError
+from moteslam.errors import ExistsError
 from moteslam.eval.cli import main
 from moteslam.robot.formats import open_recording, write_recording
 from moteslam.robot.recording import Recording
@@ -252,16 +252,3 @@ def test_from_python_a_folder_with_something_in_it_is_not(form: str, drive: Reco
         with pytest.raises(ExistsError, match=r"exists already"):
             write_recording(tmp_path / folder, drive, to=form)
         assert files_in(tmp_path) == before
-
-
-def test_from_python_what_is_refused(drive: Recording, tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match=r"^to: 'a.xyz' has the ending of no format"):
-        write_recording(tmp_path / "a.xyz", drive)
-    with pytest.raises(ConfigError, match=r"^to: 'db3' is only read"):
-        write_recording(tmp_path / "a", drive, to="db3")
-    with pytest.raises(InputError, match=r"no stream with readings"):
-        write_recording(tmp_path / "new" / "a.toml", Recording("none", drive.platform))
-    (tmp_path / "file").touch()
-    with pytest.raises(OutputError, match=r"is a file, expected a folder"):
-        write_recording(tmp_path / "file" / "a.log", drive)
-    assert [path.name for path in tmp_path.iterdir()] == ["file"]

@@ -544,19 +544,6 @@ def test_a_cluster_comes_to_the_same_though_a_worker_dies(whole: Path, tmp_path:
     assert sorted(results(tmp_path / "a.sweep")) == sorted(results(whole))
 
 
-@pytest.mark.slow
-@pytest.mark.usefixtures("toys")
-def test_runs_that_crash_on_a_cluster_are_rows(tmp_path: Path) -> None:
-    """The cluster's workers are threads here, so that they see the toys."""
-    distributed = pytest.importorskip("distributed")
-    runs = planned(tmp_path, 'scenarios = ["corridor"]\nseeds = "0-4"\n')
-    with distributed.LocalCluster(
-        n_workers=1, threads_per_worker=2, dashboard_address=None, processes=False
-    ) as cluster:
-        found = {outcome.run.seed: outcome for outcome in make_all_on(cluster.scheduler_address, runs, timeout=2.0)}
-    assert [found[seed].status for seed in range(5)] == ["ok", "crashed", "timed out", "failed", "ok"]
-
-
 def test_a_cluster_that_is_not_there(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
