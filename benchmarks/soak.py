@@ -18,10 +18,10 @@ import time
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-from parts.harness import Row, arguments, benchmark, factor, folder, memory, status
+from parts.harness import Row, arguments, benchmark, factor, memory, status
 
 from moteslam.errors import MoteslamError
 from moteslam.slam.settings import resolve_config
@@ -111,29 +111,28 @@ def measure(folder: Path, drives: int, hours: float, settings: list[str]) -> Row
     init("cpu", 1)
     session = SlamSession(recorded(folder, drives), resolve_config("default", settings))
     first = session._inputs.stamps[0]
-    rows: list[dict[str, Any]] = []
+    rows: list[Row] = []
     began, before = time.process_time(), 0
-    for update in session:
+    for scans, update in enumerate(session, start=1):
         since = float(update.stamp - first) / 3600
-        if since >= min(len(rows) + 1, hours):
-            scans = update.index + 1
-            rows.append(
-                {
-                    "hours": since,
-                    "scans": scans,
-                    "resident_mb": memory("VmRSS"),
-                    "trajectory_mb": trajectory_bytes(session, scans) / 1e6,
-                    "maps_mb": session.map_bytes / 1e6,
-                    "nodes": len(getattr(session._backend, "_nodes", ())),
-                    "cpu_ms_a_scan": 1e3 * (time.process_time() - began) / (scans - before),
-                }
-            )
-            print("  ".join(f"{key} {value:.2f}" for key, value in rows[-1].items()), flush=True)
-            began, before = time.process_time(), scans
+        if since < min(len(rows) + 1, hours):
+            continue
+        row = {
+            "hours": since,
+            "scans": scans,
+            "resident_mb": memory("VmRSS"),
+            "trajectory_mb": trajectory_bytes(session, scans) / 1e6,
+            "maps_mb": session.map_bytes / 1e6,
+            "nodes": len(getattr(session._backend, "_nodes", ())),
+            "cpu_ms_a_scan": 1e3 * (time.process_time() - began) / (scans - before),
+        }
+        print("  ".join(f"{key} {value:.2f}" for key, value in row.items()), flush=True)
+        rows.append(row)
+        began, before = time.process_time(), scans
         if since >= hours:
             break
-    last = {f"last_{key}": value for key, value in rows[-1].items()}
-    return {**{key: [row[key] for row in rows] for key in rows[0]}, **last}
+    hourly = {f"{key}_hourly": [row[key] for row in rows] for key in rows[0]}
+    return {**rows[-1], **hourly}
 
 
 def main() -> int:
@@ -141,7 +140,6 @@ def main() -> int:
     parser = arguments(__doc__)
     parser.add_argument("--hours", type=factor, default=10.0)
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", dest="settings", help="of SLAM")
-    parser.add_argument("--folder", type=folder, help="of the drives, kept; they are simulated where they are missing")
     options = parser.parse_args()
     try:
         resolve_config("default", options.settings)
@@ -150,14 +148,12 @@ def main() -> int:
     laps = min(LAPS, math.ceil(3600 * options.hours / LAP[0]) + 1)
     drives = math.ceil(3600 * options.hours / (laps * LAP[0]))
     with tempfile.TemporaryDirectory(prefix="soak-") as scratch:
-        folder_of_drives = options.folder or Path(scratch)
-        missing = [seed for seed in range(drives) if not (folder_of_drives / f"{seed}.npz").exists()]
-        context = get_context("spawn")
+        folder, context = Path(scratch), get_context("spawn")
         with ProcessPoolExecutor(options.workers, mp_context=context, max_tasks_per_child=1) as pool:
-            for job in [pool.submit(drive, seed, laps, folder_of_drives) for seed in missing]:
+            for job in [pool.submit(drive, seed, laps, folder) for seed in range(drives)]:
                 job.result()
         about = {"run": f"{options.hours:g} hours", "settings": " ".join(options.settings)}
-        given = (folder_of_drives, drives, options.hours, options.settings)
+        given = (folder, drives, options.hours, options.settings)
         return status(benchmark(measure, [(about, given)], options, fresh=True))
 
 
