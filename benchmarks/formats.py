@@ -34,10 +34,6 @@ WHOLE = (Bar("within_rounding", "worst", 1.0, least=True), Bar("as_exact_as_its_
 def measure(robot: str, form: str, seed: int, duration: float) -> Row:
     """Of one drive in one format: differences, the ATE of the final trajectory, whether its bytes are the same."""
     from moteslam.kernels import runtime
-<<<<<<< HEAD
-    from moteslam.sim.logged import with_odometry
-=======
->>>>>>> hB
 
     runtime.init("cpu", 1)
     case, (own, own_ate) = original(robot, seed, duration)
@@ -60,7 +56,7 @@ def measure(robot: str, form: str, seed: int, duration: float) -> Row:
 @lru_cache(maxsize=1)
 def original(robot: str, seed: int, duration: float) -> tuple[Case, tuple[bytes, float]]:
     """The drive, and what SLAM makes of it."""
-    from moteslam.sim.base_odometry import with_odometry
+    from moteslam.sim.logged import with_odometry
 
     case = simulate_case("corridor", seed, platform=robot, duration=duration)
     if robot == "lms200":
