@@ -26,7 +26,7 @@ from moteslam.eval.literal import literal
         ("demo --seed -1", "--seed"),
         ("demo --seed 99999999999999999999", "--seed"),
         ("demo --duration 1", "--duration"),
-        ("demo --scenario full.tml", "full.tml: no such file, and no scenario of this name, expected one of"),
+        ("demo --scenario full.tml", "full.tml: no scenario of this name, expected one of"),
         ("demo --set particles=0", "--set particles: "),
         ("replay x --preset none", "--preset none: "),
         ("demo --set map.size=1", "--set map.size: unknown key"),
