@@ -38,7 +38,7 @@ BARS = (Bar("opening_cpu_s", "worst", 10.0, strict=True), Bar("memory_mb", "wors
 
 OPENED = """
 import json, resource, sys, time
-import moteslam.robot.formats.bags.formats
+import moteslam.robot.formats.bags
 from moteslam import open_recording
 from moteslam.robot.ranges import chunks
 
@@ -115,7 +115,7 @@ def made_up(hours: float, image_rate: float) -> Any:
 
 def measure(kind: str, path: Path, recording: Any, repeats: int) -> dict[str, Any]:
     """Write a bag, and open it in fresh processes: the median of the times, the most memory."""
-    from moteslam.robot.formats.format import FORMATS
+    from moteslam.robot.formats import FORMATS
 
     write = FORMATS[kind].write
     assert write is not None

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from os import PathLike
 from pathlib import Path
-from typing import IO
+from typing import IO, Any
 
 import numpy as np
 import tomli_w
@@ -13,7 +13,7 @@ import tomli_w
 from moteslam.errors import InputError, OutputError
 from moteslam.robot.files import write_atomically
 from moteslam.robot.formats.csv_model import FOUR_WHEELS
-from moteslam.robot.formats.not_written import not_written
+from moteslam.robot.formats.written import not_written
 from moteslam.robot.issues import Issue
 from moteslam.robot.platforms import platform_table
 from moteslam.robot.ranges import chunks
@@ -51,15 +51,13 @@ def write_csv(path: str | PathLike[str], recording: Recording) -> tuple[Issue, .
     path = Path(path)
     if path.suffix != ".toml":
         raise OutputError("expected a name that ends in .toml", file=path)
-    streams: dict[str, tuple[Table, Rows]] = {}
-    if recording.lidar is not None and len(recording.lidar):
-        streams["lidar"] = _lidar(recording.lidar)
-    if recording.odometry is not None and len(recording.odometry):
-        streams["odometry"] = _odometry(recording.odometry)
-    if recording.encoders is not None and len(recording.encoders):
-        streams["encoders"] = _encoders(recording.encoders)
-    if recording.imu is not None and len(recording.imu):
-        streams["imu"] = _imu(recording.imu)
+    makers: dict[str, Callable[[Any], tuple[Table, Rows]]] = {
+        "lidar": _lidar,
+        "odometry": _odometry,
+        "encoders": _encoders,
+        "imu": _imu,
+    }
+    streams = {name: make(stream) for name, make in makers.items() if (stream := getattr(recording, name))}
     if not streams:
         raise InputError("no stream with readings, expected a lidar, odometry, encoders or an IMU", file=recording.name)
     tables: Table = {"name": recording.name}

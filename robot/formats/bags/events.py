@@ -24,11 +24,11 @@ from moteslam.robot.formats.bags.images import CAMERA_INFO, COMPRESSED_IMAGE
 from moteslam.robot.formats.bags.manifest import KIND as MANIFEST_KIND
 from moteslam.robot.formats.bags.manifest import TOPIC as MANIFEST_TOPIC
 from moteslam.robot.formats.bags.manifest import manifest_of
-from moteslam.robot.formats.bags.motion import GRAVITY, IMU, JOINT_STATE, JOINTS, ODOMETRY, joint_angles
+from moteslam.robot.formats.bags.motion import GRAVITY, IMU, JOINT_STATE, ODOMETRY, angle_of_count
 from moteslam.robot.formats.bags.scans import LASER_SCAN
 from moteslam.robot.formats.bags.times import nanoseconds
-from moteslam.robot.formats.ucsd_rgbd import read_disparity, read_rgb
-from moteslam.robot.formats.written_odometry import WrittenOdometry
+from moteslam.robot.formats.ucsd_images import read_disparity, read_rgb
+from moteslam.robot.formats.written import WrittenOdometry
 from moteslam.robot.frames import has_images
 from moteslam.robot.kinect import (
     CENTRE,
@@ -52,21 +52,16 @@ _RGB_FRAME, _DEPTH_FRAME = "camera_rgb_optical_frame", "camera_depth_optical_fra
 _FORMATS = {RGB: "rgb8; png compressed bgr8", DEPTH: "16UC1; png compressed"}
 _FARTHEST = 65.535
 
+JOINTS = ("front_right_wheel_joint", "front_left_wheel_joint", "rear_right_wheel_joint", "rear_left_wheel_joint")
+"""As written, in the order of an `EncoderStream`."""
+
 Values = dict[str, Any]
 """A message: numbers, texts, arrays, tables of these and lists of tables, by the names of its fields."""
 
 
 @dataclass(frozen=True, eq=False)
 class Event:
-    """A message at its time.
-
-    Attributes:
-        time: [ns], of its header.
-        topic: with a leading slash.
-        kind: the type, ``sensor_msgs/LaserScan``.
-        values: what is in it.
-        latched: whether those who come later get it as well.
-    """
+    """A message of a topic and type at the time of its header [ns]; a latched one reaches those who come later."""
 
     time: int
     topic: str
@@ -76,12 +71,7 @@ class Event:
 
 
 def events_of(recording: Recording, written: WrittenOdometry, missing: list[int]) -> Iterator[Event]:
-    """The messages of a recording by their times; of equal ones what others rely on comes first.
-
-    Args:
-        recording: to write.
-        written: its odometry.
-        missing: the indices of images that are missing or unreadable are added.
+    """The messages of a recording by their times; indices of images that cannot be read are added to ``missing``.
 
     Raises:
         InputError: no readings.
@@ -94,7 +84,7 @@ def events_of(recording: Recording, written: WrittenOdometry, missing: list[int]
     mount, camera, wheels = recording.platform.lidar, recording.platform.camera, recording.platform.wheels
     standing = [transform(begin, BASE, LASER, (mount.x, mount.y, mount.z), turned(mount.yaw))]
     standing += [] if camera is None else camera_transforms(begin, camera)
-    manifest = {"data": manifest_of(recording, with_odometry=written.is_stream)}
+    manifest = {"data": manifest_of(recording, with_odometry=not written.is_computed)}
     once = [
         Event(begin, MANIFEST_TOPIC, MANIFEST_KIND, manifest, latched=True),
         Event(begin, "/tf_static", TRANSFORMS[0], {"transforms": standing}, latched=True),
@@ -106,7 +96,8 @@ def events_of(recording: Recording, written: WrittenOdometry, missing: list[int]
     if odometry is not None:
         streams += [_odometry(odometry), _transforms(odometry)]
     if encoders is not None and wheels is not None:
-        streams.append(_wheels(nanoseconds(encoders.stamps).tolist(), joint_angles(encoders.counts, wheels)))
+        angles = np.cumsum(encoders.counts, axis=0).astype(np.float64) * angle_of_count(wheels)
+        streams.append(_wheels(nanoseconds(encoders.stamps).tolist(), angles))
     if imu is not None:
         streams.append(_imu(imu))
     if lidar is not None:
@@ -225,7 +216,7 @@ def _scans(lidar: LidarStream) -> Iterator[Event]:
 
 
 def image_events(stream: RgbdStream, missing: list[int]) -> list[Iterator[Event]]:
-    """The messages of the colour and of the depth images: packed as PNG, each with the CameraInfo of the Kinect."""
+    """The colour and the depth images, packed as PNG, each with the CameraInfo of the Kinect."""
 
     def images(stamps: NDArray[np.float64], camera: str, frame: str) -> Iterator[Event]:
         for index, time in enumerate(nanoseconds(stamps).tolist()):

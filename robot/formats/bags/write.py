@@ -16,8 +16,7 @@ from moteslam.errors import ExistsError, InputError, OutputError
 from moteslam.robot.files import umask
 from moteslam.robot.formats.bags.bag import full_name, store
 from moteslam.robot.formats.bags.events import Event, Values, events_of
-from moteslam.robot.formats.not_written import left_out, not_written
-from moteslam.robot.formats.written_odometry import odometry_of
+from moteslam.robot.formats.written import left_out, not_written, odometry_of
 from moteslam.robot.frames import has_images
 from moteslam.robot.issues import Issue
 from moteslam.robot.recording import Recording

@@ -216,7 +216,7 @@ def test_what_is_written_reads_back_as_it_was_drawn(run: Simulation, tmp_path: P
 
 
 def test_the_estimate_of_the_size_is_near_the_truth(run: Simulation, tmp_path: Path) -> None:
-    from moteslam.robot.formats.ucsd_rgbd import estimate_bytes
+    from moteslam.sim.sensors.image_files import estimate_bytes
     from moteslam.sim.sensors.rgbd import write_frames
 
     assert run.frames is not None
