@@ -108,12 +108,8 @@ def open_recording(
     return known.read_topics(path, sequence, platform, topics)
 
 
-def expect_no_sequence(path: Path, sequence: str | int | None) -> None:
-    """Refuse the name of a sequence of a format that holds one a file.
-
-    Raises:
-        InputError: one is named.
-    """
+def expect_no_sequence(path: str | PathLike[str], sequence: str | int | None) -> None:
+    """Refuse the name of a sequence of a format that holds one a file."""
     if sequence is not None:
         raise InputError("a log of one sequence, expected none to be named", file=path, field="sequence")
 

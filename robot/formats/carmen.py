@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from moteslam.errors import InputError
-from moteslam.robot.formats import Format, expect_no_sequence
+from moteslam.robot.formats import Format, Robot, expect_no_sequence
 from moteslam.robot.formats.carmen_lines import RAW_LASERS, SHORT_TAILS, CarmenLines, ScanKind, Scans
 from moteslam.robot.formats.carmen_writer import CLASSIC_STEPS, OWN_PARAMETERS, write_log
 from moteslam.robot.formats.lines import TextLines
@@ -38,23 +38,9 @@ def is_carmen(path: Path) -> bool:
     return _LINE.search(TextLines(path).head()) is not None
 
 
-def read_carmen(path: str | PathLike[str], *, platform: Platform | str | PathLike[str] | None = None) -> Recording:
-    """Read a CARMEN log.
-
-    Stamps are the ``ipc_timestamp``; the logger's where every ipc stamp of the log is 0. Broken lines are dropped
-    and counted, as long as there are no more than 3 of them or a tenth of the log.
-
-    Args:
-        path: the log.
-        platform: the robot, or a ``platform.toml`` whose keys override what the log gives.
-
-    Returns:
-        a recording with ``lidar`` (and in it the robot's odometry pose at every scan) and ``odometry``, each where
-        the log has it; ``warnings`` lists what was dropped or repaired.
-
-    Raises:
-        InputError: not a CARMEN log, nothing usable in it, too much broken, or absurd stamps.
-    """
+def read_carmen(path: str | PathLike[str], sequence: str | int | None = None, platform: Robot = None) -> Recording:
+    """Read a CARMEN log; its stamps are the ``ipc_timestamp``, the logger's where every ipc stamp is 0."""
+    expect_no_sequence(path, sequence)
     path, given = Path(path), GivenRobot.read(platform)
     lines = TextLines(path)
     log = CarmenLines(lines)
@@ -111,9 +97,6 @@ def _chosen(path: Path, log: CarmenLines, issues: list[Issue]) -> tuple[ScanKind
 
     Kinds that together are of one interlaced lidar count as one. Scans of a laser that looks back are left aside
     whatever their number.
-
-    Raises:
-        InputError: a tenth of the scans of that kind of line have other beams: the log is two.
     """
     for line, (count, first) in log.rear.items():
         text = f"{path.name}: {counted(count, f'{line} scan')} of a rear laser left aside, the first is line {first}"
@@ -194,11 +177,7 @@ def _merged(log: dict[ScanKind, Scans], begins: dict[ScanKind, int], interlace: 
 
 
 def _platform(path: Path, log: CarmenLines, rows: NDArray[np.float64]) -> Platform:
-    """The built-in robot, with the size and the lidar's pose that the log gives.
-
-    Raises:
-        InputError: they are those of no robot.
-    """
+    """The built-in robot, with the size and the lidar's pose that the log gives."""
     size = {key: log.params[f"robot_{key}"] for key in ("length", "width") if log.params.get(f"robot_{key}", 0) > 0}
     try:
         return Platform(**{**CARMEN.model_dump(), **size, "lidar": _mount(log.params, rows)})
@@ -217,16 +196,11 @@ def _mount(params: dict[str, float], rows: NDArray[np.float64]) -> LidarSpec:
     return mount_between(rows[:, 3:6], rows[:, :3]) or LidarSpec()
 
 
-def _read(path: Path, sequence: str | int | None, platform: Platform | str | PathLike[str] | None) -> Recording:
-    expect_no_sequence(path, sequence)
-    return read_carmen(path, platform=platform)
-
-
 FORMAT = Format(
     "CARMEN log (FLASER, ROBOTLASER1, RAWLASER1, ODOM lines; plain or gzip)",
     is_folder=False,
     recognise=is_carmen,
-    read=_read,
+    read=read_carmen,
     write=write_log,
     endings=(".log", ".log.gz", ".clf", ".clf.gz"),
 )

@@ -85,9 +85,6 @@ def expect_classic_fan(beams: int, angle_min: float, angle_increment: float) -> 
     """Refuse a lidar that no FLASER line can hold: these state a number of beams, and neither angles nor steps [rad].
 
     ``write_carmen`` itself writes any fan: its ROBOTLASER1 lines state the angles.
-
-    Raises:
-        ConfigError: other beams than `fov_of` gives; its field is ``format``.
     """
     first, step = fov_of(beams)
     off = max(abs(angle_min - first), abs(angle_min + (beams - 1) * angle_increment - first - (beams - 1) * step))

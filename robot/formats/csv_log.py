@@ -63,22 +63,9 @@ def is_csv_log(path: Path) -> bool:
     return any(isinstance(stream, dict) and "file" in stream for stream in streams)
 
 
-def read_csv_log(path: str | PathLike[str], *, platform: Robot = None) -> Recording:
-    """Read the CSV files that a TOML describes.
-
-    Broken lines are dropped and counted, as long as there are no more than 3 of them or a tenth of a file.
-
-    Args:
-        path: the TOML; its files lie in its folder or below.
-        platform: the robot, or a ``platform.toml`` whose keys override those of the description.
-
-    Returns:
-        a recording with the streams that are described.
-
-    Raises:
-        ConfigError: a description with unknown keys, columns that are not there, or files that lie elsewhere.
-        InputError: a file that cannot be read, too much broken, or absurd stamps.
-    """
+def read_csv_log(path: str | PathLike[str], sequence: str | int | None = None, platform: Robot = None) -> Recording:
+    """Read the CSV files that a TOML describes; they lie in its folder or below."""
+    expect_no_sequence(path, sequence)
     path = Path(path)
     description = read_description(path)
     given = GivenRobot.read(platform)
@@ -168,10 +155,6 @@ class _Reader:
         """The file, its stamps [n] [s], other columns [n, k] of finite numbers, and the ranges [n, m] [m].
 
         Empty lines and comments (``#``) are passed over, broken lines counted; the range of an empty cell is 0.
-
-        Raises:
-            ConfigError: a column that is not there.
-            InputError: not readable, no line of numbers, or too many broken lines.
         """
         file = file_within(self.path.resolve().parent, table.file, file=self.path, field=f"{stream}.file")
         lines, mark, broken = (
@@ -236,11 +219,7 @@ class _Reader:
         return Fan(angle_min, increment, range_min, range_max)
 
     def _index(self, column: Column, field: str, header: list[str] | None, file: Path) -> int:
-        """The index from 0 of a column of a file, by its name in the header or by its number.
-
-        Raises:
-            ConfigError: it is not there.
-        """
+        """The index from 0 of a column of a file, by its name in the header or by its number."""
         if isinstance(column, int):
             most = MAX_BEAMS if header is None else min(MAX_BEAMS, len(header))
             if column <= most:
@@ -256,11 +235,7 @@ class _Reader:
         raise ConfigError(problem, file=self.path, field=field)
 
     def _span(self, ranges: str, header: list[str] | None, file: Path) -> range:
-        """The indices of the ranges, from the first to the last column.
-
-        Raises:
-            ConfigError: there are no such columns.
-        """
+        """The indices of the ranges, from the first to the last column."""
         ends: list[Column] = []
         for end in ranges.split(RANGE):  # a column may be named by a number
             is_number = end.isdecimal() and len(end) < 10 and not (header and end in header)
@@ -278,16 +253,11 @@ def _poses(values: Array, table: LidarTable | OdometryTable) -> Array:
     return values * (METRES[table.length_unit], METRES[table.length_unit], RADIANS[table.angle_unit])
 
 
-def _read(path: Path, sequence: str | int | None, platform: Robot) -> Recording:
-    expect_no_sequence(path, sequence)
-    return read_csv_log(path, platform=platform)
-
-
 FORMAT = Format(
     "CSV log (a TOML that names files and columns)",
     is_folder=False,
     recognise=is_csv_log,
-    read=_read,
+    read=read_csv_log,
     write=write_csv,
     endings=(".toml",),
 )

@@ -144,11 +144,7 @@ class CsvDescription(Section):
 
 
 def read_description(path: Path) -> CsvDescription:
-    """The description in a TOML file.
-
-    Raises:
-        ConfigError: not TOML, an unknown key, or a wrong value; file and key are named.
-    """
+    """The description in a TOML file."""
     table = read_toml(path, "a description of CSV files")
     try:
         return CsvDescription.model_validate(table)

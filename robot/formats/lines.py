@@ -32,9 +32,6 @@ class TextLines:
     """The lines of a file, as bytes, without their ends; iterate once.
 
     A gzip file that ends early or is damaged gives the lines before the damage; ``damage`` describes it afterwards.
-
-    Raises (on iteration):
-        InputError: the file cannot be read, or passes a bound.
     """
 
     def __init__(self, path: Path) -> None:
@@ -101,9 +98,6 @@ class BrokenLines:
             lines: of the log.
             used: how many could be.
             lacks, expected: what a log that holds none of it lacks, and what it should be.
-
-        Raises:
-            InputError: nothing could be used, or more than 3 lines and a tenth of the log are broken.
         """
         path, damage, issues = lines.path, lines.damage, []
         number, problem = self.first or (None, f"{lacks}{f'; {damage}' if damage else ''}, {expected}")

@@ -47,10 +47,6 @@ def read_arrays(path: Path, shapes: Mapping[str, Shape], *, max_bytes: int = MAX
         shapes: the arrays and their shapes, such as ``{"time_stamps": ("n",), "counts": (4, "n")}``; an array of
             shape ``()`` may also come with one element in any number of dimensions. Every size is at least 1.
         max_bytes: what the arrays may take together, uncompressed.
-
-    Raises:
-        InputError: not a whole ``.npz`` file, an array that is missing, of another shape, not of numbers, that
-            lies about its size, or is too large.
     """
     arrays: dict[str, NDArray[Any]] = {}
     name = ""

@@ -61,10 +61,6 @@ def stamp_order(stamps: Stamps, *, file: Path, field: str) -> tuple[NDArray[np.i
 
     Readings that share a stamp stay in the order they came in. Those with the stamp 0 among others of Unix time, of a
     driver that was up before its clock, are left out.
-
-    Raises:
-        InputError: a stamp that is not finite, beyond 1e11 s, more than a day from the next, or more than ten years
-            from the first; or a clock that was set back.
     """
     bad = ~(np.abs(stamps) <= MAX_STAMP)
     if bad.any():

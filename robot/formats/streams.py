@@ -84,11 +84,7 @@ def sort_by_stamp(
 def keep_plausible(
     path: Path, field: str, plausible: NDArray[np.bool_], what: str, issues: list[Issue], *values: Array
 ) -> tuple[Array, ...]:
-    """The plausible readings [k, ...] of values [n, ...]; the others are dropped and counted.
-
-    Raises:
-        InputError: none is, or more than 3 and a tenth of them are not: the stream is in other units.
-    """
+    """The plausible readings [k, ...] of values [n, ...]; the others are dropped and counted."""
     dropped = int((~plausible).sum())
     if not dropped:
         return values
@@ -112,30 +108,20 @@ def plausible_counts(stamps: Stamps, counts: Array, metres_per_count: float) -> 
 
 
 def check_fan(beams: int, increment: float, *, file: Path, field: str) -> None:
-    """Refuse a fan of more than a full turn; first and last beam may be the same direction.
-
-    Raises:
-        InputError: the beams go round more than once.
-    """
+    """Refuse a fan of more than a full turn; first and last beam may be the same direction."""
     if (problem := too_wide(beams, increment)) is not None:
         raise InputError(problem, file=file, field=field)
 
 
-def check_figures(beams: int, increment: float, range_min: float, range_max: float, *, file: Path) -> None:
-    """Refuse figures of a lidar that a caller's ``platform.toml`` gives in part, and that do not fit together.
-
-    Raises:
-        InputError: beams that go round more than once, or limits the wrong way round.
-    """
-    check_fan(beams, increment, file=file, field="platform.lidar.angle_increment")
-    if range_min >= range_max:
-        problem = f"{range_min:g} m, expected less than the {range_max:g} m that are its range_max"
+def check_figures(beams: int, fan: Fan, *, file: Path) -> None:
+    """Refuse figures of a lidar that a caller's ``platform.toml`` gives in part, and that do not fit together."""
+    check_fan(beams, fan.angle_increment, file=file, field="platform.lidar.angle_increment")
+    if fan.range_min >= fan.range_max:
+        problem = f"{fan.range_min:g} m, expected less than the {fan.range_max:g} m that are its range_max"
         raise InputError(problem, file=file, field="platform.lidar.range_min")
 
 
-def clean_ranges(
-    ranges: NDArray[np.float32], range_min: float, range_max: float, issues: list[Issue], head: str
-) -> NDArray[np.float32]:
+def clean_ranges(ranges: NDArray[np.float32], fan: Fan, issues: list[Issue], head: str) -> NDArray[np.float32]:
     """Ranges [n, beams] [m] as endpoints, no return and invalid.
 
     At or beyond ``range_max``, and ``+inf``: no return, ``inf``. Below ``range_min`` (lidars put error codes there):
@@ -143,8 +129,8 @@ def clean_ranges(
     """
     clean = ranges.copy()
     garbage = ~(ranges >= 0)
-    clean[ranges >= np.float32(range_max)] = np.inf
-    clean[garbage | (ranges < np.float32(range_min))] = np.nan
+    clean[ranges >= np.float32(fan.range_max)] = np.inf
+    clean[garbage | (ranges < np.float32(fan.range_min))] = np.nan
     if count := int(garbage.sum()):
         found = f"{counted(count, 'range')} in {counted(int(garbage.any(axis=1).sum()), 'scan')}"
         issues.append(Issue("invalid-ranges", f"{head}: {found} left out, NaN or negative", count))
@@ -202,44 +188,24 @@ def lidar_stream(
     zero_is_invalid: bool = True,
     interlace: int = 1,
 ) -> LidarStream:
-    """The scans of a file.
+    """The scans of a file: stamps [n] [s] and ranges [n, beams] [m] as reported, in the order of the file.
 
-    Args:
-        path, field: where they come from, for messages.
-        stamps: [n] [s], in the order of the file.
-        ranges: [n, beams] [m], as reported.
-        fan: angles and limits that the file or its format states.
-        robot: for the time between beams.
-        given: figures that a caller's ``platform.toml`` puts in place of those.
-        issues: what was done is added.
-        odometry: poses [n, 3] logged with the scans.
-        zero_is_invalid: a range of 0 is an error code, whatever the least range.
-        interlace: of the scans, see `LidarStream`; the robot's time between beams is that between those of one scan.
-
-    Raises:
-        InputError: a fan of more than a turn, limits the wrong way round, or as `stamp_order`.
+    ``fan`` is what the file or its format states, ``given`` what a caller's ``platform.toml`` puts in place of it;
+    ``odometry`` are poses [n, 3] logged with the scans. The robot's time between beams is that between those of one
+    scan, see `LidarStream` on ``interlace``.
     """
     beams = ranges.shape[1]
     check_fan(beams, fan.angle_increment, file=path, field=f"{field} angular resolution")
-    angle_min, increment, range_min, range_max, *_ = fan.over(given)
-    check_figures(beams, increment, range_min, range_max, file=path)
+    fan = fan.over(given)
+    check_figures(beams, fan, file=path)
     stamps, (order,) = sort_by_stamp(path, field, stamps, issues, np.arange(len(stamps)))
     sequence = None if odometry is None else _sequence(path, field, odometry, order, issues)
-    clean = clean_ranges(ranges[order], range_min, range_max, issues, f"{path.name}: {field}")
+    clean = clean_ranges(ranges[order], fan, issues, f"{path.name}: {field}")
     if zero_is_invalid:
         clean[clean == 0] = np.nan
-    return LidarStream(
-        stamps=stamps,
-        ranges=given_up(clean),
-        angle_min=angle_min,
-        angle_increment=increment,
-        range_min=range_min,
-        range_max=range_max,
-        time_increment=robot.lidar.time_increment / interlace,
-        odometry=None if odometry is None else odometry[order],
-        sequence=sequence,
-        interlace=interlace,
-    )
+    poses = None if odometry is None else odometry[order]
+    step = robot.lidar.time_increment / interlace
+    return LidarStream(stamps, given_up(clean), *fan[:4], step, poses, sequence, interlace)
 
 
 def _sequence(
@@ -275,9 +241,6 @@ def encoder_stream(
     """Counts [n, 4] since the last reading; those of more than 100 m/s are dropped.
 
     ``fields`` are those of the stamps and of the counts.
-
-    Raises:
-        InputError: many such counts, or as `stamp_order`.
     """
     stamps, (counts,) = sort_by_stamp(path, fields[0], stamps, issues, counts)
     if robot.wheels is not None:
@@ -292,9 +255,6 @@ def imu_stream(
     """Turn rates [n, 3] [rad/s] and accelerations [n, 3] [g]; rates beyond 100 rad/s are dropped.
 
     ``fields`` are those of the stamps and of the rates.
-
-    Raises:
-        InputError: many such rates, or as `stamp_order`.
     """
     stamps, values = sort_by_stamp(path, fields[0], stamps, issues, angular, linear)
     plausible = plausible_rates(values[0])

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from moteslam.errors import ConfigError, InputError
 from moteslam.robot.arrays import given_up
 from moteslam.robot.files import make_folder, write_atomically
-from moteslam.robot.formats import Format
+from moteslam.robot.formats import Format, Robot
 from moteslam.robot.formats.npz import read_arrays
 from moteslam.robot.formats.streams import (
     Fan,
@@ -66,26 +66,10 @@ def ucsd_sequences(folder: Path) -> tuple[str, ...]:
     return tuple(sorted(names, key=lambda name: (not name.isdigit(), int(name) if name.isdigit() else 0, name)))
 
 
-def read_ucsd(
-    folder: str | PathLike[str],
-    *,
-    sequence: str | int | None = None,
-    platform: Platform | str | PathLike[str] | None = None,
-) -> Recording:
-    """Read one sequence of a folder in the UCSD layout.
+def read_ucsd(folder: str | PathLike[str], sequence: str | int | None = None, platform: Robot = None) -> Recording:
+    """Read one sequence of a folder in the UCSD layout, which may be left out where there is only one.
 
-    Args:
-        folder: where the ``.npz`` files lie.
-        sequence: which; may be left out where there is only one.
-        platform: the robot, or a ``platform.toml`` that lies, key by key, over the folder's own; over the UCSD robot
-            where it has none.
-
-    Returns:
-        the recording; ``warnings`` lists what was repaired.
-
-    Raises:
-        InputError: no such sequence, or a file that is not what it should be.
-        ConfigError: a ``platform.toml`` that is none.
+    A ``platform.toml`` that is given lies, key by key, over the folder's own; over the UCSD robot where it has none.
     """
     folder = Path(folder)
     number = _choose(folder, sequence)
@@ -150,12 +134,12 @@ def _lidar(path: Path, platform: Platform, given: Table, issues: list[Issue]) ->
     if abs(last - angle_max) > abs(increment):
         text = f"{path.name}: angle_max: {angle_max:.4f} rad, but {beams} beams end at {last:.4f}; the beams are used"
         issues.append(Issue("angle-max", text))
-    angle_min, increment, range_min, range_max, *_ = fan = Fan(angle_min, increment, range_min, range_max).over(given)
-    check_figures(beams, increment, range_min, range_max, file=path)
+    fan = Fan(angle_min, increment, range_min, range_max).over(given)
+    check_figures(beams, fan, file=path)
     stamps, (ranges,) = sort_by_stamp(path, "time_stamps", arrays["time_stamps"], issues, arrays["ranges"].T)
     with np.errstate(over="ignore"):  # beyond float32 is infinite: no return
         ranges = np.ascontiguousarray(ranges, np.float32)
-    ranges = given_up(clean_ranges(ranges, range_min, range_max, issues, f"{path.name}: ranges"))
+    ranges = given_up(clean_ranges(ranges, fan, issues, f"{path.name}: ranges"))
     return LidarStream(stamps, ranges, *fan[:4], platform.lidar.time_increment)
 
 
@@ -296,6 +280,6 @@ FORMAT = Format(
     "UCSD folder (Encoders*.npz, Hokuyo*.npz, Imu*.npz, Kinect*.npz)",
     is_folder=True,
     recognise=lambda path: bool(ucsd_sequences(path)),
-    read=lambda path, sequence, platform: read_ucsd(path, sequence=sequence, platform=platform),
+    read=read_ucsd,
     write=_write_only,
 )

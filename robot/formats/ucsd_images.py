@@ -36,9 +36,6 @@ def find_images(folder: Path, kind: str, sequence: str, count: int, issues: list
     """The image of each of ``count`` stamps, None where it is missing; empty where there are none at all.
 
     What is missing or left over is an issue.
-
-    Raises:
-        InputError: the folder cannot be listed.
     """
     place = image_path(folder, kind, sequence, 0).parent
     if not place.is_dir():
@@ -69,20 +66,12 @@ def find_images(folder: Path, kind: str, sequence: str, count: int, issues: list
 
 
 def read_rgb(path: Path) -> NDArray[np.uint8]:
-    """A colour image [480, 640, 3], red, green, blue.
-
-    Raises:
-        InputError: it cannot be read, or is no colour image of that size.
-    """
+    """A colour image [480, 640, 3], red, green, blue."""
     return np.ascontiguousarray(_decoded(path, np.uint8, (3, 4))[..., 2::-1])
 
 
 def read_disparity(path: Path) -> NDArray[np.uint16]:
-    """A raw disparity image [480, 640].
-
-    Raises:
-        InputError: it cannot be read, or is no grey image of 16 bits of that size.
-    """
+    """A raw disparity image [480, 640]."""
     return np.ascontiguousarray(_decoded(path, np.uint16, (1,))[..., 0])
 
 

@@ -86,11 +86,7 @@ class Table:
 
 
 class Bag:
-    """A bag; messages are read from its files whenever they are asked for.
-
-    Raises:
-        InputError: no bag, or a damaged one.
-    """
+    """A bag; messages are read from its files whenever they are asked for."""
 
     def __init__(self, path: Path) -> None:
         self.path, self.issues = path, list[Issue]()
@@ -109,8 +105,9 @@ class Bag:
                 if channel.encoding in encodings:
                     name = "/" + "/".join(part for part in channel.topic[:4096].split("/") if part)
                     parts.setdefault((name, channel.kind[:4096], channel.digest), []).append((number, own))
+        totals = [file.totals() for file in self._files]
         self.topics = [
-            Topic(*key, sum(self._files[number].counts[own] for number, own in found), frozenset(found))
+            Topic(*key, sum(totals[number].get(own, 0) for number, own in found), frozenset(found))
             for key, found in parts.items()
         ]
         if (total := sum(topic.count for topic in self.topics)) > MAX_MESSAGES:
@@ -141,11 +138,7 @@ class Bag:
             return unpack(data, "zstd", MAX_CHUNK)
 
     def decode(self, topic: Topic, data: bytes) -> Any:
-        """A message.
-
-        Raises:
-            ValueError: it is not what its type says.
-        """
+        """A message; a ValueError where it is not what its type says."""
         return _decoder(ros1=self.ros1)(data, topic.kind)
 
     def fill(self, tables: Mapping[Topic, Table], others: Mapping[Topic, Callable[[Any, int], None]]) -> int:

@@ -11,7 +11,7 @@ import importlib
 import struct
 from abc import ABC, abstractmethod
 from collections import Counter
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, Any, NamedTuple
@@ -25,7 +25,7 @@ MAX_HEADER = 1 << 20
 """Bytes of the header of a record of ROS 1."""
 
 Place = tuple[int, int, int]
-"""Where a message lies in its file: chunk (-1: in none), first byte, bytes; of SQLite the number of its row alone."""
+"""Where a message lies in its file: chunk, first byte there, bytes; of SQLite the number of its row in the middle."""
 
 Read = Callable[[int, int], bytes]
 """``read(position, count)`` of a file or an unpacked chunk."""
@@ -64,7 +64,6 @@ class Storage(ABC):
 
     Attributes:
         channels: by number.
-        counts: messages of each.
         damage: what is missing of a file that was cut short, but can be read.
         packed: whether each message is packed by Zstandard.
     """
@@ -74,7 +73,10 @@ class Storage(ABC):
     def __init__(self, path: Path) -> None:
         self.path, self.damage = path, ""
         self.channels: dict[int, Channel] = {}
-        self.counts: Counter[int] = Counter()
+
+    @abstractmethod
+    def totals(self) -> Mapping[int, int]:
+        """How many messages each channel has."""
 
     @abstractmethod
     def messages(self, channels: Collection[int]) -> Iterator[Message]:
@@ -128,6 +130,7 @@ class _Chunked(Storage):
     def __init__(self, path: Path) -> None:
         super().__init__(path)
         self.size = path.stat().st_size
+        self.counts: Counter[int] = Counter()
         self.chunks: list[Chunk] = []
         self._kept: tuple[int, bytes] = (-1, b"")
         with path.open("rb") as file:
@@ -175,6 +178,10 @@ class _Chunked(Storage):
             self._kept = (number, data)
         return self._kept[1]
 
+    def totals(self) -> Mapping[int, int]:
+        """See `Storage`."""
+        return self.counts
+
     def messages(self, channels: Collection[int]) -> Iterator[Message]:
         """See `Storage`."""
         with damage_in_one_line(self.path), self.path.open("rb") as file:
@@ -190,7 +197,7 @@ class _Chunked(Storage):
         with damage_in_one_line(self.path), self.path.open("rb") as file:
             read = _reader(file)
             for number, begin, size in places:
-                yield read(begin, size) if number < 0 else self._unpacked(read, number)[begin : begin + size]
+                yield self._unpacked(read, number)[begin : begin + size]
 
 
 def _reader(file: IO[bytes]) -> Read:
@@ -284,10 +291,10 @@ def _ros1_fields(header: bytes) -> dict[str, bytes]:
 
 
 class Mcap(_Chunked):
-    """An MCAP file; messages outside of chunks come last."""
+    """An MCAP file; a message outside of chunks is one of its own."""
 
     def _go_through(self, read: Read) -> None:
-        self._loose: list[tuple[int, int, Place]] = []
+        loose: dict[int, set[int]] = {}
         self._schemas: dict[int, str] = {}
         self.damage = "it was not closed"
         for operation, begin, size in _mcap_records(read, 8, self.size):
@@ -296,8 +303,8 @@ class Mcap(_Chunked):
             elif operation in (3, 4):
                 self._take(operation, read(begin, size))
             elif operation == 5 and size >= 22:
-                channel, _, received, _ = struct.unpack("<HIQQ", read(begin, 22))
-                self._loose.append((channel, received, (-1, begin + 22, size - 22)))
+                (channel,) = struct.unpack("<H", read(begin, 2))
+                self.chunks.append(Chunk(begin - 9, size + 9, "", size + 9, loose.setdefault(channel, {channel})))
                 self.counts[channel] += 1
             elif operation == 6:
                 head = read(begin, 100)
@@ -320,13 +327,6 @@ class Mcap(_Chunked):
             if operation == 5 and size >= 22:
                 channel, _, received, _ = struct.unpack_from("<HIQQ", data, begin)
                 yield channel, received, begin + 22, size - 22
-
-    def messages(self, channels: Collection[int]) -> Iterator[Message]:
-        """See `Storage`."""
-        yield from super().messages(channels)
-        loose = [each for each in self._loose if each[0] in channels]
-        for (channel, received, place), data in zip(loose, self.payloads([each[2] for each in loose]), strict=True):
-            yield Message(channel, received, place, data)
 
     def _take(self, operation: int, data: bytes) -> None:
         """A schema or a channel."""

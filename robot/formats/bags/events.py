@@ -71,11 +71,7 @@ class Event:
 
 
 def events_of(recording: Recording, written: WrittenOdometry, missing: list[int]) -> Iterator[Event]:
-    """The messages of a recording by their times; indices of images that cannot be read are added to ``missing``.
-
-    Raises:
-        InputError: no readings.
-    """
+    """The messages of a recording by their times; indices of images that cannot be read are added to ``missing``."""
     lidar, imu, encoders, odometry = recording.lidar, recording.imu, recording.encoders, written.stream
     stamps = [stream.stamps for stream in (odometry, lidar, imu, encoders) if stream is not None and len(stream)]
     if not stamps:

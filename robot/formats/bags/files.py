@@ -7,7 +7,7 @@ import shutil
 import sqlite3
 import tempfile
 import weakref
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import closing, contextmanager
 from pathlib import Path
 
@@ -36,11 +36,7 @@ _PART = re.compile(r"(?P<stem>.*)_(?P<number>\d+)\.(?P<ending>mcap|db3|bag)")
 
 
 def open_files(path: Path, owner: object, issues: list[Issue]) -> list[Storage]:
-    """The files of the bag at a path; what had to be unpacked is there as long as its owner.
-
-    Raises:
-        InputError: no bag, or a damaged one.
-    """
+    """The files of the bag at a path; what had to be unpacked is there as long as its owner."""
     if not path.is_dir():
         return [_open_file(path)]
     if not _has_metadata(path):
@@ -60,11 +56,7 @@ def begins_as(path: Path) -> str | None:
 
 
 def _open_file(path: Path) -> Storage:
-    """A file by its content.
-
-    Raises:
-        InputError: no file of a bag, or a damaged one.
-    """
+    """A file by its content."""
     open_regular(path, "a ROS bag").close()
     kind = begins_as(path)
     if kind is None:
@@ -103,8 +95,6 @@ class Database(Storage):
                 hidden = [row[6] for row in connection.execute(f"PRAGMA table_xinfo({table})")]
                 if not str(made)[:20].upper().startswith("CREATE TABLE") or any(hidden):
                     raise InputError(f"no plain table {table}, expected that of a ROS 2 bag", file=path)
-            counts = connection.execute("SELECT topic_id, count(*) FROM messages GROUP BY topic_id")
-            self.counts.update(dict(counts.fetchall()))
             query = "SELECT id, name, type, serialization_format FROM topics ORDER BY id"
             for number, name, kind, encoding in connection.execute(query):
                 self.channels[number] = Channel(str(name), str(kind).replace("/msg/", "/"), "", str(encoding))
@@ -118,6 +108,11 @@ class Database(Storage):
             connection.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, MAX_CHUNK)
             connection.execute("PRAGMA trusted_schema = OFF")
             yield connection
+
+    def totals(self) -> Mapping[int, int]:
+        """See `Storage`."""
+        with self._opened() as connection:
+            return dict(connection.execute("SELECT topic_id, count(*) FROM messages GROUP BY topic_id").fetchall())
 
     def messages(self, channels: Collection[int]) -> Iterator[Message]:
         """See `Storage`."""

@@ -151,11 +151,7 @@ class Frames:
 
 
 def lidar_mount(path: Path, topic: str, frame: str, frames: Frames, base: str | None, issues: list[Issue]) -> Mount:
-    """The mount of the lidar whose scans of a topic are in a frame; the robot's centre where no transforms lead there.
-
-    Raises:
-        InputError: tilted by more than 15 degrees, from upright and from upside down.
-    """
+    """The mount of the lidar whose scans are in a frame; the robot's centre where no transforms lead there."""
     placed = frames.place(frame, base) if base is not None else None
     if placed is None:
         names = base or " or ".join(BASES)

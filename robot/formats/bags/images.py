@@ -53,11 +53,7 @@ class BagImages:
     depth_places: NDArray[np.int64]
 
     def rgb(self, index: int) -> NDArray[np.uint8]:
-        """The colour image [480, 640, 3] of a stamp.
-
-        Raises:
-            InputError: it is damaged, or of another size or kind.
-        """
+        """The colour image [480, 640, 3] of a stamp."""
         return self._image(self.colour, self.colour_places, index, _colour_image)
 
     def disparity(self, index: int) -> NDArray[np.uint16]:
@@ -137,11 +133,7 @@ def _kind_of(image: Any, info: Any) -> tuple[str, str]:
 
 
 def rgbd_stream(bag: Bag, tables: tuple[Table, Table], times: Times) -> RgbdStream:
-    """The frames of colour and depth images.
-
-    Raises:
-        InputError: too many broken messages, or absurd stamps.
-    """
+    """The frames of colour and depth images."""
     (colour, rgb), (depth, disparity) = (times.used(table) for table in tables)
     topics = tables[0].topic, tables[1].topic
     images = BagImages(bag, *topics, tables[0].places_of(colour), tables[1].places_of(depth))

@@ -42,11 +42,7 @@ _SAME = 5e-5
 
 
 def cloud_scans(bag: Bag, table: Table, times: Times) -> Scans:
-    """The scans of a topic of clouds.
-
-    Raises:
-        InputError: clouds that are not planar, whose directions are not regular, or that are broken; or absurd stamps.
-    """
+    """The scans of a topic of clouds."""
     kept, stamps = times.used(table)
     places = table.places_of(kept)
 
@@ -92,11 +88,7 @@ def _points(cloud: Any) -> NDArray[np.float64]:
 
 
 def _fan(path: Path, topic: Topic, points: NDArray[np.float64]) -> Fan:
-    """The fan of the points [n, 3] of some clouds.
-
-    Raises:
-        InputError: they have none; one line says why.
-    """
+    """The fan of the points [n, 3] of some clouds."""
     points = points[np.hypot(points[:, 0], points[:, 1]) > _NEAREST]
     if len(points) < 2:
         raise InputError("no points in its clouds, expected those of a planar lidar", file=path, field=topic.name)
@@ -135,11 +127,7 @@ class _Part:
 
 
 def merged_scans(path: Path, lidars: list[Scans], mounts: list[Mount]) -> Scans:
-    """The scans of two or more lidars as one fan about the robot's centre; the first sets the stamps.
-
-    Raises:
-        InputError: two of them stand at one place looking the same way, as lidars without transforms seem to.
-    """
+    """The scans of two or more lidars as one fan about the robot's centre; the first sets the stamps."""
     first = lidars[0]
     fans = [one.fan.flipped() if mount.upside_down else one.fan for one, mount in zip(lidars, mounts, strict=True)]
     beams = min(MAX_BEAMS, round(2 * np.pi / min(abs(fan.angle_increment) for fan in fans)))

@@ -55,11 +55,7 @@ def manifest_of(recording: Recording, *, with_odometry: bool) -> str:
 
 
 def read_manifest(bag: Bag) -> Manifest | None:
-    """What a bag says about its recording; None of a bag that this package did not write.
-
-    Raises:
-        InputError: it is on that topic, but broken.
-    """
+    """What a bag says about its recording; None of a bag that this package did not write."""
     topic = next((topic for topic in bag.of_kind(KIND) if topic.name == TOPIC), None)
     if topic is None:
         return None

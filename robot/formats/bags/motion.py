@@ -109,11 +109,7 @@ def beside(topic: str, lidar: str) -> bool:
 
 
 def odometry_stream(path: Path, table: Table, times: Times, issues: list[Issue]) -> OdometryStream | None:
-    """The odometry of messages or transforms, projected to the plane; None where it says no headings at all.
-
-    Raises:
-        InputError: too many broken messages, or absurd stamps.
-    """
+    """The odometry of messages or transforms, projected to the plane; None where it says no headings at all."""
     values, name = table.values, f"{path.name}: {table.topic.name}"
     kept, stamps = times.used(table, np.asarray((np.abs(values) <= MAX_PLACE).all(axis=1)))
     places, turns = values[kept, :2], values[kept, 3:]
@@ -173,11 +169,7 @@ def _path_headings(places: NDArray[np.float64]) -> NDArray[np.float64] | None:
 def imu_stream(
     path: Path, table: Table, times: Times, frames: Frames, base: str | None, issues: list[Issue]
 ) -> ImuStream:
-    """The inertial readings in the robot's axes, as far as transforms say how the sensor is turned.
-
-    Raises:
-        InputError: too many broken messages, or absurd stamps.
-    """
+    """The inertial readings in the robot's axes, as far as transforms say how the sensor is turned."""
     values = table.values
     kept, stamps = times.used(table, plausible_rates(values[:, :3]))
     angular, linear = values[kept, :3], values[kept, 3:] / GRAVITY
@@ -230,9 +222,6 @@ class Joints:
 
         The first reading counts from 0 where the wheels had travelled less than 1 m by then, else it counts nothing:
         joints go on from where they stood. No motion is before the first reading in either case.
-
-        Raises:
-            InputError: no joints that are wheels, too many broken messages, or absurd stamps.
         """
         name = table.topic.name
         if not len(table.stamps):

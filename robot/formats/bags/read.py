@@ -72,22 +72,9 @@ def read_bag(
 ) -> Recording:
     """Read a ROS bag: a ROS 1 ``.bag``, a ROS 2 folder, or a single ``.db3`` or ``.mcap`` file.
 
-    Only headers are read here: ranges and images are read from the bag again whenever they are asked for.
-
-    Args:
-        path: of the file or folder.
-        sequence: which session, from 1 on, where the clock was set in between; the longest if None.
-        platform: the robot, or a ``platform.toml`` whose keys override what the bag's transforms give; a table
-            ``[lidars."/topic"]`` in it gives the mount of one of several lidars.
-        topics: by stream, the topics to read it from; several lidars are merged into one fan. By their types where a
-            stream is left out; a stream of no topics is not read.
-
-    Returns:
-        a recording with the streams that the bag has; ``warnings`` lists what was dropped, repaired or left aside.
-
-    Raises:
-        InputError: no bag, a damaged one, no stream in it, a topic that is not there, or messages that are broken.
-        ConfigError: a ``platform.toml`` that is none.
+    Only headers are read here: ranges and images are read from the bag again whenever they are asked for. A table
+    ``[lidars."/topic"]`` in the file of a platform gives the mount of one of several lidars. A stream of no topics is
+    not read; one that ``topics`` leaves out is read by its types.
     """
     bag = Bag(Path(path))
     issues = bag.issues
@@ -272,17 +259,10 @@ class _Reading:
     def _lidar(self, scans: Scans, mount: Mount, robot: Platform) -> LidarStream:
         fan = self.manifest.sharpened(scans.fan) if self.manifest is not None else scans.fan
         fan = (fan.flipped() if mount.upside_down else fan).over(self.given.lidar_figures)
-        check_figures(fan.beams, fan.angle_increment, fan.range_min, fan.range_max, file=self.bag.path)
+        check_figures(fan.beams, fan, file=self.bag.path)
 
         def load(first: int, last: int) -> NDArray[np.float32]:
             return scans.cleaned(np.arange(first, last), fan)
 
-        return LidarStream(
-            stamps=scans.stamps,
-            ranges=ChunkedRanges(load, len(scans.stamps), fan.beams),
-            angle_min=fan.angle_min,
-            angle_increment=fan.angle_increment,
-            range_min=fan.range_min,
-            range_max=fan.range_max,
-            time_increment=robot.lidar.time_increment,
-        )
+        ranges = ChunkedRanges(load, len(scans.stamps), fan.beams)
+        return LidarStream(scans.stamps, ranges, *fan[:4], robot.lidar.time_increment)

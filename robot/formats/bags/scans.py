@@ -59,7 +59,7 @@ class Scans:
 
     def cleaned(self, indices: Rows, fan: Fan) -> Ranges:
         """The ranges [k, beams] of some scans: endpoints within a fan's limits, ``inf`` and ``nan``."""
-        ranges = clean_ranges(self.load(indices), fan.range_min, fan.range_max, [], "")
+        ranges = clean_ranges(self.load(indices), fan, [], "")
         ranges[ranges == 0] = np.nan
         return ranges
 
@@ -73,11 +73,7 @@ def figures_of(message: Any) -> tuple[float, ...]:
 
 
 def laser_scans(bag: Bag, table: Table, times: Times, issues: list[Issue]) -> Scans:
-    """The scans of a topic, each with its angles, on the fan that most of them have or on a finer one.
-
-    Raises:
-        InputError: too many broken messages, absurd stamps, no beams, or figures of no lidar.
-    """
+    """The scans of a topic, each with its angles, on the fan that most of them have or on a finer one."""
     name, topic = f"{bag.path.name}: {table.topic.name}", table.topic.name
     kept, stamps = times.used(table)
     figures = table.values[kept]

@@ -49,9 +49,6 @@ class Times:
         tables: of all its streams, the lidar's first.
         session: which is used, from 1 on; the longest if None.
         issues: what was dropped or left aside is added.
-
-    Raises:
-        InputError: there is no such session.
     """
 
     def __init__(self, path: Path, tables: Sequence[Table], session: str | int | None, issues: list[Issue]) -> None:
@@ -111,9 +108,6 @@ class Times:
         Args:
             table: of a topic.
             good: [n] which of them are what their type says; all if None.
-
-        Raises:
-            InputError: more than 3 broken ones that are more than a tenth, or none that is whole; or absurd stamps.
         """
         name, total = table.topic.name, len(table.stamps) + table.broken
         good = np.ones(len(table.stamps), np.bool_) if good is None else good

@@ -34,18 +34,7 @@ _ARRAYS = {"float32": np.float32, "float64": np.float64, "uint8": np.uint8}
 def write_rosbag1(path: str | PathLike[str], recording: Recording) -> tuple[Issue, ...]:
     """Write a recording as a ROS 1 ``.bag``; topics and what comes back equal: ``docs/reference/formats.md``.
 
-    The same recording gives the same bytes.
-
-    Args:
-        path: the file; one that is there is replaced.
-        recording: to write.
-
-    Returns:
-        what the bag does not hold, an issue each.
-
-    Raises:
-        InputError: nothing to write, or stamps that messages cannot hold.
-        OutputError: the file cannot be written.
+    The same recording gives the same bytes. What the bag does not hold is an issue each.
     """
 
     def write(place: Path, events: Iterator[Event]) -> Path:
@@ -66,11 +55,7 @@ def write_mcap(path: str | PathLike[str], recording: Recording) -> tuple[Issue, 
 
 
 def write_rosbag2(path: str | PathLike[str], recording: Recording) -> tuple[Issue, ...]:
-    """Write a recording as a ROS 2 bag: a folder with ``metadata.yaml`` and a SQLite file; else as `write_rosbag1`.
-
-    Raises:
-        ExistsError: the folder holds a bag already.
-    """
+    """Write a recording as a ROS 2 bag: a folder with ``metadata.yaml`` and a SQLite file; else as `write_rosbag1`."""
     path = Path(path)
     if (path / "metadata.yaml").exists():
         raise ExistsError("holds a bag already, expected a new folder", file=path)
