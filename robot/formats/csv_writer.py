@@ -9,6 +9,7 @@ from typing import IO, Any
 
 import numpy as np
 import tomli_w
+from numpy.typing import NDArray
 
 from moteslam.errors import InputError, OutputError
 from moteslam.robot.files import write_atomically
@@ -106,28 +107,22 @@ def _lidar(lidar: LidarStream) -> tuple[Table, Rows]:
 
 
 def _odometry(odometry: OdometryStream) -> tuple[Table, Rows]:
-    def rows() -> Rows:
-        yield ["stamp", *POSE]
-        for stamp, pose in zip(odometry.stamps.tolist(), odometry.poses.tolist(), strict=True):
-            yield [repr(stamp), *map(repr, pose)]
-
-    return {key: key for key in POSE}, rows()
+    return {key: key for key in POSE}, _rows(POSE, odometry.stamps, odometry.poses)
 
 
 def _encoders(encoders: EncoderStream) -> tuple[Table, Rows]:
-    def rows() -> Rows:
-        yield ["stamp", *FOUR_WHEELS]
-        for stamp, counts in zip(encoders.stamps.tolist(), encoders.counts.tolist(), strict=True):
-            yield [repr(stamp), *counts]
-
-    return {**{key: key for key in FOUR_WHEELS}, "running": False}, rows()
+    table = {**{key: key for key in FOUR_WHEELS}, "running": False}
+    return table, _rows(FOUR_WHEELS, encoders.stamps, encoders.counts)
 
 
 def _imu(imu: ImuStream) -> tuple[Table, Rows]:
-    def rows() -> Rows:
-        yield ["stamp", *RATES, *ACCELERATION]
-        values = np.concatenate((imu.angular_velocity, imu.linear_acceleration_g), axis=1)
-        for stamp, row in zip(imu.stamps.tolist(), values.tolist(), strict=True):
-            yield [repr(stamp), *map(repr, row)]
+    values = np.concatenate((imu.angular_velocity, imu.linear_acceleration_g), axis=1)
+    table = {**{key: key for key in RATES}, "acceleration": list(ACCELERATION)}
+    return table, _rows((*RATES, *ACCELERATION), imu.stamps, values)
 
-    return {**{key: key for key in RATES}, "acceleration": list(ACCELERATION)}, rows()
+
+def _rows(names: Sequence[str], stamps: NDArray[np.float64], values: NDArray[Any]) -> Rows:
+    """The header and, a line a reading, its stamp [n] and its values [n, k]."""
+    yield ["stamp", *names]
+    for stamp, row in zip(stamps.tolist(), values.tolist(), strict=True):
+        yield [repr(stamp), *map(repr, row)]

@@ -11,7 +11,6 @@ from __future__ import annotations
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
-from math import isfinite
 from os import PathLike
 from pathlib import Path, PureWindowsPath
 from typing import Any, Literal, get_args
@@ -71,8 +70,7 @@ class MapFile:
 def read_map(path: str | PathLike[str]) -> Raster:
     """Read a map [H, W] as `FREE`, `OCCUPIED` and `UNKNOWN` cells, int8, of its ``.yaml``.
 
-    What is between the thresholds is unknown in the mode ``scale``, too. In the mode ``raw`` they are applied as
-    map_saver does: at least ``occupied_thresh`` and at most ``free_thresh``, in whole percent.
+    What is between the thresholds is unknown in the mode ``scale``, too; the mode ``raw`` is decided as by map_saver.
 
     Raises:
         InputError: a file that is missing, not YAML or no image, a key that is missing or out of bounds, an image
@@ -89,16 +87,8 @@ def read_map(path: str | PathLike[str]) -> Raster:
 def read_occupancy(path: str | PathLike[str], *, rules: Rules = "nav2") -> Raster:
     """Read a map as map_server publishes it, an occupancy a cell.
 
-    Args:
-        path: of the ``.yaml``; the image that it names lies beside it, or below.
-        rules: ``nav2``, or ``ros1``: ROS 1's map_server, which differs in details.
-
-    Returns:
-        int8 values [H, W]: 0 (free) to 100 (occupied), -1 unknown.
-
-    Raises:
-        InputError: as of `read_map`.
-        ConfigError: other rules.
+    Values [H, W] int8 are 0 (free) to 100 (occupied), -1 unknown; ``rules`` those of ``nav2``, or of ``ros1``, whose
+    map_server differs in details. Raises as `read_map`, and a ConfigError for other rules.
     """
     if rules not in get_args(Rules):
         raise ConfigError(f"{rules!r}, expected nav2 or ros1", field="rules")
@@ -123,15 +113,9 @@ def write_occupancy(
 ) -> None:
     """Write a map of occupancies as map_saver does: the image, and beside it the YAML file.
 
-    In the mode ``raw`` they read back the same, in the mode ``scale`` with the thresholds 1 and 0; in the mode
-    ``trinary`` the thresholds decide.
-
-    Args:
-        path: of the ``.pgm`` or ``.png``; the ``.yaml`` has the same stem.
-        raster: whole values [H, W] of -1 (unknown) or 0 to 100, see `occupancy_of` for log-odds.
-        mode: ``trinary``, ``scale`` or ``raw``.
-        negate: white is occupied; not in the mode ``raw``, which nav2 reads without and ROS 1 with it.
-        thresholds: at least the first is occupied, at most the second free; 0 to 1.
+    They are whole, -1 (unknown) or 0 to 100 [H, W]. In the mode ``raw`` they read back the same, in the mode ``scale``
+    with the thresholds 1 and 0; in the mode ``trinary`` at least the first threshold is occupied and at most the second
+    free. With ``negate`` white is occupied; not in the mode ``raw``, which nav2 reads without and ROS 1 with it.
 
     Raises:
         ConfigError: another mode, or thresholds the wrong way round.
@@ -204,10 +188,7 @@ def write_picture(path: str | PathLike[str], raster: Raster, about: Mapping[str,
 
 
 def trinary(log_odds: NDArray[np.float32]) -> NDArray[np.int8]:
-    """Log-odds [H, W] in map_server's three values: occupied above a probability of 0.65, free below its complement.
-
-    One ray of log 4 (a probability of 0.2 or 0.8) decides.
-    """
+    """Log-odds [H, W] in map_server's three values, which one ray of log 4 (a probability of 0.8) decides."""
     limit = np.log(OCCUPIED_THRESHOLD / (1 - OCCUPIED_THRESHOLD))
     return np.where(log_odds > limit, OCCUPIED, np.where(log_odds < -limit, FREE, UNKNOWN)).astype(np.int8)
 
@@ -245,10 +226,13 @@ def _read_yaml(path: Path) -> MapFile:
     if not isinstance(about, dict):
         raise InputError("not a table, expected image, resolution and origin", file=path)
 
-    def number(key: str, value: object, low: float, high: float, expected: str = "") -> float:
-        found = _as_number(value)
-        if found is None or not low <= found <= high:
-            expected = expected or f"a number from {low:g} to {high:g}"
+    def number(key: str, value: object, low: float, high: float) -> float:
+        try:  # what is text to YAML 1.1 is a number to the programs that write it, as 5e-2
+            found = float("nan") if isinstance(value, bool) else float(value)  # type: ignore[arg-type]
+        except (TypeError, ValueError, OverflowError):
+            found = float("nan")
+        if not low <= found <= high:
+            expected = "three numbers: x, y [m] and yaw [rad]" if key == "origin" else f"one from {low:g} to {high:g}"
             raise InputError(f"{about[key]!r}, expected {expected}", file=path, field=key)
         return found
 
@@ -263,19 +247,9 @@ def _read_yaml(path: Path) -> MapFile:
     if not isinstance(negate := about["negate"], int):
         raise InputError(f"{negate!r}, expected 0 or 1", file=path, field="negate")
     place = about["origin"] if isinstance(about["origin"], list) and len(about["origin"]) == 3 else [None]
-    three = "three numbers: x, y [m] and yaw [rad]"
-    x, y, yaw = [number("origin", value, -MAX_PLACE, MAX_PLACE, three) for value in place]
+    x, y, yaw = [number("origin", value, -MAX_PLACE, MAX_PLACE) for value in place]
     resolution = number("resolution", about["resolution"], 1e-4, 100)
     return MapFile(_image(about["image"], path), resolution, (x, y, yaw), mode, bool(negate), occupied, free)
-
-
-def _as_number(value: object) -> float | None:
-    """A finite number; also one that is text to YAML 1.1 and a number to the programs that write it, as ``5e-2``."""
-    try:
-        number = float(value) if isinstance(value, int | float | str) and not isinstance(value, bool) else float("nan")
-    except (ValueError, OverflowError):
-        return None
-    return number if isfinite(number) else None
 
 
 def _image(name: object, path: Path) -> Path:
@@ -300,11 +274,7 @@ def _image(name: object, path: Path) -> Path:
 
 
 def _occupancies(pixels: NDArray[np.uint16], about: MapFile, rules: Rules = "nav2", *, between: bool = True) -> Percent:
-    """The occupancies [H, W] that map_server makes of the pixels [H, W, C] of an image.
-
-    The channels are grey, or red, green and blue, or these and opacity, of 65535. Without ``between`` those between
-    the thresholds are unknown in the mode scale, too.
-    """
+    """The occupancies [H, W] of pixels [H, W, C] of 65535; ``between`` the thresholds the mode scale may say more."""
     flat, found = pixels.reshape(-1, pixels.shape[2]), np.empty(pixels.shape[0] * pixels.shape[1], np.int8)
     for start in range(0, len(flat), _BAND):
         found[start : start + _BAND] = _of(flat[start : start + _BAND], about, rules == "ros1", between)

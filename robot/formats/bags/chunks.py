@@ -27,6 +27,9 @@ MAX_HEADER = 1 << 20
 Place = tuple[int, int, int]
 """Where a message lies in its file: chunk, first byte there, bytes; of SQLite the number of its row in the middle."""
 
+Message = tuple[int, int, Place, bytes]
+"""A message: of which channel, when it was received [ns], where it lies, and its bytes."""
+
 Read = Callable[[int, int], bytes]
 """``read(position, count)`` of a file or an unpacked chunk."""
 
@@ -38,15 +41,6 @@ class Channel(NamedTuple):
     kind: str
     digest: str
     encoding: str
-
-
-class Message(NamedTuple):
-    """A message: of which channel, when it was received [ns], where it lies, and its bytes."""
-
-    channel: int
-    received: int
-    place: Place
-    data: bytes
 
 
 class Chunk(NamedTuple):
@@ -141,7 +135,9 @@ class _Chunked(Storage):
                 if chunk.channels and known:
                     continue
                 try:
-                    counts = self._look_into(self._unpacked(read, number))
+                    data = self._unpacked(read, number)
+                    self._find_channels(data)
+                    counts = Counter(channel for channel, *_ in self._messages_in(data))
                 except (ValueError, KeyError, EOFError, OSError, RuntimeError, struct.error, InputError):
                     if not number:
                         raise
@@ -157,8 +153,8 @@ class _Chunked(Storage):
         """Find the channels, the chunks and, by their indices, which channels these hold."""
 
     @abstractmethod
-    def _look_into(self, data: bytes) -> Counter[int]:
-        """Find the channels in an unpacked chunk; the messages of each."""
+    def _find_channels(self, data: bytes) -> None:
+        """Find the channels in an unpacked chunk."""
 
     @abstractmethod
     def _messages_in(self, data: bytes) -> Iterator[tuple[int, int, int, int]]:
@@ -190,7 +186,7 @@ class _Chunked(Storage):
                     data = self._unpacked(_reader(file), number)
                     for channel, received, begin, size in self._messages_in(data):
                         if channel in channels:
-                            yield Message(channel, received, (number, begin, size), data[begin : begin + size])
+                            yield channel, received, (number, begin, size), data[begin : begin + size]
 
     def payloads(self, places: Collection[Place]) -> Iterator[bytes]:
         """See `Storage`."""
@@ -239,11 +235,10 @@ class Rosbag1(_Chunked):
         if end != self.size or not is_closed:
             self.damage = "it was not closed, or it is damaged"
 
-    def _look_into(self, data: bytes) -> Counter[int]:
+    def _find_channels(self, data: bytes) -> None:
         for operation, fields, begin, size in _ros1_records(_within(data), 0, len(data)):
             if operation == 7:
                 self._take(fields, data[begin : begin + size])
-        return Counter(channel for channel, *_ in self._messages_in(data))
 
     def _messages_in(self, data: bytes) -> Iterator[tuple[int, int, int, int]]:
         for operation, fields, begin, size in _ros1_records(_within(data), 0, len(data)):
@@ -316,11 +311,10 @@ class Mcap(_Chunked):
                 self.chunks[-1].channels.add(channel)
                 self.counts[channel] += count // 16
 
-    def _look_into(self, data: bytes) -> Counter[int]:
+    def _find_channels(self, data: bytes) -> None:
         for operation, begin, size in _mcap_records(_within(data), 0, len(data)):
             if operation in (3, 4):
                 self._take(operation, data[begin : begin + size])
-        return Counter(channel for channel, *_ in self._messages_in(data))
 
     def _messages_in(self, data: bytes) -> Iterator[tuple[int, int, int, int]]:
         for operation, begin, size in _mcap_records(_within(data), 0, len(data)):

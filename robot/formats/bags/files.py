@@ -120,7 +120,7 @@ class Database(Storage):
         query = f"SELECT topic_id, timestamp, id, data FROM messages WHERE topic_id IN ({among}) ORDER BY id"
         with self._opened() as connection:
             for channel, received, row, data in connection.execute(query):
-                yield Message(channel, int(received), (0, int(row), 0), bytes(data))
+                yield channel, int(received), (0, int(row), 0), bytes(data)
 
     def payloads(self, places: Collection[Place]) -> Iterator[bytes]:
         """See `Storage`."""

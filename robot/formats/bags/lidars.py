@@ -73,18 +73,15 @@ def _points(cloud: Any) -> NDArray[np.float64]:
     if row_step < width * step or len(cloud.data) < row_step * height:
         raise ValueError("fewer points than it declares")
     rows = cloud.data[: row_step * height].reshape(height, row_step)[:, : width * step].reshape(height * width, step)
-    fields = {field.name: field for field in cloud.fields}
-    columns = []
-    for name in ("x", "y", "z"):
-        kind = {7: "f4", 8: "f8"}.get(fields[name].datatype) if name in fields else None  # sensor_msgs/PointField
-        if kind is None:
-            raise ValueError(f"no {name} of a floating kind")
-        dtype, offset = np.dtype(f"{'>' if cloud.is_bigendian else '<'}{kind}"), fields[name].offset
-        if offset + dtype.itemsize > step:
-            raise ValueError("coordinates beyond a point's end")
-        column = np.ascontiguousarray(rows[:, offset : offset + dtype.itemsize])
-        columns.append(column.view(dtype)[:, 0].astype(np.float64))
-    return np.column_stack(columns)
+    kinds = {7: "f4", 8: "f8"}  # sensor_msgs/PointField
+    fields = {field.name: field for field in cloud.fields if field.datatype in kinds}
+    if not {"x", "y", "z"} <= fields.keys():
+        raise ValueError("no x, y and z of a floating kind")
+    order, places = ">" if cloud.is_bigendian else "<", [fields[name] for name in "xyz"]
+    formats, offsets = [order + kinds[place.datatype] for place in places], [place.offset for place in places]
+    dtype = np.dtype({"names": ["x", "y", "z"], "formats": formats, "offsets": offsets, "itemsize": step})
+    points = np.ascontiguousarray(rows).reshape(-1).view(dtype)
+    return np.column_stack([points[name].astype(np.float64) for name in "xyz"])
 
 
 def _fan(path: Path, topic: Topic, points: NDArray[np.float64]) -> Fan:
