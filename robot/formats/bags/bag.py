@@ -17,6 +17,7 @@ from moteslam.errors import InputError
 from moteslam.robot.formats.bags.chunks import MAX_CHUNK, damage_in_one_line, unpack
 from moteslam.robot.formats.bags.files import open_files
 from moteslam.robot.issues import Issue
+from moteslam.robot.wording import counted
 
 SECOND = 1_000_000_000
 """Nanoseconds."""
@@ -147,7 +148,7 @@ class Bag:
         Returns:
             how many of the others' are broken.
         """
-        broken = 0
+        broken, order = 0, -1
         decode = _decoder(ros1=self.ros1)
         for order, (topic, received, place, data) in enumerate(self.sweep([*tables, *others])):
             table = tables.get(topic)
@@ -174,6 +175,11 @@ class Bag:
             table.numbers.extend(numbers)
             table.marks.append(hash(data[4:4096]))  # behind what numbers the messages in ROS 1
             table.frames.append(frame)
+        if (lost := sum(topic.count for topic in (*tables, *others)) - order - 1) > 0:
+            text = (
+                f"{self.path.name}: {counted(lost, 'message')} of its index cannot be found; what can be read is used"
+            )
+            self.issues.append(Issue("damaged-bag", text, lost))
         return broken
 
 

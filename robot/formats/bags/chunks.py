@@ -221,6 +221,8 @@ class Rosbag1(_Chunked):
             end = begin + size
             if operation == 3:
                 is_closed = any(fields["index_pos"])
+                if fields.get("encryptor"):
+                    raise InputError("encrypted, expected a plain bag", file=self.path)
             elif operation == 4:
                 channel, count = _u32(fields["conn"]), _u32(fields["count"])
                 self.chunks[-1].channels.add(channel)

@@ -56,7 +56,8 @@ JOINTS = ("front_right_wheel_joint", "front_left_wheel_joint", "rear_right_wheel
 """As written, in the order of an `EncoderStream`."""
 
 Values = dict[str, Any]
-"""A message: numbers, texts, arrays, tables of these and lists of tables, by the names of its fields."""
+"""A message: numbers, texts, arrays, tables of these and lists of tables, by the names of its fields; the others are 0
+or empty."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,7 +131,6 @@ def turned(yaw: float) -> Values:
 
 
 def _odometry(odometry: OdometryStream) -> Iterator[Event]:
-    nothing = np.zeros(36)
     rates = twists(odometry.stamps, odometry.poses)
     times = nanoseconds(odometry.stamps).tolist()
     for time, (x, y, yaw), (forward, left, turn) in zip(times, odometry.poses.tolist(), rates.tolist(), strict=True):
@@ -139,8 +139,8 @@ def _odometry(odometry: OdometryStream) -> Iterator[Event]:
         values = {
             "header": header(time, ODOM),
             "child_frame_id": BASE,
-            "pose": {"pose": pose, "covariance": nothing},
-            "twist": {"twist": twist, "covariance": nothing},
+            "pose": {"pose": pose},
+            "twist": {"twist": twist},
         }
         yield Event(time, "/odom", ODOMETRY, values)
 
@@ -170,15 +170,13 @@ def twists(stamps: NDArray[np.float64], poses: se2.Poses) -> NDArray[np.float64]
 
 
 def _wheels(times: list[int], angles: NDArray[np.float64]) -> Iterator[Event]:
-    nothing = np.empty(0)
     for time, row in zip(times, angles, strict=True):
         values = {"header": header(time, ""), "name": list(JOINTS), "position": row}
-        yield Event(time, "/joint_states", JOINT_STATE, {**values, "velocity": nothing, "effort": nothing})
+        yield Event(time, "/joint_states", JOINT_STATE, values)
 
 
 def _imu(imu: ImuStream) -> Iterator[Event]:
-    nothing, unknown = np.zeros(9), np.zeros(9)
-    unknown[0] = -1.0  # no orientation is measured: sensor_msgs/Imu
+    unknown = np.array([-1.0, *[0.0] * 8])  # no orientation is measured: sensor_msgs/Imu
     rates, pushes = imu.angular_velocity.tolist(), (imu.linear_acceleration_g * GRAVITY).tolist()
     for time, angular, linear in zip(nanoseconds(imu.stamps).tolist(), rates, pushes, strict=True):
         values = {
@@ -186,15 +184,13 @@ def _imu(imu: ImuStream) -> Iterator[Event]:
             "orientation": turned(0.0),
             "orientation_covariance": unknown,
             "angular_velocity": vector(*angular),
-            "angular_velocity_covariance": nothing,
             "linear_acceleration": vector(*linear),
-            "linear_acceleration_covariance": nothing,
         }
         yield Event(time, "/imu", IMU, values)
 
 
 def _scans(lidar: LidarStream) -> Iterator[Event]:
-    times, nothing = nanoseconds(lidar.stamps), np.empty(0, np.float32)
+    times = nanoseconds(lidar.stamps)
     figures = {
         "angle_min": lidar.angle_min,
         "angle_max": lidar.angle_min + (lidar.ranges.shape[1] - 1) * lidar.angle_increment,
@@ -207,7 +203,7 @@ def _scans(lidar: LidarStream) -> Iterator[Event]:
     for first in range(0, len(lidar), CHUNK):
         rows: NDArray[np.float32] = lidar.ranges[first : first + CHUNK]
         for time, ranges in zip(times[first : first + CHUNK].tolist(), rows, strict=True):
-            values = {"header": header(time, LASER), **figures, "ranges": ranges, "intensities": nothing}
+            values = {"header": header(time, LASER), **figures, "ranges": ranges}
             yield Event(time, "/scan", LASER_SCAN, values)
 
 
@@ -270,6 +266,5 @@ def _camera_info(camera: str) -> Values:
     matrix = np.array((focal, 0, column, 0, focal, row, 0, 0, 1))
     projection = np.array((focal, 0, column, 0, 0, focal, row, 0, 0, 0, 1, 0))
     matrices = {"d": np.zeros(5), "k": matrix, "r": np.eye(3).ravel(), "p": projection}
-    region = {"x_offset": 0, "y_offset": 0, "height": 0, "width": 0, "do_rectify": False}
-    figures = {"height": HEIGHT, "width": WIDTH, "distortion_model": "plumb_bob", "binning_x": 0, "binning_y": 0}
-    return {**figures, **matrices, **{name.upper(): value for name, value in matrices.items()}, "roi": region}
+    figures = {"height": HEIGHT, "width": WIDTH, "distortion_model": "plumb_bob"}
+    return {**figures, **matrices, **{name.upper(): value for name, value in matrices.items()}}

@@ -95,14 +95,16 @@ def _message(types: Any, name: str, values: Values) -> Any:
     for field, (how, what) in types.fielddefs[name][1]:
         value: Any = values.get(field)
         if how.name == "NAME":
-            value = _message(types, what, value)
+            value = _message(types, what, value or {})
+        elif how.name == "BASE" and value is None:
+            value = "" if what[0] == "string" else 0
         elif how.name != "BASE":  # an array of messages or of numbers
-            inner, element = what[0]
+            (inner, element), size = what
             if inner.name == "NAME":
-                value = [_message(types, element, one) for one in value]
+                value = [_message(types, element, one) for one in value or ()]
             elif element[0] in _ARRAYS:
-                value = np.asarray(value, _ARRAYS[element[0]])
-        made[field] = 0 if field == "seq" and value is None else value
+                value = np.asarray(np.zeros(size) if value is None else value, _ARRAYS[element[0]])
+        made[field] = value
     return types.types[name](**made)
 
 

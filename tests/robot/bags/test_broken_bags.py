@@ -215,3 +215,19 @@ def test_another_definition_of_a_type_is_left_aside(tmp_path: Path) -> None:
 def test_an_empty_bag_is_refused(tmp_path: Path, kind: str) -> None:
     with pytest.raises(InputError):
         open_recording(make_bag(tmp_path, [], kind))
+
+
+@pytest.mark.parametrize(("kind", "header"), [("bag", struct.pack("<I", 38)), ("mcap", b"\x05")])
+def test_messages_behind_a_damaged_record_are_counted(tmp_path: Path, kind: str, header: bytes) -> None:
+    path = make_bag(tmp_path, [scan(0.1 * index, np.ones(5)) for index in range(9)], kind)
+    content = bytearray(path.read_bytes())
+    at = -1
+    for _ in range(5):  # the fifth message says that it is longer than its chunk
+        at = content.index(b"laser", at + 1)
+    size = content.rindex(header, 0, at) + len(header) % 4
+    content[size : size + 4] = struct.pack("<I", 900_000)
+    path.write_bytes(content)
+    recording = open_recording(path)
+    assert recording.lidar is not None
+    assert len(recording.lidar) == 4
+    assert (recording.warnings[0].code, recording.warnings[0].count) == ("damaged-bag", 5)
