@@ -87,8 +87,7 @@ class Images:
 def made_up(hours: float, image_rate: float) -> Any:
     """A recording of some hours whose ranges and images are made when they are written."""
     from moteslam.robot.platforms import bundled_platform
-    from moteslam.robot.ranges import ChunkedRanges
-    from moteslam.robot.recording import ImuStream, LidarStream, OdometryStream, Recording, RgbdStream
+    from moteslam.robot.recording import ChunkedRanges, ImuStream, LidarStream, OdometryStream, Recording, RgbdStream
 
     def times(rate: float) -> NDArray[np.float64]:
         return START + np.arange(round(hours * 3600 * rate)) / rate

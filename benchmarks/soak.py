@@ -28,8 +28,7 @@ from parts.options import count, factor, result_file
 from parts.runs import graph_backend
 
 from moteslam.robot.platforms import load_platform
-from moteslam.robot.ranges import ChunkedRanges
-from moteslam.robot.recording import EncoderStream, LidarStream, Recording
+from moteslam.robot.recording import ChunkedRanges, EncoderStream, LidarStream, Recording
 from moteslam.slam.run import SlamSession
 
 LAPS = 100

@@ -18,7 +18,7 @@ from typing import Any, Literal, get_args, get_origin
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
-from moteslam.robot.section import LARGEST, SMALLEST
+from moteslam.robot.tables import LARGEST, SMALLEST
 from moteslam.slam.backend.kinds import BACKENDS
 from moteslam.slam.backend.protocol import BackendConfig
 from moteslam.slam.config import ParticleFilterConfig, SlamConfig

@@ -7,10 +7,9 @@ import numpy as np
 from moteslam.eval.metrics.ate import AteResult
 from moteslam.eval.metrics.clock import ClockOffset
 from moteslam.eval.metrics.space import in_space
-from moteslam.robot.alignment import umeyama
-from moteslam.robot.issues import Issue
-from moteslam.robot.se2 import transform_points
+from moteslam.robot.se2 import transform_points, umeyama
 from moteslam.robot.trajectory import Trajectory
+from moteslam.robot.values import Issue
 
 SMALL, LARGER = 0.1, 50.0
 """Errors and sizes below this [m], and ratios of sizes below that, are no other unit."""

@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 
 from moteslam.errors import InputError
 from moteslam.eval.metrics.localisation import state_counts
-from moteslam.robot.files import write_atomically
-from moteslam.robot.reading import read_text
-from moteslam.robot.summary import Summarised
+from moteslam.robot.files import read_text, write_atomically
+from moteslam.robot.values import Summarised
 from moteslam.slam.estimate import Estimate
 from moteslam.slam.filter.certainty import LocalisationState
 

@@ -9,7 +9,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from moteslam.robot.processors import processor_count
+from moteslam.robot.values import processor_count
 
 PACKAGES = ("moteslam", "taichi", "numpy")
 """Whose versions are recorded."""

@@ -13,8 +13,7 @@ from typing import get_args
 import numpy as np
 
 from moteslam.errors import InputError
-from moteslam.robot.files import write_atomically
-from moteslam.robot.reading import read_text
+from moteslam.robot.files import read_text, write_atomically
 from moteslam.slam.backend.ledger import LoopCandidate, Verdict
 from moteslam.slam.config import SlamConfig
 

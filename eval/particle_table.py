@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from moteslam.errors import InputError
 from moteslam.robot.files import write_atomically
 from moteslam.robot.formats.npz import Shape, read_arrays
-from moteslam.robot.summary import Summarised
+from moteslam.robot.values import Summarised
 from moteslam.slam.estimate import Estimate
 
 SHAPES: dict[str, Shape] = {"stamps": ("updates",), "paths": ("particles", "updates", 3), "spread": ("updates", 3)}

@@ -11,7 +11,7 @@ from typing import Any
 from moteslam.errors import InputError
 from moteslam.eval.sweep.store import opened
 from moteslam.eval.sweep.tables import group_of
-from moteslam.robot.reading import read_text
+from moteslam.robot.files import read_text
 
 Key = tuple[Any, ...]
 """Scenario or recording, platform, noise, duration, seed: runs of two configurations with the same are a pair."""

@@ -18,7 +18,7 @@ from moteslam.robot.formats.map_server import trinary
 from moteslam.robot.raster import Raster
 from moteslam.robot.recording import Recording
 from moteslam.robot.trajectory import Trajectory
-from moteslam.robot.wording import expect_type
+from moteslam.robot.values import expect_type
 from moteslam.slam.estimate import Estimate
 
 

@@ -10,8 +10,8 @@ from dataclasses import replace
 from moteslam.errors import InputError
 from moteslam.robot import se2
 from moteslam.robot.recording import OdometryStream, Recording
+from moteslam.robot.values import expect_type
 from moteslam.robot.wheel_odometry import gyro_turn, wheel_path
-from moteslam.robot.wording import expect_type
 
 
 def odometry_of(recording: Recording, *, gyro: bool = False) -> OdometryStream:

@@ -12,9 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.errors import ConfigError, InputError
-from moteslam.robot.recording import EncoderStream, ImuStream, OdometryStream, Recording
-from moteslam.robot.stamps import nearest_stamp
-from moteslam.robot.wording import expect_type
+from moteslam.robot.recording import EncoderStream, ImuStream, OdometryStream, Recording, nearest_stamp
+from moteslam.robot.values import expect_type
 
 Array = NDArray[np.float64]
 

@@ -16,7 +16,7 @@ from pydantic import Field, model_validator
 from moteslam.robot import se2
 from moteslam.robot.platform import Wheels
 from moteslam.robot.recording import EncoderStream, OdometryStream, Recording
-from moteslam.robot.section import Number, Section, Truth
+from moteslam.robot.tables import Number, Section, Truth
 from moteslam.sim.robot.limits import MAX_DURATION, Interval, Spell
 from moteslam.sim.sensors.faults import readings_of
 

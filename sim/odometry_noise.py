@@ -13,11 +13,10 @@ from numpy.typing import NDArray
 
 from moteslam.errors import ConfigError, InputError
 from moteslam.robot import se2
-from moteslam.robot.kinematics import wheel_motion
 from moteslam.robot.platform import Wheels
 from moteslam.robot.recording import EncoderStream, OdometryStream, Recording
-from moteslam.robot.wheel_odometry import gyro_covers, side_travel
-from moteslam.robot.wording import expect_type
+from moteslam.robot.values import expect_type
+from moteslam.robot.wheel_odometry import gyro_covers, side_travel, wheel_motion
 
 Array = NDArray[np.float64]
 

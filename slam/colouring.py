@@ -6,8 +6,8 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from moteslam.errors import InputError
-from moteslam.robot.issues import Issue
 from moteslam.robot.recording import Recording
+from moteslam.robot.values import Issue
 from moteslam.slam.config import SlamConfig
 from moteslam.slam.estimate import Estimate
 from moteslam.slam.texture.floor_map import TextureMapper, can_map, map_texture

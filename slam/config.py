@@ -8,11 +8,10 @@ from __future__ import annotations
 from typing import Annotated, Any, Literal
 
 import tomli_w
-from pydantic import Field, SerializeAsAny, ValidationError, field_validator, model_validator
+from pydantic import Field, SerializeAsAny, field_validator, model_validator
 
 from moteslam.errors import ConfigError
-from moteslam.robot.section import Positive, Section, Share, Whole
-from moteslam.robot.wording import first_complaint, known_keys
+from moteslam.robot.tables import Positive, Section, Share, Whole, validated
 from moteslam.slam.backend.kinds import BACKENDS
 from moteslam.slam.backend.none import NoBackendConfig
 from moteslam.slam.backend.protocol import BackendConfig
@@ -55,13 +54,7 @@ class SlamConfig(Section):
             model = BACKENDS[name].config
         except ConfigError as error:
             raise ConfigError(error.problem, field="backend.method") from error
-        try:
-            return model.model_validate(table)
-        except ValidationError as error:
-            field, problem = first_complaint(
-                error, "configuration", lambda place: f"expected one of {', '.join(known_keys(model, place))}"
-            )
-            raise ConfigError(problem, field=f"backend.{field}".rstrip(".")) from error
+        return validated(model, table, above="backend")
 
     def to_toml(self) -> str:
         """The configuration as TOML; it reads back equal."""

@@ -8,11 +8,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from moteslam.robot.issues import Issue
-from moteslam.robot.pose_graph import PoseGraph
 from moteslam.robot.raster import Raster
-from moteslam.robot.summary import Summarised
-from moteslam.robot.trajectory import Trajectory
+from moteslam.robot.trajectory import PoseGraph, Trajectory
+from moteslam.robot.values import Issue, Summarised
 from moteslam.slam.backend.ledger import LoopCandidate
 from moteslam.slam.config import SlamConfig
 from moteslam.slam.preview import preview_png

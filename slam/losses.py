@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.robot import se2
-from moteslam.robot.issues import Issue
+from moteslam.robot.values import Issue
 
 Array = NDArray[np.float64]
 

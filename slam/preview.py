@@ -6,8 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.robot.formats.map_server import map_image
-from moteslam.robot.picture_style import STYLE
-from moteslam.robot.pictures import encode_png
+from moteslam.robot.pictures import STYLE, encode_png
 from moteslam.robot.raster import Raster
 
 LONGEST = 800

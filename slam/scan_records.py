@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from moteslam.robot.summary import Summarised
+from moteslam.robot.values import Summarised
 from moteslam.slam.filter.certainty import Certainty, LocalisationState, state_of
 from moteslam.slam.filter.protocol import StepResult
 

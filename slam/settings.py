@@ -13,8 +13,8 @@ from pathlib import Path
 from pydantic import ValidationError
 
 from moteslam.errors import ConfigError
-from moteslam.robot.tables import Table, assigned, merged, read_toml
-from moteslam.robot.wording import Place, expect_type, first_complaint, known_keys
+from moteslam.robot.tables import Table, assigned, first_complaint, merged, read_toml
+from moteslam.robot.values import expect_type
 from moteslam.slam.backend.kinds import BACKENDS
 from moteslam.slam.config import SlamConfig
 from moteslam.slam.methods import METHODS
@@ -80,7 +80,7 @@ def _resolved(preset: Table, given: Table, *, file: Path | None) -> SlamConfig:
         problem = _other_backend(error.field or "", _backend_of(values)) or error.problem
         raise ConfigError(problem, file=file, field=error.field) from error
     except ValidationError as error:
-        field, problem = first_complaint(error, "configuration", lambda place: _expected(model, place))
+        field, problem = first_complaint(error)
         raise ConfigError(_other_method(field, base["method"]) or problem, file=file, field=field) from error
 
 
@@ -125,7 +125,3 @@ def _other_backend(field: str, method: object) -> str | None:
         return None
     owners = [f'"{name}"' for name, other in BACKENDS.items() if key in other.config.model_fields]
     return f'no key of the back end "{method}", expected {" or ".join(owners)}' if owners else None
-
-
-def _expected(model: type[SlamConfig], place: Place) -> str:
-    return f"expected one of {', '.join(known_keys(model, place))}"

@@ -44,7 +44,7 @@ def run_batch(jobs: list[Job], *, processes: int | None = None) -> list[dict[str
     """
     if len(jobs) > MAX_BATCH:
         raise ConfigError(f"{len(jobs)} simulations, expected at most {MAX_BATCH}", field="batch")
-    from moteslam.robot.processors import processor_count
+    from moteslam.robot.values import processor_count
 
     count = min(processes or processor_count(), len(jobs))
     found: dict[int, dict[str, Any]] = {}

@@ -82,8 +82,7 @@ def convert(
 
 def _place(out: Path, *, is_folder: bool, force: bool, keep: Path) -> AbstractContextManager[Path]:
     """Where to write a file or folder that appears under its name when it is whole."""
-    from moteslam.robot.result_folder import result_folder
-    from moteslam.robot.staged import staged_file
+    from moteslam.robot.files import result_folder, staged_file
 
     make = result_folder if is_folder else staged_file
     return make(out, force=force, keep=keep)

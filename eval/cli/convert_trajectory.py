@@ -10,8 +10,8 @@ from moteslam.eval.cli.text import say, say_json, warn
 from moteslam.eval.literal import literal
 
 if TYPE_CHECKING:
-    from moteslam.robot.issues import Issue
     from moteslam.robot.trajectory import Trajectory
+    from moteslam.robot.values import Issue
 
 
 def stands_for_trajectory(out: Path, to: str | None) -> bool:
@@ -40,9 +40,9 @@ def convert_trajectory(path: Path, out: Path, to: str | None, *, force: bool, as
         InputError: the trajectory is broken, or has stamps that the format cannot hold.
         OutputError: the file exists, or cannot be written.
     """
-    from moteslam.robot.staged import staged_file
+    from moteslam.robot.files import staged_file
     from moteslam.robot.trajectories import trajectory_format_to_write
-    from moteslam.robot.wording import counted
+    from moteslam.robot.values import counted
 
     try:
         name, known = trajectory_format_to_write(out, to)
@@ -68,11 +68,10 @@ def _read(path: Path) -> tuple[Trajectory, tuple[Issue, ...]]:
     """
     import numpy as np
 
-    from moteslam.robot.issues import Issue
     from moteslam.robot.trajectories import TRAJECTORY_FORMATS, read_trajectory, trajectory_format_of
     from moteslam.robot.trajectories.bag import is_bag, parts_of
     from moteslam.robot.trajectories.g2o import read_both
-    from moteslam.robot.wording import counted
+    from moteslam.robot.values import Issue, counted
 
     if parts_of(path) is not None or is_bag(path) or trajectory_format_of(path) is not TRAJECTORY_FORMATS["g2o"]:
         trajectory, edges = read_trajectory(path), 0

@@ -41,7 +41,7 @@ def demo(
     from moteslam.eval.cli.progress import simulation_bar
     from moteslam.eval.cli.running import Device, lost_line, run_into, run_summary, score_table, size_of
     from moteslam.eval.cli.wanted import Wanted, named_in_errors
-    from moteslam.robot.result_folder import result_folder
+    from moteslam.robot.files import result_folder
     from moteslam.sim.simulate import simulate
 
     driven = Wanted(scenario, platform=platform, noise=noise).load(run.seed)

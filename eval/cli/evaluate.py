@@ -25,9 +25,8 @@ if TYPE_CHECKING:
     )
     from moteslam.eval.metrics.relations import Relations
     from moteslam.robot.platform import Platform
-    from moteslam.robot.positions import Positions
     from moteslam.robot.recording import Recording
-    from moteslam.robot.trajectory import Trajectory
+    from moteslam.robot.trajectory import Positions, Trajectory
     from moteslam.slam.inputs.scans import Scans
 
 
@@ -215,7 +214,7 @@ def _against(
     """Every trajectory against the reference; errors name the option or the reference."""
     from moteslam.eval.evaluation import against_positions, against_relations, against_trajectory
     from moteslam.eval.metrics.relations import Relations
-    from moteslam.robot.positions import Positions
+    from moteslam.robot.trajectory import Positions
 
     results: dict[str, AgainstTrajectory | AgainstRelations | AgainstPositions] = {}
     try:

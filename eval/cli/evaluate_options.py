@@ -49,7 +49,7 @@ def refuse_options(context: typer.Context, paths: list[Path], recording: Path | 
 def _kinds(reference: Path) -> tuple[str, ...]:
     """What a reference is, in the words of ``NEEDED``."""
     from moteslam.eval.metrics.relations import is_relations
-    from moteslam.robot.positions import is_positions
+    from moteslam.robot.trajectories.rows import is_positions
 
     if is_relations(reference):
         return ("a .relations reference",)

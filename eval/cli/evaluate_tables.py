@@ -11,7 +11,7 @@ from moteslam.eval.evaluation import AgainstPositions, AgainstRelations, Against
 from moteslam.eval.literal import literal
 from moteslam.eval.metrics.loops import LoopResult
 from moteslam.eval.metrics.registry import Value
-from moteslam.robot.wording import counted
+from moteslam.robot.values import counted
 
 
 def say_scores(scores: Mapping[str, Evaluated], reference: Path | None, recording: Path | None) -> None:

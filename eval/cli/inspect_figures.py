@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from moteslam.robot.inspection import Inspection
-    from moteslam.robot.lidar_inspection import LidarReport
-    from moteslam.robot.platform import Platform
-    from moteslam.robot.specs import EncoderSpec, ImuSpec
+    from moteslam.robot.platform import EncoderSpec, ImuSpec, Platform
+    from moteslam.robot.sensor_reports import LidarReport
     from moteslam.slam.calibration.findings import Figure
 
 Row = tuple[str, str, str]

@@ -31,7 +31,7 @@ def platforms(
       moteslam platforms turtlebot3 > mine.toml
       moteslam simulate corridor --platform mine.toml --out run
     """  # noqa: D301
-    from moteslam.robot.fan import field_of_view
+    from moteslam.robot.platform import field_of_view
     from moteslam.robot.platforms import bundled_platforms, load_platform, platform_table
 
     if name is not None:

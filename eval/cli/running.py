@@ -18,11 +18,10 @@ from moteslam.eval.report.snapshots import Snapshot, Snapshots
 from moteslam.eval.report.textures import TextureStages
 from moteslam.eval.results import write_results
 from moteslam.eval.scores import Scores
-from moteslam.robot.issues import Issue
 from moteslam.robot.raster import Raster
 from moteslam.robot.recording import Recording
 from moteslam.robot.trajectory import Trajectory
-from moteslam.robot.wording import counted
+from moteslam.robot.values import Issue, counted
 from moteslam.slam.colouring import wants_colours, with_texture
 from moteslam.slam.config import SlamConfig
 from moteslam.slam.estimate import Estimate

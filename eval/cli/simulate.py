@@ -70,7 +70,7 @@ def simulate(
       moteslam replay corridor --out result
     """  # noqa: D301
     from moteslam.eval.cli.batch import Job, about, run_batch
-    from moteslam.robot.result_folder import result_folder
+    from moteslam.robot.files import result_folder
     from moteslam.sim.output import file_name, log_name, write_simulation
     from moteslam.sim.scenario import MAX_SEED
     from moteslam.sim.world.random_corridors import NAME as RANDOM_CORRIDORS

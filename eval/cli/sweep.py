@@ -84,8 +84,7 @@ def run(
     from moteslam.eval.sweep.spec import read_spec
     from moteslam.eval.sweep.store import opened
     from moteslam.eval.sweep.workers import make_all
-    from moteslam.robot.processors import processor_count
-    from moteslam.robot.wording import counted
+    from moteslam.robot.values import counted, processor_count
 
     if timed and workers not in (None, 1):
         raise ConfigError("given with --workers, expected one run at a time", field="--time")

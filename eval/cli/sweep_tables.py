@@ -95,7 +95,7 @@ def say_affordable(file: Path, text: str, metrics: list[str], form: str) -> None
     """The configurations of a sweep within a budget, the best first."""
     from moteslam.eval.populations import populations
     from moteslam.eval.sweep.budget import affordable, parse_budget
-    from moteslam.robot.wording import interval
+    from moteslam.robot.values import interval
 
     budget = parse_budget(text)
     if len(metrics) > 1:
@@ -129,7 +129,7 @@ def say_differences(
     found: Sequence[Difference], files: tuple[Path, Path], common: int, alone: int, *, as_json: bool
 ) -> None:
     """Where two sweeps differ: how many runs both have, and how many one of the two alone."""
-    from moteslam.robot.wording import counted
+    from moteslam.robot.values import counted
 
     if as_json:
         say_json({"runs": common, "in_one_alone": alone, "differences": [asdict(each) for each in found]})
@@ -156,7 +156,7 @@ def _as_dict(group: GroupSummary) -> dict[str, Any]:
 def _rows(groups: list[GroupSummary], names: list[str]) -> tuple[list[list[str]], int]:
     """The table for people, and how many of its columns are words."""
     from moteslam.eval.sweep.tables import varying
-    from moteslam.robot.wording import interval
+    from moteslam.robot.values import interval
 
     about = varying(groups)
     head = [*about, "runs", "success"]

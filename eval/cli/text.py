@@ -13,7 +13,7 @@ from moteslam.errors import OutputError
 from moteslam.eval.literal import literal
 
 if TYPE_CHECKING:
-    from moteslam.robot.issues import Issue
+    from moteslam.robot.values import Issue
 
 WIDEST = 10_000
 """Characters of a table's line."""

@@ -11,11 +11,10 @@ from numpy.typing import NDArray
 from moteslam.errors import InputError
 from moteslam.eval.metrics.space import in_space, space_at, spatial
 from moteslam.robot import se2
+from moteslam.robot.recording import nearest_stamp
 from moteslam.robot.se2 import Poses
-from moteslam.robot.stamps import nearest_stamp
-from moteslam.robot.summary import Summarised
 from moteslam.robot.trajectory import Space, Trajectory
-from moteslam.robot.wording import expect_type
+from moteslam.robot.values import Summarised, expect_type
 
 MAX_DIFFERENCE = 0.01
 """Stamps further apart than this [s] do not belong together, as evo has it."""

@@ -12,11 +12,9 @@ from moteslam.errors import InputError
 from moteslam.eval.metrics.association import MAX_DIFFERENCE, Matched, match
 from moteslam.eval.metrics.space import angles, laid, planar, upright
 from moteslam.eval.metrics.statistics import Statistics
-from moteslam.robot.alignment import umeyama, umeyama_scale
-from moteslam.robot.se2 import IDENTITY, Poses, compose, inverse, wrap
-from moteslam.robot.summary import Summarised
+from moteslam.robot.se2 import IDENTITY, Poses, compose, inverse, umeyama, umeyama_scale, wrap
 from moteslam.robot.trajectory import Space, Trajectory
-from moteslam.robot.wording import counted
+from moteslam.robot.values import Summarised, counted
 
 STANDING = 0.01
 """A reference whose positions are within this root mean square distance of their mean [m] stands still."""

@@ -13,9 +13,8 @@ from moteslam.eval.metrics.association import MAX_DIFFERENCE, match
 from moteslam.eval.metrics.scan_poses import evenly, travelled
 from moteslam.eval.metrics.statistics import Statistics
 from moteslam.robot.se2 import between
-from moteslam.robot.summary import Summarised
 from moteslam.robot.trajectory import Trajectory
-from moteslam.robot.wording import counted
+from moteslam.robot.values import Summarised, counted
 
 Array = NDArray[np.float64]
 

@@ -14,11 +14,9 @@ from moteslam.eval.metrics.association import MAX_DIFFERENCE, covered
 from moteslam.eval.metrics.scan_poses import evenly, poses_of_scans, travelled
 from moteslam.eval.metrics.statistics import Statistics
 from moteslam.robot import se2
-from moteslam.robot.issues import Issue
 from moteslam.robot.recording import Recording
-from moteslam.robot.summary import Summarised
 from moteslam.robot.trajectory import Trajectory
-from moteslam.robot.wording import counted, expect_type
+from moteslam.robot.values import Issue, Summarised, counted, expect_type
 from moteslam.slam.backend.ledger import LoopCandidate
 from moteslam.slam.inputs.scans import Scans
 from moteslam.slam.inputs.synchronise import require_lidar, synchronise

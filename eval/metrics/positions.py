@@ -11,13 +11,10 @@ from numpy.typing import NDArray
 from moteslam.errors import InputError
 from moteslam.eval.metrics.association import MAX_DIFFERENCE, covered, from_to
 from moteslam.eval.metrics.statistics import Statistics
-from moteslam.robot.alignment import umeyama, umeyama_scale
-from moteslam.robot.positions import Positions
-from moteslam.robot.se2 import IDENTITY, Poses, compose
+from moteslam.robot.se2 import IDENTITY, Poses, compose, umeyama, umeyama_scale
 from moteslam.robot.se2 import interpolate as interpolated
-from moteslam.robot.summary import Summarised
-from moteslam.robot.trajectory import Trajectory
-from moteslam.robot.wording import counted, expect_type
+from moteslam.robot.trajectory import Positions, Trajectory
+from moteslam.robot.values import Summarised, counted, expect_type
 
 
 @dataclass(frozen=True, eq=False, repr=False)

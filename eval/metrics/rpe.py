@@ -14,9 +14,8 @@ from moteslam.eval.metrics.association import MAX_DIFFERENCE, Matched, match
 from moteslam.eval.metrics.space import angles
 from moteslam.eval.metrics.statistics import Statistics
 from moteslam.robot.se2 import between
-from moteslam.robot.summary import Summarised
 from moteslam.robot.trajectory import Trajectory
-from moteslam.robot.wording import counted
+from moteslam.robot.values import Summarised, counted
 
 Unit = Literal["m", "s", "frames"]
 Pairs = tuple[NDArray[np.intp], NDArray[np.intp]]

@@ -11,7 +11,7 @@ from moteslam.robot import se2
 from moteslam.robot.recording import LidarStream, Recording
 from moteslam.robot.se2 import Poses
 from moteslam.robot.trajectory import Trajectory
-from moteslam.robot.wording import counted, expect_type
+from moteslam.robot.values import counted, expect_type
 from moteslam.slam.inputs.synchronise import require_lidar
 
 Array = NDArray[np.float64]

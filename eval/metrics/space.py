@@ -8,10 +8,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.errors import InputError
-from moteslam.robot.issues import Issue
 from moteslam.robot.se2 import wrap
-from moteslam.robot.trajectories.space import FARTHEST, TILT, interpolated, normal_of, quaternions_of, tilt_of
-from moteslam.robot.trajectory import Space, Trajectory
+from moteslam.robot.trajectory import (
+    FARTHEST,
+    TILT,
+    Space,
+    Trajectory,
+    interpolated,
+    normal_of,
+    quaternions_of,
+    tilt_of,
+)
+from moteslam.robot.values import Issue
 
 Array = NDArray[np.float64]
 

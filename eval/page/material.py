@@ -13,7 +13,7 @@ from moteslam.errors import InputError
 from moteslam.eval.populations import MAX_BYTES, read_table
 from moteslam.eval.sweep.store import opened
 from moteslam.eval.sweep.tables import group_of, succeeds
-from moteslam.robot.reading import read_text
+from moteslam.robot.files import read_text
 
 SUCCESS = {"final.ate": 0.5}
 """Of runs in result folders: limits as of ``SweepSpec.success``."""

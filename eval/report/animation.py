@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from moteslam.eval.report import style
 from moteslam.eval.report.pace import Pace
 from moteslam.robot import se2
-from moteslam.robot.picture_style import PictureStyle
+from moteslam.robot.pictures import PictureStyle
 from moteslam.sim.simulate import EPOCH, Simulation
 from moteslam.slam.run import SlamSession
 from moteslam.slam.scan_records import Update

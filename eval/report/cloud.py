@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.robot.se2 import between
-from moteslam.robot.summary import Summarised
+from moteslam.robot.values import Summarised
 from moteslam.slam.estimate import Estimate
 
 Array = NDArray[np.float64]

@@ -11,7 +11,7 @@ from moteslam.errors import InputError
 from moteslam.eval.metrics.registry import COSTS
 from moteslam.eval.sweep.store import opened
 from moteslam.eval.sweep.tables import columns
-from moteslam.robot.reading import read_text
+from moteslam.robot.files import read_text
 
 MAX_BYTES = 1_000_000_000
 """No exported table is larger."""

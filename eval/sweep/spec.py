@@ -15,9 +15,8 @@ from moteslam.errors import ConfigError, InputError
 from moteslam.eval.metrics.evidence import TRACKS
 from moteslam.eval.metrics.registry import chosen, split
 from moteslam.eval.sweep.program import first_line
-from moteslam.robot.section import NotNegative, Number, Positive, Section, Whole
-from moteslam.robot.tables import read_toml
-from moteslam.robot.wording import Place, first_complaint, known_keys, shortened
+from moteslam.robot.tables import NotNegative, Number, Positive, Section, Whole, first_complaint, read_toml
+from moteslam.robot.values import shortened
 from moteslam.slam.settings import DEFAULT_PRESET
 
 MAX_RUNS = 1_000_000
@@ -183,7 +182,7 @@ def read_spec(path: str | PathLike[str]) -> SweepSpec:
     except ConfigError as error:
         raise ConfigError(error.problem, file=path, field=error.field) from error
     except ValidationError as error:
-        field, problem = first_complaint(error, "specification", _expected)
+        field, problem = first_complaint(error)
         raise ConfigError(problem, file=path, field=field) from error
     beside = path.absolute().parent
     return spec.model_copy(
@@ -246,10 +245,6 @@ def _here(words: tuple[str, ...], folder: Path) -> tuple[str, ...]:
     return tuple(word.replace("{here}", str(folder)) for word in words)
 
 
-def _expected(place: Place) -> str:
-    return f"expected one of {', '.join(known_keys(SweepSpec, place))}"
-
-
 def numbers(text: str) -> list[int]:
     """The seeds of a text such as ``0-9`` or ``3,5,10-19``, in its order, each once.
 
@@ -299,7 +294,7 @@ def _values(key: str, value: Any) -> Any:
     try:
         return Range.model_validate(value)
     except ValidationError as error:
-        field, problem = first_complaint(error, "range", lambda _: f"expected one of {', '.join(Range.model_fields)}")
+        field, problem = first_complaint(error)
         raise ValueError(": ".join(part for part in (f"{key}.{field}" if field else key, problem))) from None
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.errors import InputError
-from moteslam.robot.fan import too_wide
+from moteslam.robot.platform import too_wide
 
 MAX_RATE = 100.0
 """No robot turns faster [rad/s]: 16 turns a second; common gyros end at 35 rad/s, the largest range sold is 70."""

@@ -27,13 +27,11 @@ from moteslam.robot.formats.interlaced import interlaced
 from moteslam.robot.formats.lines import MAX_BROKEN, TextLines, broken_issues
 from moteslam.robot.formats.no_return import no_return_limit
 from moteslam.robot.formats.streams import Fan, lidar_stream, mount_between, odometry_stream
-from moteslam.robot.given_robot import GivenRobot
-from moteslam.robot.issues import Issue
-from moteslam.robot.platform import Platform
-from moteslam.robot.platforms import CARMEN
+from moteslam.robot.platform import LidarSpec, Platform
+from moteslam.robot.platforms import CARMEN, GivenRobot
 from moteslam.robot.recording import Recording
-from moteslam.robot.specs import LidarSpec
-from moteslam.robot.wording import counted, first_complaint
+from moteslam.robot.tables import first_complaint
+from moteslam.robot.values import Issue, counted
 
 _LINE = re.compile(rb"^(?:FLASER|ROBOTLASER1|RAWLASER[1-5]|ODOM|PARAM)\s", re.MULTILINE)
 _LIMITS = ("robot_front_laser_max", "robot_frontlaser_max", "laser_front_max_range", "front_laser_max")
@@ -188,7 +186,7 @@ def _platform(path: Path, log: CarmenLines, rows: NDArray[np.float64]) -> Platfo
     try:
         return Platform(**{**CARMEN.model_dump(), **size, "lidar": _mount(log.params, rows)})
     except ValidationError as error:
-        field, problem = first_complaint(error, "robot", lambda place: "")
+        field, problem = first_complaint(error)
         raise InputError(problem, file=path, field=f"PARAM {field}") from error
 
 

@@ -17,11 +17,9 @@ from moteslam.robot.formats.carmen_lines import CLASSIC_STEPS, fov_of
 from moteslam.robot.formats.no_return import no_return_codes
 from moteslam.robot.formats.not_written import not_written
 from moteslam.robot.formats.written_odometry import computed_odometry
-from moteslam.robot.interlace import phases
-from moteslam.robot.issues import Issue
-from moteslam.robot.recording import LidarStream, Recording
-from moteslam.robot.specs import LidarSpec
-from moteslam.robot.wording import counted, expect_type
+from moteslam.robot.platform import LidarSpec
+from moteslam.robot.recording import LidarStream, Recording, phases
+from moteslam.robot.values import Issue, counted, expect_type
 
 OWN_PARAMETERS = {"z": "robot_frontlaser_height", "time_increment": "robot_frontlaser_time_increment"}
 """Parameters of our own for what CARMEN has none: the lidar's height [m], and the time between its beams [s]."""

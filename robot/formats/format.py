@@ -13,9 +13,9 @@ from typing import Protocol
 
 from moteslam.errors import InputError
 from moteslam.plugins import Plugins
-from moteslam.robot.issues import Issue
 from moteslam.robot.platform import Platform
 from moteslam.robot.recording import Recording
+from moteslam.robot.values import Issue
 
 Robot = Platform | str | PathLike[str] | None
 """A robot, a ``platform.toml`` that overrides the format's own robot, or that one as it is."""

@@ -14,11 +14,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from moteslam.errors import InputError
+from moteslam.robot.files import open_regular
 from moteslam.robot.formats.bounds import MAX_PLACE
 from moteslam.robot.formats.stamps import MAX_STAMP
-from moteslam.robot.issues import Issue
-from moteslam.robot.reading import open_regular
-from moteslam.robot.wording import counted
+from moteslam.robot.values import Issue, counted
 
 MAX_TEXT = 1 << 30
 """No log may unpack to more than this: 1 GiB, about two days of a 180-beam laser at 5 Hz."""

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.errors import ConfigError, InputError, OutputError
-from moteslam.robot.files import write_atomically
+from moteslam.robot.files import read_bytes, write_atomically
 from moteslam.robot.formats.map_server_cells import (
     FREE_GREY,
     FREE_PERCENT,
@@ -37,8 +37,7 @@ from moteslam.robot.formats.map_server_cells import (
 )
 from moteslam.robot.pictures import decode_channels, encode_png, picture_size
 from moteslam.robot.raster import Raster
-from moteslam.robot.reading import read_bytes
-from moteslam.robot.wording import expect_type
+from moteslam.robot.values import expect_type
 
 FREE, OCCUPIED, UNKNOWN = 0, 1, -1
 """The values of a trinary map, int8."""

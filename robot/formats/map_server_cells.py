@@ -25,8 +25,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.errors import InputError, MoteslamWarning
-from moteslam.robot.netpbm import FULL
-from moteslam.robot.yaml_table import read_yaml
+from moteslam.robot.files import read_yaml
+from moteslam.robot.pictures import FULL
 
 Percent = NDArray[np.int8]
 Rules = Literal["nav2", "ros1"]

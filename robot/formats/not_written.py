@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from moteslam.robot.issues import Issue
 from moteslam.robot.recording import Recording, RgbdStream
-from moteslam.robot.wording import counted
+from moteslam.robot.values import Issue, counted
 
 _WORDS = {
     "encoders": "encoder reading",

@@ -7,8 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from moteslam.robot.issues import Issue
-from moteslam.robot.wording import counted
+from moteslam.robot.values import Issue, counted
 
 
 def clean_ranges(

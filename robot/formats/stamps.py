@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.errors import InputError
-from moteslam.robot.issues import Issue
-from moteslam.robot.wording import counted
+from moteslam.robot.values import Issue, counted
 
 MAX_SPAN = 10 * 365.25 * 86400.0
 """A recording longer than this [s] is none: ten years."""

@@ -10,15 +10,13 @@ from numpy.typing import NDArray
 
 from moteslam.errors import InputError
 from moteslam.robot import se2
-from moteslam.robot.arrays import given_up
 from moteslam.robot.formats.bounds import check_fan, check_figures, plausible_counts, plausible_rates
 from moteslam.robot.formats.ranges import clean_ranges
 from moteslam.robot.formats.stamps import stamp_order
-from moteslam.robot.issues import Issue
-from moteslam.robot.platform import Platform
+from moteslam.robot.platform import LidarSpec, Platform
 from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream, OdometryStream
-from moteslam.robot.specs import LidarSpec
 from moteslam.robot.tables import Table
+from moteslam.robot.values import Issue, given_up
 
 Array = NDArray[Any]
 

@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.errors import ConfigError, InputError
-from moteslam.robot.arrays import given_up
 from moteslam.robot.files import make_folder, write_atomically
 from moteslam.robot.formats.bounds import check_fan, check_figures
 from moteslam.robot.formats.format import Format, Robot
@@ -25,14 +24,11 @@ from moteslam.robot.formats.npz import read_arrays
 from moteslam.robot.formats.ranges import clean_ranges
 from moteslam.robot.formats.streams import encoder_stream, imu_stream, sort_by_stamp
 from moteslam.robot.formats.ucsd_rgbd import DISPARITY, RGB, find_images
-from moteslam.robot.given_robot import GivenRobot
-from moteslam.robot.issues import Issue
-from moteslam.robot.platform import Platform
-from moteslam.robot.platforms import UCSD, write_platform
+from moteslam.robot.platform import LidarSpec, Platform
+from moteslam.robot.platforms import UCSD, GivenRobot, write_platform
 from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream, Recording, RgbdStream
-from moteslam.robot.specs import LidarSpec
 from moteslam.robot.tables import Table
-from moteslam.robot.wording import counted, expect_type
+from moteslam.robot.values import Issue, counted, expect_type, given_up
 
 Array = NDArray[Any]
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from moteslam.robot.issues import Issue
 from moteslam.robot.recording import OdometryStream, Recording
+from moteslam.robot.values import Issue
 from moteslam.robot.wheel_odometry import wheel_path
 
 

@@ -15,18 +15,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from moteslam.errors import InputError
-from moteslam.robot.issues import Issue
-from moteslam.robot.trajectories.space import interpolated, quaternions_of, rotations_of, trajectory_of
-from moteslam.robot.trajectory import Trajectory
-from moteslam.robot.wording import counted
+from moteslam.robot.trajectory import Array, Trajectory, interpolated, quaternions_of, rotations_of, trajectory_of
+from moteslam.robot.values import Issue, counted
 
 if TYPE_CHECKING:
     from rosbags.highlevel import AnyReader
-
-Array = NDArray[np.float64]
 
 ENDINGS = (".bag", ".mcap", ".db3", ".active")
 PARTS = ("*.mcap", "*.db3")

@@ -3,6 +3,9 @@
 Names are known by their last word and those before it: ``x``, ``tx``, ``p_RS_R_x [m]``, ``pose.position.x``; ``qw``,
 ``q_RS_w []``, ``orientation.w``; ``yaw [deg]``; ``t``, ``timestamp [ns]``, ``header.stamp``. Columns of other names
 (velocities, covariances) are passed over.
+
+Sources: TUM, the file formats of the RGB-D benchmark of TU Munich (Sturm et al. 2012); EuRoC, the ground truth files of
+the EuRoC MAV data sets (Burri et al. 2016), ``state_groundtruth_estimate0/data.csv``.
 """
 
 from __future__ import annotations
@@ -12,17 +15,21 @@ import re
 from array import array
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from fractions import Fraction
+from os import PathLike
 from pathlib import Path
 
 import numpy as np
 
 from moteslam.errors import InputError
-from moteslam.robot.issues import Issue
-from moteslam.robot.trajectories.rows import all_lines, finite_numbers, seconds
-from moteslam.robot.trajectories.space import trajectory_of
-from moteslam.robot.trajectory import Trajectory
+from moteslam.robot.files import write_atomically
+from moteslam.robot.formats.stamps import MAX_STAMP
+from moteslam.robot.trajectories.rows import TrajectoryFormat, all_lines, finite_numbers, seconds
+from moteslam.robot.trajectory import Array, Trajectory, quaternion_of_yaw, trajectory_of
+from moteslam.robot.values import Issue, expect_type
 
 TUM, EUROC = "stamp x y z qx qy qz qw", "timestamp [ns],x,y,z,qw,qx,qy,qz"
+EUROC_HEADER = "#timestamp [ns],p_RS_R_x [m],p_RS_R_y [m],p_RS_R_z [m],q_RS_w [],q_RS_x [],q_RS_y [],q_RS_z []"
 TIME = ("header.stamp", "stamp", "timestamp", "time", "t")
 """Last words of the name of a stamp's column; the first that a header has is taken."""
 POSITION = {"p", "pos", "pose", "position", "translation", "trans", "t", "point", "location"}
@@ -34,6 +41,12 @@ OTHER = {
 """Words that make a column one of something else."""
 TURNS = {"roll": "roll", "pitch": "pitch", "yaw": "yaw", "theta": "yaw", "psi": "yaw"}
 EAST = {"easting": "x", "east": "x", "northing": "y", "north": "y", "up": "z"}
+UNITS_OF_TIME = {
+    **dict.fromkeys(("s", "sec", "secs", "seconds"), "s"),
+    **dict.fromkeys(("ms", "msec", "milliseconds"), "ms"),
+    **dict.fromkeys(("us", "usec", "microseconds"), "us"),
+    **dict.fromkeys(("ns", "nsec", "nsecs", "nanosec", "nanoseconds"), "ns"),
+}
 LENGTHS, ANGLES = {"m": 1.0, "cm": 0.01, "mm": 0.001, "km": 1000.0}, {"rad": 1.0, "deg": np.pi / 180}
 MAX_TURN = 6.3
 """Angles beyond this must have a unit."""
@@ -59,12 +72,55 @@ class Columns:
     stated: bool = True
 
 
-def read_poses(path: Path, what: str) -> Trajectory:
-    """Read a table of poses.
+def read_tum(path: str | PathLike[str]) -> Trajectory:
+    """Read a TUM trajectory, projected to the plane (x, y and the rotation about z); commas count as blanks."""
+    return read_poses(Path(path), "a TUM trajectory")
 
-    Args:
-        path: of the file.
-        what: it should be: ``a TUM trajectory``.
+
+def write_tum(path: str | PathLike[str], trajectory: Trajectory) -> None:
+    """Write ``stamp x y z qx qy qz qw`` lines that read back to the same stamps, bit for bit.
+
+    Stamps and coordinates are written with the fewest digits that round-trip (Unix seconds with microseconds keep
+    them). The heading goes through a quaternion and comes back to within an ulp or two.
+    """
+    expect_type(trajectory, Trajectory, "trajectory")
+    lines = ["# timestamp tx ty tz qx qy qz qw"]
+    lines += [f"{stamp!r} {x!r} {y!r} 0 0 0 {qz!r} {qw!r}" for stamp, x, y, qz, qw in _rows(trajectory)]
+    write_atomically(path, "\n".join(lines) + "\n")
+
+
+def read_euroc(path: str | PathLike[str]) -> Trajectory:
+    """Read a CSV of poses, projected to the plane (x, y and the rotation about z).
+
+    A stamp is the float64 next to its whole number of nanoseconds.
+    """
+    return read_poses(Path(path), f"EuRoC lines: {EUROC}")
+
+
+def write_euroc(path: str | PathLike[str], trajectory: Trajectory) -> None:
+    """Write ``timestamp [ns],x,y,z,qw,qx,qy,qz`` lines under EuRoC's header.
+
+    Stamps, from 0 to 1e11 s, are rounded to whole nanoseconds, which is as fine as a float64 beyond 97 days and finer
+    than one of Unix time: those read back the same, bit for bit, as coordinates do. The heading comes back to within an
+    ulp or two.
+    """
+    expect_type(trajectory, Trajectory, "trajectory")
+    if len(trajectory) and not 0 <= trajectory.stamps[0] <= trajectory.stamps[-1] <= MAX_STAMP:
+        raise InputError("stamps below 0 or beyond 1e11 s, expected seconds between", field="stamps")
+    rows = ((round(Fraction(stamp) * 10**9), *row) for stamp, *row in _rows(trajectory))
+    lines = [EUROC_HEADER, *(f"{stamp},{x!r},{y!r},0,{qw!r},0,0,{qz!r}" for stamp, x, y, qz, qw in rows)]
+    write_atomically(path, "\n".join(lines) + "\n")
+
+
+def _rows(trajectory: Trajectory) -> list[list[float]]:
+    """Stamp, x, y and the z and w of the heading's quaternion of each pose."""
+    x, y, theta = trajectory.poses.T
+    rows: list[list[float]] = np.column_stack((trajectory.stamps, x, y, *quaternion_of_yaw(theta))).tolist()
+    return rows
+
+
+def read_poses(path: Path, what: str) -> Trajectory:
+    """Read a table of poses; ``what`` it should be: ``a TUM trajectory``.
 
     Raises:
         InputError: no text file of at most 500 MB; columns that are not named and not in the order of TUM or EuRoC; a
@@ -76,23 +132,23 @@ def read_poses(path: Path, what: str) -> Trajectory:
     separator: str | None = None
     stamps: list[str] = []
     rows, lines = array("d"), array("q")
+    names: list[str] = []
     wanted: list[int] = []
     for number, line in all_lines(path, what):
-        if columns is None:
-            if line.startswith(("#", "%")):
-                comments.append(line)
-                continue
-            separator = separator_of(line)
-            words = split(line, separator)
-            if finite_numbers(words[:1]) is None and (found := _named(words, path, number, header=True)):
-                columns = found
-                continue
-            columns = columns or _columns(comments, words, separator, path, number)
-        elif line.startswith("#"):
+        if line.startswith("#" if columns else ("#", "%")):
+            comments.append(line)
             continue
-        if not lines:
-            wanted = [index for name, index in columns.at.items() if name not in ("t", "nsec")]
+        if not names:
+            if columns is None:
+                separator = separator_of(line)
+                words = split(line, separator)
+                if finite_numbers(words[:1]) is None and (columns := _named(words, path, number, header=True)):
+                    continue
+                columns = _columns(comments, words, separator, path, number)
+            names = [name for name in columns.at if name not in ("t", "nsec")]
+            wanted = [columns.at[name] for name in names]
             separator = None if separator == "," and not columns.stated and columns.count else separator
+        assert columns is not None
         words = split(line, separator)
         row = finite_numbers([words[k] for k in wanted]) if len(words) > max(columns.at.values()) else None
         if row is None or columns.count not in (None, len(words)) or (stamp := _stamp(words, columns)) is None:
@@ -105,22 +161,16 @@ def read_poses(path: Path, what: str) -> Trajectory:
     if columns is None or not lines:
         raise InputError(f"no poses, expected {what}", file=path)
     times, issues = seconds(stamps, path, lines, "ns" if "nsec" in columns.at else columns.unit)
-    table = dict(
-        zip(
-            (name for name in columns.at if name not in ("t", "nsec")),
-            np.array(rows).reshape(len(lines), -1).T,
-            strict=True,
-        )
-    )
-    table = {name: values * columns.scale.get(name, 1.0) for name, values in table.items()}
+    values = np.array(rows).reshape(len(lines), -1).T
+    table = {name: some * columns.scale.get(name, 1.0) for name, some in zip(names, values, strict=True)}
     nothing = np.zeros(len(lines))
     positions = np.column_stack((table["x"], table["y"], table.get("z", nothing)))
     quaternions = None
     if "qw" in table:
         quaternions = np.column_stack([table[name] for name in ("qx", "qy", "qz", "qw")])
         if not columns.stated and ((separator is not None and columns.unit == "ns") or _turns_about_x(quaternions)):
-            names = " ".join(name for name in columns.at if name[0] == "q")
-            text = f"{path}: no names of columns: its orientations are taken for {names}; a header would say so"
+            order = " ".join(name for name in names if name[0] == "q")
+            text = f"{path}: no names of columns: its orientations are taken for {order}; a header would say so"
             issues += (Issue("orientation-order", text, len(lines)),)
     elif "yaw" in table:
         if "yaw" not in columns.scale and np.abs(table["yaw"]).max() > MAX_TURN:
@@ -141,7 +191,11 @@ def recognise(comments: str, line: str) -> str | None:
             return None
         found = _columns(comments.splitlines(), words, separator, Path(), 0)
     except InputError:  # named, or of numbers, and yet not understood: the reader says why
-        named = any(_is_time(word) for text in comments.splitlines() for word in split(text.lstrip("#%"), separator))
+        named = any(
+            _time_of(_words(name) or [""]) is not None
+            for text in comments.splitlines()
+            for name in split(text.lstrip("#%"), separator)
+        )
         return "euroc" if (separator is not None and (named or len(words) >= 8)) or not numbers else None
     return "euroc" if found.unit == "ns" or (found.stated and separator is not None) else "tum"
 
@@ -201,22 +255,19 @@ def _named(names: Sequence[str], path: Path, line: int, *, header: bool = False)
     for index, name in enumerate(names):
         unit_found = re.search(r"[\[(]([^\])]*)[\])]\s*$", name)
         unit = unit_found[1].strip().lower() if unit_found else ""
-        words = [word for word in re.split(r"[^a-z0-9]+", re.sub(r"[\[(].*$", "", name).lower()) if word]
-        if len(words) > 1 and words[-1] in (*UNIT_WORDS, "m", "mm", "deg", "rad"):
+        words = _words(name)
+        if len(words) > 1 and words[-1] in (*UNITS_OF_TIME, "m", "mm", "deg", "rad"):
             unit = unit or words[-1]
             if not (words[-2:-1] == ["stamp"] and words[-1] in ("sec", "secs", "nsec", "nsecs", "nanosec")):
                 words.pop()
         if not words:
             continue
         if (time := _time_of(words)) is not None:
-            times.setdefault(time, (index, UNIT_WORDS.get(unit)))
+            times.setdefault(time, (index, UNITS_OF_TIME.get(unit)))
         elif (role := _role(words)) is not None:
             if role in at:
-                raise InputError(
-                    f"both {names[at[role]].strip()[:60]} and {name.strip()[:60]} may be {role}, expected one",
-                    file=path,
-                    line=line,
-                )
+                both = f"both {names[at[role]].strip()[:60]} and {name.strip()[:60]}"
+                raise InputError(f"{both} may be {role}, expected one", file=path, line=line)
             at[role] = index
             known = LENGTHS if role in ("x", "y", "z") else ANGLES
             if unit and role[0] != "q":
@@ -242,14 +293,6 @@ def _named(names: Sequence[str], path: Path, line: int, *, header: bool = False)
     return Columns({"t": column, **at}, scale, unit_of_time)
 
 
-UNIT_WORDS = {
-    **dict.fromkeys(("s", "sec", "secs", "seconds"), "s"),
-    **dict.fromkeys(("ms", "msec", "milliseconds"), "ms"),
-    **dict.fromkeys(("us", "usec", "microseconds"), "us"),
-    **dict.fromkeys(("ns", "nsec", "nsecs", "nanosec", "nanoseconds"), "ns"),
-}
-
-
 def _time_of(words: list[str]) -> str | None:
     """Which of the columns of a stamp a name stands for."""
     if words[-1] in ("sec", "secs") and words[-2:-1] in ([], ["stamp"]):
@@ -264,11 +307,9 @@ def _time_of(words: list[str]) -> str | None:
     return last if last in TIME and not OTHER.intersection(words[:-1]) and (last != "t" or len(words) == 1) else None
 
 
-def _is_time(word: str) -> bool:
-    return (
-        _time_of([part for part in re.split(r"[^a-z0-9]+", word.split("[", maxsplit=1)[0].lower()) if part] or [""])
-        is not None
-    )
+def _words(name: str) -> list[str]:
+    """The words of a column's name, without its unit in brackets."""
+    return [word for word in re.split(r"[^a-z0-9]+", re.sub(r"[\[(].*$", "", name).lower()) if word]
 
 
 def _role(words: list[str]) -> str | None:
@@ -298,19 +339,30 @@ def _stamp(words: Sequence[str], columns: Columns) -> str | None:
     stamp = words[columns.at["t"]]
     if "nsec" in columns.at:
         rest = words[columns.at["nsec"]]
-        return str(int(stamp) * 10**9 + int(rest)) if max(len(stamp), len(rest)) < 12 and (
-            stamp.isdecimal() and rest.isdecimal()
-        ) else None  # fmt: skip
+        whole = stamp.isdecimal() and rest.isdecimal() and max(len(stamp), len(rest)) < 12
+        return str(int(stamp) * 10**9 + int(rest)) if whole else None
     number = finite_numbers([stamp[:40]])
     return stamp[:40] if number is not None and (columns.unit != "ns" or number[0].is_integer()) else None
 
 
-def _turns_about_x(quaternions: np.ndarray) -> bool:
+def _turns_about_x(quaternions: Array) -> bool:
     """Whether quaternions [n, 4] turn about x alone, and turn: as those of a robot whose w stands first."""
     return bool((np.abs(quaternions[:, 1:3]) < 1e-6).all() and np.ptp(np.abs(quaternions[:, 0])) > 0.05)
 
 
-def _of_angles(roll: np.ndarray, pitch: np.ndarray, yaw: np.ndarray) -> np.ndarray:
+def _of_angles(roll: Array, pitch: Array, yaw: Array) -> Array:
     """The quaternions [n, 4] of angles [n] about the fixed axes x, y, z, in this order (ROS REP 103)."""
     (a, b, c), (i, j, k) = np.cos([roll / 2, pitch / 2, yaw / 2]), np.sin([roll / 2, pitch / 2, yaw / 2])
     return np.column_stack((i * b * c - a * j * k, a * j * c + i * b * k, a * b * k - i * j * c, a * b * c + i * j * k))
+
+
+TUM_FORMAT = TrajectoryFormat(
+    f"TUM ({TUM})", lambda comments, line: recognise(comments, line) == "tum", read_tum, write_tum, (".tum",)
+)
+EUROC_FORMAT = TrajectoryFormat(
+    f"CSV with named columns or EuRoC's ({EUROC})",
+    lambda comments, line: recognise(comments, line) == "euroc",
+    read_euroc,
+    write_euroc,
+    (".csv",),
+)

@@ -17,18 +17,13 @@ from os import PathLike
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from moteslam.errors import InputError, MoteslamWarning
 from moteslam.robot import se2
 from moteslam.robot.files import write_atomically
-from moteslam.robot.pose_graph import PoseGraph
 from moteslam.robot.trajectories.rows import TrajectoryFormat, all_lines, finite_numbers, stamps_beside
-from moteslam.robot.trajectories.space import UNIT, quaternion_of_yaw, trajectory_of
-from moteslam.robot.trajectory import Trajectory
-from moteslam.robot.wording import counted, expect_type
-
-Array = NDArray[np.float64]
+from moteslam.robot.trajectory import UNIT, Array, PoseGraph, Trajectory, quaternion_of_yaw, trajectory_of
+from moteslam.robot.values import counted, expect_type
 
 VERTICES = {"VERTEX_SE2": 3, "VERTEX_SE3:QUAT": 7}
 """Numbers after the id."""
@@ -46,11 +41,6 @@ def read_g2o(path: str | PathLike[str]) -> PoseGraph:
 
     Of the information about SE3 that about x, y and the heading is kept: of a robot that stays in the plane. Landmarks,
     parameters and all else that is no pose or edge between poses is passed over, with a warning that counts it.
-
-    Raises:
-        InputError: no text file of at most 500 MB, a line of another number of words or with a number that is not
-            finite, an id that is none or stands twice, a quaternion of no length, an edge or stamp of a vertex that is
-            not there, stamps for some of the vertices alone or that go back, or no vertex.
     """
     return _read(Path(path)).graph()
 
@@ -60,9 +50,6 @@ def read_both(path: str | PathLike[str]) -> tuple[PoseGraph, Trajectory]:
 
     Their stamps are those in the file, or as of a KITTI file those beside it, or one a second, which its ``warnings``
     say.
-
-    Raises:
-        InputError: as of `read_g2o`, or times beside it that do not fit.
     """
     path = Path(path)
     lines = _read(path)
@@ -88,15 +75,7 @@ def write_g2o(path: str | PathLike[str], graph: PoseGraph, *, comments: Sequence
     """Write a pose graph as ``VERTEX_SE2``, ``FIX`` and ``EDGE_SE2`` lines; it reads back the same, bit for bit.
 
     Stamps are comments ``# STAMP id seconds`` before the vertices. Before edges that are loops stands ``# loops``,
-    before those of the chain ``# chain``.
-
-    Args:
-        path: of the file.
-        graph: to write.
-        comments: lines to begin with.
-
-    Raises:
-        OutputError: it cannot be written.
+    before those of the chain ``# chain``. ``comments`` are lines to begin with.
     """
     expect_type(graph, PoseGraph, "graph")
     ids = graph.ids.tolist()
@@ -122,11 +101,7 @@ def read_trajectory(path: str | PathLike[str]) -> Trajectory:
 
 
 def write_trajectory(path: str | PathLike[str], trajectory: Trajectory) -> None:
-    """Write a trajectory as a pose graph without edges, the first pose fixed; it reads back the same, bit for bit.
-
-    Raises:
-        OutputError: it cannot be written.
-    """
+    """Write a trajectory as a pose graph without edges, the first pose fixed; it reads back the same, bit for bit."""
     expect_type(trajectory, Trajectory, "trajectory")
     none = np.zeros(0, np.int64)
     graph = PoseGraph(
@@ -185,11 +160,7 @@ class _Lines:
             self.passed_over[tag] += 1
 
     def graph(self) -> PoseGraph:
-        """The graph of all lines.
-
-        Raises:
-            InputError: see `read_g2o`.
-        """
+        """The graph of all lines."""
         if not self.nodes:
             expected = "expected g2o lines: VERTEX_SE2 id x y theta or VERTEX_SE3:QUAT id x y z qx qy qz qw"
             raise InputError(f"no poses, {expected}", file=self.path)

@@ -11,25 +11,13 @@ from os import PathLike
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from moteslam.errors import InputError
 from moteslam.robot import se2
 from moteslam.robot.files import write_atomically
-from moteslam.robot.trajectories.columns import recognise
-from moteslam.robot.trajectories.rows import (
-    TrajectoryFormat,
-    data_lines,
-    finite_numbers,
-    stamps_beside,
-    times_file,
-    write_times,
-)
-from moteslam.robot.trajectories.space import UNIT, quaternions_of, trajectory_of
-from moteslam.robot.trajectory import Trajectory
-from moteslam.robot.wording import expect_type
-
-Array = NDArray[np.float64]
+from moteslam.robot.trajectories.rows import TrajectoryFormat, data_lines, finite_numbers, stamps_beside, times_file
+from moteslam.robot.trajectory import UNIT, Trajectory, quaternions_of, trajectory_of
+from moteslam.robot.values import expect_type
 
 LINE = "r11 r12 r13 x r21 r22 r23 y r31 r32 r33 z"
 ROBOT_FROM_CAMERA = np.array([(0.0, 0.0, 1.0), (-1.0, 0.0, 0.0), (0.0, -1.0, 0.0)])
@@ -47,10 +35,6 @@ def read_kitti(path: str | PathLike[str], *, camera_axes: bool = False) -> Traje
         camera_axes: the poses are of a camera (x right, y down, z ahead), in the frame of its first pose; the plane is
             that of x and z, and the trajectory that of a robot whose x axis is the camera's z axis. Else the plane is
             that of x and y.
-
-    Raises:
-        InputError: no text file of at most 500 MB, a line without twelve finite numbers, a matrix that is no rotation,
-            no pose, or times that do not fit the poses.
     """
     path = Path(path)
     rows, lines = [], []
@@ -87,9 +71,6 @@ def write_kitti(path: str | PathLike[str], trajectory: Trajectory, *, camera_axe
         path: of the file.
         trajectory: to write.
         camera_axes: write the poses of a camera, as `read_kitti` reads them with it.
-
-    Raises:
-        OutputError: one of the files cannot be written.
     """
     expect_type(trajectory, Trajectory, "trajectory")
     path = Path(path)
@@ -103,7 +84,7 @@ def write_kitti(path: str | PathLike[str], trajectory: Trajectory, *, camera_axe
         position = position @ ROBOT_FROM_CAMERA
     rows = np.dstack((rotation, position[:, :, None])).reshape(-1, 12) + 0.0  # + 0.0: no -0
     lines = [" ".join(map(_shortest, row)) for row in rows.tolist()]
-    write_times(times_file(path), trajectory.stamps)
+    write_atomically(times_file(path), "".join(f"{stamp!r}\n" for stamp in trajectory.stamps.tolist()))
     write_atomically(path, "\n".join(lines) + "\n")
 
 
@@ -113,8 +94,9 @@ def _shortest(number: float) -> str:
 
 
 def _recognise(comments: str, line: str) -> bool:
+    """Twelve numbers; asked after those whose columns may be named."""
     row = finite_numbers(line.split())
-    return row is not None and len(row) == 12 and recognise(comments, line) is None
+    return row is not None and len(row) == 12
 
 
 FORMAT = TrajectoryFormat(f"KITTI ({LINE})", _recognise, read_kitti, write_kitti, (".kitti",))

@@ -12,7 +12,7 @@ from pydantic import Field, model_validator
 
 from moteslam.errors import ConfigError
 from moteslam.robot.formats.map_server import FREE
-from moteslam.robot.section import Positive, Section, Whole
+from moteslam.robot.tables import Positive, Section, Whole
 from moteslam.sim.actors.people import MAX_PEOPLE, Person, Speed
 from moteslam.sim.world.true_map import true_map
 from moteslam.sim.world.world import World

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from moteslam.robot.section import Number, Section, Truth
+from moteslam.robot.tables import Number, Section, Truth
 from moteslam.sim.world.geometry import Point
 from moteslam.sim.world.world import World
 

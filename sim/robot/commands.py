@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from moteslam.robot.section import Number, Section
+from moteslam.robot.tables import Number, Section
 from moteslam.sim.robot.limits import MAX_DURATION
 
 

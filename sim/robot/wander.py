@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from moteslam.errors import ConfigError
-from moteslam.robot.section import Number, Positive, Section
+from moteslam.robot.tables import Number, Positive, Section
 from moteslam.sim.world.geometry import Point
 from moteslam.sim.world.world import World
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from moteslam.errors import ConfigError
-from moteslam.robot.platform import Platform
-from moteslam.robot.specs import CameraSpec
+from moteslam.robot.platform import CameraSpec, Platform
 
 MAX_REACH = 2.0
 """Of a sensor's mount from the robot's centre [m]."""

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from moteslam.robot.arrays import given_up
 from moteslam.robot.noise import LidarNoise
+from moteslam.robot.platform import LidarSpec, ScanFigures
 from moteslam.robot.recording import LidarStream
-from moteslam.robot.specs import LidarSpec, ScanFigures
+from moteslam.robot.values import given_up
 from moteslam.sim.robot.drive import Drive
 from moteslam.sim.sensors.beams import add_false_returns, mix_at_edges
 from moteslam.sim.sensors.clock import readings

@@ -23,10 +23,10 @@ from moteslam.robot.formats.ucsd_rgbd import (
     size_in_words,
     write_images,
 )
+from moteslam.robot.platform import CameraSettings, CameraSpec
 from moteslam.robot.recording import RgbdStream
 from moteslam.robot.se2 import interpolate
-from moteslam.robot.specs import CameraSettings, CameraSpec
-from moteslam.robot.summary import Summarised
+from moteslam.robot.values import Summarised
 from moteslam.sim.robot.drive import Drive
 from moteslam.sim.robot.limits import Interval
 from moteslam.sim.sensors.checks import check_camera

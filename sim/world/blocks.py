@@ -7,7 +7,7 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from moteslam.robot.section import Number, Section, Whole
+from moteslam.robot.tables import Number, Section, Whole
 from moteslam.sim.world.geometry import Point, Polygon, Size, rectangle
 from moteslam.sim.world.materials import PLAIN
 

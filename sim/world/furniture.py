@@ -8,7 +8,7 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from moteslam.robot.section import Number, Section
+from moteslam.robot.tables import Number, Section
 from moteslam.sim.world.geometry import Point, Polygon, Segments, Size, rectangle
 from moteslam.sim.world.materials import PLAIN
 

@@ -6,7 +6,7 @@ from typing import Annotated
 
 from pydantic import Field, model_validator
 
-from moteslam.robot.section import Number, Positive, Section
+from moteslam.robot.tables import Number, Positive, Section
 from moteslam.sim.world.blocks import Box, Pillar
 from moteslam.sim.world.floor_plan import FloorPlan
 from moteslam.sim.world.furniture import Chair, Shelf, Table

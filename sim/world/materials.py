@@ -6,7 +6,7 @@ from typing import Annotated
 
 from pydantic import Field
 
-from moteslam.robot.section import Number, Positive, Section, Share
+from moteslam.robot.tables import Number, Positive, Section, Share
 
 PLAIN = "plain"
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from moteslam.robot.section import NotNegative, Number, Positive, Section, Truth
+from moteslam.robot.tables import NotNegative, Number, Positive, Section, Truth
 from moteslam.sim.world.geometry import Point, Segments, Size
 from moteslam.sim.world.materials import PLAIN
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from moteslam.robot.raster import Raster
-from moteslam.robot.summary import Summarised
+from moteslam.robot.values import Summarised
 from moteslam.sim.world.blocks import Box, Pillar
 from moteslam.sim.world.floor_plan import read_floor_plan
 from moteslam.sim.world.geometry import Polygon, Segments, outline

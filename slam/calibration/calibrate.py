@@ -9,9 +9,8 @@ from numpy.typing import NDArray
 
 from moteslam.errors import InputError
 from moteslam.robot import se2
-from moteslam.robot.ranges import chosen
-from moteslam.robot.recording import LidarStream, Recording
-from moteslam.robot.wording import expect_type
+from moteslam.robot.recording import LidarStream, Recording, chosen
+from moteslam.robot.values import expect_type
 from moteslam.slam.calibration.hand_eye import Fit, Pairs, Path, clock, covariances, fit
 from moteslam.slam.calibration.scan_pairs import Beams, Motions, refine, register
 from moteslam.slam.inputs.config import SyncConfig

@@ -11,9 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.robot import se2
-from moteslam.robot.issues import Issue
-from moteslam.robot.ranges import ChunkedRanges, Ranges
-from moteslam.robot.recording import LidarStream, Recording
+from moteslam.robot.recording import ChunkedRanges, LidarStream, Ranges, Recording
+from moteslam.robot.values import Issue
 from moteslam.slam.calibration.calibrate import SIGMAS, Calibration, in_form
 from moteslam.slam.inputs.odometry_path import OdometryPath
 

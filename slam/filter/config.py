@@ -6,7 +6,7 @@ from typing import Annotated
 
 from pydantic import Field
 
-from moteslam.robot.section import NotNegative, Number, Positive, Section, Truth, Whole
+from moteslam.robot.tables import NotNegative, Number, Positive, Section, Truth, Whole
 
 
 class UpdateConfig(Section):

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.robot import se2
+from moteslam.robot.platform import LidarSpec
 from moteslam.robot.recording import LidarStream
-from moteslam.robot.specs import LidarSpec
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]

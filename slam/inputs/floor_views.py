@@ -8,11 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.robot import se2
-from moteslam.robot.frames import CameraFrame, FrameCount, has_images, pairs, read_frame
-from moteslam.robot.issues import Issue
+from moteslam.robot.platform import CameraSpec
 from moteslam.robot.recording import Recording
-from moteslam.robot.specs import CameraSpec
-from moteslam.robot.wording import counted
+from moteslam.robot.rgbd import CameraFrame, FrameCount, has_images, pairs, read_frame
+from moteslam.robot.values import Issue, counted
 from moteslam.slam.inputs.synchronise import Inputs
 
 

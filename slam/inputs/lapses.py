@@ -15,11 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.robot import se2
-from moteslam.robot.issues import Issue
-from moteslam.robot.recording import LidarStream
-from moteslam.robot.specs import LidarSpec
-from moteslam.robot.stamps import LATEST, gaps
-from moteslam.robot.wording import when
+from moteslam.robot.platform import LidarSpec
+from moteslam.robot.recording import LATEST, LidarStream, gaps
+from moteslam.robot.values import Issue, when
 from moteslam.slam.inputs.comparison import Fan, votes
 from moteslam.slam.inputs.config import SyncConfig
 from moteslam.slam.inputs.jumps import jumps

@@ -12,10 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.robot import se2
-from moteslam.robot.kinematics import arc_increment, euler_increment
-from moteslam.robot.recording import ImuStream, Recording
-from moteslam.robot.stamps import nearest_stamp
-from moteslam.robot.wheel_odometry import gyro_turn, wheel_path
+from moteslam.robot.recording import ImuStream, Recording, nearest_stamp
+from moteslam.robot.wheel_odometry import arc_increment, euler_increment, gyro_turn, wheel_path
 from moteslam.slam.inputs.config import SyncConfig
 
 Array = NDArray[np.float64]

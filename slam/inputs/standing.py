@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from moteslam.robot.ranges import Ranges
+from moteslam.robot.recording import Ranges
 from moteslam.slam.inputs.config import SyncConfig
 
 

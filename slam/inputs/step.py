@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.kernels.thinning import ThinnedScan
-from moteslam.robot.summary import Summarised
+from moteslam.robot.values import Summarised
 from moteslam.slam.inputs.config import ThinningConfig
 from moteslam.slam.inputs.floor_views import FloorView, FloorViews
 from moteslam.slam.inputs.lapses import Open

@@ -14,9 +14,8 @@ from numpy.typing import NDArray
 
 from moteslam.errors import InputError
 from moteslam.robot import se2
-from moteslam.robot.issues import Issue
-from moteslam.robot.recording import LidarStream, Recording
-from moteslam.robot.stamps import gaps, nearest_stamp
+from moteslam.robot.recording import LidarStream, Recording, gaps, nearest_stamp
+from moteslam.robot.values import Issue
 from moteslam.slam.inputs.config import SyncConfig
 from moteslam.slam.inputs.jumps import jumps
 from moteslam.slam.inputs.lapses import CLOSED, Lapses, Open, lapses
@@ -200,7 +199,8 @@ def _stale(scans: Array, readings: Array) -> NDArray[np.bool_]:
 
 def sweep_seconds(recording: Recording, lidar: LidarStream) -> float:
     """How long a scan takes, from the first beam to the last [s]; 0 where that is not known."""
-    return (lidar.time_increment or recording.platform.lidar.time_increment) * (lidar.ranges.shape[1] - 1)
+    beams: int = lidar.ranges.shape[1]
+    return (lidar.time_increment or recording.platform.lidar.time_increment) * (beams - 1)
 
 
 def _sweeps(recording: Recording, lidar: LidarStream, path: OdometryPath | None, config: SyncConfig) -> Array | None:

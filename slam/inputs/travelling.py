@@ -14,11 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.robot import se2
-from moteslam.robot.issues import Issue
-from moteslam.robot.ranges import chunks
-from moteslam.robot.recording import LidarStream
-from moteslam.robot.specs import LidarSpec
-from moteslam.robot.wording import when
+from moteslam.robot.platform import LidarSpec
+from moteslam.robot.recording import LidarStream, chunks
+from moteslam.robot.values import Issue, when
 from moteslam.slam.inputs.comparison import Fan, votes
 
 Array = NDArray[np.float64]

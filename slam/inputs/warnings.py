@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from moteslam.robot.issues import Issue
-from moteslam.robot.ranges import chunks
-from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream, Recording
-from moteslam.robot.wording import when
+from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream, Recording, chunks
+from moteslam.robot.values import Issue, when
 from moteslam.slam.inputs.synchronise import Inputs
 
 GYRO_MARGIN = 3.0

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from moteslam.robot.section import NotNegative, Positive, Section, Truth
+from moteslam.robot.tables import NotNegative, Positive, Section, Truth
 
 
 class MotionNoise(Section):

@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, field_validator
 
-from moteslam.robot.section import Number, Section, Share
+from moteslam.robot.tables import Number, Section, Share
 from moteslam.slam.config import ParticleFilterConfig
 from moteslam.slam.filter.config import UpdateConfig
 from moteslam.slam.inputs.config import SyncConfig

@@ -12,14 +12,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from moteslam.errors import InputError
-from moteslam.robot import kinect
-from moteslam.robot.frames import CameraFrame, FrameCount, camera_frames, has_images
-from moteslam.robot.issues import Issue
+from moteslam.robot import rgbd
+from moteslam.robot.platform import CameraSpec
 from moteslam.robot.raster import Raster
 from moteslam.robot.recording import Recording
-from moteslam.robot.specs import CameraSpec
+from moteslam.robot.rgbd import CameraFrame, FrameCount, camera_frames, has_images
 from moteslam.robot.trajectory import Trajectory
-from moteslam.robot.wording import counted
+from moteslam.robot.values import Issue, counted
 from moteslam.slam.texture.config import TextureConfig
 
 MAX_CELLS = 40_000_000
@@ -72,7 +71,7 @@ class TextureMapper:
                 field="texture.cell_size",
             )
         self._sums = np.zeros((height, width, 4), np.int64)
-        self._mount = np.column_stack((kinect.mount_rotation(mount), (mount.x, mount.y, mount.z)))
+        self._mount = np.column_stack((rgbd.mount_rotation(mount), (mount.x, mount.y, mount.z)))
         self.frames = 0
 
     def add(self, frame: CameraFrame, pose: ArrayLike) -> None:
@@ -91,7 +90,7 @@ class TextureMapper:
             mount=self._mount,
             height_limit=self.config.height_limit,
             max_depth=self.config.max_depth,
-            nothing=kinect.NO_DISPARITY,
+            nothing=rgbd.NO_DISPARITY,
             flat=self.config.flat,
         )
         self.frames += 1
@@ -120,12 +119,12 @@ def calibration() -> NDArray[np.float64]:
     """The Kinect's numbers [10] as ``kernels.texture.add_frame`` takes them."""
     return np.array(
         (
-            *(kinect.FOCAL, *kinect.CENTRE),
-            *(kinect.DISPARITY_SLOPE, kinect.DISPARITY_OFFSET, kinect.DEPTH_SCALE),
-            kinect.ALIGN_SCALE / kinect.ALIGN_DIVISOR,
-            kinect.ALIGN_DISPARITY / kinect.ALIGN_DIVISOR,
-            kinect.ALIGN_COLUMN / kinect.ALIGN_DIVISOR,
-            kinect.ALIGN_ROW / kinect.ALIGN_DIVISOR,
+            *(rgbd.FOCAL, *rgbd.CENTRE),
+            *(rgbd.DISPARITY_SLOPE, rgbd.DISPARITY_OFFSET, rgbd.DEPTH_SCALE),
+            rgbd.ALIGN_SCALE / rgbd.ALIGN_DIVISOR,
+            rgbd.ALIGN_DISPARITY / rgbd.ALIGN_DIVISOR,
+            rgbd.ALIGN_COLUMN / rgbd.ALIGN_DIVISOR,
+            rgbd.ALIGN_ROW / rgbd.ALIGN_DIVISOR,
         )
     )
 
@@ -187,7 +186,7 @@ def map_texture(
 def _longest_ray() -> float:
     """The length of the longest ray of the depth camera for a depth of 1."""
     x, y = (
-        max(kinect.CENTRE[0], kinect.WIDTH - kinect.CENTRE[0]),
-        max(kinect.CENTRE[1], kinect.HEIGHT - kinect.CENTRE[1]),
+        max(rgbd.CENTRE[0], rgbd.WIDTH - rgbd.CENTRE[0]),
+        max(rgbd.CENTRE[1], rgbd.HEIGHT - rgbd.CENTRE[1]),
     )
-    return float(np.sqrt(1 + (x / kinect.FOCAL) ** 2 + (y / kinect.FOCAL) ** 2))
+    return float(np.sqrt(1 + (x / rgbd.FOCAL) ** 2 + (y / rgbd.FOCAL) ** 2))

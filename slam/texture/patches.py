@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from moteslam.robot import se2
-from moteslam.robot.frames import CameraFrame
-from moteslam.robot.specs import CameraSpec
+from moteslam.robot.platform import CameraSpec
+from moteslam.robot.rgbd import CameraFrame
 from moteslam.slam.texture.config import TextureConfig
 from moteslam.slam.texture.floor_map import TextureMap, TextureMapper
 

@@ -11,10 +11,9 @@ import pytest
 from command_lines import refused
 
 from moteslam.eval.cli import main
-from moteslam.robot.pose_graph import PoseGraph
 from moteslam.robot.trajectories import TRAJECTORY_FORMATS, read_trajectory, write_trajectory
 from moteslam.robot.trajectories.g2o import write_g2o
-from moteslam.robot.trajectory import Trajectory
+from moteslam.robot.trajectory import PoseGraph, Trajectory
 
 ENDINGS = {name: known.endings[0] for name, known in TRAJECTORY_FORMATS.items()}
 STAMPS = 1_300_000_000 + np.arange(40) / 8

@@ -15,7 +15,7 @@ from moteslam.eval.cli.running import score_table
 from moteslam.eval.loop_table import COLUMNS, VERDICTS, read_loops, write_loops
 from moteslam.eval.results import write_results
 from moteslam.eval.scores import score_estimate
-from moteslam.robot.result_folder import result_folder
+from moteslam.robot.files import result_folder
 from moteslam.slam.backend.ledger import LoopCandidate
 from moteslam.slam.backend.none import NoBackendConfig
 from moteslam.slam.backend.protocol import BackendConfig

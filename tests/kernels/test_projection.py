@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from moteslam.errors import InputError
 from moteslam.kernels.projection import project_scans
+from moteslam.robot.platform import LidarSpec
 from moteslam.robot.recording import LidarStream
-from moteslam.robot.specs import LidarSpec
 from moteslam.slam.inputs.scans import Scans
 
 BEAMS, SCANS = 181, 70

@@ -12,7 +12,7 @@ from twins.camera import disparity_of
 from ucsd_robot import CAMERA
 
 from moteslam.errors import InputError
-from moteslam.robot.kinect import mount_rotation
+from moteslam.robot.rgbd import mount_rotation
 from moteslam.slam.texture.floor_map import calibration
 
 MOUNT = np.column_stack((mount_rotation(CAMERA), (0.18, 0.005, 0.36)))

@@ -18,10 +18,9 @@ from moteslam.robot.formats.carmen import MAX_BROKEN, is_carmen, read_carmen
 from moteslam.robot.formats.carmen_lines import fov_of
 from moteslam.robot.formats.carmen_writer import expect_classic_fan, write_carmen
 from moteslam.robot.formats.lines import TextLines
-from moteslam.robot.issues import Issue
-from moteslam.robot.platform import Platform
+from moteslam.robot.platform import LidarSpec, Platform
 from moteslam.robot.recording import LidarStream, OdometryStream, Recording
-from moteslam.robot.specs import LidarSpec
+from moteslam.robot.values import Issue
 
 GOOD = [flaser([1.0, 2.0, 3.0], stamp=100.0 + k, robot=(0.1 * k, 0, 0)) for k in range(8)]
 

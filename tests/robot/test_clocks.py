@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from slam_rooms import recorded, seen_from
 
-from moteslam.robot.clocks import ClockReport, clock_reports, scan_turns, yaw_rates
 from moteslam.robot.inspection import inspect_recording
 from moteslam.robot.platforms import UCSD
 from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream, OdometryStream, Recording
+from moteslam.robot.sensor_reports import ClockReport, clock_reports, scan_turns, yaw_rates
 
 STAMPS = np.arange(2000) / 20
 HEADINGS = 0.8 * np.sin(STAMPS / 3) + 0.5 * np.sin(1.3 * STAMPS)

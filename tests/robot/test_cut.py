@@ -6,8 +6,8 @@ import pytest
 from moteslam.errors import ConfigError, InputError
 from moteslam.robot.cut import Cut, cut
 from moteslam.robot.platform import Platform
-from moteslam.robot.ranges import ChunkedRanges
 from moteslam.robot.recording import (
+    ChunkedRanges,
     EncoderStream,
     ImuStream,
     LidarStream,

@@ -14,9 +14,9 @@ from issues import messages
 from moteslam.errors import InputError, OutputError
 from moteslam.robot.formats import ucsd_rgbd
 from moteslam.robot.formats.ucsd import read_ucsd, write_ucsd
-from moteslam.robot.frames import FrameCount, camera_frames, has_images, pairs
 from moteslam.robot.platforms import UCSD
 from moteslam.robot.recording import Recording, RgbdStream
+from moteslam.robot.rgbd import FrameCount, camera_frames, has_images, pairs
 
 N = 8
 RGB_STAMPS = 1.3e9 + np.arange(N) / 30
@@ -175,7 +175,7 @@ def test_reading_holds_few_frames_at_a_time(folder: Path, monkeypatch: pytest.Mo
     read = []
     real = ucsd_rgbd.read_rgb
     monkeypatch.setattr(ucsd_rgbd, "read_rgb", lambda path: read.append(path) or real(path))
-    monkeypatch.setattr("moteslam.robot.frames.processor_count", lambda: 1)
+    monkeypatch.setattr("moteslam.robot.rgbd.processor_count", lambda: 1)
     recording = read_ucsd(folder)
     assert recording.rgbd is not None
     stream = camera_frames(recording.rgbd)

@@ -11,9 +11,9 @@ from issues import messages
 
 from moteslam.robot.formats import open_recording
 from moteslam.robot.inspection import inspect_recording
-from moteslam.robot.issues import Issue
 from moteslam.robot.platforms import CARMEN, UCSD
 from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream, OdometryStream, Recording
+from moteslam.robot.values import Issue
 
 
 def scans(stamps: np.ndarray, **changes: object) -> LidarStream:

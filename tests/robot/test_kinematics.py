@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from moteslam.robot import se2
-from moteslam.robot.kinematics import arc_increment, euler_increment, wheel_motion
+from moteslam.robot.wheel_odometry import arc_increment, euler_increment, wheel_motion
 
 DISTANCES = st.floats(-10, 10, allow_subnormal=False)
 TURNS = st.floats(-6, 6, allow_subnormal=False)

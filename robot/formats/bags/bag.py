@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from moteslam.errors import InputError
 from moteslam.robot.formats.bags.containers import MAX_MESSAGES
 from moteslam.robot.formats.bags.folder import open_files
-from moteslam.robot.issues import Issue
+from moteslam.robot.values import Issue
 
 SECOND = 1_000_000_000
 """Nanoseconds."""

@@ -9,6 +9,7 @@ from contextlib import closing
 from pathlib import Path
 
 from moteslam.errors import InputError
+from moteslam.robot.files import open_regular
 from moteslam.robot.formats.bags.containers import (
     MAX_CHUNK,
     Channel,
@@ -18,7 +19,6 @@ from moteslam.robot.formats.bags.containers import (
     damage_in_one_line,
     plain_kind,
 )
-from moteslam.robot.reading import open_regular
 
 
 class Database:

@@ -8,6 +8,7 @@ from collections.abc import Callable, Collection, Iterator
 from pathlib import Path
 
 from moteslam.errors import InputError
+from moteslam.robot.files import open_regular, read_yaml
 from moteslam.robot.formats.bags.containers import (
     MAX_CHUNK,
     Container,
@@ -19,9 +20,7 @@ from moteslam.robot.formats.bags.containers import (
 from moteslam.robot.formats.bags.database import Database, is_bag_database
 from moteslam.robot.formats.bags.mcap import Mcap
 from moteslam.robot.formats.bags.rosbag1 import Rosbag1
-from moteslam.robot.issues import Issue
-from moteslam.robot.reading import open_regular
-from moteslam.robot.yaml_table import read_yaml
+from moteslam.robot.values import Issue
 
 METADATA, _TABLE = "metadata.yaml", "rosbag2_bagfile_information"
 MAX_RATIO = 1000

@@ -21,9 +21,8 @@ from moteslam.robot.formats.bags.times import Times
 from moteslam.robot.formats.bounds import check_fan
 from moteslam.robot.formats.no_return import no_return_limit
 from moteslam.robot.formats.ranges import clean_ranges
-from moteslam.robot.issues import Issue
-from moteslam.robot.specs import MAX_BEAMS
-from moteslam.robot.wording import counted
+from moteslam.robot.platform import MAX_BEAMS
+from moteslam.robot.values import Issue, counted
 
 LASER_SCAN, MULTI_ECHO = "sensor_msgs/LaserScan", "sensor_msgs/MultiEchoLaserScan"
 

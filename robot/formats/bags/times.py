@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 from moteslam.errors import InputError
 from moteslam.robot.formats.bags.bag import SECOND, Table
 from moteslam.robot.formats.stamps import MAX_JUMP, stamp_order
-from moteslam.robot.issues import Issue
-from moteslam.robot.wording import counted
+from moteslam.robot.values import Issue, counted
 
 MAX_BROKEN = 3
 """Up to this many broken messages are always dropped; more of them only up to a tenth of the topic."""

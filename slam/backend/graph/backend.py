@@ -9,10 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.robot import se2
-from moteslam.robot.alignment import umeyama
-from moteslam.robot.issues import Issue
-from moteslam.robot.pose_graph import PoseGraph
-from moteslam.robot.wording import counted
+from moteslam.robot.se2 import umeyama
+from moteslam.robot.trajectory import PoseGraph
+from moteslam.robot.values import Issue, counted
 from moteslam.slam.backend.graph.chain import CONTRADICTED
 from moteslam.slam.backend.graph.config import GraphConfig
 from moteslam.slam.backend.graph.endpoints import Endpoints, cells_along, clearly_fewer, sharpness

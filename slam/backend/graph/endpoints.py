@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from moteslam.kernels.normals import scan_normals
 from moteslam.kernels.thinning import ThinnedScan
-from moteslam.robot.cell_counts import cell_counts
+from moteslam.robot.raster import cell_counts
 
 Array = NDArray[np.float64]
 

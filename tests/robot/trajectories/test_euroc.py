@@ -11,7 +11,7 @@ from hypothesis import given
 from trajectory_cases import made, trajectories
 
 from moteslam.errors import InputError
-from moteslam.robot.trajectories.euroc import read_euroc, write_euroc
+from moteslam.robot.trajectories.columns import read_euroc, write_euroc
 from moteslam.robot.trajectory import Trajectory
 
 LINE = "1403636580838555648,4.5,-1.5,0.8,0.6,0,0,0.8,0.1,0.2,0.3\n"

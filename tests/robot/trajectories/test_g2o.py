@@ -14,9 +14,9 @@ from trajectory_cases import made
 
 from moteslam.errors import InputError, MoteslamWarning
 from moteslam.robot import se2
-from moteslam.robot.pose_graph import PoseGraph
 from moteslam.robot.trajectories import read_trajectory
 from moteslam.robot.trajectories.g2o import read_g2o, write_g2o
+from moteslam.robot.trajectory import PoseGraph
 
 INFORMATION = "1 0 0 1 0 1"
 

@@ -10,7 +10,6 @@ from trajectory_cases import made
 
 from moteslam.errors import ConfigError, InputError, OutputError
 from moteslam.robot.trajectories import TRAJECTORY_FORMATS, read_trajectory, write_trajectory
-from moteslam.robot.trajectory import Trajectory
 
 
 @pytest.mark.parametrize("ending", ["tum", "kitti", "csv", "g2o"])
@@ -51,28 +50,26 @@ def test_commas_alone_do_not_make_it_euroc(tmp_path: Path, text: str, stamps: li
 
 
 @pytest.mark.parametrize(
-    ("content", "message"),
+    ("content", "line"),
     [
-        (b"# only\n\n", "t: no poses, expected a trajectory"),
-        (b"# one\n\n1 2 3\n", "t:3: no line of a trajectory, expected one of TUM"),
-        (b"\xff\xfe\x00", "t:1: no line of a trajectory"),
-        (b"1 0 0 0 0 0 0 1\n2 \xff\n", "t: not UTF-8 text, expected a TUM trajectory"),
+        (b"# only\n\n", None),
+        (b"# one\n\n1 2 3\n", 3),
+        (b"\xff\xfe\x00", 1),
+        (b"1 0 0 0 0 0 0 1\n2 \xff\n", None),
+        (None, None),
     ],
 )
-def test_what_is_none_is_refused(tmp_path: Path, content: bytes, message: str) -> None:
-    (tmp_path / "t").write_bytes(content)
-    with pytest.raises(InputError, match=message):
+def test_what_is_none_is_refused(tmp_path: Path, content: bytes | None, line: int | None) -> None:
+    if content is not None:
+        (tmp_path / "t").write_bytes(content)
+    with pytest.raises(InputError) as caught:
         read_trajectory(tmp_path / "t")
+    assert (caught.value.file, caught.value.line) == (str(tmp_path / "t"), line)
 
 
 def test_names_and_formats_that_are_none_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="No such file or directory, expected a trajectory"):
-        read_trajectory(tmp_path / "none")
-    with pytest.raises(OutputError, match=r"t\.txt: expected a name that ends in \.csv, \.g2o, \.kitti, \.tum"):
+    with pytest.raises(OutputError):
         write_trajectory(tmp_path / "t.txt", made())
-    with pytest.raises(ConfigError, match="file_format: 'bag', expected one of euroc, g2o, kitti, tum"):
+    with pytest.raises(ConfigError) as caught:
         write_trajectory(tmp_path / "t.txt", made(), "bag")
-    with pytest.raises(InputError, match="trajectory: ndarray, expected a Trajectory"):
-        write_trajectory(tmp_path / "t.kitti", np.zeros(3))  # type: ignore[arg-type]
-    with pytest.raises(OutputError, match="cannot be written"):
-        write_trajectory(tmp_path / "no" / "t.kitti", Trajectory(np.zeros(1), np.zeros((1, 3))))
+    assert caught.value.field == "file_format"

@@ -11,7 +11,7 @@ from hypothesis import given
 from trajectory_cases import made, trajectories
 
 from moteslam.errors import InputError, OutputError
-from moteslam.robot.trajectories.tum import read_tum, write_tum
+from moteslam.robot.trajectories.columns import read_tum, write_tum
 from moteslam.robot.trajectory import Trajectory
 
 

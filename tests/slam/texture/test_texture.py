@@ -13,8 +13,8 @@ from parts.visibility import seen_cells
 from moteslam.errors import InputError
 from moteslam.eval.metrics.texture import registration, score_texture
 from moteslam.robot.formats import open_recording
-from moteslam.robot.frames import camera_frames
 from moteslam.robot.recording import Recording
+from moteslam.robot.rgbd import camera_frames
 from moteslam.robot.trajectory import Trajectory
 from moteslam.sim.output import write_simulation
 from moteslam.sim.scenario import parse_scenario
