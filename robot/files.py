@@ -251,7 +251,9 @@ def _folder_beside(path: Path) -> Iterator[Path]:
     with folder_for(path):
         place = Path()
         try:
-            with tempfile.TemporaryDirectory(prefix=".moteslam-", dir=path.absolute().parent) as name:
+            with tempfile.TemporaryDirectory(
+                prefix=".moteslam-", suffix=".partial", dir=path.absolute().parent
+            ) as name:
                 place = Path(name)
                 yield place
         except MoteslamError as error:

@@ -6,7 +6,7 @@ A text is no number and a truth value no integer, in TOML as in Python; a list i
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from os import PathLike
 from typing import Annotated, Any, TypeVar
 
@@ -42,8 +42,22 @@ class Section(BaseModel):
 Model = TypeVar("Model", bound=BaseModel)
 
 
-def validated(model: type[Model], table: object, *, file: str | PathLike[str] | None = None, above: str = "") -> Model:
-    """The model of a table; ``above`` is the key that the table stands under in its file.
+def validated(
+    model: type[Model],
+    table: object,
+    *,
+    file: str | PathLike[str] | None = None,
+    above: str = "",
+    kinds: Collection[str] = (),
+) -> Model:
+    """The model of a table.
+
+    Args:
+        model: of the table.
+        table: as read.
+        file: that it is from.
+        above: the key that the table stands under there.
+        kinds: of the items of its lists that are one of several models; no part of the field that an error names.
 
     Raises:
         ConfigError: a key or value that the model refuses, in pydantic's words.
@@ -51,18 +65,21 @@ def validated(model: type[Model], table: object, *, file: str | PathLike[str] | 
     try:
         return model.model_validate(table)
     except ValidationError as error:
-        field, problem = first_complaint(error)
+        field, problem = first_complaint(error, kinds)
         raise ConfigError(problem, file=file, field=".".join(filter(None, (above, field))) or None) from error
 
 
-def first_complaint(error: ValidationError) -> tuple[str, str]:
+def first_complaint(error: ValidationError, kinds: Collection[str] = ()) -> tuple[str, str]:
     """The field, with dots, and the problem of the first thing that is wrong.
 
     A key that is missing where another is unknown is most likely misspelt: the unknown one is named first.
     """
     errors = error.errors(include_url=False)
     first = next((one for one in errors if one["type"] == "extra_forbidden"), errors[0])
-    field = ".".join(map(str, first["loc"]))
+    place = first["loc"]
+    field = ".".join(
+        str(part) for k, part in enumerate(place) if not (k and part in kinds and isinstance(place[k - 1], int))
+    )
     if first["type"] == "extra_forbidden":
         return field, "unknown key"
     problem = first["msg"].removeprefix("Value error, ")

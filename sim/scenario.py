@@ -7,7 +7,7 @@ import tomllib
 from collections.abc import Sequence
 from os import PathLike
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -62,6 +62,7 @@ Fault = Annotated[
     Field(discriminator="kind"),
 ]
 """What goes wrong in a run, each kind a table of its own."""
+_KINDS = tuple(fault.model_fields["kind"].default for fault in get_args(get_args(Fault)[0]))
 
 
 class Scenario(Section):
@@ -276,7 +277,7 @@ def parse_scenario(table: dict[str, Any], *, file: str | PathLike[str] | None = 
 
 def _validated(table: Table, *, file: str | PathLike[str] | None) -> Scenario:
     try:
-        return validated(Scenario, table, file=file)
+        return validated(Scenario, table, file=file, kinds=_KINDS)
     except ConfigError as error:
         raise ConfigError(error.problem, file=error.file or file, field=error.field) from error
 

@@ -207,12 +207,12 @@ def _complaint(error: Any) -> str:
     """What is wrong with an option, in the words of every other message: option, what was found, what was expected."""
     from pydantic import ValidationError
 
+    from moteslam.robot.tables import first_complaint
+
     names = getattr(getattr(error, "param", None), "opts", ())
     option = next((name for name in names if name.startswith("--")), None)
     if option is not None and isinstance(error.__cause__, ValidationError):
-        details = error.__cause__.errors()[0]
-        if isinstance(details["input"], str):  # as it was typed, without quotes
-            return f"{option}: {details['msg']}, found {details['input']}"
+        return f"{option}: {first_complaint(error.__cause__)[1]}"
     if option is not None and type(error).__name__ == "MissingParameter":
         return f"{option}: missing, expected a value"
     return str(error.format_message())
