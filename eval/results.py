@@ -25,8 +25,8 @@ from moteslam.robot.formats.map_arrays import write_map_arrays
 from moteslam.robot.raster import Raster
 from moteslam.robot.recording import Recording
 from moteslam.robot.se2 import Poses, between, compose
-from moteslam.robot.trajectories.columns import write_tum
 from moteslam.robot.trajectories.g2o import write_g2o
+from moteslam.robot.trajectories.text import write_tum
 from moteslam.robot.trajectory import Trajectory
 from moteslam.robot.values import expect_type
 from moteslam.slam.estimate import Estimate

@@ -13,7 +13,7 @@ from moteslam.robot.formats.carmen_writer import write_carmen
 from moteslam.robot.formats.map_server import write_map, write_picture
 from moteslam.robot.formats.ucsd import write_ucsd
 from moteslam.robot.platforms import write_platform
-from moteslam.robot.trajectories.columns import write_tum
+from moteslam.robot.trajectories.text import write_tum
 from moteslam.robot.values import expect_type
 from moteslam.sim.scenario import Scenario, scenario_table
 from moteslam.sim.sensors.rgbd import write_frames

@@ -151,7 +151,7 @@ def _truth_beside(path: Path, stamps: NDArray[np.float64]) -> tuple[Trajectory |
 
     from moteslam.eval.beside import truth_file
     from moteslam.eval.metrics.association import match
-    from moteslam.robot.trajectories.columns import read_tum
+    from moteslam.robot.trajectories.text import read_tum
     from moteslam.robot.trajectory import Trajectory
 
     file = truth_file(path)
@@ -172,7 +172,7 @@ def _dead_reckon(
 ) -> None:
     """Dead reckoning alone: what it came to is printed, and written where ``out`` is given."""
     from moteslam.robot.files import result_folder, write_atomically
-    from moteslam.robot.trajectories.columns import write_tum
+    from moteslam.robot.trajectories.text import write_tum
     from moteslam.slam.odometry.dead_reckoning import dead_reckon
 
     trajectory = dead_reckon(recording, config.sync)

@@ -21,7 +21,7 @@ from moteslam.robot.formats.map_server import MAX_IMAGE_BYTES, MAX_PIXELS
 from moteslam.robot.formats.map_server_cells import MAX_YAML_BYTES
 from moteslam.robot.pictures import decode_picture, picture_size
 from moteslam.robot.se2 import between, compose, inverse
-from moteslam.robot.trajectories.columns import read_tum
+from moteslam.robot.trajectories.text import read_tum
 from moteslam.robot.trajectory import Trajectory
 from moteslam.slam.filter.certainty import LocalisationState
 

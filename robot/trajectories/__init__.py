@@ -1,4 +1,4 @@
-"""Files of trajectories, one file a format, all behind `read_trajectory` and `write_trajectory`."""
+"""Files of trajectories, all behind `read_trajectory` and `write_trajectory`."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pathlib import Path
 
 from moteslam.errors import ConfigError, InputError, OutputError
 from moteslam.robot.files import open_regular
-from moteslam.robot.trajectories import bag, columns, g2o, kitti
+from moteslam.robot.trajectories import bag, g2o, text
 from moteslam.robot.trajectories.rows import TrajectoryFormat, decoded
 from moteslam.robot.trajectory import Trajectory
 
@@ -23,9 +23,9 @@ __all__ = [
 
 TRAJECTORY_FORMATS = {
     "g2o": g2o.FORMAT,
-    "euroc": columns.EUROC_FORMAT,
-    "tum": columns.TUM_FORMAT,
-    "kitti": kitti.FORMAT,
+    "euroc": text.EUROC_FORMAT,
+    "tum": text.TUM_FORMAT,
+    "kitti": text.KITTI_FORMAT,
 }
 """By name, asked in this order."""
 

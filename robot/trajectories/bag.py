@@ -143,16 +143,17 @@ def _of_topic(reader: AnyReader, name: str) -> tuple[Array, tuple[Issue, ...]]:
     rows, frames = array("d"), Counter[tuple[str, str]]()
     issues: tuple[Issue, ...] = ()
     if kind == PATH:
-        messages = [(c, t, reader.deserialize(raw, c.msgtype)) for c, t, raw in _ends(reader.messages(there))]
-        paths = [message for _, _, message in messages]
-        if not paths:
+        count, raw = 0, b""
+        for count, (_, _, raw) in enumerate(reader.messages(there), start=1):  # noqa: B007 - the last counts
+            pass
+        if not count:
             raise InputError("no messages, expected a path")
-        for stamped in paths[-1].poses:
-            frames[paths[-1].header.frame_id, ""] += 1
+        path: Any = reader.deserialize(raw, kind)
+        for stamped in path.poses:
+            frames[path.header.frame_id, ""] += 1
             rows.extend(_row(stamped.header.stamp, *POSES["geometry_msgs/msg/PoseStamped"](stamped)))
-        if len(paths) > 1:
-            text = f"the last path counts, of {len(paths[-1].poses)} poses; the first one has {len(paths[0].poses)}"
-            issues = (Issue("last-path", text, 1),)
+        if count > 1:
+            issues = (Issue("last-path", f"the last of {count} paths counts, of {len(path.poses)} poses", 1),)
     received = array("d")
     if kind != PATH:
         for connection, time, raw in reader.messages(there):
@@ -175,16 +176,6 @@ def _of_topic(reader: AnyReader, name: str) -> tuple[Array, tuple[Issue, ...]]:
         table = table[table[:, 0] != 0]
         issues += (Issue("zero-stamps", f"{counted(none, 'message')} without a stamp left out", none),)
     return table, issues
-
-
-def _ends(messages: Iterator[tuple[Any, int, bytes]]) -> Iterator[tuple[Any, int, bytes]]:
-    """The first and the last message."""
-    last = None
-    for k, last in enumerate(messages):
-        if k == 0:
-            yield last
-    if last is not None:
-        yield last
 
 
 def _row(stamp: Any, position: Any, orientation: Any) -> tuple[float, ...]:

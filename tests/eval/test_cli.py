@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 
 from moteslam import __version__
 from moteslam.eval.cli.main import run as run_program
-from moteslam.robot.trajectories.columns import read_tum
+from moteslam.robot.trajectories.text import read_tum
 
 HEAVY = {"numpy", "scipy", "matplotlib", "taichi", "cv2", "pymunk", "rich"}  # Typer itself loads some of Pydantic
 COMMANDS = (

@@ -116,8 +116,8 @@ def test_a_write_that_fails_midway_leaves_nothing(monkeypatch: pytest.MonkeyPatc
     def fail(*_arguments: object, **_options: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("moteslam.robot.trajectories.kitti._shortest", lambda _: "0")
-    monkeypatch.setattr("moteslam.robot.trajectories.kitti.write_atomically", fail)
+    monkeypatch.setattr("moteslam.robot.trajectories.text._shortest", lambda _: "0")
+    monkeypatch.setattr("moteslam.robot.trajectories.text.write_atomically", fail)
     before = sorted(Path().rglob("*"))
     said = refused(capsys, "convert", "tum.tum", "new/a.kitti")
     assert "new/a.kitti: cannot be written: No space left on device" in said

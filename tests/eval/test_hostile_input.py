@@ -14,7 +14,7 @@ from command_lines import refused
 
 from moteslam.eval.cli import main
 from moteslam.robot.formats import open_recording
-from moteslam.robot.trajectories.columns import read_tum
+from moteslam.robot.trajectories.text import read_tum
 
 TUM = "0 0 0 0 0 0 0 1\n1 1 0 0 0 0 0 1\n2 2 0 0 0 0 0 1\n"
 FLASER = f"FLASER 180 {' '.join(['1.5'] * 180)} 0 0 0 0 0 0 {{0}} host {{0}}\n"

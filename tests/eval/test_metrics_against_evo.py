@@ -10,7 +10,7 @@ import pytest
 from moteslam.eval.metrics.ate import absolute_trajectory_error
 from moteslam.eval.metrics.rpe import relative_pose_error
 from moteslam.robot import se2
-from moteslam.robot.trajectories.columns import read_tum
+from moteslam.robot.trajectories.text import read_tum
 from moteslam.robot.trajectory import Trajectory
 
 pytestmark = pytest.mark.filterwarnings("ignore")

@@ -20,7 +20,7 @@ from moteslam.eval.sweep.plan import plan
 from moteslam.eval.sweep.spec import read_spec
 from moteslam.robot.formats.map_server import FREE, OCCUPIED, UNKNOWN, read_map
 from moteslam.robot.pictures import encode_png
-from moteslam.robot.trajectories.columns import read_tum
+from moteslam.robot.trajectories.text import read_tum
 
 EXAMPLES = Path(__file__).parents[2] / "docs" / "examples"
 SCRIPT = EXAMPLES / "mrpt_slam.py"

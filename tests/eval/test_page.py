@@ -24,7 +24,7 @@ from moteslam.eval.particle_table import read_particles
 from moteslam.eval.results import write_results
 from moteslam.robot.formats.map_server import write_picture
 from moteslam.robot.raster import Raster
-from moteslam.robot.trajectories.columns import read_tum
+from moteslam.robot.trajectories.text import read_tum
 
 
 @pytest.fixture(scope="session")

@@ -16,8 +16,8 @@ from moteslam.eval.results import draw_figures, write_results
 from moteslam.eval.scores import score_estimate
 from moteslam.robot import se2
 from moteslam.robot.formats.map_arrays import read_map_arrays
-from moteslam.robot.trajectories.columns import read_tum
 from moteslam.robot.trajectories.g2o import read_g2o
+from moteslam.robot.trajectories.text import read_tum
 from moteslam.robot.trajectory import Trajectory
 from moteslam.slam.settings import resolve_config
 

@@ -24,7 +24,7 @@ from moteslam.eval.report.pace import Pace
 from moteslam.eval.report.scenarios import draw_scenario
 from moteslam.eval.report.video import write_film
 from moteslam.robot.formats.ucsd import read_ucsd
-from moteslam.robot.trajectories.columns import read_tum
+from moteslam.robot.trajectories.text import read_tum
 from moteslam.sim.scenario import bundled_scenarios, load_scenario
 from moteslam.sim.simulate import simulate
 

@@ -15,7 +15,7 @@ from moteslam.eval.cli.wanted import Wanted
 from moteslam.robot.formats import open_recording
 from moteslam.robot.platforms import bundled_platform, bundled_platforms, load_platform
 from moteslam.robot.recording import Recording
-from moteslam.robot.trajectories.columns import read_tum
+from moteslam.robot.trajectories.text import read_tum
 from moteslam.sim.scenario import Scenario
 from moteslam.slam.odometry.dead_reckoning import dead_reckon
 

@@ -13,8 +13,7 @@ from trajectory_cases import made, trajectories
 
 from moteslam.errors import ConfigError, InputError, OutputError
 from moteslam.robot.trajectories import TRAJECTORY_FORMATS, read_trajectory, write_trajectory
-from moteslam.robot.trajectories.columns import read_euroc, read_tum, write_euroc
-from moteslam.robot.trajectories.kitti import read_kitti, write_kitti
+from moteslam.robot.trajectories.text import read_euroc, read_kitti, read_tum, write_euroc, write_kitti
 from moteslam.robot.trajectory import Trajectory
 
 
