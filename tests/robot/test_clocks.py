@@ -48,8 +48,7 @@ def test_the_shift_at_which_two_yaw_rates_agree(late: float) -> None:
 
 
 def test_late_stamps_are_a_problem_and_small_delays_are_none() -> None:
-    [late] = [str(problem) for problem in inspect_recording(turning(0.3)).problems if problem.code == "clock-offset"]
-    assert late == "odometry: turns come 0.30 s late by the imu's clock"
+    assert "clock-offset" in {problem.code for problem in inspect_recording(turning(0.3)).problems}
     assert "clock-offset" not in {problem.code for problem in inspect_recording(turning(0.05)).problems}
 
 
