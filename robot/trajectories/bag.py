@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from moteslam.errors import InputError
-from moteslam.robot.trajectory import Array, Trajectory, interpolated, quaternions_of, rotations_of, trajectory_of
+from moteslam.robot.trajectory import UNIT, Array, Trajectory, interpolated, quaternions_of, rotations_of, trajectory_of
 from moteslam.robot.values import Issue, counted
 
 if TYPE_CHECKING:
@@ -75,18 +75,13 @@ def without_topic(bag: Path) -> str:
 
 
 def read_bag(bag: Path, name: str) -> Trajectory:
-    """Read a topic of poses, or ``tf:parent:child``: the pose of the child's frame in the parent's.
-
-    Raises:
-        InputError: no bag that can be read, no such topic or frames, messages of another type or of several frames, or
-            stamps that go back.
-    """
+    """Read a topic of poses, or ``tf:parent:child``: the pose of the child's frame in the parent's."""
     file = Path(f"{bag}:{name}")
     left_out: tuple[Issue, ...] = ()
     try:
         with _opened(bag) as reader:
             if name.startswith("tf:"):
-                rows = _along(reader, *_frames(name))
+                rows = _along(reader, name)
             else:
                 rows, left_out = _of_topic(reader, name)
             if len(reader.paths) > 1:
@@ -192,10 +187,8 @@ def _in_order(rows: Array) -> tuple[Array, Array, Array, tuple[Issue, ...]]:
     back = np.diff(rows[:, 0]) < 0
     if back.any():
         at = int(np.argmax(back))
-        raise InputError(
-            f"time jumps back {counted(int(back.sum()), 'time')}, first from {rows[at, 0]:.3f} to "
-            f"{rows[at + 1, 0]:.3f} s, expected one run, or one that publishes"
-        )
+        first = f"first from {rows[at, 0]:.3f} to {rows[at + 1, 0]:.3f} s"
+        raise InputError(f"time jumps back {counted(int(back.sum()), 'time')}, {first}, expected one run")
     twice = np.concatenate(([False], (np.diff(rows, axis=0) == 0).all(axis=1)))
     issues: tuple[Issue, ...] = ()
     if twice.any():
@@ -204,15 +197,12 @@ def _in_order(rows: Array) -> tuple[Array, Array, Array, tuple[Issue, ...]]:
     return rows[:, 0], rows[:, 1:4], rows[:, 4:], issues
 
 
-def _frames(name: str) -> tuple[str, str]:
-    _, *frames = name.split(":")
+def _along(reader: AnyReader, name: str) -> Array:
+    """The poses [n, 8] of a frame in another, of the transforms between, at the stamps of the most frequent."""
+    _, *frames = (part.strip("/") for part in name.split(":"))
     if len(frames) != 2 or not all(frames):
         raise InputError("expected tf:PARENT:CHILD")
-    return frames[0].strip("/"), frames[1].strip("/")
-
-
-def _along(reader: AnyReader, parent: str, child: str) -> Array:
-    """The poses [n, 8] of a frame in another, of the transforms between, at the stamps of the most frequent."""
+    parent, child = frames
     edges: dict[tuple[str, str], array[float]] = {}
     fixed: set[tuple[str, str]] = set()
     there = [one for one in reader.connections if one.msgtype in TRANSFORMS]
@@ -233,16 +223,13 @@ def _along(reader: AnyReader, parent: str, child: str) -> Array:
     if chain is None:
         pairs = ", ".join(f"{above}:{below}" for below, above in list(edges)[:12])
         raise InputError(f"no transforms lead from {parent} to {child}; the bag has {pairs or 'none'}")
-    tables = [np.array(edges[edge]).reshape(-1, 8) for edge in chain]
+    tables = [np.column_stack(_in_order(np.array(edges[edge]).reshape(-1, 8))[:3]) for edge in chain]
     for (below, above), table in zip(chain, tables, strict=True):
-        length = np.linalg.norm(table[:, 4:], axis=1)
-        if not (np.abs(length - 1) < 0.05).all():
+        if not (np.abs(np.linalg.norm(table[:, 4:], axis=1) - 1) < UNIT).all():
             raise InputError(f"{above}:{below} has a quaternion of another length than 1")
     moving = [table for edge, table in zip(chain, tables, strict=True) if edge not in fixed]
     if not moving:
         raise InputError(f"{parent}:{child} is fixed, expected a frame that moves")
-    tables = [np.column_stack(_in_order(table)[:3]) for table in tables]
-    moving = [table for edge, table in zip(chain, tables, strict=True) if edge not in fixed]
     stamps = max(moving, key=len)[:, 0]
     begin, end = max(table[0, 0] for table in moving), min(table[-1, 0] for table in moving)
     stamps = stamps[(stamps >= begin) & (stamps <= end)]

@@ -60,11 +60,7 @@ def decoded(content: bytes, errors: str = "strict") -> str:
 
 
 def all_lines(path: Path, what: str) -> Iterator[tuple[int, str]]:
-    """The lines that are not blank, with their numbers from 1, without space around them.
-
-    Raises:
-        InputError: no text file of at most ``MAX_BYTES``; ``what`` was expected.
-    """
+    """The lines that are not blank, with their numbers from 1, without space around them; ``what`` is expected."""
     content = read_bytes(path, what, limit=MAX_BYTES)
     try:
         text = decoded(content)
@@ -101,9 +97,6 @@ def seconds(
 
     Returns:
         stamps [n] [s], of whole numbers the nearest float64.
-
-    Raises:
-        InputError: stamps that go back, or lie beyond 1e11 s.
     """
     values = np.array([float(word) for word in words])
     largest = float(np.abs(values).max(initial=0.0))
@@ -136,13 +129,7 @@ def times_file(path: Path) -> Path:
 
 
 def stamps_beside(path: Path, count: int) -> tuple[NDArray[np.float64], tuple[Issue, ...]]:
-    """The stamps [count] [s] of a trajectory without any: ``NAME.times.txt``, ``times.txt``, else one a second.
-
-    The last with an issue.
-
-    Raises:
-        InputError: one of these files is there, and has not as many rising, finite numbers.
-    """
+    """The stamps [count] [s] of a trajectory without any: ``NAME.times.txt``, ``times.txt``, else one a second."""
     for file in (times_file(path), path.with_name("times.txt")):
         if file.exists():
             words, lines = [], []
