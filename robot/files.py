@@ -106,7 +106,7 @@ def write_atomically(path: str | PathLike[str], content: str | bytes | Callable[
         content: text (UTF-8), bytes, or a function that writes into the open binary file.
     """
     path = Path(path)
-    temporary = path.with_name(f".moteslam-{secrets.token_hex(8)}")
+    temporary = path.parent / f".moteslam-{secrets.token_hex(8)}"
     try:
         expect_file(path)
         with temporary.open("xb") as file:
