@@ -73,13 +73,11 @@ PUBLIC = {
     "moteslam.eval.metrics.map_consistency": ("MapConsistency", "map_consistency"),
     "moteslam.eval.metrics.consistency": ("NeesResult", "nees_from_start", "nees_interval"),
     "moteslam.eval.metrics.evidence": ("Certainty", "Cost", "Evidence"),
-    "moteslam.eval.metrics.registry": ("Metric", "Value", "measure"),
-    "moteslam.eval.statistics.summary": ("Summary",),
-    "moteslam.eval.statistics.proportion": ("Proportion",),
-    "moteslam.eval.statistics.pairs": ("Comparison", "compare"),
-    "moteslam.eval.scores": ("Scores", "evidence_of", "score_estimate", "score_trajectory"),
-    "moteslam.eval.loop_table": ("read_loops", "write_loops"),
-    "moteslam.eval.diagnostics_table": ("read_diagnostics",),
+    "moteslam.eval.metrics.catalogue": ("Metric",),
+    "moteslam.eval.metrics.registry": ("Value", "measure"),
+    "moteslam.eval.statistics": ("Comparison", "Proportion", "Summary", "compare"),
+    "moteslam.eval.scores": ("evidence_of", "score_estimate"),
+    "moteslam.eval.run_tables": ("read_diagnostics", "read_loops", "write_loops"),
     "moteslam.eval.results": ("write_results",),
 }
 """Every public name, by the module that it is defined in."""

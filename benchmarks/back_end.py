@@ -229,7 +229,7 @@ def runs(study: str, chosen: range | None, noise_class: str | None) -> list[Run]
 def draw_before_and_after(path: Path, log: str) -> None:
     """The map of a log without back end and with it, side by side at one scale; a PNG."""
     from moteslam.eval.report import style
-    from moteslam.eval.report.plans import draw_map, map_corners
+    from moteslam.eval.report.maps import draw_map, map_corners
     from moteslam.slam.run import run_slam
     from moteslam.slam.settings import resolve_config
 

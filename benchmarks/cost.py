@@ -224,7 +224,7 @@ class Costs:
     ) -> dict[str, float]:
         """What ``moteslam replay`` of a log costs."""
         settings = [word for setting in self._settings for word in ("--set", setting)]
-        numbers = ("--particles", str(particles), "--threads", str(threads), "--seed", str(seed))
+        numbers = ("--set", f"particles={particles}", "--threads", str(threads), "--seed", str(seed))
         command = ("replay", str(log), "--out", str(out), "--preset", self._preset)
         return python("-m", "moteslam", *command, *settings, *numbers, *flags, environment=environment)[1]
 

@@ -29,7 +29,7 @@ from parts.runs import simulate_case
 
 from moteslam.errors import ConfigError
 from moteslam.eval.cli.text import table
-from moteslam.eval.statistics.summary import Summary
+from moteslam.eval.statistics import Summary
 from moteslam.slam.settings import resolve_config
 
 ROBOTS = ("ucsd", "lms200")

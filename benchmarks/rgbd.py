@@ -97,9 +97,9 @@ def colours(folder: Path, preset: str, seed: int) -> dict[str, Any]:
 
 def scored(simulation: Any, recording: Any, trajectory: Any) -> dict[str, Any]:
     """Colour the floor along a trajectory in the world, and compare it with the true floor."""
+    from parts.floor_colours import registration, score_texture
     from parts.visibility import seen_cells
 
-    from moteslam.eval.metrics.texture import registration, score_texture
     from moteslam.sim.world.floor import rasterise
     from moteslam.slam.texture.config import TextureConfig
     from moteslam.slam.texture.floor_map import map_texture

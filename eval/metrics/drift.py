@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.errors import InputError
-from moteslam.eval.metrics.association import MAX_DIFFERENCE, match
-from moteslam.eval.metrics.scan_poses import evenly, travelled
-from moteslam.eval.metrics.statistics import Statistics
-from moteslam.robot.se2 import between
+from moteslam.eval.metrics.association import evenly, match, travelled
+from moteslam.eval.metrics.ate import PoseErrors
+from moteslam.eval.metrics.rpe import planar_errors
 from moteslam.robot.trajectory import Trajectory
 from moteslam.robot.values import Summarised, counted
 
@@ -43,123 +41,56 @@ class DriftResult(Summarised):
     translation: Array
     rotation: Array
 
-    def by_length(self) -> dict[float, tuple[float, float]]:
-        """Mean errors per metre of translation [m/m] and rotation [rad/m], by the length of path [m]."""
-        return {
-            length: (float(self.translation[some].mean()), float(self.rotation[some].mean()))
-            for length in LENGTHS
-            if (some := self.lengths == length).any()
-        }
-
-    def as_dict(self) -> dict[str, Any]:
-        """The same as plain values, fit for JSON: shares of the path, and degrees a metre."""
-        groups = self.by_length().items()
-        return {
-            "translation_m_per_m": float(self.translation.mean()),
-            "rotation_deg_per_m": float(np.rad2deg(self.rotation.mean())),
-            "lengths": [
-                {"length_m": length, "translation_m_per_m": shift, "rotation_deg_per_m": float(np.rad2deg(turn))}
-                for length, (shift, turn) in groups
-            ],
-        }
-
     def _summary(self) -> str:
         turn = np.rad2deg(self.rotation.mean())
         return f"{100 * self.translation.mean():.2f} % of the path, {turn:.3f} deg/m over {len(self.lengths)} parts"
 
 
-def drift(
-    estimate: Trajectory,
-    reference: Trajectory,
-    *,
-    max_difference: float = MAX_DIFFERENCE,
-    interpolate: bool | None = None,
-) -> DriftResult:
+class ReturnResult(PoseErrors):
+    """Errors of relative poses between visits of the same place, at the stamps [n, 2] of both."""
+
+    def _summary(self) -> str:
+        return f"{counted(self.pairs, 'return')}, {super()._summary()}"
+
+
+def drift(estimate: Trajectory, reference: Trajectory) -> DriftResult:
     """Drift per metre, as the KITTI odometry benchmark has it (Geiger, Lenz and Urtasun 2012), over lengths indoors.
 
     From every pose on, and over each of ``LENGTHS`` of the reference's path, the error of the relative pose divided by
     that length.
 
-    Args:
-        estimate, reference: the trajectories.
-        max_difference, interpolate: as in ``absolute_trajectory_error``.
-
     Raises:
         InputError: no stamps in common, or a drive shorter than the shortest length.
     """
-    matched = match(estimate, reference, max_difference=max_difference, interpolate=interpolate)
+    matched = match(estimate, reference)
     path, _ = travelled(matched.reference)
-    lengths, shifts, turns = [], [], []
+    parts = []
     for length in LENGTHS:
         last = np.searchsorted(path, path + length)
         first = np.flatnonzero(last < len(path))
         if not len(first):
             break
-        last = last[first]
-        errors = between(
-            between(matched.reference[first], matched.reference[last]),
-            between(matched.estimate[first], matched.estimate[last]),
-        )
-        lengths.append(np.full(len(first), length))
-        shifts.append(np.hypot(errors[:, 0], errors[:, 1]) / length)
-        turns.append(np.abs(errors[:, 2]) / length)
-    if not lengths:
+        shift, turn = planar_errors(matched.reference, matched.estimate, first, last[first])
+        parts.append((np.full(len(first), length), shift / length, turn / length))
+    if not parts:
         raise InputError(f"{path[-1]:.2f} m driven, expected at least {LENGTHS[0]:g} m", field="path")
-    return DriftResult(np.concatenate(lengths), np.concatenate(shifts), np.concatenate(turns))
+    return DriftResult(*map(np.concatenate, zip(*parts, strict=True)))
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class ReturnResult(Summarised):
-    """Errors of relative poses between visits of the same place.
-
-    Attributes:
-        stamps: [n, 2] of the earlier and the later visit [s].
-        errors: [n] of the translation [m].
-        rotation_errors: [n] of the rotation [rad].
-        translation: statistics of ``errors`` [m].
-        rotation: statistics of ``rotation_errors`` [rad].
-    """
-
-    stamps: Array
-    errors: Array
-    rotation_errors: Array
-    translation: Statistics
-    rotation: Statistics
-
-    def as_dict(self) -> dict[str, Any]:
-        """The statistics as plain values, fit for JSON: metres and degrees."""
-        in_degrees = Statistics.of(np.rad2deg(self.rotation_errors))
-        return {"translation_m": self.translation.as_dict(), "rotation_deg": in_degrees.as_dict()}
-
-    def _summary(self) -> str:
-        return f"{counted(len(self.errors), 'return')}, RMSE {self.translation.rmse:.3f} m"
-
-
-def loop_closing_error(
-    estimate: Trajectory,
-    reference: Trajectory,
-    *,
-    max_difference: float = MAX_DIFFERENCE,
-    interpolate: bool | None = None,
-) -> ReturnResult:
+def loop_closing_error(estimate: Trajectory, reference: Trajectory) -> ReturnResult:
     """How far apart an estimate puts two visits of the same place, against how far apart they are.
 
     Each pose is compared with the earliest one within ``SAME_PLACE`` of it by the reference that lies more than
-    ``LEAST_PATH`` of path before it. A wall seen on both visits is drawn twice, that far apart.
-
-    Args:
-        estimate, reference: the trajectories.
-        max_difference, interpolate: as in ``absolute_trajectory_error``.
+    ``LEAST_PATH`` of path before it.
 
     Raises:
         InputError: no stamps in common, or a drive that comes back to no place.
     """
     from scipy.spatial import cKDTree
 
-    matched = match(estimate, reference, max_difference=max_difference, interpolate=interpolate)
+    matched = match(estimate, reference)
     chosen = evenly(np.arange(len(matched)), MAX_RETURNS)
-    true, estimated, path = matched.reference[chosen], matched.estimate[chosen], travelled(matched.reference)[0][chosen]
-    # of each pose the earliest one that is near it
+    true, path = matched.reference[chosen], travelled(matched.reference)[0][chosen]
     pairs = cKDTree(true[:, :2]).query_pairs(SAME_PLACE, output_type="ndarray")
     earliest = np.arange(len(true))
     np.minimum.at(earliest, pairs[:, 1], pairs[:, 0])
@@ -170,14 +101,7 @@ def loop_closing_error(
             "path before it",
             field="path",
         )
-    earlier = earliest[later]
-    errors = between(between(true[earlier], true[later]), between(estimated[earlier], estimated[later]))
-    translation, rotation = np.hypot(errors[:, 0], errors[:, 1]), np.abs(errors[:, 2])
+    shift, turn = planar_errors(true, matched.estimate[chosen], earliest[later], later)
     stamps = matched.stamps[chosen]
-    return ReturnResult(
-        np.column_stack((stamps[earlier], stamps[later])),
-        translation,
-        rotation,
-        Statistics.of(translation),
-        Statistics.of(rotation),
-    )
+    visits = np.column_stack((stamps[earliest[later]], stamps[later]))
+    return ReturnResult(visits, shift, turn)

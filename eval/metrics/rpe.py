@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 
 from moteslam.errors import InputError
 from moteslam.eval.metrics.association import MAX_DIFFERENCE, Matched, match
+from moteslam.eval.metrics.ate import PoseErrors
 from moteslam.eval.metrics.space import angles
-from moteslam.eval.metrics.statistics import Statistics
-from moteslam.robot.se2 import between
+from moteslam.robot.se2 import Poses, between
 from moteslam.robot.trajectory import Trajectory
-from moteslam.robot.values import Summarised, counted
+from moteslam.robot.values import counted
 
 Unit = Literal["m", "s", "frames"]
 Pairs = tuple[NDArray[np.intp], NDArray[np.intp]]
@@ -25,50 +25,22 @@ RELATIVE_TOLERANCE = 0.1
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class RpeResult(Summarised):
-    """The relative pose error.
+class RpeResult(PoseErrors):
+    """The relative pose error of pairs that begin at the stamps; without headings that of the distances of their poses.
 
     Attributes:
         delta, unit: how far apart the poses of a pair are.
-        start_stamps: [n] where each pair begins [s].
-        errors: [n] translation error of each pair [m]; without headings that of the distance between its poses.
-        rotation_errors: [n] rotation error of each pair [rad]; None without headings.
-        translation: statistics of ``errors`` [m].
-        rotation: statistics of ``rotation_errors`` [rad], or None.
     """
 
     delta: float
     unit: Unit
-    start_stamps: NDArray[np.float64]
-    errors: NDArray[np.float64]
-    rotation_errors: NDArray[np.float64] | None
-    translation: Statistics
-    rotation: Statistics | None
-
-    @property
-    def rmse(self) -> float:
-        """Root mean square translation error [m]."""
-        return self.translation.rmse
-
-    @property
-    def pairs(self) -> int:
-        """Number of pairs that were compared."""
-        return self.translation.count
 
     def as_dict(self) -> dict[str, Any]:
-        """The statistics as they go into ``metrics.json``: metres, and degrees for the rotation."""
-        turns = self.rotation_errors
-        return {
-            "delta": self.delta,
-            "unit": self.unit,
-            "translation_m": self.translation.as_dict(),
-            "rotation_deg": None if turns is None else Statistics.of(np.rad2deg(turns)).as_dict(),
-        }
+        """The statistics, fit for JSON."""
+        return {"delta": self.delta, "unit": self.unit, **super().as_dict()}
 
     def _summary(self) -> str:
-        turn = "" if self.rotation is None else f" and {np.rad2deg(self.rotation.rmse):.2f} deg"
-        errors = f"RMSE {self.rmse:.3f} m{turn}"
-        return f"{counted(self.pairs, 'pair')} {self.delta:g} {self.unit} apart, {errors}"
+        return f"{counted(self.pairs, 'pair')} {self.delta:g} {self.unit} apart, {super()._summary()}"
 
 
 def relative_pose_error(
@@ -109,16 +81,7 @@ def relative_pose_error(
             f"no pair {delta:g} {unit} apart among {len(matched)} matched poses, expected a shorter delta",
             field="pairs",
         )
-    translation, rotation = _errors(matched, first, last)
-    return RpeResult(
-        delta=delta,
-        unit=unit,
-        start_stamps=matched.stamps[first],
-        errors=translation,
-        rotation_errors=rotation,
-        translation=Statistics.of(translation),
-        rotation=None if rotation is None else Statistics.of(rotation),
-    )
+    return RpeResult(matched.stamps[first], *_errors(matched, first, last), delta, unit)
 
 
 def _errors(
@@ -132,17 +95,21 @@ def _errors(
         there, true = (np.linalg.norm(points[last] - points[first], axis=1) for points in pair)
         return np.abs(there - true), None
     if matched.space is None:
-        errors = between(
-            between(matched.reference[first], matched.reference[last]),
-            between(matched.estimate[first], matched.estimate[last]),
-        )
-        return np.hypot(errors[:, 0], errors[:, 1]), np.abs(errors[:, 2])
+        return planar_errors(matched.reference, matched.estimate, first, last)
     moved, turned = [], []
     for space in matched.space:
         back = np.swapaxes(space.rotations[first], 1, 2)
         moved.append((back @ (space.positions[last] - space.positions[first])[:, :, None])[:, :, 0])
         turned.append(back @ space.rotations[last])
     return np.linalg.norm(moved[0] - moved[1], axis=1), angles(np.swapaxes(turned[1], 1, 2) @ turned[0])
+
+
+def planar_errors(
+    true: Poses, estimated: Poses, first: NDArray[np.intp], last: NDArray[np.intp]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Errors [k] of translation [m] and rotation [rad] of the poses ``last`` [k] seen from the poses ``first`` [k]."""
+    errors = between(between(true[first], true[last]), between(estimated[first], estimated[last]))
+    return np.hypot(errors[:, 0], errors[:, 1]), np.abs(errors[:, 2])
 
 
 def _pairs(

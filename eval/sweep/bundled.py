@@ -31,7 +31,7 @@ def bundled_spec(name: str) -> Path:
     """The file of the bundled specification of that name.
 
     Raises:
-        ConfigError: there is none; the names are listed.
+        ConfigError: an unknown name; the known ones are listed.
     """
     found = bundled_specs()
     if name not in found:
@@ -93,7 +93,7 @@ def _add_robot(robots: dict[str, Any], robot: Any, beside: Path) -> None:
 
 
 def _table(name: str, folder: Path) -> dict[str, Any] | None:
-    """The table of a bundled name or of a file; None where there is no file, as of a random building."""
+    """The table of a bundled name or of a file; None for a random building, which has no file."""
     path = Path(name)
     if path.suffix != ".toml" and path.name == name:
         path = folder / f"{name}.toml"

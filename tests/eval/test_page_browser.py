@@ -17,7 +17,7 @@ from selenium.webdriver.common.by import By
 from selenium.webdriver.common.keys import Keys
 from selenium.webdriver.support.ui import Select, WebDriverWait
 
-from moteslam.eval.page.document import Wishes, page
+from moteslam.eval.page.document import page
 from moteslam.eval.page.material import gather
 from moteslam.eval.results import write_results
 
@@ -68,7 +68,7 @@ def pages(run, simulation, tmp_path_factory: pytest.TempPathFactory) -> dict[str
     hostile.documents.append((HOSTILE, HOSTILE))
     hostile.issues[HOSTILE] = 2
     for name, (material, title) in made.items():
-        (folder / f"{name}.html").write_text(page(material, Wishes(title)), encoding="utf-8")
+        (folder / f"{name}.html").write_text(page(material, title=title), encoding="utf-8")
     return {name: folder / f"{name}.html" for name in made}
 
 

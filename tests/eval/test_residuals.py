@@ -220,35 +220,21 @@ def test_scans_are_deskewed_where_a_sweep_takes_time() -> None:
 
 
 @pytest.mark.parametrize(
-    ("change", "line"),
+    ("change", "field"),
     [
-        (lambda r, t: (r.replace(lidar=None), t), "wall: lidar: no lidar scans, expected at least one"),
-        (
-            lambda r, t: (r, Trajectory(t.stamps + 1000, t.poses)),
-            "trajectory: poses at 0 of 5 scans, expected at two or more: the scans cover 0.000 to 0.400 s, "
-            "the trajectory 1000.000 to 1000.400 s",
-        ),
-        (lambda r, t: (r, Trajectory(t.stamps[:1], t.poses[:1])), "poses at 1 of 5 scans, expected at two or more"),
-        (lambda r, t: (r, Trajectory(t.stamps[:0], t.poses[:0])), "trajectory: a trajectory without poses"),
-        (
-            lambda r, t: (r, Trajectory(t.stamps, t.poses * (0.01, 0, 0))),
-            "trajectory: 0.01 m driven and 0 deg turned over 5 scans, expected at least 0.25 m or 14 deg",
-        ),
-        (lambda r, t: (r, Trajectory(t.stamps, t.poses * np.nan)), "trajectory: poses that are not finite"),
-        (lambda r, t: (t, r), "recording: Trajectory, expected a Recording"),
-        (lambda r, t: (r, r), "trajectory: Recording, expected a Trajectory"),
+        (lambda r, t: (r.replace(lidar=None), t), "lidar"),
+        (lambda r, t: (r, Trajectory(t.stamps + 1000, t.poses)), "trajectory"),
+        (lambda r, t: (r, Trajectory(t.stamps[:1], t.poses[:1])), "trajectory"),
+        (lambda r, t: (r, Trajectory(t.stamps[:0], t.poses[:0])), "trajectory"),
+        (lambda r, t: (r, Trajectory(t.stamps, t.poses * (0.01, 0, 0))), "trajectory"),  # stands still
+        (lambda r, t: (r, Trajectory(t.stamps, t.poses * np.nan)), "trajectory"),
+        (lambda r, t: (t, r), "recording"),
     ],
 )
-def test_bad_input_is_refused_in_a_line(change, line: str) -> None:
+def test_bad_input_is_refused(change, field: str) -> None:
     with pytest.raises(InputError) as refused:
         scan_residuals(*change(*along_wall(5)))
-    assert line in str(refused.value)
-    assert "\n" not in str(refused.value)
-
-
-def test_one_scan_is_refused() -> None:
-    with pytest.raises(InputError, match=r"0\.00 m driven and 0 deg turned over 1 scan,"):
-        scan_residuals(*along_wall(1))
+    assert refused.value.field == field
 
 
 def test_scans_without_endpoints_are_no_fault() -> None:
@@ -258,7 +244,7 @@ def test_scans_without_endpoints_are_no_fault() -> None:
     ranges[2:4] = np.inf
     evaluated = under_recording(truth, recording.replace(lidar=replace(recording.lidar, ranges=ranges)))
     assert np.isnan(evaluated.result.medians).tolist() == [False, True, False]
-    assert [median is None for median in evaluated.errors()["median_m"]] == [False, True, False]
+    assert [median is None for median in evaluated.errors["median_m"]] == [False, True, False]
     assert evaluated.result.endpoints == 2 * len(BEAMS)
 
 
@@ -266,95 +252,51 @@ def test_scans_without_endpoints_are_no_fault() -> None:
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A log of a drive beside a wall, its true trajectory, and a poor one; the working folder."""
     recording, truth = along_wall(30, noise=0.005)
-    with_odometry = recording.replace(odometry=OdometryStream(truth.stamps, truth.poses))
-    write_carmen(tmp_path / "wall.log", with_odometry)
-    write_carmen(tmp_path / "blind.log", with_odometry.replace(lidar=None))
+    write_carmen(tmp_path / "wall.log", recording.replace(odometry=OdometryStream(truth.stamps, truth.poses)))
     write_tum(tmp_path / "true.tum", truth)
     poses = truth.poses + np.random.default_rng(1).normal(0.0, 0.03, truth.poses.shape) * (1, 1, 0)
     write_tum(tmp_path / "poor.tum", Trajectory(truth.stamps, poses))
     write_tum(tmp_path / "other.tum", Trajectory(truth.stamps + 500.0, truth.poses))
+    stamps = truth.stamps + np.where(np.arange(30) < 10, 0.0, 100.0)
+    write_tum(tmp_path / "part.tum", Trajectory(stamps, truth.poses))
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
 
-def printed(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
-    assert main.run(["evaluate", *arguments]) == 0
-    return capsys.readouterr().out
-
-
 def test_the_command_needs_no_reference(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    lines = printed(capsys, "true.tum", "--recording", "wall.log").splitlines()
-    assert lines[0] == "scans of wall.log"
-    assert len(lines) == 3
+    assert main.run(["evaluate", "true.tum", "--recording", "wall.log"]) == 0
+    head, _, row = capsys.readouterr().out.splitlines()
+    assert head == "scans of wall.log"
     result = scan_residuals(open_recording("wall.log"), read_tum("true.tum"))
     shares = [f"{100 * share:.1f}" for share in (result.beyond_3_cm, result.unseen, result.no_return)]
     expected = ["true.tum", "15", f"{1e3 * result.median:.1f}", f"{1e3 * result.quantile_90:.1f}"]
-    assert lines[2].replace("%", "").split() == [*expected, *shares]
-    found = json.loads(printed(capsys, "true.tum", "--recording", "wall.log", "--json"))
-    assert found == {
+    assert row.replace("%", "").split() == [*expected, *shares]
+    assert main.run(["evaluate", "true.tum", "--recording", "wall.log", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out) == {
         "estimate": "true.tum",
         "recording": "wall.log",
         "residuals": {**result.as_dict(), "warnings": []},
     }
-    assert 0.003 < found["residuals"]["median_m"] < 0.006
+    assert 0.003 < result.median < 0.006
 
 
-def test_the_command_scores_by_both(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    text = printed(capsys, "poor.tum", "true.tum", "true.tum", "--recording", "wall.log", "--save", "out.json")
-    assert text.splitlines()[0] == "against true.tum"
+def test_the_command_scores_by_both_and_warns_of_a_small_part(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    files = ("poor.tum", "true.tum", "true.tum")
+    assert main.run(["evaluate", *files, "--recording", "wall.log", "--save", "out.json"]) == 0
+    text = capsys.readouterr().out
     lines = text[text.index("scans of wall.log") :].splitlines()
+    assert text.splitlines()[0] == "against true.tum"
     assert [line.split()[0] for line in lines[2:]] == ["poor.tum", "true.tum"]
     poor, true = (float(line.split()[2]) for line in lines[2:])
     assert poor > 2 * true
-    rows = json.loads((folder / "out.json").read_text(encoding="utf-8"))["results"]
-    assert [row["reference"] for row in rows] == ["true.tum", "true.tum"]
-    for row in rows:
+    for row in json.loads((folder / "out.json").read_text(encoding="utf-8"))["results"]:
         errors = row["residuals"]["errors"]
         assert len(errors["stamps"]) == len(errors["median_m"]) == row["residuals"]["scans"]
         assert len(row["errors"]["translation_m"]) == 30
-    text = printed(capsys, "true.tum", "poor.tum", "--recording", "wall.log")
-    assert text.splitlines()[0] == "true.tum against poor.tum"
-    assert text.splitlines()[-1].split()[0] == "true.tum"
-
-
-def test_what_is_wrong_with_the_recording_is_printed(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    with (folder / "wall.log").open("a", encoding="utf-8") as log:
-        log.write("ODOM 1 2 broken\n")
-    assert main.run(["evaluate", "true.tum", "--recording", "wall.log"]) == 0
-    assert "moteslam: warning: " in capsys.readouterr().err
-
-
-def test_a_trajectory_of_a_small_part_is_warned_of(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    truth = read_tum("true.tum")
-    stamps = truth.stamps + np.where(np.arange(30) < 10, 0.0, 100.0)
-    write_tum("part.tum", Trajectory(stamps, truth.poses))
     assert main.run(["evaluate", "part.tum", "--recording", "wall.log"]) == 0
-    assert capsys.readouterr().err == (
-        "moteslam: warning: part.tum: 10 of 30 scans or poses have a partner: is this its recording, "
-        "on the same clock?\n"
-    )
-
-
-@pytest.mark.parametrize(
-    ("arguments", "line"),
-    [
-        (["other.tum", "--recording", "wall.log"], "other.tum: poses at 0 of 30 scans, expected at two or more"),
-        (["true.tum", "--recording", "blind.log"], "blind: lidar: no lidar scans, expected at least one"),
-        (["true.tum", "--recording", "none.log"], "none.log: No such file or directory"),
-        (["true.tum"], "one file, expected trajectories and, last, their reference, or a --recording"),
-        (["true.tum", "poor.tum", "--sequence", "20"], "'--sequence': given without a recording"),
-        (["true.tum", "poor.tum", "--platform", "p.toml"], "'--platform': given without a recording"),
-        (["true.tum", "--recording", "wall.log", "--plot", "x.png"], "'--plot': given without a reference"),
-    ],
-)
-def test_the_command_refuses_in_a_line(
-    folder: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], line: str
-) -> None:
-    assert main.run(["evaluate", *arguments]) == 2
-    out, err = capsys.readouterr()
-    assert line in err
-    assert err.count("\n") == 1
-    assert out == ""
+    assert "warning: part.tum: 10 of 30 scans or poses have a partner" in capsys.readouterr().err
+    assert main.run(["evaluate", "other.tum", "--recording", "wall.log"]) == 2
+    assert "other.tum: poses at 0 of 30 scans" in capsys.readouterr().err
 
 
 @pytest.mark.slow
