@@ -16,8 +16,7 @@ from moteslam.errors import ConfigError
 from moteslam.robot.tables import Table, assigned, merged, read_toml
 from moteslam.robot.wording import Place, expect_type, first_complaint, known_keys
 from moteslam.slam.backend.kinds import BACKENDS
-from moteslam.slam.config import SlamConfig
-from moteslam.slam.methods import METHODS
+from moteslam.slam.config import METHODS, SlamConfig
 
 DEFAULT_PRESET = "default"
 """The best preset that exists."""

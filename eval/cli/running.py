@@ -23,10 +23,9 @@ from moteslam.robot.raster import Raster
 from moteslam.robot.recording import Recording
 from moteslam.robot.trajectory import Trajectory
 from moteslam.robot.wording import counted
-from moteslam.slam.colouring import wants_colours, with_texture
 from moteslam.slam.config import SlamConfig
 from moteslam.slam.estimate import Estimate
-from moteslam.slam.run import SlamSession
+from moteslam.slam.run import SlamSession, wants_colours, with_texture
 from moteslam.slam.texture.floor_map import TextureMap, TextureMapper
 
 

@@ -68,7 +68,7 @@ class FloorViews:
         assert mount is not None
         assert inputs.path is not None
         self.count, self.asked = FrameCount(), 0
-        self._stream, self._mount, self._largest_gap = stream, mount, largest_gap
+        self._stream, self._mount = stream, mount
         self._disparity, self._rgb, _ = pairs(stream, largest_gap=largest_gap)
         self._taken = stream.rgb_stamps[self._rgb]
         # when no colour image nearer to the disparity image can arrive any more, as for all frames before it
@@ -77,12 +77,6 @@ class FloorViews:
         self._scans, self._path = inputs.stamps, inputs.path
         self._unmeasured = np.cumsum(~inputs.measured)
         self._last = -np.inf
-
-    def extended(self, recording: Recording, inputs: Inputs) -> FloorViews:
-        """The same of a recording that has grown since; frames that were handed out are not handed out again."""
-        views = FloorViews(recording, inputs, largest_gap=self._largest_gap)
-        views.count, views.asked, views._last = self.count, self.asked, self._last
-        return views
 
     def at(self, index: int, max_age: float) -> FloorView | None:
         """The newest frame when a scan is taken; None where it is too old, was handed out before, or is broken.

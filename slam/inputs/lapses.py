@@ -22,8 +22,7 @@ from moteslam.robot.stamps import LATEST, gaps
 from moteslam.robot.wording import when
 from moteslam.slam.inputs.comparison import Fan, votes
 from moteslam.slam.inputs.config import SyncConfig
-from moteslam.slam.inputs.jumps import jumps
-from moteslam.slam.inputs.odometry_path import OdometryPath
+from moteslam.slam.inputs.odometry_path import OdometryPath, jumps
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]

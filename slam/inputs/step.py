@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
-from moteslam.kernels.thinning import ThinnedScan
+from moteslam.kernels.thinning import ThinnedScan, thin_scan, thin_scans
 from moteslam.robot.summary import Summarised
 from moteslam.slam.inputs.config import ThinningConfig
 from moteslam.slam.inputs.floor_views import FloorView, FloorViews
 from moteslam.slam.inputs.lapses import Open
+from moteslam.slam.inputs.scans import ScanBlock, Scans
 from moteslam.slam.inputs.synchronise import Inputs
-from moteslam.slam.inputs.thinning import BLOCK, thin_block
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -57,7 +57,6 @@ def steps(
     *,
     thinning: ThinningConfig | None = None,
     first: int = 0,
-    last: int | None = None,
 ) -> Iterator[Step]:
     """One step a scan; the scans are projected and thinned ``BLOCK`` at a time.
 
@@ -66,9 +65,8 @@ def steps(
         views: camera frames of the floor; None where they are not used.
         thinning: of the scans, where the filter asks for it.
         first: index of the first scan.
-        last: of the one after the last; None for all.
     """
-    indices = range(len(inputs))[first:last]
+    indices = range(first, len(inputs))
     for begin in range(0, len(indices), BLOCK):
         some = indices[begin : begin + BLOCK]
         block = inputs.scans.block(some.start, some.stop)
@@ -87,3 +85,46 @@ def steps(
                 floor=None if views is None else partial(views.at, index),
                 open=inputs.open_at(index),
             )
+
+
+BLOCK = 64
+"""Scans that are projected and thinned at a time: of 1081 beams 0.5 MB."""
+
+
+def thin(points: NDArray[np.float32], origin: NDArray[np.float64], config: ThinningConfig) -> ThinnedScan:
+    """Average neighbouring endpoints.
+
+    Args:
+        points: [k, 2] in the order of their beams, in the robot's frame [m].
+        origin: [2] where the rays start [m].
+        config: distances and counts.
+    """
+    return thin_scan(points, origin, **vars(config))
+
+
+def thin_block(block: ScanBlock, origin: NDArray[np.float64], config: ThinningConfig) -> list[ThinnedScan]:
+    """The scans of a block, thinned in one launch.
+
+    Args:
+        block: of scans.
+        origin: [2] where the rays start [m].
+        config: distances and counts.
+    """
+    return thin_scans(block.points, block.begins, block.counts, origin, **vars(config))
+
+
+def thin_some(scans: Scans, indices: Sequence[int], config: ThinningConfig) -> list[ThinnedScan]:
+    """Some of the scans, each as by ``thin``, ``BLOCK`` in a launch.
+
+    Args:
+        scans: all.
+        indices: [m] of those to thin.
+        config: distances and counts.
+    """
+    thinned: list[ThinnedScan] = []
+    for first in range(0, len(indices), BLOCK):
+        points = [scans.points(index) for index in indices[first : first + BLOCK]]
+        counts = np.array([len(each) for each in points], np.int32)
+        begins = np.cumsum(counts, dtype=np.int32) - counts
+        thinned += thin_block(ScanBlock(np.concatenate(points), begins, counts), scans.origin, config)
+    return thinned

@@ -8,8 +8,7 @@ from numpy.typing import NDArray
 from moteslam.kernels.degeneracy import LEAST_RATIO
 from moteslam.kernels.registration import LIKELIHOODS
 from moteslam.slam.registration.config import RegistrationConfig
-from moteslam.slam.registration.degeneracy import least_informed
-from moteslam.slam.registration.registrar import Registration
+from moteslam.slam.registration.registrar import Registration, least_informed
 
 Array = NDArray[np.float64]
 

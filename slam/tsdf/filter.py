@@ -10,19 +10,18 @@ from moteslam.robot import se2
 from moteslam.robot.se2 import as_pose, compose_one
 from moteslam.slam.filter.certainty import Certainty, LocalisationState, certainty_of
 from moteslam.slam.filter.history import History
-from moteslam.slam.filter.kld import choose_parents
-from moteslam.slam.filter.protocol import FilterDefaults, Scans, Step, StepResult
-from moteslam.slam.filter.resampling import Draws, generator_for
+from moteslam.slam.filter.protocol import FilterDefaults, StepResult
+from moteslam.slam.filter.resampling import Draws, choose_parents, generator_for
 from moteslam.slam.filter.update_policy import update_due
 from moteslam.slam.filter.weights import Weights
 from moteslam.slam.inputs.config import ThinningConfig
-from moteslam.slam.inputs.thinning import thin, thin_some
+from moteslam.slam.inputs.scans import Scans
+from moteslam.slam.inputs.step import Step, thin, thin_some
 from moteslam.slam.tsdf.config import TsdfFilterConfig
 from moteslam.slam.tsdf.doubt import Doubt
-from moteslam.slam.tsdf.floor_likelihood import FloorLikelihood
-from moteslam.slam.tsdf.hypotheses import divide, join, settled
+from moteslam.slam.tsdf.floor import FloorLikelihood
 from moteslam.slam.tsdf.motion import STILL, MotionSinceUpdate
-from moteslam.slam.tsdf.particles import Particles
+from moteslam.slam.tsdf.particles import Particles, divide, join, settled
 from moteslam.slam.tsdf.pose_covariance import PoseCovariance
 from moteslam.slam.tsdf.proposal import Proposal, propose, sample
 from moteslam.slam.tsdf.relocation import Relocation
@@ -236,8 +235,10 @@ class TsdfFilter(FilterDefaults):
         few = self.weights.effective_number < self._config.resample_below * len(self._particles)
         if not proposal.registered or not few:
             return proposal, False
-        weights = self.weights.values
-        parents = choose_parents(self._config, proposal.means, weights, seed=self._seed, step=step.index)
+        c, weights = self._config, self.weights.values
+        parents = choose_parents(
+            c.resampling, c.kld, c.particles, proposal.means, weights, seed=self._seed, step=step.index
+        )
         self._particles.resample(parents)
         self._floor.resample(parents)
         return proposal.of(parents), True

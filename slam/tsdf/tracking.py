@@ -13,24 +13,15 @@ from numpy.typing import NDArray
 
 from moteslam.kernels.thinning import ThinnedScan
 from moteslam.robot.se2 import Pose, between_one, compose_one
-from moteslam.slam.odometry.calibration import OdometryCalibration
-from moteslam.slam.odometry.config import CalibrationConfig
-from moteslam.slam.odometry.constant_velocity import extrapolated
+from moteslam.slam.filter.update_policy import Travelled, magnitude
+from moteslam.slam.inputs.lapses import CLOSED, Open
+from moteslam.slam.odometry.calibration import CalibrationConfig, OdometryCalibration
 from moteslam.slam.odometry.noise import aside
 from moteslam.slam.registration.config import RegistrationConfig, TrackingConfig
 from moteslam.slam.registration.localisation import Localiser, Rivals
 from moteslam.slam.registration.registrar import Spread, prior_deviations
 from moteslam.slam.tsdf.doubt import Seen
-from moteslam.slam.tsdf.motion import (
-    CLOSED,
-    STILL,
-    MotionSinceUpdate,
-    Open,
-    StepMotion,
-    Travelled,
-    magnitude,
-    step_motion,
-)
+from moteslam.slam.tsdf.motion import STILL, MotionSinceUpdate, StepMotion, step_motion
 from moteslam.slam.tsdf.particles import Particles
 from moteslam.slam.tsdf.pose_covariance import Fit
 
@@ -214,3 +205,24 @@ class Tracker:
         self._motion, self._seconds = between_one(self.pose, moved), motion.dt
         self.pose = moved
         return Tracked(self._motion, slipped, self._lost > 0, fit, rivals, astray, carried)
+
+
+def extrapolated(motion: Pose, seconds: float, dt: float, *, most: float = 10.0) -> Pose:
+    """The motion of a step at the velocity of the step before.
+
+    Args:
+        motion: of the step before, as filtered.
+        seconds: that it took.
+        dt: of this step [s].
+        most: the motion is extrapolated to at most this many times as long: a longer gap is likelier a wrong stamp,
+            or a robot that has long stopped.
+
+    Returns:
+        it scaled by the ratio of the times where both are above 0; else the same motion, as in logs whose scans
+        share stamps.
+    """
+    if seconds <= 0 or dt <= 0:
+        return motion
+    share = min(dt / seconds, most)
+    x, y, turn = motion
+    return x * share, y * share, turn * share

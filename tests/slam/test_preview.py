@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from moteslam.robot.raster import Raster
-from moteslam.slam.preview import LONGEST, preview_png
+from moteslam.slam.estimate import LONGEST, preview_png
 
 SLAM = (0x00, 0x72, 0xB2)
 

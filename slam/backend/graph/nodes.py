@@ -12,7 +12,7 @@ from moteslam.robot import se2
 from moteslam.slam.backend.graph.config import GraphConfig
 from moteslam.slam.backend.protocol import KeyScan
 from moteslam.slam.inputs.lapses import CLOSED, Open
-from moteslam.slam.inputs.thinning import thin
+from moteslam.slam.inputs.step import thin
 
 Array = NDArray[np.float64]
 

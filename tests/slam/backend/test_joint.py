@@ -18,7 +18,7 @@ from moteslam.slam.backend.graph.loop_search import LoopSearch
 from moteslam.slam.backend.graph.nodes import Nodes
 from moteslam.slam.backend.graph.submaps import Submaps
 from moteslam.slam.backend.protocol import KeyScan
-from moteslam.slam.inputs.thinning import thin
+from moteslam.slam.inputs.step import thin
 from moteslam.slam.registration.config import RegistrationConfig
 
 pytestmark = pytest.mark.usefixtures("taichi")

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from slam_rooms import circled_room
 
-from moteslam.slam.filter.config import KldConfig
 from moteslam.slam.filter.history import History
-from moteslam.slam.filter.kld import enough_particles, particle_number
+from moteslam.slam.filter.resampling import KldConfig, enough_particles, particle_number
 from moteslam.slam.run import SlamSession
 from moteslam.slam.settings import resolve_config
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from moteslam.robot import se2
+from moteslam.slam.filter.certainty import spread
 from moteslam.slam.filter.history import History
-from moteslam.slam.filter.spread import spread
 
 
 @pytest.mark.parametrize("heading", [0.0, 2.0, np.pi])

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from moteslam.slam.filter.config import UpdateConfig
-from moteslam.slam.filter.update_policy import Travelled, update_due
+from moteslam.slam.filter.update_policy import Travelled, UpdateConfig, update_due
 
 POLICY = UpdateConfig(distance=0.1, rotation=0.2, interval=5.0)
 

@@ -25,7 +25,7 @@ from moteslam.slam.settings import load_preset, preset_names, resolve_config
 from moteslam.slam.texture.config import TextureConfig
 from moteslam.slam.tsdf import filter as tsdf_filter
 from moteslam.slam.tsdf.config import ColourConfig, TsdfFilterConfig
-from moteslam.slam.tsdf.floor_tracker import FloorTracker
+from moteslam.slam.tsdf.floor import FloorTracker
 from moteslam.slam.tsdf.proposal import Proposal
 
 pytestmark = pytest.mark.usefixtures("taichi")

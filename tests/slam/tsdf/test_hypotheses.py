@@ -16,16 +16,15 @@ from moteslam.slam.filter.update_policy import Travelled
 from moteslam.slam.filter.weights import Weights
 from moteslam.slam.inputs.step import Step
 from moteslam.slam.mapping.config import TsdfConfig
-from moteslam.slam.odometry.config import CalibrationConfig
+from moteslam.slam.odometry.calibration import CalibrationConfig
 from moteslam.slam.registration.config import RegistrationConfig, TrackingConfig
 from moteslam.slam.registration.localisation import Localiser, Located, Rivals
 from moteslam.slam.run import SlamSession
 from moteslam.slam.settings import resolve_config
 from moteslam.slam.tsdf.config import ProposalConfig, TsdfFilterConfig
 from moteslam.slam.tsdf.filter import TsdfFilter
-from moteslam.slam.tsdf.hypotheses import divide, join, settled
 from moteslam.slam.tsdf.motion import MotionSinceUpdate
-from moteslam.slam.tsdf.particles import Particles
+from moteslam.slam.tsdf.particles import Particles, divide, join, settled
 from moteslam.slam.tsdf.proposal import propose
 from moteslam.slam.tsdf.tracking import Tracker
 
