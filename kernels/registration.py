@@ -7,15 +7,15 @@ seen, on the coarse one. To the residuals comes a prior on the offset from the p
 import math
 import threading
 from collections.abc import Sequence
+from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from moteslam.errors import InputError
 from moteslam.kernels.checks import as_finite
-from moteslam.kernels.degeneracy import NOT_KEPT, Kept, keep_prediction
-from moteslam.kernels.gauss_newton import by_offset, descend, place_in_cells, square
-from moteslam.kernels.registration_options import RegistrationOptions, settings_of
+from moteslam.kernels.gauss_newton import NOT_KEPT, Kept, by_offset, descend, keep_prediction, place_in_cells, square
 from moteslam.kernels.runtime import one_thread, passes_for, runtime, ti
 from moteslam.kernels.tiles import SIDE, STEPS, Tiles, bilinear, read, steps_of, weight_of
 from moteslam.kernels.types import F32, F32_1D, F32_2D, F64, F64_2D, I16_1D, I32, I32_1D, func, kernel, template
@@ -43,6 +43,57 @@ FREE = slice(13, 16)
 FAR = 16
 FOUND = 17
 """The columns of what ``register_scans`` returns."""
+
+
+class RegistrationOptions(NamedTuple):
+    """Of ``register_scans``.
+
+    Attributes:
+        cell_size: of the fine level [m].
+        truncation, coarse_truncation: of each level [m].
+        residual: standard deviation of the distances on the fine level [m].
+        coarse_residual_factor: by what it is multiplied on the coarse level.
+        iterations: at most, on each level.
+        unknown: cost of an endpoint where neither level was seen.
+        outlier: largest cost of an endpoint where one was; below it the cost is half the squared residual.
+        likelihood_width: standard deviation of a residual r in an endpoint's likelihood, exp(-(r / width)^2 / 2).
+        ray_clearance: a ray crosses a surface of the map if it meets one this far from its endpoint [truncations], ...
+        ray_weight: ... in a cell that weighs more than this, ...
+        ray_distance: ... nearer to the surface than this [truncations].
+        far: an endpoint at least this far from the surface on the coarse level is far [m]; at most three quarters of
+            its truncation count.
+    """
+
+    cell_size: float
+    truncation: float
+    coarse_truncation: float
+    residual: float
+    coarse_residual_factor: float
+    iterations: int
+    unknown: float
+    outlier: float
+    likelihood_width: float
+    ray_clearance: float
+    ray_weight: int
+    ray_distance: float
+    far: float
+
+    @property
+    def numbers(self) -> NDArray[np.float32]:
+        """As the kernel reads them: lengths in m, what concerns rays and what is far in steps of distance."""
+        return _numbers(self)
+
+
+@lru_cache(maxsize=64)
+def _numbers(o: RegistrationOptions) -> NDArray[np.float32]:
+    numbers = np.array(
+        (o.cell_size, o.truncation, o.coarse_truncation, o.residual, o.coarse_residual_factor * o.residual,
+         o.iterations, o.unknown, o.outlier, -0.5 / o.likelihood_width**2, o.ray_clearance * o.truncation,
+         o.ray_weight, round(o.ray_distance * STEPS), round(min(o.far / o.coarse_truncation, 0.75) * STEPS)),
+        np.float32,
+    )  # fmt: skip
+    numbers.setflags(write=False)
+    return numbers
 
 
 @func
@@ -268,7 +319,6 @@ def _registered(
     finite: bool,
 ) -> None:
     """Write what is found of checked queries [n, QUERY] to ``found``."""
-    settings = settings_of(options)
     scan = np.asarray(points, np.float32) if finite else as_finite("points", points, np.float32, (None, 2))
     if len(origin) != 2 or not math.isfinite(sum(origin)):
         raise InputError(f"{origin}, expected two finite numbers", field="origin")
@@ -280,5 +330,6 @@ def _registered(
     if n:
         _register(
             pool, table, begin, columns * rows if maps > 1 else 0, columns, rows, queries, _room.put(scan), len(scan),
-            *origin, settings, int(coarse), *(kept or NOT_KEPT), found, passes_for(n), n == 1 and not one_thread(),
+            *origin, options.numbers, int(coarse), *(kept or NOT_KEPT), found, passes_for(n),
+            n == 1 and not one_thread(),
         )  # fmt: skip

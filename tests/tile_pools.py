@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from twins.tsdf import Tsdf
 
-from moteslam.kernels.integration_options import IntegrationOptions
-from moteslam.kernels.thinning import ThinnedScan
+from moteslam.kernels.scans import ThinnedScan
 from moteslam.kernels.tile_store import TileStore
 from moteslam.kernels.tiles import CELLS, FINE_CELLS, MAX_WEIGHT, SIDE, WEIGHT_BITS, Tiles, tiles_of
+from moteslam.kernels.tsdf import IntegrationOptions
 
 CELL = 0.05
 TRUNCATION, COARSE_TRUNCATION = 0.15, 0.4
@@ -115,7 +115,7 @@ def room_scan(pose: ArrayLike = (0.0, 0.0, 0.0), *, beams: int = 360) -> NDArray
 
 def thinned(points: ArrayLike, **options: float) -> ThinnedScan:
     """A scan from its own origin, as the kernels take it."""
-    from moteslam.kernels.thinning import thin_scan
+    from moteslam.kernels.scans import thin_scan
 
     return thin_scan(points, (0.0, 0.0), **({"spacing": 0.02, "gap": 0.3, "gap_from_range": 0.05} | options))
 

@@ -82,7 +82,7 @@ class Scans:
 
     def block(self, first: int, last: int) -> ScanBlock:
         """The finite endpoints of the scans from ``first`` to before ``last``, projected in one launch."""
-        from moteslam.kernels.projection import project_scans
+        from moteslam.kernels.scans import project_scans
 
         ranges = self._lidar.ranges[first:last]
         if self._travelling is not None:

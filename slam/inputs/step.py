@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from moteslam.kernels.thinning import ThinnedScan, thin_scan, thin_scans
+from moteslam.kernels.scans import ThinnedScan, thin_scan, thin_scans
 from moteslam.robot.summary import Summarised
 from moteslam.slam.inputs.config import ThinningConfig
 from moteslam.slam.inputs.floor_views import FloorView, FloorViews

@@ -8,7 +8,7 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from moteslam.kernels.registration_options import RegistrationOptions
+from moteslam.kernels.registration import RegistrationOptions
 from moteslam.robot import se2
 from moteslam.robot.se2 import Pose
 from moteslam.slam.inputs.lapses import CLOSED, Open

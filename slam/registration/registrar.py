@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from moteslam.kernels.degeneracy import Kept, keep_predictions
+from moteslam.kernels.gauss_newton import Kept, keep_predictions
 from moteslam.kernels.registration import (
     COST,
     CROSSED,
@@ -21,10 +21,10 @@ from moteslam.kernels.registration import (
     PRIOR,
     QUERY,
     START,
+    RegistrationOptions,
     register_scan,
     register_scans,
 )
-from moteslam.kernels.registration_options import RegistrationOptions
 from moteslam.robot.se2 import Pose, as_pose
 from moteslam.slam.mapping.config import LOST_DISTANCE, TsdfConfig
 from moteslam.slam.mapping.tsdf import TsdfView

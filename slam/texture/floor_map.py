@@ -262,7 +262,7 @@ def colour_errors(
     Raises:
         InputError: poses that are not finite.
     """
-    from moteslam.kernels.colour_match import match_colours  # imports Taichi
+    from moteslam.kernels.texture import match_colours  # imports Taichi
 
     cells = packed_map(texture) if packed is None else packed
     sums = match_colours(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from moteslam.kernels.thinning import ThinnedScan
+from moteslam.kernels.scans import ThinnedScan
 from moteslam.robot import se2
 from moteslam.robot.se2 import as_pose, compose_one
 from moteslam.slam.filter.certainty import Certainty, LocalisationState, certainty_of

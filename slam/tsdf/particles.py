@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from moteslam.kernels.thinning import ThinnedScan
+from moteslam.kernels.scans import ThinnedScan
 from moteslam.robot import se2
 from moteslam.slam.filter.history import History
 from moteslam.slam.filter.weights import Weights

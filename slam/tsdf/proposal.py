@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from moteslam.kernels.thinning import ThinnedScan
+from moteslam.kernels.scans import ThinnedScan
 from moteslam.robot import se2
 from moteslam.slam.odometry.noise import odometry_error
 from moteslam.slam.registration.config import RegistrationConfig, TrackingConfig

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.kernels.correlative import MAX_SEARCH_POINTS
-from moteslam.kernels.thinning import ThinnedScan
+from moteslam.kernels.scans import ThinnedScan
 from moteslam.robot import se2
 from moteslam.slam.mapping.tsdf import TsdfMaps
 from moteslam.slam.registration.config import RegistrationConfig, SearchConfig

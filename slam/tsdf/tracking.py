@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from moteslam.kernels.thinning import ThinnedScan
+from moteslam.kernels.scans import ThinnedScan
 from moteslam.robot.se2 import Pose, between_one, compose_one
 from moteslam.slam.filter.update_policy import Travelled, magnitude
 from moteslam.slam.inputs.lapses import CLOSED, Open

@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from moteslam.errors import InputError
-from moteslam.kernels.projection import project_scans
+from moteslam.kernels.scans import project_scans
 from moteslam.robot.recording import LidarStream
 from moteslam.robot.specs import LidarSpec
 from moteslam.slam.inputs.scans import Scans

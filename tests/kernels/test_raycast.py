@@ -1,6 +1,6 @@
 """Ray casting against every segment tried in float64, and the cases where casters leak."""
 
-from __future__ import annotations
+# no `from __future__ import annotations`: Taichi reads the annotations of the kernel below
 
 import numpy as np
 import pytest
@@ -8,7 +8,8 @@ from twins import rays
 
 from moteslam.errors import InputError
 from moteslam.kernels import buckets as bucketing
-from moteslam.kernels.raycast import SegmentBuckets, build_buckets, cast_rays, cast_surfaces
+from moteslam.kernels.raycast import SegmentBuckets, build_buckets, cast_rays, cast_surfaces, cos_sin
+from moteslam.kernels.types import F64_1D, F64_2D, kernel
 
 pytestmark = pytest.mark.usefixtures("taichi")
 
@@ -192,3 +193,28 @@ def test_bad_size(size: float) -> None:
 def test_bad_rays(origins: object, angles: object, max_range: float, field: str) -> None:
     with pytest.raises(InputError, match=f"^{field}: "):
         cast_rays(build_buckets([(0, 0, 1, 0)]), origins, angles, max_range=max_range)  # type: ignore[arg-type]
+
+
+@kernel
+def _cos_sin_of(angles: F64_1D, out: F64_2D):
+    for i in range(angles.shape[0]):
+        c, s = cos_sin(angles[i])
+        out[0, i], out[1, i] = c, s
+
+
+def assert_cos_sin(angles: np.ndarray) -> None:
+    found, expected = np.empty((2, len(angles))), np.stack((np.cos(angles), np.sin(angles)))
+    _cos_sin_of(angles, found)
+    np.testing.assert_allclose(found, expected, rtol=0, atol=3e-16)
+    apart = found.astype(np.float32) != expected.astype(np.float32)
+    assert (np.abs(expected[apart]) < 1e-14).all()
+
+
+@pytest.mark.parametrize("span", [1e-9, 1.0, 10.0, 1e3, 1e5, 1e8, 1e300])
+def test_cosine_and_sine_equal_the_librarys(span: float) -> None:
+    assert_cos_sin(np.random.default_rng(3).uniform(-span, span, 20_000))
+
+
+def test_where_the_reduction_changes_its_multiple() -> None:
+    edges = np.pi / 4 * np.arange(-64, 65)
+    assert_cos_sin(np.concatenate((edges, np.nextafter(edges, 100), np.nextafter(edges, -100), [0.0, -0.0, 1e5, -1e5])))

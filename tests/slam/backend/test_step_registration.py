@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from moteslam.kernels.thinning import ThinnedScan
+from moteslam.kernels.scans import ThinnedScan
 from moteslam.robot import se2
 from moteslam.slam.backend.graph import step_registration
 from moteslam.slam.backend.graph.config import GraphConfig
