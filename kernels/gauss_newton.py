@@ -202,13 +202,9 @@ def keep_predictions(
     Args:
         offsets: [n, 3] from the predicted poses.
         information: [n, 6] of the endpoints, 00 01 02 11 12 22.
-        kept: how.
 
     Returns:
         offsets and information likewise.
-
-    Raises:
-        InputError: arrays that do not fit together, or numbers that are not finite.
     """
     shifts = as_finite("offsets", offsets, np.float64, (None, 3))
     found = np.hstack((shifts, as_finite("information", information, np.float64, (len(shifts), 6))))

@@ -87,9 +87,6 @@ def cast_movers(
 
     Returns:
         int32 [n]: index of the disc that each ray meets, or k + index of the line, or -1.
-
-    Raises:
-        InputError: shapes that do not fit, values that are not finite.
     """
     origins = as_finite("origins", origins, np.float64, (None, 2))
     angles = as_finite("angles", angles, np.float64, (len(origins),))

@@ -109,9 +109,6 @@ def scan_normals(
 
     Returns:
         float32 [p, 2]; zeros where the direction is not known.
-
-    Raises:
-        InputError: arrays that do not fit together, or numbers out of bounds.
     """
     ends = as_finite("points", points, np.float32, (None, 2))
     linked = as_finite("joined", joined, np.int32, (len(ends),))

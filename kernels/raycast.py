@@ -174,7 +174,6 @@ def cast_surfaces(
     """The range of each ray to its first wall, and which wall it is.
 
     Args:
-        buckets: of the world.
         origins: [n, 2] of the rays [m], inside the world or not.
         angles: [n] their directions [rad].
         max_range: walls beyond it are not seen [m]; below 1e30.

@@ -250,7 +250,6 @@ def register_scans(
         queries: [n, QUERY] the poses, where to begin and the priors: ``FRAME``, ``START``, ``PRIOR``.
         points: [k, 2] of the scan in the robot's frame [m].
         origin: [2] where its rays start, in the same frame [m].
-        options: of the maps and of the costs.
         coarse: whether to begin on the coarse level; not needed where the start is good to a cell.
         kept: how the predicted pose is kept along degenerate directions: ``keep_predictions``, with the error times
             the variance of the residuals in standard ones; not at all if None.
@@ -263,9 +262,6 @@ def register_scans(
         likelihoods of those; ``CROSSED``, how many rays cross a surface of the map; ``FREE``, the offset before the
         prediction was kept along a degenerate direction; ``FAR``, how many endpoints are far from the surface
         by the coarse level.
-
-    Raises:
-        InputError: arrays that do not fit together, or numbers that are not finite or out of bounds.
     """
     asked = as_finite("queries", queries, np.float64, (None, QUERY))
     if len(asked) and asked[:, INVERSE_VARIANCES].min() <= 0:
@@ -288,14 +284,10 @@ def register_scan(
     """``register_scans`` of one pose in plain numbers, for which arrays take longer than the registration.
 
     Args:
-        query: a row of the queries.
         tiles, points, origin, options, kept, finite: as of ``register_scans``.
 
     Returns:
         a row of what is found.
-
-    Raises:
-        InputError: as ``register_scans``.
     """
     if len(query) != QUERY or not math.isfinite(sum(query)) or min(query[INVERSE_VARIANCES]) <= 0:
         raise InputError(f"{query}, expected {QUERY} finite numbers, inverse variances above 0", field="query")

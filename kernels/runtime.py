@@ -92,11 +92,6 @@ def init(arch: str = "cpu", threads: int | None = None, *, debug: bool = False) 
     Args:
         arch: ``cpu`` or ``cuda``.
         threads: of the CPU backend; by default one for each processor that this process may use.
-        debug: bounds checks in every kernel (slow), for tests.
-
-    Raises:
-        BackendError: the backend is missing, a setting is out of bounds, or Taichi already runs with other settings
-            (a second initialisation would leave every array of the first dangling).
     """
     global _runtime  # noqa: PLW0603 - there is one Taichi in a process
     if arch not in ARCHES:

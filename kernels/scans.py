@@ -65,9 +65,6 @@ def project_scans(
     Returns:
         points: float32 [m * b, 2] [m]; those of scan i begin in row i * b.
         counts: int32 [m] how many they are.
-
-    Raises:
-        InputError: arrays that do not fit together, numbers that are not finite, or a ``max_range`` not above 0.
     """
     given = check_array("ranges", np.ascontiguousarray(ranges), np.float32, (None, None))
     scans, beams = given.shape
@@ -211,9 +208,6 @@ def thin_scans(
 
     Returns:
         the m scans, views of two arrays that they share.
-
-    Raises:
-        InputError: another shape, scans beyond the points, or an option out of bounds.
     """
     ends = check_array("points", np.ascontiguousarray(points, np.float32), np.float32, (None, 2))
     firsts = check_array("begins", np.ascontiguousarray(begins, np.int32), np.int32, (None,))

@@ -83,11 +83,7 @@ def add_frame(
         mount: [3, 4] from optical axes to the robot's: rotation, and place [m] in the last column.
         height_limit: points at or above it are left out [m]; 0.1 in the paper.
         max_depth: points deeper than this are left out [m].
-        nothing: raw disparity of a pixel without a measurement.
         flat: move these points along their rays to the floor, whatever their depth.
-
-    Raises:
-        InputError: arrays that do not fit together, numbers that are not finite or out of bounds.
     """
     check_array("sums", sums, np.int64, (None, None, 4), written=True)
     check_array("disparity", disparity, np.uint16, (None, None))
@@ -161,9 +157,6 @@ def match_colours(
 
     Returns:
         int32 [n, 2]: the sum of the differences over the points that fall on coloured cells, and how many those are.
-
-    Raises:
-        InputError: arrays that do not fit together, numbers that are not finite or out of bounds.
     """
     patch = as_finite("points", points, np.float32, (None, 2))
     check_array("colours", colours, np.int32, (len(patch),))

@@ -164,9 +164,6 @@ def tiles_of(pool: object, tables: object, *, written: bool = False) -> Tiles:
         pool: int16 [t * CELLS] of t tiles.
         tables: int32 [n, rows, columns] of tiles 0 to t - 1.
         written: whether kernels write to both.
-
-    Raises:
-        InputError: they are not that.
     """
     cells: NDArray[Any] = check_array("pool", pool, np.int16, (None,), written=written)
     entries: NDArray[Any] = check_array("tables", tables, np.int32, (None, None, None), written=written)
@@ -187,9 +184,6 @@ def frames_in_cells(frames: ArrayLike, cell_size: float) -> NDArray[np.float64]:
     Args:
         frames: float64 [n, 4] cos, sin, x, y of poses, from the tables' corner [m].
         cell_size: of the level [m].
-
-    Raises:
-        InputError: they are not that, or not finite.
     """
     if not (math.isfinite(cell_size) and cell_size > 0):
         raise InputError(f"{cell_size:g} m, expected above 0", field="cell_size")

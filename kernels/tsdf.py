@@ -216,16 +216,11 @@ def integrate_scans(
     Args:
         store: of the maps of n particles, counted since they were resampled; written to.
         frames: [n * m, 4] cos, sin, x, y of each particle at the m scans, from the tables' corner [m].
-        scans: m, each in the frame of the particles at it.
-        options: of the maps.
         trusted: the points were made by kernels, and the tables were made large enough: neither is checked.
 
     Returns:
         Whether there were tiles enough. Where not, no cell was written, though some tables name tiles of their own now:
         count the shares again, make room, and call again.
-
-    Raises:
-        InputError: arrays that do not fit together, options out of bounds, or a scan that leaves the tables.
     """
     tiles = store.tiles
     places = frames_in_cells(frames, options.cell_size)

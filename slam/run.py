@@ -223,9 +223,6 @@ class SlamSession:
 
         Those that waited while the particles were at several places are given on the path that turned out to be best.
 
-        Args:
-            scan: the latest one.
-
         Returns:
             how far that moved the robot [m], 0 where nothing was corrected.
         """

@@ -60,9 +60,6 @@ class Update(Summarised):
 class ScanRecords:
     """A row a scan of the recording, filled in the order of the scans.
 
-    Args:
-        scans: that the recording has until now.
-
     Attributes:
         done: scans that are recorded; the rows after them are zero.
     """
@@ -78,9 +75,6 @@ class ScanRecords:
         """Record the next scan.
 
         Args:
-            result, certainty: of the filter's step.
-            particles: how many there are.
-            seconds: spent on the scan.
             corrected: how far the back end then moved the robot [m].
         """
         index = self.done
@@ -152,7 +146,6 @@ class Losses:
             lost: whether the robot is.
             stamp: of its scan [s].
             doubted_from: the first scan since the filter was sure of the pose.
-            scan: that of the update.
         """
         if lost is (len(self._stamps) % 2 == 1):
             return

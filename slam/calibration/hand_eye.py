@@ -90,7 +90,6 @@ def clock(pairs: Pairs, stamps: Array, headings: Array) -> tuple[float, float, f
     """Offset [s] and drift [s/s] at which the turns of both agree best, and their correlation there, of either sign.
 
     Args:
-        pairs: of the lidar.
         stamps: [n] of the odometry [s].
         headings: [n] its headings, unwrapped [rad].
     """
@@ -120,9 +119,6 @@ def fit(pairs: Pairs, path: Path, clocks: tuple[float, float], *, shared: bool) 
     """Fit a lidar to odometry: iterated weighted least squares, with the deviations of a clustered sandwich.
 
     Args:
-        pairs: of the lidar.
-        path: of the odometry.
-        clocks: offset and drift to begin with.
         shared: the two are on one clock; then these are not estimated.
     """
 

@@ -78,7 +78,6 @@ def register(former: Array, latter: Array, beams: Beams, seconds: Array, starts:
 
     Args:
         former, latter: [k, b] ranges [m]; not finite where there is no endpoint.
-        beams: of both.
         seconds: [k] between the stamps; the lidar is taken to move evenly between them and during a sweep.
         starts: [s, k, 3] motions to begin with; a pair that one does not register begins with the next.
     """

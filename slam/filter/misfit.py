@@ -123,7 +123,6 @@ class Misfit:
         Args:
             driven: since the scan before [m].
             score: its match score, as a share of the points where the map is known; None where it was not matched.
-            left_out: it contradicts the map and was not used.
         """
         if self._lost is not None:
             self._lost.path += driven

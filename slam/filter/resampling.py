@@ -45,7 +45,6 @@ def resample(
     Args:
         scheme: one of ``SCHEMES``.
         weights: [N] >= 0, not all 0.
-        generator: of the uniform numbers.
         count: how many to draw, M; as many as there are if None.
 
     Returns:
@@ -127,8 +126,6 @@ def enough_particles(bins: NDArray[np.int64], epsilon: float, delta: float) -> N
 
     Args:
         bins: k >= 1 bins that have a sample in them; any shape.
-        epsilon: the Kullback-Leibler distance that is allowed.
-        delta: the probability that it is exceeded.
 
     Returns:
         float64 of the shape of ``bins``; 0 for one bin.
@@ -152,9 +149,6 @@ def particle_number(
     Args:
         poses: [N, 3] of the particles.
         weights: [N], sum 1.
-        config: the bins and the bound.
-        most: particles.
-        seed, step: of the draws.
 
     Returns:
         from ``config.least`` to ``most``, which wins.
@@ -189,10 +183,8 @@ def choose_parents(
     Args:
         scheme: one of ``SCHEMES``.
         kld: whether and how the number is adapted.
-        most: particles, where it is.
         poses: [N, 3] of the particles as weighed.
         weights: [N], sum 1.
-        seed, step: of the draws.
     """
     count = len(poses)
     if kld.enabled:

@@ -44,8 +44,6 @@ def update_due(policy: UpdateConfig, travelled: Travelled, motion: Pose | None =
     """Whether the next scan is used for an update.
 
     Args:
-        policy: when it is.
-        travelled: since the last update.
         motion: the motion since the last update where it is also estimated by other means than the odometry; the
             larger of both counts.
     """

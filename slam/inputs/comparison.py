@@ -57,7 +57,6 @@ def votes(fan: Fan, ranges: NDArray[np.float32], odometry: Array) -> Votes:
     be is seen through; it stands where the next scan has an endpoint there and the beam another range.
 
     Args:
-        fan: the beams.
         ranges: [k + 1, b] along them [m].
         odometry: [k + 1, 3] the robot's poses.
     """
@@ -81,7 +80,6 @@ def _expected(fan: Fan, before: Array, after: Array, moved: Array) -> tuple[Arra
     """Where endpoints of walls would be, and what the scans after see there.
 
     Args:
-        fan: the beams.
         before, after: [k, b] ranges of pairs of scans, NaN where there is no return [m].
         moved: [k, 3] the robot's motion from the one to the other.
 

@@ -38,7 +38,6 @@ class FloorView:
         Args:
             odometry: [3] a motion up to the scan as the odometry measured it.
             motion: [3] the same motion as registration found it.
-            seconds: how long it took.
         """
         share = min(1.0, self.age / seconds) if seconds > 0 else 1.0
         since = se2.compose(se2.inverse(self.place), share * se2.between(odometry, motion))
@@ -54,7 +53,6 @@ class FloorViews:
 
     Args:
         recording: with images and a camera on its robot: see ``missing_for_floor_views``.
-        inputs: the same recording, synchronised; with odometry.
         largest_gap: between the colour and the disparity image of a frame [s].
 
     Attributes:

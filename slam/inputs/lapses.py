@@ -131,10 +131,7 @@ def lapses(
     """Where the odometry did not measure; causal: what is said of a scan follows from it, and from the reading after.
 
     Args:
-        path: the odometry at its own stamps.
         odometry: [n, 3] at the scans.
-        lidar, mount: the scans.
-        config: of jumps.
         counted: of wheel counters, which do not say on which way a robot went in a gap; else of poses that the base
             went on to integrate.
     """
@@ -199,13 +196,7 @@ def _over(stamps: Array, begin: float, end: float) -> NDArray[np.intp]:
 
 
 def _stale(steps: _Steps, first: int, last: int, lidar: LidarStream, fan: Fan) -> Lapse:
-    """The lapse of odometry that stops dead; it ends where the scans say that the robot stands.
-
-    Args:
-        steps: of the odometry.
-        first, last: readings between which it stands still.
-        lidar, fan: the scans.
-    """
+    """The lapse of odometry that stops dead; it ends where the scans say that the robot stands."""
     stamps, speed = steps.stamps, steps.speed(first, late=True)
     begin, end = float(stamps[first]), float(stamps[min(last + 1, len(stamps) - 1)])
     since = max(int(np.searchsorted(lidar.stamps, begin, side="right")) - 1, 0)

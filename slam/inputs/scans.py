@@ -36,8 +36,6 @@ class Scans:
     """Scans as points, de-skewed where the motion during a sweep is known.
 
     Args:
-        lidar: the scans.
-        mount: of the lidar on the robot.
         sweeps: [n, 3] the robot's motion while each scan is taken, in its frame at the first beam; None for scans
             that count as taken at once.
         max_range: endpoints beyond it are left out [m].

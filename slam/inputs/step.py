@@ -14,8 +14,11 @@ from moteslam.robot.summary import Summarised
 from moteslam.slam.inputs.config import ThinningConfig
 from moteslam.slam.inputs.floor_views import FloorView, FloorViews
 from moteslam.slam.inputs.lapses import Open
-from moteslam.slam.inputs.scans import ScanBlock, Scans
+from moteslam.slam.inputs.scans import Scans
 from moteslam.slam.inputs.synchronise import Inputs
+
+BLOCK = 64
+"""Scans that are projected and thinned at a time: of 1081 beams 0.5 MB."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -61,16 +64,15 @@ def steps(
     """One step a scan; the scans are projected and thinned ``BLOCK`` at a time.
 
     Args:
-        inputs: the synchronised recording.
         views: camera frames of the floor; None where they are not used.
-        thinning: of the scans, where the filter asks for it.
-        first: index of the first scan.
     """
     indices = range(first, len(inputs))
     for begin in range(0, len(indices), BLOCK):
         some = indices[begin : begin + BLOCK]
         block = inputs.scans.block(some.start, some.stop)
-        thinned = [None] * len(some) if thinning is None else thin_block(block, inputs.scans.origin, thinning)
+        thinned: Sequence[ThinnedScan | None] = [None] * len(some)
+        if thinning is not None:
+            thinned = thin_scans(*block, inputs.scans.origin, **vars(thinning))
         for number, (index, scan) in enumerate(zip(some, thinned, strict=True)):
             stamp = inputs.stamps[index]
             yield Step(
@@ -87,44 +89,26 @@ def steps(
             )
 
 
-BLOCK = 64
-"""Scans that are projected and thinned at a time: of 1081 beams 0.5 MB."""
-
-
 def thin(points: NDArray[np.float32], origin: NDArray[np.float64], config: ThinningConfig) -> ThinnedScan:
     """Average neighbouring endpoints.
 
     Args:
         points: [k, 2] in the order of their beams, in the robot's frame [m].
         origin: [2] where the rays start [m].
-        config: distances and counts.
     """
     return thin_scan(points, origin, **vars(config))
-
-
-def thin_block(block: ScanBlock, origin: NDArray[np.float64], config: ThinningConfig) -> list[ThinnedScan]:
-    """The scans of a block, thinned in one launch.
-
-    Args:
-        block: of scans.
-        origin: [2] where the rays start [m].
-        config: distances and counts.
-    """
-    return thin_scans(block.points, block.begins, block.counts, origin, **vars(config))
 
 
 def thin_some(scans: Scans, indices: Sequence[int], config: ThinningConfig) -> list[ThinnedScan]:
     """Some of the scans, each as by ``thin``, ``BLOCK`` in a launch.
 
     Args:
-        scans: all.
         indices: [m] of those to thin.
-        config: distances and counts.
     """
     thinned: list[ThinnedScan] = []
     for first in range(0, len(indices), BLOCK):
         points = [scans.points(index) for index in indices[first : first + BLOCK]]
         counts = np.array([len(each) for each in points], np.int32)
         begins = np.cumsum(counts, dtype=np.int32) - counts
-        thinned += thin_block(ScanBlock(np.concatenate(points), begins, counts), scans.origin, config)
+        thinned += thin_scans(np.concatenate(points), begins, counts, scans.origin, **vars(config))
     return thinned

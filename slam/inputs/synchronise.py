@@ -220,12 +220,7 @@ ENCODER_MARGIN = 0.1
 
 
 def warnings(recording: Recording, inputs: Inputs) -> tuple[Issue, ...]:
-    """What SLAM has to do without, or takes as something else.
-
-    Args:
-        recording: as it was read.
-        inputs: the same, synchronised.
-    """
+    """What SLAM has to do without, or takes as something else."""
     lidar, encoders = recording.lidar, recording.encoders
     assert lidar is not None
     issues = _about_scans(lidar)

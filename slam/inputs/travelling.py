@@ -123,8 +123,6 @@ def travelling(
     """Find what travels with the robot; causal: what is said of a scan depends on those before and itself.
 
     Args:
-        lidar: the scans, n.
-        mount: of the lidar on the robot.
         odometry: [n, 3] the robot's pose at each by odometry.
         unmeasured: [n] at which scans that does not say how the robot has moved since the one before.
 
@@ -165,7 +163,6 @@ def _repeated(lidar: LidarStream, path: Array) -> Flags:
     """Which scans [n] are the same as the one before, to the last digit, though the robot has moved since it was new.
 
     Args:
-        lidar: n scans.
         path: [n] driven and turned by odometry.
     """
     same = np.zeros(len(lidar), np.bool_)
@@ -236,7 +233,6 @@ class _Follower:
         """Take in a comparison.
 
         Args:
-            first, last: the scans.
             ranges: [beams] of the latter [m].
             travel, stand: [beams] of the endpoints of the former.
         """

@@ -34,11 +34,7 @@ DRAWN = 64
 
 
 class TsdfMaps:
-    """The TSDFs of N particles; a single one until the first resampling.
-
-    Args:
-        config: cell size, truncations, weights.
-    """
+    """The TSDFs of N particles; a single one until the first resampling."""
 
     def __init__(self, config: TsdfConfig) -> None:
         self._config, self._options = config, IntegrationOptions(**config.model_dump())

@@ -44,11 +44,7 @@ class CalibrationConfig(Section):
 
 
 class OdometryCalibration:
-    """Estimates the scale of distances and turns, the curvature of straight paths, and the lidar's offset.
-
-    Args:
-        config: priors and noise.
-    """
+    """Estimates the scale of distances and turns, the curvature of straight paths, and the lidar's offset."""
 
     def __init__(self, config: CalibrationConfig) -> None:
         self._config = config
@@ -86,8 +82,6 @@ class OdometryCalibration:
         """Update the gains with one motion.
 
         Args:
-            odometry: as the wheels measured it, not corrected.
-            registered: as registration of the scans found it.
             information: [3, 3] of the scan's endpoints about its pose.
         """
         if not self._config.enabled:

@@ -62,7 +62,6 @@ def prediction_noise(noise: MotionNoise, distance: float, rotation: float, elaps
     the left, where the robot does not drive on purpose, it slips with the turn alone.
 
     Args:
-        noise: standard deviations.
         distance: travelled since the last update [m].
         rotation: the sum of absolute turns since [rad].
         elapsed: since [s]; 0 is allowed.
@@ -89,7 +88,6 @@ def odometry_error(noise: OdometryNoise, distance: float, rotation: float) -> tu
     """The standard deviations of a motion that odometry measured: forward [m], left [m], turn [rad].
 
     Args:
-        noise: at rest, and how it grows.
         distance: [m].
         rotation: the sum of absolute turns [rad].
     """

@@ -33,7 +33,6 @@ class PaperFilter(FilterDefaults):
 
     Args:
         config: of the method ``paper``.
-        seed: of all randomness.
 
     Attributes:
         poses: [N, 3] of the particles at the last update.
@@ -91,7 +90,6 @@ class PaperFilter(FilterDefaults):
         Args:
             poses: [u, 3] of the robot at every update so far, corrected.
             updates: [u] the indices of their scans.
-            scans: endpoints of all scans.
         """
         self.history.revise(self.history.path(self.best_particle), poses)
         self._misfit.revise(poses)
@@ -156,9 +154,6 @@ def predict(
     Args:
         poses: [N, 3]; written to.
         motion: [3] since the last update.
-        travelled: how much that is.
-        noise: of the control.
-        seed, step: of the draws.
     """
     spread = prediction_noise(noise, travelled.distance, travelled.rotation, travelled.elapsed)
     sample_motion(poses, motion, spread, seed=seed, step=step)

@@ -101,15 +101,12 @@ def register(
     """Register one scan to the TSDF of every particle, or from many starts to that of one.
 
     Args:
-        maps: of N particles, or of one.
         predicted: [N, 3] poses by the odometry.
         spread: [3] standard deviation of that prediction.
         points: [k, 2] of the scan in the robot's frame [m].
         origin: [2] where its rays start, in the same frame [m].
         starts: [N, 3] offsets from the predicted poses to begin at.
-        config: noise and bounds.
         means: [N, 3] means of the prior on the offsets; zeros by default.
-        coarse: begin on the coarse level of the maps.
         keep: keep the odometry along degenerate directions, as ``keep_odometry`` does.
     """
     x, y, theta = spread.tolist()
@@ -217,7 +214,6 @@ def prior_deviations(config: RegistrationConfig, distance: float, rotation: floa
     """Standard deviations of a predicted motion: forward [m], left [m], turn [rad].
 
     Args:
-        config: how the odometry's error grows.
         distance: [m].
         rotation: sum of absolute turns [rad].
         measured: whether odometry measured the motion; else it was extrapolated.
@@ -269,9 +265,7 @@ def keep_odometry(found: Registration, spread: Array, config: RegistrationConfig
     information along it is scaled likewise.
 
     Args:
-        found: of N particles.
         spread: [3] standard deviation of the odometry.
-        config: how much error a degenerate direction has.
     """
     offsets, information = keep_predictions(
         found.offsets, found.information.reshape(-1, 9)[:, UPPER], kept_by(float(spread[0]), config)

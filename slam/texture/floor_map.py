@@ -54,8 +54,6 @@ class TextureMapper:
     """Sums of the colours in each cell, frame by frame.
 
     Args:
-        mount: of the camera on the robot.
-        config: cell size and limits.
         low, high: (x, y) of the corners of the area to map [m]; points outside are left out.
 
     Raises:
@@ -215,9 +213,6 @@ def floor_patch(frame: CameraFrame, mount: CameraSpec, config: TextureConfig, *,
     """The floor near the robot as one frame shows it, a point a cell.
 
     Args:
-        frame: what the camera saw.
-        mount: of the camera.
-        config: cell size and height limit.
         max_depth: points deeper than this are left out [m].
     """
     near = config.model_copy(update={"max_depth": max_depth})
@@ -249,9 +244,7 @@ def colour_errors(
     A cell's difference is |r| + |g| + |b|, at most ``limit``: robust against what has moved.
 
     Args:
-        patch: what the camera sees.
         poses: [n, 3] of the robot.
-        texture: the coloured map.
         limit: of a cell's difference [levels].
         packed: ``packed_map(texture)``, to have it made once for many frames.
 

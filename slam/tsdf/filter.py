@@ -38,7 +38,6 @@ class TsdfFilter(FilterDefaults):
 
     Args:
         config: of the method ``tsdf``.
-        seed: of all randomness.
     """
 
     def __init__(self, config: TsdfFilterConfig, seed: int) -> None:
@@ -134,7 +133,6 @@ class TsdfFilter(FilterDefaults):
         Args:
             poses: [u, 3] of the robot at every update so far, corrected.
             updates: [u] the indices of their scans.
-            scans: endpoints of all scans.
         """
         drawn = thin_some(scans, updates.tolist(), self._config.thinning)
         if self._relocation is not None:

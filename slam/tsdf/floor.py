@@ -76,12 +76,7 @@ class _FloorMap:
 
 
 class FloorTracker:
-    """Compares frames with maps of the floor.
-
-    Args:
-        config: of the colours.
-        texture: height limit of what counts as floor.
-    """
+    """Compares frames with maps of the floor."""
 
     def __init__(self, config: ColourConfig, texture: TextureConfig) -> None:
         self._config = config
@@ -92,9 +87,7 @@ class FloorTracker:
         """Where the floor puts the particles.
 
         Args:
-            view: the frame.
             poses: [N, 3] where the lidar puts them, at the scan.
-            best: the particle around whose motion is searched.
 
         Returns:
             None where the frame does not lie on known floor, where it fits nowhere within reach, or where it looks the
@@ -119,9 +112,7 @@ class FloorTracker:
         """Write a frame into the newest map along the best particle's motion, or begin the next with it.
 
         Args:
-            view: the frame.
             poses: [N, 3] of the particles at the scan.
-            best: that particle.
             travelled: since the frame before [m].
         """
         if self._maps:
@@ -201,8 +192,6 @@ class FloorLikelihood:
     """Weighs particles by camera frames of the floor; without frames it changes nothing.
 
     Args:
-        config: of the colours.
-        texture: what counts as floor.
         information_share: share of the endpoints' information that counts beside that of the floor.
     """
 
@@ -223,11 +212,6 @@ class FloorLikelihood:
         Lidar and odometry put a particle at a Gaussian of information A, the floor at another one, of information B,
         at an offset d: the mean of the product lies (A + B)^-1 B d away, and its integral, which is the particle's
         likelihood, falls with d^T (B - B (A + B)^-1 B) d / 2.
-
-        Args:
-            proposal: of lidar and odometry.
-            since: the motion since the last update.
-            best: the particle around which the floor is searched.
 
         Returns:
             None where there is no frame, or it measures nothing.
@@ -252,12 +236,7 @@ class FloorLikelihood:
         )
 
     def integrate(self, particles: Particles, since: MotionSinceUpdate) -> None:
-        """Write the frame of this update into the newest map of the floor, seen from the best particle.
-
-        Args:
-            particles: at this update.
-            since: the motion since the update before.
-        """
+        """Write the frame of this update into the newest map of the floor, seen from the best particle."""
         self._since_frame += since.travelled.distance
         if self._view is not None:
             self._tracker.add(self._view, particles.poses, particles.best, self._since_frame)

@@ -59,8 +59,6 @@ class MotionSinceUpdate(NamedTuple):
         """After one more step.
 
         Args:
-            step: as it was predicted.
-            tracked: the same as registration found it.
             slipped: whether its odometry slipped.
         """
         usable = step.measured and not slipped

@@ -21,10 +21,6 @@ Array = NDArray[np.float64]
 class Particles:
     """N particles at the identity, where the robot starts, with one empty map that all share.
 
-    Args:
-        n: how many.
-        config: of their TSDFs.
-
     Attributes:
         poses: [N, 3] at the last update.
         weights: theirs.
@@ -141,8 +137,6 @@ def divide(particles: Particles, rivals: Rivals, evidence_share: float) -> Array
     A place where a particle is already is left out.
 
     Args:
-        particles: N of them.
-        rivals: of the tracked place.
         evidence_share: share of the match score that counts in the odds.
 
     Returns:

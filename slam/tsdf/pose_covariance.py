@@ -47,9 +47,6 @@ class PoseCovariance:
     The odometry's variance grows in proportion to distance and turn, and is that of ``prior_deviations`` after a metre
     and a radian: errors of a path of many steps, whatever the rate of the scans.
 
-    Args:
-        config: how the poses are registered.
-
     Attributes:
         degenerate: heading of the degenerate direction of the last scan in the robot's frame [rad]; NaN without one.
     """
@@ -70,8 +67,6 @@ class PoseCovariance:
         """Take in a scan.
 
         Args:
-            motion: since the scan before, as predicted.
-            tracked: the same as tracked.
             fit: of the scan; None where it was not used for the pose.
         """
         x, theta = self._a_metre * motion.distance, self._a_radian * motion.rotation

@@ -84,12 +84,7 @@ def propose(
     """Register a scan to every particle's map.
 
     Args:
-        particles: at the last update.
-        since: the motion since.
-        scan: thinned, in the robot's frame.
         origin: [2] where its rays start.
-        config: of spread and weights.
-        registration: of the registration.
         tracking: the fewest points of a scan that is registered, and what speaks against it far from the odometry.
         measured: whether odometry measured the last step: then only the endpoints' evidence overrules it.
         places: [N, 3] where each looks for the robot, from where the tracked motion leads it; by default there.
@@ -127,10 +122,7 @@ def sample(proposal: Proposal, normals: Array, config: ProposalConfig, *, best: 
     """Poses [N, 3] drawn from the proposal; the best particle stays at its mean.
 
     Args:
-        proposal: means and information.
         normals: [N, 3] standard normal numbers.
-        config: what share of the information counts.
-        best: index of the best particle.
     """
     share = proposal.position_share
     narrowed = replace(proposal, spread=proposal.spread * np.array([share, share, 1.0]))

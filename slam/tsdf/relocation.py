@@ -58,13 +58,9 @@ class Relocation:
     """Looks for the robot in the map that it had before it was lost.
 
     Args:
-        maps: that it had, of several particles.
-        particle: whose map it is.
         path: [u, 3] on which that map was made.
-        config: of registrations.
         begin: [3] where the new map begins, as far as is known.
         reach: how far off that is at most [m].
-        carried: it is not known at all.
 
     Attributes:
         updates: how many updates the map is of: those since are in the new one.
@@ -132,7 +128,6 @@ class Relocation:
 
         Args:
             path: [u, 3] at its updates.
-            scans: of these.
         """
         self._maps, self._particle, self._found = TsdfMaps(self._maps.config), 0, None
         self._maps.draw(path, scans)

@@ -64,11 +64,6 @@ class Tracked(NamedTuple):
 class Tracker:
     """Follows the robot from scan to scan in one particle's map.
 
-    Args:
-        config: of search, relocation and slips.
-        registration: of each registration.
-        calibration: of the odometry.
-
     Attributes:
         pose: at the last scan, in the best particle's map.
     """
@@ -90,7 +85,6 @@ class Tracker:
         """The motion of a step by the calibrated odometry; at a constant velocity where nothing measured it.
 
         Args:
-            motion: by the odometry.
             dt: of the step [s].
             measured: whether the odometry measured it.
             left: open by a motion that was not measured, but of which more is known than the velocity before.
@@ -146,10 +140,7 @@ class Tracker:
         """Register a scan to the best particle's map.
 
         Args:
-            motion: since the scan before, as predicted.
-            scan: thinned, in the robot's frame.
             origin: where its rays start [m].
-            particles: whose best one is tracked.
         """
         predicted = compose_one(self.pose, motion.corrected)
         self._blind = self._blind.plus(motion.distance, motion.rotation, motion.dt)
@@ -211,8 +202,6 @@ def extrapolated(motion: Pose, seconds: float, dt: float, *, most: float = 10.0)
     """The motion of a step at the velocity of the step before.
 
     Args:
-        motion: of the step before, as filtered.
-        seconds: that it took.
         dt: of this step [s].
         most: the motion is extrapolated to at most this many times as long: a longer gap is likelier a wrong stamp,
             or a robot that has long stopped.
