@@ -29,7 +29,7 @@ def check_array(
     """The array as it is, if a kernel can use its memory in place.
 
     Args:
-        shape: the shape it must have; None where any length will do.
+        shape: the shape it must have; None for any length.
         written: whether the kernel writes to it.
     """
     fits = (

@@ -43,7 +43,7 @@ def philox(counter, key):
             ],
             dt=ti.u32,
         )
-        # summed in 64 bits, cut to 32: the generator's own overflow is none to the bounds checks
+        # summed in 64 bits, cut to 32: the overflow is meant, and no bounds check may see it
         low, high = ti.cast(k[0], ti.u64) + ti.u64(WEYL[0]), ti.cast(k[1], ti.u64) + ti.u64(WEYL[1])
         k = ti.Vector([ti.cast(low, ti.u32), ti.cast(high, ti.u32)], dt=ti.u32)
     return c

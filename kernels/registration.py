@@ -27,8 +27,8 @@ FRAME, START, PRIOR = slice(0, 4), slice(4, 7), slice(7, 13)
 """The columns of a query: the pose as cos, sin, x, y from the tables' corner [m]; the offset from it, in its frame, to
 begin at (x, y [m], theta); and of the prior on the offset the inverse variances of x, y and theta, then its mean."""
 QUERY = 13
-INVERSE_VARIANCES = slice(7, 10)
-"""Those of the prior."""
+INVERSE_VARIANCES, PRIOR_MEAN = slice(7, 10), slice(10, 13)
+"""Those of the prior, and its mean."""
 
 LIKELIHOODS = (0.2, 0.98)
 """Mean likelihoods that residuals are estimated from: beyond these they say nothing."""
@@ -145,10 +145,14 @@ def _register(
         far_steps = ti.cast(settings[12], ti.i32)
         base = begin + i * stride
         frame = ti.Vector([ti.cast(queries[i, m], ti.f32) for m in ti.static(range(4))], dt=ti.f32)
-        prior = ti.Vector([ti.cast(queries[i, 7 + m], ti.f32) for m in ti.static(range(6))], dt=ti.f32)
+        prior = ti.Vector(
+            [ti.cast(queries[i, ti.static(PRIOR.start) + m], ti.f32) for m in ti.static(range(6))], dt=ti.f32
+        )
         # three names: Taichi clears the variable that a function's result goes to before it reads the arguments, so
         # that in `d = descend(..., d, ...)` with a template argument the function would see zeros
-        start = ti.Vector([ti.cast(queries[i, 4 + m], ti.f32) for m in ti.static(range(3))], dt=ti.f32)
+        start = ti.Vector(
+            [ti.cast(queries[i, ti.static(START.start) + m], ti.f32) for m in ti.static(range(3))], dt=ti.f32
+        )
         rough = descend(
             pool, table, base, columns, coarse_x, coarse_y, frame, scan, points, start, prior, 2 * cell,
             coarse_truncation, coarse_sd, coarse * iterations, 1,
@@ -195,7 +199,7 @@ def _register(
             found[i, j] = d[j]
             found[i, ti.static(FREE.start) + j] = d[j]
         for j in ti.static(range(6)):
-            found[i, 3 + j] = information[j]
+            found[i, ti.static(INFORMATION.start) + j] = information[j]
         found[i, COST], found[i, KNOWN], found[i, LIKELIHOOD], found[i, CROSSED] = cost, known, likely, crossed
         found[i, FAR] = far
         if deviation > 0:

@@ -151,7 +151,7 @@ def _pin(threads: list[int], processors: list[int]) -> None:
 
 
 def _cache_folder() -> Path | None:
-    """The user's own folder for compiled kernels (mode 0700), or None where none can be created."""
+    """The user's own folder for compiled kernels (mode 0700), or None if it cannot be created."""
     try:
         shared = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
         root = Path(os.environ.get("MOTESLAM_CACHE") or Path(shared) / "moteslam")

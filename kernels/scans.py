@@ -59,7 +59,7 @@ def project_scans(
         ranges: float32 [m, b] [m]; what is infinite or NaN has no endpoint.
         directions: [b, 2] unit vectors of the beams in the robot's frame.
         origin: [2] where the rays start [m].
-        sweeps: [m, 3] how the robot moves from the first beam to the last; None where that is not known.
+        sweeps: [m, 3] how the robot moves from the first beam to the last; None if unknown.
         max_range: endpoints beyond it are left out [m].
 
     Returns:

@@ -150,7 +150,7 @@ def match_colours(
         points: [k, 2] of the patch, in the robot's frame [m].
         colours: int32 [k] red + 256 green + 65536 blue.
         poses: [n, 3] of the robot.
-        packed: int32 [H, W] the map's colours likewise, ``UNKNOWN`` where it has none; row 0 the smallest y.
+        packed: int32 [H, W] the map's colours likewise, ``UNKNOWN`` without one; row 0 the smallest y.
         corner: (x, y) of the corner of its cell [0, 0] [m].
         cell_size: of the map [m].
         limit: largest difference that counts for a point, over its three channels: an outlier counts no more than that.

@@ -1,4 +1,4 @@
-"""What a SLAM run came to: a value with its configuration, seed and versions in it."""
+"""The result of a SLAM run, with its configuration, seed and versions."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ class Estimate(Summarised):
             mean heading [m], and of the heading [rad].
         covariances: [n, 3, 3] of the online pose at every scan, in the robot's frame, relative to the map around it.
         diagnostics: per scan [n]: ``particles``, ``n_eff``, ``score``, ``updated``, ``resampled``, ``seconds``;
-            ``degenerate``, the heading of a degenerate direction in the robot's frame [rad], NaN where there is none;
+            ``degenerate``, the heading of a degenerate direction in the robot's frame [rad], NaN without one;
             ``wrong``, the probability that the online pose is wrong, and ``state``, that in a word, a
             ``LocalisationState`` (0 sure, 1 doubtful, 2 lost); ``corrected``, how far the back end moved the robot
             after the scan, with the map [m], 0 where it did not.
@@ -63,7 +63,7 @@ class Estimate(Summarised):
         loops: what the back end looked for and found, in the order of the search; empty without one.
         graph: the back end's pose graph: its nodes at their final poses, the steps between them and the loops that were
             accepted, as they were measured; None without one.
-        texture: the floor in colours, None where there are no images, it was not asked for, or it could not be made.
+        texture: the floor in colours, None without images, if not asked for, or if it failed.
     """
 
     name: str

@@ -1,4 +1,4 @@
-"""Running SLAM over a recording: all at once, or a step at a time for whoever wants to watch."""
+"""Running SLAM over a recording: all at once, or a step at a time."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ class SlamSession:
                     corrected = self._hand_over(step.index)
                 corrected += self._relocate(step.index)
                 doubted_from = self._records.last_sure + 1
-                self._losses.look(self._filter.lost, step.stamp, doubted_from=doubted_from, scan=step.index)
+                self._losses.note(self._filter.lost, step.stamp, doubted_from=doubted_from, scan=step.index)
             seconds = time.perf_counter() - began
             poses, weights = self._filter.poses, self._filter.weights.values
             if result.updated:

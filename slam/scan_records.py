@@ -66,7 +66,8 @@ class ScanRecords:
 
     def __init__(self, scans: int) -> None:
         self.done = 0
-        self._poses, self._covariances = np.zeros((scans, 6)), np.zeros((scans, 3, 3))
+        self._poses, self._motions = np.zeros((scans, 3)), np.zeros((scans, 3))
+        self._covariances = np.zeros((scans, 3, 3))
         self._diagnostics = np.zeros((scans, len(DIAGNOSTICS)))
 
     def add(
@@ -78,7 +79,7 @@ class ScanRecords:
             corrected: how far the back end then moved the robot [m].
         """
         index = self.done
-        self._poses[index, :3], self._poses[index, 3:] = result.pose, result.motion
+        self._poses[index], self._motions[index] = result.pose, result.motion
         self._covariances[index] = certainty.covariance
         self._diagnostics[index] = (  # as DIAGNOSTICS
             particles,
@@ -108,17 +109,19 @@ class ScanRecords:
     @property
     def nbytes(self) -> int:
         """Memory of what is recorded."""
-        return sum(kept[: self.done].nbytes for kept in (self._poses, self._covariances, self._diagnostics))
+        return sum(
+            kept[: self.done].nbytes for kept in (self._poses, self._motions, self._covariances, self._diagnostics)
+        )
 
     @property
     def poses(self) -> Array:
         """The filter's pose [k, 3] at each recorded scan."""
-        return self._poses[: self.done, :3].copy()
+        return self._poses[: self.done].copy()
 
     @property
     def motions(self) -> Array:
         """The motion [k, 3] from the scan before to each, in that one's frame."""
-        return self._poses[: self.done, 3:].copy()
+        return self._motions[: self.done].copy()
 
     @property
     def covariances(self) -> Array:
@@ -139,7 +142,7 @@ class Losses:
         self._stamps: list[float] = []  # when it was lost and found, in turns [s]
         self._parts: list[tuple[int, int]] = []  # the first scan that did not fit, and the first in the map apart
 
-    def look(self, lost: bool, stamp: float, *, doubted_from: int, scan: int) -> None:
+    def note(self, lost: bool, stamp: float, *, doubted_from: int, scan: int) -> None:
         """Take in an update.
 
         Args:

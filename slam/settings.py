@@ -92,7 +92,7 @@ def _over(values: Table, others: Table) -> Table:
 
 
 def _backend_of(table: Table) -> object:
-    """The back end that a table asks for, None where it asks for none by name."""
+    """The back end that a table asks for, None if it asks for none by name."""
     backend = table.get("backend")
     return backend.get("method") if isinstance(backend, dict) else None
 

@@ -48,7 +48,7 @@ class Certainty(NamedTuple):
         covariance: [3, 3] of the pose's error relative to the map around the robot, in the robot's frame: x forward
             and y left [m], theta [rad].
         degenerate: heading of the direction in the plane about which the scan carries less information than the
-            odometry, in the robot's frame, -pi/2 to pi/2 [rad]; NaN where there is none.
+            odometry, in the robot's frame, -pi/2 to pi/2 [rad]; NaN without one.
         wrong: probability that the pose is wrong, by its covariance and by how the scans fit the map.
     """
 

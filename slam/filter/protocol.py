@@ -28,7 +28,7 @@ class StepResult(NamedTuple):
         score: of the best particle's scan in its map; what it counts is the filter's own.
         updated: the filter updated particles and map with this scan; else the pose followed the motion.
         resampled: particles were resampled.
-        certainty: how sure the filter is of the pose; None where it measures nothing of the kind: then it follows from
+        certainty: how sure the filter is of the pose; None if it does not measure that: then it follows from
             the spread of the particles.
     """
 
@@ -56,7 +56,7 @@ class FilterDefaults(Protocol):
 
     @property
     def thinning(self) -> ThinningConfig | None:
-        """How the scans of its steps are thinned; None where it takes them as they are."""
+        """How the scans of its steps are thinned; None to take them as they are."""
         return None
 
     @property
@@ -70,7 +70,7 @@ class FilterDefaults(Protocol):
         return False
 
     def occupancy(self) -> Raster | None:
-        """The filter's own occupancy map; None where it is to be drawn along the best particle's path."""
+        """The filter's own occupancy map; None to have it drawn along the best particle's path."""
         return None
 
     def relocated(self) -> Array | None:

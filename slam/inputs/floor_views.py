@@ -77,7 +77,7 @@ class FloorViews:
         self._last = -np.inf
 
     def at(self, index: int, max_age: float) -> FloorView | None:
-        """The newest frame when a scan is taken; None where it is too old, was handed out before, or is broken.
+        """The newest frame when a scan is taken; None if it is too old, was handed out before, or is broken.
 
         None, too, where the odometry did not measure all of the motion in between.
 

@@ -20,7 +20,7 @@ from moteslam.robot.recording import LidarStream
 from moteslam.robot.specs import LidarSpec
 from moteslam.robot.stamps import LATEST, gaps
 from moteslam.robot.wording import when
-from moteslam.slam.inputs.comparison import Fan, votes
+from moteslam.slam.inputs.comparison import ComparedBeams, compare_scans
 from moteslam.slam.inputs.config import SyncConfig
 from moteslam.slam.inputs.odometry_path import OdometryPath, jumps
 
@@ -150,7 +150,7 @@ def lapses(
             jumped[over] = True
     motions: dict[int, Array] = {}
     left: dict[int, Open] = {}
-    fan: Fan | None = None
+    fan: ComparedBeams | None = None
     for k in np.flatnonzero(gaps(readings.stamps)).tolist():
         begin, end = float(readings.stamps[k - 1]), float(readings.stamps[k])
         over = _over(stamps, begin, end)
@@ -179,7 +179,7 @@ def lapses(
         scans = np.flatnonzero((stamps > readings.stamps[first]) & (stamps < readings.stamps[last]))
         if len(scans) < LEAST_SCANS:
             continue
-        fan = fan or Fan(lidar, mount)
+        fan = fan or ComparedBeams(lidar, mount)
         found = _stale(steps, first, last, lidar, fan)
         seen.append(found)
         over = _over(stamps, float(readings.stamps[sure - 1]), found.end)
@@ -195,7 +195,7 @@ def _over(stamps: Array, begin: float, end: float) -> NDArray[np.intp]:
     return np.flatnonzero((stamps[1:] > begin) & (stamps[:-1] < end)) + 1
 
 
-def _stale(steps: _Steps, first: int, last: int, lidar: LidarStream, fan: Fan) -> Lapse:
+def _stale(steps: _Steps, first: int, last: int, lidar: LidarStream, fan: ComparedBeams) -> Lapse:
     """The lapse of odometry that stops dead; it ends where the scans say that the robot stands."""
     stamps, speed = steps.stamps, steps.speed(first, late=True)
     begin, end = float(stamps[first]), float(stamps[min(last + 1, len(stamps) - 1)])
@@ -208,7 +208,7 @@ def _stale(steps: _Steps, first: int, last: int, lidar: LidarStream, fan: Fan) -
         turn = float(se2.wrap(steps.heading(float(lidar.stamps[scan])) - steps.heading(float(lidar.stamps[since]))))
         going = np.array((speed * (lidar.stamps[scan] - lidar.stamps[since]), 0.0, turn))
         some = np.asarray(lidar.ranges[np.array((since, scan))])[:, fan.beams]
-        seen = votes(fan, some, np.vstack((np.zeros(3), going)))
+        seen = compare_scans(fan, some, np.vstack((np.zeros(3), going)))
         travel, stand = int(seen.travel.sum()), int(seen.stand.sum())
         if travel >= BEAMS and stand <= travel / 4:
             return Lapse("stale", begin, float(lidar.stamps[scan]), named=False)

@@ -29,7 +29,7 @@ class OdometryPath:
     Attributes:
         stamps: [n] [s].
         poses: [n, 3]; the path of wheel encoders starts at the identity.
-        by_wheels: [n, 3] the same with the wheels' own turns; None where the turns are no gyro's.
+        by_wheels: [n, 3] the same with the wheels' own turns; None without a gyro.
     """
 
     stamps: Array
@@ -42,7 +42,7 @@ class OdometryPath:
 
 
 def odometry_path(recording: Recording, config: SyncConfig) -> OdometryPath | None:
-    """The path at the stamps that the odometry has; None where a recording has no odometry of any kind.
+    """The path at the stamps that the odometry has; None without odometry of any kind.
 
     Wheel encoders with the gyro's yaw rate where there are encoders (wheels alone before the gyro starts, after it
     ends, or without one), else the odometry's poses, else the poses logged with the scans.

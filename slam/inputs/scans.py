@@ -39,7 +39,7 @@ class Scans:
         sweeps: [n, 3] the robot's motion while each scan is taken, in its frame at the first beam; None for scans
             that count as taken at once.
         max_range: endpoints beyond it are left out [m].
-        travelling: what travels with the robot: left out; None where nothing does.
+        travelling: what travels with the robot: left out; None if nothing does.
 
     Attributes:
         origin: [2] where the rays start, in the robot's frame [m].

@@ -35,9 +35,9 @@ class Step(Summarised):
             other steps from the steps before.
         points: [k, 2] float32 the finite endpoints in the robot's frame [m].
         origin: [2] where the rays start, in the robot's frame [m]: the lidar.
-        scan: thinned as the filter asks for it (``Filter.thinning``); None where it asks for none.
+        scan: thinned as the filter asks for it (``Filter.thinning``); None if it asks for none.
         floor: reads the newest camera frame of at most a given age [s], which takes time: call it at most once, and
-            only to make use of it. None where the run does not use the camera.
+            only to make use of it. None if the run does not use the camera.
         open: of a motion that was not measured, but of which more is known than the velocity before: how far off it
             may be; None of all others.
     """
@@ -64,7 +64,7 @@ def steps(
     """One step a scan; the scans are projected and thinned ``BLOCK`` at a time.
 
     Args:
-        views: camera frames of the floor; None where they are not used.
+        views: camera frames of the floor; None if they are not used.
     """
     indices = range(first, len(inputs))
     for begin in range(0, len(indices), BLOCK):

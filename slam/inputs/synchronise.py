@@ -38,8 +38,8 @@ class Inputs:
         name: of the recording.
         stamps: [n] of the scans, in the order in which they were taken [s].
         scans: their endpoints.
-        path: by odometry, at its own stamps; None where there is no odometry.
-        odometry: [n, 3] the pose at every scan by odometry; zeros where there is none.
+        path: by odometry, at its own stamps; None without odometry.
+        odometry: [n, 3] the pose at every scan by odometry; zeros without.
         motions: [n, 3] the increment since the scan before, in the frame of the pose there; zeros where nothing
             measured it.
         jumped: [n] whether the odometry jumps at the scan.
@@ -47,7 +47,7 @@ class Inputs:
             of wheel encoders, has moved by then, or the robot is seen to stand.
         moves: whether the odometry measures any motion.
         logged: [n] the stamps that the recording gives them, where it has them in another order [s].
-        lapses: where the odometry did not measure; None where there is none.
+        lapses: where the odometry did not measure; None without odometry.
         issues: what was seen to travel with the robot, and the lapses.
     """
 
@@ -197,7 +197,7 @@ def sweep_seconds(recording: Recording, lidar: LidarStream) -> float:
 
 
 def _sweeps(recording: Recording, lidar: LidarStream, path: OdometryPath | None, config: SyncConfig) -> Array | None:
-    """How the robot moves while each scan is taken, [n, 3] in its frame at the first beam; None where unknown.
+    """How the robot moves while each scan is taken, [n, 3] in its frame at the first beam; None if unknown.
 
     Zeros where the odometry jumps between the reading before the sweep and the one after, and so did not measure it.
     """

@@ -36,7 +36,7 @@ class PaperFilter(FilterDefaults):
 
     Attributes:
         poses: [N, 3] of the particles at the last update.
-        weights: theirs.
+        weights: of the particles.
         grid: the one shared map.
         history: the particles' poses at every update.
         best_particle: index into the last update's particles, before they were resampled.
@@ -71,7 +71,7 @@ class PaperFilter(FilterDefaults):
             self.weights = self.weights.times(scores)
             self.best_particle = self.weights.best
             score = int(scores[self.best_particle])
-            self._misfit.look(driven, score / len(step.points) if len(step.points) else None)
+            self._misfit.observe(driven, score / len(step.points) if len(step.points) else None)
         self._best = self.poses[self.best_particle].copy()
         self._covariance.update(self.poses, self.weights.values, self._best)
         self._misfit.update(self._best)

@@ -167,7 +167,8 @@ class Localiser:
         c = self._config
         options = self._options_of(maps.config)
         fitted = register_one(maps, predicted, spread, points, origin, self._registration, options)
-        sure = spread[0] <= c.basin_distance and spread[2] <= OPEN_HEADING
+        forward, _, turn = spread
+        sure = forward <= c.basin_distance and turn <= OPEN_HEADING
         near = sure and _within(c.accept_deviation, fitted.offset, spread)
         score = match_score(fitted.known, fitted.likelihood, fitted.crossed, c)
         known = measured and sure

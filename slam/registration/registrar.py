@@ -19,6 +19,7 @@ from moteslam.kernels.registration import (
     LIKELIHOOD,
     OFFSET,
     PRIOR,
+    PRIOR_MEAN,
     QUERY,
     START,
     RegistrationOptions,
@@ -115,7 +116,7 @@ def register(
     queries[:, FRAME], queries[:, START] = maps.frames(predicted), starts
     queries[:, PRIOR] = weight / x**2, weight / y**2, weight / theta**2, 0.0, 0.0, 0.0
     if means is not None:
-        queries[:, PRIOR][:, 3:] = means
+        queries[:, PRIOR_MEAN] = means
     found = register_scans(
         maps.tiles,
         queries,

@@ -112,7 +112,7 @@ class TsdfFilter(FilterDefaults):
         proposal, resampled = self._resample(step, proposal)
         self._sample(step, proposal)
         self._map(scan, proposal)
-        self._look_for_it(scan)
+        self._relocate(scan)
         return StepResult(self._pose(), moved, n_eff, score, True, resampled, self._certainty())
 
     @property
@@ -174,11 +174,11 @@ class TsdfFilter(FilterDefaults):
         pose, n_eff = np.array(self._tracker.pose), self.weights.effective_number
         return StepResult(pose, np.array(tracked.motion), n_eff, 0.0, True, False, self._certainty())
 
-    def _look_for_it(self, scan: ThinnedScan) -> None:
+    def _relocate(self, scan: ThinnedScan) -> None:
         """Look for a robot that is lost in the map that it had."""
         if self._relocation is None:
             return
-        frame = self._relocation.look(self._particles.best_pose, scan.points)
+        frame = self._relocation.search(self._particles.best_pose, scan.points)
         if frame is None:
             return
         path, before = self.history.path(self.best_particle), self._relocation.updates
@@ -193,7 +193,7 @@ class TsdfFilter(FilterDefaults):
         self._since = self._since.plus(motion, tracked.motion, slipped=tracked.slipped)
         fit = tracked.fit
         self._covariance.step(motion, tracked.motion, None if tracked.lost else fit)
-        self._doubt.look(motion.distance, None if fit is None else fit.seen, carried=tracked.carried)
+        self._doubt.observe(motion.distance, None if fit is None else fit.scan, carried=tracked.carried)
         return tracked
 
     def _register(self, step: Step, scan: ThinnedScan, places: Array) -> Proposal:
@@ -213,7 +213,7 @@ class TsdfFilter(FilterDefaults):
 
     def _weigh(self, step: Step, proposal: Proposal) -> Proposal:
         """Weigh the particles by lidar and odometry, and by the floor's colours; calibrate the odometry."""
-        self._floor.look(step.floor)
+        self._floor.read_frame(step.floor)
         if not proposal.registered:
             return proposal
         particles = self._particles

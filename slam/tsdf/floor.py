@@ -90,7 +90,7 @@ class FloorTracker:
             poses: [N, 3] where the lidar puts them, at the scan.
 
         Returns:
-            None where the frame does not lie on known floor, where it fits nowhere within reach, or where it looks the
+            None if the frame does not lie on known floor, where it fits nowhere within reach, or where it looks the
             same everywhere.
         """
         if not self._maps:
@@ -202,7 +202,7 @@ class FloorLikelihood:
         self._view: FloorView | None = None  # the frame of this update
         self._since_frame = 0.0  # distance since the last frame [m]
 
-    def look(self, read: Callable[[float], FloorView | None] | None) -> None:
+    def read_frame(self, read: Callable[[float], FloorView | None] | None) -> None:
         """Read the newest frame for this update, if the run uses the camera."""
         self._view = None if read is None else read(self._config.largest_age)
 
@@ -214,7 +214,7 @@ class FloorLikelihood:
         likelihood, falls with d^T (B - B (A + B)^-1 B) d / 2.
 
         Returns:
-            None where there is no frame, or it measures nothing.
+            None without a frame, or if it measures nothing.
         """
         if self._view is None or not proposal.registered:
             return None

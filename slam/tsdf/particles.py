@@ -23,7 +23,7 @@ class Particles:
 
     Attributes:
         poses: [N, 3] at the last update.
-        weights: theirs.
+        weights: of the particles.
         best: index of the best one.
         hypotheses: [N] numbers of the places that they were sent to; equal where a search left no choice.
         maps: their TSDFs.

@@ -87,7 +87,7 @@ class Relocation:
         self._next, self._next_whole = FIRST_LOOK, FIRST_LOOK
         self._found: Array | None = None  # by the search before: where the new map's frame lies in the old one's
 
-    def look(self, pose: Array, points: Points) -> Array | None:
+    def search(self, pose: Array, points: Points) -> Array | None:
         """Take in an update since, and search if it is time.
 
         Args:
