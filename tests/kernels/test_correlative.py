@@ -130,17 +130,11 @@ def test_no_turns(room: Pool) -> None:
     [
         ({"frames": np.ones((2, 4))}, "frames"),
         ({"points": np.zeros((MAX_SEARCH_POINTS + 1, 2))}, "points"),
-        ({"points": [(np.nan, 0)]}, "points"),
-        ({"turns": [np.nan]}, "turns"),
         ({"turn_costs": [-1]}, "turn_costs"),
-        ({"turn_costs": [1, 2]}, "turn_costs"),
         ({"shifts": np.empty((0, 2)), "shift_costs": []}, "blocks"),
-        ({"shift_costs": [0, np.inf, 0, 0]}, "shift_costs"),
         ({"blocks": 3}, "blocks"),
-        ({"blocks": 0}, "blocks"),
         ({"cell_size": -0.05}, "cell_size"),
         ({"near": 0.0}, "near"),
-        ({"near": np.nan}, "near"),
     ],
 )
 def test_bad_input_of_the_search(change: dict[str, object], field: str) -> None:

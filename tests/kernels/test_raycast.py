@@ -163,8 +163,6 @@ def test_every_wall_is_in_every_bucket_it_crosses(seed: int) -> None:
     [
         (np.empty((0, 4)), "segments: no segments"),
         ([(0, 0, 1, 0), (2, 2, 2, 2)], "segments: segment 1 has no length"),
-        ([(0, 0, np.nan, 0)], "segments: a value that is not finite"),
-        ([(0, 0, 1)], "segments: float64"),
         ([(0, 0, 1e7, 0)], "segments: 1e.07 m wide"),
     ],
 )
@@ -183,9 +181,6 @@ def test_bad_size(size: float) -> None:
     ("origins", "angles", "max_range", "field"),
     [
         ([(0, 0)], [0.0, 1.0], 1.0, "angles"),
-        ([(0, 0, 0)], [0.0], 1.0, "origins"),
-        ([(0, np.inf)], [0.0], 1.0, "origins"),
-        ([(0, 0)], [np.nan], 1.0, "angles"),
         ([(0, 0)], [0.0], 0.0, "max_range"),
         ([(0, 0)], [0.0], np.nan, "max_range"),
     ],

@@ -267,13 +267,9 @@ def test_it_ends_within_the_bounds_of_where_it_would_go(room: Pool) -> None:
 @pytest.mark.parametrize(
     ("change", "field"),
     [
-        ({"pool": np.zeros(7, np.int16)}, "pool"),
-        ({"tables": np.full((1, 2, 2), 1, np.int32)}, "tables"),
         ({"tables": np.zeros((2, 2, 2), np.int32)}, "tiles"),  # neither one nor three
         ({"queries": np.ones((3, 12))}, "queries"),
         ({"queries": np.zeros((3, 13))}, "queries"),  # a prior of no weight
-        ({"queries": np.full((3, 13), np.nan)}, "queries"),
-        ({"points": [(np.inf, 0)]}, "points"),
         ({"origin": (0, 0, 0)}, "origin"),
         ({"origin": (0, np.nan)}, "origin"),
     ],

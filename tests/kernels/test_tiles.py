@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from tile_pools import CELL, MIDDLE, Pool, room_scan, thinned
+from tile_pools import MIDDLE, Pool, room_scan, thinned
 from twins import tsdf
 
 from moteslam.errors import InputError
@@ -160,15 +160,10 @@ def test_tables_and_pools_that_do_not_fit_are_refused() -> None:
     cases: list[tuple[Callable[[], object], str]] = [
         (lambda: tiles_of(pool[:-1], tables), "pool: 3839 cells"),
         (lambda: tiles_of(pool[:0], tables), "pool: 0 cells"),
-        (lambda: tiles_of(pool.astype(np.int32), tables), "pool: "),
-        (lambda: tiles_of(pool, tables[0]), "tables: "),
         (lambda: tiles_of(pool, tables[:, :0]), "tables: "),
         (lambda: tiles_of(pool, tables + 3), "tables: a tile beyond"),
         (lambda: tiles_of(pool, tables - 1), "tables: a tile beyond"),
-        (lambda: tiles_of(pool, tables[:, ::2]), "tables: "),
         (lambda: frames_in_cells(np.zeros((2, 4)), 0.0), "cell_size: "),
-        (lambda: frames_in_cells(np.zeros((2, 3)), CELL), "frames: "),
-        (lambda: frames_in_cells(np.full((2, 4), np.nan), CELL), "frames: "),
     ]
     for call, message in cases:
         with pytest.raises(InputError, match=f"^{message}"):
