@@ -14,8 +14,7 @@ from pydantic import ValidationError
 
 from moteslam.errors import ConfigError
 from moteslam.robot.tables import Table, assigned, merged, read_toml
-from moteslam.robot.wording import Place, expect_type, first_complaint, known_keys
-from moteslam.slam.backend.kinds import BACKENDS
+from moteslam.robot.wording import expect_type, first_complaint, known_keys
 from moteslam.slam.config import METHODS, SlamConfig
 
 DEFAULT_PRESET = "default"
@@ -76,11 +75,12 @@ def _resolved(preset: Table, given: Table, *, file: Path | None) -> SlamConfig:
     try:
         return model.model_validate(values)
     except ConfigError as error:
-        problem = _other_backend(error.field or "", _backend_of(values)) or error.problem
-        raise ConfigError(problem, file=file, field=error.field) from error
+        raise ConfigError(error.problem, file=file, field=error.field) from error
     except ValidationError as error:
-        field, problem = first_complaint(error, "configuration", lambda place: _expected(model, place))
-        raise ConfigError(_other_method(field, base["method"]) or problem, file=file, field=field) from error
+        field, problem = first_complaint(
+            error, "configuration", lambda place: f"expected one of {', '.join(known_keys(model, place))}"
+        )
+        raise ConfigError(problem, file=file, field=field) from error
 
 
 def _over(values: Table, others: Table) -> Table:
@@ -105,26 +105,3 @@ def _model(method: object, *, file: Path | None) -> type[SlamConfig]:
         return METHODS[method].config
     except ConfigError as error:
         raise ConfigError(error.problem, file=file, field="method") from error
-
-
-def _other_method(field: str, method: str) -> str | None:
-    """What to say of a key that only other methods have."""
-    key = field.partition(".")[0]
-    if key in METHODS[method].config.model_fields:
-        return None
-    owners = [f'"{name}"' for name, other in METHODS.items() if key in other.config.model_fields]
-    return f'no key of method "{method}", expected method {" or ".join(owners)} with it' if owners else None
-
-
-def _other_backend(field: str, method: object) -> str | None:
-    """Whose key it is, where it is one of another back end's."""
-    section, _, keys = field.partition(".")
-    key = keys.partition(".")[0]
-    if section != "backend" or method not in BACKENDS.names() or key in BACKENDS[str(method)].config.model_fields:
-        return None
-    owners = [f'"{name}"' for name, other in BACKENDS.items() if key in other.config.model_fields]
-    return f'no key of the back end "{method}", expected {" or ".join(owners)}' if owners else None
-
-
-def _expected(model: type[SlamConfig], place: Place) -> str:
-    return f"expected one of {', '.join(known_keys(model, place))}"
