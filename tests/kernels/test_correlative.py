@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from numpy.typing import ArrayLike, NDArray
-from tile_pools import CELL, MIDDLE, Pool, frames, mapped_room, moved, room_scan
+from tile_pools import CELL, MIDDLE, Pool, frames, mapped_room, moved, room_scan, tiles_of
 from twins import tsdf
 
 from moteslam.errors import InputError
 from moteslam.kernels import correlative
 from moteslam.kernels.correlative import MAX_SEARCH_POINTS, search_scans
-from moteslam.kernels.tiles import CELLS, STEPS, tiles_of
+from moteslam.kernels.tiles import CELLS, STEPS
 
 pytestmark = pytest.mark.usefixtures("taichi")
 

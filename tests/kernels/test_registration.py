@@ -7,7 +7,19 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from numpy.typing import ArrayLike, NDArray
-from tile_pools import CELL, COARSE_TRUNCATION, MIDDLE, TRUNCATION, Pool, frames, mapped_room, moved, room_scan, thinned
+from tile_pools import (
+    CELL,
+    COARSE_TRUNCATION,
+    MIDDLE,
+    TRUNCATION,
+    Pool,
+    frames,
+    mapped_room,
+    moved,
+    room_scan,
+    thinned,
+    tiles_of,
+)
 from twins import tsdf
 
 from moteslam.errors import InputError
@@ -30,7 +42,7 @@ from moteslam.kernels.registration import (
     register_scans,
 )
 from moteslam.kernels.runtime import ti
-from moteslam.kernels.tiles import CELLS, SIDE, STEPS, WEIGHT_BITS, tiles_of
+from moteslam.kernels.tiles import CELLS, SIDE, STEPS, WEIGHT_BITS
 from moteslam.kernels.types import F32_2D, kernel
 
 pytestmark = pytest.mark.usefixtures("taichi")
