@@ -62,8 +62,7 @@ def random_words() -> Results:
 
 def endpoints() -> Results:
     """Of 200 scans of 1081 beams, de-skewed and thinned."""
-    from moteslam.kernels.projection import project_scans
-    from moteslam.kernels.thinning import thin_scans
+    from moteslam.kernels.scans import project_scans, thin_scans
 
     generator = np.random.default_rng(11)
     ranges = generator.uniform(0.1, 20, (200, 1081)).astype(np.float32)
@@ -179,13 +178,11 @@ def distance_maps() -> Results:
     from tile_pools import MIDDLE, OPTIONS, frames, room_scan, thinned
 
     from moteslam.kernels.correlative import MAX_SEARCH_POINTS, search_scans
-    from moteslam.kernels.degeneracy import Kept
-    from moteslam.kernels.integration_options import IntegrationOptions
-    from moteslam.kernels.registration import FRAME, OFFSET, PRIOR, QUERY, register_scans
-    from moteslam.kernels.registration_options import RegistrationOptions
+    from moteslam.kernels.gauss_newton import Kept
+    from moteslam.kernels.registration import FRAME, OFFSET, PRIOR, QUERY, RegistrationOptions, register_scans
     from moteslam.kernels.tile_store import tile_store
     from moteslam.kernels.tiles import CELLS
-    from moteslam.kernels.tsdf import integrate_scans
+    from moteslam.kernels.tsdf import IntegrationOptions, integrate_scans
 
     generator = np.random.default_rng(10)
     particles = 200
@@ -236,9 +233,8 @@ def floors() -> Results:
     from ucsd_robot import CAMERA
 
     from moteslam.kernels.camera import depth_view_of, render_colour, render_disparity, view_of
-    from moteslam.kernels.colour_match import match_colours
     from moteslam.kernels.raycast import build_buckets, cast_rays
-    from moteslam.kernels.texture import add_frame
+    from moteslam.kernels.texture import add_frame, match_colours
     from moteslam.robot import rgbd
     from moteslam.slam.texture.floor_map import calibration
 

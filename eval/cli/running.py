@@ -19,10 +19,9 @@ from moteslam.robot.raster import Raster
 from moteslam.robot.recording import Recording
 from moteslam.robot.trajectory import Trajectory
 from moteslam.robot.values import Issue, counted
-from moteslam.slam.colouring import wants_colours, with_texture
 from moteslam.slam.config import SlamConfig
 from moteslam.slam.estimate import Estimate
-from moteslam.slam.run import SlamSession
+from moteslam.slam.run import SlamSession, wants_colours, with_texture
 from moteslam.slam.texture.floor_map import TextureMap, TextureMapper
 
 if TYPE_CHECKING:

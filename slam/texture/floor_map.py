@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from moteslam.errors import InputError
-from moteslam.robot import rgbd
+from moteslam.robot import rgbd, se2
 from moteslam.robot.platform import CameraSpec
 from moteslam.robot.raster import Raster
 from moteslam.robot.recording import Recording
@@ -53,8 +53,6 @@ class TextureMapper:
     """Sums of the colours in each cell, frame by frame.
 
     Args:
-        mount: of the camera on the robot.
-        config: cell size and limits.
         low, high: (x, y) of the corners of the area to map [m]; points outside are left out.
 
     Raises:
@@ -190,3 +188,82 @@ def _longest_ray() -> float:
         max(rgbd.CENTRE[1], rgbd.HEIGHT - rgbd.CENTRE[1]),
     )
     return float(np.sqrt(1 + (x / rgbd.FOCAL) ** 2 + (y / rgbd.FOCAL) ** 2))
+
+
+SLANT = 0.5
+"""The turn of a patch's cells against the robot's axes [rad]. Were they parallel to a map's cells, all would move from
+one to the next at the same shift, and nothing finer than a cell could be measured."""
+
+
+@dataclass(frozen=True, eq=False)
+class FloorPatch:
+    """The floor that one frame shows.
+
+    Attributes:
+        points: [k, 2] float32 centres of cells, in the robot's frame [m]; the cells' rows are turned by ``SLANT``.
+        colours: [k] int32 red + 256 green + 65536 blue, the mean of the points in each cell.
+    """
+
+    points: NDArray[np.float32]
+    colours: NDArray[np.int32]
+
+
+def floor_patch(frame: CameraFrame, mount: CameraSpec, config: TextureConfig, *, max_depth: float) -> FloorPatch:
+    """The floor near the robot as one frame shows it, a point a cell.
+
+    Args:
+        max_depth: points deeper than this are left out [m].
+    """
+    near = config.model_copy(update={"max_depth": max_depth})
+    reach = 1.3 * max_depth + float(np.hypot(mount.x, mount.y))
+    mapper = TextureMapper(mount, near, (-reach, -reach), (reach, reach))
+    mapper.add(frame, (0.0, 0.0, SLANT))
+    seen = mapper.snapshot()
+    rows, columns = np.nonzero(seen.known)
+    centres = (np.stack((columns, rows), axis=-1) + 0.5) * seen.cell_size + seen.origin[:2]
+    centres = se2.transform_points(np.array((0.0, 0.0, -SLANT)), centres)
+    return FloorPatch(centres.astype(np.float32), _packed(seen.values[rows, columns]))
+
+
+def packed_map(texture: TextureMap) -> NDArray[np.int32]:
+    """The map's colours as one number a cell [H, W], -1 where it has none."""
+    return np.ascontiguousarray(np.where(texture.known, _packed(texture.values), -1), np.int32)
+
+
+def colour_errors(
+    patch: FloorPatch,
+    poses: ArrayLike,
+    texture: TextureMap,
+    *,
+    limit: int,
+    packed: NDArray[np.int32] | None = None,
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """The mean difference of a patch's colours from the map's at each pose, and the number of cells compared.
+
+    A cell's difference is |r| + |g| + |b|, at most ``limit``: robust against what has moved.
+
+    Args:
+        poses: [n, 3] of the robot.
+        limit: of a cell's difference [levels].
+        packed: ``packed_map(texture)``, to have it made once for many frames.
+
+    Returns:
+        float64 [n] the mean over the cells that lie on known floor [levels], half the limit where none does; int64 [n]
+        the number of these cells.
+
+    Raises:
+        InputError: poses that are not finite.
+    """
+    from moteslam.kernels.texture import match_colours  # imports Taichi
+
+    cells = packed_map(texture) if packed is None else packed
+    sums = match_colours(
+        patch.points, patch.colours, poses, cells, corner=texture.origin[:2], cell_size=texture.cell_size, limit=limit
+    )
+    difference, known = sums.T.astype(np.int64)
+    return np.where(known > 0, difference / np.maximum(known, 1), limit / 2), known
+
+
+def _packed(colours: NDArray[np.uint8]) -> NDArray[np.int32]:
+    red, green, blue = np.moveaxis(colours.astype(np.int32), -1, 0)
+    return np.ascontiguousarray(red | green << 8 | blue << 16)

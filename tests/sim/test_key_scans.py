@@ -18,8 +18,7 @@ from moteslam.robot.recording import EncoderStream, LidarStream, Recording
 from moteslam.sim.base_odometry import with_odometry
 from moteslam.sim.key_scans import key_scans
 from moteslam.slam.inputs.config import SyncConfig
-from moteslam.slam.inputs.synchronise import synchronise
-from moteslam.slam.inputs.warnings import warnings
+from moteslam.slam.inputs.synchronise import synchronise, warnings
 from moteslam.slam.odometry.dead_reckoning import dead_reckon
 
 PAPER = SyncConfig(method="nearest", low_pass_hz=10.0)

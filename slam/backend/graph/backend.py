@@ -22,7 +22,7 @@ from moteslam.slam.backend.graph.nodes import Nodes
 from moteslam.slam.backend.kinds import BackendKind
 from moteslam.slam.backend.ledger import LoopCandidate
 from moteslam.slam.backend.protocol import KeyScan
-from moteslam.slam.inputs.filling import between_known
+from moteslam.slam.inputs.odometry_path import between_known
 
 Array = NDArray[np.float64]
 

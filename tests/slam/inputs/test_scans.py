@@ -8,7 +8,7 @@ import pytest
 from moteslam.robot import se2
 from moteslam.robot.platform import LidarSpec, Platform
 from moteslam.robot.recording import LidarStream, OdometryStream, Recording
-from moteslam.slam.inputs import thinning
+from moteslam.slam.inputs import step as thinning
 from moteslam.slam.inputs.config import SyncConfig, ThinningConfig
 from moteslam.slam.inputs.synchronise import synchronise
 

@@ -23,8 +23,7 @@ from moteslam.sim.world.floor import rasterise
 from moteslam.slam.run import run_slam
 from moteslam.slam.settings import resolve_config
 from moteslam.slam.texture.config import TextureConfig
-from moteslam.slam.texture.floor_map import TextureMap, TextureMapper, can_map, map_texture
-from moteslam.slam.texture.patches import colour_errors, floor_patch
+from moteslam.slam.texture.floor_map import TextureMap, TextureMapper, can_map, colour_errors, floor_patch, map_texture
 
 
 @pytest.fixture(scope="module")
