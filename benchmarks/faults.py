@@ -108,7 +108,7 @@ def run(fault: str, world: str, platform: str, form: str, seed: int) -> Row:
 def measure(fault: Fault, world: str, platform: str, form: str, seed: int) -> Row:
     """The figures of one run with a fault beside those without."""
     from moteslam.kernels import runtime
-    from moteslam.sim.simulate import EPOCH
+    from moteslam.sim.sensors.clock import EPOCH
 
     runtime.init("cpu", 1)
     truth, online, final = _without(world, platform, form, seed)
@@ -149,7 +149,7 @@ def moment(truth: Trajectory, fault: Fault, seed: int) -> float:
         seed: which of the moments.
     """
     from moteslam.robot import se2
-    from moteslam.sim.simulate import EPOCH
+    from moteslam.sim.sensors.clock import EPOCH
 
     since = truth.stamps - EPOCH
     times = np.arange(FIRST, since[-1] - LAST - fault.duration, 0.1)

@@ -45,7 +45,7 @@ def run(robot: str, seed: int, preset: str, duration: float) -> Row:
 def measure(robot: str, seed: int, preset: str, duration: float) -> Row:
     """Of one drive, for every format: differences, the ATE of the final trajectory, whether its bytes are the same."""
     from moteslam.kernels import runtime
-    from moteslam.sim.base_odometry import with_odometry
+    from moteslam.sim.logged import with_odometry
 
     runtime.init("cpu", 1)
     case = simulate_case("corridor", seed, platform=robot, duration=duration)

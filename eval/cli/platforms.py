@@ -10,6 +10,7 @@ import typer
 from moteslam.eval.cli import options
 from moteslam.eval.cli.text import say, say_json, table
 from moteslam.eval.literal import literal
+from moteslam.robot.platform import Platform
 
 
 def platforms(
@@ -71,3 +72,19 @@ def platforms(
             )
         )
     say(table(rows, right=(1, 2, 3)))
+
+
+def _figures(robot: Platform) -> dict[str, object]:
+    """What sets a robot apart, for JSON."""
+    scan = robot.lidar.scan
+    return {
+        "description": robot.description,
+        "beams": scan.beams,
+        "angle_min_rad": scan.angle_min,
+        "angle_increment_rad": scan.angle_increment,
+        "rate_hz": scan.rate,
+        "range_min_m": scan.range_min,
+        "range_max_m": scan.range_max,
+        "top_speed_m_s": robot.top_speed,
+        "noise_classes": ["datasheet"] if robot.as_recorded is None else ["datasheet", "as_recorded"],
+    }
