@@ -10,7 +10,6 @@ import typer
 from moteslam.eval.cli import options
 from moteslam.eval.cli.text import say, say_json, table
 from moteslam.eval.literal import literal
-from moteslam.robot.platform import Platform
 
 
 def platforms(
@@ -33,7 +32,6 @@ def platforms(
 
     from moteslam.robot.platform import field_of_view
     from moteslam.robot.platforms import bundled_platforms, load_platform, platform_table
-    from moteslam.sim.robot.choice import NOISE_CLASSES
 
     if name is not None:
         chosen = platform_table(load_platform(name))
@@ -50,7 +48,7 @@ def platforms(
             "range_min_m": robot.lidar.scan.range_min,
             "range_max_m": robot.lidar.scan.range_max,
             "top_speed_m_s": robot.top_speed,
-            "noise_classes": NOISE_CLASSES[:1] if robot.as_recorded is None else NOISE_CLASSES,
+            "noise_classes": ["datasheet"] if robot.as_recorded is None else ["datasheet", "as_recorded"],
         }
         for each, robot in robots.items()
     }
@@ -72,19 +70,3 @@ def platforms(
             )
         )
     say(table(rows, right=(1, 2, 3)))
-
-
-def _figures(robot: Platform) -> dict[str, object]:
-    """What sets a robot apart, for JSON."""
-    scan = robot.lidar.scan
-    return {
-        "description": robot.description,
-        "beams": scan.beams,
-        "angle_min_rad": scan.angle_min,
-        "angle_increment_rad": scan.angle_increment,
-        "rate_hz": scan.rate,
-        "range_min_m": scan.range_min,
-        "range_max_m": scan.range_max,
-        "top_speed_m_s": robot.top_speed,
-        "noise_classes": ["datasheet"] if robot.as_recorded is None else ["datasheet", "as_recorded"],
-    }
