@@ -40,7 +40,7 @@ OPENED = """
 import json, resource, sys, time
 import moteslam.robot.formats.bags.formats
 from moteslam import open_recording
-from moteslam.robot.ranges import chunks
+from moteslam.robot.recording import chunks
 
 def peak():
     try:  # not ru_maxrss, which begins with what the parent held
