@@ -40,7 +40,6 @@ def _of_sweep(path: Path) -> list[Population]:
                 continue
             run = row.run
             key = (dict(group_of(row))["scenario"], run.platform, run.noise, run.duration, run.seed)
-            values = {name: value for name, value in (row.values | row.costs).items() if value is not None}
             runs = found.setdefault(run.configured, Population(run.configured, {})).runs
-            runs[key] = values if row.status == "ok" else None
+            runs[key] = row.known if row.status == "ok" else None
     return list(found.values())

@@ -143,12 +143,12 @@ def list_specs(
       moteslam sweep list
       moteslam sweep list particles > mine.toml
     """  # noqa: D301
-    from moteslam.eval.sweep.bundled import bundled_spec, bundled_specs, digest
+    from moteslam.eval.sweep.bundled import bundled_specs, digest, spec_file
     from moteslam.eval.sweep.plan import plan
     from moteslam.eval.sweep.spec import read_spec
 
     if name is not None:
-        text = bundled_spec(name).read_text(encoding="utf-8")
+        text = spec_file(name).read_text(encoding="utf-8")
         say_json({"name": name, "toml": text}) if as_json else say(text.rstrip("\n"))
         return
     found: list[dict[str, Any]] = []

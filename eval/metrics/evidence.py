@@ -14,14 +14,21 @@ from moteslam.errors import InputError
 from moteslam.eval.metrics.association import covered, evenly
 from moteslam.eval.metrics.ate import AteResult, absolute_trajectory_error
 from moteslam.eval.metrics.consistency import NeesResult, nees_from_start
-from moteslam.eval.metrics.drift import DriftResult, ReturnResult, drift, loop_closing_error
 from moteslam.eval.metrics.localisation import LocalisationResult, score_localisation
 from moteslam.eval.metrics.loops import LoopResult, score_loops
 from moteslam.eval.metrics.map_accuracy import MapAccuracy, map_accuracy
 from moteslam.eval.metrics.map_consistency import MapConsistency, map_consistency
 from moteslam.eval.metrics.relations import RelationResult, Relations, evaluate_relations
 from moteslam.eval.metrics.residuals import ResidualResult, scan_residuals
-from moteslam.eval.metrics.rpe import RpeResult, Unit, relative_pose_error
+from moteslam.eval.metrics.rpe import (
+    DriftResult,
+    ReturnResult,
+    RpeResult,
+    Unit,
+    drift,
+    loop_closing_error,
+    relative_pose_error,
+)
 from moteslam.robot import se2
 from moteslam.robot.raster import Raster
 from moteslam.robot.recording import Recording

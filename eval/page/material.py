@@ -149,7 +149,6 @@ def _take_sweep(material: Material, path: Path, prefix: str) -> None:
             if not row.status:
                 material.pending += 1
                 continue
-            values = {name: value for name, value in (row.values | row.costs).items() if value is not None}
             material.units |= row.units
             material.issues.update(str(issue["message"]) for issue in row.issues)
             run = row.run
@@ -167,7 +166,7 @@ def _take_sweep(material: Material, path: Path, prefix: str) -> None:
                     base=prefix + run.configuration,
                     status=row.status,
                     error=row.error,
-                    values=values,
+                    values=row.known,
                     absent=row.absent,
                     succeeded=succeeds(row, success),
                 )

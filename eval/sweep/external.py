@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import subprocess
 import tempfile
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from moteslam.errors import InputError, MoteslamError, MoteslamWarning
+from moteslam.errors import InputError, MoteslamError
 from moteslam.robot.formats.carmen_writer import write_carmen
 from moteslam.robot.formats.map_server import read_map
 from moteslam.robot.formats.ucsd import write_ucsd
@@ -53,7 +52,7 @@ def estimate(command: Command, recording: Recording, seed: int) -> tuple[Traject
     """Run an external SLAM over a recording; its trajectory, and its map if it wrote one.
 
     Nothing but the recording and its robot is given to it; what it prints is thrown away, but for the last line of one
-    that fails. Who calls sets the time limit.
+    that fails.
 
     Raises:
         InputError: the recording cannot be written in that format; the command is not there, fails, or writes no
@@ -83,8 +82,6 @@ def estimate(command: Command, recording: Recording, seed: int) -> tuple[Traject
             raise InputError(f"wrote no {command.trajectory}, expected its trajectory in {{out}}", file=words[0])
         try:
             trajectory = read_trajectory(out / command.trajectory)
-            for issue in trajectory.warnings:
-                warnings.warn(MoteslamWarning(str(issue)), stacklevel=2)
             occupancy = read_map(out / command.map) if command.map and (out / command.map).exists() else None
         except MoteslamError as error:  # its file is gone soon
             where = f"{Path(error.file).name}: " if error.file is not None else ""

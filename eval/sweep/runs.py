@@ -117,7 +117,7 @@ def _external(run: PlannedRun, case: Case, *, timed: bool) -> dict[str, Any]:
         recording=case.recording,
         cost=Cost(cpu, wall, 1024 * after.ru_maxrss) if timed else None,
     )
-    return _measured(run, evidence, case.recording.warnings)
+    return _measured(run, evidence, (*case.recording.warnings, *trajectory.warnings))
 
 
 def _measured(run: PlannedRun, evidence: Evidence, issues: Iterable[Issue]) -> dict[str, Any]:

@@ -64,6 +64,11 @@ class Row:
     costs: dict[str, float]
     issues: tuple[dict[str, Any], ...] = ()
 
+    @property
+    def known(self) -> dict[str, float]:
+        """Values and costs that are not absent."""
+        return {name: value for name, value in (self.values | self.costs).items() if value is not None}
+
 
 class Store:
     """An open file of a sweep; see ``opened``.

@@ -7,7 +7,7 @@ import pytest
 
 from moteslam.errors import InputError
 from moteslam.eval.metrics.ate import absolute_trajectory_error
-from moteslam.eval.metrics.drift import LENGTHS, drift, loop_closing_error
+from moteslam.eval.metrics.rpe import LENGTHS, drift, loop_closing_error
 from moteslam.robot import se2
 from moteslam.robot.trajectory import Trajectory
 
