@@ -18,7 +18,7 @@ from moteslam.robot.raster import Raster
 from moteslam.robot.recording import Recording
 from moteslam.robot.rgbd import CameraFrame, FrameCount, camera_frames, has_images
 from moteslam.robot.trajectory import Trajectory
-from moteslam.robot.values import Issue, counted
+from moteslam.robot.values import Issue, Summarised, counted
 from moteslam.slam.texture.config import TextureConfig
 
 MAX_CELLS = 40_000_000
@@ -195,8 +195,8 @@ SLANT = 0.5
 one to the next at the same shift, and nothing finer than a cell could be measured."""
 
 
-@dataclass(frozen=True, eq=False)
-class FloorPatch:
+@dataclass(frozen=True, eq=False, repr=False)
+class FloorPatch(Summarised):
     """The floor that one frame shows.
 
     Attributes:
