@@ -1,4 +1,4 @@
-"""A value of the wrong type is refused in words at the public functions, not deep in NumPy."""
+"""A value of the wrong type is refused in one line at the public functions, not deep in NumPy."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ import numpy as np
 import pytest
 
 import moteslam
-from moteslam import MoteslamError, Recording, Trajectory
+from moteslam import MoteslamError, Platform, Recording, Trajectory
 
-PATH = moteslam.Trajectory(np.arange(3.0), np.zeros((3, 3)))
-EMPTY = Recording("empty", moteslam.Platform())
+PATH = Trajectory(np.arange(3.0), np.zeros((3, 3)))
+EMPTY = Recording("empty", Platform())
 
 
 @pytest.mark.parametrize(
-    ("call", "field"),
+    ("call", "parameter"),
     [
         (lambda: moteslam.run_slam("log"), "recording"),
-        (lambda: moteslam.run_slam(EMPTY, "paper"), "config"),
         (lambda: moteslam.run_slam(EMPTY, seed=1.5), "seed"),
+        (lambda: moteslam.run_slam(EMPTY, "paper"), "config"),
         (lambda: moteslam.dead_reckon(3), "recording"),
         (lambda: moteslam.inspect_recording("log"), "recording"),
         (lambda: moteslam.write_carmen("x.log", PATH), "recording"),
@@ -35,27 +35,29 @@ EMPTY = Recording("empty", moteslam.Platform())
         (lambda: moteslam.relative_pose_error(PATH, np.zeros((3, 3))), "reference"),
         (lambda: moteslam.evaluate_relations(PATH, PATH), "relations"),
         (lambda: moteslam.write_tum("x.tum", np.zeros((3, 3))), "trajectory"),
-        (lambda: moteslam.resolve_config(None), "preset"),  # type: ignore[arg-type]
+        (lambda: moteslam.resolve_config(None), "preset"),
         (lambda: moteslam.resolve_config("paper", "particles=3"), "settings"),
-        (lambda: Recording("x", None), "platform"),  # type: ignore[arg-type]
-        (lambda: Recording("x", moteslam.Platform(), lidar="l"), "lidar"),  # type: ignore[arg-type]
-        (lambda: Trajectory([1.0, 0.0], np.zeros((2, 3))), "stamps"),  # type: ignore[arg-type]
-        (lambda: Trajectory("now", [[0, 0, 0]]), None),  # type: ignore[arg-type]
-        (lambda: Trajectory([0.0, 1.0], [[0, 0], [0]]), None),  # type: ignore[arg-type]
+        (lambda: moteslam.load_scenario(3), "name_or_path"),
+        (lambda: moteslam.open_recording(3), "path"),
+        (lambda: Recording("x", None), "platform"),
+        (lambda: Recording("x", Platform(), lidar="l"), "lidar"),
+        (lambda: Trajectory([1.0, 0.0], np.zeros((2, 3))), "stamps"),
+        (lambda: Trajectory("now", [[0, 0, 0]]), None),
+        (lambda: Trajectory([0.0, 1.0], [[0, 0], [0]]), None),
     ],
 )
 def test_the_line_names_the_parameter(
-    call: Callable[[], Any], field: str | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+    call: Callable[[], Any], parameter: str | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(MoteslamError) as caught:
         call()
-    assert caught.value.field == field
+    assert caught.value.field == parameter
     assert "\n" not in str(caught.value)
     assert not list(tmp_path.iterdir())
 
 
-def test_results_and_simulations_make_their_folder(tmp_path: Path, taichi: None) -> None:
+def test_results_and_simulations_make_their_folder(tmp_path: Path, taichi: None):
     scenario = moteslam.load_scenario("corridor").model_copy(update={"duration": 12.0})
     simulation = moteslam.simulate(scenario)
     moteslam.write_simulation(tmp_path / "a" / "recording", simulation)
