@@ -195,17 +195,14 @@ def test_a_folder_around_the_input_and_one_of_others_are_not_replaced(
 
 BREAKS = {
     "ucsd": "moteslam.robot.formats.ucsd._compact",
-    "carmen": "moteslam.robot.formats.carmen_writer.gzip.compress",
     "csv": "moteslam.robot.formats.csv_writer.platform_table",
-    "bag": "moteslam.robot.formats.bags.write.bytes_of",
-    "rosbag2": "moteslam.robot.formats.bags.write.bytes_of",
     "mcap": "moteslam.robot.formats.bags.write.bytes_of",
 }
 """What is called in the midst of writing; of a UCSD folder and CSV files after some of them are there."""
 
 
 @pytest.mark.parametrize("existing", [False, True])
-@pytest.mark.parametrize("form", WRITTEN)
+@pytest.mark.parametrize("form", BREAKS)
 def test_a_write_that_fails_midway_leaves_nothing(
     form: str, existing: bool, drives: dict[str, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys
 ) -> None:

@@ -118,22 +118,6 @@ def test_a_gap_is_drawn_and_the_first_scans_are_named(tmp_path: Path, drawn: lis
     assert label == "lidar\nfirst 3000 scans"
 
 
-def test_labels_cover_no_data(tmp_path: Path, drawn: list[Figure]) -> None:
-    figure = drawn_of(WHOLE, tmp_path, drawn)
-    for axes in figure.axes:
-        if (legend := axes.get_legend()) is not None:
-            assert legend.get_window_extent().x0 >= axes.get_window_extent().x1
-
-
-def test_shares_are_in_the_legend(tmp_path: Path, drawn: list[Figure]) -> None:
-    ranges = np.full((4, 40), 2.0)
-    ranges[:, :10], ranges[:, 10:12] = np.inf, np.nan
-    figure = drawn_of(Recording("shares", Platform(), lidar=lidar(np.arange(4.0), ranges)), tmp_path, drawn)
-    legend = figure.axes[-1].get_legend()
-    assert legend is not None
-    assert [text.get_text() for text in legend.get_texts()] == ["no return, 25 %", "invalid, 5 %"]
-
-
 @pytest.fixture
 def bag(tmp_path: Path) -> Path:
     write_recording(tmp_path / "a.bag", whole().replace(rgbd=None))
@@ -166,14 +150,6 @@ def test_a_plot_of_a_bag_has_its_ranges(bag: Path, scans_read: list[int], drawn:
     assert "range [m]" in [axes.get_ylabel() for axes in drawn[0].axes]
     assert open_recording(bag).lidar is not None
     assert capsys.readouterr().err == ""
-
-
-def test_a_part_is_drawn(bag: Path, drawn: list[Figure]) -> None:
-    options = ["--start", "1", "--end", "3", "--streams", "lidar,imu"]
-    assert main.run(["inspect", str(bag), "--plot", str(bag.with_name("a.png")), *options]) == 0
-    [figure] = drawn
-    assert [label.get_text() for label in figure.axes[0].get_yticklabels()] == ["lidar", "imu"]
-    assert figure.axes[0].get_xlim()[1] == pytest.approx(2.0, abs=0.1)
 
 
 def test_scans_fill_the_time_until_the_next_but_for_gaps(tmp_path: Path, drawn: list[Figure]) -> None:

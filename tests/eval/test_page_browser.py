@@ -121,27 +121,6 @@ def test_charts_are_drawn(browser: Browser, pages: dict[str, Path]) -> None:
     assert browser.find_element(By.CSS_SELECTOR, "#curves .ytitle").text == "final.ate [m]"
 
 
-def test_both_schemes(browser: Browser, pages: dict[str, Path]) -> None:
-    opened(browser, pages["sweep"])
-    colours = (
-        "getComputedStyle(document.body).backgroundColor, getComputedStyle(document.querySelector('.ytitle')).fill"
-    )
-    script = f"return [{colours}]"
-    looks = []
-    for scheme in ("light", "dark"):
-        Select(browser.find_element(By.ID, "scheme")).select_by_value(scheme)
-        looks.append(browser.execute_script(script))
-    assert looks == [
-        ["rgb(255, 255, 255)", "rgb(26, 28, 32)"],
-        ["rgb(21, 23, 26)", "rgb(232, 234, 237)"],
-    ]
-    Select(browser.find_element(By.ID, "scheme")).select_by_value("")
-    feature = {"features": [{"name": "prefers-color-scheme", "value": "dark"}]}
-    browser.execute_cdp_cmd("Emulation.setEmulatedMedia", feature)
-    WebDriverWait(browser, 10).until(lambda at: at.execute_script(script) == looks[1])
-    browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": []})
-
-
 def test_the_slider_moves_the_robot(browser: Browser, pages: dict[str, Path]) -> None:
     opened(browser, pages["runs"])
     WebDriverWait(browser, 20).until(lambda _: "s of" in browser.find_element(By.ID, "now").text)
@@ -228,10 +207,3 @@ def test_a_narrow_screen_has_no_sideways_scroll(browser: Browser, pages: dict[st
             assert browser.execute_script("return document.documentElement.scrollWidth") <= 380
     finally:
         browser.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
-
-
-def test_it_prints(browser: Browser, pages: dict[str, Path]) -> None:
-    opened(browser, pages["runs"])
-    printed = browser.execute_cdp_cmd("Page.printToPDF", {})
-    assert len(printed["data"]) > 20_000
-    assert complaints(browser) == []

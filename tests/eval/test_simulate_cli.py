@@ -53,9 +53,7 @@ def test_bad_options_are_refused_in_one_line(
     monkeypatch.chdir(tmp_path)
     Path("room.toml").write_text(scenario_file.read_text())
     Path("part.toml").write_text("[lidar]\nrange_max = 3.0\n")
-    Path("typo.toml").write_text('base = "ucsd"\nspeeed = 3.0\n')
     Path("plain.toml").write_text('base = "ucsd"\nname = "mine"\nas_recorded = false\n')
-    Path("text.toml").write_text("what is this\n")
     before = sorted(tmp_path.iterdir())
     found = refused(capsys, "simulate", "room.toml", "--out", "new/and/x", *options.split())
     assert found.startswith(f"moteslam: {line}")
@@ -87,53 +85,6 @@ def test_a_file_beside_the_scenario_is_its_robot(scenario_file: Path, tmp_path: 
     (tmp_path / "sub" / "burger.toml").write_text('base = "turtlebot3"\n')
     monkeypatch.chdir(tmp_path)
     assert simulated(Path("sub/room.toml"), tmp_path / "out").platform.lidar.beams == 360
-
-
-def test_the_class_of_noise_is_chosen(scenario_file: Path, tmp_path: Path) -> None:
-    file = tmp_path / "mine.toml"
-    file.write_text('base = "turtlebot3"\n[as_recorded.lidar]\ndropout = 0.3\n')
-    recorded = load_platform(file).as_recorded
-    assert recorded is not None
-    theirs = bundled_platform("turtlebot3").as_recorded
-    assert theirs is not None
-    assert recorded.lidar == theirs.lidar.model_copy(update={"dropout": 0.3})
-    shares = []
-    for name, options in (("plain", ()), ("datasheet", ("--noise", "datasheet")), ("rec", ("--noise", "as_recorded"))):
-        lidar = simulated(scenario_file, tmp_path / name, "--platform", file, *options).lidar
-        assert lidar is not None
-        shares.append(np.isnan(lidar.ranges).mean())
-    assert shares == pytest.approx([0.01, 0.01, 0.3], abs=0.01)
-
-
-def test_key_scans_are_kept_by_distance_or_turn(scenario_file: Path, tmp_path: Path) -> None:
-    counts = {}
-    for name, options in (
-        ("all", ()),
-        ("far", ("--log-every", 0.5)),
-        ("turned", ("--log-turn", 0.4)),
-        ("either", ("--log-every", 0.5, "--log-turn", 0.4)),
-    ):
-        lidar = simulated(scenario_file, tmp_path / name, "--platform", "lms200", *options).lidar
-        assert lidar is not None
-        counts[name] = len(lidar)
-    # 4.5 m and a quarter turn
-    assert counts["all"] > 100
-    assert 7 <= counts["far"] <= 10
-    assert 3 <= counts["turned"] <= 6
-    assert max(counts["far"], counts["turned"]) < counts["either"] <= counts["far"] + counts["turned"]
-
-
-def test_odometry_noise_makes_the_odometry_worse(scenario_file: Path, tmp_path: Path) -> None:
-    keys = ("--platform", "lms200", "--log-every", 0.2, "--seed", 4)
-    clean = simulated(scenario_file, tmp_path / "clean", *keys)
-    zero = simulated(scenario_file, tmp_path / "zero", *keys, "--odometry-noise", 0, 0)
-    noisy = simulated(scenario_file, tmp_path / "noisy", *keys, "--odometry-noise", 0.3, 0.3)
-    assert dead_reckon(zero).poses.tobytes() == dead_reckon(clean).poses.tobytes()
-    steps, worse = (np.hypot(*np.diff(dead_reckon(one).poses[:, :2], axis=0).T) for one in (clean, noisy))
-    assert (worse / steps - 1).std() == pytest.approx(0.3, rel=0.5)
-    assert noisy.lidar is not None
-    assert clean.lidar is not None
-    assert noisy.lidar.ranges.tobytes() == clean.lidar.ranges.tobytes()
 
 
 def test_a_carmen_log_is_replayed_and_scored_by_the_truth_beside_it(
