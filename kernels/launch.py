@@ -169,24 +169,21 @@ class _Launch:
             same = self._same[place]()
             if same is value and same is not None and same.shape == last[place][1]:
                 continue
-            if type(value) is ti.lang._ndarray.ScalarNdarray:  # one of Taichi's own, on the device
+            if type(value) is np.ndarray:
+                if value.dtype != dtype or value.ndim != dimensions or not value.flags.c_contiguous:
+                    return False
+                memory = (value.ctypes.data, value.shape)
+                if memory != last[place]:
+                    self._context.set_arg_external_array_with_shape((place,), memory[0], value.nbytes, memory[1], 0)
+                    last[place] = memory
+                self._same[place] = ref(value)
+            elif type(value) is ti.lang._ndarray.ScalarNdarray:  # one of Taichi's own, on the device
                 if len(value.shape) != dimensions or ti.lang.util.to_numpy_type(value.dtype) != dtype:
                     return False
                 self._context.set_arg_ndarray((place,), value.arr)  # at every launch, which writes over it
                 last[place], self._same[place] = None, _no_array
-                continue
-            if (
-                type(value) is not np.ndarray
-                or value.dtype != dtype
-                or value.ndim != dimensions
-                or not value.flags.c_contiguous
-            ):
+            else:
                 return False
-            memory = (value.ctypes.data, value.shape)
-            if memory != last[place]:
-                self._context.set_arg_external_array_with_shape((place,), memory[0], value.nbytes, memory[1], 0)
-                last[place] = memory
-            self._same[place] = ref(value)
         for number, place, accepted, set_argument, convert in self._numbers:
             value = arguments[number]
             if value is last[place]:
