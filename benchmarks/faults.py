@@ -31,9 +31,9 @@ from moteslam.errors import ConfigError
 from moteslam.eval.cli.text import table
 
 if TYPE_CHECKING:
-    from moteslam.robot.issues import Issue
     from moteslam.robot.recording import Recording
     from moteslam.robot.trajectory import Trajectory
+    from moteslam.robot.values import Issue
     from moteslam.sim.simulate import Simulation
 
 WORLDS = ("loop", "office", "corridor", "big_loop")

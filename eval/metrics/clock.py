@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.eval.metrics.space import in_space, spatial
-from moteslam.robot.trajectories.space import FARTHEST
-from moteslam.robot.trajectory import Trajectory
+from moteslam.robot.trajectory import FARTHEST, Trajectory
 
 Array = NDArray[np.float64]
 

@@ -16,13 +16,12 @@ from moteslam.eval.diagnostics_table import read_diagnostics
 from moteslam.eval.loop_table import read_loops
 from moteslam.eval.metrics.ate import absolute_trajectory_error
 from moteslam.eval.particle_table import read_particles
+from moteslam.robot.files import read_bytes, read_yaml
 from moteslam.robot.formats.map_server import MAX_IMAGE_BYTES, MAX_PIXELS, MAX_YAML_BYTES
 from moteslam.robot.pictures import decode_picture, picture_size
-from moteslam.robot.reading import read_bytes
 from moteslam.robot.se2 import between, compose, inverse
-from moteslam.robot.trajectories.tum import read_tum
+from moteslam.robot.trajectories.text import read_tum
 from moteslam.robot.trajectory import Trajectory
-from moteslam.robot.yaml_table import read_yaml
 from moteslam.slam.filter.certainty import LocalisationState
 
 Array = NDArray[np.float64]

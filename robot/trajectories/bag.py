@@ -15,18 +15,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from moteslam.errors import InputError
-from moteslam.robot.issues import Issue
-from moteslam.robot.trajectories.space import interpolated, quaternions_of, rotations_of, trajectory_of
-from moteslam.robot.trajectory import Trajectory
-from moteslam.robot.wording import counted
+from moteslam.robot.trajectory import UNIT, Array, Trajectory, interpolated, quaternions_of, rotations_of, trajectory_of
+from moteslam.robot.values import Issue, counted
 
 if TYPE_CHECKING:
     from rosbags.highlevel import AnyReader
-
-Array = NDArray[np.float64]
 
 ENDINGS = (".bag", ".mcap", ".db3", ".active")
 PARTS = ("*.mcap", "*.db3")
@@ -80,18 +75,13 @@ def without_topic(bag: Path) -> str:
 
 
 def read_bag(bag: Path, name: str) -> Trajectory:
-    """Read a topic of poses, or ``tf:parent:child``: the pose of the child's frame in the parent's.
-
-    Raises:
-        InputError: no bag that can be read, no such topic or frames, messages of another type or of several frames, or
-            stamps that go back.
-    """
+    """Read a topic of poses, or ``tf:parent:child``: the pose of the child's frame in the parent's."""
     file = Path(f"{bag}:{name}")
     left_out: tuple[Issue, ...] = ()
     try:
         with _opened(bag) as reader:
             if name.startswith("tf:"):
-                rows = _along(reader, *_frames(name))
+                rows = _along(reader, name)
             else:
                 rows, left_out = _of_topic(reader, name)
             if len(reader.paths) > 1:
@@ -148,16 +138,17 @@ def _of_topic(reader: AnyReader, name: str) -> tuple[Array, tuple[Issue, ...]]:
     rows, frames = array("d"), Counter[tuple[str, str]]()
     issues: tuple[Issue, ...] = ()
     if kind == PATH:
-        messages = [(c, t, reader.deserialize(raw, c.msgtype)) for c, t, raw in _ends(reader.messages(there))]
-        paths = [message for _, _, message in messages]
-        if not paths:
+        count, raw = 0, b""
+        for count, (_, _, raw) in enumerate(reader.messages(there), start=1):  # noqa: B007 - the last counts
+            pass
+        if not count:
             raise InputError("no messages, expected a path")
-        for stamped in paths[-1].poses:
-            frames[paths[-1].header.frame_id, ""] += 1
+        path: Any = reader.deserialize(raw, kind)
+        for stamped in path.poses:
+            frames[path.header.frame_id, ""] += 1
             rows.extend(_row(stamped.header.stamp, *POSES["geometry_msgs/msg/PoseStamped"](stamped)))
-        if len(paths) > 1:
-            text = f"the last path counts, of {len(paths[-1].poses)} poses; the first one has {len(paths[0].poses)}"
-            issues = (Issue("last-path", text, 1),)
+        if count > 1:
+            issues = (Issue("last-path", f"the last of {count} paths counts, of {len(path.poses)} poses", 1),)
     received = array("d")
     if kind != PATH:
         for connection, time, raw in reader.messages(there):
@@ -182,16 +173,6 @@ def _of_topic(reader: AnyReader, name: str) -> tuple[Array, tuple[Issue, ...]]:
     return table, issues
 
 
-def _ends(messages: Iterator[tuple[Any, int, bytes]]) -> Iterator[tuple[Any, int, bytes]]:
-    """The first and the last message."""
-    last = None
-    for k, last in enumerate(messages):
-        if k == 0:
-            yield last
-    if last is not None:
-        yield last
-
-
 def _row(stamp: Any, position: Any, orientation: Any) -> tuple[float, ...]:
     turn = NOWHERE if orientation is None else (orientation.x, orientation.y, orientation.z, orientation.w)
     return ((stamp.sec * 10**9 + stamp.nanosec) / 10**9, position.x, position.y, position.z, *turn)
@@ -206,10 +187,8 @@ def _in_order(rows: Array) -> tuple[Array, Array, Array, tuple[Issue, ...]]:
     back = np.diff(rows[:, 0]) < 0
     if back.any():
         at = int(np.argmax(back))
-        raise InputError(
-            f"time jumps back {counted(int(back.sum()), 'time')}, first from {rows[at, 0]:.3f} to "
-            f"{rows[at + 1, 0]:.3f} s, expected one run, or one that publishes"
-        )
+        first = f"first from {rows[at, 0]:.3f} to {rows[at + 1, 0]:.3f} s"
+        raise InputError(f"time jumps back {counted(int(back.sum()), 'time')}, {first}, expected one run")
     twice = np.concatenate(([False], (np.diff(rows, axis=0) == 0).all(axis=1)))
     issues: tuple[Issue, ...] = ()
     if twice.any():
@@ -218,15 +197,12 @@ def _in_order(rows: Array) -> tuple[Array, Array, Array, tuple[Issue, ...]]:
     return rows[:, 0], rows[:, 1:4], rows[:, 4:], issues
 
 
-def _frames(name: str) -> tuple[str, str]:
-    _, *frames = name.split(":")
+def _along(reader: AnyReader, name: str) -> Array:
+    """The poses [n, 8] of a frame in another, of the transforms between, at the stamps of the most frequent."""
+    _, *frames = (part.strip("/") for part in name.split(":"))
     if len(frames) != 2 or not all(frames):
         raise InputError("expected tf:PARENT:CHILD")
-    return frames[0].strip("/"), frames[1].strip("/")
-
-
-def _along(reader: AnyReader, parent: str, child: str) -> Array:
-    """The poses [n, 8] of a frame in another, of the transforms between, at the stamps of the most frequent."""
+    parent, child = frames
     edges: dict[tuple[str, str], array[float]] = {}
     fixed: set[tuple[str, str]] = set()
     there = [one for one in reader.connections if one.msgtype in TRANSFORMS]
@@ -247,16 +223,13 @@ def _along(reader: AnyReader, parent: str, child: str) -> Array:
     if chain is None:
         pairs = ", ".join(f"{above}:{below}" for below, above in list(edges)[:12])
         raise InputError(f"no transforms lead from {parent} to {child}; the bag has {pairs or 'none'}")
-    tables = [np.array(edges[edge]).reshape(-1, 8) for edge in chain]
+    tables = [np.column_stack(_in_order(np.array(edges[edge]).reshape(-1, 8))[:3]) for edge in chain]
     for (below, above), table in zip(chain, tables, strict=True):
-        length = np.linalg.norm(table[:, 4:], axis=1)
-        if not (np.abs(length - 1) < 0.05).all():
+        if not (np.abs(np.linalg.norm(table[:, 4:], axis=1) - 1) < UNIT).all():
             raise InputError(f"{above}:{below} has a quaternion of another length than 1")
     moving = [table for edge, table in zip(chain, tables, strict=True) if edge not in fixed]
     if not moving:
         raise InputError(f"{parent}:{child} is fixed, expected a frame that moves")
-    tables = [np.column_stack(_in_order(table)[:3]) for table in tables]
-    moving = [table for edge, table in zip(chain, tables, strict=True) if edge not in fixed]
     stamps = max(moving, key=len)[:, 0]
     begin, end = max(table[0, 0] for table in moving), min(table[-1, 0] for table in moving)
     stamps = stamps[(stamps >= begin) & (stamps <= end)]

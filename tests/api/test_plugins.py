@@ -98,9 +98,9 @@ def test_a_filter_and_a_metric_of_another_package(toys: list[str], recording: Pa
 def test_a_back_end_of_another_package_moves_path_map_and_filter(
     toys: list[str], recording: Path, tmp_path: Path, preset: str
 ):
-    from moteslam.robot.trajectories.tum import read_tum
+    from moteslam.robot.trajectories.text import read_tum
 
-    arguments = ["replay", recording, "--preset", preset, "--particles", 8, "--no-figures"]
+    arguments = ["replay", recording, "--preset", preset, "--set", "particles=8", "--no-figures"]
     assert moteslam(toys, *arguments, "--out", "alone", cwd=tmp_path).returncode == 0
     done = moteslam(toys, *arguments, "--set", "backend.method=toy", "--out", "moved", cwd=tmp_path)
     assert (done.returncode, done.stderr) == (0, "")
@@ -153,7 +153,7 @@ def test_a_metric_that_fails_costs_a_warning_and_not_the_run(recording: Path, tm
     )
     entries = "[moteslam.metrics]\nraises = bad_metrics:RAISES\nempty = bad_metrics:NO_RESULT\n"
     path = [installed(tmp_path / "packages", entries, "bad"), str(tmp_path / "bad")]
-    done = moteslam(path, "replay", recording, "--particles", 3, "--no-figures", "--out", "result", cwd=tmp_path)
+    done = moteslam(path, "replay", recording, "--set", "particles=3", "--no-figures", "--out", "result", cwd=tmp_path)
     assert done.returncode == 0
     assert "'raises' of package bad (moteslam.metrics) is left out: RuntimeError: boom" in done.stderr
     assert "'empty' of package bad (moteslam.metrics) is left out: TypeError" in done.stderr

