@@ -87,7 +87,7 @@ def test_a_gzip_that_unpacks_to_a_gigabyte_of_comments_is_refused_in_little_memo
         [sys.executable, "-c", PEAK, "inspect", "bomb.log.gz"], capture_output=True, text=True, check=False, timeout=300
     )
     assert done.returncode == 2
-    assert done.stderr.startswith("moteslam: bomb.log.gz: over 20,000,000 lines")
+    assert done.stderr.startswith("moteslam: bomb.log.gz: over")
     assert done.stderr.count("\n") == 1
     assert int(done.stdout) * 1024 < 300e6
 
