@@ -83,7 +83,7 @@ WALL = {"points": [[0.0, 0.0], [4.0, 0.0], [4.0, 4.0]]}
         ("noise_class", "kind", "noise_class"),
         ("platform", "nobody", "platform"),
         ("platform", 3, "platform"),
-        ("platform", {"wheels": {"track": 0.3}}, "platform"),
+        ("platform", {"wheels": {"track": 0.3}}, "platform.wheels.metres_per_count"),
         ("platform", {"base": "nobody"}, "platform.base"),
         ("platform.lidar.time_increment", 1e-4, "platform.lidar.time_increment"),
         ("platform.body.mass", 0.2, "platform.body.stiffness"),
