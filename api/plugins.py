@@ -33,8 +33,9 @@ class Plugins(Generic[T]):
 
     def __init__(self, group: str, kind: type[T], *, bundled: Mapping[str, T | str]) -> None:
         self.group, self._kind = group, kind
-        places = {name: value if isinstance(value, str) else "" for name, value in bundled.items()}
-        self._bundled = {name: EntryPoint(name, place, group) for name, place in places.items()}
+        self._bundled = {
+            name: EntryPoint(name, value if isinstance(value, str) else "", group) for name, value in bundled.items()
+        }
         self._loaded: dict[str, T] = {name: value for name, value in bundled.items() if not isinstance(value, str)}
         self._problems: dict[str, str] = {}
 

@@ -13,7 +13,7 @@ import numpy as np
 from moteslam.errors import ConfigError, InputError
 from moteslam.eval.metrics.association import MAX_DIFFERENCE
 from moteslam.eval.metrics.ate import AteResult, absolute_trajectory_error, position_error
-from moteslam.eval.metrics.clock import ClockOffset, clock_offset
+from moteslam.eval.metrics.doubts import clock_offset, doubts, few_matched, in_words, on_another_clock
 from moteslam.eval.metrics.evidence import FINAL, Evidence, oriented
 from moteslam.eval.metrics.registry import Value, measure
 from moteslam.eval.metrics.relations import (
@@ -26,11 +26,11 @@ from moteslam.eval.metrics.relations import (
 )
 from moteslam.eval.metrics.residuals import ResidualResult, scan_residuals
 from moteslam.eval.metrics.rpe import RpeResult, relative_pose_error
-from moteslam.eval.metrics.space import in_plane, in_space, spatial
+from moteslam.eval.metrics.space import in_plane, spatial
 from moteslam.robot.formats.map_server import read_map
 from moteslam.robot.platform import Platform
 from moteslam.robot.recording import Recording
-from moteslam.robot.se2 import compose, transform_points, umeyama
+from moteslam.robot.se2 import compose
 from moteslam.robot.trajectories import read_trajectory
 from moteslam.robot.trajectories.rows import is_positions, read_positions
 from moteslam.robot.trajectory import TILT, Positions, Trajectory, tilt_of
@@ -41,14 +41,6 @@ Reference = Trajectory | Relations | Positions
 
 ACCURACY_OF_MAPS = ("map_precision", "map_recall", "map_f1", "map_distance", "map_free_iou", "map_known")
 """Metrics that compare a map with the true one."""
-SMALL, LARGER = 0.1, 50.0
-"""Errors and sizes below this [m], and ratios of sizes below that, are no other unit."""
-AXES = np.deg2rad(30.0)
-"""Orientations that differ by more than this throughout [rad] are of other axes."""
-HEIGHTS = 0.05
-"""Heights that are left out are reported where they are spread by more [m]."""
-FEW = 0.5
-"""Where less than this share of the shorter trajectory's poses has a partner, the two may not belong together."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,6 +67,28 @@ def read_reference(path: Path) -> Reference:
     if is_relations(path):
         return read_relations(path)
     return read_positions(path) if is_positions(path) else read_trajectory(path)
+
+
+def against(
+    estimate: Trajectory,
+    reference: Reference,
+    *,
+    robot: Platform | None = None,
+    align: bool = True,
+    scale: bool = False,
+    delta: float = 1.0,
+    unit: str = "m",
+    all_pairs: bool = False,
+    max_difference: float | None = None,
+    interpolate: bool = True,
+) -> Evaluation:
+    """Score a trajectory by a reference of any kind; arguments that are not of its kind change nothing."""
+    if isinstance(reference, Relations):
+        return against_relations(estimate, reference, interpolate=interpolate, max_difference=max_difference)
+    laid: dict[str, Any] = {"align": align, "scale": scale, "max_difference": max_difference}
+    if isinstance(reference, Positions):
+        return against_positions(estimate, reference, robot=robot, **laid)
+    return against_trajectory(estimate, reference, delta=delta, unit=unit, all_pairs=all_pairs, **laid)
 
 
 def against_trajectory(
@@ -104,14 +118,14 @@ def against_trajectory(
     try:
         ate = absolute_trajectory_error(estimate, reference, align=align, scale=scale, max_difference=apart)
     except InputError as error:
-        raise _on_another_clock(error, clock_offset(estimate, reference)) from None
-    issues = _of_reading(estimate, reference) + _of_space(estimate, reference) + _of_shape(ate)
+        raise on_another_clock(error, clock_offset(estimate, reference)) from None
+    issues = doubts(estimate, reference, ate)
     question = "are these the same drive, on the same clock?"
-    issues += _few_matched(len(ate.stamps), min(len(estimate), len(reference)), "poses", question)
+    issues += few_matched(len(ate.stamps), min(len(estimate), len(reference)), "poses", question)
     if align and (offset := clock_offset(estimate, reference)) is not None:
         moved = replace(estimate, stamps=estimate.stamps + offset.seconds)
         after = absolute_trajectory_error(moved, reference, scale=scale, max_difference=apart)
-        issues += (Issue("clocks-differ", _in_words(replace(offset, rmse=after.rmse, before=ate.rmse))),)
+        issues += (Issue("clocks-differ", in_words(replace(offset, rmse=after.rmse, before=ate.rmse))),)
     rpe: RpeResult | None = None
     try:
         rpe = relative_pose_error(
@@ -179,14 +193,14 @@ def against_positions(
     try:
         ate = position_error(estimate, positions, mount=mount, align=align, scale=scale, max_difference=apart)
     except InputError as error:
-        raise _on_another_clock(error, clock_offset(there, measured_at)) from None
+        raise on_another_clock(error, clock_offset(there, measured_at)) from None
     question = "are these of the same drive, on the same clock?"
-    issues = _few_matched(len(ate.stamps), min(len(estimate), len(positions)), "positions", question)
+    issues = few_matched(len(ate.stamps), min(len(estimate), len(positions)), "positions", question)
     if robot is None:
         text = "the positions are the lidar's, whose place on the robot only the recording says: taken for its origin"
         issues = (Issue("unknown-mount", text), *issues)
     if align and (offset := clock_offset(there, measured_at)) is not None:
-        issues += (Issue("clocks-differ", _in_words(offset)),)
+        issues += (Issue("clocks-differ", in_words(offset)),)
     figures = {
         "kind": "positions",
         "aligned": align,
@@ -203,7 +217,7 @@ def under_recording(estimate: Trajectory, recording: Recording, *, scans: Scans 
     result = scan_residuals(recording, estimate, scans=scans)
     assert recording.lidar is not None  # or there would be no residuals
     question = "is this its recording, on the same clock?"
-    issues = _few_matched(result.matched, min(len(estimate), len(recording.lidar)), "scans or poses", question)
+    issues = few_matched(result.matched, min(len(estimate), len(recording.lidar)), "scans or poses", question)
     figures = {**result.as_dict(), "warnings": [issue.as_dict() for issue in issues]}
     medians = [None if isnan(median) else median for median in result.medians.tolist()]
     return Evaluation(figures, {"stamps": result.stamps.tolist(), "median_m": medians}, result)
@@ -250,68 +264,3 @@ def measured(
         return measure(evidence, dict.fromkeys([*(ACCURACY_OF_MAPS if true_map is not None else ()), *(names or ())]))
     except ConfigError as error:
         raise ConfigError(error.problem, file=error.file, field="--metric") from error
-
-
-def _on_another_clock(error: InputError, offset: ClockOffset | None) -> InputError:
-    """The error, with the offset at which the two fit."""
-    if offset is None:
-        return error
-    return InputError(f"{error.problem}; {_in_words(offset)}", file=error.file, field=error.field)
-
-
-def _in_words(offset: ClockOffset) -> str:
-    instead = "" if offset.before is None else f" in place of {offset.before:.4f} m"
-    fits = f"moved by {offset.seconds:+.3f} s the estimate fits with an ATE of {offset.rmse:.4f} m{instead}"
-    return f"{fits}: its clock seems to be another one (--time-offset {offset.seconds:.3f})"
-
-
-def _of_reading(estimate: Trajectory, reference: Trajectory) -> tuple[Issue, ...]:
-    """What was assumed when both were read; the plane of motion matters where they are compared in x and y."""
-    left_out = {"out-of-plane"} if in_space(estimate, reference) else set()
-    issues = dict.fromkeys((*estimate.warnings, *reference.warnings))
-    return tuple(issue for issue in issues if issue.code not in left_out)
-
-
-def _of_space(estimate: Trajectory, reference: Trajectory) -> tuple[Issue, ...]:
-    """That two are compared in space, or that the heights of one are left out."""
-    spaces = [one.space for one in (estimate, reference) if one.space is not None]
-    if not spaces:
-        return ()
-    if in_space(estimate, reference):
-        tilt = np.rad2deg(max(tilt_of(space.positions) for space in spaces))
-        why = f"moves in a plane {tilt:.0f} degrees out of x and y" if tilt > np.rad2deg(TILT) else "moves in z, too"
-        compared = "aligned and compared in space; errors are those of three coordinates, turns those about any axis"
-        return (Issue("in-space", f"{why}: {compared}", len(reference)),)
-    spread = float(spaces[0].positions[:, 2].std())
-    if spread < HEIGHTS:
-        return ()
-    whose = "estimate" if estimate.space is not None else "reference"
-    text = f"heights of the {whose}, spread by {spread:.2f} m, are left out: the other one is in the plane"
-    return (Issue("heights-left-out", text, len(reference)),)
-
-
-def _of_shape(ate: AteResult) -> tuple[Issue, ...]:
-    """That one path is far larger than the other or its mirror image, or that the axes of both bodies differ."""
-    there, true = ate.aligned[:, :2], ate.reference[:, :2]
-    size = float(np.linalg.norm(there.std(axis=0)) / max(float(np.linalg.norm(true.std(axis=0))), SMALL))
-    if ate.rmse > SMALL and not 1 / LARGER < size < LARGER:
-        return (Issue("sizes-differ", f"the estimate is {size:.3g} times as large as the reference: other units?"),)
-    mirrored = there * (1.0, -1.0)
-    off = transform_points(umeyama(mirrored, true), mirrored) - true
-    if ate.motion is None and ate.rmse > SMALL and float(np.sqrt(np.square(off).sum(axis=1).mean())) < ate.rmse / 5:
-        text = "the estimate fits the reference as its mirror image: y or turns of the wrong sign?"
-        return (Issue("mirrored", text),)
-    if ate.motion is None or ate.rotation_errors is None or np.median(ate.rotation_errors) < AXES:
-        return ()
-    if ate.rotation_errors.std() > 0.2 * AXES:
-        return ()
-    degrees = np.rad2deg(float(np.median(ate.rotation_errors)))
-    why = f"orientations differ by {degrees:.0f} degrees throughout: other axes of the body, or a mirrored path"
-    text = f"{why}; errors of rotation and relative errors hold that"
-    return (Issue("body-axes", text, len(ate.stamps)),)
-
-
-def _few_matched(matched: int, shorter: int, what: str, question: str) -> tuple[Issue, ...]:
-    if matched >= FEW * shorter:
-        return ()
-    return (Issue("few-matched", f"{matched} of {shorter} {what} have a partner: {question}", matched),)

@@ -15,9 +15,7 @@ from moteslam.eval.cli import options
 from moteslam.eval.cli.text import say_json, warn
 
 if TYPE_CHECKING:
-    from moteslam.eval.evaluation import Evaluation, Reference
-    from moteslam.robot.platform import Platform
-    from moteslam.robot.trajectory import Trajectory
+    from moteslam.eval.evaluation import Evaluation
 
 NEEDED = {
     **dict.fromkeys(("sequence", "platform"), "a recording"),
@@ -119,7 +117,7 @@ def evaluate(
       moteslam evaluate result/trajectory_final.tum truth.tum --loops result/loops.csv --recording robot.log.gz
     """  # noqa: D301
     from moteslam.eval.cli.evaluate_tables import say_evaluations
-    from moteslam.eval.evaluation import measured, read_reference, under_recording
+    from moteslam.eval.evaluation import against, measured, read_reference, under_recording
     from moteslam.eval.metrics.evidence import oriented
     from moteslam.eval.metrics.loops import score_loops
     from moteslam.eval.metrics.relations import is_relations
@@ -148,14 +146,22 @@ def evaluate(
     if not isinstance(truth, Trajectory):
         for one in trajectories.values():
             warn(one.warnings)
-    against: dict[str, Evaluation] = {}
+    compared: dict[str, Evaluation] = {}
     if reference is not None and truth is not None:
-        chosen = {"align": not no_align, "scale": scale, "max_difference": max_difference}
-        pairs = {"delta": delta, "unit": unit, "all_pairs": all_pairs}
         with _named(reference):
             for name, one in trajectories.items():
-                robot = None if opened is None else opened.platform
-                against[name] = _against(one, truth, robot, chosen, pairs, interpolate=not no_interpolate)
+                compared[name] = against(
+                    one,
+                    truth,
+                    robot=None if opened is None else opened.platform,
+                    align=not no_align,
+                    scale=scale,
+                    delta=delta,
+                    unit=unit,
+                    all_pairs=all_pairs,
+                    max_difference=max_difference,
+                    interpolate=not no_interpolate,
+                )
     under: dict[str, Evaluation] = {}
     scans = None if opened is None else synchronise(opened).scans
     if opened is not None:
@@ -176,9 +182,9 @@ def evaluate(
 
     def row(name: str, *, errors: bool = False) -> dict[str, Any]:
         row: dict[str, Any] = {"estimate": name}
-        if name in against:
-            row |= {"reference": str(reference), **against[name].figures}
-            row |= {"errors": against[name].errors} if errors else {}
+        if name in compared:
+            row |= {"reference": str(reference), **compared[name].figures}
+            row |= {"errors": compared[name].errors} if errors else {}
         if name in under:
             more = {"errors": under[name].errors} if errors else {}
             row |= {"recording": str(recording), "residuals": under[name].figures | more}
@@ -197,32 +203,12 @@ def evaluate(
 
         assert reference is not None  # or --plot was refused
         with folder_for(plot):
-            results = {name: each.result for name, each in against.items()}
+            results = {name: each.result for name, each in compared.items()}
             draw_comparison(plot, results, title=f"against {reference.name}")
     if as_json:
         say_json((rows[0] if len(rows) == 1 else {"reference": str(reference), "results": rows}) | found)
     else:
         say_evaluations(rows, found)
-
-
-def _against(
-    estimate: Trajectory,
-    truth: Reference,
-    robot: Platform | None,
-    chosen: dict[str, Any],
-    pairs: dict[str, Any],
-    *,
-    interpolate: bool,
-) -> Evaluation:
-    from moteslam.eval.evaluation import against_positions, against_relations, against_trajectory
-    from moteslam.eval.metrics.relations import Relations
-    from moteslam.robot.trajectory import Positions
-
-    if isinstance(truth, Relations):
-        return against_relations(estimate, truth, interpolate=interpolate, max_difference=chosen["max_difference"])
-    if isinstance(truth, Positions):
-        return against_positions(estimate, truth, robot=robot, **chosen)
-    return against_trajectory(estimate, truth, **chosen, **pairs)
 
 
 @contextmanager

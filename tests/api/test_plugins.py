@@ -135,7 +135,7 @@ def test_one_that_fails_to_load_is_one_warning(recording: Path, tmp_path: Path):
     warned, refused = done.stderr.splitlines()
     assert warned.startswith("moteslam: warning: plug-in 'bad' of package toys (moteslam.formats) is left out")
     assert refused.startswith("moteslam: log.txt: ")
-    done = moteslam(broken, "replay", recording, "--out", "x", "--particles", 3, "--no-figures", cwd=tmp_path)
+    done = moteslam(broken, "replay", recording, "--out", "x", "--set", "particles=3", "--no-figures", cwd=tmp_path)
     assert done.returncode == 0
     (warned,) = done.stderr.splitlines()
     assert "plug-in 'odd' of package toys (moteslam.metrics) is left out" in warned

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-import copy
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from evo_scores import Drive, evo_metric
+from scipy.spatial.transform import Rotation
 
 from moteslam.eval.metrics.ate import absolute_trajectory_error
 from moteslam.eval.metrics.rpe import relative_pose_error
@@ -39,43 +41,14 @@ def real_pair(request, data_folder: Path) -> Pair:
     return Trajectory(reference.stamps, poses), reference
 
 
-def as_evo(trajectory: Trajectory):
-    from evo.core.trajectory import PoseTrajectory3D
-
+def in_space(trajectory: Trajectory) -> Drive:
     x, y, theta = trajectory.poses.T
-    zero = np.zeros_like(x)
-    return PoseTrajectory3D(
-        positions_xyz=np.stack((x, y, zero), axis=-1),
-        orientations_quat_wxyz=np.stack((np.cos(theta / 2), zero, zero, np.sin(theta / 2)), axis=-1),
-        timestamps=trajectory.stamps.copy(),
-    )
+    return trajectory.stamps, np.column_stack((x, y, 0 * x)), Rotation.from_euler("z", theta[:, None])
 
 
-def evo_ate(pair: Pair, relation: str = "translation_part", *, lay: str = "align", **how):
-    """The metric of evo; ``lay`` is how the estimate is laid on the reference."""
-    from evo.core import sync
-    from evo.core.metrics import APE, PoseRelation
-
-    estimate, reference = pair
-    matched = sync.associate_trajectories(as_evo(reference), as_evo(estimate), max_diff=0.01, **how)
-    true, there = copy.deepcopy(matched)
-    if lay == "from_start":
-        there.align_origin(true)
-    elif lay != "not":
-        there.align(true, correct_scale=lay == "scale")
-    metric = APE(PoseRelation[relation])
-    metric.process_data((true, there))
-    return metric
-
-
-def evo_rpe(pair: Pair, relation: str, delta: float, unit: str, *, all_pairs: bool = False) -> np.ndarray:
-    from evo.core import sync
-    from evo.core.metrics import RPE, PoseRelation, Unit
-
-    matched = sync.associate_trajectories(as_evo(pair[1]), as_evo(pair[0]), max_diff=0.01)
-    metric = RPE(PoseRelation[relation], delta, {"m": Unit.meters, "frames": Unit.frames}[unit], all_pairs=all_pairs)
-    metric.process_data(matched)
-    return metric.error
+def evo(pair: Pair, relation: str = "translation_part", **how: Any) -> np.ndarray:
+    """The errors of evo's APE, or with a delta of its RPE."""
+    return evo_metric(in_space(pair[0]), in_space(pair[1]), relation, **how).error
 
 
 LAID = {"align": {}, "not": {"align": False}, "from_start": {"from_start": True}, "scale": {"scale": True}}
@@ -89,24 +62,24 @@ def test_ate_by_nearest_stamp_is_evos(seed: int, every: int, lay: str) -> None:
     ours = absolute_trajectory_error(estimate, reference, **LAID[lay], interpolate=False)
     assert ours.pairs < len(estimate)  # some are stamped too late for a partner
     assert (ours.scale == 1.0) == (lay != "scale")
-    theirs = evo_ate((estimate, reference), lay=lay)
+    theirs = evo_metric(in_space(estimate), in_space(reference), lay=lay)
     np.testing.assert_allclose(ours.errors, theirs.error, atol=1e-9)
     for name, value in theirs.get_all_statistics().items():
         assert name == "sse" or ours.translation.as_dict()[name] == pytest.approx(value, abs=1e-9)
-    turns = evo_ate((estimate, reference), "rotation_angle_rad", lay=lay).error
+    turns = evo((estimate, reference), "rotation_angle_rad", lay=lay)
     # evo's angle comes from an arc cosine, which knows small angles to the root of an ulp
     np.testing.assert_allclose(ours.rotation_errors, turns, atol=3e-8)
     swapped = absolute_trajectory_error(reference, estimate, interpolate=False)  # from the shorter one, as evo does
-    np.testing.assert_allclose(swapped.errors, evo_ate((reference, estimate)).error, atol=1e-9)
+    np.testing.assert_allclose(swapped.errors, evo((reference, estimate)), atol=1e-9)
 
 
 def test_both_errors_of_50_random_trajectories_are_evos() -> None:
     for seed in range(100, 150):
         pair = random_pair(seed, n=150, every=1 + seed % 3)
         ate = absolute_trajectory_error(*pair, interpolate=False)
-        np.testing.assert_allclose(ate.errors, evo_ate(pair).error, atol=1e-9)
+        np.testing.assert_allclose(ate.errors, evo(pair), atol=1e-9)
         rpe = relative_pose_error(*pair, interpolate=False)
-        np.testing.assert_allclose(rpe.errors, evo_rpe(pair, "translation_part", 1.0, "m"), atol=1e-9)
+        np.testing.assert_allclose(rpe.errors, evo(pair, delta=1.0), atol=1e-9)
 
 
 @pytest.mark.parametrize("all_pairs", [True, False])
@@ -115,30 +88,27 @@ def test_rpe_is_evos(delta: float, unit, all_pairs: bool) -> None:
     for seed in range(3):
         pair = random_pair(seed)
         ours = relative_pose_error(*pair, delta=delta, unit=unit, all_pairs=all_pairs, interpolate=False)
-        evo = evo_rpe(pair, "translation_part", delta, unit, all_pairs=all_pairs)
-        np.testing.assert_allclose(ours.errors, evo, atol=1e-9)
-        turn = evo_rpe(pair, "rotation_angle_rad", delta, unit, all_pairs=all_pairs)
+        how = {"delta": delta, "unit": unit, "all_pairs": all_pairs}
+        np.testing.assert_allclose(ours.errors, evo(pair, **how), atol=1e-9)
+        turn = evo(pair, "rotation_angle_rad", **how)
         np.testing.assert_allclose(ours.rotation_errors, turn, atol=3e-8)
 
 
 def test_both_errors_of_real_trajectories_are_evos(real_pair: Pair) -> None:
     for align in (True, False):
         ours = absolute_trajectory_error(*real_pair, align=align)
-        np.testing.assert_allclose(ours.errors, evo_ate(real_pair, lay="align" if align else "not").error, atol=1e-9)
+        np.testing.assert_allclose(ours.errors, evo(real_pair, lay="align" if align else "not"), atol=1e-9)
     for delta, unit, all_pairs in ((1, "frames", True), (5.0, "m", True), (1, "frames", False), (5.0, "m", False)):
         rpe = relative_pose_error(*real_pair, delta=delta, unit=unit, all_pairs=all_pairs)
-        evo = evo_rpe(real_pair, "translation_part", delta, unit, all_pairs=all_pairs)
-        np.testing.assert_allclose(rpe.errors, evo, atol=1e-9)
+        theirs = evo(real_pair, delta=delta, unit=unit, all_pairs=all_pairs)
+        np.testing.assert_allclose(rpe.errors, theirs, atol=1e-9)
 
 
 def test_interpolation_is_evos_where_the_reference_is_dense() -> None:
-    from evo.core.sync_method import SyncMethod
-
     estimate, reference = random_pair(6, every=5)
     dense = np.linspace(reference.stamps[0], reference.stamps[-1], 20 * len(reference))
     reference = reference.at(dense)
     inside = (estimate.stamps > dense[0]) & (estimate.stamps < dense[-1])
     estimate = Trajectory(estimate.stamps[inside], estimate.poses[inside])
     ours = absolute_trajectory_error(estimate, reference)
-    theirs = evo_ate((estimate, reference), sync_method=SyncMethod.interpolation)
-    np.testing.assert_allclose(ours.errors, theirs.error, atol=1e-9)
+    np.testing.assert_allclose(ours.errors, evo((estimate, reference), interpolate=True), atol=1e-9)
