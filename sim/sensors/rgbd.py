@@ -42,8 +42,8 @@ def check_camera(camera: CameraSpec | None) -> CameraSpec:
     return camera
 
 
-@dataclass(frozen=True, eq=False)
-class Shots:
+@dataclass(frozen=True, eq=False, repr=False)
+class Shots(Summarised):
     """What one camera takes.
 
     Attributes:
