@@ -29,7 +29,6 @@ FREE, OCCUPIED, UNKNOWN = 0, 1, -1
 OCCUPIED_THRESHOLD, FREE_THRESHOLD = 0.65, 0.196
 """map_saver's own: above the one a cell is occupied, below the other free. A grey of 205 is just not free."""
 UNKNOWN_PERCENT, FREE_PERCENT, OCCUPIED_PERCENT = -1, 0, 100
-"""Occupancies."""
 FREE_GREY, OCCUPIED_GREY, UNKNOWN_GREY = 254, 0, 205
 """The greys that map_saver writes for them in the mode trinary."""
 RAW_UNKNOWN, SCALE_UNKNOWN = 255, 128

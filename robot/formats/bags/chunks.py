@@ -21,8 +21,7 @@ from moteslam.errors import InputError, MoteslamError
 MAX_CHUNK = 256 << 20
 """Bytes of a chunk when it is unpacked. Recorders close one after about a megabyte, or a single larger message."""
 
-MAX_HEADER = 1 << 20
-"""Bytes of the header of a record of ROS 1."""
+MAX_HEADER = 1 << 20  # bytes, of a record of ROS 1
 
 Place = tuple[int, int, int]
 """Where a message lies in its file: chunk, first byte there, bytes; of SQLite the number of its row in the middle."""
@@ -168,9 +167,8 @@ class _Chunked(Storage):
                 raise InputError(f"chunk at byte {position} of {size} bytes unpacked, expected fewer", file=self.path)
             data = unpack(read(position, stored), compression, size + 1)
             if len(data) != size:
-                found = "more" if len(data) > size else len(data)
-                problem = f"chunk at byte {position} unpacks to {found}, expected {size} bytes"
-                raise InputError(problem, file=self.path)
+                problem = f"chunk at byte {position} unpacks to {'more' if len(data) > size else len(data)}"
+                raise InputError(f"{problem}, expected {size} bytes", file=self.path)
             self._kept = (number, data)
         return self._kept[1]
 
