@@ -68,8 +68,8 @@ lint: .venv-lint/.stamp .venv-lint/.links ## style, types and floors
 docs: .venv-lint/.stamp .venv-lint/.links ## the reference of the Python package, from its docstrings, in build/docs
 	$(LINT)/python -W error::UserWarning -m pdoc --docformat google --no-show-source --output-directory build/docs moteslam
 
-bench: .venv/.stamp ## the benchmarks, ratios measured side by side in one run
-	@set -e; for script in benchmarks/*.py; do echo "== $$script"; .venv/bin/python $$script; done
+bench: .venv/.stamp ## the kernels beside plain C and Python, ratios measured side by side in one run
+	.venv/bin/python benchmarks/speed.py
 
 clean: ## remove what the targets made: environments, caches, builds, demo/
 	rm -rf .venv .venv-lint build dist moteslam.egg-info demo

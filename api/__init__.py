@@ -80,9 +80,6 @@ PUBLIC = {
 }
 """Every public name, by the module that it is defined in."""
 
-RENAMED: dict[str, str] = {}
-"""Public names that have another name now: the old one works until the next minor version, with a warning."""
-
 _WHERE = {name: module for module, names in PUBLIC.items() for name in names}
 
 __all__ = ["__version__", *_WHERE]  # noqa: PLE0604 - the keys are strings
@@ -90,28 +87,15 @@ __all__ = ["__version__", *_WHERE]  # noqa: PLE0604 - the keys are strings
 
 def __getattr__(name: str) -> Any:
     if name == "__version__":
-        value: Any = _version()
-    elif name in RENAMED:
-        import warnings
+        from importlib.metadata import version
 
-        new = RENAMED[name]
-        warnings.warn(f"moteslam.{name} is moteslam.{new} now", DeprecationWarning, stacklevel=2)
-        return __getattr__(new)
+        value: Any = version("moteslam")
     elif name in _WHERE:
         value = getattr(import_module(_WHERE[name]), name)
     else:
         raise AttributeError(f"module 'moteslam' has no attribute {name!r}")
     globals()[name] = value
     return value
-
-
-def _version() -> str:
-    from importlib.metadata import PackageNotFoundError, version
-
-    try:
-        return version("moteslam")
-    except PackageNotFoundError:  # pragma: no cover - a source tree that was never installed
-        return "0+unknown"
 
 
 def __dir__() -> list[str]:

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from functools import cache, cached_property
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any, Generic, TypeVar
@@ -21,13 +20,6 @@ T = TypeVar("T")
 
 class PluginWarning(MoteslamWarning):
     """A plug-in that is left out; what is wrong with it, in one line."""
-
-
-@dataclass(frozen=True)
-class _Failure:
-    """Why a plug-in cannot be used."""
-
-    problem: str
 
 
 class Plugins(Generic[T]):
@@ -42,7 +34,8 @@ class Plugins(Generic[T]):
     def __init__(self, group: str, kind: type[T], *, bundled: Mapping[str, str]) -> None:
         self.group, self._kind = group, kind
         self._bundled = {name: EntryPoint(name, value, group) for name, value in bundled.items()}
-        self._loaded: dict[str, T | _Failure] = {}
+        self._loaded: dict[str, T] = {}
+        self._problems: dict[str, str] = {}
 
     def names(self) -> list[str]:
         """The names there are, the bundled ones first."""
@@ -65,20 +58,20 @@ class Plugins(Generic[T]):
         entry = self._bundled.get(name) or self._others.get(name)
         if entry is None:
             raise ConfigError(f"{name!r}, expected one of {', '.join(self.names())}")
-        found = self._load(entry)
-        if isinstance(found, _Failure):
-            raise ConfigError(f"{name!r} of package {_package(entry)} cannot be loaded: {found.problem}")
-        return found
+        self._load(entry)
+        if name in self._problems:
+            raise ConfigError(f"{name!r} of package {_package(entry)} cannot be loaded: {self._problems[name]}")
+        return self._loaded[name]
 
     def items(self) -> Iterator[tuple[str, T]]:
         """All plug-ins that can be loaded, by name; each other one is one ``PluginWarning``."""
         for name, entry in {**self._bundled, **self._others}.items():
-            seen = name in self._loaded
-            found = self._load(entry)
-            if not isinstance(found, _Failure):
-                yield name, found
+            seen = name in self._problems
+            self._load(entry)
+            if name in self._loaded:
+                yield name, self._loaded[name]
             elif not seen:
-                _warn(entry, found.problem)
+                _warn(entry, self._problems[name])
 
     @cached_property
     def _others(self) -> dict[str, EntryPoint]:
@@ -91,21 +84,21 @@ class Plugins(Generic[T]):
                 _warn(entry, f"its name is taken by package {_package(others[entry.name])}")
         return others
 
-    def _load(self, entry: EntryPoint) -> T | _Failure:
-        if entry.name not in self._loaded:
-            self._loaded[entry.name] = self._try(entry)
-        return self._loaded[entry.name]
-
-    def _try(self, entry: EntryPoint) -> T | _Failure:
+    def _load(self, entry: EntryPoint) -> None:
+        """Once: into ``_loaded``, or why it cannot be used into ``_problems``."""
+        if entry.name in self._loaded or entry.name in self._problems:
+            return
         try:
             found = entry.load()
         except Exception as error:
             if entry.name in self._bundled:
                 raise
-            return _Failure(" ".join(f"{type(error).__name__}: {error}".split()))
+            self._problems[entry.name] = " ".join(f"{type(error).__name__}: {error}".split())
+            return
         if isinstance(found, self._kind):
-            return found
-        return _Failure(f"{entry.value} is a {type(found).__name__}, expected a {self._kind.__name__}")
+            self._loaded[entry.name] = found
+        else:
+            self._problems[entry.name] = f"{entry.value} is a {type(found).__name__}, expected a {self._kind.__name__}"
 
 
 @cache

@@ -1,191 +1,334 @@
-"""The accuracy of a preset over many seeds, against truth, references and hand-checked relations; a dated result file.
+"""The accuracy of SLAM over many seeds, on real logs and in simulated scenarios, beside what is asked.
 
-    python benchmarks/accuracy.py --preset default --out result.json
-    python benchmarks/accuracy.py --preset default --odometry-noise 3 --out result.json
-    python benchmarks/accuracy.py --preset default --all-scenarios --out result.json
-    python benchmarks/accuracy.py --preset default --unseen --out result.json
-    python benchmarks/accuracy.py --preset default --runs freiburg-101 hall --seeds 5-9 --set particles=100
+    python benchmarks/accuracy.py logs --out logs.csv
+    python benchmarks/accuracy.py scenarios --runs corridor loop office --seeds 20 --odometry-noise 3
+    python benchmarks/accuracy.py worlds --runs twins grid --seeds 0-99 --out worlds.csv
 
-Simulated scenarios are scored by ATE RMSE after alignment, the Intel log by its relations, the others against the
-reference beside them (where MOTESLAM_DATA is). Without --runs: all of these, real logs and the hall on seeds 0 to 4,
-corridor, loop and office on seeds 0 to 19; with --odometry-noise these three alone; with --all-scenarios every bundled
-scenario on seeds 0 to 4; with --unseen two logs on seeds 0 to 4 and twenty random buildings, which no setting was
-chosen on. A row a run; at the end the median and the worst seed of every figure beside what is asked.
+| study | what | seeds |
+|---|---|---|
+| logs | real logs, where MOTESLAM_DATA is, against references and relations | 0 to 4, of SLAM |
+| scenarios | every bundled scenario | 0 to 4 |
+| buildings | twenty random buildings that no setting was chosen on | 0 |
+| classes | all scenarios, noise of data sheets and as recorded, presets default and paper | 0 to 4 |
+| lidars | three lidars, dense and as key scans | 0 to 19 |
+| robots | three small robots, and shorter ranges of one of them | 0 to 4 |
+| scattered-keys | key scans of the LMS200 in all scenarios, both noise classes | 0 to 19 |
+| residuals | residuals of the simulated LMS200's scans at 1 and 0.5 degrees, beside real ones | 0 to 4 |
+| key-scans | the LMS200 by wheels alone, steps as they are and with noise of 5 and 10 % | 100 to 109 |
+| worlds | campus, twins, grid and mile as key scans with noise of the steps | 0 to 4 |
+| dense | every scan of campus and mile | 0 to 4 |
+| false-loops | worlds with false loops in the final graph, a tenth as many as were accepted, and without | 0 to 4 |
+| stages | each stage of the back end off: logs, key scans, false loops, every scan | 200 to 202 |
+| particles | fork and lookalikes as key scans, 1 to 100 particles, with the back end and without | 100 to 149 |
+| faults | drives with gaps, stale and jumping odometry, carts, aslant lidars, stuck wheels, and none | 0 to 4 |
+| colours | colours of the floor in the weights, with and without | 0 and 1; two_halls 0 to 9 |
 
-Every run is on one thread; the errors do not depend on how many run at once, the processor time a little: two virtual
-cores may be halves of one.
+From classes to residuals, and with colours, the filter runs alone. From key-scans on SLAM has seed 0; else that of the
+simulation. Scored is the ATE RMSE after alignment [m], of Intel the mean error of relations; a run is lost from 0.15 m
+on, and stays in the medians. Every run is on one thread.
 """
 
 from __future__ import annotations
 
-import argparse
+import itertools
+import sys
 import time
+from collections.abc import Iterable, Mapping
+from contextlib import nullcontext
+from dataclasses import dataclass, field, replace
 from typing import Any
 
-from parts.bars import Bar, summarise, summary_lines
-from parts.machine import save, stamp
-from parts.options import count, factor, result_file, seeds
-from parts.pool import Row, row_or_error, rows_of
+from parts.false_loops import false_loops
+from parts.harness import Bar, Case, Row, arguments, benchmark, expect_known, factor, status
 from parts.runs import (
-    BARS,
-    HALL,
+    FILTER_ALONE,
+    HALF_DEGREE,
+    KEY_SCANS,
     LOGS,
     LOST,
-    NEVER_LOST,
-    SCENARIOS,
-    UNSEEN_BUILDINGS,
-    UNSEEN_LOGS,
+    STEP_NOISE,
     errors,
-    expect_names,
     load_log,
     log_file,
+    loop_figures,
     simulate_case,
-    that_are_there,
 )
 
-from moteslam.errors import ConfigError
-from moteslam.eval.cli.text import table
+from moteslam.errors import MoteslamError
+from moteslam.sim.scenario import bundled_scenarios, load_scenario
 from moteslam.slam.settings import resolve_config
 
+WHEELS = {"platform": "lms200", "settings": ("platform.imu=false",), "key_scans": KEY_SCANS}
+"""A robot without gyro that logs key scans."""
+NOISY = WHEELS | {"step_noise": STEP_NOISE}
+KEYS = {"platform": "lms200", "key_scans": KEY_SCANS}
+TEN_HERTZ = {
+    "platform": "rplidar_a1",
+    "settings": ("platform.lidar.rate=10.0", "platform.lidar.time_increment=0.00027"),
+}
+"""A lidar of 360 beams, 12 m and 10 Hz."""
+WORLDS = ("campus", "twins", "grid", "mile")
+SMALL = ("doors", "lab", "corridor", "loop", "big_loop", "people")
+INDOORS = (*SMALL, "glass_front", "hall", "office", "outage", "slippery", "two_halls", "warehouse")
+BUILDINGS = tuple(f"random-corridors-{number}" for number in range(1000, 1020))
+NOISES = ("datasheet", "as_recorded")
+STAGES: dict[str, tuple[str, ...]] = {
+    "all": (),
+    "without loops": ("backend.loops.enabled=false",),
+    "without non-convexity": ("backend.graduated=false",),
+    "without joint registration": ("backend.joint.enabled=false",),
+    "without back end": FILTER_ALONE,
+}
+FORKS = {"fork": NOISY, "lookalikes": WHEELS | {"platform": "urg04lx", "step_noise": (0.1, 0.1)}}
+"""Worlds in which a second hypothesis is needed."""
+RIGHT = 0.5
+"""A final path that went the right way has a smaller ATE [m]; the next corridor costs 0.7 m, the next opening 1 m."""
 
-def run(name: str, preset: str, settings: list[str], seed: int, odometry_noise: float) -> Row:
-    """One seed of a log or a scenario: its errors, and the processor time a scan; what went wrong, if it crashes."""
-    return row_or_error({"run": name, "seed": seed}, measure, name, preset, settings, seed, odometry_noise)
+AT_ONCE = Bar("online_over_final", "worst", 1.5)
+NEVER_LOST = Bar("final", "worst", LOST)
+BARS: dict[str, tuple[Bar, ...]] = {
+    "intel_raw_part": (
+        Bar("final_clear", "worst", 0.0145),
+        Bar("final_clear_deg", "worst", 0.215),
+        AT_ONCE,
+        Bar("online_over_final_deg", "worst", 1.5),
+    ),
+    "aces": (Bar("final", "worst", 0.12),),
+    "fhw": (Bar("final", "worst", 0.17),),
+    "intel_key_scans": (Bar("final", "worst", 0.078), AT_ONCE),
+    "freiburg-101": (Bar("final", "worst", 0.046), AT_ONCE),
+    "belgioioso": (Bar("final", "worst", 0.095), AT_ONCE),
+    "csail": (Bar("final", "worst", 0.105), AT_ONCE),
+    "hall": (Bar("final_across", "worst", 0.05), Bar("along_over_dead_reckoning", "worst", 1.0), AT_ONCE),
+} | dict.fromkeys(("corridor", "loop", "office"), (NEVER_LOST, Bar("final", "median", 0.03), AT_ONCE))
+"""On logs a quarter less error than the best of GMapping, Karto, Cartographer and Hector (docs/results.md)."""
 
 
-def measure(name: str, preset: str, settings: list[str], seed: int, odometry_noise: float) -> Row:
-    """The figures of one seed."""
+@dataclass(frozen=True)
+class Runs:
+    """Runs of a study, each name with each seed.
+
+    Attributes:
+        run: rows of the same one are summarised together; ``{}`` is the name.
+        names: of logs and scenarios; ``{seed}`` is the seed.
+        seeds: of the simulations; of SLAM, too, unless ``slam_seed`` is given.
+        simulated: what ``simulate_case`` takes besides.
+        false_loops: enter false ones into the final graph, a tenth as many as were accepted.
+        residuals: measure those of the scans under the final poses.
+        warning: the code of the one that is expected.
+    """
+
+    run: str
+    names: Iterable[str]
+    seeds: range
+    slam_seed: int | None = None
+    simulated: Mapping[str, Any] = field(default_factory=dict)
+    preset: str = "default"
+    settings: tuple[str, ...] = ()
+    false_loops: bool = False
+    residuals: bool = False
+    warning: str = ""
+
+
+def alone(run: str, names: Iterable[str], seeds: int, **more: Any) -> Runs:
+    """The filter without the back end."""
+    return Runs(run + ", {}", names, range(seeds), settings=FILTER_ALONE, **more)
+
+
+def key_scans(run: str, names: Iterable[str], seeds: range, simulated: Mapping[str, Any] = NOISY, **more: Any) -> Runs:
+    """Key scans of wheels alone, with noise of their steps unless given otherwise."""
+    return Runs(run, names, seeds, slam_seed=0, simulated=simulated, **more)
+
+
+ALL = tuple(bundled_scenarios())
+FALSE_LOOPS = key_scans("{}, false loops", WORLDS, range(5), false_loops=True)
+FEW = range(200, 203)
+STAGED = (
+    Runs("{}", LOGS, range(1)),
+    key_scans("{}", (*SMALL, *WORLDS), FEW),
+    replace(FALSE_LOOPS, seeds=FEW),
+    Runs("{} every scan", INDOORS, FEW, slam_seed=0),
+    Runs("{} every scan", ("campus", "mile"), FEW[:1], slam_seed=0),
+)
+FAULTS = {
+    "gap of 1 s": ("gap", 'kind="gap", start=20, duration=1'),
+    "gap of 10 s": ("gap", 'kind="gap", start=20, duration=10'),
+    "gap, counters lost": ("gap", 'kind="gap", counters="lost", start=20, duration=3'),
+    "stale odometry": ("stale-odometry", 'kind="stale_odometry", start=20, duration=3'),
+    "jump": ("odometry-jumps", 'kind="odometry_jump", x=1.0, theta=0.5, start=20'),
+    "cart": ("travels-along", 'kind="cart"'),
+    "tilt": ("travels-along", 'kind="tilt", pitch=0.087'),
+    "repeated scans": ("scans-repeat", 'kind="repeated_scans", start=20, duration=5'),
+    "stuck wheels": ("wheels-spin", 'kind="stuck_wheels", start=20, duration=5'),
+}
+"""The code of the warning, and the fault as a scenario has it."""
+COLOURS = {"without": (), "with": ("colours.enabled=true",)}
+
+STUDIES: dict[str, list[Runs]] = {
+    "logs": [Runs("{}", LOGS, range(5))],
+    "scenarios": [Runs("{}", ALL, range(5))],
+    "buildings": [Runs("random-corridors", BUILDINGS, range(1))],
+    "classes": [
+        alone(f"{preset}, {noise}", ALL, 5, preset=preset, simulated={"platform": "ucsd", "noise_class": noise})
+        for preset in ("default", "paper")
+        for noise in NOISES
+    ],
+    "lidars": [
+        alone(name, ("corridor", "office", "big_loop"), 20, simulated=simulated)
+        for name, simulated in (
+            ("UTM-30LX", {"platform": "ucsd"}),
+            ("360 beams, 12 m, 10 Hz", TEN_HERTZ),
+            ("360 beams, 12 m, 10 Hz, key scans", TEN_HERTZ | {"key_scans": KEY_SCANS}),
+            ("LMS200", {"platform": "lms200"}),
+            ("LMS200, key scans", KEYS),
+        )
+    ],
+    "robots": [
+        alone(name, ("office", "corridor", "two_halls"), 5, simulated=simulated)
+        for name, simulated in (
+            ("turtlebot3", {"platform": "turtlebot3"}),
+            ("rplidar_a1", {"platform": "rplidar_a1"}),
+            ("rplidar_s2", {"platform": "rplidar_s2"}),
+            ("rplidar_a1, 6 m", {"platform": "rplidar_a1", "settings": ("platform.lidar.range_max=6.0",)}),
+            ("rplidar_a1, 3 m", {"platform": "rplidar_a1", "settings": ("platform.lidar.range_max=3.0",)}),
+        )
+    ],
+    "scattered-keys": [alone(f"LMS200, {noise}", ALL, 20, simulated=KEYS | {"noise_class": noise}) for noise in NOISES],
+    "residuals": [
+        Runs("{}", ("intel_key_scans", "csail", "freiburg-101"), range(1), settings=FILTER_ALONE, residuals=True),
+        *(
+            alone(
+                f"{name}, {noise}",
+                ("corridor", "office", "loop", "big_loop", "hall"),
+                5,
+                simulated={"platform": "lms200", "noise_class": noise, "settings": settings},
+                residuals=True,
+            )
+            for name, settings in (("LMS200", ()), ("LMS200 at half a degree", HALF_DEGREE))
+            for noise in NOISES
+        ),
+    ],
+    "key-scans": [
+        key_scans(run + more, names, range(100, 110), simulated=simulated)
+        for more, simulated in (("", WHEELS), (", noise", NOISY))
+        for run, names in (("{}", SMALL), ("random-corridors", ("random-corridors-{seed}",)))
+    ],
+    "worlds": [key_scans("{}", WORLDS, range(5))],
+    "dense": [Runs("{}, every scan", ("campus", "mile"), range(5), slam_seed=0)],
+    "false-loops": [key_scans("{}", WORLDS, range(5)), FALSE_LOOPS],
+    "stages": [
+        replace(runs, run=f"{runs.run}, {stage}", settings=settings)
+        for runs in STAGED
+        for stage, settings in STAGES.items()
+        if not (runs.false_loops and stage in ("without loops", "without back end"))
+    ],
+    "particles": [
+        key_scans(
+            f"{{}}, {number} particles, {back_end}",
+            (name,),
+            range(100, 150),
+            simulated=simulated,
+            settings=(f"particles={number}", *settings),
+        )
+        for name, simulated in FORKS.items()
+        for number in (1, 10, 30, 100)
+        for back_end, settings in (("back end", ()), ("filter alone", FILTER_ALONE))
+    ],
+    "faults": [
+        Runs(f"{{}}, {fault}", SMALL, range(5), simulated=simulated, warning=warning)
+        for fault, warning, simulated in (
+            ("no fault", "", {}),
+            *((fault, code, {"settings": (f"faults=[{{{text}}}]",)}) for fault, (code, text) in FAULTS.items()),
+        )
+    ],
+    "colours": [
+        Runs(
+            f"{{}}, {which} colours",
+            names,
+            range(seeds),
+            simulated={"camera": True},
+            settings=(*FILTER_ALONE, "texture.enabled=false", *settings),
+        )
+        for names, seeds in ((("two_halls",), 10), ([name for name in ALL if name != "two_halls"], 2))
+        for which, settings in COLOURS.items()
+    ],
+}
+
+
+def measure(this: Runs, name: str, seed: int) -> Row:
+    """The figures of one run."""
+    from moteslam.eval.metrics.residuals import scan_residuals
     from moteslam.kernels import runtime
     from moteslam.slam.run import run_slam
 
     runtime.init("cpu", 1)
-    config = resolve_config(preset, settings)
-    case = load_log(name) if name in LOGS else simulate_case(name, seed, odometry_noise=odometry_noise)
-    began, spent = time.perf_counter(), time.process_time()
-    estimate = run_slam(case.recording, config, seed=seed)
-    seconds, spent = time.perf_counter() - began, time.process_time() - spent
-    scans = len(estimate.trajectory)
-    return {
-        **errors(name, estimate, case),
-        "cpu_seconds_a_scan": spent / scans,
-        "scans": scans,
-        "updates": int(estimate.diagnostics["updated"].sum()),
-        "seconds": seconds,
-    }
+    config = resolve_config(this.preset, this.settings)
+    case = load_log(name) if name in LOGS else simulate_case(name, seed, **this.simulated)
+    began = time.process_time()
+    with false_loops(seed) if this.false_loops else nullcontext():
+        estimate = run_slam(case.recording, config, seed=seed if this.slam_seed is None else this.slam_seed)
+    spent = time.process_time() - began
+    row: Row = {**errors(estimate, case), "scans": len(estimate.trajectory), "cpu_s": spent}
+    row["updates"] = int(estimate.diagnostics["updated"].sum())
+    if case.simulation is not None and config.backend.method != "none":
+        row |= loop_figures(estimate, case)
+    if name in FORKS:
+        row["right"] = row["final"] < RIGHT
+    if this.warning:
+        row["warned"] = any(issue.code == this.warning for issue in estimate.warnings)
+    if this.residuals:
+        found = scan_residuals(case.recording, estimate.trajectory_final)
+        names = ("median", "quantile_90", "beyond_3_cm", "no_return")
+        row |= {f"residual_{each}": getattr(found, each) for each in names}
+    return row
 
 
-def chosen(options: argparse.Namespace) -> dict[str, range]:
-    """The names of what is run, each with its seeds.
-
-    Raises:
-        ConfigError: a run that there is not, a log that is not there, or one that is to be simulated with other noise.
-    """
-    from moteslam.sim.scenario import bundled_scenarios
-
-    known = [*LOGS, *dict.fromkeys((*SCENARIOS, HALL, *bundled_scenarios()))]
-    if options.runs:
-        names = options.runs
-        expect_names(names, known, field="--runs")
-        for name in names:
-            if name in LOGS and not log_file(name).is_file():
-                raise ConfigError("not there; MOTESLAM_DATA names the folder of the real logs", file=log_file(name))
-            if name in LOGS and options.odometry_noise != 1.0:
-                raise ConfigError(f"{name} is recorded, expected simulated scenarios", field="--odometry-noise")
-    elif options.all_scenarios:
-        names = list(bundled_scenarios())
-    elif options.unseen:
-        names = [*UNSEEN_LOGS, *UNSEEN_BUILDINGS]
-    elif options.odometry_noise != 1.0:
-        names = list(SCENARIOS)
-    else:
-        names = [*(name for name in LOGS if name not in UNSEEN_LOGS), *SCENARIOS, HALL]
-    return {name: options.seeds or range(usual_seeds(name, options)) for name in that_are_there(names)}
+def asked(study: str, name: str, odometry_noise: float | None) -> tuple[Bar, ...]:
+    """The bars of a log or a scenario; with another odometry, and where getting lost is expected, fewer."""
+    if study not in ("logs", "scenarios", "buildings"):
+        return ()
+    if odometry_noise is not None:
+        return (NEVER_LOST,)
+    expected = name not in LOGS and load_scenario(name).expect_divergence
+    return BARS.get(name, () if expected else (NEVER_LOST,))
 
 
-def usual_seeds(name: str, options: argparse.Namespace) -> int:
-    """How many seeds of a run where none are asked for."""
-    if name in UNSEEN_BUILDINGS:
-        return 1
-    return 20 if name in SCENARIOS and not options.all_scenarios else 5
-
-
-def asked_of(name: str, options: argparse.Namespace) -> tuple[Bar, ...]:
-    """The bars of a run; with other noise, and where every scenario is looked at, not to get lost is all."""
-    if name in LOGS or (name in BARS and not options.all_scenarios and options.odometry_noise == 1.0):
-        return BARS.get(name, ())
-    return () if diverges(name) else (NEVER_LOST,)
-
-
-def diverges(name: str) -> bool:
-    """Whether a scenario says that an estimate that is lost is no surprise."""
-    from moteslam.sim.scenario import load_scenario
-
-    return name not in LOGS and load_scenario(name).expect_divergence
-
-
-def summarised(rows: list[dict[str, Any]], options: argparse.Namespace) -> dict[str, Any]:
-    """The summary of each run."""
-    summaries = {}
-    for name in dict.fromkeys(row["run"] for row in rows):
-        mine = [row for row in rows if row["run"] == name]
-        summaries[name] = summarise(mine, asked_of(name, options))
-        if name not in LOGS:
-            summaries[name]["expect_divergence"] = diverges(name)
-            summaries[name]["lost"] = sum(row.get("final", 0.0) >= LOST for row in mine)
-    return summaries
-
-
-def described(name: str, summary: dict[str, Any]) -> str:
-    """What a run is called in the table."""
-    counts = [f"{summary[key]} {key[2:]}" for key in summary if key.startswith("n_")]
-    if summary.get("lost"):
-        counts.append(f"{summary['lost']} lost")
-    if summary.get("expect_divergence"):
-        counts.append("divergence expected")
-    return f"{name} ({', '.join(counts)})" if counts else name
-
-
-def main() -> None:
-    """Run, print a table, and write the result file, anew after every run."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--preset", default="default")
-    which = parser.add_mutually_exclusive_group()
-    which.add_argument("--runs", nargs="+", metavar="NAME", help="real logs and scenarios by name")
-    which.add_argument("--all-scenarios", action="store_true", help="every bundled scenario")
-    which.add_argument("--unseen", action="store_true", help="logs and buildings that no setting was chosen on")
-    parser.add_argument("--seeds", type=seeds, metavar="N", help="of each run, from 0; or 10-19")
-    parser.add_argument("--odometry-noise", type=factor, default=1.0, metavar="X", help="times the scenarios' own")
-    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", dest="settings")
-    parser.add_argument("--workers", type=count, default=2, help="processes; 2")
-    parser.add_argument("--out", type=result_file)
+def main() -> int:
+    """Run a study, and print median and worst of every figure; 1 where a run crashed or a bar does not hold."""
+    parser = arguments(__doc__)
+    parser.add_argument("study", choices=STUDIES, metavar="STUDY")
+    parser.add_argument("--runs", nargs="+", metavar="NAME", help="of the study, by the names of logs and scenarios")
+    parser.add_argument("--preset", help="in place of the study's")
+    parser.add_argument("--noise", choices=NOISES, help="of the sensors, in place of the study's")
+    parser.add_argument("--odometry-noise", type=factor, metavar="X", help="times the scenarios' own")
+    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", dest="settings", help="of SLAM")
     options = parser.parse_args()
+    changed = {"noise_class": options.noise, "odometry_noise": options.odometry_noise}
+    about = {**changed, "preset": options.preset, "settings": " ".join(options.settings)}
+    cases: list[Case] = []
+    for runs in STUDIES[options.study]:
+        this = replace(
+            runs,
+            simulated={**runs.simulated, **{key: value for key, value in changed.items() if value is not None}},
+            preset=options.preset or runs.preset,
+            settings=(*runs.settings, *options.settings),
+        )
+        for pattern, seed in itertools.product(runs.names, options.seeds or runs.seeds):
+            name = pattern.format(seed=seed)
+            row = {"study": options.study, "run": runs.run.format(name), "name": name, "seed": seed, **about}
+            cases.append((row, (this, name, seed)))
+    expect_known(parser, "--runs", options.runs or (), dict.fromkeys(row["name"] for row, _ in cases))
+    cases = [case for case in cases if options.runs is None or case[0]["name"] in options.runs]
+    bars = {row["run"]: asked(options.study, row["name"], options.odometry_noise) for row, _ in cases}
     try:
-        resolve_config(options.preset, options.settings)
-        runs = chosen(options)
-    except ConfigError as error:
+        for _, (this, name, _) in cases:
+            resolve_config(this.preset, this.settings)
+            if name in LOGS:
+                log_file(name)
+    except MoteslamError as error:
         parser.error(str(error))
-    rows: list[dict[str, Any]] = []
-    about = {
-        **stamp(),
-        "preset": options.preset,
-        "settings": options.settings,
-        "odometry_noise": options.odometry_noise,
-        "workers": options.workers,
-    }
-    calls = [
-        (name, options.preset, options.settings, seed, options.odometry_noise)
-        for name, these in runs.items()
-        for seed in these
-    ]
-    for row in rows_of(run, calls, options.workers):
-        rows.append(row)
-        save(options.out, {**about, "summary": summarised(rows, options), "rows": rows})
-    summaries = summarised(rows, options)
-    print()
-    print(
-        table(summary_lines({described(name, summary): summary for name, summary in summaries.items()}), right=(3, 4))
-    )
+    return status(benchmark(measure, cases, options, bars=bars), bars)
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

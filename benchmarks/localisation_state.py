@@ -1,78 +1,57 @@
 """How far covariances and states can be trusted: NEES, precision and recall of "lost", said against true probability.
 
-    python benchmarks/localisation_state.py --out result.json
+    python benchmarks/localisation_state.py --out state.csv
     python benchmarks/localisation_state.py --setups "key scans" --scenarios doors lab --seeds 200-204
-    python benchmarks/localisation_state.py --draw docs/images/reliability.png --out FILE
+    python benchmarks/localisation_state.py --out state.csv --resume --draw docs/images/reliability.png
 
 Every bundled scenario as the setups have it: every scan of the scenario's own robot, by the noise of data sheets or as
 recorded; key scans of the LMS200 by wheels alone, with noise of 5 % and 10 % added to each step; robots that are
-carried on along their way for 20 s while their lidar is off and their wheels stand. On one thread, with seed 0. What is
-counted: docs/theory/am-i-lost.md.
+carried on along their way for 20 s while their lidar is off and their wheels stand. On one thread, SLAM with seed 0.
+Precision and recall are over all scans, every run counted alike; NEES is the median over runs. What is counted:
+docs/theory/am-i-lost.md.
 """
 
 from __future__ import annotations
 
-import argparse
 import statistics
-from dataclasses import dataclass
+import sys
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-from parts.options import count, result_file, seeds
-from parts.pool import Row, row_or_error, study
-from parts.runs import STEP_NOISE, expect_names, simulate_case, wheels_case
+from parts.harness import Row, arguments, benchmark, by_run, expect_known, status
+from parts.runs import STEP_NOISE, simulate_case, wheels_case
 
-from moteslam.errors import ConfigError
 from moteslam.eval.cli.text import table
+from moteslam.sim.scenario import bundled_scenarios
 
 LONG = ("campus", "mile", "twins", "grid")
 """Left out of the setups of every scan, unless asked for: they take longer than all others together."""
-
-CARRIED = 'faults=[{{kind="carried", start=40, duration=20, along={}, lidar="off"}}]'
-COUNTS = ("wrong", "lost", "lost_wrong", "doubted", "doubted_wrong")
-"""Figures of a run that are counts of scans."""
 BINS = (0.0, 0.01, 0.05, 0.2, 0.5, 0.8, 0.93, 1.0)
 """Said probabilities of a wrong pose are gathered between these."""
 
 
-@dataclass(frozen=True)
-class Setup:
-    """What is simulated, logged and run.
-
-    Attributes:
-        every_scan: of the scenario's own robot; else key scans of the LMS200 by noisy wheels.
-        seeds: of the simulations.
-        recorded: noise class ``as_recorded``.
-        carried: how far the robot is carried [m].
-        preset: of SLAM.
-    """
-
-    every_scan: bool
-    seeds: range
-    recorded: bool = False
-    carried: float = 0.0
-    preset: str = "default"
+def carried(metres: float) -> dict[str, Any]:
+    """The settings of a scenario whose robot is carried."""
+    return {"settings": (f'faults=[{{kind="carried", start=40, duration=20, along={metres}, lidar="off"}}]',)}
 
 
-SETUPS = {
-    "key scans": Setup(False, range(100, 105)),
-    "key scans, as recorded": Setup(False, range(100, 105), recorded=True),
-    "key scans, carried 6 m": Setup(False, range(107, 110), carried=6.0),
-    "every scan": Setup(True, range(100, 101)),
-    "every scan, as recorded": Setup(True, range(101, 102), recorded=True),
-    "every scan, carried 4 m": Setup(True, range(102, 103), carried=4.0),
-    "every scan, carried 10 m": Setup(True, range(103, 104), carried=10.0),
-    "every scan, paper": Setup(True, range(100, 101), preset="paper"),
+SETUPS: dict[str, tuple[range, Mapping[str, Any]]] = {
+    "key scans": (range(100, 105), {}),
+    "key scans, as recorded": (range(100, 105), {"noise_class": "as_recorded"}),
+    "key scans, carried 6 m": (range(107, 110), carried(6.0)),
+    "every scan": (range(100, 101), {}),
+    "every scan, as recorded": (range(101, 102), {"noise_class": "as_recorded"}),
+    "every scan, carried 4 m": (range(102, 103), carried(4.0)),
+    "every scan, carried 10 m": (range(103, 104), carried(10.0)),
+    "every scan, paper": (range(100, 101), {}),
 }
+"""The seeds of the simulations, and what is simulated."""
 
 
-def run(name: str, scenario: str, seed: int) -> Row:
-    """The counts of one run, and its NEES; what went wrong, if it crashes."""
-    return row_or_error({"setup": name, "scenario": scenario, "seed": seed}, measure, SETUPS[name], scenario, seed)
-
-
-def measure(setup: Setup, scenario: str, seed: int) -> Row:
-    """The counts of one run, and its NEES."""
+def measure(setup: str, scenario: str, seed: int) -> Row:
+    """Shares of the scans, the counts in each bin, and NEES of one run."""
     from moteslam.eval.metrics.localisation import score_localisation
     from moteslam.kernels import runtime
     from moteslam.slam.filter.certainty import LocalisationState
@@ -80,73 +59,64 @@ def measure(setup: Setup, scenario: str, seed: int) -> Row:
     from moteslam.slam.settings import resolve_config
 
     runtime.init("cpu", 1)
-    settings = [CARRIED.format(setup.carried)] if setup.carried else []
-    noise_class = "as_recorded" if setup.recorded else None
-    if setup.every_scan:
-        case = simulate_case(scenario, seed, noise_class=noise_class, settings=settings)
+    simulated = SETUPS[setup][1]
+    if setup.startswith("key scans"):
+        case = wheels_case(scenario, seed, step_noise=STEP_NOISE, **simulated)
     else:
-        case = wheels_case(scenario, seed, noise_class=noise_class, settings=settings, step_noise=STEP_NOISE)
-    recording, truth = case.recording, case.reference
-    assert truth is not None
-    estimate = run_slam(recording, resolve_config(setup.preset), seed=0)
+        case = simulate_case(scenario, seed, **simulated)
+    assert case.reference is not None
+    estimate = run_slam(case.recording, resolve_config("paper" if setup.endswith("paper") else "default"), seed=0)
+    diagnostics = estimate.diagnostics
     found = score_localisation(
         estimate.trajectory,
         estimate.covariances,
-        estimate.diagnostics["state"],
-        estimate.diagnostics["updated"],
-        truth,
+        diagnostics["state"],
+        diagnostics["updated"],
+        case.reference,
         corrections=estimate.corrections,
     )
-    said = estimate.diagnostics["wrong"][np.searchsorted(estimate.trajectory.stamps, found.stamps)]
+    said = diagnostics["wrong"][np.searchsorted(estimate.trajectory.stamps, found.stamps)]
     bins = np.clip(np.searchsorted(BINS, said, side="right") - 1, 0, len(BINS) - 2)
-    nees = found.as_dict()["nees"] or {}
     lost, doubted = found.states == LocalisationState.LOST, found.states >= LocalisationState.DOUBTFUL
     return {
         "scans": len(found.stamps),
-        "wrong": int(found.wrong.sum()),
-        "lost": int(lost.sum()),
-        "lost_wrong": int((found.wrong & lost).sum()),
-        "doubted": int(doubted.sum()),
-        "doubted_wrong": int((found.wrong & doubted).sum()),
-        "said": [float(said[bins == k].sum()) for k in range(len(BINS) - 1)],
-        "in_bin": [int((bins == k).sum()) for k in range(len(BINS) - 1)],
-        "wrong_in_bin": [int(found.wrong[bins == k].sum()) for k in range(len(BINS) - 1)],
-        **{f"nees_{key}": value for key, value in nees.items()},
+        "wrong": float(found.wrong.mean()),
+        "lost": float(lost.mean()),
+        "lost_wrong": float((found.wrong & lost).mean()),
+        "doubted": float(doubted.mean()),
+        "doubted_wrong": float((found.wrong & doubted).mean()),
+        "in_bin": [float((bins == k).mean()) for k in range(len(BINS) - 1)],
+        "said": [float((said * (bins == k)).mean()) for k in range(len(BINS) - 1)],
+        "wrong_in_bin": [float((found.wrong & (bins == k)).mean()) for k in range(len(BINS) - 1)],
+        **{f"nees_{key}": value for key, value in (found.as_dict()["nees"] or {}).items()},
     }
 
 
-def pooled(rows: list[Row]) -> Row:
-    """NEES as medians over runs; precision and recall over all scans, every run counted alike."""
-    good = [row for row in rows if "error" not in row]
-    if not good:
-        return {"runs": len(rows), "crashed": len(rows)}
-    share = {key: sum(row[key] / row["scans"] for row in good) / len(good) for key in COUNTS}
-    result: Row = {"runs": len(rows), "crashed": len(rows) - len(good), **share}
-    for key, wrong in (("lost", "lost_wrong"), ("doubted", "doubted_wrong")):
-        result[f"{key}_precision"] = share[wrong] / share[key] if share[key] else None
-        result[f"{key}_recall"] = share[wrong] / share["wrong"] if share["wrong"] else None
-    for key in ("nees_mean", "nees_median", "nees_within_95"):
-        values = [row[key] for row in good if key in row]
-        result[key] = statistics.median(values) if values else None
-    result["reliability"] = reliability(good)
-    return result
+def summary(rows: Sequence[Row]) -> str:
+    """A line a setup, and one for each of its scenarios."""
+    heads = ("", "runs", "NEES mean", "median", "within 95 %", "wrong", "lost", "precision", "recall")
+    lines: list[tuple[str, ...]] = [(*heads, "doubted or lost", "precision", "recall")]
+    groups = by_run(rows)
+    groups |= by_run({**row, "run": f"{row['run']}: {row['scenario']}"} for row in rows)
+    for run, mine in groups.items():
+        good = [row for row in mine if "error" not in row]
+        values: list[float | None] = []
+        for key in ("nees_mean", "nees_median", "nees_within_95"):
+            some = [row[key] for row in good if key in row]
+            values.append(statistics.median(some) if some else None)
+        share = {
+            key: sum(row[key] for row in good) for key in ("wrong", "lost", "lost_wrong", "doubted", "doubted_wrong")
+        }
+        values.append(share["wrong"] / len(good) if good else None)
+        for key in ("lost", "doubted"):
+            right = share[f"{key}_wrong"]
+            values.append(share[key] / len(good) if good else None)
+            values += [right / share[of] if share[of] else None for of in (key, "wrong")]
+        lines.append((run, str(len(mine)), *("-" if value is None else f"{value:.3f}" for value in values)))
+    return table(lines, right=range(1, 12))
 
 
-def reliability(rows: list[Row]) -> list[Row]:
-    """For each bin of ``BINS`` with scans: their share, the mean probability that was said, and the share wrong."""
-    weights = [1 / row["scans"] for row in rows]  # every run counts alike
-    sums = {
-        key: np.sum([weight * np.array(row[key]) for weight, row in zip(weights, rows, strict=True)], axis=0)
-        for key in ("in_bin", "said", "wrong_in_bin")
-    }
-    return [
-        {"scans": float(scans / len(rows)), "said": float(said / scans), "wrong": float(wrong / scans)}
-        for scans, said, wrong in zip(*sums.values(), strict=True)
-        if scans > 0
-    ]
-
-
-def draw(path: Path, summary: dict[str, Row]) -> None:
+def draw(path: Path, rows: Sequence[Row]) -> None:
     """The reliability diagram of each setup, said against true; the larger a mark, the more scans."""
     import matplotlib as mpl
 
@@ -155,66 +125,39 @@ def draw(path: Path, summary: dict[str, Row]) -> None:
 
     figure, axes = plt.subplots(figsize=(6, 5), constrained_layout=True)
     axes.plot((0, 1), (0, 1), color="0.6", label="said is true")
-    for k, (name, marker) in enumerate(zip((name for name in summary if ":" not in name), "osD^vP*X", strict=False)):
-        bins = summary[name]["reliability"]
-        said, wrong, scans = ([one[key] for one in bins] for key in ("said", "wrong", "scans"))
-        sizes = 30 + 200 * np.array(scans)
+    for k, ((run, mine), marker) in enumerate(zip(by_run(rows).items(), "osD^vP*X", strict=False)):
+        keys = ("in_bin", "said", "wrong_in_bin")
+        scans, said, wrong = (np.mean([row[key] for row in mine if "error" not in row], axis=0) for key in keys)
+        some = scans > 0
         axes.scatter(
-            said, wrong, sizes, facecolors="none", edgecolors=f"C{k}", linewidths=1.5, marker=marker, label=name
-        )
+            said[some] / scans[some], wrong[some] / scans[some], 30 + 200 * scans[some],
+            facecolors="none", edgecolors=f"C{k}", linewidths=1.5, marker=marker, label=run,
+        )  # fmt: skip
     axes.set(xlabel="probability of a wrong pose, as said", ylabel="share of the poses that are wrong")
     axes.legend(loc="lower right", fontsize="small", markerscale=0.5)
     figure.savefig(path, dpi=150)
 
 
-def printed(summary: dict[str, Row]) -> str:
-    """The summary as a table."""
-    heads = ("", "runs", "NEES mean", "median", "within 95 %", "wrong", "lost", "precision", "recall")
-    rows: list[tuple[str, ...]] = [(*heads, "doubted or lost", "precision", "recall")]
-    keys = ("nees_mean", "nees_median", "nees_within_95", "wrong", "lost", "lost_precision", "lost_recall")
-    for name, one in summary.items():
-        values = [one.get(key) for key in (*keys, "doubted", "doubted_precision", "doubted_recall")]
-        rows.append((name, str(one["runs"]), *("-" if value is None else f"{value:.3f}" for value in values)))
-    return table(rows, right=range(1, 12))
-
-
-def summarised(rows: list[Row]) -> dict[str, Row]:
-    """By setup, and by setup and scenario."""
-    groups: dict[str, list[Row]] = {}
-    for row in rows:
-        groups.setdefault(row["setup"], []).append(row)
-    for row in rows:
-        groups.setdefault(f"{row['setup']}: {row['scenario']}", []).append(row)
-    return {name: pooled(mine) for name, mine in groups.items()}
-
-
-def main() -> None:
-    """Run, print a table, and write the result file, anew after every run."""
-    from moteslam.sim.scenario import bundled_scenarios
-
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+def main() -> int:
+    """Run, print a table, and draw; 1 where a run crashed."""
+    parser = arguments(__doc__)
     parser.add_argument("--setups", nargs="+", metavar="NAME", choices=SETUPS, default=tuple(SETUPS))
     parser.add_argument("--scenarios", nargs="+", metavar="NAME", help="in place of all")
-    parser.add_argument("--seeds", type=seeds, metavar="N", help="in place of the setups' own; or 200-204")
-    parser.add_argument("--workers", type=count, default=2, help="processes; 2")
-    parser.add_argument("--out", type=result_file)
     parser.add_argument("--draw", type=Path, metavar="PNG", help="the reliability diagram")
     options = parser.parse_args()
-    try:
-        expect_names(options.scenarios or (), tuple(bundled_scenarios()), field="--scenarios")
-    except ConfigError as error:
-        parser.error(str(error))
-    calls = [
-        (name, scenario, seed)
-        for name in options.setups
+    expect_known(parser, "--scenarios", options.scenarios or (), bundled_scenarios())
+    cases = [
+        ({"run": setup, "scenario": scenario, "seed": seed}, (setup, scenario, seed))
+        for setup in options.setups
         for scenario in options.scenarios or bundled_scenarios()
-        if options.scenarios or not (SETUPS[name].every_scan and scenario in LONG)
-        for seed in options.seeds or SETUPS[name].seeds
+        if options.scenarios or not (setup.startswith("every scan") and scenario in LONG)
+        for seed in options.seeds or SETUPS[setup][0]
     ]
-    rows = study(run, calls, options.workers, options.out, summarised=summarised, printed=printed)
+    rows = benchmark(measure, cases, options, summary=summary)
     if options.draw:
-        draw(options.draw, summarised(rows))
+        draw(options.draw, rows)
+    return status(rows)
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

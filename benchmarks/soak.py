@@ -1,7 +1,6 @@
 """Ten hours in a loop with the back end on: what memory a run takes, hour by hour.
 
-    python benchmarks/soak.py --out result.json
-
+    python benchmarks/soak.py --out soak.csv
     python benchmarks/soak.py --hours 0.02
 
 The scenario `loop` is driven round a hundred times by the robot `lms200`, again and again with another seed, and the
@@ -12,25 +11,24 @@ nodes of the graph, and the processor time of a scan.
 
 from __future__ import annotations
 
-import argparse
-import json
 import math
-import subprocess
 import sys
 import tempfile
 import time
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-from parts.machine import resident_bytes, save, stamp
-from parts.options import count, factor, result_file
-from parts.runs import graph_backend
+from parts.harness import Row, arguments, benchmark, factor, memory, status
 
-from moteslam.robot.platforms import load_platform
-from moteslam.robot.ranges import ChunkedRanges
-from moteslam.robot.recording import EncoderStream, LidarStream, Recording
-from moteslam.slam.run import SlamSession
+from moteslam.errors import MoteslamError
+from moteslam.slam.settings import resolve_config
+
+if TYPE_CHECKING:
+    from moteslam.robot.recording import Recording
+    from moteslam.slam.run import SlamSession
 
 LAPS = 100
 """Of a drive, at most."""
@@ -62,6 +60,10 @@ def drive(seed: int, laps: int, folder: Path) -> None:
 
 def recorded(folder: Path, drives: int) -> Recording:
     """The drives one behind the other, with their ranges in files."""
+    from moteslam.robot.platforms import load_platform
+    from moteslam.robot.ranges import ChunkedRanges
+    from moteslam.robot.recording import EncoderStream, LidarStream, Recording
+
     parts, shift, starts = [], 0.0, [0]
     for seed in range(drives):
         with np.load(folder / f"{seed}.npz") as arrays:
@@ -71,7 +73,7 @@ def recorded(folder: Path, drives: int) -> Recording:
         shift = max(part["scans"][-1], part["readings"][-1]) + PAUSE
         starts.append(starts[-1] + len(part["scans"]))
         parts.append(part)
-    angle_min, increment, range_min, range_max, beams = parts[0]["fan"].tolist()
+    *fan, beams = parts[0]["fan"].tolist()
     beams = int(beams)
 
     def load(first: int, last: int) -> np.ndarray:
@@ -83,103 +85,77 @@ def recorded(folder: Path, drives: int) -> Recording:
                 found.append(np.fromfile(folder / f"{seed}.ranges", np.float32, size, offset=offset))
         return np.concatenate(found).reshape(-1, beams)
 
+    scans, readings, counts = (np.concatenate([part[key] for part in parts]) for key in ("scans", "readings", "counts"))
     return Recording(
         "soak",
         load_platform("lms200"),
-        lidar=LidarStream(
-            np.concatenate([part["scans"] for part in parts]),
-            ChunkedRanges(load, starts[-1], beams),
-            angle_min,
-            increment,
-            range_min,
-            range_max,
-        ),
-        encoders=EncoderStream(
-            np.concatenate([part["readings"] for part in parts]), np.concatenate([part["counts"] for part in parts])
-        ),
+        lidar=LidarStream(scans, ChunkedRanges(load, starts[-1], beams), *fan),
+        encoders=EncoderStream(readings, counts),
     )
 
 
 def trajectory_bytes(session: SlamSession, scans: int) -> int:
     """What the poses of so far are in memory [bytes]: of every scan with its covariance, of every particle's path."""
-    inputs, history = session._inputs, session._filter.history
+    inputs, history, backend = session._inputs, session._filter.history, session._backend
     a_scan = [inputs.stamps, inputs.odometry, inputs.motions, inputs.jumped, inputs.measured]
     paths = sum(poses.nbytes + sys.getsizeof(poses) for poses in history._poses)
-    keys = sum(sys.getsizeof(pose) + pose.nbytes for pose in graph_backend(session)._path)
+    keys = sum(sys.getsizeof(pose) + pose.nbytes for pose in getattr(backend, "_path", ()))
     return int(sum(values.nbytes // len(values) for values in a_scan) * scans + session._records.nbytes + paths + keys)
 
 
-def soak(folder: Path, drives: int, hours: float, settings: list[str]) -> None:
-    """Run SLAM over the drives; a line of JSON an hour."""
+def measure(folder: Path, drives: int, hours: float, settings: list[str]) -> Row:
+    """Run SLAM over the drives: figures of every hour, printed as they come."""
     from moteslam.kernels.runtime import init
-    from moteslam.slam.settings import resolve_config
+    from moteslam.slam.run import SlamSession
 
     init("cpu", 1)
-    recording = recorded(folder, drives)
-    session = SlamSession(recording, resolve_config("default", settings))
+    session = SlamSession(recorded(folder, drives), resolve_config("default", settings))
     first = session._inputs.stamps[0]
-    hour, began, before = 1, time.process_time(), 0
-    for update in session:
-        last = update.stamp - first >= 3600 * hours
-        if update.stamp - first >= 3600 * hour or last:
-            row: dict[str, Any] = {
-                "hours": float(update.stamp - first) / 3600,
-                "scans": update.index + 1,
-                "resident": resident_bytes(),
-                "trajectory": trajectory_bytes(session, update.index + 1),
-                "maps": session.map_bytes,
-                "nodes": len(graph_backend(session)._nodes),
-                "cpu_seconds_a_scan": (time.process_time() - began) / (update.index + 1 - before),
-            }
-            print(json.dumps(row), flush=True)
-            hour, began, before = hour + 1, time.process_time(), update.index + 1
-        if last:
+    rows: list[Row] = []
+    began, before = time.process_time(), 0
+    for scans, update in enumerate(session, start=1):
+        since = float(update.stamp - first) / 3600
+        if since < min(len(rows) + 1, hours):
+            continue
+        row = {
+            "hours": since,
+            "scans": scans,
+            "resident_mb": memory("VmRSS"),
+            "trajectory_mb": trajectory_bytes(session, scans) / 1e6,
+            "maps_mb": session.map_bytes / 1e6,
+            "nodes": len(getattr(session._backend, "_nodes", ())),
+            "cpu_ms_a_scan": 1e3 * (time.process_time() - began) / (scans - before),
+        }
+        print("  ".join(f"{key} {value:.2f}" for key, value in row.items()), flush=True)
+        rows.append(row)
+        began, before = time.process_time(), scans
+        if since >= hours:
             break
+    hourly = {f"{key}_hourly": [row[key] for row in rows] for key in rows[0]}
+    return {**rows[-1], **hourly}
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+def main() -> int:
+    """Simulate, run, and print; 1 where the run crashed."""
+    parser = arguments(__doc__)
     parser.add_argument("--hours", type=factor, default=10.0)
-    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="of the configuration")
-    parser.add_argument("--folder", type=Path, help="of the drives, kept; they are simulated where they are missing")
-    parser.add_argument("--out", type=result_file)
-    parser.add_argument("--drive", type=count, help=argparse.SUPPRESS)
-    parser.add_argument("--soak", action="store_true", help=argparse.SUPPRESS)
+    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", dest="settings", help="of SLAM")
     options = parser.parse_args()
+    try:
+        resolve_config("default", options.settings)
+    except MoteslamError as error:
+        parser.error(str(error))
     laps = min(LAPS, math.ceil(3600 * options.hours / LAP[0]) + 1)
     drives = math.ceil(3600 * options.hours / (laps * LAP[0]))
-    if options.drive is not None:
-        drive(options.drive - 1, laps, options.folder)
-        return
-    if options.soak:
-        soak(options.folder, drives, options.hours, options.set)
-        return
     with tempfile.TemporaryDirectory(prefix="soak-") as scratch:
-        folder = options.folder or Path(scratch)
-        folder.mkdir(parents=True, exist_ok=True)
-        again = [sys.executable, __file__, "--hours", str(options.hours), "--folder", str(folder)]
-        for number in range(1, drives + 1):  # each in a process of its own: what it took goes with it
-            if not (folder / f"{number - 1}.npz").exists():
-                subprocess.run([*again, "--drive", str(number)], check=True)
-        settings = [word for setting in options.set for word in ("--set", setting)]
-        rows = []
-        with subprocess.Popen([*again, "--soak", *settings], stdout=subprocess.PIPE, text=True) as run:
-            assert run.stdout is not None
-            for line in run.stdout:
-                if not line.startswith("{"):
-                    continue
-                row = json.loads(line)
-                rows.append(row)
-                print(
-                    f"{row['hours']:5.2f} h  {row['scans']:7d} scans  resident {row['resident'] / 1e6:7.1f} MB, of it "
-                    f"trajectory {row['trajectory'] / 1e6:6.1f} MB  maps {row['maps'] / 1e6:6.1f} MB  "
-                    f"{row['nodes']} nodes  {1000 * row['cpu_seconds_a_scan']:.2f} ms of CPU a scan",
-                    flush=True,
-                )
-    if run.returncode:
-        sys.exit(run.returncode)
-    save(options.out, {**stamp(), "hours": options.hours, "settings": options.set, "rows": rows})
+        folder, context = Path(scratch), get_context("spawn")
+        with ProcessPoolExecutor(options.workers, mp_context=context, max_tasks_per_child=1) as pool:
+            for job in [pool.submit(drive, seed, laps, folder) for seed in range(drives)]:
+                job.result()
+        about = {"run": f"{options.hours:g} hours", "settings": " ".join(options.settings)}
+        given = (folder, drives, options.hours, options.settings)
+        return status(benchmark(measure, [(about, given)], options, fresh=True))
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

@@ -29,8 +29,7 @@ from statistics import median
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))  # the twins
-from parts.machine import stamp
-from parts.options import count, result_file
+from parts.harness import count, result_file, stamp
 from parts.rays import raycasting
 from parts.tasks import (
     Contender,
@@ -49,9 +48,7 @@ from moteslam.eval.statistics.summary import median_interval
 from moteslam.kernels import runtime
 
 SOURCES = [Path(__file__).with_name(name) for name in ("loops.c", "maps.c")]
-FLAGS = ("-O3", "-ffast-math", "-fPIC")
-SOME_KNOW = (("-march=native", "-fopenmp"), ("-march=native",), ("-fopenmp",), ())
-"""Flags that some compilers do not know, in the order in which they are tried."""
+FLAGS = ("-O3", "-march=native", "-ffast-math", "-fPIC")
 SHORTEST = 2e-3
 """Of a turn [s]: in it a shorter call is made several times."""
 TASKS: dict[str, Callable[[Loops], Task]] = {
@@ -76,19 +73,16 @@ def compile_loops(folder: Path, threads: int) -> tuple[Loops, str]:
     found = next(filter(None, map(shutil.which, given[:1] or ("gcc", "clang", "cc"))), None)
     if found is None:
         return Loops(None), f"no C loops: there is no {given[0] if given else 'gcc, clang or cc'}"
-    compiler, said, objects = [found, *given[1:]], "", [source.with_suffix(".o").name for source in SOURCES]
-    for more in SOME_KNOW:
-        openmp = [flag for flag in more if flag == "-fopenmp"]
-        if threads > 1 and not openmp:
-            continue
-        # not linked with -ffast-math: loaded, the library would have the whole process take the smallest numbers for 0
-        calls = ([*compiler, *FLAGS, *more, "-c", *map(str, SOURCES)], [*compiler, *openmp, "-shared", *objects, "-lm"])
-        done = [subprocess.run(words, cwd=folder, capture_output=True, text=True, check=False) for words in calls]
-        if not any(one.returncode for one in done):
-            return Loops(folder / "a.out"), " ".join(("C by", *compiler, *FLAGS, *more))
-        said = said or (done[0].stderr + done[1].stderr).strip()
-    why = said.splitlines()[-1] if said else "it says nothing"
-    return Loops(None), f"no C loops: {found} cannot compile them: {why}"
+    openmp = ("-fopenmp",) if threads > 1 else ()
+    compiler, objects = [found, *given[1:]], [source.with_suffix(".o").name for source in SOURCES]
+    # not linked with -ffast-math: loaded, the library would have the whole process take the smallest numbers for 0
+    calls = ([*compiler, *FLAGS, *openmp, "-c", *map(str, SOURCES)], [*compiler, *openmp, "-shared", *objects, "-lm"])
+    for words in calls:
+        done = subprocess.run(words, cwd=folder, capture_output=True, text=True, check=False)
+        if done.returncode:
+            why = (done.stderr.strip().splitlines() or ["it says nothing"])[-1]
+            return Loops(None), f"no C loops: {found} cannot compile them: {why}"
+    return Loops(folder / "a.out"), " ".join(("C by", *compiler, *FLAGS, *openmp))
 
 
 def measure(task: Task, rounds: int, threads: int) -> dict[str, tuple[list[float], list[float]]]:
@@ -147,10 +141,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     os.environ.update(OMP_NUM_THREADS=str(options.threads), OMP_WAIT_POLICY="passive")
     runtime.init("cpu", options.threads)
     about, rows, failed = stamp(), [], 0
-    load = "unknown" if about["load"] is None else f"{about['load']:.1f}"
     with tempfile.TemporaryDirectory() as folder:
         loops, how = compile_loops(Path(folder), options.threads)
-        print(f"{about['date']}, {about['hardware']}, load {load}, threads: {options.threads}\n{how}")
+        print(f"{about['date']}, {about['hardware']}, load {about['load']:.1f}, threads: {options.threads}\n{how}")
         for name in options.tasks:
             task = TASKS[name](loops)
             for other, contender in list(task.others.items()):

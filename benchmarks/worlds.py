@@ -1,6 +1,6 @@
-"""Many random buildings, each simulated whole and looked at: can they be driven, and is what is recorded true.
+"""Random buildings, each simulated whole: can they be driven, and is what is recorded true.
 
-    python benchmarks/worlds.py [--count 200] [--first 0] [--jobs 2] [--out result.json]
+    python benchmarks/worlds.py --seeds 200 --out worlds.csv
 
 Of each building: the robot arrives; every true pose is in free space, by half the robot's width; each stream has the
 readings that its rate and its span give, without a gap; and of a hundred beams, followed in exact arithmetic, none goes
@@ -9,56 +9,53 @@ through a wall, and each ends on one, to a millimetre.
 
 from __future__ import annotations
 
-import argparse
-import json
-import multiprocessing
-import os
-import statistics
+import sys
 import time
 from fractions import Fraction
 from typing import Any
 
 import numpy as np
-from parts.machine import save, stamp
-from parts.options import result_file
+from parts.harness import Bar, Row, arguments, benchmark, status
 
 RAYS = 100
 SHORT = 2e-3
 """By which a ray is cut before it is followed [m]: float32, and walls met aslant."""
 BESIDE = 1e-3
 """So near to a wall a ray must end [m]: float32, and ends of walls that reach a few micrometres further (`buckets`)."""
+RUN = "random-corridors"
+BARS = {
+    RUN: (
+        *(Bar(figure, "worst", 1.0, least=True) for figure in ("arrived", "complete", "truth_is_free")),
+        Bar("rays_through_walls", "worst", 0.0),
+        Bar("clearance_m", "worst", 0.3, least=True),
+    )
+}
 
 
-def start() -> None:
+def measure(seed: int) -> Row:
+    """Simulate the building of a seed, and look at it."""
     from moteslam.kernels import runtime
-
-    runtime.init("cpu", 1)
-
-
-def look_at(seed: int) -> dict[str, Any]:
-    """Simulate the building of a seed and report what was found."""
     from moteslam.sim.scenario import parse_scenario
     from moteslam.sim.simulate import simulate
     from moteslam.sim.world.random_corridors import random_corridors
 
-    began = time.perf_counter()
+    runtime.init("cpu", 1)
     scenario = parse_scenario(random_corridors(seed))
-    built = time.perf_counter()
+    began = time.perf_counter()
     simulation = simulate(scenario, seed)
-    done = time.perf_counter()
+    seconds = time.perf_counter() - began
     world, truth = simulation.world, simulation.truth
     return {
-        "seed": seed,
-        "end": simulation.end,
-        "distance [m]": truth.length,
-        "time [s]": float(np.ptp(truth.stamps)),
-        "segments": len(world.segments),
-        "truth is free": bool(world.is_free(truth.poses[:, :2], scenario.platform.width / 2).all()),
-        "least clearance [m]": float(world.distance(truth.poses[:, :2]).min()),
+        "arrived": simulation.end == "arrived",
         "complete": complete(simulation.recording),
-        "rays through walls": rays_through_walls(world, truth.poses, seed),
-        "built in [s]": built - began,
-        "simulated in [s]": done - built,
+        "truth_is_free": bool(world.is_free(truth.poses[:, :2], scenario.platform.width / 2).all()),
+        "rays_through_walls": rays_through_walls(world, truth.poses, seed),
+        "rays": RAYS,
+        "clearance_m": float(world.distance(truth.poses[:, :2]).min()),
+        "distance_m": truth.length,
+        "time_s": float(np.ptp(truth.stamps)),
+        "segments": len(world.segments),
+        "simulated_in_s": seconds,
     }
 
 
@@ -83,8 +80,7 @@ def rays_through_walls(world: Any, poses: np.ndarray, seed: int) -> int:
     ahead = np.stack((np.cos(angles), np.sin(angles)), axis=-1)
     seen = np.isfinite(ranges)
     ends = origins + np.where(seen, ranges, 30.0)[:, None] * ahead
-    beside = seen & (world.distance(ends) > BESIDE)
-    wrong = int(beside.sum())
+    wrong = int((seen & (world.distance(ends) > BESIDE)).sum())
     walls = [tuple(map(Fraction, wall)) for wall in segments.tolist()]
     corners = segments.reshape(-1, 2, 2)
     for origin, end, direction in zip(origins, ends, ahead, strict=True):
@@ -102,39 +98,17 @@ def crosses(a: tuple[Fraction, ...], b: tuple[Fraction, ...], wall: tuple[Fracti
 
 
 def side(p: tuple[Fraction, ...], q: tuple[Fraction, ...], r: tuple[Fraction, ...]) -> int:
+    """The sign of the area of a triangle."""
     area = (q[0] - p[0]) * (r[1] - p[1]) - (q[1] - p[1]) * (r[0] - p[0])
     return (area > 0) - (area < 0)
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--count", type=int, default=200)
-    parser.add_argument("--first", type=int, default=0)
-    parser.add_argument("--jobs", type=int, default=os.cpu_count())
-    parser.add_argument("--out", type=result_file)
-    options = parser.parse_args()
-    seeds = range(options.first, options.first + options.count)
-    with multiprocessing.get_context("spawn").Pool(options.jobs, start) as pool:
-        found = []
-        for one in pool.imap_unordered(look_at, seeds):
-            found.append(one)
-            print(json.dumps(one), flush=True)
-    found.sort(key=lambda one: one["seed"])
-    result = {
-        **stamp(),
-        "buildings": len(found),
-        "arrived": sum(one["end"] == "arrived" for one in found),
-        "complete": sum(one["complete"] for one in found),
-        "truth in free space at all times": sum(one["truth is free"] for one in found),
-        "rays followed": RAYS * len(found),
-        "rays through walls": sum(one["rays through walls"] for one in found),
-        "least clearance [m]": min(one["least clearance [m]"] for one in found),
-        "median time to simulate [s]": statistics.median(one["simulated in [s]"] for one in found),
-        "each": found,
-    }
-    save(options.out, result)
-    print({key: value for key, value in result.items() if key != "each"})
+def main() -> int:
+    """Look at buildings, and print; 1 where a bar does not hold."""
+    options = arguments(__doc__).parse_args()
+    cases = [({"run": RUN, "seed": seed}, (seed,)) for seed in options.seeds or range(200)]
+    return status(benchmark(measure, cases, options, bars=BARS), BARS)
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

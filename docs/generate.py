@@ -7,9 +7,11 @@ from __future__ import annotations
 
 import ast
 import inspect
+import json
+import re
 import sys
 import textwrap
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from functools import cache
 from itertools import pairwise
 from pathlib import Path
@@ -20,87 +22,76 @@ from pydantic.fields import FieldInfo
 
 from moteslam.robot.section import LARGEST, SMALLEST
 from moteslam.slam.backend.kinds import BACKENDS
-from moteslam.slam.backend.protocol import BackendConfig
 from moteslam.slam.config import METHODS, ParticleFilterConfig, SlamConfig
 
 PAGE = Path(__file__).parent / "reference" / "configuration.md"
 BUNDLED = ("tsdf", "paper")
-"""The methods whose keys are listed."""
+"""The methods whose keys are listed, that of the preset ``default`` first."""
+
+HEAD = """# Configuration of a SLAM run
+
+Generated from the models by `.venv/bin/python docs/generate.py`; [how to set keys](../guide/configure.md). Each key has
+its default, the interval of its values, and what it is; `paper` is the default of that method where it differs. A run
+takes the keys of its own method alone and refuses all others.
+"""
 
 
 def configuration() -> str:
-    """Every key of a SLAM run, by method."""
-    models = {name: METHODS[name].config for name in BUNDLED}
-    defaults = {name: model.model_validate({}) for name, model in models.items()}
+    """Every key of a SLAM run: those of all methods, of the back end, of each method."""
+    defaults = {name: METHODS[name].config.model_validate({}) for name in BUNDLED}
+    default, paper = defaults.values()
+    graph = BACKENDS["graph"].config.model_validate({})
+    shared = {**SlamConfig.model_fields, **ParticleFilterConfig.model_fields}.keys() - {"backend"}
     lines = [
-        "# Configuration of a SLAM run",
+        HEAD,
+        "## Of both methods",
         "",
-        "Generated from the models by `.venv/bin/python docs/generate.py`. How to set keys: "
-        "[the guide](../guide/configure.md). A run's `config.toml` holds the keys of its own method; every other key "
-        "is refused. Columns named by a method give its default, which is the value of its preset.",
+        *_block(default, "", [k for k in type(default).model_fields if k in shared], paper),
+    ]
+    for name, config in defaults.items():
+        lines += [f"## Of the method `{name}`", ""]
+        lines += _block(config, "", [k for k in type(config).model_fields if k not in shared | {"backend"}])
+    lines += ["## Of the back end", ""]
+    lines += [
+        f"`backend.method` is `{graph.method}` with `tsdf`, `{paper.backend.method}` with `paper`. Of `graph`:",
         "",
     ]
-    shared = {**SlamConfig.model_fields, **ParticleFilterConfig.model_fields}
-    del shared["backend"]
-    lines += ["## Keys of both methods", ""]
-    lines += _table(
-        ["key", *(f"`{name}`" for name in BUNDLED), "allowed", "meaning"],
-        _rows(ParticleFilterConfig, shared, defaults.values()),
-    )
-    lines += ["", "## The back end", "", "Another back end than a preset's has keys of its own alone.", ""]
-    lines += _table(
-        ["key", *(f"`{name}`" for name in BUNDLED), "allowed", "meaning"],
-        [
-            [
-                "`backend.method`",
-                *(f"`{config.backend.method}`" for config in defaults.values()),
-                ", ".join(f"`{kind}`" for kind in BACKENDS.names()),
-                _paragraph(_meanings(BackendConfig)["method"]),
-            ]
-        ],
-    )
-    graph = BACKENDS["graph"].config
-    lines += ["", "### Keys of the back end `graph`", "", _paragraph(graph.__doc__), ""]
-    fields = {key: field for key, field in graph.model_fields.items() if key != "method"}
-    rows = _rows(graph, fields, [graph.model_validate({})])
-    lines += _table(
-        ["key", "default", "allowed", "meaning"], [[f"`backend.{row[0].strip('`')}`", *row[1:]] for row in rows]
-    )
-    for name in BUNDLED:
-        own = {key: field for key, field in models[name].model_fields.items() if key not in shared and key != "backend"}
-        lines += ["", f"## Keys of the method `{name}`", ""]
-        for key, field in own.items():
-            section = field.annotation
-            assert isinstance(section, type)
-            assert issubclass(section, BaseModel)
-            lines += [f"### `{key}`", "", _paragraph(section.__doc__), ""]
-            lines += _table(
-                ["key", "default", "allowed", "meaning"], _rows(models[name], {key: field}, [defaults[name]])
-            )
-            lines.append("")
-    return "\n".join(lines).rstrip() + "\n"
+    same = [name for name, value in graph if value == getattr(default, name, None)]
+    lines += _block(graph, "backend", [key for key in type(graph).model_fields if key not in {*same, "method"}])
+    lines += [
+        f"{', '.join(f'`[backend.{name}]`' for name in same)}: the keys and defaults of the same sections of `tsdf`."
+    ]
+    return "\n".join(lines) + "\n"
 
 
-def _rows(model: type, fields: dict[str, FieldInfo], configs: Iterable[BaseModel]) -> Iterator[list[str]]:
-    """A row a key: its dotted name, the values in the configurations, what is allowed, what it means."""
-    configs = list(configs)
-    for key, field in fields.items():
-        values = [getattr(config, key) for config in configs]
-        if all(isinstance(value, BaseModel) for value in values):
-            inner = type(values[0]).model_fields
-            for row in _rows(type(values[0]), inner, values):
-                yield [f"`{key}.{row[0].strip('`')}`", *row[1:]]
-        else:
-            if type(configs[0]).model_fields[key].annotation != field.annotation:
-                allowed = ", ".join(f"`{value}`" for value in values)
-            else:
-                allowed = _allowed(field)
-            yield [
-                f"`{key}`",
-                *(_shown(value) for value in values),
-                allowed,
-                _paragraph(_meanings(model)[key]),
-            ]
+def _block(config: BaseModel, section: str, keys: list[str], other: BaseModel | None = None) -> list[str]:
+    """A TOML block a section, first of the keys that lie in none."""
+    values = {key: getattr(config, key) for key in keys}
+    lines = [_line(config, key, other) for key, value in values.items() if not isinstance(value, BaseModel)]
+    if lines:
+        lines = ["```toml", *([f"[{section}]"] if section else []), *lines, "```", ""]
+    for key, value in values.items():
+        if isinstance(value, BaseModel):
+            inner = list(type(value).model_fields)
+            lines += _block(value, f"{section}.{key}".lstrip("."), inner, getattr(other, key, None))
+    return lines
+
+
+def _line(config: BaseModel, key: str, other: BaseModel | None) -> str:
+    """``key = default  # interval  what it is``, with the default of the other method where it differs."""
+    value, field = getattr(config, key), type(config).model_fields[key]
+    comment = [_allowed(field), _short(_meanings(type(config))[key])]
+    if other is not None and getattr(other, key) != value:
+        comment.insert(1, f"(`paper`: {_shown(getattr(other, key))})")
+    return f"{key} = {_shown(value)}  # {'  '.join(filter(None, comment))}"
+
+
+def _short(text: str) -> str:
+    """A text up to its first full stop or colon, and its unit where that comes later."""
+    text = " ".join(text.replace("``", "`").split())
+    short = re.split(r"(?<!\.)[.:](?: |$)", text)[0]
+    unit = re.search(r"\[[^\]]+\]", text)
+    return short if unit is None or unit[0] in short else f"{short} {unit[0]}"
 
 
 @cache
@@ -120,50 +111,39 @@ def _meanings(model: type) -> dict[str, str]:
 
 
 def _allowed(field: FieldInfo) -> str:
-    """What values a key takes, in words."""
+    """The words that a key takes, or the interval of its numbers; nothing where any number will do."""
     kind = field.annotation
     if get_origin(kind) is Literal:
-        return ", ".join(f"`{choice}`" for choice in get_args(kind))
-    if kind is bool:
-        return "`true`, `false`"
-    bounds = {
-        name: getattr(part, name)
-        for part in field.metadata
-        for name in ("ge", "gt", "le", "lt")
-        if getattr(part, name, None) is not None
-    }
+        words = get_args(kind)
+        return " | ".join(json.dumps(word) for word in words) if len(words) > 1 else ""
+    if kind not in (int, float):
+        return ""
+    bounds = dict(_bounds(field))
     if bounds.get("ge") == SMALLEST:
-        bounds = {"gt": 0, **{name: bound for name, bound in bounds.items() if name != "ge"}}
-    bounds = {name: bound for name, bound in bounds.items() if abs(bound) != LARGEST}  # every number's own
-    words = []
-    if "ge" in bounds and "le" in bounds:
-        words.append(f"{_shown(bounds['ge'])} to {_shown(bounds['le'])}")
-    else:
-        for name, text in (("gt", "above"), ("ge", "at least"), ("lt", "below"), ("le", "at most")):
-            if name in bounds:
-                words.append(f"{text} {_shown(bounds[name])}")
-    number = {int: "whole number", float: "number", str: "text"}.get(kind, "numbers")  # type: ignore[arg-type]
-    return " ".join([number, ", ".join(words)]).strip()
+        bounds["gt"] = 0
+    low, high = bounds.get("gt", bounds.get("ge")), bounds.get("lt", bounds.get("le"))
+    if low is None and high is None:
+        return ""
+    left = "(-inf" if low is None else f"{'(' if 'gt' in bounds else '['}{low:g}"
+    right = "inf)" if high is None else f"{high:g}{')' if 'lt' in bounds else ']'}"
+    return f"{left}, {right}"
+
+
+def _bounds(field: FieldInfo) -> Iterator[tuple[str, float]]:
+    for part in field.metadata:
+        for name in ("ge", "gt", "le", "lt"):
+            bound = getattr(part, name, None)
+            if bound is not None and abs(bound) != LARGEST:  # every number's own
+                yield name, bound
 
 
 def _shown(value: Any) -> str:
-    if isinstance(value, bool):
-        return f"`{str(value).lower()}`"
+    """A value as TOML."""
     if isinstance(value, tuple):
-        return ", ".join(f"{item:g}" for item in value)
+        return f"[{', '.join(map(_shown, value))}]"
     if isinstance(value, float):
-        return f"{value:g}".replace("e+0", "e").replace("e-0", "e-")
-    return f"{value}" if isinstance(value, int) else f"`{value}`"
-
-
-def _table(head: list[str], rows: Iterable[list[str]]) -> list[str]:
-    lines = [f"| {' | '.join(head)} |", "|" + "---|" * len(head)]
-    return lines + [f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in row)} |" for row in rows]
-
-
-def _paragraph(text: str | None) -> str:
-    """Text in one line, Markdown's backticks for those of reStructuredText."""
-    return " ".join((text or "").replace("``", "`").split())
+        return f"{value:.6g}" if value != round(value) or value >= 1e6 else f"{value:.1f}"
+    return json.dumps(value)
 
 
 def main() -> None:

@@ -5,30 +5,25 @@ Apart from the sensors, since none of these changes what is measured, only what 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import replace
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from moteslam.robot import se2
-from moteslam.robot.platform import Wheels
-from moteslam.robot.recording import EncoderStream, OdometryStream, Recording
+from moteslam.robot.recording import OdometryStream, Recording
 from moteslam.robot.section import Number, Section, Truth
 from moteslam.sim.robot.limits import MAX_DURATION, Interval, Spell
-from moteslam.sim.sensors.faults import readings_of
+from moteslam.sim.sensors.clock import EPOCH, readings_of
 
 Array = NDArray[np.float64]
 
 
 class RepeatedScans(Spell):
-    """The lidar's driver sends the last scan again and again; the stamps go on.
-
-    Attributes:
-        start: [s]; duration: [s].
-    """
+    """The lidar's driver sends the last scan again and again; the stamps go on."""
 
     kind: Literal["repeated_scans"] = "repeated_scans"
 
@@ -36,10 +31,7 @@ class RepeatedScans(Spell):
 class Gap(Spell):
     """Nothing at all is recorded: no scan, no reading of wheels and gyro, no image.
 
-    Attributes:
-        start: [s]; duration: [s].
-        counters: ``kept``: what the wheels turn meanwhile comes with the first reading after the gap; ``lost``: it is
-            not counted.
+    The counts of the wheels meanwhile are ``kept``: they come with the first reading after the gap; or ``lost``.
     """
 
     kind: Literal["gap"] = "gap"
@@ -50,9 +42,6 @@ class StaleOdometry(Spell):
     """The odometry keeps the value from before while all else goes on, then takes the right one at once.
 
     Of the wheel counters no count comes meanwhile, and all of them with the first reading after it.
-
-    Attributes:
-        start: [s]; duration: [s].
     """
 
     kind: Literal["stale_odometry"] = "stale_odometry"
@@ -84,19 +73,16 @@ class OdometryJump(Section):
         return self
 
 
-def with_scans_repeated(recording: Recording, faults: Iterable[object], epoch: float) -> Recording:
-    """The recording with the scans of every `RepeatedScans` of ``faults`` in place of its own.
+def with_scans_repeated(recording: Recording, faults: Iterable[object]) -> Recording:
+    """The recording with the scans of every `RepeatedScans` in place of its own.
 
-    Args:
-        recording: to change.
-        faults: of a scenario; those of other kinds are passed over.
-        epoch: the stamp of the drive's first moment [s].
+    ``faults`` are a scenario's, here and below: those of other kinds are passed over.
     """
     lidar = recording.lidar
     for fault in faults:
         if lidar is None or not isinstance(fault, RepeatedScans):
             continue
-        frozen = np.flatnonzero(fault.covers(lidar.stamps - epoch))
+        frozen = np.flatnonzero(fault.covers(lidar.stamps - EPOCH))
         if len(frozen):
             ranges = np.array(lidar.ranges)
             ranges[frozen] = ranges[max(frozen[0] - 1, 0)]
@@ -104,105 +90,94 @@ def with_scans_repeated(recording: Recording, faults: Iterable[object], epoch: f
     return recording.replace(lidar=lidar)
 
 
-def without_lost_motion(recording: Recording, faults: Iterable[object], epoch: float) -> Recording:
+def without_lost_motion(recording: Recording, faults: Iterable[object]) -> Recording:
     """The recording with no counts and no turns in every gap whose counts are lost: what a base integrates of it."""
     encoders, imu = recording.encoders, recording.imu
     for fault in faults:
         if not isinstance(fault, Gap) or fault.counters == "kept":
             continue
         if encoders is not None:
-            counts = np.where(fault.covers(encoders.stamps - epoch)[:, None], 0, encoders.counts)
+            counts = np.where(fault.covers(encoders.stamps - EPOCH)[:, None], 0, encoders.counts)
             encoders = replace(encoders, counts=counts)
         if imu is not None:
-            rates = np.where(fault.covers(imu.stamps - epoch)[:, None], 0.0, imu.angular_velocity)
+            rates = np.where(fault.covers(imu.stamps - EPOCH)[:, None], 0.0, imu.angular_velocity)
             imu = replace(imu, angular_velocity=rates)
     return recording.replace(encoders=encoders, imu=imu)
 
 
-def with_gaps(recording: Recording, faults: Iterable[object], epoch: float) -> Recording:
-    """The recording without what lies in its gaps; the counts of a gap come with the first reading after it.
-
-    Arguments as of `with_scans_repeated`; images are left as they are.
-    """
+def with_gaps(recording: Recording, faults: Iterable[object]) -> Recording:
+    """The recording without what lies in its gaps, but for images; counts come with the first reading after."""
     for fault in faults:
-        if not isinstance(fault, Gap):
-            continue
-        changed: dict[str, Any] = {}
-        if recording.encoders is not None:
-            changed["encoders"] = _held_back(recording.encoders, fault, epoch)
-        recording = recording.replace(**changed)
-        for name in ("lidar", "encoders", "odometry", "imu"):
-            if (stream := getattr(recording, name)) is not None:
-                changed[name] = readings_of(stream, ~fault.covers(stream.stamps - epoch))
-        recording = recording.replace(**changed)
+        if isinstance(fault, Gap):
+            recording = _held_back(recording, fault)
+            for name in ("lidar", "encoders", "odometry", "imu"):
+                if (stream := getattr(recording, name)) is not None:
+                    kept = readings_of(stream, ~fault.covers(stream.stamps - EPOCH))
+                    recording = recording.replace(**{name: kept})
     return recording
 
 
-def with_odometry_faults(recording: Recording, faults: Sequence[object], epoch: float) -> Recording:
-    """The recording with its odometry, the pose at every scan and the wheel counters stale or jumping.
-
-    The gyro measures on as it did. Arguments as of `with_scans_repeated`.
-    """
+def with_odometry_faults(recording: Recording, faults: Iterable[object]) -> Recording:
+    """The recording with odometry, poses of scans and wheel counters stale or jumping; the gyro measures on."""
+    faults = tuple(faults)
     for jump in faults:
         if isinstance(jump, OdometryJump):
-            recording = _jumping(recording, jump, epoch)
+            recording = _jumping(recording, jump)
     for stale in faults:
-        if not isinstance(stale, StaleOdometry):
-            continue
-        encoders, odometry, lidar = recording.encoders, recording.odometry, recording.lidar
-        if encoders is not None:
-            encoders = _held_back(encoders, stale, epoch)
-        if odometry is not None and len(odometry):
-            held = _last_before(odometry, stale.start + epoch)
-            if lidar is not None and lidar.odometry is not None:
-                covered = stale.covers(lidar.stamps - epoch)[:, None]
-                lidar = replace(lidar, odometry=np.where(covered, held, lidar.odometry))
-            covered = stale.covers(odometry.stamps - epoch)[:, None]
-            odometry = replace(odometry, poses=np.where(covered, held, odometry.poses))
-        recording = recording.replace(encoders=encoders, odometry=odometry, lidar=lidar)
+        if isinstance(stale, StaleOdometry):
+            recording = _stale(_held_back(recording, stale), stale)
     return recording
 
 
-def _jumping(recording: Recording, jump: OdometryJump, epoch: float) -> Recording:
+def _stale(recording: Recording, stale: StaleOdometry) -> Recording:
+    """The recording with the odometry's poses held."""
+    if (odometry := recording.odometry) is None or not len(odometry):
+        return recording
+    held = _last_before(odometry, stale.start + EPOCH)
+    return _changed(recording, lambda stamps, poses: np.where(stale.covers(stamps - EPOCH)[:, None], held, poses))
+
+
+def _jumping(recording: Recording, jump: OdometryJump) -> Recording:
     """The recording with its odometry elsewhere from the jump on."""
-    at = epoch + jump.start
-    encoders, odometry, lidar = recording.encoders, recording.odometry, recording.lidar
-    if odometry is not None and len(odometry):
+    at = EPOCH + jump.start
+    if (odometry := recording.odometry) is not None and len(odometry):
         before = _last_before(odometry, at)
         there = np.zeros(3) if jump.reset else se2.compose(before, (jump.x, jump.y, jump.theta))
         move = se2.compose(there, se2.inverse(before))
-
-        def moved(stamps: Array, poses: Array) -> Array:
-            return np.where((stamps >= at)[:, None], se2.compose(move, poses), poses)
-
-        if lidar is not None and lidar.odometry is not None:
-            lidar = replace(lidar, odometry=moved(lidar.stamps, lidar.odometry))
-        odometry = replace(odometry, poses=moved(odometry.stamps, odometry.poses))
-    wheels = recording.platform.wheels
+        recording = _changed(
+            recording, lambda stamps, poses: np.where((stamps >= at)[:, None], se2.compose(move, poses), poses)
+        )
+    encoders, wheels = recording.encoders, recording.platform.wheels
     if encoders is not None and wheels is not None:
+        aside = jump.theta * wheels.effective_track / 2
+        right, left = ((jump.x + side) / wheels.metres_per_count for side in (aside, -aside))
         counts = np.array(encoders.counts)
-        counts[np.flatnonzero(encoders.stamps >= at)[:1]] += _counts_of(jump, wheels)
-        encoders = replace(encoders, counts=counts)
-    return recording.replace(encoders=encoders, odometry=odometry, lidar=lidar)
+        counts[np.flatnonzero(encoders.stamps >= at)[:1]] += np.rint((right, left, right, left)).astype(np.int64)
+        recording = recording.replace(encoders=replace(encoders, counts=counts))
+    return recording
 
 
-def _counts_of(jump: OdometryJump, wheels: Wheels) -> NDArray[np.int64]:
-    """The counts [4] of the FR, FL, RR, RL wheel for a step forward and a turn."""
-    aside = jump.theta * wheels.effective_track / 2
-    right, left = ((jump.x + side) / wheels.metres_per_count for side in (aside, -aside))
-    return np.rint((right, left, right, left)).astype(np.int64)
+def _changed(recording: Recording, change: Callable[[Array, Array], Array]) -> Recording:
+    """The recording with ``change(stamps, poses)`` for its odometry and the poses at its scans."""
+    odometry, lidar = recording.odometry, recording.lidar
+    assert odometry is not None
+    if lidar is not None and lidar.odometry is not None:
+        lidar = replace(lidar, odometry=change(lidar.stamps, lidar.odometry))
+    return recording.replace(odometry=replace(odometry, poses=change(odometry.stamps, odometry.poses)), lidar=lidar)
 
 
-def _held_back(encoders: EncoderStream, interval: Interval, epoch: float) -> EncoderStream:
-    """The readings with no counts in an interval; they all come with the first reading after it, if there is one."""
-    held = np.flatnonzero(interval.covers(encoders.stamps - epoch))
+def _held_back(recording: Recording, interval: Interval) -> Recording:
+    """The recording with no counts in an interval; they all come with the first reading after it, if there is one."""
+    if (encoders := recording.encoders) is None:
+        return recording
+    held = np.flatnonzero(interval.covers(encoders.stamps - EPOCH))
     if not len(held):
-        return encoders
+        return recording
     counts, after = np.array(encoders.counts), held[-1] + 1
     if after < len(counts):
         counts[after] += counts[held].sum(0)
     counts[held] = 0
-    return replace(encoders, counts=counts)
+    return recording.replace(encoders=replace(encoders, counts=counts))
 
 
 def _last_before(odometry: OdometryStream, stamp: float) -> Array:

@@ -35,24 +35,15 @@ def write_simulation(
 ) -> None:
     """Write a simulation as a folder, in the UCSD layout or with a CARMEN log in it, which reads back equal.
 
-    Beside the recording and ``platform.toml`` go ``truth.tum`` and ``scenario.toml`` with its floor plan
-    (``plan.yaml``) and its floor's picture, where it has these, and, where it is asked for,
-    ``truth_map.pgm`` with its ``.yaml``. Where a camera records, its images go to ``dataRGBD/``, and with the true map
-    comes ``truth_floor.png`` with its ``.yaml``.
+    Beside it go ``platform.toml``, ``truth.tum`` and ``scenario.toml``, with its floor plan and picture.
 
     Args:
         folder: made if need be.
-        simulation: to write.
         sequence: the number in the file names of the UCSD layout.
         file_format: ``ucsd``, or ``carmen`` for a recording with odometry.
-        map_resolution: of the true map [m]; None for no such map.
+        map_resolution: of the true map [m], and of the true floor where a camera records; None for no such map.
         progress: called with ``images`` and the share of them that is written.
         announce: called, before the first image is written, with a line on how large all will be.
-
-    Raises:
-        ConfigError: a resolution that is not positive, or too fine.
-        InputError: a CARMEN log of a recording without odometry.
-        OutputError: the folder cannot be made or written to, or the disk is full.
     """
     expect_type(simulation, Simulation, "simulation", "simulate(scenario) makes one")
     folder = Path(folder)

@@ -16,34 +16,29 @@ from pydantic import Field, ValidationError, model_validator
 from moteslam.errors import ConfigError, InputError
 from moteslam.robot.noise import Noise
 from moteslam.robot.platform import Platform
-from moteslam.robot.platforms import BASE, UCSD, load_platform, platform_table
+from moteslam.robot.platforms import BASE, UCSD, load_platform, platform_table, whole_platform
 from moteslam.robot.section import Number, Section, Truth, Whole
 from moteslam.robot.specs import CameraSettings
 from moteslam.robot.tables import Table, assigned, merged, read_toml
 from moteslam.robot.within import file_within
 from moteslam.robot.wording import expect_path, first_complaint, known_keys
-from moteslam.sim.actors.checks import check_doors, check_people
-from moteslam.sim.actors.crowd import Crowd
+from moteslam.sim.actors.actors import check_doors, check_people
 from moteslam.sim.actors.doors import MAX_DOORS, Door
-from moteslam.sim.actors.people import MAX_PEOPLE, Person
+from moteslam.sim.actors.people import MAX_PEOPLE, Crowd, Person
 from moteslam.sim.log_faults import Gap, OdometryJump, RepeatedScans, StaleOdometry
-from moteslam.sim.robot.choice import chosen_platform, with_its_robot
-from moteslam.sim.robot.commands import Commands
 from moteslam.sim.robot.limits import MAX_DURATION, Limits
 from moteslam.sim.robot.mishaps import Carried, StuckWheels, check_mishaps
-from moteslam.sim.robot.route import Route
-from moteslam.sim.robot.task import Task, check_duration, check_task
+from moteslam.sim.robot.task import Commands, Route, Task, Wander, check_duration, check_task
 from moteslam.sim.robot.vehicle import check_body, check_wheels
-from moteslam.sim.robot.wander import Wander
-from moteslam.sim.sensors.checks import check_camera, check_sensors
-from moteslam.sim.sensors.faults import Outage
+from moteslam.sim.sensors.clock import Outage
+from moteslam.sim.sensors.lidar import check_sensors
 from moteslam.sim.sensors.lidar_faults import Cart, Tilt, check_tilt
-from moteslam.sim.world.clearance import check_world
+from moteslam.sim.sensors.rgbd import check_camera
 from moteslam.sim.world.floor import FloorSettings
 from moteslam.sim.world.layout import Layout
 from moteslam.sim.world.random_corridors import NAME as RANDOM_CORRIDORS
 from moteslam.sim.world.random_corridors import random_corridors
-from moteslam.sim.world.world import World
+from moteslam.sim.world.world import World, check_world
 
 SCENARIOS = Path(__file__).parent / "scenarios"
 MAX_SEED = 2**63 - 1
@@ -62,23 +57,17 @@ class Scenario(Section):
     """A world and a run in it.
 
     Attributes:
-        name: what it is called: the file's name without ``.toml``, unless the file says otherwise.
-        description: what it is, one sentence.
-        why: why it is hard, one sentence.
+        name: the file's name without ``.toml``, unless the file says otherwise.
+        description, why: what it is, and why it is hard, one sentence each.
         expect_divergence: whether an estimate that is lost is no surprise here.
         seed: of all that is random, unless ``simulate`` is given another.
         duration: of the run at most [s]; longer in proportion for a robot that is slower than ``drive.speed``.
-        world: what stands in it.
-        people, crowd: who walks in it.
-        doors: what opens and shuts in it.
         route, wander, commands: what the robot does; exactly one of them.
         drive: the limits it drives within, at most the robot's own.
         platform: the robot: a bundled one's name, a ``.toml`` file beside the scenario's, or a table of all its keys
             or of a ``base`` and what differs from it.
         noise_class: whose figures ``noise`` begins with: the robot's ``datasheet`` or ``as_recorded``.
-        noise: of the sensors; a file changes single values of the robot's own.
-        outages: when a sensor is dead.
-        faults: what else goes wrong, and when.
+        outages, faults: when a sensor is dead, and what else goes wrong.
         floor: what it looks like; tiles if None.
         camera: of the robot, which a file changes in single values; no images are recorded if None.
     """
@@ -134,13 +123,7 @@ class Scenario(Section):
 
 
 def _check(scenario: Scenario) -> None:
-    """Refuse a scenario whose parts contradict each other; each of them alone is checked where it is defined.
-
-    Raises:
-        ConfigError: not exactly one task, a run shorter than its task, a platform that cannot drive, a camera that
-            cannot record, an empty or outsized world, a floor plan or picture that cannot be read, people who begin on
-            each other or the robot, a door shut across its start, or a robot, waypoint or leg that touches a wall.
-    """
+    """Refuse a scenario whose parts contradict each other; each of them alone is checked where it is defined."""
     given = [task for task in _TASKS if getattr(scenario, task) is not None]
     if len(given) != 1:
         found = " and ".join(given) if given else "nothing to do"
@@ -171,11 +154,7 @@ def _check(scenario: Scenario) -> None:
 
 
 def with_camera(scenario: Scenario) -> Scenario:
-    """The scenario with a camera that records and a floor to see, where it has none of its own.
-
-    Raises:
-        ConfigError: the platform has no camera, one of which nothing is known, or one not above the floor.
-    """
+    """The scenario with a camera that records and a floor to see, where it has none of its own."""
     sensor = scenario.camera or check_camera(scenario.platform.camera).sensor
     if sensor is None:
         raise ConfigError("not known, expected the camera's figures", field="platform.camera.sensor")
@@ -207,7 +186,6 @@ def load_scenario(
     ``random-corridors-7`` is the random building of seed 7 (`random_corridors`).
 
     Args:
-        name_or_path: of the scenario.
         platform: the robot in place of the scenario's own: a bundled one's name, a ``platform.toml`` of a whole robot,
             or the robot itself.
         noise: ``datasheet`` or ``as_recorded``, in place of the scenario's own class.
@@ -215,8 +193,7 @@ def load_scenario(
             anywhere; the scenario's own floor plan, picture and robot lie in its folder or below.
 
     Raises:
-        ConfigError: no such scenario, not TOML, an unknown key, a value of the wrong type or out of bounds, a world
-            that is empty, or a robot, waypoint or leg that touches a wall. File, key and expectation are named.
+        ConfigError: what is wrong with it, by file and key.
     """
     expect_path(name_or_path, "name_or_path", "a scenario's .toml file, or a name")
     path = Path(name_or_path)
@@ -229,7 +206,8 @@ def load_scenario(
     if path.suffix != ".toml" and path.name == text:
         path = SCENARIOS / f"{text}.toml"
         if text not in bundled_scenarios():
-            raise ConfigError(_no_such(Path(text)), file=text)
+            expected = f"{', '.join(bundled_scenarios())}, {RANDOM_CORRIDORS}, or a .toml file"
+            raise ConfigError(f"no scenario of this name, expected one of {expected}", file=text)
     table = {"name": path.stem, **read_toml(path, "a scenario's .toml file")}
     changed = _changed(_with_files_beside(table, path, within=True), platform, noise, settings)
     return _validated(_with_files_beside(changed, path), file=name_or_path)
@@ -250,22 +228,8 @@ def _changed(
     return merged(table, changes)
 
 
-def _no_such(path: Path) -> str:
-    """What is wrong with a name that is no bundled scenario's and does not end in ``.toml``."""
-    found = "no scenario of this name"
-    if path.name and path.exists():
-        found = "no .toml file, and no scenario of this name"
-    elif path.suffix:
-        found = "no such file, and no scenario of this name"
-    return f"{found}, expected one of {', '.join(bundled_scenarios())}, random-corridors, or a .toml file"
-
-
 def parse_scenario(table: dict[str, Any], *, file: str | PathLike[str] | None = None) -> Scenario:
-    """A scenario from a table as TOML gives it; ``file`` is named in errors, and files in the table lie beside it.
-
-    Raises:
-        ConfigError: as ``load_scenario``.
-    """
+    """A scenario from a table as TOML gives it; ``file`` is named in errors, and files in the table lie beside it."""
     return _validated(_with_files_beside(table, None if file is None else Path(file)), file=file)
 
 
@@ -285,15 +249,9 @@ def _validated(table: Table, *, file: str | PathLike[str] | None) -> Scenario:
 
 
 def _with_files_beside(table: Table, file: Path | None, *, within: bool = False) -> Table:
-    """The table with absolute paths of its floor plan, floor picture and platform; relative ones lie beside it.
+    """The table with absolute paths of its floor plan, floor picture and platform; relative ones lie beside its file.
 
-    Args:
-        table: of a scenario.
-        file: that it is from; None for one of the caller's own, whose floor picture is left as it is.
-        within: refuse files that lie neither beside it nor below: who writes a scenario says nothing of other folders.
-
-    Raises:
-        ConfigError: such a file.
+    ``within`` refuses files that lie neither beside it nor below: who writes a scenario says nothing of other folders.
     """
     folder = Path.cwd() if file is None else file.absolute().parent
 
@@ -312,3 +270,68 @@ def _with_files_beside(table: Table, file: Path | None, *, within: bool = False)
         case {"platform": str(name)} if name.endswith(".toml") and "\0" not in name:
             table = {**table, "platform": beside(name, "platform")}
     return table
+
+
+def with_its_robot(values: Table) -> Table:
+    """A scenario's table with the robot's own figures below what the table changes of them.
+
+    ``platform`` becomes a whole robot; ``noise`` and ``camera`` lie, key by key, over the robot's; a speed that it
+    cannot drive becomes its top speed, and the run may take longer by as much.
+    """
+    platform = chosen_platform(values.get("platform"))
+    values = {**values, "platform": platform}
+    noise = values.get("noise")
+    if noise is None or isinstance(noise, dict):
+        figures = _class_noise(platform, values.get("noise_class", "datasheet"))
+        values["noise"] = merged(figures.model_dump(), noise or {})
+    if isinstance(camera := values.get("camera"), dict):
+        if platform.camera is None:
+            raise ConfigError("none, expected a camera to simulate", field="platform.camera")
+        sensor = platform.camera.sensor
+        values["camera"] = camera if sensor is None else merged(sensor.model_dump(), camera)
+    return _within_reach(values, platform)
+
+
+def chosen_platform(value: Any) -> Platform:
+    """The whole robot that a scenario's ``platform`` is: a name, a path, a table, or the robot itself."""
+    if value is None:
+        return UCSD
+    if isinstance(value, Platform):
+        return value
+    try:
+        if isinstance(value, str | Path):
+            return load_platform(value)
+        if isinstance(value, dict):
+            return whole_platform(value)
+    except ConfigError as error:
+        if error.file is not None:
+            raise
+        within = isinstance(value, dict) and error.field
+        raise ConfigError(error.problem, field=f"platform.{error.field}" if within else "platform") from error
+    raise ConfigError(f"{value!r}, expected a robot's name, a .toml file, or a table", field="platform")
+
+
+def _class_noise(platform: Platform, name: object) -> Noise:
+    if name not in ("datasheet", "as_recorded"):
+        raise ConfigError(f"{name!r}, expected datasheet or as_recorded", field="noise_class")
+    noise = platform.noise if name == "datasheet" else platform.as_recorded
+    if noise is None:
+        raise ConfigError(f"{name}, expected a robot with [{name}]; {platform.name} has none", field="noise_class")
+    return noise
+
+
+def _within_reach(values: Table, platform: Platform) -> Table:
+    """The table with ``drive`` within the robot's top speeds, and ``duration`` longer by the ratio of the speeds."""
+    drive = values.get("drive", {})
+    drive = drive.model_dump() if isinstance(drive, Limits) else drive
+    if not isinstance(drive, dict):
+        return values
+    for key, top in (("speed", platform.top_speed), ("turn_rate", platform.top_turn_rate)):
+        wanted = drive.get(key, getattr(Limits(), key))
+        if top is None or not isinstance(wanted, int | float) or wanted <= top:
+            continue
+        drive = {**drive, key: top}
+        duration = values.get("duration", 600.0)
+        if key == "speed" and isinstance(duration, int | float):
+            values = {**values, "duration": max(duration, min(duration * wanted / top, MAX_DURATION))}
+    return {**values, "drive": drive}

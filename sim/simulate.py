@@ -14,8 +14,7 @@ from moteslam.robot.recording import Recording
 from moteslam.robot.summary import Summarised
 from moteslam.robot.trajectory import Trajectory
 from moteslam.robot.wording import expect_type
-from moteslam.sim.actors.actors import Actors
-from moteslam.sim.actors.tracks import TRUTH_RATE, Tracks
+from moteslam.sim.actors.actors import TRUTH_RATE, Actors, Tracks
 from moteslam.sim.log_faults import (
     Gap,
     OdometryJump,
@@ -30,20 +29,16 @@ from moteslam.sim.robot.mishaps import Carried, Mishap
 from moteslam.sim.robot.task import driver_for
 from moteslam.sim.robot.vehicle import PHYSICS_RATE, Vehicle
 from moteslam.sim.scenario import Scenario
+from moteslam.sim.sensors.clock import EPOCH, Outage, Stream, with_faults
 from moteslam.sim.sensors.echoes import Scene
 from moteslam.sim.sensors.encoders import simulate_encoders
-from moteslam.sim.sensors.faults import Outage, Stream, with_faults
 from moteslam.sim.sensors.imu import simulate_imu
-from moteslam.sim.sensors.lidar import LidarErrors, simulate_lidar
+from moteslam.sim.sensors.lidar import LidarErrors, simulate_lidar, tilt_of
 from moteslam.sim.sensors.rgbd import CameraFrames, schedule_frames
-from moteslam.sim.sensors.tilt import tilt_of
 from moteslam.sim.world.floor import FloorSettings, rasterise
 from moteslam.sim.world.surroundings import lived_in
 from moteslam.sim.world.true_map import true_map
 from moteslam.sim.world.world import World
-
-EPOCH = 1_300_000_000.0
-"""The stamp of the drive's first moment [s since 1970], so that stamps are as coarse as a real robot's."""
 
 Progress = Callable[[str, float], None]
 """Called with what is being done (``drive``, ``lidar``) and the share of it that is done."""
@@ -79,10 +74,9 @@ class Simulation(Summarised):
         scenario: what was simulated, with the seed that was used.
         world: its standing parts as the lidar saw them: the plan's, and what noise ``as_recorded`` adds to them.
         end: why the drive ended: ``arrived``, ``stuck`` or ``out of time``.
-        tracks: where people and doors were, from the first true pose on; None where there are none.
-        frames: the camera's, drawn when they are asked for; None where it records none.
-        base: what the robot's own base integrates: the recording before gaps and faults of the odometry; None where
-            there are none.
+        tracks: where people and doors were, from the first true pose on.
+        frames: the camera's, drawn when they are asked for.
+        base: what the robot's own base integrates, where gaps and faults of the odometry are not in it.
     """
 
     recording: Recording
@@ -95,25 +89,11 @@ class Simulation(Summarised):
     base: Recording | None = None
 
     def true_map(self, resolution: float) -> Raster:
-        """The true occupancy of what stands, in all places that can be reached from the robot's start; see `true_map`.
-
-        Args:
-            resolution: a cell's side [m].
-
-        Raises:
-            ConfigError: a resolution that is not positive, or too fine.
-        """
+        """The true occupancy, cells of a side [m], of what can be reached from the robot's start; see `true_map`."""
         return true_map(self.world, resolution, seen_from=self.truth.poses[:1, :2])
 
     def true_floor(self, resolution: float) -> Raster:
-        """The true colours [H, W, 3] of the floor of the complete world, a cell the mean of nine points in it.
-
-        Args:
-            resolution: a cell's side [m].
-
-        Raises:
-            ConfigError: too fine, or a floor's picture that cannot be read.
-        """
+        """The true colours [H, W, 3] of the floor, a cell of a side [m] the mean of nine points in it."""
         return rasterise(self.scenario.floor or FloorSettings(), self.world.bounds, resolution, samples=3)
 
     def _summary(self) -> str:
@@ -124,7 +104,6 @@ def simulate(scenario: Scenario, seed: int | None = None, *, progress: Progress 
     """Drive a scenario and record what the sensors see.
 
     Args:
-        scenario: as `load_scenario` gives it.
         seed: of all that is random, the scenario's own by default; the same seed gives the same bytes.
         progress: called now and then.
 
@@ -155,17 +134,17 @@ def simulate(scenario: Scenario, seed: int | None = None, *, progress: Progress 
     frames = None
     if scenario.camera is not None:
         floor, mount = scenario.floor or FloorSettings(), scenario.platform.camera
-        frames = schedule_frames(driven, scene, floor, mount, scenario.camera, scenario.seed, epoch=EPOCH)
+        frames = schedule_frames(driven, scene, floor, mount, scenario.camera, scenario.seed)
     recording, base = _record(scenario, driven, scene, rngs, report), None
     if scenario.faults:
-        recording = with_scans_repeated(recording, scenario.faults, EPOCH)
+        recording = with_scans_repeated(recording, scenario.faults)
     if any(isinstance(fault, Gap | StaleOdometry | OdometryJump) for fault in scenario.faults):
-        base = without_lost_motion(recording, scenario.faults, EPOCH)
-        recording = with_odometry_faults(with_gaps(base, scenario.faults, EPOCH), scenario.faults, EPOCH)
+        base = without_lost_motion(recording, scenario.faults)
+        recording = with_odometry_faults(with_gaps(base, scenario.faults), scenario.faults)
     if frames is not None:
         for gap in scenario.faults:
             if isinstance(gap, Gap):
-                frames = frames.without(gap, EPOCH)
+                frames = frames.without(gap)
         recording = recording.replace(rgbd=frames.stream)
     every = PHYSICS_RATE // TRUTH_RATE
     kept = np.unique(np.append(np.arange(0, len(driven.stamps), every), len(driven.stamps) - 1))
@@ -181,19 +160,7 @@ def drive_scenario(
     actors_rng: np.random.Generator | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> Drive:
-    """Let the robot do a scenario's task, among its people and doors.
-
-    Args:
-        scenario: the task, the robot's body and the actors.
-        world: of the scenario.
-        rng: of the driver's inattention and, for a wander, of its path.
-        actors_rng: of people and doors; of seed 0 by default.
-        progress: called with the share of the path that lies behind.
-
-    Raises:
-        ConfigError: no room for a crowd, a wander that finds no free leg, or a robot that is carried further than its
-            path is long.
-    """
+    """Let the robot do a scenario's task, among its people and doors; ``rng`` is the driver's."""
     vehicle = Vehicle(scenario.platform, scenario.start, world, scenario.noise.drive)
     actors = None
     if scenario.has_actors:
@@ -220,11 +187,7 @@ def drive_scenario(
 
 
 def true_drive(scenario: Scenario, seed: int | None = None) -> Drive:
-    """What the robot truly does in ``simulate(scenario, seed)``, without any sensor.
-
-    Raises:
-        ConfigError: a negative seed.
-    """
+    """What the robot truly does in ``simulate(scenario, seed)``, without any sensor."""
     scenario = _seeded(scenario, seed)
     rngs = _rngs(scenario.seed)
     return drive_scenario(scenario, World.of(scenario.world), rngs["driver"], actors_rng=rngs["actors"])
@@ -273,7 +236,8 @@ def _record(scenario: Scenario, driven: Drive, scene: Scene, rngs: Rngs, report:
         if clock.offset_error:
             off = clock.offset + clock.offset_error * rngs["constants"].standard_normal()
             clock = clock.model_copy(update={"offset": off})
-        return _at_epoch(with_faults(stream, clock, outages, faults[sensor]))
+        stream = with_faults(stream, clock, outages, faults[sensor])
+        return replace(stream, stamps=EPOCH + stream.stamps)
 
     return Recording(
         name=scenario.name,
@@ -288,9 +252,6 @@ def _check_starts(scenario: Scenario, driven: Drive) -> None:
     """Refuse a fault that begins after the drive, or a mishap after the robot's arrival.
 
     A drive that runs out of time may have lost some.
-
-    Raises:
-        ConfigError: there is one.
     """
     if driven.end != "arrived":
         return
@@ -330,8 +291,3 @@ def _rngs(seed: int) -> Rngs:
     """A random generator a concern: a change to one sensor's noise leaves the others as they were."""
     children = np.random.SeedSequence(seed).spawn(len(_CONCERNS))
     return {concern: np.random.default_rng(child) for concern, child in zip(_CONCERNS, children, strict=True)}
-
-
-def _at_epoch(stream: Stream) -> Stream:
-    """The stream with its stamps in Unix seconds."""
-    return replace(stream, stamps=EPOCH + stream.stamps)

@@ -35,9 +35,9 @@ def assert_held(form: str, recording: Recording, back: Recording) -> None:
 def with_every_stream(recording: Recording, seconds: float = 1.0) -> Recording:
     """The beginning of a simulated recording, with the odometry of its wheels as a stream of its own."""
     from moteslam.robot.cut import Cut, cut
-    from moteslam.sim.base_odometry import odometry_of
+    from moteslam.sim.logged import with_odometry
 
-    return cut(recording.replace(odometry=odometry_of(recording, gyro=True)), Cut(end=seconds))
+    return cut(recording.replace(odometry=with_odometry(recording, gyro=True).odometry), Cut(end=seconds))
 
 
 def array(values: Any) -> np.ndarray:

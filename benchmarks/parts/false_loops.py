@@ -46,16 +46,14 @@ def inject(graph: LoopGraph, rng: np.random.Generator) -> None:
         like = graph.loops[first, second]
         angle, distance = rng.uniform(-np.pi, np.pi), rng.uniform(NEAREST, FARTHEST)
         off = np.array([distance * np.cos(angle), distance * np.sin(angle), rng.uniform(-TURN, TURN)])
-        # the whole passage is somewhere else
-        wrong = np.asarray(se2.compose(like.candidate.found, off))
-        for k in range(CLUSTER):
-            pair = first, min(second + k, len(graph.nodes) - 1)
-            if pair in graph.loops:
+        wrong = np.asarray(se2.compose(like.candidate.found, off))  # the whole passage is somewhere else
+        for later in range(second, min(second + CLUSTER, len(graph.nodes))):
+            if (first, later) in graph.loops:
                 continue
-            found = np.asarray(se2.compose(wrong, se2.between(graph.poses[second], graph.poses[pair[1]])))
-            stamps = float(graph.nodes.stamps[first]), float(graph.nodes.stamps[pair[1]])
+            found = np.asarray(se2.compose(wrong, se2.between(graph.poses[second], graph.poses[later])))
+            stamps = float(graph.nodes.stamps[first]), float(graph.nodes.stamps[later])
             candidate = replace(
-                like.candidate, later=int(graph.nodes.indices[pair[1]]), stamps=stamps, found=found, verdict="accepted"
+                like.candidate, later=int(graph.nodes.indices[later]), stamps=stamps, found=found, verdict="accepted"
             )
-            graph.enter(pair, like._replace(candidate=candidate))
+            graph.enter((first, later), like._replace(candidate=candidate))
     graph.solve(PROVED)

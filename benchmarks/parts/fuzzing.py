@@ -21,21 +21,13 @@ from parts.readers import Reader
 
 LONGEST = 10.0
 """A reader that takes longer hangs [s of processor time]."""
-
 MEMORY = 1_000_000_000
 """What reading may take beyond what the process has before [bytes]."""
 
 
 @dataclass(frozen=True)
 class Failure:
-    """An input that was neither read nor refused in one line.
-
-    Attributes:
-        reader: its name.
-        index: of the input.
-        what: the end of the traceback.
-        file: the mutated one, and its content.
-    """
+    """An input that was neither read nor refused in one line; ``what`` is the end of the traceback."""
 
     reader: str
     index: int
@@ -46,22 +38,11 @@ class Failure:
 
 @dataclass
 class Tally:
-    """What became of the inputs.
-
-    Attributes:
-        read, refused: how many of each reader.
-        failures: the others.
-    """
+    """How many inputs of each reader were read and refused, and the others."""
 
     read: Counter[str] = field(default_factory=Counter)
     refused: Counter[str] = field(default_factory=Counter)
     failures: list[Failure] = field(default_factory=list)
-
-    def add(self, other: Tally) -> None:
-        """Count what another has counted, too."""
-        self.read += other.read
-        self.refused += other.refused
-        self.failures += other.failures
 
 
 class TooLong(BaseException):
@@ -94,20 +75,11 @@ def fuzz(readers: Sequence[Reader], indices: Sequence[int], *, seed: int = 0) ->
     return tally
 
 
-def mutant(reader: Reader, index: int, seed: int) -> tuple[str, bytes]:
-    """Which of a reader's files an input mutates, and what it becomes."""
+def _try(index: int, seed: int, folder: Path, reader: Reader, tally: Tally) -> None:
     rng = np.random.default_rng((seed, index))
     names = sorted(reader.files)
     name = names[int(rng.integers(len(names)))]
-    return name, mutated(reader.files[name], rng)
-
-
-def _try(index: int, seed: int, folder: Path, reader: Reader, tally: Tally) -> None:
-    name, content = mutant(reader, index, seed)
-
-    def fail(what: str) -> None:
-        tally.failures.append(Failure(reader.name, index, what, name, content))
-
+    content, problem = mutated(reader.files[name], rng), ""
     with reader.written(folder, {name: content}) as path, warnings.catch_warnings():
         warnings.simplefilter("ignore")
         signal.setitimer(signal.ITIMER_VIRTUAL, LONGEST)
@@ -117,11 +89,13 @@ def _try(index: int, seed: int, folder: Path, reader: Reader, tally: Tally) -> N
         except MoteslamError as error:
             tally.refused[reader.name] += 1
             if len(str(error).splitlines()) != 1:
-                fail(f"refused in {len(str(error).splitlines())} lines")
+                problem = f"refused in {len(str(error).splitlines())} lines"
         except (Exception, TooLong) as error:
-            fail("".join(traceback.format_exception(error)[-4:]))
+            problem = "".join(traceback.format_exception(error)[-4:])
         finally:
             signal.setitimer(signal.ITIMER_VIRTUAL, 0)
+    if problem:
+        tally.failures.append(Failure(reader.name, index, problem, name, content))
 
 
 def _too_long(_number: int, _frame: FrameType | None) -> None:

@@ -1,20 +1,16 @@
-"""The task of casting rays, beside other libraries that do it: pymunk, and range_libc where it is installed.
-
-range_libc: Walsh and Karaman, "CDDT: Fast Approximate 2D Ray Casting for Accelerated Localization", 2018.
-"""
+"""The task of casting rays, beside pymunk, which does it, too."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from importlib.util import find_spec
 from typing import Any
 
 import numpy as np
 from twins import rays
 
 from moteslam.kernels.raycast import build_buckets, cast_rays
-from parts.tasks import ANGLES, BEAMS, CELL, Array, Contender, Loops, Results, Same, Task
+from parts.tasks import ANGLES, BEAMS, Array, Contender, Loops, Results, Same, Task
 
 SIZE, ROOM, DOOR, MAX_RANGE = 100.0, 4.0, 1.2, 30.0
 SLIPPED = 1e-3
@@ -49,28 +45,22 @@ def raycasting(loops: Loops, count: int = 200) -> Task:
     given, flat = np.column_stack((origins, angles)).astype(np.float32), walls.astype(np.float32)
     every, few = len(given), min(count, 10) * BEAMS
 
-    def in_buckets(size: float | None = None) -> Callable[[], Any]:
-        return partial(cast_rays, build_buckets(walls, size=size), origins, angles, max_range=MAX_RANGE)
-
     def twin() -> Any:
         return rays.cast_rays(walls, origins[:BEAMS], angles[:BEAMS], max_range=MAX_RANGE)[0]
 
     def ranges(found: Any) -> Results:
         return {"ranges": np.minimum(found, MAX_RANGE)}
 
-    out, kernel = np.empty(few, np.float32), in_buckets()
+    out = np.empty(few, np.float32)
+    kernel = partial(cast_rays, build_buckets(walls), origins, angles, max_range=MAX_RANGE)
     c = loops.bind("cast_all", flat, len(flat), given, few, MAX_RANGE, out)
     others = {
         "C": Contender(c, few, lambda _: ranges(out)),
         "NumPy": Contender(twin, BEAMS, ranges, serial=True),
         "pymunk": Contender(pymunk_queries(walls, given[:few]), few, ranges, serial=True),
-        **{f"buckets of {size:g} m": Contender(in_buckets(size), every, ranges) for size in (1.0, 2.0, 4.0)},
     }
-    for name, cast in range_libc_casters(walls, given).items():
-        others[name] = Contender(cast, every, lambda found: {"ranges on a grid": found}, serial=True)
     ours = np.minimum(kernel(), MAX_RANGE)
-    results = {"ranges": Same(ours, 1e-3, SLIPPED), "ranges on a grid": Same(ours, 0.2, 0.5)}
-    return Task("ray", Contender(kernel, every), results, others)
+    return Task("ray", Contender(kernel, every), {"ranges": Same(ours, 1e-3, SLIPPED)}, others)
 
 
 def pymunk_queries(walls: Array, given: Any) -> Callable[[], list[float]]:
@@ -88,29 +78,3 @@ def pymunk_queries(walls: Array, given: Any) -> Callable[[], list[float]]:
         return [MAX_RANGE * hit.alpha if hit is not None else MAX_RANGE for hit in hits]
 
     return queries
-
-
-def range_libc_casters(walls: Array, given: Any) -> dict[str, Callable[[], Any]]:
-    """Compressed tables of 108 directions, and marching, in a grid of the walls; none where it is not installed."""
-    if find_spec("range_libc") is None:
-        return {}
-    import range_libc
-
-    grid = np.zeros((int(SIZE / CELL) + 2,) * 2, bool)
-    for x0, y0, x1, y1 in walls.tolist():
-        along = np.linspace(0, 1, int(np.hypot(x1 - x0, y1 - y0) / CELL * 4) + 2)
-        grid[((y0 + (y1 - y0) * along) / CELL).astype(int), ((x0 + (x1 - x0) * along) / CELL).astype(int)] = True
-    world, queries, out = (
-        range_libc.PyOMap(grid),
-        given / np.array((CELL, CELL, 1), np.float32),
-        np.empty(len(given), "f4"),
-    )
-    tables = range_libc.PyCDDTCast(world, MAX_RANGE / CELL, 108)
-    tables.prune()
-    casters = {"range_libc CDDT": tables, "range_libc marching": range_libc.PyRayMarching(world, MAX_RANGE / CELL)}
-
-    def cast(caster: Any) -> Any:
-        caster.calc_range_many(queries, out)
-        return CELL * out
-
-    return {name: partial(cast, caster) for name, caster in casters.items()}

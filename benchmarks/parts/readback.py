@@ -18,30 +18,22 @@ if TYPE_CHECKING:
     from moteslam.robot.recording import Recording
 
 STREAMS = ("lidar", "encoders", "odometry", "imu")
+BAGS = ("bag", "rosbag2", "mcap")
 HELD = {
     "ucsd": ("lidar", "encoders", "imu"),
     "carmen": ("lidar", "odometry"),
-    **dict.fromkeys(("csv", "bag", "rosbag2", "mcap"), STREAMS),
+    **dict.fromkeys(("csv", *BAGS), STREAMS),
 }
 """The streams that each format that is written holds, of those without images."""
-
-_ULP = float(np.spacing(np.pi))
-_OF_MESSAGES = {
-    "odometry.headings": 2 * _ULP,  # through a quaternion
+ROUNDING = {
+    "odometry.headings": 2 * float(np.spacing(np.pi)),  # through a quaternion
     "imu.linear_acceleration_g": 2 * float(np.spacing(4.0)),  # through m/s^2, of at most 4 g
 }
-ROUNDING: dict[str, dict[str, float]] = {
-    "ucsd": {},
-    "carmen": {},
-    "csv": {},
-    **dict.fromkeys(("bag", "rosbag2", "mcap"), _OF_MESSAGES),
-}
-"""The largest difference that docs/reference/formats.md states of each field; 0 where it has none here."""
-
+"""The largest difference that docs/reference/formats.md states of each field in bags; other formats round nothing."""
 NOT_HELD = {
     "ucsd": ("lidar.odometry",),
     "carmen": ("lidar.figures.range_min",),
-    **dict.fromkeys(("bag", "rosbag2", "mcap"), ("lidar.odometry",)),
+    **dict.fromkeys(BAGS, ("lidar.odometry",)),
 }
 """Fields of a held stream that have no place in a format."""
 
@@ -59,23 +51,19 @@ def differences(name: str, recording: Recording, back: Recording) -> dict[str, f
     """The largest difference of every field that a format holds: seconds, metres, radians, counts, g.
 
     It is infinite where the field is missing, has another shape, or has `inf` or `nan` elsewhere.
-
-    Args:
-        name: of the format.
-        recording: that was written.
-        back: what was read.
     """
-    mine, theirs = dict(_values(recording)), dict(_values(back))
+    theirs = dict(_values(back))
     return {
         field: _difference(field, value, theirs.get(field))
-        for field, value in mine.items()
+        for field, value in _values(recording)
         if field.partition(".")[0] in HELD[name] and field not in NOT_HELD.get(name, ())
     }
 
 
 def beyond(name: str, found: dict[str, float]) -> dict[str, float]:
     """The differences that are larger than what the format states."""
-    return {field: value for field, value in found.items() if value > ROUNDING[name].get(field, 0.0)}
+    rounding = ROUNDING if name in BAGS else {}
+    return {field: value for field, value in found.items() if value > rounding.get(field, 0.0)}
 
 
 def digest(recording: Recording) -> str:
@@ -91,18 +79,14 @@ def _values(recording: Recording) -> Iterator[tuple[str, NDArray[Any]]]:
     """Every array and figure of the streams; of poses the places and the headings apart."""
     for name in STREAMS:
         stream = getattr(recording, name)
-        if stream is None:
-            continue
-        for field in fields(stream):
+        for field in fields(stream) if stream is not None else ():
             value = getattr(stream, field.name)
-            if value is None:
-                continue
             if isinstance(value, int | float):
                 yield f"{name}.figures.{field.name}", np.array([value])
             elif field.name == "poses":
                 yield f"{name}.positions", value[:, :2]
                 yield f"{name}.headings", value[:, 2]
-            else:
+            elif value is not None:
                 yield f"{name}.{field.name}", np.asarray(value[:])
 
 
@@ -114,7 +98,6 @@ def _difference(field: str, mine: NDArray[Any], theirs: NDArray[Any] | None) -> 
     if field.endswith("headings"):
         return float(np.abs(se2.wrap(mine - theirs)).max())
     finite = np.isfinite(mine)
-    same = np.isnan(mine) == np.isnan(theirs)
-    if not (same.all() and (finite == np.isfinite(theirs)).all()):
+    if (np.isnan(mine) != np.isnan(theirs)).any() or (finite != np.isfinite(theirs)).any():
         return inf
     return float(np.abs(mine[finite].astype(np.float64) - theirs[finite].astype(np.float64)).max(initial=0.0))

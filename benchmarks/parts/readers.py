@@ -72,30 +72,26 @@ def recorded(scans: int = 12, beams: int = 19) -> Recording:
     )
 
 
-def _contents(folder: Path) -> dict[str, bytes]:
-    return {str(path.relative_to(folder)): path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
+def _made(main: str, write: Callable[..., Any], *given: Any) -> dict[str, bytes]:
+    """The files that a writer leaves in a folder, by their paths; ``main`` is what it is told to write."""
+    with tempfile.TemporaryDirectory() as scratch:
+        folder = Path(scratch) / "r"
+        folder.mkdir()
+        write(folder / main, *given)
+        files = (path for path in sorted(folder.rglob("*")) if path.is_file())
+        return {str(path.relative_to(folder)): path.read_bytes() for path in files}
 
 
 def _recordings() -> Iterator[Reader]:
     """Every format of recordings that can be written."""
-    from moteslam.robot.formats import FORMATS
-
-    for name, known in FORMATS.items():
-        if known.write is None:
-            continue
-        with tempfile.TemporaryDirectory() as scratch:
-            folder = Path(scratch) / "r"
-            folder.mkdir()
-            main = "." if known.is_folder else f"log{known.endings[0]}"
-            known.write(folder / main, recorded())
-            yield Reader(name, _contents(folder), main, _inspected)
-
-
-def _inspected(path: Path) -> Any:
-    from moteslam.robot.formats import open_recording
+    from moteslam.robot.formats import FORMATS, open_recording
     from moteslam.robot.inspection import inspect_recording
 
-    return inspect_recording(open_recording(path), deep=True)
+    for name, known in FORMATS.items():
+        if known.write is not None:
+            main = "." if known.is_folder else f"log{known.endings[0]}"
+            files = _made(main, known.write, recorded())
+            yield Reader(name, files, main, lambda path: inspect_recording(open_recording(path), deep=True))
 
 
 def _trajectories() -> Iterator[Reader]:
@@ -107,17 +103,15 @@ def _trajectories() -> Iterator[Reader]:
     stamps = np.arange(9) / 2
     path = Trajectory(stamps, np.column_stack((stamps, np.sin(stamps), 0.1 * stamps)))
     for name, known in TRAJECTORY_FORMATS.items():
-        with tempfile.TemporaryDirectory() as scratch:
-            main = f"path{known.endings[0]}"
-            known.write(Path(scratch) / main, path)
-            yield Reader(name, _contents(Path(scratch)), main, read_trajectory)
+        main = f"path{known.endings[0]}"
+        yield Reader(name, _made(main, known.write, path), main, read_trajectory)
     turns = np.column_stack((np.sin(stamps), np.zeros((9, 2)), np.cos(stamps)))
     rows = np.column_stack((stamps, stamps, np.sin(stamps), 0.1 * stamps, turns)).tolist()
     lines = "".join(f"{k},{','.join(map(repr, row))},0.5\n" for k, row in enumerate(rows))
     table = f"#num,t,x,y,z,qx,qy,qz,qw,cov_x\n{lines}".encode()
     yield Reader("csv table", {"t.csv": table}, "t.csv", lambda file: against_trajectory(read_trajectory(file), path))
     yield Reader(
-        "bag topics", {"p.bag": _bag_of_poses()}, "p.bag",
+        "bag topics", _made("p.bag", _write_bag_of_poses), "p.bag",
         lambda file: [read_trajectory(f"{file}:{name}") for name in ("/pose", "tf:map:base")],
     )  # fmt: skip
     places = "".join(f"P {100 * k} {k} {2 * k}.5\n" for k in range(9))
@@ -126,29 +120,22 @@ def _trajectories() -> Iterator[Reader]:
     yield Reader("relations", {"a.relations": lines.encode()}, "a.relations", read_relations)
 
 
-def _bag_of_poses() -> bytes:
+def _write_bag_of_poses(path: Path) -> None:
     """A bag of ROS 1 with poses and transforms."""
     from rosbags.rosbag1 import Writer
-    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-    store = get_typestore(Stores.ROS1_NOETIC)
-    store.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms", "tf2_msgs/msg/TFMessage"))
-    kinds = {
-        name.rpartition("/")[2]: kind for name, kind in store.types.items() if name.startswith(("geo", "tf2", "bu"))
-    }
-    header = store.types["std_msgs/msg/Header"]
-    with tempfile.TemporaryDirectory() as scratch:
-        with Writer(Path(scratch) / "p.bag") as writer:
-            topics = {"/pose": "geometry_msgs/msg/PoseStamped", "/tf": "tf2_msgs/msg/TFMessage"}
-            known = {name: writer.add_connection(name, kind, typestore=store) for name, kind in topics.items()}
-            for k in range(9):
-                head, turn = header(k, kinds["Time"](k + 1, 0), "map"), kinds["Quaternion"](0.0, 0.0, 0.6, 0.8)
-                pose = kinds["PoseStamped"](head, kinds["Pose"](kinds["Point"](0.1 * k, 0.0, 0.0), turn))
-                moved = kinds["Transform"](kinds["Vector3"](0.1 * k, 0.0, 0.0), turn)
-                tree = kinds["TFMessage"]([kinds["TransformStamped"](head, "base", moved)])
-                for name, message in (("/pose", pose), ("/tf", tree)):
-                    writer.write(known[name], k * 10**9, bytes(store.serialize_ros1(message, topics[name])))
-        return (Path(scratch) / "p.bag").read_bytes()
+    from moteslam.robot.formats.bags.events import Event, header, transform, turned, vector
+    from moteslam.robot.formats.bags.write import write_events
+
+    turn, events = turned(1.3), []
+    for k in range(9):
+        stamp, place = (k + 1) * 10**9, (0.1 * k, 0.0, 0.0)
+        pose = {"header": header(stamp, "map"), "pose": {"position": vector(*place), "orientation": turn}}
+        events.append(Event(stamp, "/pose", "geometry_msgs/PoseStamped", pose))
+        tree = {"transforms": [transform(stamp, "map", "base", place, turn)]}
+        events.append(Event(stamp, "/tf", "tf2_msgs/TFMessage", tree))
+    with Writer(path) as writer:
+        write_events(writer, iter(events), ros1=True)
 
 
 def _maps() -> Iterator[Reader]:
@@ -156,14 +143,11 @@ def _maps() -> Iterator[Reader]:
     from moteslam.robot.formats.map_server import read_map, write_map
 
     values = np.random.default_rng(3).integers(-1, 2, (11, 17)).astype(np.int8)
-    with tempfile.TemporaryDirectory() as scratch:
-        write_map(Path(scratch) / "map.pgm", Raster(values, 0.05, (1.0, -2.0, 0.3)))
-        yield Reader("map_server", _contents(Path(scratch)), "map.yaml", read_map)
+    files = _made("map.pgm", write_map, Raster(values, 0.05, (1.0, -2.0, 0.3)))
+    yield Reader("map_server", files, "map.yaml", read_map)
     arrays = {"log_odds": values.astype(np.float32)}
     odds = MapArrays(kind="log_odds", arrays=arrays, cell_size=0.05, origin=(1.0, -2.0, 0.3))
-    with tempfile.TemporaryDirectory() as scratch:
-        write_map_arrays(Path(scratch) / "map.npz", odds)
-        yield Reader("map_arrays", _contents(Path(scratch)), "map.npz", read_map_arrays)
+    yield Reader("map_arrays", _made("map.npz", write_map_arrays, odds), "map.npz", read_map_arrays)
 
 
 def _tables() -> Iterator[Reader]:

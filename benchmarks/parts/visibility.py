@@ -30,7 +30,7 @@ def seen_cells(
     rows, columns = np.mgrid[: shape[0], : shape[1]]
     centres = np.stack((columns, rows), axis=-1).reshape(-1, 2) * cell_size + np.asarray(origin) + cell_size / 2
     seen = np.zeros(len(centres), bool)
-    for pose, time in zip(frames.disparity_poses, frames.disparity_times, strict=True):
+    for pose, time in zip(frames.disparity.poses, frames.disparity.times, strict=True):
         camera, reaches, bearings = frames.renderer.depth_reaches(pose, float(time))
         todo = np.flatnonzero(~seen)
         away = centres[todo] - camera[:2]

@@ -66,8 +66,6 @@ def platforms(
 
 def _figures(robot: Platform) -> dict[str, object]:
     """What sets a robot apart, for JSON."""
-    from moteslam.sim.robot.choice import NOISE_CLASSES
-
     scan = robot.lidar.scan
     return {
         "description": robot.description,
@@ -78,5 +76,5 @@ def _figures(robot: Platform) -> dict[str, object]:
         "range_min_m": scan.range_min,
         "range_max_m": scan.range_max,
         "top_speed_m_s": robot.top_speed,
-        "noise_classes": NOISE_CLASSES[:1] if robot.as_recorded is None else NOISE_CLASSES,
+        "noise_classes": ["datasheet"] if robot.as_recorded is None else ["datasheet", "as_recorded"],
     }

@@ -13,7 +13,8 @@ from moteslam.eval.report import style
 from moteslam.eval.report.pace import Pace
 from moteslam.robot import se2
 from moteslam.robot.picture_style import PictureStyle
-from moteslam.sim.simulate import EPOCH, Simulation
+from moteslam.sim.sensors.clock import EPOCH
+from moteslam.sim.simulate import Simulation
 from moteslam.slam.run import SlamSession
 from moteslam.slam.scan_records import Update
 

@@ -14,8 +14,8 @@ from moteslam.eval.report.labels import Label, draw_labels
 from moteslam.robot.formats.map_server import FREE
 from moteslam.sim.actors.doors import Door
 from moteslam.sim.scenario import Scenario
-from moteslam.sim.world.geometry import Polygon
 from moteslam.sim.world.layout import Layout
+from moteslam.sim.world.pieces import Polygon
 from moteslam.sim.world.true_map import true_map
 from moteslam.sim.world.world import World
 

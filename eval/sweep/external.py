@@ -18,7 +18,7 @@ from moteslam.robot.raster import Raster
 from moteslam.robot.recording import Recording
 from moteslam.robot.trajectories import read_trajectory
 from moteslam.robot.trajectory import Trajectory
-from moteslam.sim.base_odometry import with_odometry
+from moteslam.sim.logged import with_odometry
 
 RecordingFormat = Literal["carmen", "ucsd"]
 SEQUENCE = 0

@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from moteslam.robot.section import Number, Section, Truth
-from moteslam.sim.world.geometry import Point
-from moteslam.sim.world.materials import PLAIN
+from moteslam.sim.world.pieces import PLAIN, Point
 
 if TYPE_CHECKING:
     import pymunk
@@ -30,12 +29,9 @@ class Door(Section):
         hinge, end: the two ends of the leaf when it is shut [m].
         kind: ``swing``: turns about its hinge; ``slide``: moves along itself past the hinge.
         opening: how far it swings [rad], counterclockwise positive.
-        shut_for, open_for: how long it stays shut and open, in turns, beginning shut [s].
-        random: whether these are means, with durations drawn by the seed (exponential), or the durations themselves.
-        automatic: whether it opens for whoever comes within ``sensor`` of its middle.
-        sensor: reach of the sensor [m].
+        shut_for, open_for: in turns, beginning shut [s]: durations, or with ``random`` means (exponential).
+        automatic: whether it opens for anyone within ``sensor`` [m] of its middle.
         takes: time to open or shut [s]. It does not shut on anyone.
-        material: of the leaf.
     """
 
     hinge: Point
@@ -60,14 +56,7 @@ class Door(Section):
 
 
 class Leaf:
-    """The leaf of a door in the physics engine.
-
-    Args:
-        door: its settings.
-        space: of the physics engine, which the leaf is put into.
-        duration: that its schedule covers [s].
-        rng: of the schedule.
-    """
+    """The leaf of a door in the physics engine, with a schedule that covers ``duration`` [s]."""
 
     def __init__(self, door: Door, space: pymunk.Space, duration: float, rng: np.random.Generator) -> None:
         import pymunk

@@ -1,20 +1,25 @@
 """People in the physics engine: they walk towards their next waypoint, keep away from each other, and bump.
 
-Each wants to walk towards its waypoint at its speed, and is pushed by what is near, more the nearer it is (the social
-force model of Helbing and Molnar 1995, here on velocities): others, the robot, walls. Two who meet head-on both pass
-on the right. A person who gets nowhere for three seconds chooses another waypoint.
+Each wants to walk towards its waypoint at its speed, and is pushed by what is near, more the nearer it is (the
+social force model of Helbing and Molnar 1995, here on velocities). Two who meet head-on both pass on the right. A
+person who gets nowhere for three seconds chooses another waypoint.
 """
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
+from pydantic import Field, model_validator
 
-from moteslam.robot.section import Number, Section, Truth
-from moteslam.sim.world.geometry import Point
+from moteslam.errors import ConfigError
+from moteslam.robot.formats.map_server import FREE
+from moteslam.robot.section import Number, Positive, Section, Truth, Whole
+from moteslam.sim.world.pieces import Point
+from moteslam.sim.world.true_map import true_map
 from moteslam.sim.world.world import World
 
 if TYPE_CHECKING:
@@ -49,11 +54,9 @@ class Person(Section):
     """Somebody who walks from waypoint to waypoint, there and back again, round the robot and others.
 
     Attributes:
-        waypoints: where they walk [m], the first is where they start; with a single one they stroll about from there,
-            to places that the seed chooses.
+        waypoints: [m], the first is the start; with a single one they stroll to places that the seed chooses.
         speed: of their walk [m/s] (1.34 is the usual one, Helbing and Molnar 1995).
-        pause: how long they stand at each waypoint [s].
-        start: how long they stand at the first [s].
+        pause, start: how long they stand at each waypoint, and at the first [s].
         radius: of the body [m].
         legs: whether the lidar sees two legs that stride, or one disc.
         leg: radius of a leg [m].
@@ -69,14 +72,7 @@ class Person(Section):
 
 
 class Walkers:
-    """All the people of a scenario.
-
-    Args:
-        persons: who they are; a single waypoint makes a stroller.
-        world: where they walk.
-        space: of the physics engine, which they are put into.
-        rng: of where strollers go.
-    """
+    """All the people of a scenario, in the physics engine's space; ``rng`` is of where strollers go."""
 
     def __init__(
         self, persons: tuple[Person, ...], world: World, space: pymunk.Space, rng: np.random.Generator
@@ -110,7 +106,7 @@ class Walkers:
         return np.array([tuple(body.position) for body in self._bodies], np.float64).reshape(-1, 2)
 
     def walk(self, time: float, interval: float, robot: tuple[float, float], robot_radius: float) -> None:
-        """Choose their velocities for the next interval [s], given where the robot is [m] and its radius [m]."""
+        """Choose their velocities for the next interval [s], given where the robot is and its radius [m]."""
         places = self.places
         self._choose_targets(time, places)
         offset = self._targets - places
@@ -184,3 +180,60 @@ class Walkers:
             if self._world.is_free(points[5:], radius + 0.1).all():
                 return np.asarray(end)
         return place
+
+
+CLEARANCE = 0.45
+"""From walls, where people of a crowd begin [m]."""
+APART = 1.0
+"""Between two places where people begin [m]."""
+
+
+class Crowd(Section):
+    """People whom the seed puts anywhere free, and who stroll about.
+
+    Attributes:
+        speed: each one's is drawn between these [m/s].
+        away: smallest distance from the robot's start at which they begin [m].
+    """
+
+    count: Annotated[Whole, Field(ge=1, le=MAX_PEOPLE)]
+    speed: tuple[Speed, Speed] = (0.8, 1.4)
+    away: Positive = 2.0
+
+    @model_validator(mode="after")
+    def _makes_sense(self) -> Crowd:
+        if self.speed[0] > self.speed[1]:
+            raise ValueError(f"speed from {self.speed[0]:g} to {self.speed[1]:g} m/s, expected the first to be smaller")
+        return self
+
+
+def place_crowd(
+    crowd: Crowd,
+    world: World,
+    start: NDArray[np.float64],
+    others: Sequence[Person],
+    rng: np.random.Generator,
+) -> list[Person]:
+    """The people of a crowd, each where it begins: in reach of the robot's ``start`` [m], apart from ``others``."""
+    x0, y0, x1, y1 = world.bounds
+    true = true_map(world, max(0.2, (x1 - x0) / 2000, (y1 - y0) / 2000), seen_from=start)
+    places = rng.permutation(true.centres(np.argwhere(true.values == FREE)))
+    taken = [*(person.waypoints[0] for person in others)]
+    found: list[Person] = []
+    for begin in range(0, len(places), 500):
+        some = places[begin : begin + 500]
+        for place in some[world.is_free(some, CLEARANCE)]:
+            near = [math.dist(place, other) < APART for other in taken]
+            if len(found) < crowd.count and math.dist(place, start) >= crowd.away and not any(near):
+                found.append(_stroller(place, crowd, rng))
+                taken.append((float(place[0]), float(place[1])))
+        if len(found) == crowd.count:
+            return found
+    raise ConfigError(
+        f"room for {len(found)} of {crowd.count} people, expected fewer, or more free space", field="crowd.count"
+    )
+
+
+def _stroller(place: NDArray[np.float64], crowd: Crowd, rng: np.random.Generator) -> Person:
+    x, y = place.tolist()
+    return Person(waypoints=((x, y),), speed=float(rng.uniform(*crowd.speed)), pause=float(rng.uniform(0.0, 3.0)))

@@ -13,10 +13,8 @@ from numpy.typing import NDArray
 from moteslam.robot import se2
 from moteslam.robot.summary import Summarised
 from moteslam.robot.trajectory import Trajectory
-from moteslam.sim.actors.actors import Actors
-from moteslam.sim.actors.tracks import TRUTH_RATE, Tracks
-from moteslam.sim.robot.driver import Driver
-from moteslam.sim.robot.give_way import PATIENCE, pace
+from moteslam.sim.actors.actors import TRUTH_RATE, Actors, Tracks
+from moteslam.sim.robot.driver import PATIENCE, Driver, pace
 from moteslam.sim.robot.limits import Limits
 from moteslam.sim.robot.mishaps import Carried, Mishap, carrying
 from moteslam.sim.robot.vehicle import PHYSICS_RATE, Vehicle
@@ -68,16 +66,10 @@ def drive(
     """Rest, drive until the driver has arrived, is stuck or out of time, and rest again.
 
     Args:
-        vehicle: the robot's body where it starts.
-        driver: what it is asked to do.
-        limits: of its accelerations, and its rests.
+        vehicle: the robot's body where it starts, with the actors in its space.
         duration: of the drive at most [s].
-        actors: people and doors in the vehicle's space.
         faults: of a scenario; what happens to the robot (see `Mishap`) is taken from them, one at a time.
         progress: called with the share of the path that lies behind.
-
-    Raises:
-        ConfigError: the robot is carried further than its path is long.
     """
     run = _Run(vehicle, actors)
     dt, interval = 1 / PHYSICS_RATE, CONTROL_STEPS / PHYSICS_RATE

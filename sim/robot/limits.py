@@ -21,8 +21,8 @@ class Limits(Section):
     """How the robot drives.
 
     Attributes:
-        speed: at most [m/s]; turn_rate: at most [rad/s].
-        acceleration: of the speed, at most [m/s^2]; turn_acceleration: of the turn rate [rad/s^2].
+        speed, turn_rate: at most [m/s, rad/s].
+        acceleration, turn_acceleration: of these, at most [m/s^2, rad/s^2].
         lookahead: distance ahead on the route that is aimed at [m].
         wander: standard deviation of the driver's sideways inattention [m], over ``wander_distance`` [m].
         rest_start, rest_end: standing still before and after [s]: long enough to see the gyro's bias.

@@ -14,14 +14,10 @@ from moteslam.errors import ConfigError
 from moteslam.robot import se2
 from moteslam.robot.platform import Platform
 from moteslam.robot.section import Number
-from moteslam.sim.robot.commands import Commands
-from moteslam.sim.robot.driver import Driver
+from moteslam.sim.robot.driver import SPACING, Driver, sampled
 from moteslam.sim.robot.limits import Interval, Seconds, Spell
-from moteslam.sim.robot.pursuit import SPACING, sampled
-from moteslam.sim.robot.route import Route
-from moteslam.sim.robot.task import Task
-from moteslam.sim.world.clearance import check_place
-from moteslam.sim.world.world import World
+from moteslam.sim.robot.task import Commands, Route, Task
+from moteslam.sim.world.world import World, check_place
 
 Floats = NDArray[np.float64]
 
@@ -34,11 +30,7 @@ TURNS = 0.4
 
 
 class StuckWheels(Spell):
-    """The robot stands against a step while its wheels spin: they turn at the speed that the driver asks for.
-
-    Attributes:
-        start: [s]; duration: [s].
-    """
+    """The robot stands against a step while its wheels spin at the speed that the driver asks for."""
 
     kind: Literal["stuck_wheels"] = "stuck_wheels"
 
@@ -49,7 +41,6 @@ class Carried(Interval):
     Its wheels do not turn meanwhile; its gyro measures how it is turned, to where it is carried.
 
     Attributes:
-        start: [s]; duration: [s].
         to: where it is set down: x, y [m], heading [rad]; it goes on from the nearest place of its path.
         along: in place of that: how far along its path, negative for back [m]. Without either it is 10 m, ahead where
             the path is that long, else back.
@@ -74,17 +65,7 @@ Mishap = StuckWheels | Carried
 
 
 def check_mishaps(faults: Sequence[object], task: Task, world: World, platform: Platform) -> None:
-    """Refuse mishaps at the same time, and places to set the robot down at that are not free or off its path.
-
-    Args:
-        faults: of a scenario; those of other kinds are passed over.
-        task: of the robot.
-        world: it drives in.
-        platform: the robot.
-
-    Raises:
-        ConfigError: the first of them; its place in the scenario is named.
-    """
+    """Refuse mishaps at the same time, and places to set the robot down at that are not free or off its path."""
     end = 0.0
     for start, i in sorted((fault.start, i) for i, fault in enumerate(faults) if isinstance(fault, Mishap)):
         fault, field = faults[i], f"faults.{i}"
@@ -117,18 +98,13 @@ def carrying(fault: Carried, pose: Floats, driver: Driver, rate: int, *, field: 
     """How the robot is carried: along its path, at the speed of one who starts and stops, facing where it is carried.
 
     Args:
-        fault: where to, and how long it takes.
         pose: [3] where it is lifted, the heading not wrapped.
         driver: whose path it is.
         rate: poses a second [Hz].
-        field: of the fault, for the message.
 
     Returns:
         poses [n, 3], the heading not wrapped, the last where it is set down; and the index on the driver's path from
         which it goes on, 0 where it has none.
-
-    Raises:
-        ConfigError: a path that is shorter than it is carried.
     """
     points, at = driver.path, driver.at
     if points is None:

@@ -30,17 +30,12 @@ SHIFTS = 0.02
 
 
 class Vehicle:
-    """The robot's body on four wheels, among the walls of a physics engine's space.
+    """The robot's body on its wheels, among the walls of a physics engine's ``space``; others may be put into it.
 
     Args:
-        platform: the robot, with wheels and a body.
         start: the pose [3] it starts at.
         world: the walls, and the patches of slippery floor.
         noise: rolling resistance, and the height of the mass, by which the load shifts between the wheels.
-
-    Attributes:
-        space: of the physics engine; others may be put into it.
-        platform: the robot.
     """
 
     def __init__(self, platform: Platform, start: NDArray[np.float64], world: World, noise: DriveNoise) -> None:
@@ -159,11 +154,7 @@ class Vehicle:
 
 
 def check_wheels(platform: Platform) -> None:
-    """Refuse a platform that cannot drive: without wheels, with a wrong track, or with wheels outside its body.
-
-    Raises:
-        ConfigError: the first thing that is wrong.
-    """
+    """Refuse a platform without wheels, with a wrong track, or with wheels outside its body."""
     wheels = platform.wheels
     if wheels is None:
         raise ConfigError("none, expected wheels to drive on", field="platform.wheels")
@@ -185,11 +176,7 @@ def check_wheels(platform: Platform) -> None:
 
 
 def check_body(platform: Platform) -> None:
-    """Refuse a contact so stiff, for masses so small, that a step of the physics overshoots by more than half.
-
-    Raises:
-        ConfigError: so it is.
-    """
+    """Refuse a contact so stiff, for masses so small, that a step of the physics overshoots by more than half."""
     wheels, body = platform.wheels, platform.body
     if body is None:
         raise ConfigError("none, expected the robot's masses and forces", field="platform.body")

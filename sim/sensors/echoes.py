@@ -1,7 +1,8 @@
 """Where the first echo of a beam comes from, in a world of glass, black and shiny surfaces, people and doors.
 
 A beam is followed from surface to surface: plain ones and people end it; through glass it goes straight on, from a
-mirror it goes on mirrored, and its range is the length of the complete path. After ``MAX_SURFACES`` it is lost.
+mirror it goes on mirrored, and its range is the length of the complete path. Beams are as wide as they are: edges
+mix two ranges.
 """
 
 from __future__ import annotations
@@ -13,8 +14,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from moteslam.sim.actors.tracks import Tracks
-from moteslam.sim.world.materials import Material
+from moteslam.sim.actors.actors import Tracks
+from moteslam.sim.world.pieces import Material
 from moteslam.sim.world.world import World
 
 if TYPE_CHECKING:
@@ -30,12 +31,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """A world with what moves in it, ready for rays.
-
-    Args:
-        world: what stands.
-        tracks: of what moves, None for nothing.
-    """
+    """A world with what moves in it, ready for rays."""
 
     world: World
     tracks: Tracks | None = None
@@ -63,8 +59,6 @@ class Scene:
             origins: [n, 2] where each beam begins [m].
             angles: [n] its direction [rad].
             times: [n] its moment since the drive's start [s].
-            rng: drawn from.
-            max_range: beyond which nothing comes back [m].
         """
         if self.is_plain:
             return self.exact(origins, angles, times, max_range=max_range)
@@ -159,3 +153,56 @@ def _fate_at(material: Material, off: Floats, length: Floats, draws: Floats) -> 
         faint = length > material.reach * np.sqrt(np.cos(off))
         fate[faint & ((fate == SEEN) | (fate == USELESS))] = LOST
     return fate
+
+
+EDGE = 0.1
+"""Smallest distance between the two sides of an edge, beyond the slope of the surface [m]."""
+
+
+def mix_at_edges(
+    ranges: NDArray[np.float32],
+    middle: NDArray[np.float32],
+    sides: NDArray[np.float32],
+    *,
+    mixed: float,
+    pulse: float,
+    rng: np.random.Generator,
+) -> NDArray[np.float32]:
+    """The ranges of beams, some of whose sides meet something else than their middle.
+
+    On one flat surface the sides lie about as far before the middle as behind it; at an edge one of them does not.
+    There, with probability ``mixed``, the two echoes melt into one in between, if they are at most ``pulse`` [m] apart;
+    otherwise the range is that of one of them.
+
+    Args:
+        ranges: [n] of the beams as lines [m].
+        middle: [n] where their middles end; sides: [2, n] where their sides end [m].
+        rng: two numbers a beam are drawn.
+    """
+    with np.errstate(invalid="ignore"):
+        step = np.abs(sides - middle)
+        bend = np.abs(sides[0] + sides[1] - 2 * middle)
+        edge = np.isfinite(ranges) & np.isfinite(middle) & ~(bend <= EDGE) & (step.max(0) > EDGE)
+    which = (step[1] > step[0]).astype(np.int64)
+    which = np.where(np.isfinite(step).all(0), which, np.where(np.isfinite(step[0]), 1, 0))
+    other = np.take_along_axis(sides, which[None], axis=0)[0]
+    share, draw = rng.random((2, len(ranges)), np.float32)
+    with np.errstate(invalid="ignore"):
+        apart = np.abs(other - middle)
+        melted = middle + share * (other - middle)
+        melts = (draw < mixed) & (apart <= pulse)
+    # a quarter of the beam's width lies on the other side of the edge, on average
+    alone = np.where((share < 0.25) & np.isfinite(other), other, ranges)
+    return np.where(edge, np.where(melts, melted, alone), ranges).astype(np.float32)
+
+
+def add_false_returns(
+    ranges: NDArray[np.float32], *, share: float, nearest: float, scale: float, rng: np.random.Generator
+) -> NDArray[np.float32]:
+    """Ranges [n], a ``share`` cut short by what floats in the air (z_short of Probabilistic Robotics, table 6.1).
+
+    ``nearest`` is the least range of such an echo, ``scale`` the mean distance beyond it [m]; two numbers a beam.
+    """
+    met = rng.random(len(ranges), np.float32) < share
+    drop = nearest + rng.exponential(scale, len(ranges))
+    return np.where(met & ~(drop >= ranges), drop, ranges).astype(np.float32)

@@ -27,24 +27,16 @@ def simulate_encoders(
     *,
     effects: np.random.Generator | None = None,
 ) -> EncoderStream:
-    """The counts of the four wheels.
+    """The counts int64 [n, 4] of the FR, FL, RR, RL wheel, and their stamps from 0 [s].
 
     The counters see the rims' travel of the drive, which includes the slip in turns; errors of the wheels' radii and
     the track come on top, and momentary slip that differs from side to side.
 
     Args:
-        drive: what the wheels truly did.
-        wheels: the robot's.
-        spec: of the counters.
-        noise: of the counters and their clock.
         scale: multiplies slip, scale, radius and track errors.
         span: of the first and last reading [s].
-        rng: random generator of the rest, drawn from the same number of times for the same readings.
-        effects: random generator of slip bursts and missed ticks, drawn from only where there are any; of seed 0 by
-            default.
-
-    Returns:
-        counts int64 [n, 4], order FR, FL, RR, RL; stamps [n] from 0 [s].
+        rng: drawn from the same number of times for the same readings.
+        effects: of slip bursts and missed ticks, drawn from only where there are any.
     """
     times, stamps = readings(spec.rate, *span, noise.clock, rng)
     travel = np.stack([np.interp(times, drive.stamps, wheel) for wheel in drive.wheel_travel.T], axis=-1)

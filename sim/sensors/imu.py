@@ -22,9 +22,6 @@ def simulate_imu(
     filter gives; the robot drives on a flat floor and shakes with its speed.
 
     Args:
-        drive: what the robot truly did.
-        spec: of the sensor.
-        noise: of the readings and their clock.
         scale: multiplies the gyro's noise, bias and scale error.
         span: of the first and last reading [s].
         rng: drawn from the same number of times for the same readings.

@@ -8,14 +8,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from moteslam.errors import ConfigError
 from moteslam.robot.arrays import given_up
-from moteslam.robot.noise import LidarNoise
+from moteslam.robot.noise import DriveNoise, LidarNoise
+from moteslam.robot.platform import Platform
 from moteslam.robot.recording import LidarStream
 from moteslam.robot.specs import LidarSpec, ScanFigures
 from moteslam.sim.robot.drive import Drive
-from moteslam.sim.sensors.beams import add_false_returns, mix_at_edges
 from moteslam.sim.sensors.clock import readings
-from moteslam.sim.sensors.echoes import Floats, Scene
+from moteslam.sim.sensors.echoes import Floats, Scene, add_false_returns, mix_at_edges
 from moteslam.sim.sensors.lidar_faults import Cart, Tilt, carts_in_view, leaning
 
 
@@ -24,8 +25,7 @@ class LidarErrors:
     """What is wrong with one lidar on one robot, the same over a recording.
 
     Attributes:
-        bias: that all ranges are too long [m].
-        scale: that they are too long, relative.
+        bias, scale: that all ranges are too long [m], and relative.
         x, y, yaw: where the lidar truly is beside its mount [m, rad].
         roll, pitch: how it truly tilts [rad].
     """
@@ -71,28 +71,17 @@ def simulate_lidar(
     effects: np.random.Generator | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> LidarStream:
-    """The scans of a lidar.
-
-    Beam b of a scan at time t is cast from where the lidar truly is at t + b * time_increment.
+    """The scans of a lidar: beam b of a scan at time t is cast from where the lidar truly is at t + b * time_increment.
 
     Args:
-        drive: how the robot truly moved.
-        scene: what the beams hit.
-        lidar: where it is and what its scans are.
-        noise: of the ranges and the clock.
         span: of the first scan's and the last scan's first beam [s].
-        rng: random generator of noise and clock.
-        errors: of this lidar, over the recording.
+        rng: of noise and clock.
         tilt: [n, 2] roll and pitch of the body at the drive's stamps [rad]; None for a body that stays level.
-        faults: of a scenario; carts in its view and mounts aslant are taken from them.
-        effects: random generator of surfaces, edges and rain; of seed 0 by default.
-        progress: called with the share of the scans done.
+        faults: of a scenario; carts in view and mounts aslant are taken from them.
+        effects: of surfaces, edges and rain.
 
     Returns:
         ranges float32 [n, beams]: ``inf`` beyond the maximum, ``nan`` below the minimum and where a beam was lost.
-
-    Raises:
-        ConfigError: figures of the lidar are not known.
     """
     scan = lidar.scan
     times, stamps = readings(scan.rate, *span, noise.clock, rng)
@@ -147,19 +136,13 @@ def beam_ranges(
     noise: LidarNoise,
     rng: np.random.Generator,
 ) -> NDArray[np.float32]:
-    """The ranges of beams before the sensor's own noise.
+    """Ranges float32 [n] [m] of beams before the sensor's noise: ``inf`` for no echo, ``nan`` for one of no use.
 
     A beam of some divergence is three rays, its middle and its two sides (see `mix_at_edges`).
 
     Args:
-        scene: what the beams meet.
         origins: [n, 2] [m]; angles: [n] [rad]; times: [n] [s], of the beams.
-        scan: limits of the lidar.
-        noise: of the lidar.
-        rng: drawn from, only where something is random.
-
-    Returns:
-        float32 [n] [m]: ``inf`` for no echo, ``nan`` for one that is of no use.
+        rng: drawn from only where something is random.
     """
     ranges = scene.echoes(origins, angles, times, rng, max_range=scan.range_max)
     if noise.divergence > 0:
@@ -183,8 +166,6 @@ def tilted(
 ) -> NDArray[np.float32]:
     """The ranges [n] of beams that do not lie level: walls are a little further, and some beams end on the floor.
 
-    A floor that is met at a degree or two sends nothing back (the power falls with the angle, as of the materials).
-
     Args:
         level: [n] of the level beams [m].
         leans: roll and pitch of the lidar [2] or [n, 2] [rad].
@@ -205,16 +186,11 @@ def tilted(
 def measured(
     exact: NDArray[np.float32], scan: ScanFigures, noise: LidarNoise, rng: np.random.Generator
 ) -> NDArray[np.float32]:
-    """Ranges as the sensor reports them: noise that grows with the range, dropouts, limits, resolution.
+    """Ranges float32 as the sensor reports them: noise that grows with the range, dropouts, limits, resolution.
 
     Args:
         exact: ranges [m], any shape; ``inf`` where nothing is within reach, ``nan`` where an echo is of no use.
-        scan: limits of the lidar.
-        noise: what to add.
-        rng: drawn from, two numbers a range; three with outliers.
-
-    Returns:
-        float32, the same shape.
+        rng: two numbers a range are drawn; three with outliers.
     """
     hit = np.isfinite(exact)
     useless = np.isnan(exact)
@@ -248,3 +224,50 @@ def _at(drive: Drive, times: NDArray[np.float64], values: Floats) -> Floats:
     i = np.minimum(at.astype(np.int64), len(drive.stamps) - 2)
     share = (at - i)[..., None]
     return np.asarray(values[i] * (1 - share) + values[i + 1] * share)
+
+
+SETTLES = 0.1
+"""Time in which the body follows an acceleration, and over which it shakes alike [s]."""
+
+
+def tilt_of(drive: Drive, noise: DriveNoise, rng: np.random.Generator) -> NDArray[np.float64]:
+    """Roll (to the right positive) and pitch (down positive) [n, 2] at the drive's stamps [rad].
+
+    The body leans in bends, dips when it brakes, and shakes with its speed.
+    """
+    from scipy.signal import lfilter
+
+    step = float(drive.stamps[1] - drive.stamps[0])
+    keep = np.exp(-step / SETTLES)
+    theta, (vx, vy) = drive.poses[:, 2], drive.velocities[:, :2].T
+    ax, ay = (np.gradient(component, step) for component in (vx, vy))
+    forward, left = np.cos(theta) * ax + np.sin(theta) * ay, np.cos(theta) * ay - np.sin(theta) * ax
+    leans = noise.sway * np.stack((left, -forward), axis=1)
+    leans = lfilter([1.0 - keep], [1.0, -keep], leans, axis=0)
+    white = np.sqrt(1 - keep**2) * rng.standard_normal((len(theta), 2))
+    shaken = noise.shake * np.hypot(vx, vy)[:, None] * lfilter([1.0], [1.0, -keep], white, axis=0)
+    return np.asarray(leans + shaken, np.float64)
+
+
+MAX_REACH = 2.0
+"""Of a sensor's mount from the robot's centre [m]."""
+
+
+def check_sensors(platform: Platform) -> None:
+    """Refuse sensors that are not known or far from the robot, and a sweep longer than a scan's interval."""
+    for sensor, mount in (("lidar", platform.lidar), ("camera", platform.camera)):
+        if mount is not None and (away := float(np.hypot(mount.x, mount.y))) > MAX_REACH:
+            axis = "x" if abs(mount.x) >= abs(mount.y) else "y"
+            raise ConfigError(
+                f"{away:g} m from the robot's centre, expected at most {MAX_REACH:g} m",
+                field=f"platform.{sensor}.{axis}",
+            )
+    if platform.encoders is None:
+        raise ConfigError("none, expected wheels with encoders", field="platform.encoders")
+    scan = platform.lidar.scan
+    sweep = platform.lidar.time_increment * (scan.beams - 1)
+    if sweep > 1 / scan.rate:
+        raise ConfigError(
+            f"{scan.beams} beams take {sweep:g} s, expected at most the {1 / scan.rate:g} s between two scans",
+            field="platform.lidar.time_increment",
+        )

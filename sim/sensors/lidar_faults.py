@@ -25,7 +25,6 @@ class Cart(Interval):
     It is at the same place in the robot's frame throughout, and goes through walls; what is nearer hides it.
 
     Attributes:
-        start: [s]; duration: [s], to the end of the drive by default.
         distance: from the lidar to the middle of its near side [m].
         bearing: of that from the lidar, in the robot's frame [rad]; 0 is ahead.
         width, depth: across that direction and along it [m].
@@ -46,10 +45,7 @@ class Cart(Interval):
         return self
 
     def ranges(self, origin: tuple[float, float], bearings: Floats) -> Floats:
-        """The range [n] of beams from a place beside the lidar's mount [m] at bearings [n] in the robot's frame [rad].
-
-        ``inf`` where a beam misses it.
-        """
+        """The range [n], ``inf`` for a miss, from beside the lidar's mount [m] at bearings [n] in the robot's frame."""
         dx, dy = origin
         cos, sin = np.cos(self.bearing), np.sin(self.bearing)
         along, across = cos * dx + sin * dy, cos * dy - sin * dx
@@ -73,7 +69,6 @@ class Tilt(Interval):
     """The lidar is mounted aslant: beams that go down end on the floor, and walls are a little further.
 
     Attributes:
-        start: [s]; duration: [s], to the end of the drive by default.
         pitch: forward positive [rad]; roll: to the right positive [rad].
         height: of the lidar above the floor [m]; that of the robot's lidar by default.
         grazing: floor that is met at a smaller angle sends nothing back [rad].
@@ -99,11 +94,9 @@ def carts_in_view(
     origin: tuple[float, float],
     bearings: Floats,
 ) -> NDArray[np.float32]:
-    """The ranges of scans with carts in them: the nearer of what stands there and the cart.
+    """The ranges [n, beams] [m] of scans with carts in them: the nearer of what stands there and the cart.
 
     Args:
-        exact: [n, beams] [m]; of an echo that is of no use (``nan``) the cart's takes the place.
-        carts: that travel with the robot.
         times: [n, beams] of the beams, since the drive's start [s].
         origin: where the lidar is beside its mount [m].
         bearings: [beams] in the robot's frame [rad].
@@ -124,10 +117,6 @@ def leaning(
         z: the lidar's height without them [m].
         tilts: of its mount, which add up; of height and grazing the last one's count.
         times: [n, beams] of the beams, since the drive's start [s].
-
-    Returns:
-        leans [n, beams, 2] or [2], heights [n beams] and angles [n beams]; where there are no tilts one height and an
-        infinite angle.
     """
     if not tilts:
         return leans, z, np.inf
@@ -143,11 +132,7 @@ def leaning(
 
 
 def check_tilt(tilt: Tilt, lidar: LidarSpec, *, field: str) -> None:
-    """Refuse a tilt of a lidar whose height is not known.
-
-    Raises:
-        ConfigError: neither the tilt nor the robot states one above the floor.
-    """
+    """Refuse a tilt of a lidar whose height is not known."""
     if tilt.height is None and lidar.z <= 0:
         raise ConfigError(
             f"missing, expected it where the robot's lidar is at z = {lidar.z:g} m", field=f"{field}.height"

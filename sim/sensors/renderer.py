@@ -28,10 +28,6 @@ class Renderer:
     """Draws frames of a run.
 
     Args:
-        mount: where the camera is.
-        settings: of the camera.
-        scene: walls, people and doors that hide the floor.
-        floor: what the colour camera sees.
         path: [m, 2] where the robot is when the colour camera fires [m]: the floor is drawn around it.
         frames: how many colour and disparity images there are; each has noise of its own.
         seed: of the noise.
@@ -86,13 +82,7 @@ class Renderer:
     def rgb(
         self, indices: NDArray[np.intp], poses: NDArray[np.float64], times: NDArray[np.float64]
     ) -> NDArray[np.uint8]:
-        """The colour images [k, 480, 640, 3] (red, green, blue) of frames.
-
-        Args:
-            indices: [k] of the frames.
-            poses: [k, 3] the robot's then.
-            times: [k] when they are taken, from the drive's first moment [s].
-        """
+        """The colour images [k, 480, 640, 3] (RGB) of frames [k], with the robot at poses [k, 3] at times [k]."""
         import cv2
 
         from moteslam.kernels.camera import render_colour
@@ -126,14 +116,7 @@ class Renderer:
     def depth_reaches(
         self, pose: NDArray[np.float64], time: float
     ) -> tuple[NDArray[np.float64], NDArray[np.float32], NDArray[np.float64]]:
-        """Where the depth camera is [3], and how far the floor reaches [b] at bearings [b] from its heading.
-
-        The pose is the camera's place and the robot's heading [m, rad], reaches are in m, bearings in rad.
-
-        Args:
-            pose: [3] the robot's.
-            time: from the drive's first moment [s].
-        """
+        """The pose [3] of the depth camera, and how far [b] [m] the floor reaches at bearings [b] from its heading."""
         cameras, reaches = self._reaches(pose[None], np.array([time]), colour=False)
         return cameras[0], reaches[0], self._views[False].bearings
 

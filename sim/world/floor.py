@@ -1,12 +1,14 @@
 """What the floor looks like: a pattern of arithmetic, or a picture, and rasters of either.
 
-The colour at a point depends on the point and the floor's seed alone, so two rasters of a floor agree wherever they
-overlap.
+The colour at a point depends on the point and the floor's seed alone (a hash of lattice points), so two rasters of
+a floor agree wherever they overlap.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Annotated, Literal
 
@@ -19,8 +21,122 @@ from moteslam.robot.pictures import decode_picture, picture_size
 from moteslam.robot.raster import Raster
 from moteslam.robot.reading import read_bytes
 from moteslam.robot.section import Number, Positive, Section, Share, Whole
-from moteslam.sim.world.floor_patterns import PATTERNS, stain_shade
-from moteslam.sim.world.value_noise import Array
+
+Array = NDArray[np.float64]
+
+
+def smooth_noise(u: Array, v: Array, seed: int, layer: int) -> Array:
+    """Numbers [n] from 0 to 1 at (u, v) [n], uniform at whole coordinates and blended between them."""
+    i, j = np.floor(u), np.floor(v)
+    s, t = u - i, v - j
+    s, t = s * s * (3 - 2 * s), t * t * (3 - 2 * t)
+    a, b, c, d = (cell_noise(i + right, j + up, seed, layer) for up in (0, 1) for right in (0, 1))
+    below, above = a + s * (b - a), c + s * (d - c)
+    return np.asarray(below + t * (above - below))
+
+
+def cell_noise(i: Array, j: Array, seed: int, layer: int) -> Array:
+    """Independent numbers in [0, 1) of the lattice cells (i, j) [n]."""
+    low_i, low_j, across = i.min(), j.min(), int(np.ptp(i)) + 1
+    if across * (np.ptp(j) + 1) > len(i) / 2:
+        return _hash(i, j, seed, layer)
+    # many points lie in the same cells: hash each cell once
+    rows, columns = np.mgrid[0 : int(np.ptp(j)) + 1, 0:across].astype(np.float64)
+    table = _hash(columns.reshape(-1) + low_i, rows.reshape(-1) + low_j, seed, layer)
+    return np.asarray(table[((j - low_j) * across + (i - low_i)).astype(np.int64)])
+
+
+def _hash(i: Array, j: Array, seed: int, layer: int) -> Array:
+    """A number in [0, 1) for each lattice cell (i, j), layer and seed: a multiply-xor-shift hash of 64 bits."""
+    key = np.uint64((seed * 0x9E3779B97F4A7C15 + layer * 0xD1B54A32D192ED03 + 0x8CB92BA72F3D8DD7) % 2**64)
+    h = i.astype(np.int64).view(np.uint64) * np.uint64(0xBF58476D1CE4E5B9)
+    h ^= j.astype(np.int64).view(np.uint64) * np.uint64(0x94D049BB133111EB) + key
+    for shift, factor in ((30, 0xFF51AFD7ED558CCD), (31, 0xC4CEB9FE1A85EC53)):
+        h ^= h >> np.uint64(shift)
+        h *= np.uint64(factor)
+    h ^= h >> np.uint64(32)
+    return (h >> np.uint64(11)).astype(np.float64) * 2.0**-53
+
+
+Rgb = tuple[int, int, int]
+JOINT = 0.005
+"""Half a joint between tiles [m]."""
+
+
+@dataclass(frozen=True)
+class Pattern:
+    """A material of a floor.
+
+    Attributes:
+        draw: ``draw(x, y, size, palette, seed)``: colours [n, 3] (0 to 255, not clipped) at x, y [n] [m], from a
+            palette [k, 3].
+        size: usual size of a tile, blotch or plank [m].
+    """
+
+    draw: Callable[[Array, Array, float, Array, int], Array]
+    size: float
+    palette: tuple[Rgb, ...]
+
+
+def _tiles(x: Array, y: Array, size: float, palette: Array, seed: int) -> Array:
+    col, row = np.floor(x / size), np.floor(y / size)
+    colours = _pick(palette, col, row, seed, 1)
+    shade = 0.9 + 0.2 * cell_noise(col, row, seed, 2) + 0.08 * (smooth_noise(x / 0.05, y / 0.05, seed, 3) - 0.5)
+    off_x, off_y = np.abs(x - (col + 0.5) * size), np.abs(y - (row + 0.5) * size)
+    colours *= shade[:, None]
+    colours[np.maximum(off_x, off_y) > size / 2 - JOINT] = 96.0
+    return np.asarray(colours)
+
+
+def _carpet(x: Array, y: Array, size: float, palette: Array, seed: int) -> Array:
+    level = smooth_noise(x / size, y / size, seed, 1) + 0.4 * smooth_noise(2.7 * x / size, 2.7 * y / size, seed, 2)
+    rank = np.clip((level - 0.25) / 0.9, 0, 0.999)  # most of the noise lies there
+    colours = palette[(rank * len(palette)).astype(np.int64)]
+    pile = 0.8 + 0.4 * cell_noise(np.floor(x / 0.01), np.floor(y / 0.01), seed, 3)
+    return np.asarray(colours * pile[:, None])
+
+
+def _wood(x: Array, y: Array, size: float, palette: Array, seed: int) -> Array:
+    length = 8 * size
+    row = np.floor(y / size)
+    along = x / length + cell_noise(row, row, seed, 1)  # each row is staggered by its own share of a plank
+    plank = np.floor(along)
+    colours = _pick(palette, plank, row, seed, 2)
+    grain = 0.85 + 0.3 * smooth_noise(x / 0.25, y / 0.012, seed, 3)
+    edge = np.minimum((along - plank) * length, y - row * size) < 0.003
+    return np.where(edge[:, None], 20.0, colours * grain[:, None])
+
+
+def _plain(x: Array, y: Array, size: float, palette: Array, seed: int) -> Array:
+    shade = 0.95 + 0.1 * smooth_noise(x / 0.05, y / 0.05, seed, 1)
+    return np.asarray(palette[0] * shade[:, None])
+
+
+def _pick(palette: Array, col: Array, row: Array, seed: int, layer: int) -> Array:
+    """The colour [n, 3] of the palette that each lattice cell has."""
+    return np.asarray(palette[(cell_noise(col, row, seed, layer) * len(palette)).astype(np.int64)])
+
+
+PATTERNS = {
+    "tiles": Pattern(
+        _tiles, 0.5, ((238, 232, 218), (176, 92, 66), (52, 60, 74), (128, 146, 112), (24, 24, 28), (208, 178, 120))
+    ),
+    "carpet": Pattern(_carpet, 0.8, ((34, 52, 96), (196, 176, 140), (122, 30, 40))),
+    "wood": Pattern(_wood, 0.14, ((150, 98, 54), (110, 66, 34), (186, 136, 84), (84, 50, 28), (206, 168, 118))),
+    "plain": Pattern(_plain, 1.0, ((128, 126, 122),)),
+}
+"""The patterns by name."""
+
+
+def stain_shade(x: Array, y: Array, share: float, seed: int) -> Array:
+    """The share of the light [n], 0.45 to 1, that stains leave: dark where smooth noise is in its top ``share``."""
+    from scipy.special import ndtri
+
+    level = (smooth_noise(x / 0.7, y / 0.7, seed, 8) + 0.5 * smooth_noise(x / 0.2, y / 0.2, seed, 9)) / 1.5
+    # the noise is near to a normal distribution of this mean and spread (measured)
+    threshold = 0.5 + 0.17 * float(ndtri(1 - min(share, 1 - 1e-9)))
+    return np.asarray(1 - 0.55 * np.clip((level - threshold) / 0.04, 0, 1))
+
 
 Level = Annotated[Whole, Field(ge=0, le=255)]
 
@@ -42,8 +158,8 @@ class FloorSettings(Section):
         size: edge of a tile, width of a plank, size of a blotch [m]; 0.5, 0.14 and 0.8 by default.
         colours: that the material is made of, (red, green, blue) from 0 to 255; each material has its own.
         stains: share of the floor under stains, which darken it.
-        image: a picture file, repeated over the floor (``image`` only), in the scenario's folder or below.
-        image_width: how wide it lies on the floor [m]; its height follows. Its lower left corner lies at (0, 0).
+        image: a picture file, repeated over the floor, in the scenario's folder or below.
+        image_width: how wide it lies on the floor [m]; its lower left corner lies at (0, 0).
     """
 
     material: Literal["tiles", "carpet", "wood", "plain", "image"] = "tiles"
@@ -61,20 +177,12 @@ class FloorSettings(Section):
         return self
 
     def check_picture(self) -> None:
-        """Read the picture, if it has one.
-
-        Raises:
-            ConfigError: it cannot be read.
-        """
+        """Refuse a picture that cannot be read."""
         if self.image is not None:
             _read_picture(self.image)
 
     def colours_at(self, points: ArrayLike) -> NDArray[np.uint8]:
-        """The colours uint8 [..., 3] of the floor at points [..., 2] in the world [m].
-
-        Raises:
-            ConfigError: the picture cannot be read.
-        """
+        """The colours uint8 [..., 3] of the floor at points [..., 2] in the world [m]."""
         points = np.asarray(points, np.float64)
         flat = np.ascontiguousarray(points.reshape(-1, 2))
         if not len(flat):
@@ -103,19 +211,9 @@ class FloorSettings(Section):
 def rasterise(
     floor: FloorSettings, bounds: tuple[float, float, float, float], cell_size: float, *, samples: int = 1
 ) -> Raster:
-    """The floor as a raster, a cell the mean of samples x samples points in it.
+    """The floor as a raster uint8 [H, W, 3], a cell the mean of samples x samples points in it.
 
-    Args:
-        floor: what to draw.
-        bounds: x_min, y_min, x_max, y_max [m]; the cells lie on the lattice of multiples of ``cell_size``.
-        cell_size: [m].
-        samples: along each side of a cell.
-
-    Returns:
-        uint8 values [H, W, 3]: red, green, blue.
-
-    Raises:
-        ConfigError: more than ``MAX_PIXELS`` cells, or a picture that cannot be read.
+    ``bounds`` are x_min, y_min, x_max, y_max [m]; the cells lie on the lattice of multiples of ``cell_size`` [m].
     """
     low = np.floor(np.asarray(bounds[:2]) / cell_size + 1e-9).astype(np.int64)
     width, height = (int(n) for n in np.ceil(np.asarray(bounds[2:]) / cell_size - 1e-9).astype(np.int64) - low)

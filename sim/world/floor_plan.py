@@ -6,6 +6,8 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Literal
 
+import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field
 
 from moteslam.errors import InputError
@@ -14,14 +16,42 @@ from moteslam.robot.formats.map_server import FREE, MAX_EXTENT, MAX_PIXELS, OCCU
 from moteslam.robot.formats.npz import is_archive
 from moteslam.robot.raster import Raster
 from moteslam.robot.section import Section
+from moteslam.sim.world.pieces import Segments
+
+
+def wall_segments(solid: Raster) -> Segments:
+    """The sides between solid cells (bools [H, W]) and others [m, 4] [m], each run of them in one piece."""
+    return solid.to_world(trace_sides(solid.values).reshape(-1, 2)).reshape(-1, 4)
+
+
+def trace_sides(cells: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """The sides between solid cells and others, outside included: [m, 4] x0, y0, x1, y1 in cells.
+
+    Sides that touch and lie in line are one segment, as long as the solid cells are on the same side of it.
+    """
+    padded = np.pad(cells, 1)
+    # +1 where a solid cell begins, -1 where one ends, looking along an axis
+    level = padded[1:, 1:-1].astype(np.int8) - padded[:-1, 1:-1]  # [rows + 1, cols]: sides along x
+    upright = (padded[1:-1, 1:].astype(np.int8) - padded[1:-1, :-1]).T  # [cols + 1, rows]: sides along y
+    along_x, along_y = _runs(level), _runs(upright)
+    flat = np.stack((along_x[:, 1], along_x[:, 0], along_x[:, 2], along_x[:, 0]), axis=-1)
+    tall = np.stack((along_y[:, 0], along_y[:, 1], along_y[:, 0], along_y[:, 2]), axis=-1)
+    return np.concatenate((flat, tall)).astype(np.float64)
+
+
+def _runs(lines: NDArray[np.int8]) -> NDArray[np.int64]:
+    """Runs of equal numbers other than 0 in each line: [k, 3] line, first, one past the last."""
+    padded = np.pad(lines, ((0, 0), (1, 1)))
+    change = padded[:, 1:] != padded[:, :-1]
+    begins = np.argwhere(change & (padded[:, 1:] != 0))
+    ends = np.argwhere(change & (padded[:, :-1] != 0))
+    return np.column_stack((begins, ends[:, 1]))
 
 
 class FloorPlan(Section):
-    """A floor plan: the ``.yaml`` file of map_server, or an ``.npz`` of log-odds, and what its unknown cells are.
+    """A floor plan: the ``.yaml`` file of map_server, or an ``.npz`` of log-odds, in the scenario's folder or below.
 
-    Attributes:
-        file: relative to the scenario's own folder; in it or below.
-        unknown: ``free``: only occupied cells have walls; ``wall``: unknown ones too.
+    ``unknown`` cells are ``free`` (only occupied cells have walls) or a ``wall``.
     """
 
     file: Annotated[str, Field(min_length=1, max_length=4096)]
@@ -29,12 +59,7 @@ class FloorPlan(Section):
 
 
 def read_floor_plan(plan: FloorPlan) -> Raster:
-    """The solid cells of a floor plan, as bools; read once until the file changes.
-
-    Raises:
-        InputError: files that cannot be read (`read_map`, `read_map_arrays`), or no occupied cell; file and key are
-            named.
-    """
+    """The solid cells of a floor plan, as bools; read once until the file changes."""
     try:
         stamp = Path(plan.file).stat().st_mtime_ns
     except (OSError, ValueError) as error:
@@ -46,11 +71,7 @@ def read_floor_plan(plan: FloorPlan) -> Raster:
 
 
 def read_cells(plan: FloorPlan) -> Raster:
-    """The free, occupied and unknown cells of a floor plan, as `read_map` has them.
-
-    Raises:
-        InputError: files that cannot be read.
-    """
+    """The free, occupied and unknown cells of a floor plan, as `read_map` has them."""
     path = Path(plan.file)
     return _of_arrays(path) if is_archive(path) else read_map(path)
 

@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.robot.noise import Surroundings
-from moteslam.sim.world.geometry import Segments
-from moteslam.sim.world.materials import PLAIN, Material
+from moteslam.sim.world.pieces import PLAIN, Material, Segments
 from moteslam.sim.world.world import World
 
 SHORTEST = 0.3
@@ -29,17 +28,9 @@ Floats = NDArray[np.float64]
 
 
 def lived_in(world: World, settings: Surroundings, rng: np.random.Generator, *, path: Floats, radius: float) -> World:
-    """The world with relief, clutter and shades of grey.
+    """The world with relief, clutter and shades of grey; solids, hollows and slippery patches are the plan's.
 
-    Args:
-        world: as planned.
-        settings: what is added.
-        rng: drawn from.
-        path: [n, 2] where the robot's centre was [m].
-        radius: of the robot [m].
-
-    Returns:
-        a world whose solids, hollows and slippery patches are those of the plan.
+    ``path`` [n, 2] is where the robot's centre was [m].
     """
     lines, owner = _in_relief(world.segments, settings, rng)
     things = _clutter(world.segments, settings, rng, path, radius + CLEARANCE)

@@ -14,23 +14,11 @@ MAX_CELLS = 64_000_000
 
 
 def true_map(world: World, resolution: float, *, seen_from: ArrayLike, margin: float = 0.5) -> Raster:
-    """Rasterise a world.
+    """Rasterise a world into `FREE`, `OCCUPIED` or `UNKNOWN` cells int8 [H, W] of a side ``resolution`` [m].
 
     A cell is occupied if a wall crosses it or its centre lies in a solid; free if it can be reached, from cell to
-    cell across their sides, from where the robot was; all others are unknown. Cell [0, 0] begins at a multiple of the
-    resolution, so that maps of one world lie on one another.
-
-    Args:
-        world: to rasterise.
-        resolution: a cell's side [m].
-        seen_from: [n, 2] places of the robot [m].
-        margin: round the world [m].
-
-    Returns:
-        int8 values [H, W]: `FREE`, `OCCUPIED` or `UNKNOWN` (`robot/formats/map_server.py`).
-
-    Raises:
-        ConfigError: a resolution that is not positive, or so fine that the cells are too many.
+    cell across their sides, from where the robot was (``seen_from`` [n, 2] [m]); all others are unknown. Cell [0, 0]
+    begins at a multiple of the resolution, so that maps of one world lie on one another.
     """
     from scipy.ndimage import label
 

@@ -1,24 +1,22 @@
-"""The world a robot drives in: line segments that a lidar sees, and solids that nothing can be inside of."""
+"""The world a robot drives in: line segments that a lidar sees, solids, and what keeps clear of them."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from moteslam.errors import ConfigError
 from moteslam.robot.raster import Raster
 from moteslam.robot.summary import Summarised
-from moteslam.sim.world.blocks import Box, Pillar
-from moteslam.sim.world.floor_plan import read_floor_plan
-from moteslam.sim.world.geometry import Polygon, Segments, outline
-from moteslam.sim.world.layout import Layout, Slippery
-from moteslam.sim.world.materials import MATERIALS, PLAIN, Material
-from moteslam.sim.world.tracing import wall_segments
-from moteslam.sim.world.walls import Room, Wall
+from moteslam.sim.world.floor_plan import read_floor_plan, wall_segments
+from moteslam.sim.world.layout import Layout, Room, Slippery, Wall
+from moteslam.sim.world.pieces import MATERIALS, PLAIN, Box, Material, Pillar, Polygon, Segments, outline
 
 if TYPE_CHECKING:
     from shapely import STRtree
@@ -32,7 +30,6 @@ class World(Summarised):
         segments: [m, 4] x0, y0, x1, y1 [m]: walls and the outlines of the solids.
         solids: polygons [k, 2] [m] of boxes, pillars and furniture.
         surfaces: [m] what each segment is made of, an index into ``palette``; None where all is plain.
-        palette: the materials by name.
         plan: a floor plan's solid cells, as bools; their sides are among the segments.
         hollows: polygons [k, 2] [m] that nothing may stand in and beams see into: shelves.
         slippery: patches of floor where wheels grip less.
@@ -48,11 +45,7 @@ class World(Summarised):
 
     @classmethod
     def of(cls, layout: Layout) -> World:
-        """The world that a layout describes.
-
-        Raises:
-            InputError: a floor plan that cannot be read.
-        """
+        """The world that a layout describes."""
         around: list[Wall | Room] = [*layout.walls, *layout.rooms]
         blocks: list[Box | Pillar] = [*layout.boxes, *layout.pillars]
         parts = [(piece.segments(), piece.material) for piece in around]
@@ -122,3 +115,48 @@ class World(Summarised):
         import shapely
 
         return shapely.STRtree([shapely.Polygon(corners) for corners in (*self.solids, *self.hollows)])
+
+
+MAX_SEGMENTS = 20_000
+"""Line segments in a world that a file spells out."""
+
+MAX_PLAN_SEGMENTS = 400_000
+"""Line segments in a world with a floor plan."""
+
+_SAMPLING = 0.05
+"""Between the points of a leg that are checked [m]."""
+
+
+def check_world(world: World) -> None:
+    """Refuse a world that is empty or too large."""
+    if not len(world.segments):
+        raise ConfigError("nothing stands in it, expected a wall, room, box, pillar, furniture or plan", field="world")
+    limit = MAX_SEGMENTS if world.plan is None else MAX_PLAN_SEGMENTS
+    if len(world.segments) > limit:
+        raise ConfigError(f"{len(world.segments)} segments, expected at most {limit}", field="world")
+
+
+def check_place(world: World, point: ArrayLike, radius: float, *, field: str, what: str) -> None:
+    """Refuse a place in a wall or nearer to one than ``radius`` [m]; ``what`` is there, with its verb."""
+    x, y = np.asarray(point, np.float64)
+    if world.inside_solid(point)[0]:
+        raise ConfigError(f"{what} inside a wall at ({x:g}, {y:g}), expected free space", field=field)
+    away = float(world.distance(point)[0])
+    if away < radius:
+        raise ConfigError(
+            f"{what} {away:.2f} m from a wall at ({x:g}, {y:g}), expected at least {radius:.2f} m", field=field
+        )
+
+
+def check_legs(world: World, corners: NDArray[np.float64], clearance: float, *, field: str) -> None:
+    """Refuse straight legs between waypoints [k, 2] with less than ``clearance`` [m] on both sides."""
+    for i, (a, b) in enumerate(pairwise(corners)):
+        samples = np.linspace(a, b, max(2, int(np.ceil(np.hypot(*(b - a)) / _SAMPLING)) + 1))
+        free = world.is_free(samples, clearance)
+        if not free.all():
+            x, y = samples[np.argmin(free)]
+            raise ConfigError(
+                f"the leg to the next waypoint runs into a wall near ({x:.2f}, {y:.2f}), "
+                f"expected {clearance:.2f} m clear on both sides",
+                field=f"{field}.{i}",
+            )

@@ -37,10 +37,18 @@ KEYS = set().union(*(keys(load_preset(name)) for name in preset_names()))
 SCENARIO_KEYS = keys(load_scenario("corridor"))
 
 
+def anchors(page: Path) -> set[str]:
+    """The anchors of a page's headings, as GitHub makes them."""
+    titles = re.findall(r"^#+ (.*)$", page.read_text(encoding="utf-8"), re.M)
+    return {re.sub(r"[^\w\- ]", "", title.lower()).replace(" ", "-") for title in titles}
+
+
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_links_within_the_project_lead_somewhere(page: Path):
-    for target in re.findall(r"\]\((?!https?:|#)([^)#]+)", page.read_text(encoding="utf-8")):
-        assert (page.parent / target).exists(), f"{page.name} links to {target}"
+    for target, anchor in re.findall(r"\]\((?!https?:)([^)#]*)(?:#([^)]+))?\)", page.read_text(encoding="utf-8")):
+        there = page.parent / target if target else page
+        assert there.exists(), f"{page.name} links to {target}"
+        assert not anchor or anchor in anchors(there), f"{page.name} links to {target}#{anchor}"
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
@@ -146,9 +154,14 @@ def test_the_generated_page_is_current():
     assert made.PAGE.read_text(encoding="utf-8") == made.configuration(), "an old page: python docs/generate.py"
 
 
-def test_every_key_of_a_configuration_says_what_it_means():
-    rows = re.findall(r"^\| `([a-z_.]+)` \|.*\| ([^|]*) \|$", generator().configuration(), re.M)
-    assert {key for key, _ in rows} >= {
-        key for key in KEYS if "." in key and not any(other.startswith(f"{key}.") for other in KEYS)
-    }
-    assert not [key for key, meaning in rows if len(meaning) < 10]
+def test_every_key_of_a_configuration_says_what_it_is():
+    page = generator().configuration()
+    said = {}
+    for section, block in re.findall(r"```toml\n(?:\[([\w.]+)\]\n)?(.*?)```", page, re.S):
+        for key, comment in re.findall(r"^(\w+) = .*?  # (.*)$", block, re.M):
+            said[f"{section}.{key}".lstrip(".")] = comment
+    sections = {key.rpartition(".")[0] for key in KEYS}
+    as_the_filter = tuple(f"{name}." for name in re.findall(r"`\[(backend\.\w+)\]`", page))
+    assert as_the_filter
+    assert {key for key in KEYS - sections if not key.startswith(as_the_filter)} <= {*said, "backend.method"}
+    assert not [key for key, comment in said.items() if len(comment) < 10]

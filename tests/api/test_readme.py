@@ -1,4 +1,4 @@
-"""What the README asks a newcomer to do works."""
+"""What the README and the guide to the library ask a newcomer to do works."""
 
 from __future__ import annotations
 
@@ -9,7 +9,9 @@ from pathlib import Path
 
 import pytest
 
-README = (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
+ROOT = Path(__file__).parents[2]
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+GUIDE = (ROOT / "docs" / "guide" / "python.md").read_text(encoding="utf-8")
 COMMANDS = re.findall(r"^\| `moteslam ([a-z]+)([^`]*)`", README, re.M)
 
 
@@ -55,3 +57,17 @@ def test_the_example_finds_its_way():
     assert found is not None, run.stdout
     assert float(found.group(1)) < 20
     assert int(found.group(2)) >= 80
+
+
+@pytest.mark.slow
+def test_the_blocks_of_the_guide_run_one_after_the_other(tmp_path: Path):
+    blocks = re.findall(r"^```python\n(.*?)^```", GUIDE, re.M | re.S)
+    assert len(blocks) > 7
+    command = [sys.executable, "-c", "\n".join(blocks)]
+    run = subprocess.run(command, check=False, capture_output=True, text=True, cwd=tmp_path)
+    assert run.returncode == 0, run.stderr
+    first, *_, last = run.stdout.splitlines()
+    found = re.fullmatch(r"([0-9.]+) cm over [0-9]+ m", first)
+    assert found is not None, run.stdout
+    assert float(found.group(1)) < 5
+    assert last.startswith("no such.log - No such file")

@@ -26,7 +26,7 @@ from moteslam.robot.recording import (
     Recording,
     RgbdStream,
 )
-from moteslam.sim.base_odometry import odometry_of
+from moteslam.sim.logged import with_odometry
 
 PNG = b"\x89PNG\r\n\x1a\n"
 STREAMS = ("lidar", "encoders", "odometry", "imu", "rgbd")
@@ -37,7 +37,7 @@ def whole(seconds: float = 6.0) -> Recording:
     recording = winding(seconds=seconds)
     assert recording.encoders is not None
     stamps = recording.encoders.stamps
-    return recording.replace(odometry=odometry_of(recording), rgbd=RgbdStream(stamps[::10], stamps[5::10]))
+    return recording.replace(odometry=with_odometry(recording).odometry, rgbd=RgbdStream(stamps[::10], stamps[5::10]))
 
 
 WHOLE = whole()

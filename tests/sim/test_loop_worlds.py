@@ -11,7 +11,6 @@ from parts.runs import STEP_NOISE, wheels_case
 from scipy.spatial import cKDTree
 
 from moteslam.kernels.raycast import build_buckets, cast_rays
-from moteslam.robot import se2
 from moteslam.sim.robot.drive import Drive
 from moteslam.sim.scenario import load_scenario
 from moteslam.sim.simulate import true_drive
@@ -53,7 +52,6 @@ def look_alike(name: str) -> float:
     Another place is over 3 m away; alike are two views whose ranges differ by over 5 cm in at most one beam of 50.
     """
     scenario = load_scenario(name)
-    assert scenario.route is not None
     corners = scenario.route.path()
     driven = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(corners, axis=0).T))))
     length = np.arange(0.0, driven[-1], 0.2)
@@ -70,38 +68,6 @@ def look_alike(name: str) -> float:
         alike = (np.abs(views - views[i]) > 0.05).mean(axis=1) <= 0.02
         found += bool((alike & (np.hypot(*(places - places[i]).T) > 3.0)).any())
     return found / len(asked)
-
-
-@pytest.mark.slow
-def test_campus_is_driven_for_more_than_a_kilometre_and_a_half() -> None:
-    run = drive("campus")
-    assert run.end == "arrived"
-    assert 1500.0 < run.truth.length < 1700.0
-    assert run.stamps[-1] < 1500.0
-
-
-@pytest.mark.slow
-def test_campus_closes_its_large_loop_first_and_smaller_ones_within_it() -> None:
-    places, _ = path_of("campus")
-    first, again = meetings(places, STEP * np.arange(len(places)), 1.0).T
-    lap = STEP * (again - first)
-    # a room is left where it was entered: such loops are shorter than any round of corridors
-    earliest = again[lap > 50].min()
-    assert 400.0 < lap[(again == earliest) & (lap > 50)].min() < 480.0
-    shortest = np.full(len(places), np.inf)
-    np.minimum.at(shortest, again[lap > 50], lap[lap > 50])
-    for low, high in ((100.0, 200.0), (200.0, 350.0)):
-        assert STEP * ((shortest > low) & (shortest < high)).sum() > 20.0
-
-
-@pytest.mark.slow
-def test_campus_is_driven_in_the_same_direction_here_and_in_opposite_ones_alone_there() -> None:
-    places, heading = path_of("campus")
-    pairs = meetings(places, STEP * np.arange(len(places)), 1.0)
-    turn = np.abs(se2.wrap(np.diff(heading[pairs], axis=1)[:, 0]))
-    opposite, same = (np.unique(pairs[chosen]) for chosen in (turn > np.radians(150), turn < np.radians(30)))
-    assert STEP * len(np.setdiff1d(opposite, same)) > 600.0  # 300 m of corridor, there and back
-    assert STEP * len(same) > 400.0
 
 
 @pytest.mark.slow
@@ -130,26 +96,12 @@ def test_junctions_beside_that_of_the_first_return_to_mile_look_like_it() -> Non
     assert alike.sum() >= 5
 
 
-@pytest.mark.parametrize("name", ["twins", "grid"])
-@pytest.mark.usefixtures("taichi")
-def test_most_places_look_like_another_one(name: str) -> None:
-    assert look_alike(name) > 0.5
-
-
-@pytest.mark.slow
-@pytest.mark.usefixtures("taichi")
-def test_places_in_campus_do_not_look_alike() -> None:
-    assert look_alike("campus") < 0.02
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("name", WORLDS)
 def test_key_scans_close_loops(name: str) -> None:
     case = wheels_case(name, 1, step_noise=STEP_NOISE)
     assert case.end == "arrived"
     lidar, truth = case.recording.lidar, case.reference
-    assert lidar is not None
-    assert truth is not None
     assert case.recording.imu is None
     assert len(lidar) > truth.length
     places = truth.at(lidar.stamps).poses[:, :2]
@@ -158,8 +110,27 @@ def test_key_scans_close_loops(name: str) -> None:
     assert len(closing) > 0.5 * len(places)
 
 
-@pytest.mark.parametrize("name", ["campus", "twins", "grid", "mile"])
-def test_seeds_differ(name: str) -> None:
-    begun = load_scenario(name).model_copy(update={"duration": 60.0})
-    one, other = (true_drive(begun, seed).poses for seed in (0, 1))
-    assert np.hypot(*(one - other)[:, :2].T).max() > 0.02
+@pytest.mark.slow
+def test_campus_closes_its_large_loop_first_and_smaller_ones_within_it() -> None:
+    run = drive("campus")
+    assert run.end == "arrived"
+    assert 1500.0 < run.truth.length < 1700.0
+    places, _ = path_of("campus")
+    first, again = meetings(places, STEP * np.arange(len(places)), 1.0).T
+    lap = STEP * (again - first)
+    # a room is left where it was entered: such loops are shorter than any round of corridors
+    earliest = again[lap > 50].min()
+    assert 400.0 < lap[(again == earliest) & (lap > 50)].min() < 480.0
+    shortest = np.full(len(places), np.inf)
+    np.minimum.at(shortest, again[lap > 50], lap[lap > 50])
+    for low, high in ((100.0, 200.0), (200.0, 350.0)):
+        assert STEP * ((shortest > low) & (shortest < high)).sum() > 20.0
+
+
+@pytest.mark.parametrize(
+    ("name", "low", "high"),
+    [("twins", 0.5, 1.0), ("grid", 0.5, 1.0), pytest.param("campus", 0.0, 0.02, marks=pytest.mark.slow)],
+)
+@pytest.mark.usefixtures("taichi")
+def test_how_many_places_look_like_another_one(name: str, low: float, high: float) -> None:
+    assert low <= look_alike(name) <= high

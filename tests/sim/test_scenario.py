@@ -16,24 +16,17 @@ from moteslam.robot.noise import ClockNoise, EncoderNoise, ImuNoise, LidarNoise,
 from moteslam.robot.platform import Body, Platform, Wheels
 from moteslam.robot.platforms import UCSD
 from moteslam.robot.specs import CameraSpec, EncoderSpec, ImuSpec, LidarSpec
-from moteslam.sim.actors.crowd import Crowd
 from moteslam.sim.actors.doors import Door
-from moteslam.sim.actors.people import Person
-from moteslam.sim.robot.commands import Command, Commands
+from moteslam.sim.actors.people import Crowd, Person
 from moteslam.sim.robot.limits import Limits
-from moteslam.sim.robot.route import Route
-from moteslam.sim.robot.wander import Wander
+from moteslam.sim.robot.task import Command, Commands, Route, Wander
 from moteslam.sim.scenario import Fault, Scenario, bundled_scenarios, load_scenario, parse_scenario, scenario_table
-from moteslam.sim.sensors.faults import Outage
+from moteslam.sim.sensors.clock import Outage
 from moteslam.sim.simulate import drive_scenario
-from moteslam.sim.world.blocks import Box, Pillar
-from moteslam.sim.world.clearance import MAX_SEGMENTS
 from moteslam.sim.world.floor_plan import FloorPlan
-from moteslam.sim.world.furniture import Chair, Shelf, Table
-from moteslam.sim.world.layout import Layout, Slippery
-from moteslam.sim.world.materials import Material
-from moteslam.sim.world.walls import Recess, Room, RoomDoorway, Wall
-from moteslam.sim.world.world import World
+from moteslam.sim.world.layout import Layout, Recess, Room, RoomDoorway, Slippery, Wall
+from moteslam.sim.world.pieces import Box, Chair, Material, Pillar, Shelf, Table
+from moteslam.sim.world.world import MAX_SEGMENTS, World
 
 
 def changed(table: dict[str, Any], key: str, value: Any) -> dict[str, Any]:
@@ -62,123 +55,91 @@ WALL = {"points": [[0.0, 0.0], [4.0, 0.0], [4.0, 4.0]]}
 
 
 @pytest.mark.parametrize(
-    ("key", "value", "field", "words"),
+    ("key", "value", "field"),
     [
-        ("wrold", {}, "wrold", "unknown key"),
-        ("noise.lidar.sigma", 0.1, "noise.lidar.sigma", "unknown key"),
-        ("drive.speed", "fast", "drive.speed", "'fast', expected a number"),
-        ("drive.speed", True, "drive.speed", "expected a number"),
-        ("drive.speed", -1.0, "drive.speed", "-1.0, expected above 0"),
-        ("drive.speed", float("inf"), "drive.speed", "expected a finite number"),
-        ("route.waypoints", [[2.0, 2.0], [5.0, float("nan")]], "route.waypoints.1.1", "expected a finite number"),
-        ("seed", 1.5, "seed", "expected a whole number"),
-        ("seed", -1, "seed", "expected at least 0"),
-        ("world", None, "world", "missing"),
-        ("world", {}, "world", "nothing stands in it"),
-        ("world", 3, "world", "3, expected a table"),
-        ("world.rooms", 3, "world.rooms", "3, expected a list"),
-        ("world.boxes", [{"centre": [1, 1], "size": [1, 2, 3]}], "world.boxes.0.size", "3 items, expected at most 2"),
-        ("world.boxes", [{"centre": [1.0]}], "world.boxes.0.centre", "1 item, expected 2"),
-        ("world.boxes", [{"size": [1, 2]}], "world.boxes.0.centre", "missing, expected in every world.boxes"),
-        ("noise.encoders.radius_factors", [1, 1, 1], "noise.encoders.radius_factors", "3 items, expected 4"),
-        ("name", "", "name", "0 characters, expected at least 1"),
-        ("name", "x" * 300, "name", "300 characters, expected at most 200"),
-        (
-            "route",
-            {"waypionts": []},
-            "route.waypionts",
-            "expected one of waypoints, closed, laps; route.waypoints is missing",
-        ),
-        ("world.pillars", TOO_MANY, "world", f"expected at most {MAX_SEGMENTS}"),
-        ("world.boxes", BOX_ON_START, "route.waypoints.0", "the robot starts inside a wall at (2, 2)"),
-        ("route.waypoints", [[0.2, 2.0], [7.0, 2.0]], "route.waypoints.0", "the robot starts 0.20 m from a wall"),
-        ("route.waypoints", [[2.0, 2.0], [9.9, 2.0]], "route.waypoints.1", "the waypoint is 0.10 m from a wall"),
-        ("route.waypoints", [[2.0, 2.0], [12.0, 2.0]], "route.waypoints.0", "runs into a wall near (9.8"),
-        ("route.waypoints", [[2.0, 2.0]], "route.waypoints", "at least 2"),
-        ("route.waypoints", [[2.0, 2.0], [2.0, 2.0]], "route", "expected them apart"),
-        ("route.laps", 2.0, "route", "laps of an open route"),
-        ("route", None, "route", "nothing to do, expected exactly one"),
-        ("wander", {"start": [2.0, 2.0], "distance": 9.0}, "wander", "route and wander, expected exactly one"),
-        ("duration", 3.0, "duration", "expected more than the rests"),
-        ("duration", 1e6, "duration", "expected at most 12000"),
-        ("duration", 6.0, "duration", "expected at least the 12 s that 9 m at 0.95 m/s and the rests take"),
-        ("platform.lidar.time_increment", 1e-4, "platform.lidar.time_increment", "between two scans"),
-        ("platform.body.mass", 0.2, "platform.body.stiffness", "expected at most"),
-        ("platform.body.wheel_mass", 0.2, "platform.body.stiffness", "expected at most"),
-        ("noise_class", "kind", "noise_class", "'kind', expected datasheet or as_recorded"),
-        ("platform", "nobody", "platform", "no robot of this name, expected one of lms200"),
-        ("platform", 3, "platform", "3, expected a robot's name, a .toml file, or a table"),
-        ("platform", {"wheels": {"track": 0.3}}, "platform", "length, width, wheels.metres_per_count,"),
-        ("platform", {"base": "nobody"}, "platform.base", "'nobody', expected one of lms200"),
-        ("platform.lidar.beams", False, "platform.lidar", "beams not known"),
-        ("platform.lidar.beams", 2000, "platform.lidar", "1.39 turns, expected one at most"),
-        ("platform.encoders", False, "platform.encoders", "none, expected wheels with encoders"),
-        ("platform.lidar.no_return", [5.0], "platform.lidar", "expected at least range_max"),
-        ("platform.wheels.effective_track", 0.2, "platform.wheels.effective_track", "at least the track"),
-        ("platform.width", 0.1, "platform.width", "within the body"),
-        ("platform.camera.z", 0.0, "platform.camera.z", "0 m, expected above 0, up to 10"),
-        ("platform.camera", False, "platform.camera", "none, expected a camera to simulate"),
-        ("platform.lidar.x", 5.0, "platform.lidar.x", "5 m from the robot's centre, expected at most 2 m"),
-        ("platform.camera.y", -2.5, "platform.camera.y", "m from the robot's centre, expected at most 2 m"),
-        ("doors", [{**DOOR, "kind": "slide", "opening": 1.0}], "doors.0", "an opening of a door that slides"),
-        ("doors", [DOOR, ON_START], "doors.1", "the shut leaf is 0.10 m from where the robot starts, expected"),
-        ("people", [PERSON, PERSON], "people.1.waypoints.0", "the person begins where people.0 does"),
-        ("people", [{"waypoints": [[2.1, 2.0]]}], "people.0.waypoints.0", "begins where the robot starts"),
-        ("world.walls", [{**WALL, "recesses": [NICHE]}], "world.walls.0.recesses.0", "a depth of 0 m, expected one to"),
-        ("noise.lidar.dropout", 2, "noise.lidar.dropout", "expected at most 1"),
-        ("noise.imu.gyro_correlation", [0.9, 0.1], "noise.imu", "that some noise has"),
-        ("noise.imu.clock.begins", [0.5, 0.3], "noise.imu.clock", "begins of 0.5 and 0.3 s, expected the shorter"),
-        ("noise.lidar.clock.ends", [2, 1], "noise.lidar.clock", "ends of 2 and 1 s, expected the shorter time first"),
-        ("world.walls", [{**WALL, "doors": [{"at": 7.5, "width": 1.0}]}], "world.walls.0", "within the wall's 8 m"),
-        ("world.walls", [{**WALL, "doors": [{"at": 3.5, "width": 1.0}]}], "world.walls.0", "goes round a corner"),
+        ("wrold", {}, "wrold"),
+        ("noise.lidar.sigma", 0.1, "noise.lidar.sigma"),
+        ("drive.speed", "fast", "drive.speed"),
+        ("drive.speed", float("inf"), "drive.speed"),
+        ("route.waypoints", [[2.0, 2.0], [5.0, float("nan")]], "route.waypoints.1.1"),
+        ("world", None, "world"),
+        ("world", {}, "world"),
+        ("world.boxes", [{"size": [1, 2]}], "world.boxes.0.centre"),
+        ("world.pillars", TOO_MANY, "world"),
+        ("world.boxes", BOX_ON_START, "route.waypoints.0"),
+        ("world.boxes", [{"centre": [8.0, 7.0], "size": [1.0, 1.0], "material": "velvet"}], "world"),
+        ("world.walls", [{**WALL, "recesses": [NICHE]}], "world.walls.0.recesses.0"),
+        ("world.walls", [{**WALL, "doors": [{"at": 7.5, "width": 1.0}]}], "world.walls.0"),
+        ("world.walls", [{**WALL, "doors": [{"at": 3.5, "width": 1.0}]}], "world.walls.0"),
+        ("world.walls", [{**WALL, "doors": [{"at": 0.5, "width": 1.0}, {"at": 1.2, "width": 1.0}]}], "world.walls.0"),
+        ("route.waypoints", [[0.2, 2.0], [7.0, 2.0]], "route.waypoints.0"),
+        ("route.waypoints", [[2.0, 2.0], [9.9, 2.0]], "route.waypoints.1"),
+        ("route.waypoints", [[2.0, 2.0], [12.0, 2.0]], "route.waypoints.0"),
+        ("route.waypoints", [[2.0, 2.0], [2.0, 2.0]], "route"),
+        ("route.laps", 2.0, "route"),
+        ("route", None, "route"),
+        ("wander", {"start": [2.0, 2.0], "distance": 9.0}, "wander"),
+        ("duration", 3.0, "duration"),
+        ("duration", 6.0, "duration"),
+        ("noise_class", "kind", "noise_class"),
+        ("platform", "nobody", "platform"),
+        ("platform", 3, "platform"),
+        ("platform", {"wheels": {"track": 0.3}}, "platform"),
+        ("platform", {"base": "nobody"}, "platform.base"),
+        ("platform.lidar.time_increment", 1e-4, "platform.lidar.time_increment"),
+        ("platform.body.mass", 0.2, "platform.body.stiffness"),
+        ("platform.lidar.beams", False, "platform.lidar"),
+        ("platform.encoders", False, "platform.encoders"),
+        ("platform.wheels.effective_track", 0.2, "platform.wheels.effective_track"),
+        ("platform.width", 0.1, "platform.width"),
+        ("platform.camera.z", 0.0, "platform.camera.z"),
+        ("platform.camera", False, "platform.camera"),
+        ("platform.lidar.x", 5.0, "platform.lidar.x"),
+        ("camera", {"nearest": 9.0}, "camera"),
+        ("doors", [{**DOOR, "kind": "slide", "opening": 1.0}], "doors.0"),
+        ("doors", [DOOR, ON_START], "doors.1"),
+        ("doors", [{"hinge": [1.0, 1.0], "end": [1.0, 1.0]}], "doors.0"),
+        ("doors", [{**DOOR, "material": "cheese"}], "doors.0.material"),
+        ("people", [PERSON, PERSON], "people.1.waypoints.0"),
+        ("people", [{"waypoints": [[2.1, 2.0]]}], "people.0.waypoints.0"),
+        ("people", [{"waypoints": [[9.95, 1.0]]}], "people.0.waypoints.0"),
+        ("crowd", {"count": 2, "speed": [1.4, 0.8]}, "crowd"),
+        ("noise.imu.gyro_correlation", [0.9, 0.1], "noise.imu"),
+        ("noise.imu.clock.begins", [0.5, 0.3], "noise.imu.clock"),
+        ("outages", [{"sensor": "sonar", "start": 1.0, "duration": 1.0}], "outages.0.sensor"),
+        ("floor", {"material": "image"}, "floor"),
+        ("floor", {"image": "x.png"}, "floor"),
     ],
 )
-def test_refused(table: dict[str, Any], key: str, value: Any, field: str, words: str) -> None:
+def test_refused(table: dict[str, Any], key: str, value: Any, field: str) -> None:
     with pytest.raises(ConfigError) as caught:
         parse_scenario(changed({**table, "camera": {}}, key, value), file="my.toml")
-    assert caught.value.file == "my.toml"
-    assert caught.value.field == field
-    assert words in caught.value.problem
+    assert (caught.value.file, caught.value.field) == ("my.toml", field)
     assert "\n" not in str(caught.value)
 
 
-def test_overlapping_doors_are_refused(table: dict[str, Any]) -> None:
-    doors = [{"at": 0.5, "width": 1.0}, {"at": 1.2, "width": 1.0}]
-    with pytest.raises(ConfigError, match="overlaps"):
-        parse_scenario(changed(table, "world.walls", [{**WALL, "doors": doors}]))
-
-
 @pytest.mark.parametrize(
-    ("name", "content", "words"),
+    ("name", "content"),
     [
-        ("nowhere", None, "expected one of .*corridor, .*hall, .*office, .*random-corridors"),
-        ("nowhere.toml", None, "No such file"),
-        ("full.tml", None, "no such file, and no scenario of this name, expected one of"),
-        ("full.txt", b"", "no .toml file, and no scenario of this name, expected one of"),
-        ("nowhere/", None, "No such file"),
-        ("", None, "no scenario of this name"),
-        ("broken.toml", b"world = [", "not TOML"),
-        ("binary.toml", b"\xff\xfe\x00", "not UTF-8 text"),
-        ("empty.toml", b"", "missing, expected in every scenario"),
-        ("huge.toml", b"#" * 5_000_000, "expected a scenario"),
+        ("nowhere", None),
+        ("nowhere.toml", None),
+        ("full.txt", b""),
+        ("", None),
+        ("broken.toml", b"world = ["),
+        ("binary.toml", b"\xff\xfe\x00"),
+        ("empty.toml", b""),
+        ("huge.toml", b"#" * 5_000_000),
     ],
 )
 def test_unreadable_files_are_refused(
-    name: str, content: bytes | None, words: str, tmp_path: Any, monkeypatch: pytest.MonkeyPatch
+    name: str, content: bytes | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
     if content is not None:
         (tmp_path / name).write_bytes(content)
-    with pytest.raises(ConfigError, match=words):
+    with pytest.raises(ConfigError) as caught:
         load_scenario(name)
-
-
-def test_a_file_changes_single_values_of_the_platform(table: dict[str, Any]) -> None:
-    scenario = parse_scenario(changed(table, "platform.wheels.effective_track", 0.6))
-    assert scenario.platform.wheels is not None
-    assert scenario.platform.wheels.effective_track == 0.6
-    assert scenario.platform.lidar == UCSD.lidar
-    assert scenario.platform.wheels.metres_per_count == 0.0022
+    assert str(caught.value.file) == name
 
 
 def test_a_file_changes_single_values_of_the_bundled_noise(table: dict[str, Any]) -> None:
@@ -197,24 +158,13 @@ def test_a_scenario_reads_back_as_it_was_written(name: str, tmp_path: Any) -> No
     assert load_scenario(path) == scenario
 
 
-def test_bundled_scenarios_say_why_they_are_hard() -> None:
-    bundled = bundled_scenarios()
-    assert {"corridor", "loop", "hall", "office"} <= set(bundled)
-    assert len(bundled) >= 10
-    for name, description in bundled.items():
-        assert len(description) > 40, name
-        assert "\n" not in description, name
-
-
 def test_laps_of_a_closed_route_end_part_of_the_way_round(table: dict[str, Any]) -> None:
     square = {"waypoints": [[2.0, 2.0], [6.0, 2.0], [6.0, 6.0], [2.0, 6.0]], "closed": True}
     route = parse_scenario(changed(table, "route", {**square, "laps": 1.5})).route
-    assert route is not None
     path = route.path()
     assert np.hypot(*np.diff(path, axis=0).T).sum() == pytest.approx(24.0)
     np.testing.assert_allclose(path[-1], (6.0, 6.0))
     half = parse_scenario(changed(table, "route", {**square, "laps": 0.5})).route
-    assert half is not None
     np.testing.assert_allclose(half.path()[-1], (6.0, 6.0))
 
 
@@ -267,22 +217,14 @@ def test_every_key_stands_in_the_documentation() -> None:
 def test_the_example_of_the_documentation_runs(tmp_path: Any) -> None:
     text = (Path(__file__).parents[2] / "docs" / "reference" / "scenarios.md").read_text(encoding="utf-8")
     example = re.search(r"```toml\n(.*?)```", text, re.DOTALL)
-    assert example is not None
     (tmp_path / "example.toml").write_text(example[1], encoding="utf-8")
     scenario = load_scenario(tmp_path / "example.toml")
     assert drive_scenario(scenario, World.of(scenario.world), np.random.default_rng(0)).end == "arrived"
 
 
-def test_a_class_of_noise_that_the_robot_has_not_is_refused(table: dict[str, Any]) -> None:
-    plain = UCSD.model_copy(update={"as_recorded": None})
-    with pytest.raises(ConfigError, match=r"noise_class: as_recorded, expected a robot with \[as_recorded\]; ucsd has"):
-        parse_scenario({**table, "platform": plain, "noise_class": "as_recorded"})
-
-
 def test_noise_as_recorded_is_the_robots_with_single_values_over_it(table: dict[str, Any]) -> None:
     scenario = parse_scenario({**table, "noise_class": "as_recorded", "noise": {"lidar": {"range_bias": 0.5}}})
     recorded = UCSD.as_recorded
-    assert recorded is not None
     assert recorded.surroundings != UCSD.noise.surroundings
     assert scenario.noise.lidar == recorded.lidar.model_copy(update={"range_bias": 0.5})
     assert scenario.noise.surroundings == recorded.surroundings

@@ -66,23 +66,13 @@ def test_files_elsewhere_are_refused(field: str, way: str, scenario: Path, tmp_p
     scenario.write_text(text.format(given))
     with pytest.raises(ConfigError) as caught:
         load_scenario(scenario)
-    line = str(caught.value)
-    assert line.startswith(f"{scenario}: {field}: ")
-    assert line.endswith(f"lies elsewhere, expected a file in {scenario.parent}")
-
-
-def test_links_in_a_circle_are_refused(scenario: Path) -> None:
-    (scenario.parent / "round.yaml").symlink_to(scenario.parent / "round.yaml")
-    scenario.write_text(PLAN.format("round.yaml"))
-    with pytest.raises(ConfigError, match=r"world\.plan\.file: "):
-        load_scenario(scenario)
+    assert (str(caught.value.file), caught.value.field) == (str(scenario), field)
 
 
 def test_who_asks_for_a_simulation_may_name_files_anywhere(scenario: Path, tmp_path: Path) -> None:
     other = tmp_path / "other"
     scenario.write_text(PLAN.format("map.yaml"))
     loaded = load_scenario(scenario, platform=other / "robot.toml", settings=[f"world.plan.file={other / 'map.yaml'}"])
-    assert loaded.world.plan is not None
     assert loaded.world.plan.file == str(other / "map.yaml")
 
 
@@ -95,9 +85,6 @@ def test_a_simulation_on_disk_can_be_simulated_again_wherever_it_is_moved(scenar
     shutil.move(tmp_path / "made", tmp_path / "moved")
     shutil.rmtree(scenario.parent)
     again = load_scenario(tmp_path / "moved" / "scenario.toml")
-    assert again.floor is not None
     assert again.floor.image == str(tmp_path / "moved" / "floor.png")
     second = simulate(again, 1)
-    assert first.recording.lidar is not None
-    assert second.recording.lidar is not None
     np.testing.assert_array_equal(first.recording.lidar.ranges, second.recording.lidar.ranges)

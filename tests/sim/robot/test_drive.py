@@ -37,12 +37,9 @@ def test_it_rests_drives_and_rests(scenario: Scenario) -> None:
     np.testing.assert_allclose(run.velocities[-400:], 0, atol=1e-4)
     assert np.hypot(*(run.poses[-1, :2] - (7.0, 6.0))) < 0.3
     assert np.diff(run.stamps) == pytest.approx(1 / 400)
-
-
-def test_the_truth_is_what_its_velocities_sum_to(scenario: Scenario) -> None:
-    run = driven(scenario)
     summed = run.poses[0] + np.cumsum(run.velocities[:-1] / 400, axis=0)
     np.testing.assert_allclose(run.poses[1:], summed, atol=1e-9)
+    assert run.poses.tobytes() == driven(scenario).poses.tobytes() != driven(scenario, 2).poses.tobytes()
 
 
 @pytest.mark.parametrize("rate", [-1.0, 0.3, 1.2])
@@ -96,24 +93,11 @@ def test_a_robot_that_gets_stuck_says_where(table: dict[str, Any]) -> None:
     assert caught.value.field == "route"
 
 
-def test_out_of_time_is_recorded(table: dict[str, Any]) -> None:
-    run = driven(parse_scenario({**table, "duration": 12.5}))  # enough for 9 m without corners
-    assert run.end == "out of time"
-    assert run.stamps[-1] == pytest.approx(12.5)
-
-
 def test_the_softest_masses_that_are_taken_stay_put_and_drive(table: dict[str, Any]) -> None:
     for body in ({"mass": 3.0, "wheel_mass": 0.6}, {"mass": 1000.0}, {"stiffness": 200.0}):
         run = driven(parse_scenario({**table, "platform": {"base": "ucsd", "body": body}}))
         assert run.end == "arrived"
         assert np.hypot(*run.velocities[:, :2].T).max() < 1.1
-
-
-def test_same_seed_same_drive_other_seed_other_drive(scenario: Scenario) -> None:
-    first, again, other = driven(scenario, 1), driven(scenario, 1), driven(scenario, 2)
-    for name in ("stamps", "poses", "velocities", "wheel_travel"):
-        assert getattr(first, name).tobytes() == getattr(again, name).tobytes()
-    assert first.poses.tobytes() != other.poses.tobytes()
 
 
 def test_a_wander_keeps_clear_of_the_walls(table: dict[str, Any]) -> None:
@@ -146,7 +130,6 @@ def test_in_a_bend_the_tyres_give_way_outwards(table: dict[str, Any], rate: floa
     forward, left = np.cos(heading) * vx + np.sin(heading) * vy, np.cos(heading) * vy - np.sin(heading) * vx
     # four tyres of this sideways stiffness carry the centripetal force m v w
     wheels, body = scenario.platform.wheels, scenario.platform.body
-    assert wheels is not None
     sideways = body.stiffness * (wheels.effective_track - wheels.track) * wheels.track / wheels.wheel_base**2
     expected = -body.mass * forward * turn_rate / (4 * sideways)
     assert np.abs(expected).min() > 0.01

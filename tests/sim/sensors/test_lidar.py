@@ -1,20 +1,25 @@
-"""The lidar: where beams end, what noise does to them, and that a scan takes time."""
+"""The lidar: where beams end, what noise does to them, wide beams, what is wrong over a recording, and tilt."""
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
+from scipy.optimize import minimize
+from sim_drives import steady
 
 from moteslam.robot import se2
-from moteslam.robot.noise import ClockNoise, LidarNoise
+from moteslam.robot.noise import ClockNoise, DriveNoise, LidarNoise
 from moteslam.robot.platforms import UCSD
 from moteslam.robot.recording import LidarStream
 from moteslam.sim.robot.drive import Drive
+from moteslam.sim.scenario import parse_scenario
 from moteslam.sim.sensors.echoes import Scene
-from moteslam.sim.sensors.lidar import measured, simulate_lidar
-from moteslam.sim.world.blocks import Box
-from moteslam.sim.world.layout import Layout
-from moteslam.sim.world.walls import Room
+from moteslam.sim.sensors.lidar import LidarErrors, beam_ranges, measured, simulate_lidar, tilt_of, tilted
+from moteslam.sim.simulate import Simulation, simulate
+from moteslam.sim.world.layout import Layout, Room
+from moteslam.sim.world.pieces import Box
 from moteslam.sim.world.world import World
 
 ROOM = World.of(Layout(rooms=(Room(corner=(0, 0), size=(12, 9)),), boxes=(Box(centre=(8, 6), size=(1, 1)),)))
@@ -80,14 +85,6 @@ def test_nothing_within_reach_is_infinite() -> None:
     assert not np.isnan(stream.ranges).any()
 
 
-@pytest.mark.usefixtures("taichi")
-def test_same_seed_same_ranges() -> None:
-    run = moving((3.0, 3.0, 0.3), (0.8, 0.3, 0.9), 0.5)
-    first, again, other = (scan(run, UCSD.noise.lidar, seed).ranges.tobytes() for seed in (1, 1, 2))
-    assert first == again
-    assert first != other
-
-
 @pytest.mark.parametrize(("metres", "data_sheet"), [(0.5, 0.01), (5.0, 0.01), (10.0, 0.01), (20.0, 0.02), (29.0, 0.03)])
 def test_range_noise_is_the_data_sheets(metres: float, data_sheet: float) -> None:
     # UTM-30LX, repeated accuracy: sigma < 10 mm from 0.1 to 10 m, < 30 mm from 10 to 30 m
@@ -97,12 +94,6 @@ def test_range_noise_is_the_data_sheets(metres: float, data_sheet: float) -> Non
     assert np.nanmean(ranges) == pytest.approx(metres, abs=0.001)
 
 
-def test_ranges_come_in_millimetres() -> None:
-    exact = np.random.default_rng(0).uniform(0.2, 29, 10_000).astype(np.float32)
-    ranges = measured(exact, MOUNT.scan, WITHOUT_DROPOUT, np.random.default_rng(1))
-    np.testing.assert_allclose(ranges * 1000, np.round(ranges * 1000), atol=2e-3)
-
-
 def test_limits_of_the_ranges() -> None:
     exact = np.array([0.05, 0.2, 29.99, 30.5, np.inf], np.float32)
     ranges = measured(exact, MOUNT.scan, LidarNoise(), np.random.default_rng(0))
@@ -110,12 +101,7 @@ def test_limits_of_the_ranges() -> None:
     noisy = measured(np.full(10_000, 29.99, np.float32), MOUNT.scan, WITHOUT_DROPOUT, np.random.default_rng(0))
     assert np.isposinf(noisy).any()
     assert noisy[np.isfinite(noisy)].max() <= 30
-
-
-def test_dropouts_are_unknown_not_far() -> None:
-    ranges = measured(np.full(10_000, 5.0, np.float32), MOUNT.scan, LidarNoise(dropout=0.1), np.random.default_rng(0))
-    assert np.isnan(ranges).mean() == pytest.approx(0.1, abs=0.01)
-    assert not np.isinf(ranges).any()
+    np.testing.assert_allclose(noisy * 1000, np.round(noisy * 1000), atol=2e-3)  # millimetres
 
 
 def test_outliers_are_as_many_and_as_far_as_asked() -> None:
@@ -124,3 +110,131 @@ def test_outliers_are_as_many_and_as_far_as_asked() -> None:
     assert (off > 0.02).mean() == pytest.approx(0.1 * 0.841, rel=0.05)  # of a normal, this share is beyond 0.2 sigma
     assert off[off > 0.02].max() > 0.25
     assert np.median(off) == pytest.approx(0.6745 * 0.003, rel=0.15)
+
+
+N = 20_000
+BOX = Scene(
+    World.of(Layout(rooms=(Room(corner=(-10, -10), size=(20, 20)),), boxes=(Box(centre=(9.5, 3), size=(1, 6)),)))
+)
+"""A box whose front, at x = 9, ends at y = 0; behind it the wall at x = 10."""
+
+
+def beams(noise: LidarNoise, angles: np.ndarray, scene: Scene = BOX) -> np.ndarray:
+    n = len(angles)
+    return beam_ranges(scene, np.zeros((n, 2)), angles, np.zeros(n), MOUNT.scan, noise, np.random.default_rng(2))
+
+
+@pytest.mark.usefixtures("taichi")
+def test_a_wide_beam_at_an_edge_measures_something_in_between() -> None:
+    np.testing.assert_allclose(beams(LidarNoise(), np.array([0.002, -0.002])), [9.0, 10.0], atol=1e-4)
+    edge = np.full(N, 0.001)
+    ranges = beams(LidarNoise(divergence=0.013, mixed=0.5, pulse=2.0), edge)
+    assert ((ranges > 9.05) & (ranges < 9.95)).mean() == pytest.approx(0.5 * 0.9, abs=0.03)
+    apart = beams(LidarNoise(divergence=0.013, mixed=0.5, pulse=0.5), edge)
+    assert not ((apart > 9.01) & (apart < 9.99)).any()  # a metre is too far for one echo
+    assert (apart > 9.5).mean() == pytest.approx(0.25, abs=0.02)
+    # the wall in the south, seen from square on to flat: its slope is no edge
+    angles = -np.pi / 2 + np.linspace(-1.1, 0.7, 500)
+    np.testing.assert_array_equal(beams(LidarNoise(divergence=0.013), angles), beams(LidarNoise(), angles))
+
+
+@pytest.mark.usefixtures("taichi")
+def test_false_returns_are_short_and_as_many_as_asked_for() -> None:
+    ranges = beams(LidarNoise(false_return=0.1, false_scale=1.0), np.full(N, -0.3))
+    wall = 10.0 / np.cos(0.3)
+    early = ranges < wall - 1e-3
+    assert early.mean() == pytest.approx(0.1, abs=0.01)
+    assert (ranges[early] - 0.1).mean() == pytest.approx(1.0, abs=0.1)
+    np.testing.assert_allclose(ranges[~early], wall, atol=1e-3)
+
+
+def recorded(table: dict[str, Any], seed: int, drive: dict[str, float] | None = None, **lidar: Any) -> Simulation:
+    """A short drive with the LMS200, whose only errors are these."""
+    task = {key: value for key, value in table.items() if key != "route"}
+    task["commands"] = {"start": [3.0, 3.0, 0.0], "steps": [{"duration": 3.0, "speed": 0.5, "turn_rate": 0.4}]}
+    base = parse_scenario({**task, "platform": "lms200"}).platform
+    perfect = base.model_copy(update={"noise": base.noise.model_validate({"lidar": lidar, "drive": drive or {}})})
+    return simulate(parse_scenario({**task, "platform": perfect}), seed)
+
+
+@pytest.mark.usefixtures("taichi")
+def test_biases_scales_and_clock_offsets_are_one_a_recording(table: dict[str, Any]) -> None:
+    plain = [recorded(table, seed).recording.lidar for seed in (1, 2)]
+
+    def off(measure: str, **errors: Any) -> np.ndarray:
+        """What a recording of each seed differs by, the same over all of it."""
+        changed = [recorded(table, seed, **errors).recording.lidar for seed in (1, 2)]
+        found = [getattr(a, measure) - getattr(b, measure) for a, b in zip(changed, plain, strict=True)]
+        assert max(np.ptp(one) for one in found) < 1e-4
+        return np.array([one.mean() for one in found])
+
+    for found in (off("ranges", range_bias=0.1), off("stamps", clock={"offset_error": 0.1})):
+        assert np.abs(found).min() > 0.001
+        assert abs(found[0] - found[1]) > 0.001
+    factor = recorded(table, 1, range_scale_error=0.05).recording.lidar.ranges / plain[0].ranges
+    assert np.ptp(factor) < 1e-4
+    assert abs(factor.mean() - 1) > 0.001
+
+
+@pytest.mark.usefixtures("taichi")
+def test_a_mount_error_moves_the_lidar_as_far_as_it_is_drawn(table: dict[str, Any]) -> None:
+    noise = LidarNoise(mount_error=0.1, mount_yaw_error=0.1)
+    drawn = [LidarErrors.drawn(noise, np.random.default_rng(i)) for i in range(400)]
+    assert np.std([(one.x, one.y, one.yaw) for one in drawn], axis=0) == pytest.approx(0.1, rel=0.1)
+    simulation = recorded(table, 1, mount_error=0.1, mount_yaw_error=0.1)
+    lidar, stated = simulation.recording.lidar, simulation.recording.platform.lidar.pose
+
+    # the endpoints lie on the walls from where the lidar truly is, and only from there
+    def away(mount: np.ndarray) -> float:
+        at = np.searchsorted(simulation.truth.stamps, lidar.stamps[0])
+        pose = se2.compose(simulation.truth.poses[at], mount)
+        angles = pose[2] + lidar.angles
+        ends = pose[:2] + lidar.ranges[0][:, None] * np.stack((np.cos(angles), np.sin(angles)), axis=1)
+        return float(simulation.world.distance(ends).mean())
+
+    assert away(stated) > 0.01
+    best = minimize(away, stated, method="Nelder-Mead", options={"maxiter": 2000})
+    assert best.fun < 1e-3
+    assert np.hypot(*(best.x - stated)[:2]) > 0.02
+
+
+@pytest.mark.usefixtures("taichi")
+@pytest.mark.parametrize("errors", [{"mount_tilt_error": 0.1}, {"drive": {"sway": 0.1}}, {"drive": {"shake": 0.1}}])
+def test_a_lidar_that_tilts_measures_further_or_loses_beams(table: dict[str, Any], errors: dict[str, Any]) -> None:
+    aslant, plain = recorded(table, 1, **errors), recorded(table, 1)
+    ranges, level = aslant.recording.lidar.ranges, plain.recording.lidar.ranges
+    seen = np.isfinite(ranges)
+    assert np.isinf(ranges).any()
+    assert (ranges[seen] >= level[seen] - 1e-4).all()
+    assert (ranges[seen] > level[seen] + 1e-3).any()
+    assert aslant.truth.poses.tobytes() == plain.truth.poses.tobytes()
+
+
+def test_a_beam_that_dips_is_longer_until_it_ends_on_the_floor() -> None:
+    level = np.array([5.0, 50.0, 5.0, 5.0, np.inf, np.nan], np.float32)
+    bearings = np.array([0.0, 0.0, np.pi, np.pi / 2, 0.0, 0.0])
+    found = tilted(level, np.array((0.0, 0.02)), bearings, 0.4)  # 2 cm down a metre: the floor is 20 m away
+    longer = 5.0 / np.cos(0.02)  # ahead and, where it looks up, backwards
+    np.testing.assert_allclose(found, [longer, np.inf, longer, 5.0, np.inf, np.nan], atol=1e-6)
+    rolled = tilted(np.full(2, 50.0, np.float32), np.array((0.02, 0.0)), np.array((-np.pi / 2, np.pi / 2)), 0.4)
+    np.testing.assert_array_equal(np.isfinite(rolled), [False, True])  # to the right it looks down
+
+
+def leaning(velocities: np.ndarray, heading: np.ndarray) -> np.ndarray:
+    poses = np.concatenate((np.cumsum(velocities, axis=0) / 400, heading[:, None]), axis=1)
+    drive = Drive(np.arange(2001) / 400, poses, np.column_stack((velocities, heading)), np.zeros((2001, 4)), "arrived")
+    return tilt_of(drive, DriveNoise(sway=0.02), np.random.default_rng(0))
+
+
+def test_a_body_dips_when_it_brakes_leans_out_of_bends_and_shakes_with_its_speed() -> None:
+    stamps = np.arange(2001) / 400
+    speed = np.where(stamps < 2.5, stamps, 5 - stamps)  # 1 m/s^2 up, then down
+    dips = leaning(np.stack((speed, 0 * speed), axis=1), 0 * speed)
+    np.testing.assert_allclose(dips[[900, 1900]], [[0.0, -0.02], [0.0, 0.02]], atol=2e-4)
+    bend = leaning(np.stack((np.cos(stamps), np.sin(stamps)), axis=1), stamps)  # 1 m/s^2 to the left
+    np.testing.assert_allclose(bend[1000], (0.02, 0.0), atol=1e-3)  # to the right
+    noise = DriveNoise(shake=0.01)
+    driving = tilt_of(steady(60.0, speed=0.5), noise, np.random.default_rng(0))
+    assert driving.std(axis=0) == pytest.approx(0.005, rel=0.15)
+    assert np.corrcoef(driving[:-40, 0], driving[40:, 0])[0, 1] == pytest.approx(np.exp(-1), abs=0.15)
+    assert not tilt_of(steady(5.0), noise, np.random.default_rng(0)).any()

@@ -11,8 +11,9 @@ from moteslam.errors import ConfigError
 from moteslam.robot.noise import Noise
 from moteslam.robot.recording import LidarStream
 from moteslam.sim.scenario import parse_scenario
+from moteslam.sim.sensors.clock import EPOCH
 from moteslam.sim.sensors.lidar_faults import Cart
-from moteslam.sim.simulate import EPOCH, Simulation, simulate
+from moteslam.sim.simulate import Simulation, simulate
 
 START, DURATION = 4.0, 3.0
 
@@ -28,11 +29,6 @@ def plain(table: dict[str, Any], taichi: None) -> Simulation:
     return run(table)
 
 
-def lidar(simulation: Simulation) -> LidarStream:
-    assert simulation.recording.lidar is not None
-    return simulation.recording.lidar
-
-
 def within(stream: LidarStream, *, margin: float = 0.0) -> np.ndarray:
     """Which scans are in the fault, or within a margin of it."""
     since = stream.stamps - EPOCH
@@ -41,8 +37,8 @@ def within(stream: LidarStream, *, margin: float = 0.0) -> np.ndarray:
 
 def same_elsewhere(ours: Simulation, theirs: Simulation) -> None:
     """All but the scans of the fault, and those that are being taken as it begins and ends, are the same bytes."""
-    outside = ~within(lidar(theirs), margin=0.03)
-    assert lidar(ours).ranges[outside].tobytes() == lidar(theirs).ranges[outside].tobytes()
+    outside = ~within(theirs.recording.lidar, margin=0.03)
+    assert ours.recording.lidar.ranges[outside].tobytes() == theirs.recording.lidar.ranges[outside].tobytes()
     assert ours.truth.poses.tobytes() == theirs.truth.poses.tobytes()
     for stream in ("encoders", "imu"):
         assert getattr(ours.recording, stream).stamps.tobytes() == getattr(theirs.recording, stream).stamps.tobytes()
@@ -52,13 +48,13 @@ def test_a_cart_ahead_is_where_it_is_said_to_be(table: dict[str, Any], plain: Si
     cart = {"kind": "cart", "start": START, "duration": DURATION, "distance": 0.8, "width": 0.6}
     simulation = run(table, cart)
     same_elsewhere(simulation, plain)
-    stream, seen = lidar(simulation), within(lidar(simulation), margin=-0.03)
+    stream, seen = simulation.recording.lidar, within(simulation.recording.lidar, margin=-0.03)
     front = np.abs(stream.angles) < np.arctan(0.3 / 0.8) - 0.01
     off = stream.ranges[seen][:, front] - 0.8 / np.cos(stream.angles[front])
     assert abs(off.mean()) < 0.001
     assert off.std() == pytest.approx(0.01, rel=0.1)  # the noise of any wall
     behind = np.abs(stream.angles) > 0.5
-    assert stream.ranges[:, behind].tobytes() == lidar(plain).ranges[:, behind].tobytes()
+    assert stream.ranges[:, behind].tobytes() == plain.recording.lidar.ranges[:, behind].tobytes()
 
 
 @pytest.mark.parametrize("leg", [0.0, 0.05])
@@ -74,33 +70,27 @@ def test_a_cart_to_the_side_by_its_corners(leg: float) -> None:
 
 def test_a_wall_that_is_nearer_hides_the_cart(table: dict[str, Any], plain: Simulation) -> None:
     far = run(table, {"kind": "cart", "start": START, "duration": DURATION, "distance": 15.0})
-    assert lidar(far).ranges.tobytes() == lidar(plain).ranges.tobytes()
-
-
-def test_by_default_a_cart_is_there_throughout(table: dict[str, Any], plain: Simulation) -> None:
-    ranges = lidar(run(table, {"kind": "cart"})).ranges
-    middle = ranges[:, ranges.shape[1] // 2]
-    assert np.abs(middle - 0.9).max() < 0.05
+    assert far.recording.lidar.ranges.tobytes() == plain.recording.lidar.ranges.tobytes()
 
 
 def test_a_lidar_mounted_aslant_measures_the_floor_ahead(table: dict[str, Any], plain: Simulation) -> None:
     tilt = {"kind": "tilt", "start": START, "duration": DURATION, "pitch": 0.08, "height": 0.2}
     simulation = run(table, tilt)
     same_elsewhere(simulation, plain)
-    stream, seen = lidar(simulation), within(lidar(simulation), margin=-0.03)
+    stream, seen = simulation.recording.lidar, within(simulation.recording.lidar, margin=-0.03)
     down = 0.08 * np.cos(stream.angles)
     floor = 0.2 / np.sin(down)
-    for ours, level in zip(stream.ranges[seen], lidar(plain).ranges[seen], strict=True):
+    for ours, level in zip(stream.ranges[seen], plain.recording.lidar.ranges[seen], strict=True):
         meets = (down > 0.02) & (level > floor + 0.2)
         assert meets.any()
         assert np.abs(ours - floor)[meets].max() < 0.06
         walls = ~meets & (level < floor - 0.2)
         assert np.abs(ours - level)[walls].max() < 0.05
-    assert (stream.ranges[seen] < lidar(plain).ranges[seen] - 1.0).any()
+    assert (stream.ranges[seen] < plain.recording.lidar.ranges[seen] - 1.0).any()
 
 
 def test_a_tilt_takes_the_height_of_the_robots_lidar_and_a_roll(table: dict[str, Any], plain: Simulation) -> None:
-    stream = lidar(run(table, {"kind": "tilt", "pitch": 0.0, "roll": 0.3}))
+    stream = run(table, {"kind": "tilt", "pitch": 0.0, "roll": 0.3}).recording.lidar
     right = np.abs(stream.angles + np.pi / 2) < 0.1
     floor = 0.51435 / np.sin(0.3 * -np.sin(stream.angles[right]))
     assert np.abs(np.minimum(stream.ranges[:, right] - floor, 0.0)).max() < 0.06
@@ -110,34 +100,15 @@ def test_a_tilt_takes_the_height_of_the_robots_lidar_and_a_roll(table: dict[str,
 
 
 def test_a_floor_at_a_glance_sends_nothing_back(table: dict[str, Any], plain: Simulation) -> None:
-    stream = lidar(run(table, {"kind": "tilt", "pitch": 0.08, "height": 0.2, "grazing": 0.5}))
+    stream = run(table, {"kind": "tilt", "pitch": 0.08, "height": 0.2, "grazing": 0.5}).recording.lidar
     ahead = stream.ranges[:, stream.ranges.shape[1] // 2]
     assert np.isinf(ahead).mean() > 0.5
     assert ahead[np.isfinite(ahead)].max() < 0.2 / np.sin(0.08) + 0.06
 
 
-@pytest.mark.parametrize(
-    ("wrong", "line"),
-    [
-        ({"kind": "cart", "distance": 0.0}, r"^faults.0.distance: 0.0, expected above 0$"),
-        ({"kind": "cart", "leg": 0.3}, r"^faults.0: leg of 0.3 m, expected at most half of width and depth$"),
-        (
-            {"kind": "cart", "length": 1.0},
-            r"^faults.0.length: unknown key, expected one of start, duration, kind, dist",
-        ),
-        ({"kind": "tilt", "pitch": 0.0}, r"^faults.0: pitch and roll of 0, expected one of them other than 0$"),
-        ({"kind": "tilt", "pitch": 1.0}, r"^faults.0.pitch: 1.0, expected at most 0.5$"),
-    ],
-)
-def test_refused(table: dict[str, Any], wrong: dict[str, Any], line: str) -> None:
-    with pytest.raises(ConfigError, match=line):
-        parse_scenario({**table, "faults": [wrong]})
-
-
 def test_a_lidar_of_unknown_height_needs_one(table: dict[str, Any]) -> None:
     table["platform"] = {"base": "ucsd", "lidar": {"z": 0.0}}
-    with pytest.raises(
-        ConfigError, match=r"^faults.0.height: missing, expected it where the robot's lidar is at z = 0"
-    ):
+    with pytest.raises(ConfigError) as caught:
         parse_scenario({**table, "faults": [{"kind": "tilt"}]})
+    assert caught.value.field == "faults.0.height"
     parse_scenario({**table, "faults": [{"kind": "tilt", "height": 0.2}]})

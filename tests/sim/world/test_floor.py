@@ -11,8 +11,7 @@ import numpy as np
 import pytest
 
 from moteslam.errors import ConfigError
-from moteslam.sim.scenario import load_scenario, parse_scenario
-from moteslam.sim.world import floor as floors
+from moteslam.sim.scenario import parse_scenario
 from moteslam.sim.world.floor import FloorSettings, rasterise
 
 GREY = np.array((0.299, 0.587, 0.114))
@@ -40,15 +39,6 @@ def test_a_raster_holds_the_colours_at_its_cells(material: str) -> None:
         assert (image.values[row, column] == floor.colours_at(point)).all()
     bit = rasterise(floor, (-0.5, 2.5, 0.0, 3.0), 0.05)
     assert (bit.values == image.values[10:20, 11:21]).all()
-
-
-@pytest.mark.parametrize("cell", [0.01, 0.05, 0.2])
-def test_a_finer_raster_averages_to_a_coarser_one(cell: float) -> None:
-    floor = FloorSettings(material="wood")
-    coarse = rasterise(floor, (0.0, 0.0, 2.0, 2.0), cell, samples=4).values
-    fine = rasterise(floor, (0.0, 0.0, 2.0, 2.0), cell / 4).values
-    mean = fine.reshape(len(coarse), 4, len(coarse), 4, 3).mean(axis=(1, 3))
-    assert np.abs(coarse - mean).max() <= 0.5
 
 
 def test_seeds_and_materials_differ_and_colours_vary() -> None:
@@ -91,7 +81,6 @@ def test_a_picture_lies_beside_the_scenario(tmp_path: Path, table: dict[str, Any
     picture(tmp_path / "p.png")
     floor = {"material": "image", "image": "p.png"}
     scenario = parse_scenario({**table, "floor": floor}, file=tmp_path / "s.toml")
-    assert scenario.floor is not None
     assert scenario.floor.image == str(tmp_path / "p.png")
     assert scenario.floor.colours_at((0.1, 1.9)).tolist() == [255, 0, 0]
 
@@ -118,39 +107,7 @@ def test_a_picture_that_cannot_be_read_is_refused(
     path = picture(tmp_path / "p.png")
     path.unlink() if harmed is None else path.write_bytes(harmed(path.read_bytes()))
     floor = {"material": "image", "image": str(path)}
-    with pytest.raises(ConfigError, match=r"^s\.toml: floor\.image: .*p\.png: .*expected a"):
+    with pytest.raises(ConfigError) as caught:
         parse_scenario({**table, "floor": floor}, file="s.toml")
+    assert (caught.value.file, caught.value.field) == ("s.toml", "floor.image")
     assert capfd.readouterr().err == ""
-
-
-@pytest.mark.parametrize(
-    ("floor", "words"),
-    [
-        ({"material": "lava"}, "floor.material"),
-        ({"matreial": "wood"}, "floor.matreial: unknown key"),
-        ({"material": "image"}, "expected both or neither"),
-        ({"image": "x.png"}, "expected both or neither"),
-        ({"size": 0.0}, "floor.size"),
-        ({"colours": [[0, 0, 300]]}, "floor.colours"),
-        ({"colours": []}, "floor.colours"),
-        ({"stains": 1.5}, "floor.stains"),
-    ],
-)
-def test_a_floor_that_is_none_is_refused(table: dict[str, Any], floor: dict[str, Any], words: str) -> None:
-    with pytest.raises(ConfigError) as error:
-        parse_scenario({**table, "floor": floor}, file="s.toml")
-    assert str(error.value).startswith("s.toml")
-    assert words in str(error.value)
-
-
-def test_a_raster_that_is_too_large_is_refused() -> None:
-    with pytest.raises(ConfigError, match="expected at most"):
-        rasterise(FloorSettings(), (0, 0, 1000, 1000), 0.01)
-    assert floors.MAX_PIXELS < 1e9
-
-
-def test_bundled_scenarios_have_no_floor_of_their_own() -> None:
-    for name in ("corridor", "loop", "hall", "office"):
-        scenario = load_scenario(name)
-        assert scenario.floor is None
-        assert scenario.camera is None

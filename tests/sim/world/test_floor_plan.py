@@ -13,8 +13,7 @@ from twins import rays
 from moteslam.errors import ConfigError, InputError
 from moteslam.robot.formats.map_arrays import MapArrays, write_map_arrays
 from moteslam.sim.scenario import load_scenario, parse_scenario
-from moteslam.sim.world.floor_plan import FloorPlan, read_floor_plan
-from moteslam.sim.world.tracing import trace_sides, wall_segments
+from moteslam.sim.world.floor_plan import FloorPlan, read_floor_plan, trace_sides, wall_segments
 from moteslam.sim.world.world import World
 
 REST = "[0, 0, 0]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
@@ -38,15 +37,6 @@ def cave(seed: int = 0, size: tuple[int, int] = (80, 120)) -> np.ndarray:
     cells = cv2.GaussianBlur(generator.random(size).astype(np.float32), (0, 0), 2.5) > 0.52
     cells[[0, -1]] = cells[:, [0, -1]] = True
     return np.asarray(cells)
-
-
-def test_sides_of_known_cells() -> None:
-    cells = np.array([[0, 1, 1], [0, 0, 1]], bool)
-    found = {tuple(sorted(((a, b), (c, d)))) for a, b, c, d in trace_sides(cells).astype(int).tolist()}
-    assert found == {
-        ((1, 0), (3, 0)), ((1, 1), (2, 1)), ((2, 2), (3, 2)),
-        ((1, 0), (1, 1)), ((2, 1), (2, 2)), ((3, 0), (3, 2)),
-    }  # fmt: skip
 
 
 def test_sides_are_all_there_and_no_more() -> None:
@@ -97,7 +87,6 @@ def test_a_turned_plan_is_solid_where_its_walls_say(tmp_path: Path) -> None:
 def test_unknown_cells_are_free_or_walls_as_asked(tmp_path: Path) -> None:
     path = plan_file(tmp_path, cave(4, (20, 20)))
     image = cv2.imread(str(tmp_path / "plan.png"), cv2.IMREAD_GRAYSCALE)
-    assert image is not None
     image[5:10, 5:10] = 205  # as map_server writes what is not known: 0.196
     cv2.imwrite(str(tmp_path / "plan.png"), image)
     free = read_floor_plan(FloorPlan(file=str(path)))
@@ -118,7 +107,6 @@ def test_a_scenario_drives_in_a_floor_plan(tmp_path: Path) -> None:
         '[world.plan]\nfile = "plan.yaml"\n[route]\nwaypoints = [[-1.0, 4.0], [5.0, 4.0], [5.0, 6.0]]\n'
     )
     scenario = load_scenario(scenario_file)
-    assert scenario.world.plan is not None
     assert Path(scenario.world.plan.file) == tmp_path / "plan.yaml"
     run = true_drive(scenario)
     assert run.end == "arrived"
@@ -129,43 +117,26 @@ def test_a_scenario_drives_in_a_floor_plan(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("content", "field", "words"),
+    "content",
     [
-        (None, None, "expected a map_server .yaml file"),
-        ("[1, 2", None, "not YAML"),
-        ("just text", None, "not a table"),
-        ("resolution: 0.1\norigin: [0, 0, 0]\n", "image", "missing"),
-        ("image: nowhere.png\nresolution: 0.1\norigin: [0, 0, 0]\n", "image", "No such file"),
-        ("image: plan.yaml\nresolution: 0.1\norigin: [0, 0, 0]\n", None, "not readable as an image"),
-        ("image: plan.png\nresolution: -1\norigin: [0, 0, 0]\n", "resolution", "expected a number"),
-        ("image: plan.png\nresolution: 50.0\norigin: [0, 0, 0]\n", "resolution", "expected at most 2000 m"),
-        ("image: plan.png\nresolution: 0.1\norigin: [0, 0, 0]\norigin: [0, x]\n", "origin", "expected three numbers"),
-        ("image: white.png\nresolution: 0.1\norigin: [0, 0, 0]\n", "image", "no occupied cell"),
-        ("image: plan.png\nresolution: 0.1\norigin: [0, 0, 0]\nfree_thresh: 0.9\n", "free_thresh", "0.9, expected"),
-        ("image: cut.png\nresolution: 0.1\norigin: [0, 0, 0]\n", None, "not readable as an image"),
-        ("image: cut.pgm\nresolution: 0.1\norigin: [0, 0, 0]\n", None, "not readable as an image"),
-        ("image: huge.pgm\nresolution: 0.1\norigin: [0, 0, 0]\n", None, "expected at most 64000000"),
+        None,
+        "just text",
+        "image: nowhere.png\nresolution: 0.1\norigin: [0, 0, 0]\n",
+        "image: plan.png\nresolution: -1\norigin: [0, 0, 0]\n",
+        "image: white.png\nresolution: 0.1\norigin: [0, 0, 0]\n",
     ],
 )
-def test_refused(
-    tmp_path: Path, content: str | None, field: str | None, words: str, table: dict[str, Any], capfd
+def test_a_plan_that_is_none_is_refused_as_the_scenarios(
+    tmp_path: Path, content: str | None, table: dict[str, Any]
 ) -> None:
     plan_file(tmp_path, cave(0, (50, 60)))
     cv2.imwrite(str(tmp_path / "white.png"), np.full((9, 9), 254, np.uint8))
-    for name in ("cut.png", "cut.pgm"):
-        image = cv2.imencode(name[3:], np.full((90, 90), 254, np.uint8))[1].tobytes()
-        (tmp_path / name).write_bytes(image[: len(image) // 2])
-    (tmp_path / "huge.pgm").write_bytes(b"P5\n100000 100000\n255\n")
     path = tmp_path / "plan.yaml"
     path.unlink() if content is None else path.write_text(content.replace("[0, 0, 0]\n", REST))
     with pytest.raises(ConfigError) as caught:
         parse_scenario({**table, "world": {"plan": {"file": "plan.yaml"}}}, file=tmp_path / "my.toml")
-    assert words in caught.value.problem
+    assert (str(caught.value.file), caught.value.field) == (str(tmp_path / "my.toml"), "world.plan.file")
     assert "\n" not in str(caught.value)
-    assert capfd.readouterr().err == ""
-    assert str(caught.value).startswith(f"{tmp_path / 'my.toml'}: world.plan.file: {tmp_path}")
-    if field is not None:
-        assert f": {field}: " in str(caught.value)
 
 
 def arrays_file(path: Path, **changes: Any) -> Path:
@@ -190,15 +161,14 @@ def test_log_odds_are_a_floor_plan_whatever_the_name(tmp_path: Path, name: str) 
 
 
 @pytest.mark.parametrize(
-    ("changes", "words"),
+    ("changes", "field"),
     [
-        ({"arrays": {"log_odds": np.zeros((3, 3))}}, "log_odds: no occupied cell, expected walls"),
-        ({"cell_size": 100.0}, "log_odds: 40 x 30 cells of 100 m, expected at most"),
-        ({"kind": "texture", "arrays": {"colours": np.zeros((1, 1, 3)), "points": np.ones((1, 1))}}, "header.kind: "),
+        ({"arrays": {"log_odds": np.zeros((3, 3))}}, "log_odds"),
+        ({"cell_size": 100.0}, "log_odds"),
+        ({"kind": "texture", "arrays": {"colours": np.zeros((1, 1, 3)), "points": np.ones((1, 1))}}, "header.kind"),
     ],
 )
-def test_arrays_that_are_no_floor_plan_are_refused(tmp_path: Path, changes: dict[str, Any], words: str) -> None:
-    path = arrays_file(tmp_path / "map.npz", **changes)
-    with pytest.raises(InputError, match="expected") as caught:
-        read_floor_plan(FloorPlan(file=str(path)))
-    assert words in str(caught.value)
+def test_arrays_that_are_no_floor_plan_are_refused(tmp_path: Path, changes: dict[str, Any], field: str) -> None:
+    with pytest.raises(InputError) as caught:
+        read_floor_plan(FloorPlan(file=str(arrays_file(tmp_path / "map.npz", **changes))))
+    assert caught.value.field == field

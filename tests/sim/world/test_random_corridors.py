@@ -13,7 +13,7 @@ from scipy.ndimage import label
 from moteslam.errors import ConfigError
 from moteslam.robot.formats.map_server import FREE, OCCUPIED
 from moteslam.sim.scenario import Scenario, load_scenario, parse_scenario
-from moteslam.sim.simulate import simulate, true_drive
+from moteslam.sim.simulate import true_drive
 from moteslam.sim.world.layout import Layout
 from moteslam.sim.world.random_corridors import random_corridors
 from moteslam.sim.world.true_map import true_map
@@ -61,7 +61,6 @@ def test_what_can_be_asked_for() -> None:
     full = building(2, clutter=3.0).world
     assert len(full.boxes) + len(full.pillars) + len(full.tables) + len(full.chairs) > 20
     far = building(2, distance=300.0)
-    assert far.route is not None
     assert np.hypot(*np.diff(far.route.path(), axis=0).T).sum() > 300
     assert building(2, people=4).crowd is not None
 
@@ -77,7 +76,6 @@ def test_furniture_stands_in_free_space_clear_of_walls_route_and_other_furniture
     count, area = 0, 0.0
     for seed in range(50):
         scenario = building(seed)
-        assert scenario.route is not None
         walls = shapely.multilinestrings([wall.points for wall in scenario.world.walls])
         route = shapely.LineString(scenario.route.waypoints)
         faces = shapely.polygonize(shapely.get_parts(shapely.node(walls)))
@@ -88,10 +86,6 @@ def test_furniture_stands_in_free_space_clear_of_walls_route_and_other_furniture
         assert shapely.union_all(pieces).area == pytest.approx(sum(shapely.area(pieces))), seed
         count, area = count + len(pieces), area + free.area
     assert 12.0 < area / count < 15.0  # square metres for each
-
-
-def test_the_last_of_all_seeds_has_a_building_too() -> None:
-    assert load_scenario(f"random-corridors-{2**63 - 1}").seed == 2**63 - 1
 
 
 @pytest.mark.parametrize(
@@ -140,17 +134,3 @@ def test_no_ray_goes_through_a_wall() -> None:
         if seen
     ]
     assert np.mean(through) > 0.9
-
-
-@pytest.mark.slow
-@pytest.mark.usefixtures("taichi")
-def test_a_complete_recording() -> None:
-    simulation = simulate(building(21), seed=21)
-    recording, seconds = simulation.recording, np.ptp(simulation.truth.stamps)
-    assert recording.lidar is not None
-    assert recording.encoders is not None
-    assert recording.imu is not None
-    assert len(recording.lidar) == pytest.approx(40 * seconds, rel=0.03)
-    assert len(recording.encoders) == pytest.approx(40 * seconds, rel=0.03)
-    assert len(recording.imu) == pytest.approx(100 * seconds, rel=0.04)
-    assert np.isfinite(recording.lidar.ranges).mean() > 0.9

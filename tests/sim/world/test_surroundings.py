@@ -10,10 +10,9 @@ import pytest
 from moteslam.robot.noise import Surroundings
 from moteslam.sim.scenario import load_scenario, parse_scenario
 from moteslam.sim.simulate import simulate
-from moteslam.sim.world.blocks import Box
-from moteslam.sim.world.layout import Layout
+from moteslam.sim.world.layout import Layout, Room
+from moteslam.sim.world.pieces import Box
 from moteslam.sim.world.surroundings import lived_in
-from moteslam.sim.world.walls import Room
 from moteslam.sim.world.world import World
 
 ROOM = World.of(
@@ -23,7 +22,7 @@ PATH = np.stack((np.linspace(0.4, 39.6, 400), np.full(400, 0.4)), axis=1)
 
 
 def changed(seed: int = 0, **settings: float) -> World:
-    return lived_in(ROOM, Surroundings(**settings), np.random.default_rng(seed), path=PATH, radius=0.3)  # type: ignore[arg-type]
+    return lived_in(ROOM, Surroundings(**settings), np.random.default_rng(seed), path=PATH, radius=0.3)
 
 
 def test_without_any_the_world_stays() -> None:
@@ -61,19 +60,11 @@ def test_surfaces_swallow_light_each_from_its_own_range_on_and_glass_stays_glass
     reaches = [material.reach for material in world.palette.values() if material.reach and material.reach != 7.0]
     assert np.log(reaches).std() == pytest.approx(0.8, rel=0.15)
     assert np.median(reaches) == pytest.approx(20.0, rel=0.15)
-    assert world.surfaces is not None
     names = list(world.palette)
     glass = np.flatnonzero(ROOM.surfaces == names.index("glass"))
     assert {names[i] for i in world.surfaces[glass]} == {"glass"}
     room = np.flatnonzero(ROOM.surfaces != names.index("glass"))
     assert all(names[i].startswith("shade") for i in world.surfaces[room])
-
-
-def test_the_same_seed_builds_the_same() -> None:
-    settings = {"relief": 0.02, "clutter": 0.5, "reach": 20.0}
-    first, again, other = (changed(seed, **settings) for seed in (1, 1, 2))
-    assert first.segments.tobytes() == again.segments.tobytes()
-    assert first.segments.tobytes() != other.segments.tobytes()
 
 
 @pytest.mark.usefixtures("taichi")
@@ -83,8 +74,6 @@ def test_the_lidar_sees_it_and_the_robot_drives_as_before(table: dict[str, Any])
     table["noise"] = {"surroundings": {"relief": 0.03, "clutter": 1.0, "reach": 5.0}}
     seen = simulate(parse_scenario(table), 3)
     assert seen.truth.poses.tobytes() == plain.truth.poses.tobytes()
-    assert plain.recording.lidar is not None
-    assert seen.recording.lidar is not None
     assert np.isinf(seen.recording.lidar.ranges).mean() > 0.1 > np.isinf(plain.recording.lidar.ranges).mean()
     assert len(seen.world.segments) > 10 * len(plain.world.segments)
     seen_map, plain_map = (simulation.true_map(0.1).values for simulation in (seen, plain))

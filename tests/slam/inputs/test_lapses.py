@@ -14,7 +14,8 @@ from moteslam.robot import se2
 from moteslam.robot.platforms import UCSD
 from moteslam.robot.recording import EncoderStream, LidarStream, Recording
 from moteslam.sim.scenario import load_scenario
-from moteslam.sim.simulate import EPOCH, simulate
+from moteslam.sim.sensors.clock import EPOCH
+from moteslam.sim.simulate import simulate
 from moteslam.slam.filter.certainty import LocalisationState
 from moteslam.slam.inputs.step import steps
 from moteslam.slam.inputs.synchronise import Inputs, synchronise

@@ -1,0 +1,88 @@
+"""What wheel counters and gyro add to the truth, one error at a time: each as large as it is configured."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from sim_drives import steady
+from ucsd_robot import ENCODERS, IMU, WHEELS
+
+from moteslam.robot.noise import EncoderNoise, ImuNoise
+from moteslam.sim.robot.drive import Drive
+from moteslam.sim.sensors.encoders import simulate_encoders
+from moteslam.sim.sensors.imu import simulate_imu
+
+
+def travel(drive: Drive, seed: int = 0, **errors: Any) -> np.ndarray:
+    """The travel [n, 4] [m] of the FR, FL, RR, RL wheel between readings as counted, with these errors alone."""
+    noise, span = EncoderNoise(**errors), (0.0, float(drive.stamps[-1]))
+    stream = simulate_encoders(drive, WHEELS, ENCODERS, noise, 1.0, span, np.random.default_rng(seed))
+    return stream.counts[1:] * WHEELS.metres_per_count
+
+
+def test_a_side_slips_for_half_a_second_at_a_time_and_the_other_side_as_it_likes() -> None:
+    slip, window = 0.02, round(0.5 * ENCODERS.rate)
+    counted = travel(steady(400.0, speed=1.0), slip=slip, slip_time=0.5)
+    parts = counted[: len(counted) // window * window].reshape(-1, window, 4).sum(axis=1)
+    off = parts / (window / ENCODERS.rate) - 1  # relative, over half seconds
+    # the mean of noise of this correlation time over a window of the same length has (2 / e) of its variance
+    assert off.std(axis=0) == pytest.approx(slip * np.sqrt(2 / np.e), rel=0.1)
+    correlation = np.corrcoef(off.T)
+    assert min(correlation[0, 2], correlation[1, 3]) > 0.98  # front and rear of a side
+    assert abs(correlation[0, 1]) < 0.15
+
+
+def test_a_wrong_track_shows_in_turns_and_not_straight_on() -> None:
+    def turned(seed: int) -> float:
+        """The turn that the counters show over the true one, less 1."""
+        counted = travel(steady(10.0, turn_rate=1.0), seed, track_error=0.03).sum(axis=0)
+        return float((counted[[0, 2]].mean() - counted[[1, 3]].mean()) / WHEELS.effective_track / 10.0 - 1)
+
+    errors = np.array([turned(seed) for seed in range(100)])
+    assert errors.std() == pytest.approx(0.03, rel=0.2)
+    assert abs(errors.mean()) < 0.01
+    np.testing.assert_array_equal(travel(steady(10.0, speed=1.0), track_error=0.03), travel(steady(10.0, speed=1.0)))
+
+
+def test_radii_missed_ticks_and_bursts() -> None:
+    drive = steady(60.0, speed=0.5)
+    factors = (1.0, 1.1, 1.0, 0.9)
+    np.testing.assert_allclose(travel(drive).sum(0), 30.0, atol=0.03)
+    np.testing.assert_allclose(travel(drive, radius_factors=factors).sum(0) * factors, 30.0, atol=0.03)
+    np.testing.assert_allclose(travel(drive, missed=0.1).sum(0), 0.9 * 30.0, rtol=0.01)
+    fr, fl, rr, rl = travel(drive, bursts=20.0, burst_slip=1.0, burst_time=0.5).sum(0)
+    assert (fr, fl) == pytest.approx((rr, rl), abs=0.01)  # one side at a time
+    assert (fr - 30.0) + (fl - 30.0) == pytest.approx(20 * 0.5 * 0.5, rel=0.6)  # 20 of half a second at 0.5 m/s
+    assert fr != fl
+
+
+def angular_velocity(drive: Drive, seed: int = 0, **errors: float) -> np.ndarray:
+    """The readings [n, 3] [rad/s] with these errors alone."""
+    noise = ImuNoise(**errors)
+    span = (0.01, float(drive.stamps[-1]))
+    return simulate_imu(drive, IMU, noise, 1.0, span, np.random.default_rng(seed)).angular_velocity
+
+
+def test_without_errors_the_gyro_reads_the_true_rate() -> None:
+    np.testing.assert_allclose(angular_velocity(steady(2.0, turn_rate=0.7)), [[0.0, 0.0, 0.7]] * 200, atol=1e-9)
+
+
+def test_the_scale_error_is_one_factor_a_recording() -> None:
+    turning = steady(1.0, turn_rate=1.0)
+    rates = np.array([angular_velocity(turning, seed, gyro_scale_error=0.02)[:, 2] for seed in range(200)])
+    assert np.ptp(rates, axis=1).max() < 1e-9
+    assert (rates[:, 0] - 1).std() == pytest.approx(0.02, rel=0.15)
+    assert not angular_velocity(steady(1.0), gyro_scale_error=0.02).any()
+
+
+def test_the_bias_walks_with_the_root_of_time() -> None:
+    walk, still = 1e-4, steady(100.0)
+    readings = np.array([angular_velocity(still, seed, gyro_bias_walk=walk) for seed in range(80)])
+    # three axes, each with a walk of its own
+    for seconds in (25, 100):
+        size = np.sqrt(np.square(readings[:, 100 * seconds - 1]).mean())
+        assert size == pytest.approx(walk * np.sqrt(seconds), rel=0.15)
+    steps = np.diff(readings[0], axis=0)
+    assert steps.std() == pytest.approx(walk * np.sqrt(0.01), rel=0.05)
