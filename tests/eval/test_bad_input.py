@@ -171,7 +171,7 @@ def test_the_option_that_helps_is_named(tmp_path: Path, capsys) -> None:
     for number in (9, 20):
         (tmp_path / f"Encoders{number}.npz").touch()
     line = refused(capsys, "inspect", tmp_path)
-    assert line == f"moteslam: {tmp_path}: sequence: several sequences, expected 9 or 20 (option --sequence)\n"
+    assert line == f"moteslam: {tmp_path}: sequence: several sequences, expected one of 9, 20 (option --sequence)\n"
     line = refused(capsys, "simulate", "corridor", "--out", tmp_path)
     assert line == f"moteslam: {tmp_path}: exists already; name a new folder, or replace it with --force\n"
 

@@ -31,7 +31,7 @@ def simulated(scenario: Path, out: Path, *options: object) -> Recording:
     ("options", "line"),
     [
         ("--platform nobody", "--platform: nobody: no robot of this name, expected one of lms200, rplidar_a1, "),
-        ("--platform part.toml", "part.toml: length, width, wheels, body, lidar.x, "),
+        ("--platform part.toml", "part.toml: length, width, "),
         ("--noise loud", "--noise: 'loud', expected datasheet or as_recorded"),
         ("--platform plain.toml --noise as_recorded", "--noise: as_recorded, expected a robot with [as_recorded]"),
         ("--set noise.lidar.dropout=2", "--set noise.lidar.dropout: "),

@@ -138,7 +138,7 @@ HERE = "scenarios = ['corridor']\n"
         (HERE + "[vary]\nslam.particels = [1]", "vary.slam.particels: "),
         (HERE + "[vary]\nslam.particles = []", "vary.slam.particles."),
         (HERE + "[vary]\nslam.particles = [-3]", "vary.slam.particles: "),
-        (HERE + "[vary]\nslam.particles = ['many']", "vary.slam.particles: 'many', "),
+        (HERE + "[vary]\nslam.particles = ['many']", "vary.slam.particles: "),
         (HERE + "[vary]\nslam.particles = 3", "vary.slam.particles."),
         (HERE + "[vary]\nslam.particles = [[1]]", "vary.slam.particles."),
         (HERE + "[vary]\nslam.particles = { first = 1, last = 9, steps = 0 }", "vary.slam.particles.range.steps: "),
