@@ -28,13 +28,15 @@ class Plugins(Generic[T]):
     Args:
         group: of the entry points.
         kind: what each of them must be an instance of.
-        bundled: name and place of those of this package, ``module:attribute``.
+        bundled: those of this package by name: themselves, or their place, ``module:attribute``.
     """
 
-    def __init__(self, group: str, kind: type[T], *, bundled: Mapping[str, str]) -> None:
+    def __init__(self, group: str, kind: type[T], *, bundled: Mapping[str, T | str]) -> None:
         self.group, self._kind = group, kind
-        self._bundled = {name: EntryPoint(name, value, group) for name, value in bundled.items()}
-        self._loaded: dict[str, T] = {}
+        self._bundled = {
+            name: EntryPoint(name, value if isinstance(value, str) else "", group) for name, value in bundled.items()
+        }
+        self._loaded: dict[str, T] = {name: value for name, value in bundled.items() if not isinstance(value, str)}
         self._problems: dict[str, str] = {}
 
     def names(self) -> list[str]:

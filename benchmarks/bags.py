@@ -79,7 +79,7 @@ def made_up(hours: float, image_rate: float) -> Any:
 
 def measure(path: str, about: Row) -> Row:
     """Open a bag and read all its scans."""
-    import moteslam.robot.formats.bags.formats  # noqa: F401 - imported before the clock starts
+    import moteslam.robot.formats.bags  # noqa: F401 - imported before the clock starts
     from moteslam import open_recording
     from moteslam.robot.ranges import chunks
 

@@ -49,7 +49,8 @@ def measure(seed: int, preset: str) -> Row:
 
 def scored(case: Case, trajectory: Trajectory) -> dict[str, Any]:
     """Colour the floor along a trajectory in the world, and compare it with the true floor."""
-    from moteslam.eval.metrics.texture import registration, score_texture
+    from parts.floor_colours import registration, score_texture
+
     from moteslam.sim.world.floor import rasterise
     from moteslam.slam.texture.config import TextureConfig
     from moteslam.slam.texture.floor_map import map_texture

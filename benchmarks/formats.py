@@ -22,7 +22,7 @@ from parts.harness import Bar, Row, arguments, benchmark, by_run, factor, status
 from parts.readback import HELD, beyond, differences, digest, write_and_read
 from parts.runs import Case, simulate_case
 
-from moteslam.eval.statistics.summary import Summary
+from moteslam.eval.statistics import Summary
 
 if TYPE_CHECKING:
     from moteslam.robot.recording import Recording

@@ -44,7 +44,7 @@ from parts.tasks import (
 )
 
 from moteslam.eval.cli.text import table
-from moteslam.eval.statistics.summary import median_interval
+from moteslam.eval.statistics import median_interval
 from moteslam.kernels import runtime
 
 SOURCES = [Path(__file__).with_name(name) for name in ("loops.c", "maps.c")]

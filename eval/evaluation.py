@@ -1,4 +1,4 @@
-"""A trajectory scored as a value: against another one, relations or positions, or by the scans of its recording."""
+"""A trajectory scored: against another one, relations or positions, or by the scans of its recording."""
 
 from __future__ import annotations
 
@@ -11,12 +11,10 @@ from typing import Any
 import numpy as np
 
 from moteslam.errors import ConfigError, InputError
-from moteslam.eval.comparison_issues import few_matched, of_reading, of_shape, said
 from moteslam.eval.metrics.association import MAX_DIFFERENCE
-from moteslam.eval.metrics.ate import AteResult, absolute_trajectory_error
-from moteslam.eval.metrics.clock import clock_offset
+from moteslam.eval.metrics.ate import AteResult, absolute_trajectory_error, position_error
+from moteslam.eval.metrics.doubts import clock_offset, doubts, few_matched, in_words, on_another_clock
 from moteslam.eval.metrics.evidence import FINAL, Evidence, oriented
-from moteslam.eval.metrics.positions import PositionResult, position_error
 from moteslam.eval.metrics.registry import Value, measure
 from moteslam.eval.metrics.relations import (
     TOLERANCE,
@@ -28,7 +26,7 @@ from moteslam.eval.metrics.relations import (
 )
 from moteslam.eval.metrics.residuals import ResidualResult, scan_residuals
 from moteslam.eval.metrics.rpe import RpeResult, relative_pose_error
-from moteslam.eval.metrics.space import in_plane, space_issues, spatial
+from moteslam.eval.metrics.space import in_plane, spatial
 from moteslam.robot.formats.map_server import read_map
 from moteslam.robot.issues import Issue
 from moteslam.robot.platform import Platform
@@ -40,134 +38,28 @@ from moteslam.robot.trajectories.space import TILT, tilt_of
 from moteslam.robot.trajectory import Trajectory
 from moteslam.slam.inputs.scans import Scans
 
+Reference = Trajectory | Relations | Positions
+
 ACCURACY_OF_MAPS = ("map_precision", "map_recall", "map_f1", "map_distance", "map_free_iou", "map_known")
 """Metrics that compare a map with the true one."""
 
 
 @dataclass(frozen=True, eq=False)
-class AgainstTrajectory:
-    """A trajectory against another one.
+class Evaluation:
+    """How a trajectory does.
 
     Attributes:
-        ate: the absolute error.
-        aligned: whether after rigid alignment.
-        scaled: whether the alignment fitted the scale, too.
-        rpe: the relative error; None where it cannot be had.
-        issues: why it cannot be had; that few poses have a partner; how they were read and compared; that the clocks
-            differ.
+        figures: fit for JSON; what is doubtful in the comparison is in ``warnings``.
+        errors: by stamp, fit for JSON.
+        result: that both are of.
     """
 
-    ate: AteResult
-    aligned: bool
-    scaled: bool
-    rpe: RpeResult | None
-    issues: tuple[Issue, ...] = ()
-
-    def as_dict(self) -> dict[str, Any]:
-        """The statistics as they go into JSON."""
-        return {
-            "kind": "trajectory",
-            "aligned": self.aligned,
-            "scaled": self.scaled,
-            "oriented": self.ate.rotation is not None,
-            "ate": self.ate.as_dict(),
-            "rpe": None if self.rpe is None else self.rpe.as_dict(),
-            "warnings": [issue.as_dict() for issue in self.issues],
-        }
-
-    def errors(self) -> dict[str, Any]:
-        """The error at every stamp, as it goes into JSON."""
-        turns = self.ate.rotation_errors
-        return {
-            "stamps": self.ate.stamps.tolist(),
-            "translation_m": self.ate.errors.tolist(),
-            "rotation_rad": None if turns is None else turns.tolist(),
-        }
+    figures: dict[str, Any]
+    errors: dict[str, Any]
+    result: AteResult | RelationResult | ResidualResult
 
 
-@dataclass(frozen=True, eq=False)
-class AgainstRelations:
-    """A trajectory against hand-checked relations."""
-
-    result: RelationResult
-
-    def as_dict(self) -> dict[str, Any]:
-        """The statistics as they go into JSON."""
-        return {"kind": "relations", **self.result.as_dict()}
-
-    def errors(self) -> dict[str, Any]:
-        """The error of every relation that was used, as it goes into JSON."""
-        return {
-            "stamps": self.result.stamps.tolist(),
-            "translation_m": self.result.errors.tolist(),
-            "rotation_rad": self.result.rotation_errors.tolist(),
-        }
-
-
-@dataclass(frozen=True, eq=False)
-class AgainstPositions:
-    """A trajectory against measured positions of the lidar.
-
-    Attributes:
-        ate: the absolute error of the lidar's position.
-        aligned: whether after rigid alignment.
-        scaled: whether the alignment fitted the scale, too.
-        issues: that the lidar's place on the robot is not known; that few positions have a pose.
-    """
-
-    ate: PositionResult
-    aligned: bool
-    scaled: bool
-    issues: tuple[Issue, ...] = ()
-
-    def as_dict(self) -> dict[str, Any]:
-        """The statistics as they go into JSON."""
-        return {
-            "kind": "positions",
-            "aligned": self.aligned,
-            "scaled": self.scaled,
-            "ate": self.ate.as_dict(),
-            "warnings": [issue.as_dict() for issue in self.issues],
-        }
-
-    def errors(self) -> dict[str, Any]:
-        """The error at every stamp, as it goes into JSON."""
-        return {"stamps": self.ate.stamps.tolist(), "translation_m": self.ate.errors.tolist()}
-
-
-@dataclass(frozen=True, eq=False)
-class UnderRecording:
-    """The scans of a recording under a trajectory.
-
-    Attributes:
-        result: their residuals.
-        issues: that few poses have a scan.
-    """
-
-    result: ResidualResult
-    issues: tuple[Issue, ...] = ()
-
-    def as_dict(self) -> dict[str, Any]:
-        """The statistics as they go into JSON."""
-        return {**self.result.as_dict(), "warnings": [issue.as_dict() for issue in self.issues]}
-
-    def errors(self) -> dict[str, Any]:
-        """The median residual of every scan that was compared, as it goes into JSON; null for a scan without any."""
-        return {
-            "stamps": self.result.stamps.tolist(),
-            "median_m": [None if isnan(median) else median for median in self.result.medians.tolist()],
-        }
-
-
-@dataclass(frozen=True, eq=False)
-class Evaluated:
-    """What a trajectory was scored by: a reference, the scans of its recording, or both; None where it was not."""
-
-    against: AgainstTrajectory | AgainstRelations | AgainstPositions | None = None
-    under: UnderRecording | None = None
-
-
-def read_reference(path: Path) -> Trajectory | Relations | Positions:
+def read_reference(path: Path) -> Reference:
     """What to score by: relations, positions or a trajectory, by the content of a file.
 
     Raises:
@@ -176,6 +68,28 @@ def read_reference(path: Path) -> Trajectory | Relations | Positions:
     if is_relations(path):
         return read_relations(path)
     return read_positions(path) if is_positions(path) else read_trajectory(path)
+
+
+def against(
+    estimate: Trajectory,
+    reference: Reference,
+    *,
+    robot: Platform | None = None,
+    align: bool = True,
+    scale: bool = False,
+    delta: float = 1.0,
+    unit: str = "m",
+    all_pairs: bool = False,
+    max_difference: float | None = None,
+    interpolate: bool = True,
+) -> Evaluation:
+    """Score a trajectory by a reference of any kind; arguments that are not of its kind change nothing."""
+    if isinstance(reference, Relations):
+        return against_relations(estimate, reference, interpolate=interpolate, max_difference=max_difference)
+    laid: dict[str, Any] = {"align": align, "scale": scale, "max_difference": max_difference}
+    if isinstance(reference, Positions):
+        return against_positions(estimate, reference, robot=robot, **laid)
+    return against_trajectory(estimate, reference, delta=delta, unit=unit, all_pairs=all_pairs, **laid)
 
 
 def against_trajectory(
@@ -188,13 +102,12 @@ def against_trajectory(
     unit: str = "m",
     all_pairs: bool = False,
     max_difference: float | None = None,
-) -> AgainstTrajectory:
+) -> Evaluation:
     """Score a trajectory by another one.
 
     Args:
         estimate, reference: the trajectories.
-        align: lay the estimate on the reference first.
-        scale: multiply it by the scale of least squares, too.
+        align, scale: of the absolute error, as in ``absolute_trajectory_error``.
         delta, unit, all_pairs: of the relative error, as in ``relative_pose_error``.
         max_difference: between stamps that belong together [s].
 
@@ -206,18 +119,14 @@ def against_trajectory(
     try:
         ate = absolute_trajectory_error(estimate, reference, align=align, scale=scale, max_difference=apart)
     except InputError as error:
-        offset = clock_offset(estimate, reference)
-        if offset is None:
-            raise
-        raise InputError(f"{error.problem}; {said(offset)}", file=error.file, field=error.field) from error
-    issues = of_reading(estimate, reference) + space_issues(estimate, reference) + of_shape(ate)
-    issues += few_matched(
-        len(ate.stamps), min(len(estimate), len(reference)), "poses", "are these the same drive, on the same clock?"
-    )
+        raise on_another_clock(error, clock_offset(estimate, reference)) from None
+    issues = doubts(estimate, reference, ate)
+    question = "are these the same drive, on the same clock?"
+    issues += few_matched(len(ate.stamps), min(len(estimate), len(reference)), "poses", question)
     if align and (offset := clock_offset(estimate, reference)) is not None:
         moved = replace(estimate, stamps=estimate.stamps + offset.seconds)
         after = absolute_trajectory_error(moved, reference, scale=scale, max_difference=apart)
-        issues += (Issue("clocks-differ", said(replace(offset, rmse=after.rmse, before=ate.rmse))),)
+        issues += (Issue("clocks-differ", in_words(replace(offset, rmse=after.rmse, before=ate.rmse))),)
     rpe: RpeResult | None = None
     try:
         rpe = relative_pose_error(
@@ -232,15 +141,32 @@ def against_trajectory(
         if error.field != "pairs":
             raise
         issues += (Issue("no-relative-error", f"no relative error: {error.problem}"),)
-    return AgainstTrajectory(ate, align, align and scale, rpe, issues)
+    figures = {
+        "kind": "trajectory",
+        "aligned": align,
+        "scaled": align and scale,
+        "oriented": ate.rotation is not None,
+        "ate": ate.as_dict(),
+        "rpe": None if rpe is None else rpe.as_dict(),
+        "warnings": [issue.as_dict() for issue in issues],
+    }
+    turns = None if ate.rotation_errors is None else ate.rotation_errors.tolist()
+    errors = {"stamps": ate.stamps.tolist(), "translation_m": ate.errors.tolist(), "rotation_rad": turns}
+    return Evaluation(figures, errors, ate)
 
 
 def against_relations(
-    estimate: Trajectory, relations: Relations, *, interpolate: bool = True, tolerance: float | None = None
-) -> AgainstRelations:
+    estimate: Trajectory, relations: Relations, *, interpolate: bool = True, max_difference: float | None = None
+) -> Evaluation:
     """Score a trajectory by relations; arguments and errors as in ``evaluate_relations``."""
-    tolerance = TOLERANCE if tolerance is None else tolerance
-    return AgainstRelations(evaluate_relations(estimate, relations, interpolate=interpolate, tolerance=tolerance))
+    tolerance = TOLERANCE if max_difference is None else max_difference
+    result = evaluate_relations(estimate, relations, interpolate=interpolate, tolerance=tolerance)
+    errors = {
+        "stamps": result.stamps.tolist(),
+        "translation_m": result.errors.tolist(),
+        "rotation_rad": result.rotation_errors.tolist(),
+    }
+    return Evaluation({"kind": "relations", **result.as_dict()}, errors, result)
 
 
 def against_positions(
@@ -251,12 +177,12 @@ def against_positions(
     align: bool = True,
     scale: bool = False,
     max_difference: float | None = None,
-) -> AgainstPositions:
+) -> Evaluation:
     """Score a trajectory by measured positions of the lidar; arguments and errors as in ``position_error``.
 
     Args:
         estimate, positions, align, scale, max_difference: as there.
-        robot: that the lidar stands on; at its origin where it is not known, which an issue says.
+        robot: that the lidar stands on; at its origin where it is not known, which a warning says.
     """
     apart = MAX_DIFFERENCE if max_difference is None else max_difference
     mount = (0.0, 0.0, 0.0) if robot is None else robot.lidar.pose
@@ -268,32 +194,39 @@ def against_positions(
     try:
         ate = position_error(estimate, positions, mount=mount, align=align, scale=scale, max_difference=apart)
     except InputError as error:
-        if (offset := clock_offset(there, measured_at)) is None:
-            raise
-        raise InputError(f"{error.problem}; {said(offset)}", file=error.file, field=error.field) from error
+        raise on_another_clock(error, clock_offset(there, measured_at)) from None
     question = "are these of the same drive, on the same clock?"
     issues = few_matched(len(ate.stamps), min(len(estimate), len(positions)), "positions", question)
     if robot is None:
         text = "the positions are the lidar's, whose place on the robot only the recording says: taken for its origin"
         issues = (Issue("unknown-mount", text), *issues)
     if align and (offset := clock_offset(there, measured_at)) is not None:
-        issues += (Issue("clocks-differ", said(offset)),)
-    return AgainstPositions(ate, align, align and scale, issues)
+        issues += (Issue("clocks-differ", in_words(offset)),)
+    figures = {
+        "kind": "positions",
+        "aligned": align,
+        "scaled": align and scale,
+        "ate": {name: value for name, value in ate.as_dict().items() if name != "rotation_deg"},
+        "warnings": [issue.as_dict() for issue in issues],
+    }
+    return Evaluation(figures, {"stamps": ate.stamps.tolist(), "translation_m": ate.errors.tolist()}, ate)
 
 
-def under_recording(estimate: Trajectory, recording: Recording, *, scans: Scans | None = None) -> UnderRecording:
+def under_recording(estimate: Trajectory, recording: Recording, *, scans: Scans | None = None) -> Evaluation:
     """Score a trajectory by the scans of its recording; arguments and errors as in ``scan_residuals``."""
     oriented(estimate)
     result = scan_residuals(recording, estimate, scans=scans)
     assert recording.lidar is not None  # or there would be no residuals
-    shorter = min(len(estimate), len(recording.lidar))
     question = "is this its recording, on the same clock?"
-    return UnderRecording(result, few_matched(result.matched, shorter, "scans or poses", question))
+    issues = few_matched(result.matched, min(len(estimate), len(recording.lidar)), "scans or poses", question)
+    figures = {**result.as_dict(), "warnings": [issue.as_dict() for issue in issues]}
+    medians = [None if isnan(median) else median for median in result.medians.tolist()]
+    return Evaluation(figures, {"stamps": result.stamps.tolist(), "median_m": medians}, result)
 
 
 def measured(
     estimate: Trajectory,
-    reference: Trajectory | Relations | Positions | None,
+    reference: Reference | None,
     *,
     recording: Recording | None = None,
     occupancy: Path | None = None,

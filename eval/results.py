@@ -1,28 +1,29 @@
-"""The result folder: trajectories, map, figures, scores, and all that is needed to run it again."""
+"""The result folder of a run: trajectories, map, figures, scores, and all that is needed to run it again."""
 
 from __future__ import annotations
 
 import json
+import os
 import platform
+import sys
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from importlib.metadata import version
 from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from moteslam.eval.diagnostics_table import localisation_summary, write_diagnostics
-from moteslam.eval.environment import hardware
-from moteslam.eval.loop_table import looks_for_loops, loop_counts, write_loops
-from moteslam.eval.metrics.registry import Value, measure
-from moteslam.eval.particle_table import write_particles
-from moteslam.eval.report.maps import log_odds_arrays, write_map_png, write_map_server
-from moteslam.eval.report.snapshots import Snapshot
-from moteslam.eval.report.textures import draw_texture_over_time, texture_arrays, write_texture
-from moteslam.eval.scores import Scores, evidence_of, score_estimate
+from moteslam.errors import InputError
+from moteslam.eval.metrics.evidence import DEAD_RECKONING, FINAL, ONLINE, Evidence
+from moteslam.eval.run_tables import loop_counts, write_diagnostics, write_loops, write_particles
+from moteslam.eval.scores import Figures, evidence_of, figures_of, looks_for_loops
 from moteslam.robot.files import make_folder, write_atomically
 from moteslam.robot.formats.map_arrays import write_map_arrays
+from moteslam.robot.processors import processor_count
 from moteslam.robot.raster import Raster
+from moteslam.robot.reading import read_text
 from moteslam.robot.recording import Recording
 from moteslam.robot.se2 import Poses, between, compose
 from moteslam.robot.trajectories.g2o import write_g2o
@@ -30,8 +31,15 @@ from moteslam.robot.trajectories.tum import write_tum
 from moteslam.robot.trajectory import Trajectory
 from moteslam.robot.wording import expect_type
 from moteslam.slam.estimate import Estimate
-from moteslam.slam.texture.floor_map import TextureMap
 
+if TYPE_CHECKING:
+    from moteslam.eval.report.stages import Snapshot
+    from moteslam.slam.texture.floor_map import TextureMap
+
+PACKAGES = ("moteslam", "taichi", "numpy")
+"""Whose versions are recorded."""
+MAX_BYTES = 50_000_000
+"""No file of a result folder that is read here is larger."""
 GRAPH_COMMENTS = (
     "pose graph of moteslam: final poses, and the relative poses that were measured, with their information",
     "edges between consecutive ids are the chain, all others loops that were accepted",
@@ -50,7 +58,7 @@ def write_results(
     stages: Sequence[tuple[float, TextureMap]] = (),
     figures: bool = True,
     run: Mapping[str, Any] | None = None,
-) -> Scores | None:
+) -> Figures:
     """Fill a result folder (its files: ``docs/reference/formats.md``).
 
     Args:
@@ -65,17 +73,20 @@ def write_results(
         run: more about the run for ``run.json``: the command, threads, times.
 
     Returns:
-        the scores, None without truth.
+        what ``metrics.json`` holds.
 
     Raises:
+        InputError: the truth has no stamps in common with the run; nothing is written then.
         OutputError: a file cannot be written.
-        InputError: the truth has no stamps in common with the run.
     """
+    from moteslam.eval.report.maps import log_odds_arrays, write_map_png, write_map_server
+    from moteslam.eval.report.stages import draw_texture_over_time, texture_arrays, write_texture
+
     expect_type(estimate, Estimate, "estimate", "run_slam(recording) makes one")
     folder = Path(folder)
     make_folder(folder)
-    scores = None if truth is None else score_estimate(estimate, truth, recording=recording, true_map=true_map)
-    values = measure(evidence_of(estimate)) if scores is None else scores.values
+    evidence = evidence_of(estimate, truth, recording=recording, true_map=true_map)
+    scores = figures_of(estimate, evidence)
     write_tum(folder / "trajectory.tum", estimate.trajectory)
     write_tum(folder / "trajectory_final.tum", estimate.trajectory_final)
     write_tum(folder / "dead_reckoning.tum", estimate.dead_reckoning)
@@ -95,10 +106,10 @@ def write_results(
         write_loops(folder / "loops.csv", estimate.loops)
     if estimate.graph is not None:
         write_g2o(folder / "graph.g2o", estimate.graph, comments=GRAPH_COMMENTS)
-    write_json(folder / "metrics.json", _metrics(estimate, scores, values))
+    write_json(folder / "metrics.json", scores)
     write_atomically(folder / "config.toml", estimate.config.to_toml())
     if figures:
-        draw_figures(folder, estimate, truth, scores, recording=recording, snapshots=snapshots)
+        draw_figures(folder, estimate, evidence, snapshots=snapshots)
         if stages:
             draw_texture_over_time(
                 folder / "texture_over_time.png",
@@ -113,7 +124,6 @@ def write_results(
         "seed": estimate.seed,
         "filter_and_back_end_seconds": estimate.seconds,
         "warnings": [issue.as_dict() for issue in issues],
-        "localisation": localisation_summary(estimate),
         **({"loops": loop_counts(estimate.loops)} if looked else {}),
     }
     versions = {"python": platform.python_version(), **estimate.versions}
@@ -124,22 +134,19 @@ def write_results(
 def draw_figures(
     folder: Path,
     estimate: Estimate,
-    truth: Trajectory | None,
-    scores: Scores | None,
+    run: Evidence,
     *,
-    recording: Recording | None = None,
     snapshots: Sequence[Snapshot] = (),
 ) -> None:
-    """Draw the figures of a run into a folder.
+    """Draw the figures of a run into a folder, with what is known of it.
 
     Raises:
         OutputError: one cannot be written.
     """
-    from moteslam.eval.report import curves, loops, particles, plans
-    from moteslam.eval.report.cloud import Cloud
+    from moteslam.eval.report import curves, maps, particles, stages
 
-    name = estimate.name
-    plans.draw_trajectories(
+    name, truth = estimate.name, run.truth
+    maps.draw_trajectories(
         folder / "trajectories.png",
         estimate.map,
         slam=estimate.trajectory_final,
@@ -148,21 +155,21 @@ def draw_figures(
         title=f"{name}: the map and the paths on it",
     )
     if snapshots:
-        plans.draw_over_time(
+        stages.draw_over_time(
             folder / "over_time.png",
             snapshots,
             trajectory=estimate.trajectory,
             title=f"{name}: trajectory and map over time",
         )
-    plans.draw_dead_reckoning(
+    maps.draw_dead_reckoning(
         folder / "dead_reckoning.png",
         estimate.dead_reckoning,
-        recording=recording,
+        recording=run.recording,
         truth=None if truth is None else from_same_start(truth, estimate.dead_reckoning),
         title=f"{name}: dead reckoning",
     )
     if estimate.loops:
-        loops.draw_loops(
+        maps.draw_loops(
             folder / "loops.png",
             estimate.map,
             estimate.loops,
@@ -170,7 +177,7 @@ def draw_figures(
             title=f"{name}: loops on the map",
         )
     if len(estimate.particle_stamps):
-        particles.draw_particles(folder / "particles.png", Cloud.of(estimate), title=f"{name}: particles")
+        particles.draw_particles(folder / "particles.png", particles.Cloud.of(estimate), title=f"{name}: particles")
         updated = estimate.diagnostics["updated"] > 0
         curves.draw_effective_particles(
             folder / "effective_particles.png",
@@ -180,12 +187,12 @@ def draw_figures(
             particles=estimate.diagnostics["particles"][updated],
             title=f"{name}: effective number of particles",
         )
-    if scores is not None:
+    if truth is not None:
         curves.draw_error(
             folder / "error.png",
-            slam=scores.online.ate,
-            final=scores.final.ate,
-            dead_reckoning=scores.dead_reckoning.ate,
+            slam=run.track(ONLINE).ate,
+            final=run.track(FINAL).ate,
+            dead_reckoning=run.track(DEAD_RECKONING).ate,
             title=f"{name}: error over time, after alignment",
         )
 
@@ -198,7 +205,6 @@ def from_same_start(truth: Trajectory, trajectory: Trajectory) -> Trajectory:
 
 
 def _begun_at(pose: Poses, trajectory: Trajectory) -> Trajectory:
-    """A trajectory, moved so that it starts at a pose [3]."""
     return Trajectory(trajectory.stamps, compose(pose, between(trajectory.poses[0], trajectory.poses)))
 
 
@@ -211,17 +217,84 @@ def write_json(path: Path, value: Mapping[str, Any]) -> None:
     write_atomically(path, json.dumps(value, indent=2, allow_nan=False) + "\n")
 
 
-def _metrics(estimate: Estimate, scores: Scores | None, values: Mapping[str, Value]) -> dict[str, Any]:
-    stamps = estimate.trajectory.stamps
+@dataclass(frozen=True)
+class ResultFolder:
+    """What ``metrics.json`` and ``run.json`` of a result folder say.
+
+    Attributes:
+        values: of the metrics, those that are not absent.
+        units: of these.
+        absent: why the others are.
+        run: ``run.json``.
+    """
+
+    values: dict[str, float]
+    units: dict[str, str]
+    absent: dict[str, str]
+    run: dict[str, Any]
+
+
+def is_result_folder(folder: Path) -> bool:
+    """Whether a folder holds the two files that ``read_result_folder`` reads."""
+    return all((folder / name).is_file() for name in ("metrics.json", "run.json"))
+
+
+def read_result_folder(folder: Path) -> ResultFolder:
+    """Read a result folder.
+
+    Raises:
+        InputError: a file is missing, too large, or does not hold what ``write_results`` writes.
+    """
+    file = folder / "metrics.json"
+    metrics, run = _table(file).get("metrics"), _table(folder / "run.json")
+    if not isinstance(metrics, dict):
+        raise InputError("missing, expected in every result folder", file=file, field="metrics")
+    found = ResultFolder({}, {}, {}, run)
+    for name, value in metrics.items():
+        if isinstance(value, dict) and isinstance(value.get("value"), int | float):
+            found.values[name] = float(value["value"])
+            found.units[name] = str(value.get("unit", ""))
+        elif isinstance(value, dict) and "absent" in value:
+            found.absent[name] = str(value["absent"])
+        else:
+            raise InputError("expected a value or why it is absent", file=file, field=f"metrics.{name}")
+    return found
+
+
+def _table(file: Path) -> dict[str, Any]:
+    try:
+        table = json.loads(read_text(file, "a file of a result folder", limit=MAX_BYTES))
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"not JSON: {error}", file=file) from error
+    if not isinstance(table, dict):
+        raise InputError("not a table, expected what `moteslam replay` writes", file=file)
+    return table
+
+
+def environment() -> dict[str, dict[str, str]]:
+    """Versions and hardware of this computer, as text by name."""
+    versions = {"python": platform.python_version(), **{name: version(name) for name in PACKAGES}}
+    return {"versions": versions, "hardware": {name: str(value) for name, value in hardware().items()}}
+
+
+def hardware() -> dict[str, Any]:
+    """What this runs on: processor, cores that may be used, memory [GiB], system."""
+    memory = None
+    if sys.platform != "win32":
+        memory = round(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 2**30, 1)
     return {
-        "scans": len(stamps),
-        "duration_s": float(stamps[-1] - stamps[0]),
-        "distance_m": estimate.trajectory_final.length,
-        "updates": int(estimate.diagnostics["updated"].sum()),
-        "resampled": int(estimate.diagnostics["resampled"].sum()),
-        "mean_particles": float(estimate.diagnostics["particles"].mean()),
-        "mean_effective_particles": float(estimate.diagnostics["n_eff"].mean()),
-        "localisation": localisation_summary(estimate),
-        "scores": None if scores is None else scores.as_dict(),
-        "metrics": {name: value.as_dict() for name, value in values.items()},
+        "cpu": _processor(),
+        "cores": processor_count(),
+        "memory_gib": memory,
+        "system": f"{platform.system()} {platform.release()} {platform.machine()}",
     }
+
+
+def _processor() -> str:
+    try:
+        for line in Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines():
+            if line.startswith("model name"):
+                return line.partition(":")[2].strip()
+    except OSError:
+        pass
+    return platform.processor() or platform.machine()

@@ -1,76 +1,29 @@
-"""The scores of a run against the truth: every metric of SLAM's trajectories and of dead reckoning."""
+"""The figures of a run: one dict, which ``metrics.json``, ``--json`` and what is printed have in common."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from moteslam.errors import InputError
-from moteslam.eval.loop_table import looks_for_loops
-from moteslam.eval.metrics.ate import AteResult
-from moteslam.eval.metrics.evidence import DEAD_RECKONING, FINAL, ONLINE, Certainty, Evidence, Track
-from moteslam.eval.metrics.localisation import LocalisationResult
-from moteslam.eval.metrics.loops import LoopResult
-from moteslam.eval.metrics.registry import Value, measure
-from moteslam.eval.metrics.rpe import RpeResult, Unit
-from moteslam.robot.formats.map_server import trinary
+from moteslam.eval.metrics.association import match
+from moteslam.eval.metrics.evidence import DEAD_RECKONING, FINAL, ONLINE, Certainty, Evidence
+from moteslam.eval.metrics.localisation import state_counts
+from moteslam.eval.metrics.registry import measure
+from moteslam.eval.metrics.relations import Relations, is_relations, read_relations
+from moteslam.robot.formats.map_server import read_map, trinary
 from moteslam.robot.raster import Raster
 from moteslam.robot.recording import Recording
 from moteslam.robot.trajectory import Trajectory
 from moteslam.robot.wording import expect_type
+from moteslam.slam.config import SlamConfig
 from moteslam.slam.estimate import Estimate
+from moteslam.slam.filter.certainty import LocalisationState
 
-
-@dataclass(frozen=True)
-class Score:
-    """How good one trajectory is.
-
-    Attributes:
-        ate: the absolute error, after alignment.
-        rpe_1m: the relative error over a metre; None where the robot did not drive one.
-        rpe_1s: over a second, likewise.
-    """
-
-    ate: AteResult
-    rpe_1m: RpeResult | None
-    rpe_1s: RpeResult | None
-
-    def as_dict(self) -> dict[str, Any]:
-        """The statistics as they go into ``metrics.json``."""
-        results = {"ate": self.ate, "rpe_1m": self.rpe_1m, "rpe_1s": self.rpe_1s}
-        return {name: None if result is None else result.as_dict() for name, result in results.items()}
-
-
-@dataclass(frozen=True)
-class Scores:
-    """The scores of a run.
-
-    Attributes:
-        online: of SLAM's poses as known at each scan.
-        final: of SLAM's poses as known at the end.
-        dead_reckoning: of odometry alone.
-        localisation: of covariances and states; None where no scan has a map around it.
-        loops: of the loops that the back end accepted; None where it looks for none.
-        values: of all metrics that are not costly, by name: ``final.ate``, ``map_f1``.
-    """
-
-    online: Score
-    final: Score
-    dead_reckoning: Score
-    localisation: LocalisationResult | None = None
-    loops: LoopResult | None = None
-    values: Mapping[str, Value] = field(default_factory=dict)
-
-    def as_dict(self) -> dict[str, Any]:
-        """The statistics as they go into ``metrics.json``."""
-        return {
-            "online": self.online.as_dict(),
-            "final": self.final.as_dict(),
-            "dead_reckoning": self.dead_reckoning.as_dict(),
-            "localisation": None if self.localisation is None else self.localisation.as_dict(),
-            **({} if self.loops is None else {"loops": self.loops.as_dict()}),
-        }
+Figures = dict[str, Any]
+"""Of a run, fit for JSON: what ``metrics.json`` holds (``docs/reference/formats.md``)."""
 
 
 def evidence_of(
@@ -104,9 +57,19 @@ def evidence_of(
     )
 
 
+def looks_for_loops(config: SlamConfig) -> bool:
+    """Whether the back end of a run looks for loops: any but ``none``, unless they are switched off."""
+    loops = getattr(config.backend, "loops", None)
+    return config.backend.method != "none" and getattr(loops, "enabled", True)
+
+
 def score_estimate(
-    estimate: Estimate, truth: Trajectory, *, recording: Recording | None = None, true_map: Raster | None = None
-) -> Scores:
+    estimate: Estimate,
+    truth: Trajectory | None = None,
+    *,
+    recording: Recording | None = None,
+    true_map: Raster | None = None,
+) -> Figures:
     """Score a run.
 
     Args:
@@ -119,41 +82,79 @@ def score_estimate(
         InputError: the truth has no stamps in common with the run.
     """
     expect_type(estimate, Estimate, "estimate", "run_slam(recording) makes one")
-    run = evidence_of(estimate, truth, recording=recording, true_map=true_map)
-    return Scores(
-        online=_score(run.track(ONLINE)),
-        final=_score(run.track(FINAL)),
-        dead_reckoning=_score(run.track(DEAD_RECKONING)),
-        localisation=_localisation(run),
-        loops=None if run.loops is None else run.loop_result,
-        values=measure(run),
-    )
+    return figures_of(estimate, evidence_of(estimate, truth, recording=recording, true_map=true_map))
 
 
-def score_trajectory(trajectory: Trajectory, truth: Trajectory) -> Score:
-    """Score one trajectory.
+def figures_of(estimate: Estimate, run: Evidence) -> Figures:
+    """The same of a run whose evidence is at hand."""
+    stamps, diagnostics = estimate.trajectory.stamps, estimate.diagnostics
+    if run.truth is not None:
+        match(estimate.trajectory, run.truth)  # a truth on another clock is an error, not an absent figure
+    lost = np.flatnonzero(diagnostics["state"] == LocalisationState.LOST)
+    figures: Figures = {
+        "scans": len(stamps),
+        "duration_s": float(stamps[-1] - stamps[0]),
+        "distance_m": estimate.trajectory_final.length,
+        "updates": int(diagnostics["updated"].sum()),
+        "resampled": int(diagnostics["resampled"].sum()),
+        "mean_particles": float(diagnostics["particles"].mean()),
+        "localisation": {
+            "states": state_counts(diagnostics["state"]),
+            "first_lost_stamp": float(stamps[lost[0]]) if len(lost) else None,
+            "compared": _compared_states(run),
+        },
+    }
+    if run.loops is not None and run.truth is not None and run.truth.oriented:
+        found = run.loop_result.as_dict()
+        metrics = ("precision", "recall", "false")
+        figures["loops"] = {name: value for name, value in found.items() if name not in metrics}
+    figures["metrics"] = {name: value.as_dict() for name, value in measure(run).items()}
+    return figures
 
-    Raises:
-        InputError: the truth has no stamps in common with it.
-    """
-    return _score(Evidence({FINAL: trajectory}, truth).track(FINAL))
 
-
-def _score(track: Track) -> Score:
-    def relative(unit: Unit) -> RpeResult | None:
-        try:
-            return track.rpe(1.0, unit)
-        except InputError:  # cannot be had: a robot that hardly moved
-            return None
-
-    return Score(track.ate, relative("m"), relative("s"))
-
-
-def _localisation(run: Evidence) -> LocalisationResult | None:
-    """The scores of covariances and states; None where they cannot be had: a robot that hardly moved."""
+def _compared_states(run: Evidence) -> dict[str, Any] | None:
+    """The states of the scans that the truth tells right from wrong, if there are any."""
+    if run.truth is None:
+        return None
     try:
-        return run.localisation
+        found = run.localisation.as_dict()
     except InputError as error:
         if error.field != "truth":
             raise
         return None
+    return {name: found[name] for name in ("scans", "wrong", "states", "doubtful_or_lost")}
+
+
+def number(figures: Figures, name: str, more: str = "value") -> float | None:
+    """A figure of a metric, its value by default."""
+    found = figures["metrics"].get(name, {}).get(more)
+    return None if found is None else float(found)
+
+
+def folder_of(recording: Path) -> Path:
+    """A recording's own folder, or the one that a log lies in."""
+    return recording if recording.is_dir() else recording.parent
+
+
+def truth_file(recording: Path) -> Path | None:
+    """``truth.tum`` in a recording's folder, or beside a log."""
+    file = folder_of(recording) / "truth.tum"
+    return file if file.exists() else None
+
+
+def reference_file(recording: Path) -> Path | None:
+    """``NAME.reference.tum`` beside a log of that name."""
+    file = recording.parent / f"{recording.name.partition('.')[0]}.reference.tum"
+    return file if recording.is_file() and file.exists() else None
+
+
+def true_map_beside(recording: Path) -> Raster | None:
+    """The true map, ``truth_map.yaml``, in a recording's folder, or beside a log."""
+    file = folder_of(recording) / "truth_map.yaml"
+    return read_map(file) if file.exists() else None
+
+
+def relations_beside(recording: Path) -> Relations | None:
+    """Hand-checked relations, ``NAME.relations``, beside a log of that name."""
+    file = recording.parent / f"{recording.name.partition('.')[0]}.relations"
+    return read_relations(file) if is_relations(file) else None

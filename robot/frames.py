@@ -130,7 +130,7 @@ def read_frame(stream: RgbdStream, disparity: int, rgb: int) -> CameraFrame | st
     Returns:
         the frame; None where an image is missing; what is wrong with the first image that cannot be decoded.
     """
-    from moteslam.robot.formats.ucsd_rgbd import read_disparity, read_rgb
+    from moteslam.robot.formats.ucsd_images import read_disparity, read_rgb
 
     stamps = float(stream.disparity_stamps[disparity]), float(stream.rgb_stamps[rgb])
     if stream.images is not None:

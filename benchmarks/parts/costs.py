@@ -176,7 +176,7 @@ def process(seed: int, settings: list[str], log: str, figures: bool) -> Row:
 
 def most_memory(seed: int, settings: list[str], log: str, particles: int) -> Row:
     """The most memory that the command had with many particles."""
-    flags = ("--no-figures", "--particles", str(particles), "--threads", "2", "--seed", str(seed))
+    flags = ("--no-figures", "--set", f"particles={particles}", "--threads", "2", "--seed", str(seed))
     with tempfile.TemporaryDirectory() as folder:
         return dict(replay(log_file(log), Path(folder) / "out", settings, *flags))
 

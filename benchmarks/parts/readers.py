@@ -152,7 +152,7 @@ def _maps() -> Iterator[Reader]:
 
 def _tables() -> Iterator[Reader]:
     """Scenarios, robots, configurations, specifications of sweeps, and loops."""
-    from moteslam.eval.loop_table import COLUMNS, VERDICTS, read_loops
+    from moteslam.eval.run_tables import LOOP_COLUMNS, VERDICTS, read_loops
     from moteslam.eval.sweep.plan import plan
     from moteslam.eval.sweep.spec import read_spec
     from moteslam.robot.platforms import load_platform
@@ -170,5 +170,5 @@ def _tables() -> Iterator[Reader]:
     spec = bundled("moteslam.eval.sweep.specs", "people.toml")
     yield Reader("sweep", {"w.toml": spec}, "w.toml", lambda path: plan(read_spec(path), check=False))
     numbers = ",".join(["0.5"] * 15)
-    loops = f"{','.join(COLUMNS)}\n" + "".join(f"{k},{k + 40},{numbers},{VERDICTS[0]}\n" for k in range(6))
+    loops = f"{','.join(LOOP_COLUMNS)}\n" + "".join(f"{k},{k + 40},{numbers},{VERDICTS[0]}\n" for k in range(6))
     yield Reader("loops", {"loops.csv": loops.encode()}, "loops.csv", read_loops)

@@ -15,20 +15,11 @@ from moteslam.eval.cli.text import say, say_json, say_table
 from moteslam.eval.literal import literal
 
 if TYPE_CHECKING:
-    from moteslam.eval.statistics.pairs import Comparison
+    from moteslam.eval.statistics import Comparison
 
-HEAD = (
-    "configuration",
-    "pairs",
-    "better",
-    "worse",
-    "equal",
-    "median difference",
-    "95 %",
-    "p",
-    "failed",
-    "failed, first",
-)
+COUNTS = ("configuration", "pairs", "better", "worse", "equal")
+HEAD = (*COUNTS, "median difference", "95 %", "p", "failed", "failed, first")
+CSV_HEAD = ("metric", *COUNTS, "median", "low", "high", "p", "failed", "failed_first")
 
 
 def compare(
@@ -57,9 +48,9 @@ def compare(
       moteslam compare result_a result_b --metric map_f1
       moteslam compare particles.sweep --format markdown
     """  # noqa: D301
+    from moteslam.eval import statistics
     from moteslam.eval.metrics.registry import chosen
     from moteslam.eval.populations import populations
-    from moteslam.eval.statistics import pairs
     from moteslam.eval.sweep.tables import better
 
     names = metrics or ["final.ate"]
@@ -72,81 +63,39 @@ def compare(
     if first is None:
         expected = ", ".join(repr(each.name) for each in found)
         raise ConfigError(f"{baseline!r}, expected one of {expected}", field="--baseline")
-    compared: dict[str, dict[str, Comparison]] = {
-        name: {
-            each.name: pairs.compare(first.values(name), each.values(name), better=better(name))
-            for each in found
-            if each is not first
+    others = [each for each in found if each is not first]
+    compared: dict[str, dict[str, Comparison]] = {}
+    for name in names:
+        ours = first.values(name)
+        compared[name] = {
+            each.name: statistics.compare(ours, each.values(name), better=better(name)) for each in others
         }
-        for name in names
-    }
     if not any(one.pairs for each in compared.values() for one in each.values()):
         raise InputError(f"no run in common with {first.name} that has {', '.join(names)}", file=paths[-1])
     if form == "json":
-        say_json(
-            {
-                "baseline": first.name,
-                "metrics": {
-                    name: {other: one.as_dict() for other, one in each.items()} for name, each in compared.items()
-                },
-            }
-        )
-        return
-    if form == "csv":
-        say_table(_numbers(compared), form)
-        return
-    if form != "text":
-        rows: list[tuple[str, ...]] = [("metric", *HEAD)]
-        rows += [(name, *row) for name, each in compared.items() for row in _rows(each)]
-        say_table(rows, form, right=(2, 3, 4, 5))
-        return
-    for name, each in compared.items():
-        say(f"{with_unit(name)}, against {literal(first.name)}")
-        say_table([HEAD, *_rows(each)], right=(1, 2, 3, 4))
+        tables = {name: {other: one.as_dict() for other, one in each.items()} for name, each in compared.items()}
+        say_json({"baseline": first.name, "metrics": tables})
+    elif form == "text":
+        for name, each in compared.items():
+            say(f"{with_unit(name)}, against {literal(first.name)}")
+            say_table([HEAD, *(_shown(other, one) for other, one in each.items())], right=(1, 2, 3, 4))
+    else:
+        row = _numbers if form == "csv" else _shown
+        rows = [(name, *row(other, one)) for name, each in compared.items() for other, one in each.items()]
+        head = CSV_HEAD if form == "csv" else ("metric", *HEAD)
+        say_table([head, *rows], form, right=() if form == "csv" else (2, 3, 4, 5))
 
 
-def _rows(each: dict[str, Comparison]) -> list[tuple[str, ...]]:
-    rows: list[tuple[str, ...]] = []
-    for name, one in each.items():
-        interval = "-" if one.low is None else f"{_signed(one.low)} to {_signed(one.high)}"
-        rows.append(
-            (
-                name,
-                *(str(count) for count in (one.pairs, one.wins, one.losses, one.ties)),
-                _signed(one.median),
-                interval,
-                f"{one.p:.2g}",
-                str(one.failed[1]),
-                str(one.failed[0]),
-            )
-        )
-    return rows
+def _shown(name: str, one: Comparison) -> tuple[str, ...]:
+    interval = "-" if one.low is None else f"{_signed(one.low)} to {_signed(one.high)}"
+    counts = (str(count) for count in (one.pairs, one.wins, one.losses, one.ties))
+    return (name, *counts, _signed(one.median), interval, f"{one.p:.2g}", str(one.failed[1]), str(one.failed[0]))
 
 
-def _numbers(compared: dict[str, dict[str, Comparison]]) -> list[tuple[str, ...]]:
-    """The table for programs: a column a number, with all digits, empty where there is none."""
-    rows: list[tuple[str, ...]] = [
-        (
-            "metric",
-            "configuration",
-            "pairs",
-            "better",
-            "worse",
-            "equal",
-            "median",
-            "low",
-            "high",
-            "p",
-            "failed",
-            "failed_first",
-        )
-    ]
-    for name, each in compared.items():
-        for other, one in each.items():
-            numbers = (one.pairs, one.wins, one.losses, one.ties, one.median, one.low, one.high, one.p)
-            found = ("" if number is None else repr(number) for number in (*numbers, *one.failed[::-1]))
-            rows.append((name, other, *found))
-    return rows
+def _numbers(name: str, one: Comparison) -> tuple[str, ...]:
+    """For programs: all digits, empty for an absent number."""
+    numbers = (one.pairs, one.wins, one.losses, one.ties, one.median, one.low, one.high, one.p, *one.failed[::-1])
+    return (name, *("" if number is None else repr(number) for number in numbers))
 
 
 def _signed(value: float | None) -> str:

@@ -3,22 +3,21 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from moteslam.errors import ConfigError
+from moteslam.errors import ConfigError, OutputError
 from moteslam.eval.cli import options
-from moteslam.eval.cli.convert_trajectory import convert_trajectory, stands_for_trajectory
-from moteslam.eval.cli.recording_options import RecordingOptions
 from moteslam.eval.cli.text import say, say_json, warn
 from moteslam.eval.literal import literal
 
 if TYPE_CHECKING:
-    from contextlib import AbstractContextManager
+    from moteslam.robot.issues import Issue
+    from moteslam.robot.trajectory import Trajectory
 
 
-@options.with_options(part=RecordingOptions)
+@options.with_options(part=options.RecordingOptions)
 def convert(
     path: Annotated[Path, typer.Argument(metavar="IN", help="A recording or a trajectory of any format.")],
     out: Annotated[Path, typer.Argument(metavar="OUT", help="What is written; it must not exist.")],
@@ -28,7 +27,7 @@ def convert(
     force: Annotated[bool, typer.Option("--force", help="Replace an existing OUT, whole, at the end.")] = False,
     as_json: options.Json = False,
     *,
-    part: RecordingOptions,
+    part: options.RecordingOptions,
 ) -> None:
     """Write a recording, a part of it, or a trajectory in another format.
 
@@ -47,43 +46,104 @@ def convert(
     """  # noqa: D301
     from moteslam.robot.trajectories import is_trajectory
 
-    if is_trajectory(path) or stands_for_trajectory(out, to):
+    if is_trajectory(path) or _stands_for_trajectory(out, to):
         if part.given:
-            raise ConfigError("of a recording, expected none for a trajectory", field=part.given[0])
-        convert_trajectory(path, out, to, force=force, as_json=as_json)
+            raise ConfigError("of a recording, expected none for a trajectory", field=f"--{next(iter(part.given))}")
+        _convert_trajectory(path, out, to, force=force, as_json=as_json)
         return
 
-    from moteslam.eval.beside import truth_file
+    from moteslam.eval.scores import truth_file
     from moteslam.robot.formats import format_to_write
     from moteslam.robot.inspection import stream_reports
+    from moteslam.robot.result_folder import result_folder
+    from moteslam.robot.staged import staged_file
 
     try:
         name, known = format_to_write(out, to)
     except ConfigError as error:
         raise ConfigError(error.problem, field="--to") from error
     assert known.write is not None
-    with _place(out, is_folder=known.is_folder, force=force, keep=path) as place:
+    with (result_folder if known.is_folder else staged_file)(out, force=force, keep=path) as place:
         recording = part.open(path)
         issues = (*recording.warnings, *known.write(place, recording))
     truth = truth_file(path)
+    about: dict[str, Any] = {
+        "out": str(out),
+        "format": name,
+        "recording": recording.name,
+        "readings": {stream.name: stream.readings for stream in stream_reports(recording)},
+        "truth": None if truth is None else str(truth),
+        "warnings": [issue.as_dict() for issue in issues],
+    }
     if as_json:
-        streams = {stream.name: stream.readings for stream in stream_reports(recording)}
-        about = {"out": str(out), "format": name, "recording": recording.name, "readings": streams}
-        beside = {"truth": None if truth is None else str(truth)}
-        say_json({**about, **beside, "warnings": [issue.as_dict() for issue in issues]})
+        say_json(about)
         return
     warn(issues)
-    counts = ", ".join(f"{stream.name} {stream.readings}" for stream in stream_reports(recording))
+    counts = ", ".join(f"{stream} {count}" for stream, count in about["readings"].items())
     say(f"{literal(recording.name)}: readings of {counts}")
     say(f"wrote {literal(out)}, {name}")
     if truth is not None:
         say(f"the truth stays where it is: moteslam evaluate TRAJECTORY {literal(truth)}")
 
 
-def _place(out: Path, *, is_folder: bool, force: bool, keep: Path) -> AbstractContextManager[Path]:
-    """Where to write a file or folder that appears under its name when it is whole."""
-    from moteslam.robot.result_folder import result_folder
-    from moteslam.robot.staged import staged_file
+def _stands_for_trajectory(out: Path, to: str | None) -> bool:
+    """Whether the format that is named, or that the ending of OUT stands for, is one of trajectories."""
+    from moteslam.robot.trajectories import trajectory_format_to_write
 
-    make = result_folder if is_folder else staged_file
-    return make(out, force=force, keep=keep)
+    try:
+        trajectory_format_to_write(out, to)
+    except (ConfigError, OutputError):
+        return False
+    return True
+
+
+def _convert_trajectory(path: Path, out: Path, to: str | None, *, force: bool, as_json: bool) -> None:
+    """Write a trajectory in the format of a name, or of the ending of OUT; KITTI's stamps lie beside it."""
+    from moteslam.robot.staged import staged_file
+    from moteslam.robot.trajectories import trajectory_format_to_write
+    from moteslam.robot.wording import counted
+
+    try:
+        name, known = trajectory_format_to_write(out, to)
+    except (ConfigError, OutputError) as error:
+        raise ConfigError(f"{path} is a trajectory: {error.problem}", field="--to") from error
+    with staged_file(out, force=force, keep=path) as file:
+        trajectory, issues = _read(path)
+        known.write(file, trajectory)
+    if as_json:
+        warnings = [issue.as_dict() for issue in issues]
+        say_json({"out": str(out), "format": name, "poses": len(trajectory), "warnings": warnings})
+        return
+    warn(issues)
+    say(f"{literal(path.name)}: {counted(len(trajectory), 'pose')}, {trajectory.length:.1f} m")
+    say(f"wrote {literal(out)}, {name}")
+
+
+def _read(path: Path) -> tuple[Trajectory, tuple[Issue, ...]]:
+    """A trajectory, and what of its file is no part of it.
+
+    Raises:
+        InputError: it is broken.
+    """
+    import numpy as np
+
+    from moteslam.robot.issues import Issue
+    from moteslam.robot.trajectories import TRAJECTORY_FORMATS, read_trajectory, trajectory_format_of
+    from moteslam.robot.trajectories.bag import is_bag, parts_of
+    from moteslam.robot.trajectories.g2o import read_both
+    from moteslam.robot.wording import counted
+
+    if parts_of(path) is not None or is_bag(path) or trajectory_format_of(path) is not TRAJECTORY_FORMATS["g2o"]:
+        trajectory, edges = read_trajectory(path), 0
+    else:
+        graph, trajectory = read_both(path)
+        edges = len(graph.first)
+    issues = trajectory.warnings
+    if trajectory.space is not None:
+        span = float(np.ptp(trajectory.space.positions[:, 2]))
+        text = f"{path.name}: z, which spans {span:.2f} m, roll and pitch not written: poses are those in x and y"
+        issues += (Issue("not-written", text, len(trajectory)),)
+    if edges:
+        text = f"{path.name}: {counted(edges, 'edge')} not written, no part of a trajectory"
+        issues += (Issue("not-written", text, edges),)
+    return trajectory, issues

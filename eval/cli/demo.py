@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from moteslam.eval.cli import options
-from moteslam.eval.cli.text import say, say_json
+from moteslam.eval.cli.text import say, simulation_bar
 from moteslam.eval.literal import literal
 
 
@@ -33,46 +33,30 @@ def demo(
       moteslam demo --scenario loop --seed 7 --out loop
       moteslam demo --scenario office --platform turtlebot3 --noise as_recorded --out small
     """  # noqa: D301
-    resolved = run.resolved()
-    if run.print_config:
-        options.print_config(resolved, as_json=run.as_json)
-        return
+    config = run.resolved()
 
-    from moteslam.eval.cli.progress import simulation_bar
-    from moteslam.eval.cli.running import Device, lost_line, run_into, run_summary, score_table, size_of
-    from moteslam.eval.cli.wanted import Wanted, named_in_errors
+    from moteslam.eval.cli.running import run_into, say_run
+    from moteslam.eval.cli.simulate import Wanted, named_in_errors
+    from moteslam.kernels import runtime
     from moteslam.robot.result_folder import result_folder
     from moteslam.sim.simulate import simulate
 
     driven = Wanted(scenario, platform=platform, noise=noise).load(run.seed)
     if duration is not None:
         driven = driven.model_copy(update={"duration": min(duration, driven.duration)})
-    device = Device(run.arch, run.threads)
     with result_folder(out, force=run.force) as folder:
-        device.start()
+        runtime.init(run.arch, run.threads)  # a device that is not there is refused before the drive
         with named_in_errors(scenario), simulation_bar() as report:
             simulation = simulate(driven, run.seed, progress=report)
         done = run_into(
             folder,
             simulation.recording,
-            resolved,
-            seed=run.seed,
-            device=device,
+            config,
+            run,
             truth=simulation.truth,
-            true_map=simulation.true_map(resolved.map.cell_size),
-            figures=not run.no_figures,
+            true_map=simulation.true_map(config.map.cell_size),
             about={"scenario": driven.name},
         )
-    if run.as_json:
-        say_json(run_summary(done, out))
-        return
-    assert done.scores is not None
-    stamps = done.estimate.trajectory.stamps
-    say(
-        f"{literal(driven.name)}: {simulation.truth.length:.1f} m in {stamps[-1] - stamps[0]:.0f} s, "
-        f"{size_of(done.estimate)}"
-    )
-    if lost := lost_line(done.estimate):
-        say(lost)
-    say(score_table(done.scores))
-    say(f"result in {literal(out)}" + ("" if run.no_figures else f"; look at {literal(out / 'trajectories.png')}"))
+    say_run(done, out, f"{driven.name}: {simulation.truth.length:.1f} m", as_json=run.as_json)
+    if not run.as_json and not run.no_figures:
+        say(f"look at {literal(out / 'trajectories.png')}")

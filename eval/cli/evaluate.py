@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -11,24 +12,21 @@ import typer
 
 from moteslam.errors import InputError, MoteslamError
 from moteslam.eval.cli import options
-from moteslam.eval.cli.evaluate_options import refuse_options
-from moteslam.eval.cli.text import say, say_json, warn
-from moteslam.eval.literal import literal
+from moteslam.eval.cli.text import say_json, warn
 
 if TYPE_CHECKING:
-    from moteslam.eval.evaluation import (
-        AgainstPositions,
-        AgainstRelations,
-        AgainstTrajectory,
-        Evaluated,
-        UnderRecording,
-    )
-    from moteslam.eval.metrics.relations import Relations
-    from moteslam.robot.platform import Platform
-    from moteslam.robot.positions import Positions
-    from moteslam.robot.recording import Recording
-    from moteslam.robot.trajectory import Trajectory
-    from moteslam.slam.inputs.scans import Scans
+    from moteslam.eval.evaluation import Evaluation
+
+NEEDED = {
+    **dict.fromkeys(("sequence", "platform"), "a recording"),
+    **dict.fromkeys(("plot", "max_difference", "time_offset"), "a reference"),
+    **dict.fromkeys(("no_align", "scale"), "a reference trajectory or positions"),
+    **dict.fromkeys(("delta", "unit", "all_pairs", "loops"), "a reference trajectory"),
+    "no_interpolate": "a .relations reference",
+    "map_file": "a reference trajectory",
+    "true_map": "a --map",
+}
+"""What an option is about: without it the option would change nothing, and is refused."""
 
 
 def evaluate(
@@ -118,191 +116,148 @@ def evaluate(
       moteslam evaluate theirs.tum truth.tum --map theirs.yaml --true-map truth_map.yaml --metric rpe_10m
       moteslam evaluate result/trajectory_final.tum truth.tum --loops result/loops.csv --recording robot.log.gz
     """  # noqa: D301
-    from moteslam.eval.cli.evaluate_tables import loop_lines, metric_table, say_scores
-    from moteslam.eval.evaluation import Evaluated, measured, read_reference
-    from moteslam.eval.loop_table import read_loops
+    from moteslam.eval.cli.evaluate_tables import say_evaluations
+    from moteslam.eval.evaluation import against, measured, read_reference, under_recording
     from moteslam.eval.metrics.evidence import oriented
     from moteslam.eval.metrics.loops import score_loops
     from moteslam.eval.metrics.relations import is_relations
+    from moteslam.eval.run_tables import read_loops
     from moteslam.robot.formats import open_recording
     from moteslam.robot.formats.stamps import MAX_STAMP
     from moteslam.robot.trajectories import read_trajectory
     from moteslam.robot.trajectory import Trajectory
     from moteslam.slam.inputs.synchronise import synchronise
 
-    refuse_options(context, paths, recording, map_file)
-    for file in (save, plot):
-        options.refuse_existing(file, force=force)
-    if plot is not None:
-        options.expect_picture(plot)
+    _refuse_options(context, paths, recording, map_file)
+    options.expect_new(save, force=force)
+    options.expect_new(plot, ".png", force=force)
     estimates, reference = (paths[:-1], paths[-1]) if len(paths) > 1 else (paths, None)
     for file in estimates:
         if is_relations(file):
-            problem = (
-                "holds relations, or quaternions of other lengths than 1; expected trajectories, and relations last"
-            )
-            raise InputError(problem, file=file)
+            problem = "holds relations, or quaternions of other lengths than 1"
+            raise InputError(f"{problem}; expected trajectories, and relations last", file=file)
     if not abs(time_offset) < MAX_STAMP:
         raise InputError(f"{time_offset:g}, expected seconds", field="--time-offset")
     trajectories = {str(file): read_trajectory(file) for file in estimates}
     if time_offset:
         trajectories = {name: replace(one, stamps=one.stamps + time_offset) for name, one in trajectories.items()}
-    scores = {name: Evaluated() for name in trajectories}
     opened = None if recording is None else open_recording(recording, sequence=sequence, platform=platform)
     truth = None if reference is None else read_reference(reference)
     if not isinstance(truth, Trajectory):
         for one in trajectories.values():
             warn(one.warnings)
+    compared: dict[str, Evaluation] = {}
     if reference is not None and truth is not None:
-        against = _against(
-            trajectories,
-            truth,
-            reference,
-            robot=None if opened is None else opened.platform,
-            align=not no_align,
-            scale=scale,
-            delta=delta,
-            unit=unit,
-            all_pairs=all_pairs,
-            max_difference=max_difference,
-            interpolate=not no_interpolate,
-        )
-        scores = {name: Evaluated(against=result) for name, result in against.items()}
-    scans = None
-    if opened is not None:
-        scans = synchronise(opened).scans
-        under = _under(trajectories, opened, scans)
-        scores = {name: replace(score, under=under[name]) for name, score in scores.items()}
-    ledger = None
-    if loops is not None:
-        assert isinstance(truth, Trajectory)  # or --loops was refused
-        ledger = score_loops(read_loops(loops), oriented(truth)[0], opened, scans=scans)
-    more: dict[str, Any] = {} if ledger is None else {"loops": {"file": str(loops), **ledger.as_dict()}}
-    values = {}
-    if metrics or true_map is not None:
-        given: dict[str, Any] = {"recording": opened, "occupancy": map_file, "true_map": true_map, "names": metrics}
-        values = {name: measured(trajectory, truth, **given) for name, trajectory in trajectories.items()}
-        more["metrics"] = {
-            name: {metric: value.as_dict() for metric, value in each.items()} for name, each in values.items()
-        }
-    _write(scores, reference, recording, more, save=save, plot=plot)
-    if as_json:
-        say_json(_summary(scores, reference, recording) | more)
-        return
-    say_scores(scores, reference, recording)
-    for name, each in values.items():
-        say(f"metrics of {literal(name)}")
-        say(metric_table(each))
-    if ledger is not None:
-        say(f"loops of {literal(loops)}")
-        say(loop_lines(ledger))
-
-
-def _against(
-    trajectories: Mapping[str, Trajectory],
-    truth: Trajectory | Relations | Positions,
-    reference: Path,
-    *,
-    robot: Platform | None,
-    align: bool,
-    scale: bool,
-    delta: float,
-    unit: str,
-    all_pairs: bool,
-    max_difference: float | None,
-    interpolate: bool,
-) -> dict[str, AgainstTrajectory | AgainstRelations | AgainstPositions]:
-    """Every trajectory against the reference; errors name the option or the reference."""
-    from moteslam.eval.evaluation import against_positions, against_relations, against_trajectory
-    from moteslam.eval.metrics.relations import Relations
-    from moteslam.robot.positions import Positions
-
-    results: dict[str, AgainstTrajectory | AgainstRelations | AgainstPositions] = {}
-    try:
-        for name, trajectory in trajectories.items():
-            if isinstance(truth, Relations):
-                results[name] = against_relations(trajectory, truth, interpolate=interpolate, tolerance=max_difference)
-            elif isinstance(truth, Positions):
-                results[name] = against_positions(
-                    trajectory, truth, robot=robot, align=align, scale=scale, max_difference=max_difference
-                )
-            else:
-                results[name] = against_trajectory(
-                    trajectory,
+        with _named(reference):
+            for name, one in trajectories.items():
+                compared[name] = against(
+                    one,
                     truth,
-                    align=align,
+                    robot=None if opened is None else opened.platform,
+                    align=not no_align,
                     scale=scale,
                     delta=delta,
                     unit=unit,
                     all_pairs=all_pairs,
                     max_difference=max_difference,
+                    interpolate=not no_interpolate,
                 )
+    under: dict[str, Evaluation] = {}
+    scans = None if opened is None else synchronise(opened).scans
+    if opened is not None:
+        for name, one in trajectories.items():
+            with _named(name):
+                under[name] = under_recording(one, opened, scans=scans)
+        warn(opened.warnings)
+    found: dict[str, Any] = {}
+    if loops is not None:
+        assert isinstance(truth, Trajectory)  # or --loops was refused
+        ledger = score_loops(read_loops(loops), oriented(truth)[0], opened, scans=scans)
+        found["loops"] = {"file": str(loops), **ledger.as_dict()}
+    if metrics or true_map is not None:
+        found["metrics"] = {}
+        for name, one in trajectories.items():
+            values = measured(one, truth, recording=opened, occupancy=map_file, true_map=true_map, names=metrics)
+            found["metrics"][name] = {metric: value.as_dict() for metric, value in values.items()}
+
+    def row(name: str, *, errors: bool = False) -> dict[str, Any]:
+        row: dict[str, Any] = {"estimate": name}
+        if name in compared:
+            row |= {"reference": str(reference), **compared[name].figures}
+            row |= {"errors": compared[name].errors} if errors else {}
+        if name in under:
+            more = {"errors": under[name].errors} if errors else {}
+            row |= {"recording": str(recording), "residuals": under[name].figures | more}
+        return row
+
+    rows = [row(name) for name in trajectories]
+    if save is not None:
+        from moteslam.eval.results import write_json
+        from moteslam.robot.files import folder_for
+
+        with folder_for(save):
+            write_json(save, {"results": [row(name, errors=True) for name in trajectories], **found})
+    if plot is not None:
+        from moteslam.eval.report.curves import draw_comparison
+        from moteslam.robot.files import folder_for
+
+        assert reference is not None  # or --plot was refused
+        with folder_for(plot):
+            results = {name: each.result for name, each in compared.items()}
+            draw_comparison(plot, results, title=f"against {reference.name}")
+    if as_json:
+        say_json((rows[0] if len(rows) == 1 else {"reference": str(reference), "results": rows}) | found)
+    else:
+        say_evaluations(rows, found)
+
+
+@contextmanager
+def _named(file: Path | str) -> Iterator[None]:
+    """Errors within name the option, or the file if they name none."""
+    try:
+        yield
     except MoteslamError as error:
         if error.file is None and error.field in ("delta", "unit", "max_difference"):
             raise InputError(error.problem, field=f"--{error.field.replace('_', '-')}") from error
         if error.file is None:
-            raise InputError(error.problem, file=reference, field=error.field) from error
+            raise InputError(error.problem, file=file) from error
         raise
-    return results
 
 
-def _under(trajectories: Mapping[str, Trajectory], recording: Recording, scans: Scans) -> dict[str, UnderRecording]:
-    """The recording's scans under every trajectory; errors of one name its file."""
-    from moteslam.eval.evaluation import under_recording
+def _refuse_options(context: typer.Context, paths: list[Path], recording: Path | None, map_file: Path | None) -> None:
+    """Refuse what does not go together."""
 
-    results: dict[str, UnderRecording] = {}
-    for name, trajectory in trajectories.items():
-        try:
-            results[name] = under_recording(trajectory, recording, scans=scans)
-        except MoteslamError as error:
-            if error.file is not None:
-                raise
-            raise InputError(error.problem, file=name) from error
-    warn(recording.warnings)
-    return results
+    def is_given(name: str) -> bool:  # be it with the value that it has by default
+        source = context.get_parameter_source(name)
+        return source is not None and source.name == "COMMANDLINE"
 
+    def refuse(problem: str, name: str) -> typer.BadParameter:
+        return typer.BadParameter(problem, param_hint=f"'--{name.removesuffix('_file').replace('_', '-')}'")
 
-def _row(
-    name: str, score: Evaluated, reference: Path | None, recording: Path | None, *, errors: bool = False
-) -> dict[str, Any]:
-    """A trajectory's scores as they go into JSON."""
-    row: dict[str, Any] = {"estimate": name}
-    if score.against is not None:
-        row |= {"reference": str(reference), **score.against.as_dict()}
-        row |= {"errors": score.against.errors()} if errors else {}
-    if score.under is not None:
-        residuals = score.under.as_dict() | ({"errors": score.under.errors()} if errors else {})
-        row |= {"recording": str(recording), "residuals": residuals}
-    return row
+    if len(paths) < 2 and recording is None:
+        problem = "one file, expected trajectories and, last, their reference, or a --recording"
+        raise typer.BadParameter(problem, param_hint="'EST... [REF]'")
+    if map_file is not None and not (is_given("true_map") or is_given("metrics")):
+        raise refuse("given without --true-map, expected the map to compare it with", "map")
+    if map_file is not None and len(paths) > 2:
+        raise refuse("given with several EST, expected the one whose map it is", "map")
+    there = set() if recording is None else {"a recording"}
+    there |= set() if map_file is None else {"a --map"}
+    there |= _kinds(paths[-1]) if len(paths) > 1 else set()
+    own = {"a recording": "a --recording", "a --map": "the map that it is compared with"}
+    for name, needed in NEEDED.items():
+        if is_given(name) and needed not in there:
+            raise refuse(f"given without {needed}, expected {own.get(needed, 'one as the last file')}", name)
+    if is_given("scale") and is_given("no_align"):
+        raise refuse("given with --no-align, expected one of the two", "scale")
 
 
-def _summary(scores: Mapping[str, Evaluated], reference: Path | None, recording: Path | None) -> dict[str, Any]:
-    """What ``--json`` prints: of one trajectory itself, of several a list."""
-    rows = [_row(name, score, reference, recording) for name, score in scores.items()]
-    return rows[0] if len(rows) == 1 else {"reference": str(reference), "results": rows}
+def _kinds(reference: Path) -> set[str]:
+    """What a reference is, in the words of ``NEEDED``."""
+    from moteslam.eval.metrics.relations import is_relations
+    from moteslam.robot.positions import is_positions
 
-
-def _write(
-    scores: Mapping[str, Evaluated],
-    reference: Path | None,
-    recording: Path | None,
-    more: Mapping[str, Any],
-    *,
-    save: Path | None,
-    plot: Path | None,
-) -> None:
-    from moteslam.robot.files import folder_for
-
-    if save is not None:
-        from moteslam.eval.results import write_json
-
-        with folder_for(save):
-            rows = [_row(name, score, reference, recording, errors=True) for name, score in scores.items()]
-            write_json(save, {"results": rows, **more})
-    if plot is not None:
-        from moteslam.eval.report.comparison import draw_comparison
-
-        assert reference is not None  # or --plot was refused
-        results = {name: score.against for name, score in scores.items() if score.against is not None}
-        with folder_for(plot):
-            draw_comparison(plot, results, title=f"against {reference.name}")
+    if is_relations(reference):
+        return {"a reference", "a .relations reference"}
+    trajectory = set() if is_positions(reference) else {"a reference trajectory"}
+    return {"a reference", "a reference trajectory or positions", *trajectory}

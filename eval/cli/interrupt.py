@@ -8,8 +8,6 @@ from __future__ import annotations
 import os
 import signal
 import threading
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from types import FrameType
 
 SIGNALS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
@@ -42,23 +40,6 @@ def on_interrupt() -> None:
     """From here on a signal raises ``Interrupted``, once; a second waits for the tidying up."""
     _asked.clear()
     _handle(_interrupt)
-
-
-@contextmanager
-def asked_to_stop() -> Iterator[Callable[[], bool]]:
-    """Within, the first signal raises nothing: the block asks whether it came, and ends in its own way."""
-    came: list[int] = []
-
-    def note_first(number: int, frame: FrameType | None) -> None:
-        if came:
-            _interrupt(number, frame)
-        came.append(number)
-
-    _handle(note_first)
-    try:
-        yield lambda: bool(came)
-    finally:
-        _handle(_interrupt)
 
 
 def leave_with(code: int) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import os
 import sys
+import traceback
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -90,19 +91,17 @@ def main() -> None:
 
 def run(arguments: list[str]) -> int:
     """Run one command line and return its exit code; an error is one line on stderr."""
-    closed = _reopen_closed()
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure"):  # a terminal that knows no such letter gets an escape, not an error
             stream.reconfigure(errors="backslashreplace")
-    if STDOUT in closed:
-        return _failed(OutputError("is closed, expected somewhere to print to", file=STDOUT))
     try:
         on_interrupt()
         with warnings_noted():
             code = app(args=arguments, prog_name="moteslam", standalone_mode=False)
         flush()
     except (BrokenPipeError, SystemExit):  # Typer makes the one of the other
-        return _closed_pipe()
+        _discard_stdout()  # the reader of our output has closed it (``| head``)
+        return CLOSED_PIPE
     except (Interrupted, KeyboardInterrupt) as error:
         return _interrupted(error)
     except Exception as error:
@@ -135,9 +134,7 @@ def _interrupted(error: BaseException) -> int:
 
 def _failed(error: Exception) -> int:
     """Print an error in one line; the exit code that goes with it."""
-    if not _has_current_folder():
-        note("the current folder was deleted, expected one that exists: change to another")
-    elif isinstance(error, MoteslamError):
+    if isinstance(error, MoteslamError):
         note(f"{error}{_option_for(error)}")
         if error.file == STDOUT:
             _discard_stdout()  # a full disk behind stdout would be reported again at exit
@@ -153,37 +150,12 @@ def _failed(error: Exception) -> int:
     else:
         if os.environ.get("MOTESLAM_TRACEBACK") == "1":
             raise error
-        where = f"{type(error).__module__}.{type(error).__qualname__}".removeprefix("builtins.")
-        note(f"internal error: {where}: {error}{_place(error)}; MOTESLAM_TRACEBACK=1 shows more, please report it")
+        kind = f"{type(error).__module__}.{type(error).__qualname__}".removeprefix("builtins.")
+        last = traceback.extract_tb(error.__traceback__)[-1]
+        place = f"in {last.filename}, line {last.lineno}"
+        note(f"internal error: {kind}: {error} {place}; MOTESLAM_TRACEBACK=1 shows more, please report it")
         return INTERNAL_ERROR
     return BAD_INPUT
-
-
-def _place(error: Exception) -> str:
-    """Where an error was raised: the module of another package, say, that brings a plug-in."""
-    trace = error.__traceback__
-    while trace is not None and trace.tb_next is not None:
-        trace = trace.tb_next
-    return "" if trace is None else f" in {trace.tb_frame.f_globals.get('__name__')}, line {trace.tb_lineno}"
-
-
-def _has_current_folder() -> bool:
-    try:
-        os.getcwd()  # noqa: PTH109 - a path is made of it only where it is there
-    except OSError:
-        return False
-    return True
-
-
-def _reopen_closed() -> set[str]:
-    """Open null devices in place of standard streams that were closed before the start; which they are."""
-    closed = set()
-    for number, name in enumerate(("stdin", STDOUT, "stderr")):
-        if getattr(sys, name) is None:  # or the next file that is opened takes its place
-            closed.add(name)
-            os.open(os.devnull, os.O_RDWR if number else os.O_RDONLY)
-            setattr(sys, name, open(number, "w" if number else "r", closefd=False))  # noqa: SIM115
-    return closed
 
 
 def _option_for(error: MoteslamError) -> str:
@@ -199,31 +171,8 @@ def _usage_error(error: Any) -> int:
         return BAD_INPUT
     context = getattr(error, "ctx", None)
     hint = f" (see {context.command_path} --help)" if context is not None else ""
-    note(f"{_complaint(error)}{hint}")
+    note(f"{error.format_message().replace('Value error, ', '')}{hint}")
     return BAD_INPUT
-
-
-def _complaint(error: Any) -> str:
-    """What is wrong with an option, in the words of every other message: option, what was found, what was expected."""
-    from pydantic import ValidationError
-
-    from moteslam.robot.wording import in_words
-
-    names = getattr(getattr(error, "param", None), "opts", ())
-    option = next((name for name in names if name.startswith("--")), None)
-    if option is not None and isinstance(error.__cause__, ValidationError):
-        details = error.__cause__.errors()[0]
-        if isinstance(details["input"], str):  # as it was typed, without quotes
-            return f"{option}: {in_words(details).replace(repr(details['input']), details['input'], 1)}"
-    if option is not None and type(error).__name__ == "MissingParameter":
-        return f"{option}: missing, expected a value"
-    return str(error.format_message())
-
-
-def _closed_pipe() -> int:
-    """Whoever read our output has gone (``| head``): leave without a word."""
-    _discard_stdout()
-    return CLOSED_PIPE
 
 
 def _discard_stdout() -> None:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, fields
 from functools import wraps
 from inspect import Parameter, signature
 from itertools import chain
+from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 
@@ -15,21 +16,29 @@ import typer
 from moteslam.errors import ConfigError, ExistsError, OutputError
 
 if TYPE_CHECKING:
+    from moteslam.robot.formats import Topics
+    from moteslam.robot.recording import Recording
     from moteslam.slam.config import SlamConfig
 
 OUT = "Folder for the result; it must not exist."
+TOPIC_STREAMS = ("lidar", "odometry", "imu", "encoders", "rgb", "depth")
+"""What a topic of a bag can be read as."""
 
 Force = Annotated[bool, typer.Option("--force", help="Replace an existing --out, whole, at the end.")]
 ForceFile = Annotated[bool, typer.Option("--force", help="Replace an existing file.")]
-ForceOut = Annotated[bool, typer.Option("--force", help="Replace an existing --out.")]
 Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
 Format = Annotated[
     str | None,
-    typer.Option("--format", metavar="text|markdown|latex|csv|json", help="Of the table that is printed [text]."),
+    typer.Option("--format", metavar="markdown|latex|csv", help="Of the table that is printed, in place of text."),
+]
+ScenarioName = Annotated[
+    str, typer.Argument(metavar="SCENARIO", help="Bundled name, random-corridors, or a .toml file.")
+]
+Seed = Annotated[
+    int | None, typer.Option(min=0, max=2**63 - 1, help="Of all randomness; the scenario's own by default.")
 ]
 Sequence = Annotated[
-    str | None,
-    typer.Option("--sequence", "--session", help="Which of several sequences in a folder, or sessions of a bag."),
+    str | None, typer.Option("--sequence", help="Which of several sequences in a folder, or sessions of a bag.")
 ]
 Robot = Annotated[
     str | None, typer.Option("--platform", metavar="NAME|FILE", help="Another robot: see moteslam platforms.")
@@ -42,50 +51,41 @@ PlatformFile = Annotated[
     Path | None,
     typer.Option(metavar="NAME|FILE", help="Another robot; a platform.toml lies over what the recording states."),
 ]
+Preset = Annotated[str | None, typer.Option(metavar="NAME", help="Named configuration; the best by default.")]
 Settings = Annotated[
     list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Change one value; may be repeated.")
 ]
 
 
-def refuse_existing(file: Path | None, *, force: bool) -> None:
-    """Refuse a file to write that is there already.
+def expect_new(file: Path | None, *endings: str, force: bool) -> None:
+    """Refuse a file to write that exists, or whose ending is not one of these.
 
     Raises:
-        ExistsError: it is, and is not to be replaced.
-        OutputError: it is there and no regular file.
+        ExistsError: it exists, and is not to be replaced.
+        OutputError: another ending, or it exists and is no regular file.
     """
     if file is None:
         return
     from moteslam.robot.files import expect_file
 
+    if endings and file.suffix.lower() not in endings:
+        raise OutputError(f"expected a name that ends in {' or '.join(endings)}", file=file)
     expect_file(file)
     if file.exists() and not force:
         raise ExistsError("exists already; name a new file", file=file)
 
 
-def expect_picture(file: Path) -> None:
-    """Refuse a name that is none of a picture.
-
-    Raises:
-        OutputError: it does not end in ``.png``.
-    """
-    if file.suffix.lower() != ".png":
-        raise OutputError("expected a name that ends in .png", file=file)
-
-
 def chosen_format(given: str | None, *, as_json: bool) -> str:
-    """The format that ``--format`` and ``--json`` come to.
+    """What ``--format`` and ``--json`` ask for: ``text``, ``json`` or one of ``moteslam.eval.tables``.
 
     Raises:
-        ConfigError: there is none of that name, or the two differ.
+        ConfigError: no such format, or both are given.
     """
     from moteslam.eval.tables import FORMATS
 
-    known = ("text", *FORMATS, "json")
-    if given is not None and given not in known:
-        raise ConfigError(f"{given!r}, expected one of {', '.join(known)}", field="--format")
-    if as_json and given not in (None, "json"):
-        raise ConfigError(f"{given!r} with --json, expected one of the two", field="--format")
+    if given is not None and (as_json or given not in FORMATS):
+        expected = "one of the two" if as_json else f"one of {', '.join(FORMATS)}"
+        raise ConfigError(f"{given!r}{' with --json' if as_json else ''}, expected {expected}", field="--format")
     return "json" if as_json else given or "text"
 
 
@@ -93,12 +93,11 @@ def chosen_format(given: str | None, *, as_json: bool) -> str:
 class SlamOptions:
     """How a run of SLAM is configured on the command line: each field is an option."""
 
-    preset: Annotated[str | None, typer.Option(metavar="NAME", help="Named configuration; the best by default.")] = None
+    preset: Preset = None
     config: Annotated[
         Path | None, typer.Option("--config", metavar="FILE", help="TOML file over the preset, under --set.")
     ] = None
     settings: Settings = None
-    particles: Annotated[int | None, typer.Option(min=1, help="The same as --set particles=N.")] = None
     seed: Annotated[int, typer.Option(min=0, max=2**63 - 1, help="Of all randomness; same seed, same bytes.")] = 0
     threads: Annotated[int | None, typer.Option(min=1, max=1024, help="CPU threads; all cores by default.")] = None
     arch: Annotated[str, typer.Option(metavar="cpu|cuda", help="Where the kernels run.")] = "cpu"
@@ -110,32 +109,92 @@ class SlamOptions:
     as_json: Json = False
 
     def resolved(self) -> SlamConfig:
-        """The configuration that the options come to: flag over file over preset.
+        """The configuration: flag over file over preset. With ``--print-config`` it is printed instead.
 
         Raises:
             ConfigError: an unknown preset or key, or a value out of bounds; the option is named.
+            Exit: after it was printed.
         """
+        from moteslam.eval.cli.text import say, say_json
         from moteslam.slam.settings import DEFAULT_PRESET, resolve_config
 
-        flags = list(self.settings or [])
-        if self.particles is not None:
-            flags.append(f"particles={self.particles}")
+        preset = DEFAULT_PRESET if self.preset is None else self.preset
         try:
-            resolve_config(preset := self.preset if self.preset is not None else DEFAULT_PRESET)
-        except ConfigError as error:
-            raise ConfigError(error.problem, field=f"--preset {error.field}") from error
-        try:
-            return resolve_config(preset, flags, self.config)
+            config = resolve_config(preset, self.settings or [], self.config)
         except ConfigError as error:
             if error.file is not None or not error.field:
                 raise
-            raise ConfigError(error.problem, field=self._flag(error.field)) from error
+            option = "--preset" if error.field == repr(preset)[1:-1] else "--set"
+            field = option if error.field == "settings" else f"{option} {error.field}"
+            raise ConfigError(error.problem, field=field) from error
+        if not self.print_config:
+            return config
+        if self.as_json:
+            say_json(config.model_dump(mode="json"))
+        else:
+            say(config.to_toml().rstrip("\n"))
+        raise typer.Exit
 
-    def _flag(self, key: str) -> str:
-        """The option that set a key."""
-        if key == "settings":
-            return "--set"
-        return "--particles" if key == "particles" and self.particles is not None else f"--set {key}"
+
+@dataclass(frozen=True)
+class RecordingOptions:
+    """Which recording, and which part of it: each field is an option."""
+
+    sequence: Sequence = None
+    platform: PlatformFile = None
+    topics: Annotated[
+        list[str] | None,
+        typer.Option(metavar="STREAM=TOPIC", help="Of a bag: the topic that a stream is read from; may be repeated."),
+    ] = None
+    streams: Annotated[
+        str | None, typer.Option(metavar="NAMES", help="Keep these alone: lidar,encoders,odometry,imu,rgbd.")
+    ] = None
+    start: Annotated[float, typer.Option(metavar="S", help="Seconds after the first stamp.")] = 0.0
+    end: Annotated[float | None, typer.Option(metavar="S", help="Seconds after the first stamp.")] = None
+    every: Annotated[int, typer.Option(metavar="N", help="Keep every N-th scan.")] = 1
+
+    def open(self, path: Path) -> Recording:
+        """The part of the recording at a path that the options ask for.
+
+        Raises:
+            InputError: it cannot be read, or nothing is left of it.
+            ConfigError: an option that is wrong; it is named.
+        """
+        from moteslam.robot.cut import Cut, cut
+        from moteslam.robot.formats import open_recording
+
+        try:
+            streams = tuple(name.strip() for name in self.streams.split(",")) if self.streams is not None else ()
+            part = Cut(self.start, inf if self.end is None else self.end, self.every, streams)
+        except ConfigError as error:
+            raise ConfigError(error.problem, field=f"--{error.field}") from error
+        topics = _topics(self.topics or ())
+        recording = open_recording(path, sequence=self.sequence, platform=self.platform, topics=topics, streams=streams)
+        return cut(recording, part)
+
+    @property
+    def given(self) -> dict[str, object]:
+        """The options that are not at their defaults, by name."""
+        return {field.name: value for field in fields(self) if (value := getattr(self, field.name)) != field.default}
+
+
+def _topics(given: Iterable[str]) -> Topics:
+    """The topics of each stream: ``lidar=/scan`` or, to merge several lidars, ``lidar=/front,/back``.
+
+    Raises:
+        ConfigError: not of this form, no such stream, or one stream twice.
+    """
+    topics: dict[str, tuple[str, ...]] = {}
+    for words in given:
+        stream, _, text = words.partition("=")
+        names = tuple(name.strip() for name in text.split(",") if name.strip())
+        if stream not in TOPIC_STREAMS or not names:
+            expected = f"STREAM=TOPIC with a stream of {', '.join(TOPIC_STREAMS)}"
+            raise ConfigError(f"{words!r}, expected {expected}", field="--topics")
+        if stream in topics:
+            raise ConfigError(f"{stream} twice, expected lidars to merge as lidar=/front,/back", field="--topics")
+        topics[stream] = names
+    return topics
 
 
 def with_options(**groups: type[Any]) -> Callable[[Callable[..., None]], Callable[..., None]]:
@@ -174,13 +233,3 @@ def _parameters(group: type[Any]) -> list[Parameter]:
         Parameter(field.name, Parameter.KEYWORD_ONLY, default=field.default, annotation=types[field.name])
         for field in fields(group)
     ]
-
-
-def print_config(config: Any, *, as_json: bool) -> None:
-    """Print a resolved configuration: as TOML that ``--config`` reads, or as JSON."""
-    from moteslam.eval.cli.text import say, say_json
-
-    if as_json:
-        say_json(config.model_dump(mode="json"))
-    else:
-        say(config.to_toml().rstrip("\n"))

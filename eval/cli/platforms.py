@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from math import degrees
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from moteslam.eval.cli import options
 from moteslam.eval.cli.text import say, say_json, table
 from moteslam.eval.literal import literal
-
-if TYPE_CHECKING:
-    from moteslam.robot.platform import Platform
 
 
 def platforms(
@@ -31,50 +28,45 @@ def platforms(
       moteslam platforms turtlebot3 > mine.toml
       moteslam simulate corridor --platform mine.toml --out run
     """  # noqa: D301
+    import tomli_w
+
     from moteslam.robot.fan import field_of_view
     from moteslam.robot.platforms import bundled_platforms, load_platform, platform_table
 
     if name is not None:
         chosen = platform_table(load_platform(name))
-        if as_json:
-            say_json(chosen)
-        else:
-            import tomli_w
-
-            say(tomli_w.dumps(chosen).rstrip("\n"))
+        say_json(chosen) if as_json else say(tomli_w.dumps(chosen).rstrip("\n"))
         return
     robots = {each: load_platform(each) for each in bundled_platforms()}
+    found = {
+        each: {
+            "description": robot.description,
+            "beams": robot.lidar.scan.beams,
+            "angle_min_rad": robot.lidar.scan.angle_min,
+            "angle_increment_rad": robot.lidar.scan.angle_increment,
+            "rate_hz": robot.lidar.scan.rate,
+            "range_min_m": robot.lidar.scan.range_min,
+            "range_max_m": robot.lidar.scan.range_max,
+            "top_speed_m_s": robot.top_speed,
+            "noise_classes": ["datasheet"] if robot.as_recorded is None else ["datasheet", "as_recorded"],
+        }
+        for each, robot in robots.items()
+    }
     if as_json:
-        say_json({each: _figures(robot) for each, robot in robots.items()})
+        say_json(found)
         return
     rows = [("robot", "beams", "field of view", "rate", "range", "top speed", "what it is")]
-    for each, robot in robots.items():
-        scan = robot.lidar.scan
+    for each, one in found.items():
+        scan = robots[each].lidar.scan
         rows.append(
             (
                 each,
-                str(scan.beams),
+                f"{one['beams']}",
                 f"{degrees(field_of_view(scan.beams, scan.angle_increment)):.1f} deg",
-                f"{scan.rate:g} Hz",
-                f"{scan.range_min:g} to {scan.range_max:g} m",
-                "-" if robot.top_speed is None else f"{robot.top_speed:g} m/s",
-                literal(robot.description),
+                f"{one['rate_hz']:g} Hz",
+                f"{one['range_min_m']:g} to {one['range_max_m']:g} m",
+                "-" if one["top_speed_m_s"] is None else f"{one['top_speed_m_s']:g} m/s",
+                literal(one["description"]),
             )
         )
     say(table(rows, right=(1, 2, 3)))
-
-
-def _figures(robot: Platform) -> dict[str, object]:
-    """What sets a robot apart, for JSON."""
-    scan = robot.lidar.scan
-    return {
-        "description": robot.description,
-        "beams": scan.beams,
-        "angle_min_rad": scan.angle_min,
-        "angle_increment_rad": scan.angle_increment,
-        "rate_hz": scan.rate,
-        "range_min_m": scan.range_min,
-        "range_max_m": scan.range_max,
-        "top_speed_m_s": robot.top_speed,
-        "noise_classes": ["datasheet"] if robot.as_recorded is None else ["datasheet", "as_recorded"],
-    }

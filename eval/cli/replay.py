@@ -10,12 +10,8 @@ import typer
 
 from moteslam.errors import InputError
 from moteslam.eval.cli import options
-from moteslam.eval.cli.recording_options import RecordingOptions
 from moteslam.eval.cli.text import say, say_json, warn
 from moteslam.eval.literal import literal
-
-FEW_PAIRS = 150
-"""Of scans: enough to see what moves a result by a tenth of a metre, in half a second."""
 
 if TYPE_CHECKING:
     import numpy as np
@@ -26,8 +22,11 @@ if TYPE_CHECKING:
     from moteslam.robot.trajectory import Trajectory
     from moteslam.slam.config import SlamConfig
 
+FEW_PAIRS = 150
+"""Of scans: enough to see what moves a result by a tenth of a metre, in half a second."""
 
-@options.with_options(part=RecordingOptions, run=options.SlamOptions)
+
+@options.with_options(part=options.RecordingOptions, run=options.SlamOptions)
 def replay(
     path: Annotated[
         Path | None, typer.Argument(metavar="PATH", help="A log file, or a folder of arrays.", show_default=False)
@@ -44,7 +43,7 @@ def replay(
         ),
     ] = None,
     *,
-    part: RecordingOptions,
+    part: options.RecordingOptions,
     run: options.SlamOptions,
 ) -> None:
     """Run SLAM over a recording and fill a result folder.
@@ -65,10 +64,7 @@ def replay(
       moteslam replay ucsd --sequence 20 --dead-reckoning
       moteslam replay --preset paper --print-config > mine.toml
     """  # noqa: D301
-    resolved = run.resolved()
-    if run.print_config:
-        options.print_config(resolved, as_json=run.as_json)
-        return
+    config = run.resolved()
     if path is None:
         raise typer.BadParameter("missing, expected a recording", param_hint="'PATH'")
     if calibrate not in (None, "lidar", "odometry"):
@@ -78,43 +74,29 @@ def replay(
 
     recording = part.open(path)
     if dead_reckoning:
-        _dead_reckon(path, recording, resolved, out, run)
+        _dead_reckon(path, recording, config, out, run)
         return
 
-    from moteslam.eval.beside import true_map_beside
-    from moteslam.eval.cli.running import Device, lost_line, run_into, run_summary, score_table, size_of
+    from moteslam.eval.cli.running import run_into, say_run
+    from moteslam.eval.scores import true_map_beside
     from moteslam.robot.result_folder import result_folder
 
     assert out is not None
     recording, found = _checked(recording, calibrate)
     truth, issues = (None, ()) if recording.lidar is None else _truth_beside(path, recording.lidar.stamps)
+    cut = {name: value for name, value in part.given.items() if name not in ("sequence", "platform")}
     with result_folder(out, force=run.force, keep=path) as folder:
         done = run_into(
             folder,
             recording,
-            resolved,
-            seed=run.seed,
-            device=Device(run.arch, run.threads),
+            config,
+            run,
             truth=truth,
             true_map=None if truth is None else true_map_beside(path),
-            figures=not run.no_figures,
-            about={"path": str(path), **part.about, **({} if calibrate is None else {"calibrate": calibrate})},
+            about={"path": str(path), **cut, **({} if calibrate is None else {"calibrate": calibrate})},
             issues=(*found, *issues),
         )
-    if run.as_json:
-        say_json(run_summary(done, out))
-        return
-    estimate, stamps = done.estimate, done.estimate.trajectory.stamps
-    say(
-        f"{literal(recording.name)}: {estimate.trajectory_final.length:.1f} m in {stamps[-1] - stamps[0]:.0f} s, "
-        f"{size_of(estimate)}, "
-        f"{1000 * estimate.seconds / len(stamps):.1f} ms a scan"
-    )
-    if lost := lost_line(estimate):
-        say(lost)
-    if done.scores is not None:
-        say(score_table(done.scores))
-    say(f"result in {literal(out)}")
+    say_run(done, out, f"{recording.name}: {done.estimate.trajectory_final.length:.1f} m", as_json=run.as_json)
 
 
 def _checked(recording: Recording, side: str | None) -> tuple[Recording, tuple[Issue, ...]]:
@@ -149,8 +131,8 @@ def _truth_beside(path: Path, stamps: NDArray[np.float64]) -> tuple[Trajectory |
     """
     import numpy as np
 
-    from moteslam.eval.beside import truth_file
     from moteslam.eval.metrics.association import match
+    from moteslam.eval.scores import truth_file
     from moteslam.robot.trajectories.tum import read_tum
     from moteslam.robot.trajectory import Trajectory
 
@@ -170,7 +152,7 @@ def _truth_beside(path: Path, stamps: NDArray[np.float64]) -> tuple[Trajectory |
 def _dead_reckon(
     path: Path, recording: Recording, config: SlamConfig, out: Path | None, run: options.SlamOptions
 ) -> None:
-    """Dead reckoning alone: what it came to is printed, and written where ``out`` is given."""
+    """Dead reckoning alone, printed, and written where ``out`` is given."""
     from moteslam.robot.files import write_atomically
     from moteslam.robot.result_folder import result_folder
     from moteslam.robot.trajectories.tum import write_tum
@@ -183,7 +165,7 @@ def _dead_reckon(
             write_tum(folder / "dead_reckoning.tum", trajectory)
             write_atomically(folder / "config.toml", config.to_toml())
             if not run.no_figures:
-                from moteslam.eval.report.plans import draw_dead_reckoning
+                from moteslam.eval.report.maps import draw_dead_reckoning
                 from moteslam.eval.results import from_same_start
 
                 truth, _ = _truth_beside(path, trajectory.stamps)
@@ -195,21 +177,20 @@ def _dead_reckon(
                     title=f"{recording.name}: dead reckoning",
                 )
     x, y, theta = trajectory.poses[-1].tolist()
-    duration = float(trajectory.stamps[-1] - trajectory.stamps[0])
+    about = {
+        "out": None if out is None else str(out),
+        "recording": recording.name,
+        "poses": len(trajectory),
+        "distance_m": trajectory.length,
+        "duration_s": float(trajectory.stamps[-1] - trajectory.stamps[0]),
+        "end": {"x_m": x, "y_m": y, "heading_deg": degrees(theta)},
+        "warnings": [issue.as_dict() for issue in recording.warnings],
+    }
     if run.as_json:
-        say_json(
-            {
-                "out": None if out is None else str(out),
-                "recording": recording.name,
-                "poses": len(trajectory),
-                "distance_m": trajectory.length,
-                "duration_s": duration,
-                "end": {"x_m": x, "y_m": y, "heading_deg": degrees(theta)},
-                "warnings": [issue.as_dict() for issue in recording.warnings],
-            }
-        )
+        say_json(about)
         return
-    say(f"{literal(recording.name)}: dead reckoning over {trajectory.length:.1f} m in {duration:.1f} s")
+    driven = f"{about['distance_m']:.1f} m in {about['duration_s']:.1f} s"
+    say(f"{literal(recording.name)}: dead reckoning over {driven}")
     say(f"ends at x {x:.2f} m, y {y:.2f} m, heading {degrees(theta):.1f} deg")
     if out is not None:
         say(f"result in {literal(out)}")

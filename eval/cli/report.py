@@ -7,9 +7,8 @@ from typing import Annotated
 
 import typer
 
-from moteslam.errors import OutputError
 from moteslam.eval.cli import options
-from moteslam.eval.cli.text import say, say_json
+from moteslam.eval.cli.text import progress_bar, say, say_json
 from moteslam.eval.literal import literal
 
 
@@ -31,8 +30,7 @@ def report(
     baseline: Annotated[
         str | None, typer.Option(metavar="NAME", help="Compare with this configuration [the first].")
     ] = None,
-    no_player: Annotated[bool, typer.Option("--no-player", help="Leave the player of runs out.")] = False,
-    force: options.ForceOut = False,
+    force: options.ForceFile = False,
     as_json: options.Json = False,
 ) -> None:
     """Make one HTML page of sweeps and result folders: tables, charts, and a player of the runs.
@@ -46,24 +44,20 @@ def report(
       moteslam report result
       moteslam report before after --metric final.ate --metric map_f1 --title "before and after"
     """  # noqa: D301
-    if out.suffix.lower() not in (".html", ".htm"):
-        raise OutputError("expected a name that ends in .html", file=out)
-    options.refuse_existing(out, force=force)
-    from moteslam.eval.cli.progress import progress_bar
-    from moteslam.eval.page.document import Wishes, page
+    options.expect_new(out, ".html", ".htm", force=force)
+    from moteslam.eval.page.document import page
     from moteslam.eval.page.material import gather
     from moteslam.robot.files import folder_for, write_atomically
 
     material = gather(paths)
     more = f" and {len(paths) - 1} more" if len(paths) > 1 else ""
     name = title if title is not None else f"{paths[0].absolute().name}{more}"
-    wishes = Wishes(name, tuple(metrics or ()), baseline, players=not no_player)
-    with progress_bar("reading runs", len(material.runs), "runs") as bar:
-        text = page(material, wishes, progress=bar.update)
+    with progress_bar("reading runs", len(material.runs), "runs") as update:
+        text = page(material, title=name, metrics=metrics or (), baseline=baseline, progress=update)
     with folder_for(out):
         write_atomically(out, text)
-    size = len(text.encode())
+    about = {"file": str(out), "bytes": len(text.encode()), "runs": len(material.runs)}
     if as_json:
-        say_json({"file": str(out), "bytes": size, "runs": len(material.runs)})
+        say_json(about)
     else:
-        say(f"{len(material.runs)} runs in {literal(out)} ({size / 1e6:.1f} MB)")
+        say(f"{about['runs']} runs in {literal(out)} ({len(text.encode()) / 1e6:.1f} MB)")

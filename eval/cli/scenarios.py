@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from moteslam.errors import ConfigError
 from moteslam.eval.cli import options
-from moteslam.eval.cli.text import say, say_json, table
+from moteslam.eval.cli.text import progress_bar, say, say_json, simulation_bar, table
 from moteslam.eval.literal import literal
 
 if TYPE_CHECKING:
@@ -44,13 +45,11 @@ def scenarios(context: typer.Context, as_json: options.Json = False) -> None:
 
 @app.command()
 def show(
-    scenario: Annotated[
-        str, typer.Argument(metavar="SCENARIO", help="Bundled name, random-corridors, or a .toml file.")
-    ],
+    scenario: options.ScenarioName,
     out: Annotated[Path, typer.Option(help="The PNG to write; folders above it are made.")],
     seed: Annotated[int | None, typer.Option(min=0, max=2**63 - 1, help="Of a random building.")] = None,
     drive: Annotated[bool, typer.Option("--drive", help="Drive it, and draw the driven path.")] = False,
-    force: options.ForceOut = False,
+    force: options.ForceFile = False,
 ) -> None:
     """Draw a scenario as a plan: walls and what they are made of, who moves, and the route.
 
@@ -59,21 +58,15 @@ def show(
       moteslam scenarios show office --out office.png
       moteslam scenarios show random-corridors --seed 7 --drive --out unseen.png
     """  # noqa: D301
-    from moteslam.errors import OutputError
-    from moteslam.eval.cli.wanted import Wanted, named_in_errors
+    from moteslam.eval.cli.simulate import Wanted, named_in_errors
     from moteslam.eval.report.scenarios import draw_scenario
     from moteslam.robot.files import folder_for
+    from moteslam.sim.simulate import true_drive
 
-    if out.suffix.lower() != ".png":
-        raise OutputError("no .png file, expected one to write", file=out)
-    options.refuse_existing(out, force=force)
+    options.expect_new(out, ".png", force=force)
     chosen = Wanted(scenario).load(seed)
-    driven = None
-    if drive:
-        from moteslam.sim.simulate import true_drive
-
-        with named_in_errors(scenario):
-            driven = true_drive(chosen, seed).poses[:, :2]
+    with named_in_errors(scenario):
+        driven = true_drive(chosen, seed).poses[:, :2] if drive else None
     with folder_for(out):
         draw_scenario(out, chosen, driven=driven)
     say(f"{literal(chosen.name)} in {literal(out)}")
@@ -81,11 +74,9 @@ def show(
 
 @app.command()
 def animate(
-    scenario: Annotated[
-        str, typer.Argument(metavar="SCENARIO", help="Bundled name, random-corridors, or a .toml file.")
-    ],
+    scenario: options.ScenarioName,
     out: Annotated[Path, typer.Option(help="The .gif, .webp or .mp4 to write; folders above it are made.")],
-    seed: Annotated[int | None, typer.Option(min=0, max=2**63 - 1, help="Of all randomness.")] = None,
+    seed: options.Seed = None,
     platform: options.Robot = None,
     noise: options.NoiseClass = None,
     duration: Annotated[float | None, typer.Option(min=12, metavar="S", help="Stop after S seconds.")] = None,
@@ -96,11 +87,9 @@ def animate(
             metavar="X", help="Times real time; by default such that the film takes at most 15 s.", show_default=False
         ),
     ] = None,
-    preset: Annotated[
-        str | None, typer.Option(metavar="NAME", help="Named configuration; the best by default.")
-    ] = None,
+    preset: options.Preset = None,
     settings: options.Settings = None,
-    force: options.ForceOut = False,
+    force: options.ForceFile = False,
 ) -> None:
     """Simulate a scenario, run SLAM, and film it: robot, beams, particles, and the map as it grows.
 
@@ -111,37 +100,34 @@ def animate(
       moteslam scenarios animate people --out people.gif
       moteslam scenarios animate corridor --duration 60 --speed 5 --fps 25 --out corridor.mp4
     """  # noqa: D301
-    from moteslam.eval.report.pace import Pace
+    from moteslam.eval.cli.simulate import Wanted, named_in_errors
+    from moteslam.eval.report.animation import Pace, film
     from moteslam.eval.report.video import check_film, write_film
-
-    check_film(out)
-    options.refuse_existing(out, force=force)
-    with _options_named():
-        Pace(fps, 1.0 if speed is None else speed)  # before the simulation, whose duration is not known yet
-    config = options.SlamOptions(preset=preset, settings=settings).resolved()
-    from moteslam.eval.cli.progress import progress_bar, simulation_bar
-    from moteslam.eval.cli.wanted import Wanted, named_in_errors
-    from moteslam.eval.report.animation import Film
     from moteslam.robot.files import folder_for
     from moteslam.sim.simulate import simulate
     from moteslam.slam.run import SlamSession
 
+    check_film(out)
+    options.expect_new(out, force=force)
+    with _options_named():
+        Pace(fps, 1.0 if speed is None else speed)  # before the simulation, whose duration is not known yet
+    config = options.SlamOptions(preset=preset, settings=settings).resolved()
     chosen = Wanted(scenario, platform=platform, noise=noise).load(seed)
     if duration is not None:
         chosen = chosen.model_copy(update={"duration": min(duration, chosen.duration)})
     with folder_for(out):
         with named_in_errors(scenario), simulation_bar() as report:
             simulation = simulate(chosen, seed, progress=report)
+        session = SlamSession(simulation.recording, config, seed=simulation.scenario.seed)
         assert simulation.recording.lidar is not None
         stamps = simulation.recording.lidar.stamps
         with _options_named():
             pace = Pace.of(float(stamps[-1] - stamps[0]), fps=fps, speed=speed)
-        session = SlamSession(simulation.recording, config, seed=simulation.scenario.seed)
-        with progress_bar("SLAM", len(session), "scans") as bar:
+        with progress_bar("SLAM", len(session), "scans") as progress:
 
             def frames() -> Iterator[NDArray[np.uint8]]:
-                for update, shown in Film(simulation, session, pace).play():
-                    bar.update(update.index + 1)
+                for update, shown in film(simulation, session, pace):
+                    progress(update.index + 1)
                     yield from shown
 
             write_film(out, frames(), fps=fps)
@@ -151,8 +137,6 @@ def animate(
 @contextmanager
 def _options_named() -> Iterator[None]:
     """Name the option in errors of a film's pace."""
-    from moteslam.errors import ConfigError
-
     try:
         yield
     except ConfigError as error:

@@ -1,20 +1,20 @@
-"""``moteslam sweep``: many runs of many configurations, and what they came to."""
+"""``moteslam sweep``: many runs of many configurations, summed up."""
 
 from __future__ import annotations
 
+from dataclasses import asdict
+from math import isfinite
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 from typer.core import TyperGroup
 
-from moteslam.errors import ConfigError, InputError, OutputError
+from moteslam.errors import ConfigError, InputError
 from moteslam.eval.cli import options
 from moteslam.eval.cli.interrupt import Interrupted
-from moteslam.eval.cli.sweep_file import begin, spec_of
-from moteslam.eval.cli.sweep_plot import plot_sweep
-from moteslam.eval.cli.sweep_tables import say_affordable, say_differences, say_specs, say_summaries
-from moteslam.eval.cli.text import note, say, say_json
+from moteslam.eval.cli.sweep_tables import MOST_SHOWN, metric_names, say_affordable, say_summaries
+from moteslam.eval.cli.text import note, progress_bar, say, say_json, table
 from moteslam.eval.literal import literal
 
 
@@ -27,6 +27,10 @@ class RunByDefault(TyperGroup):
         return super().parse_args(ctx, ["run", *args] if given else args)
 
 
+Metrics = Annotated[
+    list[str] | None, typer.Option("--metric", metavar="NAME", help="Which metrics [final.ate]; repeatable.")
+]
+
 app = typer.Typer(
     cls=RunByDefault,
     help="Make many runs, over scenarios, recordings, robots, seeds and configurations, and sum them up. "
@@ -37,6 +41,8 @@ app = typer.Typer(
 
 DIFFERENT = NOTHING = 1
 """Exit codes."""
+HASH_SHOWN = 16
+"""Digits of a hash in a table."""
 File = Annotated[Path, typer.Argument(metavar="FILE.sweep", help="What `moteslam sweep` wrote.")]
 
 
@@ -64,7 +70,7 @@ def run(
     ] = None,
     as_json: options.Json = False,
 ) -> None:
-    """Make the runs of a specification, record each as it ends, and print what they came to.
+    """Make the runs of a specification, record each as it ends, and print a summary.
 
     Killed at any moment and started again, it goes on where it was: no run that was recorded is lost or made again. A
     run that fails, crashes or takes too long is recorded with its error. The results are the same, bit for bit,
@@ -78,12 +84,11 @@ def run(
       moteslam sweep particles.toml --shard 2/8 --out part2.sweep
       moteslam sweep particles.toml --scheduler tcp://head:8786
     """  # noqa: D301
-    from moteslam.eval.cli.progress import progress_bar
+    from moteslam.eval.results import environment
+    from moteslam.eval.sweep import workers as processes
     from moteslam.eval.sweep.bundled import spec_file
-    from moteslam.eval.sweep.cluster import make_all_on
     from moteslam.eval.sweep.spec import read_spec
-    from moteslam.eval.sweep.store import opened
-    from moteslam.eval.sweep.workers import make_all
+    from moteslam.eval.sweep.store import WHOLE, begin, opened
     from moteslam.robot.processors import processor_count
     from moteslam.robot.wording import counted
 
@@ -95,23 +100,22 @@ def run(
     wanted = read_spec(file)
     beside = file.with_suffix(".sweep") if file == Path(spec) else Path(f"{spec}.sweep")
     target = beside if out is None else out
-    begin(target, file, wanted, shard)
+    begin(target, file, wanted, shard or WHOLE, environment())
     count = 1 if timed else workers or processor_count()
     with opened(target, write=True) as store:
         runs = store.pending()
         done = sum(store.counts().values()) - len(runs)
-        with progress_bar("sweep", done + len(runs), "runs") as bar:
-            bar.update(done)
-            outcomes = (
-                make_all(runs, workers=count, timeout=wanted.timeout, timed=timed)
-                if scheduler is None
-                else make_all_on(scheduler, runs, timeout=wanted.timeout, timed=timed)
-            )
+        with progress_bar("sweep", done + len(runs), "runs") as update:
+            update(done)
+            if scheduler is None:
+                outcomes = processes.make_all(runs, workers=count, timeout=wanted.timeout, timed=timed)
+            else:
+                outcomes = processes.make_all_on(scheduler, runs, timeout=wanted.timeout, timed=timed)
             try:
                 for outcome in outcomes:
                     store.record(outcome)
                     done += 1
-                    bar.update(done)
+                    update(done)
                     if outcome.error:
                         note(f"warning: {outcome.run.name}: {outcome.status}: {outcome.error}")
             except (Interrupted, KeyboardInterrupt) as error:
@@ -140,31 +144,40 @@ def list_specs(
       moteslam sweep list
       moteslam sweep list particles > mine.toml
     """  # noqa: D301
-    from moteslam.eval.sweep.bundled import bundled_spec
+    from moteslam.eval.sweep.bundled import bundled_specs, digest, spec_file
+    from moteslam.eval.sweep.plan import plan
+    from moteslam.eval.sweep.spec import read_spec
 
-    if name is None:
-        say_specs(as_json=as_json)
+    if name is not None:
+        text = spec_file(name).read_text(encoding="utf-8")
+        say_json({"name": name, "toml": text}) if as_json else say(text.rstrip("\n"))
         return
-    text = bundled_spec(name).read_text(encoding="utf-8")
+    found: list[dict[str, Any]] = []
+    for each, file in bundled_specs().items():
+        spec = read_spec(file)
+        runs = plan(spec, check=False)
+        found.append({"name": each, "runs": len(runs), "hash": digest(runs), "description": spec.description})
     if as_json:
-        say_json({"name": name, "toml": text})
-    else:
-        say(text.rstrip("\n"))
+        say_json(found)
+        return
+    rows = [("name", "runs", "hash", "what it is for")]
+    rows += [
+        (f"{one['name']}", f"{one['runs']}", f"{one['hash']}"[:HASH_SHOWN], f"{one['description']}") for one in found
+    ]
+    say(table(rows, right=(1,)))
 
 
 @app.command("show")
 def show(
     file: File,
-    metrics: Annotated[
-        list[str] | None, typer.Option("--metric", metavar="NAME", help="Which metrics [final.ate]; repeatable.")
-    ] = None,
+    metrics: Metrics = None,
     budget: Annotated[
         str | None, typer.Option(metavar="TIME", help="The best configuration within this processor time a scan.")
     ] = None,
     form: options.Format = None,
     as_json: options.Json = False,
 ) -> None:
-    """Print what the runs recorded so far came to: median with its 95 % interval, quartiles, successes.
+    """Sum up the runs recorded so far: median with its 95 % interval, quartiles, successes.
 
     With --budget, of a sweep made with --time: the configurations that cost at most that much, the best first, and
     in how many of the same runs the best one beats each.
@@ -176,31 +189,27 @@ def show(
       moteslam sweep show particles.sweep --format latex > table.tex
       moteslam sweep show timed.sweep --budget 10ms
     """  # noqa: D301
-    from moteslam.eval.metrics.registry import chosen
+    from moteslam.eval.sweep.spec import SweepSpec
     from moteslam.eval.sweep.store import opened
 
-    chosen(metrics)
+    names = metric_names(metrics)
     form = options.chosen_format(form, as_json=as_json)
     if budget is not None:
-        say_affordable(file, budget, metrics or ["final.ate"], form)
+        say_affordable(file, budget, names, form)
         return
     with opened(file) as store:
-        say_summaries(store, spec_of(store), metrics, form)
+        say_summaries(store, SweepSpec.model_validate_json(store.spec), metrics, form)
 
 
 @app.command("plot")
 def plot(
     file: File,
     out: Annotated[Path, typer.Option(metavar="FILE.png", help="A new file.")],
-    metrics: Annotated[
-        list[str] | None,
-        typer.Option("--metric", metavar="NAME", help="Which metrics [final.ate]; repeatable, a panel each."),
-    ] = None,
+    metrics: Metrics = None,
     along: Annotated[
         str | None, typer.Option("--x", metavar="COLUMN", help="What it is drawn over [the key that varies].")
     ] = None,
     label: Annotated[str | None, typer.Option(metavar="TEXT", help="Of that axis [the key].")] = None,
-    title: Annotated[str, typer.Option(metavar="TEXT", help="Over the figure.")] = "",
     force: options.ForceFile = False,
 ) -> None:
     """Draw medians with their 95 % intervals over what varies, a line for each scenario and configuration.
@@ -213,17 +222,35 @@ def plot(
       moteslam sweep plot particles.sweep --out particles.png
       moteslam sweep plot range.sweep --metric final.ate --metric map_f1 --label "reach [m]" --out range.png
     """  # noqa: D301
-    from moteslam.eval.metrics.registry import chosen
+    from moteslam.eval.report.sweep_curves import draw_sweep
+    from moteslam.eval.sweep.spec import SweepSpec
+    from moteslam.eval.sweep.store import opened
+    from moteslam.eval.sweep.tables import summaries, varying
+    from moteslam.robot.files import folder_for
 
-    chosen(metrics)
-    options.refuse_existing(out, force=force)
-    options.expect_picture(out)
-    plot_sweep(file, out, metrics or ["final.ate"], along, label=label, title=title)
+    names = metric_names(metrics)
+    options.expect_new(out, ".png", force=force)
+    with opened(file) as store:
+        spec = SweepSpec.model_validate_json(store.spec)
+        found = summaries(store.rows(), names, dict(spec.success))
+    if not found:
+        raise InputError("no run was made yet, expected some", file=file)
+    known = varying(found)
+    column = along or next(iter(spec.vary), None)
+    if column not in known:
+        problem = "needed where no key varies" if column is None else f"{column!r}"
+        raise ConfigError(f"{problem}, expected one of {', '.join(known)}", field="--x")
+    for name in names:
+        best = (group.values[name].best for group in found)
+        if not any(value is not None and isfinite(value) for value in best):
+            raise InputError(f"no run that ended well has {name}, expected a metric of the sweep", file=file)
+    with folder_for(out):
+        draw_sweep(out, found, names, column=column, label=label)
     say(f"wrote {literal(out)}")
 
 
 @app.command("merge")
-def merge(
+def merge_files(
     files: Annotated[list[Path], typer.Argument(metavar="FILE.sweep...", help="Parts of one sweep, or one of them.")],
     out: Annotated[Path, typer.Option(metavar="FILE.sweep", help="A new file for all of their runs.")],
 ) -> None:
@@ -233,28 +260,9 @@ def merge(
     Examples:
       moteslam sweep merge part1.sweep part2.sweep part3.sweep --out all.sweep
     """  # noqa: D301
-    from moteslam.eval.sweep.plan import plan
-    from moteslam.eval.sweep.store import create, opened
+    from moteslam.eval.sweep.store import merge
 
-    if out.exists():
-        raise OutputError("exists already, expected a new file", file=out)
-    with opened(files[0]) as first:
-        text, spec, digest, environment = first.spec, spec_of(first), first.digest, first.environment
-    for file in files[1:]:
-        with opened(file) as other:
-            if (other.spec, other.digest) != (text, digest):
-                raise InputError("of another sweep, expected parts of one", file=file)
-    partial = out.with_name(f".{out.name}.merging")
-    create(partial, text, plan(spec, check=False), digest=digest, environment=environment)
-    try:
-        with opened(partial, write=True) as store:
-            for file in files:
-                with opened(file) as other:
-                    store.take(other)
-            counts = store.counts()
-        partial.replace(out)
-    finally:
-        partial.unlink(missing_ok=True)
+    counts = merge(files, out)
     missing = counts.pop("", 0)
     say(f"{sum(counts.values())} runs in {literal(out)}" + (f", {missing} not made yet" if missing else ""))
 
@@ -274,14 +282,25 @@ def diff(
     Examples:
       moteslam sweep diff mine.sweep published.csv
     """  # noqa: D301
-    from moteslam.eval.sweep.differences import differences, read_table
+    from moteslam.eval.sweep.export import differences, read_table
+    from moteslam.robot.wording import counted
 
     first, second = read_table(file), read_table(other)
     common = [run for run in first if run in second]
     if not common:
         raise InputError("no run in common with it, expected a sweep of the same specification", file=other)
-    found = differences(first, second)
-    say_differences(found, (file, other), len(common), len(first) + len(second) - 2 * len(common), as_json=as_json)
+    alone = len(first) + len(second) - 2 * len(common)
+    found = [asdict(each) for each in differences(first, second)]
+    if as_json:
+        say_json({"runs": len(common), "in_one_alone": alone, "differences": found})
+    else:
+        if found:
+            shown = [("run", "column", str(file), str(other)), *(tuple(each.values()) for each in found[:MOST_SHOWN])]
+            say(table([tuple(map(literal, row)) for row in shown]))
+        if len(found) > MOST_SHOWN:
+            say(f"... and {len(found) - MOST_SHOWN} more: --json has all")
+        more = f", {alone} in one of the two alone" if alone else ""
+        say(f"{counted(len(found), 'difference')} in {counted(len(common), 'run')}{more}")
     if found:
         raise typer.Exit(DIFFERENT)
 
@@ -299,13 +318,11 @@ def export(
       moteslam sweep export particles.sweep --out particles.csv
       moteslam sweep export particles.sweep --out particles.parquet
     """  # noqa: D301
+    from moteslam.eval.sweep.export import as_csv, write_parquet
     from moteslam.eval.sweep.store import opened
-    from moteslam.eval.sweep.tables import as_csv, write_parquet
     from moteslam.robot.files import write_atomically
 
-    options.refuse_existing(out, force=force)
-    if out.suffix not in (".csv", ".parquet"):
-        raise OutputError("expected a name that ends in .csv or .parquet", file=out)
+    options.expect_new(out, ".csv", ".parquet", force=force)
     with opened(file) as store:
         rows = list(store.rows())
     if out.suffix == ".csv":

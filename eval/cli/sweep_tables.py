@@ -1,45 +1,39 @@
-"""What the commands of sweeps print: summaries, what a budget allows, and differences."""
+"""What ``moteslam sweep show`` prints: summaries, and the best configuration within a budget of processor time."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import asdict
+import re
+from math import inf, isinf
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from moteslam.errors import ConfigError, InputError
-from moteslam.eval.cli.text import note, say, say_json, say_table, table
-from moteslam.eval.literal import literal
+from moteslam.eval.cli.text import note, say, say_json, say_table
 
 if TYPE_CHECKING:
-    from moteslam.eval.sweep.differences import Difference
     from moteslam.eval.sweep.spec import SweepSpec
     from moteslam.eval.sweep.store import Row, Store
     from moteslam.eval.sweep.tables import GroupSummary
 
 MOST_SHOWN = 40
 """Differences in the table that is printed."""
-SHOWN = 16
-"""Digits of a hash there."""
+COST = "cpu_per_scan"
+BUDGET = re.compile(r"([0-9]+(?:\.[0-9]+)?)\s*(us|ms|s)")
+MILLISECONDS = {"us": 1e-3, "ms": 1.0, "s": 1e3}
+PARTS = ("median", "low", "high", "low_quartile", "high_quartile")
+"""Of a summary, in the table for programs."""
 
 
-def say_specs(*, as_json: bool) -> None:
-    """The specifications that come with the package: how many runs each has, their hash, what it is for."""
-    from moteslam.eval.sweep.bundled import bundled_specs, digest
-    from moteslam.eval.sweep.plan import plan
-    from moteslam.eval.sweep.spec import read_spec
+def metric_names(given: list[str] | None) -> list[str]:
+    """The metrics that are asked for, ``final.ate`` by default.
 
-    found = []
-    for name, file in bundled_specs().items():
-        spec = read_spec(file)
-        runs = plan(spec, check=False)
-        found.append({"name": name, "runs": len(runs), "hash": digest(runs), "description": spec.description})
-    if as_json:
-        say_json(found)
-        return
-    rows = [("name", "runs", "hash", "what it is for")]
-    rows += [(f"{one['name']}", f"{one['runs']}", f"{one['hash']}"[:SHOWN], f"{one['description']}") for one in found]
-    say(table(rows, right=(1,)))
+    Raises:
+        ConfigError: an unknown metric.
+    """
+    from moteslam.eval.metrics.registry import chosen
+
+    chosen(given)
+    return given or ["final.ate"]
 
 
 def say_summaries(store: Store, spec: SweepSpec, wanted: list[str] | None, form: str) -> None:
@@ -51,23 +45,28 @@ def say_summaries(store: Store, spec: SweepSpec, wanted: list[str] | None, form:
     Raises:
         ConfigError: a metric was not measured; those that were are named.
     """
-    from moteslam.eval.sweep.tables import summaries
+    from moteslam.eval.sweep.tables import summaries, varying
 
     counts, runs = store.counts(), list(store.rows())
     names = _measured(runs, wanted, store.path)
     found = summaries(runs, names, dict(spec.success))
     if form == "json":
-        say_json(
+        groups = [
             {
-                "hash": store.digest,
-                "runs": {name or "pending": count for name, count in counts.items()},
-                "groups": list(map(_as_dict, found)),
+                "group": group.about,
+                "runs": group.runs,
+                "success": group.success.as_dict(),
+                "metrics": {name: summary.as_dict() for name, summary in group.values.items()},
             }
-        )
+            for group in found
+        ]
+        say_json({"hash": store.digest, "runs": {name or "pending": n for name, n in counts.items()}, "groups": groups})
         return
     if found:
-        rows, words = _numbers(found, names) if form == "csv" else _rows(found, names)
-        say_table(rows, form, right=() if form == "text" else range(words, len(rows[0])))
+        about = varying(found)
+        rows = [[*about, *_head(names, form)]]
+        rows += [[*(str(group.about.get(key, "")) for key in about), *_cells(group, names, form)] for group in found]
+        say_table(rows, form, right=() if form == "text" else range(len(about), len(rows[0])))
     total = ", ".join(f"{count} {name or 'not made yet'}" for name, count in counts.items())
     if form == "text":
         say(total)
@@ -91,90 +90,92 @@ def _measured(runs: list[Row], wanted: list[str] | None, file: Path) -> list[str
     return wanted
 
 
-def say_affordable(file: Path, text: str, metrics: list[str], form: str) -> None:
-    """The configurations of a sweep within a budget, the best first."""
-    from moteslam.eval.populations import populations
-    from moteslam.eval.sweep.budget import affordable, parse_budget
+def _head(names: list[str], form: str) -> list[str]:
+    if form == "csv":
+        return ["runs", "success", *(f"{name}.{part}" for name in names for part in PARTS)]
+    return ["runs", "success", *(cell for name in names for cell in (with_unit(name), "95 %", "quartiles"))]
+
+
+def _cells(group: GroupSummary, names: list[str], form: str) -> list[str]:
+    """For people; for programs (``csv``) all digits, nothing where there is no number, ``inf`` for failures."""
     from moteslam.robot.wording import interval
 
-    budget = parse_budget(text)
+    summaries = [group.values[name] for name in names]
+    if form == "csv":
+        numbers = [getattr(summary, part) for summary in summaries for part in PARTS]
+        cells = ["" if number is None else repr(number) for number in numbers]
+        return [str(group.runs), str(group.success.count), *cells]
+    low, high = (100 * share for share in group.success.interval)
+    cells = [str(group.runs), f"{group.success.count} ({low:.0f} to {high:.0f} %)"]
+    for summary in summaries:
+        cells += [
+            _number(summary.median),
+            interval(_number(summary.low), _number(summary.high)),
+            interval(_number(summary.low_quartile), _number(summary.high_quartile)),
+        ]
+    return cells
+
+
+def say_affordable(file: Path, budget: str, metrics: list[str], form: str) -> None:
+    """The configurations of a sweep whose median processor time a scan is within a budget, the best first.
+
+    Best is the best median of the metric over all runs, failed ones among them; the others are compared with it in
+    pairs, since medians that differ by less than their seeds do say little.
+
+    Raises:
+        ConfigError: the budget is no time, or there are several metrics.
+        InputError: times were not measured, or no configuration is within the budget; the cheapest is named.
+    """
+    from moteslam.eval.populations import populations
+    from moteslam.eval.statistics import Summary, compare
+    from moteslam.eval.sweep.tables import better
+    from moteslam.robot.wording import interval
+
+    given = BUDGET.fullmatch(budget.strip())
+    if given is None or not float(given[1]) > 0:
+        raise ConfigError(f"{budget!r}, expected a time above 0 a scan, such as 10ms", field="--budget")
     if len(metrics) > 1:
         raise ConfigError("more than one with --budget, expected what the best is chosen by", field="--metric")
-    try:
-        choices = affordable(populations([file]), budget, metrics[0])
-    except InputError as error:
-        raise InputError(error.problem, file=file, field=error.field) from error
+    (metric,), limit = metrics, float(given[1]) * MILLISECONDS[given[2]]
+    found = {each.name: each for each in populations([file])}
+    costs = {name: Summary.of([v for v in each.values(COST).values() if v is not None]) for name, each in found.items()}
+    known = {name: cost.median for name, cost in costs.items() if cost.median is not None}
+    if not known:
+        raise InputError("without times, expected a sweep that was made with --time", file=file, field=COST)
+    values = {name: found[name].values(metric) for name, cost in known.items() if cost <= limit}
+    if not values:
+        name = min(known, key=known.__getitem__)
+        problem = f"nothing costs {limit:g} ms a scan or less; the cheapest is {name}, {known[name]:.3g} ms"
+        raise InputError(problem, file=file, field=COST)
+    sign = 1.0 if better(metric) == "lower" else -1.0
+    summaries = {}
+    for name, of_runs in values.items():
+        there = [value for value in of_runs.values() if value is not None]
+        summaries[name] = Summary.of(there, len(of_runs) - len(there), better=better(metric))
+    medians = {name: one.median for name, one in summaries.items()}
+    ordered = sorted(values, key=lambda name: inf if (median := medians[name]) is None else sign * median)
+    best = ordered[0]
+    against = {name: compare(values[name], values[best], better=better(metric)) for name in ordered[1:]}
     if form == "json":
         say_json(
             [
                 {
-                    "configuration": each.name,
-                    "cpu_per_scan_ms": each.cost,
-                    metrics[0]: each.value.as_dict(),
-                    "best_against_it": None if each.against is None else each.against.as_dict(),
+                    "configuration": name,
+                    "cpu_per_scan_ms": known[name],
+                    metric: summaries[name].as_dict(),
+                    "best_against_it": None if name == best else against[name].as_dict(),
                 }
-                for each in choices
+                for name in ordered
             ]
         )
         return
-    rows = [("configuration", "ms a scan", metrics[0], "95 %", "the best beats it in")]
-    for each in choices:
-        beaten = "" if each.against is None else f"{each.against.wins} of {each.against.pairs}, p {each.against.p:.2g}"
-        within = interval(_number(each.value.low), _number(each.value.high))
-        rows.append((each.name, f"{each.cost:.3g}", _number(each.value.median), within, beaten))
+    rows = [("configuration", "ms a scan", metric, "95 %", "the best beats it in")]
+    for name in ordered:
+        one = summaries[name]
+        beaten = "" if name == best else f"{(a := against[name]).wins} of {a.pairs}, p {a.p:.2g}"
+        within = interval(_number(one.low), _number(one.high))
+        rows.append((name, f"{known[name]:.3g}", _number(one.median), within, beaten))
     say_table(rows, form, right=(1,))
-
-
-def say_differences(
-    found: Sequence[Difference], files: tuple[Path, Path], common: int, alone: int, *, as_json: bool
-) -> None:
-    """Where two sweeps differ: how many runs both have, and how many one of the two alone."""
-    from moteslam.robot.wording import counted
-
-    if as_json:
-        say_json({"runs": common, "in_one_alone": alone, "differences": [asdict(each) for each in found]})
-        return
-    if found:
-        rows: list[tuple[str, ...]] = [("run", "column", *map(literal, files))]
-        rows += [tuple(map(literal, (each.run, each.column, each.first, each.second))) for each in found[:MOST_SHOWN]]
-        say(table(rows))
-    if len(found) > MOST_SHOWN:
-        say(f"... and {len(found) - MOST_SHOWN} more: --json has all")
-    more = f", {alone} in one of the two alone" if alone else ""
-    say(f"{counted(len(found), 'difference')} in {counted(common, 'run')}{more}")
-
-
-def _as_dict(group: GroupSummary) -> dict[str, Any]:
-    return {
-        "group": group.about,
-        "runs": group.runs,
-        "success": group.success.as_dict(),
-        "metrics": {name: summary.as_dict() for name, summary in group.values.items()},
-    }
-
-
-def _rows(groups: list[GroupSummary], names: list[str]) -> tuple[list[list[str]], int]:
-    """The table for people, and how many of its columns are words."""
-    from moteslam.eval.sweep.tables import varying
-    from moteslam.robot.wording import interval
-
-    about = varying(groups)
-    head = [*about, "runs", "success"]
-    for name in names:
-        head += [with_unit(name), "95 %", "quartiles"]
-    rows = [head]
-    for group in groups:
-        row = [str(group.about.get(key, "")) for key in about]
-        row += [str(group.runs), f"{group.success.count} ({_share(group.success.interval)})"]
-        for name in names:
-            summary = group.values[name]
-            row += [
-                _number(summary.median),
-                interval(_number(summary.low), _number(summary.high)),
-                interval(_number(summary.low_quartile), _number(summary.high_quartile)),
-            ]
-        rows.append(row)
-    return rows, len(about)
 
 
 def with_unit(name: str) -> str:
@@ -188,24 +189,5 @@ def with_unit(name: str) -> str:
     return f"{name} [{unit}]" if unit else name
 
 
-def _numbers(groups: list[GroupSummary], names: list[str]) -> tuple[list[list[str]], int]:
-    """The table for programs: a column a number, with all digits, empty where there is none, ``inf`` for failures."""
-    from moteslam.eval.sweep.tables import varying
-
-    about = varying(groups)
-    parts = ("median", "low", "high", "low_quartile", "high_quartile")
-    rows = [[*about, "runs", "success", *(f"{name}.{part}" for name in names for part in parts)]]
-    for group in groups:
-        numbers = [getattr(group.values[name], part) for name in names for part in parts]
-        row = [str(group.about.get(key, "")) for key in about]
-        row += [str(group.runs), str(group.success.count)]
-        rows.append(row + ["" if number is None else repr(number) for number in numbers])
-    return rows, len(about)
-
-
-def _share(interval: tuple[float, float]) -> str:
-    return f"{100 * interval[0]:.0f} to {100 * interval[1]:.0f} %"
-
-
 def _number(value: float | None) -> str:
-    return "-" if value is None else "failed" if abs(value) == float("inf") else f"{value:.4g}"
+    return "-" if value is None else "failed" if isinf(value) else f"{value:.4g}"

@@ -1,15 +1,17 @@
-"""What the command line says: results on stdout, the rest on stderr, and names of files exactly as they are."""
+"""What the command line says: results on stdout, notes and progress on stderr, names of files exactly as they are."""
 
 from __future__ import annotations
 
 import io
 import json
 import sys
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from math import isfinite
 from typing import TYPE_CHECKING, Any
 
 from moteslam.errors import OutputError
+from moteslam.eval.cli.interrupt import check_interrupt
 from moteslam.eval.literal import literal
 
 if TYPE_CHECKING:
@@ -94,12 +96,57 @@ def say_table(rows: Sequence[Sequence[str]], form: str = "text", *, right: Seque
     say(table(rows, right=right) if form == "text" else FORMATS[form](rows, right=right))
 
 
+@contextmanager
+def progress_bar(what: str, total: float, unit: str = "") -> Iterator[Callable[[float], None]]:
+    """A bar with rate and remaining time, if stderr is a terminal; what is yielded is called with how much is done.
+
+    Args:
+        what: is being done.
+        total: how much there is to do.
+        unit: of the total, ``scans``; empty shows a percentage alone.
+    """
+    if not sys.stderr.isatty():
+        yield lambda _done: check_interrupt()
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, ProgressColumn, Task, TextColumn, TimeRemainingColumn
+    from rich.text import Text
+
+    class Rate(ProgressColumn):
+        def render(self, task: Task) -> Text:
+            speed = task.finished_speed or task.speed
+            return Text("" if speed is None or not unit else f"{speed:.0f} {unit}/s")
+
+    columns = (
+        TextColumn("{task.description}", markup=False),
+        BarColumn(),
+        TextColumn("{task.percentage:>3.0f}%"),
+        Rate(),
+        TimeRemainingColumn(),
+    )
+    with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
+        task = progress.add_task(what, total=total)
+
+        def update(done: float) -> None:
+            check_interrupt()
+            progress.update(task, completed=done)
+
+        yield update
+
+
+@contextmanager
+def simulation_bar() -> Iterator[Callable[[str, float], None]]:
+    """A bar for a simulation's progress: first the drive, then the lidar."""
+    with progress_bar("simulation", 2.0) as update:
+        yield lambda what, share: update(share + (1.0 if what == "lidar" else 0.0))
+
+
 def _plain(value: Any) -> Any:
     """The value with strings that JSON readers accept and without infinities."""
     if isinstance(value, dict):
         return {str(key): _plain(item) for key, item in value.items()}
-    if isinstance(value, (list, tuple)):
+    if isinstance(value, list | tuple):
         return [_plain(item) for item in value]
-    if isinstance(value, float) and not abs(value) < float("inf"):
+    if isinstance(value, float) and not isfinite(value):
         return None
     return value

@@ -1,4 +1,4 @@
-"""Which pose of one trajectory belongs to which of another: by the nearest stamp, or by interpolation."""
+"""Which pose belongs to which: of two trajectories, or of a trajectory and the scans of its recording."""
 
 from __future__ import annotations
 
@@ -11,17 +11,20 @@ from numpy.typing import NDArray
 from moteslam.errors import InputError
 from moteslam.eval.metrics.space import in_space, space_at, spatial
 from moteslam.robot import se2
+from moteslam.robot.recording import LidarStream, Recording
 from moteslam.robot.se2 import Poses
 from moteslam.robot.stamps import nearest_stamp
 from moteslam.robot.summary import Summarised
 from moteslam.robot.trajectory import Space, Trajectory
-from moteslam.robot.wording import expect_type
+from moteslam.robot.wording import counted, expect_type
+from moteslam.slam.inputs.synchronise import require_lidar
+
+Array = NDArray[np.float64]
 
 MAX_DIFFERENCE = 0.01
 """Stamps further apart than this [s] do not belong together, as evo has it."""
-
 MAX_GAP = 1.0
-"""Nothing is interpolated where its poses are further apart than this [s]."""
+"""Poses further apart than this [s] are not interpolated between."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -32,10 +35,10 @@ class Matched(Summarised):
         stamps: [n] of the estimate, or of the reference where the estimate is interpolated [s].
         estimate, reference: [n, 3] poses.
         oriented: whether both have headings.
-        space: the same poses in space, where they must be compared there; else None.
+        space: the same poses in space, where they must be compared there.
     """
 
-    stamps: NDArray[np.float64]
+    stamps: Array
     estimate: Poses
     reference: Poses
     oriented: bool = True
@@ -55,18 +58,17 @@ def match(
     """Pair the poses of two trajectories.
 
     By nearest stamp, each pose of the shorter trajectory takes the pose of the longer one nearest in time, at most
-    ``max_difference`` away (evo's rule, so that the scores agree). Interpolated, the one is evaluated at the stamps of
-    the other, wherever two of its poses at most ``MAX_GAP`` apart enclose the stamp or one lies within
-    ``max_difference``: a simulator's truth is dense, and snapping to its poses would cost a few millimetres.
+    ``max_difference`` away (evo's rule). Interpolated, the one is evaluated at the stamps of the other, wherever two of
+    its poses at most ``MAX_GAP`` apart enclose the stamp or one lies within ``max_difference``.
 
     Args:
         estimate, reference: in rising order of stamps.
         max_difference: between stamps that belong together [s].
-        interpolate: the reference (True) or nothing (False); None interpolates the one that has more poses where both
-            are, and nothing where they have the same stamps or as many.
+        interpolate: the reference (True) or neither (False); by default the one with more poses, and neither where
+            they have as many, most of them at the same stamps.
 
     Raises:
-        InputError: a trajectory is empty, or not one pose has a partner.
+        InputError: a trajectory is empty, or no pose has a partner.
     """
     expect_type(estimate, Trajectory, "estimate", "read_trajectory(path) reads one")
     expect_type(reference, Trajectory, "reference", "read_trajectory(path) reads one")
@@ -97,7 +99,7 @@ def match(
 
 
 def _denser(estimate: Trajectory, reference: Trajectory, max_difference: float) -> Trajectory | None:
-    """The one with more poses where both are, or in all; None where they are as many, most of them at the same time."""
+    """The one with more poses where both have some, or in all; see ``match``."""
     begin = max(estimate.stamps[0], reference.stamps[0]) - max_difference
     end = min(estimate.stamps[-1], reference.stamps[-1]) + max_difference
     counts = [
@@ -108,36 +110,31 @@ def _denser(estimate: Trajectory, reference: Trajectory, max_difference: float) 
     return None if 2 * len(within(estimate.stamps, reference.stamps, max_difference)[0]) >= counts[0][0] else reference
 
 
-def _at(
-    trajectory: Trajectory, stamps: NDArray[np.float64], index: NDArray[Any] | None, space: bool
-) -> tuple[Poses, Space | None]:
-    """Some of the poses of a trajectory, or those at other stamps where no index is given; in space, too, if wanted."""
+def _at(trajectory: Trajectory, stamps: Array, index: NDArray[Any] | None, space: bool) -> tuple[Poses, Space | None]:
+    """The poses of an index, or interpolated at the stamps where it is None."""
     if index is not None:
         return trajectory.poses[index], spatial(trajectory)[index] if space else None
     poses = se2.interpolate(trajectory.stamps, trajectory.poses, stamps)
     return poses, space_at(trajectory, stamps) if space else None
 
 
-def within(
-    wanted: NDArray[np.float64], among: NDArray[np.float64], max_difference: float
-) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """For each stamp [n] the nearest among others [m, rising], where one lies within ``max_difference`` [s].
+def within(stamps: Array, among: Array, max_difference: float) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Indices [k] of stamps [n] and of the nearest to each among others [m, rising] within ``max_difference`` [s].
 
     Of two equally near the earlier is taken, and of equal stamps the last, as evo does.
-
-    Returns:
-        indices into ``wanted`` and into ``among``, both [k].
     """
-    nearest = nearest_stamp(among, wanted, side="right")
-    found = np.flatnonzero(np.abs(among[nearest] - wanted) <= max_difference)
+    nearest = nearest_stamp(among, stamps, side="right")
+    found = np.flatnonzero(np.abs(among[nearest] - stamps) <= max_difference)
     return found, nearest[found]
 
 
-def covered(stamps: NDArray[np.float64], reference: NDArray[np.float64], max_difference: float) -> NDArray[np.bool_]:
+def covered(stamps: Array, reference: Array, max_difference: float = MAX_DIFFERENCE) -> NDArray[np.bool_]:
     """Which stamps [n] a reference [m] can be interpolated at.
 
     Those that two of its stamps at most ``MAX_GAP`` apart enclose, and those within ``max_difference`` of one [s].
     """
+    if not len(reference):
+        return np.zeros(len(stamps), np.bool_)
     after = np.searchsorted(reference, stamps, side="left")
     last = len(reference) - 1
     upper, lower = reference[np.minimum(after, last)], reference[np.maximum(after - 1, 0)]
@@ -146,6 +143,61 @@ def covered(stamps: NDArray[np.float64], reference: NDArray[np.float64], max_dif
     return np.asarray(enclosed | near)
 
 
-def from_to(stamps: NDArray[np.float64]) -> str:
-    """The first and the last of stamps [n], at least one, in words: ``0.000 to 60.000 s``."""
+def from_to(stamps: Array) -> str:
+    """The first and the last of stamps [n] in words: ``0.000 to 60.000 s``."""
     return f"{stamps[0]:.3f} to {stamps[-1]:.3f} s"
+
+
+def placed_scans(recording: Recording, trajectory: Trajectory) -> tuple[LidarStream, NDArray[np.intp], Poses]:
+    """The lidar of a recording, the indices [k] of its scans that have a pose, and the poses [k, 3].
+
+    Raises:
+        InputError: something of another type, no scans, poses that are not finite, or fewer than two scans with one.
+    """
+    expect_type(recording, Recording, "recording", "open_recording(path) reads one")
+    expect_type(trajectory, Trajectory, "trajectory", "read_trajectory(path) reads one")
+    lidar = require_lidar(recording)
+    if not np.isfinite(trajectory.poses).all():
+        raise InputError("poses that are not finite, expected x, y and theta", field="trajectory")
+    return lidar, *poses_of_scans(lidar.stamps, trajectory)
+
+
+def poses_of_scans(stamps: Array, trajectory: Trajectory) -> tuple[NDArray[np.intp], Poses]:
+    """The scans that have a pose: their indices [k] among the stamps [n] of all, and the poses [k, 3].
+
+    Where the trajectory has a pose for every scan, in order, these are taken; else poses are interpolated at the scans'
+    stamps: if it has more poses than there are scans wherever it covers them, if not at the scans within
+    ``MAX_DIFFERENCE`` of a pose.
+
+    Raises:
+        InputError: a trajectory without poses, or fewer than two scans with one.
+    """
+    if not len(trajectory):
+        raise InputError("a trajectory without poses, expected one for every scan", field="trajectory")
+    times = trajectory.stamps
+    if len(times) == len(stamps) and np.abs(times - stamps).max() <= MAX_DIFFERENCE:
+        return np.arange(len(stamps)), trajectory.poses  # scans that share a stamp keep a pose of their own
+    if len(times) > len(stamps):
+        index = np.flatnonzero(covered(stamps, times))
+    else:
+        index, _ = within(stamps, times, MAX_DIFFERENCE)
+    if len(index) < 2:
+        raise InputError(
+            f"poses at {len(index)} of {counted(len(stamps), 'scan')}, expected at two or more: the scans cover "
+            f"{from_to(stamps)}, the trajectory {from_to(times)}",
+            field="trajectory",
+        )
+    return index, se2.interpolate(times, trajectory.poses, stamps[index])
+
+
+def travelled(poses: Poses) -> tuple[Array, Array]:
+    """The path [m] and the turns, left or right, [rad] up to each of the poses [n, 3], both [n]."""
+    x, y, turns = np.diff(poses, axis=0).T
+    steps = np.stack((np.hypot(x, y), np.abs(se2.wrap(turns))))
+    path, turned = np.concatenate((np.zeros((2, 1)), np.cumsum(steps, axis=1)), axis=1)
+    return path, turned
+
+
+def evenly(some: NDArray[np.intp], most: int) -> NDArray[np.intp]:
+    """Those [n], or ``most`` of them where there are more: evenly spread, the first and the last among them."""
+    return some if len(some) <= most else some[np.linspace(0, len(some) - 1, most).round().astype(np.intp)]

@@ -1,104 +1,107 @@
-"""Absolute trajectory error: how far the estimate is from the reference once both are laid on each other."""
+"""Absolute trajectory error: how far the estimate is from the reference once it is laid on it."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.errors import InputError
-from moteslam.eval.metrics.association import MAX_DIFFERENCE, Matched, match
+from moteslam.eval.metrics.association import MAX_DIFFERENCE, Matched, covered, from_to, match
 from moteslam.eval.metrics.space import angles, laid, planar, upright
-from moteslam.eval.metrics.statistics import Statistics
+from moteslam.eval.statistics import Statistics
+from moteslam.robot import se2
 from moteslam.robot.alignment import umeyama, umeyama_scale
+from moteslam.robot.positions import Positions
 from moteslam.robot.se2 import IDENTITY, Poses, compose, inverse, wrap
 from moteslam.robot.summary import Summarised
 from moteslam.robot.trajectory import Space, Trajectory
-from moteslam.robot.wording import counted
+from moteslam.robot.wording import counted, expect_type
 
 STANDING = 0.01
 """A reference whose positions are within this root mean square distance of their mean [m] stands still."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class AteResult(Summarised):
-    """The absolute trajectory error.
+class PoseErrors(Summarised):
+    """Errors of poses, and their statistics.
 
     Attributes:
-        stamps: [n] of the poses compared [s].
-        errors: [n] distance to the reference [m].
-        rotation_errors: [n] absolute difference of heading [rad]; None where one of the two has none.
-        aligned: [n, 3] the estimate's poses, laid on the reference.
-        reference: [n, 3] the poses they are compared with.
-        transform: [3] what laid them there, a pose of the estimate's frame in the reference's.
-        scale: that the estimate was multiplied by before; 1 unless it was asked for.
-        translation: statistics of ``errors`` [m].
-        rotation: statistics of ``rotation_errors`` [rad], or None.
-        motion: of trajectories that are compared in space, the rotation [3, 3] and translation [3] that laid the
-            estimate on the reference; poses are then those in the plane of motion. Else None.
+        stamps: [n] of the poses [s]; [n, 2] of pairs of poses.
+        errors: [n] of the position [m].
+        rotation_errors: [n] of the rotation [rad], from 0; None where one of the two trajectories has none.
     """
 
     stamps: NDArray[np.float64]
     errors: NDArray[np.float64]
     rotation_errors: NDArray[np.float64] | None
-    aligned: Poses
-    reference: Poses
-    transform: Poses
-    scale: float
-    translation: Statistics
-    rotation: Statistics | None
-    motion: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None
+
+    @cached_property
+    def translation(self) -> Statistics:
+        """Statistics of ``errors`` [m]."""
+        return Statistics.of(self.errors)
+
+    @cached_property
+    def rotation(self) -> Statistics | None:
+        """Statistics of ``rotation_errors`` [rad]."""
+        return None if self.rotation_errors is None else Statistics.of(self.rotation_errors)
+
+    @cached_property
+    def rotation_deg(self) -> Statistics | None:
+        """Statistics of ``rotation_errors`` [deg]."""
+        return None if self.rotation_errors is None else Statistics.of(np.rad2deg(self.rotation_errors))
 
     @property
     def rmse(self) -> float:
-        """Root mean square distance [m]."""
+        """Root mean square error of the position [m]."""
         return self.translation.rmse
 
     @property
-    def mean(self) -> float:
-        """Mean distance [m]."""
-        return self.translation.mean
-
-    @property
-    def median(self) -> float:
-        """Median distance [m]."""
-        return self.translation.median
-
-    @property
-    def std(self) -> float:
-        """Standard deviation of the distance [m]."""
-        return self.translation.std
-
-    @property
-    def max(self) -> float:
-        """Largest distance [m]."""
-        return self.translation.max
-
-    @property
-    def min(self) -> float:
-        """Smallest distance [m]."""
-        return self.translation.min
-
-    @property
     def pairs(self) -> int:
-        """How many poses were compared."""
+        """How many were compared."""
         return self.translation.count
 
     def as_dict(self) -> dict[str, Any]:
-        """The statistics as they go into ``metrics.json``: metres, and degrees for the rotation."""
-        turns = self.rotation_errors
+        """The statistics, fit for JSON."""
+        turns = self.rotation_deg
         return {
             "translation_m": self.translation.as_dict(),
-            "rotation_deg": None if turns is None else Statistics.of(np.rad2deg(turns)).as_dict(),
-            "transform": self.transform.tolist(),
-            "scale": self.scale,
+            "rotation_deg": None if turns is None else turns.as_dict(),
         }
 
     def _summary(self) -> str:
         turn = "" if self.rotation is None else f" and {np.rad2deg(self.rotation.rmse):.2f} deg"
-        return f"{counted(self.pairs, 'pose')}, RMSE {self.rmse:.3f} m{turn}"
+        return f"RMSE {self.rmse:.3f} m{turn}"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class AteResult(PoseErrors):
+    """The absolute trajectory error: distances to the reference, and differences of heading.
+
+    Attributes:
+        aligned: [n, 3] the estimate's poses, laid on the reference.
+        reference: [n, 3] the poses they are compared with.
+        transform: [3] what laid them there, a pose of the estimate's frame in the reference's.
+        scale: that the estimate was multiplied by before; 1 unless it was asked for.
+        motion: of trajectories that are compared in space, the rotation [3, 3] and translation [3] that laid the
+            estimate on the reference; poses are then those in the plane of motion.
+    """
+
+    aligned: Poses
+    reference: Poses
+    transform: Poses
+    scale: float
+    motion: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None
+
+    def as_dict(self) -> dict[str, Any]:
+        """The statistics, fit for JSON."""
+        return {**super().as_dict(), "transform": self.transform.tolist(), "scale": self.scale}
+
+    def _summary(self) -> str:
+        return f"{counted(self.pairs, 'pose')}, {super()._summary()}"
 
 
 def absolute_trajectory_error(
@@ -115,15 +118,13 @@ def absolute_trajectory_error(
 
     Args:
         estimate, reference: the trajectories; equal stamps are distinct poses.
-        align: lay the estimate on the reference first, by the rigid motion of least squares; a SLAM starts at its
-            own origin, so that without it the error says where that origin is. Where the reference stands still
-            (``STANDING``) its positions leave the rotation open: there it is the mean difference of the headings.
-        from_start: lay only the first poses on each other, in place of that: what errors at the start do to the end.
-        scale: with the alignment, multiply the estimate by the scale of least squares: what is left where the lidar's
-            or the wheels' scale is off.
+        align: lay the estimate on the reference first, by the rigid motion of least squares. Where the reference
+            stands still (``STANDING``) its positions leave the rotation open: there it is the mean difference of the
+            headings.
+        from_start: lay only the first poses on each other, in place of that.
+        scale: with the alignment, multiply the estimate by the scale of least squares.
         max_difference: between stamps that belong together [s].
-        interpolate: evaluate the reference at the estimate's stamps rather than take its nearest pose; None does
-            so where the reference has more poses than the estimate, as a simulator's truth has.
+        interpolate: evaluate the reference at the estimate's stamps rather than take its nearest pose; see ``match``.
 
     Raises:
         InputError: no poses, or no stamps in common; or a scale from the start alone.
@@ -133,29 +134,70 @@ def absolute_trajectory_error(
     matched = match(estimate, reference, max_difference=max_difference, interpolate=interpolate)
     if matched.space is not None:
         return _in_space(matched, align=align, from_start=from_start, scale=scale)
-    estimated, factor = matched.estimate, 1.0
-    if align and scale:
-        factor = umeyama_scale(estimated[:, :2], matched.reference[:, :2])
-        estimated = estimated * (factor, factor, 1.0)
+    return _in_plane(matched, align=align, from_start=from_start, scale=scale)
+
+
+def position_error(
+    estimate: Trajectory,
+    positions: Positions,
+    *,
+    mount: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    align: bool = True,
+    scale: bool = False,
+    max_difference: float = MAX_DIFFERENCE,
+) -> AteResult:
+    """The absolute trajectory error of a point of the robot against its measured positions, without headings.
+
+    The estimate is interpolated at the stamps of the positions.
+
+    Args:
+        estimate: poses of the robot.
+        positions: measured, of a point that stands on it.
+        mount: pose of that point in the robot's frame, as a lidar's [m, rad].
+        align, scale: as of ``absolute_trajectory_error``.
+        max_difference: a position before or after the estimate by no more than this belongs to its end [s].
+
+    Raises:
+        InputError: no poses or positions, or none of them between two poses at most a second apart.
+    """
+    expect_type(estimate, Trajectory, "estimate", "read_tum(path) reads one")
+    expect_type(positions, Positions, "positions", "read_positions(path) reads some")
+    if not len(estimate) or not len(positions):
+        raise InputError("no poses or no positions, expected at least one of each")
+    keep = covered(positions.stamps, estimate.stamps, max_difference)
+    if not keep.any():
+        raise InputError(
+            f"no stamps in common: the estimate covers {from_to(estimate.stamps)}, the positions "
+            f"{from_to(positions.stamps)}, expected positions between its poses"
+        )
+    stamps, measured = positions.stamps[keep], np.column_stack((positions.points[keep], np.zeros(keep.sum())))
+    points = np.asarray(compose(se2.interpolate(estimate.stamps, estimate.poses, stamps), mount))
+    return _in_plane(Matched(stamps, points, measured, oriented=False), align=align, from_start=False, scale=scale)
+
+
+def _in_plane(matched: Matched, *, align: bool, from_start: bool, scale: bool) -> AteResult:
+    estimated, reference = matched.estimate, matched.reference
+    factor = umeyama_scale(estimated[:, :2], reference[:, :2]) if align and scale else 1.0
+    estimated = estimated * (factor, factor, 1.0)
     transform = IDENTITY
     if from_start:
-        transform = compose(matched.reference[0], inverse(estimated[0]))
+        transform = compose(reference[0], inverse(estimated[0]))
     elif align:
-        transform = _laid(estimated, matched.reference)
+        transform = _laid(estimated, reference)
     aligned = compose(transform, estimated)
-    errors = np.hypot(*(aligned[:, :2] - matched.reference[:, :2]).T)
-    rotation_errors = np.abs(wrap(aligned[:, 2] - matched.reference[:, 2])) if matched.oriented else None
-    return AteResult(
-        stamps=matched.stamps,
-        errors=errors,
-        rotation_errors=rotation_errors,
-        aligned=aligned,
-        reference=matched.reference,
-        transform=np.array(transform),
-        scale=factor,
-        translation=Statistics.of(errors),
-        rotation=None if rotation_errors is None else Statistics.of(rotation_errors),
-    )
+    errors = np.hypot(*(aligned[:, :2] - reference[:, :2]).T)
+    turns = np.abs(wrap(aligned[:, 2] - reference[:, 2])) if matched.oriented else None
+    return AteResult(matched.stamps, errors, turns, aligned, reference, np.array(transform), factor)
+
+
+def _laid(estimate: Poses, reference: Poses) -> Poses:
+    """The pose [3] that lays poses [n, 3] on those of a reference [n, 3]: see ``absolute_trajectory_error``."""
+    goal = reference[:, :2].mean(axis=0)
+    if np.square(reference[:, :2] - goal).sum(axis=1).mean() >= STANDING**2:
+        return umeyama(estimate[:, :2], reference[:, :2])
+    turns = reference[:, 2] - estimate[:, 2]
+    turn = float(np.arctan2(np.sin(turns).mean(), np.cos(turns).mean()))
+    return compose((*goal, turn), (*-estimate[:, :2].mean(axis=0), 0.0))
 
 
 def _in_space(matched: Matched, *, align: bool, from_start: bool, scale: bool) -> AteResult:
@@ -176,26 +218,8 @@ def _in_space(matched: Matched, *, align: bool, from_start: bool, scale: bool) -
     errors = np.linalg.norm(laid_on.positions - true.positions, axis=1)
     turns = angles(np.swapaxes(true.rotations, 1, 2) @ laid_on.rotations) if matched.oriented else None
     turn = upright(true.positions)
+    aligned, reference = (planar(space, turn, true.rotations[0]) for space in (laid_on, true))
     heading = float(np.arctan2(rotation[1, 0] - rotation[0, 1], rotation[0, 0] + rotation[1, 1]))
-    return AteResult(
-        stamps=matched.stamps,
-        errors=errors,
-        rotation_errors=turns,
-        aligned=planar(laid_on, turn, true.rotations[0]),
-        reference=planar(true, turn, true.rotations[0]),
-        transform=np.array((translation[0], translation[1], heading)),
-        scale=factor,
-        translation=Statistics.of(errors),
-        rotation=None if turns is None else Statistics.of(turns),
-        motion=(rotation, translation),
-    )
-
-
-def _laid(estimate: Poses, reference: Poses) -> Poses:
-    """The pose [3] that lays poses [n, 3] on those of a reference [n, 3]: see ``absolute_trajectory_error``."""
-    goal = reference[:, :2].mean(axis=0)
-    if np.square(reference[:, :2] - goal).sum(axis=1).mean() >= STANDING**2:
-        return umeyama(estimate[:, :2], reference[:, :2])
-    turns = reference[:, 2] - estimate[:, 2]
-    turn = float(np.arctan2(np.sin(turns).mean(), np.cos(turns).mean()))
-    return compose((*goal, turn), (*-estimate[:, :2].mean(axis=0), 0.0))
+    transform = np.array((translation[0], translation[1], heading))
+    motion = (rotation, translation)
+    return AteResult(matched.stamps, errors, turns, aligned, reference, transform, factor, motion)

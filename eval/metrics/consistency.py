@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.errors import InputError
-from moteslam.eval.metrics.association import MAX_DIFFERENCE, covered
+from moteslam.eval.metrics.association import covered
+from moteslam.eval.statistics import CONFIDENCE
 from moteslam.robot import se2
 from moteslam.robot.summary import Summarised
 from moteslam.robot.trajectory import Trajectory
@@ -18,7 +18,6 @@ from moteslam.robot.wording import counted, expect_type
 Array = NDArray[np.float64]
 
 DEGREES_OF_FREEDOM = 3
-CONFIDENCE = 0.95
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -52,28 +51,17 @@ class NeesResult(Summarised):
         """Where the mean of a consistent filter lies in 95 of 100 runs."""
         return nees_interval(self.effective)
 
-    def as_dict(self) -> dict[str, Any]:
-        """The same as plain values, fit for JSON."""
-        low, high = self.interval
-        return {
-            "poses": len(self.nees),
-            "mean": self.mean,
-            "end": self.end,
-            "effective": self.effective,
-            "interval_95": [low, high],
-        }
-
     def _summary(self) -> str:
         low, high = self.interval
         return f"{counted(len(self.nees), 'pose')}, NEES {self.mean:.2f}, expected {low:.2f} to {high:.2f}"
 
 
-def nees_interval(count: float, confidence: float = CONFIDENCE) -> tuple[float, float]:
-    """Where the mean NEES of ``count`` independent poses of a consistent filter lies (Bar-Shalom, Li and Kirubarajan
-    2001, section 5.4): quantiles of chi^2 with 3 degrees of freedom each, divided by their number.
+def nees_interval(count: float) -> tuple[float, float]:
+    """Where the mean NEES of ``count`` independent poses of a consistent filter lies in 95 of 100 runs (Bar-Shalom, Li
+    and Kirubarajan 2001, section 5.4): quantiles of chi^2 with 3 degrees of freedom each, divided by their number.
     """
     degrees = DEGREES_OF_FREEDOM * count
-    low, high = (_chi2_quantile((1 + sign * confidence) / 2, degrees) for sign in (-1, 1))
+    low, high = (_chi2_quantile((1 + sign * CONFIDENCE) / 2, degrees) for sign in (-1, 1))
     return low / count, high / count
 
 
@@ -82,7 +70,7 @@ def nees_from_start(trajectory: Trajectory, covariances: Array, truth: Trajector
 
     Estimate and truth are laid on each other at the first pose that the truth covers, whose covariance is taken as the
     origin's; no later pose is used for the alignment, as it would hide what drifts. Poses before the covariances have
-    rank three, as at the start, are left out.
+    rank three are left out.
 
     Args:
         trajectory: [n] poses.
@@ -90,15 +78,15 @@ def nees_from_start(trajectory: Trajectory, covariances: Array, truth: Trajector
         truth: on their clock.
 
     Raises:
-        InputError: arrays that do not fit together, a covariance that is not positive semi-definite; or, of the field
-            ``truth``, fewer than two poses that it covers with a covariance of rank three.
+        InputError: of the field ``covariances``: another shape, one that is not positive semi-definite, or none of rank
+            three; of ``truth``: fewer than two poses that it covers.
     """
     expect_type(trajectory, Trajectory, "trajectory")
     expect_type(truth, Trajectory, "truth", "read_trajectory(path) reads one")
     covariances = np.asarray(covariances, np.float64)
     if covariances.shape != (len(trajectory), 3, 3):
         raise InputError(f"{list(covariances.shape)}, expected one of each of {len(trajectory)}", field="covariances")
-    there = np.flatnonzero(covered(trajectory.stamps, truth.stamps, MAX_DIFFERENCE)) if len(truth) else np.arange(0)
+    there = np.flatnonzero(covered(trajectory.stamps, truth.stamps))
     if len(there) < 2:
         raise InputError(f"it covers {counted(len(there), 'pose')}, expected two or more", field="truth")
     stamps, given = trajectory.stamps[there], covariances[there]
@@ -113,15 +101,19 @@ def nees_from_start(trajectory: Trajectory, covariances: Array, truth: Trajector
     if not ranked.any():
         raise InputError("no covariance of rank three", field="covariances")
     errors, given = np.asarray(errors)[ranked], given[ranked]
-    nees = np.einsum("ni,ni->n", errors, np.linalg.solve(given, errors[..., None])[..., 0])
-    return NeesResult(stamps[ranked], errors, nees, _effective(given))
+    return NeesResult(stamps[ranked], errors, squared_errors(errors, given), _effective(given))
+
+
+def squared_errors(errors: Array, covariances: Array) -> Array:
+    """e^T C^-1 e [n] of errors [n, 3] and their covariances [n, 3, 3]."""
+    return np.asarray(np.einsum("ni,ni->n", errors, np.linalg.solve(covariances, errors[..., None])[..., 0]))
 
 
 def _effective(covariances: Array) -> float:
     """How many independent values the NEES of poses with covariances [n, 3, 3] are worth, at least 1.
 
-    What is off stays off: of two poses the later error contains the earlier one, so that they correlate by the root of
-    the ratio of their variances, and their squares by that ratio. Taken by the cube root of the determinants.
+    Of two poses the later error contains the earlier one, so that they correlate by the root of the ratio of their
+    variances, and their squares by that ratio. Taken by the cube root of the determinants.
     """
     variances = np.sort(np.exp(np.linalg.slogdet(covariances)[1] / DEGREES_OF_FREEDOM))
     n, before = len(variances), np.cumsum(variances) - variances
@@ -129,7 +121,7 @@ def _effective(covariances: Array) -> float:
 
 
 def share_within_spread(errors: Array, deviations: Array) -> float:
-    """How often the truth lies in the spread of the particles: within the 95 % ellipsoid of their deviations.
+    """How often the truth lies within the 95 % ellipsoid of the particles.
 
     Args:
         errors: [u, 3] of the poses, along and across the heading [m] and of the heading [rad].

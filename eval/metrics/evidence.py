@@ -11,18 +11,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.errors import InputError
-from moteslam.eval.metrics.association import MAX_DIFFERENCE, covered
+from moteslam.eval.metrics.association import covered, evenly
 from moteslam.eval.metrics.ate import AteResult, absolute_trajectory_error
 from moteslam.eval.metrics.consistency import NeesResult, nees_from_start
-from moteslam.eval.metrics.drift import DriftResult, ReturnResult, drift, loop_closing_error
 from moteslam.eval.metrics.localisation import LocalisationResult, score_localisation
 from moteslam.eval.metrics.loops import LoopResult, score_loops
 from moteslam.eval.metrics.map_accuracy import MapAccuracy, map_accuracy
 from moteslam.eval.metrics.map_consistency import MapConsistency, map_consistency
 from moteslam.eval.metrics.relations import RelationResult, Relations, evaluate_relations
 from moteslam.eval.metrics.residuals import ResidualResult, scan_residuals
-from moteslam.eval.metrics.rpe import RpeResult, Unit, relative_pose_error
-from moteslam.eval.metrics.scan_poses import evenly
+from moteslam.eval.metrics.rpe import (
+    DriftResult,
+    ReturnResult,
+    RpeResult,
+    Unit,
+    drift,
+    loop_closing_error,
+    relative_pose_error,
+)
 from moteslam.robot import se2
 from moteslam.robot.raster import Raster
 from moteslam.robot.recording import Recording
@@ -37,6 +43,9 @@ T = TypeVar("T")
 
 FINAL, ONLINE, DEAD_RECKONING = TRACKS = "final", "online", "dead_reckoning"
 """Names of the trajectories of a run of ours."""
+
+MAX_SEEN = 3000
+"""At most this many scans, spread evenly over the drive, show which walls were seen."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,11 +119,7 @@ class Evidence:
         return {name: Track(trajectory, self) for name, trajectory in self.trajectories.items()}
 
     def track(self, name: str) -> Track:
-        """One of them.
-
-        Raises:
-            InputError: there is none of that name.
-        """
+        """One of them; ``InputError`` without."""
         return needed(self.tracks.get(name), f"{name} trajectory")
 
     @cached_property
@@ -141,9 +146,8 @@ class Evidence:
     def loop_result(self) -> LoopResult:
         """The accepted loops against the truth."""
         loops, truth = needed(self.loops, "back end that looks for loops"), needed(self.truth, "truth")
-        return score_loops(
-            loops, oriented(truth)[0], self.recording, scans=None if self.recording is None else self.scans
-        )
+        scans = None if self.recording is None else self.scans
+        return score_loops(loops, oriented(truth)[0], self.recording, scans=scans)
 
     @cached_property
     def map_accuracy(self) -> MapAccuracy:
@@ -152,23 +156,17 @@ class Evidence:
         return map_accuracy(occupancy, true_map, transform=self.track(FINAL).ate.transform, seen=self._seen())
 
     def _seen(self) -> Array | None:
-        """Endpoints [p, 2] of the recording's scans in the true frame; None without a recording."""
+        """Endpoints [p, 2] of the recording's scans in the true frame."""
         if self.recording is None or self.recording.lidar is None:
             return None
         truth, stamps = needed(self.truth, "truth"), self.recording.lidar.stamps
         if not truth.oriented:
             return None
-        there = evenly(np.flatnonzero(covered(stamps, truth.stamps, MAX_DIFFERENCE)), MAX_SEEN)
+        there = evenly(np.flatnonzero(covered(stamps, truth.stamps)), MAX_SEEN)
         poses = se2.interpolate(truth.stamps, truth.poses, stamps[there])
-        seen = [
-            se2.transform_points(pose, self.scans.points(scan))
-            for scan, pose in zip(there.tolist(), poses, strict=True)
-        ]
+        scans = zip(there.tolist(), poses, strict=True)
+        seen = [se2.transform_points(pose, self.scans.points(scan)) for scan, pose in scans]
         return np.vstack(seen) if seen else None
-
-
-MAX_SEEN = 3000
-"""At most this many scans, spread evenly over the drive, show which walls were seen."""
 
 
 class Track:
@@ -211,13 +209,13 @@ class Track:
     @cached_property
     def residuals(self) -> ResidualResult:
         """Of the recording's scans."""
-        trajectory = oriented(self.trajectory)[0]
+        (trajectory,) = oriented(self.trajectory)
         return scan_residuals(needed(self.run.recording, "recording"), trajectory, scans=self.run.scans)
 
     @cached_property
     def consistency(self) -> MapConsistency:
         """Of the map that the recording's scans draw."""
-        trajectory = oriented(self.trajectory)[0]
+        (trajectory,) = oriented(self.trajectory)
         return map_consistency(needed(self.run.recording, "recording"), trajectory, scans=self.run.scans)
 
     def rpe(self, delta: float, unit: Unit) -> RpeResult:
@@ -229,22 +227,14 @@ class Track:
 
 
 def oriented(*trajectories: Trajectory, field: str | None = None) -> tuple[Trajectory, ...]:
-    """The trajectories.
-
-    Raises:
-        InputError: one of them has no headings; of the field.
-    """
+    """The trajectories; ``InputError`` of the field if one of them has no headings."""
     if not all(trajectory.oriented for trajectory in trajectories):
         raise InputError("a trajectory without orientation, expected headings", field=field)
     return trajectories
 
 
 def needed(value: T | None, name: str) -> T:
-    """The value.
-
-    Raises:
-        InputError: it is None.
-    """
+    """The value; ``InputError`` if it is None."""
     if value is None:
         raise InputError(f"no {name}")
     return value

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.errors import InputError
-from moteslam.eval.metrics.association import MAX_DIFFERENCE, covered
-from moteslam.eval.metrics.scan_poses import evenly
+from moteslam.eval.metrics.association import covered, evenly
+from moteslam.eval.metrics.consistency import squared_errors
 from moteslam.robot import se2
 from moteslam.robot.se2 import Poses
 from moteslam.robot.summary import Summarised
@@ -71,30 +71,31 @@ class LocalisationResult(Summarised):
         return np.asarray(_beyond(self.errors, LOST_DISTANCE, LOST_ROTATION) | self.astray)
 
     def precision(self, least: LocalisationState) -> float | None:
-        """The share of wrong poses among those of this state or a worse one; None where there are none."""
+        """The share of wrong poses among those of this state or a worse one, if there are any."""
         return _share(self.wrong, self.states >= least)
 
     def recall(self, least: LocalisationState) -> float | None:
-        """The share of this state or a worse one among the wrong poses; None where there are none."""
+        """The share of this state or a worse one among the wrong poses, if there are any."""
         return _share(self.states >= least, self.wrong)
 
     def as_dict(self) -> dict[str, Any]:
-        """The statistics as they go into ``metrics.json``. The NEES is that of poses that are not wrong."""
+        """Fit for JSON. The NEES is that of poses that are not wrong."""
         right = self.nees[~self.wrong]
-        lost, doubtful = LocalisationState.LOST, LocalisationState.DOUBTFUL
+        nees = None
+        if len(right):
+            within = float((right < CHI_SQUARED_95).mean())
+            nees = {"mean": float(right.mean()), "median": float(np.median(right)), "within_95": within}
+        lost, doubtful = (
+            {"precision": self.precision(least), "recall": self.recall(least)}
+            for least in (LocalisationState.LOST, LocalisationState.DOUBTFUL)
+        )
         return {
             "scans": len(self.stamps),
             "wrong": int(self.wrong.sum()),
             "states": state_counts(self.states),
-            "nees": None
-            if not len(right)
-            else {
-                "mean": float(right.mean()),
-                "median": float(np.median(right)),
-                "within_95": float((right < CHI_SQUARED_95).mean()),
-            },
-            "lost": {"precision": self.precision(lost), "recall": self.recall(lost)},
-            "doubtful_or_lost": {"precision": self.precision(doubtful), "recall": self.recall(doubtful)},
+            "nees": nees,
+            "lost": lost,
+            "doubtful_or_lost": doubtful,
         }
 
     def _summary(self) -> str:
@@ -119,10 +120,9 @@ def score_localisation(
 
     The map around the robot is made of the scans of the updates so far from poses within ``NEIGHBOURHOOD`` of where the
     robot is, or of where it was estimated to be. The error of an online pose is the mean, over these updates, of the
-    difference between its estimated and its true pose relative to the update's. Drift that has built up before the map
-    around the robot was made is in none of these. Where a back end corrected the path, and the map with it, the updates
-    before count where the correction put them. A robot that was carried off may draw a map apart, in which it is right:
-    it is astray until it is right about what it mapped before.
+    difference between its estimated and its true pose relative to the update's. Where a back end corrected the path,
+    and the map with it, the updates before count where the correction put them. A robot that was carried off is astray
+    until it is right about what it mapped before.
 
     Args:
         trajectory: [n] online poses.
@@ -141,13 +141,13 @@ def score_localisation(
     n = len(trajectory)
     if np.shape(covariances) != (n, 3, 3) or np.shape(states) != (n,) or np.shape(updated) != (n,):
         raise InputError(f"expected [n, 3, 3], [n] and [n] of {counted(n, 'pose')}", field="covariances")
-    there = np.flatnonzero(covered(trajectory.stamps, truth.stamps, MAX_DIFFERENCE)) if len(truth) else np.arange(0)
+    there = np.flatnonzero(covered(trajectory.stamps, truth.stamps))
     estimated = trajectory.poses[there]
     true = se2.interpolate(truth.stamps, truth.poses, trajectory.stamps[there]) if len(there) else estimated
     updates = np.flatnonzero(updated > 0)
     numbers = np.full(n, -1)
     numbers[updates] = np.arange(len(updates))
-    chosen, errors, effects = _errors(estimated, true, there, numbers[there], corrections)
+    chosen, errors, effects = _errors(estimated, true, numbers[there], corrections)
     if not len(chosen):
         raise InputError("it covers no scan with a map around it, expected two updates or more", field="truth")
     offset = _frame_offset(errors, effects)
@@ -155,19 +155,18 @@ def score_localisation(
     scans = there[chosen]
     if not (np.linalg.eigvalsh(covariances[scans]) > 0).all():
         raise InputError("a covariance that is not positive definite", field="covariances")
-    nees = np.einsum("ni,ni->n", errors, np.linalg.solve(covariances[scans], errors[..., None])[..., 0])
-    astray = _astray(estimated, true, there, numbers[there], corrections)[chosen]
+    nees = squared_errors(errors, covariances[scans])
+    astray = _astray(estimated, true, numbers[there], corrections)[chosen]
     return LocalisationResult(trajectory.stamps[scans], errors, nees, states[scans].astype(np.int64), offset, astray)
 
 
 def _errors(
-    estimated: Poses, true: Poses, scans: NDArray[np.intp], numbers: NDArray[np.intp], corrections: Sequence[Correction]
+    estimated: Poses, true: Poses, numbers: NDArray[np.intp], corrections: Sequence[Correction]
 ) -> tuple[NDArray[np.intp], Array, Array]:
     """The scans [k] with a map around them, their errors [k, 3], and how an offset of the frame moves these [k, 3, 3].
 
     Args:
         estimated, true: [n, 3] poses.
-        scans: [n] indices of their scans in the recording.
         numbers: [n] of those whose scans went into the map among all updates; -1 of the others.
         corrections: see ``score_localisation``.
     """
@@ -193,9 +192,7 @@ def _epochs(
         yield _mapped(estimated, numbers, corrections[epoch - 1] if epoch else None), scans[after == epoch]
 
 
-def _astray(
-    estimated: Poses, true: Poses, scans: NDArray[np.intp], numbers: NDArray[np.intp], corrections: Sequence[Correction]
-) -> Flags:
+def _astray(estimated: Poses, true: Poses, numbers: NDArray[np.intp], corrections: Sequence[Correction]) -> Flags:
     """[n] whether the robot is elsewhere than it thinks: see ``LocalisationResult``; arguments as of ``_errors``."""
     astray = np.zeros(len(estimated), np.bool_)
     updates = np.flatnonzero(numbers >= 0)
@@ -278,10 +275,8 @@ def _seen_from(relative: Poses) -> Array:
     x, y, theta = relative.T
     cos, sin = np.cos(theta), np.sin(theta)
     moves = np.zeros((len(relative), 3, 3))
-    moves[:, 0], moves[:, 1] = (
-        np.stack((cos, sin, sin * x - cos * y), axis=-1),
-        np.stack((-sin, cos, cos * x + sin * y), axis=-1),
-    )
+    moves[:, 0] = np.stack((cos, sin, sin * x - cos * y), axis=-1)
+    moves[:, 1] = np.stack((-sin, cos, cos * x + sin * y), axis=-1)
     moves[:, 2, 2] = 1.0
     return moves
 

@@ -10,9 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.errors import InputError
-from moteslam.eval.metrics.association import MAX_DIFFERENCE, covered
-from moteslam.eval.metrics.scan_poses import evenly, poses_of_scans, travelled
-from moteslam.eval.metrics.statistics import Statistics
+from moteslam.eval.metrics.association import covered, evenly, poses_of_scans, travelled
+from moteslam.eval.statistics import Statistics
 from moteslam.robot import se2
 from moteslam.robot.issues import Issue
 from moteslam.robot.recording import Recording
@@ -27,28 +26,20 @@ Array = NDArray[np.float64]
 
 MAX_TRANSLATION, MAX_ROTATION = 0.3, np.deg2rad(3.0)
 """A loop whose relative pose is farther from the true one than either, [m] and [rad], is false."""
-
 SPACING = 0.5
 """Key scans are the first within each such length of path [m]; a turn by a radian counts as a metre."""
-
 MAX_KEY_SCANS = 3000
 """Of a longer drive this many key scans, spread evenly over it, are looked at."""
-
 MIN_PATH = 15.0
 """A loop binds scans more than this far apart along the path [m]."""
-
 MAX_DISTANCE = 2.0
 """A loop is possible between scans at most this far apart in truth [m]."""
-
 SAME_PLACE = 0.2
 """An endpoint closer than this to one of the other scan [m] is shared with it."""
-
 MIN_SHARED = 0.5
 """A loop is possible where at least this share of the later scan's endpoints is shared with the earlier one."""
-
 MAX_ENDPOINTS = 100
 """At most this many endpoints of the later scan are looked up, spread evenly over its beams."""
-
 BOUND_PATH = 2.5
 """A loop binds the scans up to this far before and after its own along the path [m]."""
 
@@ -60,7 +51,7 @@ class LoopResult(Summarised):
     Attributes:
         translation_errors: [a] distance of each accepted loop's relative pose to the true one [m].
         rotation_errors: [a] absolute difference of their headings [rad].
-        possible: how many later key scans have a possible loop; None where it is not known.
+        possible: how many later key scans have a possible loop; None without a recording.
         bound: how many of those a loop binds that was accepted and is not false.
         overruled: how many loops were edges of the graph, but not confirmed by the final path.
         overruled_false: how many of those are false.
@@ -87,16 +78,16 @@ class LoopResult(Summarised):
 
     @property
     def precision(self) -> float | None:
-        """Share of the accepted loops that are not false; None where no loop was accepted."""
+        """Share of the accepted loops that are not false, if there are any."""
         return 1 - self.false / self.accepted if self.accepted else None
 
     @property
     def recall(self) -> float | None:
-        """Share of the key scans with a possible loop that are bound; None where there are none."""
+        """Share of the key scans with a possible loop that are bound, if there are any."""
         return self.bound / self.possible if self.possible else None
 
     def as_dict(self) -> dict[str, Any]:
-        """The same as plain values, as they go into ``metrics.json``: metres and degrees, shares from 0 to 1."""
+        """Fit for JSON: metres and degrees, shares from 0 to 1."""
         in_degrees = np.rad2deg(self.rotation_errors)
         return {
             "precision": self.precision,
@@ -113,11 +104,9 @@ class LoopResult(Summarised):
         }
 
     def _summary(self) -> str:
-        shares = (f"{name} {'-' if share is None else f'{share:.3f}'}" for name, share in self._shares())
-        return f"{counted(self.accepted, 'accepted loop')}, {', '.join(shares)}"
-
-    def _shares(self) -> tuple[tuple[str, float | None], ...]:
-        return ("precision", self.precision), ("recall", self.recall)
+        shares = {"precision": self.precision, "recall": self.recall}
+        shown = (f"{name} {'-' if share is None else f'{share:.3f}'}" for name, share in shares.items())
+        return f"{counted(self.accepted, 'accepted loop')}, {', '.join(shown)}"
 
 
 def score_loops(
@@ -127,15 +116,11 @@ def score_loops(
     *,
     scans: Scans | None = None,
 ) -> LoopResult:
-    """Score the loops that a back end accepted.
+    """Score the loops that a back end accepted: how many are false, and how many of the possible ones they bind.
 
-    An accepted loop is false where its relative pose is farther than ``MAX_TRANSLATION`` or ``MAX_ROTATION`` from that
-    of the true poses. Precision is the share of the accepted loops that are not false.
-
-    Recall is the share of the later key scans with a possible loop (``possible_loops``) that are bound: by a loop
-    that was accepted and is not false, whose later scan is at most ``BOUND_PATH`` of path from the key scan, and whose
-    earlier scan is at most as far from one of the key scan's partners. Not every scan needs a loop of its own: one
-    every few metres holds the path.
+    A key scan with a possible loop (``possible_loops``) is bound by a loop that was accepted and is not false, whose
+    later scan is at most ``BOUND_PATH`` of path from the key scan, and whose earlier scan is at most as far from one of
+    the key scan's partners.
 
     Args:
         loops: the candidates, whatever became of them.
@@ -178,7 +163,7 @@ def score_loops(
 def _errors(loops: Sequence[LoopCandidate], truth: Trajectory) -> tuple[Array, Array, Array]:
     """Of the loops that the truth covers: stamps [a, 2], errors of translation [a] and of rotation [a]."""
     stamps = np.array([loop.stamps for loop in loops]).reshape(-1, 2)
-    there = covered(stamps.ravel(), truth.stamps, MAX_DIFFERENCE).reshape(-1, 2).all(axis=1)
+    there = covered(stamps.ravel(), truth.stamps).reshape(-1, 2).all(axis=1)
     stamps, found = stamps[there], np.array([loop.found for loop in loops]).reshape(-1, 3)[there]
     earlier, later = (se2.interpolate(truth.stamps, truth.poses, column) for column in stamps.T)
     true = se2.between(earlier, later)
@@ -220,11 +205,9 @@ class PossibleLoops(Summarised):
 def possible_loops(recording: Recording, truth: Trajectory, *, scans: Scans | None = None) -> PossibleLoops:
     """The loops that a search could have found.
 
-    Key scans are the first within each ``SPACING`` of true path or turn, whatever the run took for its own, so that
-    runs over one recording have one measure. A loop is possible between two of them that are more than ``MIN_PATH``
-    of path apart, at most ``MAX_DISTANCE`` apart, and share at least ``MIN_SHARED`` of their endpoints: of the later
-    scan's, de-skewed and laid at its true pose, that share is less than ``SAME_PLACE`` from some endpoint of the
-    earlier scan, laid likewise. All endpoints of the earlier scan count, and at most ``MAX_ENDPOINTS`` of the later.
+    Key scans are the first within each ``SPACING`` of true path or turn, whatever the run took for its own. A loop is
+    possible between two of them that are more than ``MIN_PATH`` of path apart, at most ``MAX_DISTANCE`` apart, and
+    share at least ``MIN_SHARED`` of their endpoints, laid at the true poses.
 
     Args:
         recording: with a lidar.

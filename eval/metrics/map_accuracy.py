@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,16 +49,12 @@ class MapAccuracy(Summarised):
     walls: int
     surface: int
 
-    def as_dict(self) -> dict[str, Any]:
-        """The same as plain values, fit for JSON: metres, and shares from 0 to 1."""
-        return {("distance_m" if name == "distance" else name): value for name, value in asdict(self).items()}
-
     def _summary(self) -> str:
         return f"F1 {self.f1:.3f}, walls off by {1000 * self.distance:.0f} mm, free space IoU {self.free_iou:.3f}"
 
 
 def map_accuracy(
-    estimate: Raster, truth: Raster, *, transform: Poses = IDENTITY, seen: Array | None = None, reach: float = REACH
+    estimate: Raster, truth: Raster, *, transform: Poses = IDENTITY, seen: Array | None = None
 ) -> MapAccuracy:
     """Score a map by the true one.
 
@@ -69,8 +64,7 @@ def map_accuracy(
     Args:
         estimate, truth: values [H, W] of ``FREE``, ``OCCUPIED`` or ``UNKNOWN``, of any cell size.
         transform: [3] pose of the estimate's frame in the true one, as ``absolute_trajectory_error`` finds it.
-        seen: [p, 2] points that the lidar saw, in the true frame: recall is over the surface within ``reach`` of one.
-        reach: see ``REACH`` [m].
+        seen: [p, 2] points that the lidar saw, in the true frame: recall is over the surface within ``REACH`` of one.
 
     Raises:
         InputError: maps of other values, or without a wall.
@@ -79,15 +73,16 @@ def map_accuracy(
         expect_type(raster, Raster, name, "read_map(path) reads one")
         if raster.values.ndim != 2 or not np.isin(raster.values, (FREE, OCCUPIED, UNKNOWN)).all():
             raise InputError("values beside free, occupied and unknown, expected a trinary map", field=name)
-    surface = truth.centres(np.argwhere(_surface(truth.values)))
+    everywhere = surface_of(truth)
+    surface = everywhere
     if seen is not None and len(surface):
-        surface = surface[_distances(surface, seen) <= reach]
+        surface = surface[_distances(surface, seen) <= REACH]
     walls = se2.transform_points(transform, estimate.centres(np.argwhere(estimate.values == OCCUPIED)))
     for points, name in ((walls, "estimate"), (surface, "truth")):
         if not len(points):
             raise InputError("no wall that was seen" if name == "truth" else "no wall", field=name)
-    to_truth, to_map = _distances(walls, surface_of(truth)), _distances(surface, walls)
-    precision, recall = float((to_truth <= reach).mean()), float((to_map <= reach).mean())
+    to_truth, to_map = _distances(walls, everywhere), _distances(surface, walls)
+    precision, recall = float((to_truth <= REACH).mean()), float((to_map <= REACH).mean())
     there = np.argwhere(truth.values != UNKNOWN)
     true = truth.values[there[:, 0], there[:, 1]]
     back = se2.transform_points(se2.inverse(transform), truth.centres(there))
@@ -108,13 +103,9 @@ def map_accuracy(
 
 def surface_of(truth: Raster) -> Array:
     """The centres [n, 2] of the wall cells of a trinary map that share an edge with a free one [m]."""
-    return truth.centres(np.argwhere(_surface(truth.values)))
-
-
-def _surface(values: NDArray[np.int8]) -> NDArray[np.bool_]:
     from scipy.ndimage import binary_dilation
 
-    return np.asarray((values == OCCUPIED) & binary_dilation(values == FREE))
+    return truth.centres(np.argwhere((truth.values == OCCUPIED) & binary_dilation(truth.values == FREE)))
 
 
 def _distances(points: Array, others: Array) -> Array:

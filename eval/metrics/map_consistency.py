@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.errors import InputError
-from moteslam.eval.metrics.scan_poses import evenly, placed_scans, travelled
+from moteslam.eval.metrics.association import evenly, placed_scans, travelled
+from moteslam.eval.metrics.residuals import surface_points
 from moteslam.robot import se2
 from moteslam.robot.cell_counts import cells_of, mean_cells
 from moteslam.robot.recording import LidarStream, Recording
@@ -38,8 +38,6 @@ REACH = 0.4
 TWICE, APART = 0.1, 1.0
 """A wall is drawn twice where the nearest endpoint on the same side of it, more than ``FAR_PATH`` away, is farther than
 the first and nearer than the second [m]."""
-JOINED = 4.0
-"""Adjacent endpoints lie on one surface if they are at most this many times as far apart as their beams are."""
 SAME_FACING = 0.8
 """Smallest cosine between the normals of two endpoints of the same side of a wall."""
 AROUND, FEWEST = 0.15, 10
@@ -73,11 +71,6 @@ class MapConsistency(Summarised):
     thickness: float
     twice: float | None
     scans: int
-
-    def as_dict(self) -> dict[str, Any]:
-        """The same as plain values, fit for JSON: metres, and shares from 0 to 1."""
-        units = {"walls": "_m", "near": "_m", "far": "_m", "thickness": "_m", "twice": "_share"}
-        return {name + units.get(name, ""): value for name, value in asdict(self).items()}
 
     def _summary(self) -> str:
         return f"{self.cells_per_metre:.1f} cells per metre of wall, walls {1000 * self.thickness:.0f} mm thick"
@@ -131,14 +124,9 @@ def _spaced(poses: Array) -> NDArray[np.intp]:
 
 def _surface(scans: Scans, lidar: LidarStream, index: int, pose: Array) -> tuple[Array, Array]:
     """Endpoints of a scan taken at a pose [3], and their normals towards the lidar, zero where unknown, [k, 2] each."""
-    beams = np.flatnonzero(np.isfinite(lidar.ranges[index]))
-    ranges = lidar.ranges[index, beams].astype(np.float64)
-    points = se2.transform_points(pose, scans.points(index))
+    points, joined = surface_points(scans, lidar, index, pose)
     normals = np.zeros_like(points)
     if len(points) >= 3:
-        steps = np.diff(points, axis=0)
-        apart = np.minimum(ranges[:-1], ranges[1:]) * abs(lidar.angle_increment) * lidar.interlace
-        joined = (np.diff(beams) == lidar.interlace) & (np.hypot(*steps.T) <= np.maximum(JOINED * apart, CELL))
         both = joined[:-1] & joined[1:]
         along = points[2:][both] - points[:-2][both]
         across = np.column_stack((-along[:, 1], along[:, 0])) / np.maximum(np.hypot(*along.T), 1e-9)[:, None]

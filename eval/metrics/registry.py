@@ -1,4 +1,4 @@
-"""The metrics by name, each a number with a unit: the bundled ones, and those of other packages.
+"""The metrics by name, the bundled ones and those of other packages, and the values of a run.
 
 Other packages bring theirs as entry points ``moteslam.metrics``. A metric that cannot be had of a run is absent with
 its reason, never zero.
@@ -8,80 +8,45 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from math import isfinite
 from typing import Any, get_args
 
 from moteslam.errors import ConfigError, InputError
-from moteslam.eval.metrics.evidence import Evidence, Track
+from moteslam.eval.metrics.catalogue import BUNDLED, Found, Metric, relative_error
+from moteslam.eval.metrics.evidence import Evidence
 from moteslam.eval.metrics.rpe import Unit
-from moteslam.eval.statistics.summary import Better
 from moteslam.plugins import Plugins
 
-
-@dataclass(frozen=True)
-class Metric:
-    """A metric: of each trajectory of a run, or of the run.
-
-    Attributes:
-        unit: of the value: ``m``, ``deg``, ...; empty for shares and counts.
-        meaning: what it measures, one sentence.
-        source: where its definition comes from.
-        of_trajectory, of_run: computes it; one of the two. ``InputError`` where it cannot be had.
-        better: which values are better; None where neither is.
-        costly: takes seconds: measured when asked for by name.
-    """
-
-    unit: str
-    meaning: str
-    source: str
-    of_trajectory: Callable[[Track], float | None] | None = None
-    of_run: Callable[[Evidence], float | None] | None = None
-    better: Better | None = "lower"
-    costly: bool = False
-
-    def __post_init__(self) -> None:
-        if (self.of_trajectory is None) == (self.of_run is None):
-            raise ConfigError("expected either of_trajectory or of_run", field="metric")
-
-
-@dataclass(frozen=True)
-class Value:
-    """What a metric came to: a finite number, or why there is none."""
-
-    number: float | None
-    unit: str
-    reason: str = ""
-
-    def as_dict(self) -> dict[str, Any]:
-        """The same as plain values, fit for JSON."""
-        return {"value": self.number, "unit": self.unit} if self.number is not None else {"absent": self.reason}
-
-
-COSTS = ("cpu_per_scan", "wall_per_scan", "wall_per_scan_median", "wall_per_scan_99", "real_time_factor", "memory")
-"""Names of the metrics that differ from run to run."""
-BUNDLED = (
-    *("ate", "ate_median", "ate_max", "ate_scaled", "ate_from_start", "heading"),
-    *("rpe_1m", "rpe_1m_rotation", "rpe_10m", "rpe_10m_rotation", "rpe_1s", "rpe_1s_rotation"),
-    *("drift", "drift_rotation", "loop_closing", "loop_closing_rotation", "relations", "relations_rotation"),
-    *("residual", "map_cells", "map_cells_per_metre", "map_near", "map_far", "map_thickness", "map_twice"),
-    *("map_precision", "map_recall", "map_f1", "map_distance", "map_free_iou", "map_known"),
-    *("nees", "nees_within_95", "nees_from_start", "nees_end", "within_spread", "effective_particles"),
-    *("lost_precision", "lost_recall", "loops_precision", "loops_recall", "loops_false"),
-    *COSTS,
-)
-"""Names of the metrics of this package, in the order in which they are listed."""
-
-METRICS: Plugins[Metric] = Plugins(
-    "moteslam.metrics",
-    Metric,
-    bundled={name: f"moteslam.eval.metrics.catalogue:{name.upper()}" for name in BUNDLED},
-)
+METRICS: Plugins[Metric] = Plugins("moteslam.metrics", Metric, bundled=BUNDLED)
 """By name."""
 
 RPE = re.compile(r"rpe_(?P<delta>[0-9]+(?:\.[0-9]+)?)(?P<unit>m|s|frames)(?P<rotation>_rotation)?")
 """Names of relative errors over any length, time or number of poses."""
+
+
+@dataclass(frozen=True)
+class Value:
+    """The value of a metric: a finite number, or why there is none.
+
+    Attributes:
+        number: in the unit.
+        unit: as of ``Metric``.
+        reason: why there is no number.
+        more: further figures of the same errors, such as their ``median``, ``max`` and ``count``.
+    """
+
+    number: float | None
+    unit: str
+    reason: str = ""
+    more: Mapping[str, Any] = field(default_factory=dict)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Fit for JSON."""
+        if self.number is None:
+            return {"absent": self.reason}
+        return {"value": self.number, "unit": self.unit, **self.more}
 
 
 def metric(name: str) -> Metric:
@@ -94,17 +59,16 @@ def metric(name: str) -> Metric:
         ConfigError: there is none.
     """
     short = split(name)[1]
-    if short not in METRICS.names() and (found := RPE.fullmatch(short)):
-        delta, unit = float(found["delta"]), next(unit for unit in get_args(Unit) if unit == found["unit"])
-        if not delta > 0 or (unit == "frames" and not delta.is_integer()):
-            expected = "a whole number of poses from 1 on" if unit == "frames" else "a length above 0"
-            raise ConfigError(f"{name!r}, expected {expected}", field="metrics")
-        from moteslam.eval.metrics.catalogue import relative_error
-
-        return relative_error(delta, unit, rotation=found["rotation"] is not None)
-    if short not in METRICS.names():
+    if short in METRICS.names():
+        return METRICS[short]
+    found = RPE.fullmatch(short)
+    if found is None:
         raise ConfigError(f"{name!r}, expected one of {', '.join(METRICS.names())}", field="metrics")
-    return METRICS[short]
+    delta, unit = float(found["delta"]), next(unit for unit in get_args(Unit) if unit == found["unit"])
+    if not delta > 0 or (unit == "frames" and not delta.is_integer()):
+        expected = "a whole number of poses from 1 on" if unit == "frames" else "a length above 0"
+        raise ConfigError(f"{name!r}, expected {expected}", field="metrics")
+    return relative_error(delta, unit, rotation=found["rotation"] is not None)
 
 
 def measure(evidence: Evidence, names: Iterable[str] | None = None) -> dict[str, Value]:
@@ -134,11 +98,6 @@ def measure(evidence: Evidence, names: Iterable[str] | None = None) -> dict[str,
     return values
 
 
-def _of_track(one: Metric, evidence: Evidence, which: str) -> float | None:
-    assert one.of_trajectory is not None  # or it is of the run
-    return one.of_trajectory(evidence.track(which))
-
-
 def chosen(names: Iterable[str] | None) -> Mapping[str, Metric]:
     """The metrics of these names, by default all that are not costly; see ``measure``."""
     if names is None:
@@ -154,20 +113,24 @@ def split(name: str) -> tuple[str, str]:
     return (track, short) if dot else ("", name)
 
 
-def _value(name: str, one: Metric, compute: Callable[[], float | None]) -> Value:
+def _of_track(one: Metric, evidence: Evidence, which: str) -> Found:
+    assert one.of_trajectory is not None  # or it is of the run
+    return one.of_trajectory(evidence.track(which))
+
+
+def _value(name: str, one: Metric, compute: Callable[[], Found]) -> Value:
     try:
-        number = compute()
+        found = compute()
+        number, more = found if isinstance(found, tuple) else (found, {})
         finite = number is not None and isfinite(number)
     except InputError as error:
         return Value(None, one.unit, error.problem)
     except Exception as error:  # a plug-in's fault must not cost the run
-        if METRICS.is_bundled(name) or RPE.fullmatch(name):
+        if name in BUNDLED or RPE.fullmatch(name):
             raise
         problem = f"{type(error).__name__}: {error}"
         METRICS.warn(name, problem)
         return Value(None, one.unit, problem)
-    if number is None:
-        return Value(None, one.unit, "nothing to measure")
-    if not finite:
-        return Value(None, one.unit, "not a finite number")
-    return Value(float(number), one.unit)
+    if number is None or not finite:
+        return Value(None, one.unit, "nothing to measure" if number is None else "not a finite number")
+    return Value(float(number), one.unit, more=more)

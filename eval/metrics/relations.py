@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 
 from moteslam.errors import InputError
 from moteslam.eval.metrics.association import MAX_GAP
-from moteslam.eval.metrics.statistics import Statistics
+from moteslam.eval.statistics import Statistics
 from moteslam.robot.formats.stamps import MAX_JUMP
 from moteslam.robot.reading import open_regular
 from moteslam.robot.se2 import Poses, between, wrap
@@ -62,7 +63,7 @@ class RelationScore:
     rotation: Statistics
 
     def as_dict(self) -> dict[str, Any]:
-        """The statistics as they go into JSON."""
+        """Fit for JSON."""
         return {"translation_m": self.translation.as_dict(), "rotation_deg": self.rotation.as_dict()}
 
 
@@ -72,47 +73,67 @@ class RelationResult(Summarised):
 
     Attributes:
         total: relations in the file.
-        all: over all that were used.
-        at_stamps: over those with a pose at both of their stamps; None where there is none.
-        clear: over those whose two stamps each belong to exactly one pose; None where there is none.
         stamps: [n, 2] of all that were used [s].
         errors: [n] translation errors of these [m].
         rotation_errors: [n] their rotation errors [rad].
+        is_at_stamps: [n] which have a pose at both of their stamps.
+        is_clear: [n] whose stamps each belong to exactly one pose.
     """
 
     total: int
-    all: RelationScore
-    at_stamps: RelationScore | None
-    clear: RelationScore | None
     stamps: NDArray[np.float64]
     errors: NDArray[np.float64]
     rotation_errors: NDArray[np.float64]
+    is_at_stamps: NDArray[np.bool_]
+    is_clear: NDArray[np.bool_]
 
     @property
     def used(self) -> int:
         """Number of relations that were used."""
-        return self.all.translation.count
+        return len(self.errors)
 
     @property
     def matched(self) -> int:
         """Number of relations with a pose at both of their stamps."""
-        return 0 if self.at_stamps is None else self.at_stamps.translation.count
+        return int(self.is_at_stamps.sum())
 
     @property
     def interpolated(self) -> int:
         """Number of relations that were used between poses."""
         return self.used - self.matched
 
+    @cached_property
+    def all(self) -> RelationScore:
+        """Over all that were used."""
+        found = self._over(np.ones(self.used, np.bool_))
+        assert found is not None  # a result has at least one
+        return found
+
+    @cached_property
+    def at_stamps(self) -> RelationScore | None:
+        """Over those with a pose at both of their stamps, if there are any."""
+        return self._over(self.is_at_stamps)
+
+    @cached_property
+    def clear(self) -> RelationScore | None:
+        """Over those whose two stamps each belong to exactly one pose, if there are any."""
+        return self._over(self.is_clear)
+
     def as_dict(self) -> dict[str, Any]:
-        """The statistics as they go into JSON."""
+        """Fit for JSON."""
+        scores = {"all": self.all, "at_stamps": self.at_stamps, "clear": self.clear}
         return {
             "total": self.total,
             "used": self.used,
             "interpolated": self.interpolated,
-            "all": self.all.as_dict(),
-            "at_stamps": None if self.at_stamps is None else self.at_stamps.as_dict(),
-            "clear": None if self.clear is None else self.clear.as_dict(),
+            **{name: None if score is None else score.as_dict() for name, score in scores.items()},
         }
+
+    def _over(self, some: NDArray[np.bool_]) -> RelationScore | None:
+        if not some.any():
+            return None
+        turns = np.rad2deg(self.rotation_errors[some])
+        return RelationScore(Statistics.of(self.errors[some]), Statistics.of(turns))
 
 
 def is_relations(path: str | PathLike[str]) -> bool:
@@ -166,8 +187,8 @@ def evaluate_relations(
     length of its translation [m] and its absolute angle [deg].
 
     A log may repeat a stamp for distinct scans, and then it is unknown which of them a relation meant. The *clear*
-    relations are those whose two stamps each belong to exactly one pose of the trajectory: quote these. Of several
-    poses with one stamp the first stands for it. A stamp between two poses at most ``MAX_GAP`` apart has the pose
+    relations are those whose two stamps each belong to exactly one pose of the trajectory. Of several poses with one
+    stamp the first stands for it. A stamp between two poses at most ``MAX_GAP`` apart has the pose
     interpolated there.
 
     Args:
@@ -203,21 +224,13 @@ def evaluate_relations(
     errors = between(relations.poses[used], between(poses[:, 0], poses[:, 1]))
     distance, angle = np.hypot(errors[:, 0], errors[:, 1]), np.abs(errors[:, 2])
 
-    def score(some: NDArray[np.bool_]) -> RelationScore | None:
-        if not some.any():
-            return None
-        return RelationScore(Statistics.of(distance[some]), Statistics.of(np.rad2deg(angle[some])))
-
-    everything = score(np.ones(len(distance), np.bool_))
-    assert everything is not None
     return RelationResult(
         total=len(relations),
-        all=everything,
-        at_stamps=score(exact[used]),
-        clear=score(np.asarray((poses_there[used] == 1).all(axis=1))),
         stamps=stamps,
         errors=distance,
         rotation_errors=angle,
+        is_at_stamps=exact[used],
+        is_clear=np.asarray((poses_there[used] == 1).all(axis=1)),
     )
 
 

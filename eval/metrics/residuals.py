@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.errors import InputError
-from moteslam.eval.metrics.scan_poses import evenly, placed_scans, travelled
+from moteslam.eval.metrics.association import evenly, placed_scans, travelled
 from moteslam.robot import se2
 from moteslam.robot.interlace import measured
 from moteslam.robot.ranges import chunks
@@ -30,29 +30,21 @@ Array = NDArray[np.float64]
 
 PATH_REACH = 2.0
 """Scans less than this far apart along the path are compared [m]: little drift, much seen by both."""
-
 SPACING = 0.25
 """Of the scans within each such length of path the first is used [m]; a turn by a radian counts as a metre."""
-
 MAX_NEIGHBOURS = 8
 """A scan is compared with at most this many others, spread evenly over those within ``PATH_REACH``."""
-
 MAX_SCANS = 600
 """At most this many scans are compared with others, spread evenly over the path."""
-
 REACH = 0.5
 """An endpoint has no residual against a scan whose nearest endpoint is farther away than this [m]."""
-
 MAX_STRETCH = 4.0
 """A line joins adjacent endpoints up to this many times as far apart as their beams are at that range: a surface that
 the beams meet at less than 75 degrees from its normal."""
-
 MIN_JOINED = 0.05
 """Adjacent endpoints this near to each other are joined whatever the range [m]: so far apart noise alone puts them."""
-
 MAX_JOINED = 1.0
 """No line is longer [m]."""
-
 FAR = 0.03
 """The share of residuals beyond this distance [m] is reported."""
 
@@ -87,7 +79,7 @@ class ResidualResult(Summarised):
     medians: Array
 
     def as_dict(self) -> dict[str, Any]:
-        """The statistics as they go into JSON: metres, and shares from 0 to 1."""
+        """Fit for JSON: metres, and shares from 0 to 1."""
         return {
             "median_m": self.median,
             "quantile_90_m": self.quantile_90,
@@ -109,27 +101,16 @@ def scan_residuals(recording: Recording, trajectory: Trajectory, *, scans: Scans
     """How noisy the scans of a recording are, and how well a trajectory lays them on each other.
 
     The scans used are the first within each ``SPACING`` of path or turn. Every second of them is compared with the
-    others less than ``PATH_REACH`` of path away, at most ``MAX_NEIGHBOURS`` of them; of a long recording, ``MAX_SCANS``
-    are compared. Where there are more, they are spread evenly. Scans are de-skewed as SLAM's default does.
-
-    A residual is the distance of an endpoint of the one scan to the lines of another: to the nearer of the two that
-    end at the other scan's endpoint nearest to it, much as in point-to-line ICP (Censi 2008). Lines join the endpoints
-    of adjacent beams that lie on one surface: at most ``MAX_STRETCH`` times as far apart as the beams are there, or
-    ``MIN_JOINED``, and never over ``MAX_JOINED``. There is no residual where the other scan did not see the place: its
-    nearest endpoint is more than ``REACH`` away, or on no line, or the last of a surface with the foot beyond it. An
-    endpoint has a residual against each scan that saw its place, so that the statistics depend little on how many
-    scans there are.
-
-    Noise of standard deviation s across a surface gives a median of about 0.87 s: both scans have it, and a line
-    averages that of two endpoints.
+    others less than ``PATH_REACH`` of path away. A residual is the distance of an endpoint of the one scan to the lines
+    of another: to the nearer of the two that end at the other scan's endpoint nearest to it, much as in point-to-line
+    ICP (Censi 2008). Lines join the endpoints of adjacent beams that lie on one surface. There is no residual where the
+    other scan did not see the place: its nearest endpoint is more than ``REACH`` away, or on no line, or the last of a
+    surface with the foot beyond it. Noise of standard deviation s across a surface gives a median of about 0.87 s.
 
     Args:
         recording: with a lidar.
-        trajectory: of the robot, on the recording's clock. Where it has a pose for every scan, in order, these are
-            taken; else poses are interpolated at the scans' stamps: if it has more poses than there are scans
-            wherever it covers them, if not at the scans within ``MAX_DIFFERENCE`` of a pose.
-        scans: the recording's as ``synchronise(recording)`` gives them, for those who score several trajectories by
-            them; made here by default.
+        trajectory: of the robot, on the recording's clock; which poses are taken: ``poses_of_scans``.
+        scans: the recording's as ``synchronise(recording)`` gives them; made here by default.
 
     Raises:
         InputError: no scans, fewer than two of them with a pose, a robot that stands, poses that are not finite, or
@@ -197,6 +178,23 @@ def _pairs(path: Array, used: NDArray[np.intp]) -> Iterator[tuple[int, list[int]
         yield int(used[place]), evenly(others, MAX_NEIGHBOURS).tolist()
 
 
+def surface_points(
+    scans: Scans, lidar: LidarStream, index: int, pose: Poses, *, longest: float = np.inf
+) -> tuple[Array, NDArray[np.bool_]]:
+    """The endpoints [k, 2] of a scan taken at a pose [3], and which adjacent ones [k - 1] lie on one surface.
+
+    Those at most ``MAX_STRETCH`` times as far apart as their beams are there, or ``MIN_JOINED``, and never farther than
+    ``longest`` [m].
+    """
+    beams = np.flatnonzero(np.isfinite(lidar.ranges[index]))
+    ranges = lidar.ranges[index, beams].astype(np.float64)
+    points = se2.transform_points(pose, scans.points(index))
+    apart = np.minimum(ranges[:-1], ranges[1:]) * abs(lidar.angle_increment) * lidar.interlace
+    reach = np.clip(MAX_STRETCH * apart, MIN_JOINED, longest)
+    joined = (np.diff(beams) == lidar.interlace) & (np.hypot(*np.diff(points, axis=0).T) <= reach)
+    return points, np.asarray(joined)
+
+
 @dataclass(frozen=True, eq=False)
 class _Lines:
     """The endpoints of a scan, and the lines between adjacent ones on one surface.
@@ -219,13 +217,8 @@ class _Lines:
         """The lines of a scan, its index in the recording, taken at a pose [3]."""
         from scipy.spatial import cKDTree
 
-        beams = np.flatnonzero(np.isfinite(lidar.ranges[index]))
-        ranges = lidar.ranges[index, beams].astype(np.float64)
-        points = se2.transform_points(pose, scans.points(index))
+        points, joined = surface_points(scans, lidar, index, pose, longest=MAX_JOINED)
         steps = np.diff(points, axis=0)
-        between_beams = np.minimum(ranges[:-1], ranges[1:]) * abs(lidar.angle_increment) * lidar.interlace
-        longest = np.clip(MAX_STRETCH * between_beams, MIN_JOINED, MAX_JOINED)
-        joined = (np.diff(beams) == lidar.interlace) & (np.hypot(*steps.T) <= longest)
         along = np.zeros((2, *points.shape))
         along[0, :-1][joined] = steps[joined]
         along[1, 1:][joined] = -steps[joined]

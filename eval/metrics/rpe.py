@@ -1,4 +1,4 @@
-"""Relative pose error: the drift between pairs of poses a distance, a time or a number of poses apart."""
+"""Errors of relative poses: over a delta (RPE), per metre of path (drift), and between visits of the same place."""
 
 from __future__ import annotations
 
@@ -10,66 +10,72 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.errors import InputError
-from moteslam.eval.metrics.association import MAX_DIFFERENCE, Matched, match
+from moteslam.eval.metrics.association import MAX_DIFFERENCE, Matched, evenly, match, travelled
+from moteslam.eval.metrics.ate import PoseErrors
 from moteslam.eval.metrics.space import angles
-from moteslam.eval.metrics.statistics import Statistics
-from moteslam.robot.se2 import between
+from moteslam.robot.se2 import Poses, between
 from moteslam.robot.summary import Summarised
 from moteslam.robot.trajectory import Trajectory
 from moteslam.robot.wording import counted
 
+Array = NDArray[np.float64]
 Unit = Literal["m", "s", "frames"]
 Pairs = tuple[NDArray[np.intp], NDArray[np.intp]]
 
 RELATIVE_TOLERANCE = 0.1
 """With all pairs, a pair may be farther apart or nearer than asked for by this share of it, as evo has it."""
+LENGTHS = (5.0, 10.0, 20.0, 50.0, 100.0)
+"""Lengths of path over which drift is measured [m], those that the drive has."""
+SAME_PLACE, LEAST_PATH = 1.0, 15.0
+"""The robot is back at a place where it is less than the first from where it was [m], after more than the second of
+path [m]."""
+MAX_RETURNS = 2000
+"""At most this many poses are looked at for returns, spread evenly over the drive."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class RpeResult(Summarised):
-    """The relative pose error.
+class RpeResult(PoseErrors):
+    """The relative pose error of pairs that begin at the stamps; without headings that of the distances of their poses.
 
     Attributes:
         delta, unit: how far apart the poses of a pair are.
-        start_stamps: [n] where each pair begins [s].
-        errors: [n] translation error of each pair [m]; without headings that of the distance between its poses.
-        rotation_errors: [n] rotation error of each pair [rad]; None without headings.
-        translation: statistics of ``errors`` [m].
-        rotation: statistics of ``rotation_errors`` [rad], or None.
     """
 
     delta: float
     unit: Unit
-    start_stamps: NDArray[np.float64]
-    errors: NDArray[np.float64]
-    rotation_errors: NDArray[np.float64] | None
-    translation: Statistics
-    rotation: Statistics | None
-
-    @property
-    def rmse(self) -> float:
-        """Root mean square translation error [m]."""
-        return self.translation.rmse
-
-    @property
-    def pairs(self) -> int:
-        """Number of pairs that were compared."""
-        return self.translation.count
 
     def as_dict(self) -> dict[str, Any]:
-        """The statistics as they go into ``metrics.json``: metres, and degrees for the rotation."""
-        turns = self.rotation_errors
-        return {
-            "delta": self.delta,
-            "unit": self.unit,
-            "translation_m": self.translation.as_dict(),
-            "rotation_deg": None if turns is None else Statistics.of(np.rad2deg(turns)).as_dict(),
-        }
+        """The statistics, fit for JSON."""
+        return {"delta": self.delta, "unit": self.unit, **super().as_dict()}
 
     def _summary(self) -> str:
-        turn = "" if self.rotation is None else f" and {np.rad2deg(self.rotation.rmse):.2f} deg"
-        errors = f"RMSE {self.rmse:.3f} m{turn}"
-        return f"{counted(self.pairs, 'pair')} {self.delta:g} {self.unit} apart, {errors}"
+        return f"{counted(self.pairs, 'pair')} {self.delta:g} {self.unit} apart, {super()._summary()}"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class DriftResult(Summarised):
+    """Errors of relative poses over lengths of path, divided by the length.
+
+    Attributes:
+        lengths: [n] of each part of the path that was compared [m], one of ``LENGTHS``.
+        translation: [n] error of its translation per metre [m/m].
+        rotation: [n] error of its rotation per metre [rad/m].
+    """
+
+    lengths: Array
+    translation: Array
+    rotation: Array
+
+    def _summary(self) -> str:
+        turn = np.rad2deg(self.rotation.mean())
+        return f"{100 * self.translation.mean():.2f} % of the path, {turn:.3f} deg/m over {len(self.lengths)} parts"
+
+
+class ReturnResult(PoseErrors):
+    """Errors of relative poses between visits of the same place, at the stamps [n, 2] of both."""
+
+    def _summary(self) -> str:
+        return f"{counted(self.pairs, 'return')}, {super()._summary()}"
 
 
 def relative_pose_error(
@@ -110,21 +116,64 @@ def relative_pose_error(
             f"no pair {delta:g} {unit} apart among {len(matched)} matched poses, expected a shorter delta",
             field="pairs",
         )
-    translation, rotation = _errors(matched, first, last)
-    return RpeResult(
-        delta=delta,
-        unit=unit,
-        start_stamps=matched.stamps[first],
-        errors=translation,
-        rotation_errors=rotation,
-        translation=Statistics.of(translation),
-        rotation=None if rotation is None else Statistics.of(rotation),
-    )
+    return RpeResult(matched.stamps[first], *_errors(matched, first, last), delta, unit)
 
 
-def _errors(
-    matched: Matched, first: NDArray[np.intp], last: NDArray[np.intp]
-) -> tuple[NDArray[np.float64], NDArray[np.float64] | None]:
+def drift(estimate: Trajectory, reference: Trajectory) -> DriftResult:
+    """Drift per metre, as the KITTI odometry benchmark has it (Geiger, Lenz and Urtasun 2012), over lengths indoors.
+
+    From every pose on, and over each of ``LENGTHS`` of the reference's path, the error of the relative pose divided by
+    that length.
+
+    Raises:
+        InputError: no stamps in common, or a drive shorter than the shortest length.
+    """
+    matched = match(estimate, reference)
+    path, _ = travelled(matched.reference)
+    parts = []
+    for length in LENGTHS:
+        last = np.searchsorted(path, path + length)
+        first = np.flatnonzero(last < len(path))
+        if not len(first):
+            break
+        shift, turn = planar_errors(matched.reference, matched.estimate, first, last[first])
+        parts.append((np.full(len(first), length), shift / length, turn / length))
+    if not parts:
+        raise InputError(f"{path[-1]:.2f} m driven, expected at least {LENGTHS[0]:g} m", field="path")
+    return DriftResult(*map(np.concatenate, zip(*parts, strict=True)))
+
+
+def loop_closing_error(estimate: Trajectory, reference: Trajectory) -> ReturnResult:
+    """How far apart an estimate puts two visits of the same place, against how far apart they are.
+
+    Each pose is compared with the earliest one within ``SAME_PLACE`` of it by the reference that lies more than
+    ``LEAST_PATH`` of path before it.
+
+    Raises:
+        InputError: no stamps in common, or a drive that comes back to no place.
+    """
+    from scipy.spatial import cKDTree
+
+    matched = match(estimate, reference)
+    chosen = evenly(np.arange(len(matched)), MAX_RETURNS)
+    true, path = matched.reference[chosen], travelled(matched.reference)[0][chosen]
+    pairs = cKDTree(true[:, :2]).query_pairs(SAME_PLACE, output_type="ndarray")
+    earliest = np.arange(len(true))
+    np.minimum.at(earliest, pairs[:, 1], pairs[:, 0])
+    later = np.flatnonzero(path - path[earliest] > LEAST_PATH)
+    if not len(later):
+        raise InputError(
+            f"no place visited twice: none within {SAME_PLACE:g} m of an earlier one more than {LEAST_PATH:g} m of "
+            "path before it",
+            field="path",
+        )
+    shift, turn = planar_errors(true, matched.estimate[chosen], earliest[later], later)
+    stamps = matched.stamps[chosen]
+    visits = np.column_stack((stamps[earliest[later]], stamps[later]))
+    return ReturnResult(visits, shift, turn)
+
+
+def _errors(matched: Matched, first: NDArray[np.intp], last: NDArray[np.intp]) -> tuple[Array, Array | None]:
     """Of pairs [k] the errors of translation [m] and rotation [rad]; of positions alone that of their distance."""
     if not matched.oriented:
         pair = (matched.estimate[:, :2], matched.reference[:, :2])
@@ -133,11 +182,7 @@ def _errors(
         there, true = (np.linalg.norm(points[last] - points[first], axis=1) for points in pair)
         return np.abs(there - true), None
     if matched.space is None:
-        errors = between(
-            between(matched.reference[first], matched.reference[last]),
-            between(matched.estimate[first], matched.estimate[last]),
-        )
-        return np.hypot(errors[:, 0], errors[:, 1]), np.abs(errors[:, 2])
+        return planar_errors(matched.reference, matched.estimate, first, last)
     moved, turned = [], []
     for space in matched.space:
         back = np.swapaxes(space.rotations[first], 1, 2)
@@ -146,9 +191,15 @@ def _errors(
     return np.linalg.norm(moved[0] - moved[1], axis=1), angles(np.swapaxes(turned[1], 1, 2) @ turned[0])
 
 
-def _pairs(
-    stamps: NDArray[np.float64], positions: NDArray[np.float64], delta: float, unit: Unit, *, all_pairs: bool
-) -> Pairs:
+def planar_errors(
+    true: Poses, estimated: Poses, first: NDArray[np.intp], last: NDArray[np.intp]
+) -> tuple[Array, Array]:
+    """Errors [k] of translation [m] and rotation [rad] of the poses ``last`` [k] seen from the poses ``first`` [k]."""
+    errors = between(between(true[first], true[last]), between(estimated[first], estimated[last]))
+    return np.hypot(errors[:, 0], errors[:, 1]), np.abs(errors[:, 2])
+
+
+def _pairs(stamps: Array, positions: Array, delta: float, unit: Unit, *, all_pairs: bool) -> Pairs:
     """First and last index [k] of every pair."""
     if unit == "frames":
         step = int(delta)
@@ -156,12 +207,12 @@ def _pairs(
         last = ids + step
         return ids[last < len(positions)], last[last < len(positions)]
     steps = np.diff(stamps) if unit == "s" else np.sqrt((np.diff(positions, axis=0) ** 2).sum(axis=1))
-    choose: Callable[[NDArray[np.float64], float], Pairs] = _every if all_pairs else _end_to_end
+    choose: Callable[[Array, float], Pairs] = _every if all_pairs else _end_to_end
     # Unix stamps are known to a microsecond: ten times 0.1 s is a second, whichever way it rounds
     return choose(steps, delta - 1e-6 if unit == "s" else delta)
 
 
-def _end_to_end(steps: NDArray[np.float64], delta: float) -> Pairs:
+def _end_to_end(steps: Array, delta: float) -> Pairs:
     ends, travelled = [0], 0.0
     for index, step in enumerate(steps.tolist(), start=1):
         travelled += step
@@ -171,7 +222,7 @@ def _end_to_end(steps: NDArray[np.float64], delta: float) -> Pairs:
     return np.array(ends[:-1], np.intp), np.array(ends[1:], np.intp)
 
 
-def _every(steps: NDArray[np.float64], delta: float) -> Pairs:
+def _every(steps: Array, delta: float) -> Pairs:
     travelled = np.concatenate(([0.0], np.cumsum(steps)))
     first = np.arange(len(travelled) - 1)
     # the nearest to travelled + delta is on one side of it or the other; of equals the first counts

@@ -8,15 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.errors import InputError
-from moteslam.robot.issues import Issue
 from moteslam.robot.se2 import wrap
 from moteslam.robot.trajectories.space import FARTHEST, TILT, interpolated, normal_of, quaternions_of, tilt_of
 from moteslam.robot.trajectory import Space, Trajectory
 
 Array = NDArray[np.float64]
-
-HEIGHTS = 0.05
-"""Heights that are left out are reported where they are spread by more [m]."""
 
 
 def in_space(estimate: Trajectory, reference: Trajectory) -> bool:
@@ -29,22 +25,16 @@ def spatial(trajectory: Trajectory) -> Space:
     """The poses of a trajectory in space; of one in the plane upright at height 0."""
     if trajectory.space is not None:
         return trajectory.space
-    rotations = about_z(trajectory.poses[:, 2])
+    cos, sin = np.cos(trajectory.poses[:, 2]), np.sin(trajectory.poses[:, 2])
+    rotations = np.zeros((len(trajectory), 3, 3))
+    rotations[:, 0, 0] = rotations[:, 1, 1] = cos
+    rotations[:, 1, 0], rotations[:, 0, 1] = sin, -sin
+    rotations[:, 2, 2] = 1.0
     return Space(np.column_stack((trajectory.poses[:, :2], np.zeros(len(trajectory)))), rotations)
 
 
-def about_z(headings: Array) -> Array:
-    """The rotation matrices [n, 3, 3] of headings [n]."""
-    rotations = np.zeros((len(headings), 3, 3))
-    rotations[:, 0, 0] = rotations[:, 1, 1] = np.cos(headings)
-    rotations[:, 1, 0] = np.sin(headings)
-    rotations[:, 0, 1] = -rotations[:, 1, 0]
-    rotations[:, 2, 2] = 1.0
-    return rotations
-
-
 def space_at(trajectory: Trajectory, stamps: Array) -> Space:
-    """The poses in space at other stamps [m], between those of the trajectory and held beyond its ends."""
+    """The poses in space interpolated at other stamps [m], held beyond the ends."""
     space = spatial(trajectory)
     where, turns = interpolated(trajectory.stamps, space.positions, quaternions_of(space.rotations), stamps)
     w, vector = turns[:, 3], turns[:, :3]
@@ -56,7 +46,7 @@ def space_at(trajectory: Trajectory, stamps: Array) -> Space:
 
 def laid(source: Array, target: Array, *, scale: bool = False) -> tuple[Array, Array, float]:
     """The rotation [3, 3], translation [3] and scale that lay points on points [n, 3] (Umeyama 1991, eq. 38 to 43)."""
-    if max(np.abs(source).max(), np.abs(target).max()) > FARTHEST:  # whose squares are none, and no end of the search
+    if max(np.abs(source).max(), np.abs(target).max()) > FARTHEST:  # their squares overflow
         raise InputError(f"positions beyond {FARTHEST:g} m, expected metres")
     centre, goal = source.mean(axis=0), target.mean(axis=0)
     u, size, v = np.linalg.svd((target - goal).T @ (source - centre) / len(source))
@@ -69,11 +59,8 @@ def laid(source: Array, target: Array, *, scale: bool = False) -> tuple[Array, A
 
 def angles(rotations: Array) -> Array:
     """The angle [n] of rotation matrices [n, 3, 3]."""
-    return 2 * np.arctan2(*_sine_and_cosine(quaternions_of(rotations)))
-
-
-def _sine_and_cosine(quaternions: Array) -> tuple[Array, Array]:
-    return np.linalg.norm(quaternions[:, :3], axis=1), np.abs(quaternions[:, 3])
+    quaternions = quaternions_of(rotations)
+    return np.asarray(2 * np.arctan2(np.linalg.norm(quaternions[:, :3], axis=1), np.abs(quaternions[:, 3])))
 
 
 def upright(positions: Array) -> Array:
@@ -97,7 +84,7 @@ def planar(space: Space, turn: Array, first: Array) -> Array:
 def in_plane(
     estimate: Trajectory, reference: Trajectory, rotation: Array, translation: Array
 ) -> tuple[Trajectory, Trajectory]:
-    """Two trajectories, laid on each other by a rigid motion, with their plane of motion turned into x and y.
+    """Two trajectories with their plane of motion turned into x and y.
 
     Args:
         estimate, reference: of which one moves in another plane.
@@ -111,23 +98,3 @@ def in_plane(
         turned = Space(space.positions @ turn.T, turn @ space.rotations)
         found.append(replace(trajectory, poses=planar(space, turn, on.rotations[0]), space=turned))
     return found[0], found[1]
-
-
-def space_issues(estimate: Trajectory, reference: Trajectory) -> tuple[Issue, ...]:
-    """What is reported of two trajectories of which at least one is in space."""
-    spaces = [one.space for one in (estimate, reference) if one.space is not None]
-    if not spaces:
-        return ()
-    if in_space(estimate, reference):
-        tilt = np.rad2deg(max(tilt_of(space.positions) for space in spaces))
-        why = f"moves in a plane {tilt:.0f} degrees out of x and y" if tilt > np.rad2deg(TILT) else "moves in z, too"
-        text = (
-            f"{why}: aligned and compared in space; errors are those of three coordinates, turns those about any axis"
-        )
-        return (Issue("in-space", text, len(reference)),)
-    spread = float(spaces[0].positions[:, 2].std())
-    if spread < HEIGHTS:
-        return ()
-    whose = "estimate" if estimate.space is not None else "reference"
-    text = f"heights of the {whose}, spread by {spread:.2f} m, are left out: the other one is in the plane"
-    return (Issue("heights-left-out", text, len(reference)),)

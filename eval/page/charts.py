@@ -12,7 +12,7 @@ from typing import Any
 
 from moteslam.eval.literal import literal
 from moteslam.eval.page.material import ReportRun
-from moteslam.eval.statistics.summary import Summary
+from moteslam.eval.statistics import Summary
 from moteslam.eval.sweep.tables import better
 
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#7F7F7F", "#B8A700")
@@ -56,7 +56,7 @@ def grouped(runs: Sequence[ReportRun], by: Callable[[ReportRun], Any]) -> dict[A
 def curves(runs: Sequence[ReportRun], key: str, metric: str, unit: str) -> Figure | None:
     """The median of a metric over the values of one key that varies, with its 95 % interval, a line a rest.
 
-    None where fewer than two values have one.
+    None if fewer than two values have one.
     """
     having = [run for run in runs if key in dict(run.varied)]
     values = list(dict.fromkeys(dict(run.varied)[key] for run in having))
@@ -75,39 +75,31 @@ def curves(runs: Sequence[ReportRun], key: str, metric: str, unit: str) -> Figur
         at = grouped(members, lambda run: dict(run.varied)[key])
         summaries = {value: summary_of(at[value], metric) for value in values if value in at}
         shown = {value: one for value, one in summaries.items() if one.median is not None and isfinite(one.median)}
-        medians = [float(one.median or 0.0) for one in shown.values()]
-        highs = [
-            max(_finite(one.high, middle) - middle, 0.0) for one, middle in zip(shown.values(), medians, strict=True)
-        ]
-        lows = [
-            max(middle - _finite(one.low, middle), 0.0) for one, middle in zip(shown.values(), medians, strict=True)
-        ]
         title = ", ".join(part for part in name if part not in common) or ", ".join(name)
+        texts = [
+            f"{title}; {key}={value}: median {one.median:.4g}, 95 % {one.low:.4g} to {one.high:.4g}, "
+            f"{one.runs} runs, {one.failed} failed"
+            for value, one in shown.items()
+        ]
+        medians = [one.median or 0.0 for one in shown.values()]
         everything += medians
         traces.append(
             {
-                "type": "scatter",
-                "mode": "lines+markers",
+                **_points("lines+markers", list(shown) if numeric else list(map(label, shown)), medians, texts),
                 "name": label(title),
-                "x": [value if numeric else label(value) for value in shown],
-                "y": medians,
-                "error_y": {"type": "data", "symmetric": False, "array": highs, "arrayminus": lows, "thickness": 1.5},
-                "text": [
-                    label(f"{title}; {key}={value}: median {one.median:.4g}, 95 % {one.low:.4g} to {one.high:.4g}, "
-                          f"{one.runs} runs, {one.failed} failed")
-                    for value, one in shown.items()
-                ],
-                "hovertemplate": "%{text}<extra></extra>",
-                **_look(number),
+                "error_y": _bars(list(shown.values()), 1.5),
+                "line": {
+                    "color": COLOURS[number % len(COLOURS)],
+                    "width": 2,
+                    "dash": DASHES[(number // len(COLOURS)) % len(DASHES)],
+                },
+                "marker": _marker(number),
             }
-        )  # fmt: skip
+        )
     if len(values) < 2 or not everything:
         return None
-    note = f"{len(lines) - MOST_LINES} more lines are left out" if len(lines) > MOST_LINES else ""
-    x_axis = {"title": {"text": label(key)}, "type": "category"}
-    if numeric:
-        x_axis |= _axis(values)
-    return _figure(traces, x_axis, _y(metric, unit, everything), note)
+    x_axis = {"title": {"text": label(key)}, "type": "category", **(_axis(values) if numeric else {})}
+    return _figure(traces, x_axis, _y(metric, unit, everything), len(lines), "lines")
 
 
 def spread(runs: Sequence[ReportRun], metric: str, unit: str) -> Figure | None:
@@ -117,123 +109,85 @@ def spread(runs: Sequence[ReportRun], metric: str, unit: str) -> Figure | None:
     """
     traces: list[dict[str, Any]] = []
     everything: list[float] = []
-    for number, (name, members) in enumerate(list(grouped(runs, lambda run: run.configuration).items())[:MOST_LINES]):
+    columns = grouped(runs, lambda run: run.configuration)
+    for number, (name, members) in enumerate(list(columns.items())[:MOST_LINES]):
         having = [run for run in members if run.status == "ok" and metric in run.values]
         if not having:
             continue
         values = [run.values[metric] for run in having]
         everything += values
         places = [number + 0.5 * (((7 * k) % 23) / 23 - 0.5) for k in range(len(values))]  # apart, the same each time
-        traces.append(
-            {
-                "type": "scatter",
-                "mode": "markers",
-                "name": label(name),
-                "x": places,
-                "y": values,
-                "text": [label(f"{run.configuration}; {run.name}: {run.values[metric]:.4g}") for run in having],
-                "hovertemplate": "%{text}<extra></extra>",
-                "showlegend": False,
-                "marker": {"color": COLOURS[number % len(COLOURS)], "size": 5, "opacity": 0.5},
-            }
-        )
+        texts = [f"{run.configuration}; {run.name}: {run.values[metric]:.4g}" for run in having]
+        colour = COLOURS[number % len(COLOURS)]
+        marker = {"color": colour, "size": 5, "opacity": 0.5}
+        points = _points("markers", places, values, texts)
+        traces.append({**points, "name": label(name), "showlegend": False, "marker": marker})
         one = summary_of(members, metric)
         if one.median is not None and isfinite(one.median):
-            high, low = _finite(one.high, one.median), _finite(one.low, one.median)
-            traces.append(
-                {
-                    "type": "scatter",
-                    "mode": "markers",
-                    "x": [number + 0.36],
-                    "y": [one.median],
-                    "error_y": {
-                        "type": "data",
-                        "symmetric": False,
-                        "array": [high - one.median],
-                        "arrayminus": [one.median - low],
-                        "thickness": 2,
-                    },
-                    "text": [label(f"{name}: median {one.median:.4g}, 95 % {low:.4g} to {high:.4g}")],
-                    "hovertemplate": "%{text}<extra></extra>",
-                    "showlegend": False,
-                    "marker": {"color": COLOURS[number % len(COLOURS)], "size": 9, "symbol": "diamond"},
-                }
-            )
-    names = list(grouped(runs, lambda run: run.configuration))
+            low, high = _finite(one.low, one.median), _finite(one.high, one.median)
+            text = f"{name}: median {one.median:.4g}, 95 % {low:.4g} to {high:.4g}"
+            marker = {"color": colour, "size": 9, "symbol": "diamond"}
+            points = _points("markers", [number + 0.36], [one.median], [text])
+            traces.append({**points, "error_y": _bars([one], 2), "showlegend": False, "marker": marker})
     if len(everything) < 2:
         return None
+    names = list(columns)[:MOST_LINES]
     x_axis = {
-        "tickvals": list(range(len(names[:MOST_LINES]))),
-        "ticktext": [label(name if len(name) <= 40 else f"{name[:39]}…") for name in names[:MOST_LINES]],
+        "tickvals": list(range(len(names))),
+        "ticktext": [label(name if len(name) <= 40 else f"{name[:39]}…") for name in names],
         "automargin": True,
         "ticklabeloverflow": "allow",
-        "range": [-0.6, min(len(names), MOST_LINES) - 0.4],
+        "range": [-0.6, len(names) - 0.4],
     }
-    note = f"{len(names) - MOST_LINES} more configurations are left out" if len(names) > MOST_LINES else ""
-    return _figure(traces, x_axis, _y(metric, unit, everything), note)
+    return _figure(traces, x_axis, _y(metric, unit, everything), len(columns), "configurations")
 
 
 def paired(runs: Sequence[ReportRun], baseline: str, metric: str, unit: str) -> Figure | None:
     """A point for each pair of runs of a configuration and the baseline on the same case. None without any."""
-    by_name = grouped(runs, lambda run: run.configuration)
-    first = {run.case: run for run in by_name.get(baseline, ()) if run.status == "ok" and metric in run.values}
+    by_name = grouped([run for run in runs if run.status == "ok" and metric in run.values], lambda r: r.configuration)
+    first = {run.case: run for run in by_name.get(baseline, ())}
     traces: list[dict[str, Any]] = []
     everything: list[float] = []
-    others = [name for name in by_name if name != baseline]
+    others = [name for name in grouped(runs, lambda run: run.configuration) if name != baseline]
     for number, name in enumerate(others[:MOST_LINES]):
-        pairs = [
-            (first[run.case], run)
-            for run in by_name[name]
-            if run.case in first and run.status == "ok" and metric in run.values
-        ]
+        pairs = [(first[run.case], run) for run in by_name.get(name, ()) if run.case in first]
         if not pairs:
             continue
         x, y = ([run.values[metric] for run in side] for side in zip(*pairs, strict=True))
         everything += [*x, *y]
-        look = _look(number + 1)
-        traces.append(
-            {
-                "type": "scatter",
-                "mode": "markers",
-                "name": label(name),
-                "x": x,
-                "y": y,
-                "text": [
-                    label(f"{name}; {b.name}: {b.values[metric]:.4g}, {baseline}: {a.values[metric]:.4g}")
-                    for a, b in pairs
-                ],
-                "hovertemplate": "%{text}<extra></extra>",
-                "marker": {**look["marker"], "opacity": 0.7},
-            }
-        )
+        texts = [f"{name}; {b.name}: {b.values[metric]:.4g}, {baseline}: {a.values[metric]:.4g}" for a, b in pairs]
+        marker = {**_marker(number + 1), "opacity": 0.7}
+        traces.append({**_points("markers", x, y, texts), "name": label(name), "marker": marker})
     if not traces:
         return None
     ends = [min(everything), max(everything)]
-    line = {
-        "type": "scatter",
-        "mode": "lines",
-        "name": "equal",
-        "x": ends,
-        "y": ends,
-        "hoverinfo": "skip",
-        "line": {"color": "#7F7F7F", "width": 1, "dash": "dot"},
-    }
+    look = {"hoverinfo": "skip", "line": {"color": "#7F7F7F", "width": 1, "dash": "dot"}}
+    line = {"type": "scatter", "mode": "lines", "name": "equal", "x": ends, "y": ends, **look}
     x_axis = {"title": {"text": axis(f"{metric} of the baseline", unit)}, **_axis(everything)}
     y_axis = {"title": {"text": axis(f"{metric} of the others", unit)}, **_axis(everything)}
-    note = f"{len(others) - MOST_LINES} more configurations are left out" if len(others) > MOST_LINES else ""
-    return _figure([line, *traces], x_axis, y_axis, note)
+    return _figure([line, *traces], x_axis, y_axis, len(others), "configurations")
 
 
-def _figure(traces: list[dict[str, Any]], x_axis: Figure, y_axis: Figure, note: str) -> Figure:
+def _figure(traces: list[dict[str, Any]], x_axis: Figure, y_axis: Figure, count: int, what: str) -> Figure:
+    note = f"{count - MOST_LINES} more {what} are left out" if count > MOST_LINES else ""
     return {"data": traces, "layout": {"xaxis": x_axis, "yaxis": y_axis}, "note": note}
 
 
-def _look(number: int) -> dict[str, Any]:
-    colour = COLOURS[number % len(COLOURS)]
-    return {
-        "line": {"color": colour, "width": 2, "dash": DASHES[(number // len(COLOURS)) % len(DASHES)]},
-        "marker": {"color": colour, "size": 8, "symbol": SYMBOLS[number % len(SYMBOLS)]},
-    }
+def _points(mode: str, x: Sequence[Any], y: Sequence[float], texts: Sequence[str]) -> dict[str, Any]:
+    hover = {"text": list(map(label, texts)), "hovertemplate": "%{text}<extra></extra>"}
+    return {"type": "scatter", "mode": mode, "x": list(x), "y": list(y), **hover}
+
+
+def _bars(summaries: Sequence[Summary], thickness: float) -> dict[str, Any]:
+    """The 95 % intervals of medians; none to a side where it goes on to infinity."""
+    medians = [one.median or 0.0 for one in summaries]
+    highs = [max(_finite(one.high, middle) - middle, 0.0) for one, middle in zip(summaries, medians, strict=True)]
+    lows = [max(middle - _finite(one.low, middle), 0.0) for one, middle in zip(summaries, medians, strict=True)]
+    return {"type": "data", "symmetric": False, "array": highs, "arrayminus": lows, "thickness": thickness}
+
+
+def _marker(number: int) -> dict[str, Any]:
+    return {"color": COLOURS[number % len(COLOURS)], "size": 8, "symbol": SYMBOLS[number % len(SYMBOLS)]}
 
 
 def _y(metric: str, unit: str, values: Sequence[float]) -> Figure:
@@ -243,13 +197,9 @@ def _y(metric: str, unit: str, values: Sequence[float]) -> Figure:
 
 def _axis(values: Sequence[float]) -> Figure:
     """Linear, or logarithmic with ticks at 1, 2 and 5; of more than three decades at 1."""
-    if not _is_wide(values):
+    if not (min(values) > 0 and max(values) >= WIDE * min(values)):
         return {"type": "linear"}
     return {"type": "log", "dtick": "D2" if max(values) < DECADES * min(values) else 1}
-
-
-def _is_wide(values: Sequence[float]) -> bool:
-    return min(values) > 0 and max(values) >= WIDE * min(values)
 
 
 def _finite(value: float | None, other: float) -> float:

@@ -7,10 +7,11 @@ import hashlib
 import json
 import re
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from datetime import UTC, datetime
 from importlib.resources import files
-from math import inf, isfinite
+from importlib.util import find_spec
+from math import isfinite
+from pathlib import Path
 from typing import Any
 
 from jinja2 import BaseLoader, Environment, StrictUndefined
@@ -22,8 +23,7 @@ from moteslam.eval.metrics.registry import chosen, metric
 from moteslam.eval.page import charts
 from moteslam.eval.page.material import Material, ReportRun
 from moteslam.eval.page.player import Budget, playable
-from moteslam.eval.statistics.pairs import Comparison, compare
-from moteslam.eval.statistics.proportion import Proportion
+from moteslam.eval.statistics import Comparison, Proportion, compare
 from moteslam.eval.sweep.tables import better
 from moteslam.robot.wording import interval
 
@@ -38,72 +38,84 @@ STYLE_OF_MAPS = re.compile(r'getElementById\("([0-9a-f]{32,})"\)')
 """plotly.js adds a style of its geographic maps, which the policy forbids, unless an element of this name is there."""
 
 
-@dataclass(frozen=True)
-class Wishes:
-    """What a report is asked for.
-
-    Attributes:
-        title: of the page.
-        metrics: names; empty for those that the specifications name, else the usual ones.
-        baseline: name of the configuration that the others are compared with; None for the first.
-        players: whether runs can be played.
-    """
-
-    title: str
-    metrics: tuple[str, ...] = ()
-    baseline: str | None = None
-    players: bool = True
-
-
-def page(material: Material, wishes: Wishes, *, progress: Callable[[float], None] | None = None) -> str:
+def page(
+    material: Material,
+    *,
+    title: str,
+    metrics: Sequence[str] = (),
+    baseline: str | None = None,
+    progress: Callable[[float], None] = lambda _read: None,
+) -> str:
     """The report.
 
     Args:
         material: what was run.
-        wishes: what is shown of it.
+        title: of the page.
+        metrics: names; none for those that the specifications name, else the usual ones.
+        baseline: name of the configuration that the others are compared with; None for the first.
         progress: called with how many runs were read.
 
     Raises:
         ConfigError: an unknown metric or baseline.
         InputError: a result folder that is damaged.
     """
-    names = _metrics(material, wishes.metrics)
-    configurations = material.configurations
-    if wishes.baseline not in (None, *configurations):
-        expected = ", ".join(map(repr, configurations[:8]))
-        raise ConfigError(f"{wishes.baseline!r}, expected one of {expected}", field="--baseline")
-    baseline = wishes.baseline or configurations[0]
-    units = {name: _unit(name, material) for name in names}
-    folders = [run for run in material.runs if run.folder is not None] if wishes.players else []
-    budget = Budget.of(max(len(folders), 1))
-    players: list[tuple[str, dict[str, Any]]] = []
-    for number, run in enumerate(folders):
-        assert run.folder is not None  # or it is none of these
-        players.append((f"{run.configuration}: {run.name}", playable(run.folder, budget)))
-        if progress is not None:
-            progress(number + 1)
-    by_metric = {name: _charts(material, name, units[name], baseline) for name in names}
-    numbers = {id(run): number for number, run in enumerate(folders)}
-    context = {
-        "title": wishes.title,
-        "made": datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
-        "material": material,
-        "names": names,
-        "units": units,
-        "meanings": {name: _meaning(name) for name in names},
-        "counts": _counts(material.runs),
-        "configurations": _configurations(material.runs, names),
-        "places": _places(material.runs, names),
-        "baseline": baseline,
-        "pairs": {name: _pairs(material.runs, baseline, name) for name in names} if len(configurations) > 1 else {},
-        "failures": [run for run in material.runs if run.status != "ok"],
-        "varied": list(dict.fromkeys(key for run in material.runs for key, _ in run.varied)),
-        "player_of": {number: numbers.get(id(run)) for number, run in enumerate(material.runs)},
-        "players": [(title, data_block(data)) for title, data in players],
-        "charts": data_block([by_metric[name] for name in names]),
-        "has_curves": any(each["curves"] for each in by_metric.values()),
-    }
-    return _render(context)
+    runs, names = material.runs, _metrics(material, metrics)
+    by_configuration = charts.grouped(runs, lambda run: run.configuration)
+    if baseline is not None and baseline not in by_configuration:
+        expected = ", ".join(map(repr, list(by_configuration)[:8]))
+        raise ConfigError(f"{baseline!r}, expected one of {expected}", field="--baseline")
+    first = baseline or next(iter(by_configuration))
+    units, meanings = {}, {}
+    for name in names:
+        try:
+            known = metric(name)
+            units[name], meanings[name] = material.units.get(name) or known.unit, known.meaning
+        except ConfigError:  # of a plug-in that is not here
+            units[name], meanings[name] = material.units.get(name, ""), ""
+    played = {id(run): number for number, run in enumerate(run for run in runs if run.folder is not None)}
+    budget = Budget.of(max(len(played), 1))
+    players: list[tuple[str, Markup]] = []
+    for run in runs:
+        if run.folder is not None:
+            players.append((f"{run.configuration}: {run.name}", data_block(playable(run.folder, budget))))
+            progress(len(players))
+    keys = list(dict.fromkeys(key for run in runs for key, _ in run.varied))
+    drawn = [
+        {
+            "spread": charts.spread(runs, name, units[name]),
+            "pairs": charts.paired(runs, first, name, units[name]),
+            "curves": [one for key in keys if (one := charts.curves(runs, key, name, units[name])) is not None],
+        }
+        for name in names
+    ]
+    several = len(by_configuration) > 1
+    return _render(
+        {
+            "title": title,
+            "made": datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
+            "material": material,
+            "names": names,
+            "units": units,
+            "meanings": meanings,
+            "counts": {
+                "runs": len(runs),
+                "configurations": len(by_configuration),
+                "places": len({run.place for run in runs}),
+                "seeds": len({run.seed for run in runs}),
+                "failed": sum(run.status != "ok" for run in runs),
+                "success": _success(runs),
+            },
+            "configurations": _rows(runs, names),
+            "places": _places(runs, names),
+            "baseline": first,
+            "pairs": {name: _pairs(by_configuration, first, name) for name in names} if several else {},
+            "failures": [run for run in runs if run.status != "ok"],
+            "player_of": {number: played.get(id(run)) for number, run in enumerate(runs)},
+            "players": players,
+            "charts": data_block(drawn),
+            "has_curves": any(each["curves"] for each in drawn),
+        }
+    )
 
 
 def data_block(value: Any) -> Markup:
@@ -117,7 +129,11 @@ def data_block(value: Any) -> Markup:
 def _render(context: dict[str, Any]) -> str:
     assets = files("moteslam.eval.page")
     style, *own = (assets.joinpath(name).read_text(encoding="utf-8") for name in ("page.css", "player.js", "page.js"))
-    scripts = [_plotly(), *own]
+    plotly = find_spec("plotly")  # its script: the package is not imported
+    assert plotly is not None
+    assert plotly.origin is not None
+    script = Path(plotly.origin).parent / "package_data" / "plotly.min.js"
+    scripts = [script.read_text(encoding="utf-8"), *own]
     environment = Environment(
         loader=BaseLoader(),
         autoescape=True,
@@ -130,8 +146,8 @@ def _render(context: dict[str, Any]) -> str:
         "number": _number,
         "interval": lambda low, high: interval(_number(low), _number(high)),
         "share": _share,
-        "lines": _lines,
-        "key": _sort_key,
+        "lines": lambda text: Markup("\n").join(escape(literal(line)) for line in text.splitlines()),
+        "key": lambda value: "" if value is None else repr(value),  # by which a cell is sorted
     }
     policy = "; ".join(
         (
@@ -148,23 +164,13 @@ def _render(context: dict[str, Any]) -> str:
     return template.render(**context, policy=Markup(policy), style=Markup(style), scripts=list(map(Markup, scripts)))
 
 
-def _plotly() -> str:
-    """plotly.js of the package plotly, which is not imported for it."""
-    from importlib.util import find_spec
-    from pathlib import Path
-
-    found = find_spec("plotly")
-    assert found is not None  # a dependency
-    assert found.origin is not None
-    return (Path(found.origin).parent / "package_data" / "plotly.min.js").read_text(encoding="utf-8")
-
-
 def _hash(text: str) -> str:
     return f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'"
 
 
 def _metrics(material: Material, wanted: Sequence[str]) -> list[str]:
-    having = material.metrics
+    """The metrics that are shown."""
+    having = list(dict.fromkeys(name for run in material.runs for name in run.values))
     if wanted:
         try:
             chosen(wanted)
@@ -179,78 +185,41 @@ def _metrics(material: Material, wanted: Sequence[str]) -> list[str]:
     ]
 
 
-def _unit(name: str, material: Material) -> str:
-    try:
-        return material.units.get(name) or metric(name).unit
-    except ConfigError:  # a plug-in that is not here
-        return ""
+def _success(runs: Sequence[ReportRun]) -> Proportion:
+    return Proportion(sum(run.succeeded for run in runs), len(runs))
 
 
-def _meaning(name: str) -> str:
-    try:
-        return metric(name).meaning
-    except ConfigError:
-        return ""
-
-
-def _charts(material: Material, name: str, unit: str, baseline: str) -> dict[str, Any]:
-    runs = material.runs
-    keys = dict.fromkeys(key for run in runs for key, _ in run.varied)
-    return {
-        "spread": charts.spread(runs, name, unit),
-        "pairs": charts.paired(runs, baseline, name, unit),
-        "curves": [figure for key in keys if (figure := charts.curves(runs, key, name, unit)) is not None],
-    }
-
-
-def _counts(runs: Sequence[ReportRun]) -> dict[str, Any]:
-    return {
-        "runs": len(runs),
-        "configurations": len({run.configuration for run in runs}),
-        "places": len({run.place for run in runs}),
-        "seeds": len({run.seed for run in runs}),
-        "failed": sum(run.status != "ok" for run in runs),
-        "success": Proportion(sum(run.succeeded for run in runs), len(runs)),
-    }
-
-
-def _row(runs: Sequence[ReportRun], names: Sequence[str]) -> dict[str, Any]:
-    return {
-        "runs": len(runs),
-        "success": Proportion(sum(run.succeeded for run in runs), len(runs)),
-        "values": [charts.summary_of(runs, name) for name in names],
-    }
-
-
-def _configurations(runs: Sequence[ReportRun], names: Sequence[str]) -> list[dict[str, Any]]:
+def _rows(runs: Sequence[ReportRun], names: Sequence[str]) -> list[dict[str, Any]]:
     """A row a configuration, over all that it was run on."""
-    groups = charts.grouped(runs, lambda run: run.configuration)
-    return [{"name": name, **_row(members, names)} for name, members in groups.items()]
+    return [
+        {
+            "name": name,
+            "runs": len(members),
+            "success": _success(members),
+            "values": [charts.summary_of(members, each) for each in names],
+        }
+        for name, members in charts.grouped(runs, lambda run: run.configuration).items()
+    ]
 
 
 def _places(runs: Sequence[ReportRun], names: Sequence[str]) -> list[tuple[str, list[dict[str, Any]]]]:
-    """For each scenario with robot and noise a row a configuration; none where there is but one of them."""
+    """For each scenario with robot and noise a row a configuration; nothing where there is but one of them."""
     groups = charts.grouped(runs, lambda run: ", ".join(filter(None, (run.place, run.platform, run.noise))))
-    if len(groups) < 2:
-        return []
-    return [(place, _configurations(members, names)) for place, members in groups.items()]
+    return [(place, _rows(members, names)) for place, members in groups.items()] if len(groups) > 1 else []
 
 
-def _pairs(runs: Sequence[ReportRun], baseline: str, name: str) -> list[tuple[str, Comparison]]:
-    def values(members: Sequence[ReportRun]) -> dict[Any, float | None]:
-        return {
+def _pairs(groups: dict[str, list[ReportRun]], baseline: str, name: str) -> list[tuple[str, Comparison]]:
+    """Each other configuration compared with the baseline."""
+    values = {
+        configuration: {
             run.case: run.values.get(name) if run.status == "ok" else None
             for run in members
             if run.status != "ok" or name in run.values
         }
-
-    groups = charts.grouped(runs, lambda run: run.configuration)
-    first = values(groups[baseline])
-    return [
-        (other, compare(first, values(members), better=better(name)))
-        for other, members in groups.items()
-        if other != baseline
-    ]
+        for configuration, members in groups.items()
+    }
+    first = values.pop(baseline)
+    return [(other, compare(first, each, better=better(name))) for other, each in values.items()]
 
 
 def _number(value: float | None) -> str:
@@ -262,13 +231,3 @@ def _number(value: float | None) -> str:
 def _share(one: Proportion) -> str:
     low, high = one.interval
     return f"{one.count} of {one.total} ({100 * low:.0f} to {100 * high:.0f} %)"
-
-
-def _lines(text: str) -> Markup:
-    """Text of several lines, each as it is."""
-    return Markup("\n").join(escape(literal(line)) for line in text.splitlines())
-
-
-def _sort_key(value: float | None) -> str:
-    """By which a cell is sorted: numbers, failures after them, what is absent last."""
-    return "" if value is None else repr(value) if isfinite(value) else repr(inf if value > 0 else -inf)

@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import json
-import tomllib
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import tomli_w
+
 from moteslam.errors import InputError
-from moteslam.eval.populations import MAX_BYTES, read_table
+from moteslam.eval.results import MAX_BYTES, is_result_folder, read_result_folder
 from moteslam.eval.sweep.store import opened
 from moteslam.eval.sweep.tables import group_of, succeeds
 from moteslam.robot.reading import read_text
+from moteslam.robot.tables import read_toml
 
 SUCCESS = {"final.ate": 0.5}
 """Of runs in result folders: limits as of ``SweepSpec.success``."""
@@ -36,23 +39,23 @@ class ReportRun:
         status, error: as of a row of a sweep.
         values: by metric; absent ones are left out.
         absent: why, by metric.
-        succeeded: whether none of the limits was passed.
+        succeeded: whether all limits were kept.
         folder: of its result, if it has one.
     """
 
     place: str
-    platform: str
-    noise: str
     seed: int | None
-    duration: float | None
     configuration: str
-    varied: tuple[tuple[str, Any], ...]
     base: str
-    status: str
-    error: str
     values: dict[str, float]
     absent: dict[str, str]
     succeeded: bool
+    platform: str = ""
+    noise: str = ""
+    duration: float | None = None
+    varied: tuple[tuple[str, Any], ...] = ()
+    status: str = "ok"
+    error: str = ""
     folder: Path | None = None
 
     @property
@@ -85,26 +88,16 @@ class Material:
     units: dict[str, str] = field(default_factory=dict)
     documents: list[tuple[str, str]] = field(default_factory=list)
     facts: dict[str, dict[str, str]] = field(default_factory=dict)
-    issues: dict[str, int] = field(default_factory=dict)
+    issues: Counter[str] = field(default_factory=Counter)
     pending: int = 0
     wanted: list[str] = field(default_factory=list)
-
-    @property
-    def configurations(self) -> list[str]:
-        """Their names, in the order of their first runs."""
-        return list(dict.fromkeys(run.configuration for run in self.runs))
-
-    @property
-    def metrics(self) -> list[str]:
-        """Names of the metrics that at least one run has."""
-        return list(dict.fromkeys(name for run in self.runs for name in run.values))
 
 
 def gather(paths: Sequence[Path]) -> Material:
     """Read files of sweeps, result folders, and folders that hold any of these.
 
     Raises:
-        InputError: a path that is none of them, or is damaged; or there is no run.
+        InputError: a path of another kind, or damaged; or no run.
     """
     material = Material()
     sweeps: list[Path] = []
@@ -130,7 +123,7 @@ def gather(paths: Sequence[Path]) -> Material:
 
 def _within(folder: Path, depth: int) -> Iterable[Path]:
     """Result folders and files of sweeps in a folder, itself included, by name."""
-    if (folder / "metrics.json").is_file() and (folder / "run.json").is_file():
+    if is_result_folder(folder):
         yield folder
         return
     try:
@@ -149,18 +142,15 @@ def _take_sweep(material: Material, path: Path, prefix: str) -> None:
         spec = json.loads(store.spec)
         success = dict(spec.get("success", SUCCESS))
         material.wanted += [name for name in spec.get("metrics") or () if name not in material.wanted]
-        material.documents.append((f"Specification of {path.name}", _toml(spec)))
+        material.documents.append((f"Specification of {path.name}", tomli_w.dumps(spec)))
         for title, facts in store.environment.items():
             material.facts.setdefault(f"{title} of {path.name}", facts)
         for row in store.rows():
             if not row.status:
                 material.pending += 1
                 continue
-            values = {name: value for name, value in (row.values | row.costs).items() if value is not None}
             material.units |= row.units
-            for issue in row.issues:
-                message = str(issue.get("message"))
-                material.issues[message] = material.issues.get(message, 0) + 1
+            material.issues.update(str(issue["message"]) for issue in row.issues)
             run = row.run
             if run.version:
                 material.facts.setdefault(f"programs of {path.name}", {})[run.configuration] = run.version
@@ -176,7 +166,7 @@ def _take_sweep(material: Material, path: Path, prefix: str) -> None:
                     base=prefix + run.configuration,
                     status=row.status,
                     error=row.error,
-                    values=values,
+                    values=row.known,
                     absent=row.absent,
                     succeeded=succeeds(row, success),
                 )
@@ -187,8 +177,7 @@ def _take_folders(material: Material, folders: Sequence[Path]) -> None:
     """Result folders: those of one configuration, by the text of ``config.toml``, are runs of it."""
     texts: dict[str, list[Path]] = {}
     for folder in folders:
-        file = folder / "config.toml"
-        text = read_text(file, "a file of a result folder", limit=MAX_BYTES) if file.is_file() else ""
+        text = read_text(folder / "config.toml", "a file of a result folder", limit=MAX_BYTES)
         texts.setdefault(text, []).append(folder)
     names = _names(texts)
     for text, members in texts.items():
@@ -197,44 +186,25 @@ def _take_folders(material: Material, folders: Sequence[Path]) -> None:
 
 
 def _run_of(material: Material, folder: Path, configuration: str) -> ReportRun:
-    metrics, about = (read_table(folder / name) for name in ("metrics.json", "run.json"))
-    table = metrics.get("metrics")
-    if not isinstance(table, dict):
-        raise InputError("missing, expected in every result folder", file=folder / "metrics.json", field="metrics")
-    values: dict[str, float] = {}
-    absent: dict[str, str] = {}
-    for name, value in table.items():
-        if isinstance(value, dict) and isinstance(value.get("value"), int | float):
-            values[str(name)] = float(value["value"])
-            material.units[str(name)] = str(value.get("unit", ""))
-        elif isinstance(value, dict) and "absent" in value:
-            absent[str(name)] = str(value["absent"])
-        else:
-            raise InputError(
-                "expected a value or why it is absent", file=folder / "metrics.json", field=f"metrics.{name}"
-            )
-    for issue in about.get("warnings") or ():
-        if isinstance(issue, dict):
-            message = str(issue.get("message"))
-            material.issues[message] = material.issues.get(message, 0) + 1
-    for title in ("versions", "hardware"):
-        if isinstance(found := about.get(title), dict):
-            material.facts.setdefault(title.capitalize(), {str(key): str(value) for key, value in found.items()})
+    result = read_result_folder(folder)
+    about, values = result.run, result.values
+    material.units |= result.units
+    try:
+        material.issues.update(issue["message"] for issue in about.get("warnings", ()))
+        for title in ("versions", "hardware"):
+            facts = {name: str(value) for name, value in about.get(title, {}).items()}
+            material.facts.setdefault(title.capitalize(), facts)
+    except (AttributeError, KeyError, TypeError) as error:
+        raise InputError("not as `moteslam replay` writes it", file=folder / "run.json") from error
     seed = about.get("seed")
     limits = [(values.get(name), limit) for name, limit in SUCCESS.items()]
     return ReportRun(
         place=str(about.get("scenario") or about.get("recording") or folder.name),
-        platform="",
-        noise="",
         seed=seed if isinstance(seed, int) else None,
-        duration=None,
         configuration=configuration,
-        varied=(),
         base=configuration,
-        status="ok",
-        error="",
         values=values,
-        absent=absent,
+        absent=result.absent,
         succeeded=all(value is not None and value <= limit for value, limit in limits),
         folder=folder,
     )
@@ -244,7 +214,7 @@ def _names(texts: dict[str, list[Path]]) -> dict[str, str]:
     """A name for each configuration: what it sets otherwise than the first one, else the folder of its runs."""
     if len(texts) < 2:
         return dict.fromkeys(texts, "configuration")
-    tables = {text: _flat(_table(text)) for text in texts}
+    tables = {text: _flat(read_toml(members[0] / "config.toml", "a config.toml")) for text, members in texts.items()}
     keys = dict.fromkeys(key for table in tables.values() for key in table)
     first = next(iter(tables.values()))
     changed = [key for key in keys if any(table.get(key) != first.get(key) for table in tables.values())]
@@ -259,29 +229,8 @@ def _names(texts: dict[str, list[Path]]) -> dict[str, str]:
     return names
 
 
-def _table(text: str) -> dict[str, Any]:
-    try:
-        return tomllib.loads(text)
-    except tomllib.TOMLDecodeError:
-        return {}
-
-
 def _flat(table: dict[str, Any], prefix: str = "") -> dict[str, Any]:
     flat: dict[str, Any] = {}
     for key, value in table.items():
         flat |= _flat(value, f"{prefix}{key}.") if isinstance(value, dict) else {f"{prefix}{key}": value}
     return flat
-
-
-def _toml(spec: dict[str, Any]) -> str:
-    import tomli_w
-
-    return tomli_w.dumps(_without_none(spec))
-
-
-def _without_none(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {str(key): _without_none(item) for key, item in value.items() if item is not None}
-    if isinstance(value, list):
-        return [_without_none(item) for item in value if item is not None]
-    return value

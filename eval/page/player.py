@@ -12,12 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.errors import InputError
-from moteslam.eval.diagnostics_table import read_diagnostics
-from moteslam.eval.loop_table import read_loops
 from moteslam.eval.metrics.ate import absolute_trajectory_error
-from moteslam.eval.particle_table import read_particles
-from moteslam.robot.formats.map_server import MAX_IMAGE_BYTES, MAX_PIXELS
-from moteslam.robot.formats.map_server_cells import MAX_YAML_BYTES
+from moteslam.eval.run_tables import read_diagnostics, read_loops, read_particles
+from moteslam.robot.formats.map_server import MAX_IMAGE_BYTES, MAX_PIXELS, MAX_YAML_BYTES
 from moteslam.robot.pictures import decode_picture, picture_size
 from moteslam.robot.reading import read_bytes
 from moteslam.robot.se2 import between, compose, inverse

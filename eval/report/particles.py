@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from functools import cached_property
 from os import PathLike
 from typing import TYPE_CHECKING
 
@@ -9,12 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.eval.report import style
-from moteslam.eval.report.cloud import Cloud
-from moteslam.eval.report.curves import broken
-from moteslam.robot.se2 import compose
+from moteslam.eval.report.style import STEPS, broken
+from moteslam.robot.se2 import between, compose
+from moteslam.robot.summary import Summarised
+from moteslam.slam.estimate import Estimate
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+
+Array = NDArray[np.float64]
 
 PARTICLES_DRAWN = 50
 """Of more particles than these, an even choice is drawn."""
@@ -26,17 +31,67 @@ COMPONENTS = (("along [cm]", 100.0), ("across [cm]", 100.0), ("heading [deg]", 1
 """Of a deviation: label of its axis, and the factor from m or rad to its unit."""
 
 
-def draw_particles(path: str | PathLike[str], cloud: Cloud, *, title: str = "") -> None:
-    """Draw the particles' deviations, magnified on the plan and over time, and their ancestors (figure 8 of the paper).
+@dataclass(frozen=True, eq=False, repr=False)
+class Cloud(Summarised):
+    """The particles of a run. The survivors are those of the last update.
 
-    Args:
-        path: of the PNG.
-        cloud: the particles of a run.
-        title: over the figure.
-
-    Raises:
-        OutputError: it cannot be written.
+    Attributes:
+        stamps: [u] of the updates of the filter [s].
+        paths: [K, u, 3] of the survivors.
+        ancestors: [K, u] index of each path's particle among those of every update.
+        spread: [u, 3] standard deviation of all particles after every update: along and across the heading [m], and of
+            the heading [rad].
+        best: index of the best particle among the survivors.
     """
+
+    stamps: Array
+    paths: Array
+    ancestors: NDArray[np.int64]
+    spread: Array
+    best: int = 0
+
+    @classmethod
+    def of(cls, estimate: Estimate) -> Cloud:
+        """The particles of an estimate; the best one is where the final trajectory ends."""
+        end = estimate.trajectory_final.at(estimate.particle_stamps[-1:]).poses[0]
+        from_end = between(end, estimate.particle_paths[:, -1])
+        best = int(np.hypot(from_end[:, 0], from_end[:, 1]).argmin())
+        stamps, paths = estimate.particle_stamps, estimate.particle_paths
+        return cls(stamps, paths, estimate.particle_ancestors, estimate.particle_spread, best)
+
+    def __len__(self) -> int:
+        return len(self.paths)
+
+    @property
+    def time(self) -> Array:
+        """Of the updates [u], from the first [s]."""
+        return np.asarray(self.stamps - self.stamps[0])
+
+    @cached_property
+    def mean(self) -> Array:
+        """The mean [u, 3] of the survivors' paths."""
+        x, y = self.paths[..., :2].mean(axis=0).T
+        heading = np.arctan2(np.sin(self.paths[..., 2]).mean(axis=0), np.cos(self.paths[..., 2]).mean(axis=0))
+        return np.stack((x, y, heading), axis=-1)
+
+    def deviations(self, survivors: NDArray[np.int64]) -> Array:
+        """Of survivors [k] from the mean path, [k, u, 3]: along and across its heading [m], of heading [rad]."""
+        return between(self.mean, self.paths[survivors])
+
+    @cached_property
+    def ancestor_counts(self) -> NDArray[np.int64]:
+        """How many particles of every update [u] have survivors among their descendants."""
+        ordered = np.sort(self.ancestors, axis=0)
+        return np.asarray(1 + np.count_nonzero(np.diff(ordered, axis=0), axis=0))
+
+    @property
+    def partings(self) -> NDArray[np.int64]:
+        """The updates [p] at which lineages part: the survivors have more ancestors there than one update before."""
+        return np.flatnonzero(np.diff(self.ancestor_counts) > 0) + 1
+
+
+def draw_particles(path: str | PathLike[str], cloud: Cloud, *, title: str = "") -> None:
+    """The particles' deviations, magnified on the plan and over time, and their ancestors (figure 8 of the paper)."""
     drawn = np.unique(np.linspace(0, len(cloud) - 1, min(len(cloud), PARTICLES_DRAWN)).round().astype(np.int64))
     with style.saved_figure(path, size=(14.0, 8.5)) as figure:
         grid = figure.add_gridspec(4, 2, width_ratios=(1.0, 1.15))
@@ -62,8 +117,7 @@ def magnification(largest: float, size: float) -> int:
         size: longer side of the plan [m].
     """
     limit = DRAWN_SIZE * size / max(largest, 1e-6)
-    factors = [step * 10**power for power in range(4) for step in (1, 2, 5)]
-    return max((factor for factor in factors if factor <= limit), default=1)
+    return max(int(step) for step in STEPS if step == 1 or 1 < step <= min(limit, 5000))
 
 
 def _draw_plan(axes: Axes, cloud: Cloud, drawn: NDArray[np.int64]) -> None:
@@ -75,7 +129,9 @@ def _draw_plan(axes: Axes, cloud: Cloud, drawn: NDArray[np.int64]) -> None:
     spread = 2 * cloud.spread[:, :2]
     factor = magnification(max(float(abs(deviations[..., :2]).max()), float(np.quantile(spread, 0.9))), size)
     paths = compose(mean, deviations * (factor, factor, 1.0))
-    places = _evenly_along(mean, ELLIPSES)
+    travelled = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(mean[:, :2], axis=0).T))))
+    evenly = np.linspace(0.0, travelled[-1], ELLIPSES)
+    places = np.unique(np.searchsorted(travelled, evenly).clip(max=len(mean) - 1))
     widths, heights = 2 * factor * spread[places].T
     axes.add_collection(
         EllipseCollection(
@@ -123,9 +179,7 @@ def _draw_deviations(axes: Axes, cloud: Cloud, drawn: NDArray[np.int64], column:
     highest = int(np.nanargmax(sigma))
     if sigma[highest] > 1.1 * top:
         axes.set_title(f"standard deviation up to {sigma[highest]:.3g} at {time[highest]:.0f} s", loc="right")
-    axes.set_ylabel(label)
-    axes.margins(x=0.01)
-    axes.grid(axis="y", color="0.9", lw=0.6)
+    style.curve_axes(axes, label)
 
 
 def _draw_ancestors(axes: Axes, cloud: Cloud) -> None:
@@ -135,9 +189,8 @@ def _draw_ancestors(axes: Axes, cloud: Cloud) -> None:
     label = f"lineages part ({len(partings)} times)"
     axes.plot(cloud.time[partings], counts[partings], "d", color=style.DEAD_RECKONING, ms=5, mew=0, label=label)
     axes.set_yscale("log")
-    axes.set_ylim(0.8, 1.25 * len(cloud))
-    ticks = [step * 10**power for power in range(7) for step in (1, 2, 5)]
-    axes.set_yticks([tick for tick in ticks if tick <= 1.25 * len(cloud)])
+    axes.set_ylim(0.8, top := 1.25 * len(cloud))
+    axes.set_yticks([step for step in STEPS if 1 <= step <= top])
     axes.yaxis.set_major_formatter("{x:.0f}")
     axes.minorticks_off()
     axes.set_ylabel("ancestors")
@@ -145,9 +198,3 @@ def _draw_ancestors(axes: Axes, cloud: Cloud) -> None:
     single = np.flatnonzero(counts == 1)
     since = f"one common ancestor until {cloud.time[single[-1]]:.0f} s" if len(single) else f"{counts[0]} at the start"
     axes.set_title(f"ancestors of the {len(cloud)} particles of the last update: {since}", loc="left")
-
-
-def _evenly_along(path: NDArray[np.float64], count: int) -> NDArray[np.int64]:
-    """Indices of poses of a path [u, 3] at even distances along it; count of them at most."""
-    travelled = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(path[:, :2], axis=0).T))))
-    return np.unique(np.searchsorted(travelled, np.linspace(0.0, travelled[-1], count)).clip(max=len(path) - 1))

@@ -2,39 +2,60 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from os import PathLike
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.eval.report import style
-from moteslam.eval.report.arrows import APART, draw_arrows
-from moteslam.eval.report.labels import Label, draw_labels
 from moteslam.robot.formats.map_server import FREE
 from moteslam.sim.actors.doors import Door
 from moteslam.sim.scenario import Scenario
 from moteslam.sim.world.layout import Layout
-from moteslam.sim.world.pieces import Polygon
 from moteslam.sim.world.true_map import true_map
 from moteslam.sim.world.world import World
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+Array = NDArray[np.float64]
+
 MATERIAL_COLOURS = {"glass": "#56B4E9", "black": "black", "shiny": "#E69F00"}
 PLAIN_COLOUR, OTHER_MATERIAL, PERSON, DOOR, SLIPPERY = "0.25", "#CC79A7", "#D55E00", "#009E73", "#F0E442"
 UNREACHED, FREE_SPACE = "0.9", "white"
-FURNITURE_COLOURS = {"box": "0.75", "pillar": "0.55", "table": "#E8D5B5", "chair": "#F4E8D2", "shelf": "#CDB08A"}
-"""By kind; of tables and chairs it is the board that is filled, which the lidar does not see."""
+FURNITURE_COLOURS = {"shelf": "#CDB08A", "table": "#E8D5B5", "chair": "#F4E8D2", "box": "0.75", "pillar": "0.55"}
+"""By kind; those that may stand on another one come after it. Of tables and chairs it is the board that is filled,
+which the lidar does not see."""
 
 LONGEST = 11.0
 """The longer side of the plan [inch]."""
 RASTER = 1500
 """Cells along the longer side of the raster of free space."""
+ARROWS_APART = 0.9
+"""Distance between the arrows along a route [inch]."""
+ARROW_LENGTH, ARROW_HALF_WIDTH, ARROW_BESIDE = 0.11, 0.035, 0.05
+"""Of an arrow, and how far to the right of the line it is drawn, as there and back differ [inch]."""
+FONT_SIZE = 8.0 / 72
+"""Of labels [inch]."""
+CHARACTER = (0.62, 1.3)
+"""Width and height of a character, as shares of the size of the font."""
+LABEL_GAPS = np.array((4.0, 9.0, 16.0, 26.0)) / 72
+"""Between a place and its label, in x and in y [inch]: the nearest of these that is free."""
+LABEL_SIDES = np.array(((1, 1), (1, -1), (-1, 1), (-1, -1), (1, 0), (-1, 0), (0, 1), (0, -1)))
+"""Of a place, where its label may be; those on a slant come first, since routes and walls are mostly straight."""
 
 
-def draw_scenario(path: str | PathLike[str], scenario: Scenario, *, driven: NDArray[np.float64] | None = None) -> None:
+class Label(NamedTuple):
+    """A short text that belongs to a place x, y [m]."""
+
+    text: str
+    place: Sequence[float]
+    colour: str = "black"
+
+
+def draw_scenario(path: str | PathLike[str], scenario: Scenario, *, driven: Array | None = None) -> None:
     """Draw a scenario as a plan in metres, its legend below the axes.
 
     Args:
@@ -48,7 +69,7 @@ def draw_scenario(path: str | PathLike[str], scenario: Scenario, *, driven: NDAr
     """
     world = World.of(scenario.world)
     points = world.segments.reshape(-1, 2)
-    scale = LONGEST / (float(np.ptp(points, axis=0).max()) + 2.0)  # as in plan_size
+    scale = LONGEST / (float(np.ptp(points, axis=0).max()) + 2.0)  # inch/m, as in plan_size
     line = driven if driven is not None else None if scenario.route is None else scenario.route.path()
     with style.saved_figure(path, size=style.plan_size(points, longest=LONGEST)) as figure:
         axes = figure.subplots()
@@ -61,26 +82,25 @@ def draw_scenario(path: str | PathLike[str], scenario: Scenario, *, driven: NDAr
         labels += _draw_people(axes, scenario) + _draw_doors(axes, scenario)
         style.plan(axes)
         style.show_everything(axes, points, margin=0.5)
-        draw_labels(axes, labels, scale)
+        _draw_labels(axes, labels, scale)
         style.legend_below(figure, axes)
         style.heading(figure, scenario.name)
 
 
-def _draw_unreached(axes: Axes, world: World, start: NDArray[np.float64]) -> None:
+def _draw_unreached(axes: Axes, world: World, start: Array) -> None:
     """Fill all but what can be reached from the robot's start."""
     from matplotlib.colors import ListedColormap
 
     x0, y0, x1, y1 = world.bounds
     reached = true_map(world, max(x1 - x0, y1 - y0) / RASTER, seen_from=start)
-    left, right, bottom, top = reached.extent
-    rest = np.ma.masked_equal(reached.values, FREE)
-    look: dict[str, Any] = {
-        "cmap": ListedColormap([UNREACHED]),
-        "origin": "lower",
-        "interpolation": "nearest",
-        "zorder": 0.4,
-    }
-    axes.imshow(rest, extent=(left, right, bottom, top), **look)
+    axes.imshow(
+        np.ma.masked_equal(reached.values, FREE),
+        extent=reached.extent,
+        cmap=ListedColormap([UNREACHED]),
+        origin="lower",
+        interpolation="nearest",
+        zorder=0.4,
+    )
     axes.plot([], [], "s", mfc=FREE_SPACE, mec="0.6", ms=8, label="free space")
 
 
@@ -92,35 +112,26 @@ def _draw_slippery(axes: Axes, layout: Layout) -> list[Label]:
     for i, patch in enumerate(layout.slippery):
         label = "slippery floor" if i == 0 else None
         axes.add_patch(Rectangle(patch.corner, *patch.size, facecolor=SLIPPERY, alpha=0.6, zorder=0.3, label=label))
-        x, y = np.add(patch.corner, np.multiply(0.5, patch.size)).tolist()
-        labels.append(Label(f"grip {patch.grip:g}", (x, y), "0.3"))
+        labels.append(Label(f"grip {patch.grip:g}", np.add(patch.corner, np.multiply(0.5, patch.size)).tolist(), "0.3"))
     return labels
 
 
-def _furniture(layout: Layout) -> dict[str, list[Polygon]]:
-    """The areas that pieces take on the floor, by kind; those that may stand on another one come after it."""
-    return {
+def _draw_furniture(axes: Axes, layout: Layout) -> None:
+    """The areas that pieces take on the floor, a colour a kind."""
+    from matplotlib.collections import PolyCollection
+
+    furniture = {
         "shelf": [piece.polygon() for piece in layout.shelves],
         "table": [piece.board() for piece in layout.tables],
         "chair": [piece.board() for piece in layout.chairs],
         "box": [piece.polygon() for piece in layout.boxes],
         "pillar": [piece.polygon() for piece in layout.pillars],
     }
-
-
-def _draw_furniture(axes: Axes, layout: Layout) -> None:
-    """The areas of furniture, a colour a kind."""
-    from matplotlib.collections import PolyCollection
-
-    for kind, areas in _furniture(layout).items():
-        if areas:
-            look: dict[str, Any] = {
-                "facecolors": FURNITURE_COLOURS[kind],
-                "edgecolors": "0.6",
-                "linewidths": 0.4,
-                "zorder": 0.5,
-            }
-            axes.add_collection(PolyCollection(areas, label=f"{kind} ({len(areas)})", **look))
+    for kind, colour in FURNITURE_COLOURS.items():
+        if areas := furniture[kind]:
+            label = f"{kind} ({len(areas)})"
+            pieces = PolyCollection(areas, facecolors=colour, edgecolors="0.6", linewidths=0.4, zorder=0.5, label=label)
+            axes.add_collection(pieces)
 
 
 def _draw_walls(axes: Axes, world: World) -> None:
@@ -137,30 +148,52 @@ def _draw_walls(axes: Axes, world: World) -> None:
             axes.add_collection(LineCollection(lines, colors=colour, linewidths=1.0 if plain else 2.2, label=label))
 
 
-def _draw_route(
-    axes: Axes, scenario: Scenario, line: NDArray[np.float64] | None, scale: float, name: str
-) -> list[Label]:
+def _draw_route(axes: Axes, scenario: Scenario, line: Array | None, scale: float, name: str) -> list[Label]:
     """The route with arrows, its start and its goal; their labels."""
     start = scenario.start
     style.mark_start(axes, start[None])
     if line is None:
-        axes.plot([], [], " ", label=_task_without_route(scenario))
-        return [Label("start", (start[0], start[1]))]
+        wander = scenario.wander
+        task = "drives by commands" if wander is None else f"wanders {wander.distance:g} m at random"
+        axes.plot([], [], " ", label=task)
+        return [Label("start", start[:2].tolist())]
     length = float(np.hypot(*np.diff(line, axis=0).T).sum())
     axes.plot(line[:, 0], line[:, 1], color=style.SLAM, lw=1.0, label=f"{name}, {length:.0f} m")
-    draw_arrows(axes, line, scale, style.SLAM)
+    _draw_arrows(axes, line, scale)
     style.mark_ends(axes, (line, style.SLAM), label="goal")
-    goal = line[-1]
-    if np.hypot(*(goal - start[:2])) * scale < APART / 3:
-        return [Label("start and goal", (start[0], start[1]))]
-    return [Label("start", (start[0], start[1])), Label("goal", (goal[0], goal[1]), style.SLAM)]
+    if np.hypot(*(line[-1] - start[:2])) * scale < ARROWS_APART / 3:
+        return [Label("start and goal", start[:2].tolist())]
+    return [Label("start", start[:2].tolist()), Label("goal", line[-1].tolist(), style.SLAM)]
 
 
-def _task_without_route(scenario: Scenario) -> str:
-    """What a robot does that has no route, for the legend."""
-    if scenario.wander is not None:
-        return f"wanders {scenario.wander.distance:g} m at random"
-    return "drives by commands"
+def _draw_arrows(axes: Axes, line: Array, scale: float) -> None:
+    """Arrows to the right of a line [k, 2] [m], at even distances, on a plan of this scale [inch/m]."""
+    from matplotlib.collections import PolyCollection
+
+    places, directions = along(line, ARROWS_APART / scale)
+    right = np.stack((directions[:, 1], -directions[:, 0]), axis=-1)
+    middle = places + ARROW_BESIDE / scale * right
+    half = ARROW_LENGTH / 2 / scale * directions
+    sides = (middle - half - side * ARROW_HALF_WIDTH / scale * right for side in (-1, 1))
+    corners = np.stack((middle + half, *sides), axis=1)
+    axes.add_collection(PolyCollection(list(corners), facecolors=style.SLAM, edgecolors="none", zorder=3))
+
+
+def along(line: Array, spacing: float) -> tuple[Array, Array]:
+    """Places [n, 2] on a line [k, 2] at even distances, at least one, and the line's unit directions there [n, 2].
+
+    Args:
+        line: two corners at least, in any unit.
+        spacing: about this distance between two places.
+    """
+    steps = np.diff(line, axis=0)
+    lengths = np.hypot(*steps.T)
+    travelled = np.concatenate(([0.0], np.cumsum(lengths)))
+    count = max(1, round(travelled[-1] / spacing))
+    at = (np.arange(count) + 0.5) * travelled[-1] / count
+    leg = np.clip(np.searchsorted(travelled, at, side="right") - 1, 0, len(steps) - 1)
+    directions = steps[leg] / np.maximum(lengths[leg], 1e-12)[:, None]
+    return line[leg] + (at - travelled[leg])[:, None] * directions, directions
 
 
 def _draw_people(axes: Axes, scenario: Scenario) -> list[Label]:
@@ -171,14 +204,9 @@ def _draw_people(axes: Axes, scenario: Scenario) -> list[Label]:
         waypoints = np.asarray(person.waypoints)
         strolls = len(waypoints) == 1
         what = "person, strolls about" if strolls else "person, there and back"
-        look: dict[str, Any] = {
-            "color": PERSON,
-            "mfc": "white" if strolls else PERSON,
-            "mec": PERSON,
-            "ms": 5,
-            "lw": 1.2,
-        }
-        axes.plot(*waypoints.T, "o" if strolls else "o:", markevery=[0], label=None if what in known else what, **look)
+        look: dict[str, Any] = {"color": PERSON, "mfc": "white" if strolls else PERSON, "mec": PERSON, "lw": 1.2}
+        label = None if what in known else what
+        axes.plot(*waypoints.T, "o" if strolls else "o:", markevery=[0], ms=5, label=label, **look)
         known.add(what)
         labels.append(Label(f"person {i + 1}", person.waypoints[0], PERSON))
     if scenario.crowd is not None:
@@ -193,12 +221,11 @@ def _draw_doors(axes: Axes, scenario: Scenario) -> list[Label]:
         leaf = np.array((door.hinge, door.end))
         axes.plot(*leaf.T, color=DOOR, lw=2.4, label="door, shut" if i == 0 else None)
         axes.plot(*_opening(door).T, "--", color=DOOR, lw=1.0, label="door, as it opens" if i == 0 else None)
-        x, y = leaf.mean(axis=0).tolist()
-        labels.append(Label(f"door {i + 1}", (x, y), DOOR))
+        labels.append(Label(f"door {i + 1}", leaf.mean(axis=0).tolist(), DOOR))
     return labels
 
 
-def _opening(door: Door) -> NDArray[np.float64]:
+def _opening(door: Door) -> Array:
     """What the free end of a door's leaf goes through, and back to the hinge [k, 2] [m]."""
     hinge, end = np.array(door.hinge), np.array(door.end)
     if door.kind == "slide":
@@ -207,3 +234,35 @@ def _opening(door: Door) -> NDArray[np.float64]:
     x, y = end - hinge
     arc = np.stack((x * np.cos(angles) - y * np.sin(angles), x * np.sin(angles) + y * np.cos(angles)), axis=-1)
     return np.concatenate((hinge + arc, hinge[None]))
+
+
+def _draw_labels(axes: Axes, labels: Sequence[Label], scale: float) -> None:
+    """Write labels beside their places on a plan of this scale [inch/m], with a rim that keeps them legible on lines.
+
+    Each is where it covers no label before it, is inside the axes, and covers the least of what is drawn; of such
+    places the nearest.
+    """
+    from matplotlib.patheffects import withStroke
+
+    lines = [np.asarray(line.get_xydata()) for line in axes.lines]
+    lines += [np.asarray(path.vertices) for collection in axes.collections for path in collection.get_paths()]
+    sampled = [along(line, FONT_SIZE / 3 / scale)[0] for line in lines if len(line) > 1]
+    drawn = np.concatenate([np.zeros((0, 2)), *sampled])
+    low, high = np.transpose((axes.get_xlim(), axes.get_ylim()))
+    centres, sizes = np.zeros((0, 2)), np.zeros((0, 2))
+    for label in labels:
+        size = np.multiply(CHARACTER, (len(label.text), 1)) * FONT_SIZE / scale
+        reaches = size / 2 + LABEL_GAPS[:, None] / scale
+        candidates = label.place + (reaches[:, None] * LABEL_SIDES).reshape(-1, 2)
+        apart = abs(candidates[:, None] - centres) - (sizes + size) / 2
+        near = drawn[(abs(drawn - label.place) < size + reaches[-1]).all(axis=1)]
+        cost = (
+            1e6 * ~(apart > 0).any(axis=2).all(axis=1)
+            + 1e3 * ((candidates - size / 2 < low) | (candidates + size / 2 > high)).any(axis=1)
+            + (abs(candidates[:, None] - near) < size / 2).all(axis=2).sum(axis=1)
+            + np.repeat(2.0 * np.arange(len(LABEL_GAPS)), len(LABEL_SIDES))
+        )
+        x, y = chosen = candidates[np.argmin(cost)]
+        centres, sizes = np.vstack((centres, chosen)), np.vstack((sizes, size))
+        text = axes.text(x, y, label.text, fontsize=72 * FONT_SIZE, color=label.colour, zorder=9, parse_math=False)
+        text.set(ha="center", va="center", path_effects=[withStroke(linewidth=2.5, foreground="white")])

@@ -21,8 +21,8 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
-"""Of the streams; the palette of Okabe and Ito."""
+STREAM_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
+"""The palette of Okabe and Ito."""
 BINS = 240
 """Across the time of a recording."""
 RANGE_BINS = 80
@@ -43,7 +43,7 @@ def draw_streams(path: str | PathLike[str], recording: Recording, found: Inspect
     first = min(float(some[0]) for some in stamps.values())
     last = max(float(some[-1]) for some in stamps.values())
     span = max(last - first, 1e-3)
-    colours = dict(zip(stamps, COLOURS, strict=False))
+    colours = dict(zip(stamps, STREAM_COLOURS, strict=False))
     rates = yaw_rates(recording)
     lidar = recording.lidar if recording.lidar is not None and recording.lidar.ranges.size else None
     heights = [0.35 * len(stamps) + 0.3, 1.4, *([1.6] if rates else []), *([2.0, 1.0] if lidar is not None else [])]

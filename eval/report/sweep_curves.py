@@ -8,9 +8,10 @@ from math import isfinite, log10
 from os import PathLike
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from moteslam.eval.metrics.registry import metric
 from moteslam.eval.report import style
-from moteslam.eval.report.comparison import COLOURS
 from moteslam.eval.sweep.tables import GroupSummary, better, varying
 
 if TYPE_CHECKING:
@@ -22,7 +23,7 @@ DODGE = 0.012
 """Between the same place on two lines, as a share of the axis: so that intervals lie beside each other."""
 PANELS_APART = 0.06
 """As a share of a panel."""
-DASHES, MARKERS = ("-", "--", ":", "-."), ("o", "s", "^", "D", "v", "P")
+MARKERS = ("o", "s", "^", "D", "v", "P")
 SETTINGS = ("scenario", "platform", "noise")
 """Columns that say where it was run: they choose the colour, all others dashes and marker."""
 MARGIN = 0.08
@@ -46,36 +47,6 @@ class Line:
     groups: list[GroupSummary]
 
 
-@dataclass(frozen=True)
-class Places:
-    """Where the values of a column lie on the axis.
-
-    Attributes:
-        values: in their order; the places of words are 0, 1, 2, ...
-        numeric: whether all are numbers, also where they were written as words.
-    """
-
-    values: list[Any]
-    numeric: bool
-
-    @classmethod
-    def of(cls, values: Sequence[Any]) -> Places:
-        """Of the values of a column, in rising order if they are numbers."""
-        once = list(dict.fromkeys(values))
-        numeric = all(_number(value) is not None for value in once)
-        return cls(sorted(once, key=lambda value: _number(value) or 0.0) if numeric else once, numeric)
-
-    def of_value(self, value: Any) -> float:
-        """The place of one of the values."""
-        number = _number(value) if self.numeric else None
-        return float(self.values.index(value)) if number is None else number
-
-    @property
-    def logarithmic(self) -> bool:
-        """Whether they are numbers far apart."""
-        return self.numeric and far_apart([self.of_value(value) for value in self.values], FAR_APART_BELOW)
-
-
 def draw_sweep(
     path: str | PathLike[str],
     groups: Sequence[GroupSummary],
@@ -83,7 +54,6 @@ def draw_sweep(
     *,
     column: str,
     label: str | None = None,
-    title: str = "",
 ) -> None:
     """Medians over a column with bars for their 95 % bootstrap intervals, a panel a metric.
 
@@ -96,15 +66,11 @@ def draw_sweep(
         metrics: names.
         column: of ``GroupSummary.about``, such as a key that varies; groups without it are left out.
         label: of the axis, by default the name of the column.
-        title: over the figure.
-
-    Raises:
-        OutputError: it cannot be written.
     """
     from matplotlib.layout_engine import ConstrainedLayoutEngine
 
     shown = [group for group in groups if column in group.about]
-    places = Places.of([group.about[column] for group in shown])
+    places = places_of([group.about[column] for group in shown])
     lines = lines_of(shown, column, places)
     with style.saved_figure(path, size=(1.0 + 5.2 * len(metrics), 4.6)) as figure:
         panels = figure.subplots(1, len(metrics), squeeze=False)[0]
@@ -115,139 +81,114 @@ def draw_sweep(
             axes.set_xlabel(style.printable(column if label is None else label), parse_math=False)
         panels[0].errorbar([], [], yerr=[], color="0.4", ls="", capsize=3.5, label="95 % interval of the median")
         style.legend_below(figure, *panels, columns=2 if len(metrics) == 1 else 5)
-        style.heading(figure, title)
 
 
-def lines_of(groups: Sequence[GroupSummary], column: str, places: Places) -> list[Line]:
+def places_of(values: Sequence[Any]) -> dict[Any, float]:
+    """Where the values of a column lie on the axis, in their order there.
+
+    Numbers, also those that were written as words, lie where they are; words and truth values side by side.
+    """
+    once = list(dict.fromkeys(values))
+    try:
+        numbers = {value: float(value) for value in once}
+    except (TypeError, ValueError):
+        numbers = {}
+    if not numbers or any(isinstance(value, bool) or not isfinite(numbers[value]) for value in once):
+        return {value: float(k) for k, value in enumerate(once)}
+    return dict(sorted(numbers.items(), key=lambda item: item[1]))
+
+
+def lines_of(groups: Sequence[GroupSummary], column: str, places: dict[Any, float]) -> list[Line]:
     """The lines of groups: a colour for each scenario, robot and noise, dashes for each configuration."""
-    others = [key for key in varying(groups) if key != column and len({_text(group, key) for group in groups}) > 1]
+
+    def text(group: GroupSummary, key: str) -> str:
+        return str(group.about.get(key, ""))
+
+    others = [key for key in varying(groups) if key != column and len({text(group, key) for group in groups}) > 1]
     members: dict[tuple[tuple[str, ...], tuple[str, ...]], list[GroupSummary]] = {}
     for group in groups:
-        where = tuple(_text(group, key) for key in others if key in SETTINGS)
-        how = tuple(_named(group, key) for key in others if key not in SETTINGS)
+        where = tuple(text(group, key) for key in others if key in SETTINGS)
+        words = {key: text(group, key) for key in others if key not in SETTINGS}
+        how = tuple(word if key == "configuration" or not word else f"{key}={word}" for key, word in words.items())
         members.setdefault((where, how), []).append(group)
     wheres = list(dict.fromkeys(where for where, _ in members))
     hows = list(dict.fromkeys(how for _, how in members))
     lines = []
     for (where, how), each in members.items():
         first, second = wheres.index(where), hows.index(how)
-        look = {"color": COLOURS[first % len(COLOURS)], "ls": DASHES[second % len(DASHES)]}
-        look["marker"] = MARKERS[(second if len(hows) > 1 else first) % len(MARKERS)]
-        ordered = sorted(each, key=lambda group: places.of_value(group.about[column]))
+        look = {
+            "color": style.COLOURS[first % len(style.COLOURS)],
+            "ls": style.DASHES[second % len(style.DASHES)],
+            "marker": MARKERS[(second if len(hows) > 1 else first) % len(MARKERS)],
+        }
+        ordered = sorted(each, key=lambda group: places[group.about[column]])
         label = ", ".join(filter(None, (*where, *how)))
-        lines.append(Line(label, look, [places.of_value(group.about[column]) for group in ordered], ordered))
+        lines.append(Line(label, look, [places[group.about[column]] for group in ordered], ordered))
     return lines
 
 
 def far_apart(values: Sequence[float], factor: float = FAR_APART) -> bool:
     """Whether values are all above 0 and one is this many times another."""
-    return bool(values) and min(values) > 0 and max(values) >= factor * min(values)
+    return len(values) > 0 and min(values) > 0 and max(values) >= factor * min(values)
 
 
-def dodged(places: Sequence[float], shift: float, span: tuple[float, float], *, logarithmic: bool) -> list[float]:
-    """Places moved by a share of an axis that goes from the first to the second of ``span``."""
-    low, high = span
-    if logarithmic:
-        return [place * (high / low) ** shift for place in places]
-    return [place + shift * (high - low) for place in places]
-
-
-def _draw(axes: Axes, lines: Sequence[Line], name: str, places: Places) -> None:
-    ends = sorted(places.of_value(value) for value in places.values)
-    span = (ends[0], ends[-1]) if ends[0] < ends[-1] else (ends[0] - 0.5, ends[0] + 0.5)
-    finite = [
-        value
-        for line in lines
-        for group in line.groups
-        for value in (group.values[name].median, group.values[name].low, group.values[name].high)
-        if value is not None and isfinite(value)
-    ]
-    unit, factor = _unit(metric(name).unit, finite)
+def _draw(axes: Axes, lines: Sequence[Line], name: str, places: dict[Any, float]) -> None:
+    summaries = [group.values[name] for line in lines for group in line.groups]
+    ends = [value for one in summaries for value in (one.median, one.low, one.high)]
+    finite = [value for value in ends if value is not None and isfinite(value)]
+    unit, factor = axis_unit(metric(name).unit, finite)
     finite = [factor * value for value in finite]
     logarithmic = far_apart(finite)
-    low, high = _limits(finite, logarithmic=logarithmic, least=0.0 if better(name) == "lower" else None)
-    if places.logarithmic:
+    low, high = _limits(finite, logarithmic=logarithmic, from_zero=better(name) == "lower")
+    axes.set_yscale("log" if logarithmic else "linear")
+    first, last = min(places.values()), max(places.values())
+    if first == last:
+        first, last = first - 0.5, last + 0.5
+    if far_apart(list(places.values()), FAR_APART_BELOW):
         axes.set_xscale("log")
-    if logarithmic:
-        axes.set_yscale("log")
     for index, line in enumerate(lines):
-        there = [k for k, group in enumerate(line.groups) if group.values[name].median is not None]
+        shown = [k for k, group in enumerate(line.groups) if group.values[name].median is not None]
+        found = [line.groups[k].values[name] for k in shown]
         shift = DODGE * (index - (len(lines) - 1) / 2)
-        x = dodged([line.places[k] for k in there], shift, span, logarithmic=places.logarithmic)
-        found = [line.groups[k].values[name] for k in there]
+        x = np.array([line.places[k] for k in shown])
+        x = x * (last / first) ** shift if axes.get_xscale() == "log" else x + shift * (last - first)
         y, bottom, top = (
-            [_clipped(getattr(one, part), factor, low, high) for one in found] for part in ("median", "low", "high")
+            np.clip([low if (value := getattr(one, part)) is None else factor * value for one in found], low, high)
+            for part in ("median", "low", "high")
         )
-        axes.vlines(x, bottom, top, color=line.look["color"], lw=1.4, alpha=0.7)
+        colour = line.look["color"]
+        axes.vlines(x, bottom, top, color=colour, lw=1.4, alpha=0.7)
         for ends_of in (bottom, top):
-            axes.plot(x, ends_of, "_", color=line.look["color"], ms=7, mew=1.4, alpha=0.7)
+            axes.plot(x, ends_of, "_", color=colour, ms=7, mew=1.4, alpha=0.7)
         axes.plot(x, y, lw=1.4, ms=5.5, label=line.label or "median", **line.look)
-        failed = [k for k, one in enumerate(found) if not isfinite(one.median or 0.0)]
-        axes.plot(
-            [x[k] for k in failed], [y[k] for k in failed], "o", mfc="white", mec=line.look["color"], ms=9, zorder=5
-        )
+        failed = np.array([not isfinite(one.median or 0.0) for one in found], bool)
+        axes.plot(x[failed], y[failed], "o", mfc="white", mec=colour, ms=9, zorder=5)
     axes.set_ylim(low, high)
-    _ticks(axes, places)
+    names = [f"{value:g}" if isinstance(value, float) else str(value) for value in places]
+    axes.set_xticks(list(places.values()), names, parse_math=False)
+    axes.minorticks_off()
+    if logarithmic:
+        steps = [step for step in style.STEPS if low <= step <= high]
+        axes.set_yticks(steps, [f"{step:g}" for step in steps])
+        axes.set_ylim(low, high)
     axes.set_ylabel(f"{name}{f' [{unit}]' if unit else ''}")
     axes.grid(axis="y", color="0.9", lw=0.6)
 
 
-def _limits(values: Sequence[float], *, logarithmic: bool, least: float | None) -> tuple[float, float]:
-    """Of the axis: beyond the values by ``MARGIN``; from ``least`` on, if given, where it is linear."""
+def axis_unit(unit: str, values: Sequence[float]) -> tuple[str, float]:
+    """The unit of an axis and what values are multiplied by: centimetres where all are below a metre."""
+    return ("cm", 100.0) if unit == "m" and values and max(values) < 1 else (unit, 1.0)
+
+
+def _limits(values: Sequence[float], *, logarithmic: bool, from_zero: bool) -> tuple[float, float]:
+    """Of the axis: beyond the values by ``MARGIN``; a linear one begins at 0 where that is the best value."""
     if not values:
         return 0.0, 1.0
     low, high = min(values), max(values)
     if logarithmic:
         factor = 10 ** (MARGIN * log10(high / low))
         return low / factor, high * factor
-    if least is not None and low >= least:
-        return least, high + MARGIN * (high - least or 1.0)
+    if from_zero and low >= 0:
+        return 0.0, high + MARGIN * (high or 1.0)
     margin = MARGIN * (high - low) or 0.05 * abs(high) or 1.0
     return low - margin, high + margin
-
-
-def _clipped(value: float | None, factor: float, low: float, high: float) -> float:
-    return low if value is None else min(max(factor * value, low), high)
-
-
-def _unit(unit: str, values: Sequence[float]) -> tuple[str, float]:
-    """The unit of an axis and what values are multiplied by: centimetres where all are below a metre."""
-    return ("cm", 100.0) if unit == "m" and values and max(values) < 1 else (unit, 1.0)
-
-
-def _ticks(axes: Axes, places: Places) -> None:
-    """A tick at every value."""
-    axes.set_xticks([places.of_value(value) for value in places.values], list(map(_shown, places.values)))
-    axes.minorticks_off()
-    for text in axes.get_xticklabels():
-        text.set_parse_math(False)
-    if axes.get_yscale() == "log":
-        low, high = axes.get_ylim()
-        steps = [digit * 10.0**power for power in range(-9, 10) for digit in (1, 2, 5)]
-        shown = [step for step in steps if low <= step <= high]
-        axes.set_yticks(shown, [f"{step:g}" for step in shown])
-        axes.set_ylim(low, high)
-
-
-def _shown(value: Any) -> str:
-    return f"{value:g}" if isinstance(value, float) else str(value)
-
-
-def _text(group: GroupSummary, key: str) -> str:
-    return str(group.about.get(key, ""))
-
-
-def _named(group: GroupSummary, key: str) -> str:
-    text = _text(group, key)
-    return text if key == "configuration" or not text else f"{key}={text}"
-
-
-def _number(value: Any) -> float | None:
-    """A number, also one written as a word; None of anything else."""
-    if isinstance(value, bool):
-        return None
-    try:
-        number = float(value)
-    except (TypeError, ValueError):
-        return None
-    return number if isfinite(number) else None

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import io
-import itertools
 import os
 import tempfile
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from itertools import chain
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -35,10 +35,9 @@ def check_film(path: str | PathLike[str]) -> None:
     Raises:
         OutputError: another ending than those of ``KINDS``, or no encoder for it.
     """
-    path = Path(path)
-    kind = path.suffix.lower()
+    kind = Path(path).suffix.lower()
     if kind not in KINDS:
-        raise OutputError("no .gif, .webp or .mp4 file, expected one to write", file=path)
+        raise OutputError("expected a name that ends in .gif, .webp or .mp4", file=path)
     if kind == ".webp":
         from PIL import features
 
@@ -61,52 +60,50 @@ def write_film(path: str | PathLike[str], frames: Iterable[Frame], *, fps: float
         OutputError: see :func:`check_film`, or it cannot be written.
     """
     check_film(path)
-    write = {".gif": _gif, ".webp": _webp, ".mp4": _mp4}[Path(path).suffix.lower()]
-    write_atomically(path, write(frames, fps))
+    kind = Path(path).suffix.lower()
+    content = _mp4(frames, fps, video_codec() or "") if kind == ".mp4" else _animated(kind, frames, fps)
+    write_atomically(path, content)
 
 
-def video_codec() -> str | None:
-    """The first of ``CODECS`` that OpenCV encodes and reads back, None where there is none."""
-    grey = [np.full((64, 64, 3), shade, np.uint8) for shade in (60, 120, 180)]
-    return next((codec for codec in CODECS if _is_readable(_encoded(grey, 15.0, codec), len(grey))), None)
-
-
-def _gif(frames: Iterable[Frame], fps: float) -> bytes:
+def _animated(kind: str, frames: Iterable[Frame], fps: float) -> bytes:
+    """A GIF or WebP that repeats for ever."""
     from PIL import Image
 
     # an octree keeps the colours of thin lines, which a median cut would take for those of their neighbours
-    look: dict[str, Any] = {"colors": 128, "method": Image.Quantize.FASTOCTREE, "dither": Image.Dither.NONE}
+    colours: dict[str, Any] = {"colors": 128, "method": Image.Quantize.FASTOCTREE, "dither": Image.Dither.NONE}
 
-    def images() -> Iterator[Image.Image]:
+    def quantised() -> Iterator[Image.Image]:
         for i, frame in enumerate(frames):
-            image = Image.fromarray(frame).quantize(**look)
+            image = Image.fromarray(frame).quantize(**colours)
             ticks = round((i + 1) / fps / GIF_TICK) - round(i / fps / GIF_TICK)
             image.info["duration"] = round(1000 * GIF_TICK * ticks)
             yield image
 
-    return _animated("GIF", images(), optimize=False)
-
-
-def _webp(frames: Iterable[Frame], fps: float) -> bytes:
-    from PIL import Image
-
-    return _animated("WEBP", map(Image.fromarray, frames), duration=1000 / fps, quality=WEBP_QUALITY)
-
-
-def _animated(kind: str, images: Iterator[Any], **look: Any) -> bytes:
-    """Images that repeat for ever, in one of Pillow's formats."""
+    images: Iterator[Image.Image] = quantised() if kind == ".gif" else map(Image.fromarray, frames)
+    look = {"optimize": False} if kind == ".gif" else {"duration": 1000 / fps, "quality": WEBP_QUALITY}
     content = io.BytesIO()
-    next(images).save(content, kind, save_all=True, append_images=images, loop=0, **look)
+    next(images).save(content, kind[1:], save_all=True, append_images=images, loop=0, **look)
     return content.getvalue()
 
 
-def _mp4(frames: Iterable[Frame], fps: float) -> bytes:
-    codec = video_codec()
-    assert codec is not None  # check_film
-    return _encoded(frames, fps, codec)
+def video_codec() -> str | None:
+    """The first of ``CODECS`` that OpenCV encodes and reads back; None if it does with none of them."""
+    import cv2
+
+    grey = [np.full((64, 64, 3), shade, np.uint8) for shade in (60, 120, 180)]
+    for codec in CODECS:
+        with tempfile.TemporaryDirectory(prefix="moteslam-") as folder, _stderr_discarded():
+            file = Path(folder) / "film.mp4"
+            file.write_bytes(_mp4(grey, 15.0, codec))
+            reader = cv2.VideoCapture(str(file))
+            readable = all(reader.read()[0] for _ in grey)
+            reader.release()
+        if readable:
+            return codec
+    return None
 
 
-def _encoded(frames: Iterable[Frame], fps: float, codec: str) -> bytes:
+def _mp4(frames: Iterable[Frame], fps: float, codec: str) -> bytes:
     """An MP4; empty where OpenCV lacks the encoder."""
     import cv2
 
@@ -119,37 +116,16 @@ def _encoded(frames: Iterable[Frame], fps: float, codec: str) -> bytes:
             writer = cv2.VideoWriter(str(file), cv2.CAP_FFMPEG, cv2.VideoWriter.fourcc(*codec), fps, (width, height))
         if not writer.isOpened():
             return b""
-        for frame in itertools.chain((first,), frames):
+        for frame in chain((first,), frames):
             writer.write(np.ascontiguousarray(frame[:height, :width, ::-1]))
         writer.release()
         return file.read_bytes()
 
 
-def _is_readable(film: bytes, frames: int) -> bool:
-    """Whether an MP4 has this number of frames."""
-    import cv2
-
-    if not film:
-        return False
-    with tempfile.TemporaryDirectory(prefix="moteslam-") as folder:
-        file = Path(folder) / "film.mp4"
-        file.write_bytes(film)
-        with _stderr_discarded():
-            reader = cv2.VideoCapture(str(file))
-            found = sum(1 for _ in iter(lambda: reader.read()[0], False))
-        reader.release()
-        return found == frames
-
-
 @contextmanager
 def _stderr_discarded() -> Iterator[None]:
     """Send what libraries write to stderr nowhere: FFmpeg reports every encoder that is missing."""
-    try:
-        kept = os.dup(2)
-    except OSError:  # closed
-        yield
-        return
-    nowhere = os.open(os.devnull, os.O_WRONLY)
+    kept, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
     try:
         os.dup2(nowhere, 2)
         yield

@@ -27,31 +27,19 @@ def bundled_specs() -> dict[str, Path]:
     return {path.stem: path for path in sorted(FOLDER.glob("*.toml"))}
 
 
-def bundled_spec(name: str) -> Path:
-    """The file of the bundled specification of that name.
-
-    Raises:
-        ConfigError: there is none; the names are listed.
-    """
-    found = bundled_specs()
-    if name not in found:
-        raise ConfigError(f"no specification of this name, expected one of {', '.join(found)}", file=name)
-    return found[name]
-
-
 def spec_file(name_or_path: str | PathLike[str]) -> Path:
     """The file of a specification: a bundled one by its name, or a path.
 
     Raises:
-        ConfigError: it is neither; the names are listed.
+        ConfigError: an unknown name; the known ones are listed.
     """
-    text, path = str(name_or_path), Path(name_or_path)
-    if path.suffix == ".toml" or (path.is_file() and text not in bundled_specs()):
+    text, path, bundled = str(name_or_path), Path(name_or_path), bundled_specs()
+    if text in bundled:
+        return bundled[text]
+    if path.suffix == ".toml" or path.is_file():
         return path
-    try:
-        return bundled_spec(text)
-    except ConfigError as error:
-        raise ConfigError(f"{error.problem}, or a .toml file", file=text) from error
+    expected = f"one of {', '.join(bundled)}, or a .toml file"
+    raise ConfigError(f"no specification of this name, expected {expected}", file=text)
 
 
 def digest(runs: Iterable[PlannedRun]) -> str:
@@ -93,7 +81,7 @@ def _add_robot(robots: dict[str, Any], robot: Any, beside: Path) -> None:
 
 
 def _table(name: str, folder: Path) -> dict[str, Any] | None:
-    """The table of a bundled name or of a file; None where there is no file, as of a random building."""
+    """The table of a bundled name or of a file; None for a random building, which has no file."""
     path = Path(name)
     if path.suffix != ".toml" and path.name == name:
         path = folder / f"{name}.toml"

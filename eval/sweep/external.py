@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
+import subprocess
 import tempfile
-import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from moteslam.errors import InputError, MoteslamError, MoteslamWarning
-from moteslam.eval.sweep.program import run_program
+from moteslam.errors import InputError, MoteslamError
 from moteslam.robot.formats.carmen_writer import write_carmen
 from moteslam.robot.formats.map_server import read_map
 from moteslam.robot.formats.ucsd import write_ucsd
@@ -21,8 +21,10 @@ from moteslam.robot.trajectory import Trajectory
 from moteslam.sim.logged import with_odometry
 
 RecordingFormat = Literal["carmen", "ucsd"]
-SEQUENCE = 0
-"""Number in the file names of the format ``ucsd``."""
+TAIL = 300
+"""Characters of the last line that a program printed that go into the error."""
+LONGEST_VERSION = 200
+"""Characters of a version."""
 
 
 @dataclass(frozen=True)
@@ -50,7 +52,7 @@ def estimate(command: Command, recording: Recording, seed: int) -> tuple[Traject
     """Run an external SLAM over a recording; its trajectory, and its map if it wrote one.
 
     Nothing but the recording and its robot is given to it; what it prints is thrown away, but for the last line of one
-    that fails. Who calls sets the time limit.
+    that fails.
 
     Raises:
         InputError: the recording cannot be written in that format; the command is not there, fails, or writes no
@@ -64,10 +66,10 @@ def estimate(command: Command, recording: Recording, seed: int) -> tuple[Traject
         try:
             if command.format == "carmen":
                 file = given / "recording.log"
-                write_carmen(file, _with_poses(recording))
+                write_carmen(file, _with_odometry_poses(recording))
             else:
                 file = given
-                write_ucsd(given, recording, sequence=SEQUENCE)
+                write_ucsd(given, recording, sequence=0)
         except MoteslamError as error:
             problem = f"the recording cannot be given to it in the format {command.format}: {error.problem}"
             raise InputError(problem, file=command.words[0]) from error
@@ -80,13 +82,40 @@ def estimate(command: Command, recording: Recording, seed: int) -> tuple[Traject
             raise InputError(f"wrote no {command.trajectory}, expected its trajectory in {{out}}", file=words[0])
         try:
             trajectory = read_trajectory(out / command.trajectory)
-            for issue in trajectory.warnings:
-                warnings.warn(MoteslamWarning(str(issue)), stacklevel=2)
             occupancy = read_map(out / command.map) if command.map and (out / command.map).exists() else None
         except MoteslamError as error:  # its file is gone soon
             where = f"{Path(error.file).name}: " if error.file is not None else ""
             raise InputError(f"{where}{error.problem}", file=words[0], field=error.field) from error
         return trajectory, occupancy
+
+
+def run_program(words: Sequence[str], folder: Path | None = None) -> str:
+    """Run a program to its end, without input, in a folder; what it wrote to stdout.
+
+    Raises:
+        InputError: it is not there, or fails; with the last line that it printed.
+    """
+    try:
+        done = subprocess.run(words, cwd=folder, stdin=subprocess.DEVNULL, capture_output=True, check=False)
+    except OSError as error:
+        raise InputError(f"cannot be run: {error.strerror or error}", file=words[0]) from error
+    if done.returncode:
+        printed = (done.stderr or done.stdout).decode("utf-8", errors="replace").strip().splitlines()
+        last = f": {printed[-1][-TAIL:]}" if printed else ""
+        raise InputError(f"ended with exit code {done.returncode}{last}", file=words[0])
+    return done.stdout.decode("utf-8", errors="replace")
+
+
+def version_of(words: Sequence[str]) -> str:
+    """The first line that a program prints.
+
+    Raises:
+        InputError: it is not there, fails, or prints none.
+    """
+    line = next((line.strip() for line in run_program(words).splitlines() if line.strip()), "")
+    if not line:
+        raise InputError("printed nothing, expected a version", file=words[0])
+    return line[:LONGEST_VERSION]
 
 
 def _filled(word: str, names: dict[str, object]) -> str:
@@ -95,7 +124,7 @@ def _filled(word: str, names: dict[str, object]) -> str:
     return word
 
 
-def _with_poses(recording: Recording) -> Recording:
+def _with_odometry_poses(recording: Recording) -> Recording:
     """With the odometry poses that a log has, as the base integrates them."""
     if recording.odometry is not None or (recording.lidar is not None and recording.lidar.odometry is not None):
         return recording

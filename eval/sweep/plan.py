@@ -1,4 +1,4 @@
-"""The runs that a specification comes to: what each is, by a name that two computers agree on."""
+"""The runs of a specification, each with a name that is the same on every computer."""
 
 from __future__ import annotations
 

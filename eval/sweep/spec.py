@@ -4,28 +4,24 @@ from __future__ import annotations
 
 import os
 import re
-from difflib import get_close_matches
 from os import PathLike
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, ValidationError, field_validator, model_validator
+from pydantic import Discriminator, Field, Tag, ValidationError, field_validator, model_validator
 
 from moteslam.errors import ConfigError, InputError
 from moteslam.eval.metrics.evidence import TRACKS
 from moteslam.eval.metrics.registry import chosen, split
-from moteslam.eval.sweep.program import first_line
+from moteslam.eval.sweep.external import version_of
 from moteslam.robot.section import NotNegative, Number, Positive, Section, Whole
 from moteslam.robot.tables import read_toml
-from moteslam.robot.wording import Place, first_complaint, known_keys, shortened
 from moteslam.slam.settings import DEFAULT_PRESET
 
 MAX_RUNS = 1_000_000
 PREFIXES = ("slam.", "scenario.", "platform.")
 """What a key that varies, or that a configuration sets, begins with: whose key it is."""
 NAME = re.compile(r"[\w.+-]{1,80}")
-PLACES = ("recording", "platform", "out", "seed", "here")
-"""What stands in braces in the words of a command."""
 SUCCESS_ATE = 0.5
 """A run succeeds, where nothing else is said, with a final ATE of at most this [m]."""
 
@@ -57,6 +53,13 @@ class Range(Section):
         values = [float(f"{number:.12g}") for number in numbers]
         whole = all(value.is_integer() for value in values)
         return [int(value) for value in values] if whole else values
+
+
+Values = Annotated[
+    Annotated[tuple[Scalar, ...], Field(min_length=1), Tag("values")] | Annotated[Range, Tag("range")],
+    Discriminator(lambda value: "range" if isinstance(value, dict | Range) else "values"),
+]
+"""What a key takes: a list of values, or a range."""
 
 
 class Configuration(Section):
@@ -118,12 +121,12 @@ class SweepSpec(Section):
     """Of the simulation and of SLAM: `0-9`, or `3,5,10-19`."""
     configurations: dict[str, Configuration] = Field(default_factory=lambda: {"default": Configuration()})
     """By name."""
-    vary: dict[str, tuple[Scalar, ...] | Range] = Field(default_factory=dict)
+    vary: dict[str, Values] = Field(default_factory=dict)
     """Keys that take these values, in every combination."""
     metrics: tuple[str, ...] = ()
     """What is measured, by name; all metrics that are not costly by default."""
     success: dict[str, NotNegative] = Field(default_factory=lambda: {"final.ate": SUCCESS_ATE})
-    """A run succeeds if none of these is above its limit, or absent."""
+    """A run succeeds if each of these metrics is present and at most this large."""
     timeout: Positive = 1800.0
     """A run that takes longer has failed [s]."""
 
@@ -132,7 +135,7 @@ class SweepSpec(Section):
     def _keys(cls, value: Any) -> Any:
         if not isinstance(value, dict):
             return value
-        return {_checked_key(key): _values(key, one) for key, one in _flat(value, leaf=_is_range).items()}
+        return {_checked_key(key): one for key, one in _flat(value).items()}
 
     @field_validator("configurations")
     @classmethod
@@ -166,8 +169,8 @@ def read_spec(path: str | PathLike[str]) -> SweepSpec:
     """Read a specification; paths in it are made absolute.
 
     Raises:
-        ConfigError: it is not TOML, has an unknown key or a value out of bounds, names metrics that there are not, or
-            a command's version cannot be had; file and key are named.
+        ConfigError: it is not TOML, has an unknown key or a value out of bounds, an unknown metric, or a command
+            without the version; file and key are named.
     """
     path = Path(path)
     table = read_toml(path, "a sweep's .toml file")
@@ -178,44 +181,30 @@ def read_spec(path: str | PathLike[str]) -> SweepSpec:
             if track and track not in TRACKS:
                 expected = ", ".join(f"{each}.{short}" for each in TRACKS)
                 raise ConfigError(f"{name!r}, expected one of {expected}", field="metrics")
-        for name, one in spec.configurations.items():
-            _check_places(name, one)
     except ConfigError as error:
         raise ConfigError(error.problem, file=path, field=error.field) from error
     except ValidationError as error:
-        field, problem = first_complaint(error, "specification", _expected)
-        raise ConfigError(problem, file=path, field=field) from error
+        first = error.errors(include_url=False)[0]
+        problem = first["msg"].removeprefix("Value error, ")
+        raise ConfigError(problem, file=path, field=".".join(map(str, first["loc"])) or None) from error
     beside = path.absolute().parent
+
+    def seen(names: tuple[str, ...]) -> tuple[str, ...]:
+        """Names as they are, paths of TOML files as seen from the folder of this one."""
+        return tuple(str(beside / name) if name.endswith(".toml") or "/" in name else name for name in names)
+
     return spec.model_copy(
         update={
-            "scenarios": tuple(_beside(name, beside) for name in spec.scenarios),
-            "platforms": tuple(_beside(name, beside) for name in spec.platforms),
+            "scenarios": seen(spec.scenarios),
+            "platforms": seen(spec.platforms),
             "recordings": tuple(str(beside / _filled(name, path)) for name in spec.recordings),
             "configurations": {name: _placed(name, one, path) for name, one in spec.configurations.items()},
         }
     )
 
 
-def _check_places(name: str, one: Configuration) -> None:
-    """Refuse a word of a command in which a place is misspelt; other braces are the command's own.
-
-    Raises:
-        ConfigError: there is one.
-    """
-    for word in one.command:
-        for place in re.findall(r"(?<!\$)\{([a-z]+)\}", word):
-            short = [each for each in PLACES if each.startswith(place)]
-            if place not in PLACES and (meant := short or get_close_matches(place, PLACES, 1, 0.7)):
-                problem = f"{{{place}}}, expected {{{meant[0]}}} or another of {', '.join(PLACES)}"
-                raise ConfigError(problem, field=f"configurations.{name}.command")
-
-
 def _filled(name: str, file: Path) -> str:
-    """A path with the variables of the environment that it names.
-
-    Raises:
-        ConfigError: one of them is not set.
-    """
+    """A path with the variables of the environment that it names, all of which must be set."""
     try:
         return re.sub(r"\$\{([A-Za-z_][A-Za-z0-9_]*)\}", lambda found: os.environ[found[1]], name)
     except KeyError as error:
@@ -224,17 +213,13 @@ def _filled(name: str, file: Path) -> str:
 
 
 def _placed(name: str, one: Configuration, file: Path) -> Configuration:
-    """A configuration whose command and version are those on this computer.
-
-    Raises:
-        ConfigError: its version cannot be had.
-    """
+    """A configuration with the command and its version as they are on this computer."""
     if not one.command:
         return one
     folder, version = file.absolute().parent, one.version
     if not isinstance(version, str):
         try:
-            version = first_line(_here(version, folder))
+            version = version_of(_here(version, folder))
         except InputError as error:
             raise ConfigError(
                 f"{error.file}: {error.problem}", file=file, field=f"configurations.{name}.version"
@@ -246,15 +231,11 @@ def _here(words: tuple[str, ...], folder: Path) -> tuple[str, ...]:
     return tuple(word.replace("{here}", str(folder)) for word in words)
 
 
-def _expected(place: Place) -> str:
-    return f"expected one of {', '.join(known_keys(SweepSpec, place))}"
-
-
 def numbers(text: str) -> list[int]:
     """The seeds of a text such as ``0-9`` or ``3,5,10-19``, in its order, each once.
 
     Raises:
-        ValueError: it is none.
+        ValueError: any other text.
     """
     found: dict[int, None] = {}
     for part in text.split(","):
@@ -268,47 +249,18 @@ def numbers(text: str) -> list[int]:
     return list(found)
 
 
-def _beside(name: str, folder: Path) -> str:
-    """A name as it is, a path to a TOML file as seen from a folder."""
-    return str(folder / name) if name.endswith(".toml") or "/" in name else name
-
-
 def _checked_key(key: str) -> str:
     if not key.startswith(PREFIXES) or key.endswith("."):
         raise ValueError(f"{key!r}, expected a key that begins with {', '.join(PREFIXES)}")
     return key
 
 
-def _is_range(value: dict[str, Any]) -> bool:
-    return not value.keys().isdisjoint(Range.model_fields)
-
-
-def _values(key: str, value: Any) -> Any:
-    """The range of a table; a list of plain values as it is."""
-    if isinstance(value, Range):
-        return value
-    if isinstance(value, list | tuple):
-        if not value:
-            raise ValueError(f"{key}: no values, expected a list of some, or first, last and steps")
-        strange = next((one for one in value if not isinstance(one, Scalar)), None)
-        if strange is not None:
-            raise ValueError(f"{key}: {shortened(strange)}, expected numbers, texts, true or false")
-        return value
-    if not isinstance(value, dict):
-        raise ValueError(f"{key}: {shortened(value)}, expected a list of values, or first, last and steps")
-    try:
-        return Range.model_validate(value)
-    except ValidationError as error:
-        field, problem = first_complaint(error, "range", lambda _: f"expected one of {', '.join(Range.model_fields)}")
-        raise ValueError(": ".join(part for part in (f"{key}.{field}" if field else key, problem))) from None
-
-
-def _flat(table: dict[str, Any], prefix: str = "", *, leaf: Any = lambda _: False) -> dict[str, Any]:
-    """A table within tables as one of dotted keys."""
+def _flat(table: dict[str, Any], prefix: str = "") -> dict[str, Any]:
+    """A table within tables as one of dotted keys; that of a range is a value."""
     flat: dict[str, Any] = {}
     for key, value in table.items():
-        if isinstance(value, dict) and not leaf(value):
-            flat |= _flat(value, f"{prefix}{key}.", leaf=leaf)
+        if isinstance(value, dict) and value.keys().isdisjoint(Range.model_fields):
+            flat |= _flat(value, f"{prefix}{key}.")
         else:
             flat[f"{prefix}{key}"] = value
     return flat

@@ -1,21 +1,16 @@
-"""What a sweep came to: a row a run, and a row a configuration with its intervals."""
+"""The runs of a sweep summed up: a row a configuration and scenario, with its intervals."""
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from moteslam.errors import ConfigError, OutputError
-from moteslam.eval.literal import literal
+from moteslam.errors import ConfigError
 from moteslam.eval.metrics.registry import metric
-from moteslam.eval.statistics.proportion import Proportion
-from moteslam.eval.statistics.summary import Better, Summary
+from moteslam.eval.statistics import Better, Proportion, Summary
 from moteslam.eval.sweep.store import Row
-from moteslam.robot.files import write_atomically
 
 Group = tuple[tuple[str, Any], ...]
 
@@ -94,57 +89,6 @@ def better(name: str) -> Better:
 
 
 def succeeds(row: Row, success: dict[str, float]) -> bool:
-    """Whether a run did, and none of its values is above its limit or absent."""
+    """Whether a run ended well, with each value present and within its limit."""
     values = [(row.values.get(name), limit) for name, limit in success.items()]
     return row.status == "ok" and all(value is not None and value <= limit for value, limit in values)
-
-
-def columns(rows: Sequence[Row]) -> dict[str, list[Any]]:
-    """Every run as a row: what it is, what became of it, its values, and its times at the end, by column."""
-    names = list(dict.fromkeys(name for row in rows for name in row.values))
-    costs = list(dict.fromkeys(name for row in rows for name in row.costs))
-    varied = list(dict.fromkeys(key for row in rows for key, _ in row.run.varied))
-    table: dict[str, list[Any]] = {
-        "id": [row.run.id for row in rows],
-        "scenario": [row.run.scenario for row in rows],
-        "recording": [row.run.recording for row in rows],
-        "platform": [row.run.platform for row in rows],
-        "noise": [row.run.noise for row in rows],
-        "seed": [row.run.seed for row in rows],
-        "configuration": [row.run.configuration for row in rows],
-    }
-    if any(row.run.version for row in rows):
-        table["version"] = [row.run.version for row in rows]
-    table |= {key: [dict(row.run.varied).get(key) for row in rows] for key in varied}
-    table |= {"status": [row.status for row in rows], "error": [literal(row.error) for row in rows]}
-    table |= {name: [row.values.get(name) for row in rows] for name in names}
-    return table | {name: [row.costs.get(name) for row in rows] for name in costs}
-
-
-def as_csv(rows: Sequence[Row]) -> str:
-    """The columns as CSV: numbers with the fewest digits that read back the same, empty where there is none."""
-    table = columns(rows)
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(table)
-    for values in zip(*table.values(), strict=True):
-        writer.writerow(
-            ["" if value is None else repr(value) if isinstance(value, float) else value for value in values]
-        )
-    return text.getvalue()
-
-
-def write_parquet(path: Path, rows: Sequence[Row]) -> None:
-    """Write the columns as Parquet.
-
-    Raises:
-        OutputError: pyarrow is not installed (extra ``parquet``), or the file cannot be written.
-    """
-    try:
-        import pyarrow
-        from pyarrow import parquet
-    except ImportError as error:
-        raise OutputError("needs pyarrow, expected it installed: pip install 'moteslam[parquet]'", file=path) from error
-    table = pyarrow.BufferOutputStream()
-    parquet.write_table(pyarrow.table(columns(rows)), table)
-    write_atomically(path, table.getvalue().to_pybytes())

@@ -1,21 +1,29 @@
-"""Processes that make runs side by side, and what becomes of those that die or take too long."""
+"""Processes that make runs side by side, here or on a Dask cluster, and what becomes of those that die or hang.
+
+``python -m moteslam.eval.sweep.workers MODULE`` is such a process: it takes runs as lines of JSON on its input, has the
+function ``make`` of the module make them, and writes outcomes to its output. It ends when its input ends.
+"""
 
 from __future__ import annotations
 
+import importlib
 import json
 import os
-import selectors
+import queue
 import signal
 import subprocess
 import sys
 import tempfile
+import threading
 import time
-from collections import deque
-from collections.abc import Iterable, Iterator
+from collections import Counter, deque
+from collections.abc import Generator, Iterable
 from contextlib import suppress
 from dataclasses import dataclass, field
-from typing import IO, Any
+from multiprocessing.connection import wait
+from typing import Any, Generic, Protocol, TextIO, TypeVar
 
+from moteslam.errors import BackendError, MoteslamError
 from moteslam.eval.sweep.plan import PlannedRun
 
 TRIES = 3
@@ -23,39 +31,51 @@ TRIES = 3
 TAIL = 300
 """Characters of what a dead process printed last that go into the error."""
 WAIT = 0.5
-"""A look at the clock at least this often [s]."""
+"""Seconds between two looks at the clock, at most."""
+CONNECT = 20
+"""A scheduler of a cluster that does not answer within this time is not there [s]."""
+RUNS = "moteslam.eval.sweep.runs"
+"""The module that makes the runs of a sweep."""
+
+
+class Run(Protocol):
+    """Something to make; a process is given runs of the same case, one after the other, if there are any."""
+
+    @property
+    def case(self) -> Any:
+        """What the recording follows from."""
+
+    def as_dict(self) -> dict[str, Any]:
+        """As JSON has it."""
+
+
+R = TypeVar("R", bound=Run)
 
 
 @dataclass(frozen=True)
-class Outcome:
+class Outcome(Generic[R]):
     """What became of a run.
 
     Attributes:
         run: which.
         status: ``ok``, ``failed``, ``crashed`` or ``timed out``.
         error: why it is not ok, in one line.
-        result: what the worker gave, of one that is ok.
-        seconds: by the clock.
+        result: what ``make`` returned, of a run that is ok.
     """
 
-    run: PlannedRun
+    run: R
     status: str
     error: str = ""
     result: dict[str, Any] = field(default_factory=dict)
-    seconds: float = 0.0
 
 
-class Worker:
-    """A process that makes runs.
+class Worker(Generic[R]):
+    """A process that makes a run after another, the first of them at once."""
 
-    Attributes:
-        run: the one that it makes; None while it waits.
-    """
-
-    def __init__(self) -> None:
+    def __init__(self, module: str, run: R, *, timed: bool) -> None:
         self._printed = tempfile.TemporaryFile()  # noqa: SIM115 - closed by ``end``
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "moteslam.eval.sweep.worker"],
+            [sys.executable, "-m", "moteslam.eval.sweep.workers", module],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=self._printed,
@@ -63,118 +83,184 @@ class Worker:
             encoding="utf-8",
             start_new_session=True,  # an interrupt is for the parent
         )
-        self.run: PlannedRun | None = None
-        self.began = 0.0
-
-    @property
-    def output(self) -> IO[str]:
-        """Where outcomes come from."""
+        assert self._process.stdin is not None
         assert self._process.stdout is not None
-        return self._process.stdout
+        self._input, self._output = self._process.stdin, self._process.stdout
+        self.begin(run, timed=timed)
 
-    def begin(self, run: PlannedRun, *, timed: bool) -> None:
+    def fileno(self) -> int:
+        """Where its outcomes come from."""
+        return self._output.fileno()
+
+    def begin(self, run: R, *, timed: bool) -> None:
         """Give it a run."""
         self.run, self.began = run, time.monotonic()
-        assert self._process.stdin is not None
         with suppress(BrokenPipeError):  # dead: its output says so
-            self._process.stdin.write(json.dumps({"run": run.as_dict(), "timed": timed}) + "\n")
-            self._process.stdin.flush()
+            self._input.write(json.dumps({"run": run.as_dict(), "timed": timed}) + "\n")
+            self._input.flush()
 
-    def take(self) -> dict[str, Any] | None:
-        """The outcome of its run; None if the process died."""
-        line = self.output.readline()
-        return json.loads(line) if line.endswith("\n") else None
+    def take(self) -> Outcome[R] | None:
+        """What became of its run; None if the process died."""
+        line = self._output.readline()
+        if not line.endswith("\n"):
+            return None
+        result = json.loads(line)
+        error = result.get("error")
+        return Outcome(self.run, "ok", result=result) if error is None else Outcome(self.run, "failed", error)
 
     def last_words(self) -> str:
         """How a dead process ended, in one line."""
         code = self._process.wait()
-        end = self._printed.seek(0, 2)
+        end = self._printed.seek(0, os.SEEK_END)
         self._printed.seek(max(end - TAIL, 0))
         printed = self._printed.read().decode("utf-8", errors="replace").strip().splitlines()
         how = f"killed by signal {-code}" if code < 0 else f"exit code {code}"
         return f"{how}: {printed[-1]}" if printed else how
 
     def end(self) -> None:
-        """Kill it, whatever it is at."""
+        """Kill it and what it has begun."""
         with suppress(ProcessLookupError):
-            os.killpg(self._process.pid, signal.SIGKILL)  # it leads its own group: what it began ends, too
+            os.killpg(self._process.pid, signal.SIGKILL)
         self._process.wait()
-        self.output.close()
+        self._output.close()
         with suppress(BrokenPipeError):
-            if self._process.stdin is not None:
-                self._process.stdin.close()
+            self._input.close()
         self._printed.close()
 
 
-def make_all(runs: Iterable[PlannedRun], *, workers: int, timeout: float, timed: bool = False) -> Iterator[Outcome]:
+def make_all(
+    runs: Iterable[R], *, workers: int, timeout: float = float("inf"), timed: bool = False, module: str = RUNS
+) -> Generator[Outcome[R], None, None]:
     """Make runs in processes of their own, and give what became of each as it ends.
-
-    Runs of one case follow each other in one process, which has the recording then.
 
     Args:
         runs: to make.
         workers: how many processes.
         timeout: of a run [s].
         timed: measure time and memory: a new process for each run.
+        module: whose ``make(table, timed=...)`` makes a run.
     """
     waiting = deque(runs)
-    tries: dict[str, int] = {}
-    cases: dict[int, Any] = {}  # the latest of each worker
-    selector = selectors.DefaultSelector()
-    alive: list[Worker] = []
+    deaths: Counter[int] = Counter()
+    alive: list[Worker[R]] = []
 
-    def begin(worker: Worker) -> None:
-        index = next((k for k, run in enumerate(waiting) if run.case == cases.get(id(worker))), 0)
+    def next_run(case: Any = None) -> R:
+        """The next run of a case, else the first."""
+        index = next((k for k, run in enumerate(waiting) if run.case == case), 0)
         run = waiting[index]
         del waiting[index]
-        cases[id(worker)] = run.case
-        worker.begin(run, timed=timed)
+        return run
 
-    def start() -> None:
-        worker = Worker()
-        alive.append(worker)
-        selector.register(worker.output, selectors.EVENT_READ, worker)
-        begin(worker)
-
-    def drop(worker: Worker) -> None:
-        selector.unregister(worker.output)
+    def drop(worker: Worker[R]) -> None:
         alive.remove(worker)
-        cases.pop(id(worker), None)
         worker.end()
 
     try:
         while waiting or alive:
             while waiting and len(alive) < workers:
-                start()
-            for key, _ in selector.select(WAIT):
-                worker: Worker = key.data
-                run, seconds = worker.run, time.monotonic() - worker.began
-                assert run is not None
-                result = worker.take()
-                if result is None:
+                alive.append(Worker(module, next_run(), timed=timed))
+            by_number = {worker.fileno(): worker for worker in alive}
+            for worker in [by_number[number] for number in wait(by_number, WAIT) if isinstance(number, int)]:
+                run, outcome = worker.run, worker.take()
+                if outcome is None:
                     words = worker.last_words()
                     drop(worker)
-                    tries[run.id] = tries.get(run.id, 0) + 1
-                    if tries[run.id] < TRIES:
+                    deaths[id(run)] += 1
+                    if deaths[id(run)] < TRIES:
                         waiting.appendleft(run)
-                    else:
-                        yield Outcome(run, "crashed", f"its process died {TRIES} times, {words}", seconds=seconds)
-                    continue
-                if timed or not waiting:
+                        continue
+                    outcome = Outcome(run, "crashed", f"its process died {TRIES} times, {words}")
+                elif timed or not waiting:
                     drop(worker)
                 else:
-                    begin(worker)
-                error = result.get("error")
-                if error is None:
-                    yield Outcome(run, "ok", result=result, seconds=seconds)
-                else:
-                    yield Outcome(run, "failed", error, seconds=seconds)
+                    worker.begin(next_run(run.case), timed=timed)
+                yield outcome
             for worker in [each for each in alive if time.monotonic() - each.began > timeout]:
-                run = worker.run
-                assert run is not None
                 drop(worker)
-                yield Outcome(run, "timed out", f"not done after {timeout:g} s", seconds=timeout)
+                yield Outcome(worker.run, "timed out", f"not done after {timeout:g} s")
     finally:
         for worker in alive:
             worker.end()
-        selector.close()
+
+
+def make_all_on(
+    address: str, runs: Iterable[PlannedRun], *, timeout: float, timed: bool = False
+) -> Generator[Outcome[PlannedRun], None, None]:
+    """As ``make_all``, on the workers of a cluster, which need moteslam and the recordings under the same paths.
+
+    A run is made in a new process, since Taichi wants the main thread and a run may die. Where a worker of the cluster
+    dies the scheduler gives its runs to another one; a run with which several workers died has crashed.
+
+    Args:
+        address: of the scheduler, ``tcp://host:8786``.
+        runs: to make.
+        timeout: of a run [s].
+        timed: measure time and memory.
+
+    Raises:
+        BackendError: Dask is not installed, or the scheduler does not answer.
+    """
+    try:
+        from distributed import Client, as_completed
+
+        client = Client(address, timeout=CONNECT, set_as_default=False)
+    except ImportError as error:
+        problem = "needs Dask, expected it installed: pip install 'moteslam[cluster]'"
+        raise BackendError(problem, field="--scheduler") from error
+    except (OSError, ValueError) as error:
+        raise BackendError(f"no scheduler answers at {address}", field="--scheduler") from error
+    with client:
+        futures = {
+            client.submit(_made, run, timeout, timed=timed, key=f"moteslam-{run.id}", pure=False): run for run in runs
+        }
+        try:
+            for future in as_completed(list(futures), loop=client.loop):
+                failure = future.exception()
+                if failure is None:
+                    yield future.result()
+                else:  # the workers that had it died
+                    problem = f"{type(failure).__name__}: {failure}".splitlines()[0]
+                    yield Outcome(futures[future], "crashed", problem)
+        finally:
+            client.cancel(list(futures))
+
+
+def _made(run: PlannedRun, timeout: float, *, timed: bool) -> Outcome[PlannedRun]:
+    """On a worker of the cluster: make one run."""
+    (outcome,) = make_all([run], workers=1, timeout=timeout, timed=timed)
+    return outcome
+
+
+def main() -> None:
+    """Make runs, lines of JSON such as ``{"run": ..., "timed": ...}``, until the input ends."""
+    outcomes = os.fdopen(os.dup(1), "w", encoding="utf-8")
+    os.dup2(2, 1)  # what libraries print is no outcome
+    jobs: queue.SimpleQueue[str] = queue.SimpleQueue()
+    threading.Thread(target=_read, args=(sys.stdin, jobs), daemon=True).start()
+    from moteslam.kernels import runtime
+
+    runtime.init("cpu", 1)
+    make = importlib.import_module(sys.argv[1]).make
+    while True:
+        job = json.loads(jobs.get())
+        try:
+            outcome = make(job["run"], timed=job["timed"])
+        except MoteslamError as error:
+            outcome = {"error": str(error)}
+        except MemoryError:
+            outcome = {"error": "out of memory"}
+        except Exception as error:  # one run's fault must not stop the others
+            outcome = {"error": f"{type(error).__name__}: {error}"}
+        outcomes.write(json.dumps(outcome, allow_nan=False) + "\n")
+        outcomes.flush()
+
+
+def _read(lines: TextIO, jobs: queue.SimpleQueue[str]) -> None:
+    """Hand on the jobs; where the input ends, nobody is left to take an outcome: end with all that was begun."""
+    for line in lines:
+        jobs.put(line)
+    os.killpg(0, signal.SIGKILL)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,15 +1,18 @@
-"""Recordings of other people's robots, one file a format, all behind :func:`open_recording`."""
+"""Recordings of other people's robots: the formats that there are, and all behind :func:`open_recording`.
+
+Other packages bring formats of their own as entry points ``moteslam.formats``.
+"""
 
 from __future__ import annotations
 
 import warnings
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
 
 from moteslam.errors import ConfigError, InputError
-from moteslam.plugins import PluginWarning
-from moteslam.robot.formats.format import FORMATS, Format, Robot, Topics
+from moteslam.plugins import Plugins, PluginWarning
 from moteslam.robot.issues import Issue
 from moteslam.robot.platform import Platform
 from moteslam.robot.platforms import bundled_platform
@@ -18,19 +21,51 @@ from moteslam.robot.result_folder import result_folder
 from moteslam.robot.staged import staged_file
 from moteslam.robot.wording import expect_path, expect_type
 
-__all__ = [
-    "FORMATS",
-    "Format",
-    "Robot",
-    "Topics",
-    "format_of",
-    "format_to_write",
-    "open_recording",
-    "write_recording",
-]
+Robot = Platform | str | PathLike[str] | None
+"""A robot, a ``platform.toml`` that overrides the format's own robot, or that one as it is."""
 
-_FILES = 100
-"""Of a folder that are looked into for a log."""
+Topics = Mapping[str, tuple[str, ...]]
+"""Of which topics of a bag the streams are: ``{"lidar": ("/scan",)}``; several lidars are merged to one."""
+
+
+@dataclass(frozen=True)
+class Format:
+    """How a recording is stored.
+
+    Attributes:
+        name: what it is called, and how to recognise it.
+        is_folder: whether a recording is a folder or a file.
+        recognise: whether the content of a path (of that kind) is of this format; must not raise for any other.
+        read: ``read(path, sequence, platform)``.
+        read_topics: ``read_topics(path, sequence, platform, topics)``, of a format with topics; None for others.
+        write: ``write(path, recording)`` writes a file or folder that reads back the same, but for what the format
+            cannot hold: an issue each. None for a format that is only read.
+        endings: of the names of files in this format, the first the usual one: ``.log``, ``.log.gz``.
+    """
+
+    name: str
+    is_folder: bool
+    recognise: Callable[[Path], bool]
+    read: Callable[[Path, str | int | None, Robot], Recording]
+    read_topics: Callable[[Path, str | int | None, Robot, Topics], Recording] | None = None
+    write: Callable[[Path, Recording], tuple[Issue, ...]] | None = None
+    endings: tuple[str, ...] = ()
+
+
+FORMATS: Plugins[Format] = Plugins(
+    "moteslam.formats",
+    Format,
+    bundled={
+        "ucsd": "moteslam.robot.formats.ucsd:FORMAT",
+        "carmen": "moteslam.robot.formats.carmen:FORMAT",
+        "csv": "moteslam.robot.formats.csv_log:FORMAT",
+        "bag": "moteslam.robot.formats.bags:ROSBAG1",
+        "rosbag2": "moteslam.robot.formats.bags:ROSBAG2",
+        "mcap": "moteslam.robot.formats.bags:MCAP",
+        "db3": "moteslam.robot.formats.bags:DB3",
+    },
+)
+"""By name, asked in this order, those of other packages last."""
 
 
 def open_recording(
@@ -57,19 +92,26 @@ def open_recording(
             broken; one line says which.
         ConfigError: a ``platform.toml`` that is none.
     """
-    platform = _bundled_or_file(platform)
-    known = format_of(path)
+    known, path = format_of(path), Path(path)
+    if isinstance(platform, str | PathLike):
+        file = Path(platform)
+        if file.name == str(platform) and file.suffix != ".toml" and not file.exists():
+            platform = bundled_platform(file.name)
     if streams and known.read_topics is not None:
         left = {"lidar", "odometry", "imu", "encoders", "rgbd"} - set(streams)
-        topics = {
-            **dict.fromkeys(left - {"rgbd"} | ({"rgb", "depth"} if "rgbd" in left else set()), ()),
-            **(topics or {}),
-        }
+        left = left - {"rgbd"} | ({"rgb", "depth"} if "rgbd" in left else set())
+        topics = {**dict.fromkeys(left, ()), **(topics or {})}
     if not topics:
-        return known.read(Path(path), sequence, platform)
+        return known.read(path, sequence, platform)
     if known.read_topics is None:
         raise InputError(f"a {known.name} has no topics, expected none to be named", file=path, field="topics")
-    return known.read_topics(Path(path), sequence, platform, topics)
+    return known.read_topics(path, sequence, platform, topics)
+
+
+def expect_no_sequence(path: str | PathLike[str], sequence: str | int | None) -> None:
+    """Refuse the name of a sequence of a format that holds one a file."""
+    if sequence is not None:
+        raise InputError("a log of one sequence, expected none to be named", file=path, field="sequence")
 
 
 def write_recording(path: str | PathLike[str], recording: Recording, *, to: str | None = None) -> tuple[Issue, ...]:
@@ -96,15 +138,8 @@ def write_recording(path: str | PathLike[str], recording: Recording, *, to: str 
     if not known.is_folder:
         with staged_file(path, force=True) as file:
             return known.write(file, recording)
-    with result_folder(path, force=_is_empty(path)) as folder:
+    with result_folder(path, force=path.is_dir() and not any(path.iterdir())) as folder:
         return known.write(folder, recording)
-
-
-def _is_empty(folder: Path) -> bool:
-    try:
-        return next(folder.iterdir(), None) is None
-    except OSError:
-        return False
 
 
 def format_to_write(path: str | PathLike[str], name: str | None = None) -> tuple[str, Format]:
@@ -138,38 +173,26 @@ def format_of(path: str | PathLike[str]) -> Format:
     expect_path(path, "path", "a recording")
     path = Path(path)
     try:
-        is_folder = path.is_dir()
-        empty = not is_folder and path.stat().st_size == 0 and path.is_file()
+        is_folder, size = path.is_dir(), path.stat().st_size
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or str(error)
         raise InputError(f"{reason}, expected a recording", file=path) from error
     if not is_folder and not path.is_file():
         raise InputError("neither a file nor a folder, expected a recording", file=path)
-    if empty:
+    if not is_folder and not size:
         raise InputError("is empty, expected a recording", file=path)
     for name, known in FORMATS.items():  # those after the one that it is are not even imported
         if known.is_folder == is_folder and _recognises(name, known, path):
             return known
     formats = dict(FORMATS.items())
+    problem = f"not a recording known here, expected {'a folder' if is_folder else 'a file'} of one of "
+    problem += ", ".join(name for name, known in formats.items() if known.is_folder == is_folder)
     if is_folder and (inside := _first_inside(path, formats)) is not None:
-        raise InputError(f"a folder with recordings in it, expected one of them, as {inside}", file=path)
-    if not is_folder and _holds_arrays(path):
-        raise InputError("holds NumPy arrays, expected the folder it is in, with all files of the recording", file=path)
+        problem = f"a folder with recordings in it, expected one of them, as {inside}"
     for name, known in formats.items():
-        if known.is_folder and not is_folder and _recognises(name, known, path.absolute().parent):
-            raise InputError(f"part of a {known.name}, expected the folder it is in", file=path)
-    kind = [name for name, known in formats.items() if known.is_folder == is_folder]
-    what = "folder" if is_folder else "file"
-    raise InputError(f"not a recording known here, expected a {what} of one of {', '.join(kind)}", file=path)
-
-
-def _bundled_or_file(platform: Robot) -> Robot:
-    """The bundled robot, where a robot is given by a bare name that is no file's."""
-    if platform is None or isinstance(platform, Platform):
-        return platform
-    file = Path(platform)
-    is_name = file.name == str(platform) and file.suffix != ".toml" and not file.exists()
-    return bundled_platform(file.name) if is_name else platform
+        if not is_folder and known.is_folder and _recognises(name, known, path.absolute().parent):
+            problem = f"part of a {known.name}, expected the folder it is in"
+    raise InputError(problem, file=path)
 
 
 def _recognises(name: str, known: Format, path: Path) -> bool:
@@ -186,23 +209,14 @@ def _recognises(name: str, known: Format, path: Path) -> bool:
 def _first_inside(folder: Path, formats: Mapping[str, Format]) -> Path | None:
     """The first recording within a folder: a folder, as of ``simulate --batch``, else one of the first files, a log."""
     try:
-        children = sorted(folder.iterdir())
+        children = sorted(folder.iterdir(), key=lambda child: (not child.is_dir(), child))
     except OSError:
         return None
-    folders = [child for child in children if child.is_dir()]
-    files = [child for child in children if child.is_file()][:_FILES]
-    for is_folder, found in ((True, folders), (False, files)):
+    files = 0
+    for child in children:
+        is_folder = child.is_dir()
+        files += not is_folder
         kinds = [(name, known) for name, known in formats.items() if known.is_folder == is_folder]
-        for child in found:
-            if any(_recognises(name, known, child) for name, known in kinds):
-                return child
+        if files <= 100 and any(_recognises(name, known, child) for name, known in kinds):
+            return child
     return None
-
-
-def _holds_arrays(path: Path) -> bool:
-    """Whether a file is an ``.npy`` or ``.npz``, by its first bytes."""
-    try:
-        with path.open("rb") as file:
-            return file.read(6).startswith((b"\x93NUMPY", b"PK\x03\x04"))
-    except OSError:
-        return False

@@ -15,40 +15,20 @@ from __future__ import annotations
 
 import math
 from array import array
-from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
-from functools import partial
 from typing import NamedTuple
 
-from moteslam.robot.formats.lines import (
-    BrokenLines,
-    count_at,
-    expect_stamp,
-    expect_words,
-    finite_numbers,
-    numbers,
-    parse_words,
-    pose_of,
-)
+from moteslam.robot.formats.carmen_writer import fov_of
+from moteslam.robot.formats.lines import BrokenLines, TextLines
+from moteslam.robot.formats.stamps import MAX_DROPPED, MAX_STAMP
+from moteslam.robot.formats.streams import MAX_PLACE
 
-FLASER_TAIL = 9
-"""Words after the ranges: two poses, ipc stamp, host, logger stamp."""
-
-SHORT_TAILS = (6, 7)
-"""The same in logs without the host and the logger's stamp, and without any stamp."""
-
-ROBOTLASER_TAIL = 14
-RAWLASER_TAIL = 3
-ODOM_WORDS = 10
-
+FLASER_TAIL, SHORT_TAILS = 9, (6, 7)
+"""Words after the ranges: two poses, ipc stamp, host, logger stamp; in logs without stamps or without the logger's."""
 RAW_LASERS = tuple(f"RAWLASER{number}" for number in range(1, 6))
 """Scans without a pose, by the number of the laser."""
-
 REAR_LASERS = ("RLASER", "ROBOTLASER2")
 """Scans of a laser that looks back: counted, not read."""
-
-CLASSIC_STEPS = {180: 1.0, 181: 1.0, 360: 0.5, 361: 0.5}
-"""Degrees between the beams of the lasers that classic logs are of, by the number of beams."""
 
 
 class ScanKind(NamedTuple):
@@ -65,12 +45,12 @@ class Scans:
     """The scans of one kind.
 
     Attributes:
+        first_line: number of the line that the first came from.
+        stated: the ``maximum_range`` of the first line [m].
         ranges: flat [n * beams] float32 [m].
-        rows: flat [n * 8]: laser x y theta, robot x y theta [m, rad], ipc and logger stamp [s]. Poses of a line that
-            states none are 0, and so are stamps.
-        stated: the ``maximum_range`` of the first line [m], or None.
-        first_line: number of the line it came from.
-        numbers: flat [n]: of the lines of all.
+        rows: flat [n * 8]: laser x y theta, robot x y theta [m, rad], ipc and logger stamp [s]; 0 where not stated.
+        numbers: flat [n]: of the lines.
+        interlace: a scan measures every so manieth beam.
     """
 
     first_line: int
@@ -78,14 +58,19 @@ class Scans:
     ranges: array[float] = field(default_factory=lambda: array("f"))
     rows: array[float] = field(default_factory=lambda: array("d"))
     numbers: array[int] = field(default_factory=lambda: array("q"))
+    interlace: int = 1
 
     def __len__(self) -> int:
-        return len(self.rows) // 8
+        return len(self.numbers)
+
+    @property
+    def most_others(self) -> int:
+        """How many scans of other beams a log may have beside these."""
+        return max(MAX_DROPPED, len(self) // 10)
 
 
-@dataclass
 class CarmenLines:
-    """What a log says.
+    """What the lines of a log say; comments and other kinds of line are passed over, broken ones counted.
 
     Attributes:
         scans: by kind, in the order of appearance.
@@ -96,113 +81,121 @@ class CarmenLines:
         flaser_tail: words after the ranges of the first FLASER line that has a known number of them, and so of all.
     """
 
-    scans: dict[ScanKind, Scans] = field(default_factory=dict)
-    odometry: array[float] = field(default_factory=lambda: array("d"))
-    params: dict[str, float] = field(default_factory=dict)
-    broken: BrokenLines = field(default_factory=BrokenLines)
-    rear: dict[str, tuple[int, int]] = field(default_factory=dict)
-    flaser_tail: int | None = None
+    def __init__(self, lines: TextLines) -> None:
+        self.scans: dict[ScanKind, Scans] = {}
+        self.odometry = array("d")
+        self.params: dict[str, float] = {}
+        self.broken = BrokenLines()
+        self.rear: dict[str, tuple[int, int]] = {}
+        self.flaser_tail = 0
+        parsers = {"FLASER": self._flaser, "ROBOTLASER1": self._described, "ODOM": self._odom, "PARAM": self._param}
+        parsers |= {**dict.fromkeys(RAW_LASERS, self._described), **dict.fromkeys(REAR_LASERS, self._rear)}
+        known = {kind.encode(): parse for kind, parse in parsers.items()}
+        starts = {kind[:1] for kind in known} | {b" ", b"\t"}
+        for number, line in enumerate(lines, start=1):
+            if line[:1] == b"\0":  # what a file system leaves of a log after a crash
+                self.broken.add(number, "begins with NUL bytes, expected text")
+            elif line[:1] in starts:  # most lines of other kinds are passed over without being split
+                words = line.split()
+                if words and (parse := known.get(words[0])):
+                    try:
+                        parse(words, number)
+                    except (ValueError, OverflowError) as error:
+                        self.broken.add(number, str(error))
 
-    @property
-    def used(self) -> int:
-        """The number of lines that could be used."""
-        return sum(map(len, self.scans.values())) + len(self.odometry) // 5
+    def _flaser(self, words: list[bytes], number: int) -> None:
+        count = _count_at(words, 1, "ranges")
+        found = len(words) - 2 - count
+        tail = self.flaser_tail or (found if found in SHORT_TAILS else FLASER_TAIL)
+        _expect_words(words, 2 + count + tail, f"{count} ranges")
+        after = words[2 + count :]
+        row = [*_pose(after[:6]), *_stamps(*(after[6:7] or (b"0",)), after[8] if tail == FLASER_TAIL else b"0")]
+        self._add(ScanKind("FLASER", count, *fov_of(count)), number, words[2 : 2 + count], row, None)
+        self.flaser_tail = tail
 
+    def _described(self, words: list[bytes], number: int) -> None:
+        """A line that states its angles.
 
-def parse_lines(lines: Iterable[bytes]) -> CarmenLines:
-    """What the lines of a log say; comments and other kinds of line are passed over."""
-    kinds: dict[str, Callable[[CarmenLines, Sequence[bytes], int], None]] = {
-        "FLASER": _flaser,
-        "ROBOTLASER1": _robotlaser,
-        "ODOM": _odometry,
-        "PARAM": _param,
-        **dict.fromkeys(RAW_LASERS, _rawlaser),
-        **dict.fromkeys(REAR_LASERS, _rear),
-    }
-    log = CarmenLines()
-    log.broken = parse_words(lines, {kind.encode(): partial(parse, log) for kind, parse in kinds.items()})
-    return log
+        One without a pose is taken as long as no scan has one: logs that have such scans hold the same ranges there.
+        """
+        is_raw = words[0] != b"ROBOTLASER1"
+        if is_raw and any(kind.line not in RAW_LASERS for kind in self.scans):
+            return
+        count = _count_at(words, 8, "ranges")
+        remissions = _count_at(words, 9 + count, "remissions", least=0)
+        after = 10 + count + remissions
+        _expect_words(words, after + (3 if is_raw else 14), f"{count} ranges and {remissions} remissions")
+        angle_min, _, step, stated = _finite(words[2:6])
+        if step <= 0:
+            raise ValueError(f"angular resolution {step}, expected more than 0 rad")
+        pose = [0.0] * 6 if is_raw else _pose(words[after : after + 6])
+        row = [*pose, *_stamps(words[-3], words[-1])]
+        kind = ScanKind(words[0].decode(), count, angle_min, step)
+        self._add(kind, number, words[9 : 9 + count], row, stated if stated > 0 else None)
 
+    def _add(self, kind: ScanKind, number: int, ranges: list[bytes], row: list[float], stated: float | None) -> None:
+        values = array("f", _numbers(ranges))
+        if kind not in self.scans and kind.line not in RAW_LASERS:
+            self.scans = {other: scans for other, scans in self.scans.items() if other.line not in RAW_LASERS}
+        scans = self.scans.setdefault(kind, Scans(number, stated))
+        scans.ranges.extend(values)
+        scans.rows.extend(row)
+        scans.numbers.append(number)
 
-def fov_of(beams: int) -> tuple[float, float]:
-    """First angle and step [rad] of a FLASER line, which states neither: by the number of beams.
+    def _rear(self, words: list[bytes], number: int) -> None:
+        count, first = self.rear.get(words[0].decode(), (0, number))
+        self.rear[words[0].decode()] = (count + 1, first)
 
-    180 and 181 beams are one degree apart, 360 and 361 half a degree; any other number spans 180 degrees. The first
-    looks to -90 degrees.
-    """
-    step = CLASSIC_STEPS.get(beams, 180 / max(beams - 1, 1))
-    return -math.pi / 2, math.radians(step)
+    def _odom(self, words: list[bytes], number: int) -> None:
+        _expect_words(words, 10, "odometry")
+        self.odometry.extend([*_pose(words[1:4]), *_stamps(words[7], words[9])])
 
-
-def _flaser(log: CarmenLines, words: Sequence[bytes], number: int) -> None:
-    count = count_at(words, 1, "ranges")
-    found = len(words) - 2 - count
-    tail = log.flaser_tail or (found if found in SHORT_TAILS else FLASER_TAIL)
-    expect_words(words, 2 + count + tail, f"{count} ranges")
-    after = words[2 + count :]
-    row = [*pose_of(after[:6]), *_stamps(*(after[6:7] or (b"0",)), after[8] if tail == FLASER_TAIL else b"0")]
-    _add(log, ScanKind("FLASER", count, *fov_of(count)), number, ranges=words[2 : 2 + count], row=row, stated=None)
-    log.flaser_tail = tail
-
-
-def _robotlaser(log: CarmenLines, words: Sequence[bytes], number: int) -> None:
-    kind, ranges, tail, stated = _described(words, ROBOTLASER_TAIL)
-    row = [*pose_of(tail[:6]), *_stamps(tail[11], tail[13])]
-    _add(log, kind, number, ranges=ranges, row=row, stated=stated)
-
-
-def _rawlaser(log: CarmenLines, words: Sequence[bytes], number: int) -> None:
-    """Taken as long as no scan states a pose: logs that have such scans hold the same ranges there."""
-    if any(kind.line not in RAW_LASERS for kind in log.scans):
-        return
-    kind, ranges, tail, stated = _described(words, RAWLASER_TAIL)
-    _add(log, kind, number, ranges=ranges, row=[0.0] * 6 + _stamps(tail[0], tail[2]), stated=stated)
-
-
-def _described(words: Sequence[bytes], tail: int) -> tuple[ScanKind, Sequence[bytes], Sequence[bytes], float | None]:
-    """Kind, ranges, what comes after them, and limit [m] of a line that states its angles."""
-    count = count_at(words, 8, "ranges")
-    remissions = count_at(words, 9 + count, "remissions", least=0)
-    expect_words(words, 10 + count + remissions + tail, f"{count} ranges and {remissions} remissions")
-    angle_min, _, step, stated = finite_numbers(words[2:6])
-    if step <= 0:
-        raise ValueError(f"angular resolution {step}, expected more than 0 rad")
-    kind = ScanKind(words[0].decode(), count, angle_min, step)
-    return kind, words[9 : 9 + count], words[10 + count + remissions :], stated if stated > 0 else None
-
-
-def _add(
-    log: CarmenLines, kind: ScanKind, number: int, *, ranges: Sequence[bytes], row: list[float], stated: float | None
-) -> None:
-    values = array("f", numbers(ranges))
-    if kind not in log.scans and kind.line not in RAW_LASERS:
-        log.scans = {other: scans for other, scans in log.scans.items() if other.line not in RAW_LASERS}
-    scans = log.scans.setdefault(kind, Scans(number, stated))
-    scans.ranges.extend(values)
-    scans.rows.extend(row)
-    scans.numbers.append(number)
+    def _param(self, words: list[bytes], number: int) -> None:
+        if len(words) > 2:
+            try:
+                self.params[words[1].decode("ascii", "replace")] = _finite(words[2:3])[0]
+            except ValueError:
+                return  # most parameters of a robot are words
 
 
-def _rear(log: CarmenLines, words: Sequence[bytes], number: int) -> None:
-    count, first = log.rear.get(words[0].decode(), (0, number))
-    log.rear[words[0].decode()] = (count + 1, first)
+def _expect_words(words: list[bytes], count: int, what: str) -> None:
+    if len(words) != count:
+        raise ValueError(f"{len(words)} words, expected {count} for {what}")
 
 
-def _odometry(log: CarmenLines, words: Sequence[bytes], number: int) -> None:
-    expect_words(words, ODOM_WORDS, "odometry")
-    log.odometry.extend([*pose_of(words[1:4]), *_stamps(words[7], words[9])])
+def _count_at(words: list[bytes], at: int, what: str, *, least: int = 1) -> int:
+    """The number of things that a line declares in the word at an index."""
+    if len(words) <= at or not words[at].isdigit() or int(words[at]) < least:
+        found = words[at][:20].decode("ascii", "replace") if len(words) > at else f"{len(words)} words"
+        raise ValueError(f"{found}, expected the number of {what} at word {at + 1}")
+    return int(words[at])
 
 
-def _param(log: CarmenLines, words: Sequence[bytes], number: int) -> None:
-    if len(words) > 2:
-        try:
-            log.params[words[1].decode("ascii", "replace")] = finite_numbers(words[2:3])[0]
-        except ValueError:
-            return  # most parameters of a robot are words
+def _pose(words: list[bytes]) -> list[float]:
+    """Words as poses x y theta [m, rad], three a pose."""
+    values = _finite(words)
+    if any(abs(value) > MAX_PLACE for value in values):
+        raise ValueError(f"pose beyond {MAX_PLACE:.0f} m or rad, expected a robot's")
+    return values
 
 
 def _stamps(*words: bytes) -> list[float]:
     """The ipc and the logger stamp; the first that is not 0 is what counts, and must be one."""
-    stamps = finite_numbers(words)
-    expect_stamp(stamps[0] or stamps[1])
+    stamps = _finite([*words])
+    if abs(stamp := stamps[0] or stamps[1]) > MAX_STAMP:
+        raise ValueError(f"stamp {stamp:.6g}, expected seconds below 1e11")
     return stamps
+
+
+def _finite(words: list[bytes]) -> list[float]:
+    values = _numbers(words)
+    if not all(map(math.isfinite, values)):
+        raise ValueError("NaN or infinite pose or stamp, expected finite numbers")
+    return values
+
+
+def _numbers(words: list[bytes]) -> list[float]:
+    try:
+        return [float(word) for word in words]
+    except ValueError:
+        raise ValueError("a word that is no number, expected numbers") from None

@@ -8,24 +8,32 @@ from os import PathLike
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from moteslam.errors import ConfigError, InputError
 from moteslam.robot import se2
 from moteslam.robot.files import write_atomically
-from moteslam.robot.formats.carmen_lines import CLASSIC_STEPS, fov_of
-from moteslam.robot.formats.no_return import no_return_codes
-from moteslam.robot.formats.not_written import not_written
-from moteslam.robot.formats.written_odometry import computed_odometry
+from moteslam.robot.formats.streams import no_return_codes
+from moteslam.robot.formats.written import computed_odometry, not_written
 from moteslam.robot.interlace import phases
 from moteslam.robot.issues import Issue
 from moteslam.robot.recording import LidarStream, Recording
 from moteslam.robot.specs import LidarSpec
 from moteslam.robot.wording import counted, expect_type
 
+CLASSIC_STEPS = {180: 1.0, 181: 1.0, 360: 0.5, 361: 0.5}
+"""Degrees between the beams of the lasers that classic logs are of, by the number of beams."""
 OWN_PARAMETERS = {"z": "robot_frontlaser_height", "time_increment": "robot_frontlaser_time_increment"}
 """Parameters of our own for what CARMEN has none: the lidar's height [m], and the time between its beams [s]."""
 _SAME_ANGLE = 1e-4
+
+
+def fov_of(beams: int) -> tuple[float, float]:
+    """First angle and step [rad] of a FLASER line, which states neither: by the number of beams.
+
+    180 and 181 beams are one degree apart, 360 and 361 half a degree; any other number spans 180 degrees. The first
+    looks to -90 degrees.
+    """
+    return -math.pi / 2, math.radians(CLASSIC_STEPS.get(beams, 180 / max(beams - 1, 1)))
 
 
 def write_carmen(path: str | PathLike[str], recording: Recording) -> None:
@@ -44,64 +52,47 @@ def write_carmen(path: str | PathLike[str], recording: Recording) -> None:
         OutputError: the file cannot be written.
     """
     expect_type(recording, Recording, "recording", "open_recording(path) reads one")
-    lidar, odometry, robot = recording.lidar, recording.odometry, recording.platform
-    mount = robot.lidar
-    entries: list[tuple[float, int, str]] = []
-    head = [
-        "# CARMEN log written by moteslam",
-        f"PARAM robot_length {robot.length!r}",
-        f"PARAM robot_width {robot.width!r}",
-        f"PARAM robot_frontlaser_offset {mount.x!r}",
-        f"PARAM robot_frontlaser_side_offset {mount.y!r}",
-        f"PARAM robot_frontlaser_angular_offset {mount.yaw!r}",
-    ]
+    lidar, odometry, mount = recording.lidar, recording.odometry, recording.platform.lidar
+    params = {"robot_length": recording.platform.length, "robot_width": recording.platform.width}
+    params |= {f"robot_frontlaser_{key}": getattr(mount, of) for key, of in _OFFSETS.items()}
     if mount.z:
-        head.append(f"PARAM {OWN_PARAMETERS['z']} {mount.z!r}")
+        params[OWN_PARAMETERS["z"]] = mount.z
     if lidar is not None and lidar.time_increment:
-        head.append(f"PARAM {OWN_PARAMETERS['time_increment']} {lidar.time_increment * lidar.interlace!r}")
+        params[OWN_PARAMETERS["time_increment"]] = lidar.time_increment * lidar.interlace
+    entries: list[tuple[float, int, str]] = []
     if odometry is not None:
         for stamp, (x, y, theta) in zip(odometry.stamps.tolist(), odometry.poses.tolist(), strict=True):
             entries.append((stamp, 0, f"ODOM {x!r} {y!r} {theta!r} 0 0 0 {_clock(stamp)}"))
     if lidar is not None:
+        params["robot_front_laser_max"] = lidar.range_max
         if lidar.odometry is not None:
-            poses = lidar.odometry
+            entries += _scan_entries(lidar, lidar.odometry, mount)
         elif odometry is not None:
             poses = se2.interpolate(odometry.stamps, odometry.poses, lidar.stamps)
-        else:
-            raise InputError("no odometry poses, expected them for a CARMEN log", field="odometry")
-        head.append(f"PARAM robot_front_laser_max {lidar.range_max!r}")
-        entries += _scan_entries(lidar, poses, mount)
-    if not entries:
-        raise InputError("neither a lidar nor odometry, expected one for a CARMEN log", field="odometry")
+            entries += _scan_entries(lidar, poses, mount)
+    if not entries or (lidar is not None and odometry is None and lidar.odometry is None):
+        raise InputError("no odometry poses, expected them for a CARMEN log", field="odometry")
     entries.sort(key=lambda entry: entry[:2])  # stable: equal stamps stay in order
-    text = "\n".join([*head, *(line for _, _, line in entries)]) + "\n"
-    data = text.encode()
+    head = ["# CARMEN log written by moteslam", *(f"PARAM {name} {value!r}" for name, value in params.items())]
+    data = ("\n".join([*head, *(line for _, _, line in entries)]) + "\n").encode()
     write_atomically(path, gzip.compress(data, mtime=0) if Path(path).suffix == ".gz" else data)
 
 
+_OFFSETS = {"offset": "x", "side_offset": "y", "angular_offset": "yaw"}
+
+
 def expect_classic_fan(beams: int, angle_min: float, angle_increment: float) -> None:
-    """Refuse a lidar that no FLASER line can hold: these state a number of beams, and neither angles nor steps.
+    """Refuse a lidar that no FLASER line can hold: these state a number of beams, and neither angles nor steps [rad].
 
-    Readers take 180 and 181 beams for a degree apart, 360 and 361 for half a degree, the first at -90 degrees.
     ``write_carmen`` itself writes any fan: its ROBOTLASER1 lines state the angles.
-
-    Args:
-        beams: of a scan.
-        angle_min: of the first beam, in the lidar's frame [rad].
-        angle_increment: between beams [rad].
-
-    Raises:
-        ConfigError: other beams; its field is ``format``.
     """
     first, step = fov_of(beams)
     off = max(abs(angle_min - first), abs(angle_min + (beams - 1) * angle_increment - first - (beams - 1) * step))
     if beams not in CLASSIC_STEPS or off > _SAME_ANGLE:
         span, start = (beams - 1) * math.degrees(angle_increment), math.degrees(angle_min)
-        raise ConfigError(
-            f"{counted(beams, 'beam')} over {span:.4g} degrees from {start:.4g}, expected for a CARMEN log 180 or "
-            "181 beams a degree apart, or 360 or 361 half a degree, from -90",
-            field="format",
-        )
+        problem = f"{counted(beams, 'beam')} over {span:.4g} degrees from {start:.4g}, expected for a CARMEN log 180 "
+        problem += "or 181 beams a degree apart, or 360 or 361 half a degree, from -90"
+        raise ConfigError(problem, field="format")
 
 
 def write_log(path: Path, recording: Recording) -> tuple[Issue, ...]:
@@ -120,7 +111,7 @@ def write_log(path: Path, recording: Recording) -> tuple[Issue, ...]:
     return (*issues, *not_written(recording, "a CARMEN log", ("encoders", "imu", "rgbd")))
 
 
-def _scan_entries(lidar: LidarStream, poses: NDArray[np.float64], mount: LidarSpec) -> list[tuple[float, int, str]]:
+def _scan_entries(lidar: LidarStream, poses: se2.Poses, mount: LidarSpec) -> list[tuple[float, int, str]]:
     ranges, every = np.asarray(lidar.ranges), lidar.interlace
     beams = ranges.shape[1]
     codes = no_return_codes(mount.no_return, lidar.range_max, lidar.range_max, beams)
@@ -136,10 +127,9 @@ def _scan_entries(lidar: LidarStream, poses: NDArray[np.float64], mount: LidarSp
     lasers = se2.compose(poses, mount.pose)
     begins = phases(ranges, every).tolist()
     for stamp, scan, begin, laser, pose in zip(lidar.stamps.tolist(), coded, begins, lasers, poses, strict=True):
-        kind, ranges = kinds[begin], scan[begin::every]
-        numbers = " ".join(ranges.astype(str).tolist())  # the fewest digits that give the same float32
+        numbers = " ".join(scan[begin::every].astype(str).tolist())  # the fewest digits that give the same float32
         places = " ".join(map(repr, [*laser.tolist(), *pose.tolist()]))
-        entries.append((stamp, 1, f"{kind} {numbers} 0 {places} 0 0 0 0 0 {_clock(stamp)}"))
+        entries.append((stamp, 1, f"{kinds[begin]} {numbers} 0 {places} 0 0 0 0 0 {_clock(stamp)}"))
     return entries
 
 

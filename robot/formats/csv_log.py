@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import tomllib
 from array import array
-from collections.abc import Mapping
 from os import PathLike
 from pathlib import Path
 
@@ -12,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.errors import ConfigError, InputError
+from moteslam.robot.formats import Format, Robot, expect_no_sequence
 from moteslam.robot.formats.csv_model import (
     METRES,
     RADIANS,
@@ -31,17 +31,8 @@ from moteslam.robot.formats.csv_model import (
     read_description,
 )
 from moteslam.robot.formats.csv_writer import write_csv
-from moteslam.robot.formats.format import Format, Robot, one_sequence
-from moteslam.robot.formats.lines import BrokenLines, TextLines, broken_issues
-from moteslam.robot.formats.streams import (
-    Fan,
-    axle_counts,
-    counts_of,
-    encoder_stream,
-    imu_stream,
-    lidar_stream,
-    odometry_stream,
-)
+from moteslam.robot.formats.lines import BrokenLines, TextLines
+from moteslam.robot.formats.streams import Fan, encoder_stream, imu_stream, lidar_stream, odometry_stream
 from moteslam.robot.given_robot import GivenRobot
 from moteslam.robot.issues import Issue
 from moteslam.robot.platform import Platform
@@ -61,8 +52,6 @@ MAX_COUNT = 2**53
 AT_REST = (0.0, 0.0, 1.0)
 """What an accelerometer says of a robot at rest [g]."""
 
-EMPTY = "no line of numbers, expected a CSV file"
-
 
 def is_csv_log(path: Path) -> bool:
     """Whether a file is TOML with a table of a stream that names its ``file``."""
@@ -74,22 +63,9 @@ def is_csv_log(path: Path) -> bool:
     return any(isinstance(stream, dict) and "file" in stream for stream in streams)
 
 
-def read_csv_log(path: str | PathLike[str], *, platform: Robot = None) -> Recording:
-    """Read the CSV files that a TOML describes.
-
-    Broken lines are dropped and counted, as long as there are no more than 3 of them or a tenth of a file.
-
-    Args:
-        path: the TOML; its files lie in its folder or below.
-        platform: the robot, or a ``platform.toml`` whose keys override those of the description.
-
-    Returns:
-        a recording with the streams that are described.
-
-    Raises:
-        ConfigError: a description with unknown keys, columns that are not there, or files that lie elsewhere.
-        InputError: a file that cannot be read, too much broken, or absurd stamps.
-    """
+def read_csv_log(path: str | PathLike[str], sequence: str | int | None = None, platform: Robot = None) -> Recording:
+    """Read the CSV files that a TOML describes; they lie in its folder or below."""
+    expect_no_sequence(path, sequence)
     path = Path(path)
     description = read_description(path)
     given = GivenRobot.read(platform)
@@ -124,9 +100,10 @@ class _Reader:
         self.path, self.robot, self.given, self.issues = path, robot, given, issues
 
     def lidar(self, table: LidarTable) -> LidarStream:
-        """The scans."""
-        poses = {} if table.odometry is None else dict(zip(("x", "y", "theta"), table.odometry, strict=True))
-        columns = {f"lidar.odometry.{key}": column for key, column in poses.items()}
+        columns = {
+            f"lidar.odometry.{key}": column
+            for key, column in zip(("x", "y", "theta"), table.odometry or (), strict=False)
+        }
         file, stamps, values, ranges = self._columns("lidar", table, columns, table.ranges, METRES[table.range_unit])
         return lidar_stream(
             file,
@@ -137,98 +114,88 @@ class _Reader:
             robot=self.robot,
             given=self.given,
             issues=self.issues,
-            odometry=_poses(values, table.length_unit, table.angle_unit) if poses else None,
+            odometry=_poses(values, table) if table.odometry else None,
         )
 
     def odometry(self, table: OdometryTable) -> OdometryStream | None:
-        """The odometry poses."""
         columns = {f"odometry.{key}": getattr(table, key) for key in ("x", "y", "theta")}
         file, stamps, values, _ = self._columns("odometry", table, columns)
-        poses = _poses(values, table.length_unit, table.angle_unit)
-        return odometry_stream(file, str(table.stamp), stamps, poses, self.issues)
+        return odometry_stream(file, str(table.stamp), stamps, _poses(values, table), self.issues)
 
     def encoders(self, table: EncoderTable) -> EncoderStream:
-        """The counts of the wheels."""
         wheels = {f"encoders.{key}": column for key, column in table.wheels.items()}
         file, stamps, values, _ = self._columns("encoders", table, wheels)
         if (values != np.round(values)).any() or (np.abs(values) >= MAX_COUNT).any():
             raise InputError("not whole numbers, or beyond 2^53, expected ticks", file=file, field="encoders")
         counts = values.astype(np.int64)
-        counts = counts_of(counts) if table.running else counts
+        counts = np.diff(counts, axis=0, prepend=counts[:1]) if table.running else counts
         if len(wheels) == len(TWO_WHEELS):
-            counts = axle_counts(*counts.T)
-        return encoder_stream(file, str(table.stamp), stamps, counts, self.robot, self.issues)
+            left, right = counts.T
+            counts = np.stack((right, left, right, left), axis=-1)
+        return encoder_stream(file, (str(table.stamp),) * 2, stamps, counts, self.robot, self.issues)
 
     def imu(self, table: ImuTable) -> ImuStream:
-        """The inertial readings."""
-        rates = {key: getattr(table, key) for key in ("roll_rate", "pitch_rate", "yaw_rate")}
-        along = {} if table.acceleration is None else dict(zip("xyz", table.acceleration, strict=True))
-        columns = {f"imu.{key}": column for key, column in rates.items() if column is not None}
+        rates = {key: getattr(table, f"{key}_rate") for key in ("roll", "pitch", "yaw")}
+        along = dict(zip("xyz", table.acceleration or (), strict=False))
+        columns = {f"imu.{key}_rate": column for key, column in rates.items() if column is not None}
         columns |= {f"imu.acceleration.{axis}": column for axis, column in along.items()}
         file, stamps, values, _ = self._columns("imu", table, columns)
         found = dict(zip(columns, values.T, strict=True))
-        still = np.zeros(len(stamps))
-        angular = np.stack([found.get(f"imu.{key}", still) for key in rates], axis=-1)
+        angular = np.stack([found.get(f"imu.{key}_rate", np.zeros(len(stamps))) for key in rates], axis=-1)
         linear = np.tile(AT_REST, (len(stamps), 1))
         if along:
             linear = np.stack([found[f"imu.acceleration.{axis}"] for axis in "xyz"], axis=-1)
             linear = linear * G[table.acceleration_unit]
         angular = angular * RADIANS_PER_SECOND[table.rate_unit]
-        return imu_stream(file, str(table.stamp), stamps, angular, linear, self.issues)
+        return imu_stream(file, (str(table.stamp),) * 2, stamps, angular, linear, self.issues)
 
     def _columns(
-        self,
-        stream: str,
-        table: CsvTable,
-        columns: Mapping[str, Column],
-        ranges: str | None = None,
-        metres: float = 1.0,
+        self, stream: str, table: CsvTable, columns: dict[str, Column], ranges: str = "", metres: float = 1.0
     ) -> tuple[Path, Array, Array, NDArray[np.float32]]:
         """The file, its stamps [n] [s], other columns [n, k] of finite numbers, and the ranges [n, m] [m].
 
         Empty lines and comments (``#``) are passed over, broken lines counted; the range of an empty cell is 0.
-
-        Raises:
-            ConfigError: a column that is not there.
-            InputError: not readable, no line of numbers, or too many broken lines.
         """
         file = file_within(self.path.resolve().parent, table.file, file=self.path, field=f"{stream}.file")
-        lines, mark = TextLines(file), None if table.delimiter == " " else table.delimiter.encode()
+        lines, mark, broken = (
+            TextLines(file),
+            None if table.delimiter == " " else table.delimiter.encode(),
+            BrokenLines(),
+        )
         stripped = ((number, line.strip(b" \r" if mark == b"\t" else None)) for number, line in enumerate(lines, 1))
         rows = (
             (number, [cell.strip().strip(b'"') for cell in line.split(mark)])
             for number, line in stripped
             if line and not line.startswith(b"#")
         )
-        header: list[str] | None = None
-        if table.header:
-            first: list[bytes] = next(rows, (1, []))[1]
-            if not first:
-                broken_issues(lines, BrokenLines(), 0, EMPTY)  # raises
-            header = [cell.decode("utf-8", "replace") for cell in first]
-        names = _Names(header, file, self.path)
-        finite = [names.index(column, field) for field, column in {f"{stream}.stamp": table.stamp, **columns}.items()]
-        span = range(0) if ranges is None else names.span(ranges)
-        last = max(*finite, *span) if span else max(finite)
-        values, found, broken = array("d"), array("f"), BrokenLines()
-        for number, cells in rows:
-            try:
-                if len(cells) <= last:
-                    raise ValueError(f"{counted(len(cells), 'cell')}, expected at least {last + 1}")
-                row = [float(cells[index]) for index in finite]
-                if not np.isfinite(row).all():
-                    raise ValueError("NaN or infinite, expected finite numbers")
-                found.extend(array("f", [float(cells[index] or b"0") * metres for index in span]))
-            except (ValueError, OverflowError) as error:
-                no_number = str(error).startswith("could not convert")
-                broken.add(number, "a cell that is no number, expected numbers" if no_number else str(error))
-                continue
-            values.extend(row)
-        count = len(values) // len(finite)
-        self.issues.extend(broken_issues(lines, broken, count, EMPTY))
-        table_of = np.array(values, np.float64).reshape(count, len(finite))
-        stamps = table_of[:, 0] * SECONDS[table.stamp_unit]
-        return file, stamps, table_of[:, 1:], np.array(found, np.float32).reshape(count, len(span))
+        first: list[bytes] = next(rows, (1, []))[1] if table.header else [b""]
+        header = [cell.decode("utf-8", "replace") for cell in first] if table.header else None
+        values, found, count = array("d"), array("f"), 0
+        if first:
+            finite = [
+                self._index(name, field, header, file)
+                for field, name in {f"{stream}.stamp": table.stamp, **columns}.items()
+            ]
+            span = self._span(ranges, header, file) if ranges else range(0)
+            last = max(*finite, *span, 0)
+            for number, cells in rows:
+                try:
+                    if len(cells) <= last:
+                        raise ValueError(f"{counted(len(cells), 'cell')}, expected at least {last + 1}")
+                    row = [float(cells[index]) for index in finite]
+                    if not np.isfinite(row).all():
+                        raise ValueError("NaN or infinite, expected finite numbers")
+                    found.extend(array("f", [float(cells[index] or b"0") * metres for index in span]))
+                except (ValueError, OverflowError) as error:
+                    no_number = str(error).startswith("could not convert")
+                    broken.add(number, "a cell that is no number, expected numbers" if no_number else str(error))
+                    continue
+                values.extend(row)
+                count += 1
+        self.issues.extend(broken.issues(lines, count, "no line of numbers", "expected a CSV file"))
+        cells_of = np.array(values, np.float64).reshape(count, -1)
+        stamps = cells_of[:, 0] * SECONDS[table.stamp_unit]
+        return file, stamps, cells_of[:, 1:], np.array(found, np.float32).reshape(count, len(span))
 
     def _fan(self, table: LidarTable) -> Fan:
         """Angles and limits: of the description, else of its robot."""
@@ -251,66 +218,46 @@ class _Reader:
             )
         return Fan(angle_min, increment, range_min, range_max)
 
-
-def _poses(values: Array, length: str, angle: str) -> Array:
-    return values * (METRES[length], METRES[length], RADIANS[angle])
-
-
-class _Names:
-    """Finds columns in a header, or without one by number; ``description`` is the file that asks for them."""
-
-    def __init__(self, header: list[str] | None, path: Path, description: Path) -> None:
-        self.header, self.path, self.description = header, path, description
-
-    def index(self, column: Column, field: str) -> int:
-        """The index from 0 of a column.
-
-        Raises:
-            ConfigError: it is not there.
-        """
-        header, name = self.header, self.path.name
+    def _index(self, column: Column, field: str, header: list[str] | None, file: Path) -> int:
+        """The index from 0 of a column of a file, by its name in the header or by its number."""
         if isinstance(column, int):
             most = MAX_BEAMS if header is None else min(MAX_BEAMS, len(header))
             if column <= most:
                 return column - 1
-            problem = f"{column}, expected a column of {name}, 1 to {most}"
+            problem = f"{column}, expected a column of {file.name}, 1 to {most}"
         elif header is None:
-            problem = f"{column!r}, expected a number: {name} has no header"
+            problem = f"{column!r}, expected a number: {file.name} has no header"
         elif header.count(column) == 1:
             return header.index(column)
         else:
             found = "stands twice" if column in header else "is no column"
-            problem = f"{column!r} {found} of {name}, expected one of {shortened(', '.join(header))}"
-        raise ConfigError(problem, file=self.description, field=field)
+            problem = f"{column!r} {found} of {file.name}, expected one of {shortened(', '.join(header))}"
+        raise ConfigError(problem, file=self.path, field=field)
 
-    def span(self, ranges: str) -> range:
-        """The indices of the ranges, from the first to the last column.
+    def _span(self, ranges: str, header: list[str] | None, file: Path) -> range:
+        """The indices of the ranges, from the first to the last column."""
+        ends: list[Column] = []
+        for end in ranges.split(RANGE):  # a column may be named by a number
+            is_number = end.isdecimal() and len(end) < 10 and not (header and end in header)
+            ends.append(int(end) if is_number else end)
+        problem = f"{ranges!r}, expected first and last column, r0..r359 or 2..361"
+        if len(ends) == 2 and "" not in ends and 0 not in ends:
+            first, last = (self._index(end, "lidar.ranges", header, file) for end in ends)
+            if 0 <= last - first < MAX_BEAMS:
+                return range(first, last + 1)
+            problem = f"{last - first + 1} beams, expected 1 to {MAX_BEAMS}"
+        raise ConfigError(problem, file=self.path, field="lidar.ranges")
 
-        Raises:
-            ConfigError: there are no such columns.
-        """
-        ends = [int(end) if end.isdecimal() and len(end) < 10 else end for end in ranges.split(RANGE)]
-        problem = None
-        if len(ends) != 2 or "" in ends or 0 in ends:
-            problem = f"{ranges!r}, expected first and last column, r0..r359 or 2..361"
-        else:
-            if self.header is not None:  # a column may be named by a number
-                ends = [str(end) if str(end) in self.header else end for end in ends]
-            first, last = (self.index(end, "lidar.ranges") for end in ends)
-            if last < first:
-                problem = f"{ranges!r}, expected the first column before the last"
-            elif last - first >= MAX_BEAMS:
-                problem = f"{last - first + 1} beams, expected at most {MAX_BEAMS}"
-        if problem is not None:
-            raise ConfigError(problem, file=self.description, field="lidar.ranges")
-        return range(first, last + 1)
+
+def _poses(values: Array, table: LidarTable | OdometryTable) -> Array:
+    return values * (METRES[table.length_unit], METRES[table.length_unit], RADIANS[table.angle_unit])
 
 
 FORMAT = Format(
     "CSV log (a TOML that names files and columns)",
     is_folder=False,
     recognise=is_csv_log,
-    read=one_sequence("a CSV log", read_csv_log),
+    read=read_csv_log,
     write=write_csv,
     endings=(".toml",),
 )

@@ -49,14 +49,9 @@ Triple = tuple[Column, Column, Column]
 
 
 class CsvTable(Section):
-    """A CSV file and how it is read.
+    """A CSV file, in the folder of the description or below, plain or gzip, and how it is read.
 
-    Attributes:
-        file: its name, in the folder of the description or below; plain or gzip.
-        delimiter: between cells; a blank stands for any number of blanks and tabs.
-        header: whether the first line names the columns. Without it columns are given by number.
-        stamp: column of the stamps.
-        stamp_unit: theirs.
+    Without a header columns are given by number; the delimiter blank stands for any number of blanks and tabs.
     """
 
     file: Annotated[str, Field(min_length=1)]
@@ -67,21 +62,13 @@ class CsvTable(Section):
 
 
 class LidarTable(CsvTable):
-    """The scans, a line each.
+    """The scans, a line each; in ``ranges`` an empty cell says nothing, ``inf`` is no return.
 
-    Attributes:
-        ranges: the first and the last column, ``r0..r359`` or ``2..361``.
-        range_unit: theirs. An empty cell says nothing, ``inf`` is no return.
-        angle_min: of the first beam.
-        angle_increment: between beams, counterclockwise positive.
-        angle_unit: of these two, and of the poses' headings.
-        range_min: shorter ranges say nothing [m].
-        range_max: from here on a range is no return [m].
-        odometry: columns of x, y and theta of the robot's odometry pose at the scan, where they are logged.
-        length_unit: of its x and y.
+    Angles are counterclockwise positive; below ``range_min`` [m] a range says nothing, from ``range_max`` [m] on it is
+    no return. ``odometry`` are the columns of x, y and theta of the robot's odometry pose at the scan.
     """
 
-    ranges: Annotated[str, Field(pattern=r"\.\.")]
+    ranges: Annotated[str, Field(pattern=r"\.\.")]  # the first and the last column, r0..r359 or 2..361
     range_unit: Literal["m", "cm", "mm", "in"] = "m"
     angle_min: Number | None = None
     angle_increment: Number | None = None
@@ -93,12 +80,7 @@ class LidarTable(CsvTable):
 
 
 class OdometryTable(CsvTable):
-    """The robot's odometry poses.
-
-    Attributes:
-        x, y, theta: columns.
-        length_unit, angle_unit: theirs.
-    """
+    """The robot's odometry poses."""
 
     x: Column
     y: Column
@@ -108,13 +90,7 @@ class OdometryTable(CsvTable):
 
 
 class EncoderTable(CsvTable):
-    """Ticks of two wheels (``left`` and ``right``), or of four.
-
-    Attributes:
-        left, right: columns of two wheels on one axle.
-        front_right, front_left, rear_right, rear_left: columns of four wheels.
-        running: whether they are running counters, not the change since the last reading.
-    """
+    """Ticks of two wheels on one axle, or of four: ``running`` counters, or the change since the last reading."""
 
     left: Column | None = None
     right: Column | None = None
@@ -140,15 +116,7 @@ class EncoderTable(CsvTable):
 
 
 class ImuTable(CsvTable):
-    """The inertial readings.
-
-    Attributes:
-        yaw_rate: column of the rate about the vertical axis, counterclockwise positive.
-        roll_rate, pitch_rate: about the others; 0 where they are left out.
-        rate_unit: theirs.
-        acceleration: columns along x, y and z; the robot at rest where they are left out.
-        acceleration_unit: theirs.
-    """
+    """The inertial readings, rates counterclockwise positive; the robot is at rest where they say no acceleration."""
 
     yaw_rate: Column
     roll_rate: Column | None = None
@@ -159,14 +127,7 @@ class ImuTable(CsvTable):
 
 
 class CsvDescription(Section):
-    """A recording in CSV files.
-
-    Attributes:
-        name: of the recording; the file's without it.
-        platform: the robot: a table as in a ``platform.toml``, or the name of one beside this file. Without it
-            nothing is known of the robot.
-        lidar, odometry, encoders, imu: the streams that there are.
-    """
+    """A recording in CSV files: its streams and its robot, a table or the name of a ``platform.toml`` beside it."""
 
     name: str | None = None
     platform: Annotated[str | Table, BeforeValidator(_platform)] = Field(default_factory=dict)
@@ -183,11 +144,7 @@ class CsvDescription(Section):
 
 
 def read_description(path: Path) -> CsvDescription:
-    """The description in a TOML file.
-
-    Raises:
-        ConfigError: not TOML, an unknown key, a value that is none; file and key are named.
-    """
+    """The description in a TOML file."""
     table = read_toml(path, "a description of CSV files")
     try:
         return CsvDescription.model_validate(table)

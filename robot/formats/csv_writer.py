@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from os import PathLike
 from pathlib import Path
-from typing import IO
+from typing import IO, Any
 
 import numpy as np
 import tomli_w
+from numpy.typing import NDArray
 
 from moteslam.errors import InputError, OutputError
 from moteslam.robot.files import write_atomically
 from moteslam.robot.formats.csv_model import FOUR_WHEELS
-from moteslam.robot.formats.not_written import not_written
+from moteslam.robot.formats.written import not_written
 from moteslam.robot.issues import Issue
 from moteslam.robot.platforms import platform_table
 from moteslam.robot.ranges import chunks
@@ -51,15 +52,13 @@ def write_csv(path: str | PathLike[str], recording: Recording) -> tuple[Issue, .
     path = Path(path)
     if path.suffix != ".toml":
         raise OutputError("expected a name that ends in .toml", file=path)
-    streams: dict[str, tuple[Table, Rows]] = {}
-    if recording.lidar is not None and len(recording.lidar):
-        streams["lidar"] = _lidar(recording.lidar)
-    if recording.odometry is not None and len(recording.odometry):
-        streams["odometry"] = _odometry(recording.odometry)
-    if recording.encoders is not None and len(recording.encoders):
-        streams["encoders"] = _encoders(recording.encoders)
-    if recording.imu is not None and len(recording.imu):
-        streams["imu"] = _imu(recording.imu)
+    makers: dict[str, Callable[[Any], tuple[Table, Rows]]] = {
+        "lidar": _lidar,
+        "odometry": _odometry,
+        "encoders": _encoders,
+        "imu": _imu,
+    }
+    streams = {name: make(stream) for name, make in makers.items() if (stream := getattr(recording, name))}
     if not streams:
         raise InputError("no stream with readings, expected a lidar, odometry, encoders or an IMU", file=recording.name)
     tables: Table = {"name": recording.name}
@@ -108,28 +107,22 @@ def _lidar(lidar: LidarStream) -> tuple[Table, Rows]:
 
 
 def _odometry(odometry: OdometryStream) -> tuple[Table, Rows]:
-    def rows() -> Rows:
-        yield ["stamp", *POSE]
-        for stamp, pose in zip(odometry.stamps.tolist(), odometry.poses.tolist(), strict=True):
-            yield [repr(stamp), *map(repr, pose)]
-
-    return {key: key for key in POSE}, rows()
+    return {key: key for key in POSE}, _rows(POSE, odometry.stamps, odometry.poses)
 
 
 def _encoders(encoders: EncoderStream) -> tuple[Table, Rows]:
-    def rows() -> Rows:
-        yield ["stamp", *FOUR_WHEELS]
-        for stamp, counts in zip(encoders.stamps.tolist(), encoders.counts.tolist(), strict=True):
-            yield [repr(stamp), *counts]
-
-    return {**{key: key for key in FOUR_WHEELS}, "running": False}, rows()
+    table = {**{key: key for key in FOUR_WHEELS}, "running": False}
+    return table, _rows(FOUR_WHEELS, encoders.stamps, encoders.counts)
 
 
 def _imu(imu: ImuStream) -> tuple[Table, Rows]:
-    def rows() -> Rows:
-        yield ["stamp", *RATES, *ACCELERATION]
-        values = np.concatenate((imu.angular_velocity, imu.linear_acceleration_g), axis=1)
-        for stamp, row in zip(imu.stamps.tolist(), values.tolist(), strict=True):
-            yield [repr(stamp), *map(repr, row)]
+    values = np.concatenate((imu.angular_velocity, imu.linear_acceleration_g), axis=1)
+    table = {**{key: key for key in RATES}, "acceleration": list(ACCELERATION)}
+    return table, _rows((*RATES, *ACCELERATION), imu.stamps, values)
 
-    return {**{key: key for key in RATES}, "acceleration": list(ACCELERATION)}, rows()
+
+def _rows(names: Sequence[str], stamps: NDArray[np.float64], values: NDArray[Any]) -> Rows:
+    """The header and, a line a reading, its stamp [n] and its values [n, k]."""
+    yield ["stamp", *names]
+    for stamp, row in zip(stamps.tolist(), values.tolist(), strict=True):
+        yield [repr(stamp), *map(repr, row)]

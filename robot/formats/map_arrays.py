@@ -15,7 +15,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
-from typing import IO, Any, Literal, NamedTuple, get_args
+from typing import IO, Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
@@ -80,21 +80,21 @@ class MapArrays(Summarised):
     truncation: float | None = None
 
     def __post_init__(self) -> None:
-        if self.kind not in ARRAYS:
-            raise InputError(f"{self.kind!r}, expected one of {', '.join(get_args(MapKind))}", field="kind")
-        if set(self.arrays) != set(ARRAYS[self.kind]):
-            found, expected = ", ".join(self.arrays) or "none", ", ".join(ARRAYS[self.kind])
-            raise InputError(f"{found}, expected {expected}", field="arrays")
-        _positive(self.cell_size, "cell_size")
-        if len(self.origin) != 3 or not all(map(_is_place, self.origin)):
-            raise InputError(
-                f"{shortened(self.origin)}, expected three numbers: x, y [m] and yaw [rad]", field="origin"
-            )
-        if self.kind == "tsdf":
-            _positive(self.truncation, "truncation")
-        elif self.truncation is not None:
+        if not isinstance(self.kind, str) or self.kind not in ARRAYS:
+            raise InputError(f"{shortened(self.kind)}, expected one of {', '.join(ARRAYS)}", field="kind")
+        wanted = ARRAYS[self.kind]
+        if set(self.arrays) != set(wanted):
+            raise InputError(f"{', '.join(self.arrays) or 'none'}, expected {', '.join(wanted)}", field="arrays")
+        for field in ("cell_size", "truncation") if self.kind == "tsdf" else ("cell_size",):
+            value = getattr(self, field)
+            if not _is_place(value) or value <= 0:
+                raise InputError(f"{shortened(value)}, expected a positive length [m]", field=field)
+        if self.kind != "tsdf" and self.truncation is not None:
             raise InputError(f"{self.truncation!r}, expected none of the kind {self.kind}", field="truncation")
-        object.__setattr__(self, "arrays", {name: self._checked(name) for name in ARRAYS[self.kind]})
+        if len(self.origin) != 3 or not all(map(_is_place, self.origin)):
+            problem = f"{shortened(self.origin)}, expected three numbers: x, y [m] and yaw [rad]"
+            raise InputError(problem, field="origin")
+        object.__setattr__(self, "arrays", {name: self._checked(name) for name in wanted})
 
     def raster(self, name: str) -> Raster:
         """One of the arrays, where it lies."""
@@ -114,6 +114,11 @@ class MapArrays(Summarised):
         if not ((values >= least) & (values <= most)).all():
             raise InputError(f"expected finite values from {least:g} to {float(most):g}", field=name)
         return frozen(values, kind)
+
+
+def _is_place(value: object) -> bool:
+    """Whether something is a number within ``MAX_PLACE``, and so finite."""
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= MAX_PLACE
 
 
 def write_map_arrays(path: str | PathLike[str], map_arrays: MapArrays) -> None:
@@ -145,15 +150,22 @@ def read_map_arrays(path: str | PathLike[str]) -> MapArrays:
             other shapes or of more than 1 GiB, or values out of bounds; file and field are named.
     """
     path = Path(path)
-    header = _header(path)
-    kind = header.get("kind")
-    if not isinstance(kind, str) or kind not in ARRAYS:
-        raise InputError(f"{shortened(kind)}, expected one of {', '.join(ARRAYS)}", file=path, field="header.kind")
-    origin = header.get("origin")
-    shapes: dict[str, Shape] = {name: ("rows", "columns", *about.depth) for name, about in ARRAYS[kind].items()}
+    content = read_arrays(path, {"header": ("n",)}, max_bytes=MAX_HEADER)["header"]
+    try:
+        header = json.loads(content.tobytes()) if content.dtype == np.uint8 else None
+    except (ValueError, RecursionError):
+        header = None
+    if not isinstance(header, dict) or header.get("format") != NAME:
+        raise InputError(f'expected JSON with "format": "{NAME}"', file=path, field="header")
+    if header.get("version") != VERSION or isinstance(header["version"], bool):
+        problem = f"{shortened(header.get('version'))}, expected {VERSION}: a newer moteslam reads a later one"
+        raise InputError(problem, file=path, field="header.version")
+    kind, origin = header.get("kind"), header.get("origin")
+    names = next((arrays for name, arrays in ARRAYS.items() if name == kind), {})
+    shapes: dict[str, Shape] = {name: ("rows", "columns", *about.depth) for name, about in names.items()}
     try:
         return MapArrays(
-            kind=kind,
+            kind=kind,  # type: ignore[arg-type]
             arrays=read_arrays(path, shapes, max_bytes=MAX_BYTES),
             cell_size=header.get("cell_size"),  # type: ignore[arg-type]
             origin=tuple(origin) if isinstance(origin, list) else (),
@@ -162,33 +174,5 @@ def read_map_arrays(path: str | PathLike[str]) -> MapArrays:
     except InputError as error:
         if error.file is not None:
             raise
-        field = error.field if error.field in ARRAYS[kind] else f"header.{error.field}"
+        field = error.field if error.field in names else f"header.{error.field}"
         raise InputError(error.problem, file=path, field=field) from error
-
-
-def _header(path: Path) -> dict[str, Any]:
-    """The header of a file, of a version that is known here."""
-    content = read_arrays(path, {"header": ("n",)}, max_bytes=MAX_HEADER)["header"]
-    try:
-        header = json.loads(content.tobytes()) if content.dtype == np.uint8 else None
-    except (ValueError, RecursionError):
-        header = None
-    if not isinstance(header, dict) or header.get("format") != NAME:
-        raise InputError(f'expected JSON with "format": "{NAME}"', file=path, field="header")
-    version = header.get("version")
-    if not isinstance(version, int) or isinstance(version, bool) or version < 1:
-        raise InputError(f"{shortened(version)}, expected {VERSION}", file=path, field="header.version")
-    if version > VERSION:
-        expected = f"expected at most {VERSION}: a newer moteslam reads it"
-        raise InputError(f"{shortened(version)}, {expected}", file=path, field="header.version")
-    return header
-
-
-def _is_place(value: object) -> bool:
-    """Whether something is a number within ``MAX_PLACE``, and so finite."""
-    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= MAX_PLACE
-
-
-def _positive(value: object, field: str) -> None:
-    if not _is_place(value) or not value > 0:  # type: ignore[operator]
-        raise InputError(f"{shortened(value)}, expected a positive length [m]", field=field)

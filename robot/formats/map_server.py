@@ -1,71 +1,84 @@
 """Maps as ROS's map_server keeps them: an image, and a YAML file that says where it lies and what its greys mean.
 
-A raster has row 0 at the smallest y, an image at the largest: it is flipped here, at the file, and nowhere else. What
-the YAML file and the greys mean is in ``map_server_cells``.
+A raster has row 0 at the smallest y, an image at the largest: it is flipped here, at the file, and nowhere else.
+
+Occupancies are -1 (unknown) or 0 to 100 %, as in nav_msgs/OccupancyGrid. Source: how ROS 1's map_server (Noetic) and
+nav2's (Foxy to Jazzy) read and save maps; where they differ: ``docs/reference/formats.md``.
 """
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping
+from dataclasses import dataclass
 from os import PathLike
-from pathlib import Path
-from typing import Any
+from pathlib import Path, PureWindowsPath
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
-from moteslam.errors import ConfigError, InputError, OutputError
+from moteslam.errors import ConfigError, InputError, MoteslamWarning, OutputError
 from moteslam.robot.files import write_atomically
-from moteslam.robot.formats.map_server_cells import (
-    FREE_GREY,
-    FREE_PERCENT,
-    MODES,
-    OCCUPIED_GREY,
-    OCCUPIED_PERCENT,
-    RULES,
-    UNKNOWN_GREY,
-    UNKNOWN_PERCENT,
-    MapFile,
-    Mode,
-    Rules,
-    map_file_text,
-    occupancies,
-    pixels_of,
-    read_map_file,
-    saved,
-    warn_of_thresholds,
-)
+from moteslam.robot.netpbm import FULL
 from moteslam.robot.pictures import decode_channels, encode_png, picture_size
 from moteslam.robot.raster import Raster
 from moteslam.robot.reading import read_bytes
 from moteslam.robot.wording import expect_type
+from moteslam.robot.yaml_table import read_yaml
 
 FREE, OCCUPIED, UNKNOWN = 0, 1, -1
 """The values of a trinary map, int8."""
-
 OCCUPIED_THRESHOLD, FREE_THRESHOLD = 0.65, 0.196
 """map_saver's own: above the one a cell is occupied, below the other free. A grey of 205 is just not free."""
+UNKNOWN_PERCENT, FREE_PERCENT, OCCUPIED_PERCENT = -1, 0, 100
+FREE_GREY, OCCUPIED_GREY, UNKNOWN_GREY = 254, 0, 205
+"""The greys that map_saver writes for them in the mode trinary."""
+RAW_UNKNOWN, SCALE_UNKNOWN = 255, 128
+"""The greys that it writes for what is unknown in the others; transparent in the mode scale."""
 
 MAX_IMAGE_BYTES = 256_000_000
+MAX_YAML_BYTES = 100_000
 MAX_PIXELS = 64_000_000
 MAX_EXTENT = 2000.0
 """Of a map's longer side [m]."""
+MAX_PLACE = 1e6
+"""No map lies farther from its frame's origin [m]."""
+_BAND = 1 << 20
+"""Pixels that are worked on at once."""
+
+Percent = NDArray[np.int8]
+Rules = Literal["nav2", "ros1"]
+Mode = Literal["trinary", "scale", "raw"]
+MODES: tuple[Mode, ...] = get_args(Mode)
+
+
+@dataclass(frozen=True)
+class MapFile:
+    """What the YAML file says."""
+
+    image: Path
+    resolution: float  # side of a cell [m]
+    origin: tuple[float, float, float]  # x, y [m] and yaw [rad] of the lower left corner of the image
+    mode: Mode
+    negate: bool  # white is occupied
+    occupied: float
+    free: float
 
 
 def read_map(path: str | PathLike[str]) -> Raster:
     """Read a map [H, W] as `FREE`, `OCCUPIED` and `UNKNOWN` cells, int8, of its ``.yaml``.
 
-    What is between the thresholds is unknown in the mode ``scale``, too. In the mode ``raw`` they are applied as
-    map_saver does: at least ``occupied_thresh`` and at most ``free_thresh``, in whole percent.
+    What is between the thresholds is unknown in the mode ``scale``, too; the mode ``raw`` is decided as by map_saver.
 
     Raises:
         InputError: a file that is missing, not YAML or no image, a key that is missing or out of bounds, an image
             elsewhere or that is too large; file and key are named.
     """
     about, pixels = _read(Path(path))
-    percent = occupancies(pixels, about, between=False)
+    percent = _occupancies(pixels, about, between=False)
     if about.mode == "raw":
-        percent = saved(percent, about.occupied, about.free)
+        percent = _decided(percent, about.occupied, about.free)
     known = np.where(percent == OCCUPIED_PERCENT, OCCUPIED, FREE)
     return _raster(np.where(percent == UNKNOWN_PERCENT, UNKNOWN, known), about)
 
@@ -73,39 +86,17 @@ def read_map(path: str | PathLike[str]) -> Raster:
 def read_occupancy(path: str | PathLike[str], *, rules: Rules = "nav2") -> Raster:
     """Read a map as map_server publishes it, an occupancy a cell.
 
-    A pixel's brightness, the mean of its channels, stands for the probability of being free, with ``negate`` of being
-    occupied. Above ``occupied_thresh`` a cell is occupied, below ``free_thresh`` free. In between it is unknown in the
-    mode ``trinary``, where opacity is one of the channels; in the mode ``scale`` it is stretched to 0 to 100, and what
-    is not opaque is unknown. In the mode ``raw`` the brightness, of 255, is the occupancy, and unknown above 100.
-
-    Args:
-        path: of the ``.yaml``; the image that it names lies beside it, or below.
-        rules: ``nav2``, or ``ros1``: ROS 1's map_server, which differs in details (``map_server_cells``).
-
-    Returns:
-        int8 values [H, W]: 0 (free) to 100 (occupied), -1 unknown, as in nav_msgs/OccupancyGrid.
-
-    Raises:
-        InputError: as of `read_map`.
-        ConfigError: rules of somebody else.
+    Values [H, W] int8 are 0 (free) to 100 (occupied), -1 unknown; ``rules`` those of ``nav2``, or of ``ros1``, whose
+    map_server differs in details. Raises as `read_map`, and a ConfigError for other rules.
     """
-    if rules not in RULES:
-        raise ConfigError(f"{rules!r}, expected {' or '.join(RULES)}", field="rules")
+    if rules not in get_args(Rules):
+        raise ConfigError(f"{rules!r}, expected nav2 or ros1", field="rules")
     about, pixels = _read(Path(path))
-    return _raster(occupancies(pixels, about, rules), about)
+    return _raster(_occupancies(pixels, about, rules), about)
 
 
 def write_map(path: str | PathLike[str], raster: Raster, *, mode: Mode = "trinary", negate: bool = False) -> None:
-    """Write a trinary map: the image, and beside it the YAML file, as map_server and nav2 read them.
-
-    Args:
-        path: of the ``.pgm`` or ``.png``; the ``.yaml`` has the same stem.
-        raster: values [H, W] of `FREE`, `OCCUPIED` or `UNKNOWN`.
-        mode, negate: as of `write_occupancy`.
-
-    Raises:
-        OutputError, InputError, ConfigError: as of `write_occupancy`.
-    """
+    """Write a trinary map: values [H, W] of `FREE`, `OCCUPIED` or `UNKNOWN`; else as `write_occupancy`."""
     known = np.where(raster.values == OCCUPIED, OCCUPIED_PERCENT, FREE_PERCENT)
     percent = np.where(raster.values == UNKNOWN, UNKNOWN_PERCENT, known).astype(np.int8)
     write_occupancy(path, Raster(percent, raster.cell_size, raster.origin), mode=mode, negate=negate)
@@ -121,19 +112,12 @@ def write_occupancy(
 ) -> None:
     """Write a map of occupancies as map_saver does: the image, and beside it the YAML file.
 
-    In the mode ``raw`` they read back the same. In the mode ``scale`` a grey is the occupancy, which whoever reads it
-    scales between the thresholds: with those of 1 and 0 it reads back the same. In the mode ``trinary`` the thresholds
-    decide.
-
-    Args:
-        path: of the ``.pgm`` or ``.png``; the ``.yaml`` has the same stem.
-        raster: whole values [H, W] of -1 (unknown) or 0 to 100, see `occupancy_of` for log-odds.
-        mode: ``trinary``, ``scale`` or ``raw``.
-        negate: white is occupied; not in the mode ``raw``, which nav2 reads without and ROS 1 with it.
-        thresholds: at least the first is occupied, at most the second free; 0 to 1.
+    They are whole, -1 (unknown) or 0 to 100 [H, W]. In the mode ``raw`` they read back the same, in the mode ``scale``
+    with the thresholds 1 and 0; in the mode ``trinary`` at least the first threshold is occupied and at most the second
+    free. With ``negate`` white is occupied; not in the mode ``raw``, which nav2 reads without and ROS 1 with it.
 
     Raises:
-        ConfigError: a mode that is none, or thresholds the wrong way round.
+        ConfigError: another mode, or thresholds the wrong way round.
         InputError: other values, or ``negate`` in the mode ``raw``.
         OutputError: another ending, unknown cells of the mode ``scale`` in a ``.pgm``, which has no transparency, or
             a file that cannot be written.
@@ -146,12 +130,27 @@ def write_occupancy(
         raise ConfigError(f"{thresholds!r}, expected occupied and free, the larger first, 0 to 1", field="thresholds")
     values = raster.values
     if values.ndim != 2 or values.dtype.kind not in "iu" or not ((values >= -1) & (values <= 100)).all():
-        raise InputError(
-            f"{values.dtype}{list(values.shape)}, expected whole values of -1 to 100 [H, W]", field="raster"
-        )
+        problem = f"{values.dtype}{list(values.shape)}, expected whole values of -1 to 100 [H, W]"
+        raise InputError(problem, field="raster")
     if path.suffix not in (".pgm", ".png"):
         raise OutputError("expected a name that ends in .pgm or .png", file=path)
-    image = pixels_of(values.astype(np.int8), mode, occupied=occupied, free=free, negate=negate)[::-1]
+    percent = values.astype(np.int8)[::-1]
+    is_known = percent >= 0
+    if mode == "raw":
+        if negate:
+            raise InputError("true with the mode raw, expected false: map_servers differ in it", field="negate")
+        image = np.where(is_known, percent, RAW_UNKNOWN).astype(np.uint8)
+    elif mode == "trinary":
+        greys = {UNKNOWN_PERCENT: UNKNOWN_GREY, FREE_PERCENT: FREE_GREY, OCCUPIED_PERCENT: OCCUPIED_GREY}
+        decided = _decided(percent, occupied, free)
+        image = np.select([decided == value for value in greys], list(greys.values())).astype(np.uint8)
+        image = 255 - image if negate else image
+        occupied, free = OCCUPIED_THRESHOLD, FREE_THRESHOLD  # the greys are map_saver's own, whatever decided
+    else:
+        bright = percent if negate else 100 - percent.astype(np.int16)
+        image = np.where(is_known, np.rint(bright / 100 * 255), SCALE_UNKNOWN).astype(np.uint8)
+        if not is_known.all():
+            image = np.dstack((image, image, image, np.where(is_known, 255, 0).astype(np.uint8)))
     if path.suffix == ".png":
         write_atomically(path, encode_png(image))
     elif image.ndim == 3:
@@ -159,20 +158,12 @@ def write_occupancy(
     else:
         rows, columns = image.shape
         write_atomically(path, f"P5\n{columns} {rows}\n255\n".encode() + image.tobytes())
-    if mode == "trinary":  # the greys are map_saver's own, whatever decided
-        occupied, free = OCCUPIED_THRESHOLD, FREE_THRESHOLD
     about = {"negate": int(negate), "occupied_thresh": float(occupied), "free_thresh": float(free)}
     _write_yaml(path, raster, {"mode": mode}, about)
 
 
 def occupancy_of(log_odds: Raster) -> Raster:
-    """A map of log-odds as occupancies: the probability in whole percent, -1 where the log-odds are 0.
-
-    Args:
-        log_odds: float values [H, W], above 0 occupied.
-
-    Returns:
-        int8 values [H, W].
+    """A map of log-odds [H, W], above 0 occupied, as occupancies [H, W]: whole percent, -1 where they are 0.
 
     Raises:
         InputError: values that are no floats [H, W].
@@ -189,40 +180,20 @@ def occupancy_of(log_odds: Raster) -> Raster:
 def write_picture(path: str | PathLike[str], raster: Raster, about: Mapping[str, Any] | None = None) -> None:
     """Write a coloured raster as PNG, a pixel a cell, and beside it the YAML file that says where it lies.
 
-    Args:
-        path: of the ``.png``; the ``.yaml`` has the same stem.
-        raster: values [H, W, 3] red, green, blue or [H, W, 4] with opacity, uint8.
-        about: more keys for the YAML file.
-
-    Raises:
-        OutputError: one of them cannot be written.
+    Its values are [H, W, 3] red, green, blue or [H, W, 4] with opacity, uint8; ``about`` are more keys for the YAML.
     """
     write_atomically(path, encode_png(raster.values[::-1]))
     _write_yaml(Path(path), raster, {}, about or {})
 
 
 def trinary(log_odds: NDArray[np.float32]) -> NDArray[np.int8]:
-    """The map in map_server's three values, which one ray of log 4 (a probability of 0.2 or 0.8) decides.
-
-    Args:
-        log_odds: [H, W].
-
-    Returns:
-        int8 [H, W]: occupied above the probability of 0.65, free below its complement, else unknown.
-    """
+    """Log-odds [H, W] in map_server's three values, which one ray of log 4 (a probability of 0.8) decides."""
     limit = np.log(OCCUPIED_THRESHOLD / (1 - OCCUPIED_THRESHOLD))
     return np.where(log_odds > limit, OCCUPIED, np.where(log_odds < -limit, FREE, UNKNOWN)).astype(np.int8)
 
 
 def map_image(log_odds: NDArray[np.float32]) -> NDArray[np.uint8]:
-    """The map in greys: white where free, black where occupied, 205 where nothing is known, and in between.
-
-    Args:
-        log_odds: [H, W], row 0 the smallest y.
-
-    Returns:
-        [H, W] uint8, row 0 the largest y.
-    """
+    """Log-odds [H, W] in greys, row 0 the largest y: white where free, black where occupied, 205 where unknown."""
     belief = np.tanh(np.asarray(log_odds, np.float64)[::-1] / 2)  # 2 p - 1: -1 free, 0 unknown, 1 occupied
     towards_free, towards_occupied = UNKNOWN_GREY - FREE_GREY, OCCUPIED_GREY - UNKNOWN_GREY
     grey = UNKNOWN_GREY + np.where(belief < 0, towards_free * belief, towards_occupied * belief)
@@ -231,7 +202,7 @@ def map_image(log_odds: NDArray[np.float32]) -> NDArray[np.uint8]:
 
 def _read(path: Path) -> tuple[MapFile, NDArray[np.uint16]]:
     """The YAML file, and the pixels [rows, columns, channels] of its image, the largest y first."""
-    about = read_map_file(path)
+    about = _read_yaml(path)
     try:
         content = read_bytes(about.image, "a pgm or png image", limit=MAX_IMAGE_BYTES)
     except InputError as error:
@@ -240,22 +211,136 @@ def _read(path: Path) -> tuple[MapFile, NDArray[np.uint16]]:
     if columns * rows > MAX_PIXELS:
         raise InputError(f"{columns} x {rows} pixels, expected at most {MAX_PIXELS} in all", file=about.image)
     if max(columns, rows) * about.resolution > MAX_EXTENT:
-        raise InputError(
-            f"{columns} x {rows} cells of {about.resolution:g} m, expected at most {MAX_EXTENT:g} m a side",
-            file=path,
-            field="resolution",
-        )
+        problem = f"{columns} x {rows} cells of {about.resolution:g} m, expected at most {MAX_EXTENT:g} m a side"
+        raise InputError(problem, file=path, field="resolution")
     pixels = decode_channels(content) if columns * rows else None
     if pixels is None:
         raise InputError("not readable as an image, expected a complete pgm or png map", file=about.image)
-    warn_of_thresholds(path, about, pixels)
+    _warn_of_thresholds(path, about, pixels)
     return about, pixels
 
 
+def _read_yaml(path: Path) -> MapFile:
+    about = read_yaml(path, "a map_server .yaml file", limit=MAX_YAML_BYTES)
+    if not isinstance(about, dict):
+        raise InputError("not a table, expected image, resolution and origin", file=path)
+
+    def number(key: str, value: object, low: float, high: float) -> float:
+        try:  # what is text to YAML 1.1 is a number to the programs that write it, as 5e-2
+            found = float("nan") if isinstance(value, bool) else float(value)  # type: ignore[arg-type]
+        except (TypeError, ValueError, OverflowError):
+            found = float("nan")
+        if not low <= found <= high:
+            expected = "three numbers: x, y [m] and yaw [rad]" if key == "origin" else f"one from {low:g} to {high:g}"
+            raise InputError(f"{about[key]!r}, expected {expected}", file=path, field=key)
+        return found
+
+    for key in ("image", "resolution", "origin", "negate", "occupied_thresh", "free_thresh"):
+        if key not in about:
+            raise InputError("missing, expected in every map_server file", file=path, field=key)
+    occupied, free = (number(key, about[key], 0, 1) for key in ("occupied_thresh", "free_thresh"))
+    if free > occupied:
+        raise InputError(f"{free:g}, expected at most occupied_thresh, {occupied:g}", file=path, field="free_thresh")
+    if (mode := about.get("mode", MODES[0])) not in MODES:
+        raise InputError(f"{mode!r}, expected {', '.join(MODES)}", file=path, field="mode")
+    if not isinstance(negate := about["negate"], int):
+        raise InputError(f"{negate!r}, expected 0 or 1", file=path, field="negate")
+    place = about["origin"] if isinstance(about["origin"], list) and len(about["origin"]) == 3 else [None]
+    x, y, yaw = [number("origin", value, -MAX_PLACE, MAX_PLACE) for value in place]
+    resolution = number("resolution", about["resolution"], 1e-4, 100)
+    return MapFile(_image(about["image"], path), resolution, (x, y, yaw), mode, bool(negate), occupied, free)
+
+
+def _image(name: object, path: Path) -> Path:
+    """The image's path, in the YAML file's folder or below; one of another computer is looked for beside it."""
+    if not isinstance(name, str) or not name:
+        raise InputError(f"{name!r}, expected the name of a pgm or png image", file=path, field="image")
+    image = path.parent / name
+    try:
+        inside = image.resolve().is_relative_to(path.parent.resolve())
+        there = PureWindowsPath(name)  # knows both slashes
+        beside = path.parent / there.name
+        if there.root and not (inside and image.is_file()) and beside.is_file() and not beside.is_symlink():
+            text = f"{path}: image: {name[:200]!r} is not in its folder, {beside.name!r} beside it is taken"
+            warnings.warn(MoteslamWarning(text), stacklevel=2)
+            return beside
+    except (OSError, ValueError, RuntimeError) as error:  # a null byte in the name, links in a circle
+        raise InputError(f"{name!r}, expected a pgm or png image", file=path, field="image") from error
+    if not inside:
+        expected = "expected an image in the folder of this file, or below"
+        raise InputError(f"{name!r} lies elsewhere, {expected}", file=path, field="image")
+    return image
+
+
+def _occupancies(pixels: NDArray[np.uint16], about: MapFile, rules: Rules = "nav2", *, between: bool = True) -> Percent:
+    """The occupancies [H, W] of pixels [H, W, C] of 65535; ``between`` the thresholds the mode scale may say more."""
+    flat, found = pixels.reshape(-1, pixels.shape[2]), np.empty(pixels.shape[0] * pixels.shape[1], np.int8)
+    for start in range(0, len(flat), _BAND):
+        found[start : start + _BAND] = _of(flat[start : start + _BAND], about, rules == "ros1", between)
+    return found.reshape(pixels.shape[:2])
+
+
+def _of(pixels: NDArray[np.uint16], about: MapFile, ros1: bool, between: bool) -> Percent:
+    """The occupancies [n] of pixels [n, C]."""
+    values, full = (pixels >> 8, 255) if ros1 else (pixels, FULL)
+    colours = values if about.mode == "trinary" else values[:, :3]
+    shade = colours.sum(axis=1, dtype=np.float64) / colours.shape[1]
+    if ros1 and about.negate:
+        shade = full - shade
+    if about.mode == "raw":
+        whole = np.floor(shade if ros1 else 255 * (shade / full) + 0.5)
+        return np.where(whole <= OCCUPIED_PERCENT, whole, UNKNOWN_PERCENT).astype(np.int8)
+    probability = (full - shade) / full if ros1 else shade / full if about.negate else 1.0 - shade / full
+    inner = np.full(len(pixels), float(UNKNOWN_PERCENT))
+    width = about.occupied - about.free
+    if about.mode == "scale" and between and width > 0:
+        ratio = (probability - about.free) / width
+        inner = np.floor(1 + 98 * ratio) if ros1 else np.rint(100.0 * ratio)
+        if ros1 and pixels.shape[1] > 1:  # its last channel stands for opacity, also where it is blue
+            inner[values[:, -1] == 0] = UNKNOWN_PERCENT
+    found = np.where(probability < about.free, FREE_PERCENT, inner)
+    found[probability > about.occupied] = OCCUPIED_PERCENT
+    if about.mode == "scale" and pixels.shape[1] == 4 and not ros1:
+        found[pixels[:, 3] < FULL] = UNKNOWN_PERCENT
+    return found.astype(np.int8)
+
+
+def _warn_of_thresholds(path: Path, about: MapFile, pixels: NDArray[np.uint16]) -> None:
+    """Warn where all greys are map_saver's and the thresholds, as its 0.25 of years, make its 205 of unknown known."""
+    grey = (pixels[..., 0] >> 8).ravel()
+    if about.mode == "raw" or (pixels[..., :3] != pixels[..., :1]).any():
+        return
+    counts, unknown = np.bincount(grey, minlength=256), UNKNOWN_GREY
+    if about.negate and counts[255 - UNKNOWN_GREY]:
+        counts, unknown = counts[::-1], 255 - UNKNOWN_GREY  # a negative of map_saver's
+    there = set(np.flatnonzero(counts).tolist())
+    if not {UNKNOWN_GREY} < there <= {FREE_GREY, OCCUPIED_GREY, UNKNOWN_GREY, 255}:
+        return
+    one = pixels.reshape(1, -1, pixels.shape[2])[:, [int(np.argmax(grey == unknown))]]
+    read = int(_occupancies(one, about, between=False)[0, 0])
+    if read != UNKNOWN_PERCENT:
+        what = f"grey {unknown}, which map_saver writes for unknown, is read as {'occupied' if read else 'free'}"
+        why = f"by free_thresh {about.free:g}, occupied_thresh {about.occupied:g} and negate {int(about.negate)}"
+        cells = f"{counts[UNKNOWN_GREY]} of {counts.sum()} cells count as known, so map_known is too high"
+        mend = "" if read else ": free_thresh: 0.196 would leave them unknown"
+        warnings.warn(MoteslamWarning(f"{path}: {what} {why}; {cells}{mend}"), stacklevel=4)
+
+
+def _decided(percent: Percent, occupied: float, free: float) -> Percent:
+    """Occupancies [...] as map_saver decides them by two thresholds: free, occupied or unknown."""
+    beyond = np.where(percent >= round(100 * occupied), OCCUPIED_PERCENT, UNKNOWN_PERCENT)
+    known = np.where(percent <= round(100 * free), FREE_PERCENT, beyond)
+    return np.where(percent >= 0, known, UNKNOWN_PERCENT).astype(np.int8)
+
+
 def _write_yaml(image: Path, raster: Raster, before: dict[str, Any], after: Mapping[str, Any]) -> None:
-    """Write the YAML file beside an image, under its name."""
+    """Write the YAML file beside an image, under its name: with more keys before and after its place."""
+    import yaml
+
     place = {"resolution": float(raster.cell_size), "origin": [float(value) for value in raster.origin]}
-    write_atomically(image.with_suffix(".yaml"), map_file_text(image, place, before, dict(after)))
+    about = {"image": image.name, **before, **place, **after}
+    text = yaml.safe_dump(about, sort_keys=False, default_flow_style=None, allow_unicode=True, width=float("inf"))
+    write_atomically(image.with_suffix(".yaml"), text)
 
 
 def _raster(values: NDArray[Any], about: MapFile) -> Raster:

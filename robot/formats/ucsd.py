@@ -17,14 +17,20 @@ from numpy.typing import NDArray
 from moteslam.errors import ConfigError, InputError
 from moteslam.robot.arrays import given_up
 from moteslam.robot.files import make_folder, write_atomically
-from moteslam.robot.formats.bounds import check_fan, check_figures
-from moteslam.robot.formats.format import Format, Robot
-from moteslam.robot.formats.no_return import no_return_codes
-from moteslam.robot.formats.not_written import left_out, not_written
+from moteslam.robot.formats import Format, Robot
 from moteslam.robot.formats.npz import read_arrays
-from moteslam.robot.formats.ranges import clean_ranges
-from moteslam.robot.formats.streams import encoder_stream, imu_stream, sort_by_stamp
-from moteslam.robot.formats.ucsd_rgbd import DISPARITY, RGB, find_images
+from moteslam.robot.formats.streams import (
+    Fan,
+    check_fan,
+    check_figures,
+    clean_ranges,
+    encoder_stream,
+    imu_stream,
+    no_return_codes,
+    sort_by_stamp,
+)
+from moteslam.robot.formats.ucsd_images import DISPARITY, RGB, find_images
+from moteslam.robot.formats.written import left_out, not_written
 from moteslam.robot.given_robot import GivenRobot
 from moteslam.robot.issues import Issue
 from moteslam.robot.platform import Platform
@@ -60,26 +66,10 @@ def ucsd_sequences(folder: Path) -> tuple[str, ...]:
     return tuple(sorted(names, key=lambda name: (not name.isdigit(), int(name) if name.isdigit() else 0, name)))
 
 
-def read_ucsd(
-    folder: str | PathLike[str],
-    *,
-    sequence: str | int | None = None,
-    platform: Platform | str | PathLike[str] | None = None,
-) -> Recording:
-    """Read one sequence of a folder in the UCSD layout.
+def read_ucsd(folder: str | PathLike[str], sequence: str | int | None = None, platform: Robot = None) -> Recording:
+    """Read one sequence of a folder in the UCSD layout, which may be left out where there is only one.
 
-    Args:
-        folder: where the ``.npz`` files lie.
-        sequence: which; may be left out where there is only one.
-        platform: the robot, or a ``platform.toml`` that lies, key by key, over the folder's own; over the UCSD robot
-            where it has none.
-
-    Returns:
-        the recording; ``warnings`` lists what was repaired.
-
-    Raises:
-        InputError: no such sequence, or a file that is not what it should be.
-        ConfigError: a ``platform.toml`` that is none.
+    A ``platform.toml`` that is given lies, key by key, over the folder's own; over the UCSD robot where it has none.
     """
     folder = Path(folder)
     number = _choose(folder, sequence)
@@ -109,15 +99,12 @@ def _choose(folder: Path, sequence: str | int | None) -> str:
     known = ucsd_sequences(folder)
     if not known:
         raise InputError("holds no Encoders*.npz, Hokuyo*.npz, Imu*.npz or Kinect*.npz", file=folder)
-    wanted = None if sequence is None else str(sequence)
-    if wanted is None and len(known) == 1:
+    if sequence is None and len(known) == 1:
         return known[0]
-    if wanted in known:
-        return str(wanted)
-    found = "several sequences" if wanted is None else f"no sequence {wanted}"
-    *most, last = known
-    choice = f"{', '.join(most)} or {last}" if most else last
-    raise InputError(f"{found}, expected {choice}", file=folder, field="sequence")
+    if str(sequence) in known:
+        return str(sequence)
+    found = "several sequences" if sequence is None else f"no sequence {sequence}"
+    raise InputError(f"{found}, expected one of {', '.join(known)}", file=folder, field="sequence")
 
 
 def _lidar(path: Path, platform: Platform, given: Table, issues: list[Issue]) -> LidarStream | None:
@@ -126,30 +113,34 @@ def _lidar(path: Path, platform: Platform, given: Table, issues: list[Issue]) ->
         return None
     scalars = ("angle_min", "angle_max", "angle_increment", "range_min", "range_max")
     arrays = read_arrays(path, {**dict.fromkeys(scalars, ()), "time_stamps": ("n",), "ranges": ("beams", "n")})
-    angle_min, angle_max, increment, range_min, range_max = (float(arrays[name].item()) for name in scalars)
-    for name, value in zip(scalars, (angle_min, angle_max, increment, range_min, range_max), strict=True):
+    figures = {name: float(arrays[name].item()) for name in scalars}
+    angle_min, angle_max, increment, range_min, range_max = figures.values()
+
+    def refuse(name: str, expected: str) -> None:
+        raise InputError(f"{figures[name]:g}, expected {expected}", file=path, field=name)
+
+    for name, value in figures.items():
         if not np.isfinite(value):
-            raise InputError(f"{value}, expected a finite number", file=path, field=name)
+            refuse(name, "a finite number")
     if increment == 0:
-        raise InputError("0, expected an angle between beams [rad]", file=path, field="angle_increment")
+        refuse("angle_increment", "an angle between beams [rad]")
     if range_min < 0:
-        raise InputError(f"{range_min}, expected 0 m or more", file=path, field="range_min")
+        refuse("range_min", "0 m or more")
     if range_max <= range_min:
-        raise InputError(f"{range_max}, expected more than range_min, {range_min} m", file=path, field="range_max")
+        refuse("range_max", f"more than range_min, {range_min} m")
     beams = len(arrays["ranges"])
     check_fan(beams, increment, file=path, field="angle_increment")
     last = angle_min + (beams - 1) * increment
     if abs(last - angle_max) > abs(increment):
         text = f"{path.name}: angle_max: {angle_max:.4f} rad, but {beams} beams end at {last:.4f}; the beams are used"
         issues.append(Issue("angle-max", text))
-    angle_min, increment = given.get("angle_min", angle_min), given.get("angle_increment", increment)
-    range_min, range_max = given.get("range_min", range_min), given.get("range_max", range_max)
-    check_figures(beams, increment, range_min, range_max, file=path)
+    fan = Fan(angle_min, increment, range_min, range_max).over(given)
+    check_figures(beams, fan, file=path)
     stamps, (ranges,) = sort_by_stamp(path, "time_stamps", arrays["time_stamps"], issues, arrays["ranges"].T)
-    ranges, found = clean_ranges(_float32(ranges), range_min, range_max, file=path, field="ranges")
-    issues.extend(found)
-    time_increment = platform.lidar.time_increment
-    return LidarStream(stamps, given_up(ranges), angle_min, increment, range_min, range_max, time_increment)
+    with np.errstate(over="ignore"):  # beyond float32 is infinite: no return
+        ranges = np.ascontiguousarray(ranges, np.float32)
+    ranges = given_up(clean_ranges(ranges, fan, issues, f"{path.name}: ranges"))
+    return LidarStream(stamps, ranges, *fan[:4], platform.lidar.time_increment)
 
 
 def _is_its_lidar(stream: LidarStream, spec: LidarSpec) -> bool:
@@ -163,13 +154,11 @@ def _encoders(path: Path, platform: Platform, issues: list[Issue]) -> EncoderStr
     if not path.exists():
         return None
     arrays = read_arrays(path, {"time_stamps": ("n",), "counts": (4, "n")})
-    counts = arrays["counts"]
-    if counts.dtype.kind == "f" and not (np.isfinite(counts).all() and (counts == np.round(counts)).all()):
-        raise InputError("not whole numbers, expected encoder counts", file=path, field="counts")
-    if np.abs(counts.astype(np.float64)).max() >= MAX_COUNT:
-        raise InputError("beyond 2^31, expected counts since the last reading", file=path, field="counts")
-    stamps = arrays["time_stamps"]
-    return encoder_stream(path, "counts", stamps, counts.T, platform, issues, stamps_field="time_stamps")
+    counts, stamps = arrays["counts"], arrays["time_stamps"]
+    if not (np.abs(counts.astype(np.float64)) < MAX_COUNT).all() or (counts != np.round(counts)).any():
+        problem = "beyond 2^31 or not whole numbers, expected encoder counts since the last reading"
+        raise InputError(problem, file=path, field="counts")
+    return encoder_stream(path, ("time_stamps", "counts"), stamps, counts.T, platform, issues)
 
 
 def _imu(path: Path, issues: list[Issue]) -> ImuStream | None:
@@ -181,8 +170,7 @@ def _imu(path: Path, issues: list[Issue]) -> ImuStream | None:
         if not np.isfinite(arrays[name]).all():
             raise InputError("NaN or infinite values, expected finite readings", file=path, field=name)
     angular, linear = (arrays[name].T for name in names)
-    stamps = arrays["time_stamps"]
-    return imu_stream(path, "angular_velocity", stamps, angular, linear, issues, stamps_field="time_stamps")
+    return imu_stream(path, ("time_stamps", "angular_velocity"), arrays["time_stamps"], angular, linear, issues)
 
 
 def _rgbd(folder: Path, number: str, issues: list[Issue]) -> RgbdStream | None:
@@ -192,18 +180,11 @@ def _rgbd(folder: Path, number: str, issues: list[Issue]) -> RgbdStream | None:
     arrays = read_arrays(path, {"disparity_time_stamps": ("d",), "rgb_time_stamps": ("c",)})
     streams = []
     for field, kind in (("rgb_time_stamps", RGB), ("disparity_time_stamps", DISPARITY)):
-        images, found = find_images(folder, kind, number, len(arrays[field]))
-        issues.extend(found)
-        indices = np.arange(len(arrays[field]))
-        stamps, (indices,) = sort_by_stamp(path, field, arrays[field], issues, indices)
+        images = find_images(folder, kind, number, len(arrays[field]), issues)
+        stamps, (indices,) = sort_by_stamp(path, field, arrays[field], issues, np.arange(len(arrays[field])))
         streams.append((stamps, tuple(images[i] for i in indices) if images else ()))
     (rgb, rgb_files), (disparity, disparity_files) = streams
     return RgbdStream(rgb, disparity, rgb_files, disparity_files)
-
-
-def _float32(values: Array) -> NDArray[np.float32]:
-    with np.errstate(over="ignore"):  # beyond float32 is infinite: no return
-        return np.ascontiguousarray(values, np.float32)
 
 
 def write_ucsd(folder: str | PathLike[str], recording: Recording, *, sequence: str | int) -> None:
@@ -212,7 +193,7 @@ def write_ucsd(folder: str | PathLike[str], recording: Recording, *, sequence: s
     No return is written as ``range_max + 1`` and a reading that says nothing as 0.001 m (as NaN where that is not
     below ``range_min``). So ``read_ucsd`` gives the same recording back, bit for bit: float32 ranges, float64
     stamps. The same recording gives the same bytes. Streams without readings are left out, and so are odometry poses,
-    which have no place in this layout; images are written by ``ucsd_rgbd.write_images``.
+    which have no place in this layout; images are written by `moteslam.sim.sensors.image_files`.
 
     Args:
         folder: an existing folder.
@@ -279,10 +260,6 @@ def _write(path: Path, **arrays: Array | np.float64) -> None:
     write_atomically(path, content)
 
 
-def _read(path: Path, sequence: str | int | None, platform: Robot) -> Recording:
-    return read_ucsd(path, sequence=sequence, platform=platform)
-
-
 def _write_only(folder: Path, recording: Recording) -> tuple[Issue, ...]:
     """Write the one sequence of a folder, which is made."""
     expect_type(recording, Recording, "recording", "open_recording(path) reads one")
@@ -303,6 +280,6 @@ FORMAT = Format(
     "UCSD folder (Encoders*.npz, Hokuyo*.npz, Imu*.npz, Kinect*.npz)",
     is_folder=True,
     recognise=lambda path: bool(ucsd_sequences(path)),
-    read=_read,
+    read=read_ucsd,
     write=_write_only,
 )

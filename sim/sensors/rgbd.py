@@ -16,15 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.errors import ConfigError
-from moteslam.robot.formats.ucsd_rgbd import (
-    DISPARITY,
-    RGB,
-    Draw,
-    check_space,
-    estimate_bytes,
-    size_in_words,
-    write_images,
-)
+from moteslam.robot.formats.ucsd_images import DISPARITY, RGB
 from moteslam.robot.recording import RgbdStream
 from moteslam.robot.se2 import interpolate
 from moteslam.robot.specs import CameraSettings, CameraSpec
@@ -33,6 +25,7 @@ from moteslam.sim.robot.drive import Drive
 from moteslam.sim.robot.limits import Interval
 from moteslam.sim.sensors.clock import EPOCH, readings
 from moteslam.sim.sensors.echoes import Scene
+from moteslam.sim.sensors.image_files import Draw, check_space, estimate_bytes, size_in_words, write_images
 from moteslam.sim.sensors.renderer import Renderer
 from moteslam.sim.world.floor import FloorSettings
 

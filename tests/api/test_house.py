@@ -12,6 +12,7 @@ import pytest
 ROOT = Path(__file__).parents[2]
 FOLDERS = ("kernels", "robot", "sim", "slam", "eval")
 COMPOSERS = {
+    "eval": set(),
     "sim": {"simulate.py", "scenario.py"},
     "slam": {
         "run.py",

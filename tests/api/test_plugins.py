@@ -100,7 +100,7 @@ def test_a_back_end_of_another_package_moves_path_map_and_filter(
 ):
     from moteslam.robot.trajectories.tum import read_tum
 
-    arguments = ["replay", recording, "--preset", preset, "--particles", 8, "--no-figures"]
+    arguments = ["replay", recording, "--preset", preset, "--set", "particles=8", "--no-figures"]
     assert moteslam(toys, *arguments, "--out", "alone", cwd=tmp_path).returncode == 0
     done = moteslam(toys, *arguments, "--set", "backend.method=toy", "--out", "moved", cwd=tmp_path)
     assert (done.returncode, done.stderr) == (0, "")
@@ -135,7 +135,7 @@ def test_one_that_fails_to_load_is_one_warning(recording: Path, tmp_path: Path):
     warned, refused = done.stderr.splitlines()
     assert warned.startswith("moteslam: warning: plug-in 'bad' of package toys (moteslam.formats) is left out")
     assert refused.startswith("moteslam: log.txt: ")
-    done = moteslam(broken, "replay", recording, "--out", "x", "--particles", 3, "--no-figures", cwd=tmp_path)
+    done = moteslam(broken, "replay", recording, "--out", "x", "--set", "particles=3", "--no-figures", cwd=tmp_path)
     assert done.returncode == 0
     (warned,) = done.stderr.splitlines()
     assert "plug-in 'odd' of package toys (moteslam.metrics) is left out" in warned
@@ -153,7 +153,7 @@ def test_a_metric_that_fails_costs_a_warning_and_not_the_run(recording: Path, tm
     )
     entries = "[moteslam.metrics]\nraises = bad_metrics:RAISES\nempty = bad_metrics:NO_RESULT\n"
     path = [installed(tmp_path / "packages", entries, "bad"), str(tmp_path / "bad")]
-    done = moteslam(path, "replay", recording, "--particles", 3, "--no-figures", "--out", "result", cwd=tmp_path)
+    done = moteslam(path, "replay", recording, "--set", "particles=3", "--no-figures", "--out", "result", cwd=tmp_path)
     assert done.returncode == 0
     assert "'raises' of package bad (moteslam.metrics) is left out: RuntimeError: boom" in done.stderr
     assert "'empty' of package bad (moteslam.metrics) is left out: TypeError" in done.stderr

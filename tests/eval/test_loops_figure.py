@@ -10,7 +10,7 @@ from figures import legend_of
 from loop_candidates import candidate
 from matplotlib.figure import Figure
 
-from moteslam.eval.report.loops import ACCEPTED, REJECTED, draw_loops
+from moteslam.eval.report.maps import ACCEPTED, REJECTED, draw_loops
 from moteslam.robot.raster import Raster
 from moteslam.robot.trajectory import Trajectory
 

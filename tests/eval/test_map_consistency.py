@@ -99,7 +99,6 @@ def test_a_drive_that_comes_back_nowhere_has_no_far_distance() -> None:
     )
     assert score.far is None
     assert score.twice is None
-    assert score.as_dict()["far_m"] is None
 
 
 def test_what_cannot_be_had_says_why() -> None:

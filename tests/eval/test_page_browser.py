@@ -17,7 +17,7 @@ from selenium.webdriver.common.by import By
 from selenium.webdriver.common.keys import Keys
 from selenium.webdriver.support.ui import Select, WebDriverWait
 
-from moteslam.eval.page.document import Wishes, page
+from moteslam.eval.page.document import page
 from moteslam.eval.page.material import gather
 from moteslam.eval.results import write_results
 
@@ -68,7 +68,7 @@ def pages(run, simulation, tmp_path_factory: pytest.TempPathFactory) -> dict[str
     hostile.documents.append((HOSTILE, HOSTILE))
     hostile.issues[HOSTILE] = 2
     for name, (material, title) in made.items():
-        (folder / f"{name}.html").write_text(page(material, Wishes(title)), encoding="utf-8")
+        (folder / f"{name}.html").write_text(page(material, title=title), encoding="utf-8")
     return {name: folder / f"{name}.html" for name in made}
 
 
@@ -119,27 +119,6 @@ def test_charts_are_drawn(browser: Browser, pages: dict[str, Path]) -> None:
     assert len(browser.find_elements(By.CSS_SELECTOR, "#curves .yerror")) >= 12
     Select(browser.find_element(By.ID, "metric")).select_by_index(0)
     assert browser.find_element(By.CSS_SELECTOR, "#curves .ytitle").text == "final.ate [m]"
-
-
-def test_both_schemes(browser: Browser, pages: dict[str, Path]) -> None:
-    opened(browser, pages["sweep"])
-    colours = (
-        "getComputedStyle(document.body).backgroundColor, getComputedStyle(document.querySelector('.ytitle')).fill"
-    )
-    script = f"return [{colours}]"
-    looks = []
-    for scheme in ("light", "dark"):
-        Select(browser.find_element(By.ID, "scheme")).select_by_value(scheme)
-        looks.append(browser.execute_script(script))
-    assert looks == [
-        ["rgb(255, 255, 255)", "rgb(26, 28, 32)"],
-        ["rgb(21, 23, 26)", "rgb(232, 234, 237)"],
-    ]
-    Select(browser.find_element(By.ID, "scheme")).select_by_value("")
-    feature = {"features": [{"name": "prefers-color-scheme", "value": "dark"}]}
-    browser.execute_cdp_cmd("Emulation.setEmulatedMedia", feature)
-    WebDriverWait(browser, 10).until(lambda at: at.execute_script(script) == looks[1])
-    browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": []})
 
 
 def test_the_slider_moves_the_robot(browser: Browser, pages: dict[str, Path]) -> None:
@@ -228,10 +207,3 @@ def test_a_narrow_screen_has_no_sideways_scroll(browser: Browser, pages: dict[st
             assert browser.execute_script("return document.documentElement.scrollWidth") <= 380
     finally:
         browser.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
-
-
-def test_it_prints(browser: Browser, pages: dict[str, Path]) -> None:
-    opened(browser, pages["runs"])
-    printed = browser.execute_cdp_cmd("Page.printToPDF", {})
-    assert len(printed["data"]) > 20_000
-    assert complaints(browser) == []

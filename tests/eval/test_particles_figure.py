@@ -9,8 +9,7 @@ import pytest
 from figures import legend_of
 from matplotlib.figure import Figure
 
-from moteslam.eval.report.cloud import Cloud
-from moteslam.eval.report.particles import draw_particles, magnification
+from moteslam.eval.report.particles import Cloud, draw_particles, magnification
 
 
 @pytest.fixture
@@ -79,13 +78,3 @@ def test_ancestors_and_partings_are_drawn(figure: Figure) -> None:
 @pytest.mark.parametrize(("largest", "factor"), [(0.0, 5000), (0.001, 500), (0.01, 50), (3.0, 1), (50.0, 1)])
 def test_magnification_is_a_round_number(largest: float, factor: int) -> None:
     assert magnification(largest, 10.0) == factor
-
-
-def test_a_spread_far_beyond_the_panel_is_stated(tmp_path: Path, drawn: list[Figure]) -> None:
-    stamps = np.arange(500.0)
-    spread = np.full((500, 3), 0.002)
-    spread[123, 0] = 3.0
-    paths = np.zeros((2, 500, 3))
-    paths[..., 0] = stamps / 10
-    draw_particles(tmp_path / "x.png", Cloud(stamps, paths, np.zeros((2, 500), np.int64), spread))
-    assert drawn[0].axes[1].get_title("right") == "standard deviation up to 300 at 123 s"

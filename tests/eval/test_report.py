@@ -9,16 +9,15 @@ import numpy as np
 import pytest
 import yaml
 from figures import legend_of
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from moteslam.errors import OutputError
 from moteslam.eval.metrics.ate import absolute_trajectory_error
-from moteslam.eval.report import curves, plans
-from moteslam.eval.report.cloud import Cloud
-from moteslam.eval.report.maps import write_map_png, write_map_server
-from moteslam.eval.report.particles import draw_particles
-from moteslam.eval.report.style import saved_figure
+from moteslam.eval.report import curves, maps
+from moteslam.eval.report.maps import write_map_server
+from moteslam.eval.report.particles import Cloud, draw_particles
+from moteslam.eval.report.stages import draw_over_time
+from moteslam.eval.report.style import broken, saved_figure
 from moteslam.eval.results import from_same_start
 from moteslam.robot.formats.map_server import FREE, OCCUPIED, UNKNOWN, map_image, trinary
 from moteslam.robot.platforms import UCSD
@@ -48,11 +47,6 @@ def test_the_top_of_a_picture_is_the_largest_y(occupancy: Raster) -> None:
     assert grey[1, :2].tolist() == [0, 254]
 
 
-def test_one_hit_and_one_ray_decide_and_their_sum_does_not() -> None:
-    one = np.float32(np.log(4))
-    assert trinary(np.array([[one, -one, 0.0]])).tolist() == [[OCCUPIED, FREE, UNKNOWN]]
-
-
 def test_map_server_files_read_back(occupancy: Raster, tmp_path: Path) -> None:
     write_map_server(tmp_path / "map.pgm", occupancy)
     assert (tmp_path / "map.pgm").read_bytes() == b"P5\n3 2\n255\n" + bytes([205, 205, 254, 0, 254, 205])
@@ -69,25 +63,20 @@ def test_map_server_files_read_back(occupancy: Raster, tmp_path: Path) -> None:
     }
 
 
-def test_map_png_reads_back(occupancy: Raster, tmp_path: Path) -> None:
-    write_map_png(tmp_path / "map.png", occupancy)
-    assert opened(tmp_path / "map.png").tolist() == map_image(occupancy.values).tolist()
-
-
 def test_figures_are_white_outside_and_drawn_inside(run, simulation, tmp_path: Path) -> None:
     estimate, snapshots = run
     truth = simulation.truth
     ate = absolute_trajectory_error(estimate.trajectory, truth)
     name = r"[bold]$\frac{1}$ 東京" * 10 + "\udce9"  # a recording may be called anything
-    plans.draw_trajectories(
+    maps.draw_trajectories(
         *(tmp_path / "trajectories.png", estimate.map),
         slam=estimate.trajectory,
         dead_reckoning=estimate.dead_reckoning,
         truth=truth,
         title=name,
     )
-    plans.draw_over_time(tmp_path / "over_time.png", snapshots, trajectory=estimate.trajectory, title=name)
-    plans.draw_dead_reckoning(
+    draw_over_time(tmp_path / "over_time.png", snapshots, trajectory=estimate.trajectory, title=name)
+    maps.draw_dead_reckoning(
         tmp_path / "dead_reckoning.png", estimate.dead_reckoning, recording=simulation.recording, title=name
     )
     draw_particles(tmp_path / "particles.png", Cloud.of(estimate), title=name)
@@ -106,11 +95,11 @@ def test_legends_name_each_path_its_start_and_its_end(run, simulation, tmp_path:
     estimate, snapshots = run
     ate = absolute_trajectory_error(estimate.trajectory, estimate.trajectory_final)
     truth = from_same_start(simulation.truth, estimate.dead_reckoning)
-    plans.draw_trajectories(tmp_path / "a.png", estimate.map, slam=estimate.trajectory_final)
-    plans.draw_over_time(tmp_path / "b.png", snapshots, trajectory=estimate.trajectory)
+    maps.draw_trajectories(tmp_path / "a.png", estimate.map, slam=estimate.trajectory_final)
+    draw_over_time(tmp_path / "b.png", snapshots, trajectory=estimate.trajectory)
     curves.draw_error(tmp_path / "c.png", slam=ate)
-    plans.draw_dead_reckoning(tmp_path / "d.png", estimate.dead_reckoning)
-    plans.draw_dead_reckoning(tmp_path / "e.png", estimate.dead_reckoning, truth=truth)
+    maps.draw_dead_reckoning(tmp_path / "d.png", estimate.dead_reckoning)
+    maps.draw_dead_reckoning(tmp_path / "e.png", estimate.dead_reckoning, truth=truth)
     assert [legend_of(figure) for figure in drawn] == [
         ["SLAM (final)", "start", "end"],
         ["SLAM (online)", "start", "robot"],
@@ -120,43 +109,14 @@ def test_legends_name_each_path_its_start_and_its_end(run, simulation, tmp_path:
     ]
 
 
-def marks(axes: Axes, marker: str) -> np.ndarray:
-    """Where a plan has marks of this kind [n, 2]."""
-    return np.concatenate([line.get_xydata() for line in axes.lines if line.get_marker() == marker])
-
-
-def test_dead_reckoning_and_truth_share_their_start_and_have_an_end_each(
-    run, simulation, tmp_path: Path, drawn: list[Figure]
-) -> None:
-    estimate, _ = run
-    truth = from_same_start(simulation.truth, estimate.dead_reckoning)
-    plans.draw_dead_reckoning(tmp_path / "a.png", estimate.dead_reckoning, truth=truth)
-    (axes,) = drawn[0].axes
-    np.testing.assert_array_equal(marks(axes, "o"), estimate.dead_reckoning.poses[:1, :2])
-    np.testing.assert_allclose(truth.poses[0], estimate.dead_reckoning.poses[0], atol=1e-12)
-    ends = np.stack((truth.poses[-1, :2], estimate.dead_reckoning.poses[-1, :2]))
-    np.testing.assert_allclose(marks(axes, "s"), ends)
-    np.testing.assert_array_equal(truth.stamps[[0, -1]], estimate.dead_reckoning.stamps[[0, -1]])
-
-
 def test_single_far_endpoints_do_not_shrink_the_plan(tmp_path: Path, drawn: list[Figure]) -> None:
     ranges = np.full((50, 100), 4.0, np.float32)
     ranges[7, 50] = 500.0
     lidar = LidarStream(np.arange(50.0), ranges, -1.5, 0.03, 0.1, 600.0)
     still = Trajectory(np.arange(50.0), np.zeros((50, 3)))
-    plans.draw_dead_reckoning(tmp_path / "a.png", still, recording=Recording("far", UCSD, lidar=lidar))
+    maps.draw_dead_reckoning(tmp_path / "a.png", still, recording=Recording("far", UCSD, lidar=lidar))
     low, high = drawn[0].axes[0].get_xlim()
     assert high - low < 20
-
-
-def test_marks_of_resampling_hide_nothing_of_the_curve(tmp_path: Path, drawn: list[Figure]) -> None:
-    n_eff = np.array([50.0, 20.0, 50.0])
-    curves.draw_effective_particles(tmp_path / "a.png", np.arange(3.0), n_eff, n_eff < 30, particles=np.full(3, 50.0))
-    curve, rug = drawn[0].axes[0].lines
-    np.testing.assert_array_equal(curve.get_ydata(), n_eff)
-    np.testing.assert_array_equal(rug.get_xdata(), [1.0])
-    assert min(rug.get_ydata()) > 50
-    assert legend_of(drawn[0]) == ["effective particles", "resampled (1 of 3 updates)"]
 
 
 def test_many_updates_are_drawn_as_their_range_and_running_median(tmp_path: Path, drawn: list[Figure]) -> None:
@@ -182,13 +142,6 @@ def test_windows_without_updates_are_left_empty() -> None:
     np.testing.assert_array_equal(median, [1.5, np.nan, 3.0])
 
 
-def test_a_number_of_particles_that_changes_is_drawn(tmp_path: Path, drawn: list[Figure]) -> None:
-    n_eff = np.array([50.0, 20.0, 15.0])
-    numbers = np.array([50.0, 50.0, 20.0])
-    curves.draw_effective_particles(tmp_path / "a.png", np.arange(3.0), n_eff, n_eff < 30, particles=numbers)
-    assert legend_of(drawn[0]) == ["effective particles", "particles", "resampled (2 of 3 updates)"]
-
-
 def test_snapshots_are_taken_at_each_sixth(run) -> None:
     estimate, snapshots = run
     n = len(estimate.trajectory)
@@ -199,8 +152,8 @@ def test_snapshots_are_taken_at_each_sixth(run) -> None:
 
 def test_a_robot_that_never_moved_can_be_drawn(occupancy: Raster, tmp_path: Path) -> None:
     still = Trajectory(np.array([1.0, 1.0]), np.zeros((2, 3)))
-    plans.draw_trajectories(tmp_path / "a.png", occupancy, slam=still)
-    plans.draw_dead_reckoning(tmp_path / "b.png", still)
+    maps.draw_trajectories(tmp_path / "a.png", occupancy, slam=still)
+    maps.draw_dead_reckoning(tmp_path / "b.png", still)
     ancestors = np.arange(3)[:, None]
     draw_particles(tmp_path / "c.png", Cloud(still.stamps[:1], np.zeros((3, 1, 3)), ancestors, np.zeros((1, 3))))
     curves.draw_error(tmp_path / "d.png", slam=absolute_trajectory_error(still, still))
@@ -215,7 +168,7 @@ def test_a_figure_that_cannot_be_written(tmp_path: Path) -> None:
 
 def test_curves_are_broken_where_nothing_was_measured() -> None:
     time = np.array([0.0, 0.1, 0.2, 5.2, 5.3, 6.2])
-    x, y = curves.broken(time, np.arange(6.0))
+    x, y = broken(time, np.arange(6.0))
     np.testing.assert_array_equal(x, [0.0, 0.1, 0.2, 5.2, 5.2, 5.3, 6.2])
     np.testing.assert_array_equal(y, [0, 1, 2, np.nan, 3, 4, 5])
-    assert curves.broken(time[:1], time[:1])[0].tolist() == [0.0]
+    assert broken(time[:1], time[:1])[0].tolist() == [0.0]

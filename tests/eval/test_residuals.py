@@ -51,13 +51,24 @@ def along_wall(count: int, *, step: float = 0.3, noise: float = 0.0) -> tuple[Re
     return recording_of(depth / np.sin(BEAMS)), Trajectory(np.arange(count) * 0.1, poses)
 
 
+def seen(recording: Recording, ranges: np.ndarray, **lidar: object) -> Recording:
+    """The same recording with other ranges."""
+    assert recording.lidar is not None
+    stream = replace(recording.lidar, ranges=ranges.astype(np.float32), **lidar)  # type: ignore[arg-type]
+    return recording.replace(lidar=stream)
+
+
+def ranges_of(recording: Recording) -> np.ndarray:
+    assert recording.lidar is not None
+    return np.array(recording.lidar.ranges)
+
+
 def test_a_wall_without_noise_has_no_residuals() -> None:
     result = scan_residuals(*along_wall(20))
     assert result.quantile_90 < 1e-6
-    assert (result.beyond_3_cm, result.no_return) == (0.0, 0.0)
-    assert result.matched == 20
-    assert len(result.stamps) == len(result.medians) == 10
+    assert (result.beyond_3_cm, result.no_return, result.matched) == (0.0, 0.0, 20)
     assert np.array_equal(result.stamps, np.arange(0, 20, 2) * 0.1)
+    assert len(result.medians) == 10
     assert result.endpoints == 10 * len(BEAMS)
 
 
@@ -69,25 +80,21 @@ def test_the_median_is_087_of_the_noise() -> None:
     assert scan_residuals(*along_wall(200, noise=4 * sigma)).beyond_3_cm > 0.2
 
 
-def test_a_displaced_scan_is_as_far_off_as_it_is_displaced() -> None:
+@pytest.mark.parametrize(("off", "beyond"), [(0.04, 1.0), (0.02, 0.0)])
+def test_a_displaced_scan_is_as_far_off_as_it_is_displaced(off: float, beyond: float) -> None:
     recording, truth = along_wall(2)
-    poses = truth.poses.copy()
-    poses[1, 1] += 0.04
-    result = scan_residuals(recording, Trajectory(truth.stamps, poses))
-    assert result.median == pytest.approx(0.04, abs=1e-6)
-    assert result.beyond_3_cm == 1.0
-    poses[1, 1] = 0.02
-    assert scan_residuals(recording, Trajectory(truth.stamps, poses)).beyond_3_cm == 0.0
+    result = scan_residuals(recording, Trajectory(truth.stamps, truth.poses + np.array(((0, 0, 0), (0, off, 0)))))
+    assert result.median == pytest.approx(off, abs=1e-6)
+    assert result.beyond_3_cm == beyond
 
 
 def test_lines_join_the_beams_that_an_interlaced_scan_measured_one_after_the_other() -> None:
     recording, truth = along_wall(20)
-    assert recording.lidar is not None
-    scan, beam = np.indices(recording.lidar.ranges.shape)
-    ranges = np.where((scan // 2 + beam) % 2, np.float32(np.nan), recording.lidar.ranges)
+    full = ranges_of(recording)
+    scan, beam = np.indices(full.shape)
+    ranges = np.where((scan // 2 + beam) % 2, np.float32(np.nan), full)
     ranges[:, :4] = np.where(np.isnan(ranges[:, :4]), ranges[:, :4], np.float32(np.inf))
-    lidar = replace(recording.lidar, ranges=ranges, interlace=2)
-    result = scan_residuals(recording.replace(lidar=lidar), truth)
+    result = scan_residuals(seen(recording, ranges, interlace=2), truth)
     assert result.quantile_90 < 1e-6
     assert result.no_return == pytest.approx(4 / len(BEAMS))
     assert result.endpoints == pytest.approx(10 * (len(BEAMS) - 4) / 2, abs=10)
@@ -95,17 +102,14 @@ def test_lines_join_the_beams_that_an_interlaced_scan_measured_one_after_the_oth
 
 def test_beams_without_return_are_counted_and_break_lines() -> None:
     recording, truth = along_wall(4)
-    assert recording.lidar is not None
-    ranges = recording.lidar.ranges.copy()
+    ranges = ranges_of(recording)
     ranges[:, 1::2] = np.inf
-    ranges[0, 0] = np.nan
-    gone = recording.replace(lidar=replace(recording.lidar, ranges=ranges))
     with pytest.raises(InputError, match="no endpoint lies near the lines"):  # adjacent beams without return between
-        scan_residuals(gone, truth)
-    ranges = recording.lidar.ranges.copy()
+        scan_residuals(seen(recording, ranges), truth)
+    ranges = ranges_of(recording)
     ranges[:, :5] = np.inf
     ranges[0, 10] = np.nan
-    result = scan_residuals(recording.replace(lidar=replace(recording.lidar, ranges=ranges)), truth)
+    result = scan_residuals(seen(recording, ranges), truth)
     assert result.no_return == pytest.approx(4 * 5 / (4 * len(BEAMS)))  # the reading of no use is not among them
     assert result.median < 1e-6
 
@@ -115,8 +119,8 @@ def test_no_line_leads_over_an_edge() -> None:
     angles = np.linspace(BEAMS[0], BEAMS[-1], 121)
     near = angles > np.pi / 2
     step = np.where(near, WALL, WALL + 0.4) / np.sin(angles)
-    seen = np.stack((0.3 + step * np.cos(angles), step * np.sin(angles)), axis=1)
-    middle = (seen[near][0] + seen[~near][-1]) / 2
+    points = np.stack((0.3 + step * np.cos(angles), step * np.sin(angles)), axis=1)
+    middle = (points[near][0] + points[~near][-1]) / 2
     first = np.where((angles > np.deg2rad(95)) & (angles < np.deg2rad(110)), WALL, np.inf) / np.sin(angles)
     first[np.argmin(np.abs(angles - np.arctan2(*middle[::-1])))] = np.hypot(*middle)
     recording = recording_of(np.stack((first, step)))
@@ -128,55 +132,47 @@ def test_no_line_leads_over_an_edge() -> None:
 
 def test_beyond_the_end_of_a_surface_there_is_no_residual() -> None:
     recording, truth = along_wall(2)
-    assert recording.lidar is not None
-    ranges = recording.lidar.ranges.copy()
+    ranges = ranges_of(recording)
     ranges[1, len(BEAMS) // 2 :] = np.inf  # of the second scan, the wall from x = 0.3 m backwards
-    result = scan_residuals(recording.replace(lidar=replace(recording.lidar, ranges=ranges)), truth)
+    result = scan_residuals(seen(recording, ranges), truth)
     x = WALL / np.tan(BEAMS)
-    end = 0.3 + x[len(BEAMS) // 2 - 1]
-    assert result.unseen == np.mean(x < end) > 0.3
+    assert result.unseen == np.mean(x < 0.3 + x[len(BEAMS) // 2 - 1]) > 0.3
     assert result.quantile_90 < 1e-6
 
 
 def test_off_a_convex_corner_the_corner_is_nearest() -> None:
     """A corner that points at the robot; the scan compared is laid 5 cm before it."""
     angles = np.linspace(BEAMS[0], BEAMS[-1], 121)
-    corner = 0.15
 
     def ranges(x: float) -> np.ndarray:
-        right = (WALL + 0.5 * (x - corner)) / (np.sin(angles) - 0.5 * np.cos(angles))
-        left = (WALL - 0.5 * (x - corner)) / (np.sin(angles) + 0.5 * np.cos(angles))
+        right = (WALL + 0.5 * (x - 0.15)) / (np.sin(angles) - 0.5 * np.cos(angles))
+        left = (WALL - 0.5 * (x - 0.15)) / (np.sin(angles) + 0.5 * np.cos(angles))
         return np.maximum(right, left)
 
     first = np.where(np.abs(angles - np.pi / 2) < np.deg2rad(10), ranges(0.0), np.inf)
-    recording = recording_of(np.stack((first, ranges(0.3))))
     poses = np.array(((0.0, -0.05, 0.0), (0.3, 0.0, 0.0)))
-    result = scan_residuals(recording, Trajectory(np.array((0.0, 0.1)), poses))
+    result = scan_residuals(recording_of(np.stack((first, ranges(0.3)))), Trajectory(np.array((0.0, 0.1)), poses))
     assert result.unseen == 0.0
     assert result.median == pytest.approx(0.05 * np.cos(np.arctan(0.5)), abs=1e-3)
 
 
-def test_what_is_compared_with_what() -> None:
+def test_what_is_compared_with_what(monkeypatch: pytest.MonkeyPatch) -> None:
     dense = scan_residuals(*along_wall(100, step=0.01))  # 99 cm: four scans 25 cm apart, of which two are compared
     assert dense.stamps.tolist() == pytest.approx([0.0, 5.0])
     assert dense.matched == 100
     assert dense.residuals <= dense.endpoints * 3
     assert scan_residuals(*along_wall(2, step=1.9)).residuals > 0
-    with pytest.raises(InputError, match="no endpoint lies near the lines of another scan, expected scans less than 2"):
-        scan_residuals(*along_wall(3, step=2.05))
     recording, truth = along_wall(2)
-    with pytest.raises(InputError, match="no endpoint lies near"):
-        scan_residuals(recording, Trajectory(truth.stamps, truth.poses + np.array(((0, 0, 0), (0, 0.6, 0)))))
-
-
-def test_long_recordings_are_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
+    far = Trajectory(truth.stamps, truth.poses + np.array(((0, 0, 0), (0, 0.6, 0))))
+    for apart in (along_wall(3, step=2.05), (recording, far)):
+        with pytest.raises(InputError, match="no endpoint lies near the lines of another scan"):
+            scan_residuals(*apart)
     monkeypatch.setattr(residuals, "MAX_SCANS", 5)
     monkeypatch.setattr(residuals, "MAX_NEIGHBOURS", 2)
-    recording, truth = along_wall(101)
-    result = scan_residuals(recording, truth)
-    assert result.stamps.tolist() == pytest.approx([0.0, 2.4, 5.0, 7.6, 10.0], abs=0.21)
-    assert result.stamps[-1] == 10.0
-    assert result.residuals <= 5 * 2 * len(BEAMS)
+    bounded = scan_residuals(*along_wall(101))
+    assert bounded.stamps.tolist() == pytest.approx([0.0, 2.4, 5.0, 7.6, 10.0], abs=0.21)
+    assert bounded.stamps[-1] == 10.0
+    assert bounded.residuals <= 5 * 2 * len(BEAMS)
 
 
 def test_a_robot_that_turns_on_the_spot_is_compared() -> None:
@@ -189,19 +185,17 @@ def test_a_robot_that_turns_on_the_spot_is_compared() -> None:
 
 def test_poses_are_taken_by_order_or_interpolated() -> None:
     recording, truth = along_wall(20)
-    same = scan_residuals(recording, truth)
     dense = scan_residuals(recording, truth.at(np.arange(0.0, 1.89, 0.013)))
     assert dense.matched == 19  # the last scan, 15 ms behind the last pose, has none
-    assert dense.median == pytest.approx(same.median, abs=1e-6)
+    assert dense.median == pytest.approx(scan_residuals(recording, truth).median, abs=1e-6)
     some = scan_residuals(recording, Trajectory(truth.stamps[::2], truth.poses[::2]))
     assert some.matched == 10
     assert some.median < 1e-6
     # two scans at every stamp, 30 cm apart and askew: each keeps its own pose
     stamps = np.repeat(np.arange(10) * 0.1, 2)
-    lidar = replace(recording.lidar, stamps=stamps)  # type: ignore[type-var]
     poses = truth.poses.copy()
     poses[1::2, 1] = 0.02
-    result = scan_residuals(recording.replace(lidar=lidar), Trajectory(stamps, poses))
+    result = scan_residuals(seen(recording, ranges_of(recording), stamps=stamps), Trajectory(stamps, poses))
     assert result.quantile_90 == pytest.approx(0.02, abs=1e-6)
 
 
@@ -212,53 +206,37 @@ def test_scans_are_deskewed_where_a_sweep_takes_time() -> None:
     ranges = (4.0 - stamps[:, None] - 0.1 * share) / np.sin(BEAMS)
     recording = recording_of(ranges, stamps, time_increment=0.1 / (len(BEAMS) - 1))
     times = np.arange(0.0, 1.2, 0.05)
-    poses = np.stack((0 * times, times, 0 * times), axis=1)
-    moving = recording.replace(odometry=OdometryStream(times, poses))
+    moving = recording.replace(odometry=OdometryStream(times, np.stack((0 * times, times, 0 * times), axis=1)))
     truth = Trajectory(stamps, np.stack((0 * stamps, stamps, 0 * stamps), axis=1))
     assert scan_residuals(moving, truth).quantile_90 < 1e-6
     assert scan_residuals(recording, truth).median > 0.002
 
 
 @pytest.mark.parametrize(
-    ("change", "line"),
+    ("change", "field"),
     [
-        (lambda r, t: (r.replace(lidar=None), t), "wall: lidar: no lidar scans, expected at least one"),
-        (
-            lambda r, t: (r, Trajectory(t.stamps + 1000, t.poses)),
-            "trajectory: poses at 0 of 5 scans, expected at two or more: the scans cover 0.000 to 0.400 s, "
-            "the trajectory 1000.000 to 1000.400 s",
-        ),
-        (lambda r, t: (r, Trajectory(t.stamps[:1], t.poses[:1])), "poses at 1 of 5 scans, expected at two or more"),
-        (lambda r, t: (r, Trajectory(t.stamps[:0], t.poses[:0])), "trajectory: a trajectory without poses"),
-        (
-            lambda r, t: (r, Trajectory(t.stamps, t.poses * (0.01, 0, 0))),
-            "trajectory: 0.01 m driven and 0 deg turned over 5 scans, expected at least 0.25 m or 14 deg",
-        ),
-        (lambda r, t: (r, Trajectory(t.stamps, t.poses * np.nan)), "trajectory: poses that are not finite"),
-        (lambda r, t: (t, r), "recording: Trajectory, expected a Recording"),
-        (lambda r, t: (r, r), "trajectory: Recording, expected a Trajectory"),
+        (lambda r, t: (r.replace(lidar=None), t), "lidar"),
+        (lambda r, t: (r, Trajectory(t.stamps + 1000, t.poses)), "trajectory"),
+        (lambda r, t: (r, Trajectory(t.stamps[:1], t.poses[:1])), "trajectory"),
+        (lambda r, t: (r, Trajectory(t.stamps[:0], t.poses[:0])), "trajectory"),
+        (lambda r, t: (r, Trajectory(t.stamps, t.poses * (0.01, 0, 0))), "trajectory"),  # stands still
+        (lambda r, t: (r, Trajectory(t.stamps, t.poses * np.nan)), "trajectory"),
+        (lambda r, t: (t, r), "recording"),
     ],
 )
-def test_bad_input_is_refused_in_a_line(change, line: str) -> None:
+def test_bad_input_is_refused(change, field: str) -> None:
     with pytest.raises(InputError) as refused:
         scan_residuals(*change(*along_wall(5)))
-    assert line in str(refused.value)
-    assert "\n" not in str(refused.value)
-
-
-def test_one_scan_is_refused() -> None:
-    with pytest.raises(InputError, match=r"0\.00 m driven and 0 deg turned over 1 scan,"):
-        scan_residuals(*along_wall(1))
+    assert refused.value.field == field
 
 
 def test_scans_without_endpoints_are_no_fault() -> None:
     recording, truth = along_wall(6)
-    assert recording.lidar is not None
-    ranges = recording.lidar.ranges.copy()
+    ranges = ranges_of(recording)
     ranges[2:4] = np.inf
-    evaluated = under_recording(truth, recording.replace(lidar=replace(recording.lidar, ranges=ranges)))
+    evaluated = under_recording(truth, seen(recording, ranges))
     assert np.isnan(evaluated.result.medians).tolist() == [False, True, False]
-    assert [median is None for median in evaluated.errors()["median_m"]] == [False, True, False]
+    assert [median is None for median in evaluated.errors["median_m"]] == [False, True, False]
     assert evaluated.result.endpoints == 2 * len(BEAMS)
 
 
@@ -266,95 +244,51 @@ def test_scans_without_endpoints_are_no_fault() -> None:
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A log of a drive beside a wall, its true trajectory, and a poor one; the working folder."""
     recording, truth = along_wall(30, noise=0.005)
-    with_odometry = recording.replace(odometry=OdometryStream(truth.stamps, truth.poses))
-    write_carmen(tmp_path / "wall.log", with_odometry)
-    write_carmen(tmp_path / "blind.log", with_odometry.replace(lidar=None))
+    write_carmen(tmp_path / "wall.log", recording.replace(odometry=OdometryStream(truth.stamps, truth.poses)))
     write_tum(tmp_path / "true.tum", truth)
     poses = truth.poses + np.random.default_rng(1).normal(0.0, 0.03, truth.poses.shape) * (1, 1, 0)
     write_tum(tmp_path / "poor.tum", Trajectory(truth.stamps, poses))
     write_tum(tmp_path / "other.tum", Trajectory(truth.stamps + 500.0, truth.poses))
+    stamps = truth.stamps + np.where(np.arange(30) < 10, 0.0, 100.0)
+    write_tum(tmp_path / "part.tum", Trajectory(stamps, truth.poses))
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
 
-def printed(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
-    assert main.run(["evaluate", *arguments]) == 0
-    return capsys.readouterr().out
-
-
 def test_the_command_needs_no_reference(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    lines = printed(capsys, "true.tum", "--recording", "wall.log").splitlines()
-    assert lines[0] == "scans of wall.log"
-    assert len(lines) == 3
+    assert main.run(["evaluate", "true.tum", "--recording", "wall.log"]) == 0
+    head, _, row = capsys.readouterr().out.splitlines()
+    assert head == "scans of wall.log"
     result = scan_residuals(open_recording("wall.log"), read_tum("true.tum"))
     shares = [f"{100 * share:.1f}" for share in (result.beyond_3_cm, result.unseen, result.no_return)]
     expected = ["true.tum", "15", f"{1e3 * result.median:.1f}", f"{1e3 * result.quantile_90:.1f}"]
-    assert lines[2].replace("%", "").split() == [*expected, *shares]
-    found = json.loads(printed(capsys, "true.tum", "--recording", "wall.log", "--json"))
-    assert found == {
+    assert row.replace("%", "").split() == [*expected, *shares]
+    assert main.run(["evaluate", "true.tum", "--recording", "wall.log", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out) == {
         "estimate": "true.tum",
         "recording": "wall.log",
         "residuals": {**result.as_dict(), "warnings": []},
     }
-    assert 0.003 < found["residuals"]["median_m"] < 0.006
+    assert 0.003 < result.median < 0.006
 
 
-def test_the_command_scores_by_both(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    text = printed(capsys, "poor.tum", "true.tum", "true.tum", "--recording", "wall.log", "--save", "out.json")
-    assert text.splitlines()[0] == "against true.tum"
+def test_the_command_scores_by_both_and_warns_of_a_small_part(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    files = ("poor.tum", "true.tum", "true.tum")
+    assert main.run(["evaluate", *files, "--recording", "wall.log", "--save", "out.json"]) == 0
+    text = capsys.readouterr().out
     lines = text[text.index("scans of wall.log") :].splitlines()
+    assert text.splitlines()[0] == "against true.tum"
     assert [line.split()[0] for line in lines[2:]] == ["poor.tum", "true.tum"]
     poor, true = (float(line.split()[2]) for line in lines[2:])
     assert poor > 2 * true
-    rows = json.loads((folder / "out.json").read_text(encoding="utf-8"))["results"]
-    assert [row["reference"] for row in rows] == ["true.tum", "true.tum"]
-    for row in rows:
+    for row in json.loads((folder / "out.json").read_text(encoding="utf-8"))["results"]:
         errors = row["residuals"]["errors"]
         assert len(errors["stamps"]) == len(errors["median_m"]) == row["residuals"]["scans"]
         assert len(row["errors"]["translation_m"]) == 30
-    text = printed(capsys, "true.tum", "poor.tum", "--recording", "wall.log")
-    assert text.splitlines()[0] == "true.tum against poor.tum"
-    assert text.splitlines()[-1].split()[0] == "true.tum"
-
-
-def test_what_is_wrong_with_the_recording_is_printed(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    with (folder / "wall.log").open("a", encoding="utf-8") as log:
-        log.write("ODOM 1 2 broken\n")
-    assert main.run(["evaluate", "true.tum", "--recording", "wall.log"]) == 0
-    assert "moteslam: warning: " in capsys.readouterr().err
-
-
-def test_a_trajectory_of_a_small_part_is_warned_of(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    truth = read_tum("true.tum")
-    stamps = truth.stamps + np.where(np.arange(30) < 10, 0.0, 100.0)
-    write_tum("part.tum", Trajectory(stamps, truth.poses))
     assert main.run(["evaluate", "part.tum", "--recording", "wall.log"]) == 0
-    assert capsys.readouterr().err == (
-        "moteslam: warning: part.tum: 10 of 30 scans or poses have a partner: is this its recording, "
-        "on the same clock?\n"
-    )
-
-
-@pytest.mark.parametrize(
-    ("arguments", "line"),
-    [
-        (["other.tum", "--recording", "wall.log"], "other.tum: poses at 0 of 30 scans, expected at two or more"),
-        (["true.tum", "--recording", "blind.log"], "blind: lidar: no lidar scans, expected at least one"),
-        (["true.tum", "--recording", "none.log"], "none.log: No such file or directory"),
-        (["true.tum"], "one file, expected trajectories and, last, their reference, or a --recording"),
-        (["true.tum", "poor.tum", "--sequence", "20"], "'--sequence': given without a recording"),
-        (["true.tum", "poor.tum", "--platform", "p.toml"], "'--platform': given without a recording"),
-        (["true.tum", "--recording", "wall.log", "--plot", "x.png"], "'--plot': given without a reference"),
-    ],
-)
-def test_the_command_refuses_in_a_line(
-    folder: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], line: str
-) -> None:
-    assert main.run(["evaluate", *arguments]) == 2
-    out, err = capsys.readouterr()
-    assert line in err
-    assert err.count("\n") == 1
-    assert out == ""
+    assert "warning: part.tum: 10 of 30 scans or poses have a partner" in capsys.readouterr().err
+    assert main.run(["evaluate", "other.tum", "--recording", "wall.log"]) == 2
+    assert "other.tum: poses at 0 of 30 scans" in capsys.readouterr().err
 
 
 @pytest.mark.slow

@@ -1,4 +1,4 @@
-"""The result folder of a run in memory."""
+"""The result folder of a run, its figures, and reading them back."""
 
 from __future__ import annotations
 
@@ -11,9 +11,8 @@ import pytest
 from matplotlib.figure import Figure
 
 from moteslam.errors import InputError
-from moteslam.eval.environment import hardware
-from moteslam.eval.results import draw_figures, write_results
-from moteslam.eval.scores import score_estimate
+from moteslam.eval.results import draw_figures, hardware, read_result_folder, write_results
+from moteslam.eval.scores import evidence_of, number, score_estimate
 from moteslam.robot import se2
 from moteslam.robot.formats.map_arrays import read_map_arrays
 from moteslam.robot.trajectories.g2o import read_g2o
@@ -24,8 +23,7 @@ from moteslam.slam.settings import resolve_config
 
 def test_what_is_written_is_what_was_estimated(run, simulation, tmp_path: Path) -> None:
     estimate, _ = run
-    scores = write_results(tmp_path, estimate, simulation.truth, figures=False, run={"threads": 2})
-    assert scores is not None
+    figures = write_results(tmp_path, estimate, simulation.truth, figures=False, run={"threads": 2})
     for name, trajectory in (
         ("trajectory", estimate.trajectory),
         ("trajectory_final", estimate.trajectory_final),
@@ -36,9 +34,8 @@ def test_what_is_written_is_what_was_estimated(run, simulation, tmp_path: Path) 
         np.testing.assert_array_equal(back.stamps, trajectory.stamps)
         np.testing.assert_array_equal(back.poses[:, :2], trajectory.poses[:, :2])
     assert resolve_config(file=tmp_path / "config.toml") == estimate.config
-    metrics = json.loads((tmp_path / "metrics.json").read_text())
-    assert metrics["scores"] == scores.as_dict()
-    assert metrics["scans"] == len(estimate.trajectory)
+    assert json.loads((tmp_path / "metrics.json").read_text()) == figures
+    assert figures["scans"] == len(estimate.trajectory)
     about = json.loads((tmp_path / "run.json").read_text())
     assert (about["seed"], about["threads"]) == (1, 2)
     assert not list(tmp_path.glob("*figure*"))
@@ -52,11 +49,18 @@ def test_what_is_written_is_what_was_estimated(run, simulation, tmp_path: Path) 
     np.testing.assert_array_equal(graph.poses, estimate.graph.poses)
     np.testing.assert_array_equal(graph.information, estimate.graph.information)
     np.testing.assert_array_equal(graph.loops, estimate.graph.loops)
+    read = read_result_folder(tmp_path)
+    assert read.values["final.ate"] == number(figures, "final.ate")
+    assert read.units["final.ate"] == "m"
+    assert read.absent["map_f1"] == "no true map"
+    assert read.run == about
 
 
-def test_without_truth_there_are_no_scores(run, tmp_path: Path) -> None:
-    assert write_results(tmp_path, run[0], figures=False) is None
-    assert json.loads((tmp_path / "metrics.json").read_text())["scores"] is None
+def test_without_truth_what_needs_it_is_absent(run, tmp_path: Path) -> None:
+    figures = write_results(tmp_path, run[0], figures=False)
+    assert figures["metrics"]["final.ate"] == {"absent": "no truth"}
+    assert number(figures, "effective_particles") > 1
+    assert figures["localisation"]["compared"] is None
     assert not (tmp_path / "truth.tum").exists()
 
 
@@ -66,16 +70,42 @@ def test_a_truth_on_another_clock_writes_nothing(run, tmp_path: Path) -> None:
     assert not list(tmp_path.iterdir())
 
 
-def test_scores_are_small_and_a_robot_at_rest_has_no_drift(run, simulation) -> None:
-    estimate, _ = run
-    scores = score_estimate(estimate, simulation.truth)
-    assert 0 < scores.final.ate.rmse < 0.1
-    assert scores.online.rpe_1m is not None
-    start = simulation.truth.stamps[0]
-    resting = Trajectory(start + np.arange(5) / 10, np.zeros((5, 3)))
-    from moteslam.eval.scores import score_trajectory
+@pytest.mark.parametrize(
+    ("metrics", "field"),
+    [("[", None), ("[]", None), ("{}", "metrics"), ('{"metrics": {"ate": 1}}', "metrics.ate"), (None, None)],
+)
+def test_a_broken_result_folder_is_refused(tmp_path: Path, metrics: str | None, field: str | None) -> None:
+    (tmp_path / "run.json").write_text("{}")
+    if metrics is not None:
+        (tmp_path / "metrics.json").write_text(metrics)
+    with pytest.raises(InputError) as caught:
+        read_result_folder(tmp_path)
+    assert (caught.value.file, caught.value.field) == (str(tmp_path / "metrics.json"), field)
 
-    assert score_trajectory(resting, simulation.truth).rpe_1m is None
+
+def test_each_figure_stands_in_one_place_and_is_of_its_trajectory(run, simulation) -> None:
+    estimate, _ = run
+    true = simulation.truth.at(estimate.trajectory.stamps)
+    rng = np.random.default_rng(0)
+
+    def astray(deviation: float) -> Trajectory:
+        return Trajectory(true.stamps, true.poses + deviation * rng.normal(size=(len(true), 3)) * (1.0, 1.0, 0.1))
+
+    apart = replace(estimate, trajectory=astray(0.2), trajectory_final=astray(0.05), dead_reckoning=astray(0.8))
+    figures = score_estimate(apart, simulation.truth)
+    errors = [number(figures, f"{name}.ate") for name in ("online", "final", "dead_reckoning")]
+    assert errors == pytest.approx(np.sqrt(2) * np.array([0.2, 0.05, 0.8]), rel=0.1)
+    ate = evidence_of(apart, simulation.truth).track("final").ate.translation.as_dict()
+    found = figures["metrics"]["final.ate"] | {"rmse": errors[1], "max": number(figures, "final.ate_max")}
+    assert all(found[name] == ate[name] for name in ("rmse", "mean", "std", "min", "max", "count"))
+    values = [value for value in _leaves(figures) if isinstance(value, float) and not value.is_integer()]
+    assert len(values) == len(set(values))
+
+
+def _leaves(value: object) -> list[object]:
+    if isinstance(value, dict):
+        return [leaf for below in value.values() for leaf in _leaves(below)]
+    return [leaf for below in value for leaf in _leaves(below)] if isinstance(value, list) else [value]
 
 
 def test_hardware_is_told() -> None:
@@ -101,7 +131,8 @@ def test_the_paths_of_the_picture_begin_at_one_pose(run, simulation, tmp_path: P
     estimate, _ = run
     final = estimate.trajectory_final
     moved = Trajectory(final.stamps, np.asarray(se2.compose((0.8, 1.0, -0.1), final.poses)))
-    draw_figures(tmp_path, replace(estimate, trajectory_final=moved), simulation.truth, None)
+    apart = replace(estimate, trajectory_final=moved)
+    draw_figures(tmp_path, apart, evidence_of(apart, simulation.truth))
     lines = {str(line.get_label()): line.get_xydata() for line in drawn[0].axes[0].lines}
     for label in ("truth", "dead reckoning", "SLAM (final)"):
         np.testing.assert_allclose(lines[label][0], moved.poses[0, :2], atol=1e-9)

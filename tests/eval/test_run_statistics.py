@@ -7,9 +7,7 @@ from math import inf
 import numpy as np
 import pytest
 
-from moteslam.eval.statistics.pairs import compare
-from moteslam.eval.statistics.proportion import Proportion
-from moteslam.eval.statistics.summary import Summary
+from moteslam.eval.statistics import Proportion, Summary, compare
 
 
 def test_a_summary_of_some_runs() -> None:

@@ -13,17 +13,18 @@ import time
 from pathlib import Path
 
 import pytest
+from command_lines import refused
 from made_sweeps import swept
 
 from moteslam.errors import ConfigError, InputError, OutputError
 from moteslam.eval.cli import main
-from moteslam.eval.metrics.registry import COSTS
-from moteslam.eval.sweep.cluster import make_all_on
+from moteslam.eval.metrics.catalogue import COSTS
+from moteslam.eval.sweep.export import as_csv
 from moteslam.eval.sweep.plan import PlannedRun, plan, shard
 from moteslam.eval.sweep.spec import numbers, read_spec
-from moteslam.eval.sweep.store import Row, Store, create, opened
-from moteslam.eval.sweep.tables import as_csv, summaries
-from moteslam.eval.sweep.workers import Outcome, make_all
+from moteslam.eval.sweep.store import WHOLE, Row, begin, create, merge, opened
+from moteslam.eval.sweep.tables import summaries
+from moteslam.eval.sweep.workers import Outcome, make_all, make_all_on
 
 SPEC = """
 scenarios = ["corridor"]
@@ -113,12 +114,6 @@ def test_ranges_of_whole_numbers_are_whole(tmp_path: Path) -> None:
         assert {type(value) for value in found} == {type(value) for value in values}
 
 
-def test_an_empty_file_is_no_sweep(tmp_path: Path) -> None:
-    (tmp_path / "a.sweep").touch()
-    with pytest.raises(InputError, match="is empty, expected what"), opened(tmp_path / "a.sweep"):
-        pass
-
-
 def test_seeds_as_text() -> None:
     assert numbers("0-3") == [0, 1, 2, 3]
     assert numbers("7, 3, 5-6,3") == [7, 3, 5, 6]
@@ -127,89 +122,62 @@ def test_seeds_as_text() -> None:
             numbers(wrong)
 
 
+HERE = "scenarios = ['corridor']\n"
+
+
 @pytest.mark.parametrize(
-    ("text", "problem"),
+    ("text", "place"),
     [
         ("seeds = '0'", "neither scenarios nor recordings"),
-        ("scenarios = ['corridor']\nseed = '0'", "seed: unknown key, expected one of name, description, scenarios"),
-        ("scenarios = ['corridor']\nseeds = '5-'", "seeds: '5-', expected seeds such as 0-9"),
-        ("scenarios = ['nowhere']", "nowhere: no scenario of this name"),
-        (
-            "scenarios = ['corridor']\n[vary]\nparticles = [1]",
-            "vary: 'particles', expected a key that begins with slam.",
-        ),
-        ("scenarios = ['corridor']\n[vary]\nslam.particle = [1]", "particle: unknown key"),
-        ("scenarios = ['corridor']\n[vary]\nslam.particles = []", "no values, expected a list of some"),
-        ("scenarios = ['corridor']\n[vary]\nslam.particles = [-3]", "particles: "),
-        ("scenarios = ['corridor']\n[vary]\nslam.particles = 3", "slam.particles: 3, expected a list of values, or "),
-        ("scenarios = ['corridor']\n[vary]\nslam.particles = [[1]]", "slam.particles: [1], expected numbers, texts"),
-        (
-            "scenarios = ['corridor']\n[vary]\nslam.particles = { first = 1, last = 9, steps = 0 }",
-            "slam.particles.steps: 0, expected at least 2",
-        ),
-        (
-            "scenarios = ['corridor']\n[vary]\nslam.particles = { first = 1, last = 9, step = 2 }",
-            "slam.particles.step: unknown key, expected one of first, last, steps, spacing",
-        ),
-        ("scenarios = ['corridor']\n[vary]\nscenario.speeed = [1]", "speeed"),
-        ("scenarios = ['corridor']\nplatforms = ['r2d2']", "r2d2"),
-        ("scenarios = ['corridor']\nmetrics = ['final.aet']", "metrics: 'final.aet', expected one of ate"),
-        ("scenarios = ['corridor', 'corridor']", "the same run twice"),
-        ("recordings = ['nothing.log']", "which there is not, expected a recording"),
-        ("recordings = ['spec.toml']", "spec.toml' not a recording known here, expected a "),
-        ("scenarios = ['corridor']\n[vary]\nslam.particels = [1]", "vary.slam.particels: unknown key"),
-        ("scenarios = ['corridor']\n[vary]\nslam.particles = ['many']", "vary.slam.particles: 'many', expected a"),
-        ("scenarios = ['corridor']\nplatforms = ['robby']", "platforms: 'robby', no robot of this name"),
-        ("scenarios = ['corridor']\nmetrics = ['final.nix']", "metrics: 'final.nix', expected one of ate"),
-        (
-            "scenarios = ['corridor']\nseeds = '0'\n[vary]\nslam.particles = [2, 2]",
-            "the same run twice (corridor, seed 0, default, slam.particles=2)",
-        ),
-        (
-            "scenarios = ['corridor']\n[configurations.a]\ncommand = ['echo', '{rec}']",
-            "configurations.a.command: {rec}, expected {recording}",
-        ),
-        ("scenarios = ['coridor']", "scenarios, coridor: no scenario of this name"),
-        ("scenarios = ['corridor']\nplatforms = ['nope']", "platforms: 'nope', no robot of this name"),
-        ("scenarios = ['corridor']\nmetrics = ['fnal.ate']", "metrics: 'fnal.ate', expected one of final.ate"),
-        (
-            "scenarios = ['corridor']\n[configurations.a]\ncommand = ['echo', '{recrding}', '{print}', '${recordin}']",
-            "configurations.a.command: {recrding}, expected {recording}",
-        ),
-        ("recordings = ['nothing.log']\n[vary]\nplatform.imu = [true]", "platform.imu: of a scenario"),
-        ("scenarios = ['corridor']\n[configurations.'a b']", "'a b', expected letters"),
-        ("scenarios = ['corridor']\n[configurations.a]\npreset = 'b'", "no such preset"),
+        (HERE + "seed = '0'", "seed: "),
+        (HERE + "seeds = '5-'", "seeds: '5-', "),
+        (HERE + "platforms = ['r2d2']", "platforms: 'r2d2', "),
+        (HERE + "metrics = ['final.aet']", "metrics: 'final.aet', "),
+        (HERE + "metrics = ['fnal.ate']", "metrics: 'fnal.ate', "),
+        (HERE + "[vary]\nparticles = [1]", "vary: 'particles', "),
+        (HERE + "[vary]\nslam.particels = [1]", "vary.slam.particels: "),
+        (HERE + "[vary]\nslam.particles = []", "vary.slam.particles."),
+        (HERE + "[vary]\nslam.particles = [-3]", "vary.slam.particles: "),
+        (HERE + "[vary]\nslam.particles = ['many']", "vary.slam.particles: 'many', "),
+        (HERE + "[vary]\nslam.particles = 3", "vary.slam.particles."),
+        (HERE + "[vary]\nslam.particles = [[1]]", "vary.slam.particles."),
+        (HERE + "[vary]\nslam.particles = { first = 1, last = 9, steps = 0 }", "vary.slam.particles.range.steps: "),
+        (HERE + "[vary]\nslam.particles = { first = 1, last = 9, step = 2 }", "vary.slam.particles.range.step"),
+        (HERE + "[vary]\nscenario.speeed = [1]", "vary.scenario.speeed: "),
+        (HERE + "seeds = '0'\n[vary]\nslam.particles = [2, 2]", "(corridor, seed 0, default, slam.particles=2)"),
+        (HERE + "[configurations.'a b']", "configurations: 'a b', "),
+        (HERE + "[configurations.a]\npreset = 'b'", "configurations.a, b: no such preset"),
+        (HERE + "[configurations.a]\nset = { slam.backend.method = 'no' }", "configurations.a, backend.method: "),
+        (HERE + "[configurations.a]\ntrajectory = 'x'\n", "configurations.a: trajectory without a command"),
+        ("scenarios = ['coridor']", "scenarios, coridor: "),
+        ("recordings = ['nothing.log']", "recordings: "),
+        ("recordings = ['spec.toml']", "recordings: "),
+        ("recordings = ['nothing.log']\n[vary]\nplatform.imu = [true]", "platform.imu: "),
         ("scenarios = [", "not TOML"),
     ],
 )
-def test_a_specification_that_is_wrong_is_refused_in_one_line(
-    text: str, problem: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main.run(["sweep", str(written(tmp_path, text))]) == 2
-    printed = capsys.readouterr().err
-    assert problem in printed
-    assert len(printed.splitlines()) == 1
-    assert [path.name for path in tmp_path.iterdir()] == ["spec.toml"]
+def test_a_specification_that_is_wrong_names_the_place(text: str, place: str, tmp_path: Path) -> None:
+    with pytest.raises(ConfigError) as caught:
+        begin(tmp_path / "a.sweep", file := written(tmp_path, text), read_spec(file), WHOLE)
+    assert caught.value.file is not None
+    assert place in str(caught.value)
+    assert not (tmp_path / "a.sweep").exists()
 
 
-def test_options_that_are_wrong(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_options_and_files_that_are_wrong(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     spec = written(tmp_path)
-    for options, problem in (
-        (["--shard", "3/2"], "--shard: '3/2', expected a part and how many"),
-        (["--time", "--workers", "2"], "--time: given with --workers"),
+    (tmp_path / "empty.sweep").touch()
+    for line, problem in (
+        (f"{spec} --shard 3/2", "--shard: "),
+        (f"{spec} --time --workers 2", "--time: "),
+        (f"{spec} --scheduler tcp://127.0.0.1:9 --workers 2", "--workers: "),
+        (f"show {spec}", "spec.toml: no file of a sweep"),
+        (f"merge {tmp_path / 'no.sweep'} --out {tmp_path / 'y.sweep'}", "no.sweep: there is no such file"),
+        (f"export {tmp_path / 'empty.sweep'} --out {tmp_path / 'x.csv'}", "empty.sweep: is empty"),
+        (f"export {tmp_path / 'empty.sweep'} --out {tmp_path / 'x.txt'}", "x.txt: expected a name"),
     ):
-        assert main.run(["sweep", str(spec), *options]) == 2
-        assert problem in capsys.readouterr().err
-    for command in (
-        ["show"],
-        ["export", "--out", str(tmp_path / "x.csv")],
-        ["merge", "--out", str(tmp_path / "y.sweep")],
-    ):
-        assert main.run(["sweep", command[0], str(spec), *command[1:]]) == 2
-        assert "no file of a sweep" in capsys.readouterr().err
-        assert main.run(["sweep", command[0], str(tmp_path / "no.sweep"), *command[1:]]) == 2
-        assert "there is no such file" in capsys.readouterr().err
-    assert [path.name for path in tmp_path.iterdir()] == ["spec.toml"]
+        assert problem in refused(capsys, "sweep", *line.split())
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["empty.sweep", "spec.toml"]
 
 
 @pytest.fixture(scope="module")
@@ -312,15 +280,14 @@ def test_three_shards_come_to_the_same(whole: Path, tmp_path: Path, capsys: pyte
     assert main.run(["sweep", "merge", *parts, "--out", str(tmp_path / "all.sweep")]) == 0
     assert "12 runs in" in capsys.readouterr().out
     assert results(tmp_path / "all.sweep") == results(whole)
-    assert main.run(["sweep", "merge", *parts, "--out", str(tmp_path / "all.sweep")]) == 2
-    assert "exists already" in capsys.readouterr().err
-    assert main.run(["sweep", str(spec), "--shard", "2/3", "--out", parts[0]]) == 2
-    assert "holds part 1/3, not 2/3" in capsys.readouterr().err
-    assert main.run(["sweep", str(spec), "--out", parts[0]]) == 2
-    assert "holds part 1/3, not 1/1" in capsys.readouterr().err
     other = written(tmp_path, SPEC.replace("[1, 3, 5]", "[1, 3]"), "other.toml")
-    assert main.run(["sweep", str(other), "--out", parts[0]]) == 2
-    assert "of another specification" in capsys.readouterr().err
+    for line, problem in (
+        (["merge", *parts, "--out", str(tmp_path / "all.sweep")], "all.sweep: exists already"),
+        ([str(spec), "--shard", "2/3", "--out", parts[0]], "holds part 1/3, not 2/3"),
+        ([str(spec), "--out", parts[0]], "holds part 1/3, not 1/1"),
+        ([str(other), "--out", parts[0]], "of another specification"),
+    ):
+        assert problem in refused(capsys, "sweep", *line)
 
 
 @pytest.mark.slow
@@ -412,24 +379,21 @@ def test_two_sweeps_do_not_write_one_file(tmp_path: Path) -> None:
 
 def test_results_that_contradict_each_other_are_not_merged(tmp_path: Path) -> None:
     runs = planned(tmp_path)
+    spec = read_spec(tmp_path / "spec.toml").model_dump_json(exclude_defaults=True)
 
-    def made(name: str, ate: float) -> Path:
-        create(tmp_path / name, "{}", runs)
+    def made(name: str, ate: float, text: str = spec) -> Path:
+        create(tmp_path / name, text, runs)
         with opened(tmp_path / name, write=True) as store:
             store.record(Outcome(runs[0], "ok", result={"values": {"final.ate": {"value": ate, "unit": "m"}}}))
         return tmp_path / name
 
-    def taken(store: Store, path: Path) -> int:
-        with opened(path) as other:
-            return store.take(other)
-
-    with opened(made("a.sweep", 0.1), write=True) as store:
-        assert taken(store, made("b.sweep", 0.1)) == 0
-        with pytest.raises(InputError, match=r"c.sweep: another result of corridor, seed 0"):
-            taken(store, made("c.sweep", 0.2))
-    create(tmp_path / "d.sweep", '{"other": 1}', runs)
-    with opened(tmp_path / "a.sweep", write=True) as store, pytest.raises(InputError, match="of another sweep"):
-        taken(store, tmp_path / "d.sweep")
+    first, same, other = made("a.sweep", 0.1), made("b.sweep", 0.1), made("c.sweep", 0.2)
+    assert merge([first, same], tmp_path / "both.sweep") == {"": 11, "ok": 1}
+    for wrong in (other, made("d.sweep", 0.1, '{"scenarios": ["loop"]}')):
+        with pytest.raises(InputError) as caught:
+            merge([first, wrong], tmp_path / "new.sweep")
+        assert caught.value.file == str(wrong)
+    assert not list(tmp_path.glob("*new*"))
 
 
 def test_a_value_that_is_absent_is_recorded_with_its_reason(tmp_path: Path) -> None:
@@ -442,12 +406,6 @@ def test_a_value_that_is_absent_is_recorded_with_its_reason(tmp_path: Path) -> N
     assert row.absent == {"final.rpe_1m": "no pair"}
     (summary,) = summaries([row], ["final.rpe_1m"], {})
     assert (summary.values["final.rpe_1m"].absent, summary.values["final.rpe_1m"].median) == (1, None)
-
-
-def test_a_configuration_that_no_run_takes_is_refused_before_the_first(tmp_path: Path) -> None:
-    text = SPEC.replace('slam.backend.method = "none"', 'slam.backend.method = "nothing"')
-    with pytest.raises(ConfigError, match=r"configurations\.alone, backend\.method"):
-        planned(tmp_path, text)
 
 
 def test_the_guides_specification_is_what_it_says(tmp_path: Path) -> None:
@@ -553,35 +511,20 @@ def test_a_commands_version_and_folder_are_those_of_this_computer(
     ]
 
 
-@pytest.mark.parametrize(
-    ("words", "problem"),
-    [
-        (["{here}/nothing"], "nothing: cannot be run: No such file or directory"),
-        ([sys.executable, "-c", "pass"], "printed nothing, expected a version"),
-        ([sys.executable, "-c", "raise SystemExit('not here')"], "ended with exit code 1: not here"),
-    ],
-)
-def test_a_version_that_cannot_be_had_is_refused(
-    words: list[str], problem: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main.run(["sweep", str(external(tmp_path, "works", f"version = {json.dumps(words)}\n"))]) == 2
-    error = capsys.readouterr().err
-    assert "works.toml: configurations.theirs.version: " in error
-    assert problem in error
-    assert len(error.splitlines()) == 1
+@pytest.mark.parametrize("words", [["{here}/nothing"], [sys.executable, "-c", "pass"], [sys.executable, "-c", "1/0"]])
+def test_a_version_that_cannot_be_had_is_refused(words: list[str], tmp_path: Path) -> None:
+    with pytest.raises(ConfigError) as caught:
+        read_spec(external(tmp_path, "works", f"version = {json.dumps(words)}\n"))
+    assert (caught.value.file, caught.value.field) == (
+        str(tmp_path / "works.toml"),
+        "configurations.theirs.version",
+    )
 
 
-def test_a_command_and_keys_of_ours_do_not_go_together(tmp_path: Path) -> None:
-    for more, problem in (
-        ('preset = "default"\n', "preset and command"),
-        ("set = { slam.particles = 3 }\n", "slam. keys with a command"),
-        ('format = "bag"\n', "format"),
-        ('map = "/etc/map.yaml"\n', "map"),
-    ):
-        with pytest.raises(ConfigError, match=problem):
-            read_spec(external(tmp_path, "works", more))
-    with pytest.raises(ConfigError, match="trajectory without a command"):
-        read_spec(written(tmp_path, 'scenarios = ["corridor"]\n[configurations.a]\ntrajectory = "x"\n'))
+@pytest.mark.parametrize("more", ['preset = "default"', "set = { slam.particles = 3 }", 'format = "bag"', 'map = "/x"'])
+def test_a_command_and_keys_of_ours_do_not_go_together(more: str, tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"configurations\.theirs"):
+        read_spec(external(tmp_path, "works", more + "\n"))
 
 
 @pytest.mark.slow
@@ -601,28 +544,13 @@ def test_a_cluster_comes_to_the_same_though_a_worker_dies(whole: Path, tmp_path:
     assert sorted(results(tmp_path / "a.sweep")) == sorted(results(whole))
 
 
-@pytest.mark.slow
-@pytest.mark.usefixtures("toys")
-def test_runs_that_crash_on_a_cluster_are_rows(tmp_path: Path) -> None:
-    """The cluster's workers are threads here, so that they see the toys."""
-    distributed = pytest.importorskip("distributed")
-    runs = planned(tmp_path, 'scenarios = ["corridor"]\nseeds = "0-4"\n')
-    with distributed.LocalCluster(
-        n_workers=1, threads_per_worker=2, dashboard_address=None, processes=False
-    ) as cluster:
-        found = {outcome.run.seed: outcome for outcome in make_all_on(cluster.scheduler_address, runs, timeout=2.0)}
-    assert [found[seed].status for seed in range(5)] == ["ok", "crashed", "timed out", "failed", "ok"]
-
-
 def test_a_cluster_that_is_not_there(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("moteslam.eval.sweep.cluster.CONNECT", 0.5)
+    monkeypatch.setattr("moteslam.eval.sweep.workers.CONNECT", 0.5)
     spec = written(tmp_path)
     assert main.run(["sweep", str(spec), "--scheduler", "tcp://127.0.0.1:9"]) == 2
     assert "--scheduler: no scheduler answers at tcp://127.0.0.1:9" in capsys.readouterr().err
-    assert main.run(["sweep", str(spec), "--scheduler", "tcp://127.0.0.1:9", "--workers", "2"]) == 2
-    assert "--workers: given with --scheduler" in capsys.readouterr().err
 
 
 @pytest.mark.slow

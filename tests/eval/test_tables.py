@@ -83,9 +83,7 @@ def test_a_sweep_in_every_format(tmp_path: Path, capsys: pytest.CaptureFixture[s
     assert [row["final.ate.median"] for row in table][3] == "inf"
     assert float(table[2]["final.ate.median"]) == pytest.approx(0.115)
     assert set(table[0]) >= {"final.ate.low", "final.ate.high", "final.ate.low_quartile", "final.ate.high_quartile"}
-    as_json = printed(capsys, "sweep", "show", file, "--json")
-    assert printed(capsys, "sweep", "show", file, "--format", "json") == as_json
-    assert json.loads(as_json)["hash"] == "ab"
+    assert json.loads(printed(capsys, "sweep", "show", file, "--json"))["hash"] == "ab"
 
 
 def test_runs_without_a_result_are_counted_on_stderr(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -106,17 +104,13 @@ def test_configurations_compared_in_every_format(tmp_path: Path, capsys: pytest.
     by_name = {row["configuration"]: row for row in table}
     assert float(by_name["plain, slam.tracking.window=2.0"]["median"]) == pytest.approx(0.1)
     assert by_name["a_b, slam.tracking.window=2.0"]["failed"] == "3"
-    assert printed(capsys, "compare", file, "--format", "json") == printed(capsys, "compare", file, "--json")
 
 
 def test_a_format_that_there_is_not(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = swept(tmp_path)
     for command in (["sweep", "show"], ["compare"]):
-        assert main.run([*command, str(file), "--format", "html"]) == 2
-        expected = "moteslam: --format: 'html', expected one of text, markdown, latex, csv, json\n"
-        assert capsys.readouterr().err == expected
-        assert main.run([*command, str(file), "--format", "csv", "--json"]) == 2
-        assert "--format: 'csv' with --json" in capsys.readouterr().err
+        assert "--format: 'html', " in refused(capsys, *command, file, "--format", "html")
+        assert "--format: 'csv' with --json" in refused(capsys, *command, file, "--format", "csv", "--json")
 
 
 def test_a_metric_that_was_not_measured(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

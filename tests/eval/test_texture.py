@@ -9,11 +9,11 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from parts.floor_colours import registration, score_texture
 
 from moteslam.errors import InputError
 from moteslam.eval.cli.main import run as main
-from moteslam.eval.metrics.texture import registration, score_texture
-from moteslam.eval.report.textures import with_opacity, write_texture
+from moteslam.eval.report.stages import with_opacity, write_texture
 from moteslam.robot.formats.map_arrays import read_map_arrays
 from moteslam.slam.texture.floor_map import TextureMap
 
@@ -92,9 +92,8 @@ def test_from_a_simulated_camera_to_the_result_folder(
     assert json.loads(said.out)["readings"]["rgb"] > 25
     assert re.search(r" images of about [1-9][0-9.]* MB are to be written", said.err)
     (out / "dataRGBD" / "RGB20" / "rgb20_7.png").write_bytes(b"broken")
-    assert (
-        main(["replay", str(out), "--out", str(result), "--set", "texture.largest_gap=0.11", "--particles", "10"]) == 0
-    )
+    few = ["replay", str(out), "--set", "particles=5"]
+    assert main([*few, "--out", str(result), "--set", "texture.largest_gap=0.11"]) == 0
     said = capsys.readouterr()
     assert "camera: 1 frame left out, unreadable; the first: " in said.err
     assert "Traceback" not in said.err
@@ -106,25 +105,10 @@ def test_from_a_simulated_camera_to_the_result_folder(
     assert (picture[..., 3] == 255).sum() > 3000
     assert cv2.imread(str(result / "texture_over_time.png")).shape[1] > 1000
     without = tmp_path / "without"
-    assert (
-        main(
-            [
-                "replay",
-                str(out),
-                "--out",
-                str(without),
-                "--set",
-                "texture.enabled=false",
-                "--no-figures",
-                "--particles",
-                "5",
-            ]
-        )
-        == 0
-    )
+    assert main([*few, "--out", str(without), "--set", "texture.enabled=false", "--no-figures"]) == 0
     assert not (without / "texture.png").exists()
     capsys.readouterr()
     monkeypatch.setattr("moteslam.slam.texture.floor_map.MAX_CELLS", 10)
-    assert main(["replay", str(out), "--out", str(tmp_path / "large"), "--no-figures", "--particles", "5"]) == 0
+    assert main([*few, "--out", str(tmp_path / "large"), "--no-figures"]) == 0
     assert "warning: the floor is not coloured: texture.cell_size: " in capsys.readouterr().err
     assert (tmp_path / "large" / "map.png").exists()

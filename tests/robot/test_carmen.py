@@ -13,11 +13,11 @@ from issues import messages as all_messages
 from robot_logs import flaser, odom, robotlaser, write_log
 
 from moteslam.errors import ConfigError, InputError, OutputError
+from moteslam.robot.formats import lines as text_lines
 from moteslam.robot.formats import open_recording
-from moteslam.robot.formats.carmen import MAX_BROKEN, is_carmen, read_carmen
-from moteslam.robot.formats.carmen_lines import fov_of
-from moteslam.robot.formats.carmen_writer import expect_classic_fan, write_carmen
-from moteslam.robot.formats.lines import TextLines
+from moteslam.robot.formats.carmen import is_carmen, read_carmen
+from moteslam.robot.formats.carmen_writer import expect_classic_fan, fov_of, write_carmen
+from moteslam.robot.formats.stamps import MAX_DROPPED
 from moteslam.robot.issues import Issue
 from moteslam.robot.platform import Platform
 from moteslam.robot.recording import LidarStream, OdometryStream, Recording
@@ -61,12 +61,6 @@ def test_robotlaser_tells_its_own_angles_limit_and_poses(tmp_path: Path) -> None
     np.testing.assert_array_equal(lidar.odometry, [[1.0, 2.0, 0.5]])
 
 
-def test_beams_that_go_round_more_than_once_are_refused(tmp_path: Path) -> None:
-    path = write_log(tmp_path / "x.log", [robotlaser([1.0] * 90, step=0.1)])
-    with pytest.raises(InputError, match=r"x\.log: ROBOTLASER1 angular resolution: 90 beams 0\.1 rad apart are 1\.42"):
-        read_carmen(path)
-
-
 def test_odometry_comes_from_odom_lines(tmp_path: Path) -> None:
     path = write_log(tmp_path / "x.log", [odom((1, 2, 0.5), 10.0), GOOD[0], odom((2, 2, 0.5), 100.5)])
     recording = read_carmen(path)
@@ -74,11 +68,6 @@ def test_odometry_comes_from_odom_lines(tmp_path: Path) -> None:
     np.testing.assert_array_equal(recording.odometry.poses, [[1, 2, 0.5], [2, 2, 0.5]])
     np.testing.assert_array_equal(recording.odometry.stamps, [10.0, 100.5])
     assert read_carmen(write_log(tmp_path / "y.log", GOOD)).odometry is None
-
-
-def test_a_log_of_odometry_alone(tmp_path: Path) -> None:
-    recording = read_carmen(write_log(tmp_path / "x.log", [odom((1, 2, 0.5), 10.0)]))
-    assert recording.lidar is None
 
 
 def test_the_mount_comes_from_the_caller_the_parameters_or_the_poses(tmp_path: Path) -> None:
@@ -103,35 +92,15 @@ def test_the_mount_comes_from_the_caller_the_parameters_or_the_poses(tmp_path: P
     assert lidar_of(recording).time_increment == 1e-3
 
 
-@pytest.mark.parametrize(
-    ("lidar", "line"),
-    [
-        ("angle_increment = 6.0", r"x\.log: platform\.lidar\.angle_increment: 3 beams 6 rad apart are 1\.91 turns"),
-        ("range_min = 4.0", r"x\.log: platform\.lidar\.range_min: 4 m, expected less than the 3 m that"),
-    ],
-)
-def test_figures_of_a_platform_that_do_not_fit_the_log_are_refused(tmp_path: Path, lidar: str, line: str) -> None:
-    log = write_log(tmp_path / "x.log", ["PARAM robot_front_laser_max 3.0 host 0", *GOOD])
-    (tmp_path / "p.toml").write_text(f"[lidar]\n{lidar}\n")
-    with pytest.raises(InputError, match=line):
-        read_carmen(log, platform=tmp_path / "p.toml")
-
-
 def test_the_stamp_is_the_ipc_one_or_the_loggers_where_all_are_zero(tmp_path: Path) -> None:
     lines = [flaser([1.0], stamp=0.0, logged=5.0 + k) for k in range(3)]
     np.testing.assert_array_equal(lidar_of(read_carmen(write_log(tmp_path / "x.log", lines))).stamps, [5, 6, 7])
     lines = [flaser([1.0], stamp=float(k), logged=50.0) for k in range(3)]
     np.testing.assert_array_equal(lidar_of(read_carmen(write_log(tmp_path / "y.log", lines))).stamps, [0, 1, 2])
-
-
-def test_equal_stamps_are_distinct_scans_in_file_order(tmp_path: Path) -> None:
-    lines = [flaser([1.0 + k], stamp=float(k // 3), robot=(k, 0, 0)) for k in range(9)]
-    recording = read_carmen(write_log(tmp_path / "x.log", lines))
-    lidar = lidar_of(recording)
-    np.testing.assert_array_equal(lidar.ranges[:, 0], np.arange(1, 10, dtype=np.float32))
-    assert lidar.odometry is not None
-    np.testing.assert_array_equal(lidar.odometry[:, 0], np.arange(9.0))
-    assert messages(recording.warnings) == ()
+    short = [" ".join(line.split()[:-2]) for line in GOOD]  # without host and logger's stamp
+    np.testing.assert_array_equal(
+        lidar_of(read_carmen(write_log(tmp_path / "z.log", short))).stamps, 100.0 + np.arange(8)
+    )
 
 
 def test_stamps_that_go_back_take_their_scan_and_pose_along(tmp_path: Path) -> None:
@@ -157,88 +126,53 @@ def test_the_poses_logged_with_the_scans_tell_whether_file_or_stamps_have_the_ri
     recording = read_carmen(write_log(tmp_path / "x.log", lines))
     found = lidar_of(recording).sequence
     assert (None if found is None else found.tolist()) == sequence
-    found_out = [warning.message for warning in recording.warnings if warning.code == "stamps-out-of-order"]
-    assert found_out == (
-        []
-        if sequence is None
-        else [
-            "x.log: FLASER: by the odometry logged with them (4 m in the file's order, 8 m in that of their stamps) "
-            "the scans were taken in the file's order: SLAM takes them so"
-        ]
-    )
+    codes = [warning.code for warning in recording.warnings]
+    assert ("stamps-out-of-order" in codes) == (sequence is not None)
 
 
 BROKEN = {
-    "cut in the ranges": (" ".join(GOOD[0].split()[:4]), r"4 words, expected 14 for 3 ranges"),
-    "cut in the poses": (" ".join(GOOD[0].split()[:9]), r"9 words, expected 14"),
-    "no number of beams": ("FLASER", "1 words, expected the number of ranges at word 2"),
-    "a word for a number": ("FLASER x 1 2 3", "no number of ranges at word 2"),
-    "too few beams declared": (GOOD[0].replace("FLASER 3", "FLASER 2"), "14 words, expected 13 for 2 ranges"),
-    "too many beams declared": (
-        GOOD[0].replace("FLASER 3", "FLASER 999999999"),
-        "14 words, expected 1000000010 for 999999999 ranges",
-    ),
-    "no beams": ("FLASER 0 0 0 0 0 0 0 5 host 5", "0 ranges, expected at least 1"),
-    "fewer than no beams": (GOOD[0].replace("FLASER 3", "FLASER -3"), "-3 ranges, expected at least 1"),
-    "a pose that is NaN": (flaser([1, 2, 3], robot=(math.nan, 0, 0)), "NaN or infinite pose or stamp"),
-    "a pose off the globe": (flaser([1, 2, 3], robot=(1e30, 0, 0)), "pose beyond 10000000 m or rad"),
-    "odometry off the globe": ("ODOM 0 -2e7 0 0 0 0 1 host 1", "pose beyond 10000000 m or rad"),
-    "a stamp that is infinite": (flaser([1, 2, 3], stamp=math.inf), "NaN or infinite pose or stamp"),
-    "a stamp in milliseconds": (flaser([1, 2, 3], stamp=1.2e12), "expected seconds below 1e11"),
-    "a word for a range": (GOOD[0].replace("2.0", "two"), "a word that is no number"),
-    "short odometry": ("ODOM 1 2 3", "4 words, expected 10 for odometry"),
-    "short robotlaser": ("ROBOTLASER1 0 -1.5 3.1", "expected the number of ranges at word 9"),
-    "no angles": (robotlaser([1.0], step=0.0), "angular resolution 0.0, expected more than 0 rad"),
+    "cut in the ranges": " ".join(GOOD[0].split()[:4]),
+    "no number of beams": "FLASER",
+    "a word for a number": "FLASER x 1 2 3",
+    "too many beams declared": GOOD[0].replace("FLASER 3", "FLASER 999999999"),
+    "fewer than no beams": GOOD[0].replace("FLASER 3", "FLASER -3"),
+    "a pose that is NaN": flaser([1, 2, 3], robot=(math.nan, 0, 0)),
+    "odometry off the globe": "ODOM 0 -2e7 0 0 0 0 1 host 1",
+    "a stamp in milliseconds": flaser([1, 2, 3], stamp=1.2e12),
+    "a word for a range": GOOD[0].replace("2.0", "two"),
+    "no angles": robotlaser([1.0], step=0.0),
+    "escape codes": "FLASER 1 \x1b[31m" + "x" * 999 + GOOD[0][9:],
+    "what a file system leaves of a log when the power is lost": "\0" * 1_000_000,
 }
 
 
-@pytest.mark.parametrize(("line", "problem"), BROKEN.values(), ids=BROKEN.keys())
-def test_a_broken_line_is_dropped_counted_and_named(tmp_path: Path, line: str, problem: str) -> None:
+@pytest.mark.parametrize("line", BROKEN.values(), ids=BROKEN.keys())
+def test_a_broken_line_is_dropped_counted_and_named(tmp_path: Path, line: str) -> None:
     recording = read_carmen(write_log(tmp_path / "x.log", [*GOOD[:4], line, *GOOD[4:], line]))
     assert len(lidar_of(recording)) == 8
     (warning,) = messages(recording.warnings)
     assert warning.startswith("x.log: 2 broken lines dropped, the first is line 5: ")
-    assert problem in warning
+    assert warning.isprintable()
+    assert len(warning) < 400
 
 
-@pytest.mark.parametrize("after", ["", "\n"])
-def test_nul_bytes_behind_a_log_are_a_broken_line(tmp_path: Path, after: str) -> None:
-    """What a file system leaves of a log that was being written when the robot lost its power."""
-    recording = read_carmen(write_log(tmp_path / "x.log", [*GOOD, "\0" * 1_000_000 + after]))
-    assert len(lidar_of(recording)) == 8
-    problem = "x.log: 1 broken line dropped, the first is line 9: begins with NUL bytes, expected text"
-    assert messages(recording.warnings) == (problem,)
+@pytest.mark.parametrize("whole", [0, 8])
+def test_a_log_with_much_broken_is_refused(tmp_path: Path, whole: int) -> None:
+    path = write_log(tmp_path / "x.log", [*GOOD[:whole], *["FLASER 3 1 2"] * (MAX_DROPPED + 1)])
+    with pytest.raises(InputError, match=rf"x\.log:{whole + 1}: 4 words"):
+        read_carmen(path)
 
 
-@pytest.mark.parametrize(("line", "problem"), BROKEN.values(), ids=BROKEN.keys())
-def test_a_log_of_broken_lines_alone_is_refused(tmp_path: Path, line: str, problem: str) -> None:
-    with pytest.raises(InputError, match=problem) as caught:
-        read_carmen(write_log(tmp_path / "x.log", ["# head", line]))
-    assert str(caught.value).startswith(f"{tmp_path}/x.log:2: ")
-
-
-def test_a_log_with_much_broken_is_refused(tmp_path: Path) -> None:
-    lines = ["FLASER 3 1 2"] * (MAX_BROKEN + 1)
-    with pytest.raises(InputError, match=rf"x\.log:9: .*first of {MAX_BROKEN + 1} broken lines, 8 whole"):
-        read_carmen(write_log(tmp_path / "x.log", [*GOOD, *lines]))
-
-
-def test_ranges_that_no_sensor_says_are_left_out_and_counted(tmp_path: Path) -> None:
-    lines = [*GOOD[:7], flaser([math.nan, -1.0, 2.0], stamp=200.0)]
+def test_what_ranges_mean(tmp_path: Path) -> None:
+    lines = [*GOOD[:7], flaser([math.inf, -1.0, 0.0], stamp=200.0)]
     recording = read_carmen(write_log(tmp_path / "x.log", lines))
-    np.testing.assert_array_equal(lidar_of(recording).ranges[-1], np.float32([np.nan, np.nan, 2.0]))
-    assert messages(recording.warnings) == ("x.log: FLASER: 2 ranges in 1 scan left out, NaN or negative",)
-
-
-def test_infinite_is_no_return_and_zero_says_nothing(tmp_path: Path) -> None:
-    recording = read_carmen(write_log(tmp_path / "x.log", [flaser([math.inf, 0.0, 2.0])]))
-    np.testing.assert_array_equal(lidar_of(recording).ranges, np.float32([[np.inf, np.nan, 2.0]]))
-    assert messages(recording.warnings) == ()
+    np.testing.assert_array_equal(lidar_of(recording).ranges[-1], np.float32([np.inf, np.nan, np.nan]))
+    assert messages(recording.warnings) == ("x.log: FLASER: 1 range in 1 scan left out, NaN or negative",)
 
 
 def test_a_change_of_beams_is_refused_with_its_line(tmp_path: Path) -> None:
     lines = [*GOOD, *(flaser([1.0] * 5, stamp=200.0 + k) for k in range(5))]
-    with pytest.raises(InputError, match=r"x\.log:9: 5 FLASER scans of 5 beams from -1\.5708 rad, expected 3 beams"):
+    with pytest.raises(InputError, match=r"x\.log:9: 5 FLASER scans of 5 beams .* expected 3 beams"):
         read_carmen(write_log(tmp_path / "x.log", lines))
 
 
@@ -255,41 +189,26 @@ def test_of_two_kinds_of_line_the_one_that_tells_its_angles_is_used(tmp_path: Pa
     assert messages(recording.warnings) == ("x.log: 3 FLASER scans of 1 beam left aside, the first is line 1",)
 
 
-def test_a_last_line_that_is_cut_is_dropped(tmp_path: Path) -> None:
-    path = write_log(tmp_path / "x.log", GOOD)
-    path.write_bytes(path.read_bytes().rstrip()[:-12])
-    recording = read_carmen(path)
-    assert len(lidar_of(recording)) == 7
-    assert "1 broken line dropped, the first is line 8" in recording.warnings[0].message
-
-
-def test_a_truncated_gzip_gives_what_came_before(tmp_path: Path) -> None:
-    rng = np.random.default_rng(0)
-    lines = [flaser(rng.uniform(1, 5, 180).round(2).tolist(), stamp=k) for k in range(50)]
-    path = write_log(tmp_path / "x.log.gz", lines, packed=True)
-    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
-    recording = read_carmen(path)
-    assert 20 <= len(lidar_of(recording)) <= 30
-    assert messages(recording.warnings) == ("x.log.gz: the gzip data is cut short; what came before is used",)
-
-
-def test_a_damaged_gzip_gives_what_came_before(tmp_path: Path) -> None:
+@pytest.mark.parametrize("damage", ["cut short", "damaged"])
+def test_a_damaged_gzip_gives_what_came_before(tmp_path: Path, damage: str) -> None:
     rng = np.random.default_rng(0)
     lines = [flaser(rng.uniform(1, 5, 180).round(2).tolist(), stamp=k) for k in range(2000)]
     path = write_log(tmp_path / "x.log.gz", lines, packed=True)
     data = bytearray(path.read_bytes())
     data[-6] ^= 0xFF  # the checksum
-    path.write_bytes(data)
+    path.write_bytes(data if damage == "damaged" else data[: len(data) // 2])
     recording = read_carmen(path)
-    assert 1900 <= len(lidar_of(recording)) <= 2000
-    assert messages(recording.warnings) == ("x.log.gz: the gzip data is damaged; what came before is used",)
+    assert len(lidar_of(recording)) == pytest.approx(1950 if damage == "damaged" else 1000, abs=50)
+    assert messages(recording.warnings) == (f"x.log.gz: the gzip data is {damage}; what came before is used",)
 
 
-def test_names_in_a_file_are_not_printed_as_they_are(tmp_path: Path) -> None:
-    with pytest.raises(InputError) as caught:
-        read_carmen(write_log(tmp_path / "x.log", ["FLASER 1 \x1b[31m" + "x" * 999 + GOOD[0][9:]]))
-    assert str(caught.value).isprintable()
-    assert len(str(caught.value)) < 400
+@pytest.mark.parametrize(("what", "most"), [("MAX_TEXT", 600_000), ("MAX_LINES", 100_000), ("MAX_LINE", 20)])
+def test_a_gzip_bomb_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, what: str, most: int) -> None:
+    path = tmp_path / "x.log.gz"
+    path.write_bytes(gzip.compress(b"FLASER\n" * 300_000 + b"0" * 1000))
+    monkeypatch.setattr(text_lines, what, most)
+    with pytest.raises(InputError, match="expected a log"):
+        read_carmen(path)
 
 
 def test_a_gzip_of_several_members(tmp_path: Path) -> None:
@@ -308,29 +227,6 @@ def test_what_is_no_log_is_refused(tmp_path: Path, content: bytes) -> None:
     assert not is_carmen(path)
     with pytest.raises(InputError, match="expected a CARMEN log"):
         read_carmen(path)
-    with pytest.raises(InputError, match=r"x\.log: not a recording known here, expected a file of one of carmen, csv"):
-        open_recording(path)
-
-
-def test_a_gzip_bomb_is_refused(tmp_path: Path) -> None:
-    path = tmp_path / "x.log.gz"
-    path.write_bytes(gzip.compress(b"FLASER\n" * 3_000_000))
-    lines = TextLines(path, max_text=1_000_000)
-    with pytest.raises(InputError, match="over 1000000 bytes of text, expected a log"):
-        list(lines)
-    path.write_bytes(gzip.compress(b"FLASER " + b"0" * 30_000_000))
-    with pytest.raises(InputError, match="a line longer than 1048576 bytes"):
-        read_carmen(path)
-
-
-def test_absurd_stamps_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"x\.log: FLASER: jump of .* expected steps of less than a day"):
-        read_carmen(write_log(tmp_path / "x.log", [*GOOD, flaser([1.0, 2.0, 3.0], stamp=976052857.0)]))
-
-
-def test_a_log_has_no_sequences(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="sequence: a CARMEN log is one sequence"):
-        open_recording(write_log(tmp_path / "x.log", GOOD), sequence=1)
 
 
 @pytest.mark.parametrize("name", ["x.log", "x.log.gz"])
@@ -367,10 +263,9 @@ def test_writing_interpolates_the_odometry_and_needs_one(tmp_path: Path) -> None
     write_carmen(tmp_path / "x.log", Recording("x", Platform(), lidar=lidar, odometry=odometry))
     logged = lidar_of(read_carmen(tmp_path / "x.log")).odometry
     np.testing.assert_array_equal(logged, [[1.0, 0, 0]])
-    with pytest.raises(InputError, match="odometry: no odometry poses"):
-        write_carmen(tmp_path / "y.log", Recording("x", Platform(), lidar=lidar))
-    with pytest.raises(InputError, match="neither a lidar nor odometry"):
-        write_carmen(tmp_path / "y.log", Recording("x", Platform()))
+    for nothing in (Recording("x", Platform(), lidar=lidar), Recording("x", Platform())):
+        with pytest.raises(InputError, match="odometry: no odometry poses"):
+            write_carmen(tmp_path / "y.log", nothing)
     with pytest.raises(OutputError, match="cannot be written"):
         write_carmen(tmp_path / "x.log" / "y.log", Recording("x", Platform(), lidar=lidar, odometry=odometry))
 
@@ -400,36 +295,13 @@ def test_real_logs(data_folder: Path, path: str, shape: tuple[int, int], no_retu
     assert messages(recording.warnings) == ()
 
 
-def test_a_real_log_written_reads_back_the_same(data_folder: Path, tmp_path: Path) -> None:
-    recording = open_recording(data_folder / "key_scans/freiburg-101.log.gz")
-    write_carmen(tmp_path / "x.log", recording)
-    one, two = lidar_of(recording), lidar_of(open_recording(tmp_path / "x.log"))
-    assert one.ranges.tobytes() == two.ranges.tobytes()
-    assert one.stamps.tobytes() == two.stamps.tobytes()
-    assert (one.angle_min, one.angle_increment) == (two.angle_min, two.angle_increment)
-
-
-@pytest.mark.parametrize("beams", [180, 181, 360, 361])
-def test_the_fans_of_classic_logs_are_those_that_flaser_lines_stand_for(beams: int) -> None:
-    expect_classic_fan(beams, *fov_of(beams))
-
-
-@pytest.mark.parametrize(
-    ("fan", "found"),
-    [
-        ((1081, math.radians(-135), math.radians(0.25)), "1081 beams over 270 degrees from -135"),
-        ((181, math.radians(-45), math.radians(0.5)), "181 beams over 90 degrees from -45"),
-        ((180, math.radians(-89.5), math.radians(1)), "180 beams over 179 degrees from -89.5"),
-        ((180, math.radians(-90), math.radians(180 / 179)), "180 beams over 180 degrees from -90"),
-        ((91, math.radians(-90), math.radians(2)), "91 beams over 180 degrees from -90"),
-        ((1, math.radians(-90), math.radians(1)), "1 beam over 0 degrees from -90"),
-    ],
-)
-def test_other_fans_are_refused_in_one_line(fan: tuple[int, float, float], found: str) -> None:
-    line = f"format: {found}, expected for a CARMEN log 180 or 181 beams a degree apart, or 360 or 361 half a degree, "
-    with pytest.raises(ConfigError) as refused:
-        expect_classic_fan(*fan)
-    assert str(refused.value) == f"{line}from -90"
+def test_the_fans_of_classic_logs_are_those_that_flaser_lines_stand_for() -> None:
+    for beams in (180, 181, 360, 361):
+        expect_classic_fan(beams, *fov_of(beams))
+    for fan in ((181, -45, 0.5), (180, -89.5, 1), (180, -90, 180 / 179), (91, -90, 2)):
+        with pytest.raises(ConfigError) as refused:
+            expect_classic_fan(fan[0], math.radians(fan[1]), math.radians(fan[2]))
+        assert refused.value.field == "format"
 
 
 RAW = ["{} 0 -1.5 3.0 0.5 30.0 0.01 0 3 1.0 2.0 {} 0 {} host 0.5".format("{}", k + 3, 10.0 + k) for k in range(8)]
@@ -472,13 +344,6 @@ def test_a_rear_laser_is_left_aside(tmp_path: Path) -> None:
         "x.log: 2 ROBOTLASER2 scans of a rear laser left aside, the first is line 10",
     )
     assert {issue.code for issue in recording.warnings} == {"other-scans", "assumed-angles"}
-
-
-def test_flaser_lines_without_host_and_logger_stamp(tmp_path: Path) -> None:
-    short = [" ".join(line.split()[:-2]) for line in GOOD]
-    recording = read_carmen(write_log(tmp_path / "x.log", short))
-    np.testing.assert_array_equal(lidar_of(recording).stamps, np.arange(100.0, 108.0))
-    assert messages(recording.warnings) == ()
 
 
 def test_flaser_lines_without_stamps(tmp_path: Path) -> None:

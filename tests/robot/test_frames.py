@@ -12,11 +12,12 @@ import pytest
 from issues import messages
 
 from moteslam.errors import InputError, OutputError
-from moteslam.robot.formats import ucsd_rgbd
+from moteslam.robot.formats import ucsd_images
 from moteslam.robot.formats.ucsd import read_ucsd, write_ucsd
 from moteslam.robot.frames import FrameCount, camera_frames, has_images, pairs
 from moteslam.robot.platforms import UCSD
 from moteslam.robot.recording import Recording, RgbdStream
+from moteslam.sim.sensors import image_files
 
 N = 8
 RGB_STAMPS = 1.3e9 + np.arange(N) / 30
@@ -38,8 +39,8 @@ def original(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("recording")
     recording = Recording("x", UCSD, rgbd=RgbdStream(RGB_STAMPS, DISPARITY_STAMPS))
     write_ucsd(folder, recording, sequence=20)
-    for kind, draw in ((ucsd_rgbd.RGB, rgb_image), (ucsd_rgbd.DISPARITY, disparity_image)):
-        ucsd_rgbd.write_images(folder, kind, "20", lambda chosen, draw=draw: np.stack([draw(i) for i in chosen]), N)
+    for kind, draw in ((ucsd_images.RGB, rgb_image), (ucsd_images.DISPARITY, disparity_image)):
+        image_files.write_images(folder, kind, "20", lambda chosen, draw=draw: np.stack([draw(i) for i in chosen]), N)
     return folder
 
 
@@ -173,8 +174,8 @@ def test_the_nearest_colour_image_is_paired_if_it_is_near_enough() -> None:
 
 def test_reading_holds_few_frames_at_a_time(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     read = []
-    real = ucsd_rgbd.read_rgb
-    monkeypatch.setattr(ucsd_rgbd, "read_rgb", lambda path: read.append(path) or real(path))
+    real = ucsd_images.read_rgb
+    monkeypatch.setattr(ucsd_images, "read_rgb", lambda path: read.append(path) or real(path))
     monkeypatch.setattr("moteslam.robot.frames.processor_count", lambda: 1)
     recording = read_ucsd(folder)
     assert recording.rgbd is not None
@@ -185,29 +186,33 @@ def test_reading_holds_few_frames_at_a_time(folder: Path, monkeypatch: pytest.Mo
 
 
 def test_too_little_space_is_told_before_anything_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    wanted = ucsd_rgbd.estimate_bytes(lambda chosen: np.stack([rgb_image(int(i)) for i in chosen]), 1000)
+    wanted = image_files.estimate_bytes(lambda chosen: np.stack([rgb_image(int(i)) for i in chosen]), 1000)
     assert 1000 * 2048 < wanted < 1000 * 200_000
-    ucsd_rgbd.check_space(tmp_path, wanted)
+    image_files.check_space(tmp_path, wanted)
     monkeypatch.setattr(shutil, "disk_usage", lambda _: shutil._ntuple_diskusage(10, 9, wanted - 1))  # type: ignore[attr-defined]
     with pytest.raises(OutputError, match=r"[1-9][0-9.]* [MG]B free, expected [1-9][0-9.]* [MG]B for the images"):
-        ucsd_rgbd.check_space(tmp_path, wanted)
+        image_files.check_space(tmp_path, wanted)
 
 
 def test_a_folder_that_cannot_be_written_is_told(tmp_path: Path) -> None:
     (tmp_path / "dataRGBD").write_text("a file")
     with pytest.raises(OutputError, match=r"dataRGBD/RGB20: cannot be made"):
-        ucsd_rgbd.write_images(tmp_path, "RGB", "20", lambda chosen: np.zeros((len(chosen), 480, 640, 3), np.uint8), 2)
+        image_files.write_images(
+            tmp_path, "RGB", "20", lambda chosen: np.zeros((len(chosen), 480, 640, 3), np.uint8), 2
+        )
 
 
 def test_a_file_that_cannot_be_written_is_told(tmp_path: Path) -> None:
     (tmp_path / "dataRGBD" / "RGB20" / "rgb20_2.png").mkdir(parents=True)
     with pytest.raises(OutputError, match=r"rgb20_2\.png: cannot be written"):
-        ucsd_rgbd.write_images(tmp_path, "RGB", "20", lambda chosen: np.zeros((len(chosen), 480, 640, 3), np.uint8), 3)
+        image_files.write_images(
+            tmp_path, "RGB", "20", lambda chosen: np.zeros((len(chosen), 480, 640, 3), np.uint8), 3
+        )
 
 
 def test_read_errors_name_the_file(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"no\.png: No such file or directory, expected a PNG image"):
-        ucsd_rgbd.read_rgb(tmp_path / "no.png")
+        ucsd_images.read_rgb(tmp_path / "no.png")
 
 
 def test_images_may_come_from_memory_in_place_of_files() -> None:

@@ -86,13 +86,6 @@ def test_other_grids(tmp_path: Path, quarters: tuple[int, ...]) -> None:
     assert np.degrees(lidar.angle_min) == pytest.approx(-90 + min(quarters) / 4, abs=1e-4)
 
 
-def test_scans_of_one_stamp_keep_the_order_of_the_file(tmp_path: Path) -> None:
-    lines = log(12, stamp=5.0)
-    lidar = lidar_of(open_recording(write_log(tmp_path / "x.log", lines)))
-    assert lidar.odometry is not None
-    np.testing.assert_allclose(lidar.odometry[:, 0], 0.1 * np.arange(12))
-
-
 def test_a_few_scans_of_another_bearing_are_strays(tmp_path: Path) -> None:
     lines = [*(line(number, 0) for number in range(20)), line(20, 2)]
     recording = open_recording(write_log(tmp_path / "x.log", lines))
@@ -111,14 +104,7 @@ OTHERS = {
 @pytest.mark.parametrize("others", OTHERS.values(), ids=OTHERS.keys())
 def test_two_lasers_in_one_log_are_refused(tmp_path: Path, others: list[str]) -> None:
     lines = [*(line(number, 0) for number in range(15)), *others]
-    with pytest.raises(InputError, match=r"x\.log:16: 10 ROBOTLASER1 scans of .* expected 181 beams from -1\.5708 rad"):
-        open_recording(write_log(tmp_path / "x.log", lines))
-
-
-def test_another_laser_beside_an_interlaced_one_is_refused(tmp_path: Path) -> None:
-    lines = [*log(40), *(line(number, 0, start=-45.0) for number in range(10))]
-    wanted = r"expected 721 beams every 0\.0044 rad from -1\.5708 rad as in the other 40"
-    with pytest.raises(InputError, match=rf"x\.log:41: 10 ROBOTLASER1 scans of 181 beams from -0\.7854 rad, {wanted}"):
+    with pytest.raises(InputError, match=r"x\.log:16: 10 ROBOTLASER1 scans of .* expected 181 beams"):
         open_recording(write_log(tmp_path / "x.log", lines))
 
 

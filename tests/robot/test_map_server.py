@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 import yaml
 
-from moteslam.errors import InputError, MoteslamWarning, OutputError
+from moteslam.errors import InputError, MoteslamWarning
 from moteslam.robot.formats.map_server import (
     FREE,
     OCCUPIED,
@@ -28,15 +28,11 @@ THRESHOLDS = {"occupied_thresh": 0.65, "free_thresh": 0.196}
 GREYS = np.array([[254, 206, 205, 204, 100, 90, 89, 0]], np.uint8)
 
 
-REQUIRED = (b"image", b"resolution", b"origin", b"negate", b"occupied_thresh", b"free_thresh")
-YAML = b"image: m.png\nresolution: 1\norigin: [0, 0, 0]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
-
-
 def written(folder: Path, **changes: Any) -> Path:
     """A map of those greys, as other programs write them."""
     assert cv2.imwrite(str(folder / "m.png"), GREYS)
     about = {"image": "m.png", "resolution": 0.1, "origin": [1, -2.5, 0.3], "negate": 0, **THRESHOLDS, **changes}
-    (folder / "m.yaml").write_text(yaml.safe_dump(about))
+    (folder / "m.yaml").write_text(yaml.safe_dump({key: value for key, value in about.items() if value is not None}))
     return folder / "m.yaml"
 
 
@@ -84,51 +80,40 @@ def test_what_the_greys_mean(tmp_path: Path, changes: dict[str, Any], values: li
     assert not found.values.flags.writeable
 
 
-@pytest.mark.parametrize(
-    ("changes", "field", "words"),
-    [
-        ({"mode": "best"}, "mode", "'best', expected trinary, scale, raw"),
-        ({"negate": "maybe"}, "negate", "'maybe', expected 0 or 1"),
-        ({"occupied_thresh": 1.5}, "occupied_thresh", "1.5, expected a number from 0 to 1"),
-        ({"occupied_thresh": 0.1}, "free_thresh", "0.196, expected at most occupied_thresh, 0.1"),
-        ({"resolution": True}, "resolution", "True, expected a number"),
-        ({"origin": [0, 0, float("nan")]}, "origin", "expected three numbers"),
-        ({"image": "nothing.pgm"}, "image", "nothing.pgm: No such file or directory, expected a pgm or png"),
-        ({"origin": [0, 0]}, "origin", "expected three numbers"),
-        ({"origin": [0, 0, "north"]}, "origin", "expected three numbers"),
-        ({"image": "bad\0name"}, "image", "expected a pgm or png"),
-        ({"image": 7}, "image", "7, expected the name of a pgm or png image"),
-        ({"image": "../m.png"}, "image", "'../m.png' lies elsewhere, expected an image in the folder of this file"),
-        ({"image": "/etc/hostname"}, "image", "'/etc/hostname' lies elsewhere"),
-    ],
-)
-def test_nonsense_is_refused(tmp_path: Path, changes: dict[str, Any], field: str, words: str) -> None:
-    path = written(tmp_path, **changes)
+REFUSED = [
+    *({key: None} for key in ("image", "resolution", "origin", "negate", "occupied_thresh", "free_thresh")),
+    {"mode": "best"},
+    {"negate": "maybe"},
+    {"occupied_thresh": 1.5},
+    {"free_thresh": 0.7},
+    {"resolution": True},
+    {"origin": [0, 0, float("nan")]},
+    {"origin": [0, 0]},
+    {"image": "nothing.pgm"},
+    {"image": "bad\0name"},
+    {"image": 7},
+    {"image": "../m.png"},
+    {"image": "link.png"},
+    {"image": "/etc/hostname"},
+]
+
+
+@pytest.mark.parametrize("changes", REFUSED)
+def test_nonsense_is_refused(tmp_path: Path, changes: dict[str, Any]) -> None:
+    (tmp_path / "maps").mkdir()
+    (tmp_path / "maps" / "link.png").symlink_to(tmp_path / "m.png")
+    path = written(tmp_path / "maps", **changes)
     with pytest.raises(InputError, match="expected") as caught:
         read_map(path)
-    assert (caught.value.file, caught.value.field) == (str(path), field)
-    assert words in caught.value.problem
+    assert (caught.value.file, caught.value.field) == (str(path), *changes)
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize(
-    ("content", "words"),
-    [
-        (b"image: [", "not YAML"),
-        (b"\xff\xfe", "not UTF-8 text, expected a map_server"),
-        (b"- 1\n", "not a table"),
-        (b"a: 2001-99-99\n", "not YAML: month must be in"),
-        (b"#" * 200_000, "over 0.1 MB"),
-        (b"a: &a [1, 2]\nresolution: [*a, *a]\n", "not YAML: an alias, *a; expected the value itself"),
-        (b"image: " + b"[" * 5000, "not YAML: nested too deep"),
-        *((YAML.replace(key, b"#"), f"{key.decode()}: missing, expected in every map_server file") for key in REQUIRED),
-    ],
-)
-def test_a_file_that_is_none_is_refused(tmp_path: Path, content: bytes, words: str) -> None:
+@pytest.mark.parametrize("content", [b"image: [", b"\xff\xfe", b"- 1\n", b"#" * 200_000, b"a: &a [1]\nb: *a\n"])
+def test_a_file_that_is_no_yaml_is_refused(tmp_path: Path, content: bytes) -> None:
     (tmp_path / "m.yaml").write_bytes(content)
-    with pytest.raises(InputError) as caught:
+    with pytest.raises(InputError, match=r"expected|not YAML") as caught:
         read_map(tmp_path / "m.yaml")
-    assert words in str(caught.value)
     assert "\n" not in str(caught.value)
 
 
@@ -144,18 +129,8 @@ def test_an_image_below_the_file_or_named_in_full_is_read(tmp_path: Path) -> Non
     (tmp_path / "deep").mkdir()
     (tmp_path / "m.png").rename(tmp_path / "deep" / "m.png")
     for name in ("deep/m.png", str(tmp_path / "deep" / "m.png")):
-        path = tmp_path / "m.yaml"
-        path.write_text(YAML.decode().replace("m.png", name))
+        path.write_text((tmp_path / "m.yaml").read_text().replace("deep/m.png", "m.png").replace("m.png", name))
         assert read_map(path).shape == (1, 8)
-
-
-def test_a_link_out_of_the_folder_is_refused(tmp_path: Path) -> None:
-    (tmp_path / "maps").mkdir()
-    path = written(tmp_path / "maps")
-    (tmp_path / "maps" / "m.png").rename(tmp_path / "m.png")
-    (tmp_path / "maps" / "m.png").symlink_to(tmp_path / "m.png")
-    with pytest.raises(InputError, match=r"image: 'm\.png' lies elsewhere"):
-        read_map(path)
 
 
 @pytest.mark.parametrize(
@@ -197,11 +172,6 @@ def test_an_outsized_image_is_refused_before_it_is_unpacked(tmp_path: Path) -> N
     (tmp_path / "huge.pgm").write_bytes(b"P5\n# 3 4\n100000 100000\n255\n")
     with pytest.raises(InputError, match="100000 x 100000 pixels, expected at most 64000000"):
         read_map(path)
-
-
-def test_a_missing_folder_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(OutputError, match="cannot be written"):
-        write_map(tmp_path / "no" / "m.pgm", Raster(np.zeros((2, 2), np.int8), 0.1))
 
 
 def map_of(folder: Path, greys: list[int], picture: str = "m.png", **changes: Any) -> Path:

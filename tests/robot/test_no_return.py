@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from moteslam.robot.formats.no_return import SICK_REACH, no_return_limit
+from moteslam.robot.formats.streams import SICK_REACH, no_return_limit
 
 
 def readings(n: int = 20_000, longest: float = 7.0, seed: int = 0) -> NDArray[np.float32]:

@@ -58,21 +58,6 @@ def test_a_truncated_file_is_refused(tmp_path: Path, keep: float) -> None:
         read_arrays(cut, SHAPES)
 
 
-def test_damaged_data_are_refused(tmp_path: Path) -> None:
-    path = good(tmp_path / "x.npz", 50)
-    data = bytearray(path.read_bytes())
-    data[data.index(b"NUMPY") + 300] ^= 0xFF
-    path.write_bytes(data)
-    with pytest.raises(InputError, match=r"(counts|time_stamps): cut short or damaged"):
-        read_arrays(path, SHAPES)
-
-
-def test_a_missing_array_is_named_with_what_there_is(tmp_path: Path) -> None:
-    np.savez(tmp_path / "x.npz", stamps=np.arange(5.0), counts=np.ones((4, 5)))
-    with pytest.raises(InputError, match=r"x\.npz: time_stamps: missing, .*counts, stamps"):
-        read_arrays(tmp_path / "x.npz", SHAPES)
-
-
 def test_escape_codes_in_the_names_of_arrays_are_not_printed(tmp_path: Path) -> None:
     path = zipped(tmp_path / "x.npz", **{"\x1b[31m\n": b"x"})
     with pytest.raises(InputError) as caught:
@@ -81,27 +66,25 @@ def test_escape_codes_in_the_names_of_arrays_are_not_printed(tmp_path: Path) -> 
 
 
 @pytest.mark.parametrize(
-    ("counts", "message"),
+    "counts",
     [
-        (np.ones((4, 6)), r"counts: shape \[4, 6\], expected \[4, 5\]"),
-        (np.ones((5, 4)), r"counts: shape \[5, 4\], expected \[4, 5\]"),
-        (np.ones(5), r"counts: shape \[5\], expected \[4, 5\]"),
-        (np.float64(1), r"counts: shape \[\], expected \[4, 5\]"),
-        (np.ones((4, 5), complex), "dtype complex128, expected real numbers"),
-        (np.full((4, 5), "a"), "dtype <U1, expected real numbers"),
-        (np.ones((4, 5), bool), "dtype bool, expected real numbers"),
-        (np.ones((4, 5), "M8[s]"), "expected real numbers"),
+        np.ones((4, 6)),
+        np.ones((5, 4)),
+        np.ones(5),
+        np.ones((4, 0)),
+        np.float64(1),
+        np.ones((4, 5), complex),
+        np.full((4, 5), "a"),
+        np.ones((4, 5), bool),
+        None,
     ],
 )
-def test_wrong_shapes_and_dtypes_are_refused(tmp_path: Path, counts: np.ndarray, message: str) -> None:
-    np.savez(tmp_path / "x.npz", time_stamps=np.arange(5.0), counts=counts)
-    with pytest.raises(InputError, match=message):
+def test_wrong_shapes_and_dtypes_are_refused(tmp_path: Path, counts: np.ndarray | None) -> None:
+    arrays = {"time_stamps": np.arange(5.0), **({} if counts is None else {"counts": counts})}
+    np.savez(tmp_path / "x.npz", **arrays)  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="expected") as caught:
         read_arrays(tmp_path / "x.npz", SHAPES)
-
-
-def test_no_readings_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"time_stamps: shape \[0\], expected \[n\], none of them 0"):
-        read_arrays(good(tmp_path / "x.npz", 0), SHAPES)
+    assert caught.value.field == "counts"
 
 
 def test_pickles_are_never_loaded(tmp_path: Path) -> None:
@@ -129,7 +112,7 @@ def test_pickles_are_never_loaded(tmp_path: Path) -> None:
 )
 def test_a_header_that_lies_is_refused(tmp_path: Path, header: bytes) -> None:
     path = zipped(tmp_path / "x.npz", time_stamps=header + bytes(40))
-    with pytest.raises(InputError, match=r"time_stamps: (cut short or damaged|no array), expected"):
+    with pytest.raises(InputError, match=r"time_stamps: .*expected"):
         read_arrays(path, {"time_stamps": ("n",)})
 
 
@@ -152,8 +135,3 @@ def test_a_directory_that_lies_about_a_size_is_refused(tmp_path: Path, declared:
     path.write_bytes(data)
     with pytest.raises(InputError):
         read_arrays(path, {"time_stamps": ("n",)})
-
-
-def test_a_folder_in_place_of_the_file_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"is a folder, expected a \.npz file"):
-        read_arrays(tmp_path, SHAPES)

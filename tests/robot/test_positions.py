@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from moteslam.errors import InputError
-from moteslam.eval.metrics.positions import position_error
+from moteslam.eval.metrics.ate import position_error
 from moteslam.robot.positions import Positions, is_positions, read_positions
 from moteslam.robot.trajectory import Trajectory
 

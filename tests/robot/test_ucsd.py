@@ -11,7 +11,7 @@ import pytest
 from issues import messages
 
 from moteslam.errors import ConfigError, InputError, OutputError
-from moteslam.robot import files, given_robot, se2
+from moteslam.robot import files, se2
 from moteslam.robot.formats import open_recording
 from moteslam.robot.formats.ucsd import read_ucsd, ucsd_sequences, write_ucsd
 from moteslam.robot.kinematics import arc_increment
@@ -19,7 +19,6 @@ from moteslam.robot.platform import Platform
 from moteslam.robot.platforms import UCSD
 from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream, Recording, RgbdStream
 from moteslam.robot.specs import LidarSpec
-from moteslam.robot.tables import Table, read_toml
 
 START = 1298445274.5
 
@@ -78,22 +77,6 @@ def test_round_trip_is_the_same_bit_for_bit(tmp_path: Path) -> None:
         assert (tmp_path / f"{name}20.npz").read_bytes() == (tmp_path / f"{name}21.npz").read_bytes()
 
 
-def test_the_layout_is_that_of_the_real_files(tmp_path: Path) -> None:
-    written(tmp_path)
-    with np.load(tmp_path / "Hokuyo20.npz", allow_pickle=False) as file:
-        assert set(file) == {
-            *("angle_min", "angle_max", "angle_increment", "range_min", "range_max"),
-            *("ranges", "time_stamps"),
-        }
-        assert file["ranges"].shape == (7, 12)
-        assert file["ranges"][0, 0] == 31
-        assert file["ranges"][1, 1] == np.float32(0.001)
-    with np.load(tmp_path / "Encoders20.npz", allow_pickle=False) as file:
-        assert (file["counts"].shape, file["counts"].dtype) == ((4, 12), np.dtype(np.int16))
-    with np.load(tmp_path / "Imu20.npz", allow_pickle=False) as file:
-        assert file["angular_velocity"].shape == file["linear_acceleration"].shape == (3, 12)
-
-
 def test_what_ranges_mean(tmp_path: Path) -> None:
     ranges = np.full((7, 12), 5.0)
     ranges[:, 0] = [30.0, 29.999, np.inf, 0.1, 0.0999, 0.001, 0.0]
@@ -108,93 +91,37 @@ def test_what_ranges_mean(tmp_path: Path) -> None:
     assert messages(recording.warnings) == ("Hokuyo20.npz: ranges: 3 ranges in 1 scan left out, NaN or negative",)
 
 
-@pytest.mark.parametrize("dtype", [np.float16, np.float32, np.float64, np.int16, ">f8"])
-def test_ranges_of_any_real_dtype(tmp_path: Path, dtype: Any) -> None:
-    ranges = np.full((7, 12), 5).astype(dtype)
-    lidar = read_ucsd(written(tmp_path, Hokuyo_ranges=ranges)).lidar
-    assert lidar is not None
-    assert (lidar.ranges == 5).all()
-    assert lidar.ranges.dtype == np.float32
-
-
-def test_angles_as_one_element_arrays(tmp_path: Path) -> None:
-    lidar = read_ucsd(written(tmp_path, Hokuyo_angle_min=np.array([[-2.0]]))).lidar
-    assert lidar is not None
-    assert lidar.angle_min == -2.0
-
-
 BAD = [
-    ("Hokuyo_ranges", np.ones((12, 7)), r"Hokuyo20\.npz: ranges: shape \[12, 7\], expected \[beams, 12\]"),
-    ("Hokuyo_ranges", np.ones((0, 12)), r"ranges: shape \[0, 12\], expected \[beams, 12\], none of them 0"),
-    ("Hokuyo_ranges", None, "ranges: missing"),
-    ("Hokuyo_angle_increment", np.float64(0), "angle_increment: 0, expected an angle between beams"),
-    ("Hokuyo_angle_min", np.float64(np.nan), "angle_min: nan, expected a finite number"),
-    ("Hokuyo_angle_min", np.ones(2), r"angle_min: shape \[2\], expected one number"),
-    ("Hokuyo_range_max", np.float64(0.05), r"range_max: 0\.05, expected more than range_min, 0\.1 m"),
-    ("Hokuyo_range_min", np.float64(-1), r"range_min: -1\.0, expected 0 m or more"),
-    ("Hokuyo_angle_increment", np.float64(7.853), r"angle_increment: 7 beams 7\.853 rad apart are 7\.50 turns"),
-    ("Imu_angular_velocity", np.full((3, 12), 1e30), "angular_velocity: 12 of 12 readings beyond 100 rad/s"),
-    ("Encoders_counts", np.full((4, 12), 30_000), "counts: 12 of 12 readings beyond 100 m/s"),
-    ("Hokuyo_range_max", np.float64(np.inf), "range_max: inf, expected a finite number"),
-    ("Hokuyo_time_stamps", np.full(12, np.nan), "time_stamps: nan at reading 0, expected finite seconds"),
-    ("Encoders_time_stamps", np.append(np.arange(11.0), np.inf), "time_stamps: inf at reading 11"),
-    ("Encoders_time_stamps", np.append(1.0, START + np.arange(11)), "time_stamps: jump of"),
-    ("Encoders_time_stamps", np.arange(12) * 1e3 + START * 1e3, "expected seconds below 1e11"),
-    ("Encoders_time_stamps", None, "time_stamps: missing"),
-    ("Encoders_counts", np.full((4, 12), 0.5), "counts: not whole numbers"),
-    ("Encoders_counts", np.full((4, 12), np.nan), "counts: not whole numbers"),
-    ("Encoders_counts", np.full((4, 12), 2**40), "counts: beyond 2"),
-    ("Encoders_counts", np.full((2, 12), 1), r"counts: shape \[2, 12\], expected \[4, 12\]"),
-    ("Encoders_counts", np.full((4, 12), None), "counts: holds pickled objects"),
-    ("Imu_angular_velocity", np.full((3, 12), np.nan), "angular_velocity: NaN or infinite"),
-    ("Imu_angular_velocity", np.ones((12, 3)), r"angular_velocity: shape \[12, 3\], expected \[3, 12\]"),
-    ("Imu_linear_acceleration", None, "linear_acceleration: missing"),
-    ("Kinect_rgb_time_stamps", np.ones((2, 2)), r"rgb_time_stamps: shape \[2, 2\], expected \[c\]"),
-    ("Kinect_disparity_time_stamps", None, "disparity_time_stamps: missing"),
+    ("Hokuyo_ranges", np.ones((12, 7))),
+    ("Hokuyo_ranges", None),
+    ("Hokuyo_angle_increment", np.float64(0)),
+    ("Hokuyo_angle_min", np.float64(np.nan)),
+    ("Hokuyo_range_max", np.float64(0.05)),
+    ("Hokuyo_range_min", np.float64(-1)),
+    ("Hokuyo_angle_increment", np.float64(7.853)),  # more than a turn
+    ("Imu_angular_velocity", np.full((3, 12), 1e30)),
+    ("Encoders_counts", np.full((4, 12), 30_000)),  # beyond 100 m/s
+    ("Encoders_time_stamps", np.append(np.arange(11.0), np.inf)),
+    ("Encoders_counts", np.full((4, 12), 0.5)),
+    ("Encoders_counts", np.full((4, 12), np.nan)),
+    ("Encoders_counts", np.full((4, 12), 2**40)),
+    ("Imu_linear_acceleration", np.full((3, 12), np.nan)),
+    ("Kinect_rgb_time_stamps", np.ones((2, 2))),
 ]
 
 
-@pytest.mark.parametrize(("array", "value", "message"), BAD)
-def test_bad_arrays_are_told_with_file_field_and_expectation(
-    tmp_path: Path, array: str, value: Any, message: str
-) -> None:
-    with pytest.raises(InputError, match=message) as caught:
+@pytest.mark.parametrize(("array", "value"), BAD)
+def test_bad_arrays_are_told_with_file_and_field(tmp_path: Path, array: str, value: Any) -> None:
+    name, _, field = array.partition("_")
+    with pytest.raises(InputError) as caught:
         read_ucsd(written(tmp_path, **{array: value}))
-    assert f"{array.split('_')[0]}20.npz" in str(caught.value)
+    assert (Path(str(caught.value.file)).name, caught.value.field) == (f"{name}20.npz", field)
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize("name", ["Hokuyo", "Encoders", "Imu", "Kinect"])
-@pytest.mark.parametrize("size", [0, 100])
-def test_cut_files_are_refused_by_name(tmp_path: Path, name: str, size: int) -> None:
-    path = written(tmp_path) / f"{name}20.npz"
-    path.write_bytes(path.read_bytes()[:size])
-    with pytest.raises(InputError, match=rf"{name}20\.npz: (is empty|not a whole file)"):
-        read_ucsd(tmp_path)
-
-
-def test_swapped_stamps_are_sorted_and_counted(tmp_path: Path) -> None:
-    stamps = np.arange(12.0)
-    stamps[[3, 4]] = stamps[[4, 3]]
-    recording = read_ucsd(written(tmp_path, Encoders_time_stamps=stamps))
-    original = make_recording().encoders
-    assert recording.encoders is not None
-    assert original is not None
-    np.testing.assert_array_equal(recording.encoders.stamps, np.arange(12.0))
-    np.testing.assert_array_equal(recording.encoders.counts, original.counts[[0, 1, 2, 4, 3, 5, 6, 7, 8, 9, 10, 11]])
-    assert messages(recording.warnings) == (
-        "Encoders20.npz: time_stamps: 1 stamps go back; the readings were sorted by stamp",
-    )
-
-
-def test_equal_stamps_are_distinct_scans_in_file_order(tmp_path: Path) -> None:
-    stamps = np.repeat(np.arange(4.0), 3)
-    lidar = read_ucsd(written(tmp_path, Hokuyo_time_stamps=stamps)).lidar
-    assert lidar is not None
-    original = make_recording().lidar
-    assert original is not None
-    np.testing.assert_array_equal(lidar.ranges, original.ranges)
-    np.testing.assert_array_equal(lidar.stamps, stamps)
+def test_a_file_of_arrays_is_told_to_belong_to_a_folder(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="expected the folder it is in"):
+        open_recording(written(tmp_path) / "Hokuyo20.npz")
 
 
 def test_an_angle_max_that_disagrees_is_told(tmp_path: Path) -> None:
@@ -226,32 +153,14 @@ def test_a_full_turn_of_beams_is_taken(tmp_path: Path) -> None:
         assert read_ucsd(written(tmp_path, Hokuyo_angle_increment=np.float64(increment))).lidar is not None
 
 
-def test_a_file_of_arrays_is_told_to_belong_to_a_folder(tmp_path: Path) -> None:
-    written(tmp_path)
-    np.save(tmp_path / "ranges", np.ones(3))
-    for name in ("Hokuyo20.npz", "ranges.npy"):
-        with pytest.raises(InputError, match=rf"{name}: holds NumPy arrays, expected the folder it is in"):
-            open_recording(tmp_path / name)
-
-
-def test_missing_files_are_missing_streams(tmp_path: Path) -> None:
-    written(tmp_path)
-    for name in ("Hokuyo", "Kinect"):
-        (tmp_path / f"{name}20.npz").unlink()
-    recording = read_ucsd(tmp_path)
-    assert recording.lidar is None
-    assert recording.rgbd is None
-    assert recording.encoders is not None
-
-
 def test_sequences_are_listed_and_chosen(tmp_path: Path) -> None:
     for sequence in (9, 20, 100):
         write_ucsd(tmp_path, make_recording(), sequence=sequence)
     (tmp_path / "Hokuyo.npz").touch()
     assert ucsd_sequences(tmp_path) == ("9", "20", "100")
-    with pytest.raises(InputError, match="several sequences, expected 9, 20 or 100"):
+    with pytest.raises(InputError, match="several sequences, expected one of 9, 20, 100"):
         open_recording(tmp_path)
-    with pytest.raises(InputError, match="no sequence 7, expected 9, 20 or 100"):
+    with pytest.raises(InputError, match="no sequence 7, expected one of 9, 20, 100"):
         open_recording(tmp_path, sequence=7)
     assert open_recording(tmp_path, sequence=100).name.endswith("-100")
     assert open_recording(tmp_path, sequence="9").name.endswith("-9")
@@ -279,15 +188,6 @@ def test_the_platform_comes_from_the_caller_then_the_folder_then_the_format(tmp_
     assert read_ucsd(tmp_path).platform == UCSD.model_copy(update={"wheels": None})
     (tmp_path / "platform.toml").unlink()
     assert read_ucsd(tmp_path).platform == UCSD
-
-
-def test_limits_of_a_platform_that_do_not_fit_the_arrays_are_refused(tmp_path: Path) -> None:
-    recording = make_recording()
-    assert recording.lidar is not None
-    write_ucsd(tmp_path, recording.replace(lidar=replace(recording.lidar, range_max=3.5)), sequence=20)
-    (tmp_path / "over.toml").write_text("[lidar]\nrange_min = 4.0\n")
-    with pytest.raises(InputError, match=r"Hokuyo20\.npz: platform\.lidar\.range_min: 4 m, expected less than"):
-        read_ucsd(tmp_path, platform=tmp_path / "over.toml")
 
 
 def test_a_platform_file_lies_over_what_the_recording_states(tmp_path: Path) -> None:
@@ -397,23 +297,10 @@ def test_counts_beyond_int16_are_written_as_int32(tmp_path: Path) -> None:
     np.testing.assert_array_equal(again.counts, encoders.counts)
 
 
-def test_counts_that_would_not_be_read_are_not_written(tmp_path: Path) -> None:
-    encoders = EncoderStream(np.arange(2.0), np.array([[0, 0, 0, 2**31]] * 2))
-    with pytest.raises(InputError, match="counts: beyond 2"):
-        write_ucsd(tmp_path, Recording("x", UCSD, encoders=encoders), sequence=1)
-
-
 @pytest.mark.parametrize("sequence", ["", "../1", "a b", "1\n"])
 def test_a_sequence_that_is_no_file_name_is_refused(tmp_path: Path, sequence: str) -> None:
     with pytest.raises(ConfigError, match="sequence"):
         write_ucsd(tmp_path, make_recording(), sequence=sequence)
-
-
-def test_writing_into_no_folder_is_refused(tmp_path: Path) -> None:
-    (tmp_path / "file").touch()
-    for folder in (tmp_path / "nowhere", tmp_path / "file"):
-        with pytest.raises(OutputError, match=r"platform\.toml: cannot be written"):
-            write_ucsd(folder, make_recording(), sequence=20)
 
 
 def test_a_full_disk_leaves_nothing_half_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -454,24 +341,6 @@ def test_real_counts_and_gyro_give_the_known_dead_reckoning(
     assert np.abs(travel).sum() == pytest.approx(distance, abs=0.1)
     assert (x, y) == pytest.approx(end, abs=0.1)
     assert np.degrees(theta) == pytest.approx(heading, abs=0.5)
-
-
-def test_every_platform_file_is_read_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    read: list[Path] = []
-
-    def counted(path: Path, what: str) -> Table:
-        read.append(path)
-        return read_toml(path, what)
-
-    monkeypatch.setattr(given_robot, "read_toml", counted)
-    mine = tmp_path / "mine.toml"
-    mine.write_text("[lidar]\nx = 0.2\nrange_max = 20.0\n", encoding="utf-8")
-    (tmp_path / "made").mkdir()
-    recording = read_ucsd(written(tmp_path / "made"), platform=mine)
-    assert recording.platform.lidar.x == 0.2
-    assert recording.lidar is not None
-    assert recording.lidar.range_max == 20.0
-    assert read == [tmp_path / "made" / "platform.toml", mine]
 
 
 def test_a_real_scan_of_the_utm_30lx(data_folder: Path, tmp_path: Path) -> None:

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 from issues import messages
 
-from moteslam.errors import InputError
-from moteslam.robot.formats import FORMATS, open_recording, write_recording
+from moteslam.robot.formats import FORMATS, open_recording
 from moteslam.robot.platforms import UCSD
 from moteslam.robot.recording import (
     EncoderStream,
@@ -59,11 +58,6 @@ def test_a_carmen_log(tmp_path: Path, name: str) -> None:
     assert back.lidar.time_increment == UCSD.lidar.time_increment
 
 
-def test_a_carmen_log_of_what_it_can_hold(tmp_path: Path) -> None:
-    plain = Recording("plain", UCSD, lidar=FULL.lidar, odometry=FULL.odometry)
-    assert written("carmen", tmp_path / "x.log", plain) == ()
-
-
 def test_a_carmen_log_of_wheels_gets_the_poses_that_they_measure(tmp_path: Path) -> None:
     assert FULL.lidar is not None
     write = FORMATS["carmen"].write
@@ -78,14 +72,6 @@ def test_a_carmen_log_of_wheels_gets_the_poses_that_they_measure(tmp_path: Path)
     np.testing.assert_array_equal(back.odometry.poses, wheel_path(wheels))
 
 
-def test_a_carmen_log_of_neither_odometry_nor_wheels_is_refused(tmp_path: Path) -> None:
-    assert FULL.lidar is not None
-    scans = FULL.replace(odometry=None, encoders=None, lidar=replace(FULL.lidar, odometry=None))
-    with pytest.raises(InputError, match=r"no odometry poses, expected them for a CARMEN log"):
-        write_recording(tmp_path / "x.log", scans)
-    assert not list(tmp_path.iterdir())
-
-
 def test_a_ucsd_folder(tmp_path: Path) -> None:
     folder = tmp_path / "new" / "folder"
     assert written("ucsd", folder, FULL) == (
@@ -98,12 +84,6 @@ def test_a_ucsd_folder(tmp_path: Path) -> None:
     assert back.encoders is not None
     assert back.imu is not None
     np.testing.assert_array_equal(back.encoders.counts, np.ones((4, 4)))
-
-
-def test_a_ucsd_folder_of_what_it_can_hold(tmp_path: Path) -> None:
-    assert FULL.lidar is not None
-    plain = FULL.replace(odometry=None, rgbd=None, lidar=replace(FULL.lidar, odometry=None))
-    assert written("ucsd", tmp_path, plain) == ()
 
 
 def test_which_formats_are_written() -> None:

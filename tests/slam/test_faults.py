@@ -116,7 +116,8 @@ def test_without_odometry_the_paper_s_filter_names_the_method_that_does_without(
 
 
 def test_a_result_without_odometry_is_written_and_scored(corridor: Simulation, tmp_path: Path):
-    from moteslam.eval.cli.running import Device, run_into
+    from moteslam.eval.cli.options import SlamOptions
+    from moteslam.eval.cli.running import run_into
 
     recording = without_odometry(corridor.recording)
     lidar = recording.lidar
@@ -125,10 +126,8 @@ def test_a_result_without_odometry_is_written_and_scored(corridor: Simulation, t
         tmp_path,
         recording.replace(lidar=short),
         resolve_config("default", ["particles=5"]),
-        seed=0,
-        device=Device(),
+        SlamOptions(no_figures=True),
         truth=corridor.truth,
-        figures=False,
     )
     assert done.scores is not None
     assert len(done.estimate.trajectory) == 40

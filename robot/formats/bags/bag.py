@@ -1,4 +1,4 @@
-"""A bag: the topics of its file, or of the files of its folder, and their messages in the order they were written."""
+"""A bag: its topics, and what is kept of their messages, in the order they were written."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from array import array
 from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cache
-from itertools import pairwise
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
@@ -14,12 +14,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.errors import InputError
-from moteslam.robot.formats.bags.containers import MAX_MESSAGES
-from moteslam.robot.formats.bags.folder import open_files
+from moteslam.robot.formats.bags.chunks import MAX_CHUNK, damage_in_one_line, unpack
+from moteslam.robot.formats.bags.files import open_files
 from moteslam.robot.issues import Issue
+from moteslam.robot.wording import counted
 
 SECOND = 1_000_000_000
 """Nanoseconds."""
+
+MAX_MESSAGES = 20_000_000
+"""No bag has more: an hour of twenty streams at 250 Hz."""
 
 
 @dataclass(frozen=True)
@@ -36,9 +40,9 @@ class Topic:
 
     name: str
     kind: str
-    digest: str
-    count: int
-    channels: frozenset[tuple[int, int]]
+    digest: str = ""
+    count: int = 0
+    channels: frozenset[tuple[int, int]] = frozenset()
 
 
 @dataclass(eq=False)
@@ -49,14 +53,14 @@ class Table:
         topic: of them.
         take: gives the numbers that are kept of a message, ``width`` of them; raises a ValueError for a broken one.
         stamps: [n] of the headers [ns]; received: [n] when they came [ns]; order: [n] their number in the bag.
-        places: [n * 3] where they lie; numbers: [n * width]; marks: [n] checksums; frames: [n] indices of ``names``.
+        places: [n * 4] where they lie; numbers: [n * width]; marks: [n] checksums; frames: [n] indices of ``names``.
         child: the child frame of an odometry.
         broken: how many were.
     """
 
     topic: Topic
-    take: Callable[[Any], tuple[float, ...]]
-    width: int
+    take: Callable[[Any], tuple[float, ...]] = lambda _: ()
+    width: int = 0
     stamps: array[int] = field(default_factory=lambda: array("q"))
     received: array[int] = field(default_factory=lambda: array("q"))
     order: array[int] = field(default_factory=lambda: array("q"))
@@ -71,37 +75,40 @@ class Table:
     @property
     def values(self) -> NDArray[np.float64]:
         """The numbers [n, width] of the messages."""
-        return np.array(self.numbers).reshape(-1, self.width) if self.width else np.empty((len(self.stamps), 0))
+        return np.array(self.numbers).reshape(len(self.stamps), self.width)
 
     def frame(self, index: int = 0) -> str:
         """The frame of a message's header."""
         return list(self.names)[self.frames[index]] if len(self.frames) else ""
 
+    def places_of(self, rows: NDArray[np.intp]) -> NDArray[np.int64]:
+        """Where some messages [k] lie [k, 4]."""
+        return np.array(self.places, np.int64).reshape(-1, 4)[rows]
+
 
 class Bag:
-    """A bag; messages are read from its files whenever they are asked for.
-
-    Raises:
-        InputError: no bag, or one that is damaged.
-    """
+    """A bag; messages are read from its files whenever they are asked for."""
 
     def __init__(self, path: Path) -> None:
         self.path, self.issues = path, list[Issue]()
-        self._containers = open_files(path, self.issues)
-        if len({container.ros1 for container in self._containers}) > 1:
-            raise InputError("files of ROS 1 and of ROS 2, expected one of them", file=path)
-        self.ros1 = self._containers[0].ros1
-        parts: dict[tuple[str, str, str], list[tuple[int, int, int]]] = {}
-        for number, container in enumerate(self._containers):
-            if container.damage:
-                text = f"{container.path.name}: {container.damage}; what can be read is used"
+        self._files = open_files(path, self, self.issues)
+        channels = [each for file in self._files for each in file.channels.values()]
+        encodings = {each.encoding for each in channels} & {"cdr", "ros1"}
+        if len(encodings) > 1:
+            raise InputError("messages of ROS 1 and of ROS 2, expected one of them", file=path)
+        self.ros1 = encodings == {"ros1"}
+        parts: dict[tuple[str, str, str], list[tuple[int, int]]] = {}
+        for number, file in enumerate(self._files):
+            if file.damage:
+                text = f"{file.path.name}: {file.damage}; what can be read is used"
                 self.issues.append(Issue("damaged-bag", text))
-            for channel in container.channels:
-                name = channel.topic if channel.topic.startswith("/") else f"/{channel.topic}"
-                key = (name[:4096], channel.kind[:4096], channel.digest)
-                parts.setdefault(key, []).append((number, channel.number, channel.total))
+            for own, channel in file.channels.items():
+                if channel.encoding in encodings:
+                    name = "/" + "/".join(part for part in channel.topic[:4096].split("/") if part)
+                    parts.setdefault((name, channel.kind[:4096], channel.digest), []).append((number, own))
+        totals = [file.totals() for file in self._files]
         self.topics = [
-            Topic(*key, sum(part[2] for part in found), frozenset(part[:2] for part in found))
+            Topic(*key, sum(totals[number].get(own, 0) for number, own in found), frozenset(found))
             for key, found in parts.items()
         ]
         if (total := sum(topic.count for topic in self.topics)) > MAX_MESSAGES:
@@ -109,37 +116,31 @@ class Bag:
 
     def of_kind(self, *kinds: str) -> list[Topic]:
         """The topics of these types that have messages and are read here, those with most first, then by name."""
-        found = [topic for topic in self.topics if topic.kind in kinds and topic.count and self.is_readable(topic)]
+        found = [topic for topic in self.topics if topic.kind in kinds and topic.count and is_readable(topic)]
         return sorted(found, key=lambda topic: (-topic.count, topic.name))
 
-    def is_readable(self, topic: Topic) -> bool:
-        """Whether a topic's messages are of the definition that is read here, as far as the bag says."""
-        return topic.digest in ("", "*") or topic.digest == _digest(topic.kind)
-
-    def sweep(self, topics: Collection[Topic]) -> Iterator[tuple[Topic, int, tuple[int, int, int], bytes]]:
+    def sweep(self, topics: Collection[Topic]) -> Iterator[tuple[Topic, int, tuple[int, int, int, int], bytes]]:
         """The messages of some topics: when they were received [ns], where they lie, and their bytes."""
-        owner = {channel: topic for topic in topics for channel in topic.channels}
-        for number, container in enumerate(self._containers):
-            known = {channel[1]: topic for channel, topic in owner.items() if channel[0] == number}
-            if known:
-                for channel, received, place, data in container.messages(known.keys()):
-                    yield known[channel], received, (number, *place), data
+        for number, file in enumerate(self._files):
+            known = {own: topic for topic in topics for at, own in topic.channels if at == number}
+            for channel, received, place, data in file.messages(known.keys()) if known else ():
+                yield known[channel], received, (number, *place), self._plain(number, data)
 
     def payloads(self, places: NDArray[np.int64]) -> Iterator[bytes]:
-        """The messages at some places [n, 3]."""
-        edges = [0, *(np.flatnonzero(np.diff(places[:, 0])) + 1).tolist(), len(places)]
-        for first, last in pairwise(edges):
-            if first < last:
-                container = self._containers[int(places[first, 0])]
-                yield from container.payloads([(row[1], row[2]) for row in places[first:last].tolist()])
+        """The messages at some places [n, 4]."""
+        for number, found in groupby(places.tolist(), key=lambda place: place[0]):
+            for data in self._files[number].payloads([(*place,) for _, *place in found]):
+                yield self._plain(number, data)
+
+    def _plain(self, number: int, data: bytes) -> bytes:
+        if not self._files[number].packed:
+            return data
+        with damage_in_one_line(self._files[number].path):
+            return unpack(data, "zstd", MAX_CHUNK)
 
     def decode(self, topic: Topic, data: bytes) -> Any:
-        """A message.
-
-        Raises:
-            ValueError: it is not what its type says.
-        """
-        return decoder(ros1=self.ros1)(data, topic.kind)
+        """A message; a ValueError where it is not what its type says."""
+        return _decoder(ros1=self.ros1)(data, topic.kind)
 
     def fill(self, tables: Mapping[Topic, Table], others: Mapping[Topic, Callable[[Any, int], None]]) -> int:
         """Go through the bag once: every message of a table's topic is a row, those of the others are handed on.
@@ -147,8 +148,8 @@ class Bag:
         Returns:
             how many of the others' are broken.
         """
-        broken = 0
-        decode = decoder(ros1=self.ros1)
+        broken, order = 0, -1
+        decode = _decoder(ros1=self.ros1)
         for order, (topic, received, place, data) in enumerate(self.sweep([*tables, *others])):
             table = tables.get(topic)
             try:
@@ -174,6 +175,11 @@ class Bag:
             table.numbers.extend(numbers)
             table.marks.append(hash(data[4:4096]))  # behind what numbers the messages in ROS 1
             table.frames.append(frame)
+        if (lost := sum(topic.count for topic in (*tables, *others)) - order - 1) > 0:
+            text = (
+                f"{self.path.name}: {counted(lost, 'message')} of its index cannot be found; what can be read is used"
+            )
+            self.issues.append(Issue("damaged-bag", text, lost))
         return broken
 
 
@@ -184,8 +190,7 @@ def frame_name(name: str) -> str:
 
 def full_name(kind: str) -> str:
     """The type's name as ROS 2 has it."""
-    package, _, name = kind.partition("/")
-    return f"{package}/msg/{name}"
+    return kind.replace("/", "/msg/", 1)
 
 
 @cache
@@ -201,25 +206,20 @@ def store(*, ros1: bool) -> Any:
 
 
 @cache
-def _digest(kind: str) -> str | None:
-    known = store(ros1=True)
-    return known.generate_msgdef(full_name(kind))[1] if full_name(kind) in known.types else None
+def is_readable(topic: Topic) -> bool:
+    """Whether a topic's messages are of the definition that is read here, as far as the bag says."""
+    known, name = store(ros1=True), full_name(topic.kind)
+    return topic.digest in ("", "*") or (name in known.types and topic.digest == known.generate_msgdef(name)[1])
 
 
 @cache
-def decoder(*, ros1: bool) -> Callable[[bytes, str], Any]:
-    """What makes a message of bytes and its type.
-
-    A message that is not what its type says is a ValueError, whatever rosbags stumbles over.
-    """
-    made = store(ros1=ros1)
-    read = made.deserialize_ros1 if ros1 else made.deserialize_cdr
-    names: dict[str, str] = {}
+def _decoder(*, ros1: bool) -> Callable[[bytes, str], Any]:
+    """What makes a message of bytes and its type, and a ValueError of whatever rosbags stumbles over."""
+    read = store(ros1=ros1).deserialize_ros1 if ros1 else store(ros1=ros1).deserialize_cdr
 
     def decode(data: bytes, kind: str) -> Any:
-        name = names.get(kind) or names.setdefault(kind, full_name(kind))
         try:
-            return read(data, name)
+            return read(data, full_name(kind))
         except Exception as error:
             raise ValueError(" ".join(str(error).split())[:200] or "cut short") from error
 

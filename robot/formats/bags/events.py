@@ -24,11 +24,11 @@ from moteslam.robot.formats.bags.images import CAMERA_INFO, COMPRESSED_IMAGE
 from moteslam.robot.formats.bags.manifest import KIND as MANIFEST_KIND
 from moteslam.robot.formats.bags.manifest import TOPIC as MANIFEST_TOPIC
 from moteslam.robot.formats.bags.manifest import manifest_of
-from moteslam.robot.formats.bags.motion import GRAVITY, IMU, JOINT_STATE, JOINTS, ODOMETRY, joint_angles
+from moteslam.robot.formats.bags.motion import GRAVITY, IMU, JOINT_STATE, ODOMETRY, angle_of_count
 from moteslam.robot.formats.bags.scans import LASER_SCAN
 from moteslam.robot.formats.bags.times import nanoseconds
-from moteslam.robot.formats.ucsd_rgbd import read_disparity, read_rgb
-from moteslam.robot.formats.written_odometry import WrittenOdometry
+from moteslam.robot.formats.ucsd_images import read_disparity, read_rgb
+from moteslam.robot.formats.written import WrittenOdometry
 from moteslam.robot.frames import has_images
 from moteslam.robot.kinect import (
     CENTRE,
@@ -52,21 +52,17 @@ _RGB_FRAME, _DEPTH_FRAME = "camera_rgb_optical_frame", "camera_depth_optical_fra
 _FORMATS = {RGB: "rgb8; png compressed bgr8", DEPTH: "16UC1; png compressed"}
 _FARTHEST = 65.535
 
+JOINTS = ("front_right_wheel_joint", "front_left_wheel_joint", "rear_right_wheel_joint", "rear_left_wheel_joint")
+"""As written, in the order of an `EncoderStream`."""
+
 Values = dict[str, Any]
-"""A message: numbers, texts, arrays, tables of these and lists of tables, by the names of its fields."""
+"""A message: numbers, texts, arrays, tables of these and lists of tables, by the names of its fields; the others are 0
+or empty."""
 
 
 @dataclass(frozen=True, eq=False)
 class Event:
-    """A message at its time.
-
-    Attributes:
-        time: [ns], of its header.
-        topic: with a leading slash.
-        kind: the type, ``sensor_msgs/LaserScan``.
-        values: what is in it.
-        latched: whether those who come later get it as well.
-    """
+    """A message of a topic and type at the time of its header [ns]; a latched one reaches those who come later."""
 
     time: int
     topic: str
@@ -76,16 +72,7 @@ class Event:
 
 
 def events_of(recording: Recording, written: WrittenOdometry, missing: list[int]) -> Iterator[Event]:
-    """The messages of a recording by their times; of equal ones what others rely on comes first.
-
-    Args:
-        recording: to write.
-        written: its odometry.
-        missing: the indices of images that are missing or unreadable are added.
-
-    Raises:
-        InputError: no readings.
-    """
+    """The messages of a recording by their times; indices of images that cannot be read are added to ``missing``."""
     lidar, imu, encoders, odometry = recording.lidar, recording.imu, recording.encoders, written.stream
     stamps = [stream.stamps for stream in (odometry, lidar, imu, encoders) if stream is not None and len(stream)]
     if not stamps:
@@ -94,7 +81,7 @@ def events_of(recording: Recording, written: WrittenOdometry, missing: list[int]
     mount, camera, wheels = recording.platform.lidar, recording.platform.camera, recording.platform.wheels
     standing = [transform(begin, BASE, LASER, (mount.x, mount.y, mount.z), turned(mount.yaw))]
     standing += [] if camera is None else camera_transforms(begin, camera)
-    manifest = {"data": manifest_of(recording, with_odometry=written.is_stream)}
+    manifest = {"data": manifest_of(recording, with_odometry=not written.is_computed)}
     once = [
         Event(begin, MANIFEST_TOPIC, MANIFEST_KIND, manifest, latched=True),
         Event(begin, "/tf_static", TRANSFORMS[0], {"transforms": standing}, latched=True),
@@ -106,7 +93,8 @@ def events_of(recording: Recording, written: WrittenOdometry, missing: list[int]
     if odometry is not None:
         streams += [_odometry(odometry), _transforms(odometry)]
     if encoders is not None and wheels is not None:
-        streams.append(_wheels(nanoseconds(encoders.stamps).tolist(), joint_angles(encoders.counts, wheels)))
+        angles = np.cumsum(encoders.counts, axis=0).astype(np.float64) * angle_of_count(wheels)
+        streams.append(_wheels(nanoseconds(encoders.stamps).tolist(), angles))
     if imu is not None:
         streams.append(_imu(imu))
     if lidar is not None:
@@ -143,7 +131,6 @@ def turned(yaw: float) -> Values:
 
 
 def _odometry(odometry: OdometryStream) -> Iterator[Event]:
-    nothing = np.zeros(36)
     rates = twists(odometry.stamps, odometry.poses)
     times = nanoseconds(odometry.stamps).tolist()
     for time, (x, y, yaw), (forward, left, turn) in zip(times, odometry.poses.tolist(), rates.tolist(), strict=True):
@@ -152,8 +139,8 @@ def _odometry(odometry: OdometryStream) -> Iterator[Event]:
         values = {
             "header": header(time, ODOM),
             "child_frame_id": BASE,
-            "pose": {"pose": pose, "covariance": nothing},
-            "twist": {"twist": twist, "covariance": nothing},
+            "pose": {"pose": pose},
+            "twist": {"twist": twist},
         }
         yield Event(time, "/odom", ODOMETRY, values)
 
@@ -183,15 +170,13 @@ def twists(stamps: NDArray[np.float64], poses: se2.Poses) -> NDArray[np.float64]
 
 
 def _wheels(times: list[int], angles: NDArray[np.float64]) -> Iterator[Event]:
-    nothing = np.empty(0)
     for time, row in zip(times, angles, strict=True):
         values = {"header": header(time, ""), "name": list(JOINTS), "position": row}
-        yield Event(time, "/joint_states", JOINT_STATE, {**values, "velocity": nothing, "effort": nothing})
+        yield Event(time, "/joint_states", JOINT_STATE, values)
 
 
 def _imu(imu: ImuStream) -> Iterator[Event]:
-    nothing, unknown = np.zeros(9), np.zeros(9)
-    unknown[0] = -1.0  # no orientation is measured: sensor_msgs/Imu
+    unknown = np.array([-1.0, *[0.0] * 8])  # no orientation is measured: sensor_msgs/Imu
     rates, pushes = imu.angular_velocity.tolist(), (imu.linear_acceleration_g * GRAVITY).tolist()
     for time, angular, linear in zip(nanoseconds(imu.stamps).tolist(), rates, pushes, strict=True):
         values = {
@@ -199,15 +184,13 @@ def _imu(imu: ImuStream) -> Iterator[Event]:
             "orientation": turned(0.0),
             "orientation_covariance": unknown,
             "angular_velocity": vector(*angular),
-            "angular_velocity_covariance": nothing,
             "linear_acceleration": vector(*linear),
-            "linear_acceleration_covariance": nothing,
         }
         yield Event(time, "/imu", IMU, values)
 
 
 def _scans(lidar: LidarStream) -> Iterator[Event]:
-    times, nothing = nanoseconds(lidar.stamps), np.empty(0, np.float32)
+    times = nanoseconds(lidar.stamps)
     figures = {
         "angle_min": lidar.angle_min,
         "angle_max": lidar.angle_min + (lidar.ranges.shape[1] - 1) * lidar.angle_increment,
@@ -220,12 +203,12 @@ def _scans(lidar: LidarStream) -> Iterator[Event]:
     for first in range(0, len(lidar), CHUNK):
         rows: NDArray[np.float32] = lidar.ranges[first : first + CHUNK]
         for time, ranges in zip(times[first : first + CHUNK].tolist(), rows, strict=True):
-            values = {"header": header(time, LASER), **figures, "ranges": ranges, "intensities": nothing}
+            values = {"header": header(time, LASER), **figures, "ranges": ranges}
             yield Event(time, "/scan", LASER_SCAN, values)
 
 
 def image_events(stream: RgbdStream, missing: list[int]) -> list[Iterator[Event]]:
-    """The messages of the colour and of the depth images: packed as PNG, each with the CameraInfo of the Kinect."""
+    """The colour and the depth images, packed as PNG, each with the CameraInfo of the Kinect."""
 
     def images(stamps: NDArray[np.float64], camera: str, frame: str) -> Iterator[Event]:
         for index, time in enumerate(nanoseconds(stamps).tolist()):
@@ -283,6 +266,5 @@ def _camera_info(camera: str) -> Values:
     matrix = np.array((focal, 0, column, 0, focal, row, 0, 0, 1))
     projection = np.array((focal, 0, column, 0, 0, focal, row, 0, 0, 0, 1, 0))
     matrices = {"d": np.zeros(5), "k": matrix, "r": np.eye(3).ravel(), "p": projection}
-    region = {"x_offset": 0, "y_offset": 0, "height": 0, "width": 0, "do_rectify": False}
-    figures = {"height": HEIGHT, "width": WIDTH, "distortion_model": "plumb_bob", "binning_x": 0, "binning_y": 0}
-    return {**figures, **matrices, **{name.upper(): value for name, value in matrices.items()}, "roi": region}
+    figures = {"height": HEIGHT, "width": WIDTH, "distortion_model": "plumb_bob"}
+    return {**figures, **matrices, **{name.upper(): value for name, value in matrices.items()}}

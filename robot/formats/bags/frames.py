@@ -12,11 +12,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from moteslam.errors import InputError
 from moteslam.robot.formats.bags.bag import SECOND, Table, Topic, frame_name
-from moteslam.robot.formats.bounds import MAX_PLACE
+from moteslam.robot.formats.streams import MAX_PLACE
 from moteslam.robot.issues import Issue
 from moteslam.robot.se2 import wrap
 
@@ -65,13 +65,11 @@ class Frames:
 
     Attributes:
         odometry: by parent ``odom*`` and child, its transforms, seven numbers each.
-        broken: transforms that are no poses.
     """
 
     def __init__(self) -> None:
         self._edges: dict[tuple[str, str], _Edge] = {}
         self.odometry: dict[tuple[str, str], Table] = {}
-        self.broken = 0
 
     def add(self, message: Any, order: int, *, topic: Topic) -> None:
         """A message of a topic, ``tf_static`` or another."""
@@ -86,8 +84,8 @@ class Frames:
                     return
                 edge = self._edges[frames] = _Edge(pose, static)
                 if frames[0].rpartition("/")[2].startswith("odom"):
-                    topic_of = Topic(f"/tf {frames[0]} to {frames[1]}", topic.kind, "", 0, frozenset())
-                    self.odometry[frames] = Table(topic_of, lambda _: (), 7)
+                    topic_of = Topic(f"/tf {frames[0]} to {frames[1]}", topic.kind)
+                    self.odometry[frames] = Table(topic_of, width=7)
             edge.count, edge.latest = edge.count + 1, order
             if pose != edge.pose:
                 apart = max(abs(a - b) for a, b in zip(pose, edge.pose, strict=True))
@@ -108,9 +106,9 @@ class Frames:
         """The robot's frame, by its usual names; with a prefix where there are no others."""
         names = dict.fromkeys(name for pair in self._edges for name in pair)
         for base in BASES:
-            if found := [name for name in names if name == base] or [
-                name for name in names if name.endswith(f"/{base}")
-            ]:
+            if base in names:
+                return base
+            if found := [name for name in names if name.endswith(f"/{base}")]:
                 return found[0] if len(found) == 1 else None
         return None
 
@@ -153,18 +151,7 @@ class Frames:
 
 
 def lidar_mount(path: Path, topic: str, frame: str, frames: Frames, base: str | None, issues: list[Issue]) -> Mount:
-    """The mount of the lidar whose scans are in a frame; the robot's centre where no transforms lead there.
-
-    Args:
-        path, topic: of the scans, for messages.
-        frame: of the scans.
-        frames: of the bag.
-        base: the robot's frame, where it is known.
-        issues: what is not as it should be is added.
-
-    Raises:
-        InputError: tilted by more than 15 degrees, from upright and from upside down.
-    """
+    """The mount of the lidar whose scans are in a frame; the robot's centre where no transforms lead there."""
     placed = frames.place(frame, base) if base is not None else None
     if placed is None:
         names = base or " or ".join(BASES)
@@ -192,15 +179,15 @@ def lidar_mount(path: Path, topic: str, frame: str, frames: Frames, base: str | 
     return Mount(x, y, z, round(yaw, _DIGITS), upside_down=up < 0)
 
 
-def _matrix(pose: ArrayLike) -> Matrix:
+def _matrix(pose: tuple[float, ...]) -> Matrix:
     """The pose [4, 4] of x, y, z and a quaternion x, y, z, w of any length but 0."""
-    values = np.asarray(pose, np.float64)
-    x, y, z, w = values[3:] / np.linalg.norm(values[3:])
+    place, turn = np.array(pose[:3]), np.array(pose[3:])
+    x, y, z, w = turn / np.linalg.norm(turn)
     matrix = np.eye(4)
     matrix[:3, :3] = (
         (1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)),
         (2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)),
         (2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)),
     )
-    matrix[:3, 3] = values[:3]
+    matrix[:3, 3] = place
     return matrix

@@ -7,6 +7,7 @@ read; of others they would be laid on the wrong floor. Depths (REP 118) become t
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -27,7 +28,6 @@ IMAGE, COMPRESSED_IMAGE, CAMERA_INFO = "sensor_msgs/Image", "sensor_msgs/Compres
 
 TOLERANCE = 4.0
 """Pixels by which a camera may see a corner of the image elsewhere than the Kinect does."""
-
 _COLOURS = {"rgb8": (3, (0, 1, 2)), "bgr8": (3, (2, 1, 0)), "rgba8": (4, (0, 1, 2)), "bgra8": (4, (2, 1, 0))}
 """Bytes a pixel, and which of them are red, green and blue, by encoding."""
 _DEPTHS = {"16UC1": ("u2", 0.001), "mono16": ("u2", 0.001), "32FC1": ("f4", 1.0)}
@@ -43,7 +43,7 @@ class BagImages:
     Attributes:
         bag: to read from.
         colour, depth: the topics.
-        colour_places, depth_places: [m, 3], [n, 3] where the image of each stamp lies.
+        colour_places, depth_places: [m, 4], [n, 4] where the image of each stamp lies.
     """
 
     bag: Bag
@@ -53,29 +53,21 @@ class BagImages:
     depth_places: NDArray[np.int64]
 
     def rgb(self, index: int) -> NDArray[np.uint8]:
-        """The colour image [480, 640, 3] of a stamp.
-
-        Raises:
-            InputError: it is damaged, or of another size or kind.
-        """
-        image: NDArray[np.uint8] = self._image(self.colour, self.colour_places, index, _colour_image)
-        return image
+        """The colour image [480, 640, 3] of a stamp."""
+        return self._image(self.colour, self.colour_places, index, _colour_image)
 
     def disparity(self, index: int) -> NDArray[np.uint16]:
         """The raw disparities [480, 640] of a stamp; raises as `rgb`."""
         return disparity_of(self._image(self.depth, self.depth_places, index, _depth_image))
 
-    def _image(self, topic: Topic, places: NDArray[np.int64], index: int, decode: Any) -> Any:
+    def _image(
+        self, topic: Topic, places: NDArray[np.int64], index: int, decode: Callable[[Any], NDArray[Any]]
+    ) -> NDArray[Any]:
         (data,) = self.bag.payloads(places[index : index + 1])
         try:
-            return decode(self.bag.decode(topic, data), topic.kind)
+            return decode(self.bag.decode(topic, data))
         except ValueError as error:
             raise InputError(f"image {index}: {error}", file=self.bag.path, field=topic.name) from error
-
-
-def image_table(topic: Topic) -> Table:
-    """Of images: their stamps."""
-    return Table(topic, lambda _: (), 0)
 
 
 def image_topics(bag: Bag, named: dict[str, Topic], issues: list[Issue]) -> tuple[Topic, Topic] | None:
@@ -84,48 +76,67 @@ def image_topics(bag: Bag, named: dict[str, Topic], issues: list[Issue]) -> tupl
     Images that are not read are an issue, with the reason.
     """
     topics = bag.of_kind(COMPRESSED_IMAGE, IMAGE)
-    infos = {info.name: info for info in bag.of_kind(CAMERA_INFO)}
-    firsts = _firsts(bag, [*topics, *infos.values()]) if topics else {}
+    if not topics:
+        return None
+    infos = bag.of_kind(CAMERA_INFO)
+    firsts: dict[str, Any] = {}
+    for topic, _, _, data in bag.sweep([*topics, *infos]):
+        if topic.name not in firsts:
+            try:
+                firsts[topic.name] = bag.decode(topic, data)
+            except ValueError as error:
+                firsts[topic.name] = str(error)
+            if len(firsts) == len(topics) + len(infos):
+                break
     found: dict[str, Topic] = {}
-    reasons = []
+    left = []
     for topic in topics:
-        kind, problem = _kind_of(topic, infos, firsts)
-        if problem is not None:
-            reasons.append(f"{topic.name} ({problem})")
+        image, parent = firsts.get(topic.name, "no message"), topic.name.rpartition("/")[0]
+        # beside the image, or beside the one that it is packed of
+        beside = (firsts.get(f"{above}/camera_info") for above in (parent, parent.rpartition("/")[0]))
+        kind, problem = _kind_of(image, next((info for info in beside if info is not None), "none beside it"))
+        if problem:
+            left.append(f"{topic.name} ({problem})")
         elif topic == named.get(kind, topic):
             found.setdefault(kind, topic)
     if len(found) == 2:
         return found["rgb"], found["depth"]
-    if topics:
-        alone = [f"{one.name} (no {'depth' if kind == 'rgb' else 'colour'} beside it)" for kind, one in found.items()]
-        text = f"{bag.path.name}: images left out: {', '.join((reasons + alone)[:4]) or topics[0].name}"
-        issues.append(Issue("images-left", text, len(topics)))
+    left += [f"{one.name} (no {'depth' if kind == 'rgb' else 'colour'} beside it)" for kind, one in found.items()]
+    text = f"{bag.path.name}: images left out: {', '.join(left[:4]) or topics[0].name}"
+    issues.append(Issue("images-left", text, len(topics)))
     return None
 
 
-def _firsts(bag: Bag, topics: list[Topic]) -> dict[Topic, Any]:
-    """The first message of each topic, or why it is none."""
-    found: dict[Topic, Any] = {}
-    for topic, _, _, data in bag.sweep(topics):
-        if topic not in found:
-            try:
-                found[topic] = bag.decode(topic, data)
-            except ValueError as error:
-                found[topic] = str(error)
-            if len(found) == len(topics):
-                break
-    return found
+def _kind_of(image: Any, info: Any) -> tuple[str, str]:
+    """Whether an image is ``rgb`` or ``depth``, and why it cannot be read; texts say why there is no message."""
+    if isinstance(image, str):
+        return "", image
+    text = str(image.format if hasattr(image, "format") else image.encoding)
+    if hasattr(image, "encoding") and text not in _COLOURS and text not in _DEPTHS:
+        return "", f"encoding {text[:20]!r}"
+    kind = "depth" if any(word in text for word in ("compressedDepth", *_DEPTHS)) else "rgb"
+    if isinstance(info, str):
+        return kind, f"CameraInfo: {info}"
+    if (info.height, info.width) != (HEIGHT, WIDTH):
+        return kind, f"{info.height} x {info.width} pixels, expected {HEIGHT} x {WIDTH}"
+    matrix = np.asarray(info.K if hasattr(info, "K") else info.k, np.float64)
+    focal, centre = (RGB_FOCAL, RGB_CENTRE) if kind == "rgb" else (FOCAL, CENTRE)
+    shifts = [  # of the rays through the Kinect's corners in this camera's image [pixels]
+        matrix[2 + 3 * axis] + matrix[4 * axis] / focal * (corner - centre[axis]) - corner
+        for axis, size in ((0, WIDTH), (1, HEIGHT))
+        for corner in (0, size - 1)
+    ]
+    off = float(np.abs(shifts).max())
+    if not off <= TOLERANCE:
+        return kind, f"its corners lie {off:.0f} pixels from the Kinect's, expected at most {TOLERANCE:g}"
+    return kind, ""
 
 
 def rgbd_stream(bag: Bag, tables: tuple[Table, Table], times: Times) -> RgbdStream:
-    """The frames of colour and depth images.
-
-    Raises:
-        InputError: too many broken messages, or absurd stamps.
-    """
+    """The frames of colour and depth images."""
     (colour, rgb), (depth, disparity) = (times.used(table) for table in tables)
-    places = [np.array(table.places).reshape(-1, 3) for table in tables]
-    images = BagImages(bag, tables[0].topic, tables[1].topic, places[0][colour], places[1][depth])
+    topics = tables[0].topic, tables[1].topic
+    images = BagImages(bag, *topics, tables[0].places_of(colour), tables[1].places_of(depth))
     return RgbdStream(rgb, disparity, images=images)
 
 
@@ -139,64 +150,24 @@ def camera_mount(table: Table, frames: Frames, base: str | None) -> CameraSpec |
     return CameraSpec(x=x, y=y, z=z, roll=roll, pitch=pitch, yaw=yaw)
 
 
-def _kind_of(topic: Topic, infos: dict[str, Topic], firsts: dict[Topic, Any]) -> tuple[str, str | None]:
-    """Whether a topic's images are ``rgb`` or ``depth``, ``""`` if neither; and why they cannot be read, or None."""
-    image = firsts.get(topic, "no message")
-    if isinstance(image, str):
-        return "", image
-    text = str(image.format if topic.kind == COMPRESSED_IMAGE else image.encoding)
-    if topic.kind == IMAGE and text not in _COLOURS and text not in _DEPTHS:
-        return "", f"encoding {text[:20]!r}"
-    kind = "depth" if any(word in text for word in ("compressedDepth", *_DEPTHS)) else "rgb"
-    above = [
-        topic.name.rsplit("/", level)[0] + "/camera_info" for level in (1, 2)
-    ]  # beside it, or what it is packed of
-    info = next((firsts.get(infos[name], "") for name in above if name in infos), None)
-    if info is None:
-        return kind, "no CameraInfo beside it"
-    if isinstance(info, str):
-        return kind, f"CameraInfo {info}"
-    if (info.height, info.width) != (HEIGHT, WIDTH):
-        return kind, f"{info.height} x {info.width} pixels, expected {HEIGHT} x {WIDTH}"
-    matrix = np.asarray(info.K if hasattr(info, "K") else info.k, np.float64)
-    off = _off(matrix, *((RGB_FOCAL, RGB_CENTRE) if kind == "rgb" else (FOCAL, CENTRE)))
-    if not off <= TOLERANCE:
-        return kind, f"its corners lie {off:.0f} pixels from the Kinect's, expected at most {TOLERANCE:g}"
-    return kind, None
-
-
-def _off(matrix: NDArray[np.float64], focal: float, centre: tuple[float, float]) -> float:
-    """How far from the Kinect's corners the rays through these lie in another camera's image [pixels]."""
-    scale = (matrix[0] / focal, matrix[4] / focal)
-    shifts = [
-        matrix[2 + 3 * axis] + scale[axis] * (corner - centre[axis]) - corner
-        for axis, size in ((0, WIDTH), (1, HEIGHT))
-        for corner in (0, size - 1)
-    ]
-    return float(np.abs(shifts).max())
-
-
-def _colour_image(image: Any, kind: str) -> NDArray[np.uint8]:
+def _colour_image(image: Any) -> NDArray[np.uint8]:
     import cv2
 
-    if kind == COMPRESSED_IMAGE:
+    if hasattr(image, "format"):
         return np.ascontiguousarray(_decoded(image.data.tobytes(), cv2.IMREAD_COLOR)[..., ::-1])
     if image.encoding not in _COLOURS:
         raise ValueError(f"encoding {image.encoding[:20]!r}, expected colours")
     size, order = _COLOURS[image.encoding]
-    rows = _raw_rows(image, size)
-    return np.ascontiguousarray(rows[:, : WIDTH * size].reshape(HEIGHT, WIDTH, size)[..., order])
+    return np.ascontiguousarray(_pixels(image, size).reshape(HEIGHT, WIDTH, size)[..., order])
 
 
-def _depth_image(image: Any, kind: str) -> NDArray[np.float64]:
+def _depth_image(image: Any) -> NDArray[np.float64]:
     """Depths [480, 640] [m]; 0 or NaN where nothing was seen."""
     import cv2
 
-    if kind == COMPRESSED_IMAGE:
-        content = image.data.tobytes()
-        pixels = _decoded(
-            content[_DEPTH_HEADER:] if "compressedDepth" in image.format else content, cv2.IMREAD_UNCHANGED
-        )
+    if hasattr(image, "format"):
+        header = _DEPTH_HEADER if "compressedDepth" in image.format else 0
+        pixels = _decoded(image.data.tobytes()[header:], cv2.IMREAD_UNCHANGED)
         if pixels.dtype != np.uint16 or pixels.ndim != 2:
             raise ValueError("no depths of 16 bits")
         return pixels * 0.001
@@ -204,28 +175,21 @@ def _depth_image(image: Any, kind: str) -> NDArray[np.float64]:
         raise ValueError(f"encoding {image.encoding[:20]!r}, expected depths")
     name, unit = _DEPTHS[image.encoding]
     dtype = np.dtype(f"{'>' if image.is_bigendian else '<'}{name}")
-    rows = _raw_rows(image, dtype.itemsize)
-    return np.ascontiguousarray(rows[:, : WIDTH * dtype.itemsize]).view(dtype).astype(np.float64) * unit
+    return _pixels(image, dtype.itemsize).view(dtype).astype(np.float64) * unit
 
 
-def _raw_rows(image: Any, size: int) -> NDArray[np.uint8]:
-    """The bytes [480, step] of an Image, ``size`` of them a pixel."""
-    if (
-        (image.height, image.width) != (HEIGHT, WIDTH)
-        or image.step < WIDTH * size
-        or len(image.data) < image.step * HEIGHT
-    ):
-        raise ValueError(f"{image.height} x {image.width} pixels, expected {HEIGHT} x {WIDTH}")
-    rows: NDArray[np.uint8] = image.data[: image.step * HEIGHT].reshape(HEIGHT, image.step)
-    return rows
+def _pixels(image: Any, size: int) -> NDArray[np.uint8]:
+    """The bytes [480, 640 * size] of an Image of ``size`` bytes a pixel."""
+    height, width, step = image.height, image.width, image.step
+    if (height, width) != (HEIGHT, WIDTH) or step < WIDTH * size or len(image.data) < step * HEIGHT:
+        raise ValueError(f"{height} x {width} pixels, expected {HEIGHT} x {WIDTH}")
+    return np.ascontiguousarray(image.data[: step * HEIGHT].reshape(HEIGHT, step)[:, : WIDTH * size])
 
 
 def _decoded(content: bytes, how: int) -> NDArray[Any]:
-    if not content.startswith((PNG, b"\xff\xd8")):
-        raise ValueError("neither PNG nor JPEG")
-    size = picture_size(content)
+    size = picture_size(content) if content.startswith((PNG, b"\xff\xd8")) else None
     if size != (WIDTH, HEIGHT):  # before any memory is taken for it
-        raise ValueError(f"{size or 'no'} pixels, expected {HEIGHT} x {WIDTH}")
+        raise ValueError(f"no PNG or JPEG of {HEIGHT} x {WIDTH} pixels")
     image = decode_picture(content, how)
     if image is None:
         raise ValueError("cut short or damaged")

@@ -21,9 +21,9 @@ from numpy.typing import NDArray
 from moteslam.errors import InputError
 from moteslam.robot.formats.bags.bag import Bag, Table, Topic
 from moteslam.robot.formats.bags.frames import Mount
-from moteslam.robot.formats.bags.scans import SAMPLE, Fan, Rows, Scans, lay
-from moteslam.robot.formats.bags.times import Times
-from moteslam.robot.formats.no_return import SICK_REACH
+from moteslam.robot.formats.bags.scans import SAMPLE, Ranges, Scans, lay
+from moteslam.robot.formats.bags.times import Rows, Times
+from moteslam.robot.formats.streams import SICK_REACH, Fan
 from moteslam.robot.specs import MAX_BEAMS
 from moteslam.robot.stamps import nearest_stamp
 
@@ -42,13 +42,9 @@ _SAME = 5e-5
 
 
 def cloud_scans(bag: Bag, table: Table, times: Times) -> Scans:
-    """The scans of a topic of clouds.
-
-    Raises:
-        InputError: clouds that are not planar, whose directions are not regular, or that are broken; or absurd stamps.
-    """
+    """The scans of a topic of clouds."""
     kept, stamps = times.used(table)
-    places = np.array(table.places).reshape(-1, 3)[kept]
+    places = table.places_of(kept)
 
     def points_of(data: bytes) -> NDArray[np.float64]:
         try:
@@ -60,7 +56,7 @@ def cloud_scans(bag: Bag, table: Table, times: Times) -> Scans:
     sample = np.unique(np.linspace(0, len(kept) - 1, min(SAMPLE, len(kept))).astype(np.intp))
     fan = _fan(bag.path, table.topic, np.concatenate([points_of(data) for data in bag.payloads(places[sample])]))
 
-    def load(indices: NDArray[np.intp]) -> Rows:
+    def load(indices: Rows) -> Ranges:
         rows = np.full((len(indices), fan.beams), np.nan, np.float32)
         for row, data in zip(rows, bag.payloads(places[indices]), strict=True):
             x, y, _ = points_of(data).T
@@ -77,26 +73,19 @@ def _points(cloud: Any) -> NDArray[np.float64]:
     if row_step < width * step or len(cloud.data) < row_step * height:
         raise ValueError("fewer points than it declares")
     rows = cloud.data[: row_step * height].reshape(height, row_step)[:, : width * step].reshape(height * width, step)
-    fields = {field.name: field for field in cloud.fields}
-    columns = []
-    for name in ("x", "y", "z"):
-        kind = {7: "f4", 8: "f8"}.get(fields[name].datatype) if name in fields else None  # sensor_msgs/PointField
-        if kind is None:
-            raise ValueError(f"no {name} of a floating kind")
-        dtype, offset = np.dtype(f"{'>' if cloud.is_bigendian else '<'}{kind}"), fields[name].offset
-        if offset + dtype.itemsize > step:
-            raise ValueError("coordinates beyond a point's end")
-        column = np.ascontiguousarray(rows[:, offset : offset + dtype.itemsize])
-        columns.append(column.view(dtype)[:, 0].astype(np.float64))
-    return np.column_stack(columns)
+    kinds = {7: "f4", 8: "f8"}  # sensor_msgs/PointField
+    fields = {field.name: field for field in cloud.fields if field.datatype in kinds}
+    if not {"x", "y", "z"} <= fields.keys():
+        raise ValueError("no x, y and z of a floating kind")
+    order, places = ">" if cloud.is_bigendian else "<", [fields[name] for name in "xyz"]
+    formats, offsets = [order + kinds[place.datatype] for place in places], [place.offset for place in places]
+    dtype = np.dtype({"names": ["x", "y", "z"], "formats": formats, "offsets": offsets, "itemsize": step})
+    points = np.ascontiguousarray(rows).reshape(-1).view(dtype)
+    return np.column_stack([points[name].astype(np.float64) for name in "xyz"])
 
 
 def _fan(path: Path, topic: Topic, points: NDArray[np.float64]) -> Fan:
-    """The fan of the points [n, 3] of some clouds.
-
-    Raises:
-        InputError: they have none; one line says why.
-    """
+    """The fan of the points [n, 3] of some clouds."""
     points = points[np.hypot(points[:, 0], points[:, 1]) > _NEAREST]
     if len(points) < 2:
         raise InputError("no points in its clouds, expected those of a planar lidar", file=path, field=topic.name)
@@ -121,7 +110,7 @@ def _fan(path: Path, topic: Topic, points: NDArray[np.float64]) -> Fan:
     if regular < _ON_STEPS or beams > MAX_BEAMS:
         problem = f"directions of {1 - regular:.0%} of the points between beams, expected a regular fan"
         raise InputError(problem, file=path, field=topic.name)
-    return Fan(min(beams, around), float(angles[0]), increment, 0.0, SICK_REACH)
+    return Fan(float(angles[0]), increment, 0.0, SICK_REACH, min(beams, around))
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,20 +120,16 @@ class _Part:
     scans: Scans
     fan: Fan
     mount: Mount
-    nearest: NDArray[np.intp]
+    nearest: Rows
 
 
 def merged_scans(path: Path, lidars: list[Scans], mounts: list[Mount]) -> Scans:
-    """The scans of two or more lidars as one fan about the robot's centre; the first sets the stamps.
-
-    Raises:
-        InputError: two of them stand at one place looking the same way, as lidars without transforms seem to.
-    """
+    """The scans of two or more lidars as one fan about the robot's centre; the first sets the stamps."""
     first = lidars[0]
     fans = [one.fan.flipped() if mount.upside_down else one.fan for one, mount in zip(lidars, mounts, strict=True)]
     beams = min(MAX_BEAMS, round(2 * np.pi / min(abs(fan.angle_increment) for fan in fans)))
     reach = max(fan.range_max + float(np.hypot(mount.x, mount.y)) for fan, mount in zip(fans, mounts, strict=True))
-    whole = Fan(beams, -np.pi + np.pi / beams, 2 * np.pi / beams, 0.0, reach)
+    whole = Fan(-np.pi + np.pi / beams, 2 * np.pi / beams, 0.0, reach, beams)
     if len(set(mounts)) < len(mounts):
         names = ", ".join(scans.topic for scans in lidars)
         problem = (
@@ -156,7 +141,7 @@ def merged_scans(path: Path, lidars: list[Scans], mounts: list[Mount]) -> Scans:
         for scans, fan, mount in zip(lidars, fans, mounts, strict=True)
     ]
 
-    def load(indices: NDArray[np.intp]) -> Rows:
+    def load(indices: Rows) -> Ranges:
         rows = np.full((len(indices), beams), np.nan, np.float32)
         for part in parts:
             _join(rows, part, indices, whole)
@@ -171,7 +156,7 @@ def _nearest(stamps: NDArray[np.float64], others: NDArray[np.float64]) -> NDArra
     return np.where(np.abs(others[found] - stamps) <= GAP * period, found, -1)
 
 
-def _join(rows: Rows, part: _Part, indices: NDArray[np.intp], whole: Fan) -> None:
+def _join(rows: Ranges, part: _Part, indices: Rows, whole: Fan) -> None:
     """Lay the scans of a lidar into the rows [k, beams] of the whole fan; what is nearer stays."""
     there = part.nearest[indices]
     used = np.flatnonzero(there >= 0)

@@ -16,7 +16,7 @@ from moteslam.robot import se2
 from moteslam.robot.formats.bags.bag import Table, Topic
 from moteslam.robot.formats.bags.frames import BASES, Frames
 from moteslam.robot.formats.bags.times import Times
-from moteslam.robot.formats.bounds import MAX_PLACE, SLACK, plausible_counts, plausible_rates
+from moteslam.robot.formats.streams import MAX_PLACE, SLACK, keep_plausible, plausible_counts, plausible_rates
 from moteslam.robot.issues import Issue
 from moteslam.robot.platform import Wheels
 from moteslam.robot.recording import EncoderStream, ImuStream, OdometryStream
@@ -26,9 +26,6 @@ ODOMETRY, IMU, JOINT_STATE = "nav_msgs/Odometry", "sensor_msgs/Imu", "sensor_msg
 
 GRAVITY = 9.80665
 """Standard gravity [m/s^2]."""
-
-JOINTS = ("front_right_wheel_joint", "front_left_wheel_joint", "rear_right_wheel_joint", "rear_left_wheel_joint")
-"""As written, in the order of an `EncoderStream`."""
 
 MAX_ANGLE = 1e9
 """No wheel has turned further [rad]: some 30 000 km."""
@@ -47,12 +44,8 @@ _SIDES, _REAR = ("right", "left"), ("rear", "back", "hind")
 _LEVEL = 1e-6
 
 
-def odometry_table(topic: Topic) -> Table:
-    """Of odometry: positions and quaternions."""
-    return Table(topic, _pose, 7)
-
-
-def _pose(message: Any) -> tuple[float, ...]:
+def pose_of(message: Any) -> tuple[float, ...]:
+    """Position and quaternion of an odometry message."""
     place, turn = message.pose.pose.position, message.pose.pose.orientation
     pose = (place.x, place.y, place.z, turn.x, turn.y, turn.z, turn.w)
     if not all(abs(value) <= MAX_PLACE for value in pose):
@@ -60,12 +53,8 @@ def _pose(message: Any) -> tuple[float, ...]:
     return pose
 
 
-def imu_table(topic: Topic) -> Table:
-    """Of inertial readings: rates and accelerations."""
-    return Table(topic, _rates, 6)
-
-
-def _rates(message: Any) -> tuple[float, ...]:
+def rates_of(message: Any) -> tuple[float, ...]:
+    """Rates and accelerations of an inertial message."""
     turn, push = message.angular_velocity, message.linear_acceleration
     values = (turn.x, turn.y, turn.z, push.x, push.y, push.z)
     if not all(map(math.isfinite, values)):
@@ -76,14 +65,9 @@ def _rates(message: Any) -> tuple[float, ...]:
 def choose_odometry(
     path: Path, tables: Sequence[Table], lidar: tuple[str, str], frames: Frames, issues: list[Issue]
 ) -> Table | None:
-    """The odometry of a bag where none is named: of the lidar's robot, and never where the robot truly was.
+    """The odometry where none is named: of the robot of the lidar's topic and frame, never where it truly was.
 
-    Args:
-        path: of the bag.
-        tables: of all its odometry, those with most messages first.
-        lidar: the topic and frame of the scans.
-        frames: of the bag.
-        issues: what is left aside is added.
+    ``tables`` are of all odometry of the bag, those with most messages first.
     """
     topic, frame = lidar
 
@@ -97,13 +81,9 @@ def choose_odometry(
         return apart and not (table.child in BASES and any(frames.place(frame, base) for base in BASES))
 
     def rank(table: Table) -> tuple[bool, bool, bool, int]:
-        carried = frames.place(frame, table.child) is not None
-        return (
-            carried,
-            beside(table.topic.name, topic),
-            table.frame().rpartition("/")[2].startswith("odom"),
-            len(table.stamps),
-        )
+        is_odom = table.frame().rpartition("/")[2].startswith("odom")
+        carries = frames.place(frame, table.child) is not None
+        return carries, beside(table.topic.name, topic), is_odom, len(table.stamps)
 
     truth = [table for table in tables if is_truth(table)]
     others = [table for table in tables if table not in truth and is_other_robots(table)]
@@ -116,10 +96,9 @@ def choose_odometry(
         text = f"{path.name}: {names}: of a robot that does not carry the lidar's frame {frame}; left aside"
         issues.append(Issue("other-robot", text, len(others)))
     candidates = [table for table in tables if table not in truth and table not in others]
-    if not candidates:
-        return None
-    best = max(candidates, key=rank)
-    left_aside(path, "odometry", best.topic, [table.topic for table in candidates if table is not best], issues)
+    best = max(candidates, key=rank, default=None)
+    if best is not None:
+        left_aside(path, "odometry", best.topic, [table.topic for table in candidates if table is not best], issues)
     return best
 
 
@@ -130,11 +109,7 @@ def beside(topic: str, lidar: str) -> bool:
 
 
 def odometry_stream(path: Path, table: Table, times: Times, issues: list[Issue]) -> OdometryStream | None:
-    """The odometry of messages or transforms, projected to the plane; None where it says no headings at all.
-
-    Raises:
-        InputError: too many broken messages, or absurd stamps.
-    """
+    """The odometry of messages or transforms, projected to the plane; None where it says no headings at all."""
     values, name = table.values, f"{path.name}: {table.topic.name}"
     kept, stamps = times.used(table, np.asarray((np.abs(values) <= MAX_PLACE).all(axis=1)))
     places, turns = values[kept, :2], values[kept, 3:]
@@ -194,11 +169,7 @@ def _path_headings(places: NDArray[np.float64]) -> NDArray[np.float64] | None:
 def imu_stream(
     path: Path, table: Table, times: Times, frames: Frames, base: str | None, issues: list[Issue]
 ) -> ImuStream:
-    """The inertial readings in the robot's axes, as far as transforms say how the sensor is turned.
-
-    Raises:
-        InputError: too many broken messages, or absurd stamps.
-    """
+    """The inertial readings in the robot's axes, as far as transforms say how the sensor is turned."""
     values = table.values
     kept, stamps = times.used(table, plausible_rates(values[:, :3]))
     angular, linear = values[kept, :3], values[kept, 3:] / GRAVITY
@@ -229,32 +200,20 @@ class Joints:
     """
 
     def __init__(self) -> None:
-        self._columns: dict[tuple[str, ...], tuple[int, ...] | None] = {}
+        self._columns: dict[tuple[str, ...], list[int]] = {}
 
     def __call__(self, message: Any) -> tuple[float, ...]:
         """The angles of the four wheels in a message; a ValueError where it has none."""
         names = tuple(message.name)
         if names not in self._columns and len(self._columns) < 100:
-            self._columns[names] = self._wheels(names)
+            self._columns[names] = _wheel_columns(names)
         columns = self._columns.get(names)
-        if columns is None or len(message.position) != len(names):
+        if not columns or len(message.position) != len(names):
             raise ValueError("no wheels")
         angles = tuple(float(message.position[column]) for column in columns)
         if not all(abs(angle) <= MAX_ANGLE for angle in angles):
             raise ValueError("no angles")
         return angles
-
-    @staticmethod
-    def _wheels(names: tuple[str, ...]) -> tuple[int, ...] | None:
-        """Which joints are the front right, front left, rear right, rear left wheel; None where there are none."""
-        columns: dict[tuple[str, bool], int] = {}
-        for index, name in enumerate(map(str.lower, names)):
-            for side in _SIDES:
-                if side in name and ("wheel" in name or len(names) <= 4):
-                    columns.setdefault((side, any(word in name for word in _REAR)), index)
-        order = [(side, rear) for rear in (False, True) for side in _SIDES]
-        found = [columns.get((side, rear), columns.get((side, not rear))) for side, rear in order]
-        return None if None in found else tuple(index for index in found if index is not None)
 
     def encoder_stream(
         self, path: Path, table: Table, times: Times, wheels: Wheels, issues: list[Issue]
@@ -263,33 +222,33 @@ class Joints:
 
         The first reading counts from 0 where the wheels had travelled less than 1 m by then, else it counts nothing:
         joints go on from where they stood. No motion is before the first reading in either case.
-
-        Raises:
-            InputError: no joints that are wheels, too many broken messages, or absurd stamps.
         """
+        name = table.topic.name
         if not len(table.stamps):
-            names = ", ".join(name[:40] for name in next(iter(self._columns), ())[:8]) or "none"
+            names = ", ".join(joint[:40] for joint in next(iter(self._columns), ())[:8]) or "none"
             problem = f"joints {names}, expected angles of wheels with left and right in their names"
-            raise InputError(problem, file=path, field=table.topic.name)
+            raise InputError(problem, file=path, field=name)
         kept, stamps = times.used(table)
         totals = np.rint(table.values[kept] / angle_of_count(wheels)).astype(np.int64)
         counts = np.diff(totals, axis=0, prepend=0)
         if np.abs(counts[0]).max() * wheels.metres_per_count > SLACK:
             counts[0] = 0
-        good = plausible_counts(stamps, counts, wheels.metres_per_count)
-        if dropped := int((~good).sum()):
-            text = f"{dropped} of {counted(len(good), 'reading')} beyond 100 m/s"
-            if dropped > max(3, len(good) // 10):
-                raise InputError(f"{text}, expected wheels of a robot", file=path, field=table.topic.name)
-            issues.append(Issue("implausible-readings", f"{path.name}: {table.topic.name}: {text} dropped", dropped))
-        return EncoderStream(stamps[good], counts[good])
+        plausible = plausible_counts(stamps, counts, wheels.metres_per_count)
+        return EncoderStream(*keep_plausible(path, name, plausible, "beyond 100 m/s", issues, stamps, counts))
+
+
+def _wheel_columns(names: tuple[str, ...]) -> list[int]:
+    """Which joints are the front right, front left, rear right, rear left wheel; none where one is not there."""
+    columns: dict[tuple[str, bool], int] = {}
+    for index, name in enumerate(map(str.lower, names)):
+        for side in _SIDES:
+            if side in name and ("wheel" in name or len(names) <= 4):
+                columns.setdefault((side, any(word in name for word in _REAR)), index)
+    order = [(side, rear) for rear in (False, True) for side in _SIDES]
+    found = [columns.get((side, rear), columns.get((side, not rear))) for side, rear in order]
+    return [] if None in found else [index for index in found if index is not None]
 
 
 def angle_of_count(wheels: Wheels) -> float:
     """The angle that a wheel turns for one count [rad]."""
     return wheels.metres_per_count / (wheels.diameter / 2)
-
-
-def joint_angles(counts: NDArray[np.int64], wheels: Wheels) -> NDArray[np.float64]:
-    """The angles [n, 4] [rad] of wheels that stood at 0 before the first of the counts [n, 4]."""
-    return np.cumsum(counts, axis=0).astype(np.float64) * angle_of_count(wheels)

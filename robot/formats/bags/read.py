@@ -2,27 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from functools import partial
 from os import PathLike
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from moteslam.errors import InputError
-from moteslam.robot.formats.bags.bag import Bag, Table, Topic
+from moteslam.robot.formats import Robot, Topics
+from moteslam.robot.formats.bags.bag import Bag, Table, Topic, is_readable
 from moteslam.robot.formats.bags.frames import TRANSFORMS, Frames, Mount, lidar_mount
-from moteslam.robot.formats.bags.images import (
-    COMPRESSED_IMAGE,
-    IMAGE,
-    camera_mount,
-    image_table,
-    image_topics,
-    rgbd_stream,
-)
+from moteslam.robot.formats.bags.images import COMPRESSED_IMAGE, IMAGE, camera_mount, image_topics, rgbd_stream
 from moteslam.robot.formats.bags.lidars import cloud_scans, merged_scans
 from moteslam.robot.formats.bags.manifest import read_manifest
 from moteslam.robot.formats.bags.motion import (
@@ -33,15 +26,14 @@ from moteslam.robot.formats.bags.motion import (
     beside,
     choose_odometry,
     imu_stream,
-    imu_table,
     left_aside,
     odometry_stream,
-    odometry_table,
+    pose_of,
+    rates_of,
 )
-from moteslam.robot.formats.bags.scans import LASER_SCAN, MULTI_ECHO, Fan, Scans, laser_scans, scan_table
+from moteslam.robot.formats.bags.scans import LASER_SCAN, MULTI_ECHO, Scans, figures_of, laser_scans
 from moteslam.robot.formats.bags.times import Times
-from moteslam.robot.formats.bounds import check_figures
-from moteslam.robot.formats.format import Robot, Topics
+from moteslam.robot.formats.streams import check_figures
 from moteslam.robot.given_robot import GivenRobot
 from moteslam.robot.issues import Issue
 from moteslam.robot.platform import Platform
@@ -80,28 +72,15 @@ def read_bag(
 ) -> Recording:
     """Read a ROS bag: a ROS 1 ``.bag``, a ROS 2 folder, or a single ``.db3`` or ``.mcap`` file.
 
-    Only headers are read here: ranges and images are read from the bag again whenever they are asked for.
-
-    Args:
-        path: of the file or folder.
-        sequence: which session, from 1 on, where the clock was set in between; the longest if None.
-        platform: the robot, or a ``platform.toml`` whose keys override what the bag's transforms give; a table
-            ``[lidars."/topic"]`` in it gives the mount of one of several lidars.
-        topics: by stream, the topics to read it from; several lidars are merged into one fan. By their types where a
-            stream is left out; a stream of no topics is not read.
-
-    Returns:
-        a recording with the streams that the bag has; ``warnings`` lists what was dropped, repaired or left aside.
-
-    Raises:
-        InputError: no bag, a damaged one, no stream in it, a topic that is not there, or messages that are broken.
-        ConfigError: a ``platform.toml`` that is none.
+    Only headers are read here: ranges and images are read from the bag again whenever they are asked for. A table
+    ``[lidars."/topic"]`` in the file of a platform gives the mount of one of several lidars. A stream of no topics is
+    not read; one that ``topics`` leaves out is read by its types.
     """
     bag = Bag(Path(path))
     issues = bag.issues
     known = {*TRANSFORMS, *(kind for kinds in KINDS.values() for kind in kinds)}
     for topic in bag.topics:
-        if topic.kind in known and topic.count and not bag.is_readable(topic):
+        if topic.kind in known and topic.count and not is_readable(topic):
             text = f"{topic.name}: {topic.kind} by another definition than the usual one, left aside"
             issues.append(Issue("other-definition", f"{bag.path.name}: {text}", topic.count))
     return _Reading(bag, GivenRobot.read(platform), topics or {}, sequence).recording()
@@ -123,44 +102,45 @@ class _Reading:
         named = {stream: self._named(stream, names) for stream, names in topics.items() if names}
         left = {stream for stream, names in topics.items() if not names}
         self.manifest = read_manifest(bag)
-        computed = self.manifest is not None and "odometry" not in self.manifest.streams
+        written = self.manifest.streams if self.manifest is not None else ()
+        is_computed = self.manifest is not None and "odometry" not in written
 
         def candidates(stream: str) -> list[Topic]:
             return [] if stream in left else named.get(stream) or bag.of_kind(*KINDS[stream])
 
-        if strange := [
-            topic for topic in self.mounts if topic not in {one.name for one in bag.of_kind(*KINDS["lidar"])}
-        ]:
+        known = {topic.name for topic in bag.of_kind(*KINDS["lidar"])}
+        if strange := [topic for topic in self.mounts if topic not in known]:
             raise InputError(f"no lidar {strange[0]!r}", file=self.given.file, field="lidars")
         lidars = named.get("lidar") or ([] if "lidar" in left else self._best_lidar())
-        self.lidars = [image_table(topic) if topic.kind == POINT_CLOUD else scan_table(topic) for topic in lidars]
-        odometry = [] if computed and "odometry" not in named else candidates("odometry")[:MAX_CANDIDATES]
-        imus = sorted(candidates("imu"), key=lambda topic: not beside(topic.name, lidars[0].name if lidars else ""))
+        self.lidars = [Table(one) if one.kind == POINT_CLOUD else Table(one, figures_of, 7) for one in lidars]
+        topic = lidars[0].name if lidars else ""
+        imus = sorted(candidates("imu"), key=lambda one: not beside(one.name, topic))
         if imus:
             left_aside(bag.path, "imu", imus[0], [] if "imu" in named else imus[1:], self.issues)
-        written = self.manifest is not None and "encoders" in self.manifest.streams and "encoders" not in left
-        joints = named.get("encoders") or (bag.of_kind(JOINT_STATE)[:1] if written else [])
+        self.imu = Table(imus[0], rates_of, 6) if imus else None
+        joints = candidates("encoders")[:1] if "encoders" in named or "encoders" in written else []
         self.joints = Joints()
+        self.encoders = Table(joints[0], self.joints, 4) if joints else None
         single = {stream: found[0] for stream, found in named.items() if stream != "lidar"}
         images = None if {"rgb", "depth"} & left else image_topics(bag, single, self.issues)
-        self.images = None if images is None else (image_table(images[0]), image_table(images[1]))
-        self.imu = imu_table(imus[0]) if imus else None
-        self.encoders = Table(joints[0], self.joints, 4) if joints else None
-        odometries = [odometry_table(topic) for topic in odometry]
+        self.images = None if images is None else (Table(images[0]), Table(images[1]))
+        odometry = [] if is_computed and "odometry" not in named else candidates("odometry")[:MAX_CANDIDATES]
+        odometries = [Table(one, pose_of, 7) for one in odometry]
         self.frames = Frames()
-        tables = [*self.lidars, *odometries, self.imu, self.encoders, *(self.images or ())]
-        self._fill([table for table in tables if table is not None], lidars)
+        self._fill([*self._tables(None), *odometries], topic)
         frame = self.lidars[0].frame() if self.lidars else ""
         self.odometry: Table | None = odometries[0] if "odometry" in named else None
-        if "odometry" not in named:
-            about = (lidars[0].name if lidars else "", frame)
-            self.odometry = choose_odometry(bag.path, odometries, about, self.frames, self.issues)
+        if self.odometry is None:
+            self.odometry = choose_odometry(bag.path, odometries, (topic, frame), self.frames, self.issues)
         edge = self.frames.odometry_under(frame)
         self.base = (self.odometry.child if self.odometry else "") or (edge[0] if edge else self.frames.base())
-        if self.odometry is None and edge is not None and not computed and "odometry" not in left:
+        if self.odometry is None and edge is not None and not is_computed and "odometry" not in left:
             self.odometry = edge[1]
-        tables = [*self.lidars, self.odometry, self.imu, self.encoders, *(self.images or ())]
-        self.times = Times(bag.path, [table for table in tables if table is not None], session, self.issues)
+        self.times = Times(bag.path, self._tables(self.odometry), session, self.issues)
+
+    def _tables(self, odometry: Table | None) -> list[Table]:
+        tables = [*self.lidars, odometry, self.imu, self.encoders, *(self.images or ())]
+        return [table for table in tables if table is not None]
 
     def _named(self, stream: str, names: tuple[str, ...]) -> list[Topic]:
         names, field = (names,) if isinstance(names, str) else tuple(names), f"topics.{stream}"
@@ -186,17 +166,17 @@ class _Reading:
         left_aside(self.bag.path, "scans", best, [topic for topic in topics if topic is not best], self.issues)
         return [best]
 
-    def _fill(self, tables: list[Table], lidars: list[Topic]) -> None:
+    def _fill(self, tables: list[Table], lidar: str) -> None:
         """Go through the bag: of several robots' transforms those in the lidar's namespace, and those in none."""
+
+        def space(topic: str) -> list[str]:
+            return topic.split("/")[1:-1][:1]
+
         transforms = self.bag.of_kind(*TRANSFORMS)
-        space = lidars[0].name.split("/")[1:-1][:1] if lidars else []
-        if space and any(topic.name.split("/")[1:-1][:1] == space for topic in transforms):
-            transforms = [topic for topic in transforms if topic.name.split("/")[1:-1][:1] in (space, [])]
-        others: dict[Topic, Callable[[Any, int], None]] = {
-            topic: partial(self.frames.add, topic=topic) for topic in transforms
-        }
-        broken = self.bag.fill({table.topic: table for table in tables}, others)
-        if broken:
+        if space(lidar) and any(space(topic.name) == space(lidar) for topic in transforms):
+            transforms = [topic for topic in transforms if space(topic.name) in (space(lidar), [])]
+        others = {topic: partial(self.frames.add, topic=topic) for topic in transforms}
+        if broken := self.bag.fill({table.topic: table for table in tables}, others):
             text = f"{self.bag.path.name}: transforms: {counted(broken, 'broken message')} dropped"
             self.issues.append(Issue("broken-messages", text, broken))
 
@@ -212,9 +192,8 @@ class _Reading:
             odometry = odometry_stream(path, self.odometry, times, issues)
         if self.imu is not None and times.has(self.imu):
             imu = imu_stream(path, self.imu, times, self.frames, self.base, issues)
-        if self.encoders is not None and times.has(
-            self.encoders
-        ):  # by the wheels that they were written by, else by those that are given
+        if self.encoders is not None and times.has(self.encoders):
+            # by the wheels that they were written by, else by those that are given
             wheels = robot.wheels if self.manifest is None else self.manifest.platform.wheels
             if wheels is None:
                 problem = "joints of wheels, expected a platform with [wheels] to count them by"
@@ -279,20 +258,11 @@ class _Reading:
 
     def _lidar(self, scans: Scans, mount: Mount, robot: Platform) -> LidarStream:
         fan = self.manifest.sharpened(scans.fan) if self.manifest is not None else scans.fan
-        fan, given = fan.flipped() if mount.upside_down else fan, self.given.lidar_figures
-        names = ("angle_min", "angle_increment", "range_min", "range_max")
-        fan = Fan(**{**vars(fan), **{name: given[name] for name in names if name in given}})
-        check_figures(fan.beams, fan.angle_increment, fan.range_min, fan.range_max, file=self.bag.path)
+        fan = (fan.flipped() if mount.upside_down else fan).over(self.given.lidar_figures)
+        check_figures(fan.beams, fan, file=self.bag.path)
 
         def load(first: int, last: int) -> NDArray[np.float32]:
             return scans.cleaned(np.arange(first, last), fan)
 
-        return LidarStream(
-            stamps=scans.stamps,
-            ranges=ChunkedRanges(load, len(scans.stamps), fan.beams),
-            angle_min=fan.angle_min,
-            angle_increment=fan.angle_increment,
-            range_min=fan.range_min,
-            range_max=fan.range_max,
-            time_increment=robot.lidar.time_increment,
-        )
+        ranges = ChunkedRanges(load, len(scans.stamps), fan.beams)
+        return LidarStream(scans.stamps, ranges, *fan[:4], robot.lidar.time_increment)

@@ -16,11 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.errors import InputError
-from moteslam.robot.formats.bags.bag import Bag, Table, Topic
-from moteslam.robot.formats.bags.times import Times
-from moteslam.robot.formats.bounds import check_fan
-from moteslam.robot.formats.no_return import no_return_limit
-from moteslam.robot.formats.ranges import clean_ranges
+from moteslam.robot.formats.bags.bag import Bag, Table
+from moteslam.robot.formats.bags.times import Rows, Times
+from moteslam.robot.formats.stamps import Stamps
+from moteslam.robot.formats.streams import Fan, check_fan, clean_ranges, no_return_limit
 from moteslam.robot.issues import Issue
 from moteslam.robot.specs import MAX_BEAMS
 from moteslam.robot.wording import counted
@@ -29,50 +28,15 @@ LASER_SCAN, MULTI_ECHO = "sensor_msgs/LaserScan", "sensor_msgs/MultiEchoLaserSca
 
 SAMPLE = 64
 """Scans, spread over the bag, that are looked at for the limit where the messages state none."""
-
 MAX_STEP = 0.01
 """Between two beams [s]: no lidar is slower."""
-
 FINER = 4
 """Of scans with beams of their own each, the common fan has this many beams for one of theirs: an endpoint lies up to
 an eighth of their step beside its beam."""
 
-Rows = NDArray[np.float32]
-
-
-@dataclass(frozen=True)
-class Fan:
-    """What the scans of a topic have in common.
-
-    Attributes:
-        beams: ranges in a scan.
-        angle_min: of the first beam, in the lidar's frame [rad].
-        angle_increment: between beams [rad].
-        range_min, range_max: what the sensor can measure [m].
-        time_increment: between beams [s]; 0 where it is not known.
-    """
-
-    beams: int
-    angle_min: float
-    angle_increment: float
-    range_min: float
-    range_max: float
-    time_increment: float = 0.0
-
-    @property
-    def angles(self) -> NDArray[np.float64]:
-        """Of the beams [beams] [rad]."""
-        return self.angle_min + self.angle_increment * np.arange(self.beams, dtype=np.float64)
-
-    def flipped(self) -> Fan:
-        """The fan seen from the other side: of a lidar that hangs upside down."""
-        return replace(self, angle_min=-self.angle_min, angle_increment=-self.angle_increment)
-
-    def reversed(self) -> Fan:
-        """The fan with its last beam first."""
-        last = self.angle_min + (self.beams - 1) * self.angle_increment
-        step, time = -self.angle_increment, -self.time_increment
-        return replace(self, angle_min=last, angle_increment=step, time_increment=time)
+Ranges = NDArray[np.float32]
+Figures = NDArray[np.float64]
+"""Of scans [n, 7]: first and last angle, steps of angle and time, limits, number of beams."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,25 +53,19 @@ class Scans:
 
     topic: str
     frame: str
-    stamps: NDArray[np.float64]
+    stamps: Stamps
     fan: Fan
-    load: Callable[[NDArray[np.intp]], Rows]
+    load: Callable[[Rows], Ranges]
 
-    def cleaned(self, indices: NDArray[np.intp], fan: Fan) -> Rows:
+    def cleaned(self, indices: Rows, fan: Fan) -> Ranges:
         """The ranges [k, beams] of some scans: endpoints within a fan's limits, ``inf`` and ``nan``."""
-        ranges, _ = clean_ranges(
-            self.load(indices), fan.range_min, fan.range_max, file=Path(self.topic), field="ranges"
-        )
+        ranges = clean_ranges(self.load(indices), fan, [], "")
         ranges[ranges == 0] = np.nan
         return ranges
 
 
-def scan_table(topic: Topic) -> Table:
-    """Of scans: first and last angle, steps of angle and time, limits, number of beams."""
-    return Table(topic, _figures, 7)
-
-
-def _figures(message: Any) -> tuple[float, ...]:
+def figures_of(message: Any) -> tuple[float, ...]:
+    """The figures of a scan, see `Figures`."""
     angles = (message.angle_min, message.angle_max, message.angle_increment)
     if not all(map(math.isfinite, angles)) or len(message.ranges) > MAX_BEAMS:
         raise ValueError("no angles")
@@ -115,139 +73,113 @@ def _figures(message: Any) -> tuple[float, ...]:
 
 
 def laser_scans(bag: Bag, table: Table, times: Times, issues: list[Issue]) -> Scans:
-    """The scans of a topic, each with its angles, on the fan that most of them have or on a finer one.
-
-    Raises:
-        InputError: too many broken messages, absurd stamps, no beams, or figures of no lidar.
-    """
-    name = f"{bag.path.name}: {table.topic.name}"
-    figures = table.values
+    """The scans of a topic, each with its angles, on the fan that most of them have or on a finer one."""
+    name, topic = f"{bag.path.name}: {table.topic.name}", table.topic.name
     kept, stamps = times.used(table)
-    beams = figures[kept, 6].astype(np.int64)
-    if empty := int((beams == 0).sum()):
-        issues.append(Issue("empty-scans", f"{name}: {counted(empty, 'scan')} without ranges left aside", empty))
-        kept, stamps, beams = kept[beams > 0], stamps[beams > 0], beams[beams > 0]
+    figures = table.values[kept]
+
+    def keep_and_tell(code: str, good: NDArray[np.bool_], what: str) -> None:
+        nonlocal kept, stamps, figures
+        if left := int((~good).sum()):
+            issues.append(Issue(code, f"{name}: {counted(left, 'scan')} {what} left aside", left))
+            kept, stamps, figures = kept[good], stamps[good], figures[good]
+
+    keep_and_tell("empty-scans", figures[:, 6] > 0, "without ranges")
     if not len(kept):
-        raise InputError("scans without ranges, expected some", file=bag.path, field=table.topic.name)
-    figures = figures[kept]
-    alike, fan = _common_fan(bag.path, table.topic, figures, beams, issues)
+        raise InputError("scans without ranges, expected some", file=bag.path, field=topic)
+    alike, fan = _common_fan(bag.path, topic, figures, issues)
     frame = table.frame(int(kept[int(np.argmax(alike))]))
-    can_be = alike | _can_be(figures, beams)
-    if absurd := int((~can_be).sum()):
-        issues.append(
-            Issue("other-scans", f"{name}: {counted(absurd, 'scan')} of angles of no lidar left aside", absurd)
-        )
-        kept, stamps, beams = kept[can_be], stamps[can_be], beams[can_be]
-        figures, alike = figures[can_be], alike[can_be]
-    laid = not alike.all()
-    if laid:
-        fan = fan if 2 * alike.sum() > len(alike) else _finer_fan(figures, beams, fan)
-        check_fan(fan.beams, fan.angle_increment, file=bag.path, field=f"{table.topic.name}: angle_increment")
+    steps = _steps(figures)
+    turn = np.abs(steps) * (figures[:, 6] - 1) <= 2 * np.pi + np.abs(steps) / 2
+    can_be = alike | ((np.abs(figures[:, 0]) <= 4 * np.pi) & turn & (steps != 0))
+    keep_and_tell("other-scans", can_be, "of angles of no lidar")
+    alike = alike[can_be]
+    is_laid = not alike.all()
+    if is_laid:
+        fan = fan if 2 * alike.sum() > len(alike) else _finer_fan(figures, fan)
+        check_fan(fan.beams, fan.angle_increment, file=bag.path, field=f"{topic}: angle_increment")
         text = f"{name}: {counted(int((~alike).sum()), 'scan')} of other beams than most: laid by their angles on "
         issues.append(Issue("other-scans", f"{text}{fan.beams} beams", int((~alike).sum())))
-    places = np.array(table.places).reshape(-1, 3)[kept]
-    read = _first_echoes if table.topic.kind == MULTI_ECHO else _ranges
+    places, steps = table.places_of(kept), _steps(figures)
 
-    def load(indices: NDArray[np.intp]) -> Rows:
+    def load(indices: Rows) -> Ranges:
         rows = np.full((len(indices), fan.beams), np.nan, np.float32)
         for row, index, data in zip(rows, indices.tolist(), bag.payloads(places[indices]), strict=True):
             try:
-                ranges = read(bag.decode(table.topic, data))
+                message = bag.decode(table.topic, data)
             except ValueError as error:
-                raise InputError(f"a scan is broken: {error}", file=bag.path, field=table.topic.name) from error
-            if laid:
-                lay(row, ranges, figures[index, 0] + _step(figures[index]) * np.arange(len(ranges)), fan)
+                raise InputError(f"a scan is broken: {error}", file=bag.path, field=topic) from error
+            ranges = message.ranges
+            if table.topic.kind == MULTI_ECHO:  # the first echo of each beam; one without has no return
+                firsts = [beam.echoes[0] if len(beam.echoes) else np.inf for beam in ranges]
+                ranges = np.array(firsts, np.float32)
+            if is_laid:
+                lay(row, ranges, figures[index, 0] + steps[index] * np.arange(len(ranges)), fan)
             else:
                 row[:] = ranges
         return rows
 
-    scans = Scans(table.topic.name, frame, stamps, fan, load)
-    scans = _with_limit(bag.path, _with_step(bag.path, scans, issues), issues)
+    scans = _with_limit(bag.path, _with_step(bag.path, Scans(topic, frame, stamps, fan, load), issues), issues)
     if scans.fan.time_increment >= 0:
         return scans
     return replace(scans, fan=scans.fan.reversed(), load=lambda indices: load(indices)[:, ::-1])
 
 
-def _ranges(message: Any) -> Rows:
-    ranges: Rows = message.ranges
-    return ranges
-
-
-def _first_echoes(message: Any) -> Rows:
-    """The first echo of each beam; a beam without one has no return."""
-    firsts = [beam.echoes[0] if len(beam.echoes) else np.inf for beam in message.ranges]
-    return np.array(firsts, np.float32)
-
-
-def lay(row: Rows, ranges: Rows, angles: NDArray[np.float64], fan: Fan) -> None:
+def lay(row: Ranges, ranges: Ranges, angles: NDArray[np.float64], fan: Fan) -> None:
     """Put the ranges of beams at some angles into the nearest beams of a fan; of two in one the nearer counts."""
     turn = 2 * np.pi / abs(fan.angle_increment)
     steps = (angles - fan.angle_min) / fan.angle_increment
     beams = np.rint(np.mod(steps + 0.5, turn) - 0.5)
     inside = (beams >= 0) & (beams < fan.beams)
-    at, found = beams[inside].astype(np.intp), ranges[inside].astype(np.float32)
-    np.fmin.at(row, at, found)
+    np.fmin.at(row, beams[inside].astype(np.intp), ranges[inside].astype(np.float32))
 
 
-def _step(figures: NDArray[np.float64]) -> float:
-    """Between the beams of a scan [rad]."""
-    first, last, step, _, _, _, beams = figures.tolist()
-    return float(step or (last - first) / max(1, beams - 1))
+def _steps(figures: Figures) -> NDArray[np.float64]:
+    """Between the beams of scans [n] [rad]: as stated, else by the first and the last angle."""
+    even = (figures[:, 1] - figures[:, 0]) / np.maximum(1, figures[:, 6] - 1)
+    return np.where(figures[:, 2] == 0, even, figures[:, 2])
 
 
-def _can_be(figures: NDArray[np.float64], beams: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Which scans have angles in radians that go round once."""
-    steps = np.array([_step(row) for row in figures])
-    turn = np.abs(steps) * (beams - 1) <= 2 * np.pi + np.abs(steps) / 2
-    return np.asarray((np.abs(figures[:, 0]) <= 4 * np.pi) & turn & (steps != 0))
-
-
-def _common_fan(
-    path: Path, topic: Topic, figures: NDArray[np.float64], beams: NDArray[np.int64], issues: list[Issue]
-) -> tuple[NDArray[np.bool_], Fan]:
+def _common_fan(path: Path, topic: str, figures: Figures, issues: list[Issue]) -> tuple[NDArray[np.bool_], Fan]:
     """Which scans have the fan of most of them, to half a step at both ends, and that."""
-    numbers, counts = np.unique(beams, return_counts=True)
-    most = int(numbers[np.argmax(counts)])
+    beams = figures[:, 6].astype(np.int64)
+    most = int(_most_frequent(figures[:, 6]))
     same = beams == most
     angle_min, angle_max, increment = (_most_frequent(column[same]) for column in figures[:, :3].T)
     if increment == 0 and most > 1:
         increment = (angle_max - angle_min) / (most - 1)
     if increment == 0:
-        raise InputError("angle_increment of 0, expected an angle between beams", file=path, field=topic.name)
-    check_fan(most, increment, file=path, field=f"{topic.name}: angle_increment")
+        raise InputError("angle_increment of 0, expected an angle between beams", file=path, field=topic)
+    check_fan(most, increment, file=path, field=f"{topic}: angle_increment")
     if abs(angle_min) > 4 * np.pi:
-        raise InputError(f"angle_min of {angle_min:.6g}, expected radians", file=path, field=topic.name)
+        raise InputError(f"angle_min of {angle_min:.6g}, expected radians", file=path, field=topic)
     last = angle_min + (most - 1) * increment
     if abs(last - angle_max) > abs(increment):
-        text = f"{path.name}: {topic.name}: angle_max of {angle_max:.4f} rad, but {most} beams end at {last:.4f}"
+        text = f"{path.name}: {topic}: angle_max of {angle_max:.4f} rad, but {most} beams end at {last:.4f}"
         issues.append(Issue("angle-max", f"{text}; the beams are used"))
     ends = figures[:, 0] + (beams - 1) * figures[:, 2]
     half = abs(increment) / 2
     alike = same & (np.abs(figures[:, 0] - angle_min) <= half)
     alike &= (np.abs(ends - last) <= half) | (figures[:, 2] == 0)
     time_increment, range_min, range_max = (_most_frequent(column[alike]) for column in figures[:, 3:6].T)
-    return alike, Fan(most, angle_min, increment, max(0.0, range_min), range_max, time_increment)
+    return alike, Fan(angle_min, increment, max(0.0, range_min), range_max, most, time_increment)
 
 
-def _finer_fan(figures: NDArray[np.float64], beams: NDArray[np.int64], common: Fan) -> Fan:
+def _finer_fan(figures: Figures, common: Fan) -> Fan:
     """A fan over all the directions of scans that have beams of their own each."""
-    steps = np.array([_step(row) for row in figures])
-    ends = figures[:, 0] + (beams - 1) * steps
+    steps = _steps(figures)
+    ends = figures[:, 0] + (figures[:, 6] - 1) * steps
     step = float(np.median(np.abs(steps))) / FINER
     low, high = float(np.minimum(figures[:, 0], ends).min()), float(np.maximum(figures[:, 0], ends).max())
-    around = round(2 * np.pi / step)
+    beams = round((high - low) / step) + 1
     if high - low > 2 * np.pi - 2 * FINER * step:
-        count, step = around, 2 * np.pi / around
-    else:
-        count = round((high - low) / step) + 1
-    count = min(count, MAX_BEAMS)
-    sweep = np.median(figures[:, 3] / np.where(steps == 0, np.inf, np.abs(steps)))
+        beams = round(2 * np.pi / step)
+        step = 2 * np.pi / beams
+    sweep = np.median(figures[:, 3] / np.where(steps == 0, np.inf, np.abs(steps)))  # [s/rad]
     up = common.angle_increment > 0
-    first = low if up else high
-    return replace(
-        common,
-        beams=count,
-        angle_min=first,
+    return common._replace(
+        beams=min(beams, MAX_BEAMS),
+        angle_min=low if up else high,
         angle_increment=step if up else -step,
         time_increment=float(np.nan_to_num(sweep, posinf=0, neginf=0)) * step,
     )
@@ -268,7 +200,7 @@ def _with_step(path: Path, scans: Scans, issues: list[Issue]) -> Scans:
         return scans
     text = f"{path.name}: {scans.topic}: time_increment of {fan.time_increment:g} s is more than scans take; not used"
     issues.append(Issue("time-increment", text))
-    return replace(scans, fan=replace(fan, time_increment=0.0))
+    return replace(scans, fan=fan._replace(time_increment=0.0))
 
 
 def _with_limit(path: Path, scans: Scans, issues: list[Issue]) -> Scans:
@@ -280,4 +212,5 @@ def _with_limit(path: Path, scans: Scans, issues: list[Issue]) -> Scans:
     limit = no_return_limit(scans.load(chosen), None)
     text = f"{path.name}: {scans.topic}: range_max of {fan.range_max:g} m; {limit:g} m is taken, by the ranges"
     issues.append(Issue("range-max", text))
-    return replace(scans, fan=replace(fan, range_min=0.0 if fan.range_min >= limit else fan.range_min, range_max=limit))
+    least = 0.0 if fan.range_min >= limit else fan.range_min
+    return replace(scans, fan=fan._replace(range_min=least, range_max=limit))

@@ -6,38 +6,29 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from moteslam.errors import InputError
 from moteslam.robot.formats.bags.bag import SECOND, Table
-from moteslam.robot.formats.stamps import MAX_JUMP, stamp_order
+from moteslam.robot.formats.stamps import MAX_DROPPED, Stamps, clock_cuts, stamp_order
 from moteslam.robot.issues import Issue
 from moteslam.robot.wording import counted
 
-MAX_BROKEN = 3
-"""Up to this many broken messages are always dropped; more of them only up to a tenth of the topic."""
-
-BACK = SECOND
-"""A stamp further behind the latest before it [ns], with all that follow, is of a clock that was set back: what waits
+BACK = 1.0
+"""A stamp further behind the latest before it [s], with all that follow, is of a clock that was set back: what waits
 in a queue is less late, or is followed by others that are not."""
-
-FOLLOWING = 10
-"""Messages that all stay behind after a clock was set back; near the end of the recording `FEWEST`."""
-FEWEST = 3
-MAX_SESSIONS = 1000
 _GAP = 10
 """A first stamp of 0 this many times the usual step before the next one is no time."""
 
 Rows = NDArray[np.intp]
 
 
-def seconds(nanoseconds: NDArray[np.int64]) -> NDArray[np.float64]:
+def seconds(nanoseconds: NDArray[np.int64]) -> Stamps:
     """Stamps [s], each the float64 nearest to it but for one rounding more."""
     return nanoseconds // SECOND + (nanoseconds % SECOND) / SECOND
 
 
-def nanoseconds(stamps: NDArray[np.float64]) -> NDArray[np.int64]:
+def nanoseconds(stamps: Stamps) -> NDArray[np.int64]:
     """Stamps [s] as whole nanoseconds, rounded half to even.
 
     From 2^23 s on (97 days: all of Unix time) float64 is coarser than a nanosecond, and ``seconds`` gives the same
@@ -58,37 +49,33 @@ class Times:
         tables: of all its streams, the lidar's first.
         session: which is used, from 1 on; the longest if None.
         issues: what was dropped or left aside is added.
-
-    Raises:
-        InputError: there is no such session.
     """
 
     def __init__(self, path: Path, tables: Sequence[Table], session: str | int | None, issues: list[Issue]) -> None:
         self._path, self._issues = path, issues
         tables = [table for table in tables if len(table.stamps)]
-        found = {id(table): self._stamps(table) for table in tables}
-        self._kept = {key: (stamps, unset, np.arange(len(stamps))) for key, (stamps, unset) in found.items()}
-        cuts = {id(table): _cuts(found[id(table)][0], ~found[id(table)][1]) for table in tables}
+        self._stamps = {id(table): self._stamps_of(table) for table in tables}
+        self._rows = {id(table): np.arange(len(table.stamps)) for table in tables}
+        cuts = {id(table): self._cuts(table) for table in tables}
         leader = max(tables, key=lambda table: len(cuts[id(table)]), default=None)
         edges = [] if leader is None else [leader.order[cut] for cut in cuts[id(leader)]]
         count = len(edges) + 1
         if session is not None and str(session) not in map(str, range(1, count + 1)):
             problem = f"{str(session)[:20]!r}, expected {f'1 to {count}' if count > 1 else 'the one session, 1'}"
             raise InputError(problem, file=path, field="sequence")
-        if leader is None or count == 1:
+        if count == 1:
             return
         parts = {id(table): _parts(table, cuts[id(table)], edges) for table in tables}
-        spans = [_span(found[id(tables[0])][0][part]) for part in parts[id(tables[0])]]
+        first = self._stamps[id(tables[0])][0]
+        spans = [np.ptp(first[rows]) / SECOND if len(rows) else 0.0 for rows in parts[id(tables[0])]]
         used = int(np.argmax(spans)) if session is None else int(session) - 1
         lengths = ", ".join(f"{index} ({span:.1f} s)" for index, span in enumerate(spans[:8], 1))
         text = f"{path.name}: the clock was set {counted(len(edges), 'time')} in between: the sessions are {lengths}"
         text += f"; session {used + 1} is read{', the longest' if session is None else ''}"
         issues.append(Issue("sessions", text, len(edges)))
-        for table in tables:
-            stamps, unset, rows = self._kept[id(table)]
-            self._kept[id(table)] = stamps, unset, rows[parts[id(table)][used]]
+        self._rows = {key: rows[used] for key, rows in parts.items()}
 
-    def _stamps(self, table: Table) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+    def _stamps_of(self, table: Table) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
         """The stamps [n] [ns] of the headers, of reception where these have none, and which of them are none."""
         stamps = np.array(table.stamps, np.int64)
         if not stamps.any():
@@ -97,93 +84,66 @@ class Times:
             return np.array(table.received, np.int64), np.zeros(len(stamps), np.bool_)
         unset = stamps == 0
         later = np.sort(stamps[~unset])
-        step = float(np.median(np.diff(later))) if len(later) > 1 else np.inf
-        if unset.sum() == 1 and later[0] <= _GAP * step:
+        if unset.sum() == 1 and later[0] <= _GAP * (np.median(np.diff(later)) if len(later) > 1 else np.inf):
             unset[:] = False
         return stamps, unset
 
+    def _cuts(self, table: Table) -> list[int]:
+        """The rows before which the clock was set."""
+        stamps, unset = self._stamps[id(table)]
+        rows = np.flatnonzero(~unset)
+        return [int(rows[cut]) for cut in clock_cuts(seconds(stamps[rows]), BACK)]
+
     def has(self, table: Table) -> bool:
         """Whether there is anything of a table in the session that is read; where there is not, an issue says so."""
-        if not len(table.stamps) or len(self._kept[id(table)][2]):
+        if not len(table.stamps) or len(self._rows[id(table)]):
             return True  # or all of it is broken, which `used` says
         text = f"{self._path.name}: {table.topic.name}: no message in the session that is read"
         self._issues.append(Issue("sessions", text))
         return False
 
-    def used(self, table: Table, good: NDArray[np.bool_] | None = None) -> tuple[Rows, NDArray[np.float64]]:
+    def used(self, table: Table, good: NDArray[np.bool_] | None = None) -> tuple[Rows, Stamps]:
         """Which messages of a table are used, in the order of their stamps, and these [s].
 
         Args:
             table: of a topic.
             good: [n] which of them are what their type says; all if None.
-
-        Raises:
-            InputError: more than 3 broken ones that are more than a tenth, or none that is whole; or absurd stamps.
         """
         name, total = table.topic.name, len(table.stamps) + table.broken
         good = np.ones(len(table.stamps), np.bool_) if good is None else good
-        bad = table.broken + int((~good).sum())
-        if bad == total or bad > max(MAX_BROKEN, total // 10):
+        bad = total - int(good.sum())
+        if bad == total or bad > max(MAX_DROPPED, total // 10):
             problem = f"{bad} of {counted(total, 'message')} broken, expected those of a {table.topic.kind}"
             raise InputError(problem, file=self._path, field=name)
-        head = f"{self._path.name}: {name}"
-        if bad:
-            self._issues.append(Issue("broken-messages", f"{head}: {counted(bad, 'broken message')} dropped", bad))
-        stamps, unset, rows = self._kept[id(table)]
-        if none := int(unset[rows].sum()):
-            text = f"{head}: {counted(none, 'message')} without a stamp (0) dropped"
-            self._issues.append(Issue("unset-stamps", text, none))
+        (stamps, unset), rows = self._stamps[id(table)], self._rows[id(table)]
+        self._tell("broken-messages", table, bad, "broken: dropped")
+        self._tell("unset-stamps", table, int(unset[rows].sum()), "without a stamp (0) dropped")
         rows = rows[(good & ~unset)[rows]]
         if not len(rows):
             raise InputError("no message in this session, expected some", file=self._path, field=name)
         doubles = _doubles(stamps[rows], np.array(table.marks, np.int64)[rows])
-        if again := int(doubles.sum()):
-            text = f"{head}: {counted(again, 'message')} recorded twice: the second is dropped"
-            self._issues.append(Issue("doubles", text, again))
+        self._tell("doubles", table, int(doubles.sum()), "recorded twice: the second is dropped")
         rows = rows[~doubles]
         times = seconds(stamps[rows])
         order, found = stamp_order(times, file=self._path, field=name)
         self._issues.extend(found)
         return (rows, times) if order is None else (rows[order], times[order])
 
-
-def _cuts(stamps: NDArray[np.int64], known: NDArray[np.bool_]) -> list[int]:
-    """The rows at which a clock was set back, or ahead by more than a day."""
-    rows = np.flatnonzero(known)
-    stamps, found, start = stamps[rows], list[int](), 0
-    if len(stamps) <= FEWEST:
-        return []
-    padded = np.concatenate((stamps, np.full(FOLLOWING - 1, np.iinfo(np.int64).min)))
-    highest = sliding_window_view(padded, FOLLOWING).max(axis=1)
-    padded[len(stamps) :] = np.iinfo(np.int64).max
-    lowest = sliding_window_view(padded, FOLLOWING).min(axis=1)
-    last = len(stamps) - FEWEST
-    while start < last and len(found) < MAX_SESSIONS:
-        peak = np.maximum.accumulate(stamps[start:last])
-        after = slice(start + 1, last + 1)
-        back = (stamps[after] < peak - BACK) & (highest[after] < peak)
-        ahead = lowest[after] - peak > round(MAX_JUMP) * SECOND
-        at = np.flatnonzero(back | ahead)
-        if not len(at):
-            break
-        start += 1 + int(at[0])
-        found.append(int(rows[start]))
-    return found
+    def _tell(self, code: str, table: Table, count: int, what: str) -> None:
+        if count:
+            text = f"{self._path.name}: {table.topic.name}: {counted(count, 'message')} {what}"
+            self._issues.append(Issue(code, text, count))
 
 
 def _parts(table: Table, cuts: list[int], edges: list[int]) -> list[Rows]:
     """The rows of each session: a table's own cuts where it has them near, else where the bag is cut."""
-    order, borders = np.array(table.order), []
-    if len(cuts) == len(edges):
-        edges, borders = [], list(cuts)
-    for edge in edges:
-        near = [cut for cut in cuts if min(edges, key=lambda other: abs(other - order[cut])) == edge]
-        borders.append(near[0] if near else int(np.searchsorted(order, edge)))
-    return [np.arange(first, last) for first, last in zip([0, *borders], [*borders, len(order)], strict=True)]
-
-
-def _span(stamps: NDArray[np.int64]) -> float:
-    return float(stamps.max() - stamps.min()) / SECOND if len(stamps) else 0.0
+    order, borders = np.array(table.order), cuts
+    if len(cuts) != len(edges):
+        borders = []
+        for edge in edges:
+            near = [cut for cut in cuts if min(edges, key=lambda other: abs(other - order[cut])) == edge]
+            borders.append(near[0] if near else int(np.searchsorted(order, edge)))
+    return np.split(np.arange(len(order)), borders)
 
 
 def _doubles(stamps: NDArray[np.int64], marks: NDArray[np.int64]) -> NDArray[np.bool_]:

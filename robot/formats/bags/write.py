@@ -16,8 +16,7 @@ from moteslam.errors import ExistsError, InputError, OutputError
 from moteslam.robot.files import umask
 from moteslam.robot.formats.bags.bag import full_name, store
 from moteslam.robot.formats.bags.events import Event, Values, events_of
-from moteslam.robot.formats.not_written import left_out, not_written
-from moteslam.robot.formats.written_odometry import odometry_of
+from moteslam.robot.formats.written import left_out, not_written, odometry_of
 from moteslam.robot.frames import has_images
 from moteslam.robot.issues import Issue
 from moteslam.robot.recording import Recording
@@ -35,18 +34,7 @@ _ARRAYS = {"float32": np.float32, "float64": np.float64, "uint8": np.uint8}
 def write_rosbag1(path: str | PathLike[str], recording: Recording) -> tuple[Issue, ...]:
     """Write a recording as a ROS 1 ``.bag``; topics and what comes back equal: ``docs/reference/formats.md``.
 
-    The same recording gives the same bytes.
-
-    Args:
-        path: the file; one that is there is replaced.
-        recording: to write.
-
-    Returns:
-        what the bag does not hold, an issue each.
-
-    Raises:
-        InputError: nothing to write, or stamps that messages cannot hold.
-        OutputError: the file cannot be written.
+    The same recording gives the same bytes. What the bag does not hold is an issue each.
     """
 
     def write(place: Path, events: Iterator[Event]) -> Path:
@@ -67,11 +55,7 @@ def write_mcap(path: str | PathLike[str], recording: Recording) -> tuple[Issue, 
 
 
 def write_rosbag2(path: str | PathLike[str], recording: Recording) -> tuple[Issue, ...]:
-    """Write a recording as a ROS 2 bag: a folder with ``metadata.yaml`` and a SQLite file; else as `write_rosbag1`.
-
-    Raises:
-        ExistsError: the folder holds a bag already.
-    """
+    """Write a recording as a ROS 2 bag: a folder with ``metadata.yaml`` and a SQLite file; else as `write_rosbag1`."""
     path = Path(path)
     if (path / "metadata.yaml").exists():
         raise ExistsError("holds a bag already, expected a new folder", file=path)
@@ -111,14 +95,16 @@ def _message(types: Any, name: str, values: Values) -> Any:
     for field, (how, what) in types.fielddefs[name][1]:
         value: Any = values.get(field)
         if how.name == "NAME":
-            value = _message(types, what, value)
+            value = _message(types, what, value or {})
+        elif how.name == "BASE" and value is None:
+            value = "" if what[0] == "string" else 0
         elif how.name != "BASE":  # an array of messages or of numbers
-            inner, element = what[0]
+            (inner, element), size = what
             if inner.name == "NAME":
-                value = [_message(types, element, one) for one in value]
+                value = [_message(types, element, one) for one in value or ()]
             elif element[0] in _ARRAYS:
-                value = np.asarray(value, _ARRAYS[element[0]])
-        made[field] = 0 if field == "seq" and value is None else value
+                value = np.asarray(np.zeros(size) if value is None else value, _ARRAYS[element[0]])
+        made[field] = value
     return types.types[name](**made)
 
 

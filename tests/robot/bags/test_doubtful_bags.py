@@ -18,7 +18,7 @@ from made_bags import START, drive, imu, make_bag, odometry, placed, scan
 
 from moteslam import open_recording
 from moteslam.errors import ConfigError, InputError
-from moteslam.robot.formats.bags.containers import zstd
+from moteslam.robot.formats.bags.chunks import zstd
 from moteslam.robot.formats.bags.events import Event, header
 from moteslam.robot.recording import LidarStream, OdometryStream, Recording
 

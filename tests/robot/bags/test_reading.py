@@ -42,13 +42,6 @@ def test_every_kind_of_bag_gives_the_same_streams(tmp_path: Path, kind: str) -> 
     assert recording.platform.lidar.z == 0.3
 
 
-@pytest.mark.parametrize("kind", ["bag", "lz4", "mcap", "zstd", "folder"])
-def test_a_bag_is_known_by_its_content(tmp_path: Path, kind: str) -> None:
-    path = make_bag(tmp_path, drive(3), kind)
-    renamed = path.rename(tmp_path / "anything")
-    assert open_recording(renamed).lidar is not None
-
-
 def test_other_sqlite_files_and_folders_are_not_bags(tmp_path: Path) -> None:
     import sqlite3
 
@@ -116,16 +109,14 @@ def test_a_lidar_that_hangs_upside_down_turns_the_other_way(tmp_path: Path) -> N
     assert recording.platform.lidar.pose == pytest.approx((0.1, 0.0, 0.3))
 
 
-@pytest.mark.parametrize(("tilt", "code"), [(0.01, None), (0.1, "lidar-tilted")])
+@pytest.mark.parametrize(("tilt", "code"), [(0.01, None), (0.1, "lidar-tilted"), (1.2, "refused")])
 def test_a_lidar_that_is_a_little_tilted_counts_as_level(tmp_path: Path, tilt: float, code: str | None) -> None:
-    events = [placed(0, "base_link", "laser", turn=rolled(tilt)), scan(0, [1.0, 2.0])]
-    assert codes(open_recording(make_bag(tmp_path, events))) == ([code] if code else [])
-
-
-def test_a_lidar_that_is_tilted_is_refused(tmp_path: Path) -> None:
-    events = [placed(0, "base_link", "laser", turn=rolled(1.2)), scan(0, [1.0, 2.0])]
-    with pytest.raises(InputError, match=r"/scan: laser is tilted by 69 degrees in base_link, expected a lidar"):
-        open_recording(make_bag(tmp_path, events))
+    path = make_bag(tmp_path, [placed(0, "base_link", "laser", turn=rolled(tilt)), scan(0, [1.0, 2.0])])
+    if code == "refused":
+        with pytest.raises(InputError, match=r"/scan: laser is tilted by 69 degrees in base_link"):
+            open_recording(path)
+    else:
+        assert codes(open_recording(path)) == ([code] if code else [])
 
 
 def test_slashes_before_frames_and_topics_make_no_difference(tmp_path: Path) -> None:
@@ -173,11 +164,6 @@ def test_broken_transforms_are_counted(tmp_path: Path) -> None:
     assert codes(open_recording(path)) == ["broken-messages"]
 
 
-def test_a_mount_that_moves_is_an_issue(tmp_path: Path) -> None:
-    events = [placed(index, "base_link", "laser", (0.1 * index, 0.0, 0.0)) for index in range(3)]
-    assert codes(open_recording(make_bag(tmp_path, [*events, scan(0, [1.0, 2.0])]))) == ["mount-moves"]
-
-
 def test_a_given_mount_takes_the_place_of_a_missing_one(tmp_path: Path) -> None:
     (tmp_path / "b").mkdir()
     path = make_bag(tmp_path, [scan(0, [1.0, 2.0])])
@@ -201,49 +187,32 @@ def test_the_number_of_beams_of_most_scans_is_kept(tmp_path: Path) -> None:
     assert issue.message == "made.bag: /scan: 2 scans of other beams than most: laid by their angles on 5 beams"
 
 
-def test_of_several_lidars_the_one_with_most_scans_is_read(tmp_path: Path) -> None:
-    events = [scan(0.1 * index, [1.0, 2.0], topic="/front") for index in range(9)]
-    events += [scan(0.1 * index, [3.0, 4.0, 5.0], topic="/back") for index in range(4)]
+@pytest.mark.parametrize(("other", "count", "beams"), [("/back", 4, 2), ("/laser", 8, 3), ("/vertical_laser", 9, 2)])
+def test_of_several_lidars_the_one_with_most_scans_is_read(tmp_path: Path, other: str, count: int, beams: int) -> None:
+    first = "/vertical" if other == "/laser" else "/front"
+    events = [scan(0.1 * index, [1.0, 2.0], topic=first) for index in range(9)]
+    events += [scan(0.1 * index, [3.0, 4.0, 5.0], topic=other) for index in range(count)]
     recording = open_recording(make_bag(tmp_path, events))
     assert recording.lidar is not None
-    assert recording.lidar.ranges.shape == (9, 2)
-    issue = next(issue for issue in recording.warnings if issue.code == "topics-left")
-    assert issue.message == "made.bag: scans of /front (9 messages) used; left aside: /back (4 messages)"
-
-
-def test_a_vertical_lidar_comes_last_of_those_with_nearly_as_many_scans(tmp_path: Path) -> None:
-    events = [scan(0.1 * index, [1.0, 2.0], topic="/vertical_laser") for index in range(10)]
-    events += [scan(0.1 * index, [3.0, 4.0, 5.0], topic="/laser") for index in range(9)]
-    recording = open_recording(make_bag(tmp_path, events))
-    assert recording.lidar is not None
-    assert recording.lidar.ranges.shape == (9, 3)
-
-
-def test_named_topics_are_read(tmp_path: Path) -> None:
-    events = [scan(0.1 * index, [1.0, 2.0], topic="/front") for index in range(9)]
-    events += [scan(0.1 * index, [3.0, 4.0, 5.0], topic="/back") for index in range(4)]
-    recording = open_recording(make_bag(tmp_path, events), topics={"lidar": ("/back",)})
-    assert recording.lidar is not None
-    assert recording.lidar.ranges.shape == (4, 3)
+    assert recording.lidar.ranges.shape[1] == beams
+    assert "topics-left" in codes(recording)
 
 
 @pytest.mark.parametrize(
-    ("topics", "problem"),
+    ("topics", "field"),
     [
-        ({"lidar": ("/nowhere",)}, r"topics\.lidar: '/nowhere', expected one of /scan"),
-        ({"imu": ("/scan",)}, r"topics\.imu: '/scan', expected one of /imu"),
-        ({"imu": ("/imu", "/imu")}, r"topics\.imu: 2 topics, expected one"),
-        ({"lidar": ("/scan", "scan")}, r"topics\.lidar: a topic twice, expected each once"),
-        ({"radar": ("/scan",)}, r"topics: 'radar', expected lidar, odometry, imu, encoders, rgb, depth"),
-        ({"encoders": ("/joint_states",)}, r"topics\.encoders: '/joint_states', expected a topic of JointState"),
+        ({"lidar": ("/nowhere",)}, "topics.lidar"),
+        ({"imu": ("/scan",)}, "topics.imu"),
+        ({"imu": ("/imu", "/imu")}, "topics.imu"),
+        ({"lidar": ("/scan", "scan")}, "topics.lidar"),
+        ({"radar": ("/scan",)}, "topics"),
+        ({"encoders": ("/joint_states",)}, "topics.encoders"),
     ],
 )
-def test_topics_that_are_not_there_are_refused(
-    tmp_path: Path, topics: dict[str, tuple[str, ...]], problem: str
-) -> None:
-    path = make_bag(tmp_path, drive(3))
-    with pytest.raises(InputError, match=problem):
-        open_recording(path, topics=topics)
+def test_topics_that_are_not_there_are_refused(tmp_path: Path, topics: dict[str, tuple[str, ...]], field: str) -> None:
+    with pytest.raises(InputError, match="expected") as caught:
+        open_recording(make_bag(tmp_path, drive(3)), topics=topics)
+    assert caught.value.field == field
 
 
 def test_readings_of_a_turned_imu_are_turned_into_the_robots_axes(tmp_path: Path) -> None:
@@ -272,24 +241,19 @@ def test_a_limit_that_is_none_is_taken_from_the_ranges(tmp_path: Path, range_max
 
 
 @pytest.mark.parametrize(
-    ("events", "problem"),
+    ("event", "field"),
     [
-        ([scan(0, [1.0, 2.0], angle_increment=0.0, angle_max=-math.pi / 2)], "/scan: angle_increment of 0"),
-        ([scan(0, np.ones(10), angle_increment=1.0)], r"/scan: angle_increment: 10 beams 1 rad apart are 1\.43 turns"),
-        ([scan(0, [1.0], angle_min=math.nan)], "/scan: 1 of 1 message broken"),
-        ([scan(0, [])], "/scan: scans without ranges, expected some"),
-        ([scan(0, [1.0, 2.0], angle_min=100.0, angle_max=103.0)], "/scan: angle_min of 100, expected radians"),
-        ([placed(0, "map", "world")], "tf2_msgs/TFMessage: expected scans, odometry or an IMU"),
-        ([odometry(0, (math.nan, 0, 0))], "/odom: 1 of 1 message broken"),
-        ([odometry(0, (1e8, 0, 0))], "/odom: 1 of 1 message broken"),
+        (scan(0, [1.0, 2.0], angle_increment=0.0, angle_max=-math.pi / 2), "/scan"),
+        (scan(0, np.ones(10), angle_increment=1.0), "/scan: angle_increment"),
+        (scan(0, [1.0], angle_min=math.nan), "/scan"),
+        (scan(0, []), "/scan"),
+        (scan(0, [1.0, 2.0], angle_min=100.0, angle_max=103.0), "/scan"),
+        (placed(0, "map", "world"), None),
+        (odometry(0, (math.nan, 0, 0)), "/odom"),
+        (odometry(0, (1e8, 0, 0)), "/odom"),
     ],
 )
-def test_messages_of_no_robot_are_refused(tmp_path: Path, events: list[Event], problem: str) -> None:
-    path = make_bag(tmp_path, events)
-    with pytest.raises(InputError, match=problem):
-        open_recording(path)
-
-
-def test_a_sequence_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="sequence: '3', expected the one session, 1"):
-        open_recording(make_bag(tmp_path, drive(2)), sequence=3)
+def test_messages_of_no_robot_are_refused(tmp_path: Path, event: Event, field: str | None) -> None:
+    with pytest.raises(InputError) as caught:
+        open_recording(make_bag(tmp_path, [event]))
+    assert caught.value.field == field

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +17,6 @@ from moteslam.robot import se2
 from moteslam.robot.formats.bags.events import twists
 from moteslam.robot.formats.bags.times import nanoseconds, seconds
 from moteslam.robot.formats.bags.write import write_mcap, write_rosbag1, write_rosbag2
-from moteslam.robot.formats.format import FORMATS
 from moteslam.robot.platform import Platform
 from moteslam.robot.platforms import UCSD
 from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream, OdometryStream, Recording
@@ -137,19 +135,13 @@ def test_rosbags_reads_what_is_written(tmp_path: Path, name: str) -> None:
     assert messages["/imu"][0].header.frame_id == "base_link"
 
 
-@pytest.mark.parametrize("name", ["x.bag", "x.mcap"])
+@every_kind
 def test_the_same_recording_gives_the_same_bytes(tmp_path: Path, name: str) -> None:
-    first = written(tmp_path, name, recording_of()).read_bytes()
-    assert written(tmp_path, name, recording_of()).read_bytes() == first
-
-
-def test_the_same_recording_gives_the_same_folder(tmp_path: Path) -> None:
     contents = []
     for place in ("a", "b"):
         (tmp_path / place).mkdir()
-        folder = written(tmp_path / place, "x", recording_of())
-        contents.append({path.name: path.read_bytes() for path in sorted(folder.iterdir())})
-    assert contents[0].keys() == {"metadata.yaml", "recording.db3"}
+        path = written(tmp_path / place, name, recording_of())
+        contents.append([file.read_bytes() for file in (sorted(path.iterdir()) if path.is_dir() else [path])])
     assert contents[0] == contents[1]
 
 
@@ -199,36 +191,15 @@ def test_velocities_are_differences_of_poses() -> None:
     np.testing.assert_allclose(twists(stamps, poses), expected, atol=1e-12)
 
 
-@pytest.mark.parametrize(("poses", "stamps"), [(1, [0.0]), (2, [1.0, 1.0])])
-def test_velocities_of_poses_without_time_between_are_none(poses: int, stamps: list[float]) -> None:
-    np.testing.assert_array_equal(twists(np.array(stamps), np.ones((poses, 3))), np.zeros((poses, 3)))
-
-
 @every_kind
-@pytest.mark.parametrize("stamp", [-1.0, 2.0**31])
-def test_stamps_that_messages_cannot_hold_are_refused(tmp_path: Path, name: str, stamp: float) -> None:
-    recording = Recording("x", Platform(), lidar=lidar_of(np.ones((1, 3)), np.array([stamp])))
-    with pytest.raises(InputError, match=r"x: lidar: stamp of .* s, expected 0 to 2\^31 s"):
-        WRITERS[name](tmp_path / name, recording)
+@pytest.mark.parametrize("stamp", [-1.0, 2.0**31, None])
+def test_what_messages_cannot_hold_is_refused(tmp_path: Path, name: str, stamp: float | None) -> None:
+    lidar = None if stamp is None else lidar_of(np.ones((1, 3)), np.array([stamp]))
+    with pytest.raises(InputError, match="expected"):
+        WRITERS[name](tmp_path / name, Recording("x", Platform(), lidar=lidar))
     assert list(tmp_path.iterdir()) == []
-
-
-@every_kind
-def test_a_recording_without_readings_is_refused(tmp_path: Path, name: str) -> None:
-    with pytest.raises(InputError, match="empty: no readings, expected scans, odometry, wheels or an IMU"):
-        WRITERS[name](tmp_path / name, Recording("empty", Platform()))
-    assert list(tmp_path.iterdir()) == []
-
-
-@every_kind
-def test_a_folder_that_is_not_there_is_one_line(tmp_path: Path, name: str) -> None:
     with pytest.raises(OutputError, match="cannot be written: No such file or directory"):
         WRITERS[name](tmp_path / "nowhere" / name, recording_of())
-
-
-def test_a_bag_that_is_there_is_replaced(tmp_path: Path) -> None:
-    (tmp_path / "x.bag").write_text("other")
-    assert open_recording(written(tmp_path, "x.bag", recording_of())).lidar is not None
 
 
 def test_a_folder_that_is_there_is_filled_once(tmp_path: Path) -> None:
@@ -285,13 +256,3 @@ def test_counts_are_those_that_were_written_whatever_wheels_are_given(tmp_path: 
         again = open_recording(path, platform=robot)
         assert again.encoders is not None
         np.testing.assert_array_equal(again.encoders.counts, recording.encoders.counts)  # type: ignore[union-attr]
-
-
-@pytest.mark.parametrize(("name", "ending"), [("bag", ".bag"), ("mcap", ".mcap")])
-def test_formats_are_written_by_their_endings(tmp_path: Path, name: str, ending: str) -> None:
-    known = FORMATS[name]
-    assert known.endings[0] == ending
-    write: Callable[..., Any] | None = known.write
-    assert write is not None
-    assert write(tmp_path / f"x{ending}", recording_of()) == ()
-    assert known.recognise(tmp_path / f"x{ending}")

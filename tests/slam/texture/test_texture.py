@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 from issues import messages
+from parts.floor_colours import registration, score_texture
 from parts.visibility import seen_cells
 
 from moteslam.errors import InputError
-from moteslam.eval.metrics.texture import registration, score_texture
 from moteslam.robot.formats import open_recording
 from moteslam.robot.frames import camera_frames
 from moteslam.robot.recording import Recording

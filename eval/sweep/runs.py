@@ -1,29 +1,19 @@
-"""A process that makes runs, one after the other: jobs as lines of JSON on its input, outcomes on its output.
-
-``python -m moteslam.eval.sweep.worker``; it ends with its input. Whoever prints, prints to stderr.
-"""
+"""One run of a sweep, as a worker process makes it: the recording, SLAM over it, and its metrics."""
 
 from __future__ import annotations
 
-import json
-import os
-import queue
 import resource
-import signal
-import sys
-import threading
 import time
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Any
 
-from moteslam.errors import MoteslamError
-from moteslam.eval.beside import reference_file, relations_beside, true_map_beside, truth_file
+from moteslam.eval.metrics.catalogue import COSTS
 from moteslam.eval.metrics.evidence import FINAL, Cost, Evidence
-from moteslam.eval.metrics.registry import COSTS, Value, measure
+from moteslam.eval.metrics.registry import Value, measure
 from moteslam.eval.metrics.relations import Relations
-from moteslam.eval.scores import evidence_of
+from moteslam.eval.scores import evidence_of, reference_file, relations_beside, true_map_beside, truth_file
 from moteslam.eval.sweep.external import Command, estimate
 from moteslam.eval.sweep.plan import PlannedRun
 from moteslam.robot.issues import Issue
@@ -73,19 +63,31 @@ def load_case(run: PlannedRun) -> Case:
     return Case(open_recording(path), truth, None if truth is None else true_map_beside(path), relations_beside(path))
 
 
-def make(run: PlannedRun, case: Case, *, timed: bool = False) -> dict[str, Any]:
-    """Run SLAM and measure it.
+_latest: dict[Any, Case] = {}
+"""The latest case: the next run may be of it."""
+
+
+def make(table: dict[str, Any], *, timed: bool = False) -> dict[str, Any]:
+    """Make a run.
 
     Args:
-        run: which.
-        case: its recording and truth.
-        timed: measure time and memory: of a process that has done nothing else.
+        table: the run, as ``PlannedRun.as_dict`` gave it.
+        timed: measure time and memory, of a process that has done nothing else.
 
     Returns:
         ``values`` of all metrics, scans and distance, each with ``value`` and ``unit`` or ``absent``; and ``issues``.
+
+    Raises:
+        MoteslamError: the recording cannot be had, or SLAM fails.
     """
-    if run.command:
-        return _make_external(run, case, timed=timed)
+    run = PlannedRun.of(table)
+    if run.case not in _latest:
+        _latest.clear()
+        _latest[run.case] = load_case(run)
+    return (_external if run.command else _ours)(run, _latest[run.case], timed=timed)
+
+
+def _ours(run: PlannedRun, case: Case, *, timed: bool) -> dict[str, Any]:
     config = resolve_config(run.preset, run.for_slam())
     began, clock = time.process_time(), time.perf_counter()
     session = SlamSession(case.recording, config, seed=run.seed)
@@ -101,8 +103,7 @@ def make(run: PlannedRun, case: Case, *, timed: bool = False) -> dict[str, Any]:
     return _measured(run, evidence, (*case.recording.warnings, *found.warnings))
 
 
-def _make_external(run: PlannedRun, case: Case, *, timed: bool) -> dict[str, Any]:
-    """The same with anyone's SLAM: see ``external``."""
+def _external(run: PlannedRun, case: Case, *, timed: bool) -> dict[str, Any]:
     clock, before = time.perf_counter(), resource.getrusage(resource.RUSAGE_CHILDREN)
     trajectory, occupancy = estimate(Command(*run.command), case.recording, run.seed)
     wall, after = time.perf_counter() - clock, resource.getrusage(resource.RUSAGE_CHILDREN)
@@ -116,7 +117,7 @@ def _make_external(run: PlannedRun, case: Case, *, timed: bool) -> dict[str, Any
         recording=case.recording,
         cost=Cost(cpu, wall, 1024 * after.ru_maxrss) if timed else None,
     )
-    return _measured(run, evidence, case.recording.warnings)
+    return _measured(run, evidence, (*case.recording.warnings, *trajectory.warnings))
 
 
 def _measured(run: PlannedRun, evidence: Evidence, issues: Iterable[Issue]) -> dict[str, Any]:
@@ -128,42 +129,3 @@ def _measured(run: PlannedRun, evidence: Evidence, issues: Iterable[Issue]) -> d
         "values": {name: value.as_dict() for name, value in values.items()},
         "issues": [issue.as_dict() for issue in issues],
     }
-
-
-def main() -> None:
-    """Take jobs ``{"run": ..., "timed": ...}`` until there are no more."""
-    outcomes = os.fdopen(os.dup(1), "w", encoding="utf-8")
-    os.dup2(2, 1)  # what libraries print is no outcome
-    jobs: queue.SimpleQueue[str] = queue.SimpleQueue()
-    threading.Thread(target=_read, args=(sys.stdin, jobs), daemon=True).start()
-    from moteslam.kernels import runtime
-
-    runtime.init("cpu", 1)
-    known: tuple[Any, Case] | None = None  # the latest case: the next run may be of it
-    while True:
-        job = json.loads(jobs.get())
-        run = PlannedRun.of(job["run"])
-        try:
-            if known is None or known[0] != run.case:
-                known = None
-                known = run.case, load_case(run)
-            outcome = make(run, known[1], timed=job["timed"])
-        except MoteslamError as error:
-            outcome = {"error": str(error)}
-        except MemoryError:
-            outcome = {"error": "out of memory"}
-        except Exception as error:  # one run's fault must not stop the others
-            outcome = {"error": f"{type(error).__name__}: {error}"}
-        outcomes.write(json.dumps(outcome, allow_nan=False) + "\n")
-        outcomes.flush()
-
-
-def _read(lines: TextIO, jobs: queue.SimpleQueue[str]) -> None:
-    """Hand on the jobs; where there are no more, nobody is left to take an outcome: end, with what was begun."""
-    for line in lines:
-        jobs.put(line)
-    os.killpg(0, signal.SIGKILL)
-
-
-if __name__ == "__main__":
-    main()

@@ -1,4 +1,4 @@
-"""The offset between two clocks at which a trajectory fits its reference best."""
+"""What is doubtful where a trajectory is compared with another one: clocks, units, axes, planes, few partners."""
 
 from __future__ import annotations
 
@@ -8,8 +8,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from moteslam.errors import InputError
+from moteslam.eval.metrics.ate import AteResult
 from moteslam.eval.metrics.space import in_space, spatial
-from moteslam.robot.trajectories.space import FARTHEST
+from moteslam.robot.alignment import umeyama
+from moteslam.robot.issues import Issue
+from moteslam.robot.se2 import transform_points
+from moteslam.robot.trajectories.space import FARTHEST, TILT, tilt_of
 from moteslam.robot.trajectory import Trajectory
 
 Array = NDArray[np.float64]
@@ -37,6 +42,14 @@ FITS = 0.1
 """Without a common time it must be less than this share of the spread of the reference."""
 ALIKE = 1.2
 """Of offsets whose errors differ by less than this factor the smallest is taken."""
+SMALL, LARGER = 0.1, 50.0
+"""Errors and sizes below this [m], and ratios of sizes below that, are no other unit."""
+AXES = np.deg2rad(30.0)
+"""Orientations that differ by more than this throughout [rad] are of other axes."""
+HEIGHTS = 0.05
+"""Heights that are left out are reported where they are spread by more [m]."""
+FEW = 0.5
+"""Where less than this share of the shorter trajectory's poses has a partner, the two may not belong together."""
 
 
 @dataclass(frozen=True)
@@ -104,6 +117,78 @@ def _offset(stamps: Array, positions: Array, times: Array, goal: Array) -> Clock
     if not search.chords(best, also=0.0) < CHORDS * search.chords(0.0, also=best):
         return None  # a fit of another shape, not of another time
     return ClockOffset(best, rmse, search.rmse(0.0, FINE))
+
+
+def doubts(estimate: Trajectory, reference: Trajectory, ate: AteResult) -> tuple[Issue, ...]:
+    """What was assumed when both were read, the space they are compared in, and units and axes that seem other ones."""
+    return _of_reading(estimate, reference) + _of_space(estimate, reference) + _of_shape(ate)
+
+
+def few_matched(matched: int, shorter: int, what: str, question: str) -> tuple[Issue, ...]:
+    """The issue that few of the shorter one's stamps have a partner, if they are few."""
+    if matched >= FEW * shorter:
+        return ()
+    return (Issue("few-matched", f"{matched} of {shorter} {what} have a partner: {question}", matched),)
+
+
+def on_another_clock(error: InputError, offset: ClockOffset | None) -> InputError:
+    """The error, with the offset at which the two fit."""
+    if offset is None:
+        return error
+    return InputError(f"{error.problem}; {in_words(offset)}", file=error.file, field=error.field)
+
+
+def in_words(offset: ClockOffset) -> str:
+    """An offset of the clocks, with the option that takes it."""
+    instead = "" if offset.before is None else f" in place of {offset.before:.4f} m"
+    fits = f"moved by {offset.seconds:+.3f} s the estimate fits with an ATE of {offset.rmse:.4f} m{instead}"
+    return f"{fits}: its clock seems to be another one (--time-offset {offset.seconds:.3f})"
+
+
+def _of_reading(estimate: Trajectory, reference: Trajectory) -> tuple[Issue, ...]:
+    """What was assumed when both were read; the plane of motion matters where they are compared in x and y."""
+    left_out = {"out-of-plane"} if in_space(estimate, reference) else set()
+    issues = dict.fromkeys((*estimate.warnings, *reference.warnings))
+    return tuple(issue for issue in issues if issue.code not in left_out)
+
+
+def _of_space(estimate: Trajectory, reference: Trajectory) -> tuple[Issue, ...]:
+    """That two are compared in space, or that the heights of one are left out."""
+    spaces = [one.space for one in (estimate, reference) if one.space is not None]
+    if not spaces:
+        return ()
+    if in_space(estimate, reference):
+        tilt = np.rad2deg(max(tilt_of(space.positions) for space in spaces))
+        why = f"moves in a plane {tilt:.0f} degrees out of x and y" if tilt > np.rad2deg(TILT) else "moves in z, too"
+        compared = "aligned and compared in space; errors are those of three coordinates, turns those about any axis"
+        return (Issue("in-space", f"{why}: {compared}", len(reference)),)
+    spread = float(spaces[0].positions[:, 2].std())
+    if spread < HEIGHTS:
+        return ()
+    whose = "estimate" if estimate.space is not None else "reference"
+    text = f"heights of the {whose}, spread by {spread:.2f} m, are left out: the other one is in the plane"
+    return (Issue("heights-left-out", text, len(reference)),)
+
+
+def _of_shape(ate: AteResult) -> tuple[Issue, ...]:
+    """That one path is far larger than the other or its mirror image, or that the axes of both bodies differ."""
+    there, true = ate.aligned[:, :2], ate.reference[:, :2]
+    size = float(np.linalg.norm(there.std(axis=0)) / max(float(np.linalg.norm(true.std(axis=0))), SMALL))
+    if ate.rmse > SMALL and not 1 / LARGER < size < LARGER:
+        return (Issue("sizes-differ", f"the estimate is {size:.3g} times as large as the reference: other units?"),)
+    mirrored = there * (1.0, -1.0)
+    off = transform_points(umeyama(mirrored, true), mirrored) - true
+    if ate.motion is None and ate.rmse > SMALL and float(np.sqrt(np.square(off).sum(axis=1).mean())) < ate.rmse / 5:
+        text = "the estimate fits the reference as its mirror image: y or turns of the wrong sign?"
+        return (Issue("mirrored", text),)
+    if ate.motion is None or ate.rotation_errors is None or np.median(ate.rotation_errors) < AXES:
+        return ()
+    if ate.rotation_errors.std() > 0.2 * AXES:
+        return ()
+    degrees = np.rad2deg(float(np.median(ate.rotation_errors)))
+    why = f"orientations differ by {degrees:.0f} degrees throughout: other axes of the body, or a mirrored path"
+    text = f"{why}; errors of rotation and relative errors hold that"
+    return (Issue("body-axes", text, len(ate.stamps)),)
 
 
 class _Search:

@@ -1,0 +1,243 @@
+"""Statistics of a set of errors; of a figure over many runs; of two configurations on the same runs."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from math import inf, isclose, isfinite
+from typing import Any, Literal, TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+Better = Literal["lower", "higher"]
+K = TypeVar("K", bound=Hashable)
+
+CONFIDENCE = 0.95
+DEVIATIONS = 1.959963984540054
+"""Standard deviations of a normal variable that hold 95 % of it."""
+RESAMPLES, SEED = 2000, 0
+"""Of the bootstrap; the same values have the same interval."""
+ROUNDING = 1e-12
+"""Values that differ by no more than this share of the larger one are equal."""
+
+
+@dataclass(frozen=True)
+class Statistics:
+    """Statistics of a set of errors, in their unit; ``std`` is the population's."""
+
+    rmse: float
+    mean: float
+    median: float
+    std: float
+    min: float
+    max: float
+    count: int
+
+    @classmethod
+    def of(cls, errors: ArrayLike) -> Statistics:
+        """The statistics of errors [n], n at least 1."""
+        errors = np.asarray(errors, np.float64)
+        return cls(
+            rmse=float(np.sqrt(np.mean(errors**2))),
+            mean=float(errors.mean()),
+            median=float(np.median(errors)),
+            std=float(errors.std()),
+            min=float(errors.min()),
+            max=float(errors.max()),
+            count=len(errors),
+        )
+
+    def as_dict(self) -> dict[str, float | int]:
+        """By name, fit for JSON."""
+        return asdict(self)
+
+
+@dataclass(frozen=True)
+class Summary:
+    """The values of a figure over runs.
+
+    Runs that failed count as worse than all others: they move the median and the quartiles, which are infinite where
+    too many failed.
+
+    Attributes:
+        runs: how many there were, failed and absent ones among them.
+        failed: how many failed.
+        absent: how many have no value for another reason; these count nowhere.
+        median, low_quartile, high_quartile: of values and failures.
+        low, high: bounds of the 95 % bootstrap interval of the median.
+        best, worst: of values and failures.
+    """
+
+    runs: int
+    failed: int
+    absent: int
+    median: float | None
+    low_quartile: float | None
+    high_quartile: float | None
+    low: float | None
+    high: float | None
+    best: float | None
+    worst: float | None
+
+    @classmethod
+    def of(cls, values: Sequence[float | None], failed: int = 0, *, better: Better = "lower") -> Summary:
+        """Summarise the values of the runs that did not fail (None: absent), and the number of those that did."""
+        there = [value for value in values if value is not None]
+        worst = inf if better == "lower" else -inf
+        ranked = np.sort(np.array([*there, *[worst] * failed]))
+        total, absent = len(values) + failed, len(values) - len(there)
+        if not len(ranked):
+            return cls(total, failed, absent, *[None] * 7)
+        median, low_quartile, high_quartile = (quantile(ranked, share) for share in (0.5, 0.25, 0.75))
+        ends = (float(ranked[0]), float(ranked[-1]))
+        best, worst = ends if better == "lower" else ends[::-1]
+        low, high = median_interval(ranked)
+        return cls(total, failed, absent, median, low_quartile, high_quartile, low, high, best, worst)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Fit for JSON; an infinite value is None."""
+        return _finite(asdict(self))
+
+
+@dataclass(frozen=True)
+class Proportion:
+    """A share of runs, ``count`` of ``total`` (at least 1), with its 95 % interval (Wilson 1927)."""
+
+    count: int
+    total: int
+
+    @property
+    def share(self) -> float:
+        """From 0 to 1."""
+        return self.count / self.total
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """Bounds of the share."""
+        z2, n = DEVIATIONS**2, self.total
+        middle = (self.share + z2 / (2 * n)) / (1 + z2 / n)
+        half = DEVIATIONS / (1 + z2 / n) * (self.share * (1 - self.share) / n + z2 / (4 * n * n)) ** 0.5
+        low, high = max(middle - half, 0.0), min(middle + half, 1.0)
+        return (0.0 if self.count == 0 else low), (1.0 if self.count == n else high)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Fit for JSON."""
+        low, high = self.interval
+        return {"share": self.share, "low": low, "high": high, "count": self.count, "total": self.total}
+
+
+@dataclass(frozen=True)
+class Population:
+    """The runs of one configuration.
+
+    Attributes:
+        name: of the configuration.
+        runs: values by metric of each run, None of one that failed; runs of two configurations with the same key
+            (scenario or recording, platform, noise, duration, seed) are a pair.
+    """
+
+    name: str
+    runs: dict[tuple[Any, ...], dict[str, float] | None]
+
+    def values(self, metric: str) -> dict[tuple[Any, ...], float | None]:
+        """One metric's, None of runs that failed; runs of which it is absent are left out."""
+        return {
+            key: None if values is None else values[metric]
+            for key, values in self.runs.items()
+            if values is None or metric in values
+        }
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """How a second configuration does against a first one on the same runs.
+
+    A run that failed loses against one that did not; where both failed, neither wins, and the pair has no difference.
+
+    Attributes:
+        pairs: runs that both have.
+        wins, losses, ties: of the second one.
+        median: of the differences, second less first; infinite where failures decide it, None without any.
+        low, high: bounds of its 95 % bootstrap interval.
+        p: of the two-sided sign test; 1 where neither wins.
+        failed: of the first and of the second one, among the pairs.
+        apart: runs that only one of the two has.
+    """
+
+    pairs: int
+    wins: int
+    losses: int
+    ties: int
+    median: float | None
+    low: float | None
+    high: float | None
+    p: float
+    failed: tuple[int, int]
+    apart: int
+
+    def as_dict(self) -> dict[str, Any]:
+        """Fit for JSON; an infinite value is None."""
+        return _finite(asdict(self))
+
+
+def compare(
+    first: Mapping[K, float | None], second: Mapping[K, float | None], *, better: Better = "lower"
+) -> Comparison:
+    """Compare two configurations, each given as the figure of each run, None for one that failed.
+
+    Runs with the same key (scenario, platform, seed, ...) are a pair.
+    """
+    common = [key for key in first if key in second]
+    worst = inf if better == "lower" else -inf
+    values = [tuple(worst if value is None else value for value in (first[key], second[key])) for key in common]
+    apart = [(a, b) for a, b in values if not isclose(a, b, rel_tol=ROUNDING)]
+    wins = sum((b < a) if better == "lower" else (b > a) for a, b in apart)
+    losses = len(apart) - wins
+    differences = np.sort(np.array([b - a for a, b in values if isfinite(a) or isfinite(b)]))
+    low, high = median_interval(differences) if len(differences) else (None, None)
+    return Comparison(
+        pairs=len(common),
+        wins=wins,
+        losses=losses,
+        ties=len(common) - wins - losses,
+        median=quantile(differences, 0.5) if len(differences) else None,
+        low=low,
+        high=high,
+        p=_sign_test(wins, losses),
+        failed=(sum(first[key] is None for key in common), sum(second[key] is None for key in common)),
+        apart=len(first) + len(second) - 2 * len(common),
+    )
+
+
+def quantile(ranked: Array, share: float) -> float:
+    """The quantile of values [n] in rising order, interpolated; infinite beside an infinite one."""
+    place = share * (len(ranked) - 1)
+    below, above = float(ranked[int(np.floor(place))]), float(ranked[int(np.ceil(place))])
+    if below == above:
+        return below
+    share = place - np.floor(place)
+    return float((1 - share) * below + share * above)
+
+
+def median_interval(ranked: Array) -> tuple[float, float]:
+    """The 95 % percentile bootstrap interval of the median of values [n] in rising order (Efron 1979)."""
+    generator = np.random.default_rng(SEED)
+    n = len(ranked)
+    drawn = np.sort(generator.integers(0, n, (RESAMPLES, n)), axis=1)
+    below, above = ranked[drawn[:, (n - 1) // 2]], ranked[drawn[:, n // 2]]
+    with np.errstate(invalid="ignore"):  # infinities of both signs in the middle
+        medians = np.sort(np.where(below == above, below, 0.5 * below + 0.5 * above))
+    tail = (1 - CONFIDENCE) / 2
+    return quantile(medians, tail), quantile(medians, 1 - tail)
+
+
+def _sign_test(wins: int, losses: int) -> float:
+    from scipy.stats import binomtest
+
+    return float(binomtest(wins, wins + losses).pvalue) if wins + losses else 1.0
+
+
+def _finite(values: dict[str, Any]) -> dict[str, Any]:
+    return {name: None if isinstance(value, float) and not isfinite(value) else value for name, value in values.items()}
