@@ -51,8 +51,7 @@ class Images:
 def made_up(hours: float, image_rate: float) -> Any:
     """A recording of some hours whose ranges and images are made when they are written."""
     from moteslam.robot.platforms import bundled_platform
-    from moteslam.robot.ranges import ChunkedRanges
-    from moteslam.robot.recording import ImuStream, LidarStream, OdometryStream, Recording, RgbdStream
+    from moteslam.robot.recording import ChunkedRanges, ImuStream, LidarStream, OdometryStream, Recording, RgbdStream
 
     def times(rate: float) -> NDArray[np.float64]:
         return START + np.arange(round(hours * 3600 * rate)) / rate
@@ -81,7 +80,7 @@ def measure(path: str, about: Row) -> Row:
     """Open a bag and read all its scans."""
     import moteslam.robot.formats.bags  # noqa: F401 - imported before the clock starts
     from moteslam import open_recording
-    from moteslam.robot.ranges import chunks
+    from moteslam.robot.recording import chunks
 
     before, began, used = memory("VmHWM"), time.perf_counter(), time.process_time()
     recording = open_recording(path)

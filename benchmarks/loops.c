@@ -81,7 +81,7 @@ void match_all(const uint8_t *grid, int w, int h, const float *frames, int n, in
     }
 }
 
-/* One scan of n endpoints (x, y) from the origin, thinned as by kernels/thinning.py: groups within a spacing become their
+/* One scan of n endpoints (x, y) from the origin, thinned as by kernels/scans.py: groups within a spacing become their
    mean, in passes of growing spacing while there are more than `most`. Returns how many points (x, y) there are. */
 int thin(const float *ends, int n, float gap, float gap_from_range, float spacing, float max_spacing, int most,
          float *points, int *joined)

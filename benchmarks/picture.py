@@ -12,7 +12,7 @@ from parts.runs import FILTER_ALONE, LOGS, load_log
 
 from moteslam.errors import MoteslamError
 from moteslam.eval.report import style
-from moteslam.eval.report.plans import draw_map, map_corners
+from moteslam.eval.report.maps import draw_map, map_corners
 from moteslam.slam.run import run_slam
 from moteslam.slam.settings import resolve_config
 

@@ -61,8 +61,7 @@ def drive(seed: int, laps: int, folder: Path) -> None:
 def recorded(folder: Path, drives: int) -> Recording:
     """The drives one behind the other, with their ranges in files."""
     from moteslam.robot.platforms import load_platform
-    from moteslam.robot.ranges import ChunkedRanges
-    from moteslam.robot.recording import EncoderStream, LidarStream, Recording
+    from moteslam.robot.recording import ChunkedRanges, EncoderStream, LidarStream, Recording
 
     parts, shift, starts = [], 0.0, [0]
     for seed in range(drives):

@@ -20,10 +20,9 @@ from typing import Any, Literal, get_args, get_origin
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
-from moteslam.robot.section import LARGEST, SMALLEST
+from moteslam.robot.tables import LARGEST, SMALLEST
 from moteslam.slam.backend.kinds import BACKENDS
-from moteslam.slam.config import ParticleFilterConfig, SlamConfig
-from moteslam.slam.methods import METHODS
+from moteslam.slam.config import METHODS, ParticleFilterConfig, SlamConfig
 
 PAGE = Path(__file__).parent / "reference" / "configuration.md"
 BUNDLED = ("tsdf", "paper")

@@ -28,14 +28,13 @@ from moteslam.eval.metrics.residuals import ResidualResult, scan_residuals
 from moteslam.eval.metrics.rpe import RpeResult, relative_pose_error
 from moteslam.eval.metrics.space import in_plane, spatial
 from moteslam.robot.formats.map_server import read_map
-from moteslam.robot.issues import Issue
 from moteslam.robot.platform import Platform
-from moteslam.robot.positions import Positions, is_positions, read_positions
 from moteslam.robot.recording import Recording
 from moteslam.robot.se2 import compose
 from moteslam.robot.trajectories import read_trajectory
-from moteslam.robot.trajectories.space import TILT, tilt_of
-from moteslam.robot.trajectory import Trajectory
+from moteslam.robot.trajectories.rows import is_positions, read_positions
+from moteslam.robot.trajectory import TILT, Positions, Trajectory, tilt_of
+from moteslam.robot.values import Issue
 from moteslam.slam.inputs.scans import Scans
 
 Reference = Trajectory | Relations | Positions

@@ -19,17 +19,15 @@ from moteslam.errors import InputError
 from moteslam.eval.metrics.evidence import DEAD_RECKONING, FINAL, ONLINE, Evidence
 from moteslam.eval.run_tables import loop_counts, write_diagnostics, write_loops, write_particles
 from moteslam.eval.scores import Figures, evidence_of, figures_of, looks_for_loops
-from moteslam.robot.files import make_folder, write_atomically
+from moteslam.robot.files import make_folder, read_text, write_atomically
 from moteslam.robot.formats.map_arrays import write_map_arrays
-from moteslam.robot.processors import processor_count
 from moteslam.robot.raster import Raster
-from moteslam.robot.reading import read_text
 from moteslam.robot.recording import Recording
 from moteslam.robot.se2 import Poses, between, compose
 from moteslam.robot.trajectories.g2o import write_g2o
-from moteslam.robot.trajectories.tum import write_tum
+from moteslam.robot.trajectories.text import write_tum
 from moteslam.robot.trajectory import Trajectory
-from moteslam.robot.wording import expect_type
+from moteslam.robot.values import expect_type, processor_count
 from moteslam.slam.estimate import Estimate
 
 if TYPE_CHECKING:

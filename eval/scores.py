@@ -17,7 +17,7 @@ from moteslam.robot.formats.map_server import read_map, trinary
 from moteslam.robot.raster import Raster
 from moteslam.robot.recording import Recording
 from moteslam.robot.trajectory import Trajectory
-from moteslam.robot.wording import expect_type
+from moteslam.robot.values import expect_type
 from moteslam.slam.config import SlamConfig
 from moteslam.slam.estimate import Estimate
 from moteslam.slam.filter.certainty import LocalisationState

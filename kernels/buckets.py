@@ -53,10 +53,6 @@ def build_buckets(segments: ArrayLike, *, size: float | None = None) -> SegmentB
         segments: [m, 4] (x0, y0, x1, y1) [m].
         size: of a bucket's side [m]; by default 0.5 to 4 m, smaller where walls are denser. It is enlarged in a world
             that would have more than ``MAX_BUCKETS``.
-
-    Raises:
-        InputError: no segments, one of length zero, one that is not finite, a world wider than ``LARGEST_EXTENT``,
-            a size that is not positive, or segments that cross too many buckets.
     """
     ends = as_finite("segments", segments, np.float64, (None, 4)).reshape(-1, 2, 2)
     if not len(ends):

@@ -74,9 +74,6 @@ def view_of(directions: ArrayLike, *, height: float, resolution: float = 4e-4) -
             axis, all for the same length of the ray.
         height: of the camera above the floor [m].
         resolution: of the fan [rad]; 2 mm at 5 m.
-
-    Raises:
-        InputError: directions of another shape, a camera that is not above the floor.
     """
     image = as_finite("directions", directions, np.float64, (None, None, 4))
     if not (height > 0 and image.size):
@@ -116,14 +113,10 @@ def depth_view_of(
     """The view of a depth camera whose raw disparity grows with the depth.
 
     Args:
-        view: its pixels.
         scale: [m], offset, slope: scale / depth = slope d + offset, slope below 0.
         nothing: value of a pixel that measures nothing, above any disparity.
         nearest, farthest: depths that can be measured [m].
         grazing: floor that is met at a smaller slope than this is not measured [m/m].
-
-    Raises:
-        InputError: a slope that is not negative, or depths that do not rise from above 0.
     """
     if not (slope < 0 and 0 < nearest < farthest):
         raise InputError(f"slope {slope:g}, {nearest:g} to {farthest:g} m, expected below 0, and rising", field="slope")
@@ -222,7 +215,6 @@ def render_colour(
     """The colour images of a camera.
 
     Args:
-        view: of the colour camera.
         poses: [n, 3] of the camera: x, y [m] and the heading of the robot's axes [rad].
         reaches: [n, b] distance to the first wall at each bearing of the view [m], inf for none.
         floor: int32 [H, W] colours as red + 256 green + 65536 blue, row 0 the smallest y.
@@ -234,9 +226,6 @@ def render_colour(
 
     Returns:
         int32 [n, pixels]: red + 256 green + 65536 blue.
-
-    Raises:
-        InputError: arrays that do not fit together.
     """
     cameras, fan, first = _prepared(view, poses, reaches, noise, starts, 2 * view.run)
     check_array("floor", floor, np.int32, (None, None))
@@ -261,7 +250,6 @@ def render_disparity(
     """The raw disparity images of a depth camera.
 
     Args:
-        depth: view of the camera.
         reaches: [n, b] distance to the first wall at each bearing of the view [m], inf for none.
         noise: float32 [k] added before rounding, infinite for a pixel that is lost; frame f reads it from
             ``starts[f]`` to ``starts[f] + pixels``.
@@ -269,9 +257,6 @@ def render_disparity(
 
     Returns:
         uint16 [n, pixels].
-
-    Raises:
-        InputError: arrays that do not fit together.
     """
     view = depth.view
     cameras, fan, first = _prepared(view, np.zeros((len(reaches), 3)), reaches, noise, starts, 0)

@@ -1,4 +1,8 @@
-"""Checks of a kernel's arguments before it runs: with a wrong shape or cell it would read or write other memory."""
+"""Checks of a kernel's arguments before it runs: with a wrong shape or cell it would read or write other memory.
+
+Every function of this package raises ``InputError`` with the argument's name as field: arrays that do not fit together,
+numbers that are not finite or out of bounds.
+"""
 
 from __future__ import annotations
 
@@ -25,14 +29,8 @@ def check_array(
     """The array as it is, if a kernel can use its memory in place.
 
     Args:
-        name: of the argument, for the message.
-        array: the argument.
-        dtype: the element type it must have.
-        shape: the shape it must have; None where any length will do.
+        shape: the shape it must have; None for any length.
         written: whether the kernel writes to it.
-
-    Raises:
-        InputError: not a C-contiguous array of that type and shape, or read-only where the kernel writes to it.
     """
     fits = (
         isinstance(array, np.ndarray)
@@ -53,11 +51,7 @@ def check_array(
 
 
 def as_finite(name: str, values: ArrayLike, dtype: DTypeLike, shape: Sequence[int | None]) -> NDArray[Any]:
-    """A contiguous array of that type and shape with every value finite; a copy only where one is needed.
-
-    Raises:
-        InputError: another shape, or a value that is NaN or infinite.
-    """
+    """A contiguous array of that type and shape with every value finite; a copy only where one is needed."""
     array = np.ascontiguousarray(values, dtype)
     check_array(name, array, dtype, shape)
     if np.count_nonzero(np.isfinite(array)) < array.size:

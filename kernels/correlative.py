@@ -129,7 +129,6 @@ def search_scans(
     ``STEPS`` are a truncation.
 
     Args:
-        tiles: the maps of n particles.
         frames: [n, 4] cos, sin, x, y of the poses, from the tables' corner [m].
         points: [k, 2] of the scan in the robot's frame, at most ``MAX_SEARCH_POINTS`` [m].
         turns: [a] added to the headings [rad].
@@ -144,9 +143,6 @@ def search_scans(
     Returns:
         int32 [n, a * blocks] the scores of the best shift of each block, turn by turn, and which shifts these are,
         the first of equal ones.
-
-    Raises:
-        InputError: arrays that do not fit together, or numbers that are not finite or out of bounds.
     """
     n = tiles.maps
     places = frames_in_cells(frames, 2 * cell_size)

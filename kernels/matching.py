@@ -5,26 +5,76 @@ the pose is a shift of the cells. If moreover the cells are 0 or 1 and the shift
 64-bit word holds every cell that a point can meet: the map is first rewritten as overlapping windows of 8 x 8 cells,
 one bit each, every 4 cells; then each point takes one load for all 25 shifts, and the counts of five rows are added
 up side by side in the bytes of five words (measured: benchmarks/).
+
+The inner loops have no branch. Beams lie in two contiguous rows and are taken 64 at a time: one loop, which compiles to
+vector instructions, finds their cells; a second reads these one by one, since gather instructions are slower than that
+on many processors. Beams that leave the grid are clamped to its outermost ring, which must be zero: no test is needed.
+Sines and places of the poses are computed in float64 on the host, so that every backend counts the same.
 """
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from moteslam.errors import InputError
-from moteslam.kernels.checks import LARGEST, as_finite
+from moteslam.kernels.checks import LARGEST, as_finite, check_array
 from moteslam.kernels.runtime import one_thread, passes_for, runtime, ti
-from moteslam.kernels.scoring import cell_along, check_grid, frames_of, scan_of, sum_under_scan, words_of
-from moteslam.kernels.types import F32_2D, I32, I32_1D, I32_2D, U8_1D, U64_1D, func, kernel
+from moteslam.kernels.types import F32, F32_2D, I32, I32_1D, I32_2D, U8_1D, U32, U64_1D, func, kernel, template
 
+AT_ONCE = 64
+"""Beams whose cells are found before the first is read: few enough to unroll and to keep in the fastest cache."""
+MAX_BEAMS = 8_000_000
+"""255 for each of them fits 31 bits."""
 SPAN = 5
 """Shifts along each axis that fit in a window."""
-BLOCK = 255
+FULL_BYTE = 255
 """Points counted before a byte of a word could overflow."""
 ROW_BITS = 0x0101010101
 """The lowest bit of each of five rows of a window."""
 EVEN_BYTES = 0x00FF00FF00FF00FF
+
+
+@func
+def cell_along(a: F32, b: F32, shift: F32, first: F32, last: F32):
+    """The column (or row) of the point a + b + shift [cells], clamped to first..last (whole numbers)."""
+    return ti.cast(ti.floor(ti.min(ti.max(a + b + shift, first), last)), ti.i32)
+
+
+@func
+def cell_or_border(along: F32, shift: I32, last: U32):
+    """A point's column (or row), shifted, or the last one if it is outside: unsigned, a negative number is large."""
+    cell = ti.cast(ti.floor(along), ti.i32) + shift
+    return ti.cast(ti.min(ti.cast(cell, ti.u32), last), ti.i32)
+
+
+@func
+def sum_under_scan(
+    cells: template, width: I32, height: I32, c: F32, s: F32, x: F32, y: F32, right: I32, up: I32, scan: template,
+):  # fmt: skip
+    """The sum of the cells under a scan, turned by (c, s), moved to (x, y), then by whole cells (right, up).
+
+    Points more than 2^31 cells below the grid count as outside too: the cast then gives the lowest number.
+    """
+    last_col, last_row = ti.cast(width - 1, ti.u32), ti.cast(height - 1, ti.u32)
+    beams = scan.shape[1]
+    total = 0
+    under = ti.Vector([0] * AT_ONCE, dt=ti.i32)
+    for block in range(beams // AT_ONCE):
+        for j in range(AT_ONCE):
+            b = block * AT_ONCE + j
+            col = cell_or_border(c * scan[0, b] - s * scan[1, b] + x, right, last_col)
+            row = cell_or_border(s * scan[0, b] + c * scan[1, b] + y, up, last_row)
+            under[j] = row * width + col
+        for j in range(AT_ONCE):
+            # the mask changes nothing, but keeps the compiler from making slow gathers of this loop
+            total = (total + ti.cast(cells[under[j]], ti.i32)) & 0x7FFFFFFF
+    for b in range(beams // AT_ONCE * AT_ONCE, beams):
+        col = cell_or_border(c * scan[0, b] - s * scan[1, b] + x, right, last_col)
+        row = cell_or_border(s * scan[0, b] + c * scan[1, b] + y, up, last_row)
+        total += ti.cast(cells[row * width + col], ti.i32)
+    return total
 
 
 class Match(NamedTuple):
@@ -120,9 +170,9 @@ def _search_windows(
             f = i * headings + h
             c, s, x, y = frames[f, 0], frames[f, 1], frames[f, 2], frames[f, 3]
             even, odd = ti.Vector([0] * SPAN, dt=ti.u64), ti.Vector([0] * SPAN, dt=ti.u64)
-            for block in range((beams + BLOCK - 1) // BLOCK):
+            for block in range((beams + FULL_BYTE - 1) // FULL_BYTE):
                 count = ti.Vector([0] * SPAN, dt=ti.u64)
-                for b in range(block * BLOCK, ti.min((block + 1) * BLOCK, beams)):
+                for b in range(block * FULL_BYTE, ti.min((block + 1) * FULL_BYTE, beams)):
                     across = cell_along(c * scan[0, b], -(s * scan[1, b]), x, low_col, high_col) + low - col
                     up = cell_along(s * scan[0, b], c * scan[1, b], y, low_row, high_row) + low - row
                     window = windows[(up >> 2) * columns + (across >> 2)]
@@ -169,12 +219,13 @@ def match_poses(
         points: [k, 2] in the frame of each pose [m].
         offsets_xy: [a] [m], for x and for y.
         offsets_theta: [b] [rad].
-
-    Raises:
-        InputError: arrays that do not fit, values that are not finite, an outermost ring that is not zero, no offsets,
-            or far too many.
     """
-    height, width = check_grid(occupied)
+    check_array("occupied", occupied, np.uint8, (None, None))
+    height, width = occupied.shape
+    if width % 8 or not width or height < 2:
+        raise InputError(f"{height} x {width} cells, expected two rows, columns a multiple of 8", field="occupied")
+    if occupied[0].any() or occupied[-1].any() or occupied[:, 0].any() or occupied[:, -1].any():
+        raise InputError("a cell of the outermost ring is not 0, expected a border of zeros", field="occupied")
     poses = as_finite("poses", poses, np.float64, (None, 3))
     xy = as_finite("offsets_xy", offsets_xy, np.float64, (None,))
     theta = as_finite("offsets_theta", offsets_theta, np.float64, (None,))
@@ -184,14 +235,14 @@ def match_poses(
         raise InputError(f"{len(poses)}, expected fewer", field="poses")
     turned = np.repeat(poses, len(theta), axis=0)
     turned[:, 2] += np.tile(theta, len(poses))
-    frames, scan = frames_of(origin, cell_size, turned), scan_of(cell_size, points)
+    frames, scan = _in_cells(origin, cell_size, turned, points)
     runtime()
     scores, best = np.zeros(len(poses), np.int32), np.zeros(len(poses), np.int32)
     order = _nearest_first(xy, theta)
     whole = np.rint(xy / cell_size)
     is_lattice = bool((np.abs(xy / cell_size - whole) < 1e-6).all() and np.abs(whole).max() < 2**20)
     if len(poses):
-        words = words_of(occupied)
+        words = occupied.reshape(-1).view(np.dtype("<i4"))  # the first of four cells in the lowest byte
         if not (
             is_lattice
             and np.ptp(whole) < SPAN
@@ -210,6 +261,20 @@ def match_poses(
     indices = np.stack(np.unravel_index(best, (len(xy), len(xy), len(theta))), axis=-1).astype(np.int32)
     moved = poses + np.stack((xy[indices[:, 0]], xy[indices[:, 1]], theta[indices[:, 2]]), axis=-1)
     return Match(scores, indices, moved)
+
+
+def _in_cells(
+    origin: ArrayLike, cell_size: float, poses: NDArray[np.float64], points: ArrayLike
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Poses [N, 4] as cos, sin, column, row, and the points [2, k] of a scan, x and y in rows; lengths in cells."""
+    corner = as_finite("origin", origin, np.float64, (2,))
+    ends = as_finite("points", points, np.float64, (None, 2))
+    if not 0 < cell_size < math.inf:
+        raise InputError(f"{cell_size}, expected a positive number", field="cell_size")
+    if len(ends) > MAX_BEAMS:
+        raise InputError(f"{len(ends)}, expected at most {MAX_BEAMS}", field="points")
+    columns = (np.cos(poses[:, 2]), np.sin(poses[:, 2]), *((poses[:, :2] - corner) / cell_size).T)
+    return np.stack(columns, axis=1).astype(np.float32), np.ascontiguousarray((ends / cell_size).T, np.float32)
 
 
 def _nearest_first(xy: NDArray[np.float64], theta: NDArray[np.float64]) -> NDArray[np.int32]:

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from moteslam.errors import InputError
 from moteslam.kernels.checks import as_finite, check_array
-from moteslam.kernels.cos_sin import cos_sin
+from moteslam.kernels.raycast import cos_sin
 from moteslam.kernels.runtime import one_thread, runtime, ti
 from moteslam.kernels.types import F32, F32_1D, F32_2D, F64_1D, F64_2D, I32, I32_1D, kernel
 
@@ -87,9 +87,6 @@ def cast_movers(
 
     Returns:
         int32 [n]: index of the disc that each ray meets, or k + index of the line, or -1.
-
-    Raises:
-        InputError: shapes that do not fit, values that are not finite.
     """
     origins = as_finite("origins", origins, np.float64, (None, 2))
     angles = as_finite("angles", angles, np.float64, (len(origins),))

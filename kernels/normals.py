@@ -105,13 +105,10 @@ def scan_normals(
         starts: int32 [n + 1] of each scan among the points, and p.
         reach: length of the line that is fitted [m]; at least three points.
         noise: standard deviation of a point across the line, at least [m].
-        largest: standard deviation of the normal's direction beyond which there is none [rad].
+        largest: standard deviation of the normal's direction beyond which it is unknown [rad].
 
     Returns:
         float32 [p, 2]; zeros where the direction is not known.
-
-    Raises:
-        InputError: arrays that do not fit together, or numbers out of bounds.
     """
     ends = as_finite("points", points, np.float32, (None, 2))
     linked = as_finite("joined", joined, np.int32, (len(ends),))

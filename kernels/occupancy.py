@@ -103,17 +103,10 @@ def update_grid(
         start: [2] (col, row) of the cell the rays start in.
         ends: [k, 2] (col, row) of the cells they end in.
         hit: added at an end, 0 to 32767, as ``miss``, ``limit`` and ``threshold``, in the unit of log_odds.
-        miss: subtracted along a ray.
-        limit: of the absolute value.
-        threshold: above it a cell is occupied.
         scan: positive, larger in each call with the same ``seen``, below 2^31.
         guard: cells this near to an end of the scan (in rows and columns) get no miss from it: beams that graze a wall
             pass within a cell of their neighbours' ends and would erase it. Not with ``per_ray``.
         per_ray: whether every ray counts.
-
-    Raises:
-        InputError: arrays that do not fit together, a number out of bounds, or a start or end that is not inside the
-            grid's outermost ring of cells, which stays free so that lookups beyond the map read zero.
     """
     shape = log_odds.shape
     check_array("log_odds", log_odds, np.int16, (None, None), written=True)

@@ -7,15 +7,15 @@ seen, on the coarse one. To the residuals comes a prior on the offset from the p
 import math
 import threading
 from collections.abc import Sequence
+from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from moteslam.errors import InputError
 from moteslam.kernels.checks import as_finite
-from moteslam.kernels.degeneracy import NOT_KEPT, Kept, keep_prediction
-from moteslam.kernels.gauss_newton import by_offset, descend, place_in_cells, square
-from moteslam.kernels.registration_options import RegistrationOptions, settings_of
+from moteslam.kernels.gauss_newton import NOT_KEPT, Kept, by_offset, descend, keep_prediction, place_in_cells, square
 from moteslam.kernels.runtime import one_thread, passes_for, runtime, ti
 from moteslam.kernels.tiles import SIDE, STEPS, Tiles, bilinear, read, steps_of, weight_of
 from moteslam.kernels.types import F32, F32_1D, F32_2D, F64, F64_2D, I16_1D, I32, I32_1D, func, kernel, template
@@ -27,8 +27,8 @@ FRAME, START, PRIOR = slice(0, 4), slice(4, 7), slice(7, 13)
 """The columns of a query: the pose as cos, sin, x, y from the tables' corner [m]; the offset from it, in its frame, to
 begin at (x, y [m], theta); and of the prior on the offset the inverse variances of x, y and theta, then its mean."""
 QUERY = 13
-INVERSE_VARIANCES = slice(7, 10)
-"""Those of the prior."""
+INVERSE_VARIANCES, PRIOR_MEAN = slice(7, 10), slice(10, 13)
+"""Those of the prior, and its mean."""
 
 LIKELIHOODS = (0.2, 0.98)
 """Mean likelihoods that residuals are estimated from: beyond these they say nothing."""
@@ -43,6 +43,57 @@ FREE = slice(13, 16)
 FAR = 16
 FOUND = 17
 """The columns of what ``register_scans`` returns."""
+
+
+class RegistrationOptions(NamedTuple):
+    """Of ``register_scans``.
+
+    Attributes:
+        cell_size: of the fine level [m].
+        truncation, coarse_truncation: of each level [m].
+        residual: standard deviation of the distances on the fine level [m].
+        coarse_residual_factor: by what it is multiplied on the coarse level.
+        iterations: at most, on each level.
+        unknown: cost of an endpoint where neither level was seen.
+        outlier: largest cost of an endpoint where one was; below it the cost is half the squared residual.
+        likelihood_width: standard deviation of a residual r in an endpoint's likelihood, exp(-(r / width)^2 / 2).
+        ray_clearance: a ray crosses a surface of the map if it meets one this far from its endpoint [truncations], ...
+        ray_weight: ... in a cell that weighs more than this, ...
+        ray_distance: ... nearer to the surface than this [truncations].
+        far: an endpoint at least this far from the surface on the coarse level is far [m]; at most three quarters of
+            its truncation count.
+    """
+
+    cell_size: float
+    truncation: float
+    coarse_truncation: float
+    residual: float
+    coarse_residual_factor: float
+    iterations: int
+    unknown: float
+    outlier: float
+    likelihood_width: float
+    ray_clearance: float
+    ray_weight: int
+    ray_distance: float
+    far: float
+
+    @property
+    def numbers(self) -> NDArray[np.float32]:
+        """As the kernel reads them: lengths in m, what concerns rays and what is far in steps of distance."""
+        return _numbers(self)
+
+
+@lru_cache(maxsize=64)
+def _numbers(o: RegistrationOptions) -> NDArray[np.float32]:
+    numbers = np.array(
+        (o.cell_size, o.truncation, o.coarse_truncation, o.residual, o.coarse_residual_factor * o.residual,
+         o.iterations, o.unknown, o.outlier, -0.5 / o.likelihood_width**2, o.ray_clearance * o.truncation,
+         o.ray_weight, round(o.ray_distance * STEPS), round(min(o.far / o.coarse_truncation, 0.75) * STEPS)),
+        np.float32,
+    )  # fmt: skip
+    numbers.setflags(write=False)
+    return numbers
 
 
 @func
@@ -94,10 +145,14 @@ def _register(
         far_steps = ti.cast(settings[12], ti.i32)
         base = begin + i * stride
         frame = ti.Vector([ti.cast(queries[i, m], ti.f32) for m in ti.static(range(4))], dt=ti.f32)
-        prior = ti.Vector([ti.cast(queries[i, 7 + m], ti.f32) for m in ti.static(range(6))], dt=ti.f32)
+        prior = ti.Vector(
+            [ti.cast(queries[i, ti.static(PRIOR.start) + m], ti.f32) for m in ti.static(range(6))], dt=ti.f32
+        )
         # three names: Taichi clears the variable that a function's result goes to before it reads the arguments, so
         # that in `d = descend(..., d, ...)` with a template argument the function would see zeros
-        start = ti.Vector([ti.cast(queries[i, 4 + m], ti.f32) for m in ti.static(range(3))], dt=ti.f32)
+        start = ti.Vector(
+            [ti.cast(queries[i, ti.static(START.start) + m], ti.f32) for m in ti.static(range(3))], dt=ti.f32
+        )
         rough = descend(
             pool, table, base, columns, coarse_x, coarse_y, frame, scan, points, start, prior, 2 * cell,
             coarse_truncation, coarse_sd, coarse * iterations, 1,
@@ -144,7 +199,7 @@ def _register(
             found[i, j] = d[j]
             found[i, ti.static(FREE.start) + j] = d[j]
         for j in ti.static(range(6)):
-            found[i, 3 + j] = information[j]
+            found[i, ti.static(INFORMATION.start) + j] = information[j]
         found[i, COST], found[i, KNOWN], found[i, LIKELIHOOD], found[i, CROSSED] = cost, known, likely, crossed
         found[i, FAR] = far
         if deviation > 0:
@@ -199,7 +254,6 @@ def register_scans(
         queries: [n, QUERY] the poses, where to begin and the priors: ``FRAME``, ``START``, ``PRIOR``.
         points: [k, 2] of the scan in the robot's frame [m].
         origin: [2] where its rays start, in the same frame [m].
-        options: of the maps and of the costs.
         coarse: whether to begin on the coarse level; not needed where the start is good to a cell.
         kept: how the predicted pose is kept along degenerate directions: ``keep_predictions``, with the error times
             the variance of the residuals in standard ones; not at all if None.
@@ -212,9 +266,6 @@ def register_scans(
         likelihoods of those; ``CROSSED``, how many rays cross a surface of the map; ``FREE``, the offset before the
         prediction was kept along a degenerate direction; ``FAR``, how many endpoints are far from the surface
         by the coarse level.
-
-    Raises:
-        InputError: arrays that do not fit together, or numbers that are not finite or out of bounds.
     """
     asked = as_finite("queries", queries, np.float64, (None, QUERY))
     if len(asked) and asked[:, INVERSE_VARIANCES].min() <= 0:
@@ -237,14 +288,10 @@ def register_scan(
     """``register_scans`` of one pose in plain numbers, for which arrays take longer than the registration.
 
     Args:
-        query: a row of the queries.
         tiles, points, origin, options, kept, finite: as of ``register_scans``.
 
     Returns:
         a row of what is found.
-
-    Raises:
-        InputError: as ``register_scans``.
     """
     if len(query) != QUERY or not math.isfinite(sum(query)) or min(query[INVERSE_VARIANCES]) <= 0:
         raise InputError(f"{query}, expected {QUERY} finite numbers, inverse variances above 0", field="query")
@@ -268,7 +315,6 @@ def _registered(
     finite: bool,
 ) -> None:
     """Write what is found of checked queries [n, QUERY] to ``found``."""
-    settings = settings_of(options)
     scan = np.asarray(points, np.float32) if finite else as_finite("points", points, np.float32, (None, 2))
     if len(origin) != 2 or not math.isfinite(sum(origin)):
         raise InputError(f"{origin}, expected two finite numbers", field="origin")
@@ -280,5 +326,6 @@ def _registered(
     if n:
         _register(
             pool, table, begin, columns * rows if maps > 1 else 0, columns, rows, queries, _room.put(scan), len(scan),
-            *origin, settings, int(coarse), *(kept or NOT_KEPT), found, passes_for(n), n == 1 and not one_thread(),
+            *origin, options.numbers, int(coarse), *(kept or NOT_KEPT), found, passes_for(n),
+            n == 1 and not one_thread(),
         )  # fmt: skip

@@ -136,13 +136,9 @@ def match_endpoints(
         partners: int32 [n, k] the scans that each scan's endpoints are held to, rising, at most ``MAX_PARTNERS``; -1
             after them.
         reach: largest distance of a match [m].
-        agreement: smallest cosine between the normals of a match.
 
     Returns:
-        int32 [p, k] indices of points, -1 where there is none.
-
-    Raises:
-        InputError: arrays that do not fit together, or numbers out of bounds.
+        int32 [p, k] indices of points, -1 without a match.
     """
     ends = as_finite("points", points, np.float64, (None, 2))
     across = as_finite("normals", normals, np.float32, (len(ends), 2))
@@ -204,9 +200,6 @@ def accumulate(
             00 01 02 11 12 22 of J^T J, and J^T r. By the pose of the partner J is -J A with A = (1, 0, -dy; 0, 1, dx;
             0, 0, 1), where (dx, dy) leads from the partner to the scan.
         costs: [n, 2] half the weighted squares of the residuals [m^2], and the sum of the weights without robustness.
-
-    Raises:
-        InputError: arrays that do not fit together, or numbers out of bounds.
     """
     ends = as_finite("points", points, np.float32, (None, 2))
     across = as_finite("normals", normals, np.float32, (len(ends), 2))

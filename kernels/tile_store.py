@@ -17,10 +17,6 @@ from moteslam.kernels.types import I16_1D, I32, I32_1D, kernel
 class TileStore:
     """The tiles and tables of n maps, one at first, in NumPy's memory.
 
-    Args:
-        rows, columns: of the tables, all empty.
-        tiles: room in the pool.
-
     Attributes:
         tiles: the maps.
         shares: int32 [t] how many table entries name each tile, above 1 for tile 0, as of the last ``count``.

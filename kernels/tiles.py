@@ -15,13 +15,13 @@ Written by hand, since no library has copy-on-write tiles that Taichi kernels ca
 """
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from moteslam.errors import InputError
-from moteslam.kernels.checks import as_finite, check_array
+from moteslam.kernels.checks import as_finite
 from moteslam.kernels.runtime import ti
 from moteslam.kernels.types import F32, I32, func, template
 
@@ -41,7 +41,7 @@ STEPS = (1 << (15 - WEIGHT_BITS)) - 1
 
 
 class Tiles(NamedTuple):
-    """The maps of n particles as kernels take them: of a ``TileStore``, or by ``tiles_of`` of anyone's arrays.
+    """The maps of n particles as kernels take them, of a ``TileStore``.
 
     Attributes:
         pool: int16 [t * CELLS] of all tiles.
@@ -157,39 +157,12 @@ def copy_on_write(pool: template, table: template, shares: template, free: templ
             table[entry] = mine
 
 
-def tiles_of(pool: object, tables: object, *, written: bool = False) -> Tiles:
-    """Maps in arrays of anyone's, once they are checked.
-
-    Args:
-        pool: int16 [t * CELLS] of t tiles.
-        tables: int32 [n, rows, columns] of tiles 0 to t - 1.
-        written: whether kernels write to both.
-
-    Raises:
-        InputError: they are not that.
-    """
-    cells: NDArray[Any] = check_array("pool", pool, np.int16, (None,), written=written)
-    entries: NDArray[Any] = check_array("tables", tables, np.int32, (None, None, None), written=written)
-    if not len(cells) or len(cells) % CELLS:
-        raise InputError(f"{len(cells)} cells, expected tiles of {CELLS}", field="pool")
-    if not entries.size:
-        raise InputError(f"{list(entries.shape)} entries, expected one or more", field="tables")
-    # as unsigned, what is negative is too large as well: one pass
-    if int(entries.view(np.uint32).max()) >= len(cells) // CELLS:
-        raise InputError(f"a tile beyond the pool's {len(cells) // CELLS}", field="tables")
-    n, rows, columns = entries.shape
-    return Tiles(cells, entries.reshape(-1), rows, columns, n)
-
-
 def frames_in_cells(frames: ArrayLike, cell_size: float) -> NDArray[np.float64]:
     """A copy of frames with their places in cells.
 
     Args:
         frames: float64 [n, 4] cos, sin, x, y of poses, from the tables' corner [m].
         cell_size: of the level [m].
-
-    Raises:
-        InputError: they are not that, or not finite.
     """
     if not (math.isfinite(cell_size) and cell_size > 0):
         raise InputError(f"{cell_size:g} m, expected above 0", field="cell_size")

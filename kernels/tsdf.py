@@ -5,16 +5,17 @@ A scan's neighbouring points are joined by segments. Every cell near a segment a
 """
 
 from collections.abc import Sequence
+from functools import lru_cache
 from itertools import accumulate
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from moteslam.errors import InputError
 from moteslam.kernels.checks import as_finite, check_array
-from moteslam.kernels.integration_options import IntegrationOptions, settings_of
 from moteslam.kernels.runtime import one_thread, passes_for, ti
-from moteslam.kernels.thinning import ThinnedScan
+from moteslam.kernels.scans import ThinnedScan
 from moteslam.kernels.tile_store import TileStore
 from moteslam.kernels.tiles import (
     SIDE,
@@ -38,6 +39,41 @@ OVERLAP = 0.25
 """A segment is integrated this far beyond its ends [cells]: where two meet at an angle, no cell is left out."""
 SLACK = 0.01
 """A row of cells is this much longer at each end [cells], since rounding moves its ends; each cell is tested again."""
+
+
+class IntegrationOptions(NamedTuple):
+    """Of ``integrate_scans``.
+
+    Attributes:
+        cell_size: of the fine level [m].
+        truncation, coarse_truncation: up to this distance from a segment cells are updated, on each level [m].
+        coarse_chord: on the coarse level segments are joined until their chord is this long [coarse cells].
+        near: distances below it weigh ``near_weight`` in a cell's average, the others 1 [m].
+        near_weight: 1 to ``tiles.MAX_WEIGHT``.
+        max_weight: of the average itself, 1 to ``tiles.MAX_WEIGHT``.
+    """
+
+    cell_size: float
+    truncation: float
+    coarse_truncation: float
+    coarse_chord: float
+    near: float
+    near_weight: int
+    max_weight: int
+
+    @property
+    def numbers(self) -> NDArray[np.float32]:
+        """As the kernel reads them, lengths in cells: of the coarse level the coarse truncation, else fine ones."""
+        return _numbers(self)
+
+
+@lru_cache(maxsize=64)
+def _numbers(o: IntegrationOptions) -> NDArray[np.float32]:
+    cell = o.cell_size
+    lengths = o.truncation / cell, o.coarse_truncation / (2 * cell), 2 * o.coarse_chord, o.near / cell
+    numbers = np.array((*lengths, o.near_weight, o.max_weight), np.float32)
+    numbers.setflags(write=False)
+    return numbers
 
 
 @func
@@ -113,7 +149,7 @@ def _integrate(
     """First every particle makes the tiles it will write its own, then all write; if tiles ran out, nobody writes.
 
     Frames are cos, sin, x, y, of each particle as many as there are scans; scan s has the points from ``begins[s]``
-    on. ``settings`` are those of ``settings_of``. A particle that is ``alone`` wakes no other thread; for others
+    on. ``settings`` are ``IntegrationOptions.numbers``. A particle that is ``alone`` wakes no other thread; for others
     there are ``passes`` each, see ``passes_for``.
     """
     scans = begins.shape[0] - 1
@@ -180,18 +216,13 @@ def integrate_scans(
     Args:
         store: of the maps of n particles, counted since they were resampled; written to.
         frames: [n * m, 4] cos, sin, x, y of each particle at the m scans, from the tables' corner [m].
-        scans: m, each in the frame of the particles at it.
-        options: of the maps.
         trusted: the points were made by kernels, and the tables were made large enough: neither is checked.
 
     Returns:
         Whether there were tiles enough. Where not, no cell was written, though some tables name tiles of their own now:
         count the shares again, make room, and call again.
-
-    Raises:
-        InputError: arrays that do not fit together, options out of bounds, or a scan that leaves the tables.
     """
-    settings, tiles = settings_of(options), store.tiles
+    tiles = store.tiles
     places = frames_in_cells(frames, options.cell_size)
     for scan in scans:
         if not trusted:
@@ -211,7 +242,7 @@ def integrate_scans(
     _integrate(
         *(tiles.pool, tiles.table, tiles.first, store.shares, store.free, counters, tiles.columns, tiles.size), places,
         np.ascontiguousarray(points.T / np.float32(options.cell_size)), joined,
-        np.array([0, *accumulate(len(scan.points) for scan in scans)], np.int32), settings,
+        np.array([0, *accumulate(len(scan.points) for scan in scans)], np.int32), options.numbers,
         *(passes_for(tiles.maps), tiles.maps == 1 and not one_thread()),
     )  # fmt: skip
     left, short = counters.tolist()

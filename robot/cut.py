@@ -10,20 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.errors import ConfigError, InputError
-from moteslam.robot.ranges import chosen
-from moteslam.robot.recording import (
-    EncoderStream,
-    ImageSource,
-    ImuStream,
-    LidarStream,
-    OdometryStream,
-    Recording,
-    RgbdStream,
-)
-from moteslam.robot.wording import expect_type
-
-Stream = LidarStream | EncoderStream | OdometryStream | ImuStream | RgbdStream
-STREAMS = ("lidar", "encoders", "odometry", "imu", "rgbd")
+from moteslam.robot.recording import STREAMS, ImageSource, LidarStream, Recording, RgbdStream, Stream, chosen
+from moteslam.robot.values import expect_type
 
 
 @dataclass(frozen=True)
@@ -35,9 +23,6 @@ class Cut:
         end: likewise; infinite for its end.
         every: keep every n-th scan, for an n of at least 1.
         streams: that are kept, by their names; all where it is empty.
-
-    Raises:
-        ConfigError: times that are not finite or the wrong way round, a number below 1, or a stream of no such name.
     """
 
     start: float = 0.0
@@ -67,10 +52,6 @@ def cut(recording: Recording, part: Cut) -> Recording:
 
     Of the two images of a camera frame each is kept by its own stamp. A stream of which nothing is left is None.
 
-    Args:
-        recording: any.
-        part: of it.
-
     Raises:
         InputError: nothing is left of it.
     """
@@ -80,60 +61,41 @@ def cut(recording: Recording, part: Cut) -> Recording:
     present = {name: stream for name in STREAMS if (stream := getattr(recording, name)) is not None}
     kept = {name: stream for name, stream in present.items() if not part.streams or name in part.streams}
     if not kept:
-        raise InputError(
-            f"no {' or '.join(part.streams)}, expected one of the streams it has: {', '.join(present) or 'none'}",
-            file=recording.name,
-            field="streams",
-        )
+        problem = f"no {' or '.join(part.streams)}, expected one of the streams it has: {', '.join(present) or 'none'}"
+        raise InputError(problem, file=recording.name, field="streams")
     stamps = [stamps for stream in present.values() for stamps in _stamps(stream) if len(stamps)]
     first = min((float(some[0]) for some in stamps), default=0.0)
     last = max((float(some[-1]) for some in stamps), default=0.0)
-    begin, end = first + part.start, first + part.end
-    parts = {name: _within(stream, begin, end, part.every) for name, stream in kept.items()}
+    parts = {name: _within(stream, first + part.start, first + part.end, part.every) for name, stream in kept.items()}
     parts = {name: stream for name, stream in parts.items() if any(len(some) for some in _stamps(stream))}
     if not parts:
-        raise InputError(
-            f"no reading from {part.start:g} to {part.end:g} s, expected times within its {last - first:.6g} s",
-            file=recording.name,
-            field="start",
-        )
+        problem = f"no reading from {part.start:g} to {part.end:g} s, expected times within its {last - first:.6g} s"
+        raise InputError(problem, file=recording.name, field="start")
     return recording.replace(**{name: parts.get(name) for name in STREAMS})
 
 
-def _stamps(stream: Stream) -> list[NDArray[np.float64]]:
+def _stamps(stream: Stream | RgbdStream) -> list[NDArray[np.float64]]:
     return [stream.rgb_stamps, stream.disparity_stamps] if isinstance(stream, RgbdStream) else [stream.stamps]
 
 
-def _within(stream: Stream, begin: float, end: float, every: int) -> Stream:
+def _within(stream: Stream | RgbdStream, begin: float, end: float, every: int) -> Stream | RgbdStream:
     """The readings of a stream from one time to another [s], both included; of scans, every n-th."""
+    inside = [np.flatnonzero((stamps >= begin) & (stamps <= end)) for stamps in _stamps(stream)]
     if isinstance(stream, RgbdStream):
-        return _frames_within(stream, begin, end)
-    step = every if isinstance(stream, LidarStream) else 1
-    indices = _inside(stream.stamps, begin, end)[::step]
-    changes: dict[str, Any] = {
-        field.name: value[indices]
-        for field in fields(stream)
-        if isinstance(value := getattr(stream, field.name), np.ndarray)
-    }
+        rgb, disparity = inside
+        return RgbdStream(
+            stream.rgb_stamps[rgb],
+            stream.disparity_stamps[disparity],
+            tuple(stream.rgb_files[index] for index in rgb if stream.rgb_files),
+            tuple(stream.disparity_files[index] for index in disparity if stream.disparity_files),
+            None if stream.images is None else _SomeImages(stream.images, rgb, disparity),
+        )
+    indices = inside[0][:: every if isinstance(stream, LidarStream) else 1]
+    values = {field.name: getattr(stream, field.name) for field in fields(stream)}
+    changes: dict[str, Any] = {name: value[indices] for name, value in values.items() if isinstance(value, np.ndarray)}
     if isinstance(stream, LidarStream):
         changes["ranges"] = chosen(stream.ranges, indices)
     return replace(stream, **changes)
-
-
-def _frames_within(stream: RgbdStream, begin: float, end: float) -> RgbdStream:
-    """Each image from one time to another [s], by its own stamp."""
-    rgb, disparity = (_inside(stamps, begin, end) for stamps in _stamps(stream))
-    return RgbdStream(
-        stream.rgb_stamps[rgb],
-        stream.disparity_stamps[disparity],
-        tuple(stream.rgb_files[index] for index in rgb if stream.rgb_files),
-        tuple(stream.disparity_files[index] for index in disparity if stream.disparity_files),
-        None if stream.images is None else _SomeImages(stream.images, rgb, disparity),
-    )
-
-
-def _inside(stamps: NDArray[np.float64], begin: float, end: float) -> NDArray[np.intp]:
-    return np.flatnonzero((stamps >= begin) & (stamps <= end))
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,16 +1,101 @@
-"""Writing files so that nothing is ever half written: a temporary name beside the target, then a rename."""
+"""Files: read within bounds, written whole or not at all; the folders of results."""
 
 from __future__ import annotations
 
 import os
+import secrets
+import stat
 import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from os import PathLike
 from pathlib import Path
-from typing import IO
+from typing import IO, Any
 
-from moteslam.errors import OutputError
+from moteslam.errors import ConfigError, ExistsError, InputError, MoteslamError, OutputError
+
+MARKER = ".moteslam"
+"""In every result folder: a line of its own, then the names of the files and folders beside it."""
+
+_TITLE = "made by moteslam"
+
+
+def open_regular(path: str | PathLike[str], expected: str, *, error: type[MoteslamError] = InputError) -> IO[bytes]:
+    """Open a regular file for reading; a pipe or device, which may never end, is refused.
+
+    Args:
+        path: of the file.
+        expected: what should be there, for the message: ``a TUM trajectory``.
+        error: the exception to raise.
+    """
+    try:
+        mode = Path(path).stat().st_mode
+        if stat.S_ISREG(mode):
+            return Path(path).open("rb")
+    except (OSError, ValueError) as problem:  # ValueError: a null byte in the name
+        raise error(f"{getattr(problem, 'strerror', None) or problem}, expected {expected}", file=path) from problem
+    kind = "a folder" if stat.S_ISDIR(mode) else "no regular file"
+    raise error(f"is {kind}, expected {expected}", file=path)
+
+
+def read_bytes(
+    path: str | PathLike[str], expected: str, *, limit: int, error: type[MoteslamError] = InputError
+) -> bytes:
+    """The content of a regular file of at most ``limit`` bytes; the other arguments as of ``open_regular``."""
+    try:
+        with open_regular(path, expected, error=error) as file:
+            content = file.read(limit + 1)
+    except OSError as problem:
+        raise error(f"{problem.strerror or problem}, expected {expected}", file=path) from problem
+    if len(content) > limit:
+        raise error(f"over {limit / 1e6:g} MB, expected {expected}", file=path)
+    return content
+
+
+def read_text(path: str | PathLike[str], expected: str, *, limit: int, error: type[MoteslamError] = InputError) -> str:
+    """The text of a regular UTF-8 file of at most ``limit`` bytes, without a byte order mark."""
+    try:
+        return read_bytes(path, expected, limit=limit, error=error).decode("utf-8-sig")
+    except UnicodeDecodeError as problem:
+        raise error(f"not UTF-8 text, expected {expected}", file=path) from problem
+
+
+def read_yaml(path: Path, expected: str, *, limit: int) -> Any:
+    """What a YAML file of at most ``limit`` bytes holds: tables, lists, texts and numbers.
+
+    Aliases are refused: ten lines of them stand for a list of a thousand million values.
+    """
+    import yaml
+
+    class Loader(yaml.SafeLoader):
+        def compose_node(self, parent: Any, index: Any) -> Any:
+            if self.check_event(yaml.AliasEvent):
+                raise yaml.YAMLError("an alias; expected the value itself")
+            return super().compose_node(parent, index)
+
+    text = read_text(path, expected, limit=limit)
+    try:
+        return yaml.load(text, Loader)
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
+        problem = " ".join(str(error).splitlines()[:1])
+        raise InputError(f"not YAML: {problem[:200]}", file=path) from error
+
+
+def file_within(folder: Path, name: str, *, file: Path, field: str) -> Path:
+    """The path of a file that a key of another file names; refused outside of its folder, links followed.
+
+    Args:
+        folder: in which the name begins; an absolute name may lead there, too.
+        name: of the file; it need not be there.
+        file, field: that name it, for messages.
+    """
+    try:
+        inside = (folder / name).resolve().is_relative_to(folder.resolve())
+    except (OSError, ValueError, RuntimeError) as error:  # RuntimeError: links in a circle
+        raise ConfigError(f"{name[:40]!r}, expected the name of a file", file=file, field=field) from error
+    if not inside:
+        raise ConfigError(f"{name[:40]!r} lies elsewhere, expected a file in {folder}", file=file, field=field)
+    return folder / name
 
 
 def write_atomically(path: str | PathLike[str], content: str | bytes | Callable[[IO[bytes]], None]) -> None:
@@ -19,84 +104,165 @@ def write_atomically(path: str | PathLike[str], content: str | bytes | Callable[
     Args:
         path: the target; its folder must exist.
         content: text (UTF-8), bytes, or a function that writes into the open binary file.
-
-    Raises:
-        OutputError: the folder is missing or read-only, the disk is full, or the target is there and no regular file.
-            Nothing is left behind.
     """
     path = Path(path)
-    temporary = None
+    temporary = path.parent / f".moteslam-{secrets.token_hex(8)}"
     try:
         expect_file(path)
-        handle, temporary = tempfile.mkstemp(prefix=".moteslam-", dir=path.parent)
-        with os.fdopen(handle, "wb") as file:
+        with temporary.open("xb") as file:
             if callable(content):
                 content(file)
             else:
                 file.write(content.encode() if isinstance(content, str) else content)
-        Path(temporary).chmod(0o666 & ~umask())
-        Path(temporary).replace(path)
+        temporary.replace(path)
     except OSError as error:
         raise OutputError(f"cannot be written: {error.strerror or error}", file=path) from error
     finally:
-        if temporary is not None:
-            Path(temporary).unlink(missing_ok=True)
+        with suppress(OSError):
+            temporary.unlink()
 
 
-@contextmanager
-def folder_for(path: str | PathLike[str]) -> Iterator[None]:
-    """Make the folders above a file that the block will write; where it fails, those that were made go again.
-
-    Raises:
-        OutputError: they cannot be made.
-    """
-    path = Path(path)
-    made = [folder for folder in path.absolute().parents if not folder.exists()]
-    done = False
-    try:
-        _make_parents(path)
-        yield
-        done = True
-    finally:
-        for folder in () if done else made:
-            with suppress(OSError):  # not there, or no longer ours alone
-                folder.rmdir()
+def expect_file(path: Path) -> None:
+    """Refuse to write over a folder, a device or a pipe."""
+    if path.exists() and not path.is_file():
+        kind = "a folder" if path.is_dir() else "no regular file"
+        raise OutputError(f"cannot be written: it is {kind}, expected the name of a file", file=path)
 
 
 def make_folder(folder: str | PathLike[str]) -> None:
-    """Make a folder and those above it, unless it is there.
-
-    Raises:
-        OutputError: it cannot be made.
-    """
+    """Make a folder and those above it, unless it is there."""
     try:
         Path(folder).mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise OutputError(f"cannot be made: {error.strerror or error}", file=folder) from error
 
 
-def _make_parents(path: Path) -> None:
-    target = path.absolute()
+@contextmanager
+def folder_for(path: str | PathLike[str]) -> Iterator[None]:
+    """Make the folders above a file that the block will write; where it fails, those that were made go again."""
+    made = [folder for folder in Path(path).absolute().parents if not folder.exists()]
+    make_folder(Path(path).absolute().parent)
     try:
-        target.parent.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        above = next((parent for parent in target.parents if parent.exists()), target.parent)
-        if not above.is_dir():
-            shown = next((parent for parent in path.parents if parent.absolute() == above), above)
-            raise OutputError(f"cannot be made: {shown} is a file, expected a folder", file=path) from error
-        raise OutputError(f"cannot be made: {error.strerror or error}", file=path) from error
+        yield
+    except BaseException:
+        for folder in made:
+            with suppress(OSError):  # no longer ours alone
+                folder.rmdir()
+        raise
 
 
-def expect_file(path: Path) -> None:
-    """Refuse what a rename would take the place of, or fail at: a folder, a device, a pipe.
+@contextmanager
+def staged_file(
+    path: str | PathLike[str], *, force: bool = False, keep: str | PathLike[str] | None = None
+) -> Iterator[Path]:
+    """A file, with what its format puts beside it, that appears complete when the block ends; nothing where it fails.
 
-    Raises:
-        OutputError: the path is one of these.
+    The block writes a file of the same name in a temporary folder, and others beside it. Those take the place of others
+    only where the file itself is replaced.
+
+    Args:
+        path: of the file.
+        force: replace it.
+        keep: an input that must not be replaced.
     """
+    path = Path(path)
+    replaces = _is_replaced(path, force=force, keep=keep)
+    with _folder_beside(path) as folder:
+        yield folder / path.name
+        made = sorted(folder.iterdir(), key=lambda file: file.name == path.name)  # where the file is, the others are
+        for file in made[:-1]:
+            _is_replaced(path.with_name(file.name), force=replaces, keep=keep)
+        for file in made:
+            file.replace(path.with_name(file.name))
+
+
+def _is_replaced(path: Path, *, force: bool, keep: str | PathLike[str] | None) -> bool:
+    """Whether a file is there, which may be replaced."""
+    if not (path.is_symlink() or path.exists()):
+        return False
+    if keep is not None and path.exists() and path.samefile(keep):
+        raise OutputError("is the input, expected another file", file=path)
     if path.is_dir():
-        raise OutputError("cannot be written: it is a folder, expected the name of a file", file=path)
-    if path.exists() and not path.is_file():
-        raise OutputError("cannot be written: it is no regular file, expected the name of a new file", file=path)
+        raise OutputError("is a folder, expected a file", file=path)
+    if not force:
+        raise ExistsError("exists already; name a new file", file=path)
+    return True
+
+
+@contextmanager
+def result_folder(
+    path: str | PathLike[str], *, force: bool = False, keep: str | PathLike[str] | None = None
+) -> Iterator[Path]:
+    """A new folder that appears under its name, complete, when the block ends, and not at all when it fails.
+
+    The block writes into a temporary folder. An existing one is replaced at the end with ``force``, if it holds nothing
+    but what moteslam wrote.
+
+    Args:
+        path: of the folder.
+        force: replace what is there.
+        keep: an input that must not be replaced along with it.
+    """
+    path = Path(path)
+    _expect_ours(path, force=force, keep=keep)
+    target = path.absolute()
+    with _folder_beside(path) as folder:
+        work = folder / target.name
+        work.mkdir()
+        yield work
+        names = sorted(entry.name for entry in work.iterdir())
+        (work / MARKER).write_text("\n".join([_TITLE, *names, ""]), "utf-8")
+        _expect_ours(path, force=force, keep=keep)
+        old = folder / ".replaced"
+        try:
+            if target.exists():
+                target.rename(old)
+            work.rename(target)
+        finally:
+            if old.exists() and not target.exists():
+                old.rename(target)
+
+
+def _expect_ours(path: Path, *, force: bool, keep: str | PathLike[str] | None) -> None:
+    """Refuse a folder that must not be replaced."""
+    if not (path.is_symlink() or path.exists()):
+        return
+    if not force:
+        raise ExistsError("exists already; name a new folder", file=path)
+    if path.is_symlink() or not path.is_dir():
+        raise OutputError("is not a folder, expected a folder to replace", file=path)
+    for what, inside in (("the current folder", Path.cwd()), ("the input", keep)):
+        if inside is not None and Path(inside).resolve().is_relative_to(path.resolve()):
+            raise OutputError(f"holds {what}, which would be deleted; expected another folder", file=path)
+    try:
+        names = sorted(entry.name for entry in path.iterdir())
+        marker = (path / MARKER).read_text("utf-8") if MARKER in names else ""
+    except (OSError, ValueError) as error:
+        raise OutputError(f"cannot be read: {error}", file=path) from error
+    title, *known = marker.splitlines() or [""]
+    ours = {MARKER, *known} if title == _TITLE else set()
+    if foreign := next((name for name in names if name not in ours), None):
+        raise OutputError(f"holds {foreign}, which moteslam did not write; expected another folder", file=path)
+
+
+@contextmanager
+def _folder_beside(path: Path) -> Iterator[Path]:
+    """A temporary folder beside a target; errors about files in it name those that they are meant for."""
+    with folder_for(path):
+        place = Path()
+        try:
+            with tempfile.TemporaryDirectory(
+                prefix=".moteslam-", suffix=".partial", dir=path.absolute().parent
+            ) as name:
+                place = Path(name)
+                yield place
+        except MoteslamError as error:
+            if error.file is None or not Path(error.file).is_relative_to(place.absolute()):
+                raise
+            file = path.parent / Path(error.file).relative_to(place)
+            raise type(error)(error.problem, file=file, field=error.field, line=error.line) from error
+        except OSError as error:
+            raise OutputError(f"cannot be written: {error.strerror or error}", file=path) from error
 
 
 def umask() -> int:

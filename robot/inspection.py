@@ -8,12 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from moteslam.robot.clocks import ClockReport, clock_reports, yaw_rates
-from moteslam.robot.frames import LARGEST_GAP, FrameCount, has_images, pairs, read_frame
-from moteslam.robot.issues import Issue
-from moteslam.robot.lidar_inspection import LidarReport, lidar_report
 from moteslam.robot.recording import EncoderStream, ImuStream, Recording, RgbdStream
-from moteslam.robot.wording import counted, expect_type
+from moteslam.robot.rgbd import LARGEST_GAP, FrameCount, has_images, pairs, read_frame
+from moteslam.robot.sensor_reports import ClockReport, LidarReport, Spans, clock_reports, lidar_report, yaw_rates
+from moteslam.robot.values import Issue, counted, expect_type
 
 GAP = 5.0
 """A silence of more than this many median intervals is a gap."""
@@ -30,11 +28,11 @@ LATE = 0.1
 SAME_MOTION = 0.9
 """Two yaw rates that correlate less do not show an offset clearly."""
 
-SPEEDS = 0.005, 20.0
-"""Between these most of a robot's steps are fast [m/s]: a slower or faster one has stamps or lengths in other units."""
-
 REST = 1.0
 """Wheels that stand still at least this long are at rest [s]."""
+
+SPEEDS = 0.005, 20.0
+"""Between these most of a robot's steps are fast [m/s]: a slower or faster one has stamps or lengths in other units."""
 
 
 @dataclass(frozen=True)
@@ -132,11 +130,11 @@ def inspect_recording(recording: Recording, *, deep: bool = False) -> Inspection
     """
     expect_type(recording, Recording, "recording", "open_recording(path) reads one")
     streams = stream_reports(recording)
-    rest = [] if recording.encoders is None else _rests(recording.encoders)
+    rests = [] if recording.encoders is None else _rests(recording.encoders)
     read_ranges = deep or isinstance(getattr(recording.lidar, "ranges", None), np.ndarray)
     lidar = None
     if recording.lidar is not None and recording.lidar.ranges.size:
-        lidar = lidar_report(recording.lidar, rest, read_ranges=read_ranges)
+        lidar = lidar_report(recording.lidar, rests, read_ranges=read_ranges)
     clocks = clock_reports(yaw_rates(recording, scans=read_ranges))
     problems = [*recording.warnings, *_missing(recording), *_gaps(streams), *_meetings(streams)]
     problems += _late(streams, clocks)
@@ -151,8 +149,8 @@ def inspect_recording(recording: Recording, *, deep: bool = False) -> Inspection
         platform=recording.platform.name,
         streams=streams,
         lidar=lidar,
-        wheels=_wheels(recording, rest),
-        gyro_at_rest=None if recording.imu is None else _gyro(recording.imu, rest),
+        wheels=_wheels(recording, rests),
+        gyro_at_rest=None if recording.imu is None else _gyro(recording.imu, rests),
         odometry_distance=_odometry_distance(recording),
         clocks=clocks,
         problems=tuple(problems),
@@ -196,7 +194,7 @@ def _stream(name: str, stamps: NDArray[np.float64]) -> StreamReport:
     )
 
 
-def _rests(encoders: EncoderStream) -> list[tuple[float, float]]:
+def _rests(encoders: EncoderStream) -> Spans:
     """From when to when [s] the wheels stood still, each at least a second."""
     still = np.concatenate(([False], (encoders.counts == 0).all(axis=1), [False]))
     edges = np.flatnonzero(np.diff(still))
@@ -204,7 +202,7 @@ def _rests(encoders: EncoderStream) -> list[tuple[float, float]]:
     return [(start, end) for start, end in spans if end - start >= REST]
 
 
-def _wheels(recording: Recording, rest: list[tuple[float, float]]) -> WheelReport | None:
+def _wheels(recording: Recording, rests: Spans) -> WheelReport | None:
     if recording.encoders is None:
         return None
     wheels = recording.platform.wheels
@@ -213,13 +211,13 @@ def _wheels(recording: Recording, rest: list[tuple[float, float]]) -> WheelRepor
     return WheelReport(
         counts=(front_right, front_left, rear_right, rear_left),
         distance=None if wheels is None else float(travelled * wheels.metres_per_count),
-        at_rest=sum(end - start for start, end in rest),
+        at_rest=sum(end - start for start, end in rests),
     )
 
 
-def _gyro(imu: ImuStream, rest: list[tuple[float, float]]) -> GyroReport | None:
+def _gyro(imu: ImuStream, rests: Spans) -> GyroReport | None:
     inside = np.zeros(len(imu), bool)
-    for start, end in rest:
+    for start, end in rests:
         inside |= (imu.stamps >= start) & (imu.stamps <= end)
     rates = imu.angular_velocity[inside, 2]
     if not len(rates):

@@ -10,7 +10,7 @@ from typing import Annotated
 
 from pydantic import Field, model_validator
 
-from moteslam.robot.section import NotNegative, Number, Positive, Section, Share
+from moteslam.robot.tables import NotNegative, Number, Positive, Section, Share
 
 Seconds = Annotated[Number, Field(ge=0, le=60)]
 SmallAngle = Annotated[Number, Field(ge=0, le=0.3)]

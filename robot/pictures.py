@@ -1,34 +1,51 @@
-"""Pictures in files: their size before anything is unpacked, decoding without the decoder's own messages, encoding."""
+"""Pictures in files: their size before anything is unpacked, decoding without the decoder's own messages, encoding.
+
+Netpbm (P2, P3 as text, P5, P6 as bytes; pgm(5), ppm(5)) is read here: OpenCV does not scale by a file's largest value.
+"""
 
 from __future__ import annotations
 
 import io
+import re
 import warnings
+from dataclasses import dataclass
 from typing import Any
+from zlib import crc32
 
 import numpy as np
 from numpy.typing import NDArray
 
-from moteslam.robot.netpbm import CHANNELS, FULL, decode_netpbm, netpbm_size
-
 PNG = b"\x89PNG\r\n\x1a\n"
 """What a PNG begins with."""
+FULL = 65535
+"""What the largest value of a Netpbm file becomes."""
+
+_CHANNELS = {b"P2": 1, b"P3": 3, b"P5": 1, b"P6": 3}
+_GAP = rb"(?:[ \t\n\v\f\r]|#[^\n\r]*[\n\r])"
+_HEADER = re.compile(rb"P[2356]" + 3 * (_GAP + rb"+(\d{1,9})") + _GAP)
+_LONGEST_HEADER = 1 << 16
 
 
 def picture_size(data: bytes) -> tuple[int, int] | None:
     """Width and height that the header of a picture declares; None where the data are no picture known here."""
     if data.startswith(PNG) and len(data) >= 24:
         return int.from_bytes(data[16:20]), int.from_bytes(data[20:24])
-    return netpbm_size(data) or _declared_size(data)
+    if header := _HEADER.match(data[:_LONGEST_HEADER]):
+        return int(header[1]), int(header[2])
+    from PIL import Image, UnidentifiedImageError
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of sizes, which callers check
+        try:
+            with Image.open(io.BytesIO(data)) as image:
+                width, height = image.size
+                return width, height
+        except (UnidentifiedImageError, Image.DecompressionBombError, OSError, ValueError):
+            return None
 
 
 def decode_picture(data: bytes, how: int) -> NDArray[Any] | None:
-    """A picture as OpenCV decodes it, or None where the data are no picture, cut short or damaged.
-
-    Args:
-        data: the file.
-        how: one of OpenCV's ``IMREAD_`` flags.
-    """
+    """A picture as OpenCV decodes it with an ``IMREAD_`` flag; None where it is none, cut short or damaged."""
     import cv2
 
     if data.startswith(PNG):  # on many threads at once: nothing of all the process is touched
@@ -41,17 +58,38 @@ def decode_picture(data: bytes, how: int) -> NDArray[Any] | None:
         log.setLogLevel(level)
 
 
+def _decoded(data: bytes, how: int) -> NDArray[Any] | None:
+    import cv2
+
+    try:
+        return cv2.imdecode(np.frombuffer(data, np.uint8), how) if data else None
+    except cv2.error:
+        return None
+
+
+def _is_complete_png(data: bytes) -> bool:
+    """Whether a PNG runs to its end chunk with every checksum right; the decoder would fill in what is missing."""
+    at = len(PNG)
+    while at + 12 <= len(data):
+        end = at + 8 + int.from_bytes(data[at : at + 4])
+        if end + 4 > len(data) or crc32(data[at + 4 : end]) != int.from_bytes(data[end : end + 4]):
+            return False
+        if data[at + 4 : at + 8] == b"IEND":
+            return True
+        at = end + 4
+    return False
+
+
 def decode_channels(data: bytes) -> NDArray[np.uint16] | None:
     """All channels of a picture as the file has them, with 65535 for the largest value of a channel.
 
-    Returns:
-        [H, W, C]: grey, or red, green and blue, or these and opacity; None where the data are no picture, cut short or
-        damaged, or hold no whole numbers of up to 16 bits.
+    [H, W, C]: grey, or red, green and blue, or these and opacity; None where the data are no picture, cut short or
+    damaged, or hold no whole numbers of up to 16 bits.
     """
     import cv2
 
-    if data[:2] in CHANNELS:
-        return decode_netpbm(data)
+    if data[:2] in _CHANNELS:
+        return _decode_netpbm(data)
     image = decode_picture(data, cv2.IMREAD_UNCHANGED)
     if image is None or image.dtype not in (np.uint8, np.uint16):
         return None
@@ -59,6 +97,35 @@ def decode_channels(data: bytes) -> NDArray[np.uint16] | None:
     order = [0, 1, 2, 3] if image.shape[2] == 1 else [2, 1, 0, 3]  # OpenCV has blue first
     image = image[:, :, order[: image.shape[2]]]
     return image if image.dtype == np.uint16 else image * np.uint16(FULL // 255)
+
+
+def _decode_netpbm(data: bytes) -> NDArray[np.uint16] | None:
+    """The values [H, W, C] of a Netpbm picture, scaled so that the largest that the file may have becomes 65535.
+
+    Nothing is allocated for more numbers than the data can hold.
+    """
+    header = _HEADER.match(data[:_LONGEST_HEADER])
+    if header is None:
+        return None
+    columns, rows, largest = (int(number) for number in header.groups())
+    plain, channels = data[:2] in (b"P2", b"P3"), _CHANNELS[data[:2]]
+    count, size = columns * rows * channels, 2 if largest > 255 else 1
+    if not (count and 0 < largest <= FULL) or len(data) - header.end() < (2 * count - 1 if plain else count * size):
+        return None
+    if plain:
+        body = re.sub(rb"#[^\n\r]*", b"", data[header.end() :])
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", DeprecationWarning)  # of what is no number
+            try:
+                values = np.fromstring(body.decode("latin-1"), np.float64, count=count, sep=" ")
+            except (DeprecationWarning, ValueError):
+                return None
+        if len(values) < count or not ((values >= 0) & (values < 1e9) & (values == np.floor(values))).all():
+            return None
+    else:
+        values = np.frombuffer(data, ">u2" if size == 2 else np.uint8, count, header.end()).astype(np.float64)
+    scaled = np.floor((2 * np.minimum(values, largest) * FULL + largest) / (2 * largest))  # to the nearest
+    return np.asarray(scaled, np.uint16).reshape(rows, columns, channels)
 
 
 def encode_png(image: NDArray[Any], *, fast: bool = False) -> bytes:
@@ -82,39 +149,50 @@ def encode_png(image: NDArray[Any], *, fast: bool = False) -> bytes:
     return bytes(cv2.imencode(".png", np.ascontiguousarray(image), options if fast else [])[1].data)
 
 
-def _decoded(data: bytes, how: int) -> NDArray[Any] | None:
-    import cv2
+@dataclass(frozen=True)
+class PictureStyle:
+    """The look of the project's pictures.
 
-    try:
-        return cv2.imdecode(np.frombuffer(data, np.uint8), how) if data else None
-    except cv2.error:
-        return None
+    In a picture of one's own: ``with matplotlib.rc_context(moteslam.PictureStyle().rc_params()): ...``
+
+    Attributes:
+        slam: colour of SLAM's paths; all four are from the palette of Okabe and Ito, made for colour-blind readers.
+        truth: colour of the truth.
+        dead_reckoning: colour of dead reckoning.
+        particle: colour of particles.
+        map_free, map_unknown, map_occupied: greys of the map, 0 black to 1 white.
+        font_size: of all text [pt]; a figure's title is 1 pt larger.
+        dpi: pixels an inch.
+    """
+
+    slam: str = "#0072B2"
+    truth: str = "#009E73"
+    dead_reckoning: str = "#D55E00"
+    particle: str = "#56B4E9"
+    map_free: float = 1.0
+    map_unknown: float = 0.88
+    map_occupied: float = 0.15
+    font_size: float = 9.0
+    dpi: float = 150.0
+
+    def rc_params(self) -> dict[Any, Any]:  # Matplotlib's stubs list its 300 keys as literals
+        """The style as settings of Matplotlib, over its defaults: white, no frames, lines in the colours above."""
+        colours = [self.slam, self.truth, self.dead_reckoning, self.particle]
+        return {
+            "font.size": self.font_size,
+            "axes.titlesize": self.font_size,
+            "figure.titlesize": self.font_size + 1,
+            "axes.grid": False,
+            "axes.spines.top": False,
+            "axes.spines.right": False,
+            "axes.prop_cycle": f"cycler('color', {colours})",
+            "legend.frameon": False,
+            "lines.solid_capstyle": "round",
+            "figure.dpi": self.dpi,
+            "savefig.dpi": self.dpi,
+            "savefig.facecolor": "white",
+        }
 
 
-def _declared_size(data: bytes) -> tuple[int, int] | None:
-    from PIL import Image, UnidentifiedImageError
-
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of sizes, which callers check
-        try:
-            with Image.open(io.BytesIO(data)) as image:
-                width, height = image.size
-                return width, height
-        except (UnidentifiedImageError, Image.DecompressionBombError, OSError, ValueError):
-            return None
-
-
-def _is_complete_png(data: bytes) -> bool:
-    """Whether a PNG runs to its end chunk with every checksum right; the decoder would fill in what is missing."""
-    from zlib import crc32
-
-    at = len(PNG)
-    while at + 12 <= len(data):
-        length = int.from_bytes(data[at : at + 4])
-        end = at + 8 + length
-        if end + 4 > len(data) or crc32(data[at + 4 : end]) != int.from_bytes(data[end : end + 4]):
-            return False
-        if data[at + 4 : at + 8] == b"IEND":
-            return True
-        at = end + 4
-    return False
+STYLE = PictureStyle()
+"""Of every picture that is written."""

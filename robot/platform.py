@@ -1,22 +1,186 @@
 """A robot: body, wheels and sensors, where they are, what they measure, and what they get wrong.
 
 A platform comes with a recording (its file, the log's own parameters, or the robot that the format is known for), or
-is one of the bundled ones (`moteslam.robot.platforms`). Facts and sources: ``docs/reference/platforms.md``.
+is one of the bundled ones (`moteslam.robot.platforms`). Facts and sources: ``docs/reference/platforms.md``. A figure of
+a sensor that is None is not known: of a recording the stream itself states it, and nothing can be simulated with it.
 """
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+import math
+from dataclasses import dataclass
+from typing import Annotated, Any, TypeVar
 
 import numpy as np
-from pydantic import Field, field_validator, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
-from moteslam.robot.noise import Noise
-from moteslam.robot.section import NotNegative, Number, Section
-from moteslam.robot.specs import CameraSpec, EncoderSpec, ImuSpec, LidarSpec
-from moteslam.robot.tables import merged
+from moteslam.errors import ConfigError
+from moteslam.robot.noise import ClockNoise, Noise
+from moteslam.robot.tables import NotNegative, Number, Positive, Section, Share, Whole, merged
 
+Position = Annotated[Number, Field(ge=-100, le=100)]
+Angle = Annotated[Number, Field(ge=-2 * math.pi, le=2 * math.pi)]
+Rate = Annotated[Number, Field(gt=0, le=1000)]
 Length = Annotated[Number, Field(gt=0, le=100)]
+T = TypeVar("T")
+Maybe = Annotated[T | None, BeforeValidator(lambda value: None if value is False else value)]
+"""What may not be there or not be known: ``false`` in TOML, which has no other word for it."""
+
+MAX_BEAMS = 100_000
+
+
+def field_of_view(beams: int, increment: float) -> float:
+    """The angle [rad] from the first beam to the last, ``increment`` [rad] of either sign apart."""
+    return (beams - 1) * abs(increment)
+
+
+def too_wide(beams: int, increment: float) -> str | None:
+    """What is wrong with a fan that goes round more than once; first and last beam may be the same direction."""
+    angle = field_of_view(beams, increment)
+    if angle <= 2 * math.pi + abs(increment) / 2:
+        return None
+    return f"{beams} beams {increment:.6g} rad apart are {angle / (2 * math.pi):.2f} turns, expected one at most"
+
+
+@dataclass(frozen=True)
+class ScanFigures:
+    """What every scan of a lidar has in common.
+
+    Attributes:
+        beams: ranges in a scan.
+        angle_min: of the first beam, in the lidar's frame [rad].
+        angle_increment: between beams [rad], counterclockwise positive.
+        rate: scans a second [Hz].
+        range_min, range_max: what the sensor can measure [m].
+    """
+
+    beams: int
+    angle_min: float
+    angle_increment: float
+    rate: float
+    range_min: float
+    range_max: float
+
+
+class LidarSpec(Section):
+    """A planar lidar: where it stands on the robot, and what its scans are.
+
+    Attributes:
+        x, y, z: forward, left, up, in the robot's frame [m].
+        yaw: of its forward axis [rad].
+        time_increment: between beams [s]; 0 where it is not known and a scan counts as taken at once.
+        beams: ranges in a scan.
+        angle_min: of the first beam, in the lidar's frame [rad].
+        angle_increment: between beams [rad]; negative for a lidar that turns clockwise.
+        rate: scans a second [Hz].
+        range_min, range_max: what the sensor can measure [m].
+        no_return: what it reports where nothing comes back [m], from ``range_max`` on; several codes are written in
+            turns. Where there is none, the format's own is written.
+    """
+
+    x: Position = 0.0
+    y: Position = 0.0
+    yaw: Angle = 0.0
+    z: Position = 0.0
+    time_increment: Annotated[Number, Field(ge=0, le=0.01)] = 0.0
+    beams: Maybe[Annotated[Whole, Field(ge=1, le=MAX_BEAMS)]] = None
+    angle_min: Maybe[Angle] = None
+    angle_increment: Maybe[Angle] = None
+    rate: Maybe[Rate] = None
+    range_min: Maybe[Annotated[Number, Field(ge=0, le=5)]] = None
+    range_max: Maybe[Annotated[Number, Field(gt=0, le=10_000)]] = None
+    no_return: Annotated[tuple[Positive, ...], Field(max_length=100)] = ()
+
+    @model_validator(mode="after")
+    def _can_be(self) -> LidarSpec:
+        if self.angle_increment == 0:
+            raise ValueError("angle_increment of 0, expected an angle between beams, negative if it turns clockwise")
+        if self.beams is not None and self.angle_increment is not None:
+            problem = too_wide(self.beams, self.angle_increment)
+            if problem is not None:
+                raise ValueError(problem)
+        if self.range_max is not None:
+            if self.range_min is not None and self.range_min >= self.range_max:
+                raise ValueError(f"range_min of {self.range_min:g} m, expected less than {self.range_max:g} m")
+            if any(code < self.range_max for code in self.no_return):
+                raise ValueError(f"no_return of {min(self.no_return):g} m, expected at least range_max")
+        return self
+
+    @property
+    def pose(self) -> tuple[float, float, float]:
+        """The mount as a planar pose (x, y, yaw)."""
+        return (self.x, self.y, self.yaw)
+
+    @property
+    def scan(self) -> ScanFigures:
+        """What its scans are."""
+        figures = {key: getattr(self, key) for key in ScanFigures.__dataclass_fields__}
+        if missing := [key for key, value in figures.items() if value is None]:
+            raise ConfigError(f"{', '.join(missing)} not known, expected a lidar's figures", field="platform.lidar")
+        return ScanFigures(**figures)
+
+
+class EncoderSpec(Section):
+    """Wheel counters that reset when read: ``rate`` readings a second [Hz]."""
+
+    rate: Rate
+
+
+class ImuSpec(Section):
+    """A gyro and an accelerometer at the robot's centre: ``rate`` readings a second [Hz]."""
+
+    rate: Rate
+
+
+class CameraSettings(Section):
+    """An RGB-D camera: its rate, noise and limits.
+
+    Attributes:
+        rate: frames a second of either camera, when none is lost [Hz].
+        gap: probability that the frames after one are lost.
+        gap_frames: how many are lost then.
+        disparity_noise: standard deviation of a raw disparity before rounding.
+        nearest, farthest: depths that it can measure [m].
+        dropout: probability that a pixel has no depth.
+        grazing: floor met at a smaller slope than this sends nothing back [m/m].
+        colour_noise: standard deviation of a colour level.
+        clock: of the frames.
+    """
+
+    rate: Annotated[Number, Field(gt=0, le=120)]
+    nearest: Positive
+    farthest: Positive
+    gap: Share = 0.0
+    gap_frames: Annotated[Whole, Field(ge=0, le=1000)] = 0
+    disparity_noise: NotNegative = 0.0
+    dropout: Share = 0.0
+    grazing: NotNegative = 0.0
+    colour_noise: Annotated[Number, Field(ge=0, le=100)] = 0.0
+    clock: ClockNoise = ClockNoise()
+
+    @model_validator(mode="after")
+    def _can_measure_something(self) -> CameraSettings:
+        if self.nearest >= self.farthest:
+            raise ValueError(f"nearest of {self.nearest:g} m, expected less than farthest, {self.farthest:g} m")
+        return self
+
+
+class CameraSpec(Section):
+    """An RGB-D camera on the robot.
+
+    Attributes:
+        x, y, z: where it is, in the robot's frame [m].
+        roll, pitch, yaw: how it is turned [rad], down positive.
+        sensor: what it is like; None where that is not known.
+    """
+
+    x: Position
+    y: Position
+    z: Position
+    roll: Angle
+    pitch: Angle
+    yaw: Angle
+    sensor: Maybe[CameraSettings] = None
 
 
 class Wheels(Section):
@@ -81,28 +245,21 @@ class Platform(Section):
     description: str = ""
     length: Length = 0.5
     width: Length = 0.5
-    top_speed: Annotated[Number, Field(gt=0, le=100)] | None = None
-    top_turn_rate: Annotated[Number, Field(gt=0, le=100)] | None = None
-    wheels: Wheels | None = None
-    body: Body | None = None
+    top_speed: Maybe[Annotated[Number, Field(gt=0, le=100)]] = None
+    top_turn_rate: Maybe[Annotated[Number, Field(gt=0, le=100)]] = None
+    wheels: Maybe[Wheels] = None
+    body: Maybe[Body] = None
     lidar: LidarSpec = LidarSpec()
-    encoders: EncoderSpec | None = None
-    imu: ImuSpec | None = None
-    camera: CameraSpec | None = None
+    encoders: Maybe[EncoderSpec] = None
+    imu: Maybe[ImuSpec] = None
+    camera: Maybe[CameraSpec] = None
     noise: Noise = Noise()
-    as_recorded: Noise | None = None
+    as_recorded: Maybe[Noise] = None
 
     @property
     def radius(self) -> float:
         """The radius of the circle about the body [m]."""
         return float(np.hypot(self.length, self.width) / 2)
-
-    @field_validator(
-        "top_speed", "top_turn_rate", "wheels", "body", "encoders", "imu", "camera", "as_recorded", mode="before"
-    )
-    @classmethod
-    def _none_of_false(cls, value: Any) -> Any:
-        return None if value is False else value
 
     @model_validator(mode="before")
     @classmethod

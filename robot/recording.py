@@ -6,47 +6,176 @@ kept in file order, and nothing may divide by the time between them.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, ClassVar, Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.errors import InputError
-from moteslam.robot.arrays import frozen
-from moteslam.robot.issues import Issue
 from moteslam.robot.platform import Platform
-from moteslam.robot.ranges import Ranges
-from moteslam.robot.summary import Summarised, span
-from moteslam.robot.wording import counted, expect_type
+from moteslam.robot.values import Issue, Summarised, counted, expect_type, frozen, span
 
 _COLUMNS = {"counts": 4, "poses": 3, "odometry": 3, "angular_velocity": 3, "linear_acceleration_g": 3}
 """How many columns the arrays of this name have."""
 
+CHUNK = 256
+"""Scans that are read at a time: 1.1 MB of a lidar of 1081 beams."""
+_KEPT = 4
+"""Chunks that are kept: neighbouring scans, and two places of a recording that are compared."""
 
-class _Frozen(Summarised):
-    """Makes every array of a dataclass contiguous and read-only, and checks its axes against the stamps."""
+_GAP, _LEAST_GAP = 10.0, 0.5
+"""Readings have a gap between them where they are this many times as far apart as the median of the latest 1000, and by
+more than the second [s]."""
+LATEST = 1000
+"""How many intervals that is the median of."""
+
+
+class ChunkedRanges:
+    """Ranges that are read when they are asked for, and forgotten again.
+
+    Args:
+        load: ``load(first, last)`` reads the ranges [last - first, beams] of scans as float32 [m].
+        scans: n.
+        beams: of a scan.
+        chunk: scans that are read at a time.
+    """
+
+    def __init__(
+        self, load: Callable[[int, int], NDArray[np.float32]], scans: int, beams: int, *, chunk: int = CHUNK
+    ) -> None:
+        self._load, self._chunk = load, chunk
+        self._kept: dict[int, NDArray[np.float32]] = {}
+        self.shape = (scans, beams)
+        self.dtype = np.dtype(np.float32)
+        self.size = scans * beams
+
+    def __len__(self) -> int:
+        return self.shape[0]
+
+    def __getitem__(self, key: Any, /) -> Any:
+        if isinstance(key, tuple):
+            scans, beams = key
+            return self[scans][..., beams]
+        if isinstance(key, int | np.integer):
+            index = range(len(self))[int(key)]
+            return self._at(index // self._chunk)[index % self._chunk]
+        indices = np.arange(len(self))[key]
+        found = np.empty((len(indices), self.shape[1]), np.float32)
+        for number in np.unique(indices // self._chunk).tolist():
+            here = indices // self._chunk == number
+            found[here] = self._at(number)[indices[here] % self._chunk]
+        return found
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
+        return np.asarray(self[:], dtype)
+
+    def chosen(self, indices: NDArray[np.intp]) -> ChunkedRanges:
+        """The ranges of some scans [m], in this order; read when they are asked for."""
+        return ChunkedRanges(
+            lambda first, last: self[indices[first:last]], len(indices), self.shape[1], chunk=self._chunk
+        )
+
+    def _at(self, number: int) -> NDArray[np.float32]:
+        """A chunk, by its number."""
+        if number not in self._kept:
+            while len(self._kept) >= _KEPT:
+                del self._kept[next(iter(self._kept))]
+            first = number * self._chunk
+            chunk = self._load(first, min(first + self._chunk, len(self)))
+            chunk.setflags(write=False)
+            self._kept[number] = chunk
+        return self._kept[number]
+
+
+Ranges = NDArray[np.float32] | ChunkedRanges
+"""Ranges [n, beams] [m], indexed as an array is: by scan, slice, mask or indices, then by beam."""
+
+
+def chosen(ranges: Ranges, indices: NDArray[np.intp]) -> Ranges:
+    """The ranges of some scans [m] in this order; those of a file stay there until they are asked for."""
+    return ranges.chosen(indices) if isinstance(ranges, ChunkedRanges) else ranges[indices]
+
+
+def chunks(ranges: Ranges) -> Iterator[NDArray[np.float32]]:
+    """All ranges in order, `CHUNK` scans at a time."""
+    for first in range(0, len(ranges), CHUNK):
+        yield ranges[first : first + CHUNK]
+
+
+def phases(ranges: NDArray[np.float32], interlace: int) -> NDArray[np.intp]:
+    """At which beam interlaced scans [n, beams] begin [n], below ``interlace``; 0 for a scan that measured nothing."""
+    if interlace == 1:
+        return np.zeros(len(ranges), np.intp)
+    known = ~np.isnan(ranges)
+    begins = np.stack([known[:, phase::interlace].any(axis=1) for phase in range(interlace)])
+    return np.asarray(begins.argmax(axis=0))
+
+
+def measured(ranges: NDArray[np.float32], interlace: int) -> NDArray[np.bool_]:
+    """Which beams [n, beams] interlaced scans measured, usable reading or not."""
+    return np.asarray(np.arange(ranges.shape[1]) % interlace == phases(ranges, interlace)[:, None])
+
+
+def nearest_stamp(
+    stamps: NDArray[np.float64], times: NDArray[np.float64], *, side: Literal["left", "right"] = "left"
+) -> NDArray[np.intp]:
+    """The index of the stamp nearest to each time, in the shape of ``times``; the earlier of two equally near.
+
+    Args:
+        stamps: [n] rising, at least one [s].
+        times: of any shape [s].
+        side: of several stamps that equal a time the first (``left``) or the last (``right``) is taken.
+    """
+    after = np.clip(np.searchsorted(stamps, times, side=side), 1, max(len(stamps) - 1, 1))
+    before = after - 1
+    after = np.minimum(after, len(stamps) - 1)
+    return np.where(times - stamps[before] <= stamps[after] - times, before, after)
+
+
+def gaps(stamps: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Before which of rising stamps [n] [s] there is a gap; causal."""
+    intervals = np.diff(stamps)
+    gap = np.zeros(len(stamps), np.bool_)
+    for k in np.flatnonzero(intervals > _LEAST_GAP).tolist():
+        gap[k + 1] = intervals[k] > _GAP * np.median(intervals[max(0, k + 1 - LATEST) : k + 1])
+    return gap
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Stream(Summarised):
+    """Stamped readings: every array is contiguous and read-only, and has an axis of the stamps [n] [s]."""
+
+    stamps: NDArray[np.float64]
+    _reading: ClassVar[str] = "reading"
 
     def __post_init__(self) -> None:
-        stamps = frozen(self.stamps)  # type: ignore[attr-defined]
+        stamps = frozen(self.stamps)
         if stamps.ndim != 1 or stamps.dtype != np.float64:
-            raise InputError(f"stamps of {stamps.dtype} {list(stamps.shape)}, expected float64 [n]")
+            raise InputError(f"{stamps.dtype} {list(stamps.shape)}, expected float64 [n]", field="stamps")
         if not np.isfinite(stamps).all() or (np.diff(stamps) < 0).any():
-            raise InputError("stamps go back or are not finite, expected rising seconds", field="stamps")
-        for field in fields(self):  # type: ignore[arg-type]
+            raise InputError("go back or are not finite, expected rising seconds", field="stamps")
+        for field in fields(self):
             value = getattr(self, field.name)
             if not isinstance(value, np.ndarray):
                 continue
             columns = _COLUMNS.get(field.name)
-            if field.name != "stamps" and (len(value) != len(stamps) or (columns and value.shape[1:] != (columns,))):
-                wanted = f"[{len(stamps)}, {columns}]" if columns else f"[{len(stamps)}, ...]"
-                raise InputError(f"{field.name} {list(value.shape)}, expected {wanted}", field=field.name)
+            if len(value) != len(stamps) or (columns and value.shape[1:] != (columns,)):
+                expected = f"[{len(stamps)}, {columns or '...'}]"
+                raise InputError(f"{list(value.shape)}, expected {expected}", field=field.name)
             object.__setattr__(self, field.name, frozen(value))
+
+    def __len__(self) -> int:
+        return len(self.stamps)
+
+    def _summary(self) -> str:
+        return f"{counted(len(self), self._reading)}, {span(self.stamps)}"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class LidarStream(_Frozen):
+class LidarStream(Stream):
     """Planar scans.
 
     Attributes:
@@ -64,7 +193,6 @@ class LidarStream(_Frozen):
             the rest of its ranges is ``nan``.
     """
 
-    stamps: NDArray[np.float64]
     ranges: Ranges
     angle_min: float
     angle_increment: float
@@ -78,16 +206,13 @@ class LidarStream(_Frozen):
     def __post_init__(self) -> None:
         super().__post_init__()
         shape = tuple(self.ranges.shape)
-        if isinstance(self.interlace, bool) or not isinstance(self.interlace, int) or self.interlace < 1:
-            raise InputError(f"{self.interlace!r}, expected a whole number of 1 or more", field="interlace")
+        if self.interlace < 1:
+            raise InputError(f"{self.interlace}, expected a whole number of 1 or more", field="interlace")
         if self.ranges.dtype != np.float32 or len(shape) != 2 or shape[0] != len(self.stamps):
             found = f"{self.ranges.dtype} {list(shape)}"
             raise InputError(f"{found}, expected float32 [{len(self.stamps)}, beams]", field="ranges")
         for name in ("angle_min", "angle_increment", "range_min", "range_max", "time_increment"):
             object.__setattr__(self, name, float(getattr(self, name)))  # of a NumPy scalar, whose text is no number
-
-    def __len__(self) -> int:
-        return len(self.stamps)
 
     @property
     def angles(self) -> NDArray[np.float64]:
@@ -101,7 +226,7 @@ class LidarStream(_Frozen):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class EncoderStream(_Frozen):
+class EncoderStream(Stream):
     """Wheel counters that reset when read.
 
     Attributes:
@@ -109,32 +234,19 @@ class EncoderStream(_Frozen):
         counts: [n, 4] int: change since the last reading of the front right, front left, rear right, rear left wheel.
     """
 
-    stamps: NDArray[np.float64]
     counts: NDArray[np.int64]
 
-    def __len__(self) -> int:
-        return len(self.stamps)
-
-    def _summary(self) -> str:
-        return f"{counted(len(self), 'reading')}, {span(self.stamps)}"
-
 
 @dataclass(frozen=True, eq=False, repr=False)
-class OdometryStream(_Frozen):
+class OdometryStream(Stream):
     """The poses that the robot's own odometry gave: stamps [n] [s], poses [n, 3]."""
 
-    stamps: NDArray[np.float64]
     poses: NDArray[np.float64]
-
-    def __len__(self) -> int:
-        return len(self.stamps)
-
-    def _summary(self) -> str:
-        return f"{counted(len(self), 'pose')}, {span(self.stamps)}"
+    _reading: ClassVar[str] = "pose"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class ImuStream(_Frozen):
+class ImuStream(Stream):
     """Inertial readings.
 
     Attributes:
@@ -143,15 +255,8 @@ class ImuStream(_Frozen):
         linear_acceleration_g: [n, 3] in g, as the sensor reports it (9.80665 m/s^2 each).
     """
 
-    stamps: NDArray[np.float64]
     angular_velocity: NDArray[np.float64]
     linear_acceleration_g: NDArray[np.float64]
-
-    def __len__(self) -> int:
-        return len(self.stamps)
-
-    def _summary(self) -> str:
-        return f"{counted(len(self), 'reading')}, {span(self.stamps)}"
 
 
 class ImageSource(Protocol):
@@ -172,7 +277,7 @@ class RgbdStream(Summarised):
         rgb_stamps: [m] of the colour images [s].
         disparity_stamps: [n] of the disparity images [s].
         rgb_files, disparity_files: the images in the order of the stamps, None for one that is missing; empty where
-            none are there. ``moteslam.robot.frames.camera_frames`` decodes them as they are needed.
+            none are there. ``moteslam.robot.rgbd.camera_frames`` decodes them as they are needed.
         images: gives the images of all stamps in place of files; None where they are files, or where none are there.
     """
 
@@ -209,7 +314,7 @@ class Recording(Summarised):
 
     def __post_init__(self) -> None:
         expect_type(self.platform, Platform, "platform", "Platform() is one of which nothing is known")
-        for name, kind in _STREAMS.items():
+        for name, kind in STREAMS.items():
             if (stream := getattr(self, name)) is not None:
                 expect_type(stream, kind, name)
 
@@ -218,13 +323,13 @@ class Recording(Summarised):
         return replace(self, **changes)
 
     def _summary(self) -> str:
-        streams = [(name, getattr(self, name)) for name in _STREAMS]
+        streams = [(name, getattr(self, name)) for name in STREAMS]
         parts = [f"{name}: {stream._summary()}" for name, stream in streams if stream is not None]
         warnings = [counted(len(self.warnings), "warning")] if self.warnings else []
         return "; ".join((repr(self.name), *parts, *warnings))
 
 
-_STREAMS = {
+STREAMS: dict[str, type[Summarised]] = {
     "lidar": LidarStream,
     "encoders": EncoderStream,
     "odometry": OdometryStream,

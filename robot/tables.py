@@ -1,47 +1,99 @@
-"""TOML tables: read, and merged key by key."""
+"""TOML tables and the models that they become: strict types in frozen sections, merged key by key.
+
+A text is no number and a truth value no integer, in TOML as in Python; a list is taken where a tuple is asked for.
+"""
 
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from os import PathLike
-from typing import Any
+from typing import Annotated, Any, TypeVar
+
+from pydantic import AllowInfNan, BaseModel, ConfigDict, Field, Strict, ValidationError
 
 from moteslam.errors import ConfigError
-from moteslam.robot.reading import read_text
+from moteslam.robot.files import read_text
+from moteslam.robot.values import shortened
 
 Table = dict[str, Any]
 
 MAX_BYTES = 4_000_000
 """No configuration, platform or scenario is larger."""
 
+Truth = Annotated[bool, Strict()]
+Whole = Annotated[int, Strict()]
 
-def read_toml(path: str | PathLike[str], what: str) -> Table:
-    """The table of a TOML file.
+SMALLEST, LARGEST = 1e-9, 1e9
+"""Of every number in a table, in its unit: squares and quotients of what lies between stay far from overflow."""
+
+Number = Annotated[float, Strict(), AllowInfNan(False), Field(ge=-LARGEST, le=LARGEST)]
+NotNegative = Annotated[float, Strict(), AllowInfNan(False), Field(ge=0, le=LARGEST)]
+Positive = Annotated[float, Strict(), AllowInfNan(False), Field(ge=SMALLEST, le=LARGEST)]
+Share = Annotated[float, Strict(), AllowInfNan(False), Field(ge=0, le=1)]
+
+
+class Section(BaseModel):
+    """A table; unknown keys are refused. What a key means stands in the docstring below it, for the reference."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+Model = TypeVar("Model", bound=BaseModel)
+
+
+def validated(
+    model: type[Model],
+    table: object,
+    *,
+    file: str | PathLike[str] | None = None,
+    above: str = "",
+    kinds: Collection[str] = (),
+) -> Model:
+    """The model of a table.
 
     Args:
-        path: of the file.
-        what: was expected there, for the message: ``a TOML file``.
+        model: of the table.
+        table: as read.
+        file: that it is from.
+        above: the key that the table stands under there.
+        kinds: of the items of its lists that are one of several models; no part of the field that an error names.
 
     Raises:
-        ConfigError: it cannot be read, is larger than ``MAX_BYTES``, or is not TOML.
+        ConfigError: a key or value that the model refuses, in pydantic's words.
     """
+    try:
+        return model.model_validate(table)
+    except ValidationError as error:
+        field, problem = first_complaint(error, kinds)
+        raise ConfigError(problem, file=file, field=".".join(filter(None, (above, field))) or None) from error
+
+
+def first_complaint(error: ValidationError, kinds: Collection[str] = ()) -> tuple[str, str]:
+    """The field, with dots, and the problem of the first thing that is wrong.
+
+    A key that is missing where another is unknown is most likely misspelt: the unknown one is named first.
+    """
+    errors = error.errors(include_url=False)
+    first = next((one for one in errors if one["type"] == "extra_forbidden"), errors[0])
+    place = first["loc"]
+    field = ".".join(
+        str(part) for k, part in enumerate(place) if not (k and part in kinds and isinstance(place[k - 1], int))
+    )
+    if first["type"] == "extra_forbidden":
+        return field, "unknown key"
+    problem = first["msg"].removeprefix("Value error, ")
+    found = "" if first["type"] in ("missing", "value_error") else f", found {shortened(first['input'])}"
+    return field, problem + found
+
+
+def read_toml(path: str | PathLike[str], what: str) -> Table:
+    """The table of a TOML file of at most ``MAX_BYTES``; ``what`` was expected there: ``a TOML file``."""
     text = read_text(path, what, limit=MAX_BYTES, error=ConfigError)
     try:
         return tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise ConfigError(f"not TOML: {error}", file=path) from error
     except (ValueError, RecursionError) as error:
-        problem = "tables nested too deep" if isinstance(error, RecursionError) else "a number of too many digits"
-        raise ConfigError(f"not TOML: {problem}", file=path) from error
-
-
-def toml_value(text: str) -> Any:
-    """A value as TOML writes it; anything else is a string."""
-    try:
-        return tomllib.loads(f"value = {text}")["value"]
-    except (ValueError, RecursionError):  # no value, too many digits, or nested too deep
-        return text
+        raise ConfigError(f"not TOML: {error}", file=path) from error
 
 
 def merged(base: Table, over: Table) -> Table:
@@ -63,11 +115,7 @@ def leaves(table: Table, prefix: str = "") -> Iterator[str]:
 
 
 def assigned(settings: Sequence[str]) -> Table:
-    """The table of settings ``key=value`` with dotted keys; a value is TOML, a bare word a string, the last counts.
-
-    Raises:
-        ConfigError: no list of ``key=value``; the field is ``settings``.
-    """
+    """The table of settings ``key=value`` with dotted keys; a value is TOML, a bare word a string, the last counts."""
     if isinstance(settings, str):
         raise ConfigError(f"{settings!r}, expected a list of key=value", field="settings")
     table: Table = {}
@@ -80,3 +128,11 @@ def assigned(settings: Sequence[str]) -> Table:
             tree = {part: tree}
         table = merged(table, tree)
     return table
+
+
+def toml_value(text: str) -> Any:
+    """A value as TOML writes it; anything else is a string."""
+    try:
+        return tomllib.loads(f"value = {text}")["value"]
+    except (ValueError, RecursionError):  # no value, too many digits, or nested too deep
+        return text

@@ -1,20 +1,36 @@
-"""A trajectory: stamped poses. Its files: ``moteslam.robot.trajectories``."""
+"""Trajectories, measured positions and pose graphs; poses in space and what is left of them in the plane.
+
+Their files: ``moteslam.robot.trajectories``.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from moteslam.errors import InputError
 from moteslam.robot import se2
-from moteslam.robot.arrays import frozen
-from moteslam.robot.issues import Issue
-from moteslam.robot.summary import Summarised, span
-from moteslam.robot.wording import counted
+from moteslam.robot.values import Issue, Summarised, counted, frozen, span
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+UNIT = 0.05
+"""Quaternions whose length is off 1 by more than this are none, however they were rounded; so rotation matrices."""
+FARTHEST = 1e9
+"""Positions beyond this [m] are none."""
+SAME = 1e-6
+"""Orientations and heights that differ by less are the same."""
+STANDS = 0.05
+"""A path that is spread by less [m] says nothing of orientations."""
+FEW = 3
+"""Poses of which fewer say nothing of it, either."""
+TILT = np.deg2rad(10.0)
+"""A plane of motion tilted by more than this is not that of x and y."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,13 +68,7 @@ class Trajectory(Summarised):
     warnings: tuple[Issue, ...] = ()
 
     def __post_init__(self) -> None:
-        stamps, poses = frozen(self.stamps, np.float64), frozen(self.poses, np.float64)
-        if stamps.ndim != 1 or poses.shape != (len(stamps), 3):
-            raise InputError(f"stamps {list(stamps.shape)} and poses {list(poses.shape)}, expected [n] and [n, 3]")
-        if (np.diff(stamps) < 0).any():
-            raise InputError("stamps go back, expected rising seconds", field="stamps")
-        object.__setattr__(self, "stamps", stamps)
-        object.__setattr__(self, "poses", poses)
+        _freeze(self, "poses", 3)
 
     def __len__(self) -> int:
         return len(self.stamps)
@@ -74,3 +84,230 @@ class Trajectory(Summarised):
 
     def _summary(self) -> str:
         return f"{counted(len(self), 'pose')}, {span(self.stamps)}, {self.length:.1f} m"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Positions(Summarised):
+    """Where a point of a robot was over time, without a heading: a truth of cameras and total stations.
+
+    Attributes:
+        stamps: [n] float64 [s], not decreasing.
+        points: [n, 2] float64: x, y [m].
+    """
+
+    stamps: NDArray[np.float64]
+    points: NDArray[np.float64]
+
+    def __post_init__(self) -> None:
+        _freeze(self, "points", 2)
+
+    def __len__(self) -> int:
+        return len(self.stamps)
+
+    def _summary(self) -> str:
+        return f"{counted(len(self), 'position')}, {span(self.stamps)}"
+
+
+def _freeze(self: Trajectory | Positions, name: str, columns: int) -> None:
+    """Make stamps [n] and the values [n, columns] of a name read-only; refuse others."""
+    stamps, values = frozen(self.stamps, np.float64), frozen(getattr(self, name), np.float64)
+    if stamps.ndim != 1 or values.shape != (len(stamps), columns):
+        found = f"stamps {list(stamps.shape)} and {name} {list(values.shape)}"
+        raise InputError(f"{found}, expected [n] and [n, {columns}]", field=name)
+    if (np.diff(stamps) < 0).any():
+        raise InputError("stamps go back, expected rising seconds", field="stamps")
+    object.__setattr__(self, "stamps", stamps)
+    object.__setattr__(self, name, values)
+
+
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class PoseGraph(Summarised):
+    """Nodes in the order in which the robot was there, and edges between them.
+
+    Attributes:
+        ids: [n] of the nodes, rising; what files know them by.
+        poses: [n, 3] x [m], y [m], theta [rad].
+        first, second: [e] indices of the nodes that an edge binds, into ``poses``.
+        relative: [e, 3] measured pose of the second in the frame of the first.
+        information: [e, 3, 3], symmetric, of its error in the frame of the measured pose: what is left of the second's
+            pose there [1/m^2, 1/(m rad), 1/rad^2].
+        stamps: [n] of the nodes [s], not decreasing; None where they are not known.
+        fixed: [k] indices of the nodes that hold the frame.
+    """
+
+    ids: Indices
+    poses: Array
+    first: Indices
+    second: Indices
+    relative: Array
+    information: Array
+    stamps: Array | None = None
+    fixed: Indices = field(default_factory=lambda: np.zeros(0, np.int64))
+
+    def __post_init__(self) -> None:
+        n, e = len(self.ids), len(self.first)
+        shapes = {"ids": (n,), "poses": (n, 3), "first": (e,), "second": (e,), "relative": (e, 3)}
+        shapes |= {"information": (e, 3, 3), "stamps": (n,), "fixed": (len(self.fixed),)}
+        for name, shape in shapes.items():
+            if (value := getattr(self, name)) is None:
+                continue
+            array = frozen(value, np.int64 if name in ("ids", "first", "second", "fixed") else np.float64)
+            if array.shape != shape:
+                raise InputError(f"{list(array.shape)}, expected {list(shape)}", field=name)
+            object.__setattr__(self, name, array)
+        if (np.diff(self.ids) <= 0).any():
+            raise InputError("expected rising ids", field="ids")
+        if self.stamps is not None and not (np.diff(self.stamps) >= 0).all():
+            raise InputError("stamps go back, expected rising seconds", field="stamps")
+        for name in ("first", "second", "fixed"):
+            index = getattr(self, name)
+            if len(index) and not 0 <= index.min() <= index.max() < n:
+                raise InputError(f"expected indices of {counted(n, 'node')}", field=name)
+        if (self.first == self.second).any():
+            raise InputError("an edge from a node to itself, expected one between two", field="second")
+
+    def __len__(self) -> int:
+        return len(self.ids)
+
+    @property
+    def loops(self) -> NDArray[np.bool_]:
+        """[e] which edges are loops: those between nodes that do not follow each other."""
+        return np.asarray(np.abs(self.second - self.first) != 1)
+
+    def _summary(self) -> str:
+        loops = int(self.loops.sum())
+        return f"{counted(len(self), 'node')}, {counted(len(self.first), 'edge')}, {counted(loops, 'loop')} of these"
+
+
+def trajectory_of(
+    path: Path,
+    stamps: Array,
+    positions: Array,
+    quaternions: Array | None,
+    *,
+    lines: Sequence[int] = (),
+    warnings: tuple[Issue, ...] = (),
+) -> Trajectory:
+    """The trajectory of poses in space.
+
+    Args:
+        path, lines: of the file, and where in it each pose stands.
+        stamps: [n] [s].
+        positions: [n, 3] [m].
+        quaternions: [n, 4] x, y, z, w; None where the file has no orientation.
+        warnings: what was assumed so far.
+    """
+
+    def line_of(wrong: ArrayLike) -> int | None:
+        return lines[int(np.argmax(wrong))] if len(lines) else None
+
+    if (far := (np.abs(positions) > FARTHEST).any(axis=1)).any():
+        raise InputError(f"position beyond {FARTHEST:g} m, expected metres", file=path, line=line_of(far))
+    why = "has no orientation" if quaternions is None else ""
+    if quaternions is not None:
+        length = np.linalg.norm(quaternions, axis=1)
+        if not length.any() and len(length):
+            quaternions, why = None, "has orientations of length 0 throughout"
+        elif (bad := np.abs(length - 1) > UNIT).any():
+            found = f"quaternion of length {length[bad][0]:.3g}"
+            raise InputError(f"{found}, expected one of length 1", file=path, line=line_of(bad))
+        elif _contradicts(positions, quaternions):
+            shown = " ".join(f"{value:g}" for value in quaternions[0].tolist())
+            why = f"has the orientation {shown} throughout, whichever way it goes"
+    if quaternions is None:
+        quaternions = np.tile((0.0, 0.0, 0.0, 1.0), (len(stamps), 1))
+    if why:
+        text = f"{path}: {why}: taken for positions; no errors of headings, relative errors are those of distances"
+        warnings += (Issue("no-orientation", text, len(stamps)),)
+    poses = np.column_stack((positions[:, :2], se2.heading(quaternions)))
+    flat = not len(stamps) or float(np.ptp(positions[:, 2])) < SAME
+    upright = bool((np.abs(quaternions[:, :2]) < SAME).all())
+    space = None if flat and upright else Space(positions, rotations_of(quaternions))
+    if space is not None and (tilt := np.rad2deg(tilt_of(positions))) > np.rad2deg(TILT):
+        left_out = f"of z, which is left out in x and y, the path spans {np.ptp(positions[:, 2]):.1f} m"
+        text = f"{path}: moves in a plane {tilt:.0f} degrees out of x and y, as in a camera's axes: {left_out}"
+        warnings += (Issue("out-of-plane", text, len(stamps)),)
+    return Trajectory(stamps, poses, not why, space, warnings)
+
+
+def rotations_of(quaternions: Array) -> Array:
+    """The rotation matrices [n, 3, 3] of quaternions [n, 4] (x, y, z, w) of any length but 0."""
+    x, y, z, w = (quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)).T
+    rows = (
+        (1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)),
+        (2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)),
+        (2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)),
+    )
+    return np.moveaxis(np.array(rows), -1, 0)
+
+
+def quaternions_of(rotations: Array) -> Array:
+    """The quaternions [n, 4] (x, y, z, w) of rotation matrices [n, 3, 3], rounded ones made proper (Shepperd 1978)."""
+    r = rotations
+    trace = np.trace(r, axis1=1, axis2=2)
+    # four times the outer product of the quaternion with itself: its column of the largest diagonal is divided by it
+    outer = np.empty((len(r), 4, 4))
+    outer[:, :3, :3] = r + np.swapaxes(r, 1, 2)
+    diagonal = np.diagonal(r, axis1=1, axis2=2)
+    outer[:, [0, 1, 2], [0, 1, 2]] = 1 - trace[:, None] + 2 * diagonal
+    outer[:, 3, 3] = 1 + trace
+    vector = np.stack((r[:, 2, 1] - r[:, 1, 2], r[:, 0, 2] - r[:, 2, 0], r[:, 1, 0] - r[:, 0, 1]), axis=-1)
+    outer[:, 3, :3] = outer[:, :3, 3] = vector
+    best = np.argmax(np.diagonal(outer, axis1=1, axis2=2), axis=1)
+    found = outer[np.arange(len(r)), best]
+    return np.asarray(found / np.linalg.norm(found, axis=1, keepdims=True))
+
+
+def interpolated(stamps: Array, positions: Array, quaternions: Array, at: Array) -> tuple[Array, Array]:
+    """Positions [m, 3] on the straight line and quaternions [m, 4] on the great circle between those of stamps [n].
+
+    Held beyond the ends. Source: Shoemake 1985.
+    """
+    after = np.clip(np.searchsorted(stamps, at, side="right"), 1, max(len(stamps) - 1, 1))
+    before, after = after - 1, np.minimum(after, len(stamps) - 1)
+    gap = stamps[after] - stamps[before]
+    share = np.clip(np.where(gap > 0, (at - stamps[before]) / np.where(gap > 0, gap, 1.0), 0.0), 0.0, 1.0)[:, None]
+    unit = quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)
+    a, b = unit[before], unit[after]
+    cos = (a * b).sum(axis=1, keepdims=True)
+    b, cos = np.where(cos < 0, -b, b), np.abs(cos)
+    angle = np.arctan2(np.linalg.norm(b - a * cos, axis=1, keepdims=True), cos)
+    sin = np.sin(angle)
+    small = sin < 1e-9
+    safe = np.where(small, 1.0, sin)
+    turned = np.where(small, a + share * (b - a), (np.sin((1 - share) * angle) * a + np.sin(share * angle) * b) / safe)
+    where = positions[before] + share * (positions[after] - positions[before])
+    return where, turned / np.linalg.norm(turned, axis=1, keepdims=True)
+
+
+def quaternion_of_yaw(yaw: Array) -> tuple[list[float], list[float]]:
+    """The z and the w of the quaternions of headings [n] [rad]; x and y are 0."""
+    return np.sin(yaw / 2).tolist(), np.cos(yaw / 2).tolist()
+
+
+def normal_of(positions: Array) -> Array:
+    """The normal [3], upward, of the plane in which a path [n, 3] lies; of a straight one the steepest."""
+    off = positions - positions.mean(axis=0)
+    _, size, axes = np.linalg.svd(off.T @ off)
+    up = np.array((0.0, 0.0, 1.0))
+    if size[0] <= len(off) * STANDS**2:
+        return up
+    if size[1] <= 1e-4 * size[0]:
+        up = up - axes[0] * axes[0, 2]
+        return up / np.linalg.norm(up) if np.linalg.norm(up) > SAME else np.array((1.0, 0.0, 0.0))
+    return np.asarray(axes[2] if axes[2, 2] >= 0 else -axes[2])
+
+
+def tilt_of(positions: Array) -> float:
+    """The angle [rad] between the plane of a path [n, 3] and that of x and y."""
+    return float(np.arccos(min(1.0, normal_of(positions)[2])))
+
+
+def _contradicts(positions: Array, quaternions: Array) -> bool:
+    """Whether orientations are all the same where the path goes another way than ahead (x, or z of a camera)."""
+    same = (np.abs(np.abs(quaternions @ quaternions[0]) / np.square(quaternions[0]).sum() - 1) < SAME).all()
+    if not same or len(positions) < FEW:
+        return False
+    spread = ((positions - positions.mean(axis=0)) @ rotations_of(quaternions[:1])[0]).std(axis=0)
+    beside = (np.hypot(spread[1], spread[2]), np.hypot(spread[0], spread[1]))
+    return bool(np.linalg.norm(spread) > STANDS and min(beside) > max(STANDS, 0.05 * np.linalg.norm(spread)))

@@ -1,8 +1,8 @@
 """The path that wheel counters measure, with a gyro's turns where there are some: what a base reports, and SLAM reads.
 
-A file of its own since simulation and SLAM, which never import each other, integrate the same streams. Distances are
-integrated from wheel counts, never from velocities: the real robot's encoder intervals run from 3 to 68 ms at a
-constant speed, so a count divided by its interval spikes to ten times the truth (docs/reference/formats.md).
+Distances are integrated from wheel counts, never from velocities: the real robot's encoder intervals run from 3 to 68
+ms at a constant speed, so a count divided by its interval spikes to ten times the truth (docs/reference/formats.md). An
+increment is a pose in the frame of the pose before it.
 """
 
 from __future__ import annotations
@@ -14,12 +14,39 @@ from numpy.typing import ArrayLike, NDArray
 
 from moteslam.errors import InputError
 from moteslam.robot import se2
-from moteslam.robot.kinematics import arc_increment, wheel_motion
 from moteslam.robot.platform import Wheels
-from moteslam.robot.recording import ImuStream, Recording
-from moteslam.robot.stamps import gaps
+from moteslam.robot.recording import ImuStream, Recording, gaps
 
 Array = NDArray[np.float64]
+
+
+def euler_increment(distance: ArrayLike, turn: ArrayLike) -> se2.Poses:
+    """Equation III.1 of the paper: drive straight along the old heading, then turn.
+
+    Increments [..., 3] of distances v tau [...] [m] and turns omega tau [...] [rad].
+    """
+    distance, turn = np.asarray(distance, np.float64), np.asarray(turn, np.float64)
+    return np.stack(np.broadcast_arrays(distance, np.zeros_like(distance), turn), axis=-1)
+
+
+def arc_increment(distance: ArrayLike, turn: ArrayLike) -> se2.Poses:
+    """The exact arc of constant v and omega (Probabilistic Robotics, table 5.3), straight as the turn goes to 0.
+
+    Increments [..., 3] of lengths [...] [m] and angles [...] [rad] of arcs.
+    """
+    distance, turn = np.asarray(distance, np.float64), np.asarray(turn, np.float64)
+    # chord = d sinc(turn / 2), at half the turn: exact, and smooth through zero
+    chord = distance * np.sinc(turn / (2 * np.pi))
+    return np.stack(np.broadcast_arrays(chord * np.cos(turn / 2), chord * np.sin(turn / 2), turn), axis=-1)
+
+
+def wheel_motion(left: ArrayLike, right: ArrayLike, track: float) -> tuple[Array, Array]:
+    """Distance of the centre [m] and turn [rad] from the travel [...] [m] of the left and right wheels.
+
+    ``track`` is the effective distance between them [m]; on a skid-steered robot larger than the drawn one.
+    """
+    left, right = np.asarray(left, np.float64), np.asarray(right, np.float64)
+    return (left + right) / 2, (right - left) / track
 
 
 def side_travel(counts: NDArray[np.int64], wheels: Wheels) -> tuple[Array, Array]:
@@ -48,13 +75,12 @@ def gyro_covers(stamps: Array, imu: ImuStream | None) -> NDArray[np.bool_]:
 def gyro_turn(stamps: Array, imu: ImuStream, yaw_rate: Array | None = None) -> Array:
     """The turn [n] [rad] between consecutive stamps [n], the integral of yaw rates that are linear between readings.
 
+    Outside the gyro's time there is no turn; the first counts from its start.
+
     Args:
         stamps: rising [s].
-        imu: at least two readings; outside their time there is no turn.
+        imu: at least two readings.
         yaw_rate: one for each of its readings [rad/s], where they are filtered; the readings themselves if None.
-
-    Returns:
-        turns; the first is 0 where the gyro starts after the first stamp, and counts from its start otherwise.
     """
     rate = imu.angular_velocity[:, 2].astype(np.float64) if yaw_rate is None else yaw_rate
     steps = (rate[1:] + rate[:-1]) / 2 * np.diff(imu.stamps)
@@ -75,9 +101,6 @@ def wheel_path(
         turn_of: gives the turns [n] between stamps [n] by the gyro. The wheels' own are taken where it does not
             measure, or where this is None.
         increment: of a distance and a turn.
-
-    Raises:
-        InputError: no encoder readings, or a platform without wheels.
     """
     encoders, imu, wheels = recording.encoders, recording.imu, recording.platform.wheels
     if encoders is None or not len(encoders):

@@ -13,11 +13,9 @@ from numpy.typing import NDArray
 
 from moteslam.errors import ConfigError, InputError
 from moteslam.robot import se2
-from moteslam.robot.kinematics import wheel_motion
 from moteslam.robot.platform import Wheels
-from moteslam.robot.recording import EncoderStream, ImuStream, OdometryStream, Recording
-from moteslam.robot.stamps import nearest_stamp
-from moteslam.robot.wheel_odometry import gyro_covers, gyro_turn, side_travel, wheel_path
+from moteslam.robot.recording import EncoderStream, ImuStream, OdometryStream, Recording, nearest_stamp
+from moteslam.robot.wheel_odometry import gyro_covers, gyro_turn, side_travel, wheel_motion, wheel_path
 from moteslam.sim.log_faults import with_gaps, with_odometry_faults
 from moteslam.sim.simulate import Simulation, rng_of
 

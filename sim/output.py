@@ -8,14 +8,13 @@ from pathlib import Path
 
 import tomli_w
 
-from moteslam.robot.files import make_folder, write_atomically
+from moteslam.robot.files import make_folder, read_bytes, write_atomically
 from moteslam.robot.formats.carmen_writer import write_carmen
 from moteslam.robot.formats.map_server import write_map, write_picture
 from moteslam.robot.formats.ucsd import write_ucsd
 from moteslam.robot.platforms import write_platform
-from moteslam.robot.reading import read_bytes
-from moteslam.robot.trajectories.tum import write_tum
-from moteslam.robot.wording import expect_type
+from moteslam.robot.trajectories.text import write_tum
+from moteslam.robot.values import expect_type
 from moteslam.sim.scenario import Scenario, scenario_table
 from moteslam.sim.sensors.rgbd import write_frames
 from moteslam.sim.simulate import Progress, Simulation

@@ -11,17 +11,14 @@ from typing import Annotated, Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, ValidationError, model_validator
+from pydantic import Field, model_validator
 
 from moteslam.errors import ConfigError, InputError
+from moteslam.robot.files import file_within
 from moteslam.robot.noise import Noise
-from moteslam.robot.platform import Platform
+from moteslam.robot.platform import CameraSettings, Platform
 from moteslam.robot.platforms import BASE, UCSD, load_platform, platform_table, whole_platform
-from moteslam.robot.section import Number, Section, Truth, Whole
-from moteslam.robot.specs import CameraSettings
-from moteslam.robot.tables import Table, assigned, merged, read_toml
-from moteslam.robot.within import file_within
-from moteslam.robot.wording import expect_path, first_complaint, known_keys
+from moteslam.robot.tables import Number, Section, Table, Truth, Whole, assigned, merged, read_toml, validated
 from moteslam.sim.actors.actors import check_doors, check_people
 from moteslam.sim.actors.doors import MAX_DOORS, Door
 from moteslam.sim.actors.people import MAX_PEOPLE, Crowd, Person
@@ -195,7 +192,6 @@ def load_scenario(
     Raises:
         ConfigError: what is wrong with it, by file and key.
     """
-    expect_path(name_or_path, "name_or_path", "a scenario's .toml file, or a name")
     path = Path(name_or_path)
     text = str(name_or_path)
     if random := _RANDOM.fullmatch(text):
@@ -235,17 +231,9 @@ def parse_scenario(table: dict[str, Any], *, file: str | PathLike[str] | None = 
 
 def _validated(table: Table, *, file: str | PathLike[str] | None) -> Scenario:
     try:
-        return Scenario.model_validate(table)
+        return validated(Scenario, table, file=file, kinds=_KINDS)
     except ConfigError as error:
         raise ConfigError(error.problem, file=error.file or file, field=error.field) from error
-    except ValidationError as error:
-        field, problem = first_complaint(
-            error,
-            "scenario",
-            lambda place: f"expected one of {', '.join(known_keys(Scenario, place))}",
-            kinds=_KINDS,
-        )
-        raise ConfigError(problem, file=file, field=field or None) from error
 
 
 def _with_files_beside(table: Table, file: Path | None, *, within: bool = False) -> Table:

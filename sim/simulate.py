@@ -11,9 +11,8 @@ from moteslam.errors import ConfigError
 from moteslam.robot.noise import ClockNoise, Noise, Surroundings
 from moteslam.robot.raster import Raster
 from moteslam.robot.recording import Recording
-from moteslam.robot.summary import Summarised
 from moteslam.robot.trajectory import Trajectory
-from moteslam.robot.wording import expect_type
+from moteslam.robot.values import Summarised, expect_type
 from moteslam.sim.actors.actors import TRUTH_RATE, Actors, Tracks
 from moteslam.sim.log_faults import (
     Gap,

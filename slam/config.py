@@ -5,21 +5,28 @@ Frozen, unknown keys refused. Where the values come from: ``settings``.
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib import import_module
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tomli_w
-from pydantic import Field, SerializeAsAny, ValidationError, field_validator, model_validator
+from pydantic import Field, SerializeAsAny, field_validator, model_validator
 
 from moteslam.errors import ConfigError
-from moteslam.robot.section import Positive, Section, Share, Whole
-from moteslam.robot.wording import first_complaint, known_keys
+from moteslam.plugins import Plugins
+from moteslam.robot.tables import Positive, Section, Share, Whole, validated
 from moteslam.slam.backend.kinds import BACKENDS
 from moteslam.slam.backend.none import NoBackendConfig
 from moteslam.slam.backend.protocol import BackendConfig
-from moteslam.slam.filter.config import KldConfig, UpdateConfig
+from moteslam.slam.filter.resampling import KldConfig
+from moteslam.slam.filter.update_policy import UpdateConfig
 from moteslam.slam.inputs.config import SyncConfig
 from moteslam.slam.mapping.config import MapConfig
 from moteslam.slam.texture.config import TextureConfig
+
+if TYPE_CHECKING:
+    from moteslam.slam.filter.protocol import Filter
 
 
 class SlamConfig(Section):
@@ -55,13 +62,7 @@ class SlamConfig(Section):
             model = BACKENDS[name].config
         except ConfigError as error:
             raise ConfigError(error.problem, field="backend.method") from error
-        try:
-            return model.model_validate(table)
-        except ValidationError as error:
-            field, problem = first_complaint(
-                error, "configuration", lambda place: f"expected one of {', '.join(known_keys(model, place))}"
-            )
-            raise ConfigError(problem, field=f"backend.{field}".rstrip(".")) from error
+        return validated(model, table, above="backend")
 
     def to_toml(self) -> str:
         """The configuration as TOML; it reads back equal."""
@@ -81,3 +82,39 @@ class ParticleFilterConfig(SlamConfig):
     of the expected number and draws the rest."""
     kld: KldConfig = KldConfig()
     update: UpdateConfig = UpdateConfig()
+
+
+def made_on_demand(module: str, name: str) -> Callable[[Any, int], Filter]:
+    """Makes the filter of that name; its module, which imports Taichi, is imported then."""
+
+    def make(config: Any, seed: int) -> Filter:
+        filter_: Filter = getattr(import_module(module), name)(config, seed)
+        return filter_
+
+    return make
+
+
+@dataclass(frozen=True)
+class Method:
+    """A filter as it is registered; building one must not import Taichi, making its filter may.
+
+    Attributes:
+        config: the model of its configuration, under ``SlamConfig``, whose ``method`` is the entry point's name.
+        make: makes the filter for a run, of its configuration and the seed.
+        needs_odometry: it refuses recordings without odometry.
+    """
+
+    config: type[SlamConfig]
+    make: Callable[[Any, int], Filter]
+    needs_odometry: bool = True
+
+
+METHODS: Plugins[Method] = Plugins(
+    "moteslam.filters",
+    Method,
+    bundled={
+        "tsdf": "moteslam.slam.tsdf.config:METHOD",
+        "paper": "moteslam.slam.paper.config:METHOD",
+    },
+)
+"""By name; the configuration key ``method`` chooses one."""

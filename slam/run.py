@@ -1,4 +1,4 @@
-"""Running SLAM over a recording: all at once, or a step at a time for whoever wants to watch."""
+"""Running SLAM over a recording: all at once, or a step at a time."""
 
 from __future__ import annotations
 
@@ -12,38 +12,30 @@ from numpy.typing import NDArray
 
 from moteslam.errors import ConfigError, InputError
 from moteslam.robot import se2
-from moteslam.robot.issues import Issue
 from moteslam.robot.raster import Raster
 from moteslam.robot.recording import Recording
 from moteslam.robot.trajectory import Trajectory
-from moteslam.robot.wording import expect_type
+from moteslam.robot.values import Issue, expect_type
 from moteslam.slam.backend.kinds import BACKENDS
 from moteslam.slam.backend.protocol import KeyScan
-from moteslam.slam.colouring import with_texture
-from moteslam.slam.config import SlamConfig
+from moteslam.slam.config import METHODS, SlamConfig
 from moteslam.slam.estimate import Correction, Estimate, as_logged
-from moteslam.slam.filter.certainty import certainty_of_particles
-from moteslam.slam.filter.spread import spread
-from moteslam.slam.inputs.filling import between_known
+from moteslam.slam.filter.certainty import certainty_of_particles, spread
 from moteslam.slam.inputs.floor_views import FloorViews, missing_for_floor_views
+from moteslam.slam.inputs.odometry_path import between_known
 from moteslam.slam.inputs.step import Step, steps
-from moteslam.slam.inputs.synchronise import synchronise
-from moteslam.slam.inputs.warnings import about_jumps, warnings
-from moteslam.slam.losses import Losses
+from moteslam.slam.inputs.synchronise import about_jumps, synchronise, warnings
 from moteslam.slam.mapping.occupancy import draw_map
-from moteslam.slam.methods import METHODS
 from moteslam.slam.odometry.dead_reckoning import dead_reckoning
-from moteslam.slam.scan_records import ScanRecords, Update
+from moteslam.slam.scan_records import Losses, ScanRecords, Update
 from moteslam.slam.settings import load_preset
+from moteslam.slam.texture.floor_map import TextureMapper, can_map, map_texture
 
 Array = NDArray[np.float64]
 
 
 class SlamSession:
     """SLAM over one recording, an ``Update`` a scan when iterated; ``estimate()`` at the end.
-
-    Of a recording that is still being made, ``take_in`` the scans that are complete, and ``extend`` it by those that
-    follow; an iteration at the end takes in the rest.
 
     Args:
         recording: with a lidar; with some odometry, too, unless the method does without. There is no truth in it.
@@ -86,40 +78,7 @@ class SlamSession:
         return len(self._inputs)
 
     def __iter__(self) -> Iterator[Update]:
-        yield from self.take_in()
-        began = time.perf_counter()
-        if self._waiting:
-            corrected = self._hand_over(self._done - 1)
-            self._records.add_to_last(seconds=time.perf_counter() - began, corrected=corrected)
-
-    @property
-    def taken(self) -> Array:
-        """Stamps [k] of the scans that were taken in [s]."""
-        return self._inputs.stamps[: self._done]
-
-    def extend(self, recording: Recording) -> None:
-        """Go on with the same recording, which has grown since.
-
-        Args:
-            recording: the readings that were there, and more; up to the scans that were taken in they are the same.
-
-        Raises:
-            ConfigError: it has fewer scans than were taken in.
-        """
-        inputs = synchronise(recording, self.config.sync, max_range=self.config.max_range, before=self._inputs)
-        if len(inputs) < self._done:
-            raise ConfigError(f"{len(inputs)} scans, expected at least the {self._done} that were taken in")
-        self.recording, self._inputs = recording, inputs
-        if self._views is not None:
-            self._views = self._views.extended(recording, inputs)
-        self._records.make_room(len(inputs))
-
-    def take_in(self, scans: int | None = None) -> Iterator[Update]:
-        """Take in the scans that follow, an ``Update`` each, as far as the first ``scans`` of the recording.
-
-        Unlike an iteration over the session it leaves a filter that is not settled as it is, for scans to come.
-        """
-        for step in steps(self._inputs, self._views, thinning=self._filter.thinning, first=self._done, last=scans):
+        for step in steps(self._inputs, self._views, thinning=self._filter.thinning, first=self._done):
             began = time.perf_counter()
             result, corrected = self._filter.step(step), 0.0
             if result.updated:
@@ -129,7 +88,7 @@ class SlamSession:
                     corrected = self._hand_over(step.index)
                 corrected += self._relocate(step.index)
                 doubted_from = self._records.last_sure + 1
-                self._losses.look(self._filter.lost, step.stamp, doubted_from=doubted_from, scan=step.index)
+                self._losses.note(self._filter.lost, step.stamp, doubted_from=doubted_from, scan=step.index)
             seconds = time.perf_counter() - began
             poses, weights = self._filter.poses, self._filter.weights.values
             if result.updated:
@@ -150,6 +109,10 @@ class SlamSession:
                 corrected=corrected,
                 **certainty._asdict(),
             )
+        began = time.perf_counter()
+        if self._waiting:
+            corrected = self._hand_over(self._done - 1)
+            self._records.add_to_last(seconds=time.perf_counter() - began, corrected=corrected)
 
     @property
     def map(self) -> Raster:
@@ -259,9 +222,6 @@ class SlamSession:
 
         Those that waited while the particles were at several places are given on the path that turned out to be best.
 
-        Args:
-            scan: the latest one.
-
         Returns:
             how far that moved the robot [m], 0 where nothing was corrected.
         """
@@ -335,3 +295,32 @@ def run_slam(
         if watch is not None:
             watch(update)
     return with_texture(session.estimate(), recording)
+
+
+def wants_colours(config: SlamConfig, recording: Recording) -> bool:
+    """Whether the floor is to be coloured: it is asked for, and there are images of it."""
+    return config.texture.enabled and can_map(recording)
+
+
+def with_texture(
+    estimate: Estimate, recording: Recording, *, watch: Callable[[float, TextureMapper], None] | None = None
+) -> Estimate:
+    """The estimate with the floor coloured along its final trajectory (section III.E of the paper).
+
+    Args:
+        estimate: of ``recording``.
+        recording: what the sensors saw.
+        watch: as in ``map_texture``.
+
+    Returns:
+        the same with ``texture`` and its warnings; unchanged where the floor is not to be coloured; with a warning
+        alone where it cannot be: the estimate is not lost for it.
+    """
+    if not wants_colours(estimate.config, recording):
+        return estimate
+    try:
+        texture = map_texture(recording, estimate.trajectory_final, estimate.config.texture, watch=watch)
+    except InputError as error:
+        issue = Issue("floor-not-coloured", f"the floor is not coloured: {error}")
+        return replace(estimate, warnings=(*estimate.warnings, issue))
+    return replace(estimate, texture=texture, warnings=(*estimate.warnings, *texture.warnings))

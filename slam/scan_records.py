@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import zip_longest
 
 import numpy as np
 from numpy.typing import NDArray
 
-from moteslam.robot.summary import Summarised
+from moteslam.robot import se2
+from moteslam.robot.values import Issue, Summarised
 from moteslam.slam.filter.certainty import Certainty, LocalisationState, state_of
 from moteslam.slam.filter.protocol import StepResult
 
@@ -57,25 +59,15 @@ class Update(Summarised):
 class ScanRecords:
     """A row a scan of the recording, filled in the order of the scans.
 
-    Args:
-        scans: that the recording has until now.
-
     Attributes:
         done: scans that are recorded; the rows after them are zero.
     """
 
     def __init__(self, scans: int) -> None:
         self.done = 0
-        self._poses, self._covariances = np.zeros((scans, 6)), np.zeros((scans, 3, 3))
+        self._poses, self._motions = np.zeros((scans, 3)), np.zeros((scans, 3))
+        self._covariances = np.zeros((scans, 3, 3))
         self._diagnostics = np.zeros((scans, len(DIAGNOSTICS)))
-
-    def make_room(self, scans: int) -> None:
-        """Room for ``scans`` scans in all; what is recorded stays."""
-        more = scans - len(self._poses)
-        self._poses, self._covariances, self._diagnostics = (
-            np.concatenate((kept, np.zeros((more, *kept.shape[1:]))))
-            for kept in (self._poses, self._covariances, self._diagnostics)
-        )
 
     def add(
         self, result: StepResult, certainty: Certainty, *, particles: int, seconds: float, corrected: float
@@ -83,13 +75,10 @@ class ScanRecords:
         """Record the next scan.
 
         Args:
-            result, certainty: of the filter's step.
-            particles: how many there are.
-            seconds: spent on the scan.
             corrected: how far the back end then moved the robot [m].
         """
         index = self.done
-        self._poses[index, :3], self._poses[index, 3:] = result.pose, result.motion
+        self._poses[index], self._motions[index] = result.pose, result.motion
         self._covariances[index] = certainty.covariance
         self._diagnostics[index] = (  # as DIAGNOSTICS
             particles,
@@ -119,17 +108,19 @@ class ScanRecords:
     @property
     def nbytes(self) -> int:
         """Memory of what is recorded."""
-        return sum(kept[: self.done].nbytes for kept in (self._poses, self._covariances, self._diagnostics))
+        return sum(
+            kept[: self.done].nbytes for kept in (self._poses, self._motions, self._covariances, self._diagnostics)
+        )
 
     @property
     def poses(self) -> Array:
         """The filter's pose [k, 3] at each recorded scan."""
-        return self._poses[: self.done, :3].copy()
+        return self._poses[: self.done].copy()
 
     @property
     def motions(self) -> Array:
         """The motion [k, 3] from the scan before to each, in that one's frame."""
-        return self._poses[: self.done, 3:].copy()
+        return self._motions[: self.done].copy()
 
     @property
     def covariances(self) -> Array:
@@ -141,3 +132,67 @@ class ScanRecords:
         """By the names of `DIAGNOSTICS`, [k] each."""
         columns = np.ascontiguousarray(self._diagnostics[: self.done].T)
         return dict(zip(DIAGNOSTICS, columns, strict=True))
+
+
+class Losses:
+    """Takes note of a run's losses."""
+
+    def __init__(self) -> None:
+        self._stamps: list[float] = []  # when it was lost and found, in turns [s]
+        self._parts: list[tuple[int, int]] = []  # the first scan that did not fit, and the first in the map apart
+
+    def note(self, lost: bool, stamp: float, *, doubted_from: int, scan: int) -> None:
+        """Take in an update.
+
+        Args:
+            lost: whether the robot is.
+            stamp: of its scan [s].
+            doubted_from: the first scan since the filter was sure of the pose.
+        """
+        if lost is (len(self._stamps) % 2 == 1):
+            return
+        self._stamps.append(stamp)
+        if lost:
+            self._parts.append((doubted_from, scan))
+
+    def drawn(self, updates: NDArray[np.intp]) -> NDArray[np.bool_]:
+        """Of which updates [u] the map is drawn, while the robot is lost: of the longer part.
+
+        Where the two lie relative to each other is not known, and one would be drawn over the other.
+
+        Args:
+            updates: [u] indices of their scans.
+        """
+        if len(self._stamps) % 2 == 0:
+            return np.ones(len(updates), np.bool_)
+        apart = updates >= self._parts[-1][1]
+        return np.asarray(apart == (apart.mean() > 0.5))
+
+    def parted(self, poses: Array, updates: NDArray[np.intp], driven: Array) -> Array:
+        """Poses [n, 3] of all scans without the bridge from a part of the path to the next.
+
+        What no longer fitted the map before belongs to what follows, what did to what was before.
+
+        Args:
+            poses: of the scans, between those of the updates as if it were one path.
+            updates: [u] indices of their scans.
+            driven: [n, 3] poses by the motion from scan to scan alone.
+        """
+        for first, begun in self._parts:
+            last = int(updates[updates < first][-1])
+            poses[last:first] = se2.compose(poses[last], se2.between(driven[last], driven[last:first]))
+            poses[first:begun] = se2.compose(poses[begun], se2.between(driven[begun], driven[first:begun]))
+        return poses
+
+    def issues(self) -> tuple[Issue, ...]:
+        """Each loss with its times."""
+        issues = []
+        for begin, end in zip_longest(self._stamps[::2], self._stamps[1::2]):
+            text = f"from {begin:.2f} s on the scans do not say where in its map the robot is: it is lost, and a map "
+            text += "apart is drawn, " + (
+                "to the end: how the two lie is a prediction; the map is that of the longer part"
+                if end is None
+                else f"until it is found in the one before at {end:.2f} s"
+            )
+            issues.append(Issue("lost", text))
+        return tuple(issues)

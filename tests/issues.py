@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from moteslam.robot.issues import Issue
+from moteslam.robot.values import Issue
 
 
 def messages(issues: Iterable[Issue]) -> tuple[str, ...]:

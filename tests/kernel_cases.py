@@ -62,8 +62,7 @@ def random_words() -> Results:
 
 def endpoints() -> Results:
     """Of 200 scans of 1081 beams, de-skewed and thinned."""
-    from moteslam.kernels.projection import project_scans
-    from moteslam.kernels.thinning import thin_scans
+    from moteslam.kernels.scans import project_scans, thin_scans
 
     generator = np.random.default_rng(11)
     ranges = generator.uniform(0.1, 20, (200, 1081)).astype(np.float32)
@@ -179,13 +178,11 @@ def distance_maps() -> Results:
     from tile_pools import MIDDLE, OPTIONS, frames, room_scan, thinned
 
     from moteslam.kernels.correlative import MAX_SEARCH_POINTS, search_scans
-    from moteslam.kernels.degeneracy import Kept
-    from moteslam.kernels.integration_options import IntegrationOptions
-    from moteslam.kernels.registration import FRAME, OFFSET, PRIOR, QUERY, register_scans
-    from moteslam.kernels.registration_options import RegistrationOptions
+    from moteslam.kernels.gauss_newton import Kept
+    from moteslam.kernels.registration import FRAME, OFFSET, PRIOR, QUERY, RegistrationOptions, register_scans
     from moteslam.kernels.tile_store import tile_store
     from moteslam.kernels.tiles import CELLS
-    from moteslam.kernels.tsdf import integrate_scans
+    from moteslam.kernels.tsdf import IntegrationOptions, integrate_scans
 
     generator = np.random.default_rng(10)
     particles = 200
@@ -236,16 +233,15 @@ def floors() -> Results:
     from ucsd_robot import CAMERA
 
     from moteslam.kernels.camera import depth_view_of, render_colour, render_disparity, view_of
-    from moteslam.kernels.colour_match import match_colours
     from moteslam.kernels.raycast import build_buckets, cast_rays
-    from moteslam.kernels.texture import add_frame
-    from moteslam.robot import kinect
+    from moteslam.kernels.texture import add_frame, match_colours
+    from moteslam.robot import rgbd
     from moteslam.slam.texture.floor_map import calibration
 
     generator, mount = np.random.default_rng(11), CAMERA
-    rotation, place = kinect.mount_rotation(mount), np.array((mount.x, mount.y, mount.z))
-    rays = [kinect.optical_rays(colour=colour) for colour in (True, False)]
-    above = [float((place + rotation @ (kinect.RGB_OFFSET * colour, 0.0, 0.0))[2]) for colour in (True, False)]
+    rotation, place = rgbd.mount_rotation(mount), np.array((mount.x, mount.y, mount.z))
+    rays = [rgbd.optical_rays(colour=colour) for colour in (True, False)]
+    above = [float((place + rotation @ (rgbd.RGB_OFFSET * colour, 0.0, 0.0))[2]) for colour in (True, False)]
     seen, below = (
         view_of(np.concatenate((ray @ rotation.T, ray[..., 2:]), axis=-1), height=height)
         for ray, height in zip(rays, above, strict=True)
@@ -256,8 +252,8 @@ def floors() -> Results:
     walls = build_buckets(np.array([(-3, -3, 3, -3), (3, -3, 3, 3), (3, 3, -3, 3), (-3, 3, -3, -3)], np.float64))
     poses = np.array([(0.0, 0.0, 0.1), (0.4, 0.3, 2.2), (1.0, -1.2, -0.7)])
     levels = generator.integers(0, 2**24, (160, 160)).astype(np.int32)
-    pixels, starts = kinect.WIDTH * kinect.HEIGHT, np.array((0, 3, 9))
-    noise = generator.normal(0, 2, pixels + 2 * kinect.WIDTH + 9).astype(np.float32)
+    pixels, starts = rgbd.WIDTH * rgbd.HEIGHT, np.array((0, 3, 9))
+    noise = generator.normal(0, 2, pixels + 2 * rgbd.WIDTH + 9).astype(np.float32)
     square = {"corner": (-4.0, -4.0), "cell_size": CELL}
     fans = [
         cast_rays(walls, *rays_of(poses, bearings), max_range=9.0).reshape(len(poses), -1)
@@ -269,7 +265,7 @@ def floors() -> Results:
     sums = np.zeros((160, 160, 4), np.int64)
     for pose, rgb, raw in zip(poses, images, disparity, strict=True):
         add_frame(
-            sums, raw.reshape(kinect.HEIGHT, -1), rgb.reshape(kinect.HEIGHT, -1, 3), pose, calibration=calibration(),
+            sums, raw.reshape(rgbd.HEIGHT, -1), rgb.reshape(rgbd.HEIGHT, -1, 3), pose, calibration=calibration(),
             mount=np.column_stack((rotation, place)), height_limit=0.1, max_depth=5.0, nothing=2047, flat=True,
             **square,
         )  # fmt: skip

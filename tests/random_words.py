@@ -5,7 +5,7 @@
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from moteslam.kernels import rng
+from moteslam.kernels.motion import philox
 from moteslam.kernels.runtime import one_thread, ti
 from moteslam.kernels.types import I64_1D, kernel
 
@@ -15,9 +15,7 @@ def _philox(counters: I64_1D, keys: I64_1D, out: I64_1D):
     ti.loop_config(serialize=ti.static(one_thread()))
     for i in range(out.shape[0] // 4):
         counter = ti.Vector([ti.cast(counters[4 * i + j], ti.u32) for j in ti.static(range(4))], dt=ti.u32)
-        words = rng.philox(
-            counter, ti.Vector([ti.cast(keys[2 * i + j], ti.u32) for j in ti.static(range(2))], dt=ti.u32)
-        )
+        words = philox(counter, ti.Vector([ti.cast(keys[2 * i + j], ti.u32) for j in ti.static(range(2))], dt=ti.u32))
         for j in ti.static(range(4)):
             out[4 * i + j] = ti.cast(words[j], ti.i64)
 

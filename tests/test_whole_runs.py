@@ -13,7 +13,7 @@ import pytest
 from moteslam.eval.metrics.ate import absolute_trajectory_error
 from moteslam.eval.metrics.relations import evaluate_relations, read_relations
 from moteslam.robot.formats import open_recording
-from moteslam.robot.trajectories.tum import read_tum
+from moteslam.robot.trajectories.text import read_tum
 from moteslam.sim.output import write_simulation
 from moteslam.sim.scenario import load_scenario
 from moteslam.sim.simulate import Simulation, simulate

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from twins.tsdf import Tsdf
 
-from moteslam.kernels.integration_options import IntegrationOptions
-from moteslam.kernels.thinning import ThinnedScan
+from moteslam.kernels.scans import ThinnedScan
 from moteslam.kernels.tile_store import TileStore
-from moteslam.kernels.tiles import CELLS, FINE_CELLS, MAX_WEIGHT, SIDE, WEIGHT_BITS, Tiles, tiles_of
+from moteslam.kernels.tiles import CELLS, FINE_CELLS, MAX_WEIGHT, SIDE, WEIGHT_BITS, Tiles
+from moteslam.kernels.tsdf import IntegrationOptions
 
 CELL = 0.05
 TRUNCATION, COARSE_TRUNCATION = 0.15, 0.4
@@ -23,6 +23,12 @@ OPTIONS = {
 ROOM = (8.0, 6.0)
 MIDDLE = np.array((8.0, 7.2, 0.0))
 """Of the room, where ``room_scan`` has it, from the corner of tables of 10 x 9 tiles."""
+
+
+def tiles_of(pool: NDArray[np.int16], tables: NDArray[np.int32]) -> Tiles:
+    """The maps in a pool [t * CELLS] of t tiles and tables [n, rows, columns] of these."""
+    n, rows, columns = tables.shape
+    return Tiles(pool, tables.reshape(-1), rows, columns, n)
 
 
 @dataclass
@@ -55,7 +61,7 @@ class Pool:
     @property
     def tiles(self) -> Tiles:
         """Of all particles, as kernels take them."""
-        return tiles_of(self.pool, self.tables, written=True)
+        return tiles_of(self.pool, self.tables)
 
     def add(self, poses: ArrayLike, scan: ThinnedScan, *, only: int | None = None, **options: Any) -> int | None:
         """``integrate_scans`` for all particles, or for one alone; tiles that were taken are no longer free."""
@@ -115,7 +121,7 @@ def room_scan(pose: ArrayLike = (0.0, 0.0, 0.0), *, beams: int = 360) -> NDArray
 
 def thinned(points: ArrayLike, **options: float) -> ThinnedScan:
     """A scan from its own origin, as the kernels take it."""
-    from moteslam.kernels.thinning import thin_scan
+    from moteslam.kernels.scans import thin_scan
 
     return thin_scan(points, (0.0, 0.0), **({"spacing": 0.02, "gap": 0.3, "gap_from_range": 0.05} | options))
 

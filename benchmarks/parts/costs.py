@@ -164,7 +164,7 @@ def tenths(seed: int, settings: list[str], duration: float | None = None) -> Row
 def process(seed: int, settings: list[str], log: str, figures: bool) -> Row:
     """Processor time a scan, memory and error of the whole command."""
     from moteslam.eval.metrics.ate import absolute_trajectory_error
-    from moteslam.robot.trajectories.tum import read_tum
+    from moteslam.robot.trajectories.text import read_tum
 
     with tempfile.TemporaryDirectory() as folder:
         flags = (*NO_FIGURES[figures], "--threads", "1", "--seed", str(seed))

@@ -97,8 +97,8 @@ def _recordings() -> Iterator[Reader]:
 def _trajectories() -> Iterator[Reader]:
     from moteslam.eval.evaluation import against_trajectory
     from moteslam.eval.metrics.relations import read_relations
-    from moteslam.robot.positions import read_positions
     from moteslam.robot.trajectories import TRAJECTORY_FORMATS, read_trajectory
+    from moteslam.robot.trajectories.rows import read_positions
 
     stamps = np.arange(9) / 2
     path = Trajectory(stamps, np.column_stack((stamps, np.sin(stamps), 0.1 * stamps)))

@@ -101,7 +101,7 @@ def reference_file(name: str) -> Path:
 def load_log(name: str) -> Case:
     """A real log and its reference trajectory, if that is what it has."""
     from moteslam.robot.formats import open_recording
-    from moteslam.robot.trajectories.tum import read_tum
+    from moteslam.robot.trajectories.text import read_tum
 
     return Case(open_recording(log_file(name)), None if name == RELATIONS else read_tum(reference_file(name)))
 

@@ -20,7 +20,7 @@ from twins import grids, tsdf
 from moteslam.kernels.correlative import MAX_SEARCH_POINTS, search_scans
 from moteslam.kernels.matching import match_poses
 from moteslam.kernels.occupancy import update_grid
-from moteslam.kernels.thinning import ThinnedScan, thin_scans
+from moteslam.kernels.scans import ThinnedScan, thin_scans
 from moteslam.kernels.tiles import MAX_WEIGHT, STEPS, WEIGHT_BITS
 from moteslam.slam.mapping.config import TsdfConfig
 from moteslam.slam.mapping.tsdf import TsdfMaps

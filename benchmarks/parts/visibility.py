@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from moteslam.robot import kinect
+from moteslam.robot import rgbd
 from moteslam.sim.sensors.rgbd import CameraFrames
 
 
@@ -26,7 +26,7 @@ def seen_cells(
         [H, W].
     """
     mount, settings = frames.mount, frames.settings
-    rotation = kinect.mount_rotation(mount)
+    rotation = rgbd.mount_rotation(mount)
     rows, columns = np.mgrid[: shape[0], : shape[1]]
     centres = np.stack((columns, rows), axis=-1).reshape(-1, 2) * cell_size + np.asarray(origin) + cell_size / 2
     seen = np.zeros(len(centres), bool)
@@ -41,12 +41,12 @@ def seen_cells(
         ahead = np.stack((away @ (cos, sin), away @ (-sin, cos), np.full(len(away), -mount.z)), axis=-1)
         right, down, depth = (ahead @ rotation).T  # back to optical axes
         front = np.where(depth > 0, depth, np.nan)
-        column, row = (kinect.FOCAL * v / front + c for v, c in zip((right, down), kinect.CENTRE, strict=True))
+        column, row = (rgbd.FOCAL * v / front + c for v, c in zip((right, down), rgbd.CENTRE, strict=True))
         bearing = np.arctan2(ahead[:, 1], ahead[:, 0])
         at = np.rint((bearing - bearings[0]) / (bearings[1] - bearings[0]))
         reach = reaches[np.clip(at, 0, len(bearings) - 1).astype(np.intp)]
         with np.errstate(invalid="ignore"):
-            inside = (column > -0.5) & (column < kinect.WIDTH - 0.5) & (row > -0.5) & (row < kinect.HEIGHT - 0.5)
+            inside = (column > -0.5) & (column < rgbd.WIDTH - 0.5) & (row > -0.5) & (row < rgbd.HEIGHT - 0.5)
         in_range = (depth >= settings.nearest) & (depth <= settings.farthest) & (mount.z / level >= settings.grazing)
         seen[todo[inside & in_range & (level < reach)]] = True
     return seen.reshape(shape)

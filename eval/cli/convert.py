@@ -13,8 +13,8 @@ from moteslam.eval.cli.text import say, say_json, warn
 from moteslam.eval.literal import literal
 
 if TYPE_CHECKING:
-    from moteslam.robot.issues import Issue
     from moteslam.robot.trajectory import Trajectory
+    from moteslam.robot.values import Issue
 
 
 @options.with_options(part=options.RecordingOptions)
@@ -53,10 +53,9 @@ def convert(
         return
 
     from moteslam.eval.scores import truth_file
+    from moteslam.robot.files import result_folder, staged_file
     from moteslam.robot.formats import format_to_write
     from moteslam.robot.inspection import stream_reports
-    from moteslam.robot.result_folder import result_folder
-    from moteslam.robot.staged import staged_file
 
     try:
         name, known = format_to_write(out, to)
@@ -99,9 +98,9 @@ def _stands_for_trajectory(out: Path, to: str | None) -> bool:
 
 def _convert_trajectory(path: Path, out: Path, to: str | None, *, force: bool, as_json: bool) -> None:
     """Write a trajectory in the format of a name, or of the ending of OUT; KITTI's stamps lie beside it."""
-    from moteslam.robot.staged import staged_file
+    from moteslam.robot.files import staged_file
     from moteslam.robot.trajectories import trajectory_format_to_write
-    from moteslam.robot.wording import counted
+    from moteslam.robot.values import counted
 
     try:
         name, known = trajectory_format_to_write(out, to)
@@ -127,11 +126,10 @@ def _read(path: Path) -> tuple[Trajectory, tuple[Issue, ...]]:
     """
     import numpy as np
 
-    from moteslam.robot.issues import Issue
     from moteslam.robot.trajectories import TRAJECTORY_FORMATS, read_trajectory, trajectory_format_of
     from moteslam.robot.trajectories.bag import is_bag, parts_of
     from moteslam.robot.trajectories.g2o import read_both
-    from moteslam.robot.wording import counted
+    from moteslam.robot.values import Issue, counted
 
     if parts_of(path) is not None or is_bag(path) or trajectory_format_of(path) is not TRAJECTORY_FORMATS["g2o"]:
         trajectory, edges = read_trajectory(path), 0

@@ -38,7 +38,7 @@ def demo(
     from moteslam.eval.cli.running import run_into, say_run
     from moteslam.eval.cli.simulate import Wanted, named_in_errors
     from moteslam.kernels import runtime
-    from moteslam.robot.result_folder import result_folder
+    from moteslam.robot.files import result_folder
     from moteslam.sim.simulate import simulate
 
     driven = Wanted(scenario, platform=platform, noise=noise).load(run.seed)

@@ -7,7 +7,7 @@ from typing import Any
 
 from moteslam.eval.cli.text import bold, note, say, table
 from moteslam.eval.literal import literal
-from moteslam.robot.wording import counted
+from moteslam.robot.values import counted
 
 Row = Mapping[str, Any]
 """Of a trajectory: ``estimate``, ``reference`` with ``kind`` and figures, and ``recording`` with ``residuals``."""

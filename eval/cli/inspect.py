@@ -15,10 +15,10 @@ from moteslam.eval.literal import literal
 
 if TYPE_CHECKING:
     from moteslam.robot.inspection import Inspection
-    from moteslam.robot.issues import Issue
-    from moteslam.robot.lidar_inspection import LidarReport
     from moteslam.robot.platform import Platform
     from moteslam.robot.recording import Recording
+    from moteslam.robot.sensor_reports import LidarReport
+    from moteslam.robot.values import Issue
     from moteslam.slam.calibration.findings import Findings
 
 NONE = "-"

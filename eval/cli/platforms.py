@@ -30,7 +30,7 @@ def platforms(
     """  # noqa: D301
     import tomli_w
 
-    from moteslam.robot.fan import field_of_view
+    from moteslam.robot.platform import field_of_view
     from moteslam.robot.platforms import bundled_platforms, load_platform, platform_table
 
     if name is not None:

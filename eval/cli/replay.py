@@ -17,9 +17,9 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from moteslam.robot.issues import Issue
     from moteslam.robot.recording import Recording
     from moteslam.robot.trajectory import Trajectory
+    from moteslam.robot.values import Issue
     from moteslam.slam.config import SlamConfig
 
 FEW_PAIRS = 150
@@ -79,7 +79,7 @@ def replay(
 
     from moteslam.eval.cli.running import run_into, say_run
     from moteslam.eval.scores import true_map_beside
-    from moteslam.robot.result_folder import result_folder
+    from moteslam.robot.files import result_folder
 
     assert out is not None
     recording, found = _checked(recording, calibrate)
@@ -106,7 +106,7 @@ def _checked(recording: Recording, side: str | None) -> tuple[Recording, tuple[I
         recording: as it was read.
         side: what is mended; None: nothing but headings that are of no use.
     """
-    from moteslam.robot.issues import Issue
+    from moteslam.robot.values import Issue
     from moteslam.slam.calibration.calibrate import PAIRS, calibrate
     from moteslam.slam.calibration.findings import calibrated, findings, with_form
 
@@ -133,7 +133,7 @@ def _truth_beside(path: Path, stamps: NDArray[np.float64]) -> tuple[Trajectory |
 
     from moteslam.eval.metrics.association import match
     from moteslam.eval.scores import truth_file
-    from moteslam.robot.trajectories.tum import read_tum
+    from moteslam.robot.trajectories.text import read_tum
     from moteslam.robot.trajectory import Trajectory
 
     file = truth_file(path)
@@ -143,7 +143,7 @@ def _truth_beside(path: Path, stamps: NDArray[np.float64]) -> tuple[Trajectory |
     try:
         match(Trajectory(stamps, np.zeros((len(stamps), 3))), truth)
     except InputError as error:
-        from moteslam.robot.issues import Issue
+        from moteslam.robot.values import Issue
 
         return None, (Issue("not-scored", f"{file}: {error.problem}; not scored"),)
     return truth, truth.warnings
@@ -153,9 +153,8 @@ def _dead_reckon(
     path: Path, recording: Recording, config: SlamConfig, out: Path | None, run: options.SlamOptions
 ) -> None:
     """Dead reckoning alone, printed, and written where ``out`` is given."""
-    from moteslam.robot.files import write_atomically
-    from moteslam.robot.result_folder import result_folder
-    from moteslam.robot.trajectories.tum import write_tum
+    from moteslam.robot.files import result_folder, write_atomically
+    from moteslam.robot.trajectories.text import write_tum
     from moteslam.slam.odometry.dead_reckoning import dead_reckon
 
     trajectory = dead_reckon(recording, config.sync)

@@ -15,15 +15,13 @@ from moteslam.eval.metrics.evidence import DEAD_RECKONING, FINAL, ONLINE
 from moteslam.eval.report.stages import Snapshots, TextureStages
 from moteslam.eval.results import write_results
 from moteslam.eval.scores import Figures, number
-from moteslam.robot.issues import Issue
 from moteslam.robot.raster import Raster
 from moteslam.robot.recording import Recording
 from moteslam.robot.trajectory import Trajectory
-from moteslam.robot.wording import counted
-from moteslam.slam.colouring import wants_colours, with_texture
+from moteslam.robot.values import Issue, counted
 from moteslam.slam.config import SlamConfig
 from moteslam.slam.estimate import Estimate
-from moteslam.slam.run import SlamSession
+from moteslam.slam.run import SlamSession, wants_colours, with_texture
 from moteslam.slam.texture.floor_map import TextureMap, TextureMapper
 
 if TYPE_CHECKING:

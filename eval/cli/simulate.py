@@ -73,7 +73,7 @@ def simulate(
       moteslam simulate corridor --out coloured --camera
       moteslam replay corridor --out result
     """  # noqa: D301
-    from moteslam.robot.result_folder import result_folder
+    from moteslam.robot.files import result_folder
     from moteslam.sim.output import log_name, write_simulation
 
     if true_map is not None and not 0.001 <= true_map <= 10:
@@ -285,7 +285,7 @@ def _make_batch(
         MoteslamError: the first that fails ends them all, and is named with its seed.
     """
     from moteslam.eval.sweep.workers import make_all
-    from moteslam.robot.processors import processor_count
+    from moteslam.robot.values import processor_count
     from moteslam.sim.output import file_name
     from moteslam.sim.scenario import MAX_SEED
     from moteslam.sim.world.random_corridors import NAME as RANDOM_CORRIDORS

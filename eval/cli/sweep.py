@@ -89,8 +89,7 @@ def run(
     from moteslam.eval.sweep.bundled import spec_file
     from moteslam.eval.sweep.spec import read_spec
     from moteslam.eval.sweep.store import WHOLE, begin, opened
-    from moteslam.robot.processors import processor_count
-    from moteslam.robot.wording import counted
+    from moteslam.robot.values import counted, processor_count
 
     if timed and workers not in (None, 1):
         raise ConfigError("given with --workers, expected one run at a time", field="--time")
@@ -283,7 +282,7 @@ def diff(
       moteslam sweep diff mine.sweep published.csv
     """  # noqa: D301
     from moteslam.eval.sweep.export import differences, read_table
-    from moteslam.robot.wording import counted
+    from moteslam.robot.values import counted
 
     first, second = read_table(file), read_table(other)
     common = [run for run in first if run in second]

@@ -98,7 +98,7 @@ def _head(names: list[str], form: str) -> list[str]:
 
 def _cells(group: GroupSummary, names: list[str], form: str) -> list[str]:
     """For people; for programs (``csv``) all digits, nothing where there is no number, ``inf`` for failures."""
-    from moteslam.robot.wording import interval
+    from moteslam.robot.values import interval
 
     summaries = [group.values[name] for name in names]
     if form == "csv":
@@ -129,7 +129,7 @@ def say_affordable(file: Path, budget: str, metrics: list[str], form: str) -> No
     from moteslam.eval.populations import populations
     from moteslam.eval.statistics import Summary, compare
     from moteslam.eval.sweep.tables import better
-    from moteslam.robot.wording import interval
+    from moteslam.robot.values import interval
 
     given = BUDGET.fullmatch(budget.strip())
     if given is None or not float(given[1]) > 0:

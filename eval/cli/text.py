@@ -15,7 +15,7 @@ from moteslam.eval.cli.interrupt import check_interrupt
 from moteslam.eval.literal import literal
 
 if TYPE_CHECKING:
-    from moteslam.robot.issues import Issue
+    from moteslam.robot.values import Issue
 
 WIDEST = 10_000
 """Characters of a table's line."""

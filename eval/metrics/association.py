@@ -11,12 +11,10 @@ from numpy.typing import NDArray
 from moteslam.errors import InputError
 from moteslam.eval.metrics.space import in_space, space_at, spatial
 from moteslam.robot import se2
-from moteslam.robot.recording import LidarStream, Recording
+from moteslam.robot.recording import LidarStream, Recording, nearest_stamp
 from moteslam.robot.se2 import Poses
-from moteslam.robot.stamps import nearest_stamp
-from moteslam.robot.summary import Summarised
 from moteslam.robot.trajectory import Space, Trajectory
-from moteslam.robot.wording import counted, expect_type
+from moteslam.robot.values import Summarised, counted, expect_type
 from moteslam.slam.inputs.synchronise import require_lidar
 
 Array = NDArray[np.float64]

@@ -14,12 +14,9 @@ from moteslam.eval.metrics.association import MAX_DIFFERENCE, Matched, covered, 
 from moteslam.eval.metrics.space import angles, laid, planar, upright
 from moteslam.eval.statistics import Statistics
 from moteslam.robot import se2
-from moteslam.robot.alignment import umeyama, umeyama_scale
-from moteslam.robot.positions import Positions
-from moteslam.robot.se2 import IDENTITY, Poses, compose, inverse, wrap
-from moteslam.robot.summary import Summarised
-from moteslam.robot.trajectory import Space, Trajectory
-from moteslam.robot.wording import counted, expect_type
+from moteslam.robot.se2 import IDENTITY, Poses, compose, inverse, umeyama, umeyama_scale, wrap
+from moteslam.robot.trajectory import Positions, Space, Trajectory
+from moteslam.robot.values import Summarised, counted, expect_type
 
 STANDING = 0.01
 """A reference whose positions are within this root mean square distance of their mean [m] stands still."""

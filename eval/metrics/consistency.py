@@ -11,9 +11,8 @@ from moteslam.errors import InputError
 from moteslam.eval.metrics.association import covered
 from moteslam.eval.statistics import CONFIDENCE
 from moteslam.robot import se2
-from moteslam.robot.summary import Summarised
 from moteslam.robot.trajectory import Trajectory
-from moteslam.robot.wording import counted, expect_type
+from moteslam.robot.values import Summarised, counted, expect_type
 
 Array = NDArray[np.float64]
 

@@ -11,11 +11,9 @@ from numpy.typing import NDArray
 from moteslam.errors import InputError
 from moteslam.eval.metrics.ate import AteResult
 from moteslam.eval.metrics.space import in_space, spatial
-from moteslam.robot.alignment import umeyama
-from moteslam.robot.issues import Issue
-from moteslam.robot.se2 import transform_points
-from moteslam.robot.trajectories.space import FARTHEST, TILT, tilt_of
-from moteslam.robot.trajectory import Trajectory
+from moteslam.robot.se2 import transform_points, umeyama
+from moteslam.robot.trajectory import FARTHEST, TILT, Trajectory, tilt_of
+from moteslam.robot.values import Issue
 
 Array = NDArray[np.float64]
 

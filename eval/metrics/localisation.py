@@ -18,9 +18,8 @@ from moteslam.eval.metrics.association import covered, evenly
 from moteslam.eval.metrics.consistency import squared_errors
 from moteslam.robot import se2
 from moteslam.robot.se2 import Poses
-from moteslam.robot.summary import Summarised
 from moteslam.robot.trajectory import Trajectory
-from moteslam.robot.wording import counted, expect_type
+from moteslam.robot.values import Summarised, counted, expect_type
 from moteslam.slam.estimate import Correction
 from moteslam.slam.filter.certainty import NEIGHBOURHOOD, LocalisationState
 from moteslam.slam.mapping.config import LOST_DISTANCE, LOST_ROTATION

@@ -13,11 +13,9 @@ from moteslam.errors import InputError
 from moteslam.eval.metrics.association import covered, evenly, poses_of_scans, travelled
 from moteslam.eval.statistics import Statistics
 from moteslam.robot import se2
-from moteslam.robot.issues import Issue
 from moteslam.robot.recording import Recording
-from moteslam.robot.summary import Summarised
 from moteslam.robot.trajectory import Trajectory
-from moteslam.robot.wording import counted, expect_type
+from moteslam.robot.values import Issue, Summarised, counted, expect_type
 from moteslam.slam.backend.ledger import LoopCandidate
 from moteslam.slam.inputs.scans import Scans
 from moteslam.slam.inputs.synchronise import require_lidar, synchronise

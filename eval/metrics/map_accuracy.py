@@ -12,8 +12,7 @@ from moteslam.robot import se2
 from moteslam.robot.formats.map_server import FREE, OCCUPIED, UNKNOWN
 from moteslam.robot.raster import Raster
 from moteslam.robot.se2 import IDENTITY, Poses
-from moteslam.robot.summary import Summarised
-from moteslam.robot.wording import expect_type
+from moteslam.robot.values import Summarised, expect_type
 
 Array = NDArray[np.float64]
 

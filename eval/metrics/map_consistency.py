@@ -11,11 +11,10 @@ from moteslam.errors import InputError
 from moteslam.eval.metrics.association import evenly, placed_scans, travelled
 from moteslam.eval.metrics.residuals import surface_points
 from moteslam.robot import se2
-from moteslam.robot.cell_counts import cells_of, mean_cells
+from moteslam.robot.raster import cells_of, mean_cells
 from moteslam.robot.recording import LidarStream, Recording
-from moteslam.robot.summary import Summarised
 from moteslam.robot.trajectory import Trajectory
-from moteslam.robot.wording import counted
+from moteslam.robot.values import Summarised, counted
 from moteslam.slam.inputs.scans import Scans
 from moteslam.slam.inputs.synchronise import synchronise
 

@@ -14,15 +14,14 @@ from numpy.typing import NDArray
 from moteslam.errors import InputError
 from moteslam.eval.metrics.association import MAX_GAP
 from moteslam.eval.statistics import Statistics
+from moteslam.robot.files import open_regular
 from moteslam.robot.formats.stamps import MAX_JUMP
-from moteslam.robot.reading import open_regular
+from moteslam.robot.recording import nearest_stamp
 from moteslam.robot.se2 import Poses, between, wrap
 from moteslam.robot.se2 import interpolate as interpolated
-from moteslam.robot.stamps import nearest_stamp
-from moteslam.robot.summary import Summarised
 from moteslam.robot.trajectories.rows import data_lines, finite_numbers
 from moteslam.robot.trajectory import Trajectory
-from moteslam.robot.wording import expect_type
+from moteslam.robot.values import Summarised, expect_type
 
 TOLERANCE = 1e-4
 """Stamps of a relation and of a pose that are the same reading differ by less than this [s]."""

@@ -13,13 +13,10 @@ from numpy.typing import NDArray
 from moteslam.errors import InputError
 from moteslam.eval.metrics.association import evenly, placed_scans, travelled
 from moteslam.robot import se2
-from moteslam.robot.interlace import measured
-from moteslam.robot.ranges import chunks
-from moteslam.robot.recording import LidarStream, Recording
+from moteslam.robot.recording import LidarStream, Recording, chunks, measured
 from moteslam.robot.se2 import Poses
-from moteslam.robot.summary import Summarised
 from moteslam.robot.trajectory import Trajectory
-from moteslam.robot.wording import counted
+from moteslam.robot.values import Summarised, counted
 from moteslam.slam.inputs.scans import Scans
 from moteslam.slam.inputs.synchronise import synchronise
 

@@ -14,9 +14,8 @@ from moteslam.eval.metrics.association import MAX_DIFFERENCE, Matched, evenly, m
 from moteslam.eval.metrics.ate import PoseErrors
 from moteslam.eval.metrics.space import angles
 from moteslam.robot.se2 import Poses, between
-from moteslam.robot.summary import Summarised
 from moteslam.robot.trajectory import Trajectory
-from moteslam.robot.wording import counted
+from moteslam.robot.values import Summarised, counted
 
 Array = NDArray[np.float64]
 Unit = Literal["m", "s", "frames"]

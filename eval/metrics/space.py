@@ -9,8 +9,16 @@ from numpy.typing import NDArray
 
 from moteslam.errors import InputError
 from moteslam.robot.se2 import wrap
-from moteslam.robot.trajectories.space import FARTHEST, TILT, interpolated, normal_of, quaternions_of, tilt_of
-from moteslam.robot.trajectory import Space, Trajectory
+from moteslam.robot.trajectory import (
+    FARTHEST,
+    TILT,
+    Space,
+    Trajectory,
+    interpolated,
+    normal_of,
+    quaternions_of,
+    tilt_of,
+)
 
 Array = NDArray[np.float64]
 

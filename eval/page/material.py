@@ -15,7 +15,7 @@ from moteslam.errors import InputError
 from moteslam.eval.results import MAX_BYTES, is_result_folder, read_result_folder
 from moteslam.eval.sweep.store import opened
 from moteslam.eval.sweep.tables import group_of, succeeds
-from moteslam.robot.reading import read_text
+from moteslam.robot.files import read_text
 from moteslam.robot.tables import read_toml
 
 SUCCESS = {"final.ate": 0.5}

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from moteslam.errors import ConfigError
 from moteslam.eval.report import style
 from moteslam.robot import se2
-from moteslam.robot.picture_style import PictureStyle
+from moteslam.robot.pictures import PictureStyle
 from moteslam.sim.sensors.clock import EPOCH
 from moteslam.sim.simulate import Simulation
 from moteslam.slam.run import SlamSession

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from moteslam.eval.report import style
 from moteslam.eval.report.style import STEPS, broken
 from moteslam.robot.se2 import between, compose
-from moteslam.robot.summary import Summarised
+from moteslam.robot.values import Summarised
 from moteslam.slam.estimate import Estimate
 
 if TYPE_CHECKING:

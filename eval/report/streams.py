@@ -9,10 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.eval.report.style import DEAD_RECKONING, SLAM, heading, saved_figure
-from moteslam.robot.clocks import SCANS, yaw_rates
 from moteslam.robot.inspection import GAP, REPORTED_GAP, Inspection, stream_stamps
-from moteslam.robot.interlace import measured
-from moteslam.robot.ranges import CHUNK
+from moteslam.robot.recording import CHUNK, measured
+from moteslam.robot.sensor_reports import SCANS, yaw_rates
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.robot.files import write_atomically
-from moteslam.robot.picture_style import STYLE
+from moteslam.robot.pictures import STYLE
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -13,8 +13,7 @@ from moteslam.errors import InputError, OutputError
 from moteslam.eval.literal import literal
 from moteslam.eval.metrics.catalogue import COSTS
 from moteslam.eval.sweep.store import Row, opened
-from moteslam.robot.files import write_atomically
-from moteslam.robot.reading import read_text
+from moteslam.robot.files import read_text, write_atomically
 
 MAX_BYTES = 1_000_000_000
 """No exported table is larger."""

@@ -16,11 +16,11 @@ from moteslam.eval.metrics.relations import Relations
 from moteslam.eval.scores import evidence_of, reference_file, relations_beside, true_map_beside, truth_file
 from moteslam.eval.sweep.external import Command, estimate
 from moteslam.eval.sweep.plan import PlannedRun
-from moteslam.robot.issues import Issue
 from moteslam.robot.raster import Raster
 from moteslam.robot.recording import Recording
-from moteslam.robot.trajectories.tum import read_tum
+from moteslam.robot.trajectories.text import read_tum
 from moteslam.robot.trajectory import Trajectory
+from moteslam.robot.values import Issue
 from moteslam.slam.run import SlamSession
 from moteslam.slam.settings import resolve_config
 

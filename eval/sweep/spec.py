@@ -14,8 +14,7 @@ from moteslam.errors import ConfigError, InputError
 from moteslam.eval.metrics.evidence import TRACKS
 from moteslam.eval.metrics.registry import chosen, split
 from moteslam.eval.sweep.external import version_of
-from moteslam.robot.section import NotNegative, Number, Positive, Section, Whole
-from moteslam.robot.tables import read_toml
+from moteslam.robot.tables import NotNegative, Number, Positive, Section, Whole, read_toml
 from moteslam.slam.settings import DEFAULT_PRESET
 
 MAX_RUNS = 1_000_000

@@ -13,13 +13,11 @@ from pathlib import Path
 
 from moteslam.errors import ConfigError, InputError
 from moteslam.plugins import Plugins, PluginWarning
-from moteslam.robot.issues import Issue
+from moteslam.robot.files import result_folder, staged_file
 from moteslam.robot.platform import Platform
 from moteslam.robot.platforms import bundled_platform
 from moteslam.robot.recording import Recording
-from moteslam.robot.result_folder import result_folder
-from moteslam.robot.staged import staged_file
-from moteslam.robot.wording import expect_path, expect_type
+from moteslam.robot.values import Issue, expect_type
 
 Robot = Platform | str | PathLike[str] | None
 """A robot, a ``platform.toml`` that overrides the format's own robot, or that one as it is."""
@@ -148,7 +146,6 @@ def format_to_write(path: str | PathLike[str], name: str | None = None) -> tuple
     Raises:
         ConfigError: no such format, one that is only read, or an ending that stands for none; its field is ``to``.
     """
-    expect_path(path, "path", "a recording")
     written = {each: known for each, known in FORMATS.items() if known.write is not None}
     if name is not None:
         if name not in written:
@@ -170,7 +167,6 @@ def format_of(path: str | PathLike[str]) -> Format:
     Raises:
         InputError: nothing there, or no format known here; one line says which.
     """
-    expect_path(path, "path", "a recording")
     path = Path(path)
     try:
         is_folder, size = path.is_dir(), path.stat().st_size

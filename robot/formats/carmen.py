@@ -17,13 +17,11 @@ from moteslam.robot.formats.carmen_lines import RAW_LASERS, SHORT_TAILS, CarmenL
 from moteslam.robot.formats.carmen_writer import CLASSIC_STEPS, OWN_PARAMETERS, write_log
 from moteslam.robot.formats.lines import TextLines
 from moteslam.robot.formats.streams import Fan, lidar_stream, mount_between, no_return_limit, odometry_stream
-from moteslam.robot.given_robot import GivenRobot
-from moteslam.robot.issues import Issue
-from moteslam.robot.platform import Platform
-from moteslam.robot.platforms import CARMEN
+from moteslam.robot.platform import LidarSpec, Platform
+from moteslam.robot.platforms import CARMEN, GivenRobot
 from moteslam.robot.recording import Recording
-from moteslam.robot.specs import LidarSpec
-from moteslam.robot.wording import counted, first_complaint
+from moteslam.robot.tables import first_complaint
+from moteslam.robot.values import Issue, counted
 
 MAX_INTERLACE = 8
 """Bearings of the grid in a step between beams, at most; a SICK LMS has 2 or 4."""
@@ -182,7 +180,7 @@ def _platform(path: Path, log: CarmenLines, rows: NDArray[np.float64]) -> Platfo
     try:
         return Platform(**{**CARMEN.model_dump(), **size, "lidar": _mount(log.params, rows)})
     except ValidationError as error:
-        field, problem = first_complaint(error, "robot", lambda place: "")
+        field, problem = first_complaint(error)
         raise InputError(problem, file=path, field=f"PARAM {field}") from error
 
 

@@ -14,11 +14,9 @@ from moteslam.robot import se2
 from moteslam.robot.files import write_atomically
 from moteslam.robot.formats.streams import no_return_codes
 from moteslam.robot.formats.written import computed_odometry, not_written
-from moteslam.robot.interlace import phases
-from moteslam.robot.issues import Issue
-from moteslam.robot.recording import LidarStream, Recording
-from moteslam.robot.specs import LidarSpec
-from moteslam.robot.wording import counted, expect_type
+from moteslam.robot.platform import LidarSpec
+from moteslam.robot.recording import LidarStream, Recording, phases
+from moteslam.robot.values import Issue, counted, expect_type
 
 CLASSIC_STEPS = {180: 1.0, 181: 1.0, 360: 0.5, 361: 0.5}
 """Degrees between the beams of the lasers that classic logs are of, by the number of beams."""

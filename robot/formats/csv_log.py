@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.errors import ConfigError, InputError
+from moteslam.robot.files import file_within, read_text
 from moteslam.robot.formats import Format, Robot, expect_no_sequence
 from moteslam.robot.formats.csv_model import (
     METRES,
@@ -33,16 +34,11 @@ from moteslam.robot.formats.csv_model import (
 from moteslam.robot.formats.csv_writer import write_csv
 from moteslam.robot.formats.lines import BrokenLines, TextLines
 from moteslam.robot.formats.streams import Fan, encoder_stream, imu_stream, lidar_stream, odometry_stream
-from moteslam.robot.given_robot import GivenRobot
-from moteslam.robot.issues import Issue
-from moteslam.robot.platform import Platform
-from moteslam.robot.platforms import platform_of, read_platform
-from moteslam.robot.reading import read_text
+from moteslam.robot.platform import MAX_BEAMS, Platform
+from moteslam.robot.platforms import GivenRobot, platform_of, read_platform
 from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream, OdometryStream, Recording
-from moteslam.robot.specs import MAX_BEAMS
 from moteslam.robot.tables import MAX_BYTES, Table
-from moteslam.robot.within import file_within
-from moteslam.robot.wording import counted, shortened
+from moteslam.robot.values import Issue, counted, shortened
 
 Array = NDArray[np.float64]
 

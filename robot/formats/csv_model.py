@@ -6,12 +6,10 @@ import math
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field, ValidationError, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
-from moteslam.errors import ConfigError
-from moteslam.robot.section import Number, Section
-from moteslam.robot.tables import Table, read_toml
-from moteslam.robot.wording import Place, first_complaint, known_keys, shortened
+from moteslam.robot.tables import Number, Section, Table, read_toml, validated
+from moteslam.robot.values import shortened
 
 SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 METRES = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254}
@@ -145,13 +143,4 @@ class CsvDescription(Section):
 
 def read_description(path: Path) -> CsvDescription:
     """The description in a TOML file."""
-    table = read_toml(path, "a description of CSV files")
-    try:
-        return CsvDescription.model_validate(table)
-    except ValidationError as error:
-        field, problem = first_complaint(error, "description", _expected)
-        raise ConfigError(problem, file=path, field=field or None) from error
-
-
-def _expected(place: Place) -> str:
-    return f"expected one of {', '.join(known_keys(CsvDescription, place))}"
+    return validated(CsvDescription, read_toml(path, "a description of CSV files"), file=path)

@@ -15,12 +15,10 @@ from moteslam.errors import InputError, OutputError
 from moteslam.robot.files import write_atomically
 from moteslam.robot.formats.csv_model import FOUR_WHEELS
 from moteslam.robot.formats.written import not_written
-from moteslam.robot.issues import Issue
 from moteslam.robot.platforms import platform_table
-from moteslam.robot.ranges import chunks
-from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream, OdometryStream, Recording
+from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream, OdometryStream, Recording, chunks
 from moteslam.robot.tables import Table
-from moteslam.robot.wording import expect_type
+from moteslam.robot.values import Issue, expect_type
 
 POSE = ("x", "y", "theta")
 RATES = ("roll_rate", "pitch_rate", "yaw_rate")

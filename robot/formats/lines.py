@@ -11,10 +11,9 @@ from pathlib import Path
 from typing import Any
 
 from moteslam.errors import InputError
+from moteslam.robot.files import open_regular
 from moteslam.robot.formats.stamps import MAX_DROPPED
-from moteslam.robot.issues import Issue
-from moteslam.robot.reading import open_regular
-from moteslam.robot.wording import counted
+from moteslam.robot.values import Issue, counted
 
 MAX_TEXT = 1 << 30
 """No log may unpack to more than this: 1 GiB, about two days of a 180-beam laser at 5 Hz."""

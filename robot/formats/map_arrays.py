@@ -21,12 +21,10 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from moteslam.errors import InputError
-from moteslam.robot.arrays import frozen
 from moteslam.robot.files import write_atomically
 from moteslam.robot.formats.npz import Shape, read_arrays
 from moteslam.robot.raster import Raster
-from moteslam.robot.summary import Summarised
-from moteslam.robot.wording import expect_type, shortened
+from moteslam.robot.values import Summarised, expect_type, frozen, shortened
 
 MapKind = Literal["log_odds", "tsdf", "texture"]
 

@@ -19,13 +19,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.errors import ConfigError, InputError, MoteslamWarning, OutputError
-from moteslam.robot.files import write_atomically
-from moteslam.robot.netpbm import FULL
-from moteslam.robot.pictures import decode_channels, encode_png, picture_size
+from moteslam.robot.files import read_bytes, read_yaml, write_atomically
+from moteslam.robot.pictures import FULL, decode_channels, encode_png, picture_size
 from moteslam.robot.raster import Raster
-from moteslam.robot.reading import read_bytes
-from moteslam.robot.wording import expect_type
-from moteslam.robot.yaml_table import read_yaml
+from moteslam.robot.values import expect_type
 
 FREE, OCCUPIED, UNKNOWN = 0, 1, -1
 """The values of a trinary map, int8."""

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.errors import InputError
-from moteslam.robot.reading import open_regular
+from moteslam.robot.files import open_regular
 
 MAX_BYTES = 2 << 30
 """No file may declare more than this for the arrays asked for: 2 GiB, over an hour of a 1081-beam lidar at 40 Hz."""

@@ -9,8 +9,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from moteslam.errors import InputError
-from moteslam.robot.issues import Issue
-from moteslam.robot.wording import counted
+from moteslam.robot.values import Issue, counted
 
 Stamps = NDArray[np.float64]
 

@@ -10,15 +10,11 @@ from numpy.typing import NDArray
 
 from moteslam.errors import InputError
 from moteslam.robot import se2
-from moteslam.robot.arrays import given_up
-from moteslam.robot.fan import too_wide
 from moteslam.robot.formats.stamps import MAX_DROPPED, Stamps, stamp_order
-from moteslam.robot.issues import Issue
-from moteslam.robot.platform import Platform
+from moteslam.robot.platform import LidarSpec, Platform, too_wide
 from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream, OdometryStream
-from moteslam.robot.specs import LidarSpec
 from moteslam.robot.tables import Table
-from moteslam.robot.wording import counted
+from moteslam.robot.values import Issue, counted, given_up
 
 Array = NDArray[Any]
 

@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.errors import ConfigError, InputError
-from moteslam.robot.arrays import given_up
 from moteslam.robot.files import make_folder, write_atomically
 from moteslam.robot.formats import Format, Robot
 from moteslam.robot.formats.npz import read_arrays
@@ -31,14 +30,11 @@ from moteslam.robot.formats.streams import (
 )
 from moteslam.robot.formats.ucsd_images import DISPARITY, RGB, find_images
 from moteslam.robot.formats.written import left_out, not_written
-from moteslam.robot.given_robot import GivenRobot
-from moteslam.robot.issues import Issue
-from moteslam.robot.platform import Platform
-from moteslam.robot.platforms import UCSD, write_platform
+from moteslam.robot.platform import LidarSpec, Platform
+from moteslam.robot.platforms import UCSD, GivenRobot, write_platform
 from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream, Recording, RgbdStream
-from moteslam.robot.specs import LidarSpec
 from moteslam.robot.tables import Table
-from moteslam.robot.wording import counted, expect_type
+from moteslam.robot.values import Issue, counted, expect_type, given_up
 
 Array = NDArray[Any]
 

@@ -14,11 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.errors import InputError
-from moteslam.robot.issues import Issue
-from moteslam.robot.kinect import HEIGHT, WIDTH
+from moteslam.robot.files import read_bytes
 from moteslam.robot.pictures import PNG, decode_picture, picture_size
-from moteslam.robot.reading import read_bytes
-from moteslam.robot.wording import counted
+from moteslam.robot.rgbd import HEIGHT, WIDTH
+from moteslam.robot.values import Issue, counted
 
 RGB, DISPARITY = "RGB", "Disparity"
 """The two kinds of images, as the folders name them."""

@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from moteslam.robot.issues import Issue
 from moteslam.robot.recording import OdometryStream, Recording, RgbdStream
+from moteslam.robot.values import Issue, counted
 from moteslam.robot.wheel_odometry import wheel_path
-from moteslam.robot.wording import counted
 
 _WORDS = {"encoders": "encoder reading", "odometry": "odometry pose", "imu": "IMU reading", "rgbd": "image"}
 

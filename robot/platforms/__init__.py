@@ -1,24 +1,19 @@
-"""Robots in TOML: the bundled ones, which lie beside this, and those of files."""
+"""Robots in TOML: the bundled ones beside this, and those of files, alone or over what a recording states."""
 
 from __future__ import annotations
 
 import tomllib
-import types
-from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from functools import cache
 from os import PathLike
 from pathlib import Path
-from typing import Any, get_args
 
 import tomli_w
-from pydantic import BaseModel, ValidationError
 
 from moteslam.errors import ConfigError
 from moteslam.robot.files import write_atomically
-from moteslam.robot.platform import Platform
-from moteslam.robot.specs import LidarSpec
-from moteslam.robot.tables import Table, merged, read_toml
-from moteslam.robot.wording import Place, expect_path, first_complaint, known_keys
+from moteslam.robot.platform import LidarSpec, Platform
+from moteslam.robot.tables import Table, merged, read_toml, validated
 
 FOLDER = Path(__file__).parent
 
@@ -28,6 +23,9 @@ BASE = "base"
 _MAY_BE_LEFT_OUT = frozenset({"name", "description", "top_speed", "top_turn_rate", "no_return", "noise", "as_recorded"})
 """By a whole robot: words, limits and codes that not every one has, errors that are not there unless they are given."""
 
+_MOUNT = ("x", "y", "yaw", "time_increment")
+"""What SLAM knows of where the lidar stands."""
+
 
 def bundled_platforms() -> dict[str, str]:
     """The names of the robots that come with the package, each with a sentence on what it is."""
@@ -36,12 +34,16 @@ def bundled_platforms() -> dict[str, str]:
 
 @cache
 def bundled_platform(name: str) -> Platform:
-    """The bundled robot of that name.
+    """The bundled robot of that name."""
+    if name not in _names():
+        expected = f"expected one of {', '.join(_names())}, or a .toml file"
+        raise ConfigError(f"no robot of this name, {expected}", field=name)
+    table = tomllib.loads((FOLDER / f"{name}.toml").read_text(encoding="utf-8"))
+    return Platform.model_validate({"name": name, **table})
 
-    Raises:
-        ConfigError: there is none; the names are listed.
-    """
-    return _platform(_bundled_table(name), file=None)
+
+def _names() -> list[str]:
+    return sorted(path.stem for path in FOLDER.glob("*.toml"))
 
 
 def load_platform(name_or_path: str | PathLike[str]) -> Platform:
@@ -51,10 +53,8 @@ def load_platform(name_or_path: str | PathLike[str]) -> Platform:
     with ``base``.
 
     Raises:
-        ConfigError: no such robot, not readable, not TOML, an unknown key, a value out of bounds, or keys that are
-            missing; they are named.
+        ConfigError: no such robot, not readable, an unknown key, a value out of bounds, or keys that are missing.
     """
-    expect_path(name_or_path, "platform", "a robot's .toml file, or a name")
     text, path = str(name_or_path), Path(name_or_path)
     if path.suffix != ".toml" and path.name == text:
         return bundled_platform(text)
@@ -62,14 +62,15 @@ def load_platform(name_or_path: str | PathLike[str]) -> Platform:
 
 
 def whole_platform(table: Table, *, file: str | PathLike[str] | None = None) -> Platform:
-    """A robot of a table that leaves nothing out, or names its ``base``; ``file`` is named in errors.
-
-    Raises:
-        ConfigError: as ``load_platform``.
-    """
+    """A robot of a table that leaves nothing out, or names its ``base``; ``file`` is named in errors."""
     table = _over_its_base(table, file)
-    platform = _platform(table, file=file, whole=True)
-    _expect_whole(table, file)
+    platform = validated(Platform, table, file=file)
+    keys = [key for key in Platform.model_fields if key not in table]
+    if isinstance(lidar := table.get("lidar"), dict):
+        keys += [f"lidar.{key}" for key in LidarSpec.model_fields if key not in lidar]
+    if missing := ", ".join(key for key in keys if key.rpartition(".")[2] not in _MAY_BE_LEFT_OUT):
+        bases = ", ".join(f'"{name}"' for name in _names())
+        raise ConfigError(f"{missing} missing, expected a whole robot, or base = one of {bases}", file=file)
     return platform
 
 
@@ -81,16 +82,26 @@ def read_platform(path: str | PathLike[str], *, base: Platform | None = None) ->
         base: the robot that it overrides, key by key; a robot of which nothing is known by default.
 
     Raises:
-        ConfigError: not readable, not TOML, an unknown key, a value out of bounds, or a table that is begun and
-            misses keys that the robot below has not; file and keys are named.
+        ConfigError: not readable, an unknown key, a value out of bounds, or a table that is begun and misses keys that
+            the robot below has not.
     """
     return platform_of(read_toml(Path(path), "a platform.toml"), file=path, base=base)
 
 
 def platform_of(table: Table, *, file: str | PathLike[str], base: Platform | None = None) -> Platform:
-    """The robot of the table in a ``platform.toml``; arguments and errors as of ``read_platform``."""
+    """The robot of the table in a ``platform.toml``; arguments as of ``read_platform``."""
     table = _over_its_base(table, file)
-    return _platform(table if base is None else merged(base.model_dump(), table), file=file)
+    return validated(Platform, table if base is None else merged(base.model_dump(), table), file=file)
+
+
+def _over_its_base(table: Table, file: str | PathLike[str] | None) -> Table:
+    """The table over the bundled robot that it names, if it names one."""
+    if BASE not in table:
+        return table
+    name, changes = table[BASE], {key: value for key, value in table.items() if key != BASE}
+    if name not in _names():
+        raise ConfigError(f"{name!r}, expected one of {', '.join(_names())}", file=file, field=BASE)
+    return merged(platform_table(bundled_platform(name)), changes)
 
 
 def write_platform(path: str | PathLike[str], platform: Platform) -> None:
@@ -110,74 +121,71 @@ def _without_none(table: Table) -> Table:
     }
 
 
-def _names() -> list[str]:
-    return sorted(path.stem for path in FOLDER.glob("*.toml"))
+@dataclass(frozen=True)
+class GivenRobot:
+    """The robot that a caller gives of a recording: complete, a file of what differs from the one it states, or none.
 
+    Attributes:
+        platform: the robot, where it is given itself.
+        file: that was read; None without one.
+        table: what is in it.
+    """
 
-def _quoted() -> str:
-    return ", ".join(f'"{name}"' for name in _names())
+    platform: Platform | None
+    file: Path | None
+    table: Table
 
+    @classmethod
+    def read(cls, given: Platform | str | PathLike[str] | None) -> GivenRobot:
+        """What is given; a file is read here, and not again."""
+        if given is None or isinstance(given, Platform):
+            return cls(given, None, {})
+        return cls(None, Path(given), read_toml(given, "a platform.toml"))
 
-def _bundled_table(name: str) -> Table:
-    if name not in _names():
-        raise ConfigError(
-            f"no robot of this name, expected one of {', '.join(_names())}, or a .toml file", field=repr(name)[1:-1]
-        )
-    return {"name": name, **tomllib.loads((FOLDER / f"{name}.toml").read_text(encoding="utf-8"))}
+    def lidars(self) -> tuple[GivenRobot, dict[str, LidarSpec]]:
+        """The same without the tables ``[lidars."/topic"]`` of a file, and the mounts that these give, by topic."""
+        rest, mounts = dict(self.table), {}
+        found = rest.pop("lidars", {})
+        for topic, table in found.items() if isinstance(found, dict) else [("", found)]:
+            if self.file is None or not isinstance(table, dict) or set(table) - {"x", "y", "z", "yaw"}:
+                field = f"lidars.{topic!r}" if topic else "lidars"
+                raise ConfigError("expected a table a topic, with x, y, z and yaw", file=self.file, field=field)
+            mounts[f"/{topic.lstrip('/')}"] = platform_of({"lidar": table}, file=self.file).lidar
+        return replace(self, table=rest), mounts
 
+    @property
+    def is_nothing(self) -> bool:
+        """Whether neither a robot nor a file is given."""
+        return self.platform is None and self.file is None
 
-def _over_its_base(table: Table, file: str | PathLike[str] | None) -> Table:
-    """The table over the bundled robot that it names, if it names one."""
-    if BASE not in table:
-        return table
-    name, changes = table[BASE], {key: value for key, value in table.items() if key != BASE}
-    if name not in _names():
-        raise ConfigError(f"{name!r}, expected one of {', '.join(_names())}", file=file, field=BASE)
-    return merged(platform_table(bundled_platform(name)), changes)
+    def over(self, stated: Platform, *, assumed: bool = False) -> Platform:
+        """The robot of a recording: the one given, or the file's keys over those that the recording states.
 
+        Args:
+            stated: the robot that the recording states.
+            assumed: whether the recording states nothing, and ``stated`` is the robot that its format is known for:
+                wheels of another robot then have to be given completely.
+        """
+        if self.platform is not None:
+            return self.platform
+        if self.file is None:
+            return stated
+        if assumed and isinstance(self.table.get("wheels"), dict) and BASE not in self.table:
+            stated = stated.model_copy(update={"wheels": None})
+        return platform_of(self.table, file=self.file, base=stated)
 
-def _expect_whole(table: Table, file: str | PathLike[str] | None) -> None:
-    if missing := ", ".join(_missing(table, Platform)):
-        raise ConfigError(f"{missing} missing, expected a whole robot, or base = one of {_quoted()}", file=file)
+    @property
+    def leaves_out(self) -> bool:
+        """Whether a file names some of what SLAM goes by, wheels and the lidar's mount, and leaves the rest out."""
+        lidar = self.table.get("lidar", {})
+        named = ["wheels" in self.table, *(isinstance(lidar, dict) and key in lidar for key in _MOUNT)]
+        return BASE not in self.table and any(named) and not all(named)
 
-
-def _platform(table: Table, *, file: str | PathLike[str] | None, whole: bool = False) -> Platform:
-    try:
-        return Platform.model_validate(table)
-    except ValidationError as error:
-        field, problem = first_complaint(error, "platform.toml", _expected)
-        missing = [".".join(map(str, entry["loc"])) for entry in error.errors() if entry["type"] == "missing"]
-        if missing and field == missing[0]:
-            if whole:
-                _expect_whole(table, file)
-            field = field.rpartition(".")[0]
-            keys = ", ".join(key.rpartition(".")[2] for key in missing if key.rpartition(".")[0] == field)
-            problem = f"{keys} missing, expected a complete [{field}] where nothing else is known of it"
-        raise ConfigError(problem, file=file, field=field) from error
-
-
-def _expected(place: Place) -> str:
-    return f"expected one of {', '.join([*(() if place else (BASE,)), *known_keys(Platform, place)])}"
-
-
-def _missing(table: Table, model: type[BaseModel], above: str = "") -> Iterator[str]:
-    """The dotted keys that a table of a whole robot lacks; a table that is lacking is named alone."""
-    for key, field in model.model_fields.items():
-        if key in _MAY_BE_LEFT_OUT:
-            continue
-        if key not in table:
-            if field.is_required() or model in (Platform, LidarSpec):
-                yield f"{above}{key}"
-            continue
-        below = _model(field.annotation)
-        if below is not None and isinstance(table[key], dict):
-            yield from _missing(table[key], below, f"{above}{key}.")
-
-
-def _model(annotation: Any) -> type[BaseModel] | None:
-    """The model of a key that is a table."""
-    kinds = get_args(annotation) if isinstance(annotation, types.UnionType) else (annotation,)
-    return next((kind for kind in kinds if isinstance(kind, type) and issubclass(kind, BaseModel)), None)
+    @property
+    def lidar_figures(self) -> Table:
+        """What a file gives itself of the lidar's scans: ``angle_min``, ``range_max`` and so on."""
+        lidar = self.table.get("lidar")
+        return {key: value for key, value in lidar.items() if value is not False} if isinstance(lidar, dict) else {}
 
 
 UCSD = bundled_platform("ucsd")

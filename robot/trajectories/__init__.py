@@ -1,4 +1,4 @@
-"""Files of trajectories, one file a format, all behind `read_trajectory` and `write_trajectory`."""
+"""Files of trajectories, all behind `read_trajectory` and `write_trajectory`."""
 
 from __future__ import annotations
 
@@ -6,11 +6,10 @@ from os import PathLike
 from pathlib import Path
 
 from moteslam.errors import ConfigError, InputError, OutputError
-from moteslam.robot.reading import open_regular
-from moteslam.robot.trajectories import bag, euroc, g2o, kitti, tum
+from moteslam.robot.files import open_regular
+from moteslam.robot.trajectories import bag, g2o, text
 from moteslam.robot.trajectories.rows import TrajectoryFormat, decoded
 from moteslam.robot.trajectory import Trajectory
-from moteslam.robot.wording import expect_path
 
 __all__ = [
     "TRAJECTORY_FORMATS",
@@ -22,7 +21,12 @@ __all__ = [
     "write_trajectory",
 ]
 
-TRAJECTORY_FORMATS = {"g2o": g2o.FORMAT, "kitti": kitti.FORMAT, "euroc": euroc.FORMAT, "tum": tum.FORMAT}
+TRAJECTORY_FORMATS = {
+    "g2o": g2o.FORMAT,
+    "euroc": text.EUROC_FORMAT,
+    "tum": text.TUM_FORMAT,
+    "kitti": text.KITTI_FORMAT,
+}
 """By name, asked in this order."""
 
 HEAD = 1 << 18
@@ -38,11 +42,7 @@ def read_trajectory(path: str | PathLike[str]) -> Trajectory:
 
     Args:
         path: of the file; of a ROS bag ``BAG:TOPIC`` or ``BAG:tf:parent:child``.
-
-    Raises:
-        InputError: nothing there, no format known here, or a file that is broken; file and line are named.
     """
-    expect_path(path, "path", "a trajectory")
     if (parts := bag.parts_of(path)) is not None:
         return bag.read_bag(*parts)
     path = Path(path)
@@ -54,27 +54,14 @@ def read_trajectory(path: str | PathLike[str]) -> Trajectory:
 def write_trajectory(path: str | PathLike[str], trajectory: Trajectory, file_format: str | None = None) -> None:
     """Write a trajectory in the format of the name's ending: ``.tum``, ``.kitti``, ``.csv`` (EuRoC) or ``.g2o``.
 
-    Args:
-        path: of the file.
-        trajectory: to write.
-        file_format: ``tum``, ``kitti``, ``euroc`` or ``g2o``, whatever the name ends in.
-
-    Raises:
-        ConfigError: a format that is none.
-        InputError: stamps that the format cannot hold.
-        OutputError: a name with another ending, without ``file_format``, or a file that cannot be written.
+    ``file_format`` is ``tum``, ``kitti``, ``euroc`` or ``g2o``, whatever the name ends in.
     """
     _, known = trajectory_format_to_write(path, file_format)
     known.write(Path(path), trajectory)
 
 
 def trajectory_format_to_write(path: str | PathLike[str], name: str | None = None) -> tuple[str, TrajectoryFormat]:
-    """The name of a format and the format itself: the one named, or the one that the ending of a path stands for.
-
-    Raises:
-        ConfigError: no such format; its field is ``file_format``.
-        OutputError: an ending that stands for none.
-    """
+    """The name of a format and the format itself: the one named, or the one that the ending of a path stands for."""
     if name is not None:
         if name not in TRAJECTORY_FORMATS:
             names = ", ".join(sorted(TRAJECTORY_FORMATS))
@@ -99,11 +86,7 @@ def is_trajectory(path: str | PathLike[str]) -> bool:
 
 
 def trajectory_format_of(path: str | PathLike[str]) -> TrajectoryFormat:
-    """The format of a file, by its comments and its first line that is none.
-
-    Raises:
-        InputError: it cannot be read, has no such line, or is of no format known here.
-    """
+    """The format of a file, by its comments and its first line that is none."""
     with open_regular(path, "a trajectory") as file:
         head = decoded(file.read(HEAD), "replace")
     comments = ""
@@ -115,6 +98,6 @@ def trajectory_format_of(path: str | PathLike[str]) -> TrajectoryFormat:
             for known in TRAJECTORY_FORMATS.values():
                 if known.recognise(comments, line):
                     return known
-            names = ", ".join(known.name for known in reversed(TRAJECTORY_FORMATS.values()))
+            names = ", ".join(known.name for known in TRAJECTORY_FORMATS.values())
             raise InputError(f"no line of a trajectory, expected one of {names}", file=path, line=number)
     raise InputError("no poses, expected a trajectory", file=path)

@@ -5,47 +5,36 @@ Topics of PoseStamped, PoseWithCovarianceStamped, Odometry, Path (the last messa
 
 from __future__ import annotations
 
-import warnings
 from array import array
 from collections import Counter
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from dataclasses import replace
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from moteslam.errors import InputError
-from moteslam.robot.issues import Issue
-from moteslam.robot.trajectories.space import interpolated, quaternions_of, rotations_of, trajectory_of
-from moteslam.robot.trajectory import Trajectory
-from moteslam.robot.wording import counted
+from moteslam.robot.formats.bags.bag import Bag, Topic
+from moteslam.robot.formats.bags.files import begins_as, is_bag_folder
+from moteslam.robot.trajectory import UNIT, Array, Trajectory, interpolated, quaternions_of, rotations_of, trajectory_of
+from moteslam.robot.values import Issue, counted
 
-if TYPE_CHECKING:
-    from rosbags.highlevel import AnyReader
-
-Array = NDArray[np.float64]
-
-ENDINGS = (".bag", ".mcap", ".db3", ".active")
-PARTS = ("*.mcap", "*.db3")
 NOWHERE = (0.0, 0.0, 0.0, 0.0)
 POSES: dict[str, Callable[[Any], tuple[Any, Any]]] = {
-    "geometry_msgs/msg/PoseStamped": lambda message: (message.pose.position, message.pose.orientation),
-    "geometry_msgs/msg/PoseWithCovarianceStamped": lambda message: (
+    "geometry_msgs/PoseStamped": lambda message: (message.pose.position, message.pose.orientation),
+    "geometry_msgs/PoseWithCovarianceStamped": lambda message: (
         message.pose.pose.position,
         message.pose.pose.orientation,
     ),
-    "nav_msgs/msg/Odometry": lambda message: (message.pose.pose.position, message.pose.pose.orientation),
-    "geometry_msgs/msg/TransformStamped": lambda message: (message.transform.translation, message.transform.rotation),
-    "geometry_msgs/msg/PointStamped": lambda message: (message.point, None),
+    "nav_msgs/Odometry": lambda message: (message.pose.pose.position, message.pose.pose.orientation),
+    "geometry_msgs/TransformStamped": lambda message: (message.transform.translation, message.transform.rotation),
+    "geometry_msgs/PointStamped": lambda message: (message.point, None),
 }
 """Position and orientation of a message, by its type."""
-PATH = "nav_msgs/msg/Path"
-TRANSFORMS = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
-MOST = 20_000_000
-"""Poses of a topic, and transforms of a bag, are no more."""
+PATH = "nav_msgs/Path"
+TRANSFORMS = ("tf2_msgs/TFMessage", "tf/tfMessage")
 
 
 def parts_of(path: str | PathLike[str]) -> tuple[Path, str] | None:
@@ -58,115 +47,75 @@ def parts_of(path: str | PathLike[str]) -> tuple[Path, str] | None:
 
 
 def is_bag(path: str | PathLike[str]) -> bool:
-    """Whether a path is a bag: a file of ROS 1, MCAP or SQLite, or a folder of ROS 2, by its name."""
+    """Whether a path is a bag: a file of ROS 1, MCAP or SQLite, or a folder of ROS 2."""
     path = Path(path)
     try:
-        if path.suffix in ENDINGS:
-            return path.is_file()
-        return path.is_dir() and ((path / "metadata.yaml").is_file() or bool(_parts(path)))
+        return is_bag_folder(path) if path.is_dir() else path.is_file() and begins_as(path) is not None
     except (OSError, ValueError):
         return False
 
 
-def _parts(folder: Path) -> list[Path]:
-    """The files of a recording in a folder."""
-    return next((sorted(found) for kind in PARTS if (found := list(folder.glob(kind)))), [])
-
-
 def without_topic(bag: Path) -> str:
     """What is wrong with a bag whose topic is not named, with those that may be."""
-    with _opened(bag) as reader:
-        return f"is a bag, expected its topic, {bag.name}:TOPIC or {bag.name}:tf:PARENT:CHILD; {_topics(reader)}"
+    expected = f"expected its topic, {bag.name}:TOPIC or {bag.name}:tf:PARENT:CHILD"
+    return f"is a bag, {expected}; {_topics(Bag(bag))}"
 
 
-def read_bag(bag: Path, name: str) -> Trajectory:
-    """Read a topic of poses, or ``tf:parent:child``: the pose of the child's frame in the parent's.
-
-    Raises:
-        InputError: no bag that can be read, no such topic or frames, messages of another type or of several frames, or
-            stamps that go back.
-    """
-    file = Path(f"{bag}:{name}")
-    left_out: tuple[Issue, ...] = ()
+def read_bag(path: Path, name: str) -> Trajectory:
+    """Read a topic of poses, or ``tf:parent:child``: the pose of the child's frame in the parent's."""
+    file = Path(f"{path}:{name}")
     try:
-        with _opened(bag) as reader:
-            if name.startswith("tf:"):
-                rows = _along(reader, *_frames(name))
-            else:
-                rows, left_out = _of_topic(reader, name)
-            if len(reader.paths) > 1:
-                text = f"no metadata.yaml: {len(reader.paths)} files are taken for parts of one recording"
-                left_out += (Issue("no-metadata", text, len(reader.paths)),)
+        bag = Bag(path)
+        rows, left_out = (_along(bag, name), ()) if name.startswith("tf:") else _of_topic(bag, name)
         stamps, positions, quaternions, more = _in_order(rows)
-        issues = tuple(Issue(one.code, f"{file}: {one.message}", one.count) for one in (*left_out, *more))
+        issues = tuple(replace(one, message=f"{file}: {one.message}") for one in (*bag.issues, *left_out, *more))
         return trajectory_of(file, stamps, positions, quaternions if rows[:, 4:].any() else None, warnings=issues)
     except InputError as error:
-        raise InputError(error.problem, file=f"{bag}:{name}", field=error.field) from error
+        raise InputError(error.problem, file=file, field=error.field) from error
 
 
-@contextmanager
-def _opened(bag: Path) -> Iterator[AnyReader]:
-    """A bag; whatever the library stumbles over is an error of one line."""
-    from rosbags.highlevel import AnyReader
-    from rosbags.typesys import Stores, get_typestore
-
-    if bag.suffix == ".active":
-        raise InputError("was not closed and has no index, expected a bag that rosbag reindex has mended", file=bag)
-    files = _parts(bag) if bag.is_dir() else [bag]
-    for log in (file.with_name(f"{file.name}-wal") for file in files):
-        if log.exists() and log.stat().st_size:
-            expected = "expected it merged: sqlite3 FILE 'PRAGMA wal_checkpoint(TRUNCATE)'"
-            raise InputError(f"{log.name} beside it holds the latest messages, {expected}", file=bag)
-    if not bag.is_dir() or (bag / "metadata.yaml").is_file():
-        files = [bag]
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            with AnyReader(files, default_typestore=get_typestore(Stores.LATEST)) as reader:
-                yield reader
-    except InputError:
-        raise
-    except Exception as error:
-        said = " ".join(str(error).split())[:200] or type(error).__name__
-        raise InputError(f"cannot be read as a bag: {said}", file=bag) from error
+def _messages(bag: Bag, topics: list[Topic]) -> Iterator[tuple[Topic, int, Any]]:
+    """The messages of some topics, with the times of their reception [ns]."""
+    for topic, received, _, raw in bag.sweep(topics):
+        try:
+            yield topic, received, bag.decode(topic, raw)
+        except ValueError as error:
+            raise InputError(f"a message of {topic.name} cannot be read: {error}") from error
 
 
-def _topics(reader: AnyReader) -> str:
-    known = {one.topic: one.msgtype for one in reader.connections if one.msgtype in (*POSES, PATH, *TRANSFORMS)}
+def _topics(bag: Bag) -> str:
+    known = {one.name: one.kind for one in bag.topics if one.kind in (*POSES, PATH, *TRANSFORMS)}
     listed = ", ".join(f"{topic[:80]} ({kind.split('/')[-1]})" for topic, kind in sorted(known.items())[:12])
     return f"topics of poses: {listed or 'none'}"
 
 
-def _of_topic(reader: AnyReader, name: str) -> tuple[Array, tuple[Issue, ...]]:
+def _of_topic(bag: Bag, name: str) -> tuple[Array, tuple[Issue, ...]]:
     """Rows of stamp, position and quaternion [n, 8] of a topic."""
-    there = [one for one in reader.connections if one.topic.strip("/") == name.strip("/")]
-    kinds = {one.msgtype for one in there}
+    there = [one for one in bag.topics if one.name.strip("/") == name.strip("/")]
+    kinds = {one.kind for one in there}
     if len(kinds) != 1 or not kinds <= {*POSES, PATH}:
         what = f"is of {', '.join(sorted(kinds))}" if kinds else "is not there"
-        raise InputError(f"the topic {what}; {_topics(reader)}")
+        raise InputError(f"the topic {what}; {_topics(bag)}")
     (kind,) = kinds
     rows, frames = array("d"), Counter[tuple[str, str]]()
     issues: tuple[Issue, ...] = ()
     if kind == PATH:
-        messages = [(c, t, reader.deserialize(raw, c.msgtype)) for c, t, raw in _ends(reader.messages(there))]
-        paths = [message for _, _, message in messages]
-        if not paths:
+        count, path = 0, None
+        for count, (_, _, path) in enumerate(_messages(bag, there), start=1):  # noqa: B007 - the last counts
+            pass
+        if path is None:
             raise InputError("no messages, expected a path")
-        for stamped in paths[-1].poses:
-            frames[paths[-1].header.frame_id, ""] += 1
-            rows.extend(_row(stamped.header.stamp, *POSES["geometry_msgs/msg/PoseStamped"](stamped)))
-        if len(paths) > 1:
-            text = f"the last path counts, of {len(paths[-1].poses)} poses; the first one has {len(paths[0].poses)}"
-            issues = (Issue("last-path", text, 1),)
+        for stamped in path.poses:
+            frames[path.header.frame_id, ""] += 1
+            rows.extend(_row(stamped.header.stamp, *POSES["geometry_msgs/PoseStamped"](stamped)))
+        if count > 1:
+            issues = (Issue("last-path", f"the last of {count} paths counts, of {len(path.poses)} poses", 1),)
     received = array("d")
     if kind != PATH:
-        for connection, time, raw in reader.messages(there):
-            message: Any = reader.deserialize(raw, connection.msgtype)
+        for _, time, message in _messages(bag, there):
             frames[message.header.frame_id, getattr(message, "child_frame_id", "")] += 1
             rows.extend(_row(message.header.stamp, *POSES[kind](message)))
             received.append(time / 1e9)
-            if len(received) > MOST:
-                raise InputError(f"over {MOST} poses, expected fewer")
     table = np.array(rows).reshape(-1, 8)
     if len(frames) > 1:
         shown = ", ".join(f"{child or 'poses'} in {parent}" for parent, child in list(frames)[:3])
@@ -180,16 +129,6 @@ def _of_topic(reader: AnyReader, name: str) -> tuple[Array, tuple[Issue, ...]]:
         table = table[table[:, 0] != 0]
         issues += (Issue("zero-stamps", f"{counted(none, 'message')} without a stamp left out", none),)
     return table, issues
-
-
-def _ends(messages: Iterator[tuple[Any, int, bytes]]) -> Iterator[tuple[Any, int, bytes]]:
-    """The first and the last message."""
-    last = None
-    for k, last in enumerate(messages):
-        if k == 0:
-            yield last
-    if last is not None:
-        yield last
 
 
 def _row(stamp: Any, position: Any, orientation: Any) -> tuple[float, ...]:
@@ -206,10 +145,8 @@ def _in_order(rows: Array) -> tuple[Array, Array, Array, tuple[Issue, ...]]:
     back = np.diff(rows[:, 0]) < 0
     if back.any():
         at = int(np.argmax(back))
-        raise InputError(
-            f"time jumps back {counted(int(back.sum()), 'time')}, first from {rows[at, 0]:.3f} to "
-            f"{rows[at + 1, 0]:.3f} s, expected one run, or one that publishes"
-        )
+        first = f"first from {rows[at, 0]:.3f} to {rows[at + 1, 0]:.3f} s"
+        raise InputError(f"time jumps back {counted(int(back.sum()), 'time')}, {first}, expected one run")
     twice = np.concatenate(([False], (np.diff(rows, axis=0) == 0).all(axis=1)))
     issues: tuple[Issue, ...] = ()
     if twice.any():
@@ -218,45 +155,34 @@ def _in_order(rows: Array) -> tuple[Array, Array, Array, tuple[Issue, ...]]:
     return rows[:, 0], rows[:, 1:4], rows[:, 4:], issues
 
 
-def _frames(name: str) -> tuple[str, str]:
-    _, *frames = name.split(":")
+def _along(bag: Bag, name: str) -> Array:
+    """The poses [n, 8] of a frame in another, of the transforms between, at the stamps of the most frequent."""
+    _, *frames = (part.strip("/") for part in name.split(":"))
     if len(frames) != 2 or not all(frames):
         raise InputError("expected tf:PARENT:CHILD")
-    return frames[0].strip("/"), frames[1].strip("/")
-
-
-def _along(reader: AnyReader, parent: str, child: str) -> Array:
-    """The poses [n, 8] of a frame in another, of the transforms between, at the stamps of the most frequent."""
+    parent, child = frames
     edges: dict[tuple[str, str], array[float]] = {}
     fixed: set[tuple[str, str]] = set()
-    there = [one for one in reader.connections if one.msgtype in TRANSFORMS]
-    count = 0
-    for connection, _, raw in reader.messages(there) if there else ():
-        message: Any = reader.deserialize(raw, connection.msgtype)
+    for topic, _, message in _messages(bag, bag.of_kind(*TRANSFORMS)):
         for one in message.transforms:
             edge = one.child_frame_id.strip("/"), one.header.frame_id.strip("/")
             row = _row(one.header.stamp, one.transform.translation, one.transform.rotation)
-            if connection.topic.endswith("tf_static"):
+            if topic.name.endswith("tf_static"):
                 fixed.add(edge)
                 edges[edge] = array("d", row)  # the last counts
             else:
                 edges.setdefault(edge, array("d")).extend(row)
-            if (count := count + 1) > MOST:
-                raise InputError(f"over {MOST} transforms, expected fewer")
     chain = _chain(list(edges), parent, child)
     if chain is None:
         pairs = ", ".join(f"{above}:{below}" for below, above in list(edges)[:12])
         raise InputError(f"no transforms lead from {parent} to {child}; the bag has {pairs or 'none'}")
-    tables = [np.array(edges[edge]).reshape(-1, 8) for edge in chain]
+    tables = [np.column_stack(_in_order(np.array(edges[edge]).reshape(-1, 8))[:3]) for edge in chain]
     for (below, above), table in zip(chain, tables, strict=True):
-        length = np.linalg.norm(table[:, 4:], axis=1)
-        if not (np.abs(length - 1) < 0.05).all():
+        if not (np.abs(np.linalg.norm(table[:, 4:], axis=1) - 1) < UNIT).all():
             raise InputError(f"{above}:{below} has a quaternion of another length than 1")
     moving = [table for edge, table in zip(chain, tables, strict=True) if edge not in fixed]
     if not moving:
         raise InputError(f"{parent}:{child} is fixed, expected a frame that moves")
-    tables = [np.column_stack(_in_order(table)[:3]) for table in tables]
-    moving = [table for edge, table in zip(chain, tables, strict=True) if edge not in fixed]
     stamps = max(moving, key=len)[:, 0]
     begin, end = max(table[0, 0] for table in moving), min(table[-1, 0] for table in moving)
     stamps = stamps[(stamps >= begin) & (stamps <= end)]

@@ -9,18 +9,12 @@ from __future__ import annotations
 
 import csv
 import re
-from array import array
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 
 import numpy as np
 
-from moteslam.errors import InputError
-from moteslam.robot.issues import Issue
-from moteslam.robot.trajectories.rows import all_lines, finite_numbers, seconds
-from moteslam.robot.trajectories.space import trajectory_of
-from moteslam.robot.trajectory import Trajectory
+from moteslam.robot.trajectories.rows import finite_numbers
 
 TUM, EUROC = "stamp x y z qx qy qz qw", "timestamp [ns],x,y,z,qw,qx,qy,qz"
 TIME = ("header.stamp", "stamp", "timestamp", "time", "t")
@@ -34,9 +28,13 @@ OTHER = {
 """Words that make a column one of something else."""
 TURNS = {"roll": "roll", "pitch": "pitch", "yaw": "yaw", "theta": "yaw", "psi": "yaw"}
 EAST = {"easting": "x", "east": "x", "northing": "y", "north": "y", "up": "z"}
+UNITS_OF_TIME = {
+    **dict.fromkeys(("s", "sec", "secs", "seconds"), "s"),
+    **dict.fromkeys(("ms", "msec", "milliseconds"), "ms"),
+    **dict.fromkeys(("us", "usec", "microseconds"), "us"),
+    **dict.fromkeys(("ns", "nsec", "nsecs", "nanosec", "nanoseconds"), "ns"),
+}
 LENGTHS, ANGLES = {"m": 1.0, "cm": 0.01, "mm": 0.001, "km": 1000.0}, {"rad": 1.0, "deg": np.pi / 180}
-MAX_TURN = 6.3
-"""Angles beyond this must have a unit."""
 
 
 @dataclass(frozen=True)
@@ -59,76 +57,6 @@ class Columns:
     stated: bool = True
 
 
-def read_poses(path: Path, what: str) -> Trajectory:
-    """Read a table of poses.
-
-    Args:
-        path: of the file.
-        what: it should be: ``a TUM trajectory``.
-
-    Raises:
-        InputError: no text file of at most 500 MB; columns that are not named and not in the order of TUM or EuRoC; a
-            line without finite numbers in them, a quaternion that is not of length 1, stamps that go back or lie beyond
-            1e11 s, or no pose.
-    """
-    columns: Columns | None = None
-    comments: list[str] = []
-    separator: str | None = None
-    stamps: list[str] = []
-    rows, lines = array("d"), array("q")
-    wanted: list[int] = []
-    for number, line in all_lines(path, what):
-        if columns is None:
-            if line.startswith(("#", "%")):
-                comments.append(line)
-                continue
-            separator = separator_of(line)
-            words = split(line, separator)
-            if finite_numbers(words[:1]) is None and (found := _named(words, path, number, header=True)):
-                columns = found
-                continue
-            columns = columns or _columns(comments, words, separator, path, number)
-        elif line.startswith("#"):
-            continue
-        if not lines:
-            wanted = [index for name, index in columns.at.items() if name not in ("t", "nsec")]
-            separator = None if separator == "," and not columns.stated and columns.count else separator
-        words = split(line, separator)
-        row = finite_numbers([words[k] for k in wanted]) if len(words) > max(columns.at.values()) else None
-        if row is None or columns.count not in (None, len(words)) or (stamp := _stamp(words, columns)) is None:
-            numbers = f"{columns.count} finite numbers" if columns.count else "finite numbers"
-            numbers = f"whole nanoseconds and {numbers}" if columns.unit == "ns" else numbers
-            raise InputError(f"expected {numbers}: {', '.join(columns.at)}", file=path, line=number)
-        stamps.append(stamp)
-        rows.extend(row)
-        lines.append(number)
-    if columns is None or not lines:
-        raise InputError(f"no poses, expected {what}", file=path)
-    times, issues = seconds(stamps, path, lines, "ns" if "nsec" in columns.at else columns.unit)
-    table = dict(
-        zip(
-            (name for name in columns.at if name not in ("t", "nsec")),
-            np.array(rows).reshape(len(lines), -1).T,
-            strict=True,
-        )
-    )
-    table = {name: values * columns.scale.get(name, 1.0) for name, values in table.items()}
-    nothing = np.zeros(len(lines))
-    positions = np.column_stack((table["x"], table["y"], table.get("z", nothing)))
-    quaternions = None
-    if "qw" in table:
-        quaternions = np.column_stack([table[name] for name in ("qx", "qy", "qz", "qw")])
-        if not columns.stated and ((separator is not None and columns.unit == "ns") or _turns_about_x(quaternions)):
-            names = " ".join(name for name in columns.at if name[0] == "q")
-            text = f"{path}: no names of columns: its orientations are taken for {names}; a header would say so"
-            issues += (Issue("orientation-order", text, len(lines)),)
-    elif "yaw" in table:
-        if "yaw" not in columns.scale and np.abs(table["yaw"]).max() > MAX_TURN:
-            raise InputError("angles beyond 6.3, expected a unit in the header: yaw [rad] or yaw [deg]", file=path)
-        quaternions = _of_angles(*(table.get(name, nothing) for name in ("roll", "pitch", "yaw")))
-    return trajectory_of(path, times, positions, quaternions, lines=lines, warnings=issues)
-
-
 def recognise(comments: str, line: str) -> str | None:
     """``tum``, ``euroc`` (any CSV whose columns are named) or None, by the first comments and the first line."""
     separator = separator_of(line)
@@ -136,13 +64,14 @@ def recognise(comments: str, line: str) -> str | None:
     numbers = finite_numbers(words[:1]) is not None
     try:
         if not numbers:
-            return None if _named(words, Path(), 0, header=True) is None else "euroc"
+            return None if named(words, header=True) is None else "euroc"
         if finite_numbers(words[:8]) is None and separator is None:
             return None
-        found = _columns(comments.splitlines(), words, separator, Path(), 0)
-    except InputError:  # named, or of numbers, and yet not understood: the reader says why
-        named = any(_is_time(word) for text in comments.splitlines() for word in split(text.lstrip("#%"), separator))
-        return "euroc" if (separator is not None and (named or len(words) >= 8)) or not numbers else None
+        found = columns_of(comments.splitlines(), words, separator)
+    except ValueError:  # named, or of numbers, and yet not understood: the reader says why
+        names = [name for text in comments.splitlines() for name in split(text.lstrip("#%"), separator)]
+        known = len(words) >= 8 or any(_time_of(_words(name) or [""]) for name in names)
+        return "euroc" if (separator is not None and known) or not numbers else None
     return "euroc" if found.unit == "ns" or (found.stated and separator is not None) else "tum"
 
 
@@ -163,14 +92,14 @@ def split(line: str, separator: str | None) -> list[str]:
     return [word.strip().replace(",", ".") if separator == ";" else word.strip() for word in words]
 
 
-def _columns(comments: Sequence[str], words: Sequence[str], separator: str | None, path: Path, line: int) -> Columns:
+def columns_of(comments: Sequence[str], words: Sequence[str], separator: str | None) -> Columns:
     """The columns of a file by its comments and its first line of numbers."""
     for text in (re.sub(r"\s+([\[(])", r"\1", text) for text in reversed(comments)):
         for mark in (",", ";", "\t", None):
             names = split(text.lstrip("#% "), mark)
             try:
-                found = _named(names, path, line) if len(names) == len(words) else None
-            except InputError:
+                found = named(names) if len(names) == len(words) else None
+            except ValueError:
                 if mark is not None:
                     raise
                 continue  # a sentence
@@ -187,41 +116,35 @@ def _columns(comments: Sequence[str], words: Sequence[str], separator: str | Non
     if len(words) == 8:
         return Columns({name: k for k, name in enumerate(TUM.replace("stamp", "t").split())}, count=8, stated=False)
     expected = f"expected {TUM}, {EUROC}, or a header that names as many columns"
-    raise InputError(f"{len(words)} columns without names, {expected}", file=path, line=line)
+    raise ValueError(f"{len(words)} columns without names, {expected}")
 
 
-def _named(names: Sequence[str], path: Path, line: int, *, header: bool = False) -> Columns | None:
-    """The columns that names stand for; None where they are no names of a stamp and a position.
-
-    A header must name both; a comment need not.
-    """
+def named(names: Sequence[str], *, header: bool = False) -> Columns | None:
+    """The columns that names stand for, of a stamp and a position; a header must name both, a comment need not."""
     at: dict[str, int] = {}
     scale: dict[str, float] = {}
     times: dict[str, tuple[int, str | None]] = {}
     for index, name in enumerate(names):
         unit_found = re.search(r"[\[(]([^\])]*)[\])]\s*$", name)
         unit = unit_found[1].strip().lower() if unit_found else ""
-        words = [word for word in re.split(r"[^a-z0-9]+", re.sub(r"[\[(].*$", "", name).lower()) if word]
-        if len(words) > 1 and words[-1] in (*UNIT_WORDS, "m", "mm", "deg", "rad"):
+        words = _words(name)
+        if len(words) > 1 and words[-1] in (*UNITS_OF_TIME, "m", "mm", "deg", "rad"):
             unit = unit or words[-1]
             if not (words[-2:-1] == ["stamp"] and words[-1] in ("sec", "secs", "nsec", "nsecs", "nanosec")):
                 words.pop()
         if not words:
             continue
         if (time := _time_of(words)) is not None:
-            times.setdefault(time, (index, UNIT_WORDS.get(unit)))
+            times.setdefault(time, (index, UNITS_OF_TIME.get(unit)))
         elif (role := _role(words)) is not None:
             if role in at:
-                raise InputError(
-                    f"both {names[at[role]].strip()[:60]} and {name.strip()[:60]} may be {role}, expected one",
-                    file=path,
-                    line=line,
-                )
+                both = f"both {names[at[role]].strip()[:60]} and {name.strip()[:60]}"
+                raise ValueError(f"{both} may be {role}, expected one")
             at[role] = index
             known = LENGTHS if role in ("x", "y", "z") else ANGLES
             if unit and role[0] != "q":
                 if unit not in known:
-                    raise InputError(f"{name.strip()[:60]}: expected {', '.join(known)}", file=path, line=line)
+                    raise ValueError(f"{name.strip()[:60]}: expected {', '.join(known)}")
                 scale[role] = known[unit]
     if not (at and (times or {"x", "y"} <= set(at))) and not (header and times and len(names) > 2):
         return None
@@ -232,22 +155,14 @@ def _named(names: Sequence[str], path: Path, line: int, *, header: bool = False)
         missing = missing or [name for name in ("qx", "qy", "qz", "qw") if name not in at]
         if len(names) < 4:
             return None
-        raise InputError(f"no column of {missing[0]} among {shown}, expected its name", file=path, line=line)
+        raise ValueError(f"no column of {missing[0]} among {shown}, expected its name")
     if "sec" in times and "nsec" in times:
         return Columns({"t": times["sec"][0], "nsec": times["nsec"][0], **at}, scale)
     first = next((name for name in (*TIME, "sec") if name in times), None)
     if first is None or (first == "sec" and "part" in times):
-        raise InputError(f"no column of a stamp among {shown}, expected its name", file=path, line=line)
+        raise ValueError(f"no column of a stamp among {shown}, expected its name")
     column, unit_of_time = times[first]
     return Columns({"t": column, **at}, scale, unit_of_time)
-
-
-UNIT_WORDS = {
-    **dict.fromkeys(("s", "sec", "secs", "seconds"), "s"),
-    **dict.fromkeys(("ms", "msec", "milliseconds"), "ms"),
-    **dict.fromkeys(("us", "usec", "microseconds"), "us"),
-    **dict.fromkeys(("ns", "nsec", "nsecs", "nanosec", "nanoseconds"), "ns"),
-}
 
 
 def _time_of(words: list[str]) -> str | None:
@@ -264,11 +179,9 @@ def _time_of(words: list[str]) -> str | None:
     return last if last in TIME and not OTHER.intersection(words[:-1]) and (last != "t" or len(words) == 1) else None
 
 
-def _is_time(word: str) -> bool:
-    return (
-        _time_of([part for part in re.split(r"[^a-z0-9]+", word.split("[", maxsplit=1)[0].lower()) if part] or [""])
-        is not None
-    )
+def _words(name: str) -> list[str]:
+    """The words of a column's name, without its unit in brackets."""
+    return [word for word in re.split(r"[^a-z0-9]+", re.sub(r"[\[(].*$", "", name).lower()) if word]
 
 
 def _role(words: list[str]) -> str | None:
@@ -291,26 +204,3 @@ def _role(words: list[str]) -> str | None:
     if last in ("x", "y", "z") and (not before or POSITION.intersection(before)):
         return last
     return None
-
-
-def _stamp(words: Sequence[str], columns: Columns) -> str | None:
-    """The word of a stamp; of seconds and nanoseconds apart, nanoseconds."""
-    stamp = words[columns.at["t"]]
-    if "nsec" in columns.at:
-        rest = words[columns.at["nsec"]]
-        return str(int(stamp) * 10**9 + int(rest)) if max(len(stamp), len(rest)) < 12 and (
-            stamp.isdecimal() and rest.isdecimal()
-        ) else None  # fmt: skip
-    number = finite_numbers([stamp[:40]])
-    return stamp[:40] if number is not None and (columns.unit != "ns" or number[0].is_integer()) else None
-
-
-def _turns_about_x(quaternions: np.ndarray) -> bool:
-    """Whether quaternions [n, 4] turn about x alone, and turn: as those of a robot whose w stands first."""
-    return bool((np.abs(quaternions[:, 1:3]) < 1e-6).all() and np.ptp(np.abs(quaternions[:, 0])) > 0.05)
-
-
-def _of_angles(roll: np.ndarray, pitch: np.ndarray, yaw: np.ndarray) -> np.ndarray:
-    """The quaternions [n, 4] of angles [n] about the fixed axes x, y, z, in this order (ROS REP 103)."""
-    (a, b, c), (i, j, k) = np.cos([roll / 2, pitch / 2, yaw / 2]), np.sin([roll / 2, pitch / 2, yaw / 2])
-    return np.column_stack((i * b * c - a * j * k, a * j * c + i * b * k, a * b * k - i * j * c, a * b * c + i * j * k))

@@ -12,23 +12,17 @@ from __future__ import annotations
 import warnings
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 from os import PathLike
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from moteslam.errors import InputError, MoteslamWarning
 from moteslam.robot import se2
 from moteslam.robot.files import write_atomically
-from moteslam.robot.pose_graph import PoseGraph
 from moteslam.robot.trajectories.rows import TrajectoryFormat, all_lines, finite_numbers, stamps_beside
-from moteslam.robot.trajectories.space import UNIT, quaternion_of_yaw, trajectory_of
-from moteslam.robot.trajectory import Trajectory
-from moteslam.robot.wording import counted, expect_type
-
-Array = NDArray[np.float64]
+from moteslam.robot.trajectory import UNIT, Array, PoseGraph, Trajectory, quaternion_of_yaw, trajectory_of
+from moteslam.robot.values import counted, expect_type
 
 VERTICES = {"VERTEX_SE2": 3, "VERTEX_SE3:QUAT": 7}
 """Numbers after the id."""
@@ -46,13 +40,8 @@ def read_g2o(path: str | PathLike[str]) -> PoseGraph:
 
     Of the information about SE3 that about x, y and the heading is kept: of a robot that stays in the plane. Landmarks,
     parameters and all else that is no pose or edge between poses is passed over, with a warning that counts it.
-
-    Raises:
-        InputError: no text file of at most 500 MB, a line of another number of words or with a number that is not
-            finite, an id that is none or stands twice, a quaternion of no length, an edge or stamp of a vertex that is
-            not there, stamps for some of the vertices alone or that go back, or no vertex.
     """
-    return _read(Path(path)).graph()
+    return _Lines(Path(path)).graph()
 
 
 def read_both(path: str | PathLike[str]) -> tuple[PoseGraph, Trajectory]:
@@ -60,12 +49,9 @@ def read_both(path: str | PathLike[str]) -> tuple[PoseGraph, Trajectory]:
 
     Their stamps are those in the file, or as of a KITTI file those beside it, or one a second, which its ``warnings``
     say.
-
-    Raises:
-        InputError: as of `read_g2o`, or times beside it that do not fit.
     """
     path = Path(path)
-    lines = _read(path)
+    lines = _Lines(path)
     graph = lines.graph()
     stamps, issues = stamps_beside(path, len(graph)) if graph.stamps is None else (graph.stamps, ())
     if not lines.spatial:
@@ -77,26 +63,11 @@ def read_both(path: str | PathLike[str]) -> tuple[PoseGraph, Trajectory]:
     return graph, trajectory_of(path, stamps, table[:, :3], table[:, 3:], warnings=issues)
 
 
-def _read(path: Path) -> _Lines:
-    lines = _Lines(path)
-    for number, line in all_lines(path, "a g2o pose graph"):
-        lines.take(number, line.split())
-    return lines
-
-
 def write_g2o(path: str | PathLike[str], graph: PoseGraph, *, comments: Sequence[str] = ()) -> None:
     """Write a pose graph as ``VERTEX_SE2``, ``FIX`` and ``EDGE_SE2`` lines; it reads back the same, bit for bit.
 
     Stamps are comments ``# STAMP id seconds`` before the vertices. Before edges that are loops stands ``# loops``,
-    before those of the chain ``# chain``.
-
-    Args:
-        path: of the file.
-        graph: to write.
-        comments: lines to begin with.
-
-    Raises:
-        OutputError: it cannot be written.
+    before those of the chain ``# chain``. ``comments`` are lines to begin with.
     """
     expect_type(graph, PoseGraph, "graph")
     ids = graph.ids.tolist()
@@ -122,11 +93,7 @@ def read_trajectory(path: str | PathLike[str]) -> Trajectory:
 
 
 def write_trajectory(path: str | PathLike[str], trajectory: Trajectory) -> None:
-    """Write a trajectory as a pose graph without edges, the first pose fixed; it reads back the same, bit for bit.
-
-    Raises:
-        OutputError: it cannot be written.
-    """
+    """Write a trajectory as a pose graph without edges, the first pose fixed; it reads back the same, bit for bit."""
     expect_type(trajectory, Trajectory, "trajectory")
     none = np.zeros(0, np.int64)
     graph = PoseGraph(
@@ -142,31 +109,30 @@ def write_trajectory(path: str | PathLike[str], trajectory: Trajectory) -> None:
     write_g2o(path, graph)
 
 
-@dataclass
 class _Lines:
-    """What the lines of a file say, as they are read."""
+    """What the lines of a file say."""
 
-    path: Path
-    nodes: dict[int, int] = field(default_factory=dict)  # where each vertex stands in the table
-    poses: list[list[float]] = field(default_factory=list)
-    spatial: dict[int, list[float]] = field(default_factory=dict)  # position and quaternion by id
-    edges: list[tuple[int, int, int]] = field(default_factory=list)  # line and ids
-    measured: list[list[float]] = field(default_factory=list)
-    fixed: list[tuple[int, int]] = field(default_factory=list)  # line and id
-    stamps: dict[int, tuple[int, float]] = field(default_factory=dict)  # line and seconds, by id
-    passed_over: Counter[str] = field(default_factory=Counter)
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.poses: dict[int, list[float]] = {}  # by id
+        self.spatial: dict[int, list[float]] = {}  # position and quaternion by id
+        self.edges: list[tuple[int, int, int]] = []  # line and ids
+        self.measured: list[list[float]] = []
+        self.fixed: list[tuple[int, int]] = []  # line and id
+        self.stamps: dict[int, tuple[int, float]] = {}  # line and seconds, by id
+        self.passed_over: Counter[str] = Counter()
+        for number, line in all_lines(path, "a g2o pose graph"):
+            self._take(number, line.split())
 
-    def take(self, line: int, words: list[str]) -> None:
-        """Take in a line."""
+    def _take(self, line: int, words: list[str]) -> None:
         tag, *rest = words
         if tag in VERTICES:
             (id_,), numbers = self._split(line, tag, rest, ids=1, count=VERTICES[tag])
-            if id_ in self.nodes:
+            if id_ in self.poses:
                 raise InputError(f"vertex {id_} stands twice, expected it once", file=self.path, line=line)
-            self.nodes[id_] = len(self.poses)
             if len(numbers) == 7:
                 self.spatial[id_] = numbers
-            self.poses.append(self._planar(line, numbers))
+            self.poses[id_] = self._planar(line, numbers)
         elif tag in EDGES:
             (first, second), numbers = self._split(line, tag, rest, ids=2, count=EDGES[tag])
             if first == second:
@@ -185,15 +151,11 @@ class _Lines:
             self.passed_over[tag] += 1
 
     def graph(self) -> PoseGraph:
-        """The graph of all lines.
-
-        Raises:
-            InputError: see `read_g2o`.
-        """
-        if not self.nodes:
+        """The graph of all lines."""
+        if not self.poses:
             expected = "expected g2o lines: VERTEX_SE2 id x y theta or VERTEX_SE3:QUAT id x y z qx qy qz qw"
             raise InputError(f"no poses, {expected}", file=self.path)
-        ids = sorted(self.nodes)
+        ids = sorted(self.poses)
         index = {id_: k for k, id_ in enumerate(ids)}
         ends = [(self._index(index, a, line), self._index(index, b, line)) for line, a, b in self.edges]
         fixed = [self._index(index, id_, line) for line, id_ in self.fixed]
@@ -204,7 +166,7 @@ class _Lines:
             warnings.warn(MoteslamWarning(text), stacklevel=3)
         return PoseGraph(
             ids=np.array(ids, np.int64),
-            poses=np.array([self.poses[self.nodes[id_]] for id_ in ids]),
+            poses=np.array([self.poses[id_] for id_ in ids]),
             first=np.array([first for first, _ in ends], np.int64),
             second=np.array([second for _, second in ends], np.int64),
             relative=measured[:, :3],

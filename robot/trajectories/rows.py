@@ -5,18 +5,17 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from math import isfinite
+from os import PathLike
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.errors import InputError
-from moteslam.robot.files import write_atomically
+from moteslam.robot.files import open_regular, read_bytes
 from moteslam.robot.formats.stamps import MAX_STAMP
-from moteslam.robot.issues import Issue
-from moteslam.robot.reading import read_bytes
-from moteslam.robot.trajectory import Trajectory
-from moteslam.robot.wording import counted
+from moteslam.robot.trajectory import Positions, Trajectory
+from moteslam.robot.values import Issue, counted
 
 MAX_BYTES = 500_000_000
 """No file of a trajectory is larger: some five million poses."""
@@ -25,6 +24,9 @@ UNITS = {"s": 0, "ms": 3, "us": 6, "ns": 9}
 LONG = {"ms": "milliseconds", "us": "microseconds", "ns": "nanoseconds"}
 LEAST_STEP, MAX_STEP = 1e-5, 1e4
 """Stamps typically nearer or further apart than this [s] are hardly in the unit that they were taken for."""
+
+_HEAD = 100_000
+"""Bytes by which a file of positions is known."""
 
 
 @dataclass(frozen=True)
@@ -58,11 +60,7 @@ def decoded(content: bytes, errors: str = "strict") -> str:
 
 
 def all_lines(path: Path, what: str) -> Iterator[tuple[int, str]]:
-    """The lines that are not blank, with their numbers from 1, without space around them.
-
-    Raises:
-        InputError: no text file of at most ``MAX_BYTES``; ``what`` was expected.
-    """
+    """The lines that are not blank, with their numbers from 1, without space around them; ``what`` is expected."""
     content = read_bytes(path, what, limit=MAX_BYTES)
     try:
         text = decoded(content)
@@ -99,9 +97,6 @@ def seconds(
 
     Returns:
         stamps [n] [s], of whole numbers the nearest float64.
-
-    Raises:
-        InputError: stamps that go back, or lie beyond 1e11 s.
     """
     values = np.array([float(word) for word in words])
     largest = float(np.abs(values).max(initial=0.0))
@@ -134,13 +129,7 @@ def times_file(path: Path) -> Path:
 
 
 def stamps_beside(path: Path, count: int) -> tuple[NDArray[np.float64], tuple[Issue, ...]]:
-    """The stamps [count] [s] of a trajectory without any: ``NAME.times.txt``, ``times.txt``, else one a second.
-
-    The last with an issue.
-
-    Raises:
-        InputError: one of these files is there, and has not as many rising, finite numbers.
-    """
+    """The stamps [count] [s] of a trajectory without any: ``NAME.times.txt``, ``times.txt``, else one a second."""
     for file in (times_file(path), path.with_name("times.txt")):
         if file.exists():
             words, lines = [], []
@@ -157,10 +146,33 @@ def stamps_beside(path: Path, count: int) -> tuple[NDArray[np.float64], tuple[Is
     return np.arange(count, dtype=np.float64), (Issue("no-stamps", text, count),)
 
 
-def write_times(path: Path, stamps: NDArray[np.float64]) -> None:
-    """Write stamps [n] [s], one a line, with the fewest digits that read back the same.
+def is_positions(path: str | PathLike[str]) -> bool:
+    """Whether the first line of a file that is neither empty nor a comment is ``P`` and three words."""
+    try:
+        with open_regular(path, "positions") as file:
+            head = file.read(_HEAD)
+    except (InputError, OSError):
+        return False
+    lines = (line.split() for line in head.split(b"\n"))
+    first = next((words for words in lines if words and not words[0].startswith(b"#")), [])
+    return len(first) == 4 and first[0] == b"P"
 
-    Raises:
-        OutputError: it cannot be written.
-    """
-    write_atomically(path, "".join(f"{stamp!r}\n" for stamp in stamps.tolist()))
+
+def read_positions(path: str | PathLike[str]) -> Positions:
+    """Read ``P t x y`` lines: milliseconds and millimetres (C. Brenner's LEGO robot); other kinds are passed over."""
+    path = Path(path)
+    rows: list[list[float]] = []
+    for number, line in data_lines(path, "positions"):
+        kind, *words = line.split()
+        if kind != "P":
+            continue
+        row = finite_numbers(words)
+        if row is None or len(row) != 3:
+            raise InputError("expected 3 finite numbers after P: t [ms], x and y [mm]", file=path, line=number)
+        if rows and row[0] < rows[-1][0]:
+            raise InputError("stamp before the one above it, expected rising stamps", file=path, line=number)
+        rows.append(row)
+    if not rows:
+        raise InputError("no positions, expected lines: P t x y", file=path)
+    table = 0.001 * np.array(rows)
+    return Positions(table[:, 0], table[:, 1:])

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.errors import ConfigError
-from moteslam.robot.summary import Summarised
+from moteslam.robot.values import Summarised
 from moteslam.sim.actors.doors import Door, Leaf
 from moteslam.sim.actors.people import Crowd, Person, Walkers, place_crowd
 from moteslam.sim.world.world import World, check_legs, check_place

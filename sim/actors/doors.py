@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from moteslam.robot.section import Number, Section, Truth
+from moteslam.robot.tables import Number, Section, Truth
 from moteslam.sim.world.pieces import PLAIN, Point
 
 if TYPE_CHECKING:

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.robot import se2
-from moteslam.robot.summary import Summarised
 from moteslam.robot.trajectory import Trajectory
+from moteslam.robot.values import Summarised
 from moteslam.sim.actors.actors import TRUTH_RATE, Actors, Tracks
 from moteslam.sim.robot.driver import PATIENCE, Driver, pace
 from moteslam.sim.robot.limits import Limits

@@ -13,7 +13,7 @@ from pydantic import Field, model_validator
 from moteslam.errors import ConfigError
 from moteslam.robot import se2
 from moteslam.robot.platform import Platform
-from moteslam.robot.section import Number
+from moteslam.robot.tables import Number
 from moteslam.sim.robot.driver import SPACING, Driver, sampled
 from moteslam.sim.robot.limits import Interval, Seconds, Spell
 from moteslam.sim.robot.task import Commands, Route, Task

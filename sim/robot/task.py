@@ -10,7 +10,7 @@ from pydantic import Field, model_validator
 
 from moteslam.errors import ConfigError
 from moteslam.robot.platform import Platform
-from moteslam.robot.section import Number, Positive, Section, Truth
+from moteslam.robot.tables import Number, Positive, Section, Truth
 from moteslam.sim.robot.driver import Driver, PathDriver
 from moteslam.sim.robot.limits import MAX_DURATION, Limits
 from moteslam.sim.world.pieces import Point

@@ -6,9 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.robot.noise import EncoderNoise
-from moteslam.robot.platform import Wheels
+from moteslam.robot.platform import EncoderSpec, Wheels
 from moteslam.robot.recording import EncoderStream
-from moteslam.robot.specs import EncoderSpec
 from moteslam.sim.robot.drive import Drive
 from moteslam.sim.sensors.clock import readings
 

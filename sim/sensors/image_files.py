@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from moteslam.errors import OutputError
 from moteslam.robot.formats.ucsd_images import image_path
 from moteslam.robot.pictures import encode_png
-from moteslam.robot.processors import processor_count
+from moteslam.robot.values import processor_count
 
 SAMPLE = 6
 """Images of each kind that are drawn to estimate the space that all will take."""

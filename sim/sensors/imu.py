@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.robot.noise import ImuNoise
+from moteslam.robot.platform import ImuSpec
 from moteslam.robot.recording import ImuStream
-from moteslam.robot.specs import ImuSpec
 from moteslam.sim.robot.drive import Drive
 from moteslam.sim.robot.vehicle import GRAVITY
 from moteslam.sim.sensors.clock import readings

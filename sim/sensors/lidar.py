@@ -9,11 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.errors import ConfigError
-from moteslam.robot.arrays import given_up
 from moteslam.robot.noise import DriveNoise, LidarNoise
-from moteslam.robot.platform import Platform
+from moteslam.robot.platform import LidarSpec, Platform, ScanFigures
 from moteslam.robot.recording import LidarStream
-from moteslam.robot.specs import LidarSpec, ScanFigures
+from moteslam.robot.values import given_up
 from moteslam.sim.robot.drive import Drive
 from moteslam.sim.sensors.clock import readings
 from moteslam.sim.sensors.echoes import Floats, Scene, add_false_returns, mix_at_edges

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from moteslam.errors import ConfigError
-from moteslam.robot.section import Number, Positive
-from moteslam.robot.specs import LidarSpec
+from moteslam.robot.platform import LidarSpec
+from moteslam.robot.tables import Number, Positive
 from moteslam.sim.robot.limits import Interval
 
 Floats = NDArray[np.float64]

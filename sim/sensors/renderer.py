@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from moteslam.robot import kinect
+from moteslam.robot import rgbd
+from moteslam.robot.platform import CameraSettings, CameraSpec
 from moteslam.robot.se2 import transform_points
-from moteslam.robot.specs import CameraSettings, CameraSpec
 from moteslam.sim.sensors.echoes import Scene
 from moteslam.sim.world.floor import FloorSettings, rasterise
 
@@ -46,14 +46,14 @@ class Renderer:
     ) -> None:
         from moteslam.kernels.camera import depth_view_of, view_of  # imports Taichi
 
-        rotation = kinect.mount_rotation(mount)
+        rotation = rgbd.mount_rotation(mount)
         self._scene = scene
         # each camera's place in the robot's frame: the colour camera stands to the right of the depth camera
         place = np.array((mount.x, mount.y, mount.z))
-        self._places = {False: place, True: place + rotation @ np.array((kinect.RGB_OFFSET, 0.0, 0.0))}
+        self._places = {False: place, True: place + rotation @ np.array((rgbd.RGB_OFFSET, 0.0, 0.0))}
         self._views = {}
         for colour in (False, True):
-            optical = kinect.optical_rays(colour=colour)
+            optical = rgbd.optical_rays(colour=colour)
             directions = np.concatenate((optical @ rotation.T, optical[..., 2:]), axis=-1)
             self._views[colour] = view_of(directions, height=float(self._places[colour][2]))
         ground = _bounds(scene, path, settings.farthest + 2.0)
@@ -62,7 +62,7 @@ class Renderer:
         self._ground = rasterise(floor, ground, cell)
         self._packed = _pack(self._ground.values)
         rng = np.random.default_rng(np.random.SeedSequence(seed))
-        reads = kinect.HEIGHT * kinect.WIDTH + 2 * kinect.WIDTH
+        reads = rgbd.HEIGHT * rgbd.WIDTH + 2 * rgbd.WIDTH
         normal = rng.standard_normal(_NOISE_LENGTH + reads, np.float32)
         lost = rng.random(len(normal), np.float32) < settings.dropout
         self._colour_noise = np.float32(settings.colour_noise) * normal
@@ -70,10 +70,10 @@ class Renderer:
         self._rgb_starts, self._disparity_starts = (rng.integers(_NOISE_LENGTH, size=count) for count in frames)
         self._depth_view = depth_view_of(
             self._views[False],
-            scale=kinect.DEPTH_SCALE,
-            offset=kinect.DISPARITY_OFFSET,
-            slope=kinect.DISPARITY_SLOPE,
-            nothing=kinect.NO_DISPARITY,
+            scale=rgbd.DEPTH_SCALE,
+            offset=rgbd.DISPARITY_OFFSET,
+            slope=rgbd.DISPARITY_SLOPE,
+            nothing=rgbd.NO_DISPARITY,
             nearest=settings.nearest,
             farthest=settings.farthest,
             grazing=settings.grazing,
@@ -98,9 +98,9 @@ class Renderer:
             noise=self._colour_noise,
             starts=self._rgb_starts[indices],
         )
-        bytes_ = packed.astype("<i4", copy=False).view(np.uint8).reshape(-1, kinect.WIDTH, 4)
+        bytes_ = packed.astype("<i4", copy=False).view(np.uint8).reshape(-1, rgbd.WIDTH, 4)
         images = cv2.cvtColor(bytes_, cv2.COLOR_RGBA2RGB) if len(bytes_) else bytes_[..., :3]
-        return np.asarray(images, np.uint8).reshape(-1, kinect.HEIGHT, kinect.WIDTH, 3)
+        return np.asarray(images, np.uint8).reshape(-1, rgbd.HEIGHT, rgbd.WIDTH, 3)
 
     def disparity(
         self, indices: NDArray[np.intp], poses: NDArray[np.float64], times: NDArray[np.float64]
@@ -111,7 +111,7 @@ class Renderer:
         _, reaches = self._reaches(poses, times, colour=False)
         starts = self._disparity_starts[indices]
         images = render_disparity(self._depth_view, reaches, noise=self._disparity_noise, starts=starts)
-        return images.reshape(-1, kinect.HEIGHT, kinect.WIDTH)
+        return images.reshape(-1, rgbd.HEIGHT, rgbd.WIDTH)
 
     def depth_reaches(
         self, pose: NDArray[np.float64], time: float

@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 
 from moteslam.errors import ConfigError
 from moteslam.robot.formats.ucsd_images import DISPARITY, RGB
+from moteslam.robot.platform import CameraSettings, CameraSpec
 from moteslam.robot.recording import RgbdStream
 from moteslam.robot.se2 import interpolate
-from moteslam.robot.specs import CameraSettings, CameraSpec
-from moteslam.robot.summary import Summarised
+from moteslam.robot.values import Summarised
 from moteslam.sim.robot.drive import Drive
 from moteslam.sim.robot.limits import Interval
 from moteslam.sim.sensors.clock import EPOCH, readings
@@ -42,8 +42,8 @@ def check_camera(camera: CameraSpec | None) -> CameraSpec:
     return camera
 
 
-@dataclass(frozen=True, eq=False)
-class Shots:
+@dataclass(frozen=True, eq=False, repr=False)
+class Shots(Summarised):
     """What one camera takes.
 
     Attributes:

@@ -17,10 +17,10 @@ from numpy.typing import ArrayLike, NDArray
 from pydantic import Field, model_validator
 
 from moteslam.errors import ConfigError, InputError
+from moteslam.robot.files import read_bytes
 from moteslam.robot.pictures import decode_picture, picture_size
 from moteslam.robot.raster import Raster
-from moteslam.robot.reading import read_bytes
-from moteslam.robot.section import Number, Positive, Section, Share, Whole
+from moteslam.robot.tables import Number, Positive, Section, Share, Whole
 
 Array = NDArray[np.float64]
 

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from moteslam.errors import ConfigError
 from moteslam.robot.raster import Raster
-from moteslam.robot.summary import Summarised
+from moteslam.robot.values import Summarised
 from moteslam.sim.world.floor_plan import read_floor_plan, wall_segments
 from moteslam.sim.world.layout import Layout, Room, Slippery, Wall
 from moteslam.sim.world.pieces import MATERIALS, PLAIN, Box, Material, Pillar, Polygon, Segments, outline

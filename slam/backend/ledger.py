@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from moteslam.robot.summary import Summarised
+from moteslam.robot.values import Summarised
 
 Array = NDArray[np.float64]
 Verdict = Literal["accepted", "weak", "ambiguous", "outside", "contradicted", "overruled", "unsearched"]

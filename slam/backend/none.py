@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from moteslam.robot.issues import Issue
+from moteslam.robot.values import Issue
 from moteslam.slam.backend.ledger import LoopCandidate
 from moteslam.slam.backend.protocol import BackendConfig, KeyScan
 

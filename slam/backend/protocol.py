@@ -8,10 +8,9 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from moteslam.robot.issues import Issue
-from moteslam.robot.pose_graph import PoseGraph
-from moteslam.robot.section import Section
-from moteslam.robot.summary import Summarised
+from moteslam.robot.tables import Section
+from moteslam.robot.trajectory import PoseGraph
+from moteslam.robot.values import Issue, Summarised
 from moteslam.slam.backend.ledger import LoopCandidate
 from moteslam.slam.inputs.lapses import CLOSED, Open
 

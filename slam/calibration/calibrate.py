@@ -9,10 +9,9 @@ from numpy.typing import NDArray
 
 from moteslam.errors import InputError
 from moteslam.robot import se2
-from moteslam.robot.ranges import chosen
-from moteslam.robot.recording import LidarStream, Recording
-from moteslam.robot.wording import expect_type
-from moteslam.slam.calibration.hand_eye import Fit, Pairs, Path, clock, covariances, fit
+from moteslam.robot.recording import LidarStream, Recording, chosen
+from moteslam.robot.values import expect_type
+from moteslam.slam.calibration.hand_eye import CLOCKS, Fit, Pairs, Parameter, Path, clock, covariances, fit
 from moteslam.slam.calibration.scan_pairs import Beams, Motions, refine, register
 from moteslam.slam.inputs.config import SyncConfig
 from moteslam.slam.inputs.odometry_path import OdometryPath, odometry_path
@@ -71,7 +70,7 @@ class Calibration:
         form: of `FORMS`, the one that odometry poses fit the scans in.
         fit: the mount and the rest; its clocks are one where they do not differ clearly.
         correlation: of the turns of scans and odometry.
-        clocks: a fit with the difference of the clocks; None where the odometry is logged with the scans.
+        clocks: a fit with the difference of the clocks; None if the odometry is logged with the scans.
         shared_clock: the clocks do not differ clearly.
         reversed: mirrored beams are in the wrong order in time, too: an array that is to be read from its end.
         fits: the odometry measures the motion of the scans; else nothing but the angles is known.
@@ -97,7 +96,7 @@ def calibrate(recording: Recording, *, pairs: int = PAIRS) -> Calibration | None
         pairs: of scans that are registered: the more, the longer it takes, and the smaller the deviations.
 
     Returns:
-        None where too few scans can be registered, the robot hardly turns, or there is no odometry.
+        None if too few scans can be registered, the robot hardly turns, or there is no odometry.
     """
     expect_type(recording, Recording, "recording", "open_recording(path) reads one")
     lidar = _in_order(recording.lidar)
@@ -106,7 +105,7 @@ def calibrate(recording: Recording, *, pairs: int = PAIRS) -> Calibration | None
     try:
         with np.errstate(all="ignore"):
             return _calibrate(recording, lidar, pairs)
-    except (InputError, np.linalg.LinAlgError):  # encoders without wheels; numbers that are none
+    except (InputError, np.linalg.LinAlgError):  # encoders without wheels; values that are not finite
         return None
 
 
@@ -114,7 +113,7 @@ def _calibrate(recording: Recording, lidar: LidarStream, pairs: int) -> Calibrat
     path = _path(recording, lidar)
     if path is None:
         return None
-    scans = _Scans(recording, lidar, path, pairs)
+    scans = _RegisteredPairs(recording, lidar, path, pairs)
     if not scans.enough(GOOD / 2):
         return None
     logged = lidar.odometry is not None
@@ -135,12 +134,13 @@ def _calibrate(recording: Recording, lidar: LidarStream, pairs: int) -> Calibrat
     shared = logged or not clocks_differ(clocks, float(np.ptp(lidar.stamps)), wheels_alone=wheels_alone)
     if shared and not logged:
         best = fit(scans.pairs, at, (0.0, 0.0), shared=True)
-    start = clocks.values[5] + clocks.values[6] * (scans.first.min() - clocks.middle)
+    start = clocks.values[Parameter.OFFSET] + clocks.values[Parameter.DRIFT] * (scans.first.min() - clocks.middle)
     if not shared and abs(start) < (LATE_WHEELS if wheels_alone else LATE):  # one clock when the recording began
-        best.values[5] -= start
+        best.values[Parameter.OFFSET] -= start
     if wheels_alone:
         for each in (best, clocks):
-            each.deviations[:2] = np.hypot(each.deviations[:2], PLACE_BY_WHEELS)
+            place = each.deviations[: Parameter.YAW]
+            place[:] = np.hypot(place, PLACE_BY_WHEELS)
     fits = read is not None and min(best.cost, clocks.cost) < UNFIT
     clocks_or_none = None if logged else clocks
     return Calibration(
@@ -150,7 +150,7 @@ def _calibrate(recording: Recording, lidar: LidarStream, pairs: int) -> Calibrat
 
 def clocks_differ(found: Fit, duration: float, *, wheels_alone: bool) -> bool:
     """Whether the stamps of scans and odometry clearly are of two clocks."""
-    (offset, drift), (about_offset, about_drift) = found.values[5:], found.deviations[5:]
+    (offset, drift), (about_offset, about_drift) = found.values[CLOCKS], found.deviations[CLOCKS]
     late = abs(offset) > max(LATE_WHEELS if wheels_alone else LATE, SIGMAS * about_offset)
     apart = abs(drift) * duration > LATE and abs(drift) > max(DRIFT, SIGMAS * about_drift)
     return bool(late or apart)
@@ -205,7 +205,7 @@ def _path(recording: Recording, lidar: LidarStream) -> OdometryPath | None:
 
 
 def _read(
-    scans: _Scans, path: OdometryPath, *, logged: bool, poses: bool
+    scans: _RegisteredPairs, path: OdometryPath, *, logged: bool, poses: bool
 ) -> tuple[str, bool, float, tuple[float, float]] | None:
     """In which form the odometry fits the scans, whether one of them is mirrored, the correlation, and the clocks."""
     best: tuple[str, bool, float, tuple[float, float]] | None = None
@@ -232,7 +232,7 @@ def _read(
     return best
 
 
-class _Scans:
+class _RegisteredPairs:
     """Pairs of scans of a recording, registered.
 
     Attributes:

@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.robot import se2
-from moteslam.robot.issues import Issue
-from moteslam.robot.ranges import ChunkedRanges, Ranges
-from moteslam.robot.recording import LidarStream, Recording
+from moteslam.robot.recording import ChunkedRanges, LidarStream, Ranges, Recording
+from moteslam.robot.values import Issue
 from moteslam.slam.calibration.calibrate import SIGMAS, Calibration, in_form
+from moteslam.slam.calibration.hand_eye import CLOCKS, MOUNT, Parameter
 from moteslam.slam.inputs.odometry_path import OdometryPath
 
 Array = NDArray[np.float64]
@@ -168,8 +168,8 @@ def calibrated(recording: Recording, calibration: Calibration, side: Side) -> Re
     certain = {figure.name.split(" ")[0] for figure in _figures(c, recording) if figure.certain}
     right = _lidar(lidar, c, certain)
     x, y, yaw = _mount(c, recording, certain)
-    scale = c.fit.values[3] if "lengths" in certain else 1.0
-    offset, drift = c.fit.values[5:] if not c.shared_clock else (0.0, 0.0)
+    scale = c.fit.values[Parameter.LENGTHS] if "lengths" in certain else 1.0
+    offset, drift = c.fit.values[CLOCKS] if not c.shared_clock else (0.0, 0.0)
     mended = recording.replace(
         platform=recording.platform.model_copy(
             update={"lidar": recording.platform.lidar.model_copy(update={"x": x, "y": y, "yaw": yaw})}
@@ -200,30 +200,34 @@ def with_form(recording: Recording, form: str) -> Recording:
 
 
 def _figures(c: Calibration, recording: Recording) -> tuple[Figure, ...]:
-    mount, values, deviations = recording.platform.lidar, c.fit.values, c.fit.deviations
+    mount = recording.platform.lidar
+    x, y, yaw, lengths, ratio, *_ = c.fit.values.tolist()
+    about_x, about_y, about_yaw, about_lengths, about_ratio, *_ = c.fit.deviations.tolist()
     clocks = c.clocks or c.fit
     angles_differ = abs(c.angle_scale - 1) > max(ANGLES, SIGMAS * c.angle_deviation)
     least = [PLACE, PLACE, YAW + (abs(c.angle_scale - 1) * _span(recording.lidar) if angles_differ else 0.0)]
     far = np.full(3, c.fits)
     for each in (c.fit, clocks):  # with one clock, and with two
-        apart = se2.wrap(each.values[:3] - mount.pose) * (0, 0, 1) + (each.values[:3] - mount.pose) * (1, 1, 0)
-        far &= np.abs(apart) > np.maximum(least, SIGMAS * each.deviations[:3])
-    scaled = c.fits and abs(values[3] - 1) > max(SCALE, SIGMAS * deviations[3])
-    turns = c.fits and abs(values[4] - 1) > max(TURNS, SIGMAS * deviations[4])
+        apart = each.values[MOUNT] - mount.pose
+        apart[Parameter.YAW] = se2.wrap(apart[Parameter.YAW])
+        far &= np.abs(apart) > np.maximum(least, SIGMAS * each.deviations[MOUNT])
+    scaled = c.fits and abs(lengths - 1) > max(SCALE, SIGMAS * about_lengths)
+    turns = c.fits and abs(ratio - 1) > max(TURNS, SIGMAS * about_ratio)
     rows = [
         ("angles between beams, over the stated", c.angle_scale, c.angle_deviation, 1.0, angles_differ),
-        ("x of the lidar [m]", values[0], deviations[0], mount.x, far[0]),
-        ("y of the lidar [m]", values[1], deviations[1], mount.y, far[1]),
-        ("yaw of the lidar [deg]", degrees(values[2]), degrees(deviations[2]), degrees(mount.yaw), far[2]),
-        ("lengths by ranges, over odometry", values[3], deviations[3], 1.0, scaled),
-        ("turns by scans, over odometry", values[4], deviations[4], 1.0, turns),
+        ("x of the lidar [m]", x, about_x, mount.x, far[0]),
+        ("y of the lidar [m]", y, about_y, mount.y, far[1]),
+        ("yaw of the lidar [deg]", degrees(yaw), degrees(about_yaw), degrees(mount.yaw), far[2]),
+        ("lengths by ranges, over odometry", lengths, about_lengths, 1.0, scaled),
+        ("turns by scans, over odometry", ratio, about_ratio, 1.0, turns),
     ]
     if c.clocks is not None and c.fits:
         differ = c.fits and not c.shared_clock
-        drifts = differ and abs(clocks.values[6]) > SIGMAS * clocks.deviations[6]
+        (offset, drift), (about_offset, about_drift) = clocks.values[CLOCKS], clocks.deviations[CLOCKS]
+        drifts = differ and abs(drift) > SIGMAS * about_drift
         rows += [
-            ("offset of the odometry's clock [s]", clocks.values[5], clocks.deviations[5], 0.0, differ and not drifts),
-            ("drift of the odometry's clock [s/s]", clocks.values[6], clocks.deviations[6], 0.0, drifts),
+            ("offset of the odometry's clock [s]", offset, about_offset, 0.0, differ and not drifts),
+            ("drift of the odometry's clock [s/s]", drift, about_drift, 0.0, drifts),
         ]
     return tuple(
         Figure(name, float(value), float(deviation), float(stated), bool(certain))
@@ -246,10 +250,10 @@ def _lidar(lidar: LidarStream, c: Calibration, certain: Collection[str]) -> Lida
 
 def _mount(c: Calibration, recording: Recording, certain: Collection[str]) -> tuple[float, float, float]:
     mount, values = recording.platform.lidar, c.fit.values
-    x = float(values[0]) if "x" in certain else mount.x
-    y = float(values[1]) if "y" in certain else mount.y
+    x = float(values[Parameter.X]) if "x" in certain else mount.x
+    y = float(values[Parameter.Y]) if "y" in certain else mount.y
     turned = c.fits and ("yaw" in certain or "angles" in certain or c.mirrored)
-    return x, y, float(values[2]) if turned else mount.yaw
+    return x, y, float(values[Parameter.YAW]) if turned else mount.yaw
 
 
 def _logged(recording: Recording) -> Array | None:

@@ -7,6 +7,7 @@ Simultaneous calibration of odometry and sensor parameters). Of lengths only the
 from __future__ import annotations
 
 from collections.abc import Callable
+from enum import IntEnum
 from typing import NamedTuple
 
 import numpy as np
@@ -36,8 +37,24 @@ TAIL = 2.5
 """Weighted residuals beyond it lose weight (Cauchy)."""
 LONGEST, STEP = 8.0, 0.05
 """Offsets of clocks up to this are looked for, in steps [s]."""
-DRIFT = 0.012
+MOST_DRIFT = 0.012
 """Likewise their drift [s/s]."""
+
+
+class Parameter(IntEnum):
+    """Where each parameter of a fit is: mount [m], [rad]; ratios of lengths and turns; clocks [s], [s/s]."""
+
+    X = 0
+    Y = 1
+    YAW = 2
+    LENGTHS = 3
+    TURNS = 4
+    OFFSET = 5
+    DRIFT = 6
+
+
+MOUNT, CLOCKS = slice(Parameter.X, Parameter.LENGTHS), slice(Parameter.OFFSET, None)
+"""Those of the mount, and of the difference of the clocks."""
 
 
 class Pairs(NamedTuple):
@@ -90,25 +107,24 @@ def clock(pairs: Pairs, stamps: Array, headings: Array) -> tuple[float, float, f
     """Offset [s] and drift [s/s] at which the turns of both agree best, and their correlation there, of either sign.
 
     Args:
-        pairs: of the lidar.
         stamps: [n] of the odometry [s].
         headings: [n] its headings, unwrapped [rad].
     """
     turns = pairs.motions[:, 2]
     limit = 3 * np.median(np.abs(turns)) + 0.05
-    ours = np.clip(turns, -limit, limit)
-    ours = ours - ours.mean()
+    turns_by_scans = np.clip(turns, -limit, limit)
+    turns_by_scans = turns_by_scans - turns_by_scans.mean()
     lags = np.arange(-LONGEST, LONGEST + STEP / 2, STEP)
     span = max(float(np.ptp(pairs.first)), 1.0)
-    steps = int(min(DRIFT * span / 0.4, 25))
+    steps = int(min(MOST_DRIFT * span / 0.4, 25))
     best, found = -np.inf, (0.0, 0.0, 0.0)
     for drift in np.linspace(-steps, steps, 2 * steps + 1) * 0.4 / span:
         shift = drift * (pairs.first - pairs.middle) + lags[:, None]
-        theirs = np.interp(pairs.last + shift, stamps, headings) - np.interp(pairs.first + shift, stamps, headings)
-        theirs = np.clip(theirs, -limit, limit)
-        theirs = theirs - theirs.mean(axis=1, keepdims=True)
-        scale = np.sqrt((ours**2).sum() * (theirs**2).sum(axis=1))
-        correlation = (ours * theirs).sum(axis=1) / np.maximum(scale, 1e-9)
+        began, ended = (np.interp(times + shift, stamps, headings) for times in (pairs.first, pairs.last))
+        turns_by_odometry = np.clip(ended - began, -limit, limit)
+        turns_by_odometry = turns_by_odometry - turns_by_odometry.mean(axis=1, keepdims=True)
+        scale = np.sqrt((turns_by_scans**2).sum() * (turns_by_odometry**2).sum(axis=1))
+        correlation = (turns_by_scans * turns_by_odometry).sum(axis=1) / np.maximum(scale, 1e-9)
         score = np.abs(correlation) - 0.004 * np.abs(lags) - abs(drift)  # of equals, the one that says least
         k = int(score.argmax())
         if score[k] > best:
@@ -120,9 +136,6 @@ def fit(pairs: Pairs, path: Path, clocks: tuple[float, float], *, shared: bool) 
     """Fit a lidar to odometry: iterated weighted least squares, with the deviations of a clustered sandwich.
 
     Args:
-        pairs: of the lidar.
-        path: of the odometry.
-        clocks: offset and drift to begin with.
         shared: the two are on one clock; then these are not estimated.
     """
 
@@ -134,13 +147,13 @@ def fit(pairs: Pairs, path: Path, clocks: tuple[float, float], *, shared: bool) 
 
     p = np.array([0.0, 0.0, 0.0, 1.0, 1.0, *clocks])
     stated = _expected(p, pairs.first, pairs.last, pairs.middle, path)
-    p[2:4] = _direction(pairs, stated)
+    p[Parameter.YAW], p[Parameter.LENGTHS] = _direction(pairs, stated)
     per_length, per_turn = np.hypot(stated[:, 0], stated[:, 1]), np.abs(stated[:, 2])
     noise = np.stack((ODOMETRY[0] + ODOMETRY[1] * per_length,) * 2 + (ODOMETRY[2] + ODOMETRY[3] * per_turn,), axis=1)
     weights = np.linalg.inv(pairs.covariances + noise[:, :, None] ** 2 * np.eye(3))
     steps = np.array([1e-3, 1e-3, 1e-3, 1e-3, 1e-3, 0.02, 0.02 / max(float(np.ptp(pairs.first)), 1.0)])
     free = np.ones(7, bool)
-    free[5:] = not shared
+    free[CLOCKS] = not shared
     prior, begin = np.diag(np.where(free, 1 / PRIOR**2, 1e12)), p
     for _ in range(12):
         apart = residuals(p)
@@ -156,21 +169,21 @@ def fit(pairs: Pairs, path: Path, clocks: tuple[float, float], *, shared: bool) 
     spread = inverse @ (parts.T @ parts) @ inverse
     deviations = np.hypot(np.sqrt(np.maximum(np.diag(spread), np.diag(inverse))), FLOOR)
     expected = _expected(p, pairs.first, pairs.last, pairs.middle, path, pairs.motions[:, 2])
-    for k, (ratio, deviation) in enumerate(_ratios(pairs, expected, robust), start=3):
+    for k, (ratio, deviation) in enumerate(_ratios(pairs, expected, robust), start=Parameter.LENGTHS):
         p[k], deviations[k] = p[k] * ratio, np.hypot(p[k] * deviation, FLOOR[k])
-    p[2] = se2.wrap(p[2])
+    p[Parameter.YAW] = se2.wrap(p[Parameter.YAW])
     return Fit(p, deviations, float((TAIL**2 * np.log1p(square / TAIL**2)).mean()), pairs.middle)
 
 
 def _expected(p: Array, first: Array, last: Array, middle: float, path: Path, turns: Array | None = None) -> Array:
-    began, ended = (path(time + p[5] + p[6] * (time - middle)) for time in (first, last))
+    began, ended = (path(time + p[Parameter.OFFSET] + p[Parameter.DRIFT] * (time - middle)) for time in (first, last))
     motion = np.asarray(se2.between(began, ended))
-    turn = p[4] * motion[:, 2]
+    turn = p[Parameter.TURNS] * motion[:, 2]
     bend = ((turn if turns is None else turns) - motion[:, 2]) / 2  # turns by the scans are the better ones
-    cos, sin = np.cos(bend) * p[3], np.sin(bend) * p[3]
+    cos, sin = p[Parameter.LENGTHS] * np.cos(bend), p[Parameter.LENGTHS] * np.sin(bend)
     x, y = cos * motion[:, 0] - sin * motion[:, 1], sin * motion[:, 0] + cos * motion[:, 1]
     moved = np.stack((x, y, turn if turns is None else turns), axis=1)
-    lidar = np.asarray(se2.compose(se2.compose(se2.inverse(p[:3]), moved), p[:3]))
+    lidar = np.asarray(se2.compose(se2.compose(se2.inverse(p[MOUNT]), moved), p[MOUNT]))
     lidar[:, 2] = turn
     return lidar
 
@@ -205,25 +218,25 @@ def _ratios(pairs: Pairs, expected: Array, robust: Array) -> tuple[tuple[float, 
     measured = variance < UNMEASURED
     if measured.sum() < FEWEST:
         return (1.0, 1.0), turns
-    mine, theirs = ((each[:, :2] * along).sum(axis=1) for each in (pairs.motions, expected))
+    by_scans, by_odometry = ((each[:, :2] * along).sum(axis=1) for each in (pairs.motions, expected))
     weight = whole = np.where(measured, robust / (variance + 0.02**2), 0.0)
     counts = whole > 0.1 * np.percentile(whole[measured], 90)
     lengths = 1.0, 1.0
     for _ in range(8):
-        lengths = _ratio(mine, theirs, weight)
+        lengths = _ratio(by_scans, by_odometry, weight)
         if not 0.5 < lengths[0] < 2:  # lengths are hardly measured
             return (1.0, 1.0), turns
-        apart = np.abs(mine - lengths[0] * theirs) * np.sqrt(whole)
+        apart = np.abs(by_scans - lengths[0] * by_odometry) * np.sqrt(whole)
         weight = whole * np.maximum(1 - (apart / max(5 * float(np.median(apart[counts])), 1e-9)) ** 2, 0) ** 2
     return lengths, turns
 
 
-def _ratio(mine: Array, theirs: Array, weight: Array) -> tuple[float, float]:
-    total = float((weight * theirs).sum())
+def _ratio(by_scans: Array, by_odometry: Array, weight: Array) -> tuple[float, float]:
+    total = float((weight * by_odometry).sum())
     if not total > 1e-9:
         return 1.0, 1.0
-    ratio = float((weight * mine).sum()) / total
-    return ratio, float(np.sqrt((_parts(weight * (mine - ratio * theirs)) ** 2).sum())) / total
+    ratio = float((weight * by_scans).sum()) / total
+    return ratio, float(np.sqrt((_parts(weight * (by_scans - ratio * by_odometry)) ** 2).sum())) / total
 
 
 def _parts(values: Array) -> Array:

@@ -78,7 +78,6 @@ def register(former: Array, latter: Array, beams: Beams, seconds: Array, starts:
 
     Args:
         former, latter: [k, b] ranges [m]; not finite where there is no endpoint.
-        beams: of both.
         seconds: [k] between the stamps; the lidar is taken to move evenly between them and during a sweep.
         starts: [s, k, 3] motions to begin with; a pair that one does not register begins with the next.
     """
@@ -89,8 +88,8 @@ def register(former: Array, latter: Array, beams: Beams, seconds: Array, starts:
             break
         other = _register(former[again], latter[again], beams, seconds[again], start[again], STEPS)
         better = other.good
-        for ours, theirs in zip(vars(found).values(), vars(other).values(), strict=True):
-            ours[again[better]] = theirs[better]
+        for kept, better_one in zip(vars(found).values(), vars(other).values(), strict=True):
+            kept[again[better]] = better_one[better]
     return found
 
 
@@ -101,8 +100,8 @@ def refine(
     found = _register(former, latter, beams, seconds, motions, REFINING)
     if other is not None:
         worse = other.good & ~(found.good & (_cost(found) <= _cost(other)))
-        for ours, theirs in zip(vars(found).values(), vars(other).values(), strict=True):
-            ours[worse] = theirs[worse]
+        for kept, better_one in zip(vars(found).values(), vars(other).values(), strict=True):
+            kept[worse] = better_one[worse]
     return found
 
 

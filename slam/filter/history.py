@@ -42,7 +42,6 @@ class History:
         """Add the poses [N, 3] of an update, and which of them the next update's particles descend from.
 
         Args:
-            poses: as weighed, before resampling.
             parents: [M] indices into ``poses`` (M particles survive), or None when nothing was resampled.
         """
         self._poses.append(poses.copy())
@@ -57,7 +56,6 @@ class History:
 
         Args:
             particles: [K].
-            first: update to go back to.
 
         Returns:
             [K, updates from the first on].
@@ -76,7 +74,6 @@ class History:
 
         Args:
             particles: [K].
-            first: update that they begin with.
 
         Returns:
             [K, updates from the first on, 3].

@@ -117,13 +117,12 @@ class Misfit:
         """That the pose is wrong, by that state."""
         return (0.0, WRONG_IF_DOUBTFUL, WRONG_IF_LOST)[self.state]
 
-    def look(self, driven: float, score: float | None, *, left_out: bool = False) -> None:
+    def observe(self, driven: float, score: float | None, *, left_out: bool = False) -> None:
         """Take in a scan.
 
         Args:
             driven: since the scan before [m].
-            score: its match score, as a share of the points where the map is known; None where it was not matched.
-            left_out: it contradicts the map and was not used.
+            score: its match score, as a share of the points where the map is known; None if it was not matched.
         """
         if self._lost is not None:
             self._lost.path += driven

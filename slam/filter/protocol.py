@@ -1,4 +1,4 @@
-"""What a filter is to whoever runs it: a step in, a result out, the particles' paths at the end."""
+"""What a filter is to a run: a step in, a result out, the particles' paths at the end."""
 
 from __future__ import annotations
 
@@ -15,13 +15,11 @@ from moteslam.slam.inputs.config import ThinningConfig
 from moteslam.slam.inputs.scans import Scans
 from moteslam.slam.inputs.step import Step
 
-__all__ = ["Filter", "FilterDefaults", "Scans", "Step", "StepResult"]
-
 Array = NDArray[np.float64]
 
 
 class StepResult(NamedTuple):
-    """What one step came to.
+    """The result of one step.
 
     Attributes:
         pose: [3] of the robot in the map frame, as estimated now.
@@ -30,7 +28,7 @@ class StepResult(NamedTuple):
         score: of the best particle's scan in its map; what it counts is the filter's own.
         updated: the filter updated particles and map with this scan; else the pose followed the motion.
         resampled: particles were resampled.
-        certainty: how sure the filter is of the pose; None where it measures nothing of the kind: then it follows from
+        certainty: how sure the filter is of the pose; None if it does not measure that: then it follows from
             the spread of the particles.
     """
 
@@ -43,7 +41,57 @@ class StepResult(NamedTuple):
     certainty: Certainty | None = None
 
 
-class Filter(Protocol):
+class FilterDefaults(Protocol):
+    """What a filter does that has one hypothesis, no camera and no map of its own, and does not follow corrections."""
+
+    @property
+    def settled(self) -> bool:
+        """Whether the particles are at one place; else the best one's path may yet turn out to be wrong."""
+        return True
+
+    @property
+    def uses_camera(self) -> bool:
+        """Whether it asks for camera frames of the floor."""
+        return False
+
+    @property
+    def thinning(self) -> ThinningConfig | None:
+        """How the scans of its steps are thinned; None to take them as they are."""
+        return None
+
+    @property
+    def map_bytes(self) -> int:
+        """Memory of the particles' maps."""
+        return 0
+
+    @property
+    def lost(self) -> bool:
+        """Whether the robot is lost, and what it sees goes into a map apart until it is found."""
+        return False
+
+    def occupancy(self) -> Raster | None:
+        """The filter's own occupancy map; None to have it drawn along the best particle's path."""
+        return None
+
+    def relocated(self) -> Array | None:
+        """The path [u, 3] of all updates where a robot that was lost has been found since this was asked; else None.
+
+        The caller corrects the path by ``revise``.
+        """
+        return None
+
+    def revise(self, poses: Array, updates: NDArray[np.intp], scans: Scans) -> None:
+        """Go on from a path that was corrected.
+
+        Args:
+            poses: [u, 3] of the robot at every update so far, corrected.
+            updates: [u] the indices of their scans.
+            scans: endpoints of all scans.
+        """
+        return
+
+
+class Filter(FilterDefaults, Protocol):
     """A particle filter for SLAM. The robot starts at the identity of the map frame."""
 
     @property
@@ -62,83 +110,5 @@ class Filter(Protocol):
     def best_particle(self) -> int:
         """Index of the best particle at the last update, before it was resampled."""
 
-    @property
-    def settled(self) -> bool:
-        """Whether the particles are at one place; else the best one's path may yet turn out to be wrong."""
-
-    @property
-    def uses_camera(self) -> bool:
-        """Whether it asks for camera frames of the floor."""
-
-    @property
-    def thinning(self) -> ThinningConfig | None:
-        """How the scans of its steps are thinned; None where it takes them as they are."""
-
-    @property
-    def map_bytes(self) -> int:
-        """Memory of the particles' maps."""
-
     def step(self, step: Step) -> StepResult:
         """Take in one scan and the motion since the scan before."""
-
-    def occupancy(self) -> Raster | None:
-        """The filter's own occupancy map; None where it is to be drawn along the best particle's path."""
-
-    @property
-    def lost(self) -> bool:
-        """Whether the robot is lost, and what it sees goes into a map apart until it is found."""
-
-    def relocated(self) -> Array | None:
-        """The path [u, 3] of all updates where a robot that was lost has been found since this was asked; else None.
-
-        The caller corrects the path by ``revise``.
-        """
-
-    def revise(self, poses: Array, updates: NDArray[np.intp], scans: Scans) -> None:
-        """Go on from a path that was corrected.
-
-        Args:
-            poses: [u, 3] of the robot at every update so far, corrected.
-            updates: [u] the indices of their scans.
-            scans: endpoints of all scans.
-        """
-
-
-class FilterDefaults:
-    """What a filter does that has one hypothesis, no camera and no map of its own, and does not follow corrections."""
-
-    @property
-    def settled(self) -> bool:
-        """See ``Filter``."""
-        return True
-
-    @property
-    def uses_camera(self) -> bool:
-        """See ``Filter``."""
-        return False
-
-    @property
-    def thinning(self) -> ThinningConfig | None:
-        """See ``Filter``."""
-        return None
-
-    @property
-    def map_bytes(self) -> int:
-        """See ``Filter``."""
-        return 0
-
-    def occupancy(self) -> Raster | None:
-        """See ``Filter``."""
-        return None
-
-    @property
-    def lost(self) -> bool:
-        """See ``Filter``."""
-        return False
-
-    def relocated(self) -> Array | None:
-        """See ``Filter``."""
-        return None
-
-    def revise(self, poses: Array, updates: NDArray[np.intp], scans: Scans) -> None:
-        """See ``Filter``."""

@@ -4,12 +4,37 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from enum import IntEnum
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field
+
+from moteslam.robot import se2
+from moteslam.robot.tables import Number, Positive, Section, Truth, Whole
 
 Weights = NDArray[np.float64]
 Parents = NDArray[np.int64]
+
+
+class KldConfig(Section):
+    """KLD sampling: as many particles as the posterior needs (Fox 2003; Probabilistic Robotics, table 8.4).
+
+    The number changes where particles are resampled, and there alone.
+    """
+
+    enabled: Truth = False
+    """Adapt the number of particles; `particles` is then the largest number, and the first."""
+    epsilon: Positive = 0.05
+    """Kullback-Leibler distance that is allowed between the particles and the posterior, over the bins."""
+    delta: Annotated[Number, Field(gt=0, lt=1)] = 0.01
+    """Probability that it is exceeded."""
+    bin_size: Positive = 0.1
+    """Of the bins in x and in y [m]."""
+    bin_angle: Positive = 0.05
+    """Of the bins in the heading [rad]."""
+    least: Annotated[Whole, Field(ge=1)] = 10
+    """Never fewer particles than these; `particles` wins if it is smaller."""
 
 
 def resample(
@@ -20,7 +45,6 @@ def resample(
     Args:
         scheme: one of ``SCHEMES``.
         weights: [N] >= 0, not all 0.
-        generator: of the uniform numbers.
         count: how many to draw, M; as many as there are if None.
 
     Returns:
@@ -93,3 +117,76 @@ def _at(positions: NDArray[np.float64], weights: Weights) -> Parents:
     last = int(np.searchsorted(cumulative, cumulative[-1]))  # those after it weigh nothing
     found = np.searchsorted(cumulative / cumulative[-1], positions, side="right")
     return np.minimum(found, last).astype(np.int64)
+
+
+def enough_particles(bins: NDArray[np.int64], epsilon: float, delta: float) -> NDArray[np.float64]:
+    """The number of samples with which a histogram is, with a probability, near to what it was drawn from.
+
+    Probabilistic Robotics, table 8.4, line 16: the Wilson-Hilferty approximation of a chi-square quantile.
+
+    Args:
+        bins: k >= 1 bins that have a sample in them; any shape.
+
+    Returns:
+        float64 of the shape of ``bins``; 0 for one bin.
+    """
+    from statistics import NormalDist  # 2 ms of every start, and only a number of particles that varies needs it
+
+    degrees = np.maximum(np.asarray(bins, np.float64) - 1, 0)
+    ninth = 2 / (9 * np.maximum(degrees, 1))
+    quantile = degrees * (1 - ninth + np.sqrt(ninth) * NormalDist().inv_cdf(1 - delta)) ** 3
+    return np.asarray(quantile / (2 * epsilon))
+
+
+def particle_number(
+    poses: NDArray[np.float64], weights: NDArray[np.float64], config: KldConfig, most: int, *, seed: int, step: int
+) -> int:
+    """The number of particles to resample to: poses are drawn until the bins they fall in ask for no more.
+
+    Table 8.4 of Probabilistic Robotics, with the particles as they are before resampling for the proposal; what it
+    adds to them within a step is small against a bin.
+
+    Args:
+        poses: [N, 3] of the particles.
+        weights: [N], sum 1.
+
+    Returns:
+        from ``config.least`` to ``most``, which wins.
+    """
+    generator = generator_for(seed, step, Draws.NUMBER)
+    cumulative = np.cumsum(weights)
+    drawn = np.searchsorted(cumulative / cumulative[-1], generator.random(most), side="right")
+    drawn = np.minimum(drawn, len(weights) - 1)
+    # the first pose is the middle of a bin, so that a posterior narrower than a bin lies in one, wherever it is
+    offsets = poses[drawn] - poses[drawn[0]]
+    offsets[:, 2] = se2.wrap(offsets[:, 2])
+    cells = np.rint(offsets / (config.bin_size, config.bin_size, config.bin_angle)).astype(np.int64)
+    new = np.zeros(most, np.int64)
+    new[np.unique(cells, axis=0, return_index=True)[1]] = 1
+    enough = np.maximum(enough_particles(np.cumsum(new), config.epsilon, config.delta), config.least)
+    stop = np.flatnonzero(np.arange(1, most + 1) >= enough)
+    return int(stop[0]) + 1 if len(stop) else most
+
+
+def choose_parents(
+    scheme: str,
+    kld: KldConfig,
+    most: int,
+    poses: NDArray[np.float64],
+    weights: Weights,
+    *,
+    seed: int,
+    step: int,
+) -> Parents:
+    """The particles that survive, [M] rising indices: as many as there are, or as ``kld`` asks for.
+
+    Args:
+        scheme: one of ``SCHEMES``.
+        kld: whether and how the number is adapted.
+        poses: [N, 3] of the particles as weighed.
+        weights: [N], sum 1.
+    """
+    count = len(poses)
+    if kld.enabled:
+        count = particle_number(poses, weights, kld, most, seed=seed, step=step)
+    return resample(scheme, weights, generator_for(seed, step), count)

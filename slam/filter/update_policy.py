@@ -6,7 +6,20 @@ import math
 from typing import NamedTuple
 
 from moteslam.robot.se2 import Pose
-from moteslam.slam.filter.config import UpdateConfig
+from moteslam.robot.tables import NotNegative, Positive, Section
+
+
+class UpdateConfig(Section):
+    """The update policy: a scan is used when the robot has moved this far, turned this much, or this time has passed
+    since the last that was; the poses of scans between follow the motion. With zeros every scan is used.
+    """
+
+    distance: NotNegative = 0.0
+    """Distance since the last update [m]."""
+    rotation: NotNegative = 0.0
+    """Sum of the absolute turns since [rad]."""
+    interval: Positive = 1e9
+    """Time since [s]."""
 
 
 class Travelled(NamedTuple):
@@ -31,8 +44,6 @@ def update_due(policy: UpdateConfig, travelled: Travelled, motion: Pose | None =
     """Whether the next scan is used for an update.
 
     Args:
-        policy: when it is.
-        travelled: since the last update.
         motion: the motion since the last update where it is also estimated by other means than the odometry; the
             larger of both counts.
     """

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.robot import se2
+from moteslam.robot.platform import LidarSpec
 from moteslam.robot.recording import LidarStream
-from moteslam.robot.specs import LidarSpec
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -31,7 +31,7 @@ class Votes(NamedTuple):
     stand: Flags
 
 
-class Fan:
+class ComparedBeams:
     """The beams of a lidar that are compared.
 
     Attributes:
@@ -50,14 +50,13 @@ class Fan:
         self.closed = bool(len(beams) * abs(self.step) > 2 * np.pi - 1.5 * abs(self.step))
 
 
-def votes(fan: Fan, ranges: NDArray[np.float32], odometry: Array) -> Votes:
+def compare_scans(beams: ComparedBeams, ranges: NDArray[np.float32], odometry: Array) -> Votes:
     """Which endpoints of each of some scans [k + 1] travel to the next, and which stand still: [k, b].
 
     An endpoint that tells the two apart travels where the same beam has the same range and the place where a wall would
     be is seen through; it stands where the next scan has an endpoint there and the beam another range.
 
     Args:
-        fan: the beams.
         ranges: [k + 1, b] along them [m].
         odometry: [k + 1, 3] the robot's poses.
     """
@@ -67,21 +66,20 @@ def votes(fan: Fan, ranges: NDArray[np.float32], odometry: Array) -> Votes:
     straight = moved * (1.0, 1.0, 0.0)  # wheels that slip in a turn show a wall at a glancing angle elsewhere
     with np.errstate(invalid="ignore"):
         kept = np.abs(after - before)
-        displaced, expected, seen = _expected(fan, before, after, moved)
+        displaced, expected, seen = _expected(beams, before, after, moved)
         there = (np.abs(seen - expected) <= SAME * displaced).any(axis=0)
         stand = (displaced > LEAST_MOVED) & ~(kept <= OTHER * displaced) & there
         travel = kept <= SAME * displaced
         for motion in (moved, straight):
-            displaced, expected, seen = _expected(fan, before, after, motion)
+            displaced, expected, seen = _expected(beams, before, after, motion)
             travel &= (displaced > LEAST_MOVED) & (seen >= expected + OTHER * displaced).all(axis=0)
     return Votes(travel, stand)
 
 
-def _expected(fan: Fan, before: Array, after: Array, moved: Array) -> tuple[Array, Array, Array]:
+def _expected(beams: ComparedBeams, before: Array, after: Array, moved: Array) -> tuple[Array, Array, Array]:
     """Where endpoints of walls would be, and what the scans after see there.
 
     Args:
-        fan: the beams.
         before, after: [k, b] ranges of pairs of scans, NaN where there is no return [m].
         moved: [k, 3] the robot's motion from the one to the other.
 
@@ -89,23 +87,23 @@ def _expected(fan: Fan, before: Array, after: Array, moved: Array) -> tuple[Arra
         of each endpoint before how far it moves as seen from the robot [k, b], its range then [k, b], and the ranges
         after of the beams about its bearing [2 ASIDE + 1, k, b]; NaN outside of the scan.
     """
-    x, y, yaw = fan.mount
-    angles = fan.angles + yaw
+    x, y, yaw = beams.mount
+    angles = beams.angles + yaw
     points_x, points_y = x + before * np.cos(angles), y + before * np.sin(angles)
     cos, sin = np.cos(moved[:, 2])[:, None], np.sin(moved[:, 2])[:, None]
     forward, left = points_x - moved[:, 0, None], points_y - moved[:, 1, None]
     there_x, there_y = cos * forward + sin * left, cos * left - sin * forward
     displaced = np.hypot(there_x - points_x, there_y - points_y)
     expected = np.hypot(there_x - x, there_y - y)
-    beams = after.shape[1]
+    count = after.shape[1]
     bearing = np.arctan2(there_y - y, there_x - x) - angles[0]
-    number = np.floor(np.mod(bearing / fan.step + 0.5, 2 * np.pi / abs(fan.step)))
+    number = np.floor(np.mod(bearing / beams.step + 0.5, 2 * np.pi / abs(beams.step)))
     known = np.isfinite(number)
     first = np.where(known, number, 0).astype(np.intp)
     rows = np.arange(len(after))[:, None]
     seen = np.full((2 * ASIDE + 1, *after.shape), np.nan)
     for k, aside in enumerate(range(-ASIDE, ASIDE + 1)):
         beam = first + aside
-        inside = known & ((beam >= 0) & (beam < beams) | fan.closed)
-        seen[k] = np.where(inside, after[rows, beam % beams], np.nan)
+        inside = known & ((beam >= 0) & (beam < count) | beams.closed)
+        seen[k] = np.where(inside, after[rows, beam % count], np.nan)
     return displaced, expected, seen

@@ -8,11 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.robot import se2
-from moteslam.robot.frames import CameraFrame, FrameCount, has_images, pairs, read_frame
-from moteslam.robot.issues import Issue
+from moteslam.robot.platform import CameraSpec
 from moteslam.robot.recording import Recording
-from moteslam.robot.specs import CameraSpec
-from moteslam.robot.wording import counted
+from moteslam.robot.rgbd import CameraFrame, FrameCount, has_images, pairs, read_frame
+from moteslam.robot.values import Issue, counted
 from moteslam.slam.inputs.synchronise import Inputs
 
 
@@ -38,7 +37,6 @@ class FloorView:
         Args:
             odometry: [3] a motion up to the scan as the odometry measured it.
             motion: [3] the same motion as registration found it.
-            seconds: how long it took.
         """
         share = min(1.0, self.age / seconds) if seconds > 0 else 1.0
         since = se2.compose(se2.inverse(self.place), share * se2.between(odometry, motion))
@@ -54,7 +52,6 @@ class FloorViews:
 
     Args:
         recording: with images and a camera on its robot: see ``missing_for_floor_views``.
-        inputs: the same recording, synchronised; with odometry.
         largest_gap: between the colour and the disparity image of a frame [s].
 
     Attributes:
@@ -68,7 +65,7 @@ class FloorViews:
         assert mount is not None
         assert inputs.path is not None
         self.count, self.asked = FrameCount(), 0
-        self._stream, self._mount, self._largest_gap = stream, mount, largest_gap
+        self._stream, self._mount = stream, mount
         self._disparity, self._rgb, _ = pairs(stream, largest_gap=largest_gap)
         self._taken = stream.rgb_stamps[self._rgb]
         # when no colour image nearer to the disparity image can arrive any more, as for all frames before it
@@ -78,14 +75,8 @@ class FloorViews:
         self._unmeasured = np.cumsum(~inputs.measured)
         self._last = -np.inf
 
-    def extended(self, recording: Recording, inputs: Inputs) -> FloorViews:
-        """The same of a recording that has grown since; frames that were handed out are not handed out again."""
-        views = FloorViews(recording, inputs, largest_gap=self._largest_gap)
-        views.count, views.asked, views._last = self.count, self.asked, self._last
-        return views
-
     def at(self, index: int, max_age: float) -> FloorView | None:
-        """The newest frame when a scan is taken; None where it is too old, was handed out before, or is broken.
+        """The newest frame when a scan is taken; None if it is too old, was handed out before, or is broken.
 
         None, too, where the odometry did not measure all of the motion in between.
 

@@ -15,15 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.robot import se2
-from moteslam.robot.issues import Issue
-from moteslam.robot.recording import LidarStream
-from moteslam.robot.specs import LidarSpec
-from moteslam.robot.stamps import LATEST, gaps
-from moteslam.robot.wording import when
-from moteslam.slam.inputs.comparison import Fan, votes
+from moteslam.robot.platform import LidarSpec
+from moteslam.robot.recording import LATEST, LidarStream, gaps
+from moteslam.robot.values import Issue, when
+from moteslam.slam.inputs.comparison import ComparedBeams, compare_scans
 from moteslam.slam.inputs.config import SyncConfig
-from moteslam.slam.inputs.jumps import jumps
-from moteslam.slam.inputs.odometry_path import OdometryPath
+from moteslam.slam.inputs.odometry_path import OdometryPath, jumps
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -132,10 +129,7 @@ def lapses(
     """Where the odometry did not measure; causal: what is said of a scan follows from it, and from the reading after.
 
     Args:
-        path: the odometry at its own stamps.
         odometry: [n, 3] at the scans.
-        lidar, mount: the scans.
-        config: of jumps.
         counted: of wheel counters, which do not say on which way a robot went in a gap; else of poses that the base
             went on to integrate.
     """
@@ -154,7 +148,7 @@ def lapses(
             jumped[over] = True
     motions: dict[int, Array] = {}
     left: dict[int, Open] = {}
-    fan: Fan | None = None
+    fan: ComparedBeams | None = None
     for k in np.flatnonzero(gaps(readings.stamps)).tolist():
         begin, end = float(readings.stamps[k - 1]), float(readings.stamps[k])
         over = _over(stamps, begin, end)
@@ -183,7 +177,7 @@ def lapses(
         scans = np.flatnonzero((stamps > readings.stamps[first]) & (stamps < readings.stamps[last]))
         if len(scans) < LEAST_SCANS:
             continue
-        fan = fan or Fan(lidar, mount)
+        fan = fan or ComparedBeams(lidar, mount)
         found = _stale(steps, first, last, lidar, fan)
         seen.append(found)
         over = _over(stamps, float(readings.stamps[sure - 1]), found.end)
@@ -199,14 +193,8 @@ def _over(stamps: Array, begin: float, end: float) -> NDArray[np.intp]:
     return np.flatnonzero((stamps[1:] > begin) & (stamps[:-1] < end)) + 1
 
 
-def _stale(steps: _Steps, first: int, last: int, lidar: LidarStream, fan: Fan) -> Lapse:
-    """The lapse of odometry that stops dead; it ends where the scans say that the robot stands.
-
-    Args:
-        steps: of the odometry.
-        first, last: readings between which it stands still.
-        lidar, fan: the scans.
-    """
+def _stale(steps: _Steps, first: int, last: int, lidar: LidarStream, fan: ComparedBeams) -> Lapse:
+    """The lapse of odometry that stops dead; it ends where the scans say that the robot stands."""
     stamps, speed = steps.stamps, steps.speed(first, late=True)
     begin, end = float(stamps[first]), float(stamps[min(last + 1, len(stamps) - 1)])
     since = max(int(np.searchsorted(lidar.stamps, begin, side="right")) - 1, 0)
@@ -218,7 +206,7 @@ def _stale(steps: _Steps, first: int, last: int, lidar: LidarStream, fan: Fan) -
         turn = float(se2.wrap(steps.heading(float(lidar.stamps[scan])) - steps.heading(float(lidar.stamps[since]))))
         going = np.array((speed * (lidar.stamps[scan] - lidar.stamps[since]), 0.0, turn))
         some = np.asarray(lidar.ranges[np.array((since, scan))])[:, fan.beams]
-        seen = votes(fan, some, np.vstack((np.zeros(3), going)))
+        seen = compare_scans(fan, some, np.vstack((np.zeros(3), going)))
         travel, stand = int(seen.travel.sum()), int(seen.stand.sum())
         if travel >= BEAMS and stand <= travel / 4:
             return Lapse("stale", begin, float(lidar.stamps[scan]), named=False)

@@ -12,10 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.robot import se2
-from moteslam.robot.kinematics import arc_increment, euler_increment
-from moteslam.robot.recording import ImuStream, Recording
-from moteslam.robot.stamps import nearest_stamp
-from moteslam.robot.wheel_odometry import gyro_turn, wheel_path
+from moteslam.robot.recording import ImuStream, Ranges, Recording, nearest_stamp
+from moteslam.robot.wheel_odometry import arc_increment, euler_increment, gyro_turn, wheel_path
 from moteslam.slam.inputs.config import SyncConfig
 
 Array = NDArray[np.float64]
@@ -28,7 +26,7 @@ class OdometryPath:
     Attributes:
         stamps: [n] [s].
         poses: [n, 3]; the path of wheel encoders starts at the identity.
-        by_wheels: [n, 3] the same with the wheels' own turns; None where the turns are no gyro's.
+        by_wheels: [n, 3] the same with the wheels' own turns; None without a gyro.
     """
 
     stamps: Array
@@ -41,7 +39,7 @@ class OdometryPath:
 
 
 def odometry_path(recording: Recording, config: SyncConfig) -> OdometryPath | None:
-    """The path at the stamps that the odometry has; None where a recording has no odometry of any kind.
+    """The path at the stamps that the odometry has; None without odometry of any kind.
 
     Wheel encoders with the gyro's yaw rate where there are encoders (wheels alone before the gyro starts, after it
     ends, or without one), else the odometry's poses, else the poses logged with the scans.
@@ -92,3 +90,94 @@ def _gyro_turn(stamps: Array, imu: ImuStream, config: SyncConfig) -> Array:
     if config.method == "nearest":
         return np.asarray(yaw_rate[nearest_stamp(imu.stamps, stamps)] * np.diff(stamps, prepend=stamps[0]))
     return gyro_turn(stamps, imu, yaw_rate)
+
+
+def between_known(path: Array, known: NDArray[np.intp], motion: Array) -> Array:
+    """The poses [n, 3] of all n places along a motion, where those of some are known.
+
+    Motion on from the place before and back from the place after do not quite meet; the misfit is spread evenly over
+    the places between.
+
+    Args:
+        path: [u, 3] poses of the known places.
+        known: [u] which of the n places they are, rising.
+        motion: [n, 3] poses of all places, as the motion has them, in a frame of its own.
+    """
+    places = np.arange(len(motion))
+    before = np.clip(np.searchsorted(known, places, side="right") - 1, 0, len(known) - 1)
+    after = np.minimum(before + 1, len(known) - 1)
+    forward = se2.compose(path[before], se2.between(motion[known[before]], motion))
+    backward = se2.compose(path[after], se2.between(motion[known[after]], motion))
+    span = known[after] - known[before]
+    share = np.where(span > 0, (places - known[before]) / np.maximum(span, 1), 0.0)[:, None]
+    misfit = backward - forward
+    misfit[:, 2] = se2.wrap(misfit[:, 2])
+    poses = forward + share * misfit
+    poses[:, 2] = se2.wrap(poses[:, 2])
+    return np.asarray(poses)
+
+
+USUAL = 90
+"""The percentile of the latest steps that a step is compared with."""
+LATEST = 1000
+"""How many steps are compared with."""
+
+
+def jumps(stamps: Array, odometry: Array, config: SyncConfig | None = None) -> NDArray[np.bool_]:
+    """At which readings the odometry has jumped since the reading before.
+
+    A step has jumped if it is faster than a robot drives and ``jump_factor`` times as long as the 90th percentile of
+    the latest 1000 steps. These end with the step itself, so that the result is causal. With a factor of ten none of
+    the first nine steps is a jump: a single long step does not stand out among nine. Log writers stamp readings in
+    bursts: a step counts as having taken at least the median time of the latest steps.
+
+    Args:
+        stamps: [n] of the readings [s]; where two are equal there is no speed, and no jump.
+        odometry: [n, 3] poses there.
+        config: the bounds; the defaults if None.
+
+    Returns:
+        [n]; the first is False.
+    """
+    c = config or SyncConfig()
+    dt = np.diff(stamps)
+    motion = se2.between(odometry[:-1], odometry[1:])
+    jump = np.zeros(len(stamps), np.bool_)
+    for size, fastest, least in (
+        (np.hypot(motion[:, 0], motion[:, 1]), c.max_speed, c.min_jump_distance),
+        (np.abs(motion[:, 2]), c.max_turn_rate, c.min_jump_rotation),
+    ):
+        for step in np.flatnonzero((dt > 0) & (size > np.maximum(fastest * dt, least))).tolist():
+            latest = slice(max(0, step + 1 - LATEST), step + 1)
+            farthest = max(fastest * np.median(dt[latest]), c.jump_factor * np.percentile(size[latest], USUAL))
+            jump[step + 1] |= size[step] > farthest
+    return jump
+
+
+def has_moved(odometry: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Whether the odometry [n, 3] has moved by each scan, [n]."""
+    return np.logical_or.accumulate((odometry != odometry[0]).any(axis=1))
+
+
+def stands(ranges: Ranges, moved: NDArray[np.bool_], config: SyncConfig | None = None) -> NDArray[np.bool_]:
+    """At which scans the robot is seen to stand where it began, before its odometry moves.
+
+    Args:
+        ranges: [n, beams] of the scans [m].
+        moved: [n] whether the odometry has moved by each.
+        config: what counts as another place; the defaults if None.
+
+    Returns:
+        [n]; False from the first scan on that differs from scan 0, and where no beam has an endpoint in both.
+    """
+    c = config or SyncConfig()
+    there = np.zeros(len(moved), np.bool_)
+    first = ranges[0]
+    for scan in range(int((~moved).sum())):
+        here = ranges[scan]
+        both = np.isfinite(first) & np.isfinite(here)
+        differs = np.abs(here[both] - first[both]) > c.same_range
+        if differs.sum() > c.moved_share * both.sum():
+            break
+        there[scan] = both.any()
+    return there

@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from moteslam.robot.platform import LidarSpec
 from moteslam.robot.recording import LidarStream
-from moteslam.robot.specs import LidarSpec
 from moteslam.slam.inputs.travelling import Travelling
 
 Array = NDArray[np.float64]
@@ -36,12 +36,10 @@ class Scans:
     """Scans as points, de-skewed where the motion during a sweep is known.
 
     Args:
-        lidar: the scans.
-        mount: of the lidar on the robot.
         sweeps: [n, 3] the robot's motion while each scan is taken, in its frame at the first beam; None for scans
             that count as taken at once.
         max_range: endpoints beyond it are left out [m].
-        travelling: what travels with the robot: left out; None where nothing does.
+        travelling: what travels with the robot: left out; None if nothing does.
 
     Attributes:
         origin: [2] where the rays start, in the robot's frame [m].
@@ -82,7 +80,7 @@ class Scans:
 
     def block(self, first: int, last: int) -> ScanBlock:
         """The finite endpoints of the scans from ``first`` to before ``last``, projected in one launch."""
-        from moteslam.kernels.projection import project_scans
+        from moteslam.kernels.scans import project_scans
 
         ranges = self._lidar.ranges[first:last]
         if self._travelling is not None:

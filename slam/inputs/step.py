@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
-from moteslam.kernels.thinning import ThinnedScan
-from moteslam.robot.summary import Summarised
+from moteslam.kernels.scans import ThinnedScan, thin_scan, thin_scans
+from moteslam.robot.values import Summarised
 from moteslam.slam.inputs.config import ThinningConfig
 from moteslam.slam.inputs.floor_views import FloorView, FloorViews
 from moteslam.slam.inputs.lapses import Open
+from moteslam.slam.inputs.scans import Scans
 from moteslam.slam.inputs.synchronise import Inputs
-from moteslam.slam.inputs.thinning import BLOCK, thin_block
+
+BLOCK = 64
+"""Scans that are projected and thinned at a time: of 1081 beams 0.5 MB."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -32,9 +35,9 @@ class Step(Summarised):
             other steps from the steps before.
         points: [k, 2] float32 the finite endpoints in the robot's frame [m].
         origin: [2] where the rays start, in the robot's frame [m]: the lidar.
-        scan: thinned as the filter asks for it (``Filter.thinning``); None where it asks for none.
+        scan: thinned as the filter asks for it (``Filter.thinning``); None if it asks for none.
         floor: reads the newest camera frame of at most a given age [s], which takes time: call it at most once, and
-            only to make use of it. None where the run does not use the camera.
+            only to make use of it. None if the run does not use the camera.
         open: of a motion that was not measured, but of which more is known than the velocity before: how far off it
             may be; None of all others.
     """
@@ -57,22 +60,19 @@ def steps(
     *,
     thinning: ThinningConfig | None = None,
     first: int = 0,
-    last: int | None = None,
 ) -> Iterator[Step]:
     """One step a scan; the scans are projected and thinned ``BLOCK`` at a time.
 
     Args:
-        inputs: the synchronised recording.
-        views: camera frames of the floor; None where they are not used.
-        thinning: of the scans, where the filter asks for it.
-        first: index of the first scan.
-        last: of the one after the last; None for all.
+        views: camera frames of the floor; None if they are not used.
     """
-    indices = range(len(inputs))[first:last]
+    indices = range(first, len(inputs))
     for begin in range(0, len(indices), BLOCK):
         some = indices[begin : begin + BLOCK]
         block = inputs.scans.block(some.start, some.stop)
-        thinned = [None] * len(some) if thinning is None else thin_block(block, inputs.scans.origin, thinning)
+        thinned: Sequence[ThinnedScan | None] = [None] * len(some)
+        if thinning is not None:
+            thinned = thin_scans(*block, inputs.scans.origin, **vars(thinning))
         for number, (index, scan) in enumerate(zip(some, thinned, strict=True)):
             stamp = inputs.stamps[index]
             yield Step(
@@ -87,3 +87,28 @@ def steps(
                 floor=None if views is None else partial(views.at, index),
                 open=inputs.open_at(index),
             )
+
+
+def thin(points: NDArray[np.float32], origin: NDArray[np.float64], config: ThinningConfig) -> ThinnedScan:
+    """Average neighbouring endpoints.
+
+    Args:
+        points: [k, 2] in the order of their beams, in the robot's frame [m].
+        origin: [2] where the rays start [m].
+    """
+    return thin_scan(points, origin, **vars(config))
+
+
+def thin_some(scans: Scans, indices: Sequence[int], config: ThinningConfig) -> list[ThinnedScan]:
+    """Some of the scans, each as by ``thin``, ``BLOCK`` in a launch.
+
+    Args:
+        indices: [m] of those to thin.
+    """
+    thinned: list[ThinnedScan] = []
+    for first in range(0, len(indices), BLOCK):
+        points = [scans.points(index) for index in indices[first : first + BLOCK]]
+        counts = np.array([len(each) for each in points], np.int32)
+        begins = np.cumsum(counts, dtype=np.int32) - counts
+        thinned += thin_scans(np.concatenate(points), begins, counts, scans.origin, **vars(config))
+    return thinned

@@ -14,15 +14,12 @@ from numpy.typing import NDArray
 
 from moteslam.errors import InputError
 from moteslam.robot import se2
-from moteslam.robot.issues import Issue
-from moteslam.robot.recording import LidarStream, Recording
-from moteslam.robot.stamps import gaps, nearest_stamp
+from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream, Recording, chunks, gaps, nearest_stamp
+from moteslam.robot.values import Issue, when
 from moteslam.slam.inputs.config import SyncConfig
-from moteslam.slam.inputs.jumps import jumps
 from moteslam.slam.inputs.lapses import CLOSED, Lapses, Open, lapses
-from moteslam.slam.inputs.odometry_path import OdometryPath, odometry_path
+from moteslam.slam.inputs.odometry_path import OdometryPath, has_moved, jumps, odometry_path, stands
 from moteslam.slam.inputs.scans import Scans
-from moteslam.slam.inputs.standing import has_moved, stands
 from moteslam.slam.inputs.travelling import travelling
 
 Array = NDArray[np.float64]
@@ -38,17 +35,16 @@ class Inputs:
         name: of the recording.
         stamps: [n] of the scans, in the order in which they were taken [s].
         scans: their endpoints.
-        path: by odometry, at its own stamps; None where there is no odometry.
-        odometry: [n, 3] the pose at every scan by odometry; zeros where there is none.
+        path: by odometry, at its own stamps; None without odometry.
+        odometry: [n, 3] the pose at every scan by odometry; zeros without.
         motions: [n, 3] the increment since the scan before, in the frame of the pose there; zeros where nothing
             measured it.
         jumped: [n] whether the odometry jumps at the scan.
         measured: [n] whether the odometry measured the motion since the scan before: it does not jump there, and it is
             of wheel encoders, has moved by then, or the robot is seen to stand.
         moves: whether the odometry measures any motion.
-        stood: [n] at which scans the robot is seen to stand before its odometry moves; None where that is not asked.
         logged: [n] the stamps that the recording gives them, where it has them in another order [s].
-        lapses: where the odometry did not measure; None where there is none.
+        lapses: where the odometry did not measure; None without odometry.
         issues: what was seen to travel with the robot, and the lapses.
     """
 
@@ -61,7 +57,6 @@ class Inputs:
     jumped: NDArray[np.bool_]
     measured: NDArray[np.bool_]
     moves: bool
-    stood: NDArray[np.bool_] | None = None
     logged: Array | None = None
     lapses: Lapses | None = None
     issues: tuple[Issue, ...] = ()
@@ -87,7 +82,6 @@ def synchronise(
     config: SyncConfig | None = None,
     *,
     max_range: float = np.inf,
-    before: Inputs | None = None,
 ) -> Inputs:
     """Bring the streams of a recording onto the stamps of its scans.
 
@@ -95,7 +89,6 @@ def synchronise(
         recording: with a lidar; odometry of any kind is optional.
         config: how; the defaults if None.
         max_range: endpoints beyond it are left out [m].
-        before: what it came to before the recording grew.
 
     Raises:
         InputError: no scans, encoders without wheels, or odometry that does not overlap with the scans in time.
@@ -127,11 +120,9 @@ def synchronise(
     for scan, motion in ({} if missing is None else missing.motions).items():
         motions[scan] = motion
     moved = measures = np.full(n, path is not None)
-    stood = None
     if path is not None and (recording.encoders is None or not len(recording.encoders)):
         moved = has_moved(odometry)
-        stood = stands(lidar.ranges, moved, config, before=None if before is None else before.stood)
-        measures = moved | stood
+        measures = moved | stands(lidar.ranges, moved, config)
     sweeps = _sweeps(recording, lidar, path, config) if config.deskew else None
     scans = Scans(lidar, recording.platform.lidar, sweeps=sweeps, max_range=max_range, travelling=travels)
     return Inputs(
@@ -144,7 +135,6 @@ def synchronise(
         jumped=jumped,
         measured=measures & ~unmeasured,
         moves=bool(moved.any()),
-        stood=stood,
         logged=logged,
         lapses=missing,
         issues=(
@@ -200,11 +190,12 @@ def _stale(scans: Array, readings: Array) -> NDArray[np.bool_]:
 
 def sweep_seconds(recording: Recording, lidar: LidarStream) -> float:
     """How long a scan takes, from the first beam to the last [s]; 0 where that is not known."""
-    return (lidar.time_increment or recording.platform.lidar.time_increment) * (lidar.ranges.shape[1] - 1)
+    beams: int = lidar.ranges.shape[1]
+    return (lidar.time_increment or recording.platform.lidar.time_increment) * (beams - 1)
 
 
 def _sweeps(recording: Recording, lidar: LidarStream, path: OdometryPath | None, config: SyncConfig) -> Array | None:
-    """How the robot moves while each scan is taken, [n, 3] in its frame at the first beam; None where unknown.
+    """How the robot moves while each scan is taken, [n, 3] in its frame at the first beam; None if unknown.
 
     Zeros where the odometry jumps between the reading before the sweep and the one after, and so did not measure it.
     """
@@ -218,3 +209,74 @@ def _sweeps(recording: Recording, lidar: LidarStream, path: OdometryPath | None,
     last = np.minimum(np.searchsorted(path.stamps, ends, side="left"), len(path.stamps) - 1)
     motion[count[last + 1] > count[first]] = 0.0
     return motion
+
+
+GYRO_MARGIN = 3.0
+"""Encoder readings this far outside the gyro's time count as covered [s]: a real robot's encoders run on for 1.5 s."""
+ENCODER_MARGIN = 0.1
+"""Scans this far outside the encoders' time count as covered [s]."""
+
+
+def warnings(recording: Recording, inputs: Inputs) -> tuple[Issue, ...]:
+    """What SLAM has to do without, or takes as something else."""
+    lidar, encoders = recording.lidar, recording.encoders
+    assert lidar is not None
+    issues = _about_scans(lidar)
+    if encoders is not None and len(encoders):
+        issues += _about_encoders(encoders, recording.imu)
+        if lidar.odometry is None:
+            issues += _uncovered(lidar, encoders)
+    if inputs.path is None:
+        text = f"no odometry: constant velocity over {len(lidar)} scans; dead reckoning stands still"
+        issues.append(Issue("no-odometry", text, len(lidar)))
+    elif not inputs.moves:
+        scans = int((~inputs.measured).sum())
+        if scans:
+            text = f"odometry that never moves: constant velocity over {scans} scans"
+            issues.append(Issue("still-odometry", text, scans))
+    return (*issues, *inputs.issues)
+
+
+def about_jumps(inputs: Inputs, scans: int) -> tuple[Issue, ...]:
+    """Where the odometry jumps among the first ``scans`` scans, and a filter does without it."""
+    at = np.flatnonzero(inputs.jumped[:scans]).tolist()
+    if not at:
+        return ()
+    spans = [(float(inputs.stamps[scan - 1]), float(inputs.stamps[scan])) for scan in at]
+    text = f"odometry jumps at {len(at)} of {scans} scans: constant velocity there; {when(spans)}"
+    return (Issue("odometry-jumps", text, len(at)),)
+
+
+def _about_scans(lidar: LidarStream) -> list[Issue]:
+    issues = []
+    blind = sum(int((~np.isfinite(scans).any(axis=1)).sum()) for scans in chunks(lidar.ranges))
+    if blind:
+        text = f"{blind} of {len(lidar)} scans without an endpoint: odometry alone there"
+        issues.append(Issue("blind-scans", text, blind))
+    if len(lidar) > 2 and lidar.stamps[0] == lidar.stamps[-1] and lidar.odometry is None:
+        text = f"all {len(lidar)} scans have the same stamp: there is no motion between them"
+        issues.append(Issue("equal-stamps", text, len(lidar)))
+    return issues
+
+
+def _about_encoders(encoders: EncoderStream, imu: ImuStream | None) -> list[Issue]:
+    without = len(encoders)
+    if imu is not None and len(imu) > 1:
+        covered = (encoders.stamps > imu.stamps[0] - GYRO_MARGIN) & (encoders.stamps < imu.stamps[-1] + GYRO_MARGIN)
+        without = int((~covered).sum())
+    if not without:
+        return []
+    text = f"{without} of {len(encoders)} encoder readings without a gyro: turns from the wheels alone there"
+    return [Issue("no-gyro", text, without)]
+
+
+def _uncovered(lidar: LidarStream, encoders: EncoderStream) -> list[Issue]:
+    counts = {
+        "before the first": int((lidar.stamps < encoders.stamps[0] - ENCODER_MARGIN).sum()),
+        "after the last": int((lidar.stamps > encoders.stamps[-1] + ENCODER_MARGIN).sum()),
+    }
+    return [
+        Issue("no-encoders", f"{count} scans {when} encoder reading: taken to stand still", count)
+        for when, count in counts.items()
+        if count
+    ]

@@ -14,12 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.robot import se2
-from moteslam.robot.issues import Issue
-from moteslam.robot.ranges import chunks
-from moteslam.robot.recording import LidarStream
-from moteslam.robot.specs import LidarSpec
-from moteslam.robot.wording import when
-from moteslam.slam.inputs.comparison import Fan, votes
+from moteslam.robot.platform import LidarSpec
+from moteslam.robot.recording import LidarStream, chunks
+from moteslam.robot.values import Issue, when
+from moteslam.slam.inputs.comparison import ComparedBeams, compare_scans
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -50,7 +48,7 @@ PAIRS_AT_ONCE = 256
 """Comparisons that are made at once."""
 
 
-class Seen(NamedTuple):
+class Episode(NamedTuple):
     """What was seen, ``along``, ``repeated`` or ``spins``, from one scan to another [index]."""
 
     kind: str
@@ -74,10 +72,10 @@ class Travelling:
     ranges: NDArray[np.float32]
     repeated: Flags
     odometry: Array
-    seen: tuple[Seen, ...]
+    seen: tuple[Episode, ...]
 
     def hides(self, scan: int, ranges: NDArray[np.float32]) -> Flags | None:
-        """Which ranges [beams] of a scan are no measurement of the walls; None where all may be."""
+        """Which ranges [beams] of a scan are no measurement of the walls; None if all may be."""
         if self.repeated[scan]:
             return np.ones(len(ranges), np.bool_)
         epoch = int(np.searchsorted(self.begins, scan, side="right")) - 1
@@ -123,13 +121,11 @@ def travelling(
     """Find what travels with the robot; causal: what is said of a scan depends on those before and itself.
 
     Args:
-        lidar: the scans, n.
-        mount: of the lidar on the robot.
         odometry: [n, 3] the robot's pose at each by odometry.
         unmeasured: [n] at which scans that does not say how the robot has moved since the one before.
 
     Returns:
-        None where nothing does.
+        None if nothing does.
     """
     motion = se2.between(odometry[:-1], odometry[1:])
     path = np.concatenate(([0.0], np.cumsum(np.hypot(motion[:, 0], motion[:, 1]) + np.abs(motion[:, 2]))))
@@ -138,13 +134,13 @@ def travelling(
         path = path + FARTHEST * np.cumsum(unmeasured)
     fresh = np.flatnonzero(~repeated)
     compared = fresh[np.flatnonzero(np.diff(np.floor(path[fresh] / STEP), prepend=-1.0))]
-    fan = Fan(lidar, mount)
+    fan = ComparedBeams(lidar, mount)
     beams = fan.beams
     found = _Follower(lidar.angles[beams], odometry)
     for first in range(0, len(compared) - 1, PAIRS_AT_ONCE):
         some = compared[first : first + PAIRS_AT_ONCE + 1]
         ranges = np.asarray(lidar.ranges[some])[:, beams]
-        seen = votes(fan, ranges, odometry[some])
+        seen = compare_scans(fan, ranges, odometry[some])
         for k in np.flatnonzero(np.diff(path[some]) < FARTHEST).tolist():
             found.compare(int(some[k]), int(some[k + 1]), ranges[k + 1], seen.travel[k], seen.stand[k])
     along = () if found.along is None else (found.along,)
@@ -165,7 +161,6 @@ def _repeated(lidar: LidarStream, path: Array) -> Flags:
     """Which scans [n] are the same as the one before, to the last digit, though the robot has moved since it was new.
 
     Args:
-        lidar: n scans.
         path: [n] driven and turned by odometry.
     """
     same = np.zeros(len(lidar), np.bool_)
@@ -223,8 +218,8 @@ class _Follower:
         self._angles = angles
         self.begins: list[int] = []
         self.epochs: list[Array] = []
-        self.seen: list[Seen] = []
-        self.along: Seen | None = None
+        self.seen: list[Episode] = []
+        self.along: Episode | None = None
         self.odometry = odometry
         self._measured = odometry
         self._for = np.zeros(beams)  # comparisons that speak for it
@@ -236,12 +231,11 @@ class _Follower:
         """Take in a comparison.
 
         Args:
-            first, last: the scans.
             ranges: [beams] of the latter [m].
             travel, stand: [beams] of the endpoints of the former.
         """
         if self.epochs and (np.abs(ranges - self.epochs[-1]) <= NEAR + NEAR_SHARE * self.epochs[-1]).any():
-            self.along = (self.along or Seen("along", last, last))._replace(last=last)
+            self.along = (self.along or Episode("along", last, last))._replace(last=last)
         new = int((travel & (self._for < TRAVELS)).sum())
         walls = int(stand.sum())
         if self._wheels(first, last, new, int(travel.sum()), walls):
@@ -288,14 +282,14 @@ class _Follower:
         if went_on:
             self.seen[-1] = self.seen[-1]._replace(last=last)
         else:
-            self.seen.append(Seen("spins", first, last))
+            self.seen.append(Episode("spins", first, last))
         # the motion since the former scan is taken back, and all that follows goes on from there
         rest = se2.between(self._measured[last], self._measured[last:])
         self.odometry[last:] = se2.compose(self.odometry[first], rest)
         return True
 
 
-def _runs(kind: str, flags: Flags) -> list[Seen]:
+def _runs(kind: str, flags: Flags) -> list[Episode]:
     """The runs of flagged scans."""
     edges = np.flatnonzero(np.diff(np.concatenate(([False], flags, [False]))))
-    return [Seen(kind, int(first), int(last) - 1) for first, last in edges.reshape(-1, 2)]
+    return [Episode(kind, int(first), int(last) - 1) for first, last in edges.reshape(-1, 2)]

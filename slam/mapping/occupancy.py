@@ -118,8 +118,6 @@ def draw_map(config: MapConfig, scans: Scans, indices: list[int], poses: NDArray
     """The occupancy map of scans from known poses, as log-odds.
 
     Args:
-        config: of the grid.
-        scans: of the recording.
         indices: [u] which scans.
         poses: [u, 3] of the robot at each.
     """

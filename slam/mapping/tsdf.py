@@ -10,11 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.errors import InputError
-from moteslam.kernels.integration_options import IntegrationOptions
-from moteslam.kernels.thinning import ThinnedScan
+from moteslam.kernels.scans import ThinnedScan
 from moteslam.kernels.tile_store import tile_store
 from moteslam.kernels.tiles import CELLS, SIDE, Tiles
-from moteslam.kernels.tsdf import integrate_scans
+from moteslam.kernels.tsdf import IntegrationOptions, integrate_scans
 from moteslam.robot.se2 import Pose, as_pose
 from moteslam.slam.mapping.config import TsdfConfig
 
@@ -35,11 +34,7 @@ DRAWN = 64
 
 
 class TsdfMaps:
-    """The TSDFs of N particles; a single one until the first resampling.
-
-    Args:
-        config: cell size, truncations, weights.
-    """
+    """The TSDFs of N particles; a single one until the first resampling."""
 
     def __init__(self, config: TsdfConfig) -> None:
         self._config, self._options = config, IntegrationOptions(**config.model_dump())

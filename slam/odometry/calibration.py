@@ -13,17 +13,38 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.robot.se2 import Pose
-from moteslam.slam.odometry.config import CalibrationConfig
+from moteslam.robot.tables import NotNegative, Positive, Section, Truth
 
 Array = NDArray[np.float64]
 
 
-class OdometryCalibration:
-    """Estimates the scale of distances and turns, the curvature of straight paths, and the lidar's offset.
+class CalibrationConfig(Section):
+    """Calibration of the odometry while driving: four gains, each a small Kalman filter."""
 
-    Args:
-        config: priors and noise.
-    """
+    enabled: Truth = True
+    """Estimate the odometry's systematic errors and correct them."""
+    scale: Positive = 0.05
+    """Prior standard deviation of the scale error of distances and of turns [m/m], [rad/rad]."""
+    curvature: Positive = 0.02
+    """Prior standard deviation of the curvature of a path that is straight by the odometry [rad/m]."""
+    lidar_offset: Positive = 0.1
+    """Prior standard deviation of how far the lidar is ahead of where the recording says, seen from the axle [m]."""
+    change: NotNegative = 0.001
+    """Standard deviation by which these gains change over a metre [1/sqrt(m)]."""
+    translation: Positive = 0.005
+    """Standard deviation of the odometry's random error of one motion, at rest [m]."""
+    translation_from_translation: NotNegative = 0.03
+    """Added to that for every metre [m/m]."""
+    rotation: Positive = 0.01
+    """Standard deviation of the random error of its heading, at rest [rad]."""
+    rotation_from_rotation: NotNegative = 0.1
+    """Added to that for every radian [rad/rad]."""
+    gate: Positive = 3.0
+    """Validation gate: an innovation of more standard deviations is left out; wheels slipped."""
+
+
+class OdometryCalibration:
+    """Estimates the scale of distances and turns, the curvature of straight paths, and the lidar's offset."""
 
     def __init__(self, config: CalibrationConfig) -> None:
         self._config = config
@@ -61,8 +82,6 @@ class OdometryCalibration:
         """Update the gains with one motion.
 
         Args:
-            odometry: as the wheels measured it, not corrected.
-            registered: as registration of the scans found it.
             information: [3, 3] of the scan's endpoints about its pose.
         """
         if not self._config.enabled:

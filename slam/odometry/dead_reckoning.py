@@ -8,7 +8,7 @@ from moteslam.errors import InputError
 from moteslam.robot import se2
 from moteslam.robot.recording import Recording
 from moteslam.robot.trajectory import Trajectory
-from moteslam.robot.wording import expect_type
+from moteslam.robot.values import expect_type
 from moteslam.slam.inputs.config import SyncConfig
 from moteslam.slam.inputs.odometry_path import odometry_path
 from moteslam.slam.inputs.synchronise import Inputs, synchronise

@@ -8,9 +8,30 @@ from typing import Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from moteslam.slam.odometry.config import MotionNoise
+from moteslam.robot.tables import NotNegative, Section
 
 Lengths = TypeVar("Lengths", float, NDArray[np.float64])
+
+
+class MotionNoise(Section):
+    """Standard deviations of the Gaussian noise that prediction adds to the control (epsilon in II.6, III.3).
+
+    The paper's noise is constant in (v, omega): the first two. The others grow with the motion itself, so that logs
+    whose stamps carry no time (equal ones, one a second) spread too (alpha 1 to 4 of Probabilistic Robotics, 5.3).
+    """
+
+    velocity: NotNegative = 0.0
+    """Noise on the velocity [m/s]."""
+    yaw_rate: NotNegative = 0.0
+    """Noise on the yaw rate [rad/s]."""
+    translation_from_translation: NotNegative = 0.0
+    """Noise along the path, as a share of the distance [m/m] (alpha 3)."""
+    translation_from_rotation: NotNegative = 0.0
+    """Noise of the position for a turn [m/rad] (alpha 4)."""
+    rotation_from_translation: NotNegative = 0.0
+    """Noise of the heading for a distance [rad/m] (alpha 2)."""
+    rotation_from_rotation: NotNegative = 0.0
+    """Noise of the heading, as a share of the turn [rad/rad] (alpha 1)."""
 
 
 class OdometryNoise(Protocol):
@@ -41,7 +62,6 @@ def prediction_noise(noise: MotionNoise, distance: float, rotation: float, elaps
     the left, where the robot does not drive on purpose, it slips with the turn alone.
 
     Args:
-        noise: standard deviations.
         distance: travelled since the last update [m].
         rotation: the sum of absolute turns since [rad].
         elapsed: since [s]; 0 is allowed.
@@ -68,7 +88,6 @@ def odometry_error(noise: OdometryNoise, distance: float, rotation: float) -> tu
     """The standard deviations of a motion that odometry measured: forward [m], left [m], turn [rad].
 
     Args:
-        noise: at rest, and how it grows.
         distance: [m].
         rotation: the sum of absolute turns [rad].
     """

@@ -9,11 +9,11 @@ from typing import Annotated, Literal
 
 from pydantic import Field, field_validator
 
-from moteslam.robot.section import Number, Section, Share
-from moteslam.slam.config import ParticleFilterConfig
-from moteslam.slam.filter.config import UpdateConfig
+from moteslam.robot.tables import Number, Section, Share
+from moteslam.slam.config import Method, ParticleFilterConfig, made_on_demand
+from moteslam.slam.filter.update_policy import UpdateConfig
 from moteslam.slam.inputs.config import SyncConfig
-from moteslam.slam.odometry.config import MotionNoise
+from moteslam.slam.odometry.noise import MotionNoise
 
 Offsets = Annotated[tuple[Number, ...], Field(min_length=1, max_length=41)]
 
@@ -56,3 +56,6 @@ class PaperFilterConfig(ParticleFilterConfig):
     )
     search: MatchConfig = MatchConfig()
     update: UpdateConfig = UpdateConfig(distance=0.1, rotation=0.05)  # ours
+
+
+METHOD = Method(PaperFilterConfig, made_on_demand("moteslam.slam.paper.filter", "PaperFilter"))

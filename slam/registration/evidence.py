@@ -36,7 +36,6 @@ def against(squares: Array, config: TrackingConfig) -> Array:
 
     Args:
         squares: of the offsets in standard deviations of the odometry.
-        config: of the tail and of that window.
     """
     window = (config.relocation_distance, config.relocation_distance, config.relocation_rotation)
     places = max(float(np.prod(window / config.basin)), 1.0)
@@ -57,13 +56,6 @@ def nats_for(
     evidence against one: doors open. But the place near the odometry counts as knowing ``LEAST_KNOWN`` of what the one
     found does: round a corner a heading that is wrong by 20 degrees puts nearly all endpoints behind walls, where
     nothing is known, and the few that are left would prove nothing however badly they fit.
-
-    Args:
-        found: of N particles.
-        held: near the odometry, of the same.
-        points: of the scan.
-        unknown: cost of an endpoint where the map is unknown.
-        correlation: this many endpoints count as one.
     """
 
     def mean_cost(fit: Registration) -> Array:

@@ -5,11 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from moteslam.kernels.degeneracy import LEAST_RATIO
+from moteslam.kernels.gauss_newton import LEAST_RATIO
 from moteslam.kernels.registration import LIKELIHOODS
 from moteslam.slam.registration.config import RegistrationConfig
-from moteslam.slam.registration.degeneracy import least_informed
-from moteslam.slam.registration.registrar import Registration
+from moteslam.slam.registration.registrar import Registration, least_informed
 
 Array = NDArray[np.float64]
 

@@ -8,7 +8,7 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from moteslam.kernels.registration_options import RegistrationOptions
+from moteslam.kernels.registration import RegistrationOptions
 from moteslam.robot import se2
 from moteslam.robot.se2 import Pose
 from moteslam.slam.inputs.lapses import CLOSED, Open
@@ -116,11 +116,6 @@ class _Sought(NamedTuple):
         Either the robot did not turn aside on the way, or it did, with equal odds. All places of a standard deviation
         that registration can tell apart share its probability.
 
-        Args:
-            tried: registrations of some points.
-            points: how many these are.
-            config, costs: what crossed rays and unknown endpoints cost.
-
         Returns:
             them, and the same as if each place knew no more endpoints than that of the likely ones which knows fewest:
             that one knows more is no evidence against another, but for one that knows less than ``LEAST_KNOWN``.
@@ -142,12 +137,7 @@ class _Sought(NamedTuple):
 
 
 class Localiser:
-    """Finds a scan in the TSDF of one particle.
-
-    Args:
-        config: of search and relocation.
-        registration: of each registration.
-    """
+    """Finds a scan in the TSDF of one particle."""
 
     def __init__(self, config: TrackingConfig, registration: RegistrationConfig) -> None:
         self._config, self._registration = config, registration
@@ -168,20 +158,17 @@ class Localiser:
         """Where a scan fits: from the prediction, else after a search around it, at last in the relocation window.
 
         Args:
-            maps: of one particle.
-            predicted: pose by the odometry.
-            spread: standard deviation of that.
             points: [k, 2] of the scan.
             origin: where its rays start [m].
             predictions: of a search, gives other predictions [m, 3] to try beside what it finds, as offsets from
                 ``predicted``.
             measured: whether odometry measured the prediction: then only the endpoints' evidence overrules it.
-            left: open by a lapse of the odometry.
         """
         c = self._config
         options = self._options_of(maps.config)
         fitted = register_one(maps, predicted, spread, points, origin, self._registration, options)
-        sure = spread[0] <= c.basin_distance and spread[2] <= OPEN_HEADING
+        forward, _, turn = spread
+        sure = forward <= c.basin_distance and turn <= OPEN_HEADING
         near = sure and _within(c.accept_deviation, fitted.offset, spread)
         score = match_score(fitted.known, fitted.likelihood, fitted.crossed, c)
         known = measured and sure
@@ -287,7 +274,6 @@ def match_score(known: Numbers, likelihood: Numbers, crossed: Numbers, config: T
 
     Args:
         known, likelihood, crossed: as of ``Registration``, of one scan or of many.
-        config: what each counts.
     """
     c = config
     return known * (c.score_likelihood * likelihood - c.score_known) - c.score_crossing * crossed

@@ -70,13 +70,10 @@ def candidates(
     """The most promising offsets [m, 3] of a window, by the coarse level of the TSDF and the prior, best first.
 
     Args:
-        maps: of one particle.
         predicted: [3] the middle of the window.
         spread: [3] standard deviation of the prior about it.
         points: [k, 2] of the scan.
-        window: what is searched.
         most: offsets at most; each is ``config.separation`` of the basin away from the better ones.
-        config: of the search.
     """
     few = subsample(points, MAX_SEARCH_POINTS)
     c, s = math.cos(window.along), math.sin(window.along)
@@ -143,8 +140,6 @@ def shares(found: Registration, points: int, cost: Array | float = 0.0) -> Array
     """Of the endpoints on surfaces, less what rays through surfaces and the place itself cost [N].
 
     Args:
-        found: at N places.
-        points: all endpoints.
         cost: [N] of the places [endpoints].
     """
     return np.asarray((found.known * found.likelihoods - CROSSING * found.crossed - cost) / points)

@@ -12,14 +12,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from moteslam.errors import InputError
-from moteslam.robot import kinect
-from moteslam.robot.frames import CameraFrame, FrameCount, camera_frames, has_images
-from moteslam.robot.issues import Issue
+from moteslam.robot import rgbd, se2
+from moteslam.robot.platform import CameraSpec
 from moteslam.robot.raster import Raster
 from moteslam.robot.recording import Recording
-from moteslam.robot.specs import CameraSpec
+from moteslam.robot.rgbd import CameraFrame, FrameCount, camera_frames, has_images
 from moteslam.robot.trajectory import Trajectory
-from moteslam.robot.wording import counted
+from moteslam.robot.values import Issue, Summarised, counted
 from moteslam.slam.texture.config import TextureConfig
 
 MAX_CELLS = 40_000_000
@@ -54,8 +53,6 @@ class TextureMapper:
     """Sums of the colours in each cell, frame by frame.
 
     Args:
-        mount: of the camera on the robot.
-        config: cell size and limits.
         low, high: (x, y) of the corners of the area to map [m]; points outside are left out.
 
     Raises:
@@ -72,7 +69,7 @@ class TextureMapper:
                 field="texture.cell_size",
             )
         self._sums = np.zeros((height, width, 4), np.int64)
-        self._mount = np.column_stack((kinect.mount_rotation(mount), (mount.x, mount.y, mount.z)))
+        self._mount = np.column_stack((rgbd.mount_rotation(mount), (mount.x, mount.y, mount.z)))
         self.frames = 0
 
     def add(self, frame: CameraFrame, pose: ArrayLike) -> None:
@@ -91,7 +88,7 @@ class TextureMapper:
             mount=self._mount,
             height_limit=self.config.height_limit,
             max_depth=self.config.max_depth,
-            nothing=kinect.NO_DISPARITY,
+            nothing=rgbd.NO_DISPARITY,
             flat=self.config.flat,
         )
         self.frames += 1
@@ -120,12 +117,12 @@ def calibration() -> NDArray[np.float64]:
     """The Kinect's numbers [10] as ``kernels.texture.add_frame`` takes them."""
     return np.array(
         (
-            *(kinect.FOCAL, *kinect.CENTRE),
-            *(kinect.DISPARITY_SLOPE, kinect.DISPARITY_OFFSET, kinect.DEPTH_SCALE),
-            kinect.ALIGN_SCALE / kinect.ALIGN_DIVISOR,
-            kinect.ALIGN_DISPARITY / kinect.ALIGN_DIVISOR,
-            kinect.ALIGN_COLUMN / kinect.ALIGN_DIVISOR,
-            kinect.ALIGN_ROW / kinect.ALIGN_DIVISOR,
+            *(rgbd.FOCAL, *rgbd.CENTRE),
+            *(rgbd.DISPARITY_SLOPE, rgbd.DISPARITY_OFFSET, rgbd.DEPTH_SCALE),
+            rgbd.ALIGN_SCALE / rgbd.ALIGN_DIVISOR,
+            rgbd.ALIGN_DISPARITY / rgbd.ALIGN_DIVISOR,
+            rgbd.ALIGN_COLUMN / rgbd.ALIGN_DIVISOR,
+            rgbd.ALIGN_ROW / rgbd.ALIGN_DIVISOR,
         )
     )
 
@@ -187,7 +184,86 @@ def map_texture(
 def _longest_ray() -> float:
     """The length of the longest ray of the depth camera for a depth of 1."""
     x, y = (
-        max(kinect.CENTRE[0], kinect.WIDTH - kinect.CENTRE[0]),
-        max(kinect.CENTRE[1], kinect.HEIGHT - kinect.CENTRE[1]),
+        max(rgbd.CENTRE[0], rgbd.WIDTH - rgbd.CENTRE[0]),
+        max(rgbd.CENTRE[1], rgbd.HEIGHT - rgbd.CENTRE[1]),
     )
-    return float(np.sqrt(1 + (x / kinect.FOCAL) ** 2 + (y / kinect.FOCAL) ** 2))
+    return float(np.sqrt(1 + (x / rgbd.FOCAL) ** 2 + (y / rgbd.FOCAL) ** 2))
+
+
+SLANT = 0.5
+"""The turn of a patch's cells against the robot's axes [rad]. Were they parallel to a map's cells, all would move from
+one to the next at the same shift, and nothing finer than a cell could be measured."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class FloorPatch(Summarised):
+    """The floor that one frame shows.
+
+    Attributes:
+        points: [k, 2] float32 centres of cells, in the robot's frame [m]; the cells' rows are turned by ``SLANT``.
+        colours: [k] int32 red + 256 green + 65536 blue, the mean of the points in each cell.
+    """
+
+    points: NDArray[np.float32]
+    colours: NDArray[np.int32]
+
+
+def floor_patch(frame: CameraFrame, mount: CameraSpec, config: TextureConfig, *, max_depth: float) -> FloorPatch:
+    """The floor near the robot as one frame shows it, a point a cell.
+
+    Args:
+        max_depth: points deeper than this are left out [m].
+    """
+    near = config.model_copy(update={"max_depth": max_depth})
+    reach = 1.3 * max_depth + float(np.hypot(mount.x, mount.y))
+    mapper = TextureMapper(mount, near, (-reach, -reach), (reach, reach))
+    mapper.add(frame, (0.0, 0.0, SLANT))
+    seen = mapper.snapshot()
+    rows, columns = np.nonzero(seen.known)
+    centres = (np.stack((columns, rows), axis=-1) + 0.5) * seen.cell_size + seen.origin[:2]
+    centres = se2.transform_points(np.array((0.0, 0.0, -SLANT)), centres)
+    return FloorPatch(centres.astype(np.float32), _packed(seen.values[rows, columns]))
+
+
+def packed_map(texture: TextureMap) -> NDArray[np.int32]:
+    """The map's colours as one number a cell [H, W], -1 where it has none."""
+    return np.ascontiguousarray(np.where(texture.known, _packed(texture.values), -1), np.int32)
+
+
+def colour_errors(
+    patch: FloorPatch,
+    poses: ArrayLike,
+    texture: TextureMap,
+    *,
+    limit: int,
+    packed: NDArray[np.int32] | None = None,
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """The mean difference of a patch's colours from the map's at each pose, and the number of cells compared.
+
+    A cell's difference is |r| + |g| + |b|, at most ``limit``: robust against what has moved.
+
+    Args:
+        poses: [n, 3] of the robot.
+        limit: of a cell's difference [levels].
+        packed: ``packed_map(texture)``, to have it made once for many frames.
+
+    Returns:
+        float64 [n] the mean over the cells that lie on known floor [levels], half the limit where none does; int64 [n]
+        the number of these cells.
+
+    Raises:
+        InputError: poses that are not finite.
+    """
+    from moteslam.kernels.texture import match_colours  # imports Taichi
+
+    cells = packed_map(texture) if packed is None else packed
+    sums = match_colours(
+        patch.points, patch.colours, poses, cells, corner=texture.origin[:2], cell_size=texture.cell_size, limit=limit
+    )
+    difference, known = sums.T.astype(np.int64)
+    return np.where(known > 0, difference / np.maximum(known, 1), limit / 2), known
+
+
+def _packed(colours: NDArray[np.uint8]) -> NDArray[np.int32]:
+    red, green, blue = np.moveaxis(colours.astype(np.int32), -1, 0)
+    return np.ascontiguousarray(red | green << 8 | blue << 16)

@@ -6,14 +6,14 @@ from typing import Annotated, Literal
 
 from pydantic import Field, SerializeAsAny
 
-from moteslam.robot.section import NotNegative, Number, Positive, Section, Share, Truth, Whole
+from moteslam.robot.tables import NotNegative, Number, Positive, Section, Share, Truth, Whole
 from moteslam.slam.backend.graph.config import GraphConfig
 from moteslam.slam.backend.protocol import BackendConfig
-from moteslam.slam.config import ParticleFilterConfig
-from moteslam.slam.filter.config import UpdateConfig
+from moteslam.slam.config import Method, ParticleFilterConfig, made_on_demand
+from moteslam.slam.filter.update_policy import UpdateConfig
 from moteslam.slam.inputs.config import ThinningConfig
 from moteslam.slam.mapping.config import TsdfConfig
-from moteslam.slam.odometry.config import CalibrationConfig
+from moteslam.slam.odometry.calibration import CalibrationConfig
 from moteslam.slam.registration.config import RegistrationConfig, TrackingConfig
 
 
@@ -91,3 +91,6 @@ class TsdfFilterConfig(ParticleFilterConfig):
     proposal: ProposalConfig = ProposalConfig()
     backend: SerializeAsAny[BackendConfig] = GraphConfig()
     colours: ColourConfig = ColourConfig()
+
+
+METHOD = Method(TsdfFilterConfig, made_on_demand("moteslam.slam.tsdf.filter", "TsdfFilter"), needs_odometry=False)

@@ -37,7 +37,7 @@ USUAL = 10.0
 """What is usual is a mean along the path of this length [m]."""
 
 
-class Seen(NamedTuple):
+class ScanFit(NamedTuple):
     """A scan at its place in the map.
 
     Attributes:
@@ -84,20 +84,20 @@ class Doubt:
         """As the probability has it."""
         return state_of(self.probability)
 
-    def look(self, driven: float, seen: Seen | None, *, carried: bool = False) -> None:
+    def observe(self, driven: float, scan: ScanFit | None, *, carried: bool = False) -> None:
         """Take in a scan.
 
         Args:
             driven: since the scan before, by the odometry [m]: where the robot is found elsewhere that is no drive.
-            seen: None where it was not matched.
+            scan: None if it was not matched.
             carried: it was found farther off than the robot can have driven: somebody moved it, and it is only found
                 where the scans fit as is usual.
         """
         self._driven += driven
-        if seen is None:
+        if scan is None:
             return
-        spread, below = self._scores.spread, self._scores.below(seen.score)
-        unknown = 1 - seen.known / seen.points
+        spread, below = self._scores.spread, self._scores.below(scan.score)
+        unknown = 1 - scan.known / scan.points
         self.carried |= carried
         if self.carried:
             fits = below <= spread and unknown <= max(self._unknown, LEAST_UNKNOWN)
@@ -105,37 +105,37 @@ class Doubt:
             if carried:
                 evidence = max(CARRIED - self._log_odds, 0.0)
         elif self._log_odds > PRIOR:
-            evidence = min(driven / APART, 1.0) * min(max(self._evidence(seen, below / spread), -MOST), MOST)
+            evidence = min(driven / APART, 1.0) * min(max(self._evidence(scan, below / spread), -MOST), MOST)
         else:
-            sudden = min(below, self._before - seen.score) > LOST_DROP * spread
-            evidence = min(max(self._evidence(seen, below / spread), 0.0), FIRST) if sudden else 0.0
+            sudden = min(below, self._before - scan.score) > LOST_DROP * spread
+            evidence = min(max(self._evidence(scan, below / spread), 0.0), FIRST) if sudden else 0.0
         self._log_odds = max(self._log_odds + evidence, PRIOR)
-        self._before = seen.score
+        self._before = scan.score
         if self._log_odds == PRIOR:
             self._driven = 0.0
         if self.state is LocalisationState.SURE:
             self.carried = False
-            self._scores.take_in(driven, seen.score)
+            self._scores.take_in(driven, scan.score)
             share = min(driven / USUAL, 1.0)
-            self._far += share * (seen.far / max(seen.known, 1.0) - self._far)
-            self._crossed += share * (seen.crossed / seen.points - self._crossed)
+            self._far += share * (scan.far / max(scan.known, 1.0) - self._far)
+            self._crossed += share * (scan.crossed / scan.points - self._crossed)
             self._unknown += share * (unknown - self._unknown)
 
-    def _evidence(self, seen: Seen, below: float) -> float:
+    def _evidence(self, scan: ScanFit, below: float) -> float:
         """The log-likelihood ratio of a wrong pose against a right one [nats].
 
         By the endpoints far from the surface, as many as err independently; by the score, ``below`` the usual one [its
         standard deviations], as far as the map is known; and by more endpoints than usual of which nothing is known:
         there a search finds places that contradict nothing.
         """
-        far = _log_ratio(seen.far, seen.known, FAR_WHERE_LOST, max(self._far, LEAST_FAR))
+        far = _log_ratio(scan.far, scan.known, FAR_WHERE_LOST, max(self._far, LEAST_FAR))
         usual = max(self._unknown, LEAST_UNKNOWN) + AHEAD * self._driven
-        unknown = _log_ratio(seen.points - seen.known, seen.points, UNKNOWN_WHERE_LOST, usual)
-        contradicted = seen.far / max(seen.known, 1.0) + max(seen.crossed / seen.points - self._crossed, 0.0)
+        unknown = _log_ratio(scan.points - scan.known, scan.points, UNKNOWN_WHERE_LOST, usual)
+        contradicted = scan.far / max(scan.known, 1.0) + max(scan.crossed / scan.points - self._crossed, 0.0)
         drop = max(below - DOUBTFUL_DROP, -MOST)
         if drop > 0:
             drop *= min(contradicted / CONTRADICTED, 1.0)
-        return far + max(unknown, 0.0) + drop * seen.known / seen.points
+        return far + max(unknown, 0.0) + drop * scan.known / scan.points
 
 
 def _log_ratio(some: float, all_: float, where_lost: float, usually: float) -> float:

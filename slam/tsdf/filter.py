@@ -5,24 +5,23 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from moteslam.kernels.thinning import ThinnedScan
+from moteslam.kernels.scans import ThinnedScan
 from moteslam.robot import se2
 from moteslam.robot.se2 import as_pose, compose_one
 from moteslam.slam.filter.certainty import Certainty, LocalisationState, certainty_of
 from moteslam.slam.filter.history import History
-from moteslam.slam.filter.kld import choose_parents
-from moteslam.slam.filter.protocol import FilterDefaults, Scans, Step, StepResult
-from moteslam.slam.filter.resampling import Draws, generator_for
+from moteslam.slam.filter.protocol import FilterDefaults, StepResult
+from moteslam.slam.filter.resampling import Draws, choose_parents, generator_for
 from moteslam.slam.filter.update_policy import update_due
 from moteslam.slam.filter.weights import Weights
 from moteslam.slam.inputs.config import ThinningConfig
-from moteslam.slam.inputs.thinning import thin, thin_some
+from moteslam.slam.inputs.scans import Scans
+from moteslam.slam.inputs.step import Step, thin, thin_some
 from moteslam.slam.tsdf.config import TsdfFilterConfig
 from moteslam.slam.tsdf.doubt import Doubt
-from moteslam.slam.tsdf.floor_likelihood import FloorLikelihood
-from moteslam.slam.tsdf.hypotheses import divide, join, settled
+from moteslam.slam.tsdf.floor import FloorLikelihood
 from moteslam.slam.tsdf.motion import STILL, MotionSinceUpdate
-from moteslam.slam.tsdf.particles import Particles
+from moteslam.slam.tsdf.particles import Particles, divide, join, settled
 from moteslam.slam.tsdf.pose_covariance import PoseCovariance
 from moteslam.slam.tsdf.proposal import Proposal, propose, sample
 from moteslam.slam.tsdf.relocation import Relocation
@@ -39,7 +38,6 @@ class TsdfFilter(FilterDefaults):
 
     Args:
         config: of the method ``tsdf``.
-        seed: of all randomness.
     """
 
     def __init__(self, config: TsdfFilterConfig, seed: int) -> None:
@@ -114,7 +112,7 @@ class TsdfFilter(FilterDefaults):
         proposal, resampled = self._resample(step, proposal)
         self._sample(step, proposal)
         self._map(scan, proposal)
-        self._look_for_it(scan)
+        self._relocate(scan)
         return StepResult(self._pose(), moved, n_eff, score, True, resampled, self._certainty())
 
     @property
@@ -135,7 +133,6 @@ class TsdfFilter(FilterDefaults):
         Args:
             poses: [u, 3] of the robot at every update so far, corrected.
             updates: [u] the indices of their scans.
-            scans: endpoints of all scans.
         """
         drawn = thin_some(scans, updates.tolist(), self._config.thinning)
         if self._relocation is not None:
@@ -177,11 +174,11 @@ class TsdfFilter(FilterDefaults):
         pose, n_eff = np.array(self._tracker.pose), self.weights.effective_number
         return StepResult(pose, np.array(tracked.motion), n_eff, 0.0, True, False, self._certainty())
 
-    def _look_for_it(self, scan: ThinnedScan) -> None:
+    def _relocate(self, scan: ThinnedScan) -> None:
         """Look for a robot that is lost in the map that it had."""
         if self._relocation is None:
             return
-        frame = self._relocation.look(self._particles.best_pose, scan.points)
+        frame = self._relocation.search(self._particles.best_pose, scan.points)
         if frame is None:
             return
         path, before = self.history.path(self.best_particle), self._relocation.updates
@@ -196,7 +193,7 @@ class TsdfFilter(FilterDefaults):
         self._since = self._since.plus(motion, tracked.motion, slipped=tracked.slipped)
         fit = tracked.fit
         self._covariance.step(motion, tracked.motion, None if tracked.lost else fit)
-        self._doubt.look(motion.distance, None if fit is None else fit.seen, carried=tracked.carried)
+        self._doubt.observe(motion.distance, None if fit is None else fit.scan, carried=tracked.carried)
         return tracked
 
     def _register(self, step: Step, scan: ThinnedScan, places: Array) -> Proposal:
@@ -216,7 +213,7 @@ class TsdfFilter(FilterDefaults):
 
     def _weigh(self, step: Step, proposal: Proposal) -> Proposal:
         """Weigh the particles by lidar and odometry, and by the floor's colours; calibrate the odometry."""
-        self._floor.look(step.floor)
+        self._floor.read_frame(step.floor)
         if not proposal.registered:
             return proposal
         particles = self._particles
@@ -236,8 +233,10 @@ class TsdfFilter(FilterDefaults):
         few = self.weights.effective_number < self._config.resample_below * len(self._particles)
         if not proposal.registered or not few:
             return proposal, False
-        weights = self.weights.values
-        parents = choose_parents(self._config, proposal.means, weights, seed=self._seed, step=step.index)
+        c, weights = self._config, self.weights.values
+        parents = choose_parents(
+            c.resampling, c.kld, c.particles, proposal.means, weights, seed=self._seed, step=step.index
+        )
         self._particles.resample(parents)
         self._floor.resample(parents)
         return proposal.of(parents), True

@@ -8,8 +8,6 @@ from moteslam.robot.se2 import Pose, compose_one
 from moteslam.slam.filter.update_policy import Travelled, magnitude
 from moteslam.slam.inputs.lapses import CLOSED, Open
 
-__all__ = ["CLOSED", "MotionSinceUpdate", "Open", "StepMotion", "Travelled", "magnitude", "step_motion"]
-
 STILL: Pose = (0.0, 0.0, 0.0)
 """No motion."""
 
@@ -61,8 +59,6 @@ class MotionSinceUpdate(NamedTuple):
         """After one more step.
 
         Args:
-            step: as it was predicted.
-            tracked: the same as registration found it.
             slipped: whether its odometry slipped.
         """
         usable = step.measured and not slipped

@@ -16,7 +16,7 @@ from moteslam.slam.filter.covariance import Symmetric, inverse, moved, plus, plu
 from moteslam.slam.registration.config import RegistrationConfig
 from moteslam.slam.registration.information import residual_variance
 from moteslam.slam.registration.registrar import Spread, prior_deviations
-from moteslam.slam.tsdf.doubt import Seen
+from moteslam.slam.tsdf.doubt import ScanFit
 from moteslam.slam.tsdf.motion import StepMotion
 
 CORRELATION = 14.0
@@ -32,13 +32,13 @@ class Fit(NamedTuple):
         information: of the endpoints, in standard residuals.
         likelihood: mean of the endpoints, 0 to 1.
         spread: standard deviation of the prediction that it was registered with.
-        seen: what it contradicts in the map.
+        scan: what it contradicts in the map.
     """
 
     information: Symmetric
     likelihood: float
     spread: Spread
-    seen: Seen
+    scan: ScanFit
 
 
 class PoseCovariance:
@@ -46,9 +46,6 @@ class PoseCovariance:
 
     The odometry's variance grows in proportion to distance and turn, and is that of ``prior_deviations`` after a metre
     and a radian: errors of a path of many steps, whatever the rate of the scans.
-
-    Args:
-        config: how the poses are registered.
 
     Attributes:
         degenerate: heading of the degenerate direction of the last scan in the robot's frame [rad]; NaN without one.
@@ -70,9 +67,7 @@ class PoseCovariance:
         """Take in a scan.
 
         Args:
-            motion: since the scan before, as predicted.
-            tracked: the same as tracked.
-            fit: of the scan; None where it was not used for the pose.
+            fit: of the scan; None if it was not used for the pose.
         """
         x, theta = self._a_metre * motion.distance, self._a_radian * motion.rotation
         if not motion.measured:

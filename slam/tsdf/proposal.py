@@ -1,7 +1,11 @@
 """The improved proposal: every particle registers the scan to its own map and is sampled around where it fits.
 
 As Grisetti, Stachniss and Burgard (2007, Improved techniques for grid mapping with Rao-Blackwellized particle filters),
-with Gauss-Newton on a TSDF in place of a hill climb.
+with Gauss-Newton on a TSDF in place of a hill climb. Of a particle, with the symbols of docs/theory/default-filter.md:
+
+    P = s I + diag(1 / sigma_o^2)                       precision: of the endpoints (I) and the odometry
+    x = x_o + delta + L^-T z,  P = L L^T                pose: predicted by the odometry, registered, sampled
+    log w += -lambda (c + kappa n) - |delta / sigma|^2 / 2      weight: costs c and crossed rays n of the endpoints
 """
 
 from __future__ import annotations
@@ -11,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from moteslam.kernels.thinning import ThinnedScan
+from moteslam.kernels.scans import ThinnedScan
 from moteslam.robot import se2
 from moteslam.slam.odometry.noise import odometry_error
 from moteslam.slam.registration.config import RegistrationConfig, TrackingConfig
@@ -84,12 +88,7 @@ def propose(
     """Register a scan to every particle's map.
 
     Args:
-        particles: at the last update.
-        since: the motion since.
-        scan: thinned, in the robot's frame.
         origin: [2] where its rays start.
-        config: of spread and weights.
-        registration: of the registration.
         tracking: the fewest points of a scan that is registered, and what speaks against it far from the odometry.
         measured: whether odometry measured the last step: then only the endpoints' evidence overrules it.
         places: [N, 3] where each looks for the robot, from where the tracked motion leads it; by default there.
@@ -127,21 +126,17 @@ def sample(proposal: Proposal, normals: Array, config: ProposalConfig, *, best: 
     """Poses [N, 3] drawn from the proposal; the best particle stays at its mean.
 
     Args:
-        proposal: means and information.
         normals: [N, 3] standard normal numbers.
-        config: what share of the information counts.
-        best: index of the best particle.
     """
     share = proposal.position_share
     narrowed = replace(proposal, spread=proposal.spread * np.array([share, share, 1.0]))
-    # precision = L L^T, so L^-T times standard normals has the covariance precision^-1
-    factors = np.linalg.cholesky(narrowed.precision(config.information_share))
-    noise = np.linalg.solve(np.swapaxes(factors, 1, 2), normals[..., None])[..., 0]
+    L = np.linalg.cholesky(narrowed.precision(config.information_share))  # P = L L^T
+    noise = np.linalg.solve(np.swapaxes(L, 1, 2), normals[..., None])[..., 0]  # L^-T z has the covariance P^-1
     noise[best] = 0.0
     return se2.compose(proposal.predicted, proposal.offsets + noise)
 
 
 def _log_likelihood(found: Registration, drift: Array, config: ProposalConfig) -> Array:
-    """Of the endpoints, of the rays through surfaces, and of the offset from the odometry [N]."""
-    evidence = config.evidence_share * (found.costs + config.crossing_cost * found.crossed)
-    return np.asarray(-evidence - 0.5 * np.square(found.offsets / drift).sum(axis=1))
+    """By the endpoints, the rays through surfaces, and the offset delta from the odometry [N]."""
+    evidence = -config.evidence_share * (found.costs + config.crossing_cost * found.crossed)  # -lambda (c + kappa n)
+    return np.asarray(evidence - 0.5 * np.square(found.offsets / drift).sum(axis=1))  # -|delta / sigma|^2 / 2

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.kernels.correlative import MAX_SEARCH_POINTS
-from moteslam.kernels.thinning import ThinnedScan
+from moteslam.kernels.scans import ThinnedScan
 from moteslam.robot import se2
 from moteslam.slam.mapping.tsdf import TsdfMaps
 from moteslam.slam.registration.config import RegistrationConfig, SearchConfig
@@ -58,13 +58,9 @@ class Relocation:
     """Looks for the robot in the map that it had before it was lost.
 
     Args:
-        maps: that it had, of several particles.
-        particle: whose map it is.
         path: [u, 3] on which that map was made.
-        config: of registrations.
         begin: [3] where the new map begins, as far as is known.
         reach: how far off that is at most [m].
-        carried: it is not known at all.
 
     Attributes:
         updates: how many updates the map is of: those since are in the new one.
@@ -91,7 +87,7 @@ class Relocation:
         self._next, self._next_whole = FIRST_LOOK, FIRST_LOOK
         self._found: Array | None = None  # by the search before: where the new map's frame lies in the old one's
 
-    def look(self, pose: Array, points: Points) -> Array | None:
+    def search(self, pose: Array, points: Points) -> Array | None:
         """Take in an update since, and search if it is time.
 
         Args:
@@ -132,7 +128,6 @@ class Relocation:
 
         Args:
             path: [u, 3] at its updates.
-            scans: of these.
         """
         self._maps, self._particle, self._found = TsdfMaps(self._maps.config), 0, None
         self._maps.draw(path, scans)

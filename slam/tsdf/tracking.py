@@ -11,26 +11,17 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from moteslam.kernels.thinning import ThinnedScan
+from moteslam.kernels.scans import ThinnedScan
 from moteslam.robot.se2 import Pose, between_one, compose_one
-from moteslam.slam.odometry.calibration import OdometryCalibration
-from moteslam.slam.odometry.config import CalibrationConfig
-from moteslam.slam.odometry.constant_velocity import extrapolated
+from moteslam.slam.filter.update_policy import Travelled, magnitude
+from moteslam.slam.inputs.lapses import CLOSED, Open
+from moteslam.slam.odometry.calibration import CalibrationConfig, OdometryCalibration
 from moteslam.slam.odometry.noise import aside
 from moteslam.slam.registration.config import RegistrationConfig, TrackingConfig
 from moteslam.slam.registration.localisation import Localiser, Rivals
 from moteslam.slam.registration.registrar import Spread, prior_deviations
-from moteslam.slam.tsdf.doubt import Seen
-from moteslam.slam.tsdf.motion import (
-    CLOSED,
-    STILL,
-    MotionSinceUpdate,
-    Open,
-    StepMotion,
-    Travelled,
-    magnitude,
-    step_motion,
-)
+from moteslam.slam.tsdf.doubt import ScanFit
+from moteslam.slam.tsdf.motion import STILL, MotionSinceUpdate, StepMotion, step_motion
 from moteslam.slam.tsdf.particles import Particles
 from moteslam.slam.tsdf.pose_covariance import Fit
 
@@ -54,7 +45,7 @@ class Tracked(NamedTuple):
         motion: since the scan before, in the frame of the pose there.
         slipped: the odometry was off by more than it usually is.
         lost: the scan contradicts the map: it is left out.
-        fit: how it was registered; None where it was not, since it has too few points.
+        fit: how it was registered; None if it has too few points.
         rivals: where else the robot may be, from the tracked pose.
         astray: how far off the pose is at most, where after a lapse of the odometry the scan does not say where in the
             map the robot is [m]; 0 of all others.
@@ -72,11 +63,6 @@ class Tracked(NamedTuple):
 
 class Tracker:
     """Follows the robot from scan to scan in one particle's map.
-
-    Args:
-        config: of search, relocation and slips.
-        registration: of each registration.
-        calibration: of the odometry.
 
     Attributes:
         pose: at the last scan, in the best particle's map.
@@ -99,7 +85,6 @@ class Tracker:
         """The motion of a step by the calibrated odometry; at a constant velocity where nothing measured it.
 
         Args:
-            motion: by the odometry.
             dt: of the step [s].
             measured: whether the odometry measured it.
             left: open by a motion that was not measured, but of which more is known than the velocity before.
@@ -143,6 +128,15 @@ class Tracker:
         most = max(LARGEST_SPREAD, place)
         return min(math.hypot(forward, place), most), min(math.hypot(left, place), most), math.hypot(turn, heading)
 
+    def _beyond(self, offset: Pose, deviations: Spread) -> Pose:
+        """How far the odometry was off, forward, left [m] and in turn [rad]; 0 within ``slip_threshold`` deviations."""
+        (shift, turn), (along, across, about), k = magnitude(offset), deviations, self._config.slip_threshold
+        return (
+            shift if shift > k * along else 0.0,
+            shift if shift > k * across else 0.0,
+            turn if turn > k * about else 0.0,
+        )
+
     def _carried(self, offset: Pose) -> bool:
         """Whether an offset is larger than what slipping wheels can have missed: somebody moved the robot."""
         driven, (shift, turn) = self._blind, magnitude(offset)
@@ -155,18 +149,15 @@ class Tracker:
         """Register a scan to the best particle's map.
 
         Args:
-            motion: since the scan before, as predicted.
-            scan: thinned, in the robot's frame.
             origin: where its rays start [m].
-            particles: whose best one is tracked.
         """
         predicted = compose_one(self.pose, motion.corrected)
         self._blind = self._blind.plus(motion.distance, motion.rotation, motion.dt)
         self._blind_measured &= motion.measured
         self._open = self._open.plus(motion.open)
         usual = self._spread()
-        slip = self._slip
-        spread = usual[0] + slip[0], usual[1] + slip[1], usual[2] + slip[2]
+        (forward, left, turn), (slip_forward, slip_left, slip_turn) = usual, self._slip
+        spread = forward + slip_forward, left + slip_left, turn + slip_turn
         offset, fit, rivals, astray, carried = STILL, None, NO_RIVALS, 0.0, False
         if len(scan.points) >= self._config.min_points:
 
@@ -184,8 +175,8 @@ class Tracker:
                 left=self._open,
             )
             share = score / max(fitted.known, 1.0)
-            seen = Seen(share, len(scan.points), fitted.known, fitted.far, fitted.crossed)
-            fit = Fit(fitted.information, fitted.likelihood, spread, seen)
+            of_scan = ScanFit(share, len(scan.points), fitted.known, fitted.far, fitted.crossed)
+            fit = Fit(fitted.information, fitted.likelihood, spread, of_scan)
             contradicts = self._localiser.contradicts(score, len(scan.points))
             if not decided:
                 astray = self._config.window * self._open.place + magnitude(fitted.offset)[0]
@@ -196,21 +187,34 @@ class Tracker:
                 carried = self._carried(offset)
                 self._blind, self._blind_measured, self._open = Travelled(), True, CLOSED
                 rivals = elsewhere
-        shift, turn = magnitude(offset)
-        threshold = self._config.slip_threshold
-        self._slip = (
-            shift if shift > threshold * usual[0] else 0.0,
-            shift if shift > threshold * usual[1] else 0.0,
-            turn if turn > threshold * usual[2] else 0.0,
-        )
+        self._slip = self._beyond(offset, usual)
         # this step alone decides whether its odometry is to be used: what was off may lie in the blind ones before
-        forward, left, about = prior_deviations(
+        forward, left, turn = prior_deviations(
             self._registration, motion.distance, motion.rotation, measured=motion.measured
         )
         place, heading, _ = motion.open
-        forward, left, about = math.hypot(forward, place), math.hypot(left, place), math.hypot(about, heading)
-        slipped = shift > threshold * forward or shift > threshold * left or turn > threshold * about
+        of_step = math.hypot(forward, place), math.hypot(left, place), math.hypot(turn, heading)
+        slipped = any(self._beyond(offset, of_step))
         moved = compose_one(predicted, offset)
         self._motion, self._seconds = between_one(self.pose, moved), motion.dt
         self.pose = moved
         return Tracked(self._motion, slipped, self._lost > 0, fit, rivals, astray, carried)
+
+
+def extrapolated(motion: Pose, seconds: float, dt: float, *, most: float = 10.0) -> Pose:
+    """The motion of a step at the velocity of the step before.
+
+    Args:
+        dt: of this step [s].
+        most: the motion is extrapolated to at most this many times as long: a longer gap is likelier a wrong stamp,
+            or a robot that has long stopped.
+
+    Returns:
+        it scaled by the ratio of the times where both are above 0; else the same motion, as in logs whose scans
+        share stamps.
+    """
+    if seconds <= 0 or dt <= 0:
+        return motion
+    share = min(dt / seconds, most)
+    x, y, turn = motion
+    return x * share, y * share, turn * share

@@ -98,7 +98,7 @@ def test_a_filter_and_a_metric_of_another_package(toys: list[str], recording: Pa
 def test_a_back_end_of_another_package_moves_path_map_and_filter(
     toys: list[str], recording: Path, tmp_path: Path, preset: str
 ):
-    from moteslam.robot.trajectories.tum import read_tum
+    from moteslam.robot.trajectories.text import read_tum
 
     arguments = ["replay", recording, "--preset", preset, "--set", "particles=8", "--no-figures"]
     assert moteslam(toys, *arguments, "--out", "alone", cwd=tmp_path).returncode == 0

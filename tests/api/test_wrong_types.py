@@ -37,8 +37,6 @@ EMPTY = Recording("empty", Platform())
         (lambda: moteslam.write_tum("x.tum", np.zeros((3, 3))), "trajectory"),
         (lambda: moteslam.resolve_config(None), "preset"),
         (lambda: moteslam.resolve_config("paper", "particles=3"), "settings"),
-        (lambda: moteslam.load_scenario(3), "name_or_path"),
-        (lambda: moteslam.open_recording(3), "path"),
         (lambda: Recording("x", None), "platform"),
         (lambda: Recording("x", Platform(), lidar="l"), "lidar"),
         (lambda: Trajectory([1.0, 0.0], np.zeros((2, 3))), "stamps"),

@@ -13,7 +13,7 @@ from figures import legend_of
 from matplotlib.figure import Figure
 
 from moteslam.eval.cli.main import run as run_program
-from moteslam.robot.trajectories.tum import read_tum
+from moteslam.robot.trajectories.text import read_tum
 
 HEAVY = {"numpy", "scipy", "matplotlib", "taichi", "cv2", "pymunk", "rich"}  # Typer itself loads some of Pydantic
 COMMANDS = (

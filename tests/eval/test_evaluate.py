@@ -17,7 +17,7 @@ from moteslam.robot.formats.map_server import FREE, OCCUPIED, UNKNOWN, write_map
 from moteslam.robot.raster import Raster
 from moteslam.robot.se2 import compose
 from moteslam.robot.trajectories import write_trajectory
-from moteslam.robot.trajectories.tum import read_tum, write_tum
+from moteslam.robot.trajectories.text import read_tum, write_tum
 from moteslam.robot.trajectory import Trajectory
 
 

@@ -13,7 +13,7 @@ from command_lines import refused
 
 from moteslam.eval.cli import main
 from moteslam.robot.formats import open_recording
-from moteslam.robot.trajectories.tum import read_tum
+from moteslam.robot.trajectories.text import read_tum
 
 TUM = "0 0 0 0 0 0 0 1\n1 1 0 0 0 0 0 1\n2 2 0 0 0 0 0 1\n"
 FLASER = f"FLASER 180 {' '.join(['1.5'] * 180)} 0 0 0 0 0 0 {{0}} host {{0}}\n"
@@ -34,7 +34,7 @@ def _here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.skipif(not Path("/dev/zero").exists(), reason="devices of POSIX")
-@pytest.mark.parametrize(("strange", "kind"), [("/dev/zero", "is a device"), ("pipe", "is a named pipe")])
+@pytest.mark.parametrize(("strange", "kind"), [("/dev/zero", "is no regular file"), ("pipe", "is no regular file")])
 @pytest.mark.parametrize(
     "line",
     [
@@ -96,9 +96,9 @@ def test_a_gzip_that_unpacks_to_a_gigabyte_of_comments_is_refused_in_little_memo
     ("name", "content", "line", "words"),
     [
         ("a.toml", f"particles = {DIGITS}\n", "demo --config a.toml", "a.toml"),
-        ("a.toml", f"particles = {BRACKETS}\n", "demo --config a.toml", "a.toml: not TOML: tables nested too deep"),
+        ("a.toml", f"particles = {BRACKETS}\n", "demo --config a.toml", "a.toml: not TOML: "),
         ("a.toml", f"seed = {DIGITS}\n", "simulate a.toml --out x", "a.toml"),
-        ("a.toml", f"seed = {BRACKETS}\n", "simulate a.toml --out x", "a.toml: not TOML: tables nested too deep"),
+        ("a.toml", f"seed = {BRACKETS}\n", "simulate a.toml --out x", "a.toml: not TOML: "),
         ("a.toml", "particles = 9\n# " + 4_000_000 * "x", "demo --config a.toml", "a.toml: over 4 MB"),
         ("a.toml", f"lidar_x = {DIGITS}\n", "inspect ok.log --platform a.toml", "a.toml"),
         ("a.tum", TUM + f"{DIGITS} 1 1 0 0 0 0 1\n", "evaluate a.tum ok.tum", "a.tum:4: "),

@@ -16,8 +16,8 @@ from moteslam.eval.report.streams import draw_streams
 from moteslam.robot.formats import open_recording, write_recording
 from moteslam.robot.inspection import inspect_recording
 from moteslam.robot.platform import Platform
-from moteslam.robot.ranges import ChunkedRanges
 from moteslam.robot.recording import (
+    ChunkedRanges,
     EncoderStream,
     ImuStream,
     LidarStream,

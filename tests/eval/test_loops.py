@@ -20,7 +20,7 @@ from moteslam.robot.formats import open_recording
 from moteslam.robot.formats.carmen_writer import write_carmen
 from moteslam.robot.platform import Platform
 from moteslam.robot.recording import LidarStream, Recording
-from moteslam.robot.trajectories.tum import read_tum, write_tum
+from moteslam.robot.trajectories.text import read_tum, write_tum
 from moteslam.robot.trajectory import Trajectory
 
 RADIUS = 3.0

@@ -9,7 +9,7 @@ from moteslam.errors import InputError
 from moteslam.eval.metrics.ate import absolute_trajectory_error
 from moteslam.eval.metrics.rpe import relative_pose_error
 from moteslam.robot import se2
-from moteslam.robot.alignment import umeyama
+from moteslam.robot.se2 import umeyama
 from moteslam.robot.trajectory import Trajectory
 
 

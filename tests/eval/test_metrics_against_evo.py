@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from moteslam.eval.metrics.ate import absolute_trajectory_error
 from moteslam.eval.metrics.rpe import relative_pose_error
 from moteslam.robot import se2
-from moteslam.robot.trajectories.tum import read_tum
+from moteslam.robot.trajectories.text import read_tum
 from moteslam.robot.trajectory import Trajectory
 
 pytestmark = pytest.mark.filterwarnings("ignore")

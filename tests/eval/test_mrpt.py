@@ -14,7 +14,7 @@ import pytest
 from moteslam.eval.sweep.external import Command, estimate
 from moteslam.eval.sweep.plan import plan
 from moteslam.eval.sweep.spec import read_spec
-from moteslam.robot.trajectories.tum import read_tum
+from moteslam.robot.trajectories.text import read_tum
 
 EXAMPLES = Path(__file__).parents[2] / "docs" / "examples"
 SCRIPT = EXAMPLES / "mrpt_slam.py"

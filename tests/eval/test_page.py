@@ -24,7 +24,7 @@ from moteslam.eval.results import write_results
 from moteslam.eval.run_tables import read_particles
 from moteslam.robot.formats.map_server import write_picture
 from moteslam.robot.raster import Raster
-from moteslam.robot.trajectories.tum import read_tum
+from moteslam.robot.trajectories.text import read_tum
 
 
 @pytest.fixture(scope="session")

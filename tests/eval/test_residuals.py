@@ -18,7 +18,7 @@ from moteslam.robot.formats import open_recording
 from moteslam.robot.formats.carmen_writer import write_carmen
 from moteslam.robot.platform import Platform
 from moteslam.robot.recording import LidarStream, OdometryStream, Recording
-from moteslam.robot.trajectories.tum import write_tum
+from moteslam.robot.trajectories.text import write_tum
 from moteslam.robot.trajectory import Trajectory
 
 WALL = 2.0

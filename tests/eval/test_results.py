@@ -16,7 +16,7 @@ from moteslam.eval.scores import evidence_of, number, score_estimate
 from moteslam.robot import se2
 from moteslam.robot.formats.map_arrays import read_map_arrays
 from moteslam.robot.trajectories.g2o import read_g2o
-from moteslam.robot.trajectories.tum import read_tum
+from moteslam.robot.trajectories.text import read_tum
 from moteslam.robot.trajectory import Trajectory
 from moteslam.slam.settings import resolve_config
 

@@ -24,7 +24,7 @@ from moteslam.eval.run_tables import (
     write_loops,
 )
 from moteslam.eval.scores import score_estimate
-from moteslam.robot.result_folder import result_folder
+from moteslam.robot.files import result_folder
 from moteslam.slam.backend.ledger import LoopCandidate
 from moteslam.slam.backend.none import NoBackendConfig
 from moteslam.slam.backend.protocol import BackendConfig

@@ -138,7 +138,7 @@ HERE = "scenarios = ['corridor']\n"
         (HERE + "[vary]\nslam.particels = [1]", "vary.slam.particels: "),
         (HERE + "[vary]\nslam.particles = []", "vary.slam.particles."),
         (HERE + "[vary]\nslam.particles = [-3]", "vary.slam.particles: "),
-        (HERE + "[vary]\nslam.particles = ['many']", "vary.slam.particles: 'many', "),
+        (HERE + "[vary]\nslam.particles = ['many']", "vary.slam.particles: "),
         (HERE + "[vary]\nslam.particles = 3", "vary.slam.particles."),
         (HERE + "[vary]\nslam.particles = [[1]]", "vary.slam.particles."),
         (HERE + "[vary]\nslam.particles = { first = 1, last = 9, steps = 0 }", "vary.slam.particles.range.steps: "),
@@ -473,7 +473,7 @@ def test_anyones_slam_is_a_configuration_like_ours(tmp_path: Path, capsys: pytes
     [
         ("fails", "ended with exit code 7: no map yet"),
         ("nothing", "wrote no path.tum, expected its trajectory in {out}"),
-        ("damaged", "path.tum: no line of a trajectory, expected one of TUM"),
+        ("damaged", "path.tum: no line of a trajectory"),
     ],
 )
 def test_anyones_slam_that_fails_is_a_row_with_its_error(mode: str, error: str, tmp_path: Path) -> None:

@@ -11,11 +11,11 @@ from ucsd_robot import CAMERA
 from moteslam.errors import InputError
 from moteslam.kernels.camera import depth_view_of, render_colour, render_disparity, view_of
 from moteslam.kernels.raycast import build_buckets, cast_rays
-from moteslam.robot import kinect
+from moteslam.robot import rgbd
 from moteslam.robot.se2 import transform_points
 
 MOUNT = CAMERA
-ROTATION = kinect.mount_rotation(MOUNT)
+ROTATION = rgbd.mount_rotation(MOUNT)
 # a room with a slanted wall, a box, and an opening in the east through which nothing is seen
 WALLS = np.array(
     [(-3, -2, 6, -2.5), (-3, 2, 6, 2), (-3, -2, -3, 2), (6, -2.5, 6, -0.6), (6, 0.7, 6, 2),
@@ -27,11 +27,11 @@ FLOOR_CELL = 0.02
 
 
 def place(colour: bool) -> np.ndarray:
-    return np.array((MOUNT.x, MOUNT.y, MOUNT.z)) + ROTATION @ np.array((kinect.RGB_OFFSET * colour, 0.0, 0.0))
+    return np.array((MOUNT.x, MOUNT.y, MOUNT.z)) + ROTATION @ np.array((rgbd.RGB_OFFSET * colour, 0.0, 0.0))
 
 
 def view(colour: bool):
-    optical = kinect.optical_rays(colour=colour)
+    optical = rgbd.optical_rays(colour=colour)
     return view_of(np.concatenate((optical @ ROTATION.T, optical[..., 2:]), axis=-1), height=float(place(colour)[2]))
 
 

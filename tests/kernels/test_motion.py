@@ -1,13 +1,17 @@
-"""Sampled motion against its twin, and against the distribution it should have."""
+"""Sampled motion and its random words against their twins, published answers, and the laws of the distribution."""
 
-from __future__ import annotations
+# no `from __future__ import annotations`: Taichi reads the annotations of the kernel below
 
 import numpy as np
 import pytest
+from random_words import philox_words
 from twins.philox import normals
+from twins.philox import philox as twin_words
 
 from moteslam.errors import InputError
-from moteslam.kernels.motion import STREAM, sample_motion
+from moteslam.kernels.motion import STREAM, compose, sample_motion, wrap
+from moteslam.kernels.runtime import ti
+from moteslam.kernels.types import F64_1D, F64_2D, kernel
 from moteslam.robot import se2
 
 pytestmark = pytest.mark.usefixtures("taichi")
@@ -58,27 +62,80 @@ def test_noise_has_the_spread_asked_for() -> None:
     assert (np.abs(correlations) < 5 / np.sqrt(n)).all()
 
 
-def test_steps_seeds_and_streams_differ() -> None:
+def test_steps_and_seeds_differ() -> None:
     drawn = []
-    for seed, step, stream in ((0, 0, 1), (0, 1, 1), (1, 0, 1), (2**32, 0, 1), (0, 0, 2)):
+    for seed, step in ((0, 0), (0, 1), (1, 0), (2**32, 0)):
         poses = np.zeros((4, 3))
-        sample_motion(poses, (0, 0, 0), (1, 1, 1), seed=seed, step=step, stream=stream)
+        sample_motion(poses, (0, 0, 0), (1, 1, 1), seed=seed, step=step)
         drawn.append(poses.tobytes())
-    assert len(set(drawn)) == 5
+    assert len(set(drawn)) == 4
 
 
 @pytest.mark.parametrize(
-    ("poses", "motion", "spread", "field"),
+    ("change", "field"),
     [
-        (np.zeros((4, 3), np.float32), (0, 0, 0), (1, 1, 1), "poses"),
-        (np.zeros((4, 2)), (0, 0, 0), (1, 1, 1), "poses"),
-        (np.zeros((8, 3))[::2], (0, 0, 0), (1, 1, 1), "poses"),
-        (np.zeros((4, 3)), (0, np.nan, 0), (1, 1, 1), "motion"),
-        (np.zeros((4, 3)), (0, 0), (1, 1, 1), "motion"),
-        (np.zeros((4, 3)), (0, 0, 0), (1, -1, 1), "spread"),
-        (np.zeros((4, 3)), (0, 0, 0), (1, np.inf, 1), "spread"),
+        ({"seed": -1}, "seed"),
+        ({"seed": 2**64}, "seed"),
+        ({"step": 2**32}, "step"),
+        ({"spread": (1, -1, 1)}, "spread"),
+        ({"poses": np.zeros((8, 3))[::2]}, "poses"),
     ],
 )
-def test_bad_input(poses: np.ndarray, motion: tuple[float, ...], spread: tuple[float, ...], field: str) -> None:
+def test_bad_input(change: dict[str, object], field: str) -> None:
+    given = {"poses": np.zeros((4, 3)), "motion": (0, 0, 0), "spread": (1, 1, 1), "seed": 0, "step": 0}
     with pytest.raises(InputError, match=f"^{field}: "):
-        sample_motion(poses, motion, spread, seed=0, step=0)
+        sample_motion(**{**given, **change})  # type: ignore[arg-type]
+
+
+# Random123 1.14, tests/kat_vectors, philox 4x32 10: counter, key, words
+KNOWN = [
+    ((0, 0, 0, 0), (0, 0), (0x6627E8D5, 0xE169C58D, 0xBC57AC4C, 0x9B00DBD8)),
+    ((0xFFFFFFFF,) * 4, (0xFFFFFFFF,) * 2, (0x408F276D, 0x41C83B0E, 0xA20BC7C6, 0x6D5451FD)),
+    (
+        (0x243F6A88, 0x85A308D3, 0x13198A2E, 0x03707344),
+        (0xA4093822, 0x299F31D0),
+        (0xD16CFE09, 0x94FDCCEB, 0x5001E420, 0x24126EA1),
+    ),
+]
+
+
+@pytest.mark.parametrize(("counter", "key", "words"), KNOWN)
+def test_published_random_words(counter: tuple[int, ...], key: tuple[int, ...], words: tuple[int, ...]) -> None:
+    assert philox_words([counter], [key]).tolist() == [list(words)]
+    assert twin_words([counter], [key]).tolist() == [list(words)]
+
+
+def test_random_words_equal_the_twins() -> None:
+    generator = np.random.default_rng(0)
+    counters = generator.integers(0, 2**32, (500, 4), dtype=np.uint32)
+    keys = generator.integers(0, 2**32, (500, 2), dtype=np.uint32)
+    np.testing.assert_array_equal(philox_words(counters, keys), twin_words(counters, keys))
+
+
+@kernel
+def _apply(a: F64_2D, b: F64_2D, composed: F64_2D, wrapped: F64_1D):
+    for i in range(a.shape[0]):
+        pose = ti.Vector([a[i, 0], a[i, 1], a[i, 2]], dt=ti.f64)
+        other = ti.Vector([b[i, 0], b[i, 1], b[i, 2]], dt=ti.f64)
+        both = compose(pose, other)
+        for j in ti.static(range(3)):
+            composed[i, j] = both[j]
+        wrapped[i] = wrap(a[i, 2])
+
+
+def test_composition_in_kernels_equals_the_reference() -> None:
+    generator = np.random.default_rng(4)
+    a, b = generator.uniform(-20, 20, (2, 400, 3))
+    edges = np.pi * np.array((-3.0, -2.0, -1.0, -0.0, 1.0, 2.0, 3.0))
+    a[:7, 2] = edges
+    a[7:14, 2] = np.nextafter(edges, 100)
+    a[14:21, 2] = np.nextafter(edges, -100)
+    composed, wrapped = np.empty_like(a), np.empty(len(a))
+    _apply(a, b, composed, wrapped)
+    reference = se2.compose(a, b)
+    np.testing.assert_allclose(composed[:, :2], reference[:, :2], rtol=0, atol=1e-13)
+    np.testing.assert_allclose(np.sin(composed[:, 2] - reference[:, 2]), 0, atol=1e-13)
+    np.testing.assert_allclose(np.exp(1j * wrapped), np.exp(1j * a[:, 2]), rtol=0, atol=1e-13)
+    for angles in (wrapped, composed[:, 2]):
+        assert (angles > -np.pi).all()
+        assert (angles <= np.pi).all()

@@ -7,7 +7,19 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from numpy.typing import ArrayLike, NDArray
-from tile_pools import CELL, COARSE_TRUNCATION, MIDDLE, TRUNCATION, Pool, frames, mapped_room, moved, room_scan, thinned
+from tile_pools import (
+    CELL,
+    COARSE_TRUNCATION,
+    MIDDLE,
+    TRUNCATION,
+    Pool,
+    frames,
+    mapped_room,
+    moved,
+    room_scan,
+    thinned,
+    tiles_of,
+)
 from twins import tsdf
 
 from moteslam.errors import InputError
@@ -25,12 +37,12 @@ from moteslam.kernels.registration import (
     PRIOR,
     QUERY,
     START,
+    RegistrationOptions,
     register_scan,
     register_scans,
 )
-from moteslam.kernels.registration_options import RegistrationOptions
 from moteslam.kernels.runtime import ti
-from moteslam.kernels.tiles import CELLS, SIDE, STEPS, WEIGHT_BITS, tiles_of
+from moteslam.kernels.tiles import CELLS, SIDE, STEPS, WEIGHT_BITS
 from moteslam.kernels.types import F32_2D, kernel
 
 pytestmark = pytest.mark.usefixtures("taichi")
@@ -267,26 +279,11 @@ def test_it_ends_within_the_bounds_of_where_it_would_go(room: Pool) -> None:
 @pytest.mark.parametrize(
     ("change", "field"),
     [
-        ({"pool": np.zeros(7, np.int16)}, "pool"),
-        ({"tables": np.full((1, 2, 2), 1, np.int32)}, "tables"),
         ({"tables": np.zeros((2, 2, 2), np.int32)}, "tiles"),  # neither one nor three
         ({"queries": np.ones((3, 12))}, "queries"),
         ({"queries": np.zeros((3, 13))}, "queries"),  # a prior of no weight
-        ({"queries": np.full((3, 13), np.nan)}, "queries"),
-        ({"points": [(np.inf, 0)]}, "points"),
         ({"origin": (0, 0, 0)}, "origin"),
         ({"origin": (0, np.nan)}, "origin"),
-        ({"cell_size": 0.0}, "cell_size"),
-        ({"truncation": np.inf}, "truncation"),
-        ({"coarse_truncation": -1.0}, "coarse_truncation"),
-        ({"residual": 0.0}, "residual"),
-        ({"coarse_residual_factor": 0.0}, "coarse_residual_factor"),
-        ({"likelihood_width": np.nan}, "likelihood_width"),
-        ({"ray_clearance": -1.0}, "ray_clearance"),
-        ({"ray_weight": 32}, "ray_weight"),
-        ({"ray_distance": 1.5}, "ray_distance"),
-        ({"iterations": -1}, "iterations"),
-        ({"unknown": np.nan}, "iterations"),
     ],
 )
 def test_bad_input_of_registration(change: dict[str, object], field: str) -> None:
@@ -294,8 +291,8 @@ def test_bad_input_of_registration(change: dict[str, object], field: str) -> Non
         "pool": np.zeros(CELLS, np.int16), "tables": np.zeros((1, 2, 2), np.int32), "queries": np.ones((3, 13)),
         "points": [(0.1, 0.1)], "origin": (0, 0),
     }  # fmt: skip
-    options = RegistrationOptions(**{**OPTIONS, **{key: change[key] for key in change if key in OPTIONS}})  # type: ignore[arg-type]
-    arguments |= {key: change[key] for key in change if key not in OPTIONS}
+    options = RegistrationOptions(**OPTIONS)  # type: ignore[arg-type]
+    arguments |= change
     with pytest.raises(InputError, match=f"^{field}: "):
         register_scans(tiles_of(arguments.pop("pool"), arguments.pop("tables")), **arguments, options=options)  # type: ignore[arg-type]
 

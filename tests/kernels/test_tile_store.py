@@ -7,12 +7,10 @@ import pytest
 from numpy.typing import NDArray
 from tile_pools import MIDDLE, OPTIONS, frames, room_scan, thinned
 
-from moteslam.kernels.integration_options import IntegrationOptions
-from moteslam.kernels.registration import FRAME, PRIOR, QUERY, register_scans
-from moteslam.kernels.registration_options import RegistrationOptions
+from moteslam.kernels.registration import FRAME, PRIOR, QUERY, RegistrationOptions, register_scans
 from moteslam.kernels.tile_store import DeviceTileStore, TileStore, tile_store
 from moteslam.kernels.tiles import CELLS, EMPTY
-from moteslam.kernels.tsdf import integrate_scans
+from moteslam.kernels.tsdf import IntegrationOptions, integrate_scans
 
 pytestmark = pytest.mark.usefixtures("taichi")
 

@@ -18,10 +18,9 @@ from moteslam.robot.formats import open_recording
 from moteslam.robot.formats.carmen import is_carmen, read_carmen
 from moteslam.robot.formats.carmen_writer import expect_classic_fan, fov_of, write_carmen
 from moteslam.robot.formats.stamps import MAX_DROPPED
-from moteslam.robot.issues import Issue
-from moteslam.robot.platform import Platform
+from moteslam.robot.platform import LidarSpec, Platform
 from moteslam.robot.recording import LidarStream, OdometryStream, Recording
-from moteslam.robot.specs import LidarSpec
+from moteslam.robot.values import Issue
 
 GOOD = [flaser([1.0, 2.0, 3.0], stamp=100.0 + k, robot=(0.1 * k, 0, 0)) for k in range(8)]
 

@@ -6,8 +6,8 @@ import pytest
 from moteslam.errors import ConfigError, InputError
 from moteslam.robot.cut import Cut, cut
 from moteslam.robot.platform import Platform
-from moteslam.robot.ranges import ChunkedRanges
 from moteslam.robot.recording import (
+    ChunkedRanges,
     EncoderStream,
     ImuStream,
     LidarStream,
@@ -116,23 +116,22 @@ def test_ranges_in_a_file_stay_there() -> None:
 
 
 @pytest.mark.parametrize(
-    ("part", "line"),
+    ("part", "field"),
     [
-        ({"start": -1.0}, "start: -1 s, expected a finite time of at least 0"),
-        ({"start": math.nan}, "start: nan s, expected a finite time of at least 0"),
-        ({"start": 4.0, "end": 4.0}, "end: 4 s, expected more than start, 4 s"),
-        ({"every": 0}, "every: 0, expected at least 1"),
-        ({"streams": ("laser",)}, "streams: 'laser', expected some of lidar, encoders, odometry, imu, rgbd"),
+        ({"start": -1.0}, "start"),
+        ({"start": math.nan}, "start"),
+        ({"start": 4.0, "end": 4.0}, "end"),
+        ({"every": 0}, "every"),
+        ({"streams": ("laser",)}, "streams"),
+        ({"start": 60, "end": 70}, "start"),
     ],
 )
-def test_parts_that_are_none(part: dict[str, object], line: str) -> None:
-    with pytest.raises(ConfigError) as caught:
-        Cut(**part)  # type: ignore[arg-type]
-    assert str(caught.value) == line
+def test_what_leaves_nothing_is_refused(part: dict[str, object], field: str) -> None:
+    with pytest.raises((ConfigError, InputError)) as caught:
+        cut(recording(), Cut(**part))  # type: ignore[arg-type]
+    assert caught.value.field == field
 
 
-def test_nothing_left() -> None:
-    with pytest.raises(InputError, match=r"no reading from 60 to 70 s, expected times within its 11 s"):
-        cut(recording(), Cut(start=60, end=70))
-    with pytest.raises(InputError, match=r"no imu, expected one of the streams it has: lidar$"):
+def test_a_stream_that_is_not_there() -> None:
+    with pytest.raises(InputError, match="lidar"):
         cut(Recording("x", Platform(), lidar=recording().lidar), Cut(streams=("imu",)))

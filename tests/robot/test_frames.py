@@ -14,14 +14,18 @@ from issues import messages
 from moteslam.errors import InputError, OutputError
 from moteslam.robot.formats import ucsd_images
 from moteslam.robot.formats.ucsd import read_ucsd, write_ucsd
-from moteslam.robot.frames import FrameCount, camera_frames, has_images, pairs
 from moteslam.robot.platforms import UCSD
 from moteslam.robot.recording import Recording, RgbdStream
+from moteslam.robot.rgbd import FrameCount, camera_frames, has_images, pairs
 from moteslam.sim.sensors import image_files
 
 N = 8
 RGB_STAMPS = 1.3e9 + np.arange(N) / 30
 DISPARITY_STAMPS = RGB_STAMPS + 0.01
+
+
+def black(chosen: np.ndarray) -> np.ndarray:
+    return np.zeros((len(chosen), 480, 640, 3), np.uint8)
 
 
 def rgb_image(index: int) -> np.ndarray:
@@ -176,7 +180,7 @@ def test_reading_holds_few_frames_at_a_time(folder: Path, monkeypatch: pytest.Mo
     read = []
     real = ucsd_images.read_rgb
     monkeypatch.setattr(ucsd_images, "read_rgb", lambda path: read.append(path) or real(path))
-    monkeypatch.setattr("moteslam.robot.frames.processor_count", lambda: 1)
+    monkeypatch.setattr("moteslam.robot.rgbd.processor_count", lambda: 1)
     recording = read_ucsd(folder)
     assert recording.rgbd is not None
     stream = camera_frames(recording.rgbd)
@@ -197,17 +201,13 @@ def test_too_little_space_is_told_before_anything_is_written(tmp_path: Path, mon
 def test_a_folder_that_cannot_be_written_is_told(tmp_path: Path) -> None:
     (tmp_path / "dataRGBD").write_text("a file")
     with pytest.raises(OutputError, match=r"dataRGBD/RGB20: cannot be made"):
-        image_files.write_images(
-            tmp_path, "RGB", "20", lambda chosen: np.zeros((len(chosen), 480, 640, 3), np.uint8), 2
-        )
+        image_files.write_images(tmp_path, "RGB", "20", black, 2)
 
 
 def test_a_file_that_cannot_be_written_is_told(tmp_path: Path) -> None:
     (tmp_path / "dataRGBD" / "RGB20" / "rgb20_2.png").mkdir(parents=True)
     with pytest.raises(OutputError, match=r"rgb20_2\.png: cannot be written"):
-        image_files.write_images(
-            tmp_path, "RGB", "20", lambda chosen: np.zeros((len(chosen), 480, 640, 3), np.uint8), 3
-        )
+        image_files.write_images(tmp_path, "RGB", "20", black, 3)
 
 
 def test_read_errors_name_the_file(tmp_path: Path) -> None:

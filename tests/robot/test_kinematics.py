@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from moteslam.robot import se2
-from moteslam.robot.kinematics import arc_increment, euler_increment, wheel_motion
+from moteslam.robot.wheel_odometry import arc_increment, euler_increment, wheel_motion
 
 DISTANCES = st.floats(-10, 10, allow_subnormal=False)
 TURNS = st.floats(-6, 6, allow_subnormal=False)
@@ -59,8 +59,3 @@ def test_wheels_undo_what_the_track_makes_of_a_turn(distance: float, turn: float
     track = 0.73
     there = wheel_motion(distance - turn * track / 2, distance + turn * track / 2, track)
     np.testing.assert_allclose(there, (distance, turn), atol=1e-12)
-
-
-def test_shapes() -> None:
-    assert euler_increment(np.ones((4, 5)), 0.1).shape == (4, 5, 3)
-    assert arc_increment(1.0, np.ones(7)).shape == (7, 3)

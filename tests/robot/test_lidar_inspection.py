@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from moteslam.robot.inspection import inspect_recording
-from moteslam.robot.lidar_inspection import LidarReport
 from moteslam.robot.platforms import UCSD
 from moteslam.robot.recording import EncoderStream, LidarStream, Recording
+from moteslam.robot.sensor_reports import LidarReport
 
 RNG = np.random.default_rng(1)
 

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import dataclasses
-
 import matplotlib
-import pytest
 from matplotlib.figure import Figure
 
 from moteslam import PictureStyle
@@ -21,8 +18,3 @@ def test_matplotlib_takes_the_settings() -> None:
     assert figure.dpi == 72
     assert axes.xaxis.label.get_fontsize() == 14
     assert not axes.spines["top"].get_visible()
-
-
-def test_it_cannot_be_changed() -> None:
-    with pytest.raises(dataclasses.FrozenInstanceError):
-        PictureStyle().slam = "red"  # type: ignore[misc]

@@ -10,7 +10,7 @@ import tomli_w
 from ucsd_robot import CAMERA
 
 from moteslam.errors import ConfigError
-from moteslam.robot.platform import Platform
+from moteslam.robot.platform import LidarSpec, Platform
 from moteslam.robot.platforms import (
     CARMEN,
     UCSD,
@@ -20,7 +20,6 @@ from moteslam.robot.platforms import (
     read_platform,
     write_platform,
 )
-from moteslam.robot.specs import LidarSpec
 
 
 @pytest.mark.parametrize("platform", [UCSD, CARMEN, Platform(name="ä [bold]\"'\n", lidar=LidarSpec(x=0.1 + 0.2))])
@@ -43,34 +42,38 @@ def test_the_ucsd_robot_is_that_of_the_drawing() -> None:
     }
 
 
+def test_an_empty_table_is_a_robot_of_which_nothing_is_known(tmp_path: Path) -> None:
+    (tmp_path / "platform.toml").touch()
+    assert read_platform(tmp_path / "platform.toml") == Platform()
+
+
 @pytest.mark.parametrize(
-    ("text", "message"),
+    ("text", "field"),
     [
-        ('base = "nobody"', "base: 'nobody', expected one of lms200"),
-        ("base = 3", "base: 3, expected one of lms200"),
-        ("[lidar]\nbeams = 361\nangle_increment = 0.0349", r"lidar: 361 beams 0\.0349 rad apart are 2\.00 turns"),
-        ("[lidar]\nangle_increment = 0", "lidar: angle_increment of 0, expected an angle between beams"),
-        ("[lidar]\nrange_min = 2\nrange_max = 1", "lidar: range_min of 2 m, expected less than 1 m"),
-        ("nmae = 'x'", "nmae: unknown key, expected one of base, name, description, length, width"),
-        ("[lidar]\nx = 'far'", r"lidar\.x"),
-        ("[lidar]\nx = nan", r"lidar\.x: nan, expected a finite number"),
-        ("[wheels]\ntrack = 0", "wheels: metres_per_count, diameter"),
-        ("length = -1", "length: -1, expected above 0"),
-        ("wheels = 3", "wheels: 3, expected a table"),
-        ("[wheels]\ntrak = 1", r"wheels\.trak: unknown key, expected one of metres_per_count"),
-        ("name = ", "not TOML"),
-        ("", None),
+        (None, None),
+        ("name = ", None),
+        ("a = " + "[" * 9999, None),
+        ('base = "nobody"', "base"),
+        ("base = 3", "base"),
+        ("[lidar]\nbeams = 361\nangle_increment = 0.0349", "lidar"),
+        ("[lidar]\nangle_increment = 0", "lidar"),
+        ("[lidar]\nrange_min = 2\nrange_max = 1", "lidar"),
+        ("nmae = 'x'", "nmae"),
+        ("[lidar]\nx = 'far'", "lidar.x"),
+        ("[lidar]\nx = nan", "lidar.x"),
+        ("[wheels]\ntrack = 0", "wheels.metres_per_count"),
+        ("length = -1", "length"),
+        ("wheels = 3", "wheels"),
+        ("[wheels]\ntrak = 1", "wheels.trak"),
     ],
 )
-def test_bad_platforms_are_told_with_their_key(tmp_path: Path, text: str, message: str | None) -> None:
+def test_bad_platforms_are_told_with_their_key(tmp_path: Path, text: str | None, field: str | None) -> None:
     path = tmp_path / "platform.toml"
-    path.write_text(text)
-    if message is None:
-        assert read_platform(path) == Platform()
-        return
-    with pytest.raises(ConfigError, match=message) as caught:
+    if text is not None:
+        path.write_text(text)
+    with pytest.raises(ConfigError) as caught:
         read_platform(path)
-    assert str(caught.value).startswith(str(path))
+    assert (caught.value.file, caught.value.field) == (str(path), field)
     assert "\n" not in str(caught.value)
 
 
@@ -100,25 +103,15 @@ def test_a_bundled_robot_is_whole_and_reads_back(name: str, tmp_path: Path) -> N
     assert (lidar.scan.beams - 1) * lidar.time_increment < 1 / lidar.scan.rate
 
 
-NAMES = ", ".join(f'"{name}"' for name in sorted(bundled_platforms()))
-
-
-@pytest.mark.parametrize(
-    ("key", "table"),
-    [("width", ""), ("imu", ""), ("camera", ""), ("body", ""), ("encoders", ""), ("wheels", ""), ("lidar", "")]
-    + [(key, "lidar") for key in ("x", "yaw", "time_increment", "beams", "rate", "range_max")],
-)
-def test_a_whole_robot_that_is_not_is_refused_with_the_keys_that_are_missing(
-    key: str, table: str, tmp_path: Path
-) -> None:
+@pytest.mark.parametrize("key", ["width", "imu", "wheels", "lidar", "lidar.x", "lidar.beams", "lidar.range_max"])
+def test_a_whole_robot_that_is_not_is_refused_with_the_keys_that_are_missing(key: str, tmp_path: Path) -> None:
     values = platform_table(UCSD)
-    del (values[table] if table else values)[key]
+    table, _, name = key.rpartition(".")
+    del (values[table] if table else values)[name]
     path = tmp_path / "mine.toml"
     path.write_text(tomli_w.dumps(values))
-    missing = f"{table}.{key}" if table else key
-    with pytest.raises(ConfigError) as caught:
+    with pytest.raises(ConfigError, match=f": {key} missing"):
         load_platform(path)
-    assert str(caught.value) == f"{path}: {missing} missing, expected a whole robot, or base = one of {NAMES}"
 
 
 def test_a_file_may_change_a_bundled_robot_if_it_names_it(tmp_path: Path) -> None:
@@ -132,8 +125,9 @@ def test_a_file_may_change_a_bundled_robot_if_it_names_it(tmp_path: Path) -> Non
 
 
 def test_an_unknown_name_is_refused_with_those_there_are() -> None:
-    with pytest.raises(ConfigError, match=r"nobody: no robot of this name, expected one of lms200, .*"):
+    with pytest.raises(ConfigError, match="lms200") as caught:
         load_platform("nobody")
+    assert caught.value.field == "nobody"
 
 
 def test_figures_as_recorded_lie_over_those_of_the_data_sheet() -> None:
@@ -143,8 +137,3 @@ def test_figures_as_recorded_lie_over_those_of_the_data_sheet() -> None:
     assert platform.as_recorded.lidar.range_noise == 0.01
     assert platform.as_recorded.lidar.dropout == 0.5
     assert platform.noise.lidar.dropout == 0.2
-
-
-def test_a_missing_file_is_told(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match=r"No such file or directory, expected a platform\.toml"):
-        read_platform(tmp_path / "platform.toml")

@@ -9,8 +9,8 @@ import pytest
 
 from moteslam.errors import InputError
 from moteslam.eval.metrics.ate import position_error
-from moteslam.robot.positions import Positions, is_positions, read_positions
-from moteslam.robot.trajectory import Trajectory
+from moteslam.robot.trajectories.rows import is_positions, read_positions
+from moteslam.robot.trajectory import Positions, Trajectory
 
 
 def write(folder: Path, text: str) -> Path:
@@ -28,16 +28,17 @@ def test_milliseconds_and_millimetres(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "line"),
     [
-        ("P 1 2\n", r"reference\.txt:1: expected 3 finite numbers after P"),
-        ("P 1 2 3\nP 2 nan 3\n", r"reference\.txt:2: expected 3 finite numbers after P"),
-        ("P 1 2 three\n", r"reference\.txt:1: expected 3 finite numbers after P"),
-        ("P 5 1 1\nP 4 1 1\n", r"reference\.txt:2: stamp before the one above it"),
-        ("M 1 2 3\n", r"reference\.txt: no positions, expected lines: P t x y"),
+        ("P 1 2\n", 1),
+        ("P 1 2 3\nP 2 nan 3\n", 2),
+        ("P 1 2 three\n", 1),
+        ("P 5 1 1\nP 4 1 1\n", 2),
+        ("M 1 2 3\n", None),
     ],
 )
-def test_what_is_broken_is_refused_with_its_line(tmp_path: Path, text: str, line: str) -> None:
-    with pytest.raises(InputError, match=line):
+def test_what_is_broken_is_refused_with_its_line(tmp_path: Path, text: str, line: int | None) -> None:
+    with pytest.raises(InputError) as caught:
         read_positions(write(tmp_path, text))
+    assert caught.value.line == line
 
 
 @pytest.mark.parametrize(
@@ -53,13 +54,6 @@ def test_what_is_broken_is_refused_with_its_line(tmp_path: Path, text: str, line
 )
 def test_they_are_known_by_the_first_line(tmp_path: Path, text: str, known: bool) -> None:
     assert is_positions(write(tmp_path, text)) is known
-
-
-def test_positions_need_a_stamp_each() -> None:
-    with pytest.raises(InputError, match=r"stamps \[2\] and points \[1, 2\], expected \[n\] and \[n, 2\]"):
-        Positions(np.zeros(2), np.zeros((1, 2)))
-    with pytest.raises(InputError, match="stamps go back"):
-        Positions(np.array([1.0, 0.0]), np.zeros((2, 2)))
 
 
 DRIVE = Trajectory(np.arange(5.0), np.stack((np.arange(5.0), np.zeros(5), np.full(5, np.pi / 2)), axis=-1))
@@ -93,5 +87,5 @@ def test_alignment_and_scale_of_least_squares() -> None:
 
 def test_another_clock_is_refused() -> None:
     positions = Positions(np.array([100.0]), np.zeros((1, 2)))
-    with pytest.raises(InputError, match=r"the estimate covers 0\.000 to 4\.000 s, the positions 100\.000 to"):
+    with pytest.raises(InputError, match="100"):
         position_error(DRIVE, positions)

@@ -2,8 +2,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from moteslam.robot.ranges import ChunkedRanges, chosen, chunks
-from moteslam.robot.recording import LidarStream
+from moteslam.robot.recording import ChunkedRanges, LidarStream, chosen, chunks
 
 ALL = np.random.default_rng(3).uniform(0.1, 30, (1000, 7)).astype(np.float32)
 

@@ -106,8 +106,3 @@ def test_interpolation_takes_the_short_way_and_holds_the_ends() -> None:
     np.testing.assert_allclose(at[[0, 1]], poses[[0, 0]])
     np.testing.assert_allclose(at[2], [1.0, 2.0, np.pi], atol=1e-12)
     np.testing.assert_allclose(at[[3, 4]], poses[[1, 1]])
-
-
-def test_the_identity_cannot_be_changed() -> None:
-    with pytest.raises(ValueError, match="read-only"):
-        se2.IDENTITY[0] = 1

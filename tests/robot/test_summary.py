@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from moteslam.robot.issues import Issue
 from moteslam.robot.platforms import UCSD
 from moteslam.robot.raster import Raster
 from moteslam.robot.recording import (
@@ -21,8 +20,8 @@ from moteslam.robot.recording import (
     Recording,
     RgbdStream,
 )
-from moteslam.robot.summary import Summarised
 from moteslam.robot.trajectory import Trajectory
+from moteslam.robot.values import Issue, Summarised
 
 STAMPS = np.arange(11) / 2
 LIDAR = LidarStream(STAMPS, np.ones((11, 181), np.float32), -1.5, 0.01, 0.1, 30.0)

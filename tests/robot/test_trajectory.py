@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from trajectory_cases import made
 
-from moteslam.errors import InputError
 from moteslam.robot.trajectory import Trajectory
 
 
@@ -18,10 +16,6 @@ def test_length_and_interpolation() -> None:
     np.testing.assert_allclose(trajectory.at(np.array([0.5, 7.0])).poses, [[1.5, 2, 0], [3, 5, 1]])
 
 
-def test_arrays_are_frozen_and_checked() -> None:
-    trajectory = made()
+def test_arrays_are_frozen() -> None:
     with pytest.raises(ValueError, match="read-only"):
-        trajectory.poses[0, 0] = 1
-    bad: NDArray[np.float64] = np.zeros((4, 2))
-    with pytest.raises(InputError, match=r"expected \[n\] and \[n, 3\]"):
-        Trajectory(np.arange(4.0), bad)
+        made().poses[0, 0] = 1

@@ -10,15 +10,14 @@ import numpy as np
 import pytest
 from issues import messages
 
-from moteslam.errors import ConfigError, InputError, OutputError
-from moteslam.robot import files, se2
+from moteslam.errors import ConfigError, InputError
+from moteslam.robot import se2
 from moteslam.robot.formats import open_recording
 from moteslam.robot.formats.ucsd import read_ucsd, ucsd_sequences, write_ucsd
-from moteslam.robot.kinematics import arc_increment
-from moteslam.robot.platform import Platform
+from moteslam.robot.platform import LidarSpec, Platform
 from moteslam.robot.platforms import UCSD
 from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream, Recording, RgbdStream
-from moteslam.robot.specs import LidarSpec
+from moteslam.robot.wheel_odometry import arc_increment
 
 START = 1298445274.5
 
@@ -217,7 +216,7 @@ def test_a_platform_file_lies_over_what_the_recording_states(tmp_path: Path) -> 
     np.testing.assert_array_equal(changed.lidar.ranges[~far], plain.lidar.ranges[~far])
     # the arrays alone state nothing of wheels: those of another robot must be complete
     (folder / "platform.toml").unlink()
-    with pytest.raises(ConfigError, match="wheels: metres_per_count, diameter, wheel_base, effective_track missing"):
+    with pytest.raises(ConfigError, match=r"wheels\.metres_per_count"):
         read_ucsd(folder, platform=over)
     assert [issue.code for issue in read_ucsd(folder).warnings] == ["assumed-robot"]  # 7 beams are not its lidar's
     over.write_text("[lidar]\nx = 0.2\n")
@@ -301,20 +300,6 @@ def test_counts_beyond_int16_are_written_as_int32(tmp_path: Path) -> None:
 def test_a_sequence_that_is_no_file_name_is_refused(tmp_path: Path, sequence: str) -> None:
     with pytest.raises(ConfigError, match="sequence"):
         write_ucsd(tmp_path, make_recording(), sequence=sequence)
-
-
-def test_a_full_disk_leaves_nothing_half_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    real = files.os.fdopen
-
-    def full(handle: int, mode: str) -> Any:
-        real(handle, mode).close()
-        return Path("/dev/full").open("wb")
-
-    monkeypatch.setattr(files.os, "fdopen", full)
-    monkeypatch.setattr("moteslam.robot.formats.ucsd.write_platform", lambda path, platform: None)
-    with pytest.raises(OutputError, match="cannot be written: No space left on device"):
-        write_ucsd(tmp_path, make_recording(2000, 100), sequence=20)
-    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize(

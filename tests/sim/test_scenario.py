@@ -13,9 +13,8 @@ import tomli_w
 
 from moteslam.errors import ConfigError
 from moteslam.robot.noise import ClockNoise, EncoderNoise, ImuNoise, LidarNoise, Noise
-from moteslam.robot.platform import Body, Platform, Wheels
+from moteslam.robot.platform import Body, CameraSpec, EncoderSpec, ImuSpec, LidarSpec, Platform, Wheels
 from moteslam.robot.platforms import UCSD
-from moteslam.robot.specs import CameraSpec, EncoderSpec, ImuSpec, LidarSpec
 from moteslam.sim.actors.doors import Door
 from moteslam.sim.actors.people import Crowd, Person
 from moteslam.sim.robot.limits import Limits
@@ -84,7 +83,7 @@ WALL = {"points": [[0.0, 0.0], [4.0, 0.0], [4.0, 4.0]]}
         ("noise_class", "kind", "noise_class"),
         ("platform", "nobody", "platform"),
         ("platform", 3, "platform"),
-        ("platform", {"wheels": {"track": 0.3}}, "platform"),
+        ("platform", {"wheels": {"track": 0.3}}, "platform.wheels.metres_per_count"),
         ("platform", {"base": "nobody"}, "platform.base"),
         ("platform.lidar.time_increment", 1e-4, "platform.lidar.time_increment"),
         ("platform.body.mass", 0.2, "platform.body.stiffness"),

@@ -13,7 +13,7 @@ from moteslam.errors import ConfigError
 from moteslam.robot import se2
 from moteslam.robot.formats.ucsd import read_ucsd
 from moteslam.robot.recording import Recording
-from moteslam.robot.trajectories.tum import read_tum
+from moteslam.robot.trajectories.text import read_tum
 from moteslam.sim.output import write_simulation
 from moteslam.sim.scenario import Scenario, load_scenario, parse_scenario
 from moteslam.sim.sensors.clock import EPOCH

@@ -19,15 +19,13 @@ from moteslam.robot.recording import OdometryStream, Recording
 from moteslam.sim.scenario import load_scenario
 from moteslam.sim.simulate import Simulation, simulate
 from moteslam.slam.estimate import Estimate
-from moteslam.slam.inputs.jumps import jumps
-from moteslam.slam.inputs.standing import stands
+from moteslam.slam.inputs.odometry_path import jumps, stands
 from moteslam.slam.inputs.step import steps
-from moteslam.slam.inputs.synchronise import synchronise
-from moteslam.slam.inputs.warnings import warnings
-from moteslam.slam.odometry.constant_velocity import extrapolated
+from moteslam.slam.inputs.synchronise import synchronise, warnings
 from moteslam.slam.odometry.dead_reckoning import dead_reckon
 from moteslam.slam.run import run_slam
 from moteslam.slam.settings import resolve_config
+from moteslam.slam.tsdf.tracking import extrapolated
 
 pytestmark = pytest.mark.usefixtures("taichi")
 
@@ -229,25 +227,3 @@ def test_the_last_motion_goes_on_in_proportion_to_time():
     np.testing.assert_array_equal(extrapolated(motion, 0.0, 0.2), motion)
     np.testing.assert_array_equal(extrapolated(motion, 0.1, 0.0), motion)
     np.testing.assert_allclose(extrapolated(motion, 0.1, 3600.0), 10 * motion)
-
-
-@pytest.mark.parametrize("known", range(7))
-@pytest.mark.parametrize("left", [2, 4, 9])
-@pytest.mark.parametrize("moves", [3, 6])
-def test_a_recording_that_grows_is_seen_to_stand_as_a_whole_one(known: int, left: int, moves: int) -> None:
-    ranges = np.full((6, 10), 2.0, np.float32)
-    ranges[left:] = 3.0
-    ranges[1] = np.nan
-    moved = np.arange(6) >= moves
-    before = stands(ranges[:known], moved[:known]) if known else None
-    read: list[int] = []
-
-    class Watched:
-        def __getitem__(self, scan: int) -> np.ndarray:
-            read.append(scan)
-            return ranges[scan]
-
-    found = stands(Watched(), moved, before=before)  # type: ignore[arg-type]
-    np.testing.assert_array_equal(found, stands(ranges, moved))
-    if before is not None and before[:moves][-1]:
-        assert min(read[1:], default=known) >= min(known, moves)

@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 from moteslam.errors import InputError
 from moteslam.robot.formats.bags.chunks import MAX_CHUNK, damage_in_one_line, unpack
 from moteslam.robot.formats.bags.files import open_files
-from moteslam.robot.issues import Issue
-from moteslam.robot.wording import counted
+from moteslam.robot.values import Issue, counted
 
 SECOND = 1_000_000_000
 """Nanoseconds."""

@@ -29,8 +29,10 @@ from moteslam.robot.formats.bags.scans import LASER_SCAN
 from moteslam.robot.formats.bags.times import nanoseconds
 from moteslam.robot.formats.ucsd_images import read_disparity, read_rgb
 from moteslam.robot.formats.written import WrittenOdometry
-from moteslam.robot.frames import has_images
-from moteslam.robot.kinect import (
+from moteslam.robot.pictures import encode_png
+from moteslam.robot.platform import CameraSpec
+from moteslam.robot.recording import CHUNK, ImuStream, LidarStream, OdometryStream, Recording, RgbdStream
+from moteslam.robot.rgbd import (
     CENTRE,
     FOCAL,
     HEIGHT,
@@ -39,12 +41,9 @@ from moteslam.robot.kinect import (
     RGB_OFFSET,
     WIDTH,
     depth_of,
+    has_images,
     mount_rotation,
 )
-from moteslam.robot.pictures import encode_png
-from moteslam.robot.ranges import CHUNK
-from moteslam.robot.recording import ImuStream, LidarStream, OdometryStream, Recording, RgbdStream
-from moteslam.robot.specs import CameraSpec
 
 ODOM, BASE, LASER = "odom", "base_link", "laser"
 RGB, DEPTH = "/camera/rgb", "/camera/depth"

@@ -12,6 +12,7 @@ from contextlib import closing, contextmanager
 from pathlib import Path
 
 from moteslam.errors import InputError
+from moteslam.robot.files import open_regular, read_yaml
 from moteslam.robot.formats.bags.chunks import (
     MAX_CHUNK,
     Channel,
@@ -23,9 +24,7 @@ from moteslam.robot.formats.bags.chunks import (
     damage_in_one_line,
     zstd,
 )
-from moteslam.robot.issues import Issue
-from moteslam.robot.reading import open_regular
-from moteslam.robot.yaml_table import read_yaml
+from moteslam.robot.values import Issue
 
 METADATA, _TABLE = "metadata.yaml", "rosbag2_bagfile_information"
 MAX_RATIO = 1000

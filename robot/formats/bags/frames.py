@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from moteslam.errors import InputError
 from moteslam.robot.formats.bags.bag import SECOND, Table, Topic, frame_name
 from moteslam.robot.formats.streams import MAX_PLACE
-from moteslam.robot.issues import Issue
 from moteslam.robot.se2 import wrap
+from moteslam.robot.values import Issue
 
 TRANSFORMS = ("tf2_msgs/TFMessage", "tf/tfMessage")
 

@@ -1,6 +1,6 @@
 """Colour and depth images of a bag, as the frames of the Kinect that the pipeline takes.
 
-That camera is `moteslam.robot.kinect`: 480 x 640 pixels, a depth camera and a colour camera beside it, each with its
+That camera is `moteslam.robot.rgbd`: 480 x 640 pixels, a depth camera and a colour camera beside it, each with its
 own intrinsics. Images of cameras whose intrinsics (``sensor_msgs/CameraInfo``) are those, within some pixels, are
 read; of others they would be laid on the wrong floor. Depths (REP 118) become the raw disparities nearest to them.
 """
@@ -18,11 +18,11 @@ from moteslam.errors import InputError
 from moteslam.robot.formats.bags.bag import Bag, Table, Topic
 from moteslam.robot.formats.bags.frames import Frames
 from moteslam.robot.formats.bags.times import Times
-from moteslam.robot.issues import Issue
-from moteslam.robot.kinect import CENTRE, FOCAL, HEIGHT, RGB_CENTRE, RGB_FOCAL, WIDTH, disparity_of, mount_of
 from moteslam.robot.pictures import PNG, decode_picture, picture_size
+from moteslam.robot.platform import CameraSpec
 from moteslam.robot.recording import RgbdStream
-from moteslam.robot.specs import CameraSpec
+from moteslam.robot.rgbd import CENTRE, FOCAL, HEIGHT, RGB_CENTRE, RGB_FOCAL, WIDTH, disparity_of, mount_of
+from moteslam.robot.values import Issue
 
 IMAGE, COMPRESSED_IMAGE, CAMERA_INFO = "sensor_msgs/Image", "sensor_msgs/CompressedImage", "sensor_msgs/CameraInfo"
 

@@ -24,8 +24,8 @@ from moteslam.robot.formats.bags.frames import Mount
 from moteslam.robot.formats.bags.scans import SAMPLE, Ranges, Scans, lay
 from moteslam.robot.formats.bags.times import Rows, Times
 from moteslam.robot.formats.streams import SICK_REACH, Fan
-from moteslam.robot.specs import MAX_BEAMS
-from moteslam.robot.stamps import nearest_stamp
+from moteslam.robot.platform import MAX_BEAMS
+from moteslam.robot.recording import nearest_stamp
 
 GAP = 1.5
 """A scan further away in time than this many times between two scans is not joined: that lidar was silent."""

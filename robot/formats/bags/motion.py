@@ -17,10 +17,9 @@ from moteslam.robot.formats.bags.bag import Table, Topic
 from moteslam.robot.formats.bags.frames import BASES, Frames
 from moteslam.robot.formats.bags.times import Times
 from moteslam.robot.formats.streams import MAX_PLACE, SLACK, keep_plausible, plausible_counts, plausible_rates
-from moteslam.robot.issues import Issue
 from moteslam.robot.platform import Wheels
 from moteslam.robot.recording import EncoderStream, ImuStream, OdometryStream
-from moteslam.robot.wording import counted
+from moteslam.robot.values import Issue, counted
 
 ODOMETRY, IMU, JOINT_STATE = "nav_msgs/Odometry", "sensor_msgs/Imu", "sensor_msgs/JointState"
 

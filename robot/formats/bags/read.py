@@ -34,13 +34,11 @@ from moteslam.robot.formats.bags.motion import (
 from moteslam.robot.formats.bags.scans import LASER_SCAN, MULTI_ECHO, Scans, figures_of, laser_scans
 from moteslam.robot.formats.bags.times import Times
 from moteslam.robot.formats.streams import check_figures
-from moteslam.robot.given_robot import GivenRobot
-from moteslam.robot.issues import Issue
-from moteslam.robot.platform import Platform
-from moteslam.robot.ranges import ChunkedRanges
-from moteslam.robot.recording import LidarStream, Recording
-from moteslam.robot.specs import CameraSpec, LidarSpec
-from moteslam.robot.wording import counted, first_complaint
+from moteslam.robot.platform import CameraSpec, LidarSpec, Platform
+from moteslam.robot.platforms import GivenRobot
+from moteslam.robot.recording import ChunkedRanges, LidarStream, Recording
+from moteslam.robot.tables import first_complaint
+from moteslam.robot.values import Issue, counted
 
 POINT_CLOUD = "sensor_msgs/PointCloud2"
 
@@ -252,7 +250,7 @@ class _Reading:
             step = scans.fan.time_increment
             spec = LidarSpec(x=mount.x, y=mount.y, z=mount.z, yaw=mount.yaw, time_increment=step)
         except ValidationError as error:
-            field, problem = first_complaint(error, "robot", lambda place: "")
+            field, problem = first_complaint(error)
             raise InputError(problem, file=self.bag.path, field=f"{scans.topic}: {field}") from error
         return Platform(lidar=spec, camera=camera)
 

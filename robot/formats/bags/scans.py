@@ -20,9 +20,8 @@ from moteslam.robot.formats.bags.bag import Bag, Table
 from moteslam.robot.formats.bags.times import Rows, Times
 from moteslam.robot.formats.stamps import Stamps
 from moteslam.robot.formats.streams import Fan, check_fan, clean_ranges, no_return_limit
-from moteslam.robot.issues import Issue
-from moteslam.robot.specs import MAX_BEAMS
-from moteslam.robot.wording import counted
+from moteslam.robot.platform import MAX_BEAMS
+from moteslam.robot.values import Issue, counted
 
 LASER_SCAN, MULTI_ECHO = "sensor_msgs/LaserScan", "sensor_msgs/MultiEchoLaserScan"
 

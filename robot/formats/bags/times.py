@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from moteslam.errors import InputError
 from moteslam.robot.formats.bags.bag import SECOND, Table
 from moteslam.robot.formats.stamps import MAX_DROPPED, Stamps, clock_cuts, stamp_order
-from moteslam.robot.issues import Issue
-from moteslam.robot.wording import counted
+from moteslam.robot.values import Issue, counted
 
 BACK = 1.0
 """A stamp further behind the latest before it [s], with all that follow, is of a clock that was set back: what waits

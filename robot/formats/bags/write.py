@@ -17,10 +17,9 @@ from moteslam.robot.files import umask
 from moteslam.robot.formats.bags.bag import full_name, store
 from moteslam.robot.formats.bags.events import Event, Values, events_of
 from moteslam.robot.formats.written import left_out, not_written, odometry_of
-from moteslam.robot.frames import has_images
-from moteslam.robot.issues import Issue
 from moteslam.robot.recording import Recording
-from moteslam.robot.wording import counted, expect_type
+from moteslam.robot.rgbd import has_images
+from moteslam.robot.values import Issue, counted, expect_type
 
 LATEST = 2.0**31
 """The end of what messages hold as a time [s]: the year 2038."""

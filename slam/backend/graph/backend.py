@@ -9,10 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.robot import se2
-from moteslam.robot.alignment import umeyama
-from moteslam.robot.issues import Issue
-from moteslam.robot.pose_graph import PoseGraph
-from moteslam.robot.wording import counted
+from moteslam.robot.se2 import umeyama
+from moteslam.robot.trajectory import PoseGraph
+from moteslam.robot.values import Issue, counted
 from moteslam.slam.backend.graph.chain import CONTRADICTED
 from moteslam.slam.backend.graph.config import GraphConfig
 from moteslam.slam.backend.graph.endpoints import Endpoints, cells_along, clearly_fewer, sharpness
@@ -23,7 +22,7 @@ from moteslam.slam.backend.graph.nodes import Nodes
 from moteslam.slam.backend.kinds import BackendKind
 from moteslam.slam.backend.ledger import LoopCandidate
 from moteslam.slam.backend.protocol import KeyScan
-from moteslam.slam.inputs.filling import between_known
+from moteslam.slam.inputs.odometry_path import between_known
 
 Array = NDArray[np.float64]
 

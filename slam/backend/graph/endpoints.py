@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.kernels.normals import scan_normals
-from moteslam.kernels.thinning import ThinnedScan
-from moteslam.robot.cell_counts import cell_counts
+from moteslam.kernels.scans import ThinnedScan
+from moteslam.robot.raster import cell_counts
 
 Array = NDArray[np.float64]
 

@@ -20,8 +20,7 @@ from moteslam.slam.backend.graph.endpoints import Endpoints
 from moteslam.slam.backend.graph.partners import choose_partners
 from moteslam.slam.backend.graph.pose_graph import relative_jacobians
 from moteslam.slam.backend.graph.sparse_blocks import BlockSystem
-from moteslam.slam.registration.degeneracy import least_informed
-from moteslam.slam.registration.registrar import FULL
+from moteslam.slam.registration.registrar import FULL, least_informed
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]

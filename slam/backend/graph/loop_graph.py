@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.robot import se2
-from moteslam.robot.pose_graph import PoseGraph
+from moteslam.robot.trajectory import PoseGraph
 from moteslam.slam.backend.graph.chain import Chain
 from moteslam.slam.backend.graph.config import GraphConfig
 from moteslam.slam.backend.graph.loop_search import Loop

@@ -7,12 +7,12 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from moteslam.kernels.thinning import ThinnedScan
+from moteslam.kernels.scans import ThinnedScan
 from moteslam.robot import se2
 from moteslam.slam.backend.graph.config import GraphConfig
 from moteslam.slam.backend.protocol import KeyScan
 from moteslam.slam.inputs.lapses import CLOSED, Open
-from moteslam.slam.inputs.thinning import thin
+from moteslam.slam.inputs.step import thin
 
 Array = NDArray[np.float64]
 

@@ -5,11 +5,11 @@ from typing import Literal
 import numpy as np
 
 from moteslam.robot import se2
-from moteslam.slam.config import SlamConfig
+from moteslam.slam.config import Method, SlamConfig
 from moteslam.slam.filter.history import History
-from moteslam.slam.filter.protocol import FilterDefaults, Step, StepResult
+from moteslam.slam.filter.protocol import FilterDefaults, StepResult
 from moteslam.slam.filter.weights import Weights
-from moteslam.slam.methods import Method
+from moteslam.slam.inputs.step import Step
 
 
 class ToyConfig(SlamConfig):

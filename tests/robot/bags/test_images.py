@@ -13,10 +13,9 @@ from numpy.typing import NDArray
 from moteslam import open_recording
 from moteslam.robot.formats.bags.events import Event, camera_transforms, image_events, transform, turned
 from moteslam.robot.formats.bags.write import write_mcap, write_rosbag1
-from moteslam.robot.frames import camera_frames, read_frame
-from moteslam.robot.kinect import HEIGHT, NO_DISPARITY, WIDTH, depth_of, disparity_of
 from moteslam.robot.platforms import UCSD
 from moteslam.robot.recording import OdometryStream, Recording, RgbdStream
+from moteslam.robot.rgbd import HEIGHT, NO_DISPARITY, WIDTH, camera_frames, depth_of, disparity_of, read_frame
 
 STAMPS = 1.6e9 + 0.1 * np.arange(4)
 

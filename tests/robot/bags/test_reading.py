@@ -14,8 +14,7 @@ from moteslam import open_recording
 from moteslam.errors import InputError
 from moteslam.robot.formats import format_of
 from moteslam.robot.formats.bags.events import Event, header
-from moteslam.robot.ranges import ChunkedRanges
-from moteslam.robot.recording import Recording
+from moteslam.robot.recording import ChunkedRanges, Recording
 
 
 def codes(recording: Recording) -> list[str]:

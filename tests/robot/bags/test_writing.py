@@ -17,10 +17,9 @@ from moteslam.robot import se2
 from moteslam.robot.formats.bags.events import twists
 from moteslam.robot.formats.bags.times import nanoseconds, seconds
 from moteslam.robot.formats.bags.write import write_mcap, write_rosbag1, write_rosbag2
-from moteslam.robot.platform import Platform
+from moteslam.robot.platform import LidarSpec, Platform
 from moteslam.robot.platforms import UCSD
 from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream, OdometryStream, Recording
-from moteslam.robot.specs import LidarSpec
 from moteslam.robot.wheel_odometry import wheel_path
 
 WRITERS = {"x.bag": write_rosbag1, "x.mcap": write_mcap, "x": write_rosbag2}

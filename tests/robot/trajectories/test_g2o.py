@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,9 +15,9 @@ from trajectory_cases import made
 
 from moteslam.errors import InputError, MoteslamWarning
 from moteslam.robot import se2
-from moteslam.robot.pose_graph import PoseGraph
 from moteslam.robot.trajectories import read_trajectory
 from moteslam.robot.trajectories.g2o import read_g2o, write_g2o
+from moteslam.robot.trajectory import PoseGraph
 
 INFORMATION = "1 0 0 1 0 1"
 
@@ -117,50 +118,49 @@ VERTEX = "VERTEX_SE2 0 0 0 0\nVERTEX_SE2 1 1 0 0\n"
 
 
 @pytest.mark.parametrize(
-    ("text", "message"),
+    ("text", "line"),
     [
-        ("", r"g\.g2o: no poses, expected g2o lines"),
-        ("FIX 0\n", r"g\.g2o: no poses"),
-        (VERTEX + "VERTEX_SE2 2 0 0\n", r":3: expected 1 id and 3 finite numbers after VERTEX_SE2"),
-        (VERTEX + "VERTEX_SE2 2 0 0 inf\n", r":3: expected 1 id and 3 finite numbers"),
-        (VERTEX + "VERTEX_SE2 -2 0 0 0\n", r":3: '-2', expected the id of a vertex"),
-        (VERTEX + f"VERTEX_SE2 {2**63} 0 0 0\n", r":3: '9223372036854775808', expected the id"),
-        (VERTEX + f"VERTEX_SE2 {'9' * 5000} 0 0 0\n", r":3: '9{39,40}', expected the id"),
-        (VERTEX + "VERTEX_SE2 1 0 0 0\n", r":3: vertex 1 stands twice"),
-        (VERTEX + "VERTEX_SE3:QUAT 2 0 0 0 0 0 0 0\n", r":3: quaternion of length 0"),
-        (VERTEX + "EDGE_SE2 0 1 0 0 0 1 0 0 1 0\n", r":3: expected 2 ids and 9 finite numbers after EDGE_SE2"),
-        (VERTEX + f"EDGE_SE2 0 0 0 0 0 {INFORMATION}\n", r":3: an edge from 0 to itself"),
-        (VERTEX + f"EDGE_SE2 0 5 0 0 0 {INFORMATION}\n", r":3: vertex 5 is not there"),
-        (VERTEX + "FIX 5\n", r":3: vertex 5 is not there"),
-        (VERTEX + "FIX a\n", r":3: 'a', expected the id"),
-        (VERTEX + "# STAMP 0 1\n", r"g\.g2o: vertex 1 has no stamp"),
-        (VERTEX + "# STAMP 0 1\n# STAMP 1 0\n", r":4: stamp before that of the vertex before"),
-        (VERTEX + "# STAMP 0\n", r":3: expected 1 id and 1 finite number after # STAMP"),
-        (VERTEX + "# STAMP 7 0\n", r":3: vertex 7 is not there"),
+        ("", None),
+        ("FIX 0\n", None),
+        (VERTEX + "VERTEX_SE2 2 0 0\n", 3),
+        (VERTEX + "VERTEX_SE2 2 0 0 inf\n", 3),
+        (VERTEX + "VERTEX_SE2 -2 0 0 0\n", 3),
+        (VERTEX + f"VERTEX_SE2 {2**63} 0 0 0\n", 3),
+        (VERTEX + f"VERTEX_SE2 {'9' * 5000} 0 0 0\n", 3),
+        (VERTEX + "VERTEX_SE2 1 0 0 0\n", 3),
+        (VERTEX + "VERTEX_SE3:QUAT 2 0 0 0 0 0 0 0\n", 3),
+        (VERTEX + "EDGE_SE2 0 1 0 0 0 1 0 0 1 0\n", 3),
+        (VERTEX + f"EDGE_SE2 0 0 0 0 0 {INFORMATION}\n", 3),
+        (VERTEX + f"EDGE_SE2 0 5 0 0 0 {INFORMATION}\n", 3),
+        (VERTEX + "FIX 5\n", 3),
+        (VERTEX + "FIX a\n", 3),
+        (VERTEX + "# STAMP 0 1\n", None),
+        (VERTEX + "# STAMP 0 1\n# STAMP 1 0\n", 4),
+        (VERTEX + "# STAMP 0\n", 3),
+        (VERTEX + "# STAMP 7 0\n", 3),
     ],
 )
-def test_bad_lines_are_told_with_their_number(tmp_path: Path, text: str, message: str) -> None:
+def test_bad_lines_are_told_with_their_number(tmp_path: Path, text: str, line: int | None) -> None:
     (tmp_path / "g.g2o").write_text(text)
-    with pytest.raises(InputError, match=message) as caught:
+    with pytest.raises(InputError) as caught:
         read_g2o(tmp_path / "g.g2o")
-    assert "\n" not in str(caught.value)
+    assert (caught.value.file, caught.value.line) == (str(tmp_path / "g.g2o"), line)
 
 
 @pytest.mark.parametrize(
-    ("changes", "message"),
+    "changes",
     [
-        ({"poses": np.zeros((5, 3))}, r"poses: \[5, 3\], expected \[6, 3\]"),
-        ({"ids": np.zeros(6)}, "ids: expected rising ids"),
-        ({"stamps": -np.arange(6.0)}, "stamps: stamps go back"),
-        ({"first": np.full(7, 6)}, "first: expected indices of 6 nodes"),
-        ({"second": np.r_[np.arange(5), 5, 0]}, "second: an edge from a node to itself"),
+        {"poses": np.zeros((5, 3))},
+        {"ids": np.zeros(6)},
+        {"stamps": -np.arange(6.0)},
+        {"first": np.full(7, 6)},
+        {"second": np.r_[np.arange(5), 5, 0]},
     ],
 )
-def test_a_graph_that_is_none_is_refused(changes: dict[str, Any], message: str) -> None:
-    graph = a_graph(0)
-    names = ("ids", "poses", "first", "second", "relative", "information", "stamps", "fixed")
-    with pytest.raises(InputError, match=message):
-        PoseGraph(**{**{name: getattr(graph, name) for name in names}, **changes})
+def test_a_graph_that_is_none_is_refused(changes: dict[str, Any]) -> None:
+    with pytest.raises(InputError) as caught:
+        replace(a_graph(0), **changes)
+    assert [caught.value.field] == list(changes)
 
 
 def test_a_trajectory_as_a_graph_has_no_edges(tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from moteslam.errors import ConfigError
-from moteslam.robot.kinematics import wheel_motion
+from moteslam.robot.wheel_odometry import wheel_motion
 from moteslam.sim.robot.drive import Drive
 from moteslam.sim.scenario import Scenario, parse_scenario
 from moteslam.sim.simulate import drive_scenario, simulate

@@ -13,8 +13,8 @@ from ucsd_robot import CAMERA, KINECT
 
 from moteslam.errors import OutputError
 from moteslam.robot.formats import open_recording
-from moteslam.robot.frames import camera_frames
-from moteslam.robot.specs import CameraSettings
+from moteslam.robot.platform import CameraSettings
+from moteslam.robot.rgbd import camera_frames
 from moteslam.sim.actors.actors import Tracks
 from moteslam.sim.output import write_simulation
 from moteslam.sim.robot.drive import Drive

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from moteslam.robot import cell_counts, se2
+from moteslam.robot import raster, se2
 from moteslam.slam.backend.graph import backend
 from moteslam.slam.backend.graph.backend import contradictions, laid_over, sharpest
 from moteslam.slam.backend.graph.config import GraphConfig
@@ -200,7 +200,7 @@ def test_cells_are_counted_alike_on_a_grid_and_by_sorting(monkeypatch: pytest.Mo
     scans = Endpoints(points, points, np.arange(0, 401, 100, dtype=np.int32), owners)
     poses = rng.uniform(-20, 20, (4, 3))
     counted = sharpness(scans, poses)
-    monkeypatch.setattr(cell_counts, "LARGEST_GRID", 0)
+    monkeypatch.setattr(raster, "LARGEST_GRID", 0)
     assert sharpness(scans, poses) == counted
     assert 300 < counted <= 400
     assert sharpness(scans, poses[[0, 0, 0, 0]]) <= 400

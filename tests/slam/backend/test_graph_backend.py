@@ -11,7 +11,7 @@ from moteslam.eval.metrics.loops import score_loops
 from moteslam.eval.metrics.relations import evaluate_relations, read_relations
 from moteslam.robot import se2
 from moteslam.robot.formats import open_recording
-from moteslam.robot.trajectories.tum import read_tum
+from moteslam.robot.trajectories.text import read_tum
 from moteslam.robot.trajectory import Trajectory
 from moteslam.sim.scenario import load_scenario
 from moteslam.sim.simulate import simulate

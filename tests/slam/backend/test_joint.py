@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from moteslam.kernels.thinning import ThinnedScan
+from moteslam.kernels.scans import ThinnedScan
 from moteslam.robot import se2
 from moteslam.slam.backend.graph.chain import Chain
 from moteslam.slam.backend.graph.config import GraphConfig
@@ -18,7 +18,7 @@ from moteslam.slam.backend.graph.loop_search import LoopSearch
 from moteslam.slam.backend.graph.nodes import Nodes
 from moteslam.slam.backend.graph.submaps import Submaps
 from moteslam.slam.backend.protocol import KeyScan
-from moteslam.slam.inputs.thinning import thin
+from moteslam.slam.inputs.step import thin
 from moteslam.slam.registration.config import RegistrationConfig
 
 pytestmark = pytest.mark.usefixtures("taichi")

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from moteslam.kernels.thinning import ThinnedScan
+from moteslam.kernels.scans import ThinnedScan
 from moteslam.robot import se2
 from moteslam.slam.backend.graph import step_registration
 from moteslam.slam.backend.graph.config import GraphConfig
 from moteslam.slam.backend.graph.step_registration import GATE, Prediction, StepRegistration
-from moteslam.slam.inputs.thinning import thin
+from moteslam.slam.inputs.step import thin
 from moteslam.slam.registration.registrar import Registration
 
 pytestmark = pytest.mark.usefixtures("taichi")

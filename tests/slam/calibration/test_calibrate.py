@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from moteslam.robot.ranges import ChunkedRanges
-from moteslam.robot.recording import OdometryStream, Recording
+from moteslam.robot.recording import ChunkedRanges, OdometryStream, Recording
 from moteslam.sim.scenario import load_scenario
 from moteslam.sim.simulate import simulate
 from moteslam.slam.calibration.calibrate import Calibration, calibrate

@@ -23,7 +23,7 @@ class Drive:
         states = []
         for _ in range(round(distance / STEP)):
             self.x += -STEP if back else STEP
-            self.misfit.look(STEP, score)
+            self.misfit.observe(STEP, score)
             self.misfit.update((self.x, 0.0, 0.0))
             states.append(self.misfit.state)
         return states
@@ -85,12 +85,12 @@ def test_scans_that_are_left_out_do_not_lower_the_bar():
     """A robot that stands in a crowd: the same low score is a misfit every time."""
     misfit = Misfit()
     for _ in range(10):
-        misfit.look(0.1, 1.0)
+        misfit.observe(0.1, 1.0)
     for _ in range(50):
-        misfit.look(0.1, -0.1, left_out=True)
+        misfit.observe(0.1, -0.1, left_out=True)
     assert misfit.state is LOST
-    misfit.look(0.1, 1.0)
-    misfit.look(0.1, 1.0 - 1.1 * DOUBTFUL_BELOW)
+    misfit.observe(0.1, 1.0)
+    misfit.observe(0.1, 1.0 - 1.1 * DOUBTFUL_BELOW)
     assert misfit.state is LOST
 
 
@@ -115,17 +115,17 @@ def test_whether_anything_around_is_from_before_is_seen_at_every_place_as_by_loo
     for revised in (False, True):
         misfit = Misfit()
         for x, y in path[:40].tolist():
-            misfit.look(STEP, 1.0)
+            misfit.observe(STEP, 1.0)
             misfit.update((x, y, 0.0))
         before, driven, states = path[:40], 0.0, []
-        misfit.look(STEP, 1.0 - 1.1 * LOST_BELOW)
+        misfit.observe(STEP, 1.0 - 1.1 * LOST_BELOW)
         for k, (x, y) in enumerate(path[40:].tolist(), start=41):
             if revised and k == 100:
                 before = before + np.array((6.0, 0.0))
                 moved = np.zeros((k - 1, 3))
                 moved[:40, :2], moved[40:, :2] = before, path[40 : k - 1]
                 misfit.revise(moved)
-            misfit.look(STEP, 0.85)
+            misfit.observe(STEP, 0.85)
             driven += STEP
             misfit.update((x, y, 0.0))
             near = (np.hypot(*(before - (x, y)).T) <= NEIGHBOURHOOD).any()

@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from moteslam.robot import se2
-from moteslam.robot.platform import Platform
+from moteslam.robot.platform import LidarSpec, Platform
 from moteslam.robot.recording import LidarStream, OdometryStream, Recording
-from moteslam.robot.specs import LidarSpec
-from moteslam.slam.inputs import thinning
+from moteslam.slam.inputs import step as thinning
 from moteslam.slam.inputs.config import SyncConfig, ThinningConfig
 from moteslam.slam.inputs.synchronise import synchronise
 

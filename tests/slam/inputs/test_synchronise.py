@@ -14,8 +14,7 @@ from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream, Odom
 from moteslam.slam.inputs.config import SyncConfig
 from moteslam.slam.inputs.odometry_path import low_pass
 from moteslam.slam.inputs.step import steps
-from moteslam.slam.inputs.synchronise import synchronise
-from moteslam.slam.inputs.warnings import warnings
+from moteslam.slam.inputs.synchronise import synchronise, warnings
 from moteslam.slam.odometry.dead_reckoning import dead_reckon
 from moteslam.slam.settings import load_preset
 

@@ -7,9 +7,8 @@ import pytest
 
 from moteslam.errors import InputError
 from moteslam.robot import se2
-from moteslam.robot.platform import Platform
+from moteslam.robot.platform import LidarSpec, Platform
 from moteslam.robot.recording import LidarStream, OdometryStream, Recording
-from moteslam.robot.specs import LidarSpec
 from moteslam.slam.inputs.synchronise import synchronise
 from moteslam.slam.mapping.config import MapConfig
 from moteslam.slam.mapping.occupancy import CHUNK, UNIT, OccupancyGrid, draw_map

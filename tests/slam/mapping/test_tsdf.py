@@ -8,7 +8,7 @@ from slam_rooms import circled_room
 from tile_pools import room_scan, thinned
 
 from moteslam.errors import InputError
-from moteslam.kernels.thinning import ThinnedScan
+from moteslam.kernels.scans import ThinnedScan
 from moteslam.kernels.tile_store import DeviceTileStore, TileStore
 from moteslam.kernels.tiles import CELLS, FINE_CELLS, SIDE
 from moteslam.slam.mapping import tsdf

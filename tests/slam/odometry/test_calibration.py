@@ -7,8 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from moteslam.robot import se2
-from moteslam.slam.odometry.calibration import OdometryCalibration
-from moteslam.slam.odometry.config import CalibrationConfig
+from moteslam.slam.odometry.calibration import CalibrationConfig, OdometryCalibration
 
 Array = NDArray[np.float64]
 SURE = np.diag([1e6, 1e6, 1e6])

@@ -13,10 +13,9 @@ from moteslam.slam.mapping.config import TsdfConfig
 from moteslam.slam.mapping.tsdf import TsdfMaps, TsdfView
 from moteslam.slam.registration import localisation
 from moteslam.slam.registration.config import RegistrationConfig, TrackingConfig
-from moteslam.slam.registration.degeneracy import keep_odometry, least_informed
 from moteslam.slam.registration.evidence import SLIP, against, nats_for, proved
 from moteslam.slam.registration.localisation import Localiser, match_score
-from moteslam.slam.registration.registrar import Registration, register
+from moteslam.slam.registration.registrar import Registration, keep_odometry, least_informed, register
 from moteslam.slam.registration.search import Window, candidates
 
 Array = NDArray[np.float64]

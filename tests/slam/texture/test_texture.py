@@ -13,8 +13,8 @@ from parts.visibility import seen_cells
 
 from moteslam.errors import InputError
 from moteslam.robot.formats import open_recording
-from moteslam.robot.frames import camera_frames
 from moteslam.robot.recording import Recording
+from moteslam.robot.rgbd import camera_frames
 from moteslam.robot.trajectory import Trajectory
 from moteslam.sim.output import write_simulation
 from moteslam.sim.scenario import parse_scenario
@@ -23,8 +23,7 @@ from moteslam.sim.world.floor import rasterise
 from moteslam.slam.run import run_slam
 from moteslam.slam.settings import resolve_config
 from moteslam.slam.texture.config import TextureConfig
-from moteslam.slam.texture.floor_map import TextureMap, TextureMapper, can_map, map_texture
-from moteslam.slam.texture.patches import colour_errors, floor_patch
+from moteslam.slam.texture.floor_map import TextureMap, TextureMapper, can_map, colour_errors, floor_patch, map_texture
 
 
 @pytest.fixture(scope="module")

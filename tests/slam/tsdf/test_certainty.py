@@ -22,12 +22,12 @@ from moteslam.slam.registration.config import RegistrationConfig
 from moteslam.slam.registration.registrar import prior_spread
 from moteslam.slam.run import SlamSession, run_slam
 from moteslam.slam.settings import resolve_config
-from moteslam.slam.tsdf.doubt import Seen
+from moteslam.slam.tsdf.doubt import ScanFit
 from moteslam.slam.tsdf.motion import STILL, step_motion
 from moteslam.slam.tsdf.pose_covariance import CORRELATION, Fit, PoseCovariance
 
 SURE, DOUBTFUL, LOST = LocalisationState
-FITS = Seen(1.0, 200.0, 180.0, 0.0, 0.0)
+FITS = ScanFit(1.0, 200.0, 180.0, 0.0, 0.0)
 METHODS = {"default": ["particles=5"], "paper": ["particles=30"]}
 
 

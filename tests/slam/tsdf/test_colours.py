@@ -11,7 +11,6 @@ import pytest
 from issues import messages
 from slam_cameras import tiled_room, with_images
 
-from moteslam.errors import ConfigError
 from moteslam.eval.metrics.ate import absolute_trajectory_error
 from moteslam.robot import se2
 from moteslam.robot.recording import Recording, RgbdStream
@@ -25,7 +24,7 @@ from moteslam.slam.settings import load_preset, preset_names, resolve_config
 from moteslam.slam.texture.config import TextureConfig
 from moteslam.slam.tsdf import filter as tsdf_filter
 from moteslam.slam.tsdf.config import ColourConfig, TsdfFilterConfig
-from moteslam.slam.tsdf.floor_tracker import FloorTracker
+from moteslam.slam.tsdf.floor import FloorTracker
 from moteslam.slam.tsdf.proposal import Proposal
 
 pytestmark = pytest.mark.usefixtures("taichi")
@@ -281,11 +280,6 @@ def test_late_frames_are_not_used(room: tuple[Simulation, Recording], without: E
     done = run_slam(recording.replace(rgbd=late), CONFIG, seed=3)
     assert any("colours: no new frame at" in line for line in messages(done.warnings))
     assert same(done, without)
-
-
-def test_the_papers_filter_does_not_know_them() -> None:
-    with pytest.raises(ConfigError, match=r'colours: no key of method "paper", expected method "tsdf" with it'):
-        resolve_config("paper", ["colours.enabled=true"])
 
 
 @pytest.mark.slow

@@ -7,31 +7,31 @@ import pytest
 
 from moteslam.slam.filter.certainty import LocalisationState
 from moteslam.slam.filter.misfit import LEAST_SPREAD, LOST_DROP
-from moteslam.slam.tsdf.doubt import APART, PRIOR, Doubt, Seen
+from moteslam.slam.tsdf.doubt import APART, PRIOR, Doubt, ScanFit
 
 SURE, DOUBTFUL, LOST = LocalisationState
 LOW = 1.0 - 1.2 * LOST_DROP * LEAST_SPREAD
-FITS = Seen(1.0, 200.0, 180.0, 0.0, 0.0)
-ELSEWHERE = Seen(LOW, 200.0, 150.0, 25.0, 10.0)
+FITS = ScanFit(1.0, 200.0, 180.0, 0.0, 0.0)
+ELSEWHERE = ScanFit(LOW, 200.0, 150.0, 25.0, 10.0)
 """A sixth of the known endpoints far from the surface."""
-BENT = Seen(LOW, 200.0, 180.0, 0.0, 0.0)
+BENT = ScanFit(LOW, 200.0, 180.0, 0.0, 0.0)
 """As low a score, but no endpoint far from the surface."""
 
 
-def watched(*scans: Seen | None, driven: float = 0.1, calm: int = 100) -> list[float]:
+def watched(*scans: ScanFit | None, driven: float = 0.1, calm: int = 100) -> list[float]:
     """The probability after each scan, of a robot that drove through a known place before."""
     doubt, found = Doubt(), []
     for seen in [*([FITS] * calm), *scans]:
-        doubt.look(driven, seen)
+        doubt.observe(driven, seen)
         found.append(doubt.probability)
     assert max(found[:calm]) == pytest.approx(1 / (1 + np.exp(-PRIOR)))
     return found[calm:]
 
 
-def states(*scans: Seen | None, driven: float = 0.1) -> list[LocalisationState]:
+def states(*scans: ScanFit | None, driven: float = 0.1) -> list[LocalisationState]:
     doubt, found = Doubt(), []
     for seen in [*([FITS] * 100), *scans]:
-        doubt.look(driven, seen)
+        doubt.observe(driven, seen)
         found.append(doubt.state)
     return found[100:]
 
@@ -65,8 +65,8 @@ def test_rays_through_surfaces_count_with_a_drop_of_the_score_and_beyond_what_is
     assert watched(FITS._replace(crossed=190.0))[0] == watched(FITS)[0]
     doubt = Doubt()
     for _ in range(1000):
-        doubt.look(0.1, FITS._replace(crossed=40.0))
-    doubt.look(0.1, hidden)
+        doubt.observe(0.1, FITS._replace(crossed=40.0))
+    doubt.observe(0.1, hidden)
     assert doubt.probability < watched(hidden)[0]
 
 
@@ -79,9 +79,9 @@ def test_where_many_endpoints_are_far_from_the_surface_that_is_usual():
     crowd = FITS._replace(far=12.0)
     doubt = Doubt()
     for _ in range(300):
-        doubt.look(0.1, crowd)
+        doubt.observe(0.1, crowd)
         assert doubt.state is SURE
-    doubt.look(0.1, ELSEWHERE._replace(far=12.0))
+    doubt.observe(0.1, ELSEWHERE._replace(far=12.0))
     assert doubt.probability < watched(ELSEWHERE._replace(far=12.0))[0]
 
 
@@ -100,10 +100,10 @@ def test_a_robot_that_was_carried_is_found_where_scans_fit_as_usual_and_else_is_
     for seen, state in ((FITS, SURE), (FITS._replace(score=0.9), LOST), (FITS._replace(known=100.0), LOST)):
         doubt = Doubt()
         for _ in range(100):
-            doubt.look(0.1, FITS)
-        doubt.look(0.0, seen, carried=True)
+            doubt.observe(0.1, FITS)
+        doubt.observe(0.0, seen, carried=True)
         assert doubt.state is DOUBTFUL
         for _ in range(12):
-            doubt.look(0.1, seen)
+            doubt.observe(0.1, seen)
         assert doubt.state is state
         assert doubt.carried is (state is LOST)

@@ -8,16 +8,23 @@ from typing import Any
 import numpy as np
 import pytest
 from slam_rooms import circled_room
+from tile_pools import ROOM, room_scan, thinned
 
 from moteslam.robot import se2
+from moteslam.slam.filter.update_policy import Travelled
 from moteslam.slam.inputs.step import steps
 from moteslam.slam.inputs.synchronise import synchronise
+from moteslam.slam.mapping.config import TsdfConfig
+from moteslam.slam.registration.config import RegistrationConfig, TrackingConfig
+from moteslam.slam.registration.registrar import prior_spread
 from moteslam.slam.run import run_slam
 from moteslam.slam.settings import resolve_config
 from moteslam.slam.tsdf import filter as tsdf_filter
-from moteslam.slam.tsdf.config import TsdfFilterConfig
+from moteslam.slam.tsdf.config import ProposalConfig, TsdfFilterConfig
 from moteslam.slam.tsdf.filter import TsdfFilter
-from moteslam.slam.tsdf.proposal import Proposal
+from moteslam.slam.tsdf.motion import MotionSinceUpdate
+from moteslam.slam.tsdf.particles import Particles
+from moteslam.slam.tsdf.proposal import Proposal, propose
 
 pytestmark = pytest.mark.usefixtures("taichi")
 
@@ -82,3 +89,67 @@ def test_where_the_scans_stop_the_odometry_is_followed_as_it_was_calibrated():
     uncalibrated = turned_too_far("calibration.enabled=false")
     assert uncalibrated == pytest.approx(0.03 * 40 * 2 * np.pi / 60, abs=0.01)
     assert abs(turned_too_far()) < uncalibrated / 4
+
+
+REGISTRATION = RegistrationConfig()
+SINCE = MotionSinceUpdate(travelled=Travelled(distance=0.1, rotation=0.0))
+DRIFT = prior_spread(REGISTRATION, 0.1, 0.0)
+SCAN = room_scan()
+"""From the middle of a room of 8 x 6 m."""
+
+
+def mapped(points: np.ndarray, poses: np.ndarray) -> Particles:
+    """Particles at poses [N, 3], all with one map: a scan of these points from the middle."""
+    particles = Particles(len(poses), TsdfConfig())
+    particles.start(thinned(points))
+    particles.move_to(poses)
+    return particles
+
+
+def second_knows_more(points: np.ndarray, more: np.ndarray) -> Particles:
+    """Two particles in the middle, with these points in their maps; in that of the second there are more."""
+    particles = mapped(points, np.zeros((2, 3)))
+    elsewhere = np.array([(30.0, 0.0, 0.0), (0.0, 0.0, 0.0)])
+    for _ in range(8):  # until the map is sure of it
+        particles.maps.integrate(elsewhere, thinned(more))
+    return particles
+
+
+def proposed(particles: Particles, **options: float) -> Proposal:
+    """The scan of the room, registered and weighed."""
+    config = ProposalConfig(**options)  # type: ignore[arg-type]
+    return propose(particles, SINCE, thinned(SCAN), np.zeros(2), config, REGISTRATION, TrackingConfig(), measured=True)
+
+
+@pytest.mark.parametrize("cost", [0.0, 1.0, 4.0])
+def test_a_ray_through_a_wall_of_the_map_counts_with_its_cost(cost: float):
+    # at 0.6 of the way to the right wall, one of the places where the registration looks along a ray
+    wall = np.array([(2.4, y) for y in np.linspace(-1.5, 1.5, 151)])
+    behind = (SCAN[:, 0] > 0) & (np.abs(SCAN[:, 1] / SCAN[:, 0]) < 1.5 / 2.4)
+    proposal = proposed(second_knows_more(SCAN, wall), crossing_cost=cost)
+    np.testing.assert_allclose(proposal.means, 0.0, atol=2e-3)
+    free, blocked = proposal.log_likelihood
+    assert behind.sum() > 50
+    assert free - blocked == pytest.approx(ProposalConfig().evidence_share * cost * behind.sum(), rel=0.1, abs=1e-3)
+
+
+def test_an_endpoint_where_the_map_is_unknown_counts_with_its_share_of_its_cost():
+    right = SCAN[:, 0] > ROOM[0] / 2 - 0.01
+    proposal = proposed(second_knows_more(SCAN[~right], SCAN[right]))
+    np.testing.assert_allclose(proposal.means, 0.0, atol=2e-3)
+    unknown, known = proposal.log_likelihood
+    expected = ProposalConfig().evidence_share * REGISTRATION.unknown_cost * right.sum()
+    assert known - unknown == pytest.approx(expected, rel=0.1)
+
+
+def test_a_particle_weighs_less_the_farther_its_scan_fits_from_where_the_odometry_put_it():
+    """All fit the same place of the same map; their odometry tells them apart, by a Gaussian within the gate."""
+    off = np.array([0.0, 0.01, 0.02, 0.03])
+    particles = mapped(SCAN, np.column_stack((off, -off, off / 2)))
+    proposal = proposed(particles)
+    np.testing.assert_allclose(proposal.means, 0.0, atol=2e-3)
+    assert (np.diff(proposal.log_likelihood) < -0.2).all()
+    odometry = -np.square(proposal.offsets / DRIFT).sum(axis=1) / 2
+    assert odometry[-1] < -4
+    without_endpoints = proposed(particles, evidence_share=1e-9).log_likelihood
+    np.testing.assert_allclose(without_endpoints, odometry, rtol=1e-3, atol=1e-3)

@@ -16,16 +16,15 @@ from moteslam.slam.filter.update_policy import Travelled
 from moteslam.slam.filter.weights import Weights
 from moteslam.slam.inputs.step import Step
 from moteslam.slam.mapping.config import TsdfConfig
-from moteslam.slam.odometry.config import CalibrationConfig
+from moteslam.slam.odometry.calibration import CalibrationConfig
 from moteslam.slam.registration.config import RegistrationConfig, TrackingConfig
 from moteslam.slam.registration.localisation import Localiser, Located, Rivals
 from moteslam.slam.run import SlamSession
 from moteslam.slam.settings import resolve_config
 from moteslam.slam.tsdf.config import ProposalConfig, TsdfFilterConfig
 from moteslam.slam.tsdf.filter import TsdfFilter
-from moteslam.slam.tsdf.hypotheses import divide, join, settled
 from moteslam.slam.tsdf.motion import MotionSinceUpdate
-from moteslam.slam.tsdf.particles import Particles
+from moteslam.slam.tsdf.particles import Particles, divide, join, settled
 from moteslam.slam.tsdf.proposal import propose
 from moteslam.slam.tsdf.tracking import Tracker
 
@@ -261,3 +260,19 @@ def test_an_estimate_while_key_scans_wait_has_all_poses(monkeypatch: pytest.Monk
             final = session.estimate().trajectory_final
     assert len(final) == 51
     np.testing.assert_allclose(final.poses[-1], session.estimate().trajectory_final.poses[50], atol=0.02)
+
+
+def test_paths_follow_the_parents_that_resampling_chose():
+    particles = Particles(3, TsdfConfig())
+    particles.start(thinned(room_scan()))
+    first, second = np.array([(1.0, 0, 0), (2.0, 0, 0), (3.0, 0, 0)]), np.array([(4.0, 0, 0), (5.0, 0, 0), (6.0, 0, 0)])
+    particles.move_to(first)
+    particles.weights = Weights(np.log([0.1, 0.3, 0.6]))
+    particles.resample(np.array([1, 2, 2]))
+    np.testing.assert_array_equal(particles.poses, first[[1, 2, 2]])
+    np.testing.assert_allclose(particles.weights.values, 1 / 3)
+    assert particles.best in (1, 2)  # both descend from the heaviest
+    particles.move_to(second)
+    np.testing.assert_array_equal(
+        particles.history.paths(np.arange(3))[..., 0], [(0.0, 2.0, 4.0), (0.0, 3.0, 5.0), (0.0, 3.0, 6.0)]
+    )

@@ -116,7 +116,7 @@ def test_a_robot_that_has_drifted_is_found_near_where_it_was_tracked_to(carried:
     found = []
     for x in np.arange(-2, 2.1, 0.4):
         true = np.array((x, 0.3, 0.0))
-        frame = looking.look(np.asarray(se2.compose(drift, true)), room_scan(true))
+        frame = looking.search(np.asarray(se2.compose(drift, true)), room_scan(true))
         if frame is not None:
             found.append((x, np.asarray(se2.compose(frame, drift))))
     assert bool(found) == known

@@ -7,9 +7,9 @@ import pytest
 from numpy.typing import NDArray
 
 from moteslam.errors import InputError
-from moteslam.kernels.projection import project_scans
+from moteslam.kernels.scans import project_scans
+from moteslam.robot.platform import LidarSpec
 from moteslam.robot.recording import LidarStream
-from moteslam.robot.specs import LidarSpec
 from moteslam.slam.inputs.scans import Scans
 
 BEAMS, SCANS = 181, 70
@@ -55,15 +55,9 @@ def test_nothing_is_projected_of_nothing() -> None:
 @pytest.mark.parametrize(
     ("change", "field"),
     [
-        ({"ranges": np.ones(4, np.float32)}, "ranges"),
-        ({"ranges": np.ones((2, 4))}, "ranges"),
         ({"directions": np.ones((3, 2))}, "directions"),
-        ({"directions": np.full((4, 2), np.nan)}, "directions"),
-        ({"origin": (0, 0, 0)}, "origin"),
         ({"sweeps": np.zeros((3, 3))}, "sweeps"),
-        ({"sweeps": np.full((2, 3), np.inf)}, "sweeps"),
         ({"max_range": 0.0}, "max_range"),
-        ({"max_range": np.nan}, "max_range"),
     ],
 )
 def test_bad_input_of_projection(change: dict[str, object], field: str) -> None:

@@ -12,7 +12,8 @@ map that took in what is compared with it would follow its own errors. Older one
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -21,9 +22,18 @@ from numpy.typing import NDArray
 from moteslam.robot import se2
 from moteslam.slam.inputs.floor_views import FloorView
 from moteslam.slam.texture.config import TextureConfig
-from moteslam.slam.texture.floor_map import TextureMap, TextureMapper
-from moteslam.slam.texture.patches import FloorPatch, colour_errors, floor_patch, packed_map
+from moteslam.slam.texture.floor_map import (
+    FloorPatch,
+    TextureMap,
+    TextureMapper,
+    colour_errors,
+    floor_patch,
+    packed_map,
+)
 from moteslam.slam.tsdf.config import ColourConfig
+from moteslam.slam.tsdf.motion import MotionSinceUpdate
+from moteslam.slam.tsdf.particles import Particles
+from moteslam.slam.tsdf.proposal import Proposal
 
 Array = NDArray[np.float64]
 FLAT = 1e-6
@@ -66,12 +76,7 @@ class _FloorMap:
 
 
 class FloorTracker:
-    """Compares frames with maps of the floor.
-
-    Args:
-        config: of the colours.
-        texture: height limit of what counts as floor.
-    """
+    """Compares frames with maps of the floor."""
 
     def __init__(self, config: ColourConfig, texture: TextureConfig) -> None:
         self._config = config
@@ -82,12 +87,10 @@ class FloorTracker:
         """Where the floor puts the particles.
 
         Args:
-            view: the frame.
             poses: [N, 3] where the lidar puts them, at the scan.
-            best: the particle around whose motion is searched.
 
         Returns:
-            None where the frame does not lie on known floor, where it fits nowhere within reach, or where it looks the
+            None if the frame does not lie on known floor, where it fits nowhere within reach, or where it looks the
             same everywhere.
         """
         if not self._maps:
@@ -109,9 +112,7 @@ class FloorTracker:
         """Write a frame into the newest map along the best particle's motion, or begin the next with it.
 
         Args:
-            view: the frame.
             poses: [N, 3] of the particles at the scan.
-            best: that particle.
             travelled: since the frame before [m].
         """
         if self._maps:
@@ -185,3 +186,62 @@ def _peak(shifts: Array, values: Array) -> tuple[Array, Array] | None:
     if np.linalg.eigvalsh(information)[0] <= FLAT:
         return None
     return np.linalg.solve(information, np.array((gx, gy))), information
+
+
+class FloorLikelihood:
+    """Weighs particles by camera frames of the floor; without frames it changes nothing.
+
+    Args:
+        information_share: share of the endpoints' information that counts beside that of the floor.
+    """
+
+    def __init__(self, config: ColourConfig, texture: TextureConfig, information_share: float) -> None:
+        self._config = config
+        self._tracker = FloorTracker(config, texture)
+        self._information_share = information_share
+        self._view: FloorView | None = None  # the frame of this update
+        self._since_frame = 0.0  # distance since the last frame [m]
+
+    def read_frame(self, read: Callable[[float], FloorView | None] | None) -> None:
+        """Read the newest frame for this update, if the run uses the camera."""
+        self._view = None if read is None else read(self._config.largest_age)
+
+    def refine(self, proposal: Proposal, since: MotionSinceUpdate, best: int) -> Proposal | None:
+        """The proposal multiplied by what the floor measures of each particle's position.
+
+        Lidar and odometry put a particle at a Gaussian of information A, the floor at another one, of information B,
+        at an offset d: the mean of the product lies (A + B)^-1 B d away, and its integral, which is the particle's
+        likelihood, falls with d^T (B - B (A + B)^-1 B) d / 2.
+
+        Returns:
+            None without a frame, or if it measures nothing.
+        """
+        if self._view is None or not proposal.registered:
+            return None
+        registered = se2.compose(since.odometry, proposal.offsets[best])
+        self._view = self._view.corrected(np.array(since.wheels), registered, since.travelled.elapsed)
+        fit = self._tracker.fit(self._view, proposal.means, best)
+        if fit is None:
+            return None
+        lidar = proposal.precision(self._information_share)
+        gain = np.linalg.solve(lidar + fit.information, np.broadcast_to(fit.information, lidar.shape))
+        inside = fit.information - fit.information @ gain
+        off = fit.offsets
+        return replace(
+            proposal,
+            offsets=se2.compose(proposal.offsets, np.einsum("nij,nj->ni", gain, off)),
+            information=proposal.information + fit.information / self._information_share,
+            position_share=1.0,  # the floor tells particles apart where the lidar does not
+            log_likelihood=-0.5 * np.einsum("ni,nij,nj->n", off, inside, off),
+        )
+
+    def integrate(self, particles: Particles, since: MotionSinceUpdate) -> None:
+        """Write the frame of this update into the newest map of the floor, seen from the best particle."""
+        self._since_frame += since.travelled.distance
+        if self._view is not None:
+            self._tracker.add(self._view, particles.poses, particles.best, self._since_frame)
+            self._since_frame = 0.0
+
+    def resample(self, parents: NDArray[np.int64]) -> None:
+        """Particles [M] survive as the children of these."""
+        self._tracker.resample(parents)

@@ -1,24 +1,105 @@
-"""The frames of an RGB-D stream: a disparity image with the colour image nearest to it, decoded as they are needed."""
+"""The RGB-D camera: the geometry of the UCSD robot's Kinect, and the frames of a stream, decoded as they are needed.
+
+Optical axes: x right, y down, z forward; pixels (column i, row j) of images 480 high and 640 wide. The depth camera
+has the intrinsics (``FOCAL``, ``CENTRE``); a depth pixel whose disparity is known belongs to one pixel of the colour
+image, by the published calibration
+
+    dd = -0.00304 d + 3.31,  depth = 1.03 / dd,
+    rgb_i = (526.37 i - 4.5 * 1750.46 dd + 19276) / 585.051,  rgb_j = (526.37 j + 16662) / 585.051.
+
+Put into metres that is itself a pinhole camera (``RGB_FOCAL``, ``RGB_CENTRE``), 26 mm to the right of the depth
+camera (``RGB_OFFSET``): what the simulator draws and what the texture mapping undoes are one and the same geometry.
+"""
 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass, field
-from pathlib import Path
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.errors import InputError
-from moteslam.robot.issues import Issue
-from moteslam.robot.processors import processor_count
-from moteslam.robot.recording import RgbdStream
-from moteslam.robot.stamps import nearest_stamp
-from moteslam.robot.summary import Summarised
-from moteslam.robot.wording import counted
+from moteslam.robot.platform import CameraSpec
+from moteslam.robot.recording import RgbdStream, nearest_stamp
+from moteslam.robot.values import Issue, Summarised, counted, processor_count
+
+HEIGHT, WIDTH = 480, 640
+"""Rows and columns of both images."""
+
+FOCAL = 585.05108211
+"""Of the depth camera, in both directions [pixels]."""
+
+CENTRE = (315.83800193, 242.94140713)
+"""Principal point of the depth camera: column, row. Several public copies swap them, which turns the floor by 7 deg."""
+
+DISPARITY_SLOPE, DISPARITY_OFFSET = -0.00304, 3.31
+"""dd = slope * d + offset."""
+
+DEPTH_SCALE = 1.03
+"""depth = scale / dd [m]."""
+
+NO_DISPARITY = 2047
+"""The raw disparity of a pixel that saw nothing: all eleven bits."""
+
+ALIGN_SCALE, ALIGN_DIVISOR = 526.37, 585.051
+ALIGN_DISPARITY = 4.5 * 1750.46
+ALIGN_COLUMN, ALIGN_ROW = 19276.0, 16662.0
+
+RGB_FOCAL = ALIGN_SCALE / ALIGN_DIVISOR * FOCAL
+RGB_CENTRE = (
+    (ALIGN_SCALE * CENTRE[0] + ALIGN_COLUMN) / ALIGN_DIVISOR,
+    (ALIGN_SCALE * CENTRE[1] + ALIGN_ROW) / ALIGN_DIVISOR,
+)
+RGB_OFFSET = ALIGN_DISPARITY * DEPTH_SCALE / ALIGN_DIVISOR / RGB_FOCAL
+"""How far the colour camera stands to the right of the depth camera, along its x axis [m]."""
+
+OPTICAL_TO_BODY: NDArray[np.float64] = np.array(((0.0, 0.0, 1.0), (-1.0, 0.0, 0.0), (0.0, -1.0, 0.0)))
+"""Equation III.7 with the sign that makes it a rotation (the paper's has determinant -1)."""
+OPTICAL_TO_BODY.setflags(write=False)
+
+
+def depth_of(disparity: NDArray[np.uint16]) -> NDArray[np.float64]:
+    """Depths [m] of raw disparities of any shape; NaN where nothing was seen, or behind what can be."""
+    dd = DISPARITY_SLOPE * disparity.astype(np.float64) + DISPARITY_OFFSET
+    return np.where((disparity < NO_DISPARITY) & (dd > 0), DEPTH_SCALE / np.where(dd > 0, dd, 1.0), np.nan)
+
+
+def disparity_of(depth: NDArray[np.floating]) -> NDArray[np.uint16]:
+    """The nearest raw disparities of depths [m] of any shape: 2047 where a depth is not positive, or not finite."""
+    known = np.isfinite(depth) & (depth > 0)
+    raw = (DEPTH_SCALE / np.where(known, depth, 1.0).astype(np.float64) - DISPARITY_OFFSET) / DISPARITY_SLOPE
+    seen = known & (raw > -0.5) & (raw < NO_DISPARITY - 0.5)
+    return np.where(seen, np.rint(np.where(seen, raw, 0.0)), NO_DISPARITY).astype(np.uint16)
+
+
+def mount_of(rotation: NDArray[np.float64]) -> tuple[float, float, float]:
+    """Roll, pitch and yaw [rad] of the mount whose ``mount_rotation`` is a rotation [3, 3] from optical axes."""
+    from scipy.spatial.transform import Rotation
+
+    yaw, pitch, roll = Rotation.from_matrix(rotation @ OPTICAL_TO_BODY.T).as_euler("ZYX")
+    return float(roll), float(pitch), float(yaw)
+
+
+def mount_rotation(mount: CameraSpec) -> NDArray[np.float64]:
+    """The rotation [3, 3] from optical axes to the robot's: III.7, then roll, pitch and yaw of the mount.
+
+    They turn about the robot's x, y and z, so that a positive pitch looks down.
+    """
+    from scipy.spatial.transform import Rotation
+
+    turn = Rotation.from_euler("ZYX", (mount.yaw, mount.pitch, mount.roll))
+    return np.asarray(turn.as_matrix() @ OPTICAL_TO_BODY)
+
+
+def optical_rays(*, colour: bool) -> NDArray[np.float64]:
+    """Directions [480, 640, 3] of the pixels' centres in optical axes, with z = 1, of the colour or depth camera."""
+    focal, (cx, cy) = (RGB_FOCAL, RGB_CENTRE) if colour else (FOCAL, CENTRE)
+    rows, columns = np.mgrid[:HEIGHT, :WIDTH].astype(np.float64)
+    return np.stack(((columns - cx) / focal, (rows - cy) / focal, np.ones_like(rows)), axis=-1)
+
 
 LARGEST_GAP = 0.05
 """A colour image further from the disparity image than this [s] shows another view (the real one's cameras lose
@@ -58,7 +139,7 @@ class FrameCount:
     unpaired: int = 0
     missing: int = 0
     unreadable: int = 0
-    first_unreadable: str = field(default="")
+    first_unreadable: str = ""
 
     def note(self, frame: CameraFrame | str | None) -> None:
         """Count what ``read_frame`` gave."""
@@ -121,37 +202,24 @@ def pairs(
 
 
 def read_frame(stream: RgbdStream, disparity: int, rgb: int) -> CameraFrame | str | None:
-    """The frame of a disparity image and a colour image.
-
-    Args:
-        stream: stamps and images.
-        disparity, rgb: indices of the two images, see ``pairs``.
+    """The frame of a disparity image and a colour image, by their indices.
 
     Returns:
-        the frame; None where an image is missing; what is wrong with the first image that cannot be decoded.
+        None where an image is missing; what is wrong with the first image that cannot be decoded.
     """
     from moteslam.robot.formats.ucsd_images import read_disparity, read_rgb
 
     stamps = float(stream.disparity_stamps[disparity]), float(stream.rgb_stamps[rgb])
-    if stream.images is not None:
-        try:
+    try:
+        if stream.images is not None:
             return CameraFrame(*stamps, stream.images.disparity(disparity), stream.images.rgb(rgb))
-        except InputError as error:
-            return str(error)
-    images: list[NDArray[Any]] = []
-    sources: tuple[tuple[tuple[Path | None, ...], int, Callable[[Path], NDArray[Any]]], ...] = (
-        (stream.disparity_files, disparity, read_disparity),
-        (stream.rgb_files, rgb, read_rgb),
-    )
-    for files, index, read in sources:
-        path = files[index] if files else None
-        if path is None:
+        depth = stream.disparity_files[disparity] if stream.disparity_files else None
+        colour = stream.rgb_files[rgb] if stream.rgb_files else None
+        if depth is None or colour is None:
             return None
-        try:
-            images.append(read(path))
-        except InputError as error:
-            return str(error)
-    return CameraFrame(*stamps, images[0], images[1])
+        return CameraFrame(*stamps, read_disparity(depth), read_rgb(colour))
+    except InputError as error:
+        return str(error)
 
 
 def camera_frames(
@@ -160,16 +228,10 @@ def camera_frames(
     """The frames in the order of their stamps, decoded on all cores a little ahead; a few are held at a time.
 
     An image that is missing or cannot be read leaves its frame out; ``count`` counts it.
-
-    Args:
-        stream: stamps and files.
-        interval, largest_gap: see ``pairs``.
-        count: counts what became of the frames.
     """
     count = count if count is not None else FrameCount()
     depth, colour, count.unpaired = pairs(stream, interval=interval, largest_gap=largest_gap)
     cores = processor_count()
-
     with ThreadPoolExecutor(cores) as pool:
         ahead: deque[Future[CameraFrame | str | None]] = deque()
         todo = iter(zip(depth.tolist(), colour.tolist(), strict=True))
