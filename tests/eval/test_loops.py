@@ -113,7 +113,7 @@ def test_without_possible_loops_there_is_no_recall() -> None:
     assert score_loops([], truth).possible is None
     elsewhere = Trajectory(truth.stamps[:1], truth.poses[:1])
     assert "poses at 1 of 22 scans" in str(score_loops([], elsewhere, recording).issues[1])
-    with pytest.raises(InputError, match="expected a Trajectory"):
+    with pytest.raises(InputError, match="expected Trajectory"):
         score_loops([], None)  # type: ignore[arg-type]
     with pytest.raises(InputError, match="truth: a trajectory without poses"):
         score_loops([], Trajectory(np.zeros(0), np.zeros((0, 3))))
