@@ -11,7 +11,7 @@ from moteslam.slam.tsdf.particles import Particles
 
 Array = NDArray[np.float64]
 
-OPEN = 0.01
+OPEN = 0.001
 """Weight of the particles of other hypotheses than the best one's from which on it is open where the robot is."""
 
 
