@@ -48,12 +48,14 @@ class Prediction(NamedTuple):
         spread: [3] standard deviations.
         measured: whether odometry measured it; else it may be overruled without proof.
         filtered: [3] as the filter estimates it: it is tried, too.
+        open: the odometry leaves several places open, of which the filter has chosen one.
     """
 
     step: Array
     spread: Array
     measured: bool
     filtered: Array
+    open: bool = False
 
 
 class RegisteredStep(NamedTuple):
@@ -84,7 +86,7 @@ class StepRegistration:
         """Register the next node's scan, and integrate it."""
         points = subsample(scan.points, self._config.chain.max_points)
         found = RegisteredStep(predicted.step, np.zeros((3, 3)), np.zeros(3))
-        if len(points) >= FEW_POINTS:
+        if len(points) >= FEW_POINTS and not predicted.open:
             found = self._registered(points, predicted)
         self._pose = se2.compose(self._pose, found.step)
         self._local.add(self._pose, scan, float(np.hypot(*found.step[:2])))

@@ -60,6 +60,15 @@ def test_a_heading_is_found_as_far_off_as_the_odometry_may_be(turn: float):
     np.testing.assert_array_less(np.abs(error), (0.02, 0.02, 0.005))
 
 
+def test_where_several_places_are_open_the_filters_choice_stands():
+    """The local map shows a part of them at most, and a registration to it is as sure of itself at a wrong one."""
+    steps = StepRegistration(scan(np.zeros(3)), np.zeros(2), GraphConfig(), proved=True)
+    chosen = np.asarray(se2.compose(TRUE_STEP, (0.1, -0.1, 0.05)))
+    found = steps.add(scan(TRUE_STEP), Prediction(chosen, np.array((1.0, 1.0, 0.2)), False, chosen, open=True))
+    np.testing.assert_array_equal(found.step, chosen)
+    np.testing.assert_array_equal(found.information, 0.0)
+
+
 def test_a_good_odometry_is_where_the_search_begins():
     np.testing.assert_array_equal(step_registration._turned(np.array((0.1, 0.1, 0.15))), np.zeros((1, 3)))
     np.testing.assert_allclose(step_registration._turned(np.full(3, 0.45))[:, 2], (-0.4, -0.2, 0, 0.2, 0.4))
