@@ -145,6 +145,12 @@ def shares(found: Registration, points: int, cost: Array | float = 0.0) -> Array
     return np.asarray((found.known * found.likelihoods - CROSSING * found.crossed - cost) / points)
 
 
+def is_elsewhere(offsets: Array) -> NDArray[np.bool_]:
+    """Whether offsets [..., 3] lead to another place."""
+    far = np.hypot(offsets[..., 0], offsets[..., 1]) > ELSEWHERE_DISTANCE
+    return np.asarray(far | (np.abs(offsets[..., 2]) > ELSEWHERE_ROTATION))
+
+
 def runner_up(found: Registration, shares: Array, points: int) -> float:
     """The largest share of a place elsewhere than the best one, 0 at least.
 
@@ -154,7 +160,6 @@ def runner_up(found: Registration, shares: Array, points: int) -> float:
         found, points: as of ``shares``, which gave the second.
     """
     best = int(shares.argmax())
-    off = np.abs(se2.between(found.offsets[best], found.offsets))
-    elsewhere = (np.hypot(off[:, 0], off[:, 1]) > ELSEWHERE_DISTANCE) | (off[:, 2] > ELSEWHERE_ROTATION)
+    elsewhere = is_elsewhere(np.asarray(se2.between(found.offsets[best], found.offsets)))
     fair = shares * np.maximum(found.known[best] / np.maximum(found.known, LEAST_KNOWN * points), 1.0)
     return max(float(fair[elsewhere].max()), 0.0) if elsewhere.any() else 0.0

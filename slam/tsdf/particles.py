@@ -113,7 +113,7 @@ class Particles:
         self.maps.integrate(self.poses, scan)
 
 
-OPEN = 0.01
+OPEN = 0.001
 """Weight of the particles of other hypotheses than the best one's from which on it is open where the robot is."""
 
 

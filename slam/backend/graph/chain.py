@@ -172,9 +172,9 @@ class Chain:
         left = self._nodes.left_open[k]
         if any(left):  # a lapse, after which the filter has searched
             spread = np.hypot(spread, (left.place, left.place, left.heading))
-            return Prediction(filtered, spread, False, filtered)
+            return Prediction(filtered, spread, False, filtered, bool(spread[:2].max() > OPEN))
         if spread[:2].max() > OPEN:
-            step, spread, measured = filtered, turned_aside(filtered, error), False
+            return Prediction(filtered, turned_aside(filtered, error), False, filtered, True)
         return Prediction(step, spread, measured, filtered)
 
     def _corrected(self, raw: Prediction) -> Prediction:

@@ -202,7 +202,8 @@ def _add_pairs(
 
     Between bare walls the errors of the normals pull along them. So what the matches of a pair say along their least
     informed direction has an offset of unknown size besides, whose standard deviation grows with how little they rest
-    on, as in ``keep_odometry``; it is eliminated. All pairs of a scan may have the same one.
+    on, as in ``keep_odometry``; it is eliminated. All pairs of scans that see the same walls may have the same one: as
+    many as one of them has partners, squared.
 
     Args:
         poses: [n, 3].
@@ -218,7 +219,7 @@ def _add_pairs(
     registration = config.registration
     deviation = registration.degenerate * variance / registration.residual**2 / np.maximum(ratio, 1e-9)
     moved = _turned(information, along)
-    unknown = np.bincount(first)[first] * np.square(deviation)
+    unknown = np.square(np.bincount(first)[first] * deviation)
     share = unknown / (1 + unknown * (along * moved).sum(axis=1))
     gradient -= (share * (along * gradient).sum(axis=1))[:, None] * moved
     information -= share[:, None, None] * moved[:, :, None] * moved[:, None, :]

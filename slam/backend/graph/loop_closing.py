@@ -5,6 +5,8 @@ What is proved makes the relative covariance smaller, and with it the next searc
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -12,7 +14,14 @@ from moteslam.kernels.correlative import MAX_SEARCH_POINTS
 from moteslam.robot import se2
 from moteslam.slam.backend.graph.config import GraphConfig
 from moteslam.slam.backend.graph.loop_graph import PROVED, LoopGraph, Pair
-from moteslam.slam.backend.graph.loop_search import WINDOW_DEVIATIONS, LoopSearch
+from moteslam.slam.backend.graph.loop_search import (
+    FARTHEST,
+    WINDOW_DEVIATIONS,
+    LoopSearch,
+    fair_share,
+    squares,
+)
+from moteslam.slam.registration.search import is_elsewhere
 
 Array = NDArray[np.float64]
 
@@ -91,7 +100,9 @@ class LoopClosing:
             found = []
             for submap in _passages(np.flatnonzero(near), cost)[: c.candidates]:
                 found += self._try(submap, query, covariance)
+            found = [pair for pair in found if not self._has_rival(pair)]
             if found:
+                self.news.update(found)
                 accepted = True
                 if graph.misfit(found, graph.poses) > SOLVED:
                     graph.solve()
@@ -152,10 +163,32 @@ class LoopClosing:
         if last is None:
             self._searched.setdefault(query, []).append(submap)
         graph.enter(pair, found)
-        if not found.candidate.accepted:
-            return []
-        self.news.add(pair)
-        return [pair]
+        return [pair] if found.candidate.accepted else []
+
+    def _has_rival(self, pair: Pair) -> bool:
+        """Whether the query of a loop fits about as well elsewhere in another submap: the loop is ambiguous then.
+
+        Elsewhere is what the relative pose of the two submaps does not explain.
+        """
+        submap, query = pair
+        graph, loop = self.graph, self.graph.loops[pair]
+        nodes = np.array([node for node in self._searched[query] if node != submap], np.intp)
+        if not len(nodes):
+            return False
+        others = [graph.loops[node, query].candidate for node in nodes.tolist()]
+        shares = np.array([fair_share(other, loop.candidate) for other in others])
+        at = np.asarray(se2.compose(graph.poses[submap], loop.candidate.found))
+        off = np.asarray(se2.between(at, se2.compose(graph.poses[nodes], np.array([other.found for other in others]))))
+        rivals = is_elsewhere(off) & (shares >= loop.candidate.share - self._config.loops.least_margin)
+        if not rivals.any():
+            return False
+        covariance = graph.relative(submap, at)[nodes] + np.diag(np.square(LEAST_DEVIATIONS))
+        rivals &= squares(off, covariance) > FARTHEST**2
+        if rivals.any():
+            second = max(loop.candidate.runner_up, float(shares[rivals].max()))
+            candidate = replace(loop.candidate, runner_up=second, verdict="ambiguous")
+            graph.enter(pair, loop._replace(candidate=candidate))
+        return bool(rivals.any())
 
 
 def _largest_deviations(covariance: Array) -> Array:

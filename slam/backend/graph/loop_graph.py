@@ -157,7 +157,7 @@ class LoopGraph:
         off = np.asarray(se2.between(found, se2.between(poses[first], poses[second])))
         return float(np.hypot(off[:, 0], off[:, 1]).max())
 
-    def relative(self, node: int) -> Array:
+    def relative(self, node: int, at: Array | None = None) -> Array:
         """The covariance [n, 3, 3] of a node's pose as seen from all others: see ``Uncertainty.of``."""
         if self._uncertainty is None:
             n = len(self.poses)
@@ -167,7 +167,7 @@ class LoopGraph:
             loops = np.array([self.loops[pair].information for pair in accepted]).reshape(-1, 3, 3)
             covariance = np.concatenate((self.chain.covariance, np.linalg.inv(loops)))
             self._uncertainty = Uncertainty(self.poses, first, second, covariance)
-        return self._uncertainty.of(node)
+        return self._uncertainty.of(node, at)
 
     def _refit(self) -> None:
         """Take in all steps of the chain anew."""

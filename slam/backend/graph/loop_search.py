@@ -22,7 +22,7 @@ from moteslam.slam.mapping.tsdf import TsdfView
 from moteslam.slam.registration.config import RegistrationConfig, SearchConfig
 from moteslam.slam.registration.information import measured_information
 from moteslam.slam.registration.registrar import Registration, keep_odometry, register, subsample
-from moteslam.slam.registration.search import Window, candidates, runner_up, shares
+from moteslam.slam.registration.search import LEAST_KNOWN, Window, candidates, runner_up, shares
 
 Array = NDArray[np.float64]
 Points = NDArray[np.float32]
@@ -159,7 +159,7 @@ class LoopSearch:
         The offset costs half its square in standard deviations, in endpoints that err independently: of two places that
         look alike the one nearer to the prediction is meant.
         """
-        return shares(found, points, 0.5 * self._config.correlation * _squares(found.offsets, covariance))
+        return shares(found, points, 0.5 * self._config.correlation * squares(found.offsets, covariance))
 
     def _verdict(self, share: float, runner_up: float, offset: Array, covariance: Array) -> Verdict:
         c = self._config.loops
@@ -167,10 +167,15 @@ class LoopSearch:
             return "weak"
         if share - runner_up <= c.least_margin:
             return "ambiguous"
-        inside = _squares(offset, covariance) <= FARTHEST**2
+        inside = squares(offset, covariance) <= FARTHEST**2
         return "accepted" if inside else "outside"
 
 
-def _squares(offsets: Array, covariance: Array) -> Array:
-    """The squares [...] of offsets [..., 3], in standard deviations."""
-    return np.asarray(np.einsum("...i,ij,...j->...", offsets, np.linalg.inv(covariance), offsets))
+def fair_share(rival: LoopCandidate, best: LoopCandidate) -> float:
+    """The share of a place in another submap, which is to be compared with the best one: see ``runner_up``."""
+    return rival.share * max(best.known / max(rival.known, LEAST_KNOWN), 1.0)
+
+
+def squares(offsets: Array, covariance: Array) -> Array:
+    """The squares [...] of offsets [..., 3] of covariances [..., 3, 3], in standard deviations."""
+    return np.asarray(np.einsum("...i,...ij,...j->...", offsets, np.linalg.inv(covariance), offsets))

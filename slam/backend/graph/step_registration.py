@@ -48,12 +48,14 @@ class Prediction(NamedTuple):
         spread: [3] standard deviations.
         measured: whether odometry measured it; else it may be overruled without proof.
         filtered: [3] as the filter estimates it: it is tried, too.
+        open: the odometry leaves several places open, of which the filter has chosen one.
     """
 
     step: Array
     spread: Array
     measured: bool
     filtered: Array
+    open: bool = False
 
 
 class RegisteredStep(NamedTuple):
@@ -84,7 +86,7 @@ class StepRegistration:
         """Register the next node's scan, and integrate it."""
         points = subsample(scan.points, self._config.chain.max_points)
         found = RegisteredStep(predicted.step, np.zeros((3, 3)), np.zeros(3))
-        if len(points) >= FEW_POINTS:
+        if len(points) >= FEW_POINTS and not predicted.open:
             found = self._registered(points, predicted)
         self._pose = se2.compose(self._pose, found.step)
         self._local.add(self._pose, scan, float(np.hypot(*found.step[:2])))
@@ -102,7 +104,7 @@ class StepRegistration:
         best = _better(found, loose)
         if self._proved and predicted.measured and _far(found, spread)[best]:
             held = register(maps, all_at, spread, points, self._origin, starts, c.registration, coarse=False, keep=True)
-            near = _nearest(held, spread)
+            near = _nearest(held, spread, len(points), c)
             nats = _overrules(found, best, held, near, len(points), spread, c)
             belief = 1 / (1 + np.exp(-np.clip(nats / DOUBT, -MOST_NATS, MOST_NATS)))
             doubt = np.sqrt(belief * (1 - belief)) * found.offsets[best]
@@ -156,7 +158,7 @@ def _turned(loose: Array) -> Array:
 
 def _far(found: Registration, spread: Array) -> NDArray[np.bool_]:
     """Which registrations [N] must be proved, being so far from the odometry."""
-    return np.asarray((np.abs(found.offsets) > GATE * spread).any(axis=1))
+    return np.asarray(np.square(found.offsets / spread).sum(axis=1) > GATE**2)
 
 
 def _better(found: Registration, spread: Array) -> int:
@@ -164,12 +166,16 @@ def _better(found: Registration, spread: Array) -> int:
     return int(_matches(found, spread).argmax())
 
 
-def _nearest(held: Registration, spread: Array) -> int:
-    """The better one of those that need no proof; the one nearest to the odometry if all need it."""
-    far = _far(held, spread)
-    if far.all():
-        return int(np.square(held.offsets / spread).sum(axis=1).argmin())
-    return int(np.where(far, -np.inf, _matches(held, spread)).argmax())
+def _nearest(held: Registration, spread: Array, points: int, config: GraphConfig) -> int:
+    """The more probable one of those that need no proof; the one nearest to the odometry if all need it.
+
+    That it knows more of the endpoints than the nearest one is no evidence: see ``nats_for``.
+    """
+    off = np.square(held.offsets / spread).sum(axis=1)
+    nearest = int(off.argmin())
+    evidence = nats_for(held, held.at(nearest), points, config.registration.unknown_cost, config.correlation)
+    near = ~_far(held, spread)
+    return int(np.where(near, evidence - heavy_tail(off, SCORES), -np.inf).argmax()) if near.any() else nearest
 
 
 def _matches(found: Registration, spread: Array) -> Array:

@@ -42,8 +42,13 @@ class Uncertainty:
         self._poses = poses
         self._terms = _about_the_origin(poses[second[kept]], covariance[kept])
 
-    def of(self, node: int) -> Array:
-        """The covariance [n, 3, 3] of one node's pose as seen from each of all nodes, in the frame of that one pose."""
+    def of(self, node: int, at: Array | None = None) -> Array:
+        """The covariance [n, 3, 3] of one node's pose as seen from each of all nodes, in the frame of that one pose.
+
+        Args:
+            node: the one.
+            at: [3] pose of what moves with it, which takes the place of its own.
+        """
         from scipy.sparse.csgraph import dijkstra
 
         n = len(self._poses)
@@ -58,7 +63,7 @@ class Uncertainty:
             sums = sums + np.where((before != everyone)[:, None, None], sums[before], 0.0)
             before = before[before]
         # seen from another node it is that node's pose which moves the one about the origin, the other way round
-        return _moved(sums, self._poses[node])
+        return _moved(sums, self._poses[node] if at is None else at)
 
 
 def _about_the_origin(poses: Array, covariance: Array) -> Array:

@@ -10,8 +10,10 @@ from moteslam.robot import se2
 from moteslam.slam.backend.graph.config import GraphConfig
 from moteslam.slam.backend.graph.loop_closing import LoopClosing
 from moteslam.slam.backend.graph.loop_graph import LoopGraph
+from moteslam.slam.backend.graph.loop_search import Loop
 from moteslam.slam.backend.graph.pose_graph import Edges, relative_jacobians, solve
 from moteslam.slam.backend.graph.uncertainty import Uncertainty
+from moteslam.slam.backend.ledger import LoopCandidate
 
 STEP_NOISE = np.array([0.02, 0.01, 0.01])
 
@@ -198,6 +200,48 @@ def test_a_loop_is_searched_for_where_the_covariance_reaches(
     monkeypatch.setattr(closing, "_try", lambda submap, *_: tried.append(submap) or [])
     closing._look_for(nodes - 1)
     assert bool(tried) == searched
+
+
+@pytest.mark.parametrize(
+    ("share", "known", "x", "deviation", "verdict"),
+    [
+        (0.85, 1.0, 2.6, 0.1, "ambiguous"),
+        (0.6, 1.0, 2.6, 0.1, "accepted"),
+        (0.6, 0.7, 2.6, 0.1, "ambiguous"),  # it knows less of the endpoints, and explains as much of these
+        (0.85, 1.0, 0.3, 0.1, "accepted"),  # the same place
+        (0.85, 1.0, 2.6, 2.0, "accepted"),  # the same place for all that is known
+    ],
+)
+def test_a_place_in_another_submap_is_a_rival(share: float, known: float, x: float, deviation: float, verdict: str):
+    """Two equal corridors, each driven once: in the submap of one the other is no rival."""
+    nodes, one, other = 80, 0, 30
+    loops: dict[tuple[int, int], Loop] = {}
+    graph = SimpleNamespace(
+        nodes=None,
+        loops=loops,
+        submaps=SimpleNamespace(path=0.5 * np.arange(nodes)),
+        poses=np.zeros((nodes, 3)),
+        driven=0.5 * nodes,
+        relative=lambda *_: np.tile(np.diag((deviation**2, deviation**2, 1e-4)), (nodes, 1, 1)),
+        enter=loops.__setitem__,
+        solve=lambda: None,
+        misfit=lambda *_: 0.0,
+    )
+    graph.poses[1:other, 1] = 50.0
+    graph.poses[other + 1 : -1, 1] = 50.0
+    closing = LoopClosing(cast(LoopGraph, graph), GraphConfig())
+
+    def match(submap: int, query: int, predicted: np.ndarray, covariance: np.ndarray) -> Loop:
+        found, at = (np.array((x, 0.0, 0.0)), (share, known)) if submap == other else (np.zeros(3), (0.8, 1.0))
+        stamps, window = (0.0, 1.0), (3.0, 0.1)
+        candidate = LoopCandidate(
+            submap, query, stamps, predicted, found, window, at[0], 0.0, at[1], 1.0, 0.0, "accepted"
+        )
+        return Loop(candidate, np.eye(3))
+
+    closing._search.match = match  # type: ignore[method-assign]
+    closing._look_for(nodes - 1)
+    assert loops[one, nodes - 1].candidate.verdict == verdict
 
 
 def test_a_wider_window_is_searched_in_coarser_steps():

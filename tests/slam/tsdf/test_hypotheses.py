@@ -73,7 +73,7 @@ def test_a_place_turned_by_a_whole_circle_is_the_same():
     np.testing.assert_array_equal(found, 0.0)
 
 
-@pytest.mark.parametrize(("weight", "alone"), [(0.005, True), (0.05, False)])
+@pytest.mark.parametrize(("weight", "alone"), [(0.0005, True), (0.005, False)])
 def test_particles_are_settled_once_next_to_no_weight_is_on_another_hypothesis(weight: float, alone: bool):
     particles = particles_at(np.zeros((28, 3)))
     assert settled(particles)
