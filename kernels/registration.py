@@ -41,7 +41,8 @@ INFORMATION = slice(3, 9)
 COST, KNOWN, LIKELIHOOD, CROSSED = range(9, 13)
 FREE = slice(13, 16)
 FAR = 16
-FOUND = 17
+MEANS = slice(17, 20)
+FOUND = 20
 """The columns of what ``register_scans`` returns."""
 
 
@@ -120,15 +121,16 @@ def _crosses_surface(
 @kernel
 def _register(
     pool: I16_1D, table: I32_1D, begin: I32, stride: I32, columns: I32, rows: I32, queries: F64_2D, scan: F32_2D,
-    points: I32, origin_x: F32, origin_y: F32, settings: F32_1D, coarse: I32, deviation: F64, error: F64,
+    points: I32, origin_x: F32, origin_y: F32, settings: F32_1D, coarse: I32, deviation: F64, turn: F64, error: F64,
     found: F64_2D, passes: I32, alone: template,
 ):  # fmt: skip
     """Coarse level, fine level, then the fit: see ``register_scans``.
 
     ``stride`` is from one particle's table to the next; 0 where all use one. The first ``points`` columns of ``scan``
     are x and y of its points. ``settings`` are those of ``settings_of``. With a ``deviation`` above 0 the prediction
-    is kept along degenerate directions, whose ``error`` is that of standard residuals. A query that is ``alone`` wakes
-    no other thread; of others there are ``passes`` each, see ``passes_for``.
+    is kept along degenerate directions, and with a ``turn`` for a turn that is not bound; their ``error`` is that of
+    standard residuals. A query that is ``alone`` wakes no other thread; of others there are ``passes`` each, see
+    ``passes_for``.
     """
     fine_x, fine_y = ti.cast(columns * SIDE - 2, ti.f32), ti.cast(rows * SIDE - 2, ti.f32)
     coarse_x, coarse_y = ti.cast(columns * SIDE // 2 - 2, ti.f32), ti.cast(rows * SIDE // 2 - 2, ti.f32)
@@ -165,6 +167,7 @@ def _register(
         per_cell, coarse_per_step = per_step * inverse, coarse_truncation / (sd * STEPS)
         h = ti.Vector([0.0] * 6, dt=ti.f32)
         cost, known, likely, crossed, far = 0.0, 0.0, 0.0, 0.0, 0.0
+        mx, my, mm, fine = 0.0, 0.0, 0.0, 0.0
         place = place_in_cells(frame, d, inverse)
         ox = place[0] * origin_x - place[1] * origin_y + place[2]
         oy = place[1] * origin_x + place[0] * origin_y + place[3]
@@ -180,6 +183,10 @@ def _register(
             if seen > 0:
                 r = f[0] * per_step
                 h += square(f[1], f[2], f[2] * rx - f[1] * ry)
+                mx += scan[0, j]
+                my += scan[1, j]
+                mm += scan[0, j] * scan[0, j] + scan[1, j] * scan[1, j]
+                fine += 1
             else:
                 gx, gy = ti.min(ti.max(0.5 * px, 1.0), coarse_x), ti.min(ti.max(0.5 * py, 1.0), coarse_y)
                 g = bilinear(pool, table, base, columns, gx, gy, 1)
@@ -202,10 +209,14 @@ def _register(
             found[i, ti.static(INFORMATION.start) + j] = information[j]
         found[i, COST], found[i, KNOWN], found[i, LIKELIHOOD], found[i, CROSSED] = cost, known, likely, crossed
         found[i, FAR] = far
+        n, c, z = ti.max(fine, 1.0), ti.cos(d[2]), ti.sin(d[2])
+        means = ti.Vector([(c * mx - z * my) / n, (z * mx + c * my) / n, mm / n])
+        for j in ti.static(range(3)):
+            found[i, ti.static(MEANS.start) + j] = means[j]
         if deviation > 0:
             mean = ti.min(ti.max(likely / ti.max(known, 1.0), ti.static(LIKELIHOODS[0])), ti.static(LIKELIHOODS[1]))
             variance = 0.5 * (1.0 - 1.0 / (mean * mean)) / exponent  # of the residuals, by their mean likelihood
-            keep_prediction(found, i, deviation, error * variance)
+            keep_prediction(found, i, deviation, turn, error, variance, means[0], means[1], means[2])
 
 
 class _Room(threading.local):
@@ -264,8 +275,9 @@ def register_scans(
         on the fine level about the offset, the elements 00 01 02 11 12 22 [1/m^2, 1/m, 1]; ``COST``, the endpoints'
         negative log-likelihood; ``KNOWN``, how many of them have a distance; ``LIKELIHOOD``, the sum of the
         likelihoods of those; ``CROSSED``, how many rays cross a surface of the map; ``FREE``, the offset before the
-        prediction was kept along a degenerate direction; ``FAR``, how many endpoints are far from the surface
-        by the coarse level.
+        prediction was kept along a degenerate direction; ``FAR``, how many endpoints are far from the surface by the
+        coarse level; ``MEANS`` of the endpoints on the fine level, x, y and x^2 + y^2 from the robot, in the axes of
+        the offset [m, m^2].
     """
     asked = as_finite("queries", queries, np.float64, (None, QUERY))
     if len(asked) and asked[:, INVERSE_VARIANCES].min() <= 0:

@@ -19,7 +19,7 @@ MAX_PARTNERS = 32
 """Other scans that one scan's endpoints are held to; kept on the stack of each thread."""
 MAX_CELLS = 1_000_000
 """Of the grid that endpoints are looked up in; its cells grow where there would be more."""
-PAIR = 9
+PAIR = 12
 """Numbers of a pair's sums."""
 
 
@@ -115,6 +115,9 @@ def _accumulate(
                         pairs[a, at + k] += w * jacobian[p] * jacobian[q]
                     for p in ti.static(range(3)):
                         pairs[a, at + 6 + p] += w * jacobian[p] * r
+                    pairs[a, at + 9] += w * arm[0]
+                    pairs[a, at + 10] += w * arm[1]
+                    pairs[a, at + 11] += w * (arm[0] * arm[0] + arm[1] * arm[1])
         costs[a, 0], costs[a, 1] = cost, total
 
 
@@ -197,7 +200,8 @@ def accumulate(
 
     Returns:
         pairs: [n, k, PAIR] of each scan with each partner, by the scan's own pose (x, y, theta): the upper triangle
-            00 01 02 11 12 22 of J^T J, and J^T r. By the pose of the partner J is -J A with A = (1, 0, -dy; 0, 1, dx;
+            00 01 02 11 12 22 of J^T J, J^T r, and the weighted sums of x, y and x^2 + y^2 of the endpoints from the
+            robot, in the axes of the map. By the pose of the partner J is -J A with A = (1, 0, -dy; 0, 1, dx;
             0, 0, 1), where (dx, dy) leads from the partner to the scan.
         costs: [n, 2] half the weighted squares of the residuals [m^2], and the sum of the weights without robustness.
     """

@@ -12,6 +12,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from moteslam.slam.registration.config import RegistrationConfig
+from moteslam.slam.registration.information import unbound
+
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
@@ -29,6 +32,8 @@ SECTORS = 4
 """Of a fan, whose angles are scaled each by itself."""
 AGREEMENT = 0.8
 """Least cosine between the normals of two surfaces that are held to each other."""
+UNBOUND = 1e6
+"""An error of a turn by noise of the normals alone [rad], as ``unbound`` has it, is far above this."""
 LEAST_FIT = 0.6
 """A pair is registered where this share of the endpoints fits."""
 LEAST_BEAMS = 25
@@ -155,12 +160,22 @@ def _register(former: Array, latter: Array, beams: Beams, seconds: Array, start:
     total = np.maximum(weight.sum(axis=1), 1e-9)
     deviation = np.sqrt((weight * residual**2).sum(axis=1) / total)
     good = (fits.sum(axis=1) >= LEAST_BEAMS) & (fit > LEAST_FIT) & (count > 0.3 * np.isfinite(latter).sum(axis=1))
+    good &= _turns_known(information, np.where(held[..., None], arm, 0.0), weight, deviation)
     bend = np.where(held[..., None], _warps(own, end, normal, beams, index, cos, sin), 0.0)
     across = np.einsum("kbi,kbw,kb->kiw", jacobian, bend, weight)
     solved = np.linalg.solve(damped, np.concatenate((across, gradient[..., None]), axis=-1))
     by_warp = np.einsum("kbw,kb->kw", bend, weight * residual) - np.einsum("kiw,ki->kw", across, solved[..., -1])
     about = np.einsum("kbv,kbw,kb->kvw", bend, bend, weight) - np.einsum("kiv,kiw->kvw", across, solved[..., :-1])
     return Motions(motion, information, deviation, fit, good, by_warp, about)
+
+
+def _turns_known(information: Array, arm: Array, weight: Array, deviation: Array) -> Flags:
+    """[k] whether endpoints ``arm`` [k, b, 2] bind turns by more than the noise of the normals: in a round room, no."""
+    total = np.maximum(weight.sum(axis=1), 1e-9)
+    means = np.column_stack((np.einsum("kbi,kb->ki", arm, weight), np.einsum("kbi,kbi,kb->k", arm, arm, weight)))
+    variances = np.square(deviation / RegistrationConfig().residual)
+    _, errors = unbound(information, means / total[:, None], variances, 1.0)
+    return np.asarray(errors[:, 1] < UNBOUND)
 
 
 def _warps(

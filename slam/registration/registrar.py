@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from moteslam.kernels.gauss_newton import Kept, keep_predictions
+from moteslam.kernels.gauss_newton import Kept
 from moteslam.kernels.registration import (
     COST,
     CROSSED,
@@ -17,6 +17,7 @@ from moteslam.kernels.registration import (
     INFORMATION,
     KNOWN,
     LIKELIHOOD,
+    MEANS,
     OFFSET,
     PRIOR,
     PRIOR_MEAN,
@@ -52,6 +53,7 @@ class Registration(NamedTuple):
         crossed: [N] number of rays that pass through a surface of the map.
         free: [N, 3] the offsets before the odometry was kept along degenerate directions.
         far: [N] number of endpoints that the coarse level knows to be ``LOST_DISTANCE`` or more from the surface.
+        means: [N, 3] of the fine level's endpoints: x, y, x^2 + y^2 from the robot, in the axes of the offset.
     """
 
     offsets: Array
@@ -62,6 +64,7 @@ class Registration(NamedTuple):
     crossed: Array
     free: Array
     far: Array
+    means: Array
 
     def of(self, which: int) -> Fitted:
         """One of them."""
@@ -77,13 +80,13 @@ class Registration(NamedTuple):
 
     @classmethod
     def one(cls, fitted: Fitted) -> Registration:
-        """Of one particle: what ``of`` took out."""
+        """Of one particle: what ``of`` took out, without ``means``."""
         information = np.array(fitted.information)[FULL].reshape(1, 3, 3)
         cost, known, likelihood, crossed, far = np.array(
             ((fitted.cost,), (fitted.known,), (fitted.likelihood,), (fitted.crossed,), (fitted.far,))
         )
         offset, free = np.array((fitted.offset,)), np.array((fitted.free,))
-        return cls(offset, information, cost, known, likelihood, crossed, free, far)
+        return cls(offset, information, cost, known, likelihood, crossed, free, far, np.zeros((1, 3)))
 
 
 def register(
@@ -124,7 +127,7 @@ def register(
         origin.tolist(),
         options=options_of(maps.config, config),
         coarse=coarse,
-        kept=kept_by(x, config) if keep else None,
+        kept=kept_by(x, theta, config) if keep else None,
         finite=True,
     )
     information = found[:, INFORMATION][:, FULL].reshape(-1, 3, 3)
@@ -139,6 +142,7 @@ def register(
         found[:, CROSSED],
         found[:, FREE],
         found[:, FAR],
+        found[:, MEANS],
     )
 
 
@@ -181,7 +185,7 @@ def register_one(
     weight = config.prior_weight
     prior = weight / x**2, weight / y**2, weight / theta**2, 0.0, 0.0, 0.0
     query = *maps.frame(predicted), 0.0, 0.0, 0.0, *prior
-    kept = kept_by(x, config)
+    kept = kept_by(x, theta, config)
     found = register_scan(maps.tiles, query, points, origin, options=options, kept=kept, finite=True)
     x, y, theta, xx, xy, xt, yy, yt, tt, cost, known, likelihood, crossed = found[: CROSSED + 1]
     free_x, free_y, free_turn = found[FREE]
@@ -208,9 +212,9 @@ def options_of(maps: TsdfConfig, config: RegistrationConfig) -> RegistrationOpti
     )
 
 
-def kept_by(deviation: float, config: RegistrationConfig) -> Kept:
-    """How odometry of this standard deviation [m] is kept along degenerate directions."""
-    return Kept(deviation, config.degenerate)
+def kept_by(deviation: float, turn: float, config: RegistrationConfig) -> Kept:
+    """How odometry of these standard deviations [m, rad] is kept along degenerate directions."""
+    return Kept(deviation, turn, config.degenerate)
 
 
 def prior_deviations(config: RegistrationConfig, distance: float, rotation: float, *, measured: bool = True) -> Spread:
@@ -238,39 +242,3 @@ def subsample(points: Points, most: int) -> Points:
     if len(points) <= most:
         return points
     return points[np.linspace(0, len(points) - 1, most).astype(np.intp)]
-
-
-UPPER = [0, 1, 2, 4, 5, 8]
-"""The upper triangle of a 3 x 3 matrix, of its elements row by row."""
-
-
-def least_informed(information: Array) -> tuple[Array, Array]:
-    """The direction in the plane that endpoints carry least information about.
-
-    Args:
-        information: [N, 3, 3] of the pose (x, y, theta).
-
-    Returns:
-        [N] the ratio of the information along it to that across it, and [N, 2] the direction as a unit vector.
-    """
-    xx, xy, yy = information[:, 0, 0], information[:, 0, 1], information[:, 1, 1]
-    middle, half = (xx + yy) / 2, np.hypot((xx - yy) / 2, xy)
-    most = np.arctan2(2 * xy, xx - yy) / 2
-    along = np.empty((len(most), 2))
-    along[:, 0], along[:, 1] = -np.sin(most), np.cos(most)
-    return (middle - half) / np.maximum(middle + half, 1e-9), along
-
-
-def keep_odometry(found: Registration, spread: Array, config: RegistrationConfig) -> Registration:
-    """What registration found, with the odometry kept along a degenerate direction.
-
-    Along the least informed direction the offset is scaled by the weight of the registration against the odometry;
-    information along it is scaled likewise.
-
-    Args:
-        spread: [3] standard deviation of the odometry.
-    """
-    offsets, information = keep_predictions(
-        found.offsets, found.information.reshape(-1, 9)[:, UPPER], kept_by(float(spread[0]), config)
-    )
-    return found._replace(offsets=offsets, information=information[:, FULL].reshape(-1, 3, 3))

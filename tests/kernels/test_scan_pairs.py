@@ -94,8 +94,8 @@ def test_the_sums_are_derivatives_of_the_cost(case: dict[str, np.ndarray]):
     assert costs[:, 0].sum() == pytest.approx(cost(case["poses"]), rel=1e-4)
     gradient = np.zeros((SCANS, 3))
     for a, b, about, sums in of_pairs(case, case["poses"], pairs):
-        gradient[a] += sums[6:]
-        gradient[b] -= about.T @ sums[6:]
+        gradient[a] += sums[6:9]
+        gradient[b] -= about.T @ sums[6:9]
     numeric = np.zeros((SCANS, 3))
     for a in range(SCANS):
         for axis in range(3):
@@ -122,8 +122,8 @@ def test_the_blocks_solve_for_the_poses(case: dict[str, np.ndarray]):
             h[at, to] -= block @ about
             h[to, at] -= about.T @ block
             h[to, to] += about.T @ block @ about
-            g[at] += sums[6:]
-            g[to] -= about.T @ sums[6:]
+            g[at] += sums[6:9]
+            g[to] -= about.T @ sums[6:9]
         h[:3, :3] += 1e6 * np.eye(3)
         poses -= np.linalg.solve(h + 1e-9 * np.eye(len(h)), g).reshape(-1, 3)
     after = accumulate(case["points"], case["normals"], case["starts"], poses, case["partners"], matches, scale=1.0)[1]

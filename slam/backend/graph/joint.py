@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from moteslam.kernels.gauss_newton import LEAST_INFORMATION
 from moteslam.kernels.scan_pairs import accumulate, match_endpoints
 from moteslam.robot import se2
 from moteslam.slam.backend.graph.chain import Chain
@@ -20,7 +21,8 @@ from moteslam.slam.backend.graph.endpoints import Endpoints
 from moteslam.slam.backend.graph.partners import choose_partners
 from moteslam.slam.backend.graph.pose_graph import relative_jacobians
 from moteslam.slam.backend.graph.sparse_blocks import BlockSystem
-from moteslam.slam.registration.registrar import FULL, least_informed
+from moteslam.slam.registration.information import unbound
+from moteslam.slam.registration.registrar import FULL
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -213,16 +215,17 @@ def _add_pairs(
         config: of the back end.
         blocks, right: [n, 3, 3] and [n, 3] of the system; added to.
     """
-    information, gradient = sums[:, FULL].reshape(-1, 3, 3), sums[:, 6:].copy()
-    ratio, along = least_informed(information)
-    along = np.column_stack((along, np.zeros(len(along))))
+    information, gradient = sums[:, FULL].reshape(-1, 3, 3), sums[:, 6:9].copy()
     registration = config.registration
-    deviation = registration.degenerate * variance / registration.residual**2 / np.maximum(ratio, 1e-9)
-    moved = _turned(information, along)
-    unknown = np.square(np.bincount(first)[first] * deviation)
-    share = unknown / (1 + unknown * (along * moved).sum(axis=1))
-    gradient -= (share * (along * gradient).sum(axis=1))[:, None] * moved
-    information -= share[:, None, None] * moved[:, :, None] * moved[:, None, :]
+    variances = np.full(len(information), variance / registration.residual**2)
+    weights = np.maximum(information[:, 0, 0] + information[:, 1, 1], LEAST_INFORMATION)  # normals have length 1
+    motions, deviations = unbound(information, sums[:, 9:] / weights[:, None], variances, registration.degenerate)
+    unknown = np.square(np.bincount(first)[first][:, None] * deviations)
+    for motion, square in zip(np.swapaxes(motions, 0, 1), unknown.T, strict=True):
+        moved = _turned(information, motion)
+        share = square / (1 + square * (motion * moved).sum(axis=1))
+        gradient -= (share * (motion * gradient).sum(axis=1))[:, None] * moved
+        information = information - share[:, None, None] * moved[:, :, None] * moved[:, None, :]
     off = poses[first, :2] - poses[second, :2]
     about = np.repeat(np.eye(3)[None], len(off), axis=0)
     about[:, 0, 2], about[:, 1, 2] = -off[:, 1], off[:, 0]

@@ -20,8 +20,8 @@ from moteslam.slam.backend.graph.submaps import Submaps
 from moteslam.slam.backend.ledger import LoopCandidate, Verdict
 from moteslam.slam.mapping.tsdf import TsdfView
 from moteslam.slam.registration.config import RegistrationConfig, SearchConfig
-from moteslam.slam.registration.information import measured_information
-from moteslam.slam.registration.registrar import Registration, keep_odometry, register, subsample
+from moteslam.slam.registration.information import keep_odometry, measured_information
+from moteslam.slam.registration.registrar import Registration, register, subsample
 from moteslam.slam.registration.search import LEAST_KNOWN, Window, candidates, runner_up, shares
 
 Array = NDArray[np.float64]

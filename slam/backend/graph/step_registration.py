@@ -18,7 +18,7 @@ from moteslam.slam.backend.graph.nodes import FEW_POINTS
 from moteslam.slam.mapping.tsdf import TsdfMaps
 from moteslam.slam.registration.config import TrackingConfig
 from moteslam.slam.registration.evidence import against, heavy_tail, nats_for
-from moteslam.slam.registration.information import less_along_bare_walls, measured_information
+from moteslam.slam.registration.information import less_where_unbound, measured_information
 from moteslam.slam.registration.localisation import match_score
 from moteslam.slam.registration.registrar import Registration, register, subsample
 
@@ -112,7 +112,7 @@ class StepRegistration:
                 found, best = held, near
         step = se2.compose(predicted.step, found.offsets[best])
         information = measured_information(found, best, c.registration, c.correlation)
-        return RegisteredStep(step, less_along_bare_walls(information, found, best, c.registration), doubt)
+        return RegisteredStep(step, less_where_unbound(information, found, best, c.registration), doubt)
 
 
 class _LocalMaps:

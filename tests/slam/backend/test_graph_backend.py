@@ -11,11 +11,14 @@ from moteslam.eval.metrics.loops import score_loops
 from moteslam.eval.metrics.relations import evaluate_relations, read_relations
 from moteslam.robot import se2
 from moteslam.robot.formats import open_recording
+from moteslam.robot.platforms import load_platform
 from moteslam.robot.trajectories.text import read_tum
 from moteslam.robot.trajectory import Trajectory
 from moteslam.sim.scenario import load_scenario
 from moteslam.sim.simulate import simulate
 from moteslam.slam.backend.graph import loop_closing
+from moteslam.slam.calibration.calibrate import calibrate
+from moteslam.slam.calibration.findings import findings
 from moteslam.slam.estimate import Estimate
 from moteslam.slam.run import SlamSession, run_slam
 from moteslam.slam.settings import resolve_config
@@ -132,6 +135,33 @@ def test_what_the_walls_do_not_measure_the_odometry_decides(name: str, most: flo
     found = estimate(case)
     assert error(found.trajectory, case) < most
     assert error(found.trajectory_final, case) < most
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("platform", ["rplidar_a1", "turtlebot3", "ucsd"])
+def test_in_a_round_tank_the_odometry_decides_about_turns(platform: str, tmp_path: Path):
+    """Scans are the same whatever the heading: errors of the map turned it by 2 to 20 degrees."""
+
+    def circle(radius: float, count: int) -> list[list[float]]:
+        angles = 2 * np.pi * np.arange(count + 1) / count
+        return np.round(radius * np.column_stack((np.cos(angles), np.sin(angles))), 6).tolist()
+
+    (tmp_path / "tank.toml").write_text(
+        f'description = "A tank."\nwhy = "It is round."\nroute.waypoints = {3 * circle(2.0, 24)[:-1]}\n'
+        f"[[world.walls]]\npoints = {circle(4.0, 96)}\n"
+    )
+    simulation = simulate(
+        load_scenario(tmp_path / "tank.toml").model_copy(update={"platform": load_platform(platform)}), 230
+    )
+    found = run_slam(simulation.recording)
+    dead, online, final = (
+        absolute_trajectory_error(path, simulation.truth).rotation.rmse
+        for path in (found.dead_reckoning, found.trajectory, found.trajectory_final)
+    )
+    assert online < 1.3 * dead + 0.01
+    assert final < 1.3 * dead + 0.03  # rad
+    calibration = calibrate(simulation.recording)
+    assert calibration is None or not findings(calibration, simulation.recording).issues
 
 
 @pytest.mark.slow

@@ -82,7 +82,7 @@ def test_what_is_far_is_compared_with_the_most_probable_that_is_near():
     known = np.array((90.0, 90.0, 40.0, 90.0, 90.0))
     costs = config.registration.unknown_cost * (points - known) + np.array((0.1, 0.5, 0.5, 0.5, 0.1)) * known
     likelihoods, none = np.full(5, 0.9), np.zeros(5)
-    found = Registration(offsets, np.zeros((5, 3, 3)), costs, known, likelihoods, none, offsets, none)
+    found = Registration(offsets, np.zeros((5, 3, 3)), costs, known, likelihoods, none, offsets, none, np.zeros((5, 3)))
     np.testing.assert_array_equal(step_registration._far(found, spread), (True, True, False, False, False))
     assert step_registration._better(found, spread) != 2
     some = Registration(*(values[:4] for values in found))
