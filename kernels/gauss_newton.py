@@ -149,10 +149,12 @@ RIDGE = 1e-3
 """Added to the information about the position, as a share of the largest, before it is inverted."""
 
 
-NOISE_RATIO = 0.008
+MOST_NOISE = 4.0
+"""The variance of residuals that is a lidar's noise, of 2 cm, in squares of standard ones; what is more is people."""
+NOISE_RATIO = 0.016
 """The ratio that noise of the map's slopes alone makes for turns, where residuals have the variance of standard ones.
 
-In a round tank of 4 m it is 0.004 to 0.009 times the residuals' variance, with three lidars of 0.5 to 3 cm of
+In a round tank of 4 m it is 0.004 to 0.013 times the residuals' variance, with three lidars of 0.5 to 3 cm of
 noise, to the filter's maps as between two scans. In rooms, corridors and on csail it is 0.08 to 0.4, whatever that
 variance.
 """
@@ -163,68 +165,70 @@ class Kept(NamedTuple):
 
     Attributes:
         deviation: standard deviation of the prediction [m].
-        turn: of its heading [rad].
         error: of the registration along a direction that is informed as well as the one across [m].
     """
 
     deviation: float
-    turn: float
     error: float
 
 
-NOT_KEPT = Kept(0.0, 0.0, 0.0)
+NOT_KEPT = Kept(0.0, 0.0)
 
 
 @func
 def keep_prediction(
-    found: template, i: I32, deviation: F64, turn: F64, error: F64, variance: F64, mx: F64, my: F64, square: F64
+    found: template, i: I32, deviation: F64, error: F64, variance: F64, mx: F64, my: F64, square: F64
 ):  # fmt: skip
     """Row i of ``found``, an offset (x, y, theta) and its information 00 01 02 11 12 22, as ``keep_predictions``.
 
     ``variance`` is of the residuals; ``mx``, ``my`` and ``square`` are the endpoints' means of x, y and x^2 + y^2 from
     the robot, in the axes of the offset [m, m^2].
     """
-    xx, xy, yy = found[i, 3], found[i, 4], found[i, 6]
+    xx, xy, xt, yy, yt, tt = found[i, 3], found[i, 4], found[i, 5], found[i, 6], found[i, 7], found[i, 8]
     middle, half = (xx + yy) / 2, ti.sqrt(((xx - yy) / 2) ** 2 + xy * xy)
-    most = ti.max(middle + half, LEAST_INFORMATION)
+    most, total = ti.max(middle + half, LEAST_INFORMATION), ti.max(2 * middle, LEAST_INFORMATION)
     heading = ti.atan2(2 * xy, xx - yy) / 2  # of the most informed direction
     ax, ay = -ti.sin(heading), ti.cos(heading)
     ratio = ti.max((middle - half) / most, LEAST_RATIO)
-    shift = ax * found[i, 0] + ay * found[i, 1]
     weight = deviation * deviation / (deviation * deviation + (error * variance / ratio) ** 2)
+    # the turn about the centre that changes the endpoints' distances least: the robot moves by (vx, vy) a radian, but
+    # along a direction that is not bound it does not
+    across = (ax * yt - ay * xt) / (most + RIDGE * total)
+    along = -weight * (ax * xt + ay * yt) / (ti.max(middle - half, 0.0) + RIDGE * total)
+    vx, vy = along * ax + across * ay, along * ay - across * ax
+    bound = ti.max(vx * (xx * vx + 2 * xy * vy + 2 * xt) + vy * (yy * vy + 2 * yt) + tt, 0.0)
+    lever = ti.max(square + vx * vx + vy * vy + 2 * (vy * mx - vx * my), LEAST_INFORMATION)
+    noise = NOISE_RATIO * ti.min(variance, MOST_NOISE)
+    turn_weight = ti.min(ti.max(2 * bound / (total * lever) / noise - 2, 0.0), 1.0)
+    if error == 0:
+        turn_weight = 1.0
+    shift = ax * found[i, 0] + ay * found[i, 1]
     found[i, 0] -= ax * (1 - weight) * shift
     found[i, 1] -= ay * (1 - weight) * shift
     less = 1 - ti.sqrt(weight)
     k00, k01, k11 = 1 - less * ax * ax, -less * ax * ay, 1 - less * ay * ay
     p00, p01 = k00 * xx + k01 * xy, k00 * xy + k01 * yy
     p10, p11 = k01 * xx + k11 * xy, k01 * xy + k11 * yy
-    xt, yt = found[i, 5], found[i, 7]
     found[i, 3], found[i, 4], found[i, 6] = p00 * k00 + p01 * k01, p00 * k01 + p01 * k11, p10 * k01 + p11 * k11
     found[i, 5], found[i, 7] = k00 * xt + k01 * yt, k01 * xt + k11 * yt
-    # the turn about the centre that changes the endpoints' distances least: the robot moves by (vx, vy) a radian
-    xx, xy, xt, yy, yt, tt = found[i, 3], found[i, 4], found[i, 5], found[i, 6], found[i, 7], found[i, 8]
-    total = ti.max(2 * middle, LEAST_INFORMATION)
-    a, b = xx + RIDGE * total, yy + RIDGE * total
-    vx, vy = (xy * yt - b * xt) / (a * b - xy * xy), (xy * xt - a * yt) / (a * b - xy * xy)
-    rx, ry, rt = xx * vx + xy * vy + xt, xy * vx + yy * vy + yt, xt * vx + yt * vy + tt
-    bound = ti.max(vx * rx + vy * ry + rt, 0.0)
-    lever = ti.max(square + vx * vx + vy * vy + 2 * (vy * mx - vx * my), LEAST_INFORMATION)
-    ratio = ti.max(bound / (total * lever) - NOISE_RATIO * variance, LEAST_RATIO)
-    weight = turn * turn / (turn * turn + (error * variance / ratio) ** 2 / lever)
-    back, less = (1 - weight) * found[i, 2], 1 - ti.sqrt(weight)
-    found[i, 0] -= back * vx
-    found[i, 1] -= back * vy
-    found[i, 2] -= back
-    found[i, 5] -= less * rx
-    found[i, 7] -= less * ry
-    found[i, 8] += less * (less * bound - 2 * rt)
+    if turn_weight < 1:
+        back, left = (1 - turn_weight) * found[i, 2], 1 - ti.sqrt(turn_weight)
+        found[i, 0] -= vx * back
+        found[i, 1] -= vy * back
+        found[i, 2] -= back
+        rx = found[i, 3] * vx + found[i, 4] * vy + found[i, 5]
+        ry = found[i, 4] * vx + found[i, 6] * vy + found[i, 7]
+        rt = found[i, 5] * vx + found[i, 7] * vy + tt
+        found[i, 5] -= left * rx
+        found[i, 7] -= left * ry
+        found[i, 8] += left * (left * (vx * rx + vy * ry + rt) - 2 * rt)
 
 
 @kernel
-def _keep_all(found: F64_2D, means: F64_2D, variances: F64_1D, deviation: F64, turn: F64, error: F64):
+def _keep_all(found: F64_2D, means: F64_2D, variances: F64_1D, deviation: F64, error: F64):
     ti.loop_config(serialize=True)
     for i in range(found.shape[0]):
-        keep_prediction(found, i, deviation, turn, error, variances[i], means[i, 0], means[i, 1], means[i, 2])
+        keep_prediction(found, i, deviation, error, variances[i], means[i, 0], means[i, 1], means[i, 2])
 
 
 def keep_predictions(
@@ -234,10 +238,10 @@ def keep_predictions(
 
     Along the least informed direction in the plane the offset is multiplied by w = d^2 / (d^2 + (e s / r)^2), with the
     prediction's deviation d, the registration's error e, the variance s of the residuals, and the ratio r of the
-    information along the direction to that across it. The information along it is multiplied by w, too. Then likewise
+    information along the direction to that across it. The information along it is multiplied by w, too. Then
     the turn about the centre that changes the endpoints' distances least, with the rest of the offset that belongs to
-    it: its ratio is of the information about motions of the endpoints by a metre in the mean to that of all in both
-    directions, less ``NOISE_RATIO`` s, and its error that of the endpoints.
+    it: there w grows from 0 to 1 as the ratio, of what is known of it to what endpoints that bound all directions would
+    know of as large a motion, grows from what the noise of slopes makes at most to half as much again.
 
     Args:
         offsets: [n, 3] from the predicted poses.

@@ -121,16 +121,15 @@ def _crosses_surface(
 @kernel
 def _register(
     pool: I16_1D, table: I32_1D, begin: I32, stride: I32, columns: I32, rows: I32, queries: F64_2D, scan: F32_2D,
-    points: I32, origin_x: F32, origin_y: F32, settings: F32_1D, coarse: I32, deviation: F64, turn: F64, error: F64,
+    points: I32, origin_x: F32, origin_y: F32, settings: F32_1D, coarse: I32, deviation: F64, error: F64,
     found: F64_2D, passes: I32, alone: template,
 ):  # fmt: skip
     """Coarse level, fine level, then the fit: see ``register_scans``.
 
     ``stride`` is from one particle's table to the next; 0 where all use one. The first ``points`` columns of ``scan``
     are x and y of its points. ``settings`` are those of ``settings_of``. With a ``deviation`` above 0 the prediction
-    is kept along degenerate directions, and with a ``turn`` for a turn that is not bound; their ``error`` is that of
-    standard residuals. A query that is ``alone`` wakes no other thread; of others there are ``passes`` each, see
-    ``passes_for``.
+    is kept along degenerate directions, whose ``error`` is that of standard residuals, and in turns that are not bound.
+    A query that is ``alone`` wakes no other thread; of others there are ``passes`` each, see ``passes_for``.
     """
     fine_x, fine_y = ti.cast(columns * SIDE - 2, ti.f32), ti.cast(rows * SIDE - 2, ti.f32)
     coarse_x, coarse_y = ti.cast(columns * SIDE // 2 - 2, ti.f32), ti.cast(rows * SIDE // 2 - 2, ti.f32)
@@ -216,7 +215,7 @@ def _register(
         if deviation > 0:
             mean = ti.min(ti.max(likely / ti.max(known, 1.0), ti.static(LIKELIHOODS[0])), ti.static(LIKELIHOODS[1]))
             variance = 0.5 * (1.0 - 1.0 / (mean * mean)) / exponent  # of the residuals, by their mean likelihood
-            keep_prediction(found, i, deviation, turn, error, variance, means[0], means[1], means[2])
+            keep_prediction(found, i, deviation, error, variance, means[0], means[1], means[2])
 
 
 class _Room(threading.local):

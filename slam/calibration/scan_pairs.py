@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.slam.registration.config import RegistrationConfig
-from moteslam.slam.registration.information import unbound
+from moteslam.slam.registration.information import least_bound_turn
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -32,8 +32,6 @@ SECTORS = 4
 """Of a fan, whose angles are scaled each by itself."""
 AGREEMENT = 0.8
 """Least cosine between the normals of two surfaces that are held to each other."""
-UNBOUND = 1e6
-"""An error of a turn by noise of the normals alone [rad], as ``unbound`` has it, is far above this."""
 LEAST_FIT = 0.6
 """A pair is registered where this share of the endpoints fits."""
 LEAST_BEAMS = 25
@@ -174,8 +172,8 @@ def _turns_known(information: Array, arm: Array, weight: Array, deviation: Array
     total = np.maximum(weight.sum(axis=1), 1e-9)
     means = np.column_stack((np.einsum("kbi,kb->ki", arm, weight), np.einsum("kbi,kbi,kb->k", arm, arm, weight)))
     variances = np.square(deviation / RegistrationConfig().residual)
-    _, errors = unbound(information, means / total[:, None], variances, 1.0)
-    return np.asarray(errors[:, 1] < UNBOUND)
+    _, bound = least_bound_turn(information, means / total[:, None], variances, RegistrationConfig())
+    return np.asarray(bound > 0.5)
 
 
 def _warps(

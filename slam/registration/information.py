@@ -5,7 +5,14 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from moteslam.kernels.gauss_newton import LEAST_INFORMATION, LEAST_RATIO, NOISE_RATIO, RIDGE, keep_predictions
+from moteslam.kernels.gauss_newton import (
+    LEAST_INFORMATION,
+    LEAST_RATIO,
+    MOST_NOISE,
+    NOISE_RATIO,
+    RIDGE,
+    keep_predictions,
+)
 from moteslam.kernels.registration import LIKELIHOODS
 from moteslam.slam.registration.config import RegistrationConfig
 from moteslam.slam.registration.registrar import FULL, Registration, kept_by
@@ -59,32 +66,34 @@ def least_informed(information: Array) -> tuple[Array, Array]:
     return (middle - half) / np.maximum(middle + half, 1e-9), along
 
 
-def unbound(information: Array, means: Array, variances: Array, error: float) -> tuple[Array, Array]:
-    """The two motions that endpoints bind least, and how far registration errs along them, as ``keep_predictions``.
+def least_bound_turn(
+    information: Array, means: Array, variances: Array, config: RegistrationConfig
+) -> tuple[Array, Array]:
+    """The turn that changes the endpoints' distances least, and how much they know of it: as ``keep_predictions``.
 
     Args:
         information: [N, 3, 3] of the pose (x, y, theta).
         means: [N, 3] of the endpoints' x, y, x^2 + y^2 from the robot, in the axes of the information [m, m^2].
         variances: [N] of the residuals, in squares of standard ones.
-        error: along a direction that is informed as well as the one across [m].
+        config: how much error a degenerate direction has, along which the robot does not move in that turn.
 
     Returns:
-        [N, 2, 3] a unit vector in the plane, and a turn of a radian about a centre; [N, 2] standard deviations of the
-        share of each.
+        [N, 3] how the robot moves in a turn of a radian; [N] 1 where it is bound, 0 where that is noise of the slopes.
     """
     ratio, along = least_informed(information)
-    plane = information[:, :2, :2]
-    total = np.maximum(np.trace(plane, axis1=1, axis2=2), LEAST_INFORMATION)
-    bound = plane + RIDGE * total[:, None, None] * np.eye(2)
+    error = config.degenerate * variances / np.maximum(ratio, LEAST_RATIO)
+    weight = 1 / (1 + np.square(error / config.translation))
+    total = np.maximum(information[:, 0, 0] + information[:, 1, 1], LEAST_INFORMATION)
+    least = total * np.maximum(ratio, 0.0) / (1 + ratio)
+    across = np.column_stack((along[:, 1], -along[:, 0]))
+    pull, push = ((information[:, :2, 2] * way).sum(axis=1) for way in (along, across))
     turn = np.ones((len(information), 3))
-    turn[:, :2] = -np.linalg.solve(bound, information[:, :2, 2:])[..., 0]
+    turn[:, :2] = -(weight * pull / (least + RIDGE * total))[:, None] * along
+    turn[:, :2] -= (push / (total - least + RIDGE * total))[:, None] * across
     x, y, _ = turn.T
     lever = np.maximum(means[:, 2] + x * x + y * y + 2 * (y * means[:, 0] - x * means[:, 1]), LEAST_INFORMATION)
-    known = np.einsum("ni,nij,nj->n", turn, information, turn)
-    ratios = np.column_stack((ratio, known / (total * lever) - NOISE_RATIO * variances))
-    deviations = (error * variances)[:, None] / np.maximum(ratios, LEAST_RATIO)
-    deviations[:, 1] /= np.sqrt(lever)
-    return np.stack((np.column_stack((along, np.zeros(len(along)))), turn), axis=1), deviations
+    known = np.einsum("ni,nij,nj->n", turn, information, turn) / (total * lever)
+    return turn, np.clip(2 * known / (NOISE_RATIO * np.minimum(variances, MOST_NOISE)) - 2, 0.0, 1.0)
 
 
 def keep_odometry(found: Registration, spread: Array, config: RegistrationConfig) -> Registration:
@@ -100,7 +109,7 @@ def keep_odometry(found: Registration, spread: Array, config: RegistrationConfig
         found.information.reshape(-1, 9)[:, UPPER],
         found.means,
         np.ones(len(found.offsets)),
-        kept_by(float(spread[0]), float(spread[2]), config),
+        kept_by(float(spread[0]), config),
     )
     return found._replace(offsets=offsets, information=information[:, FULL].reshape(-1, 3, 3))
 
@@ -115,11 +124,14 @@ def less_where_unbound(information: Array, found: Registration, which: int, conf
         information: as of ``measured_information``.
         found, which, config: as there.
     """
-    variance = np.array([residual_variance(float(found.likelihoods[which]), config)])
     seen = found.at(which)
-    (motions,), (errors,) = unbound(seen.information, seen.means, variance, config.degenerate)
-    for motion, error in zip(motions, errors, strict=True):
-        if error:
-            known = information @ motion
-            information = information - np.outer(known, known) / (1 / error**2 + known @ motion)
+    (ratio,), (along,) = least_informed(seen.information)
+    variance = residual_variance(float(seen.likelihoods[0]), config)
+    error = config.degenerate * variance / max(float(ratio), LEAST_RATIO)
+    if error:
+        known = information @ np.append(along, 0.0)
+        information = information - np.outer(known, known) / (1 / error**2 + known[:2] @ along)
+        (turn,), (bound,) = least_bound_turn(seen.information, seen.means, np.array([variance]), config)
+        known = information @ turn
+        information = information - (1 - bound) * np.outer(known, known) / max(float(known @ turn), LEAST_INFORMATION)
     return np.asarray(information)

@@ -127,7 +127,7 @@ def register(
         origin.tolist(),
         options=options_of(maps.config, config),
         coarse=coarse,
-        kept=kept_by(x, theta, config) if keep else None,
+        kept=kept_by(x, config) if keep else None,
         finite=True,
     )
     information = found[:, INFORMATION][:, FULL].reshape(-1, 3, 3)
@@ -185,7 +185,7 @@ def register_one(
     weight = config.prior_weight
     prior = weight / x**2, weight / y**2, weight / theta**2, 0.0, 0.0, 0.0
     query = *maps.frame(predicted), 0.0, 0.0, 0.0, *prior
-    kept = kept_by(x, theta, config)
+    kept = kept_by(x, config)
     found = register_scan(maps.tiles, query, points, origin, options=options, kept=kept, finite=True)
     x, y, theta, xx, xy, xt, yy, yt, tt, cost, known, likelihood, crossed = found[: CROSSED + 1]
     free_x, free_y, free_turn = found[FREE]
@@ -212,9 +212,9 @@ def options_of(maps: TsdfConfig, config: RegistrationConfig) -> RegistrationOpti
     )
 
 
-def kept_by(deviation: float, turn: float, config: RegistrationConfig) -> Kept:
-    """How odometry of these standard deviations [m, rad] is kept along degenerate directions."""
-    return Kept(deviation, turn, config.degenerate)
+def kept_by(deviation: float, config: RegistrationConfig) -> Kept:
+    """How odometry of this standard deviation [m] is kept along degenerate directions."""
+    return Kept(deviation, config.degenerate)
 
 
 def prior_deviations(config: RegistrationConfig, distance: float, rotation: float, *, measured: bool = True) -> Spread:

@@ -100,7 +100,7 @@ def test_junctions_beside_that_of_the_first_return_to_mile_look_like_it() -> Non
 @pytest.mark.parametrize("name", WORLDS)
 def test_key_scans_close_loops(name: str) -> None:
     case = wheels_case(name, 1, step_noise=STEP_NOISE)
-    assert case.end == "arrived"
+    assert case.simulation.end == "arrived"
     lidar, truth = case.recording.lidar, case.reference
     assert case.recording.imu is None
     assert len(lidar) > truth.length

@@ -21,7 +21,7 @@ from moteslam.slam.backend.graph.endpoints import Endpoints
 from moteslam.slam.backend.graph.partners import choose_partners
 from moteslam.slam.backend.graph.pose_graph import relative_jacobians
 from moteslam.slam.backend.graph.sparse_blocks import BlockSystem
-from moteslam.slam.registration.information import unbound
+from moteslam.slam.registration.information import least_bound_turn, least_informed
 from moteslam.slam.registration.registrar import FULL
 
 Array = NDArray[np.float64]
@@ -217,15 +217,24 @@ def _add_pairs(
     """
     information, gradient = sums[:, FULL].reshape(-1, 3, 3), sums[:, 6:9].copy()
     registration = config.registration
+    ratio, along = least_informed(information)
+    along = np.column_stack((along, np.zeros(len(along))))
     variances = np.full(len(information), variance / registration.residual**2)
+    deviation = registration.degenerate * variance / registration.residual**2 / np.maximum(ratio, 1e-9)
+    unknown = np.square(np.bincount(first)[first] * deviation)
     weights = np.maximum(information[:, 0, 0] + information[:, 1, 1], LEAST_INFORMATION)  # normals have length 1
-    motions, deviations = unbound(information, sums[:, 9:] / weights[:, None], variances, registration.degenerate)
-    unknown = np.square(np.bincount(first)[first][:, None] * deviations)
-    for motion, square in zip(np.swapaxes(motions, 0, 1), unknown.T, strict=True):
-        moved = _turned(information, motion)
-        share = square / (1 + square * (motion * moved).sum(axis=1))
-        gradient -= (share * (motion * gradient).sum(axis=1))[:, None] * moved
-        information = information - share[:, None, None] * moved[:, :, None] * moved[:, None, :]
+    turn, bound = least_bound_turn(information, sums[:, 9:] / weights[:, None], variances, registration)
+    moved = _turned(information, along)
+    share = unknown / (1 + unknown * (along * moved).sum(axis=1))
+    gradient -= (share * (along * gradient).sum(axis=1))[:, None] * moved
+    information -= share[:, None, None] * moved[:, :, None] * moved[:, None, :]
+    loose = bound < 1
+    if loose.any():
+        turn = turn[loose]
+        moved = _turned(information[loose], turn)
+        share = (1 - bound[loose]) / np.maximum((turn * moved).sum(axis=1), LEAST_INFORMATION)
+        gradient[loose] -= (share * (turn * gradient[loose]).sum(axis=1))[:, None] * moved
+        information[loose] -= share[:, None, None] * moved[:, :, None] * moved[:, None, :]
     off = poses[first, :2] - poses[second, :2]
     about = np.repeat(np.eye(3)[None], len(off), axis=0)
     about[:, 0, 2], about[:, 1, 2] = -off[:, 1], off[:, 0]
