@@ -172,7 +172,9 @@ def _turns_known(information: Array, arm: Array, weight: Array, deviation: Array
     total = np.maximum(weight.sum(axis=1), 1e-9)
     means = np.column_stack((np.einsum("kbi,kb->ki", arm, weight), np.einsum("kbi,kbi,kb->k", arm, arm, weight)))
     variances = np.square(deviation / RegistrationConfig().residual)
-    _, bound = least_bound_turn(information, means / total[:, None], variances, RegistrationConfig())
+    _, bound = least_bound_turn(
+        information, means / total[:, None], variances, np.zeros(len(total)), RegistrationConfig()
+    )
     return np.asarray(bound > 0.5)
 
 

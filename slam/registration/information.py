@@ -67,7 +67,7 @@ def least_informed(information: Array) -> tuple[Array, Array]:
 
 
 def least_bound_turn(
-    information: Array, means: Array, variances: Array, config: RegistrationConfig
+    information: Array, means: Array, variances: Array, errors: Array, config: RegistrationConfig
 ) -> tuple[Array, Array]:
     """The turn that changes the endpoints' distances least, and how much they know of it: as ``keep_predictions``.
 
@@ -75,14 +75,14 @@ def least_bound_turn(
         information: [N, 3, 3] of the pose (x, y, theta).
         means: [N, 3] of the endpoints' x, y, x^2 + y^2 from the robot, in the axes of the information [m, m^2].
         variances: [N] of the residuals, in squares of standard ones.
-        config: how much error a degenerate direction has, along which the robot does not move in that turn.
+        errors: [N] along the direction that is bound least [m]: where they are large a turn does not move along it.
+        config: of the registration.
 
     Returns:
         [N, 3] how the robot moves in a turn of a radian; [N] 1 where it is bound, 0 where that is noise of the slopes.
     """
     ratio, along = least_informed(information)
-    error = config.degenerate * variances / np.maximum(ratio, LEAST_RATIO)
-    weight = 1 / (1 + np.square(error / config.translation))
+    weight = 1 / (1 + np.square(errors / config.translation))
     total = np.maximum(information[:, 0, 0] + information[:, 1, 1], LEAST_INFORMATION)
     least = total * np.maximum(ratio, 0.0) / (1 + ratio)
     across = np.column_stack((along[:, 1], -along[:, 0]))
@@ -131,7 +131,9 @@ def less_where_unbound(information: Array, found: Registration, which: int, conf
     if error:
         known = information @ np.append(along, 0.0)
         information = information - np.outer(known, known) / (1 / error**2 + known[:2] @ along)
-        (turn,), (bound,) = least_bound_turn(seen.information, seen.means, np.array([variance]), config)
+        (turn,), (bound,) = least_bound_turn(
+            seen.information, seen.means, np.array([variance]), np.array([error]), config
+        )
         known = information @ turn
         information = information - (1 - bound) * np.outer(known, known) / max(float(known @ turn), LEAST_INFORMATION)
     return np.asarray(information)

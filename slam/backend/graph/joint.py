@@ -223,11 +223,15 @@ def _add_pairs(
     deviation = registration.degenerate * variance / registration.residual**2 / np.maximum(ratio, 1e-9)
     unknown = np.square(np.bincount(first)[first] * deviation)
     weights = np.maximum(information[:, 0, 0] + information[:, 1, 1], LEAST_INFORMATION)  # normals have length 1
-    turn, bound = least_bound_turn(information, sums[:, 9:] / weights[:, None], variances, registration)
+    means = sums[:, 9:] / weights[:, None]
+    turn, bound = least_bound_turn(information, means, variances, np.sqrt(unknown), registration)
     moved = _turned(information, along)
     share = unknown / (1 + unknown * (along * moved).sum(axis=1))
     gradient -= (share * (along * gradient).sum(axis=1))[:, None] * moved
     information -= share[:, None, None] * moved[:, :, None] * moved[:, None, :]
+    best = np.zeros(len(poses))
+    np.maximum.at(best, first, bound)  # a turn that one pair of a scan binds is bound
+    bound = best[first]
     loose = bound < 1
     if loose.any():
         turn = turn[loose]
