@@ -25,6 +25,8 @@ TAIL = 4.0
 KNOWN, FEWEST = 2.0, 10
 """The noise is measured on steps whose registration has less than the first factor times the odometry's variance, where
 there are more than the second."""
+GAIN_INFORMATION = 200.0
+"""Prior on the gains, of standard deviation 0.07: wheels are off by some percent (docs/theory/default-filter.md)."""
 LEAST_SCALE = 0.1
 """Of the noise, over its shape: no odometry is better."""
 LEAST_SHARE = 0.1
@@ -68,10 +70,9 @@ def fit_odometry(odometry: Array, registered: Array, covariance: Array) -> Odome
     """Fit a linear map of each step that corrects it, and measure what noise is left.
 
     Alternately the gains of forward, left and turning error are fitted, robustly, and the scale of the noise: the
-    median absolute residual of the steps that registration knows better than odometry. A gain is by its prior as large
-    as that noise for every metre or radian. Both sides err: what is left is to be orthogonal not to the steps by the
-    odometry, whose noise is in it, but to the true ones, by odometry and registration together (errors in variables;
-    Fuller 1987, Measurement Error Models, section 1.3).
+    median absolute residual of the steps that registration knows better than odometry. Both sides err: what is left is
+    to be orthogonal not to the steps by the odometry, whose noise is in it, but to the true ones, by odometry and
+    registration together (errors in variables; Fuller 1987, Measurement Error Models, section 1.3).
 
     Args:
         odometry: [n - 1, 3] steps.
@@ -93,9 +94,9 @@ def fit_odometry(odometry: Array, registered: Array, covariance: Array) -> Odome
             total = variance[:, axis] + noise
             weights = 1 / total / (1 + rest * rest / total / TAIL)
             weighted = true * weights[:, None]
-            usual = SAFETY * scales[axis] * np.array((FROM_DISTANCE[axis], FROM_DISTANCE[axis], FROM_ROTATION[axis]))
-            prior = np.diag(1 / np.square(usual))
-            gains[axis] = np.linalg.solve(weighted.T @ odometry + prior, weighted.T @ errors[:, axis])
+            gains[axis] = np.linalg.solve(
+                weighted.T @ odometry + GAIN_INFORMATION * np.eye(3), weighted.T @ errors[:, axis]
+            )
             rest = errors[:, axis] - odometry @ gains[axis]
             known = variance[:, axis] < KNOWN * noise
             measured[axis] = known.sum() > FEWEST
