@@ -106,7 +106,8 @@ print("launched by Taichi itself")
 def test_with_another_release_taichi_itself_loads_and_launches(tmp_path: Path) -> None:
     done = subprocess.run(
         [sys.executable, "-c", ANOTHER_RELEASE],
-        env=os.environ | {"MOTESLAM_CACHE": str(tmp_path), "ENABLE_TAICHI_HEADER_PRINT": "0"},
+        # Taichi itself needs a home folder
+        env=os.environ | {"MOTESLAM_CACHE": str(tmp_path), "ENABLE_TAICHI_HEADER_PRINT": "0", "HOME": str(tmp_path)},
         capture_output=True,
         text=True,
         timeout=600,
