@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 from moteslam.kernels.checks import as_finite
 from moteslam.kernels.runtime import runtime, ti
 from moteslam.kernels.tiles import STEPS, bilinear
-from moteslam.kernels.types import F32, F64, F64_1D, F64_2D, I32, func, kernel, template
+from moteslam.kernels.types import F32, F64, F64_2D, I32, func, kernel, template
 
 CONVERGED_SHIFT, CONVERGED_TURN = 3e-4, 1e-4
 """Gauss-Newton ends where a step is below both, or the steps still to come are together, |x| + |y| [m] and |theta|
@@ -146,9 +146,7 @@ def descend(
 LEAST_INFORMATION, LEAST_RATIO = 1e-9, 1e-12
 """What the information of a scan, and the ratio of that along a degenerate direction, count as at least."""
 RIDGE = 1e-3
-"""Added to the information about the position, as a share of the largest, before it is inverted."""
-
-
+"""Added to the information about the position, as a share of that in both directions, before it is inverted."""
 MOST_NOISE = 4.0
 """The variance of residuals that is a lidar's noise, of 2 cm, in squares of standard ones; what is more is people."""
 NOISE_RATIO = 0.016
@@ -225,30 +223,29 @@ def keep_prediction(
 
 
 @kernel
-def _keep_all(found: F64_2D, means: F64_2D, variances: F64_1D, deviation: F64, error: F64):
+def _keep_all(found: F64_2D, means: F64_2D, deviation: F64, error: F64):
     ti.loop_config(serialize=True)
     for i in range(found.shape[0]):
-        keep_prediction(found, i, deviation, error, variances[i], means[i, 0], means[i, 1], means[i, 2])
+        keep_prediction(found, i, deviation, error, 1.0, means[i, 0], means[i, 1], means[i, 2])
 
 
 def keep_predictions(
-    offsets: ArrayLike, information: ArrayLike, means: ArrayLike, variances: ArrayLike, kept: Kept
+    offsets: ArrayLike, information: ArrayLike, means: ArrayLike, kept: Kept
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Keep the predicted poses where endpoints carry least information: along a direction, and for a turn.
 
-    Along the least informed direction in the plane the offset is multiplied by w = d^2 / (d^2 + (e s / r)^2), with the
-    prediction's deviation d, the registration's error e, the variance s of the residuals, and the ratio r of the
-    information along the direction to that across it. The information along it is multiplied by w, too. Then
-    the turn about the centre that changes the endpoints' distances least, with the rest of the offset that belongs to
-    it: there w grows from 0 to 1 as the ratio, of what is known of it to what endpoints that bound all directions would
-    know of as large a motion, grows from what the noise of slopes makes at most to half as much again.
+    Along the least informed direction in the plane the offset is multiplied by w = d^2 / (d^2 + (e / r)^2), with the
+    prediction's deviation d, the registration's error e, and the ratio r of the information along the direction to that
+    across it. The information along it is multiplied by w, too. Then the turn about the centre that changes the
+    endpoints' distances least, with the rest of the offset that belongs to it: there w grows from 0 to 1 as the ratio,
+    of what is known of it to what endpoints that bound all directions would know of as large a motion, grows from what
+    the noise of slopes makes at most to half as much again.
 
     Args:
         offsets: [n, 3] from the predicted poses.
         information: [n, 6] of the endpoints, 00 01 02 11 12 22.
         means: [n, 3] of the endpoints' x, y, x^2 + y^2 from the robot, in the axes of the offsets.
-        variances: [n] of the residuals, in squares of standard ones.
-        kept: how.
+        kept: how, where residuals have the variance of standard ones.
 
     Returns:
         offsets and information likewise.
@@ -259,8 +256,7 @@ def keep_predictions(
     shifts = as_finite("offsets", offsets, np.float64, (None, 3))
     found = np.hstack((shifts, as_finite("information", information, np.float64, (len(shifts), 6))))
     about = as_finite("means", means, np.float64, (len(shifts), 3))
-    scales = as_finite("variances", variances, np.float64, (len(shifts),))
     runtime()
     if len(found):
-        _keep_all(found, about, scales, *kept)
+        _keep_all(found, about, *kept)
     return found[:, :3], found[:, 3:]

@@ -15,6 +15,8 @@ from moteslam.slam.inputs.config import ThinningConfig
 from moteslam.slam.inputs.scans import Scans
 from moteslam.slam.inputs.step import Step
 
+__all__ = ["Filter", "FilterDefaults", "Scans", "Step", "StepResult"]
+
 Array = NDArray[np.float64]
 
 

@@ -11,7 +11,7 @@ from moteslam.robot import se2
 from moteslam.robot.platform import CameraSpec
 from moteslam.robot.recording import Recording
 from moteslam.robot.rgbd import CameraFrame, FrameCount, has_images, pairs, read_frame
-from moteslam.robot.values import Issue, counted
+from moteslam.robot.values import Issue
 from moteslam.slam.inputs.synchronise import Inputs
 
 
@@ -105,15 +105,8 @@ class FloorViews:
 
     def issues(self) -> tuple[Issue, ...]:
         """What was lost."""
-        issues, count = [], self.count
-        if count.missing:
-            text = f"colours: {counted(count.missing, 'frame')} not used, an image of theirs is missing"
-            issues.append(Issue("colours-incomplete", text, count.missing))
-        if count.unreadable:
-            lost = counted(count.unreadable, "frame")
-            text = f"colours: {lost} not used, unreadable; the first: {count.first_unreadable}"
-            issues.append(Issue("colours-unreadable", text, count.unreadable))
-        without = self.asked - count.used
+        issues = self.count.losses("colours", "colours")
+        without = self.asked - self.count.used
         if without > self.asked / 2:
             text = f"colours: no new frame at {without} of {self.asked} updates: weighed without them"
             issues.append(Issue("colours-late", text, without))

@@ -108,7 +108,6 @@ def keep_odometry(found: Registration, spread: Array, config: RegistrationConfig
         found.offsets,
         found.information.reshape(-1, 9)[:, UPPER],
         found.means,
-        np.ones(len(found.offsets)),
         kept_by(float(spread[0]), config),
     )
     return found._replace(offsets=offsets, information=information[:, FULL].reshape(-1, 3, 3))

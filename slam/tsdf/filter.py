@@ -20,8 +20,9 @@ from moteslam.slam.inputs.step import Step, thin, thin_some
 from moteslam.slam.tsdf.config import TsdfFilterConfig
 from moteslam.slam.tsdf.doubt import Doubt
 from moteslam.slam.tsdf.floor import FloorLikelihood
+from moteslam.slam.tsdf.hypotheses import divide, join, settled
 from moteslam.slam.tsdf.motion import STILL, MotionSinceUpdate
-from moteslam.slam.tsdf.particles import Particles, divide, join, settled
+from moteslam.slam.tsdf.particles import Particles
 from moteslam.slam.tsdf.pose_covariance import PoseCovariance
 from moteslam.slam.tsdf.proposal import Proposal, propose, sample
 from moteslam.slam.tsdf.relocation import Relocation

@@ -8,6 +8,8 @@ from moteslam.robot.se2 import Pose, compose_one
 from moteslam.slam.filter.update_policy import Travelled, magnitude
 from moteslam.slam.inputs.lapses import CLOSED, Open
 
+__all__ = ["CLOSED", "MotionSinceUpdate", "Open", "StepMotion", "Travelled", "magnitude", "step_motion"]
+
 STILL: Pose = (0.0, 0.0, 0.0)
 """No motion."""
 

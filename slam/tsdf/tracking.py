@@ -13,15 +13,22 @@ from numpy.typing import NDArray
 
 from moteslam.kernels.scans import ThinnedScan
 from moteslam.robot.se2 import Pose, between_one, compose_one
-from moteslam.slam.filter.update_policy import Travelled, magnitude
-from moteslam.slam.inputs.lapses import CLOSED, Open
 from moteslam.slam.odometry.calibration import CalibrationConfig, OdometryCalibration
 from moteslam.slam.odometry.noise import aside
 from moteslam.slam.registration.config import RegistrationConfig, TrackingConfig
 from moteslam.slam.registration.localisation import Localiser, Rivals
 from moteslam.slam.registration.registrar import Spread, prior_deviations
 from moteslam.slam.tsdf.doubt import ScanFit
-from moteslam.slam.tsdf.motion import STILL, MotionSinceUpdate, StepMotion, step_motion
+from moteslam.slam.tsdf.motion import (
+    CLOSED,
+    STILL,
+    MotionSinceUpdate,
+    Open,
+    StepMotion,
+    Travelled,
+    magnitude,
+    step_motion,
+)
 from moteslam.slam.tsdf.particles import Particles
 from moteslam.slam.tsdf.pose_covariance import Fit
 

@@ -11,8 +11,9 @@ from parts.runs import STEP_NOISE, wheels_case
 from scipy.spatial import cKDTree
 
 from moteslam.kernels.raycast import build_buckets, cast_rays
+from moteslam.robot import se2
 from moteslam.sim.robot.drive import Drive
-from moteslam.sim.scenario import load_scenario
+from moteslam.sim.scenario import Scenario, load_scenario
 from moteslam.sim.simulate import true_drive
 from moteslam.sim.world.world import World
 
@@ -46,6 +47,15 @@ def meetings(places: Array, driven: Array, within: float) -> NDArray[np.int64]:
     return pairs[np.abs(np.diff(driven[pairs], axis=1)[:, 0]) > APART]
 
 
+def views_from(places: Array, scenario: Scenario, *, beams: int) -> Array:
+    """[n, beams] ranges all around from places [n, 2], at most ``REACH`` [m]."""
+    angles = np.linspace(-np.pi, np.pi, beams, endpoint=False) + 0.01
+    buckets = build_buckets(World.of(scenario.world).segments)
+    origins = np.repeat(places, beams, axis=0)
+    ranges = cast_rays(buckets, origins, np.tile(angles, len(places)), max_range=REACH)
+    return np.minimum(ranges, REACH).reshape(len(places), -1)
+
+
 def look_alike(name: str) -> float:
     """The share of the places on the route from which everything within ``REACH`` looks as from another place.
 
@@ -56,18 +66,23 @@ def look_alike(name: str) -> float:
     driven = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(corners, axis=0).T))))
     length = np.arange(0.0, driven[-1], 0.2)
     places = np.unique(np.stack([np.interp(length, driven, axis) for axis in corners.T], axis=-1).round(1), axis=0)
-    angles = np.linspace(-np.pi, np.pi, 100, endpoint=False) + 0.01
-    origins = np.repeat(places, len(angles), axis=0)
-    ranges = cast_rays(
-        build_buckets(World.of(scenario.world).segments), origins, np.tile(angles, len(places)), max_range=REACH
-    )
-    views = np.minimum(ranges, REACH).reshape(len(places), -1)
+    views = views_from(places, scenario, beams=100)
     asked = range(0, len(places), 10)
     found = 0
     for i in asked:
         alike = (np.abs(views - views[i]) > 0.05).mean(axis=1) <= 0.02
         found += bool((alike & (np.hypot(*(places - places[i]).T) > 3.0)).any())
     return found / len(asked)
+
+
+@pytest.mark.slow
+def test_campus_is_driven_in_the_same_direction_here_and_in_opposite_ones_alone_there() -> None:
+    places, heading = path_of("campus")
+    pairs = meetings(places, STEP * np.arange(len(places)), 1.0)
+    turn = np.abs(se2.wrap(np.diff(heading[pairs], axis=1)[:, 0]))
+    opposite, same = (np.unique(pairs[chosen]) for chosen in (turn > np.radians(150), turn < np.radians(30)))
+    assert STEP * len(np.setdiff1d(opposite, same)) > 600.0  # 300 m of corridor, there and back
+    assert STEP * len(same) > 400.0
 
 
 @pytest.mark.slow
@@ -85,12 +100,8 @@ def test_mile_returns_to_a_known_place_after_a_kilometre_and_a_half_and_not_befo
 @pytest.mark.usefixtures("taichi")
 def test_junctions_beside_that_of_the_first_return_to_mile_look_like_it() -> None:
     """As far as a corridor is wide and a few metres more, to all sides."""
-    angles = np.linspace(-np.pi, np.pi, 200, endpoint=False) + 0.01
     junctions = np.array([[20.0 * rib, 0.0] for rib in range(1, 9)])
-    origins = np.repeat(junctions, len(angles), axis=0)
-    segments = World.of(load_scenario("mile").world).segments
-    ranges = cast_rays(build_buckets(segments), origins, np.tile(angles, len(junctions)), max_range=REACH)
-    views = np.minimum(ranges, REACH).reshape(len(junctions), -1)
+    views = views_from(junctions, load_scenario("mile"), beams=200)
     alike = (np.abs(views - views[3]) > 0.05).mean(axis=1) <= 0.02
     assert alike[[2, 3, 4]].all()  # the fourth rib is driven down; the others are 20 m to both sides
     assert alike.sum() >= 5

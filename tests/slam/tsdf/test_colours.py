@@ -265,8 +265,8 @@ def test_frames_that_are_missing_or_unreadable_are_counted(
     recording = room[1].replace(rgbd=files)
     done = run_slam(recording, CONFIG, seed=3)
     lines = [line for line in messages(done.warnings) if "colours" in line]
-    assert "frames not used, an image of theirs is missing" in lines[0]
-    assert "frames not used, unreadable; the first: " in lines[1]
+    assert "frames left out, an image of theirs is missing" in lines[0]
+    assert "frames left out, unreadable; the first: " in lines[1]
     assert "broken.png" in lines[1]
     assert "no new frame at" in lines[-1]
     assert same(done, without)

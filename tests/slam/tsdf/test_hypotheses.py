@@ -23,8 +23,9 @@ from moteslam.slam.run import SlamSession
 from moteslam.slam.settings import resolve_config
 from moteslam.slam.tsdf.config import ProposalConfig, TsdfFilterConfig
 from moteslam.slam.tsdf.filter import TsdfFilter
+from moteslam.slam.tsdf.hypotheses import divide, join, settled
 from moteslam.slam.tsdf.motion import MotionSinceUpdate
-from moteslam.slam.tsdf.particles import Particles, divide, join, settled
+from moteslam.slam.tsdf.particles import Particles
 from moteslam.slam.tsdf.proposal import propose
 from moteslam.slam.tsdf.tracking import Tracker
 
