@@ -151,21 +151,21 @@ class FrameCount:
             self.unreadable += 1
             self.first_unreadable = self.first_unreadable or frame
 
-    def losses(self, reader: str, code: str) -> list[Issue]:
-        """One for each kind of loss that happened, by what reads the frames; codes begin with ``code``."""
+    def losses(self, reader: str) -> list[Issue]:
+        """One for each kind of loss that happened, by what reads the frames."""
         issues = []
         if self.missing:
             text = f"{reader}: {counted(self.missing, 'frame')} left out, an image of theirs is missing"
-            issues.append(Issue(f"{code}-incomplete", text, self.missing))
+            issues.append(Issue("frames-incomplete", text, self.missing))
         if self.unreadable:
             left = counted(self.unreadable, "frame")
             text = f"{reader}: {left} left out, unreadable; the first: {self.first_unreadable}"
-            issues.append(Issue(f"{code}-unreadable", text, self.unreadable))
+            issues.append(Issue("frames-unreadable", text, self.unreadable))
         return issues
 
     def issues(self) -> tuple[Issue, ...]:
         """One for each kind of loss that happened, and where no frame is left."""
-        issues = self.losses("camera", "frames")
+        issues = self.losses("camera")
         if not self.used:
             issues.append(Issue("no-frames", "camera: not a single frame could be used"))
         return tuple(issues)

@@ -105,7 +105,7 @@ class FloorViews:
 
     def issues(self) -> tuple[Issue, ...]:
         """What was lost."""
-        issues = self.count.losses("colours", "colours")
+        issues = self.count.losses("colours")
         without = self.asked - self.count.used
         if without > self.asked / 2:
             text = f"colours: no new frame at {without} of {self.asked} updates: weighed without them"
