@@ -11,7 +11,7 @@ import pytest
 from twins import rays
 
 from moteslam.errors import ConfigError, InputError
-from moteslam.robot.formats.map_arrays import MapArrays, write_map_arrays
+from moteslam.robot.raster import MapArrays, write_map_arrays
 from moteslam.sim.scenario import load_scenario, parse_scenario
 from moteslam.sim.world.floor_plan import FloorPlan, read_floor_plan, trace_sides, wall_segments
 from moteslam.sim.world.world import World
