@@ -23,11 +23,11 @@ Results = dict[str, NDArray[np.generic]]
 
 
 def run_cases(folder: Path, *, arch: str = "cpu", threads: int = 1) -> Results:
-    """The arrays that each kernel computes, by name; ``folder`` takes the cache and the results."""
+    """The arrays that each kernel computes, by name, through a file in a folder."""
     out = folder / f"{arch}-{threads}.npz"
     done = subprocess.run(
         [sys.executable, __file__, arch, str(threads), str(out)],
-        env=os.environ | {"MOTESLAM_CACHE": str(folder / "cache")},
+        env=os.environ | {"OPENBLAS_NUM_THREADS": "1"},
         capture_output=True,
         text=True,
         timeout=600,
@@ -285,7 +285,26 @@ def main() -> None:
     from moteslam.kernels import runtime
 
     runtime.init(arch, int(threads), debug=os.environ.get("MOTESLAM_TEST_DEBUG") == "1")
-    np.savez(out, **compute())
+    results = compute()
+    if threads == "1":
+        before = switches()
+        assert before, "Taichi has threads"
+        compute()
+        assert switches() == before, "on one thread a loop runs where it is launched"
+    np.savez(out, **results)
+
+
+def switches() -> dict[str, int] | bool:
+    """How often each thread but the main one has run, by its number; Linux alone tells."""
+    tasks = Path("/proc/self/task")
+    if not tasks.is_dir():
+        return True
+    counts = {}
+    for task in tasks.iterdir():
+        if task.name != str(os.getpid()):
+            lines = (task / "status").read_text().splitlines()
+            counts[task.name] = sum(int(line.split()[1]) for line in lines if "ctxt_switches" in line)
+    return counts
 
 
 if __name__ == "__main__":

@@ -18,7 +18,6 @@ from tile_pools import (
     moved,
     room_scan,
     thinned,
-    tiles_of,
 )
 from twins import tsdf
 
@@ -28,7 +27,6 @@ from moteslam.kernels.registration import (
     COST,
     CROSSED,
     FAR,
-    FOUND,
     FRAME,
     INFORMATION,
     KNOWN,
@@ -215,12 +213,6 @@ def test_endpoints_off_the_walls_are_counted(room: Pool, far: float) -> None:
     assert 0 < fit[FAR] < 0.5 * fit[KNOWN]
 
 
-def test_no_frames(room: Pool) -> None:
-    offsets, fits = register(room, np.empty((0, 3)), room_scan())
-    assert offsets.shape == (0, 3)
-    assert fits.shape == (0, FOUND)
-
-
 @kernel
 def _keep_in_view(values: F32_2D):
     for i in range(values.shape[0]):
@@ -274,27 +266,6 @@ def test_it_ends_within_the_bounds_of_where_it_would_go(room: Pool) -> None:
     left = np.abs(offsets - first)
     assert (left[:, 0] + left[:, 1]).max() < CONVERGED_SHIFT
     assert left[:, 2].max() < CONVERGED_TURN
-
-
-@pytest.mark.parametrize(
-    ("change", "field"),
-    [
-        ({"tables": np.zeros((2, 2, 2), np.int32)}, "tiles"),  # neither one nor three
-        ({"queries": np.ones((3, 12))}, "queries"),
-        ({"queries": np.zeros((3, 13))}, "queries"),  # a prior of no weight
-        ({"origin": (0, 0, 0)}, "origin"),
-        ({"origin": (0, np.nan)}, "origin"),
-    ],
-)
-def test_bad_input_of_registration(change: dict[str, object], field: str) -> None:
-    arguments: dict[str, object] = {
-        "pool": np.zeros(CELLS, np.int16), "tables": np.zeros((1, 2, 2), np.int32), "queries": np.ones((3, 13)),
-        "points": [(0.1, 0.1)], "origin": (0, 0),
-    }  # fmt: skip
-    options = RegistrationOptions(**OPTIONS)  # type: ignore[arg-type]
-    arguments |= change
-    with pytest.raises(InputError, match=f"^{field}: "):
-        register_scans(tiles_of(arguments.pop("pool"), arguments.pop("tables")), **arguments, options=options)  # type: ignore[arg-type]
 
 
 def test_one_scan_in_plain_numbers_is_a_row_of_many(room: Pool) -> None:

@@ -7,7 +7,6 @@ import pytest
 from tile_pools import CELL, COARSE_TRUNCATION, MIDDLE, OPTIONS, TRUNCATION, Pool, frames, room_scan, thinned
 from twins import tsdf
 
-from moteslam.errors import InputError
 from moteslam.kernels.scans import ThinnedScan, thin_scan
 from moteslam.kernels.tiles import CELLS, STEPS
 from moteslam.kernels.tsdf import IntegrationOptions, integrate_scans
@@ -193,40 +192,3 @@ def test_points_that_coincide_write_nothing_wrong() -> None:
     double.add([MIDDLE], scan)
     single.add([MIDDLE], ThinnedScan(scan.points[1:], scan.joined[1:]))
     np.testing.assert_array_equal(double.all_words(), single.all_words())
-
-
-@pytest.mark.parametrize(
-    ("change", "field"),
-    [
-        ({"spacing": -1.0}, "spacing"),
-        ({"max_spacing": np.nan}, "max_spacing"),
-        ({"gap": np.inf}, "gap"),
-        ({"gap_from_range": -0.1}, "gap_from_range"),
-    ],
-)
-def test_bad_input_of_thinning(change: dict[str, object], field: str) -> None:
-    arguments: dict[str, object] = {"points": [(1, 1), (1, 2)], "origin": (0, 0), "spacing": 0.02, "gap": 0.3}
-    with pytest.raises(InputError, match=f"^{field}: "):
-        thin_scan(**{**arguments, **change})  # type: ignore[arg-type]
-
-
-@pytest.mark.parametrize(
-    ("change", "field"),
-    [
-        ({"frames": frames([MIDDLE, MIDDLE])}, "frames"),
-        ({"frames": frames([(0.0, 0.0, 0.0)])}, "frames"),  # the scan would leave the tables
-        ({"scans": [ThinnedScan(np.full((2, 2), np.nan, np.float32), np.ones(2, np.int32))]}, "scan"),
-        ({"scans": [ThinnedScan(np.ones((2, 2), np.float32), np.ones(3, np.int32))]}, "scan"),
-        ({"scans": []}, "frames"),
-        ({"cell_size": 0.0}, "cell_size"),
-        ({"coarse_truncation": 9.0}, "frames"),
-    ],
-)
-def test_bad_input_of_integrating(change: dict[str, object], field: str) -> None:
-    pool = Pool.empty()
-    arguments: dict[str, object] = {"frames": frames([MIDDLE]), "scans": [thinned(room_scan())]}
-    options = IntegrationOptions(**{**OPTIONS, **{key: change[key] for key in change if key in OPTIONS}})  # type: ignore[arg-type]
-    arguments |= {key: change[key] for key in change if key not in OPTIONS}
-    with pytest.raises(InputError, match=f"^{field}: "):
-        integrate_scans(pool.store(), **arguments, options=options)  # type: ignore[arg-type]
-    assert not pool.tables.any()

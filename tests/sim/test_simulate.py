@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from sim_drives import room_table
 
 from moteslam.errors import ConfigError
 from moteslam.robot import se2
@@ -40,9 +41,9 @@ def identical(a: Recording, b: Recording) -> bool:
     )
 
 
-@pytest.fixture
-def simulation(scenario: Scenario) -> Simulation:
-    return simulate(scenario, seed=4)
+@pytest.fixture(scope="module")
+def simulation(taichi: None) -> Simulation:
+    return simulate(parse_scenario(room_table()), seed=4)
 
 
 def test_the_same_seed_gives_the_same_bytes(scenario: Scenario, simulation: Simulation) -> None:
@@ -105,22 +106,3 @@ def test_a_written_recording_reads_back_identical(simulation: Simulation, tmp_pa
     assert truth.stamps.tobytes() == simulation.truth.stamps.tobytes()
     np.testing.assert_allclose(truth.poses, simulation.truth.poses, atol=1e-12)
     assert load_scenario(tmp_path / "scenario.toml") == simulation.scenario
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ["corridor", "hall"])
-def test_what_makes_the_bundled_scenarios_hard(name: str) -> None:
-    simulation = simulate(load_scenario(name), seed=0)
-    lidar = simulation.recording.lidar
-    finite = np.isfinite(lidar.ranges)
-    if name == "corridor":
-        assert lidar.ranges[finite].max() > 20.0
-        return
-    # in the middle of the hall every endpoint lies on one of two parallel walls
-    robot = simulation.truth.at(lidar.stamps).poses
-    middle = (robot[:, 0] > 35) & (robot[:, 0] < 75)
-    mount = se2.compose(robot[middle], simulation.recording.platform.lidar.pose)
-    angles = mount[:, 2, None] + lidar.angles
-    y = (mount[:, 1, None] + lidar.ranges[middle] * np.sin(angles))[finite[middle]]
-    assert np.minimum(np.abs(y), np.abs(y - 6.0)).max() < 0.2
-    assert np.ptp(robot[middle, 0]) > 39.5

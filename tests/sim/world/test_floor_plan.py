@@ -12,9 +12,8 @@ from twins import rays
 
 from moteslam.errors import ConfigError, InputError
 from moteslam.robot.formats.map_arrays import MapArrays, write_map_arrays
-from moteslam.sim.scenario import load_scenario, parse_scenario
-from moteslam.sim.world.floor_plan import FloorPlan, read_floor_plan, trace_sides, wall_segments
-from moteslam.sim.world.world import World
+from moteslam.sim.scenario import parse_scenario
+from moteslam.sim.world.floor_plan import FloorPlan, read_floor_plan, wall_segments
 
 REST = "[0, 0, 0]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
 YAML = (
@@ -37,14 +36,6 @@ def cave(seed: int = 0, size: tuple[int, int] = (80, 120)) -> np.ndarray:
     cells = cv2.GaussianBlur(generator.random(size).astype(np.float32), (0, 0), 2.5) > 0.52
     cells[[0, -1]] = cells[:, [0, -1]] = True
     return np.asarray(cells)
-
-
-def test_sides_are_all_there_and_no_more() -> None:
-    cells = np.random.default_rng(1).random((30, 40)) < 0.4
-    padded = np.pad(cells, 1).astype(int)
-    length = np.abs(np.diff(padded, axis=0)).sum() + np.abs(np.diff(padded, axis=1)).sum()
-    lines = trace_sides(cells)
-    assert np.abs(lines[:, 2:] - lines[:, :2]).sum() == length
 
 
 @pytest.mark.usefixtures("taichi")
@@ -93,27 +84,6 @@ def test_unknown_cells_are_free_or_walls_as_asked(tmp_path: Path) -> None:
     wall = read_floor_plan(FloorPlan(file=str(path), unknown="wall"))
     assert not free.values[10:15, 5:10].any()
     assert wall.values[10:15, 5:10].all()
-
-
-def test_a_scenario_drives_in_a_floor_plan(tmp_path: Path) -> None:
-    from moteslam.sim.simulate import true_drive
-
-    cells = np.ones((60, 100), bool)
-    cells[10:50, 10:90] = False
-    cells[28:32, 40:60] = True
-    plan_file(tmp_path, cells)
-    scenario_file = tmp_path / "mine.toml"
-    scenario_file.write_text(
-        '[world.plan]\nfile = "plan.yaml"\n[route]\nwaypoints = [[-1.0, 4.0], [5.0, 4.0], [5.0, 6.0]]\n'
-    )
-    scenario = load_scenario(scenario_file)
-    assert Path(scenario.world.plan.file) == tmp_path / "plan.yaml"
-    run = true_drive(scenario)
-    assert run.end == "arrived"
-    assert World.of(scenario.world).is_free(run.poses[::50, :2], 0.3).all()
-    scenario_file.write_text(scenario_file.read_text().replace("[5.0, 4.0]", "[2.0, 5.0]"))
-    with pytest.raises(ConfigError, match="inside a wall"):
-        load_scenario(scenario_file)
 
 
 @pytest.mark.parametrize(
