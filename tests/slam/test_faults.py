@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -113,25 +112,6 @@ def test_without_odometry_the_paper_s_filter_names_the_method_that_does_without(
         run_slam(lone, resolve_config("paper"))
     with pytest.raises(InputError, match="neither encoders nor odometry"):
         dead_reckon(lone)
-
-
-def test_a_result_without_odometry_is_written_and_scored(corridor: Simulation, tmp_path: Path):
-    from moteslam.eval.cli.options import SlamOptions
-    from moteslam.eval.cli.running import run_into
-
-    recording = without_odometry(corridor.recording)
-    lidar = recording.lidar
-    short = replace(lidar, stamps=lidar.stamps[:40], ranges=lidar.ranges[:40])
-    done = run_into(
-        tmp_path,
-        recording.replace(lidar=short),
-        resolve_config("default", ["particles=5"]),
-        SlamOptions(no_figures=True),
-        truth=corridor.truth,
-    )
-    assert done.figures["metrics"]["final.ate"]["value"] > 0
-    assert len(done.estimate.trajectory) == 40
-    assert (tmp_path / "trajectory_final.tum").exists()
 
 
 def test_steps_without_odometry_and_after_a_jump_are_not_measured(corridor: Simulation):

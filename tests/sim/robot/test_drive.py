@@ -55,22 +55,10 @@ def test_against_a_wall_the_robot_stops_and_its_wheels_turn_on(table: dict[str, 
     assert run.poses[-1, 0] == pytest.approx(10.0 - 0.5842 / 2, abs=0.02)
     pushing = (run.stamps > 6.0) & (run.stamps < 10.0)
     assert np.abs(run.velocities[pushing, :2]).max() < 0.02
-    wheels = np.ptp(run.wheel_travel[pushing], axis=0)
-    assert (wheels > 2.5).all()
-
-
-def test_a_box_too_weak_a_motor_cannot_be_forced(table: dict[str, Any]) -> None:
+    assert (np.ptp(run.wheel_travel[pushing], axis=0) > 2.5).all()
     weak = {**table, "platform": {"base": "ucsd", "body": {"wheel_force": 5.0}}}
     run = driven(commanded(weak, {"duration": 10.0, "speed": 0.8}, start=(7.0, 4.0, 0.0)))
-    pushing = (run.stamps > 6.0) & (run.stamps < 10.0)
-    assert (np.ptp(run.wheel_travel[pushing], axis=0) < 0.3).all()  # the wheels stall too
-
-
-def test_wheels_slip_when_the_body_runs_into_a_corner_at_an_angle(table: dict[str, Any]) -> None:
-    run = driven(commanded(table, {"duration": 10.0, "speed": 0.8}, start=(7.5, 5.5, 0.6)))
-    world = World.of(commanded(table, {"duration": 1.0}, start=(5.0, 4.0, 0.0)).world)
-    assert (world.distance(run.poses[:, :2]) > 0.476 / 2 - 0.03).all()
-    assert run.truth.length < 0.7 * run.wheel_travel[-1].mean()
+    assert (np.ptp(run.wheel_travel[pushing], axis=0) < 0.3).all()  # too weak a motor stalls
 
 
 def test_a_robot_that_gets_stuck_says_where(table: dict[str, Any]) -> None:
