@@ -73,11 +73,6 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "run"
 
 
-def test_each_takes_at_most_forty_lines():
-    for file in TOYS.glob("*.py"):
-        assert len(file.read_text(encoding="utf-8").splitlines()) <= 40, file.name
-
-
 @pytest.mark.slow
 def test_a_filter_and_a_metric_of_another_package(toys: list[str], recording: Path, tmp_path: Path):
     arguments = ["replay", recording, "--set", "method=toy", "--set", "scale=0.9", "--no-figures", "--out", "result"]

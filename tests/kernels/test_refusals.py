@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tile_pools import MIDDLE, OPTIONS, Pool, frames, room_scan, thinned, tiles_of
+from tile_pools import MIDDLE, OPTIONS, REGISTRATION, Pool, frames, room_scan, thinned, tiles_of
 
 from moteslam.errors import InputError
 from moteslam.kernels.camera import render_colour, view_of
@@ -38,10 +38,6 @@ RAYS = np.ones((2, 3, 4))
 """Of a camera of 2 by 3 pixels."""
 PARTNERS = np.array([(1, -1, -1), (0, -1, -1)], np.int32)
 """Of two scans of two points each."""
-REGISTRATION = RegistrationOptions(
-    cell_size=0.05, truncation=0.15, coarse_truncation=0.4, residual=0.01, coarse_residual_factor=2.0, iterations=8,
-    unknown=2.0, outlier=8.0, likelihood_width=2.0, ray_clearance=2.0, ray_weight=4, ray_distance=0.3, far=0.3,
-)  # fmt: skip
 QUERY = [1.0] * 13
 
 
@@ -98,11 +94,12 @@ CALLS: dict[Callable[..., object], dict[str, Any]] = {
         "shifts": np.zeros((4, 2)), "shift_costs": np.zeros(4), "blocks": 2, "cell_size": 0.05, "near": 0.5,
     },
     register_scans: {
-        "tiles": TABLE, "queries": np.ones((3, 13)), "points": [(0.1, 0.1)], "origin": (0, 0), "options": REGISTRATION,
+        "tiles": TABLE, "queries": np.ones((3, 13)), "points": [(0.1, 0.1)], "origin": (0, 0),
+        "options": RegistrationOptions(**REGISTRATION),
     },
     register_scan: {
         "tiles": TABLE, "query": QUERY, "points": np.full((1, 2), 0.1, F), "origin": (0.0, 0.0),
-        "options": REGISTRATION,
+        "options": RegistrationOptions(**REGISTRATION),
     },
     match_endpoints: {
         "points": np.zeros((4, 2), F), "normals": np.ones((4, 2), F), "owners": np.array([0, 0, 1, 1], np.int32),

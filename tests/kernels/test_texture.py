@@ -105,13 +105,3 @@ def test_agrees_with_numpy() -> None:
     assert theirs[:, 1].max() > 300
     assert np.abs(ours - theirs)[:, 1].max() <= 1  # float32 at the side of a cell
     assert np.abs(ours - theirs)[:, 0].max() <= 200
-
-
-@pytest.mark.usefixtures("taichi")
-def test_nothing_known_is_nothing() -> None:
-    points, colours, poses, packed = case(1)
-    far = match_colours(points, colours, poses + np.array((1e6, 0, 0)), packed, corner=(0, 0), cell_size=0.05)
-    assert not far.any()
-    blank = match_colours(points, colours, poses, np.full_like(packed, UNKNOWN), corner=(0, 0), cell_size=0.05)
-    assert not blank.any()
-    assert match_colours(points[:0], colours[:0], poses, packed, corner=(0, 0), cell_size=0.05).shape == (40, 2)

@@ -4,11 +4,11 @@
 
 import numpy as np
 import pytest
-from tile_pools import MIDDLE, Pool, room_scan, thinned, tiles_of
+from tile_pools import MIDDLE, Pool, room_scan, thinned
 from twins import tsdf
 
 from moteslam.kernels import tiles
-from moteslam.kernels.tiles import CELLS, MAX_WEIGHT, SIDE, STEPS
+from moteslam.kernels.tiles import MAX_WEIGHT, SIDE, STEPS
 from moteslam.kernels.types import F32_1D, F32_2D, I16_1D, I32, I32_1D, kernel, template
 
 pytestmark = pytest.mark.usefixtures("taichi")
@@ -126,8 +126,3 @@ def test_a_pool_that_is_exhausted_writes_nothing_and_loses_nothing() -> None:
     assert roomy.add(poses, second) is not None
     assert ample.add(poses, second) is not None
     np.testing.assert_array_equal(roomy.all_words(), ample.all_words())
-
-
-def test_the_map_of_one_particle_is_a_part_of_the_tables() -> None:
-    tiles = tiles_of(np.zeros(3 * CELLS, np.int16), np.zeros((2, 4, 5), np.int32))
-    assert (tiles.of(1).maps, tiles.of(1).first, tiles.size) == (1, 20, 20)

@@ -8,7 +8,7 @@ from tile_pools import CELL, COARSE_TRUNCATION, MIDDLE, OPTIONS, TRUNCATION, Poo
 from twins import tsdf
 
 from moteslam.kernels.scans import ThinnedScan, thin_scan
-from moteslam.kernels.tiles import CELLS, STEPS
+from moteslam.kernels.tiles import STEPS
 from moteslam.kernels.tsdf import IntegrationOptions, integrate_scans
 
 pytestmark = pytest.mark.usefixtures("taichi")
@@ -138,28 +138,6 @@ def test_the_coarse_level_follows_a_run_of_short_segments_to_its_end() -> None:
             assert coarse.weights[around].max() > 0, (last, k)
             nearest = abs(coarse.steps[around])[coarse.weights[around] > 0].min() * COARSE_TRUNCATION / STEPS
             assert nearest < unit * (0.5 + OPTIONS["coarse_chord"] / 2), (last, k)
-
-
-def test_no_cell_is_updated_where_no_points_are_joined() -> None:
-    scan = ThinnedScan(np.array([(1, -1), (1, 0), (1, 1)], np.float32), np.array((0, 1, 0), np.int32))
-    pool = Pool.empty()
-    pool.add([MIDDLE], scan)
-    rows = np.flatnonzero(pool.tsdf().weights.any(axis=1)) * CELL - MIDDLE[1]
-    assert -0.05 < rows.min() < rows.max() < 1.05
-
-
-def test_the_first_tile_of_the_tables_is_copied_whatever_comes_before_it_in_a_scan() -> None:
-    """All of it in that tile, and nothing joined to the first point: the empty tile stays empty."""
-    pool = Pool.empty(2, rows=1, columns=1, tiles=4)
-    middle = 0.8
-    scan = ThinnedScan(
-        np.array([(0.05, 0.0), (-0.05, -0.02), (-0.05, 0.02)], np.float32), np.array([0, 1, 0], np.int32)
-    )
-    pool.add([(middle, middle, 0.0)] * 2, scan, truncation=0.1, coarse_truncation=0.2)
-    assert (pool.tables > 0).all()
-    assert not pool.pool[:CELLS].any()
-    assert pool.words(0).any()
-    np.testing.assert_array_equal(pool.words(0), pool.words(1))
 
 
 @pytest.mark.parametrize("count", [0, 1])

@@ -13,7 +13,6 @@ import pytest
 import tomli_w
 
 from moteslam.errors import ConfigError
-from moteslam.robot.noise import ClockNoise
 from moteslam.robot.platform import Body, CameraSpec, EncoderSpec, ImuSpec, LidarSpec, Platform, Wheels
 from moteslam.robot.platforms import UCSD
 from moteslam.robot.tables import Section
@@ -126,14 +125,6 @@ def test_unreadable_files_are_refused(
     with pytest.raises(ConfigError) as caught:
         load_scenario(name)
     assert str(caught.value.file) == name
-
-
-def test_a_file_changes_single_values_of_the_bundled_noise(table: dict[str, Any]) -> None:
-    scenario = parse_scenario(changed(table, "noise.imu.clock.jitter", 0.002))
-    imu = UCSD.noise.imu
-    assert scenario.noise.imu.clock.jitter == 0.002
-    assert scenario.noise.imu.clock.late == imu.clock.late  # not that of a clock without noise
-    assert scenario.noise.imu.clock != ClockNoise(jitter=0.002)
 
 
 @pytest.mark.parametrize("name", [name for name in bundled_scenarios() if name not in ("campus", "mile")])

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -63,12 +62,6 @@ def test_the_seed_is_the_scenarios_where_none_is_given(scenario: Scenario, simul
     with pytest.raises(ConfigError) as caught:
         simulate(scenario, seed=-1)
     assert caught.value.field == "seed"
-
-
-def test_the_truth_does_not_depend_on_the_sensors_noise(table: dict[str, Any], simulation: Simulation) -> None:
-    noisier = simulate(parse_scenario({**table, "noise": {"odometry_scale": 3.0}}), seed=4)
-    assert noisier.truth.poses.tobytes() == simulation.truth.poses.tobytes()
-    assert noisier.recording.lidar.ranges.tobytes() == simulation.recording.lidar.ranges.tobytes()
 
 
 def test_scans_seen_from_the_truth_end_on_the_walls(simulation: Simulation) -> None:

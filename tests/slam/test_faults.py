@@ -92,8 +92,6 @@ def test_the_room_is_circled_without_odometry():
     lone = recording.replace(lidar=replace(recording.lidar, odometry=None))
     estimate = run(lone)
     assert np.hypot(*(estimate.trajectory.poses - true)[:, :2].T).max() < 0.1
-    again = run(lone)
-    assert estimate.trajectory.poses.tobytes() == again.trajectory.poses.tobytes()
 
 
 def test_without_odometry_the_robot_goes_on_where_it_sees_nothing():
