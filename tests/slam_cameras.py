@@ -1,7 +1,5 @@
 """A robot with a camera over a floor of tiles, for tests of what the colours of the floor give a filter."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The documentation names what is there: files, links, keys and the values of the paper's preset."""
 
-from __future__ import annotations
-
 import json
 import re
 from operator import attrgetter

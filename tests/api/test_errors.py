@@ -1,7 +1,5 @@
 """Errors: one line that names the file, the field and what was expected."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """The floors inside a package: who imports whom, type-checking imports and those within functions included."""
 
-from __future__ import annotations
-
 import ast
 from functools import cache
 from graphlib import CycleError, TopologicalSorter

@@ -1,7 +1,5 @@
 """What is built and installed agrees with what stands in the folders."""
 
-from __future__ import annotations
-
 import tomllib
 from pathlib import Path
 

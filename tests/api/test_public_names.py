@@ -1,7 +1,5 @@
 """The package's root: every public name is there, and importing it costs nothing."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

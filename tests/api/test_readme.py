@@ -1,7 +1,5 @@
 """What the README and the guide to the library ask a newcomer to do works."""
 
-from __future__ import annotations
-
 import re
 import subprocess
 import sys

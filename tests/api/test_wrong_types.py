@@ -1,7 +1,5 @@
 """A value of the wrong type is refused in one line at the public functions, not deep in NumPy."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Ranges as endpoints, many scans in one launch: the same as one at a time in NumPy."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from numpy.typing import NDArray

@@ -1,7 +1,5 @@
 """Stores of tiles: what kernels read is the same in NumPy's memory and in Taichi's own, which on a GPU is the GPU's."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from numpy.typing import NDArray

@@ -1,7 +1,5 @@
 """Cells and tiles: packing, interpolation across seams, and copies made when somebody writes."""
 
-# no `from __future__ import annotations`: Taichi reads the annotations of the kernels below
-
 import numpy as np
 import pytest
 from tile_pools import MIDDLE, Pool, room_scan, thinned

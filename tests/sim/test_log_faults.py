@@ -1,7 +1,5 @@
 """Gaps, repeated scans, faults of the odometry: each changes the log as it says, in its interval and nowhere else."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Base odometry, key scans and noise on steps: what SLAM integrates, and nothing of the way is lost."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from sim_logs import START, winding

@@ -4,8 +4,6 @@ The room is bare and the robot rests before and after a short drive, so that all
 three standard deviations of what was drawn, or as said.
 """
 
-from __future__ import annotations
-
 from functools import cache
 from pathlib import Path
 

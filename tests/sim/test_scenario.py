@@ -1,7 +1,5 @@
 """Scenario files: what is read, what is refused, and what the bundled ones promise."""
 
-from __future__ import annotations
-
 import copy
 import re
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """The filters in a room small enough to reason about."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

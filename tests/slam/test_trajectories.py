@@ -1,7 +1,5 @@
 """The two trajectories of a run: online, as known at every scan, and final, as known at the end."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import pairwise
 

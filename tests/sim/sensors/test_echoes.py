@@ -1,7 +1,5 @@
 """Glass, black and shiny surfaces: which beams come back, and from where."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

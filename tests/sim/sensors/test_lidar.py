@@ -1,7 +1,5 @@
 """The lidar: where beams end, what noise does to them, wide beams, what is wrong over a recording, and tilt."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Floors: the same colours at any resolution, as varied as they are meant to be, pictures the right way up."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

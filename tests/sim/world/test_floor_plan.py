@@ -1,7 +1,5 @@
 """Floor plans as worlds: the walls are the sides of the image's cells, and nothing else."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Walls that are not flat, things along them, and surfaces that swallow light."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Which scans are held to each other, and the systems that follow: full and sparse matrices say the same."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from numpy.typing import NDArray

@@ -1,7 +1,5 @@
 """The three schemes of resampling: unbiased, repeatable, and each with the spread that it promises."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from slam_rooms import circled_room

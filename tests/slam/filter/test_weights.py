@@ -1,7 +1,5 @@
 """Weights, the paths that follow from resampling, and when an update is due."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Registering scans to TSDFs: what is kept of the odometry, and where a scan is searched for."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from numpy.typing import ArrayLike, NDArray

@@ -1,7 +1,5 @@
 """How sure the filters are: in a calm room, along a bare corridor, after being carried off, without odometry."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

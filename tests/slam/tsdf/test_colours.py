@@ -1,7 +1,5 @@
 """Colours of the floor in the weights: which frame a scan gets, what it measures, and what becomes of lost ones."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
