@@ -31,7 +31,6 @@ def scans() -> LidarStream:
     walls = [((-2, -1), (3, -1)), ((3, -1), (3, 2)), ((3, 2), (-2, 2)), ((-2, 2), (-2, -1))]
     ranges = seen_from(np.column_stack((np.zeros((400, 2)), HEADINGS[:400])), walls)
     lidar = recorded(ranges, np.zeros((400, 3))).lidar
-    assert lidar is not None
     return replace(lidar, stamps=STAMPS[:400])
 
 
@@ -78,7 +77,6 @@ def test_scans_against_odometry() -> None:
 
 
 def test_wheels_against_the_gyro() -> None:
-    assert UCSD.wheels is not None
     side = np.diff(HEADINGS, prepend=HEADINGS[0]) * UCSD.wheels.effective_track / 2 / UCSD.wheels.metres_per_count
     counter = np.rint(np.cumsum(side)).astype(np.int64)
     right = np.diff(counter, prepend=counter[0])

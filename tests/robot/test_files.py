@@ -1,7 +1,5 @@
 """Files and result folders appear whole or not at all, and replace nothing that is not ours."""
 
-from __future__ import annotations
-
 import errno
 import os
 from collections.abc import Callable

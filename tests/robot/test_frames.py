@@ -1,7 +1,5 @@
 """Camera images of the UCSD layout: read a frame at a time, and what becomes of the missing and the broken."""
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 from typing import Any
@@ -55,7 +53,6 @@ def folder(original: Path, tmp_path: Path) -> Path:
 
 def frames(folder: Path, **settings: Any) -> tuple[list[Any], FrameCount, tuple[str, ...]]:
     recording, count = read_ucsd(folder), FrameCount()
-    assert recording.rgbd is not None
     return list(camera_frames(recording.rgbd, count=count, **settings)), count, messages(recording.warnings)
 
 
@@ -158,7 +155,6 @@ def test_images_out_of_order_are_sorted_by_stamp(folder: Path) -> None:
 def test_without_images_there_are_only_stamps(folder: Path) -> None:
     shutil.rmtree(folder / "dataRGBD")
     recording = read_ucsd(folder)
-    assert recording.rgbd is not None
     assert not has_images(recording.rgbd)
     assert not has_images(None)
     found, count, warnings = frames(folder)
@@ -182,7 +178,6 @@ def test_reading_holds_few_frames_at_a_time(folder: Path, monkeypatch: pytest.Mo
     monkeypatch.setattr(rgbd, "decode_rgb", lambda content: read.append(1) or real(content))
     monkeypatch.setattr("moteslam.robot.rgbd.processor_count", lambda: 1)
     recording = read_ucsd(folder)
-    assert recording.rgbd is not None
     stream = camera_frames(recording.rgbd)
     next(stream)
     stream.close()
@@ -193,7 +188,7 @@ def test_too_little_space_is_told_before_anything_is_written(tmp_path: Path, mon
     wanted = image_files.estimate_bytes(lambda chosen: np.stack([rgb_image(int(i)) for i in chosen]), 1000)
     assert 1000 * 2048 < wanted < 1000 * 200_000
     image_files.check_space(tmp_path, wanted)
-    monkeypatch.setattr(shutil, "disk_usage", lambda _: shutil._ntuple_diskusage(10, 9, wanted - 1))  # type: ignore[attr-defined]
+    monkeypatch.setattr(shutil, "disk_usage", lambda _: shutil._ntuple_diskusage(10, 9, wanted - 1))
     with pytest.raises(OutputError, match=r"[1-9][0-9.]* [MG]B free, expected [1-9][0-9.]* [MG]B for the images"):
         image_files.check_space(tmp_path, wanted)
 

@@ -1,7 +1,5 @@
 """The Kinect's geometry: the published alignment is a pinhole camera, and the mount looks where the drawing says."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from twins.camera import optical_to_robot

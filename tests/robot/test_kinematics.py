@@ -1,7 +1,5 @@
 """The increments of a differential drive."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given

@@ -1,7 +1,5 @@
 """What an inspection measures of a lidar is what went into its scans."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -23,9 +21,7 @@ def measured(ranges: np.ndarray, *, increment: float = 0.01, counts: np.ndarray 
         lidar=LidarStream(stamps, ranges.astype(np.float32), 0.5, increment, 0.1, 30.0),
         encoders=EncoderStream(stamps, np.repeat(counts[:, None], 4, axis=1)),
     )
-    report = inspect_recording(recording).lidar
-    assert report is not None
-    return report
+    return inspect_recording(recording).lidar
 
 
 def rounded(step: float, spread: float = 5.0) -> np.ndarray:
@@ -75,7 +71,6 @@ def test_noise_is_measured_within_each_rest_and_not_on_the_way() -> None:
     ranges[:50, 200:] = np.inf  # in the first rest these meet nothing
     counts = np.repeat((0, 10, 0, 0), 50)
     noise = measured(ranges, counts=counts).noise_at_rest
-    assert noise is not None
     assert noise.deviation == pytest.approx(0.012, rel=0.05)
     assert noise.at_range == pytest.approx(4.0, abs=0.01)
     assert noise.beams == 500
@@ -85,7 +80,6 @@ def test_there_is_no_noise_at_rest_without_a_rest_or_encoders() -> None:
     assert measured(np.ones((50, 5)), counts=np.ones(50, np.int64)).noise_at_rest is None
     lidar = LidarStream(np.arange(50) / 10, np.ones((50, 5), np.float32), 0.0, 0.1, 0.1, 30.0)
     report = inspect_recording(Recording("x", UCSD, lidar=lidar)).lidar
-    assert report is not None
     assert report.noise_at_rest is None
 
 

@@ -1,7 +1,5 @@
 """Maps as arrays with a JSON header: what is written reads back, and nonsense is refused."""
 
-from __future__ import annotations
-
 import json
 import tempfile
 from pathlib import Path

@@ -1,7 +1,5 @@
 """map_server's files: what is written reads back, greys have map_server's meaning, and nonsense is refused."""
 
-from __future__ import annotations
-
 import os
 import warnings
 from pathlib import Path
@@ -55,7 +53,6 @@ def test_a_picture_lies_the_right_way_up_with_its_colours(tmp_path: Path) -> Non
     values[0, 0], values[1, 2] = (255, 0, 0, 255), (0, 0, 200, 100)
     write_picture(tmp_path / "p.png", Raster(values, 0.5, (1.0, 2.0, 0.0)), {"frames": 3})
     image = cv2.imread(str(tmp_path / "p.png"), cv2.IMREAD_UNCHANGED)
-    assert image is not None
     assert image[1, 0].tolist() == [0, 0, 255, 255]  # OpenCV has blue first
     assert image[0, 2].tolist() == [200, 0, 0, 100]
     about = yaml.safe_load((tmp_path / "p.yaml").read_text())

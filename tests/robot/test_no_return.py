@@ -1,7 +1,5 @@
 """How the limit of a laser is found from its readings."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from numpy.typing import NDArray

@@ -1,7 +1,5 @@
 """Arrays from files that lie, are cut, or hold what they should not."""
 
-from __future__ import annotations
-
 import io
 import struct
 import zipfile
@@ -82,7 +80,7 @@ def test_escape_codes_in_the_names_of_arrays_are_not_printed(tmp_path: Path) -> 
 )
 def test_wrong_shapes_and_dtypes_are_refused(tmp_path: Path, counts: np.ndarray | None) -> None:
     arrays = {"time_stamps": np.arange(5.0), **({} if counts is None else {"counts": counts})}
-    np.savez(tmp_path / "x.npz", **arrays)  # type: ignore[arg-type]
+    np.savez(tmp_path / "x.npz", **arrays)
     with pytest.raises(InputError, match="expected") as caught:
         read_arrays(tmp_path / "x.npz", SHAPES)
     assert caught.value.field == "counts"

@@ -1,7 +1,5 @@
 """The style of pictures as Matplotlib takes it."""
 
-from __future__ import annotations
-
 import matplotlib
 from matplotlib.figure import Figure
 

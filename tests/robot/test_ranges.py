@@ -36,7 +36,7 @@ class File:
     ],
 )
 def test_chunks_are_indexed_as_an_array_is(key: object) -> None:
-    np.testing.assert_array_equal(ChunkedRanges(File().load, 1000, 7)[key], ALL[key])  # type: ignore[index]
+    np.testing.assert_array_equal(ChunkedRanges(File().load, 1000, 7)[key], ALL[key])
 
 
 def test_no_scan_beyond_the_last() -> None:

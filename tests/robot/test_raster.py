@@ -1,7 +1,5 @@
 """Rasters: where their cells lie, turned ones too."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

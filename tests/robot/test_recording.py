@@ -1,7 +1,5 @@
 """Streams are immutable and checked."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 
@@ -32,7 +30,7 @@ def test_arrays_cannot_be_changed() -> None:
     with pytest.raises(ValueError, match="read-only"):
         stream.ranges[0, 0] = 2
     with pytest.raises(AttributeError):
-        stream.range_max = 3  # type: ignore[misc]
+        stream.range_max = 3
 
 
 def test_angles_are_those_of_the_beams() -> None:

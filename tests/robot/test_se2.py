@@ -1,7 +1,5 @@
 """SE(2) is a group, and its functions agree with 3x3 matrices."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given

@@ -1,7 +1,5 @@
 """Stamps: what is sorted, what is refused."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 from pathlib import Path
 
@@ -85,5 +83,4 @@ def test_readings_from_before_the_clock_was_set_are_left_out_and_counted(zeros: 
     stamps = np.concatenate((np.zeros(zeros), RUN))
     order, (issue,) = stamp_order(stamps, file=FILE, field="x")
     assert (issue.code, issue.count) == ("unset-stamps", zeros)
-    assert order is not None
     assert order.tolist() == list(range(zeros, zeros + 100))

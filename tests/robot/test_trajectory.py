@@ -1,7 +1,5 @@
 """Trajectories."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from trajectory_cases import made

@@ -1,7 +1,5 @@
 """g2o files: pose graphs that read back, and lines that are refused."""
 
-from __future__ import annotations
-
 import tempfile
 from dataclasses import replace
 from pathlib import Path

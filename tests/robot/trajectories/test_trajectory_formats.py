@@ -1,7 +1,5 @@
 """Files of trajectories: what is written reads back, evo reads it as we do, broken lines are named by their number."""
 
-from __future__ import annotations
-
 import tempfile
 from pathlib import Path
 from typing import Any
