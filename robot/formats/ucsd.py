@@ -31,7 +31,6 @@ from moteslam.robot.formats.written import SCAN_POSES, no_return_codes, not_writ
 from moteslam.robot.platform import LidarSpec, Platform
 from moteslam.robot.platforms import UCSD, GivenRobot, write_platform
 from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream, Recording, RgbdStream
-from moteslam.robot.tables import Table
 from moteslam.robot.values import Issue, counted, expect_type, given_up
 
 Array = NDArray[Any]
@@ -104,7 +103,7 @@ def _choose(folder: Path, sequence: str | int | None) -> str:
     raise InputError(f"{found}, expected one of {', '.join(known)}", file=folder, field="sequence")
 
 
-def _lidar(path: Path, platform: Platform, given: Table, issues: list[Issue]) -> LidarStream | None:
+def _lidar(path: Path, platform: Platform, given: dict[str, Any], issues: list[Issue]) -> LidarStream | None:
     """The scans; ``given`` are the figures that a caller's ``platform.toml`` puts in place of the file's."""
     if not path.exists():
         return None

@@ -53,14 +53,6 @@ def test_robotlaser_tells_its_own_angles_limit_and_poses(tmp_path: Path) -> None
     np.testing.assert_array_equal(lidar.odometry, [[1.0, 2.0, 0.5]])
 
 
-def test_odometry_comes_from_odom_lines(tmp_path: Path) -> None:
-    path = write_log(tmp_path / "x.log", [odom((1, 2, 0.5), 10.0), GOOD[0], odom((2, 2, 0.5), 100.5)])
-    recording = read_carmen(path)
-    np.testing.assert_array_equal(recording.odometry.poses, [[1, 2, 0.5], [2, 2, 0.5]])
-    np.testing.assert_array_equal(recording.odometry.stamps, [10.0, 100.5])
-    assert read_carmen(write_log(tmp_path / "y.log", GOOD)).odometry is None
-
-
 def test_the_mount_comes_from_the_caller_the_parameters_or_the_poses(tmp_path: Path) -> None:
     ahead = [flaser([1.0], laser=(k + 0.2, 1.0, 0.0), robot=(k, 1.0, 0.0), stamp=k) for k in range(5)]
     params = [
@@ -197,12 +189,6 @@ def test_a_gzip_bomb_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
     monkeypatch.setattr(text_lines, what, most)
     with pytest.raises(InputError, match="expected a log"):
         read_carmen(path)
-
-
-def test_a_gzip_of_several_members(tmp_path: Path) -> None:
-    path = tmp_path / "x.log.gz"
-    path.write_bytes(b"".join(gzip.compress(f"{line}\n".encode()) for line in GOOD))
-    assert len(open_recording(path).lidar) == 8
 
 
 NOTHING = gzip.compress(b"", mtime=0)  # with the time in it, no two test processes would name their tests alike

@@ -92,8 +92,3 @@ def test_nothing_is_told_of_a_robot_that_does_not_turn_or_of_other_motions() -> 
     )
     assert clock_reports(yaw_rates(still)) == ()
     assert clock_reports(yaw_rates(other)) == ()
-
-
-def test_a_yaw_rate_is_unknown_before_and_after_its_stream() -> None:
-    rate = yaw_rates(turning())["odometry"].at(np.array([-1.0, 5.0, 101.0]))
-    np.testing.assert_array_equal(np.isnan(rate), [True, False, True])

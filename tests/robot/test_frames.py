@@ -193,12 +193,6 @@ def test_too_little_space_is_told_before_anything_is_written(tmp_path: Path, mon
         image_files.check_space(tmp_path, wanted)
 
 
-def test_a_folder_that_cannot_be_written_is_told(tmp_path: Path) -> None:
-    (tmp_path / "dataRGBD").write_text("a file")
-    with pytest.raises(OutputError, match=r"dataRGBD/RGB20: cannot be made"):
-        image_files.write_images(tmp_path, "RGB", "20", black, 2)
-
-
 def test_a_file_that_cannot_be_written_is_told(tmp_path: Path) -> None:
     (tmp_path / "dataRGBD" / "RGB20" / "rgb20_2.png").mkdir(parents=True)
     with pytest.raises(OutputError, match=r"rgb20_2\.png: cannot be written"):

@@ -10,7 +10,6 @@ from moteslam.robot.formats import open_recording
 from moteslam.robot.inspection import inspect_recording
 from moteslam.robot.platforms import CARMEN, UCSD
 from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream, OdometryStream, Recording
-from moteslam.robot.values import Issue
 
 
 def scans(stamps: np.ndarray, **changes: object) -> LidarStream:
@@ -98,11 +97,6 @@ def test_the_shortest_recordings_give_valid_json(n: int) -> None:
     recording = Recording("x", UCSD, lidar=scans(stamps), encoders=wheels(stamps, 0))
     found = inspect_recording(recording).to_dict()
     assert json.loads(json.dumps(found, allow_nan=False))["streams"][0]["mean_rate"] is None
-
-
-def test_the_warnings_of_the_reader_come_first() -> None:
-    first = (Issue("broken-lines", "a", 2), Issue("angle-max", "b"))
-    assert inspect_recording(Recording("x", UCSD, warnings=first)).problems[:2] == first
 
 
 def test_the_real_ucsd_recordings(data_folder: Path) -> None:

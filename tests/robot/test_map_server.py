@@ -1,6 +1,5 @@
 """map_server's files: what is written reads back, greys have map_server's meaning, and nonsense is refused."""
 
-import os
 import warnings
 from pathlib import Path
 from typing import Any
@@ -12,12 +11,8 @@ import yaml
 
 from moteslam.errors import InputError, MoteslamWarning
 from moteslam.robot.formats.map_server import (
-    FREE,
-    OCCUPIED,
-    UNKNOWN,
     read_map,
     read_occupancy,
-    write_map,
     write_picture,
 )
 from moteslam.robot.raster import Raster
@@ -32,20 +27,6 @@ def written(folder: Path, **changes: Any) -> Path:
     about = {"image": "m.png", "resolution": 0.1, "origin": [1, -2.5, 0.3], "negate": 0, **THRESHOLDS, **changes}
     (folder / "m.yaml").write_text(yaml.safe_dump({key: value for key, value in about.items() if value is not None}))
     return folder / "m.yaml"
-
-
-@pytest.mark.parametrize("name", ["map.pgm", "no: comment #1, é.pgm"])
-def test_a_map_reads_back(tmp_path: Path, name: str) -> None:
-    try:
-        os.fsencode(name)
-    except UnicodeEncodeError:
-        pytest.skip("the locale's encoding has no such letter")
-    values = np.random.default_rng(0).choice((FREE, OCCUPIED, UNKNOWN), (5, 7)).astype(np.int8)
-    write_map(tmp_path / name, Raster(values, 0.05, (-1e-5, 2.25, -3.0)))
-    back = read_map((tmp_path / name).with_suffix(".yaml"))
-    np.testing.assert_array_equal(back.values, values)
-    assert (back.cell_size, back.origin) == (0.05, (-1e-5, 2.25, -3.0))
-    assert (tmp_path / name).read_bytes()[:11] == b"P5\n7 5\n255\n"
 
 
 def test_a_picture_lies_the_right_way_up_with_its_colours(tmp_path: Path) -> None:

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from moteslam.robot.recording import ChunkedRanges, LidarStream, chosen, chunks
+from moteslam.robot.recording import ChunkedRanges, chosen, chunks
 
 ALL = np.random.default_rng(3).uniform(0.1, 30, (1000, 7)).astype(np.float32)
 
@@ -39,11 +39,6 @@ def test_chunks_are_indexed_as_an_array_is(key: object) -> None:
     np.testing.assert_array_equal(ChunkedRanges(File().load, 1000, 7)[key], ALL[key])
 
 
-def test_no_scan_beyond_the_last() -> None:
-    with pytest.raises(IndexError):
-        ChunkedRanges(File().load, 1000, 7)[1000]
-
-
 def test_all_of_it_as_an_array_and_in_chunks() -> None:
     ranges = ChunkedRanges(File().load, 1000, 7)
     np.testing.assert_array_equal(np.asarray(ranges), ALL)
@@ -66,9 +61,3 @@ def test_chosen_scans_are_read_when_they_are_asked_for() -> None:
     assert few.shape == (3, 7)
     np.testing.assert_array_equal(few[:], ALL[some])
     np.testing.assert_array_equal(chosen(ALL, some)[:], ALL[some])
-
-
-def test_a_lidar_whose_ranges_stay_in_the_file() -> None:
-    lidar = LidarStream(np.arange(1000.0), ChunkedRanges(File().load, 1000, 7), 0.0, 0.1, 0.1, 30.0)
-    assert len(lidar.angles) == 7
-    np.testing.assert_array_equal(lidar.ranges[3], ALL[3])

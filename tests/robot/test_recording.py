@@ -38,10 +38,6 @@ def test_angles_are_those_of_the_beams() -> None:
     assert len(lidar()) == 3
 
 
-def test_equal_stamps_are_allowed() -> None:
-    assert len(lidar(stamps=np.array([1.0, 1.0, 1.0]))) == 3
-
-
 THREE = np.arange(3.0)
 
 
@@ -116,7 +112,3 @@ def test_of_equal_stamps_the_first_or_the_last_is_taken():
     stamps = np.array([0.0, 1.0, 1.0, 1.0, 2.0])
     assert nearest_stamp(stamps, np.array([1.0])) == 1
     assert nearest_stamp(stamps, np.array([1.0]), side="right") == 3
-
-
-def test_the_shape_is_that_of_the_times():
-    assert nearest_stamp(np.arange(5.0), np.array([[0.2, 1.7], [3.9, 9.0]])).tolist() == [[0, 2], [4, 4]]

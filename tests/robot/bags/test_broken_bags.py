@@ -8,7 +8,6 @@ from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
 
-import made_bags
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -205,12 +204,6 @@ def test_another_definition_of_a_type_is_left_aside(tmp_path: Path) -> None:
     recording = open_recording(path)
     assert recording.imu is None
     assert [issue.code for issue in recording.warnings] == ["other-definition"]
-
-
-@pytest.mark.parametrize("kind", made_bags.KINDS)
-def test_an_empty_bag_is_refused(tmp_path: Path, kind: str) -> None:
-    with pytest.raises(InputError):
-        open_recording(make_bag(tmp_path, [], kind))
 
 
 @pytest.mark.parametrize(("kind", "header"), [("bag", struct.pack("<I", 38)), ("mcap", b"\x05")])

@@ -1,7 +1,6 @@
 """What is wrong with bags that people have: read rightly with a warning, or refused in a line that says what to do."""
 
 import math
-import os
 import shutil
 import sqlite3
 import struct
@@ -212,13 +211,6 @@ def test_a_transform_that_is_missing_between_the_bases_makes_no_other_robot(tmp_
     recording = open_recording(make_bag(tmp_path, events))
     assert len(recording.odometry) == 9
     assert codes(recording) == ["no-mount"]
-
-
-def test_only_the_truth_is_no_odometry(tmp_path: Path) -> None:
-    events = [scan(0.1 * i, [1.0, 2.0]) for i in range(9)]
-    recording = open_recording(make_bag(tmp_path, [*events, *other_odometry("/gt", "world", "base_link", 9)]))
-    assert recording.odometry is None
-    assert "truth-left" in codes(recording)
 
 
 def with_wal(folder: Path) -> Path:
@@ -436,13 +428,3 @@ def test_mounts_that_are_none_are_refused(tmp_path: Path, text: str, error: type
     path = make_bag(tmp_path, two_lidars())
     with pytest.raises(error, match=problem):
         open_recording(path, topics={"lidar": ("/front", "/rear")}, platform=robot)
-
-
-@pytest.mark.skipif(os.name != "posix" or os.geteuid() == 0, reason="a folder that cannot be written to")
-def test_a_wal_in_a_folder_that_cannot_be_written_to(tmp_path: Path) -> None:
-    (tmp_path / "x").mkdir()
-    path = with_wal(tmp_path / "x")
-    path.parent.chmod(0o500)
-    scans = len(open_recording(path).lidar)
-    path.parent.chmod(0o700)
-    assert scans == 20

@@ -1,15 +1,14 @@
 """Images of bags."""
 
-import math
 from pathlib import Path
 
 import numpy as np
 import pytest
-from made_bags import START, imu, make_bag, placed
+from made_bags import START, imu, make_bag
 from numpy.typing import NDArray
 
 from moteslam import open_recording
-from moteslam.robot.formats.bags.messages import Event, transform, turned
+from moteslam.robot.formats.bags.messages import Event
 from moteslam.robot.formats.bags.write import camera_transforms, image_events, write_mcap, write_rosbag1
 from moteslam.robot.platforms import UCSD
 from moteslam.robot.recording import OdometryStream, Recording, RgbdStream
@@ -144,10 +143,3 @@ def test_stamps_without_images_are_not_written(tmp_path: Path) -> None:
     recording = recording_of().replace(rgbd=RgbdStream(STAMPS, STAMPS))
     issues = write_rosbag1(tmp_path / "x.bag", recording)
     assert [(issue.code, issue.count) for issue in issues] == [("not-written", 8)]
-
-
-def test_transforms_of_the_lidar_and_the_camera_do_not_meet(tmp_path: Path) -> None:
-    loop = [placed(0, "a", "b"), placed(0, "b", "a")]
-    values = {"transforms": [transform(START, "camera_depth_optical_frame", "x", (0, 0, 0), turned(math.pi))]}
-    material = [*events(camera=False), *loop, Event(START, "/tf", "tf2_msgs/TFMessage", values)]
-    assert open_recording(make_bag(tmp_path, material)).rgbd is None

@@ -108,17 +108,6 @@ def test_a_lidar_that_is_a_little_tilted_counts_as_level(tmp_path: Path, tilt: f
         assert codes(open_recording(path)) == ([code] if code else [])
 
 
-def test_slashes_before_frames_and_topics_make_no_difference(tmp_path: Path) -> None:
-    events = [
-        placed(0, "/base_footprint", "/base_link", (0.0, 0.0, 0.1)),
-        placed(0, "base_link", "/laser", (0.3, 0.0, 0.2)),
-        scan(0, [1.0, 2.0], frame="/laser", topic="scan"),
-    ]
-    recording = open_recording(make_bag(tmp_path, events), topics={"lidar": ("scan",)})
-    assert recording.platform.lidar.pose == (0.3, 0.0, 0.0)
-    assert recording.platform.lidar.z == pytest.approx(0.3)
-
-
 def test_transforms_are_the_odometry_where_there_is_no_other(tmp_path: Path) -> None:
     events = []
     for index in range(4):
