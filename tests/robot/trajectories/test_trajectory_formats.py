@@ -154,3 +154,10 @@ def test_what_cannot_be_written_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError) as refused:
         write_euroc(tmp_path / "t.csv", Trajectory(np.array([-1.0]), np.zeros((1, 3))))
     assert refused.value.field == "stamps"
+
+
+def test_length_and_interpolation() -> None:
+    trajectory = Trajectory(np.arange(3.0), np.array([[0.0, 0, 0], [3, 4, 0], [3, 5, 1]]))
+    assert trajectory.length == pytest.approx(6.0)
+    assert len(trajectory) == 3
+    np.testing.assert_allclose(trajectory.at(np.array([0.5, 7.0])).poses, [[1.5, 2, 0], [3, 5, 1]])
