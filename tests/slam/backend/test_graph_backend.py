@@ -175,15 +175,6 @@ def test_an_estimate_in_the_middle_of_a_run_changes_nothing(doors: Case, behind:
     np.testing.assert_array_equal(session.estimate().trajectory_final.poses, behind.trajectory_final.poses)
 
 
-def test_a_run_of_two_scans_has_nothing_to_correct(doors: Case):
-    session = SlamSession(doors.recording, resolve_config("default"))
-    for _ in zip(session, range(2), strict=False):
-        pass
-    estimated = session.estimate()
-    assert estimated.loops == ()
-    assert len(estimated.trajectory_final) >= 2
-
-
 @pytest.mark.slow
 def test_after_an_outage_a_second_hypothesis_finds_the_way():
     """Three corridors look alike where the lidar is back; a niche in one of them shows which, ten metres on."""
