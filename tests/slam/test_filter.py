@@ -21,11 +21,12 @@ from moteslam.slam.tsdf.particles import Particles
 pytestmark = pytest.mark.usefixtures("taichi")
 
 
+Finished = tuple[Estimate, np.ndarray]
 SPARSE = ("particles=20", "update.distance=0.3", "update.rotation=10")
 
 
 @pytest.fixture(scope="module")
-def finished(taichi: None) -> tuple[Estimate, np.ndarray]:
+def finished(taichi: None) -> Finished:
     """The paper's filter in a room, with updates 0.3 m apart, and the indices of the scans that it was updated with."""
     session = SlamSession(circled_room(scans=60)[0], resolve_config("paper", SPARSE), seed=0)
     updates = list(session)
@@ -36,7 +37,7 @@ def finished(taichi: None) -> tuple[Estimate, np.ndarray]:
 
 
 def test_the_final_trajectory_is_one_particles_path_and_the_online_one_is_not(
-    finished: tuple[Estimate, np.ndarray],
+    finished: Finished,
 ):
     estimate, updates = finished
     assert estimate.particle_paths.shape == (20, len(updates), 3)
@@ -51,7 +52,7 @@ def test_the_final_trajectory_is_one_particles_path_and_the_online_one_is_not(
     np.testing.assert_allclose(estimate.trajectory_final.poses[updates[-1]], estimate.trajectory.poses[updates[-1]])
 
 
-def test_between_updates_the_misfit_of_motion_and_path_is_spread_evenly(finished: tuple[Estimate, np.ndarray]):
+def test_between_updates_the_misfit_of_motion_and_path_is_spread_evenly(finished: Finished):
     estimate, updates = finished
     # the paper's filter moves by odometry alone between updates
     odometry, final = estimate.dead_reckoning.poses, estimate.trajectory_final.poses
@@ -64,7 +65,7 @@ def test_between_updates_the_misfit_of_motion_and_path_is_spread_evenly(finished
     assert largest > 0.01
 
 
-def test_an_estimate_has_the_order_of_the_recording_where_its_stamps_are_wrong(finished: tuple[Estimate, np.ndarray]):
+def test_an_estimate_has_the_order_of_the_recording_where_its_stamps_are_wrong(finished: Finished):
     """Each fifth scan has the stamp of three scans before: the same poses, each at its own stamp."""
     recording, _ = circled_room(scans=60)
     settings = resolve_config("paper", SPARSE)

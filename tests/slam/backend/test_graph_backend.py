@@ -217,17 +217,3 @@ def test_a_large_building_comes_out_straight(data_folder: Path):
 
     assert rmse() <= 0.12
     assert rmse("backend.method=none") > 0.5
-
-
-@pytest.mark.slow
-def test_rounds_without_end_add_no_nodes():
-    scenario = load_scenario("loop", platform="lms200", settings=["route.laps=3", "duration=400"])
-    driven = simulate(scenario, seed=207)
-    errors = []
-    for settings in (["backend.crowd=2"], ["backend.method=none"]):
-        session = SlamSession(driven.recording, resolve_config("default", settings))
-        list(session)
-        errors.append(absolute_trajectory_error(session.estimate().trajectory_final, driven.truth).rmse)
-        if settings == ["backend.crowd=2"]:
-            assert len(session._backend._nodes) < 0.5 * driven.truth.length / 0.5  # type: ignore[attr-defined]
-    assert errors[0] < 1.2 * errors[1]

@@ -7,50 +7,39 @@ import pytest
 from issues import messages
 from parts.floor_colours import registration, score_texture
 from parts.visibility import seen_cells
+from slam_rooms import tiled_room
 
 from moteslam.errors import InputError
 from moteslam.robot.formats import open_recording
 from moteslam.robot.recording import Recording
 from moteslam.robot.trajectory import Trajectory
 from moteslam.sim.output import write_simulation
-from moteslam.sim.scenario import parse_scenario
-from moteslam.sim.simulate import Simulation, simulate
+from moteslam.sim.simulate import Simulation
 from moteslam.sim.world.floor import rasterise
 from moteslam.slam.run import run_slam
 from moteslam.slam.settings import resolve_config
 from moteslam.slam.texture.config import TextureConfig
 from moteslam.slam.texture.floor_map import TextureMap, TextureMapper, can_map, map_texture
 
+Driven = tuple[Simulation, Path]
+
 
 @pytest.fixture(scope="module")
-def driven(taichi: None, tmp_path_factory: pytest.TempPathFactory) -> tuple[Simulation, Path]:
-    """Eight seconds through a room of tiles, both cameras at 6 Hz, on disk."""
-    scenario = parse_scenario(
-        {
-            "duration": 8.0,
-            "world": {
-                "rooms": [{"corner": [0.0, 0.0], "size": [9.0, 7.0]}],
-                "boxes": [{"centre": [6.0, 2.0], "size": [0.8, 0.6]}],
-            },
-            "commands": {"start": [2.0, 2.0, 0.3], "steps": [{"duration": 6.5, "speed": 0.6, "turn_rate": 0.35}]},
-            "drive": {"rest_start": 0.5, "rest_end": 0.5},
-            "floor": {"seed": 2},
-            "camera": {"rate": 6.0, "gap": 0.0},
-        }
-    )
+def driven(taichi: None, tmp_path_factory: pytest.TempPathFactory) -> Driven:
+    """Eight seconds in a room, both cameras at 6 Hz, on disk."""
     folder = tmp_path_factory.mktemp("tiles")
-    simulation = simulate(scenario, 1)
+    simulation = tiled_room(rate=6.0, gap=0.0)
     write_simulation(folder, simulation)
     return simulation, folder
 
 
 @pytest.fixture(scope="module")
-def recording(driven: tuple[Simulation, Path]) -> Recording:
+def recording(driven: Driven) -> Recording:
     return open_recording(driven[1])
 
 
 @pytest.fixture(scope="module")
-def texture(driven: tuple[Simulation, Path], recording: Recording) -> TextureMap:
+def texture(driven: Driven, recording: Recording) -> TextureMap:
     """Coloured along the true trajectory; the colour camera is up to a twelfth of a second off at 6 Hz."""
     return map_texture(recording, driven[0].truth, TextureConfig(largest_gap=0.09))
 
@@ -63,7 +52,7 @@ def true_floor(simulation: Simulation, texture: TextureMap) -> np.ndarray:
     return image.values
 
 
-def test_colours_are_right_and_in_place(driven: tuple[Simulation, Path], texture: TextureMap) -> None:
+def test_colours_are_right_and_in_place(driven: Driven, texture: TextureMap) -> None:
     truth = true_floor(driven[0], texture)
     score = score_texture(texture.values, truth, texture.known)
     assert score.grey_spread >= 40
@@ -73,7 +62,7 @@ def test_colours_are_right_and_in_place(driven: tuple[Simulation, Path], texture
     assert texture.warnings == ()
 
 
-def test_nearly_all_that_the_camera_saw_is_coloured(driven: tuple[Simulation, Path], texture: TextureMap) -> None:
+def test_nearly_all_that_the_camera_saw_is_coloured(driven: Driven, texture: TextureMap) -> None:
     frames = driven[0].frames
     assert frames is not None
     shape = (texture.points.shape[0] + 40, texture.points.shape[1] + 40)
@@ -85,7 +74,7 @@ def test_nearly_all_that_the_camera_saw_is_coloured(driven: tuple[Simulation, Pa
     assert (coloured & seen).sum() / seen.sum() >= 0.95
 
 
-def test_frames_are_chosen_by_interval_and_gap(driven: tuple[Simulation, Path], recording: Recording) -> None:
+def test_frames_are_chosen_by_interval_and_gap(driven: Driven, recording: Recording) -> None:
     truth = driven[0].truth
     sizes: list[int] = []
 
@@ -102,7 +91,7 @@ def test_frames_are_chosen_by_interval_and_gap(driven: tuple[Simulation, Path], 
         assert map_texture(recording, truth, TextureConfig(largest_gap=0.0)).frames
 
 
-def test_frames_beyond_the_trajectory_are_counted(driven: tuple[Simulation, Path], recording: Recording) -> None:
+def test_frames_beyond_the_trajectory_are_counted(driven: Driven, recording: Recording) -> None:
     truth = driven[0].truth
     middle = Trajectory(truth.stamps[200:500], truth.poses[200:500])
     texture = map_texture(recording, middle, TextureConfig(largest_gap=0.09))
@@ -110,9 +99,7 @@ def test_frames_beyond_the_trajectory_are_counted(driven: tuple[Simulation, Path
     assert str(texture.warnings[-1]).endswith("frames left out, before the first pose or after the last")
 
 
-def test_lost_images_are_told_and_the_rest_is_used(
-    driven: tuple[Simulation, Path], texture: TextureMap, tmp_path: Path
-) -> None:
+def test_lost_images_are_told_and_the_rest_is_used(driven: Driven, texture: TextureMap, tmp_path: Path) -> None:
     import shutil
 
     folder = Path(shutil.copytree(driven[1], tmp_path / "copy"))
@@ -125,7 +112,7 @@ def test_lost_images_are_told_and_the_rest_is_used(
     assert "disparity20_9.png" in partial.warnings[1].message
 
 
-def test_what_cannot_be_mapped_is_refused(driven: tuple[Simulation, Path], recording: Recording) -> None:
+def test_what_cannot_be_mapped_is_refused(driven: Driven, recording: Recording) -> None:
     truth = driven[0].truth
     stamps_only = driven[0].recording
     blind = recording.replace(platform=recording.platform.model_copy(update={"camera": None}))
