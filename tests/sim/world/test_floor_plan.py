@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from moteslam.errors import ConfigError, InputError
-from moteslam.robot.formats.map_arrays import MapArrays, write_map_arrays
+from moteslam.robot.raster import MapArrays, write_map_arrays
 from moteslam.sim.scenario import parse_scenario
 from moteslam.sim.world.floor_plan import FloorPlan, read_floor_plan, wall_segments
 
