@@ -267,7 +267,7 @@ def lidar_stream(
     scan, see `LidarStream` on ``interlace``.
     """
     beams = ranges.shape[1]
-    fan = fan.over(given, beams, file=path, field=f"{field} angular resolution")
+    fan = fan.over(given, beams, file=path, field="angle_increment")
     stamps, (order,) = sort_by_stamp(path, field, stamps, issues, np.arange(len(stamps)))
     sequence = None if odometry is None else _sequence(path, field, odometry, order, issues)
     clean = clean_ranges(ranges[order], fan, issues, f"{path.name}: {field}")
