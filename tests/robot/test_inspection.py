@@ -32,7 +32,6 @@ def test_rates_gaps_and_equal_stamps() -> None:
     assert (lidar.gaps, lidar.equal_stamps) == (1, 1)
     assert lidar.largest_gap == pytest.approx(2.0)
     assert lidar.largest_gap_at == 0.3
-    assert lidar.shortest_interval == pytest.approx(0.05)
     assert {("gaps", 1), ("equal-stamps", 1)} <= {(one.code, one.count) for one in report.problems}
 
 
@@ -43,7 +42,6 @@ def test_shares_of_the_beams() -> None:
     report = inspect_recording(Recording("x", CARMEN, lidar=lidar))
     assert (report.lidar.no_return, report.lidar.invalid, report.lidar.blind_scans) == (0.25, 0.1, 1)
     assert report.lidar.field_of_view == pytest.approx(np.degrees(3.0))
-    assert report.lidar.median_range == 1.0
     assert [(one.code, one.count) for one in report.problems] == [("blind-scans", 1)]
     assert report.odometry_distance == 0.0
 
@@ -106,7 +104,6 @@ def test_the_real_ucsd_recordings(data_folder: Path) -> None:
     streams = {stream.name: stream for stream in report.streams}
     assert streams["encoders"].median_rate == pytest.approx(40, abs=0.1)
     assert streams["imu"].mean_rate == pytest.approx(100, abs=0.1)
-    assert streams["imu"].shortest_interval == pytest.approx(5e-6, rel=0.01)
     assert 0.0038 < report.gyro_at_rest.deviation < 0.0045
     assert 1.0 < np.degrees(report.gyro_at_rest.mean) * 60 < 1.4
     assert report.wheels.distance == pytest.approx(95.9, abs=0.05)
