@@ -259,7 +259,7 @@ def other_units(recording: Recording) -> list[Issue]:
         ranges = np.concatenate([recording.lidar.ranges[scan : scan + 1] for scan in some.tolist()])
         ranges = ranges[np.isfinite(ranges)]
         if len(ranges) and (middle := float(np.median(ranges))) > MOST_RANGE:
-            text = f"lidar: half of its ranges are beyond {middle:.3g} m, expected less than {MOST_RANGE:g}: are they in m?"
+            text = f"lidar: half of its ranges are beyond {middle:.3g} m, expected below {MOST_RANGE:g}: are they in m?"
             issues.append(Issue("range-units", text))
     return issues
 
