@@ -121,8 +121,7 @@ def _offset(stamps: Array, positions: Array, times: Array, goal: Array) -> Clock
 
 @dataclass(frozen=True)
 class LeverArm:
-    """Where the reference's point is in the frame of the estimate's body, ``x`` ahead and ``y`` to the left [m], and the
-    RMSE [m] after alignment with it."""
+    """Where the reference's point is on the estimate's body, x ahead and y to the left, and the RMSE left [m]."""
 
     x: float
     y: float
@@ -132,7 +131,7 @@ class LeverArm:
 def lever_arm(ate: AteResult) -> LeverArm | None:
     """The fixed offset on the robot that explains much of the error in the plane, by as much as ``clock_offset``.
 
-    Least squares of ``true - there = eps J there + R(theta) arm + t`` over ``eps``, ``arm`` and ``t``, J a quarter turn.
+    Least squares of ``true - there = e J there + R(theta) arm + t`` over ``e``, ``arm`` and ``t``; J is a quarter turn.
     """
     if ate.motion is not None or ate.rotation_errors is None or ate.rmse < GAIN_METRES:
         return None
