@@ -80,11 +80,11 @@ FAULTS = {
         "lengths",
         lambda share: 0.1 * share,
         stream={
-            "ranges": lambda lidar, share: lidar.ranges * np.float32(1 + 0.1 * share),
+            "ranges": lambda lidar, share: lidar.ranges[:] * np.float32(1 + 0.1 * share),
             "range_max": lambda lidar, share: lidar.range_max * (1 + 0.1 * share),
         },
     ),
-    "mirrored": Fault("mirrored", stream={"ranges": lambda lidar, _: np.ascontiguousarray(lidar.ranges[:, ::-1])}),
+    "mirrored": Fault("mirrored", stream={"ranges": lambda lidar, _: np.ascontiguousarray(lidar.ranges[:][:, ::-1])}),
     "backwards": Fault("lidar-mount", mount={"yaw": np.pi}),
     "ahead": Fault("lidar-mount", "x", lambda share: -0.2 * share, mount={"x": 0.2}),
     "aside": Fault("lidar-mount", "y", lambda share: -0.2 * share, mount={"y": 0.2}),

@@ -98,7 +98,6 @@ def _trajectories() -> Iterator[Reader]:
     from moteslam.eval.evaluation import against_trajectory
     from moteslam.eval.metrics.relations import read_relations
     from moteslam.robot.trajectories import TRAJECTORY_FORMATS, read_trajectory
-    from moteslam.robot.trajectories.rows import read_positions
 
     stamps = np.arange(9) / 2
     path = Trajectory(stamps, np.column_stack((stamps, np.sin(stamps), 0.1 * stamps)))
@@ -114,8 +113,6 @@ def _trajectories() -> Iterator[Reader]:
         "bag topics", _made("p.bag", _write_bag_of_poses), "p.bag",
         lambda file: [read_trajectory(f"{file}:{name}") for name in ("/pose", "tf:map:base")],
     )  # fmt: skip
-    places = "".join(f"P {100 * k} {k} {2 * k}.5\n" for k in range(9))
-    yield Reader("positions", {"p.txt": places.encode()}, "p.txt", read_positions)
     lines = "".join(f"{k}.5 {k + 1}.5 0.5 0.1 0 0 0 0.2\n" for k in range(8))
     yield Reader("relations", {"a.relations": lines.encode()}, "a.relations", read_relations)
 
@@ -124,8 +121,7 @@ def _write_bag_of_poses(path: Path) -> None:
     """A bag of ROS 1 with poses and transforms."""
     from rosbags.rosbag1 import Writer
 
-    from moteslam.robot.formats.bags.events import Event, header, transform, turned, vector
-    from moteslam.robot.formats.bags.write import write_events
+    from moteslam.robot.formats.bags.messages import Event, header, transform, turned, vector, write_events
 
     turn, events = turned(1.3), []
     for k in range(9):
@@ -139,8 +135,8 @@ def _write_bag_of_poses(path: Path) -> None:
 
 
 def _maps() -> Iterator[Reader]:
-    from moteslam.robot.formats.map_arrays import MapArrays, read_map_arrays, write_map_arrays
     from moteslam.robot.formats.map_server import read_map, write_map
+    from moteslam.robot.raster import MapArrays, read_map_arrays, write_map_arrays
 
     values = np.random.default_rng(3).integers(-1, 2, (11, 17)).astype(np.int8)
     files = _made("map.pgm", write_map, Raster(values, 0.05, (1.0, -2.0, 0.3)))

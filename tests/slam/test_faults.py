@@ -1,10 +1,7 @@
 """Recordings with missing, failing and jumping odometry, and with scans that see nothing: the filter finds back."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -55,19 +52,6 @@ def end_error(simulation: Simulation, estimate: Estimate) -> float:
     return float(np.hypot(end[0], end[1]))
 
 
-@pytest.mark.slow
-def test_without_odometry_the_corridor_is_driven_at_a_constant_velocity(corridor: Simulation):
-    estimate = run(without_odometry(corridor.recording))
-    assert end_error(corridor, estimate) < 0.3
-    assert ate(corridor, estimate) < 0.15
-    assert estimate.trajectory.length > 5
-    assert estimate.dead_reckoning.length == 0
-    issues = [line for line in messages(estimate.warnings) if line.startswith("no odometry: constant velocity")]
-    assert len(issues) == 1
-    assert f"{len(corridor.recording.lidar)} scans" in issues[0]
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("break_", "bad"),
     [
@@ -75,35 +59,32 @@ def test_without_odometry_the_corridor_is_driven_at_a_constant_velocity(corridor
         (lambda r: jumping_odometry(r, 10, np.array([1.0, 0.0, 0.0])), 0.3),
         (lambda r: jumping_odometry(r, 10, np.array([0.0, 0.0, np.radians(60)])), 0.3),
         (lambda r: jumping_odometry(r, 10, np.array([1.0, 0.0, np.radians(60)]), back=12), 0.3),
+        (without_odometry, 2.0),
         (lambda r: blind(r, 10, 13), 0.0),
         (lambda r: without_odometry(blind(r, 10, 11)), 0.3),
     ],
-    ids=["wheels that stop", "a jump", "a turn", "a jump and back", "blind", "blind without odometry"],
+    ids=["wheels that stop", "a jump", "a turn", "a jump and back", "no odometry", "blind", "blind without odometry"],
 )
 def test_the_filter_recovers(corridor: Simulation, break_: Callable[[Recording], Recording], bad: float):
     recording = break_(corridor.recording)
     estimate = run(recording)
     assert absolute_trajectory_error(estimate.dead_reckoning, corridor.truth).translation.rmse > bad
     assert ate(corridor, estimate) < 0.15
-    assert end_error(corridor, estimate) < 0.15
+    assert end_error(corridor, estimate) < (0.3 if break_ is without_odometry else 0.15)
+    said = [line for line in messages(estimate.warnings) if line.startswith("no odometry: constant velocity")]
+    if break_ is without_odometry:
+        assert f"{len(recording.lidar)} scans" in said[0]
+        assert estimate.dead_reckoning.length == 0 < 5 < estimate.trajectory.length
 
 
-def test_the_room_is_circled_without_odometry():
+def test_without_odometry_the_room_is_circled_and_the_robot_goes_on_where_it_sees_nothing():
     recording, true = circled_room(scans=60)
-    lone = recording.replace(lidar=replace(recording.lidar, odometry=None))
-    estimate = run(lone)
-    assert np.hypot(*(estimate.trajectory.poses - true)[:, :2].T).max() < 0.1
-    again = run(lone)
-    assert estimate.trajectory.poses.tobytes() == again.trajectory.poses.tobytes()
-
-
-def test_without_odometry_the_robot_goes_on_where_it_sees_nothing():
-    recording, true = circled_room(scans=40)
     lidar = replace(recording.lidar, odometry=None)
-    dark = replace(lidar, ranges=np.where(np.arange(40)[:, None] >= 34, np.float32(np.inf), lidar.ranges))
-    end = run(recording.replace(lidar=dark)).trajectory.poses[-1]
-    assert np.hypot(*(end - true[-1])[:2]) < 0.15
-    assert np.hypot(*(true[33] - true[-1])[:2]) > 0.4
+    dark = replace(lidar, ranges=np.where(np.arange(60)[:, None] >= 54, np.float32(np.inf), lidar.ranges))
+    off = np.hypot(*(run(recording.replace(lidar=dark)).trajectory.poses - true)[:, :2].T)
+    assert off[:54].max() < 0.1
+    assert off[-1] < 0.15
+    assert np.hypot(*(true[53] - true[-1])[:2]) > 0.4
 
 
 def test_without_odometry_the_paper_s_filter_names_the_method_that_does_without():
@@ -113,25 +94,6 @@ def test_without_odometry_the_paper_s_filter_names_the_method_that_does_without(
         run_slam(lone, resolve_config("paper"))
     with pytest.raises(InputError, match="neither encoders nor odometry"):
         dead_reckon(lone)
-
-
-def test_a_result_without_odometry_is_written_and_scored(corridor: Simulation, tmp_path: Path):
-    from moteslam.eval.cli.options import SlamOptions
-    from moteslam.eval.cli.running import run_into
-
-    recording = without_odometry(corridor.recording)
-    lidar = recording.lidar
-    short = replace(lidar, stamps=lidar.stamps[:40], ranges=lidar.ranges[:40])
-    done = run_into(
-        tmp_path,
-        recording.replace(lidar=short),
-        resolve_config("default", ["particles=5"]),
-        SlamOptions(no_figures=True),
-        truth=corridor.truth,
-    )
-    assert done.figures["metrics"]["final.ate"]["value"] > 0
-    assert len(done.estimate.trajectory) == 40
-    assert (tmp_path / "trajectory_final.tum").exists()
 
 
 def test_steps_without_odometry_and_after_a_jump_are_not_measured(corridor: Simulation):

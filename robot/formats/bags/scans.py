@@ -1,7 +1,12 @@
-"""Scans of ``sensor_msgs/LaserScan`` and ``MultiEchoLaserScan``: figures on opening, ranges on demand, one fan.
+"""Scans of lidars: figures on opening, ranges on demand, one fan for all scans.
 
-Ranges mean what REP 117 says: positive infinity is no return, negative infinity too near, NaN an error; and what is
-beyond the limits that a message states counts as no return, or invalid (``docs/reference/formats.md``).
+``sensor_msgs/LaserScan`` and ``MultiEchoLaserScan`` mean what REP 117 says: positive infinity is no return, negative
+infinity too near, NaN an error; and what is beyond the limits that a message states counts as no return, or invalid.
+
+Of several lidars a scan of the first is joined with the scan of each other one that is nearest in time; what the robot
+moves in between, at most half the time between two scans, is left out of account. Every endpoint falls into the beam of
+its direction from the robot's centre, and the nearest one in a beam counts. A beam without one has no return if a beam
+of a lidar without return ends in it, put at that lidar's limit; a beam in which nothing falls says nothing.
 """
 
 from __future__ import annotations
@@ -16,12 +21,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.errors import InputError
-from moteslam.robot.formats.bags.bag import Bag, Table
-from moteslam.robot.formats.bags.times import Rows, Times
-from moteslam.robot.formats.stamps import Stamps
-from moteslam.robot.formats.streams import Fan, check_fan, clean_ranges, no_return_limit
-from moteslam.robot.platform import MAX_BEAMS
-from moteslam.robot.values import Issue, counted
+from moteslam.robot.formats.bags.bag import Bag, Rows, Table
+from moteslam.robot.formats.bags.frames import Mount
+from moteslam.robot.formats.streams import Fan, Stamps, clean_ranges, no_return_limit
+from moteslam.robot.platform import MAX_BEAMS, too_wide
+from moteslam.robot.recording import nearest_stamp
+from moteslam.robot.values import counted
 
 LASER_SCAN, MULTI_ECHO = "sensor_msgs/LaserScan", "sensor_msgs/MultiEchoLaserScan"
 
@@ -32,6 +37,8 @@ MAX_STEP = 0.01
 FINER = 4
 """Of scans with beams of their own each, the common fan has this many beams for one of theirs: an endpoint lies up to
 an eighth of their step beside its beam."""
+GAP = 1.5
+"""A scan further away in time than this many times between two scans is not joined: that lidar was silent."""
 
 Ranges = NDArray[np.float32]
 Figures = NDArray[np.float64]
@@ -58,9 +65,7 @@ class Scans:
 
     def cleaned(self, indices: Rows, fan: Fan) -> Ranges:
         """The ranges [k, beams] of some scans: endpoints within a fan's limits, ``inf`` and ``nan``."""
-        ranges = clean_ranges(self.load(indices), fan, [], "")
-        ranges[ranges == 0] = np.nan
-        return ranges
+        return clean_ranges(self.load(indices), fan, [], "")
 
 
 def figures_of(message: Any) -> tuple[float, ...]:
@@ -71,22 +76,22 @@ def figures_of(message: Any) -> tuple[float, ...]:
     return (*angles, message.time_increment, message.range_min, message.range_max, len(message.ranges))
 
 
-def laser_scans(bag: Bag, table: Table, times: Times, issues: list[Issue]) -> Scans:
+def laser_scans(bag: Bag, table: Table) -> Scans:
     """The scans of a topic, each with its angles, on the fan that most of them have or on a finer one."""
-    name, topic = f"{bag.path.name}: {table.topic.name}", table.topic.name
-    kept, stamps = times.used(table)
+    topic = table.topic.name
+    kept, stamps = bag.used(table)
     figures = table.values[kept]
 
     def keep_and_tell(code: str, good: NDArray[np.bool_], what: str) -> None:
         nonlocal kept, stamps, figures
         if left := int((~good).sum()):
-            issues.append(Issue(code, f"{name}: {counted(left, 'scan')} {what} left aside", left))
+            bag.tell(code, topic, f"{counted(left, 'scan')} {what} left aside", left)
             kept, stamps, figures = kept[good], stamps[good], figures[good]
 
     keep_and_tell("empty-scans", figures[:, 6] > 0, "without ranges")
     if not len(kept):
         raise InputError("scans without ranges, expected some", file=bag.path, field=topic)
-    alike, fan = _common_fan(bag.path, topic, figures, issues)
+    alike, fan = _common_fan(bag, topic, figures)
     frame = table.frame(int(kept[int(np.argmax(alike))]))
     steps = _steps(figures)
     turn = np.abs(steps) * (figures[:, 6] - 1) <= 2 * np.pi + np.abs(steps) / 2
@@ -96,35 +101,31 @@ def laser_scans(bag: Bag, table: Table, times: Times, issues: list[Issue]) -> Sc
     is_laid = not alike.all()
     if is_laid:
         fan = fan if 2 * alike.sum() > len(alike) else _finer_fan(figures, fan)
-        check_fan(fan.beams, fan.angle_increment, file=bag.path, field=f"{topic}: angle_increment")
-        text = f"{name}: {counted(int((~alike).sum()), 'scan')} of other beams than most: laid by their angles on "
-        issues.append(Issue("other-scans", f"{text}{fan.beams} beams", int((~alike).sum())))
-    places, steps = table.places_of(kept), _steps(figures)
+        others = int((~alike).sum())
+        what = f"{counted(others, 'scan')} of other beams than most: laid by their angles on {fan.beams} beams"
+        bag.tell("other-scans", topic, what, others)
+    steps = _steps(figures)
 
     def load(indices: Rows) -> Ranges:
         rows = np.full((len(indices), fan.beams), np.nan, np.float32)
-        for row, index, data in zip(rows, indices.tolist(), bag.payloads(places[indices]), strict=True):
-            try:
-                message = bag.decode(table.topic, data)
-            except ValueError as error:
-                raise InputError(f"a scan is broken: {error}", file=bag.path, field=topic) from error
+        for row, index, message in zip(rows, indices.tolist(), bag.messages(table, kept[indices]), strict=True):
             ranges = message.ranges
             if table.topic.kind == MULTI_ECHO:  # the first echo of each beam; one without has no return
                 firsts = [beam.echoes[0] if len(beam.echoes) else np.inf for beam in ranges]
                 ranges = np.array(firsts, np.float32)
             if is_laid:
-                lay(row, ranges, figures[index, 0] + steps[index] * np.arange(len(ranges)), fan)
+                _lay(row, ranges, figures[index, 0] + steps[index] * np.arange(len(ranges)), fan)
             else:
                 row[:] = ranges
         return rows
 
-    scans = _with_limit(bag.path, _with_step(bag.path, Scans(topic, frame, stamps, fan, load), issues), issues)
+    scans = _with_figures_that_can_be(bag, Scans(topic, frame, stamps, fan, load))
     if scans.fan.time_increment >= 0:
         return scans
     return replace(scans, fan=scans.fan.reversed(), load=lambda indices: load(indices)[:, ::-1])
 
 
-def lay(row: Ranges, ranges: Ranges, angles: NDArray[np.float64], fan: Fan) -> None:
+def _lay(row: Ranges, ranges: Ranges, angles: NDArray[np.float64], fan: Fan) -> None:
     """Put the ranges of beams at some angles into the nearest beams of a fan; of two in one the nearer counts."""
     turn = 2 * np.pi / abs(fan.angle_increment)
     steps = (angles - fan.angle_min) / fan.angle_increment
@@ -139,7 +140,7 @@ def _steps(figures: Figures) -> NDArray[np.float64]:
     return np.where(figures[:, 2] == 0, even, figures[:, 2])
 
 
-def _common_fan(path: Path, topic: str, figures: Figures, issues: list[Issue]) -> tuple[NDArray[np.bool_], Fan]:
+def _common_fan(bag: Bag, topic: str, figures: Figures) -> tuple[NDArray[np.bool_], Fan]:
     """Which scans have the fan of most of them, to half a step at both ends, and that."""
     beams = figures[:, 6].astype(np.int64)
     most = int(_most_frequent(figures[:, 6]))
@@ -148,14 +149,15 @@ def _common_fan(path: Path, topic: str, figures: Figures, issues: list[Issue]) -
     if increment == 0 and most > 1:
         increment = (angle_max - angle_min) / (most - 1)
     if increment == 0:
-        raise InputError("angle_increment of 0, expected an angle between beams", file=path, field=topic)
-    check_fan(most, increment, file=path, field=f"{topic}: angle_increment")
+        raise InputError("angle_increment of 0, expected an angle between beams", file=bag.path, field=topic)
+    if (problem := too_wide(most, increment)) is not None:
+        raise InputError(problem, file=bag.path, field=f"{topic}: angle_increment")
     if abs(angle_min) > 4 * np.pi:
-        raise InputError(f"angle_min of {angle_min:.6g}, expected radians", file=path, field=topic)
+        raise InputError(f"angle_min of {angle_min:.6g}, expected radians", file=bag.path, field=topic)
     last = angle_min + (most - 1) * increment
     if abs(last - angle_max) > abs(increment):
-        text = f"{path.name}: {topic}: angle_max of {angle_max:.4f} rad, but {most} beams end at {last:.4f}"
-        issues.append(Issue("angle-max", f"{text}; the beams are used"))
+        what = f"angle_max of {angle_max:.4f} rad, but {most} beams end at {last:.4f}; the beams are used"
+        bag.tell("angle-max", topic, what)
     ends = figures[:, 0] + (beams - 1) * figures[:, 2]
     half = abs(increment) / 2
     alike = same & (np.abs(figures[:, 0] - angle_min) <= half)
@@ -191,25 +193,66 @@ def _most_frequent(values: NDArray[np.float64]) -> float:
     return 0.0 if np.isnan(value) else value
 
 
-def _with_step(path: Path, scans: Scans, issues: list[Issue]) -> Scans:
-    """The scans with a time between beams that can be: of a scan that is over before the next but one begins."""
+def _with_figures_that_can_be(bag: Bag, scans: Scans) -> Scans:
+    """The scans with a time between beams and a limit that can be.
+
+    A scan is over before the next but one begins; else the time is not used. Where the messages state no limit, it is
+    that of a sample of the ranges, as for a log.
+    """
     fan = scans.fan
     period = float(np.median(np.diff(scans.stamps))) if len(scans.stamps) > 1 else np.inf
-    if abs(fan.time_increment) * fan.beams <= 2 * period and abs(fan.time_increment) <= MAX_STEP:
-        return scans
-    text = f"{path.name}: {scans.topic}: time_increment of {fan.time_increment:g} s is more than scans take; not used"
-    issues.append(Issue("time-increment", text))
-    return replace(scans, fan=fan._replace(time_increment=0.0))
+    if abs(fan.time_increment) * fan.beams > 2 * period or abs(fan.time_increment) > MAX_STEP:
+        what = f"time_increment of {fan.time_increment:g} s is more than scans take; not used"
+        bag.tell("time-increment", scans.topic, what)
+        fan = fan._replace(time_increment=0.0)
+    if not fan.range_min < fan.range_max < np.inf:
+        count = len(scans.stamps)
+        sample = np.unique(np.linspace(0, count - 1, min(SAMPLE, count)).astype(np.intp))
+        limit = no_return_limit(scans.load(sample), None)
+        bag.tell("range-max", scans.topic, f"range_max of {fan.range_max:g} m; {limit:g} m is taken, by the ranges")
+        fan = fan._replace(range_min=0.0 if fan.range_min >= limit else fan.range_min, range_max=limit)
+    return replace(scans, fan=fan)
 
 
-def _with_limit(path: Path, scans: Scans, issues: list[Issue]) -> Scans:
-    """The scans with a limit that can be: where the messages state none, by a sample of the ranges, as for a log."""
-    fan = scans.fan
-    if fan.range_min < fan.range_max < np.inf:
-        return scans
-    chosen = np.unique(np.linspace(0, len(scans.stamps) - 1, min(SAMPLE, len(scans.stamps))).astype(np.intp))
-    limit = no_return_limit(scans.load(chosen), None)
-    text = f"{path.name}: {scans.topic}: range_max of {fan.range_max:g} m; {limit:g} m is taken, by the ranges"
-    issues.append(Issue("range-max", text))
-    least = 0.0 if fan.range_min >= limit else fan.range_min
-    return replace(scans, fan=fan._replace(range_min=least, range_max=limit))
+def merged_scans(path: Path, lidars: list[Scans], mounts: list[Mount]) -> Scans:
+    """The scans of two or more lidars as one fan about the robot's centre; the first sets the stamps."""
+    first = lidars[0]
+    fans = [one.fan.flipped() if mount.upside_down else one.fan for one, mount in zip(lidars, mounts, strict=True)]
+    beams = min(MAX_BEAMS, round(2 * np.pi / min(abs(fan.angle_increment) for fan in fans)))
+    reach = max(fan.range_max + float(np.hypot(mount.x, mount.y)) for fan, mount in zip(fans, mounts, strict=True))
+    whole = Fan(-np.pi + np.pi / beams, 2 * np.pi / beams, 0.0, reach, beams)
+    names = ", ".join(scans.topic for scans in lidars)
+    if len(set(mounts)) < len(mounts):
+        table = f'[lidars."{first.topic}"] with x, y, yaw for each in the platform\'s file'
+        problem = f"two lidars at one place, expected a transform to each, or a table {table}"
+        raise InputError(problem, file=path, field=names)
+
+    def load(indices: Rows) -> Ranges:
+        rows = np.full((len(indices), beams), np.nan, np.float32)
+        for scans, fan, mount in zip(lidars, fans, mounts, strict=True):
+            near = nearest_stamp(scans.stamps, first.stamps[indices])
+            period = float(np.median(np.diff(scans.stamps))) if len(scans.stamps) > 1 else 0.0
+            used = np.flatnonzero(np.abs(scans.stamps[near] - first.stamps[indices]) <= GAP * period)
+            if len(used):
+                rows[used] = _joined(rows[used], scans.cleaned(near[used], fan).astype(np.float64), fan, mount, whole)
+        return rows
+
+    return Scans(names, "", first.stamps, whole, load)
+
+
+def _joined(rows: Ranges, ranges: NDArray[np.float64], fan: Fan, mount: Mount, whole: Fan) -> Ranges:
+    """Rows [k, beams] of the whole fan with the ranges [k, b] of a lidar laid into them; what is nearer stays."""
+    echo = np.isfinite(ranges)
+    placed = np.where(np.isinf(ranges), fan.range_max, ranges)
+    angles = mount.yaw + fan.angles
+    x, y = mount.x + placed * np.cos(angles), mount.y + placed * np.sin(angles)
+    known = np.isfinite(placed)
+    turn = np.mod(np.arctan2(y[known], x[known]) + np.pi, 2 * np.pi)
+    column = np.minimum((turn / whole.angle_increment).astype(np.intp), whole.beams - 1)
+    row = np.broadcast_to(np.arange(len(rows))[:, None], ranges.shape)[known]
+    found = np.where(echo[known], np.hypot(x[known], y[known]), np.inf).astype(np.float32)
+    laid = np.where(np.isnan(rows), np.inf, rows)  # as far as an endpoint goes, what says nothing is beyond reach
+    np.minimum.at(laid, (row, column), found)
+    seen = ~np.isnan(rows)
+    seen[row, column] = True
+    return np.where(seen, laid, np.nan)

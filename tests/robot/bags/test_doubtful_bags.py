@@ -18,8 +18,8 @@ from made_bags import START, drive, imu, make_bag, odometry, placed, scan
 
 from moteslam import open_recording
 from moteslam.errors import ConfigError, InputError
-from moteslam.robot.formats.bags.chunks import zstd
-from moteslam.robot.formats.bags.events import Event, header
+from moteslam.robot.formats.bags.messages import Event, header
+from moteslam.robot.formats.bags.records import zstd
 from moteslam.robot.recording import LidarStream, OdometryStream, Recording
 
 SECOND = 1_000_000_000
@@ -329,6 +329,14 @@ def test_of_static_transforms_the_last_counts(tmp_path: Path, topic: str, x: flo
     recording = open_recording(make_bag(tmp_path, [*mounts, scan(0, [1.0, 2.0])]))
     assert recording.platform.lidar.x == pytest.approx(x)
     assert codes(recording) == [code]
+
+
+def test_a_transform_without_a_turn_is_told(tmp_path: Path) -> None:
+    mount = placed(0, "base_link", "laser", (0.1, 0.0, 0.0))
+    mount.values["transforms"][0]["transform"]["rotation"]["w"] = 0.0
+    recording = open_recording(make_bag(tmp_path, [mount, scan(0, [1.0, 2.0])]))
+    assert (recording.platform.lidar.x, recording.platform.lidar.yaw) == (pytest.approx(0.1), 0.0)
+    assert codes(recording) == ["mount-unturned"]
 
 
 def test_of_two_parents_the_one_that_leads_to_the_base_counts(tmp_path: Path) -> None:

@@ -57,13 +57,19 @@ def test_a_correction_leaves_the_known_map_where_it_was():
     np.testing.assert_allclose(se2.between(laid_over(turned, spinning), spinning), 0, atol=1e-5)
 
 
-def test_thinned_endpoints_are_the_first_of_each_scan_and_every_third_after_it():
-    starts = np.array([0, 4, 4, 6], np.int32)
+def test_endpoints_of_some_scans_are_numbered_anew_and_thinned_ones_are_every_third_of_a_scan():
+    starts, owners = np.array([0, 4, 4, 6], np.int32), np.array([0, 0, 0, 0, 2, 2], np.int32)
     points = np.arange(12, dtype=np.float32).reshape(6, 2)
-    thinned = Endpoints(points, points, starts, np.array([0, 0, 0, 0, 2, 2], np.int32)).thinned(3)
-    np.testing.assert_array_equal(thinned.points, points[[0, 3, 4]])
-    np.testing.assert_array_equal(thinned.starts, [0, 2, 2, 3])
-    np.testing.assert_array_equal(thinned.owners, [0, 0, 2])
+    scans = Endpoints(points, -points, starts, owners)
+    assert scans.only(np.arange(3)) is scans
+    for found, which, firsts, whose in (
+        (scans.only(np.array([1, 2])), [4, 5], [0, 0, 2], [1, 1]),
+        (scans.thinned(3), [0, 3, 4], [0, 2, 2, 3], [0, 0, 2]),
+    ):
+        np.testing.assert_array_equal(found.points, points[which])
+        np.testing.assert_array_equal(found.normals, -points[which])
+        np.testing.assert_array_equal(found.starts, firsts)
+        np.testing.assert_array_equal(found.owners, whose)
 
 
 def closing_of(nodes: int, found: tuple[float, float, float]) -> tuple[backend.GraphBackend, LoopClosing]:
@@ -76,18 +82,6 @@ def closing_of(nodes: int, found: tuple[float, float, float]) -> tuple[backend.G
     closing.graph.enter((0, 18), loop(closing.graph, 0, 18, found))
     closing.news.add((0, 18))
     return one, closing
-
-
-def test_endpoints_of_some_scans_are_numbered_anew():
-    starts = np.array([0, 4, 4, 6], np.int32)
-    points = np.arange(12, dtype=np.float32).reshape(6, 2)
-    scans = Endpoints(points, -points, starts, np.array([0, 0, 0, 0, 2, 2], np.int32))
-    some = scans.only(np.array([1, 2]))
-    np.testing.assert_array_equal(some.points, points[4:])
-    np.testing.assert_array_equal(some.normals, -points[4:])
-    np.testing.assert_array_equal(some.starts, [0, 0, 2])
-    np.testing.assert_array_equal(some.owners, [1, 1])
-    assert scans.only(np.arange(3)) is scans
 
 
 @pytest.mark.usefixtures("taichi")
@@ -140,45 +134,40 @@ def test_what_was_registered_jointly_is_bent_by_later_loops_alone():
 
 
 @pytest.mark.usefixtures("taichi")
-@pytest.mark.parametrize(("elsewhere", "starts"), [(0.0, 1), (0.1, 1), (2.0, 2)])
-def test_a_joint_registration_starts_from_each_path_that_is_elsewhere(
-    monkeypatch: pytest.MonkeyPatch, elsewhere: float, starts: int
+@pytest.mark.parametrize(
+    ("elsewhere", "fewer", "starts", "taken"),
+    [
+        (0.0, (2, 30, -4, 20), 1, False),
+        (0.1, (2, 30, -4, 20), 1, False),
+        (2.0, (2, 30, -4, 20), 2, False),
+        (2.0, (12, 11, 14, 9), 2, True),
+        (2.0, (0, 0, 0, 0), 2, False),
+    ],
+)
+def test_a_joint_registration_starts_from_each_path_and_one_that_contradicts_must_be_clearly_sharper(
+    monkeypatch: pytest.MonkeyPatch, elsewhere: float, fewer: tuple[int, ...], starts: int, taken: bool
 ):
-    """Laid over each other rigidly first; and the path of clearly fewest cells is the one that is taken."""
+    """Laid over each other rigidly first; by more cells than the directions of the grid differ in what they count."""
     graph, started = graph_of(12), []
 
     def register(endpoints: Endpoints, poses: np.ndarray, *_: object) -> np.ndarray:
         started.append(poses)
-        return poses + np.array((0.0, 0.001, 0.0))
-
-    monkeypatch.setattr(backend, "register_jointly", register)
-    monkeypatch.setattr(
-        backend, "cells_along", lambda endpoints, poses: np.full(4, -np.abs(np.diff(poses[:, 1])).max())
-    )
-    filtered = np.asarray(se2.compose((3.0, 2.0, 1.0), graph.poses + np.eye(13, 3, k=-6)[:, [1, 0, 2]] * elsewhere))
-    found, _ = sharpest(graph, filtered, GraphConfig())
-    assert len(started) == starts
-    np.testing.assert_array_equal(started[-1], filtered if starts == 2 else graph.poses)
-    assert np.abs(found - filtered).max() <= 0.001
-
-
-@pytest.mark.usefixtures("taichi")
-@pytest.mark.parametrize(("fewer", "taken"), [((2, 30, -4, 20), False), ((12, 11, 14, 9), True), ((0, 0, 0, 0), False)])
-def test_a_path_that_contradicts_the_measured_one_must_be_clearly_sharper(
-    monkeypatch: pytest.MonkeyPatch, fewer: tuple[int, ...], taken: bool
-):
-    """By more than the directions of the grid differ in what they count."""
-    graph = graph_of(12)
-    filtered = graph.poses + np.eye(13, 3, k=-6) * 2.0
-    monkeypatch.setattr(backend, "register_jointly", lambda endpoints, poses, *_: poses)
+        return poses
 
     def cells(endpoints: Endpoints, poses: np.ndarray) -> np.ndarray:
-        return np.array((1000, 1010, 990, 1000)) - np.array(fewer) * bool(np.array_equal(poses, filtered))
+        return np.array((1000, 1010, 990, 1000)) - np.array(fewer) * bool(np.ptp(poses[:, 1]) > 1)
 
+    monkeypatch.setattr(backend, "register_jointly", register)
     monkeypatch.setattr(backend, "cells_along", cells)
-    found, measured = sharpest(graph, filtered, GraphConfig())
-    assert np.array_equal(found, filtered) == taken
+    bent = graph.poses + np.eye(13, 3, k=-6)[:, [1, 0, 2]] * elsewhere
+    found, measured = sharpest(graph, np.asarray(se2.compose((3.0, 2.0, 1.0), bent)), GraphConfig())
+    assert len(started) == starts
+    np.testing.assert_array_equal(started[0], graph.poses)
+    np.testing.assert_allclose(
+        se2.between(started[-1][0], started[-1]), bent if starts == 2 else graph.poses, atol=1e-9
+    )
     assert measured != taken
+    np.testing.assert_array_equal(found, started[-1 if taken else 0])
 
 
 @pytest.mark.usefixtures("taichi")

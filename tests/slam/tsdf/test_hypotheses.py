@@ -1,7 +1,5 @@
 """Several hypotheses: particles at every place that a search cannot tell apart, and what waits until one is left."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
@@ -12,6 +10,7 @@ from tile_pools import room_scan, thinned
 
 from moteslam.robot import se2
 from moteslam.slam.backend.protocol import KeyScan
+from moteslam.slam.filter.protocol import StepResult
 from moteslam.slam.filter.update_policy import Travelled
 from moteslam.slam.filter.weights import Weights
 from moteslam.slam.inputs.step import Step
@@ -53,6 +52,7 @@ def test_particles_are_divided_among_rival_places_by_their_odds_and_the_best_one
     chosen = [int((found == place).all(axis=1).sum()) for place in (np.zeros(3), *RIVALS.offsets)]
     assert chosen == [16, 8, 4]
     np.testing.assert_array_equal(found[9], 0.0)
+    np.testing.assert_array_equal(divide(particles_at(np.zeros((4, 3))), Rivals(), SHARE), np.zeros((4, 3)))
 
 
 def test_a_place_where_a_particle_is_already_gets_none_and_those_away_stay():
@@ -61,17 +61,9 @@ def test_a_place_where_a_particle_is_already_gets_none_and_those_away_stay():
     found = divide(particles_at(poses), RIVALS, SHARE)
     np.testing.assert_array_equal(found[5:], 0.0)
     assert set(found[:5, 1].tolist()) == {0.0, -2.6}
-
-
-def test_without_rivals_all_look_where_the_tracked_motion_leads():
-    np.testing.assert_array_equal(divide(particles_at(np.zeros((4, 3))), Rivals(), SHARE), np.zeros((4, 3)))
-
-
-def test_a_place_turned_by_a_whole_circle_is_the_same():
-    poses = np.zeros((6, 3))
-    poses[3:] = (0.0, 0.0, 3.12)
-    found = divide(particles_at(poses), Rivals(np.array([(0.0, 0.0, -3.12)]), np.zeros(1), np.zeros(1)), SHARE)
-    np.testing.assert_array_equal(found, 0.0)
+    poses[5:] = (0.0, 0.0, 3.12)  # but for a whole circle the place of the rival
+    alike = Rivals(np.array([(0.0, 0.0, -3.12)]), np.zeros(1), np.zeros(1))
+    np.testing.assert_array_equal(divide(particles_at(poses), alike, SHARE), 0.0)
 
 
 @pytest.mark.parametrize(("weight", "alone"), [(0.0005, True), (0.005, False)])
@@ -109,45 +101,39 @@ def test_a_particle_that_looks_elsewhere_begins_at_its_place_whatever_the_odomet
     at, odometry = np.array((0.5, 0.3, 0.6)), np.array((0.3, 0.1, 0.1))
     since = MotionSinceUpdate(tracked=at, odometry=odometry, travelled=Travelled(0.6, 0.6, 1.0))
     offset = np.array((0.1, -0.2, 0.05))
-    found = propose(
-        particles,
-        since,
-        thinned(room_scan(at)),
-        np.zeros(2),
-        ProposalConfig(),
-        RegistrationConfig(),
-        TrackingConfig(),
-        measured=True,
-        places=np.stack((np.zeros(3), offset)),
-    )
+    configs = (ProposalConfig(), RegistrationConfig(), TrackingConfig())
+    places = np.stack((np.zeros(3), offset))
+    found = propose(particles, since, thinned(room_scan(at)), np.zeros(2), *configs, measured=True, places=places)
     start = se2.compose(found.predicted, se2.between(odometry, at))
     np.testing.assert_allclose(start, (at, se2.compose(at, offset)), atol=1e-12)
     np.testing.assert_allclose(found.means[0], at, atol=0.01)
 
 
+def filter_of(*settings: str) -> TsdfFilter:
+    config = resolve_config("default", ["particles=12", *settings])
+    assert isinstance(config, TsdfFilterConfig)
+    return TsdfFilter(config, 0)
+
+
+def stepped(tsdf: TsdfFilter, index: int, ahead: float, points: NDArray[np.float32]) -> StepResult:
+    return tsdf.step(Step(index, 0.1 * index, 0.1, np.array((ahead, 0.0, 0.0)), True, points, np.zeros(2)))
+
+
 def test_a_scan_after_an_outage_is_no_slip_of_the_wheels_but_does_not_weigh_as_measured_motion():
     """A hundred scans without points, 0.1 m each to and fro; then the robot is 0.6 m off: all particles fit alike."""
-    config = resolve_config("default", ["particles=12", "calibration.enabled=false"])
-    assert isinstance(config, TsdfFilterConfig)
-    tsdf, origin = TsdfFilter(config, 0), np.zeros(2)
-
-    def scan(index: int, motion: tuple[float, float, float], points: NDArray[np.float32]) -> None:
-        tsdf.step(Step(index, 0.1 * index, 0.1, np.array(motion), True, points, origin))
-
-    scan(0, (0.0, 0.0, 0.0), room_scan())
+    tsdf = filter_of("calibration.enabled=false")
+    stepped(tsdf, 0, 0.0, room_scan())
     for k in range(1, 101):
-        scan(k, (0.1 if k % 2 else -0.1, 0.0, 0.0), room_scan()[:0])
+        stepped(tsdf, k, 0.1 if k % 2 else -0.1, room_scan()[:0])
     at = np.array((0.4, 0.45, 0.01))
-    scan(101, (0.1, 0.0, 0.0), room_scan(at))
+    stepped(tsdf, 101, 0.1, room_scan(at))
     assert tsdf.weights.effective_number > 6
     np.testing.assert_allclose(tsdf.poses[tsdf.best_particle], at, atol=0.002)
 
 
 def test_rivals_divide_the_particles_even_where_no_update_is_due(monkeypatch: pytest.MonkeyPatch):
-    config = resolve_config("default", ["particles=12"])
-    assert isinstance(config, TsdfFilterConfig)
-    tsdf, origin = TsdfFilter(config, 0), np.zeros(2)
-    tsdf.step(Step(0, 0.0, 0.0, np.zeros(3), True, room_scan(), origin))
+    tsdf = filter_of()
+    stepped(tsdf, 0, 0.0, room_scan())
     locate = Localiser.locate
 
     def with_rival(self: Localiser, *arguments: Any, **keys: Any) -> Located:
@@ -155,8 +141,7 @@ def test_rivals_divide_the_particles_even_where_no_update_is_due(monkeypatch: py
         return found._replace(rivals=Rivals(np.array([(0.0, 0.0, np.pi)]), np.zeros(1), np.zeros(1)))
 
     monkeypatch.setattr(Localiser, "locate", with_rival)
-    result = tsdf.step(Step(1, 0.1, 0.1, np.zeros(3), True, room_scan(), origin))
-    assert result.updated
+    assert stepped(tsdf, 1, 0.0, room_scan()).updated
     assert not tsdf.settled
     assert int((np.abs(tsdf.poses[:, 2]) > 3).sum()) == 6
 
@@ -229,13 +214,9 @@ def test_key_scans_wait_until_the_particles_are_settled_and_come_in_order(monkey
     steps = se2.between(np.array([key.pose for key in backend.keys[4:8]]), [key.pose for key in backend.keys[5:9]])
     np.testing.assert_allclose(steps, [key.motion for key in backend.keys[5:9]], atol=1e-12)
     assert np.isfinite(session.estimate().trajectory_final.poses).all()
-
-
-def test_key_scans_that_wait_at_the_end_are_given_too(monkeypatch: pytest.MonkeyPatch):
-    backend = Watched()
-    _, given = run(monkeypatch, backend, open_at=range(5, 10_000))
+    _, given = run(monkeypatch, backend := Watched(), open_at=range(5, 10_000))
     assert set(given[4:]) == {4}
-    assert len(backend.keys) == len(given)
+    assert len(backend.keys) == len(given)  # those that wait at the end are given too
 
 
 def test_a_correction_by_a_scan_that_has_waited_moves_those_after_it(monkeypatch: pytest.MonkeyPatch):
@@ -261,19 +242,3 @@ def test_an_estimate_while_key_scans_wait_has_all_poses(monkeypatch: pytest.Monk
             final = session.estimate().trajectory_final
     assert len(final) == 51
     np.testing.assert_allclose(final.poses[-1], session.estimate().trajectory_final.poses[50], atol=0.02)
-
-
-def test_paths_follow_the_parents_that_resampling_chose():
-    particles = Particles(3, TsdfConfig())
-    particles.start(thinned(room_scan()))
-    first, second = np.array([(1.0, 0, 0), (2.0, 0, 0), (3.0, 0, 0)]), np.array([(4.0, 0, 0), (5.0, 0, 0), (6.0, 0, 0)])
-    particles.move_to(first)
-    particles.weights = Weights(np.log([0.1, 0.3, 0.6]))
-    particles.resample(np.array([1, 2, 2]))
-    np.testing.assert_array_equal(particles.poses, first[[1, 2, 2]])
-    np.testing.assert_allclose(particles.weights.values, 1 / 3)
-    assert particles.best in (1, 2)  # both descend from the heaviest
-    particles.move_to(second)
-    np.testing.assert_array_equal(
-        particles.history.paths(np.arange(3))[..., 0], [(0.0, 2.0, 4.0), (0.0, 3.0, 5.0), (0.0, 3.0, 6.0)]
-    )
