@@ -13,11 +13,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from moteslam.errors import InputError
-from moteslam.kernels.checks import LARGEST, as_finite, check_array
+from moteslam.kernels.checks import as_finite, check_array
 from moteslam.kernels.runtime import one_thread, runtime, ti
 from moteslam.kernels.types import F32, F32_1D, F32_2D, I32, I32_1D, U16_1D, func, kernel, template
-
-__all__ = ["DepthView", "View", "depth_view_of", "render_colour", "render_disparity", "view_of"]
 
 _FAR = 1e6
 _JUMP = 0.05
@@ -76,8 +74,6 @@ def view_of(directions: ArrayLike, *, height: float, resolution: float = 4e-4) -
         resolution: of the fan [rad]; 2 mm at 5 m.
     """
     image = as_finite("directions", directions, np.float64, (None, None, 4))
-    if not (height > 0 and image.size):
-        raise InputError(f"{height:g} m, expected a camera above the floor, and pixels", field="height")
     rays = image.reshape(-1, 4)
     level = np.maximum(np.hypot(rays[:, 0], rays[:, 1]), 1e-9)
     middle = float(np.arctan2(rays[:, 1].mean(), rays[:, 0].mean()))
@@ -118,8 +114,6 @@ def depth_view_of(
         nearest, farthest: depths that can be measured [m].
         grazing: floor that is met at a smaller slope than this is not measured [m/m].
     """
-    if not (slope < 0 and 0 < nearest < farthest):
-        raise InputError(f"slope {slope:g}, {nearest:g} to {farthest:g} m, expected below 0, and rising", field="slope")
     inverse = view.rays[3].astype(np.float64)
     met = inverse > 0
     floor = np.where(met, (scale * inverse / view.depths - offset) / slope, np.inf)
@@ -229,8 +223,6 @@ def render_colour(
     """
     cameras, fan, first = _prepared(view, poses, reaches, noise, starts, 2 * view.run)
     check_array("floor", floor, np.int32, (None, None))
-    if not (floor.size and cell_size > 0):
-        raise InputError(f"{cell_size:g} m, expected cells larger than 0, and at least one", field="floor")
     x, y, heading = cameras.T
     columns = (x - corner[0], y - corner[1], np.cos(heading), np.sin(heading))
     moved = np.stack(columns, axis=-1).astype(np.float32)
@@ -276,13 +268,9 @@ def _prepared(
     """Poses, inverse reaches and starts, checked; a frame reads ``more`` numbers of the noise than it has pixels."""
     cameras = as_finite("poses", poses, np.float64, (None, 3))
     check_array("reaches", reaches, np.float32, (len(cameras), len(view.bearings)))
-    if not (reaches >= 0).all():
-        raise InputError("NaN or negative, expected distances [m]", field="reaches")
     check_array("noise", noise, np.float32, (None,))
     first = as_finite("starts", starts, np.int32, (len(cameras),))
     pixels = len(view.bins)
     if len(cameras) and not (first.min() >= 0 and first.max() + pixels + more <= len(noise)):
         raise InputError(f"out of bounds, expected {pixels + more} numbers of the noise after each", field="starts")
-    if len(cameras) * pixels > LARGEST:
-        raise InputError(f"{len(cameras)} frames, expected fewer at once", field="poses")
     return cameras, np.reciprocal(np.maximum(reaches, np.float32(1e-3))), first

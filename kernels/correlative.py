@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from moteslam.errors import InputError
-from moteslam.kernels.checks import LARGEST, as_finite
+from moteslam.kernels.checks import as_finite
 from moteslam.kernels.runtime import one_thread, passes_for, runtime, ti
 from moteslam.kernels.tiles import SIDE, STEPS, Tiles, address, frames_in_cells, read, steps_of, weight_of
 from moteslam.kernels.types import F32_1D, F32_2D, F64_2D, I16_1D, I32, I32_1D, I32_2D, func, kernel, template
@@ -24,8 +24,6 @@ MAX_LAID = 2**24
 LOOKED_UP = 2
 """The scores of the cells around a particle are laid out before a search that looks up each of them more often than
 this: then a lookup takes a third of the time."""
-MAX_NEAR = 1e4
-"""Truncations; see ``MAX_SEARCH_COST``."""
 
 
 @func
@@ -154,12 +152,6 @@ def search_scans(
         raise InputError(f"{len(places)}, expected one for each of {n} maps", field="frames")
     if len(scan) > MAX_SEARCH_POINTS:
         raise InputError(f"{len(scan)}, expected at most {MAX_SEARCH_POINTS}", field="points")
-    if not 0 < near <= MAX_NEAR:
-        raise InputError(f"{near:g} truncations, expected above 0, at most {MAX_NEAR:g}", field="near")
-    if blocks < 1 or not len(across) or len(across) % blocks:
-        raise InputError(f"{blocks}, expected equal blocks of {len(across)} shifts", field="blocks")
-    if n * len(angles) * blocks > LARGEST:
-        raise InputError(f"{len(angles)} in {blocks} blocks for {n} particles, expected fewer", field="turns")
     scores, chosen = (np.empty((n, len(angles) * blocks), np.int32) for _ in range(2))
     runtime()
     if len(angles):
@@ -202,6 +194,4 @@ def _boxes(
 def _costs(name: str, costs: ArrayLike, count: int) -> NDArray[np.int32]:
     """As whole steps that add up within 32 bits."""
     given: NDArray[np.float64] = as_finite(name, costs, np.float64, (count,))
-    if (given < 0).any():
-        raise InputError("a negative cost, expected 0 or more", field=name)
     return np.minimum(given, MAX_SEARCH_COST).astype(np.int32)

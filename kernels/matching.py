@@ -12,21 +12,18 @@ on many processors. Beams that leave the grid are clamped to its outermost ring,
 Sines and places of the poses are computed in float64 on the host, so that every backend counts the same.
 """
 
-import math
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from moteslam.errors import InputError
-from moteslam.kernels.checks import LARGEST, as_finite, check_array
+from moteslam.kernels.checks import as_finite, check_array
 from moteslam.kernels.runtime import one_thread, passes_for, runtime, ti
 from moteslam.kernels.types import F32, F32_2D, I32, I32_1D, I32_2D, U8_1D, U32, U64_1D, func, kernel, template
 
 AT_ONCE = 64
 """Beams whose cells are found before the first is read: few enough to unroll and to keep in the fastest cache."""
-MAX_BEAMS = 8_000_000
-"""255 for each of them fits 31 bits."""
 SPAN = 5
 """Shifts along each axis that fit in a window."""
 FULL_BYTE = 255
@@ -229,10 +226,6 @@ def match_poses(
     poses = as_finite("poses", poses, np.float64, (None, 3))
     xy = as_finite("offsets_xy", offsets_xy, np.float64, (None,))
     theta = as_finite("offsets_theta", offsets_theta, np.float64, (None,))
-    if not 0 < len(xy) ** 2 * len(theta) <= 1_000_000:
-        raise InputError(f"{len(xy)}, expected 1 or more, and at most a million poses to try", field="offsets_xy")
-    if len(poses) * len(theta) * 4 > LARGEST:
-        raise InputError(f"{len(poses)}, expected fewer", field="poses")
     turned = np.repeat(poses, len(theta), axis=0)
     turned[:, 2] += np.tile(theta, len(poses))
     frames, scan = _in_cells(origin, cell_size, turned, points)
@@ -269,10 +262,6 @@ def _in_cells(
     """Poses [N, 4] as cos, sin, column, row, and the points [2, k] of a scan, x and y in rows; lengths in cells."""
     corner = as_finite("origin", origin, np.float64, (2,))
     ends = as_finite("points", points, np.float64, (None, 2))
-    if not 0 < cell_size < math.inf:
-        raise InputError(f"{cell_size}, expected a positive number", field="cell_size")
-    if len(ends) > MAX_BEAMS:
-        raise InputError(f"{len(ends)}, expected at most {MAX_BEAMS}", field="points")
     columns = (np.cos(poses[:, 2]), np.sin(poses[:, 2]), *((poses[:, :2] - corner) / cell_size).T)
     return np.stack(columns, axis=1).astype(np.float32), np.ascontiguousarray((ends / cell_size).T, np.float32)
 

@@ -3,8 +3,6 @@
 Movers are given at a constant rate and interpolated linearly. Every ray tests all of them: a scenario has a few dozen.
 """
 
-import math
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -13,8 +11,6 @@ from moteslam.kernels.checks import as_finite, check_array
 from moteslam.kernels.raycast import cos_sin
 from moteslam.kernels.runtime import one_thread, runtime, ti
 from moteslam.kernels.types import F32, F32_1D, F32_2D, F64_1D, F64_2D, I32, I32_1D, kernel
-
-__all__ = ["cast_movers"]
 
 
 @kernel
@@ -94,7 +90,7 @@ def cast_movers(
     check_array("ranges", ranges, np.float32, (len(origins),), written=True)
     steps, count = discs.shape[:2]
     discs = as_finite("discs", discs.reshape(-1, 3), np.float32, (None, 3))
-    if len(lines) != steps or steps < 2 or not (math.isfinite(rate) and rate > 0):
+    if len(lines) != steps or steps < 2:
         raise InputError(
             f"{steps} poses of discs, {len(lines)} of lines, expected as many, two at least", field="lines"
         )

@@ -14,7 +14,6 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from moteslam.errors import InputError
 from moteslam.kernels.buckets import SegmentBuckets, build_buckets
 from moteslam.kernels.checks import as_finite
 from moteslam.kernels.runtime import one_thread, runtime, ti
@@ -183,8 +182,6 @@ def cast_surfaces(
     """
     origins = as_finite("origins", origins, np.float64, (None, 2))
     angles = as_finite("angles", angles, np.float64, (len(origins),))
-    if not 0 < max_range < 1e30:
-        raise InputError(f"{max_range}, expected a positive distance below 1e30 m", field="max_range")
     out, hit = np.empty(len(origins), np.float32), np.empty(len(origins), np.int32)
     runtime()
     if len(out):

@@ -14,13 +14,11 @@ runs along it: where beams go counterclockwise, on the side that the sensor saw 
 Written by hand, since no library has copy-on-write tiles that Taichi kernels can read and write.
 """
 
-import math
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from moteslam.errors import InputError
 from moteslam.kernels.checks import as_finite
 from moteslam.kernels.runtime import ti
 from moteslam.kernels.types import F32, I32, func, template
@@ -164,8 +162,6 @@ def frames_in_cells(frames: ArrayLike, cell_size: float) -> NDArray[np.float64]:
         frames: float64 [n, 4] cos, sin, x, y of poses, from the tables' corner [m].
         cell_size: of the level [m].
     """
-    if not (math.isfinite(cell_size) and cell_size > 0):
-        raise InputError(f"{cell_size:g} m, expected above 0", field="cell_size")
     scaled: NDArray[np.float64] = np.array(as_finite("frames", frames, np.float64, (None, 4)))
     scaled[:, 2:] /= cell_size
     return scaled

@@ -31,7 +31,7 @@ def seen_cells(
     centres = np.stack((columns, rows), axis=-1).reshape(-1, 2) * cell_size + np.asarray(origin) + cell_size / 2
     seen = np.zeros(len(centres), bool)
     for pose, time in zip(frames.disparity.poses, frames.disparity.times, strict=True):
-        camera, reaches, bearings = frames.renderer.depth_reaches(pose, float(time))
+        camera, reaches, bearings = frames.renderer().depth_reaches(pose, float(time))
         todo = np.flatnonzero(~seen)
         away = centres[todo] - camera[:2]
         level = np.hypot(*away.T)

@@ -122,8 +122,8 @@ def _draw_furniture(axes: Axes, layout: Layout) -> None:
 
     furniture = {
         "shelf": [piece.polygon() for piece in layout.shelves],
-        "table": [piece.board() for piece in layout.tables],
-        "chair": [piece.board() for piece in layout.chairs],
+        "table": [piece.polygon() for piece in layout.tables],
+        "chair": [piece.polygon() for piece in layout.chairs],
         "box": [piece.polygon() for piece in layout.boxes],
         "pillar": [piece.polygon() for piece in layout.pillars],
     }

@@ -15,8 +15,8 @@ from moteslam.errors import ConfigError
 from moteslam.robot.raster import Raster
 from moteslam.robot.values import Summarised
 from moteslam.sim.world.floor_plan import read_floor_plan, wall_segments
-from moteslam.sim.world.layout import Layout, Room, Slippery, Wall
-from moteslam.sim.world.pieces import MATERIALS, PLAIN, Box, Material, Pillar, Polygon, Segments, outline
+from moteslam.sim.world.layout import Layout, Slippery
+from moteslam.sim.world.pieces import MATERIALS, PLAIN, Block, Material, Polygon, Segments
 
 if TYPE_CHECKING:
     from shapely import STRtree
@@ -46,16 +46,9 @@ class World(Summarised):
     @classmethod
     def of(cls, layout: Layout) -> World:
         """The world that a layout describes."""
-        around: list[Wall | Room] = [*layout.walls, *layout.rooms]
-        blocks: list[Box | Pillar] = [*layout.boxes, *layout.pillars]
-        parts = [(piece.segments(), piece.material) for piece in around]
-        parts += [(outline(piece.polygon()), piece.material) for piece in blocks]
-        solids = [piece.polygon() for piece in blocks]
-        for stand in (*layout.tables, *layout.chairs):
-            parts += [(outline(leg), stand.material) for leg in stand.polygons()]
-            solids += stand.polygons()
-        for shelf in layout.shelves:
-            parts.append((shelf.segments(), shelf.material))
+        pieces = [piece for kind in layout.pieces.values() for piece in kind]
+        parts = [(piece.segments(), piece.material) for piece in pieces]
+        solids = [solid for piece in pieces if isinstance(piece, Block) for solid in piece.solids()]
         hollows = tuple(shelf.polygon() for shelf in layout.shelves)
         plan = None if layout.plan is None else read_floor_plan(layout.plan)
         if plan is not None:

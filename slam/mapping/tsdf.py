@@ -110,7 +110,7 @@ class TsdfMaps:
         c = self._config
         farthest = max(float(np.hypot(*scan.points.T).max()) for scan in scans)
         self._cover(poses, farthest + 2 * max(c.truncation, c.coarse_truncation) + self._tile_size)
-        while not integrate_scans(self._store, self.all().frames(poses), scans, options=self._options, trusted=True):
+        while not integrate_scans(self._store, self.all().frames(poses), scans, options=self._options):
             self._make_room()
 
     def _cover(self, poses: Array, reach: float) -> None:

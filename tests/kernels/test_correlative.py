@@ -130,11 +130,6 @@ def test_no_turns(room: Pool) -> None:
     [
         ({"frames": np.ones((2, 4))}, "frames"),
         ({"points": np.zeros((MAX_SEARCH_POINTS + 1, 2))}, "points"),
-        ({"turn_costs": [-1]}, "turn_costs"),
-        ({"shifts": np.empty((0, 2)), "shift_costs": []}, "blocks"),
-        ({"blocks": 3}, "blocks"),
-        ({"cell_size": -0.05}, "cell_size"),
-        ({"near": 0.0}, "near"),
     ],
 )
 def test_bad_input_of_the_search(change: dict[str, object], field: str) -> None:

@@ -111,12 +111,8 @@ def test_no_particles() -> None:
 @pytest.mark.parametrize(
     ("change", "field"),
     [
-        ({"offsets_xy": ()}, "offsets_xy"),
-        ({"offsets_theta": ()}, "offsets_xy"),
-        ({"offsets_xy": np.zeros(2000)}, "offsets_xy"),
         ({"occupied": np.ones((8, 8), np.uint8)}, "occupied"),
         ({"occupied": np.zeros((8, 12), np.uint8)}, "occupied"),
-        ({"cell_size": -1.0}, "cell_size"),
     ],
 )
 def test_bad_input(change: dict[str, object], field: str) -> None:

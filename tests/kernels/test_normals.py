@@ -64,15 +64,6 @@ def test_no_points_have_no_normals():
     assert scan_normals(np.zeros((0, 2)), np.zeros(0, np.int32), [0, 0], **OPTIONS).shape == (0, 2)
 
 
-@pytest.mark.parametrize(
-    ("change", "field"),
-    [({"reach": 0.0}, "reach"), ({"noise": -1.0}, "noise"), ({"largest": np.nan}, "largest")],
-)
-def test_numbers_out_of_bounds_are_refused(change: dict[str, float], field: str):
-    with pytest.raises(InputError, match=rf"^{field}: "):
-        normals(np.zeros((3, 2)), **change)
-
-
 @pytest.mark.parametrize("starts", [[], [1, 3], [0, 2], [0, 4], [0, 2, 1, 3]])
 def test_starts_that_do_not_fit_are_refused(starts: list[int]):
     with pytest.raises(InputError, match=r"^starts: "):

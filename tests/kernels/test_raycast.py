@@ -157,36 +157,9 @@ def test_every_wall_is_in_every_bucket_it_crosses(seed: int) -> None:
             ).all(axis=1).any()
 
 
-@pytest.mark.parametrize(
-    ("segments", "message"),
-    [
-        (np.empty((0, 4)), "segments: no segments"),
-        ([(0, 0, 1, 0), (2, 2, 2, 2)], "segments: segment 1 has no length"),
-        ([(0, 0, 1e7, 0)], "segments: 1e.07 m wide"),
-    ],
-)
-def test_bad_segments(segments: object, message: str) -> None:
-    with pytest.raises(InputError, match=f"^{message}"):
-        build_buckets(segments)  # type: ignore[arg-type]
-
-
-@pytest.mark.parametrize("size", [0.0, -1.0, np.nan, np.inf])
-def test_bad_size(size: float) -> None:
-    with pytest.raises(InputError, match=r"^size: "):
-        build_buckets([(0, 0, 1, 0)], size=size)
-
-
-@pytest.mark.parametrize(
-    ("origins", "angles", "max_range", "field"),
-    [
-        ([(0, 0)], [0.0, 1.0], 1.0, "angles"),
-        ([(0, 0)], [0.0], 0.0, "max_range"),
-        ([(0, 0)], [0.0], np.nan, "max_range"),
-    ],
-)
-def test_bad_rays(origins: object, angles: object, max_range: float, field: str) -> None:
-    with pytest.raises(InputError, match=f"^{field}: "):
-        cast_rays(build_buckets([(0, 0, 1, 0)]), origins, angles, max_range=max_range)  # type: ignore[arg-type]
+def test_bad_rays() -> None:
+    with pytest.raises(InputError, match=r"^angles: "):
+        cast_rays(build_buckets([(0, 0, 1, 0)]), [(0, 0)], [0.0, 1.0], max_range=1.0)
 
 
 @kernel

@@ -57,7 +57,6 @@ def test_nothing_is_projected_of_nothing() -> None:
     [
         ({"directions": np.ones((3, 2))}, "directions"),
         ({"sweeps": np.zeros((3, 3))}, "sweeps"),
-        ({"max_range": 0.0}, "max_range"),
     ],
 )
 def test_bad_input_of_projection(change: dict[str, object], field: str) -> None:

@@ -126,9 +126,6 @@ def test_the_same_bytes_on_any_number_of_threads(request: pytest.FixtureRequest)
     ("changes", "field"),
     [
         ({"height_limit": 0.4, "flat": True}, "mount"),
-        ({"calibration": np.zeros(10)}, "calibration"),
-        ({"cell_size": 0.0}, "cell_size"),
-        ({"max_depth": np.inf}, "cell_size"),
     ],
 )
 def test_bad_input(changes: dict[str, object], field: str) -> None:
@@ -177,16 +174,3 @@ def test_nothing_known_is_nothing() -> None:
     blank = match_colours(points, colours, poses, np.full_like(packed, UNKNOWN), corner=(0, 0), cell_size=0.05)
     assert not blank.any()
     assert match_colours(points[:0], colours[:0], poses, packed, corner=(0, 0), cell_size=0.05).shape == (40, 2)
-
-
-@pytest.mark.usefixtures("taichi")
-def test_bad_input_of_matching_colours() -> None:
-    points, colours, poses, packed = case(2)
-    for bad in (
-        {"limit": 0},
-        {"cell_size": 0.0},
-    ):
-        arguments = {"points": points, "colours": colours, "poses": poses, "packed": packed, "corner": (0, 0),
-                     "cell_size": 0.05, **bad}  # fmt: skip
-        with pytest.raises(InputError):
-            match_colours(**arguments)

@@ -7,9 +7,8 @@ import pytest
 from tile_pools import MIDDLE, Pool, room_scan, thinned, tiles_of
 from twins import tsdf
 
-from moteslam.errors import InputError
 from moteslam.kernels import tiles
-from moteslam.kernels.tiles import CELLS, MAX_WEIGHT, SIDE, STEPS, frames_in_cells
+from moteslam.kernels.tiles import CELLS, MAX_WEIGHT, SIDE, STEPS
 from moteslam.kernels.types import F32_1D, F32_2D, I16_1D, I32, I32_1D, kernel, template
 
 pytestmark = pytest.mark.usefixtures("taichi")
@@ -153,8 +152,3 @@ def test_without_a_free_tile_nothing_is_done() -> None:
 def test_the_map_of_one_particle_is_a_part_of_the_tables() -> None:
     tiles = tiles_of(np.zeros(3 * CELLS, np.int16), np.zeros((2, 4, 5), np.int32))
     assert (tiles.of(1).maps, tiles.of(1).first, tiles.size) == (1, 20, 20)
-
-
-def test_frames_need_a_cell_size() -> None:
-    with pytest.raises(InputError, match=r"^cell_size: "):
-        frames_in_cells(np.zeros((2, 4)), 0.0)

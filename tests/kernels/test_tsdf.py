@@ -198,28 +198,9 @@ def test_points_that_coincide_write_nothing_wrong() -> None:
 @pytest.mark.parametrize(
     ("change", "field"),
     [
-        ({"spacing": -1.0}, "spacing"),
-        ({"max_spacing": np.nan}, "max_spacing"),
-        ({"gap": np.inf}, "gap"),
-        ({"gap_from_range": -0.1}, "gap_from_range"),
-    ],
-)
-def test_bad_input_of_thinning(change: dict[str, object], field: str) -> None:
-    arguments: dict[str, object] = {"points": [(1, 1), (1, 2)], "origin": (0, 0), "spacing": 0.02, "gap": 0.3}
-    with pytest.raises(InputError, match=f"^{field}: "):
-        thin_scan(**{**arguments, **change})  # type: ignore[arg-type]
-
-
-@pytest.mark.parametrize(
-    ("change", "field"),
-    [
         ({"frames": frames([MIDDLE, MIDDLE])}, "frames"),
-        ({"frames": frames([(0.0, 0.0, 0.0)])}, "frames"),  # the scan would leave the tables
-        ({"scans": [ThinnedScan(np.full((2, 2), np.nan, np.float32), np.ones(2, np.int32))]}, "scan"),
         ({"scans": [ThinnedScan(np.ones((2, 2), np.float32), np.ones(3, np.int32))]}, "scan"),
         ({"scans": []}, "frames"),
-        ({"cell_size": 0.0}, "cell_size"),
-        ({"coarse_truncation": 9.0}, "frames"),
     ],
 )
 def test_bad_input_of_integrating(change: dict[str, object], field: str) -> None:
