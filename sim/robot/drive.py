@@ -61,7 +61,7 @@ def drive(
     *,
     actors: Actors | None = None,
     faults: Sequence[object] = (),
-    progress: Callable[[float], None] | None = None,
+    progress: Callable[[float], None] = lambda _: None,
 ) -> Drive:
     """Rest, drive until the driver has arrived, is stuck or out of time, and rest again.
 
@@ -107,7 +107,7 @@ def drive(
                     end = "stuck"
                     break
                 stuck_check, stuck_pose = step + stuck_steps, run.state
-            if progress is not None and step % PHYSICS_RATE == 0:
+            if step % PHYSICS_RATE == 0:
                 progress(driver.done)
         if held is not None:
             run.stand(speed, turn_rate)

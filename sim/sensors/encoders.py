@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.robot.noise import EncoderNoise
-from moteslam.robot.platform import EncoderSpec, Wheels
+from moteslam.robot.platform import Platform
 from moteslam.robot.recording import EncoderStream
 from moteslam.sim.robot.drive import Drive
 from moteslam.sim.sensors.clock import readings
@@ -17,14 +17,13 @@ _RIGHT = np.array((True, False, True, False))
 
 def simulate_encoders(
     drive: Drive,
-    wheels: Wheels,
-    spec: EncoderSpec,
+    platform: Platform,
     noise: EncoderNoise,
     scale: float,
     span: tuple[float, float],
     rng: np.random.Generator,
     *,
-    effects: np.random.Generator | None = None,
+    effects: np.random.Generator,
 ) -> EncoderStream:
     """The counts int64 [n, 4] of the FR, FL, RR, RL wheel, and their stamps from 0 [s].
 
@@ -37,10 +36,12 @@ def simulate_encoders(
         rng: drawn from the same number of times for the same readings.
         effects: of slip bursts and missed ticks, drawn from only where there are any.
     """
+    wheels, spec = platform.wheels, platform.encoders
+    assert wheels is not None  # a scenario without is refused, as one without encoders
+    assert spec is not None
     times, stamps = readings(spec.rate, *span, noise.clock, rng)
     travel = np.stack([np.interp(times, drive.stamps, wheel) for wheel in drive.wheel_travel.T], axis=-1)
     seen = _with_errors(np.diff(travel, axis=0, prepend=travel[:1]), spec.rate, noise, scale, rng)
-    effects = np.random.default_rng(0) if effects is None else effects
     seen *= 1.0 / np.asarray(noise.radius_factors)  # a larger wheel turns less over the same distance
     if noise.bursts > 0:
         seen *= 1.0 + noise.burst_slip * _bursts(times, noise, effects)

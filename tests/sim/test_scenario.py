@@ -21,7 +21,7 @@ from moteslam.sim.robot.limits import Limits
 from moteslam.sim.robot.task import Command, Commands, Route, Wander
 from moteslam.sim.scenario import Fault, Scenario, bundled_scenarios, load_scenario, parse_scenario, scenario_table
 from moteslam.sim.sensors.clock import Outage
-from moteslam.sim.simulate import drive_scenario
+from moteslam.sim.simulate import true_drive
 from moteslam.sim.world.floor_plan import FloorPlan
 from moteslam.sim.world.layout import Layout, Recess, Room, RoomDoorway, Slippery, Wall
 from moteslam.sim.world.pieces import Box, Chair, Material, Pillar, Shelf, Table
@@ -177,7 +177,7 @@ def test_bundled_routes(
 ) -> None:
     scenario = load_scenario(name)
     world = World.of(scenario.world)
-    driven = drive_scenario(scenario, world, np.random.default_rng(3))
+    driven = true_drive(scenario, 3)
     assert driven.end == "arrived"
     assert metres[0] <= driven.truth.length <= metres[1]
     assert seconds[0] <= driven.stamps[-1] <= seconds[1]
@@ -218,7 +218,7 @@ def test_the_example_of_the_documentation_runs(tmp_path: Any) -> None:
     example = re.search(r"```toml\n(.*?)```", text, re.DOTALL)
     (tmp_path / "example.toml").write_text(example[1], encoding="utf-8")
     scenario = load_scenario(tmp_path / "example.toml")
-    assert drive_scenario(scenario, World.of(scenario.world), np.random.default_rng(0)).end == "arrived"
+    assert true_drive(scenario, 0).end == "arrived"
 
 
 def test_noise_as_recorded_is_the_robots_with_single_values_over_it(table: dict[str, Any]) -> None:
