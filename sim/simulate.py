@@ -22,10 +22,9 @@ from moteslam.sim.robot.vehicle import PHYSICS_RATE, Vehicle
 from moteslam.sim.scenario import Scenario
 from moteslam.sim.sensors.clock import EPOCH, Outage, Stream, with_faults
 from moteslam.sim.sensors.echoes import Scene
-from moteslam.sim.sensors.encoders import simulate_encoders
-from moteslam.sim.sensors.imu import simulate_imu
 from moteslam.sim.sensors.lidar import LidarErrors, simulate_lidar, tilt_of
 from moteslam.sim.sensors.rgbd import CameraFrames, schedule_frames
+from moteslam.sim.sensors.wheels_and_gyro import simulate_encoders, simulate_imu
 from moteslam.sim.world.floor import FloorSettings, rasterise
 from moteslam.sim.world.surroundings import lived_in
 from moteslam.sim.world.true_map import true_map

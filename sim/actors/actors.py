@@ -154,17 +154,14 @@ def check_people(people: Sequence[Person], world: World, start: NDArray[np.float
     for i, person in enumerate(people):
         places = np.asarray(person.waypoints)
         for j, place in enumerate(places):
-            check_place(world, place, person.radius, field=f"people.{i}.waypoints.{j}", what="the person is")
+            check_place(world, place, person.radius, field=f"people.{i}.waypoints.{j}", what="the person")
         check_legs(world, places, person.radius, field=f"people.{i}.waypoints")
-        if np.hypot(*(places[0] - start)) < person.radius + radius:
-            raise ConfigError(
-                "the person begins where the robot starts, expected them apart", field=f"people.{i}.waypoints.0"
-            )
-        for j, other in enumerate(people[:i]):
-            if np.hypot(*(places[0] - other.waypoints[0])) < person.radius + other.radius:
-                raise ConfigError(
-                    f"the person begins where people.{j} does, expected them apart", field=f"people.{i}.waypoints.0"
-                )
+        others = [("the robot", start, radius)]
+        others += [(f"people.{j}", np.asarray(one.waypoints[0]), one.radius) for j, one in enumerate(people[:i])]
+        for name, place, size in others:
+            if np.hypot(*(places[0] - place)) < person.radius + size:
+                problem = f"the person begins where {name} does, expected them apart"
+                raise ConfigError(problem, field=f"people.{i}.waypoints.0")
 
 
 def check_doors(doors: Sequence[Door], world: World, start: NDArray[np.float64], radius: float) -> None:
@@ -174,10 +171,7 @@ def check_doors(doors: Sequence[Door], world: World, start: NDArray[np.float64],
             raise ConfigError(
                 f"{door.material!r}, expected one of {', '.join(world.palette)}", field=f"doors.{i}.material"
             )
-        leaf = World(np.array([(*door.hinge, *door.end)]))
-        away = float(leaf.distance(start)[0])
+        away = float(World(np.array([(*door.hinge, *door.end)])).distance(start)[0])
         if away < radius:
-            raise ConfigError(
-                f"the shut leaf is {away:.2f} m from where the robot starts, expected at least {radius:.2f} m",
-                field=f"doors.{i}",
-            )
+            problem = f"the shut leaf is {away:.2f} m from where the robot starts, expected at least {radius:.2f} m"
+            raise ConfigError(problem, field=f"doors.{i}")

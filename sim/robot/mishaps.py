@@ -82,7 +82,7 @@ def check_mishaps(faults: Sequence[object], task: Task, world: World, platform: 
                 raise ConfigError("missing, expected where a robot with commands is set down", field=f"{field}.to")
             continue
         place = np.array(fault.to[:2])
-        check_place(world, place, platform.radius, field=f"{field}.to", what="the robot is set down")
+        check_place(world, place, platform.radius, field=f"{field}.to", what="the robot")
         if isinstance(task, Route):
             points, _ = sampled(task.path())
             nearest = points[np.argmin(np.hypot(*(points - place).T))]

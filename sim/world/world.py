@@ -130,15 +130,12 @@ def check_world(world: World) -> None:
 
 
 def check_place(world: World, point: ArrayLike, radius: float, *, field: str, what: str) -> None:
-    """Refuse a place in a wall or nearer to one than ``radius`` [m]; ``what`` is there, with its verb."""
-    x, y = np.asarray(point, np.float64)
-    if world.inside_solid(point)[0]:
-        raise ConfigError(f"{what} inside a wall at ({x:g}, {y:g}), expected free space", field=field)
-    away = float(world.distance(point)[0])
+    """Refuse a place in a wall or nearer to one than ``radius`` [m]; ``what`` is there."""
+    away = 0.0 if world.inside_solid(point)[0] else float(world.distance(point)[0])
     if away < radius:
-        raise ConfigError(
-            f"{what} {away:.2f} m from a wall at ({x:g}, {y:g}), expected at least {radius:.2f} m", field=field
-        )
+        x, y = np.asarray(point, np.float64)
+        problem = f"{what} is {away:.2f} m from a wall at ({x:g}, {y:g}), expected at least {radius:.2f} m"
+        raise ConfigError(problem, field=field)
 
 
 def check_legs(world: World, corners: NDArray[np.float64], clearance: float, *, field: str) -> None:

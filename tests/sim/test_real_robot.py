@@ -17,8 +17,7 @@ from moteslam.robot.platforms import UCSD
 from moteslam.robot.recording import EncoderStream, ImuStream
 from moteslam.sim.robot.drive import Drive
 from moteslam.sim.scenario import load_scenario
-from moteslam.sim.sensors.encoders import simulate_encoders
-from moteslam.sim.sensors.imu import simulate_imu
+from moteslam.sim.sensors.wheels_and_gyro import simulate_encoders, simulate_imu
 from moteslam.sim.simulate import true_drive
 
 FACTOR = 1.5

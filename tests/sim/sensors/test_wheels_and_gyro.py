@@ -12,8 +12,7 @@ from ucsd_robot import ENCODERS, IMU, WHEELS
 from moteslam.robot.noise import EncoderNoise, ImuNoise
 from moteslam.robot.platforms import UCSD
 from moteslam.sim.robot.drive import Drive
-from moteslam.sim.sensors.encoders import simulate_encoders
-from moteslam.sim.sensors.imu import simulate_imu
+from moteslam.sim.sensors.wheels_and_gyro import simulate_encoders, simulate_imu
 
 
 def travel(drive: Drive, seed: int = 0, **errors: Any) -> np.ndarray:
