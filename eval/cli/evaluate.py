@@ -123,7 +123,7 @@ def evaluate(
     from moteslam.eval.metrics.relations import is_relations
     from moteslam.eval.run_tables import read_loops
     from moteslam.robot.formats import open_recording
-    from moteslam.robot.formats.stamps import MAX_STAMP
+    from moteslam.robot.formats.streams import MAX_STAMP
     from moteslam.robot.trajectories import read_trajectory
     from moteslam.robot.trajectory import Trajectory
     from moteslam.slam.inputs.synchronise import synchronise
@@ -255,7 +255,7 @@ def _refuse_options(context: typer.Context, paths: list[Path], recording: Path |
 def _kinds(reference: Path) -> set[str]:
     """What a reference is, in the words of ``NEEDED``."""
     from moteslam.eval.metrics.relations import is_relations
-    from moteslam.robot.trajectories.rows import is_positions
+    from moteslam.robot.trajectories.columns import is_positions
 
     if is_relations(reference):
         return {"a reference", "a .relations reference"}

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.errors import ConfigError, OutputError
-from moteslam.robot.formats.ucsd_images import DISPARITY, RGB, image_path
+from moteslam.robot.formats.ucsd import DISPARITY, RGB, image_path
 from moteslam.robot.pictures import encode_png
 from moteslam.robot.platform import CameraSettings, CameraSpec
 from moteslam.robot.recording import RgbdStream
