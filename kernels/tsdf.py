@@ -16,10 +16,10 @@ from moteslam.errors import InputError
 from moteslam.kernels.checks import check_array
 from moteslam.kernels.runtime import one_thread, passes_for, ti
 from moteslam.kernels.scans import ThinnedScan
-from moteslam.kernels.tile_store import TileStore
 from moteslam.kernels.tiles import (
     SIDE,
     STEPS,
+    TileStore,
     address,
     copy_on_write,
     frames_in_cells,

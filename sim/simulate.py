@@ -27,8 +27,7 @@ from moteslam.sim.sensors.rgbd import CameraFrames, schedule_frames
 from moteslam.sim.sensors.wheels_and_gyro import simulate_encoders, simulate_imu
 from moteslam.sim.world.floor import FloorSettings, rasterise
 from moteslam.sim.world.surroundings import lived_in
-from moteslam.sim.world.true_map import true_map
-from moteslam.sim.world.world import World
+from moteslam.sim.world.world import World, true_map
 
 Progress = Callable[[str, float], None]
 """Called with what is being done (``drive``, ``lidar``) and the share of it that is done."""

@@ -173,8 +173,7 @@ def distance_maps() -> Results:
     from moteslam.kernels.correlative import MAX_SEARCH_POINTS, search_scans
     from moteslam.kernels.gauss_newton import Kept
     from moteslam.kernels.registration import FRAME, OFFSET, PRIOR, QUERY, RegistrationOptions, register_scans
-    from moteslam.kernels.tile_store import tile_store
-    from moteslam.kernels.tiles import CELLS
+    from moteslam.kernels.tiles import CELLS, tile_store
     from moteslam.kernels.tsdf import IntegrationOptions, integrate_scans
 
     generator = np.random.default_rng(10)

@@ -19,8 +19,7 @@ from moteslam.errors import ConfigError
 from moteslam.robot.formats.map_server import FREE
 from moteslam.robot.tables import Number, Positive, Section, Truth, Whole
 from moteslam.sim.world.pieces import Point
-from moteslam.sim.world.true_map import true_map
-from moteslam.sim.world.world import World
+from moteslam.sim.world.world import World, true_map
 
 if TYPE_CHECKING:
     import pymunk

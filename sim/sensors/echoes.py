@@ -110,7 +110,7 @@ class Scene:
         return ranges, surface.astype(np.int64), normal
 
     def _meet(self, origins: Floats, angles: Floats, times: Floats, ranges: NDArray[np.float32]) -> NDArray[np.int32]:
-        from moteslam.kernels.movers import cast_movers
+        from moteslam.kernels.raycast import cast_movers
 
         tracks = self.tracks
         assert tracks is not None

@@ -165,9 +165,11 @@ def write_frames(
     check_space(folder, wanted)
     before = 0
     for kind, draw, count in kinds:
-        write_images(
-            folder, kind, sequence, draw, count, progress=lambda n, before=before: progress((before + n) / total)
-        )
+
+        def report(done: int, before: int = before) -> None:
+            progress((before + done) / total)
+
+        write_images(folder, kind, sequence, draw, count, progress=report)
         before += count
 
 

@@ -15,7 +15,6 @@ from moteslam.sim.world.floor_plan import FloorPlan
 from moteslam.sim.world.pieces import (
     MATERIALS,
     PLAIN,
-    Block,
     Box,
     Chair,
     Material,
@@ -191,7 +190,7 @@ class Layout(Section):
     materials: dict[str, Material] = Field(default_factory=dict)
 
     @property
-    def pieces(self) -> dict[str, tuple[Wall | Room | Block, ...]]:
+    def pieces(self) -> dict[str, tuple[Wall | Room | Box | Pillar | Table | Shelf, ...]]:
         """All that stands in it, by kind."""
         return {
             "walls": self.walls, "rooms": self.rooms, "boxes": self.boxes, "pillars": self.pillars,

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from moteslam.errors import InputError
 from moteslam.kernels.scans import ThinnedScan
-from moteslam.kernels.tile_store import tile_store
-from moteslam.kernels.tiles import CELLS, SIDE, Tiles
+from moteslam.kernels.tiles import CELLS, SIDE, Tiles, tile_store
 from moteslam.kernels.tsdf import IntegrationOptions, integrate_scans
 from moteslam.robot.se2 import Pose, as_pose
 from moteslam.slam.mapping.config import TsdfConfig

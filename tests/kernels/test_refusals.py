@@ -13,10 +13,9 @@ from moteslam.kernels.checks import as_finite, check_array
 from moteslam.kernels.correlative import MAX_SEARCH_POINTS, search_scans
 from moteslam.kernels.matching import match_poses
 from moteslam.kernels.motion import sample_motion
-from moteslam.kernels.movers import cast_movers
 from moteslam.kernels.normals import scan_normals
 from moteslam.kernels.occupancy import update_grid
-from moteslam.kernels.raycast import build_buckets, cast_rays
+from moteslam.kernels.raycast import build_buckets, cast_movers, cast_rays
 from moteslam.kernels.registration import RegistrationOptions, register_scans
 from moteslam.kernels.scan_pairs import MAX_PARTNERS, accumulate, match_endpoints
 from moteslam.kernels.scans import ThinnedScan, project_scans, thin_scan

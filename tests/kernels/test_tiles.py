@@ -10,8 +10,7 @@ from tile_pools import MIDDLE, OPTIONS, Pool, frames, room_scan, thinned
 from twins import tsdf
 
 from moteslam.kernels import tiles
-from moteslam.kernels.tile_store import TileStore
-from moteslam.kernels.tiles import CELLS, EMPTY, MAX_WEIGHT, SIDE, STEPS
+from moteslam.kernels.tiles import CELLS, EMPTY, MAX_WEIGHT, SIDE, STEPS, TileStore
 from moteslam.kernels.tsdf import IntegrationOptions, integrate_scans
 from moteslam.kernels.types import F32_1D, F32_2D, I16_1D, I32, I32_1D, kernel, template
 

@@ -10,8 +10,7 @@ from moteslam.sim.scenario import Scenario, load_scenario, parse_scenario
 from moteslam.sim.simulate import true_drive
 from moteslam.sim.world.layout import Layout
 from moteslam.sim.world.random_corridors import random_corridors
-from moteslam.sim.world.true_map import true_map
-from moteslam.sim.world.world import World
+from moteslam.sim.world.world import World, true_map
 
 
 def building(seed: int) -> Scenario:

@@ -9,8 +9,7 @@ from tile_pools import room_scan, thinned
 
 from moteslam.errors import InputError
 from moteslam.kernels.scans import ThinnedScan
-from moteslam.kernels.tile_store import TileStore
-from moteslam.kernels.tiles import CELLS, FINE_CELLS, SIDE
+from moteslam.kernels.tiles import CELLS, FINE_CELLS, SIDE, TileStore
 from moteslam.slam.mapping import tsdf
 from moteslam.slam.mapping.config import TsdfConfig
 from moteslam.slam.mapping.tsdf import TsdfMaps
