@@ -16,7 +16,8 @@ from pydantic import Field, model_validator
 from moteslam.robot import se2
 from moteslam.robot.recording import OdometryStream, Recording
 from moteslam.robot.tables import Number, Section, Truth
-from moteslam.sim.robot.limits import MAX_DURATION, Interval, Spell
+from moteslam.sim.robot.driver import MAX_DURATION
+from moteslam.sim.robot.mishaps import Interval, Spell
 from moteslam.sim.sensors.clock import EPOCH, readings_of
 
 Array = NDArray[np.float64]

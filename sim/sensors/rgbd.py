@@ -25,7 +25,7 @@ from moteslam.robot.recording import RgbdStream
 from moteslam.robot.se2 import interpolate
 from moteslam.robot.values import Summarised, processor_count
 from moteslam.sim.robot.drive import Drive
-from moteslam.sim.robot.limits import Interval
+from moteslam.sim.robot.mishaps import Interval
 from moteslam.sim.sensors.clock import EPOCH, readings
 from moteslam.sim.sensors.echoes import Scene
 from moteslam.sim.sensors.renderer import Renderer
