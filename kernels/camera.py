@@ -221,7 +221,8 @@ def render_colour(
     Returns:
         int32 [n, pixels]: red + 256 green + 65536 blue.
     """
-    cameras, fan, first = _prepared(view, poses, reaches, noise, starts, 2 * view.run)
+    cameras = as_finite("poses", poses, np.float64, (None, 3))
+    fan, first = _prepared(view, len(cameras), reaches, noise, starts, 2 * view.run)
     check_array("floor", floor, np.int32, (None, None))
     x, y, heading = cameras.T
     columns = (x - corner[0], y - corner[1], np.cos(heading), np.sin(heading))
@@ -251,10 +252,10 @@ def render_disparity(
         uint16 [n, pixels].
     """
     view = depth.view
-    cameras, fan, first = _prepared(view, np.zeros((len(reaches), 3)), reaches, noise, starts, 0)
-    out = np.empty((len(cameras), len(view.bins)), np.uint16)
+    fan, first = _prepared(view, len(reaches), reaches, noise, starts, 0)
+    out = np.empty((len(fan), len(view.bins)), np.uint16)
     runtime()
-    if len(cameras):
+    if len(fan):
         _disparity(
             depth.table, view.bins, fan, depth.offset, *depth.limits, float(depth.nothing), noise, first, view.run,
             out.reshape(-1),
@@ -263,14 +264,13 @@ def render_disparity(
 
 
 def _prepared(
-    view: View, poses: ArrayLike, reaches: NDArray[np.float32], noise: NDArray[np.float32], starts: ArrayLike, more: int
-) -> tuple[NDArray[np.float64], NDArray[np.float32], NDArray[np.int32]]:
-    """Poses, inverse reaches and starts, checked; a frame reads ``more`` numbers of the noise than it has pixels."""
-    cameras = as_finite("poses", poses, np.float64, (None, 3))
-    check_array("reaches", reaches, np.float32, (len(cameras), len(view.bearings)))
+    view: View, frames: int, reaches: NDArray[np.float32], noise: NDArray[np.float32], starts: ArrayLike, more: int
+) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
+    """Inverse reaches and starts, checked; a frame reads ``more`` numbers of the noise than it has pixels."""
+    check_array("reaches", reaches, np.float32, (frames, len(view.bearings)))
     check_array("noise", noise, np.float32, (None,))
-    first = as_finite("starts", starts, np.int32, (len(cameras),))
+    first = as_finite("starts", starts, np.int32, (frames,))
     pixels = len(view.bins)
-    if len(cameras) and not (first.min() >= 0 and first.max() + pixels + more <= len(noise)):
+    if frames and not (first.min() >= 0 and first.max() + pixels + more <= len(noise)):
         raise InputError(f"out of bounds, expected {pixels + more} numbers of the noise after each", field="starts")
-    return cameras, np.reciprocal(np.maximum(reaches, np.float32(1e-3))), first
+    return np.reciprocal(np.maximum(reaches, np.float32(1e-3))), first

@@ -71,11 +71,10 @@ def runtime() -> Runtime:
 def one_thread() -> bool:
     """Whether loops run on one thread of a processor: ``ti.loop_config(serialize=ti.static(one_thread()))``.
 
-    With this line before an outermost loop it runs in the thread that launches it. Else Taichi would wake its one
-    worker, which costs 60 us of processor time and twice as much to wait for (docs/results.md).
+    With this line an outermost loop runs in the thread that launches it, and Taichi does not wake its one worker, which
+    costs 60 us of processor time and twice as much to wait for (docs/results.md).
     """
-    current = runtime()
-    return current.arch == "cpu" and current.threads == 1
+    return runtime().arch == "cpu" and runtime().threads == 1
 
 
 def passes_for(work: int) -> int:
@@ -84,18 +83,15 @@ def passes_for(work: int) -> int:
     Such a loop begins ``for k in range(work * passes): if k % passes: continue`` and works on piece ``k // passes``. An
     empty pass takes a nanosecond.
     """
-    current = runtime()
-    if one_thread() or current.arch != "cpu" or not work:
+    if one_thread() or runtime().arch != "cpu" or not work:
         return 1
-    return min(BATCH, -(-BATCH * BATCHES * current.threads // work))
+    return min(BATCH, -(-BATCH * BATCHES * runtime().threads // work))
 
 
 def init(arch: str = "cpu", threads: int | None = None, *, debug: bool = False) -> Runtime:
     """Initialise Taichi for this process; a second call with the same settings does nothing.
 
-    Args:
-        arch: ``cpu`` or ``cuda``.
-        threads: of the CPU backend; by default one for each processor that this process may use.
+    ``threads`` are of the CPU backend, by default one for each processor that this process may use.
     """
     global _runtime  # noqa: PLW0603 - there is one Taichi in a process
     if arch not in ARCHES:
@@ -109,7 +105,8 @@ def init(arch: str = "cpu", threads: int | None = None, *, debug: bool = False) 
             wanted = Runtime(arch, threads, debug, _runtime.cache)
             raise BackendError(f"Taichi runs with {_runtime} in this process, not {wanted}: start a new one")
         return _runtime
-    cache, before = _cache_folder(), _thread_ids()
+    tasks, cache = Path("/proc/self/task"), _cache_folder()
+    before = list(tasks.iterdir()) if processors else []
     try:
         # no query of the newest version over the network; "[Taichi] Starting on arch=" is a bare print
         with _environment(TI_SKIP_VERSION_CHECK="ON"), contextlib.redirect_stdout(io.StringIO()):
@@ -129,24 +126,16 @@ def init(arch: str = "cpu", threads: int | None = None, *, debug: bool = False) 
     except Exception as error:  # Taichi raises bare RuntimeErrors of several kinds here
         raise BackendError(f"Taichi cannot start on {arch}: {str(error).splitlines()[0]}", field="arch") from error
     if 1 < threads == len(processors):
-        _pin([thread for thread in _thread_ids() if thread not in before], processors)
+        _pin([int(task.name) for task in tasks.iterdir() if task not in before], processors)
     _runtime = Runtime(arch, threads, debug, cache)
     return _runtime
-
-
-def _thread_ids() -> list[int]:
-    """The threads of this process in the order they were made; empty on other systems than Linux."""
-    with contextlib.suppress(OSError):
-        return [int(name) for name in os.listdir("/proc/self/task")]  # noqa: PTH208 - in the system's order
-    return []
 
 
 def _pin(threads: list[int], processors: list[int]) -> None:
     """Pin each of Taichi's threads to a processor of its own, in turns.
 
-    Linux prefers to wake a thread on the processor of its waker, where they queue for some 4 ms: kernels shorter than
-    that would gain nothing from a second thread (docs/results.md). Fewer threads than processors stay free, since
-    several programs that pinned theirs would share the first few processors.
+    Linux wakes a thread on the processor of its waker, where they queue for some 4 ms (docs/results.md). Fewer threads
+    than processors stay free: several programs that pinned theirs would share the first few processors.
     """
     for index, thread in enumerate(threads):
         with contextlib.suppress(OSError):  # the thread has ended, or the system refuses
@@ -179,11 +168,11 @@ KNOWN = (1, 7, 4)
 def kernel(function: Callable[..., Any]) -> Callable[..., Any]:
     """``ti.kernel`` for a function of arrays, numbers and templates that are numbers, launched in a third of the time.
 
-    Taichi spends 13 us on each array of a call, longer than many a kernel runs: it looks for fields, gradients and
-    matrices. Once a kernel is compiled, a call whose arguments have exactly the annotated types is handed to the
-    compiled kernel directly; every other call, and every call with another release of Taichi, goes through Taichi,
-    which compiles, converts or raises. On the CPU arguments that did not change since the last launch, the map and the
-    constants, are not set again. Without all this a replay takes a quarter longer with one particle.
+    Taichi spends 13 us on each array of a call, longer than many a kernel runs. Once a kernel is compiled, a call whose
+    arguments have exactly the annotated types is handed to the compiled kernel directly; every other call, and every
+    call with another release of Taichi, goes through Taichi, which compiles, converts or raises. On the CPU arguments
+    that did not change since the last launch are not set again. Without this a replay takes a third longer with one
+    particle, an eighth with thirty.
     """
     own = ti.kernel(function)
     if ti.__version__ != KNOWN:

@@ -48,16 +48,13 @@ class Driver(Protocol):
 
     Attributes:
         looks: whether it slows down for people and doors, and gives up where it does not get on.
+        path: the points [n, 2] that it drives along [m]; None where it follows no path.
         at: the index of where it is on its path; set where it is to go on from another place.
     """
 
     looks: bool
+    path: NDArray[np.float64] | None
     at: int
-
-    @property
-    def path(self) -> NDArray[np.float64] | None:
-        """The points [n, 2] that it drives along [m]; None where it follows no path."""
-        ...
 
     def command(self, time: float, x: float, y: float, theta: float) -> tuple[float, float] | None:
         """The speed [m/s] and turn rate [rad/s] to ask for at a time [s since the rest ended] and true pose.
@@ -88,7 +85,7 @@ class PathDriver:
     def __init__(self, path: NDArray[np.float64], limits: Limits, rng: np.random.Generator) -> None:
         points, length = sampled(path)
         points = points + _sway(points, length, limits, rng)
-        self.path = points
+        self.path: NDArray[np.float64] | None = points
         self._x, self._y = points.T.tolist()
         self._limits = limits
         self.at = 0

@@ -143,7 +143,7 @@ class BlindDriver:
     """Follows commands in order, whatever happens; see `Driver`."""
 
     looks = False
-    path = None
+    path: NDArray[np.float64] | None = None
 
     def __init__(self, commands: Commands) -> None:
         self.at = 0
