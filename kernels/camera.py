@@ -18,6 +18,8 @@ from moteslam.kernels.runtime import one_thread, runtime, ti
 from moteslam.kernels.types import F32, F32_1D, F32_2D, I32, I32_1D, U16_1D, func, kernel, template
 
 _FAR = 1e6
+_RESOLUTION = 4e-4
+"""Of the fan [rad]; 2 mm at 5 m."""
 _JUMP = 0.05
 """Two neighbouring bearings whose inverse reaches differ by more than this share lie on different walls."""
 
@@ -64,14 +66,13 @@ class DepthView:
     nothing: int
 
 
-def view_of(directions: ArrayLike, *, height: float, resolution: float = 4e-4) -> View:
+def view_of(directions: ArrayLike, *, height: float) -> View:
     """The view of a camera.
 
     Args:
         directions: [rows, columns, 4] of every pixel: x, y, z in the robot's axes, and the depth along the optical
             axis, all for the same length of the ray.
         height: of the camera above the floor [m].
-        resolution: of the fan [rad]; 2 mm at 5 m.
     """
     image = as_finite("directions", directions, np.float64, (None, None, 4))
     rays = image.reshape(-1, 4)
@@ -79,7 +80,7 @@ def view_of(directions: ArrayLike, *, height: float, resolution: float = 4e-4) -
     middle = float(np.arctan2(rays[:, 1].mean(), rays[:, 0].mean()))
     bearing = np.mod(np.arctan2(rays[:, 1], rays[:, 0]) - middle + np.pi, 2 * np.pi) - np.pi
     low, high = float(bearing.min()), float(bearing.max())
-    count = max(2, int(np.ceil((high - low) / resolution)) + 1)
+    count = max(2, int(np.ceil((high - low) / _RESOLUTION)) + 1)
     step = max(high - low, 1e-6) / (count - 1)
     at = (bearing - low) / step
     bins = np.clip(at.astype(np.int32), 0, count - 2)
