@@ -108,66 +108,54 @@ CALLS: dict[Callable[..., object], dict[str, Any]] = {
     },
 }  # fmt: skip
 """Arguments that are taken."""
-REFUSED: dict[Callable[..., object], list[tuple[str, dict[str, Any]]]] = {
-    checked: [
-        ("array", {"array": bad})
-        for bad in (None, [(0, 0)], np.zeros((3, 2)), PAIRS[:, :1].copy(), PAIRS[0], np.zeros((2, 3), F).T, READ_ONLY)
-    ],
-    update_grid: [
-        ("start", {"start": (0, 5)}), ("start", {"start": (2, 23)}), ("ends", {"ends": [(31, 5)]}),
-        ("ends", {"ends": [(5, -1)]}), ("ends", {"ends": [(5, 2**33)]}), ("ends", {"ends": [(5.0, 6.0)]}),
-        ("occupied", {key: np.zeros((24, 30), dtype) for key, dtype in
-                      (("log_odds", np.int16), ("occupied", np.uint8), ("seen", np.int32))}),
-    ],
-    match_poses: [
-        ("occupied", {"occupied": np.ones((8, 8), np.uint8)}), ("occupied", {"occupied": np.zeros((8, 12), np.uint8)}),
-    ],
-    sample_motion: [("poses", {"poses": np.zeros((8, 3))[::2]})],
-    scan_normals: [("starts", {"starts": starts}) for starts in ([], [1, 3], [0, 2], [0, 4], [0, 2, 1, 3])],
-    cast_rays: [("angles", {"angles": [0.0, 1.0]})],
-    cast_movers: [("lines", {"lines": np.zeros((4, 1, 4), F)}), ("times", {"times": [0.0, 1.0]})],
-    project_scans: [
-        ("directions", {"directions": np.ones((3, 2))}), ("sweeps", {"sweeps": np.zeros((3, 3))}),
-    ],
-    thin_scan: [("points", {"points": bad}) for bad in ([(0, np.nan)], [0, 0])],
-    integrated: [
-        ("frames", {"frames": frames([MIDDLE, MIDDLE])}), ("frames", {"scans": []}),
-        ("scan", {"scans": [ThinnedScan(np.ones((2, 2), F), np.ones(3, np.int32))]}),
-    ],
-    search_scans: [
-        ("frames", {"frames": np.ones((2, 4))}), ("points", {"points": np.zeros((MAX_SEARCH_POINTS + 1, 2))}),
-    ],
-    register_scans: [
-        ("tiles", {"tiles": TWO_TABLES}), ("queries", {"queries": np.ones((3, 12))}),
-    ],
-    match_endpoints: [
-        *(("partners", {"partners": np.array(bad, np.int32)}) for bad in
-          ([(0,) * (MAX_PARTNERS + 1)] * 2, [(2, 2, 2)] * 2)),
-        ("owners", {"owners": np.full(4, 2, np.int32)}),
-    ],
-    accumulate: [
-        ("matches", {"matches": np.full((4, 3), 4, np.int32)}), ("matches", {"matches": np.zeros((3, 3), np.int32)}),
-        ("starts", {"starts": np.zeros(3, np.int32)}),
-    ],
-    rendered: [
-        ("starts", {"starts": [1]}), ("starts", {"starts": [-1]}), ("starts", {"noise": np.zeros(11, F)}),
-        ("reaches", {"reaches": np.ones((1, 1), F)}),
-    ],
-    add_frame: [("mount", {"height_limit": 0.4, "flat": True})],
+BAD: dict[Callable[..., object], dict[str, list[Any]]] = {
+    checked: {
+        "array": [None, [(0, 0)], np.zeros((3, 2)), PAIRS[:, :1].copy(), PAIRS[0], np.zeros((2, 3), F).T, READ_ONLY]
+    },
+    update_grid: {"start": [(0, 5), (2, 23)], "ends": [[(31, 5)], [(5, -1)], [(5, 2**33)], [(5.0, 6.0)]]},
+    match_poses: {"occupied": [np.ones((8, 8), np.uint8), np.zeros((8, 12), np.uint8)]},
+    sample_motion: {"poses": [np.zeros((8, 3))[::2]]},
+    scan_normals: {"starts": [[], [1, 3], [0, 2], [0, 4], [0, 2, 1, 3]]},
+    cast_rays: {"angles": [[0.0, 1.0]]},
+    cast_movers: {"lines": [np.zeros((4, 1, 4), F)], "times": [[0.0, 1.0]]},
+    project_scans: {"directions": [np.ones((3, 2))], "sweeps": [np.zeros((3, 3))]},
+    thin_scan: {"points": [[(0, np.nan)], [0, 0]]},
+    integrated: {"frames": [frames([MIDDLE, MIDDLE])]},
+    search_scans: {"frames": [np.ones((2, 4))], "points": [np.zeros((MAX_SEARCH_POINTS + 1, 2))]},
+    register_scans: {"tiles": [TWO_TABLES], "queries": [np.ones((3, 12))]},
+    match_endpoints: {
+        "owners": [np.full(4, 2, np.int32)],
+        "partners": [np.array(bad, np.int32) for bad in ([(0,) * (MAX_PARTNERS + 1)] * 2, [(2, 2, 2)] * 2)],
+    },
+    accumulate: {
+        "matches": [np.full((4, 3), 4, np.int32), np.zeros((3, 3), np.int32)], "starts": [np.zeros(3, np.int32)],
+    },
+    rendered: {"starts": [[1], [-1]], "reaches": [np.ones((1, 1), F)]},
 }  # fmt: skip
+"""Of each argument, which the refusal names."""
+NARROW = {key: np.zeros((24, 30), dtype) for key, dtype in
+          (("log_odds", np.int16), ("occupied", np.uint8), ("seen", np.int32))}  # fmt: skip
+TOGETHER: list[tuple[Callable[..., object], dict[str, Any], str]] = [
+    (update_grid, NARROW, "occupied"),
+    (integrated, {"scans": [ThinnedScan(np.ones((2, 2), F), np.ones(3, np.int32))]}, "scan"),
+    (integrated, {"scans": []}, "frames"),
+    (rendered, {"noise": np.zeros(11, F)}, "starts"),
+    (add_frame, {"height_limit": 0.4, "flat": True}, "mount"),
+]
+"""Arguments that do not go together, or whose refusal names another one."""
 
 
-@pytest.mark.parametrize("call", REFUSED, ids=lambda call: call.__name__)
+@pytest.mark.parametrize("call", CALLS, ids=lambda call: call.__name__)
 def test_refused(call: Callable[..., object]) -> None:
-    for field, changes in REFUSED[call]:
+    alone = [({name: value}, name) for name, values in BAD.get(call, {}).items() for value in values]
+    for changes, field in alone + [(changes, field) for each, changes, field in TOGETHER if each is call]:
         with pytest.raises(InputError) as caught:
             call(**CALLS[call] | changes)
         assert caught.value.field == field, changes
+    if CALLS[call]:
+        call(**CALLS[call])
 
 
-def test_what_is_not_refused_is_taken_as_it_is() -> None:
-    for call, arguments in CALLS.items():
-        if arguments:
-            call(**arguments)
+def test_arrays_that_are_taken_are_not_copied() -> None:
     assert check_array("ends", PAIRS, np.float32, (3, 2), written=True) is PAIRS
     assert as_finite("ends", PAIRS, np.float32, (None, None)) is PAIRS
