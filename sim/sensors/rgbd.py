@@ -28,7 +28,7 @@ from moteslam.sim.robot.drive import Drive
 from moteslam.sim.robot.mishaps import Interval
 from moteslam.sim.sensors.clock import EPOCH, readings
 from moteslam.sim.sensors.echoes import Scene
-from moteslam.sim.sensors.renderer import Renderer
+from moteslam.sim.sensors.renderer import Renderer, Shots
 from moteslam.sim.world.floor import FloorSettings
 
 MAX_HEIGHT = 10.0
@@ -49,26 +49,6 @@ def check_camera(camera: CameraSpec | None) -> CameraSpec:
     if not 0 < camera.z <= MAX_HEIGHT:
         raise ConfigError(f"{camera.z:g} m, expected above 0, up to {MAX_HEIGHT:g}", field="platform.camera.z")
     return camera
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class Shots(Summarised):
-    """What one camera takes.
-
-    Attributes:
-        stamps: [n] as the host stamps them [s].
-        poses: [n, 3] the robot's true poses when they are taken.
-        times: [n] when they are taken, from the drive's first moment [s].
-        numbers: [n] of each among all that reached the host, whose noise it has.
-    """
-
-    stamps: NDArray[np.float64]
-    poses: NDArray[np.float64]
-    times: NDArray[np.float64]
-    numbers: NDArray[np.intp]
-
-    def __getitem__(self, chosen: NDArray[Any]) -> Shots:
-        return Shots(self.stamps[chosen], self.poses[chosen], self.times[chosen], self.numbers[chosen])
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -95,13 +75,11 @@ class CameraFrames(Summarised):
 
     def draw_rgb(self, indices: NDArray[np.intp]) -> NDArray[np.uint8]:
         """The colour images [k, 480, 640, 3] (red, green, blue) of frames [k]."""
-        chosen = self.rgb[indices]
-        return self.renderer().rgb(chosen.numbers, chosen.poses, chosen.times)
+        return self.renderer().rgb(self.rgb[indices])
 
     def draw_disparity(self, indices: NDArray[np.intp]) -> NDArray[np.uint16]:
         """The raw disparity images [k, 480, 640] of frames [k]."""
-        chosen = self.disparity[indices]
-        return self.renderer().disparity(chosen.numbers, chosen.poses, chosen.times)
+        return self.renderer().disparity(self.disparity[indices])
 
 
 def schedule_frames(
