@@ -95,23 +95,18 @@ def _connect(building: _Building, rng: np.random.Generator) -> None:
     columns, rows = len(building.x), len(building.y)
     edges = [((i, j), (i + 1, j)) for i in range(columns - 1) for j in range(rows)]
     edges += [((i, j), (i, j + 1)) for i in range(columns) for j in range(rows - 1)]
-    order = rng.permutation(len(edges))
-    tree = _spanning_tree([edges[k] for k in order])
-    for k in order:
-        if edges[k] in tree or rng.random() < RING_SHARE:
+    roots = {node: node for edge in edges for node in edge}
+
+    def root(node: Node) -> Node:
+        while roots[node] != node:
+            node = roots[node]
+        return node
+
+    for k in rng.permutation(len(edges)):  # Kruskal's algorithm
+        a, b = (root(node) for node in edges[k])
+        if a != b or rng.random() < RING_SHARE:
+            roots[a] = b
             building.edges[edges[k]] = float(rng.choice(WIDTHS))
-
-
-def _spanning_tree(edges: list[Edge]) -> set[Edge]:
-    """The spanning tree that prefers edges early in the list (Kruskal's, with their places as weights)."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import minimum_spanning_tree
-
-    number = {node: k for k, node in enumerate(sorted({node for edge in edges for node in edge}))}
-    a, b = np.array([(number[a], number[b]) for a, b in edges]).T
-    weights = np.arange(1, len(edges) + 1)  # 0 would be no edge
-    tree = minimum_spanning_tree(coo_array((weights, (a, b)), shape=(len(number), len(number))))
-    return {edges[int(weight) - 1] for weight in tree.data}
 
 
 def _carve_all(building: _Building, rng: np.random.Generator) -> None:
@@ -165,18 +160,14 @@ def _route(building: _Building, rng: np.random.Generator) -> NDArray[np.float64]
         options = building.at(here)
         if len(options) > 1 and len(walk) > 1:
             options = [node for node in options if node != walk[-2]]
-        least = min(walked[_edge(here, node)] for node in options)
-        options = [node for node in options if walked[_edge(here, node)] == least]
+        times = [walked[min(here, node), max(here, node)] for node in options]
+        options = [node for node, count in zip(options, times, strict=True) if count == min(times)]
         there = options[int(rng.integers(len(options)))]
-        walked[_edge(here, there)] += 1
+        walked[min(here, there), max(here, there)] += 1
         length += float(np.hypot(*(building.place(there) - building.place(here))))
         walk.append(there)
         here = there
     return np.array([building.place(node) for node in walk])
-
-
-def _edge(a: Node, b: Node) -> Edge:
-    return (a, b) if a < b else (b, a)
 
 
 def _raster(building: _Building) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
