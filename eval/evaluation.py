@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from math import isnan
 from pathlib import Path
@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from moteslam.errors import ConfigError, InputError
+from moteslam.errors import InputError
 from moteslam.eval.metrics.association import MAX_DIFFERENCE
 from moteslam.eval.metrics.ate import AteResult, absolute_trajectory_error, position_error
-from moteslam.eval.metrics.doubts import clock_offset, doubts, few_matched, in_words, on_another_clock
+from moteslam.eval.metrics.doubts import ClockOffset, clock_offset, doubts, few_matched, in_words, on_another_clock
 from moteslam.eval.metrics.evidence import FINAL, Evidence, oriented
 from moteslam.eval.metrics.registry import Value, measure
 from moteslam.eval.metrics.relations import (
@@ -25,7 +25,7 @@ from moteslam.eval.metrics.relations import (
     read_relations,
 )
 from moteslam.eval.metrics.residuals import ResidualResult, scan_residuals
-from moteslam.eval.metrics.rpe import RpeResult, relative_pose_error
+from moteslam.eval.metrics.rpe import relative_pose_error
 from moteslam.eval.metrics.space import in_plane, spatial
 from moteslam.robot.formats.map_server import read_map
 from moteslam.robot.platform import Platform
@@ -38,6 +38,7 @@ from moteslam.robot.values import Issue
 from moteslam.slam.inputs.scans import Scans
 
 Reference = Trajectory | Relations | Positions
+Issues = tuple[Issue, ...]
 
 ACCURACY_OF_MAPS = ("map_precision", "map_recall", "map_f1", "map_distance", "map_free_iou", "map_known")
 """Metrics that compare a map with the true one."""
@@ -59,11 +60,7 @@ class Evaluation:
 
 
 def read_reference(path: Path) -> Reference:
-    """What to score by: relations, positions or a trajectory, by the content of a file.
-
-    Raises:
-        InputError: it is none of them, or broken.
-    """
+    """What to score by: relations, positions or a trajectory, by the content of a file."""
     if is_relations(path):
         return read_relations(path)
     return read_positions(path) if is_positions(path) else read_trajectory(path)
@@ -82,83 +79,107 @@ def against(
     max_difference: float | None = None,
     interpolate: bool = True,
 ) -> Evaluation:
-    """Score a trajectory by a reference of any kind; arguments that are not of its kind change nothing."""
-    if isinstance(reference, Relations):
-        return against_relations(estimate, reference, interpolate=interpolate, max_difference=max_difference)
-    laid: dict[str, Any] = {"align": align, "scale": scale, "max_difference": max_difference}
-    if isinstance(reference, Positions):
-        return against_positions(estimate, reference, robot=robot, **laid)
-    return against_trajectory(estimate, reference, delta=delta, unit=unit, all_pairs=all_pairs, **laid)
-
-
-def against_trajectory(
-    estimate: Trajectory,
-    reference: Trajectory,
-    *,
-    align: bool = True,
-    scale: bool = False,
-    delta: float = 1.0,
-    unit: str = "m",
-    all_pairs: bool = False,
-    max_difference: float | None = None,
-) -> Evaluation:
-    """Score a trajectory by another one.
+    """Score a trajectory by a reference of any kind; arguments that are not of its kind change nothing.
 
     Args:
-        estimate, reference: the trajectories.
+        estimate, reference: what is scored, and by what.
+        robot: whose lidar's positions were measured; at the robot's origin where it is not known, which a warning says.
         align, scale: of the absolute error, as in ``absolute_trajectory_error``.
-        delta, unit, all_pairs: of the relative error, as in ``relative_pose_error``.
+        delta, unit, all_pairs: of the relative error, as in ``relative_pose_error``; an estimate that is shorter than
+            ``delta`` has none, which a warning says.
         max_difference: between stamps that belong together [s].
-
-    Raises:
-        InputError: no stamps in common, or an option out of bounds. A trajectory shorter than ``delta`` has no
-            relative error, and the rest all the same.
+        interpolate: relations between poses.
     """
+    if isinstance(reference, Relations):
+        tolerance = TOLERANCE if max_difference is None else max_difference
+        return _against_relations(estimate, reference, tolerance, interpolate=interpolate)
     apart = MAX_DIFFERENCE if max_difference is None else max_difference
+    if isinstance(reference, Positions):
+        kind = "positions"
+        ate, issues = _against_positions(estimate, reference, robot, apart, align=align, scale=scale)
+        about = {"ate": {name: value for name, value in ate.as_dict().items() if name != "rotation_deg"}}
+    else:
+        kind = "trajectory"
+        ate, issues = _against_trajectory(estimate, reference, apart, align=align, scale=scale)
+        rpe = None
+        try:
+            rpe = relative_pose_error(
+                estimate,
+                reference,
+                delta=delta,
+                unit=unit,  # type: ignore[arg-type]  # checked there
+                all_pairs=all_pairs,
+                max_difference=apart,
+            ).as_dict()
+        except InputError as error:
+            if error.field != "pairs":
+                raise
+            issues += (Issue("no-relative-error", f"no relative error: {error.problem}"),)
+        about = {"oriented": ate.rotation is not None, "ate": ate.as_dict(), "rpe": rpe}
+    figures = {"kind": kind, "aligned": align, "scaled": align and scale, **about}
+    errors = {"stamps": ate.stamps.tolist(), "translation_m": ate.errors.tolist()}
+    if kind == "trajectory":
+        errors["rotation_rad"] = None if ate.rotation_errors is None else ate.rotation_errors.tolist()
+    return Evaluation(figures | {"warnings": [issue.as_dict() for issue in issues]}, errors, ate)
+
+
+def _against_trajectory(
+    estimate: Trajectory, reference: Trajectory, apart: float, *, align: bool, scale: bool
+) -> tuple[AteResult, Issues]:
+    def score(moved: Trajectory) -> AteResult:
+        return absolute_trajectory_error(moved, reference, align=align, scale=scale, max_difference=apart)
+
+    ate = _on_one_clock(lambda: score(estimate), estimate, reference)
+    issues = (*doubts(estimate, reference, ate), *_few(ate, estimate, len(reference), "poses"))
+    if align and (offset := clock_offset(estimate, reference)) is not None:
+        after = score(replace(estimate, stamps=estimate.stamps + offset.seconds))
+        issues += _of_clocks(replace(offset, rmse=after.rmse, before=ate.rmse))
+    return ate, issues
+
+
+def _against_positions(
+    estimate: Trajectory, positions: Positions, robot: Platform | None, apart: float, *, align: bool, scale: bool
+) -> tuple[AteResult, Issues]:
+    mount = (0.0, 0.0, 0.0) if robot is None else robot.lidar.pose
+    if not estimate.oriented and any(mount):
+        raise InputError("an estimate without orientation, expected headings: the lidar is not at the robot's origin")
+    heads = np.column_stack((positions.points, np.zeros(len(positions))))
+    measured_at = Trajectory(positions.stamps, heads, oriented=False)
+    there = replace(estimate, poses=compose(estimate.poses, mount), space=None)
+    ate = _on_one_clock(
+        lambda: position_error(estimate, positions, mount=mount, align=align, scale=scale, max_difference=apart),
+        there,
+        measured_at,
+    )
+    issues = _few(ate, estimate, len(positions), "positions")
+    if robot is None:
+        text = "the positions are the lidar's, whose place on the robot only the recording says: taken for its origin"
+        issues = (Issue("unknown-mount", text), *issues)
+    if align and (offset := clock_offset(there, measured_at)) is not None:
+        issues += _of_clocks(offset)
+    return ate, issues
+
+
+def _on_one_clock(score: Callable[[], AteResult], estimate: Trajectory, reference: Trajectory) -> AteResult:
+    """The score; where that fails the error says whether the clocks differ."""
     try:
-        ate = absolute_trajectory_error(estimate, reference, align=align, scale=scale, max_difference=apart)
+        return score()
     except InputError as error:
         raise on_another_clock(error, clock_offset(estimate, reference)) from None
-    issues = doubts(estimate, reference, ate)
-    question = "are these the same drive, on the same clock?"
-    issues += few_matched(len(ate.stamps), min(len(estimate), len(reference)), "poses", question)
-    if align and (offset := clock_offset(estimate, reference)) is not None:
-        moved = replace(estimate, stamps=estimate.stamps + offset.seconds)
-        after = absolute_trajectory_error(moved, reference, scale=scale, max_difference=apart)
-        issues += (Issue("clocks-differ", in_words(replace(offset, rmse=after.rmse, before=ate.rmse))),)
-    rpe: RpeResult | None = None
-    try:
-        rpe = relative_pose_error(
-            estimate,
-            reference,
-            delta=delta,
-            unit=unit,  # type: ignore[arg-type]  # checked there
-            all_pairs=all_pairs,
-            max_difference=apart,
-        )
-    except InputError as error:
-        if error.field != "pairs":
-            raise
-        issues += (Issue("no-relative-error", f"no relative error: {error.problem}"),)
-    figures = {
-        "kind": "trajectory",
-        "aligned": align,
-        "scaled": align and scale,
-        "oriented": ate.rotation is not None,
-        "ate": ate.as_dict(),
-        "rpe": None if rpe is None else rpe.as_dict(),
-        "warnings": [issue.as_dict() for issue in issues],
-    }
-    turns = None if ate.rotation_errors is None else ate.rotation_errors.tolist()
-    errors = {"stamps": ate.stamps.tolist(), "translation_m": ate.errors.tolist(), "rotation_rad": turns}
-    return Evaluation(figures, errors, ate)
 
 
-def against_relations(
-    estimate: Trajectory, relations: Relations, *, interpolate: bool = True, max_difference: float | None = None
+def _few(ate: AteResult, estimate: Trajectory, references: int, what: str) -> Issues:
+    question = f"are these {'' if what == 'poses' else 'of '}the same drive, on the same clock?"
+    return few_matched(len(ate.stamps), min(len(estimate), references), what, question)
+
+
+def _of_clocks(offset: ClockOffset) -> Issues:
+    return (Issue("clocks-differ", in_words(offset)),)
+
+
+def _against_relations(
+    estimate: Trajectory, relations: Relations, tolerance: float, *, interpolate: bool
 ) -> Evaluation:
-    """Score a trajectory by relations; arguments and errors as in ``evaluate_relations``."""
-    tolerance = TOLERANCE if max_difference is None else max_difference
     result = evaluate_relations(estimate, relations, interpolate=interpolate, tolerance=tolerance)
     errors = {
         "stamps": result.stamps.tolist(),
@@ -166,49 +187,6 @@ def against_relations(
         "rotation_rad": result.rotation_errors.tolist(),
     }
     return Evaluation({"kind": "relations", **result.as_dict()}, errors, result)
-
-
-def against_positions(
-    estimate: Trajectory,
-    positions: Positions,
-    *,
-    robot: Platform | None = None,
-    align: bool = True,
-    scale: bool = False,
-    max_difference: float | None = None,
-) -> Evaluation:
-    """Score a trajectory by measured positions of the lidar; arguments and errors as in ``position_error``.
-
-    Args:
-        estimate, positions, align, scale, max_difference: as there.
-        robot: that the lidar stands on; at its origin where it is not known, which a warning says.
-    """
-    apart = MAX_DIFFERENCE if max_difference is None else max_difference
-    mount = (0.0, 0.0, 0.0) if robot is None else robot.lidar.pose
-    if not estimate.oriented and any(mount):
-        raise InputError("an estimate without orientation, expected headings: the lidar is not at the robot's origin")
-    heads = np.column_stack((positions.points, np.zeros(len(positions))))
-    measured_at = Trajectory(positions.stamps, heads, oriented=False)
-    there = replace(estimate, poses=compose(estimate.poses, mount), space=None)
-    try:
-        ate = position_error(estimate, positions, mount=mount, align=align, scale=scale, max_difference=apart)
-    except InputError as error:
-        raise on_another_clock(error, clock_offset(there, measured_at)) from None
-    question = "are these of the same drive, on the same clock?"
-    issues = few_matched(len(ate.stamps), min(len(estimate), len(positions)), "positions", question)
-    if robot is None:
-        text = "the positions are the lidar's, whose place on the robot only the recording says: taken for its origin"
-        issues = (Issue("unknown-mount", text), *issues)
-    if align and (offset := clock_offset(there, measured_at)) is not None:
-        issues += (Issue("clocks-differ", in_words(offset)),)
-    figures = {
-        "kind": "positions",
-        "aligned": align,
-        "scaled": align and scale,
-        "ate": {name: value for name, value in ate.as_dict().items() if name != "rotation_deg"},
-        "warnings": [issue.as_dict() for issue in issues],
-    }
-    return Evaluation(figures, {"stamps": ate.stamps.tolist(), "translation_m": ate.errors.tolist()}, ate)
 
 
 def under_recording(estimate: Trajectory, recording: Recording, *, scans: Scans | None = None) -> Evaluation:
@@ -240,10 +218,6 @@ def measured(
         recording: of its drive.
         occupancy, true_map: map_server ``.yaml`` files of its map, in the frame of the estimate, and of the true one.
         names: of the metrics; with a true map its accuracy is measured, too.
-
-    Raises:
-        ConfigError: a name that is no metric's.
-        InputError: a map that cannot be read, or no stamps in common.
     """
     truth = reference if isinstance(reference, Trajectory) else None
     if truth is not None and any(tilt_of(spatial(one).positions) > TILT for one in (estimate, truth)):
@@ -260,7 +234,4 @@ def measured(
         occupancy=None if occupancy is None else read_map(occupancy),
         true_map=None if true_map is None else read_map(true_map),
     )
-    try:
-        return measure(evidence, dict.fromkeys([*(ACCURACY_OF_MAPS if true_map is not None else ()), *(names or ())]))
-    except ConfigError as error:
-        raise ConfigError(error.problem, file=error.file, field="--metric") from error
+    return measure(evidence, dict.fromkeys([*(ACCURACY_OF_MAPS if true_map is not None else ()), *(names or ())]))

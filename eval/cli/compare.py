@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import asdict
 from math import isnan
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated, Any
 
 import typer
 
 from moteslam.errors import ConfigError, InputError
 from moteslam.eval.cli import options
-from moteslam.eval.cli.sweep_tables import with_unit
-from moteslam.eval.cli.text import say, say_json, say_table
+from moteslam.eval.cli.sweep_tables import digits, metric_names, with_unit
+from moteslam.eval.cli.text import answer
 from moteslam.eval.literal import literal
-
-if TYPE_CHECKING:
-    from moteslam.eval.statistics import Comparison
+from moteslam.eval.tables import FORMATS
 
 COUNTS = ("configuration", "pairs", "better", "worse", "equal")
 HEAD = (*COUNTS, "median difference", "95 %", "p", "failed", "failed, first")
@@ -27,9 +27,7 @@ def compare(
         list[Path],
         typer.Argument(metavar="PATH...", help="Files of sweeps, or result folders; the first is compared with."),
     ],
-    metrics: Annotated[
-        list[str] | None, typer.Option("--metric", metavar="NAME", help="Which metrics [final.ate]; repeatable.")
-    ] = None,
+    metrics: options.Metrics = None,
     baseline: Annotated[
         str | None, typer.Option(metavar="NAME", help="Compare with this configuration [the first].")
     ] = None,
@@ -49,53 +47,51 @@ def compare(
       moteslam compare particles.sweep --format markdown
     """  # noqa: D301
     from moteslam.eval import statistics
-    from moteslam.eval.metrics.registry import chosen
-    from moteslam.eval.populations import populations
+    from moteslam.eval.populations import populations, values_of
     from moteslam.eval.sweep.tables import better
 
-    names = metrics or ["final.ate"]
-    chosen(names)
+    names = metric_names(metrics)
     form = options.chosen_format(form, as_json=as_json)
     found = populations(paths)
     if len(found) < 2:
         raise InputError(f"{len(found)} configuration, expected two or more to compare", file=paths[0])
-    first = next((each for each in found if baseline in (None, each.name)), None)
-    if first is None:
-        expected = ", ".join(repr(each.name) for each in found)
-        raise ConfigError(f"{baseline!r}, expected one of {expected}", field="--baseline")
-    others = [each for each in found if each is not first]
-    compared: dict[str, dict[str, Comparison]] = {}
+    first = next(iter(found)) if baseline is None else baseline
+    if first not in found:
+        raise ConfigError(f"{first!r}, expected one of {', '.join(map(repr, found))}", field="--baseline")
+    compared: dict[str, dict[str, Any]] = {}
     for name in names:
-        ours = first.values(name)
+        ours = values_of(found[first], name)
+        others = {other: values_of(runs, name) for other, runs in found.items() if other != first}
         compared[name] = {
-            each.name: statistics.compare(ours, each.values(name), better=better(name)) for each in others
+            other: asdict(statistics.compare(ours, each, better=better(name))) for other, each in others.items()
         }
-    if not any(one.pairs for each in compared.values() for one in each.values()):
-        raise InputError(f"no run in common with {first.name} that has {', '.join(names)}", file=paths[-1])
-    if form == "json":
-        tables = {name: {other: one.as_dict() for other, one in each.items()} for name, each in compared.items()}
-        say_json({"baseline": first.name, "metrics": tables})
-    elif form == "text":
+    if not any(one["pairs"] for each in compared.values() for one in each.values()):
+        raise InputError(f"no run in common with {first} that has {', '.join(names)}", file=paths[-1])
+    answer({"baseline": first, "metrics": compared}, _lines(first, compared, form), as_json=form == "json")
+
+
+def _lines(first: str, compared: dict[str, dict[str, Any]], form: str) -> Iterator[str]:
+
+    if form == "text":
         for name, each in compared.items():
-            say(f"{with_unit(name)}, against {literal(first.name)}")
-            say_table([HEAD, *(_shown(other, one) for other, one in each.items())], right=(1, 2, 3, 4))
-    else:
-        row = _numbers if form == "csv" else _shown
-        rows = [(name, *row(other, one)) for name, each in compared.items() for other, one in each.items()]
-        head = CSV_HEAD if form == "csv" else ("metric", *HEAD)
-        say_table([head, *rows], form, right=() if form == "csv" else (2, 3, 4, 5))
+            yield f"{with_unit(name)}, against {literal(first)}"
+            yield FORMATS[form]([HEAD, *(_shown(other, one) for other, one in each.items())])
+        return
+    row = _numbers if form == "csv" else _shown
+    rows = [(name, *row(other, one)) for name, each in compared.items() for other, one in each.items()]
+    yield FORMATS[form]([CSV_HEAD if form == "csv" else ("metric", *HEAD), *rows])
 
 
-def _shown(name: str, one: Comparison) -> tuple[str, ...]:
-    interval = "-" if one.low is None else f"{_signed(one.low)} to {_signed(one.high)}"
-    counts = (str(count) for count in (one.pairs, one.wins, one.losses, one.ties))
-    return (name, *counts, _signed(one.median), interval, f"{one.p:.2g}", str(one.failed[1]), str(one.failed[0]))
+def _shown(name: str, one: dict[str, Any]) -> tuple[str, ...]:
+    interval = "-" if one["low"] is None else f"{_signed(one['low'])} to {_signed(one['high'])}"
+    counts = (str(one[count]) for count in ("pairs", "wins", "losses", "ties"))
+    failed, failed_first = one["failed"][::-1]
+    return (name, *counts, _signed(one["median"]), interval, f"{one['p']:.2g}", str(failed), str(failed_first))
 
 
-def _numbers(name: str, one: Comparison) -> tuple[str, ...]:
-    """For programs: all digits, empty for an absent number."""
-    numbers = (one.pairs, one.wins, one.losses, one.ties, one.median, one.low, one.high, one.p, *one.failed[::-1])
-    return (name, *("" if number is None else repr(number) for number in numbers))
+def _numbers(name: str, one: dict[str, Any]) -> tuple[str, ...]:
+    columns = ("pairs", "wins", "losses", "ties", "median", "low", "high", "p")
+    return (name, *(digits(one[column]) for column in columns), *map(str, one["failed"][::-1]))
 
 
 def _signed(value: float | None) -> str:

@@ -36,14 +36,12 @@ def demo(
     config = run.resolved()
 
     from moteslam.eval.cli.running import run_into, say_run
-    from moteslam.eval.cli.simulate import Wanted, named_in_errors
+    from moteslam.eval.cli.simulate import named_in_errors, scenario_of
     from moteslam.kernels import runtime
     from moteslam.robot.files import result_folder
     from moteslam.sim.simulate import simulate
 
-    driven = Wanted(scenario, platform=platform, noise=noise).load(run.seed)
-    if duration is not None:
-        driven = driven.model_copy(update={"duration": min(duration, driven.duration)})
+    driven = scenario_of(scenario, run.seed, platform=platform, noise=noise, duration=duration)
     with result_folder(out, force=run.force) as folder:
         runtime.init(run.arch, run.threads)  # a device that is not there is refused before the drive
         with named_in_errors(scenario), simulation_bar() as report:

@@ -6,27 +6,23 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
 from moteslam.errors import InputError, MoteslamError
 from moteslam.eval.cli import options
-from moteslam.eval.cli.text import say_json, warn
-
-if TYPE_CHECKING:
-    from moteslam.eval.evaluation import Evaluation
+from moteslam.eval.cli.text import answer, note, warn
 
 NEEDED = {
-    **dict.fromkeys(("sequence", "platform"), "a recording"),
-    **dict.fromkeys(("plot", "max_difference", "time_offset"), "a reference"),
-    **dict.fromkeys(("no_align", "scale"), "a reference trajectory or positions"),
-    **dict.fromkeys(("delta", "unit", "all_pairs", "loops"), "a reference trajectory"),
-    "no_interpolate": "a .relations reference",
-    "map_file": "a reference trajectory",
-    "true_map": "a --map",
+    "a recording": ("sequence", "platform"),
+    "a reference": ("plot", "max_difference", "time_offset"),
+    "a reference trajectory or positions": ("no_align", "scale"),
+    "a reference trajectory": ("delta", "unit", "all_pairs", "loops", "map"),
+    "a .relations reference": ("no_interpolate",),
+    "a --map": ("true_map",),
 }
-"""What an option is about: without it the option would change nothing, and is refused."""
+"""What options are about: without it they would change nothing, and are refused."""
 
 
 def evaluate(
@@ -116,7 +112,7 @@ def evaluate(
       moteslam evaluate theirs.tum truth.tum --map theirs.yaml --true-map truth_map.yaml --metric rpe_10m
       moteslam evaluate result/trajectory_final.tum truth.tum --loops result/loops.csv --recording robot.log.gz
     """  # noqa: D301
-    from moteslam.eval.cli.evaluate_tables import say_evaluations
+    from moteslam.eval.cli.evaluate_tables import doubts_of, lines_of
     from moteslam.eval.evaluation import against, measured, read_reference, under_recording
     from moteslam.eval.metrics.evidence import oriented
     from moteslam.eval.metrics.loops import score_loops
@@ -143,14 +139,20 @@ def evaluate(
         trajectories = {name: replace(one, stamps=one.stamps + time_offset) for name, one in trajectories.items()}
     opened = None if recording is None else open_recording(recording, sequence=sequence, platform=platform)
     truth = None if reference is None else read_reference(reference)
+    scans = None if opened is None else synchronise(opened).scans
     if not isinstance(truth, Trajectory):
         for one in trajectories.values():
             warn(one.warnings)
-    compared: dict[str, Evaluation] = {}
-    if reference is not None and truth is not None:
-        with _named(reference):
-            for name, one in trajectories.items():
-                compared[name] = against(
+    results: dict[str, Any] = {}
+    rows: list[dict[str, Any]] = []
+    whole: list[dict[str, Any]] = []
+    """The rows, with the error at every stamp."""
+    for name, one in trajectories.items():
+        rows.append({"estimate": name})
+        whole.append({"estimate": name})
+        if truth is not None and reference is not None:
+            with _named(reference), options.named(delta="--delta", unit="--unit", max_difference="--max-difference"):
+                compared = against(
                     one,
                     truth,
                     robot=None if opened is None else opened.platform,
@@ -162,12 +164,15 @@ def evaluate(
                     max_difference=max_difference,
                     interpolate=not no_interpolate,
                 )
-    under: dict[str, Evaluation] = {}
-    scans = None if opened is None else synchronise(opened).scans
-    if opened is not None:
-        for name, one in trajectories.items():
+            results[name] = compared.result
+            rows[-1] |= {"reference": str(reference), **compared.figures}
+            whole[-1] |= {"reference": str(reference), **compared.figures, "errors": compared.errors}
+        if opened is not None:
             with _named(name):
-                under[name] = under_recording(one, opened, scans=scans)
+                under = under_recording(one, opened, scans=scans)
+            rows[-1] |= {"recording": str(recording), "residuals": under.figures}
+            whole[-1] |= {"recording": str(recording), "residuals": {**under.figures, "errors": under.errors}}
+    if opened is not None:
         warn(opened.warnings)
     found: dict[str, Any] = {}
     if loops is not None:
@@ -177,87 +182,67 @@ def evaluate(
     if metrics or true_map is not None:
         found["metrics"] = {}
         for name, one in trajectories.items():
-            values = measured(one, truth, recording=opened, occupancy=map_file, true_map=true_map, names=metrics)
+            with options.named(metrics="--metric"):
+                values = measured(one, truth, recording=opened, occupancy=map_file, true_map=true_map, names=metrics)
             found["metrics"][name] = {metric: value.as_dict() for metric, value in values.items()}
-
-    def row(name: str, *, errors: bool = False) -> dict[str, Any]:
-        row: dict[str, Any] = {"estimate": name}
-        if name in compared:
-            row |= {"reference": str(reference), **compared[name].figures}
-            row |= {"errors": compared[name].errors} if errors else {}
-        if name in under:
-            more = {"errors": under[name].errors} if errors else {}
-            row |= {"recording": str(recording), "residuals": under[name].figures | more}
-        return row
-
-    rows = [row(name) for name in trajectories]
     if save is not None:
         from moteslam.eval.results import write_json
         from moteslam.robot.files import folder_for
 
         with folder_for(save):
-            write_json(save, {"results": [row(name, errors=True) for name in trajectories], **found})
+            write_json(save, {"results": whole, **found})
     if plot is not None:
         from moteslam.eval.report.curves import draw_comparison
         from moteslam.robot.files import folder_for
 
         assert reference is not None  # or --plot was refused
         with folder_for(plot):
-            results = {name: each.result for name, each in compared.items()}
             draw_comparison(plot, results, title=f"against {reference.name}")
-    if as_json:
-        say_json((rows[0] if len(rows) == 1 else {"reference": str(reference), "results": rows}) | found)
-    else:
-        say_evaluations(rows, found)
+    if not as_json:
+        for doubt in doubts_of(rows):
+            note(f"warning: {doubt}")
+    one_or_all = rows[0] if len(rows) == 1 else {"reference": str(reference), "results": rows}
+    answer(one_or_all | found, lines_of(rows, found), as_json=as_json)
 
 
 @contextmanager
 def _named(file: Path | str) -> Iterator[None]:
-    """Errors within name the option, or the file if they name none."""
+    """Errors of the block that name neither file nor option name the file."""
     try:
         yield
     except MoteslamError as error:
-        if error.file is None and error.field in ("delta", "unit", "max_difference"):
-            raise InputError(error.problem, field=f"--{error.field.replace('_', '-')}") from error
-        if error.file is None:
-            raise InputError(error.problem, file=file) from error
-        raise
+        if error.file is not None or (error.field or "").startswith("--"):
+            raise
+        raise InputError(error.problem, file=file) from error
 
 
 def _refuse_options(context: typer.Context, paths: list[Path], recording: Path | None, map_file: Path | None) -> None:
-    """Refuse what does not go together."""
+    """Refuse what does not go together, also what was given with the value that it has by default."""
+    from moteslam.eval.metrics.relations import is_relations
+    from moteslam.robot.trajectories.rows import is_positions
 
-    def is_given(name: str) -> bool:  # be it with the value that it has by default
-        source = context.get_parameter_source(name)
-        return source is not None and source.name == "COMMANDLINE"
+    sources = {name: context.get_parameter_source(name) for name in context.params}
+    given = {name.removesuffix("_file") for name, source in sources.items() if source and source.name == "COMMANDLINE"}
 
     def refuse(problem: str, name: str) -> typer.BadParameter:
-        return typer.BadParameter(problem, param_hint=f"'--{name.removesuffix('_file').replace('_', '-')}'")
+        return typer.BadParameter(problem, param_hint=f"'--{name.replace('_', '-')}'")
 
     if len(paths) < 2 and recording is None:
         problem = "one file, expected trajectories and, last, their reference, or a --recording"
         raise typer.BadParameter(problem, param_hint="'EST... [REF]'")
-    if map_file is not None and not (is_given("true_map") or is_given("metrics")):
+    if "map" in given and given.isdisjoint(("true_map", "metrics")):
         raise refuse("given without --true-map, expected the map to compare it with", "map")
-    if map_file is not None and len(paths) > 2:
+    if "map" in given and len(paths) > 2:
         raise refuse("given with several EST, expected the one whose map it is", "map")
-    there = set() if recording is None else {"a recording"}
-    there |= set() if map_file is None else {"a --map"}
-    there |= _kinds(paths[-1]) if len(paths) > 1 else set()
+    there = {"a recording"} if recording is not None else set()
+    there |= {"a --map"} if map_file is not None else set()
+    if len(paths) > 1:
+        relations, positions = is_relations(paths[-1]), is_positions(paths[-1])
+        there |= {"a reference", "a .relations reference" if relations else "a reference trajectory or positions"}
+        there |= set() if relations or positions else {"a reference trajectory"}
     own = {"a recording": "a --recording", "a --map": "the map that it is compared with"}
-    for name, needed in NEEDED.items():
-        if is_given(name) and needed not in there:
-            raise refuse(f"given without {needed}, expected {own.get(needed, 'one as the last file')}", name)
-    if is_given("scale") and is_given("no_align"):
+    for needed, names in NEEDED.items():
+        if needed not in there and (without := next((name for name in names if name in given), None)):
+            raise refuse(f"given without {needed}, expected {own.get(needed, 'one as the last file')}", without)
+    if given >= {"scale", "no_align"}:
         raise refuse("given with --no-align, expected one of the two", "scale")
-
-
-def _kinds(reference: Path) -> set[str]:
-    """What a reference is, in the words of ``NEEDED``."""
-    from moteslam.eval.metrics.relations import is_relations
-    from moteslam.robot.trajectories.rows import is_positions
-
-    if is_relations(reference):
-        return {"a reference", "a .relations reference"}
-    trajectory = set() if is_positions(reference) else {"a reference trajectory"}
-    return {"a reference", "a reference trajectory or positions", *trajectory}

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from typing import Any
+
 from moteslam.eval.cli import options
-from moteslam.eval.cli.text import say, say_json, table
+from moteslam.eval.cli.text import answer
+from moteslam.eval.tables import aligned
 
 
 def metrics(as_json: options.Json = False) -> None:
@@ -20,26 +24,26 @@ def metrics(as_json: options.Json = False) -> None:
     """  # noqa: D301
     from moteslam.eval.metrics.registry import METRICS
 
-    if as_json:
-        say_json(
-            {
-                name: {
-                    "of": "run" if one.of_trajectory is None else "trajectory",
-                    "unit": one.unit,
-                    "better": one.better,
-                    "costly": one.costly,
-                    "meaning": one.meaning,
-                    "source": one.source,
-                }
-                for name, one in METRICS.items()
-            }
-        )
-        return
-    for title, wanted in (("of each trajectory", True), ("of a run", False)):
+    found = {
+        name: {
+            "of": "run" if one.of_trajectory is None else "trajectory",
+            "unit": one.unit,
+            "better": one.better,
+            "costly": one.costly,
+            "meaning": one.meaning,
+            "source": one.source,
+        }
+        for name, one in METRICS.items()
+    }
+    answer(found, _lines(found), as_json=as_json)
+
+
+def _lines(found: dict[str, dict[str, Any]]) -> Iterator[str]:
+
+    for title, of in (("of each trajectory", "trajectory"), ("of a run", "run")):
         rows = [("", "unit", "better", "", "")]
-        for name, one in METRICS.items():
-            if (one.of_trajectory is not None) == wanted:
-                rows.append((name, one.unit, one.better or "", one.meaning, one.source + "; costly" * one.costly))
-        say(title)
-        say(table(rows))
-        say("")
+        for name, one in found.items():
+            if one["of"] == of:
+                source = one["source"] + "; costly" * one["costly"]
+                rows.append((name, one["unit"], one["better"] or "", one["meaning"], source))
+        yield from (title, aligned(rows), "")

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, fields
 from functools import wraps
 from inspect import Parameter, signature
@@ -13,7 +14,8 @@ from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 
 import typer
 
-from moteslam.errors import ConfigError, ExistsError, OutputError
+from moteslam.errors import ConfigError, ExistsError, MoteslamError, OutputError
+from moteslam.eval.cli.text import answer
 
 if TYPE_CHECKING:
     from moteslam.robot.formats import Topics
@@ -30,6 +32,9 @@ Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
 Format = Annotated[
     str | None,
     typer.Option("--format", metavar="markdown|latex|csv", help="Of the table that is printed, in place of text."),
+]
+Metrics = Annotated[
+    list[str] | None, typer.Option("--metric", metavar="NAME", help="Which metrics [final.ate]; repeatable.")
 ]
 ScenarioName = Annotated[
     str, typer.Argument(metavar="SCENARIO", help="Bundled name, random-corridors, or a .toml file.")
@@ -57,13 +62,20 @@ Settings = Annotated[
 ]
 
 
-def expect_new(file: Path | None, *endings: str, force: bool) -> None:
-    """Refuse a file to write that exists, or whose ending is not one of these.
+@contextmanager
+def named(option: str | None = None, /, **by_field: str) -> Iterator[None]:
+    """Errors of the block that name no file name an option: that of their field, else the one given for all."""
+    try:
+        yield
+    except MoteslamError as error:
+        flag = by_field.get(error.field or "", option)
+        if flag is None or error.file is not None:
+            raise
+        raise type(error)(error.problem, field=flag) from error
 
-    Raises:
-        ExistsError: it exists, and is not to be replaced.
-        OutputError: another ending, or it exists and is no regular file.
-    """
+
+def expect_new(file: Path | None, *endings: str, force: bool) -> None:
+    """Refuse a file to write that exists, is no regular file, or whose ending is not one of these."""
     if file is None:
         return
     from moteslam.robot.files import expect_file
@@ -76,11 +88,7 @@ def expect_new(file: Path | None, *endings: str, force: bool) -> None:
 
 
 def chosen_format(given: str | None, *, as_json: bool) -> str:
-    """What ``--format`` and ``--json`` ask for: ``text``, ``json`` or one of ``moteslam.eval.tables``.
-
-    Raises:
-        ConfigError: no such format, or both are given.
-    """
+    """What ``--format`` and ``--json`` ask for: ``json`` or one of ``moteslam.eval.tables.FORMATS``."""
     from moteslam.eval.tables import FORMATS
 
     if given is not None and (as_json or given not in FORMATS):
@@ -109,13 +117,7 @@ class SlamOptions:
     as_json: Json = False
 
     def resolved(self) -> SlamConfig:
-        """The configuration: flag over file over preset. With ``--print-config`` it is printed instead.
-
-        Raises:
-            ConfigError: an unknown preset or key, or a value out of bounds; the option is named.
-            Exit: after it was printed.
-        """
-        from moteslam.eval.cli.text import say, say_json
+        """The configuration: flag over file over preset. With ``--print-config`` it is printed and the command ends."""
         from moteslam.slam.settings import DEFAULT_PRESET, resolve_config
 
         preset = DEFAULT_PRESET if self.preset is None else self.preset
@@ -127,13 +129,10 @@ class SlamOptions:
             option = "--preset" if error.field == repr(preset)[1:-1] else "--set"
             field = option if error.field == "settings" else f"{option} {error.field}"
             raise ConfigError(error.problem, field=field) from error
-        if not self.print_config:
-            return config
-        if self.as_json:
-            say_json(config.model_dump(mode="json"))
-        else:
-            say(config.to_toml().rstrip("\n"))
-        raise typer.Exit
+        if self.print_config:
+            answer(config.model_dump(mode="json"), [config.to_toml().rstrip("\n")], as_json=self.as_json)
+            raise typer.Exit
+        return config
 
 
 @dataclass(frozen=True)
@@ -154,20 +153,13 @@ class RecordingOptions:
     every: Annotated[int, typer.Option(metavar="N", help="Keep every N-th scan.")] = 1
 
     def open(self, path: Path) -> Recording:
-        """The part of the recording at a path that the options ask for.
-
-        Raises:
-            InputError: it cannot be read, or nothing is left of it.
-            ConfigError: an option that is wrong; it is named.
-        """
+        """The part of the recording at a path that the options ask for."""
         from moteslam.robot.cut import Cut, cut
         from moteslam.robot.formats import open_recording
 
-        try:
-            streams = tuple(name.strip() for name in self.streams.split(",")) if self.streams is not None else ()
+        streams = tuple(name.strip() for name in self.streams.split(",")) if self.streams is not None else ()
+        with named(start="--start", end="--end", every="--every", streams="--streams"):
             part = Cut(self.start, inf if self.end is None else self.end, self.every, streams)
-        except ConfigError as error:
-            raise ConfigError(error.problem, field=f"--{error.field}") from error
         topics = _topics(self.topics or ())
         recording = open_recording(path, sequence=self.sequence, platform=self.platform, topics=topics, streams=streams)
         return cut(recording, part)
@@ -179,11 +171,7 @@ class RecordingOptions:
 
 
 def _topics(given: Iterable[str]) -> Topics:
-    """The topics of each stream: ``lidar=/scan`` or, to merge several lidars, ``lidar=/front,/back``.
-
-    Raises:
-        ConfigError: not of this form, no such stream, or one stream twice.
-    """
+    """The topics of each stream: ``lidar=/scan`` or, to merge several lidars, ``lidar=/front,/back``."""
     topics: dict[str, tuple[str, ...]] = {}
     for words in given:
         stream, _, text = words.partition("=")
@@ -203,6 +191,7 @@ def with_options(**groups: type[Any]) -> Callable[[Callable[..., None]], Callabl
     Args:
         groups: the name of the argument, and a dataclass whose fields are options: ``run=SlamOptions``.
     """
+    shared = {name: _parameters(group) for name, group in groups.items()}
 
     def extended(command: Callable[..., None]) -> Callable[..., None]:
         hints = get_type_hints(command, include_extras=True)
@@ -211,7 +200,6 @@ def with_options(**groups: type[Any]) -> Callable[[Callable[..., None]], Callabl
             for name, parameter in signature(command).parameters.items()
             if name not in groups
         ]
-        shared = {name: _parameters(group) for name, group in groups.items()}
 
         @wraps(command)
         def whole(**given: Any) -> None:

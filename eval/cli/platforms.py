@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from math import degrees
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from moteslam.eval.cli import options
-from moteslam.eval.cli.text import say, say_json, table
-from moteslam.eval.literal import literal
+from moteslam.eval.cli.text import answer
+from moteslam.eval.tables import aligned
 
 
 def platforms(
@@ -30,14 +31,12 @@ def platforms(
     """  # noqa: D301
     import tomli_w
 
-    from moteslam.robot.platform import field_of_view
     from moteslam.robot.platforms import bundled_platforms, load_platform, platform_table
 
     if name is not None:
         chosen = platform_table(load_platform(name))
-        say_json(chosen) if as_json else say(tomli_w.dumps(chosen).rstrip("\n"))
+        answer(chosen, [tomli_w.dumps(chosen).rstrip("\n")], as_json=as_json)
         return
-    robots = {each: load_platform(each) for each in bundled_platforms()}
     found = {
         each: {
             "description": robot.description,
@@ -50,23 +49,25 @@ def platforms(
             "top_speed_m_s": robot.top_speed,
             "noise_classes": ["datasheet"] if robot.as_recorded is None else ["datasheet", "as_recorded"],
         }
-        for each, robot in robots.items()
+        for each, robot in ((each, load_platform(each)) for each in bundled_platforms())
     }
-    if as_json:
-        say_json(found)
-        return
+    answer(found, _lines(found), as_json=as_json)
+
+
+def _lines(found: dict[str, dict[str, Any]]) -> Iterator[str]:
+    from moteslam.robot.platform import field_of_view
+
     rows = [("robot", "beams", "field of view", "rate", "range", "top speed", "what it is")]
-    for each, one in found.items():
-        scan = robots[each].lidar.scan
+    for name, one in found.items():
         rows.append(
             (
-                each,
+                name,
                 f"{one['beams']}",
-                f"{degrees(field_of_view(scan.beams, scan.angle_increment)):.1f} deg",
+                f"{degrees(field_of_view(one['beams'], one['angle_increment_rad'])):.1f} deg",
                 f"{one['rate_hz']:g} Hz",
                 f"{one['range_min_m']:g} to {one['range_max_m']:g} m",
                 "-" if one["top_speed_m_s"] is None else f"{one['top_speed_m_s']:g} m/s",
-                literal(one["description"]),
+                one["description"],
             )
         )
-    say(table(rows, right=(1, 2, 3)))
+    yield aligned(rows)

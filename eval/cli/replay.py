@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from math import degrees
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from moteslam.errors import InputError
 from moteslam.eval.cli import options
-from moteslam.eval.cli.text import say, say_json, warn
+from moteslam.eval.cli.text import answer, warn
 from moteslam.eval.literal import literal
 
 if TYPE_CHECKING:
@@ -69,20 +70,17 @@ def replay(
         raise typer.BadParameter("missing, expected a recording", param_hint="'PATH'")
     if calibrate not in (None, "lidar", "odometry"):
         raise typer.BadParameter(f"{calibrate!r}, expected lidar or odometry", param_hint="'--calibrate'")
-    if out is None and not dead_reckoning:
-        raise typer.BadParameter("missing, expected a folder for the result", param_hint="'--out'")
-
-    recording = part.open(path)
     if dead_reckoning:
-        _dead_reckon(path, recording, config, out, run)
+        _dead_reckon(path, part.open(path), config, out, run)
         return
+    if out is None:
+        raise typer.BadParameter("missing, expected a folder for the result", param_hint="'--out'")
 
     from moteslam.eval.cli.running import run_into, say_run
     from moteslam.eval.scores import true_map_beside
     from moteslam.robot.files import result_folder
 
-    assert out is not None
-    recording, found = _checked(recording, calibrate)
+    recording, found = _checked(part.open(path), calibrate)
     truth, issues = (None, ()) if recording.lidar is None else _truth_beside(path, recording.lidar.stamps)
     cut = {name: value for name, value in part.given.items() if name not in ("sequence", "platform")}
     with result_folder(out, force=run.force, keep=path) as folder:
@@ -116,25 +114,21 @@ def _checked(recording: Recording, side: str | None) -> tuple[Recording, tuple[I
         return recording, () if side is None else (Issue("not-calibrated", text),)
     about = findings(found, recording)
     if side is None:
-        hint = "; see --calibrate"
-        moves = tuple(Issue(issue.code, issue.message + hint) for issue in about.moves)
+        moves = tuple(Issue(issue.code, f"{issue.message}; see --calibrate") for issue in about.moves)
         return (with_form(recording, found.form) if about.unusable else recording), moves
     mended = calibrated(recording, found, "lidar" if side == "lidar" else "odometry")
     return mended, tuple(Issue(issue.code, f"{issue.message}; mended by the {side}") for issue in about.issues)
 
 
 def _truth_beside(path: Path, stamps: NDArray[np.float64]) -> tuple[Trajectory | None, tuple[Issue, ...]]:
-    """The truth in a recording's folder, or beside a log, if it is on the clock of these stamps; if not, why not.
-
-    Raises:
-        InputError: a ``truth.tum`` that cannot be read.
-    """
+    """The truth in a recording's folder, or beside a log, if it is on the clock of these stamps [s]; if not, why."""
     import numpy as np
 
     from moteslam.eval.metrics.association import match
     from moteslam.eval.scores import truth_file
     from moteslam.robot.trajectories.text import read_tum
     from moteslam.robot.trajectory import Trajectory
+    from moteslam.robot.values import Issue
 
     file = truth_file(path)
     if file is None:
@@ -143,8 +137,6 @@ def _truth_beside(path: Path, stamps: NDArray[np.float64]) -> tuple[Trajectory |
     try:
         match(Trajectory(stamps, np.zeros((len(stamps), 3))), truth)
     except InputError as error:
-        from moteslam.robot.values import Issue
-
         return None, (Issue("not-scored", f"{file}: {error.problem}; not scored"),)
     return truth, truth.warnings
 
@@ -176,7 +168,7 @@ def _dead_reckon(
                     title=f"{recording.name}: dead reckoning",
                 )
     x, y, theta = trajectory.poses[-1].tolist()
-    about = {
+    found = {
         "out": None if out is None else str(out),
         "recording": recording.name,
         "poses": len(trajectory),
@@ -185,11 +177,14 @@ def _dead_reckon(
         "end": {"x_m": x, "y_m": y, "heading_deg": degrees(theta)},
         "warnings": [issue.as_dict() for issue in recording.warnings],
     }
-    if run.as_json:
-        say_json(about)
-        return
-    driven = f"{about['distance_m']:.1f} m in {about['duration_s']:.1f} s"
-    say(f"{literal(recording.name)}: dead reckoning over {driven}")
-    say(f"ends at x {x:.2f} m, y {y:.2f} m, heading {degrees(theta):.1f} deg")
-    if out is not None:
-        say(f"result in {literal(out)}")
+    answer(found, _lines(found), as_json=run.as_json)
+
+
+def _lines(found: dict[str, Any]) -> Iterator[str]:
+    """Of dead reckoning."""
+    driven = f"{found['distance_m']:.1f} m in {found['duration_s']:.1f} s"
+    yield f"{literal(found['recording'])}: dead reckoning over {driven}"
+    end = found["end"]
+    yield f"ends at x {end['x_m']:.2f} m, y {end['y_m']:.2f} m, heading {end['heading_deg']:.1f} deg"
+    if found["out"] is not None:
+        yield f"result in {literal(found['out'])}"

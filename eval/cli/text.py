@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import io
 import json
 import sys
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from math import isfinite
 from typing import TYPE_CHECKING, Any
@@ -17,10 +16,17 @@ from moteslam.eval.literal import literal
 if TYPE_CHECKING:
     from moteslam.robot.values import Issue
 
-WIDEST = 10_000
-"""Characters of a table's line."""
 STDOUT = "stdout"
 """What errors call it."""
+
+
+def answer(found: Any, lines: Iterable[str], *, as_json: bool) -> None:
+    """The result of a command on stdout: as JSON, or as lines for people."""
+    if as_json:
+        say_json(found)
+        return
+    for line in lines:
+        say(line)
 
 
 def say(text: str = "") -> None:
@@ -35,11 +41,7 @@ def say_json(value: Any) -> None:
 
 
 def flush() -> None:
-    """Write out what was said.
-
-    Raises:
-        OutputError: nobody can take it, as ``say`` where much was said; but a closed pipe is a ``BrokenPipeError``.
-    """
+    """Write out what was said; ``OutputError`` where that fails, but a closed pipe is a ``BrokenPipeError``."""
     with _stdout_named():
         sys.stdout.flush()
 
@@ -68,32 +70,6 @@ def warn(issues: Iterable[Issue]) -> None:
     """A line on stderr for each issue."""
     for issue in issues:
         note(f"warning: {issue}")
-
-
-def table(rows: Sequence[Sequence[str]], *, right: Sequence[int] = ()) -> str:
-    """Rows of text as columns, two spaces apart; the columns named in ``right`` are flush right."""
-    from rich.console import Console
-    from rich.table import Table
-    from rich.text import Text
-
-    columns = Table(box=None, show_header=False, pad_edge=False, padding=(0, 2, 0, 0))
-    for index in range(len(rows[0])):
-        columns.add_column(justify="right" if index in right else "left", no_wrap=True)
-    for row in rows:
-        columns.add_row(*map(Text, row))
-    # as wide as its text: what reads it from a pipe wants whole lines
-    console = Console(file=io.StringIO(), width=WIDEST, color_system=None)
-    with console.capture() as capture:
-        console.print(columns)
-    return "\n".join(line.rstrip() for line in capture.get().splitlines())
-
-
-def say_table(rows: Sequence[Sequence[str]], form: str = "text", *, right: Sequence[int] = ()) -> None:
-    """Rows of text, the first one the head, as columns on stdout, or in a format of ``moteslam.eval.tables``."""
-    from moteslam.eval.tables import FORMATS
-
-    rows = [[literal(cell) for cell in row] for row in rows]
-    say(table(rows, right=right) if form == "text" else FORMATS[form](rows, right=right))
 
 
 @contextmanager
@@ -147,6 +123,4 @@ def _plain(value: Any) -> Any:
         return {str(key): _plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
         return [_plain(item) for item in value]
-    if isinstance(value, float) and not isfinite(value):
-        return None
-    return value
+    return None if isinstance(value, float) and not isfinite(value) else value

@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -24,22 +23,6 @@ Table = dict[str, dict[str, str]]
 """Of each run, by its id, every column as text."""
 
 
-@dataclass(frozen=True)
-class Difference:
-    """A cell that differs.
-
-    Attributes:
-        run: which, in words.
-        column: of the table.
-        first, second: what stands there; empty for nothing.
-    """
-
-    run: str
-    column: str
-    first: str
-    second: str
-
-
 def read_table(path: Path) -> Table:
     """The runs of a sweep, or of a table that ``sweep export`` wrote, those that were made.
 
@@ -56,8 +39,11 @@ def read_table(path: Path) -> Table:
     return {row["id"]: {name: value or "" for name, value in row.items()} for row in rows if row["status"]}
 
 
-def differences(first: Mapping[str, Mapping[str, str]], second: Mapping[str, Mapping[str, str]]) -> list[Difference]:
-    """The cells of the runs that both have which differ, times and memory left out, in the order of the first."""
+def differences(first: Table, second: Table) -> list[dict[str, str]]:
+    """The cells of the runs that both have which differ, times and memory left out, in the order of the first.
+
+    Of each: ``run``, in words, ``column``, and what stands there in the ``first`` and the ``second``.
+    """
     found = []
     for run, row in first.items():
         other = second.get(run)
@@ -66,7 +52,7 @@ def differences(first: Mapping[str, Mapping[str, str]], second: Mapping[str, Map
         for column in dict.fromkeys((*row, *other)):
             one, two = row.get(column, ""), other.get(column, "")
             if one != two and column not in COSTS:
-                found.append(Difference(_name(row), column, one, two))
+                found.append({"run": _name(row), "column": column, "first": one, "second": two})
     return found
 
 

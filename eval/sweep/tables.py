@@ -12,8 +12,6 @@ from moteslam.eval.metrics.registry import metric
 from moteslam.eval.statistics import Better, Proportion, Summary
 from moteslam.eval.sweep.store import Row
 
-Group = tuple[tuple[str, Any], ...]
-
 
 @dataclass(frozen=True)
 class GroupSummary:
@@ -32,18 +30,18 @@ class GroupSummary:
     values: dict[str, Summary]
 
 
-def group_of(row: Row) -> Group:
-    """What a run has in common with those of other seeds."""
+def group_of(row: Row) -> dict[str, Any]:
+    """What a run has in common with those of other seeds, by column."""
     run = row.run
     place = run.scenario or Path(run.recording).name
-    return (
-        ("scenario", Path(place).stem if place.endswith(".toml") else place),
-        ("platform", Path(run.platform).stem),
-        ("noise", run.noise),
-        ("configuration", run.configuration),
-        ("version", run.version),
-        *run.varied,
-    )
+    return {
+        "scenario": Path(place).stem if place.endswith(".toml") else place,
+        "platform": Path(run.platform).stem,
+        "noise": run.noise,
+        "configuration": run.configuration,
+        "version": run.version,
+        **dict(run.varied),
+    }
 
 
 def summaries(rows: Iterable[Row], metrics: Sequence[str], success: dict[str, float]) -> list[GroupSummary]:
@@ -54,30 +52,24 @@ def summaries(rows: Iterable[Row], metrics: Sequence[str], success: dict[str, fl
         metrics: names of those to sum up.
         success: see ``SweepSpec.success``.
     """
-    groups: dict[Group, list[Row]] = {}
+    groups: dict[tuple[Any, ...], list[Row]] = {}
     for row in rows:
         if row.status:
-            groups.setdefault(group_of(row), []).append(row)
+            groups.setdefault(tuple(group_of(row).items()), []).append(row)
     found = []
     for group, members in groups.items():
-        good = [row for row in members if row.status == "ok"]
-        values = {
-            name: Summary.of(
-                [row.values.get(name, row.costs.get(name)) for row in good],
-                len(members) - len(good),
-                better=better(name),
-            )
-            for name in metrics
-        }
-        succeeded = sum(succeeds(row, success) for row in members)
-        found.append(GroupSummary(dict(group), len(members), Proportion(succeeded, len(members)), values))
+        good = [row.values | row.costs for row in members if row.status == "ok"]
+        failed = len(members) - len(good)
+        values = {name: Summary.of([one.get(name) for one in good], failed, better=better(name)) for name in metrics}
+        succeeded = Proportion(sum(succeeds(row, success) for row in members), len(members))
+        found.append(GroupSummary(dict(group), len(members), succeeded, values))
     return found
 
 
-def varying(groups: Sequence[GroupSummary]) -> list[str]:
-    """The columns of ``about`` in which some of the groups have something."""
-    keys = dict.fromkeys(key for group in groups for key in group.about)
-    return [key for key in keys if any(group.about.get(key, "") != "" for group in groups)]
+def varying(groups: Sequence[dict[str, Any]]) -> list[str]:
+    """The columns in which some of the groups have something."""
+    keys = dict.fromkeys(key for group in groups for key in group)
+    return [key for key in keys if any(group.get(key, "") != "" for group in groups)]
 
 
 def better(name: str) -> Better:

@@ -64,7 +64,7 @@ def test_two_sweeps_are_matched_by_scenario_platform_and_seed(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     files = swept(tmp_path, "a"), swept(tmp_path, "b", 2.0)
-    assert [each.name for each in populations(files)] == ["a: plain", "a: better", "b: plain", "b: better"]
+    assert list(populations(files)) == ["a: plain", "a: better", "b: plain", "b: better"]
     found = json.loads(printed(capsys, *files, "--json"))["metrics"]["final.ate"]
     assert [found[name]["losses"] for name in ("a: better", "b: plain", "b: better")] == [0, 10, 10]
     assert found["b: plain"]["median"] == pytest.approx(5.5)

@@ -11,7 +11,7 @@ import pytest
 from loop_candidates import candidate
 
 from moteslam.errors import InputError
-from moteslam.eval.cli.running import Run, say_run, score_table
+from moteslam.eval.cli.running import Run, say_run, score_lines
 from moteslam.eval.results import write_results
 from moteslam.eval.run_tables import (
     DIAGNOSTICS_COLUMNS,
@@ -153,11 +153,11 @@ def test_a_run_that_looks_for_loops_has_its_ledger(run, simulation, tmp_path: Pa
     assert counts == {"candidates": 4, "accepted": 1, **dict.fromkeys(VERDICTS[1:], 0), "weak": 2, "contradicted": 1}
     assert json.loads((tmp_path / "metrics.json").read_text()) == figures
     assert (figures["loops"]["accepted"], figures["loops"]["possible"]) == (0, 0)
-    assert score_table(figures).splitlines()[-2:] == [
+    assert list(score_lines(figures))[-2:] == [
         "no precision of the loops: the truth covers no accepted loop",
         "no recall of the loops: no key scan has a possible loop",
     ]
-    assert "loop" not in score_table(score_estimate(alone(run[0]), simulation.truth))
+    assert "loop" not in "".join(score_lines(score_estimate(alone(run[0]), simulation.truth)))
 
 
 def test_without_a_candidate_there_is_the_header_alone_and_no_figure(run, tmp_path: Path) -> None:

@@ -19,7 +19,7 @@ HEAD = ("name", "value")
 
 
 def test_markdown_marks_nothing_up() -> None:
-    lines = markdown([HEAD, (NASTY, "1.5")], right=(1,)).splitlines()
+    lines = markdown([HEAD, (NASTY, "1.5")]).splitlines()
     assert lines[:2] == ["| name | value |", "|---|---:|"]
     assert lines[2] == (r"| a\|b \\ \`c\` \<d\> \*e\* \_f\_ \[g\] \~h\~ \$i\$ \& \#j 100 % \{k\} ^l | 1.5 |")
 
@@ -52,7 +52,7 @@ def test_latex_prints_what_it_is_given(text: str, expected: str) -> None:
 
 
 def test_latex_is_a_whole_tabular() -> None:
-    assert latex([HEAD, ("a", "1")], right=(1,)) == "\n".join(
+    assert latex([HEAD, ("a", "1")]) == "\n".join(
         [r"\begin{tabular}{lr}", r"\hline", r"name & value \\", r"\hline", r"a & 1 \\", r"\hline", r"\end{tabular}"]
     )
 
