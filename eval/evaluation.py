@@ -97,7 +97,7 @@ def against(
     if isinstance(reference, Positions):
         kind = "positions"
         ate, issues = _against_positions(estimate, reference, robot, apart, align=align, scale=scale)
-        about = {"ate": {name: value for name, value in ate.as_dict().items() if name != "rotation_deg"}}
+        about: dict[str, Any] = {"ate": {name: value for name, value in ate.as_dict().items() if name != "rotation_deg"}}
     else:
         kind = "trajectory"
         ate, issues = _against_trajectory(estimate, reference, apart, align=align, scale=scale)

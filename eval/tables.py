@@ -1,13 +1,12 @@
-"""Rows of text as a table: aligned, as Markdown, LaTeX or CSV, with what means something there escaped."""
+"""Text from elsewhere, shown and not obeyed, and rows of it as a table: aligned, Markdown, LaTeX or CSV."""
 
 from __future__ import annotations
 
 import csv
 import io
 import re
+import unicodedata
 from collections.abc import Callable, Sequence
-
-from moteslam.eval.literal import literal
 
 Rows = Sequence[Sequence[str]]
 """Of cells, the first one the head; all of one length."""
@@ -29,6 +28,23 @@ MARKDOWN = re.compile(r"([\\`*_{}\[\]<>|~$&#])")
 """Characters that mark something up, in GitHub's dialect too."""
 NUMBER = re.compile(r"([-+±]*[0-9][0-9.]*(e[-+][0-9]+)?( .*|$))?|-|failed")
 """Cells of columns that are flush right: numbers, with what follows them, and what stands in their place."""
+
+
+def literal(text: object) -> str:
+    r"""Text in one line that a terminal shows and does not obey.
+
+    Control characters, line breaks and reversals of the writing direction are written as escapes (``\x1b``), and so
+    are the bytes of a file name that is no text (``\xe9``); everything else, brackets of markup too, stays as it is.
+    """
+    return "".join(map(_literal, str(text)))
+
+
+def _literal(character: str) -> str:
+    if "\udc80" <= character <= "\udcff":  # how Python writes a byte that is no text
+        return f"\\x{ord(character) - 0xDC00:02x}"
+    if unicodedata.category(character) in ("Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp"):
+        return character.encode("unicode_escape").decode("ascii")
+    return character
 
 
 def aligned(rows: Rows) -> str:

@@ -11,7 +11,7 @@ import typer
 from moteslam.errors import ConfigError, OutputError
 from moteslam.eval.cli import options
 from moteslam.eval.cli.text import answer, warn
-from moteslam.eval.literal import literal
+from moteslam.eval.tables import literal
 
 if TYPE_CHECKING:
     from moteslam.robot.trajectory import Trajectory

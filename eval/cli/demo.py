@@ -9,7 +9,7 @@ import typer
 
 from moteslam.eval.cli import options
 from moteslam.eval.cli.text import say, simulation_bar
-from moteslam.eval.literal import literal
+from moteslam.eval.tables import literal
 
 
 @options.with_options(run=options.SlamOptions)

@@ -6,8 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from moteslam.eval.cli.text import bold
-from moteslam.eval.literal import literal
-from moteslam.eval.tables import aligned
+from moteslam.eval.tables import aligned, literal
 from moteslam.robot.values import counted
 
 Row = Mapping[str, Any]

@@ -12,8 +12,7 @@ import typer
 
 from moteslam.eval.cli import options
 from moteslam.eval.cli.text import answer
-from moteslam.eval.literal import literal
-from moteslam.eval.tables import aligned
+from moteslam.eval.tables import aligned, literal
 
 if TYPE_CHECKING:
     from moteslam.robot.inspection import Inspection
@@ -79,8 +78,8 @@ def inspect(
 
         with folder_for(plot):
             draw_streams(plot, recording, found)
-    calibration = None if about is None else [asdict(one) for one in about.figures]
-    answer({**found.to_dict(), "calibration": calibration}, _lines(found, recording.platform, about), as_json=as_json)
+    whole = {**found.to_dict(), "calibration": None if about is None else [asdict(one) for one in about.figures]}
+    answer(whole, _lines(found, recording.platform, about), as_json=as_json)
 
 
 def _stale(recording: Recording) -> tuple[Issue, ...]:

@@ -12,7 +12,7 @@ import typer
 from moteslam.errors import InputError
 from moteslam.eval.cli import options
 from moteslam.eval.cli.text import answer, warn
-from moteslam.eval.literal import literal
+from moteslam.eval.tables import literal
 
 if TYPE_CHECKING:
     import numpy as np

@@ -12,12 +12,11 @@ from typing import TYPE_CHECKING, Any
 
 from moteslam.eval.cli.evaluate_tables import loop_lines
 from moteslam.eval.cli.text import answer, progress_bar, warn
-from moteslam.eval.literal import literal
 from moteslam.eval.metrics.evidence import DEAD_RECKONING, FINAL, ONLINE
 from moteslam.eval.report.stages import Snapshots, TextureStages
 from moteslam.eval.results import write_results
 from moteslam.eval.scores import Figures, number
-from moteslam.eval.tables import aligned
+from moteslam.eval.tables import aligned, literal
 from moteslam.robot.raster import Raster
 from moteslam.robot.recording import Recording
 from moteslam.robot.trajectory import Trajectory
@@ -150,8 +149,8 @@ def _lines(run: Run, out: Path, driven: str) -> Iterator[str]:
 def score_lines(figures: Figures) -> Iterator[str]:
     """The absolute error, and the relative error over 1 m, which is drift a metre; then the scores of loops."""
     rows: list[tuple[str, ...]] = [("", "ATE RMSE", "median", "max", "heading RMSE", "RPE over 1 m")]
-    columns = (("ate", 100, ".1f", "cm"), ("ate_median", 100, ".1f", "cm"), ("ate_max", 100, ".1f", "cm"))
-    columns += (("heading", 1, ".2f", "deg"), ("rpe_1m", 100, ".2f", "cm"))
+    columns = [("ate", 100, ".1f", "cm"), ("ate_median", 100, ".1f", "cm"), ("ate_max", 100, ".1f", "cm")]
+    columns += [("heading", 1, ".2f", "deg"), ("rpe_1m", 100, ".2f", "cm")]
     for name, track in (("dead reckoning", DEAD_RECKONING), ("SLAM (online)", ONLINE), ("SLAM (final)", FINAL)):
         cells = []
         for metric, factor, form, unit in columns:

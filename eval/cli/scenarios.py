@@ -10,8 +10,7 @@ import typer
 
 from moteslam.eval.cli import options
 from moteslam.eval.cli.text import answer, progress_bar, say, simulation_bar
-from moteslam.eval.literal import literal
-from moteslam.eval.tables import aligned
+from moteslam.eval.tables import aligned, literal
 
 if TYPE_CHECKING:
     import numpy as np

@@ -13,8 +13,7 @@ import typer
 from moteslam.errors import ConfigError, MoteslamError
 from moteslam.eval.cli import options
 from moteslam.eval.cli.text import answer, note, progress_bar, simulation_bar
-from moteslam.eval.literal import literal
-from moteslam.eval.tables import aligned
+from moteslam.eval.tables import aligned, literal
 
 if TYPE_CHECKING:
     from moteslam.sim.logged import Logging

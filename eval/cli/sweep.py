@@ -13,11 +13,11 @@ from typer.core import TyperGroup
 
 from moteslam.errors import ConfigError, InputError
 from moteslam.eval.cli import options
+from moteslam.eval.cli.compare import affordable, affordable_lines
 from moteslam.eval.cli.interrupt import Interrupted
-from moteslam.eval.cli.sweep_tables import affordable, affordable_lines, metric_names, summary_lines, summed_up, total
+from moteslam.eval.cli.sweep_tables import metric_names, summary_lines, summed_up, total
 from moteslam.eval.cli.text import answer, note, progress_bar, say
-from moteslam.eval.literal import literal
-from moteslam.eval.tables import aligned
+from moteslam.eval.tables import aligned, literal
 
 
 class RunByDefault(TyperGroup):
@@ -86,8 +86,7 @@ def run(
     """  # noqa: D301
     from moteslam.eval.results import environment
     from moteslam.eval.sweep import workers as processes
-    from moteslam.eval.sweep.bundled import spec_file
-    from moteslam.eval.sweep.spec import read_spec
+    from moteslam.eval.sweep.spec import read_spec, spec_file
     from moteslam.eval.sweep.store import WHOLE, begin, opened
     from moteslam.robot.values import counted, processor_count
 
@@ -142,9 +141,8 @@ def list_specs(
       moteslam sweep list
       moteslam sweep list particles > mine.toml
     """  # noqa: D301
-    from moteslam.eval.sweep.bundled import bundled_specs, digest, spec_file
-    from moteslam.eval.sweep.plan import plan
-    from moteslam.eval.sweep.spec import read_spec
+    from moteslam.eval.sweep.plan import digest, plan
+    from moteslam.eval.sweep.spec import bundled_specs, read_spec, spec_file
 
     if name is not None:
         text = spec_file(name).read_text(encoding="utf-8")
@@ -189,7 +187,7 @@ def show(
     form = options.chosen_format(form, as_json=as_json)
     if budget is not None:
         within = affordable(file, budget, names)
-        answer(within, affordable_lines(within, *names, form), as_json=form == "json")
+        answer(within, affordable_lines(within, names[0], form), as_json=form == "json")
         return
     with opened(file) as store:
         found = summed_up(store, SweepSpec.model_validate_json(store.spec), metrics)

@@ -1,24 +1,20 @@
-"""What ``moteslam sweep show`` finds and prints: summaries, and the best configuration within a budget of time."""
+"""What ``moteslam sweep show`` finds and prints: a summary for each configuration and scenario."""
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator
 from dataclasses import asdict
-from math import inf, isinf
+from math import isinf
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from moteslam.errors import ConfigError, InputError
+from moteslam.errors import ConfigError
 from moteslam.eval.tables import FORMATS
 
 if TYPE_CHECKING:
     from moteslam.eval.sweep.spec import SweepSpec
     from moteslam.eval.sweep.store import Row, Store
 
-COST = "cpu_per_scan"
-BUDGET = re.compile(r"([0-9]+(?:\.[0-9]+)?)\s*(us|ms|s)")
-MILLISECONDS = {"us": 1e-3, "ms": 1.0, "s": 1e3}
 PARTS = ("median", "low", "high", "low_quartile", "high_quartile")
 """Of a summary, in the table for programs."""
 
@@ -91,7 +87,7 @@ def summary_lines(found: dict[str, Any], form: str) -> Iterator[str]:
                 if form == "csv":
                     cells += [digits(one[part]) for part in PARTS]
                 else:
-                    median, *ends = (_number(one[part]) for part in PARTS)
+                    median, *ends = (shown(one[part]) for part in PARTS)
                     cells += [median, interval(*ends[:2]), interval(*ends[2:])]
             rows.append(cells)
         yield FORMATS[form](rows)
@@ -103,67 +99,6 @@ def total(found: dict[str, Any]) -> str:
     """How many runs there are of each status."""
     names = {"pending": "not made yet"}
     return ", ".join(f"{count} {names.get(name, name)}" for name, count in found["runs"].items())
-
-
-def affordable(file: Path, budget: str, metrics: list[str]) -> list[dict[str, Any]]:
-    """The configurations of a sweep whose median processor time a scan is within a budget, the best first.
-
-    Best is the best median of the metric over all runs, failed ones among them; the others are compared with it in
-    pairs, since medians that differ by less than their seeds do say little.
-    """
-    from moteslam.eval.populations import populations, values_of
-    from moteslam.eval.statistics import Summary, compare
-    from moteslam.eval.sweep.tables import better
-
-    given = BUDGET.fullmatch(budget.strip())
-    if given is None or not float(given[1]) > 0:
-        raise ConfigError(f"{budget!r}, expected a time above 0 a scan, such as 10ms", field="--budget")
-    if len(metrics) > 1:
-        raise ConfigError("more than one with --budget, expected what the best is chosen by", field="--metric")
-    (metric,), limit = metrics, float(given[1]) * MILLISECONDS[given[2]]
-
-    def summary(values: dict[Any, float | None], metric: str) -> Summary:
-        there = [value for value in values.values() if value is not None]
-        return Summary.of(there, len(values) - len(there), better=better(metric))
-
-    found = populations([file])
-    costs = {name: [v for v in values_of(runs, COST).values() if v is not None] for name, runs in found.items()}
-    known = {name: median for name, cost in costs.items() if (median := Summary.of(cost).median) is not None}
-    if not known:
-        raise InputError("without times, expected a sweep that was made with --time", file=file, field=COST)
-    values = {name: values_of(found[name], metric) for name, cost in known.items() if cost <= limit}
-    if not values:
-        name = min(known, key=known.__getitem__)
-        problem = f"nothing costs {limit:g} ms a scan or less; the cheapest is {name}, {known[name]:.3g} ms"
-        raise InputError(problem, file=file, field=COST)
-    sign = 1.0 if better(metric) == "lower" else -1.0
-    summaries = {name: summary(each, metric) for name, each in values.items()}
-    best, *others = sorted(values, key=lambda name: inf if (m := summaries[name].median) is None else sign * m)
-    return [
-        {
-            "configuration": name,
-            "cpu_per_scan_ms": known[name],
-            metric: asdict(summaries[name]),
-            "best_against_it": None
-            if name == best
-            else asdict(compare(values[name], values[best], better=better(metric))),
-        }
-        for name in (best, *others)
-    ]
-
-
-def affordable_lines(found: list[dict[str, Any]], metric: str, form: str) -> Iterator[str]:
-    """A row a configuration."""
-    from moteslam.robot.values import interval
-
-    rows = [("configuration", "ms a scan", metric, "95 %", "the best beats it in")]
-    for each in found:
-        one, against = each[metric], each["best_against_it"]
-        beaten = "" if against is None else f"{against['wins']} of {against['pairs']}, p {against['p']:.2g}"
-        within = interval(_number(one["low"]), _number(one["high"]))
-        cost = f"{each['cpu_per_scan_ms']:.3g}"
-        rows.append((each["configuration"], cost, _number(one["median"]), within, beaten))
-    yield FORMATS[form](rows)
 
 
 def with_unit(name: str) -> str:
@@ -182,5 +117,6 @@ def digits(value: float | None) -> str:
     return "" if value is None else repr(value)
 
 
-def _number(value: float | None) -> str:
+def shown(value: float | None) -> str:
+    """For people."""
     return "-" if value is None else "failed" if isinf(value) else f"{value:.4g}"

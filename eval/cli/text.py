@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from moteslam.errors import OutputError
 from moteslam.eval.cli.interrupt import check_interrupt
-from moteslam.eval.literal import literal
+from moteslam.eval.tables import literal
 
 if TYPE_CHECKING:
     from moteslam.robot.values import Issue

@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 import csv
-import io
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from moteslam.errors import InputError, OutputError
-from moteslam.eval.literal import literal
 from moteslam.eval.metrics.catalogue import COSTS
 from moteslam.eval.sweep.store import Row, opened
+from moteslam.eval.tables import comma_separated, literal
 from moteslam.robot.files import read_text, write_atomically
 
 MAX_BYTES = 1_000_000_000
 """No exported table is larger."""
-ABOUT = frozenset({"id", "scenario", "recording", "platform", "noise", "seed", "configuration"})
+ABOUT = ("id", "scenario", "recording", "platform", "noise", "seed", "configuration")
 """Columns that say which run a row is, beside those with a point that vary."""
 
 Table = dict[str, dict[str, str]]
@@ -24,14 +23,10 @@ Table = dict[str, dict[str, str]]
 
 
 def read_table(path: Path) -> Table:
-    """The runs of a sweep, or of a table that ``sweep export`` wrote, those that were made.
-
-    Raises:
-        InputError: it is neither.
-    """
+    """The runs of a sweep, or of a table that ``sweep export`` wrote, those that were made."""
     if path.suffix == ".csv":
         rows = list(csv.DictReader(read_text(path, "a table of a sweep", limit=MAX_BYTES).splitlines()))
-        if not rows or not set(rows[0]) >= ABOUT | {"status", "error"}:
+        if not rows or not set(rows[0]) >= {*ABOUT, "status", "error"}:
             raise InputError("expected a table that `moteslam sweep export` wrote", file=path)
     else:
         with opened(path) as store:
@@ -58,43 +53,28 @@ def differences(first: Table, second: Table) -> list[dict[str, str]]:
 
 def columns(rows: Sequence[Row]) -> dict[str, list[Any]]:
     """Every run as a row: what it is, what became of it, its values, and its times at the end, by column."""
-    names = list(dict.fromkeys(name for row in rows for name in row.values))
-    costs = list(dict.fromkeys(name for row in rows for name in row.costs))
-    varied = list(dict.fromkeys(key for row in rows for key, _ in row.run.varied))
-    table: dict[str, list[Any]] = {
-        "id": [row.run.id for row in rows],
-        "scenario": [row.run.scenario for row in rows],
-        "recording": [row.run.recording for row in rows],
-        "platform": [row.run.platform for row in rows],
-        "noise": [row.run.noise for row in rows],
-        "seed": [row.run.seed for row in rows],
-        "configuration": [row.run.configuration for row in rows],
-    }
+
+    def each(*mappings: Mapping[str, Any]) -> dict[str, list[Any]]:
+        """A column for each key that any of these has, a mapping a row."""
+        names = dict.fromkeys(name for one in mappings for name in one)
+        return {name: [one.get(name) for one in mappings] for name in names}
+
+    table: dict[str, list[Any]] = {name: [getattr(row.run, name) for row in rows] for name in ABOUT}
     if any(row.run.version for row in rows):
         table["version"] = [row.run.version for row in rows]
-    table |= {key: [dict(row.run.varied).get(key) for row in rows] for key in varied}
+    table |= each(*(dict(row.run.varied) for row in rows))
     table |= {"status": [row.status for row in rows], "error": [literal(row.error) for row in rows]}
-    table |= {name: [row.values.get(name) for row in rows] for name in names}
-    return table | {name: [row.costs.get(name) for row in rows] for name in costs}
+    return table | each(*(row.values for row in rows)) | each(*(row.costs for row in rows))
 
 
 def as_csv(rows: Sequence[Row]) -> str:
     """The columns as CSV: numbers with the fewest digits that read back the same, empty for None."""
     table = columns(rows)
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(table)
-    for values in zip(*table.values(), strict=True):
-        writer.writerow(map(_text, values))
-    return text.getvalue()
+    return comma_separated([list(table), *(list(map(_text, row)) for row in zip(*table.values(), strict=True))]) + "\n"
 
 
 def write_parquet(path: Path, rows: Sequence[Row]) -> None:
-    """Write the columns as Parquet.
-
-    Raises:
-        OutputError: pyarrow is not installed (extra ``parquet``), or the file cannot be written.
-    """
+    """Write the columns as Parquet."""
     try:
         import pyarrow
         from pyarrow import parquet

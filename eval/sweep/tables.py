@@ -58,7 +58,7 @@ def summaries(rows: Iterable[Row], metrics: Sequence[str], success: dict[str, fl
             groups.setdefault(tuple(group_of(row).items()), []).append(row)
     found = []
     for group, members in groups.items():
-        good = [row.values | row.costs for row in members if row.status == "ok"]
+        good = [row.known for row in members if row.status == "ok"]
         failed = len(members) - len(good)
         values = {name: Summary.of([one.get(name) for one in good], failed, better=better(name)) for name in metrics}
         succeeded = Proportion(sum(succeeds(row, success) for row in members), len(members))

@@ -15,7 +15,7 @@ import pytest
 from command_lines import refused
 
 from moteslam.eval.cli import interrupt, main
-from moteslam.eval.literal import literal
+from moteslam.eval.tables import literal
 
 
 @pytest.mark.parametrize(

@@ -9,11 +9,9 @@ from pathlib import Path
 import pytest
 
 from moteslam.eval.cli import main
-from moteslam.eval.sweep import bundled
-from moteslam.eval.sweep.bundled import bundled_specs, digest
 from moteslam.eval.sweep.export import read_table
-from moteslam.eval.sweep.plan import PlannedRun, plan
-from moteslam.eval.sweep.spec import read_spec
+from moteslam.eval.sweep.plan import PLATFORMS, SCENARIOS, PlannedRun, digest, plan
+from moteslam.eval.sweep.spec import bundled_specs, read_spec
 from moteslam.eval.sweep.store import opened
 
 SUITE_1 = "e6250b323c16c3c3ba468dcda1f89303fe1a35ee901fcc90a598da2345b8b252"
@@ -46,9 +44,9 @@ def test_the_suite_is_what_it_was() -> None:
 
 
 def test_the_hash_follows_from_scenarios_and_robots(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    for name in ("SCENARIOS", "PLATFORMS"):
-        shutil.copytree(getattr(bundled, name), tmp_path / name)
-        monkeypatch.setattr(bundled, name, tmp_path / name)
+    for name, folder in (("SCENARIOS", SCENARIOS), ("PLATFORMS", PLATFORMS)):
+        shutil.copytree(folder, tmp_path / name)
+        monkeypatch.setattr(f"moteslam.eval.sweep.plan.{name}", tmp_path / name)
     runs = runs_of("corridor-suite-1")
     before = digest(runs)
 
@@ -71,7 +69,7 @@ def test_the_hash_follows_from_scenarios_and_robots(tmp_path: Path, monkeypatch:
 
 def test_the_hash_follows_from_robots_that_scenarios_name(tmp_path: Path) -> None:
     (tmp_path / "mine.toml").write_text('base = "rplidar_a1"\nwidth = 0.3\n', encoding="utf-8")
-    scenario = (bundled.SCENARIOS / "corridor.toml").read_text(encoding="utf-8")
+    scenario = (SCENARIOS / "corridor.toml").read_text(encoding="utf-8")
     (tmp_path / "here.toml").write_text(f'platform = "mine.toml"\n{scenario}', encoding="utf-8")
     (tmp_path / "spec.toml").write_text(ONE.replace('"corridor"', '"here.toml"'), encoding="utf-8")
     runs = plan(read_spec(tmp_path / "spec.toml"))
@@ -95,7 +93,7 @@ def test_the_hash_is_recorded_and_other_runs_of_the_same_names_are_refused(
     assert json.loads(capsys.readouterr().out)["hash"] == expected
     spec.write_text(f'description = "What it is for."\n{ONE}', encoding="utf-8")
     assert main.run(["sweep", str(spec)]) == 0  # words are no other sweep
-    monkeypatch.setattr("moteslam.eval.sweep.bundled.digest", lambda _: "0" * 64)
+    monkeypatch.setattr("moteslam.eval.sweep.store.digest", lambda _: "0" * 64)
     capsys.readouterr()
     assert main.run(["sweep", str(spec)]) == 2
     assert "has runs of other scenarios or robots of these names" in capsys.readouterr().err

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from moteslam.eval.cli import main
-from moteslam.eval.populations import populations
+from moteslam.eval.cli.compare import populations
 from moteslam.eval.statistics import compare
 from moteslam.eval.sweep.plan import plan
 from moteslam.eval.sweep.spec import read_spec

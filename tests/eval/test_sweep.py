@@ -74,7 +74,7 @@ def test_every_configuration_with_every_value_on_every_seed(tmp_path: Path) -> N
     assert [run.case for run in runs] == sorted(run.case for run in runs)
     again = planned(tmp_path)
     assert [run.id for run in again] == [run.id for run in runs]
-    assert [PlannedRun.of(json.loads(json.dumps(run.as_dict()))) for run in runs] == runs
+    assert [PlannedRun.model_validate_json(run.model_dump_json()) for run in runs] == runs
 
 
 def test_keys_of_scenario_and_robot_vary_too(tmp_path: Path) -> None:
@@ -145,7 +145,7 @@ HERE = "scenarios = ['corridor']\n"
         (HERE + "[vary]\nslam.particles = { first = 1, last = 9, step = 2 }", "vary.slam.particles.range.step"),
         (HERE + "[vary]\nscenario.speeed = [1]", "vary.scenario.speeed: "),
         (HERE + "seeds = '0'\n[vary]\nslam.particles = [2, 2]", "(corridor, seed 0, default, slam.particles=2)"),
-        (HERE + "[configurations.'a b']", "configurations: 'a b', "),
+        (HERE + "[configurations.'a b']", "configurations.a b.[key]: "),
         (HERE + "[configurations.a]\npreset = 'b'", "configurations.a, b: no such preset"),
         (HERE + "[configurations.a]\nset = { slam.backend.method = 'no' }", "configurations.a, backend.method: "),
         (HERE + "[configurations.a]\ntrajectory = 'x'\n", "configurations.a: trajectory without a command"),
