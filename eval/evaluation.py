@@ -25,7 +25,7 @@ from moteslam.eval.metrics.relations import (
     read_relations,
 )
 from moteslam.eval.metrics.residuals import ResidualResult, scan_residuals
-from moteslam.eval.metrics.rpe import relative_pose_error
+from moteslam.eval.metrics.rpe import Unit, relative_pose_error
 from moteslam.eval.metrics.space import in_plane, spatial
 from moteslam.robot.formats.map_server import read_map
 from moteslam.robot.platform import Platform
@@ -74,7 +74,7 @@ def against(
     align: bool = True,
     scale: bool = False,
     delta: float = 1.0,
-    unit: str = "m",
+    unit: Unit = "m",
     all_pairs: bool = False,
     max_difference: float | None = None,
     interpolate: bool = True,
@@ -94,10 +94,11 @@ def against(
         tolerance = TOLERANCE if max_difference is None else max_difference
         return _against_relations(estimate, reference, tolerance, interpolate=interpolate)
     apart = MAX_DIFFERENCE if max_difference is None else max_difference
+    about: dict[str, Any]
     if isinstance(reference, Positions):
         kind = "positions"
         ate, issues = _against_positions(estimate, reference, robot, apart, align=align, scale=scale)
-        about: dict[str, Any] = {"ate": {name: value for name, value in ate.as_dict().items() if name != "rotation_deg"}}
+        about = {"ate": {name: value for name, value in ate.as_dict().items() if name != "rotation_deg"}}
     else:
         kind = "trajectory"
         ate, issues = _against_trajectory(estimate, reference, apart, align=align, scale=scale)
@@ -107,7 +108,7 @@ def against(
                 estimate,
                 reference,
                 delta=delta,
-                unit=unit,  # type: ignore[arg-type]  # checked there
+                unit=unit,
                 all_pairs=all_pairs,
                 max_difference=apart,
             ).as_dict()

@@ -39,7 +39,7 @@ def compare(
     baseline: Annotated[
         str | None, typer.Option(metavar="NAME", help="Compare with this configuration [the first].")
     ] = None,
-    form: options.Format = None,
+    form: options.Format = "text",
     as_json: options.Json = False,
 ) -> None:
     """Compare configurations on the same scenarios, platforms and seeds, in pairs.
@@ -58,7 +58,6 @@ def compare(
     from moteslam.eval.sweep.tables import better
 
     names = metric_names(metrics)
-    form = options.chosen_format(form, as_json=as_json)
     found = populations(paths)
     if len(found) < 2:
         raise InputError(f"{len(found)} configuration, expected two or more to compare", file=paths[0])
@@ -74,7 +73,7 @@ def compare(
         }
     if not any(one["pairs"] for each in compared.values() for one in each.values()):
         raise InputError(f"no run in common with {first} that has {', '.join(names)}", file=paths[-1])
-    answer({"baseline": first, "metrics": compared}, _lines(first, compared, form), as_json=form == "json")
+    answer({"baseline": first, "metrics": compared}, _lines(first, compared, form), as_json=as_json)
 
 
 def populations(paths: Sequence[Path]) -> dict[str, Runs]:

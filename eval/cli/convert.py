@@ -49,14 +49,20 @@ def convert(
     from moteslam.robot.files import result_folder, staged_file
     from moteslam.robot.formats import format_to_write
     from moteslam.robot.inspection import stream_reports
-    from moteslam.robot.trajectories import is_trajectory
+    from moteslam.robot.trajectories import is_trajectory, trajectory_format_to_write
 
     found: dict[str, Any]
     if is_trajectory(path) or _stands_for_trajectory(out, to):
         if part.given:
             raise ConfigError("of a recording, expected none for a trajectory", field=f"--{next(iter(part.given))}")
-        found, issues = _convert_trajectory(path, out, to, force=force)
-        lines = _trajectory_lines(found, path)
+        try:
+            name, kind = trajectory_format_to_write(out, to)
+        except (ConfigError, OutputError) as error:
+            raise ConfigError(f"{path} is a trajectory: {error.problem}", field="--to") from error
+        with staged_file(out, force=force, keep=path) as file:
+            trajectory, issues = _read(path)
+            kind.write(file, trajectory)
+        found = {"out": str(out), "format": name, "poses": len(trajectory), "distance_m": trajectory.length}
     else:
         with options.named("--to"):
             name, known = format_to_write(out, to)
@@ -72,25 +78,22 @@ def convert(
             "readings": {stream.name: stream.readings for stream in stream_reports(recording)},
             "truth": None if truth is None else str(truth),
         }
-        lines = _recording_lines(found)
     if not as_json:
         warn(issues)
-    answer(found | {"warnings": [issue.as_dict() for issue in issues]}, lines, as_json=as_json)
+    answer(found | {"warnings": [issue.as_dict() for issue in issues]}, _lines(found, path), as_json=as_json)
 
 
-def _recording_lines(found: dict[str, Any]) -> Iterator[str]:
-    counts = ", ".join(f"{stream} {count}" for stream, count in found["readings"].items())
-    yield f"{literal(found['recording'])}: readings of {counts}"
-    yield f"wrote {literal(found['out'])}, {found['format']}"
-    if found["truth"] is not None:
-        yield f"the truth stays where it is: moteslam evaluate TRAJECTORY {literal(found['truth'])}"
-
-
-def _trajectory_lines(found: dict[str, Any], path: Path) -> Iterator[str]:
+def _lines(found: dict[str, Any], path: Path) -> Iterator[str]:
     from moteslam.robot.values import counted
 
-    yield f"{literal(path.name)}: {counted(found['poses'], 'pose')}, {found['distance_m']:.1f} m"
+    if "poses" in found:
+        yield f"{literal(path.name)}: {counted(found['poses'], 'pose')}, {found['distance_m']:.1f} m"
+    else:
+        counts = ", ".join(f"{stream} {count}" for stream, count in found["readings"].items())
+        yield f"{literal(found['recording'])}: readings of {counts}"
     yield f"wrote {literal(found['out'])}, {found['format']}"
+    if found.get("truth") is not None:
+        yield f"the truth stays where it is: moteslam evaluate TRAJECTORY {literal(found['truth'])}"
 
 
 def _stands_for_trajectory(out: Path, to: str | None) -> bool:
@@ -102,23 +105,6 @@ def _stands_for_trajectory(out: Path, to: str | None) -> bool:
     except (ConfigError, OutputError):
         return False
     return True
-
-
-def _convert_trajectory(
-    path: Path, out: Path, to: str | None, *, force: bool
-) -> tuple[dict[str, Any], tuple[Issue, ...]]:
-    """Write a trajectory in the format of a name, or of the ending of OUT; KITTI's stamps lie beside it."""
-    from moteslam.robot.files import staged_file
-    from moteslam.robot.trajectories import trajectory_format_to_write
-
-    try:
-        name, known = trajectory_format_to_write(out, to)
-    except (ConfigError, OutputError) as error:
-        raise ConfigError(f"{path} is a trajectory: {error.problem}", field="--to") from error
-    with staged_file(out, force=force, keep=path) as file:
-        trajectory, issues = _read(path)
-        known.write(file, trajectory)
-    return {"out": str(out), "format": name, "poses": len(trajectory), "distance_m": trajectory.length}, issues
 
 
 def _read(path: Path) -> tuple[Trajectory, tuple[Issue, ...]]:

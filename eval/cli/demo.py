@@ -36,7 +36,7 @@ def demo(
     config = run.resolved()
 
     from moteslam.eval.cli.running import run_into, say_run
-    from moteslam.eval.cli.simulate import named_in_errors, scenario_of
+    from moteslam.eval.cli.simulate import scenario_of
     from moteslam.kernels import runtime
     from moteslam.robot.files import result_folder
     from moteslam.sim.simulate import simulate
@@ -44,7 +44,7 @@ def demo(
     driven = scenario_of(scenario, run.seed, platform=platform, noise=noise, duration=duration)
     with result_folder(out, force=run.force) as folder:
         runtime.init(run.arch, run.threads)  # a device that is not there is refused before the drive
-        with named_in_errors(scenario), simulation_bar() as report:
+        with options.in_file(scenario), simulation_bar() as report:
             simulation = simulate(driven, run.seed, progress=report)
         done = run_into(
             folder,

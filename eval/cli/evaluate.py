@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import typer
 
-from moteslam.errors import InputError, MoteslamError
+from moteslam.errors import InputError
 from moteslam.eval.cli import options
 from moteslam.eval.cli.text import answer, note, warn
 
@@ -62,7 +60,7 @@ def evaluate(
         bool, typer.Option("--scale", help="Fit the scale too, for the absolute error: ranges or wheels may be off.")
     ] = False,
     delta: Annotated[float, typer.Option(help="Length of a pair for the relative error.")] = 1.0,
-    unit: Annotated[str, typer.Option(metavar="m|s|frames", help="Unit of --delta.")] = "m",
+    unit: Annotated[Literal["m", "s", "frames"], typer.Option(metavar="m|s|frames", help="Unit of --delta.")] = "m",
     all_pairs: Annotated[
         bool, typer.Option("--all-pairs", help="A pair from every pose on, not one after another.")
     ] = False,
@@ -151,7 +149,7 @@ def evaluate(
         rows.append({"estimate": name})
         whole.append({"estimate": name})
         if truth is not None and reference is not None:
-            with _named(reference), options.named(delta="--delta", unit="--unit", max_difference="--max-difference"):
+            with options.in_file(reference), options.named(delta="--delta", max_difference="--max-difference"):
                 compared = against(
                     one,
                     truth,
@@ -168,7 +166,7 @@ def evaluate(
             rows[-1] |= {"reference": str(reference), **compared.figures}
             whole[-1] |= {"reference": str(reference), **compared.figures, "errors": compared.errors}
         if opened is not None:
-            with _named(name):
+            with options.in_file(name):
                 under = under_recording(one, opened, scans=scans)
             rows[-1] |= {"recording": str(recording), "residuals": under.figures}
             whole[-1] |= {"recording": str(recording), "residuals": {**under.figures, "errors": under.errors}}
@@ -203,17 +201,6 @@ def evaluate(
             note(f"warning: {doubt}")
     one_or_all = rows[0] if len(rows) == 1 else {"reference": str(reference), "results": rows}
     answer(one_or_all | found, lines_of(rows, found), as_json=as_json)
-
-
-@contextmanager
-def _named(file: Path | str) -> Iterator[None]:
-    """Errors of the block that name neither file nor option name the file."""
-    try:
-        yield
-    except MoteslamError as error:
-        if error.file is not None or (error.field or "").startswith("--"):
-            raise
-        raise InputError(error.problem, file=file) from error
 
 
 def _refuse_options(context: typer.Context, paths: list[Path], recording: Path | None, map_file: Path | None) -> None:

@@ -10,7 +10,7 @@ from inspect import Parameter, signature
 from itertools import chain
 from math import inf
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, Literal, get_type_hints
 
 import typer
 
@@ -30,7 +30,7 @@ Force = Annotated[bool, typer.Option("--force", help="Replace an existing --out,
 ForceFile = Annotated[bool, typer.Option("--force", help="Replace an existing file.")]
 Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
 Format = Annotated[
-    str | None,
+    Literal["text", "markdown", "latex", "csv"],
     typer.Option("--format", metavar="markdown|latex|csv", help="Of the table that is printed, in place of text."),
 ]
 Metrics = Annotated[
@@ -49,7 +49,7 @@ Robot = Annotated[
     str | None, typer.Option("--platform", metavar="NAME|FILE", help="Another robot: see moteslam platforms.")
 ]
 NoiseClass = Annotated[
-    str | None,
+    Literal["datasheet", "as_recorded"] | None,
     typer.Option("--noise", metavar="datasheet|as_recorded", help="How wrong the sensors are; datasheet by default."),
 ]
 PlatformFile = Annotated[
@@ -74,6 +74,17 @@ def named(option: str | None = None, /, **by_field: str) -> Iterator[None]:
         raise type(error)(error.problem, field=flag) from error
 
 
+@contextmanager
+def in_file(file: Path | str) -> Iterator[None]:
+    """Errors of the block that name neither file nor option name this file, as the user wrote it."""
+    try:
+        yield
+    except MoteslamError as error:
+        if error.file is not None or (error.field or "").startswith("--"):
+            raise
+        raise type(error)(error.problem, file=file, field=error.field) from error
+
+
 def expect_new(file: Path | None, *endings: str, force: bool) -> None:
     """Refuse a file to write that exists, is no regular file, or whose ending is not one of these."""
     if file is None:
@@ -85,16 +96,6 @@ def expect_new(file: Path | None, *endings: str, force: bool) -> None:
     expect_file(file)
     if file.exists() and not force:
         raise ExistsError("exists already; name a new file", file=file)
-
-
-def chosen_format(given: str | None, *, as_json: bool) -> str:
-    """What ``--format`` and ``--json`` ask for: ``json`` or one of ``moteslam.eval.tables.FORMATS``."""
-    from moteslam.eval.tables import FORMATS
-
-    if given is not None and (as_json or given not in FORMATS):
-        expected = "one of the two" if as_json else f"one of {', '.join(FORMATS)}"
-        raise ConfigError(f"{given!r}{' with --json' if as_json else ''}, expected {expected}", field="--format")
-    return "json" if as_json else given or "text"
 
 
 @dataclass(frozen=True)

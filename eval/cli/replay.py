@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from math import degrees
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -37,7 +37,7 @@ def replay(
         bool, typer.Option("--dead-reckoning", help="Odometry alone: no lidar needed, --out optional.")
     ] = False,
     calibrate: Annotated[
-        str | None,
+        Literal["lidar", "odometry"] | None,
         typer.Option(
             metavar="lidar|odometry",
             help="Mend what is certainly not as stated; where the two contradict each other, this one is wrong.",
@@ -68,8 +68,6 @@ def replay(
     config = run.resolved()
     if path is None:
         raise typer.BadParameter("missing, expected a recording", param_hint="'PATH'")
-    if calibrate not in (None, "lidar", "odometry"):
-        raise typer.BadParameter(f"{calibrate!r}, expected lidar or odometry", param_hint="'--calibrate'")
     if dead_reckoning:
         _dead_reckon(path, part.open(path), config, out, run)
         return
@@ -97,7 +95,7 @@ def replay(
     say_run(done, out, f"{recording.name}: {done.estimate.trajectory_final.length:.1f} m", as_json=run.as_json)
 
 
-def _checked(recording: Recording, side: str | None) -> tuple[Recording, tuple[Issue, ...]]:
+def _checked(recording: Recording, side: Literal["lidar", "odometry"] | None) -> tuple[Recording, tuple[Issue, ...]]:
     """The recording as SLAM is to take it in, and what of it is not as stated.
 
     Args:
@@ -116,7 +114,7 @@ def _checked(recording: Recording, side: str | None) -> tuple[Recording, tuple[I
     if side is None:
         moves = tuple(Issue(issue.code, f"{issue.message}; see --calibrate") for issue in about.moves)
         return (with_form(recording, found.form) if about.unusable else recording), moves
-    mended = calibrated(recording, found, "lidar" if side == "lidar" else "odometry")
+    mended = calibrated(recording, found, side)
     return mended, tuple(Issue(issue.code, f"{issue.message}; mended by the {side}") for issue in about.issues)
 
 

@@ -53,14 +53,14 @@ def show(
       moteslam scenarios show office --out office.png
       moteslam scenarios show random-corridors --seed 7 --drive --out unseen.png
     """  # noqa: D301
-    from moteslam.eval.cli.simulate import named_in_errors, scenario_of
+    from moteslam.eval.cli.simulate import scenario_of
     from moteslam.eval.report.scenarios import draw_scenario
     from moteslam.robot.files import folder_for
     from moteslam.sim.simulate import true_drive
 
     options.expect_new(out, ".png", force=force)
     chosen = scenario_of(scenario, seed)
-    with named_in_errors(scenario):
+    with options.in_file(scenario):
         driven = true_drive(chosen, seed).poses[:, :2] if drive else None
     with folder_for(out):
         draw_scenario(out, chosen, driven=driven)
@@ -95,7 +95,7 @@ def animate(
       moteslam scenarios animate people --out people.gif
       moteslam scenarios animate corridor --duration 60 --speed 5 --fps 25 --out corridor.mp4
     """  # noqa: D301
-    from moteslam.eval.cli.simulate import named_in_errors, scenario_of
+    from moteslam.eval.cli.simulate import scenario_of
     from moteslam.eval.report.animation import Pace, film
     from moteslam.eval.report.video import check_film, write_film
     from moteslam.robot.files import folder_for
@@ -109,7 +109,7 @@ def animate(
     config = options.SlamOptions(preset=preset, settings=settings).resolved()
     chosen = scenario_of(scenario, seed, platform=platform, noise=noise, duration=duration)
     with folder_for(out):
-        with named_in_errors(scenario), simulation_bar() as report:
+        with options.in_file(scenario), simulation_bar() as report:
             simulation = simulate(chosen, seed, progress=report)
         session = SlamSession(simulation.recording, config, seed=simulation.scenario.seed)
         assert simulation.recording.lidar is not None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from contextlib import closing, contextmanager
+from contextlib import closing
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -71,7 +71,7 @@ class Recorded:
                 expect_classic_fan(scan.beams, scan.angle_min, scan.angle_increment)
         if not self.camera:
             return loaded
-        with named_in_errors(name):
+        with options.in_file(name):
             return with_camera(loaded)
 
     def simulate(self, scenario: Scenario, seed: int | None, progress: Progress | None = None) -> Simulation:
@@ -126,7 +126,11 @@ def simulate(
             made = _make_batch(scenario, recorded, loaded, loaded.seed if seed is None else seed, batch, folder, jobs)
         answer({"out": str(out), "simulations": made}, _batch_lines(made, out), as_json=as_json)
         return
-    with result_folder(out, force=force) as folder, named_in_errors(scenario):
+    with (
+        result_folder(out, force=force) as folder,
+        options.in_file(scenario),
+        options.named(resolution="--true-map"),
+    ):
         with simulation_bar() as report:
             simulation = recorded.simulate(loaded, seed, report)
         with progress_bar("images", 1.0) as update:
@@ -182,43 +186,16 @@ def scenario_of(
         platform, noise, settings: over the scenario's own, as in ``load_scenario``.
         duration: the drive ends after this time [s], if not before.
     """
-    from moteslam.robot.tables import assigned, leaves
     from moteslam.sim.scenario import load_scenario
     from moteslam.sim.world.random_corridors import NAME as RANDOM_CORRIDORS
 
     numbered = f"{name}-{seed or 0}" if name == RANDOM_CORRIDORS else name
-    try:
+    flags = {"settings": "--set"} | ({} if platform is None else {"platform": "--platform", platform: "--platform"})
+    with options.named(**flags):
         loaded = load_scenario(numbered, platform=platform, noise=noise, settings=settings)
-    except ConfigError as error:
-        field, problem = error.field, error.problem
-        keys = [] if field in (None, "settings") else [f"{key}." for key in leaves(assigned(settings))]
-        if field == "settings":
-            option = "--set"
-        elif any(key.startswith(f"{field}.") or f"{field}.".startswith(key) for key in keys):
-            option = f"--set {field}"
-        elif field == "noise_class" and noise is not None:
-            option = "--noise"
-        elif platform is not None and error.file is None and field in (platform, "platform"):
-            option, problem = "--platform", f"{platform}: {problem}"
-        else:
-            raise
-        raise ConfigError(problem, field=option) from error
     if duration is None:
         return loaded
     return loaded.model_copy(update={"duration": min(duration, loaded.duration)})
-
-
-@contextmanager
-def named_in_errors(scenario: str) -> Iterator[None]:
-    """Name the scenario, as the user wrote it, in errors that a run raises without a file."""
-    try:
-        yield
-    except ConfigError as error:
-        if error.file is not None:
-            raise
-        if error.field == "resolution":  # the only one that the command line sets
-            raise ConfigError(error.problem, field="--true-map") from error
-        raise ConfigError(error.problem, file=scenario, field=error.field) from error
 
 
 def about(simulation: Simulation) -> dict[str, Any]:

@@ -165,7 +165,7 @@ def show(
     budget: Annotated[
         str | None, typer.Option(metavar="TIME", help="The best configuration within this processor time a scan.")
     ] = None,
-    form: options.Format = None,
+    form: options.Format = "text",
     as_json: options.Json = False,
 ) -> None:
     """Sum up the runs recorded so far: median with its 95 % interval, quartiles, successes.
@@ -184,15 +184,14 @@ def show(
     from moteslam.eval.sweep.store import opened
 
     names = metric_names(metrics)
-    form = options.chosen_format(form, as_json=as_json)
     if budget is not None:
         within = affordable(file, budget, names)
-        answer(within, affordable_lines(within, names[0], form), as_json=form == "json")
+        answer(within, affordable_lines(within, names[0], form), as_json=as_json)
         return
     with opened(file) as store:
         found = summed_up(store, SweepSpec.model_validate_json(store.spec), metrics)
-    answer(found, summary_lines(found, form), as_json=form == "json")
-    if form not in ("json", "text") and set(found["runs"]) != {"ok"}:
+    answer(found, summary_lines(found, form), as_json=as_json)
+    if not as_json and form != "text" and set(found["runs"]) != {"ok"}:
         note(f"warning: {file}: {total(found)}")
 
 

@@ -44,16 +44,13 @@ Environment = Mapping[str, Mapping[str, str]]
 
 @dataclass(frozen=True)
 class Row:
-    """A run of a sweep as it is recorded.
+    """A run of a sweep as it is recorded; the dicts are by metric.
 
     Attributes:
-        run: which.
-        status: ``ok``, ``failed``, ``crashed`` or ``timed out``; empty of one that was not made yet.
-        error: why it is not ok.
-        values: by metric; None if absent.
-        units: by metric.
-        absent: reasons, by metric.
-        costs: times and memory, by metric, where they were measured.
+        status: as of ``Outcome``; empty of one that was not made yet.
+        values: None if absent.
+        absent: reasons.
+        costs: times and memory, where they were measured.
         issues: of recording and run.
     """
 
@@ -188,16 +185,7 @@ def create(
     digest: str = "",
     environment: Environment | None = None,
 ) -> None:
-    """Make the file of a sweep, complete or not at all.
-
-    Args:
-        path: a new file.
-        spec: as JSON.
-        runs: of the sweep, in their order.
-        part: of the sweep that these are.
-        digest: of all runs of the sweep.
-        environment: of this computer.
-    """
+    """Make the file of a sweep, complete or not at all; the specification is JSON."""
     about = {"version": VERSION, "spec": spec, "part": part, "digest": digest}
     about["environment"] = json.dumps(environment or {})
     rows = ((run.id, number, run.model_dump_json()) for number, run in enumerate(runs))
@@ -211,14 +199,9 @@ def create(
 
 
 def begin(target: Path, file: Path, spec: SweepSpec, part: str, environment: Environment | None = None) -> None:
-    """Make the file of a sweep, or of a part of it; one that exists must be of the same specification and part.
+    """Make the file of a sweep, or of a part such as ``2/8``; one that exists must be of the same.
 
-    Args:
-        target: the file.
-        file: of the specification.
-        spec: that it holds.
-        part: such as ``2/8``.
-        environment: of this computer.
+    ``file`` is that of the specification, for errors.
     """
     text = spec.model_dump_json(exclude_defaults=True, exclude={"description"})
     number, _, of = part.partition("/")

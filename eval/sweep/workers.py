@@ -42,11 +42,9 @@ class Run(Protocol):
     """Something to make; a process is given runs of the same case, one after the other, if there are any."""
 
     @property
-    def case(self) -> Any:
-        """What the recording follows from."""
+    def case(self) -> Any: ...
 
-    def as_dict(self) -> dict[str, Any]:
-        """As JSON has it."""
+    def as_dict(self) -> dict[str, Any]: ...
 
 
 R = TypeVar("R", bound=Run)
@@ -54,14 +52,7 @@ R = TypeVar("R", bound=Run)
 
 @dataclass(frozen=True)
 class Outcome(Generic[R]):
-    """What became of a run.
-
-    Attributes:
-        run: which.
-        status: ``ok``, ``failed``, ``crashed`` or ``timed out``.
-        error: why it is not ok, in one line.
-        result: what ``make`` returned, of a run that is ok.
-    """
+    """What became of a run: ``ok`` with what ``make`` returned, or ``failed``, ``crashed`` or ``timed out`` and why."""
 
     run: R
     status: str
@@ -130,14 +121,9 @@ class Worker(Generic[R]):
 def make_all(
     runs: Iterable[R], *, workers: int, timeout: float = float("inf"), timed: bool = False, module: str = RUNS
 ) -> Generator[Outcome[R], None, None]:
-    """Make runs in processes of their own, and give what became of each as it ends.
+    """Make runs in so many processes by the ``make`` of a module, and give what became of each as it ends.
 
-    Args:
-        runs: to make.
-        workers: how many processes.
-        timeout: of a run [s].
-        timed: measure time and memory: a new process for each run.
-        module: whose ``make(table, timed=...)`` makes a run.
+    A run that takes longer than ``timeout`` [s] is ended. Where time and memory are measured each has a new process.
     """
     waiting = deque(runs)
     deaths: Counter[int] = Counter()
@@ -188,13 +174,8 @@ def make_all_on(
     """As ``make_all``, on the workers of a cluster, which need moteslam and the recordings under the same paths.
 
     A run is made in a new process, since Taichi wants the main thread and a run may die. Where a worker of the cluster
-    dies the scheduler gives its runs to another one; a run with which several workers died has crashed.
-
-    Args:
-        address: of the scheduler, ``tcp://host:8786``.
-        runs: to make.
-        timeout: of a run [s].
-        timed: measure time and memory.
+    dies the scheduler, at ``tcp://host:8786``, gives its runs to another one; a run with which several workers died has
+    crashed.
     """
     try:
         from distributed import Client, as_completed
