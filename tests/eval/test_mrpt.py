@@ -1,9 +1,8 @@
-"""The example that runs MRPT's SLAM: what it converts, what it refuses, and a run where the programs are installed."""
+"""The example that runs MRPT's SLAM: what it converts, what it refuses, and its specification."""
 
 from __future__ import annotations
 
 import re
-import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -11,7 +10,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from moteslam.eval.sweep.external import Command, estimate
 from moteslam.eval.sweep.plan import plan
 from moteslam.eval.sweep.spec import read_spec
 from moteslam.robot.trajectories.text import read_tum
@@ -80,46 +78,3 @@ def test_the_configurations_of_the_page_can_be_read(tmp_path: Path) -> None:
         given = re.sub(r"^version = .*$", 'version = "1"', text, flags=re.M)
         spec.write_text(f'scenarios = ["corridor"]\nseeds = "0"\n{given}', encoding="utf-8")
         assert [run.version for run in plan(read_spec(spec))] == ["1"]
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("method", ["icp", "rbpf"])
-def test_mrpt_is_better_than_dead_reckoning(method: str) -> None:
-    """Over a drive without a gyro; its map lies on the true one, neither mirrored nor shifted."""
-    from moteslam.eval.metrics.evidence import FINAL, Evidence
-    from moteslam.eval.metrics.registry import measure
-    from moteslam.sim.scenario import load_scenario
-    from moteslam.sim.simulate import simulate
-
-    programs = ("carmen2rawlog", "icp-slam", "rbpf-slam")
-    if missing := [name for name in programs if shutil.which(name) is None]:
-        pytest.skip(f"no {missing[0]}: Debian's package mrpt-apps")
-    scenario = load_scenario("corridor", noise="as_recorded", settings=("platform.imu=false",))
-    simulation = simulate(scenario.model_copy(update={"duration": 20.0}), seed=101)
-    words = (
-        sys.executable,
-        str(SCRIPT),
-        "--recording",
-        "{recording}",
-        "--out",
-        "{out}",
-        "--seed",
-        "{seed}",
-        "--method",
-    )
-    errors = {}
-    for name in ("odometry", method):
-        command = Command((*words, name), "carmen", "trajectory.tum", "map.yaml")
-        trajectory, occupancy = estimate(command, simulation.recording, 0)
-        evidence = Evidence(
-            {FINAL: trajectory},
-            truth=simulation.truth,
-            occupancy=occupancy,
-            true_map=simulation.true_map(0.05),
-            recording=simulation.recording,
-        )
-        found = measure(evidence, ("final.ate", "map_f1"))
-        errors[name] = found["final.ate"].number or 0.0
-    assert (found["map_f1"].number or 0.0) > 0.75
-    assert 0 < errors[method] < 0.06
-    assert errors[method] < 0.6 * errors["odometry"]

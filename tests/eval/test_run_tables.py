@@ -24,7 +24,6 @@ from moteslam.eval.run_tables import (
     write_loops,
 )
 from moteslam.eval.scores import score_estimate
-from moteslam.robot.files import result_folder
 from moteslam.slam.backend.ledger import LoopCandidate
 from moteslam.slam.backend.none import NoBackendConfig
 from moteslam.slam.backend.protocol import BackendConfig
@@ -165,13 +164,3 @@ def test_without_a_candidate_there_is_the_header_alone_and_no_figure(run, tmp_pa
     assert (tmp_path / "loops.csv").read_text() == ",".join(LOOP_COLUMNS) + "\n"
     assert not (tmp_path / "loops.png").exists()
     assert (tmp_path / "trajectories.png").exists()
-
-
-def test_a_folder_replaced_by_a_run_without_back_end_keeps_no_ledger(run, simulation, tmp_path: Path) -> None:
-    for estimate in (looking(run[0]), alone(run[0])):
-        with result_folder(tmp_path / "result", force=True) as folder:
-            write_results(folder, estimate, simulation.truth)
-            assert (folder / "loops.csv").exists() == (folder / "loops.png").exists() == bool(estimate.loops)
-    assert not list((tmp_path / "result").glob("loops*"))
-    for name in ("run.json", "metrics.json"):
-        assert "loops" not in json.loads((tmp_path / "result" / name).read_text())
