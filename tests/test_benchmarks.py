@@ -1,7 +1,5 @@
 """The scripts in ``benchmarks/``: samples of them, and that kernels, plain C loops and twins do the same work."""
 
-from __future__ import annotations
-
 import csv
 import shutil
 import subprocess
@@ -55,14 +53,6 @@ def test_a_sample_holds_its_bars_and_goes_on_where_it_was(script: str, tmp_path:
     assert again.returncode == done.returncode
     assert list(csv.DictReader(out.read_text().splitlines())) == rows
     assert again.stdout.startswith("\nrun ")  # the table alone
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("script", sorted(path.name for path in (ROOT / "benchmarks").glob("*.py")))
-def test_an_unknown_option_is_refused(script: str):
-    done = benchmark(script, "--no-such-option")
-    assert done.returncode == 2
-    assert "error: " in done.stderr.splitlines()[-1]
 
 
 @pytest.mark.usefixtures("taichi")

@@ -117,7 +117,7 @@ def evaluate(
     from moteslam.eval.metrics.relations import is_relations
     from moteslam.eval.run_tables import read_loops
     from moteslam.robot.formats import open_recording
-    from moteslam.robot.formats.stamps import MAX_STAMP
+    from moteslam.robot.formats.streams import MAX_STAMP
     from moteslam.robot.trajectories import read_trajectory
     from moteslam.robot.trajectory import Trajectory
     from moteslam.slam.inputs.synchronise import synchronise
@@ -206,7 +206,7 @@ def evaluate(
 def _refuse_options(context: typer.Context, paths: list[Path], recording: Path | None, map_file: Path | None) -> None:
     """Refuse what does not go together, also what was given with the value that it has by default."""
     from moteslam.eval.metrics.relations import is_relations
-    from moteslam.robot.trajectories.rows import is_positions
+    from moteslam.robot.trajectories.columns import is_positions
 
     sources = {name: context.get_parameter_source(name) for name in context.params}
     given = {name.removesuffix("_file") for name, source in sources.items() if source and source.name == "COMMANDLINE"}

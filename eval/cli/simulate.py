@@ -60,7 +60,7 @@ class Recorded:
 
     def scenario(self, name: str, seed: int | None) -> Scenario:
         """The scenario of a name, as it is to be driven; what of it cannot be recorded as asked for is refused."""
-        from moteslam.robot.formats.carmen_writer import expect_classic_fan
+        from moteslam.robot.formats.written import expect_classic_fan
         from moteslam.sim.scenario import with_camera
 
         self.logging()

@@ -12,10 +12,9 @@ from numpy.typing import NDArray
 from moteslam.eval.report import style
 from moteslam.eval.run_tables import loop_counts
 from moteslam.robot.files import write_atomically
-from moteslam.robot.formats.map_arrays import MapArrays
 from moteslam.robot.formats.map_server import map_image, trinary, write_map
 from moteslam.robot.pictures import encode_png
-from moteslam.robot.raster import Raster
+from moteslam.robot.raster import MapArrays, Raster
 from moteslam.robot.recording import Recording
 from moteslam.robot.se2 import compose
 from moteslam.robot.trajectory import Trajectory

@@ -13,9 +13,8 @@ from numpy.typing import NDArray
 
 from moteslam.eval.report import style
 from moteslam.eval.report.maps import draw_map, map_corners
-from moteslam.robot.formats.map_arrays import MapArrays
 from moteslam.robot.formats.map_server import write_picture
-from moteslam.robot.raster import Raster
+from moteslam.robot.raster import MapArrays, Raster
 from moteslam.robot.trajectory import Trajectory
 from moteslam.slam.run import SlamSession
 from moteslam.slam.scan_records import Update

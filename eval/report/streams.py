@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.eval.report.style import DEAD_RECKONING, SLAM, heading, saved_figure
-from moteslam.robot.inspection import GAP, REPORTED_GAP, Inspection, stream_stamps
+from moteslam.robot.inspection import GAP, REPORTED_GAP, Inspection
 from moteslam.robot.recording import CHUNK, measured
 from moteslam.robot.sensor_reports import SCANS, yaw_rates
 
@@ -38,7 +38,7 @@ def draw_streams(path: str | PathLike[str], recording: Recording, found: Inspect
     Raises:
         OutputError: it cannot be written.
     """
-    stamps = {name: some for name, some in stream_stamps(recording).items() if len(some)}
+    stamps = {name: some for name, some in recording.stamps().items() if len(some)}
     first = min(float(some[0]) for some in stamps.values())
     last = max(float(some[-1]) for some in stamps.values())
     span = max(last - first, 1e-3)

@@ -42,9 +42,11 @@ class Run(Protocol):
     """Something to make; a process is given runs of the same case, one after the other, if there are any."""
 
     @property
-    def case(self) -> Any: ...
+    def case(self) -> Any:
+        """What the recording follows from."""
 
-    def as_dict(self) -> dict[str, Any]: ...
+    def as_dict(self) -> dict[str, Any]:
+        """As JSON has it."""
 
 
 R = TypeVar("R", bound=Run)

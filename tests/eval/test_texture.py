@@ -14,7 +14,7 @@ from parts.floor_colours import registration, score_texture
 from moteslam.errors import InputError
 from moteslam.eval.cli.main import run as main
 from moteslam.eval.report.stages import with_opacity, write_texture
-from moteslam.robot.formats.map_arrays import read_map_arrays
+from moteslam.robot.raster import read_map_arrays
 from moteslam.slam.texture.floor_map import TextureMap
 
 SCENARIO = """

@@ -1,7 +1,5 @@
 """The two trajectories of a run: online, as known at every scan, and final, as known at the end."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import pairwise
 
@@ -19,17 +17,25 @@ from moteslam.slam.settings import resolve_config
 pytestmark = pytest.mark.usefixtures("taichi")
 
 
-def finished(*settings: str) -> tuple[Estimate, np.ndarray]:
+SPARSE = ("particles=20", "update.distance=0.3", "update.rotation=10")
+
+
+@pytest.fixture(scope="module")
+def finished(taichi: None) -> tuple[Estimate, np.ndarray]:
     """The paper's filter in a room, with updates 0.3 m apart, and the indices of the scans that it was updated with."""
-    recording, _ = circled_room(scans=60)
-    sparse = ("particles=20", "update.distance=0.3", "update.rotation=10")
-    session = SlamSession(recording, resolve_config("paper", [*sparse, *settings]), seed=0)
-    updates = [update.index for update in session if update.updated]
-    return session.estimate(), np.array(updates)
+    session = SlamSession(circled_room(scans=60)[0], resolve_config("paper", SPARSE), seed=0)
+    updates = list(session)
+    estimate = session.estimate()
+    assert [update.index for update in updates] == list(range(60))
+    np.testing.assert_array_equal(estimate.trajectory.poses, [update.pose for update in updates])
+    return estimate, np.array([update.index for update in updates if update.updated])
 
 
-def test_the_final_trajectory_is_one_particles_path_and_the_online_one_is_not():
-    estimate, updates = finished()
+def test_the_final_trajectory_is_one_particles_path_and_the_online_one_is_not(
+    finished: tuple[Estimate, np.ndarray],
+):
+    estimate, updates = finished
+    assert estimate.particle_paths.shape == (20, len(updates), 3)
     np.testing.assert_array_equal(estimate.particle_stamps, estimate.trajectory.stamps[updates])
 
     def from_nearest_path(poses: np.ndarray) -> float:
@@ -41,8 +47,8 @@ def test_the_final_trajectory_is_one_particles_path_and_the_online_one_is_not():
     np.testing.assert_allclose(estimate.trajectory_final.poses[updates[-1]], estimate.trajectory.poses[updates[-1]])
 
 
-def test_between_updates_the_misfit_of_motion_and_path_is_spread_evenly():
-    estimate, updates = finished()
+def test_between_updates_the_misfit_of_motion_and_path_is_spread_evenly(finished: tuple[Estimate, np.ndarray]):
+    estimate, updates = finished
     # the paper's filter moves by odometry alone between updates
     odometry, final = estimate.dead_reckoning.poses, estimate.trajectory_final.poses
     off = se2.wrap(np.diff(final[:, 2]) - np.diff(odometry[:, 2]))
@@ -54,13 +60,13 @@ def test_between_updates_the_misfit_of_motion_and_path_is_spread_evenly():
     assert largest > 0.01
 
 
-def test_an_estimate_has_the_order_of_the_recording_where_its_stamps_are_wrong():
+def test_an_estimate_has_the_order_of_the_recording_where_its_stamps_are_wrong(finished: tuple[Estimate, np.ndarray]):
     """Each fifth scan has the stamp of three scans before: the same poses, each at its own stamp."""
     recording, _ = circled_room(scans=60)
-    settings = resolve_config("paper", ["particles=20", "update.distance=0.3", "update.rotation=10"])
+    settings = resolve_config("paper", SPARSE)
     lidar = recording.lidar
     assert lidar is not None
-    poses = finished()[0].dead_reckoning.poses
+    poses = finished[0].dead_reckoning.poses
     lidar = replace(lidar, odometry=poses)
     right = run_slam(replace(recording, lidar=lidar, encoders=None, imu=None), settings)
     wrong = lidar.stamps.copy()
@@ -79,45 +85,27 @@ def test_an_estimate_has_the_order_of_the_recording_where_its_stamps_are_wrong()
     np.testing.assert_array_equal(found.particle_stamps, np.sort(wrong[updated]))
 
 
-SLAM = (0x00, 0x72, 0xB2)
-
-
-def opened(png: bytes) -> np.ndarray:
-    """The picture [height, width, 3], red, green, blue."""
-    image = cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_COLOR)
-    assert image is not None
-    return image[..., ::-1].astype(int)
-
-
-def room(rows: int, columns: int) -> Raster:
-    """Free space with a wall along its top, somewhere."""
-    log_odds = np.full((rows, columns), -9, np.float32)
-    log_odds[-1] = 9
-    return Raster(log_odds, 0.05, (-1.0, 2.0, 0.0))
-
-
-@pytest.mark.parametrize(("rows", "columns"), [(40, 60), (400, 600), (1300, 2600)])
-def test_the_largest_y_is_on_top_and_walls_stay(rows: int, columns: int) -> None:
-    path = np.array([(-1.0, 2.0, 0.0), (-1.0 + 0.05 * columns, 2.0, 0.0)])
-    image = opened(preview_png(room(rows, columns), path))
-    assert max(image.shape) <= LONGEST
-    assert max(image.shape) >= LONGEST / 2
-    middle = image.shape[1] // 2
-    assert image[0, middle].max() < 60
-    blue = (abs(image - SLAM) < 40).all(axis=2)
-    assert blue[-1, middle] or blue[-2, middle]
-    assert not blue[: image.shape[0] // 2].any()
-
-
-def test_unknown_space_is_cut_off() -> None:
-    log_odds = np.zeros((500, 500), np.float32)
-    log_odds[100:120, 200:260] = -9
-    image = opened(preview_png(Raster(log_odds, 0.05), np.array([(11.0, 5.5, 0.0)])))
+@pytest.mark.parametrize(("rows", "columns"), [(40, 60), (1300, 2600)])
+def test_in_a_preview_the_largest_y_is_on_top_and_walls_stay(rows: int, columns: int) -> None:
+    """Free space with a wall along its top, and a path along its bottom, in a picture of what is known."""
+    log_odds = np.zeros((rows + 100, columns + 100), np.float32)
+    log_odds[50:-50, 50:-50] = -9
+    log_odds[-51, 50:-50] = 9
+    path = np.array([(1.5, 4.5, 0.0), (1.5 + 0.05 * columns, 4.5, 0.0)])
+    png = preview_png(Raster(log_odds, 0.05, (-1.0, 2.0, 0.0)), path)
+    image = cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_COLOR)[..., ::-1].astype(int)
     height, width = image.shape[:2]
-    assert width / height == pytest.approx((60 + 20) / (20 + 20), rel=0.02)
+    assert LONGEST / 2 <= max(height, width) <= LONGEST
+    assert width / height == pytest.approx((columns + 20) / (rows + 20), rel=0.05)
+    dark, blue = image.max(axis=2) < 60, (abs(image - (0x00, 0x72, 0xB2)) < 40).all(axis=2)
+    assert dark[: height // 2, width // 2].any()
+    assert not dark[height // 2 :, width // 2].any()
+    assert blue[height // 2 :, width // 2].any()
+    assert not blue[: height // 2].any()
 
 
 @pytest.mark.parametrize("place", [(0.0, 0.0), (1e4, -1e4)])
-def test_a_robot_that_never_moved_and_knows_nothing(place: tuple[float, float]) -> None:
-    still = np.array([(*place, 0.0)] * 2)
-    assert opened(preview_png(Raster(np.zeros((10, 10), np.float32), 0.05), still)).size > 0
+def test_a_preview_of_a_robot_that_never_moved_and_knows_nothing(place: tuple[float, float]) -> None:
+    assert preview_png(Raster(np.zeros((10, 10), np.float32), 0.05), np.array([(*place, 0.0)] * 2)).startswith(
+        b"\x89PNG"
+    )

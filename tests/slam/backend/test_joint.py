@@ -1,6 +1,5 @@
-"""The joint registration: what a bare corridor does not give, and which step is its prior."""
+"""The joint registration: scans held to each other, bare corridors, and which step is its prior."""
 
-from dataclasses import replace
 from itertools import pairwise
 from typing import cast
 
@@ -10,12 +9,15 @@ from numpy.typing import NDArray
 
 from moteslam.kernels.scans import ThinnedScan
 from moteslam.robot import se2
+from moteslam.slam.backend.graph import partners, sparse_blocks
 from moteslam.slam.backend.graph.chain import Chain
 from moteslam.slam.backend.graph.config import GraphConfig
 from moteslam.slam.backend.graph.endpoints import Endpoints
 from moteslam.slam.backend.graph.joint import register_jointly
 from moteslam.slam.backend.graph.loop_search import LoopSearch
 from moteslam.slam.backend.graph.nodes import Nodes
+from moteslam.slam.backend.graph.partners import choose_partners
+from moteslam.slam.backend.graph.sparse_blocks import BlockSystem
 from moteslam.slam.backend.graph.submaps import Submaps
 from moteslam.slam.backend.protocol import KeyScan
 from moteslam.slam.inputs.step import thin
@@ -24,6 +26,7 @@ from moteslam.slam.registration.config import RegistrationConfig
 pytestmark = pytest.mark.usefixtures("taichi")
 
 Array = NDArray[np.float64]
+Step = tuple[float, float, float]
 BEAMS = np.radians(np.arange(-90, 91, 1.0))
 FREE = GraphConfig(registration=RegistrationConfig(degenerate=0.0))
 """Without offsets along the least informed directions."""
@@ -63,6 +66,35 @@ def moved_along(config: GraphConfig, deviation: float = 0.05) -> float:
     return float(register_jointly(Endpoints.of(scans), poses, chain, config)[-1, 0] - poses[-1, 0])
 
 
+def room() -> Array:
+    """Endpoints [n, 2] on the walls of a room of 12 m by 8 m."""
+    share = np.linspace(0, 1, 80, endpoint=False)[:, None]
+    corners = np.array([[-6.0, -4.0], [6.0, -4.0], [6.0, 4.0], [-6.0, 4.0], [-6.0, -4.0]])
+    return np.vstack([a + share * (b - a) for a, b in pairwise(corners)])
+
+
+class Driven:
+    """Nodes and their chain, as key scans come in."""
+
+    def __init__(self, points: NDArray[np.float32]) -> None:
+        self.nodes, self.keys = Nodes(GraphConfig()), 0
+        self.nodes.add(self._key((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), points))
+        self.chain = Chain(self.nodes, GraphConfig())
+
+    def on(self, odometry: float, points: NDArray[np.float32], *, filtered: float | None = None) -> None:
+        """As far ahead by the odometry and by the filter."""
+        self.keys += 1
+        ahead = odometry if filtered is None else filtered
+        if self.nodes.add(self._key((odometry, 0.0, 0.0), (ahead, 0.0, 0.0), points)):
+            self.chain.add()
+
+    def _key(self, odometry: Step, motion: Step, points: NDArray[np.float32]) -> KeyScan:
+        moved = np.array(odometry), np.array(motion)
+        return KeyScan(
+            self.keys, 0.1 * self.keys, points, np.zeros(2), np.zeros(3), moved[0], measured=True, motion=moved[1]
+        )
+
+
 def test_between_bare_walls_the_chain_says_how_far_the_robot_came():
     """The errors of the normals pull along the walls; that pull has an unknown offset, and the chain none."""
     assert abs(moved_along(GraphConfig())) < 0.03
@@ -74,14 +106,11 @@ def test_between_bare_walls_the_chain_says_how_far_the_robot_came():
 def test_scans_that_are_not_free_stay_where_they_are():
     """Three scans of a path through a room are off; one of them is free, then all three, then none."""
     rng = np.random.default_rng(3)
-    t = np.linspace(0, 1, 80, endpoint=False)[:, None]
-    corners = np.array([[-6.0, -4.0], [6.0, -4.0], [6.0, 4.0], [-6.0, 4.0], [-6.0, -4.0]])
-    room = np.vstack([a + t * (b - a) for a, b in pairwise(corners)])
     true = np.column_stack((np.linspace(0, 3, 7), np.zeros((7, 2))))
     true[1:, 2] = rng.uniform(-0.2, 0.2, 6)
     inverses = np.asarray(se2.between(true, np.zeros(3)))
     scans = [
-        thin(se2.transform_points(inverse, room).astype(np.float32), np.zeros(2), GraphConfig().thinning)
+        thin(se2.transform_points(inverse, room()).astype(np.float32), np.zeros(2), GraphConfig().thinning)
         for inverse in inverses
     ]
     chain = cast(Chain, Given(np.asarray(se2.between(true[:-1], true[1:])), (0.1, 0.1, 0.1)))
@@ -94,22 +123,12 @@ def test_scans_that_are_not_free_stay_where_they_are():
         np.testing.assert_allclose(found[which], true[which], atol=0.012 if free == [3] else 0.005)
 
 
-def node(index: int, odometry: tuple[float, float, float], points: NDArray[np.float32]) -> KeyScan:
-    motion = np.array(odometry)
-    return KeyScan(index, 0.1 * index, points, np.zeros(2), np.zeros(3), motion, measured=True, motion=motion)
-
-
 def test_a_registration_far_from_the_odometry_is_no_prior():
-    """A room of 12 m by 8 m, seen every 0.6 m, where one registration found a place half a metre farther."""
-    t = np.linspace(0, 1, 80, endpoint=False)[:, None]
-    corners = np.array([[-6.0, -4.0], [6.0, -4.0], [6.0, 4.0], [-6.0, 4.0], [-6.0, -4.0]])
-    room = np.vstack([a + t * (b - a) for a, b in pairwise(corners)])
-    nodes = Nodes(GraphConfig())
-    nodes.add(node(0, (0.0, 0.0, 0.0), room.astype(np.float32)))
-    chain = Chain(nodes, GraphConfig())
+    """A room, seen every 0.6 m, where one registration found a place half a metre farther."""
+    drive = Driven(room().astype(np.float32))
     for k in range(1, 7):
-        if nodes.add(node(k, (0.6, 0.0, 0.0), (room - (0.6 * k, 0.0)).astype(np.float32))):
-            chain.add()
+        drive.on(0.6, (room() - (0.6 * k, 0.0)).astype(np.float32))
+    chain = drive.chain
     driven = np.column_stack((0.6 * np.arange(6), np.zeros((6, 2))))
     steps, covariance, _ = chain.prior(driven)
     np.testing.assert_array_equal(steps, chain.steps)
@@ -132,13 +151,11 @@ def test_a_registration_far_from_the_odometry_is_no_prior():
 
 def test_a_path_that_contradicts_a_step_is_its_own_prior_there():
     """The wheels did not count on one step of seven; what the path has in its place is held loosely."""
-    nodes = Nodes(GraphConfig())
     rng = np.random.default_rng(3)
-    nodes.add(node(0, (0.0, 0.0, 0.0), scan_between_walls(rng).points))
-    chain = Chain(nodes, GraphConfig())
+    drive = Driven(scan_between_walls(rng).points)
     for k in range(1, 8):
-        if nodes.add(node(k, (0.0 if k == 4 else 0.6, 0.0, 0.0), scan_between_walls(rng).points)):
-            chain.add()
+        drive.on(0.0 if k == 4 else 0.6, scan_between_walls(rng).points)
+    chain = drive.chain
     counted = np.vstack((np.zeros(3), se2.accumulate(chain.steps)))
     steps, covariance, _ = chain.prior(counted)
     lacking = int(np.argmin(steps[:, 0]))
@@ -157,24 +174,14 @@ def test_a_path_that_contradicts_a_step_is_its_own_prior_there():
 def test_a_step_that_the_odometry_leaves_open_is_the_filters_and_scans_without_points_are_no_nodes():
     """After twelve metres without a point the filter's search decides, after half a metre the odometry."""
     rng = np.random.default_rng(3)
-    nodes = Nodes(GraphConfig())
-    nodes.add(node(0, (0.0, 0.0, 0.0), scan_between_walls(rng).points))
-    chain = Chain(nodes, GraphConfig())
-    k = 0
-
-    def drive(odometry: float, filtered: float, points: NDArray[np.float32]) -> None:
-        nonlocal k
-        k += 1
-        key = replace(node(k, (odometry, 0.0, 0.0), points), motion=np.array((filtered, 0.0, 0.0)))
-        if nodes.add(key):
-            chain.add()
-
-    drive(0.6, 0.6, scan_between_walls(rng).points)
+    drive = Driven(scan_between_walls(rng).points)
+    drive.on(0.6, scan_between_walls(rng).points)
     for _ in range(23):
-        drive(0.5, 0.5, np.zeros((0, 2), np.float32))
-    drive(0.5, -1.5, scan_between_walls(rng).points)
+        drive.on(0.5, np.zeros((0, 2), np.float32))
+    drive.on(0.5, scan_between_walls(rng).points, filtered=-1.5)
     for _ in range(2):
-        drive(0.6, 0.6, scan_between_walls(rng).points)
+        drive.on(0.6, scan_between_walls(rng).points)
+    chain = drive.chain
     np.testing.assert_allclose(chain.steps[:, 0], (0.6, 10.0, 0.6), atol=0.05)
     assert chain.covariance[1, 0, 0] > 0.3
     path = np.vstack((np.zeros(3), se2.accumulate(chain.steps)))
@@ -184,9 +191,10 @@ def test_a_step_that_the_odometry_leaves_open_is_the_filters_and_scans_without_p
 def test_a_loop_between_bare_walls_keeps_the_prediction_along_them_and_binds_less_there():
     """All nodes are where they say: what the endpoints find along the walls is the error of their normals."""
     rng = np.random.default_rng(3)
-    nodes = Nodes(GraphConfig())
-    for k in range(14):
-        nodes.add(node(k, (0.0 if k == 0 else 0.5, 0.0, 0.0), scan_between_walls(rng).points))
+    drive = Driven(scan_between_walls(rng).points)
+    for _ in range(13):
+        drive.on(0.5, scan_between_walls(rng).points)
+    nodes = drive.nodes
     submaps = Submaps(nodes, GraphConfig())
     submaps.follow(np.tile((0.5, 0.0, 0.0), (len(nodes) - 1, 1)))
     covariance = np.diag(np.square((0.5, 0.5, 0.06))) / 9
@@ -202,3 +210,48 @@ def test_a_loop_between_bare_walls_keeps_the_prediction_along_them_and_binds_les
         (kept, less), (moved, more) = searched(GraphConfig(), along), searched(FREE, along)
         assert kept < 0.5 * moved
         assert less < 0.5 * more
+
+
+SCANS, EACH = 30, 40
+
+
+def along_a_wall(rng: np.random.Generator) -> tuple[Endpoints, Array]:
+    """Scans that each see ten metres of a wall, a metre on from one to the next; the last sees nothing."""
+    counts = np.r_[np.full(SCANS - 1, EACH), 0]
+    points = np.column_stack((rng.uniform(0, 10, counts.sum()), rng.uniform(1, 1.4, counts.sum()))).astype(np.float32)
+    starts = np.r_[0, np.cumsum(counts)].astype(np.int32)
+    owners = np.repeat(np.arange(SCANS), counts).astype(np.int32)
+    poses = np.column_stack((np.arange(SCANS), np.zeros((SCANS, 2)))).astype(float)
+    return Endpoints(points, np.zeros_like(points), starts, owners), poses
+
+
+def test_partners_see_the_same_wall_and_full_and_sparse_matrices_choose_the_same(monkeypatch: pytest.MonkeyPatch):
+    endpoints, poses = along_a_wall(np.random.default_rng(0))
+    held = np.arange(SCANS) % 5 != 3
+    full = choose_partners(endpoints, poses, 8, held)
+    monkeypatch.setattr(partners, "MOST_DENSE", 0)
+    np.testing.assert_array_equal(choose_partners(endpoints, poses, 8, held), full)
+    assert (full[~held] == -1).all()
+    assert (full[-1] == -1).all()
+    for scan, row in enumerate(full):
+        others = row[row >= 0]
+        assert len(others) == len(set(others.tolist()) - {scan})
+        assert (np.abs(others - scan) < 10).all()
+    assert (full[10, :8] >= 0).all()
+
+
+@pytest.mark.parametrize("n", [2, 20])
+def test_full_and_sparse_systems_have_the_same_solution(n: int, monkeypatch: pytest.MonkeyPatch):
+    rng = np.random.default_rng(n)
+    first = np.r_[np.arange(n - 1), rng.integers(0, n, 15)]
+    second = np.r_[np.arange(1, n), rng.integers(0, n, 15)]
+    apart = first != second
+    first, second = first[apart], second[apart]
+    jacobians = rng.normal(size=(2, len(first), 3, 3))
+    one, other = jacobians
+    system = BlockSystem(n, first, second)
+    own = system.sums(np.swapaxes(one, 1, 2) @ one, np.swapaxes(other, 1, 2) @ other) + np.eye(3)
+    pairs, right = np.swapaxes(one, 1, 2) @ other, rng.normal(size=(n, 3))
+    full = system.solve(own, pairs, right)
+    monkeypatch.setattr(sparse_blocks, "DENSE", 0)
+    np.testing.assert_allclose(system.solve(own, pairs, right), full, rtol=1e-9, atol=1e-12)

@@ -1,25 +1,30 @@
-"""Registering scans to TSDFs: what is kept of the odometry, and where a scan is searched for."""
-
-from __future__ import annotations
+"""Registering scans to TSDFs: what is kept of the odometry, where a scan is looked for, what walls do not bind."""
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from tile_pools import room_scan, thinned
 
 from moteslam.robot import se2
-from moteslam.slam.inputs.lapses import Open
+from moteslam.slam.inputs.lapses import CLOSED, Open
 from moteslam.slam.mapping.config import TsdfConfig
 from moteslam.slam.mapping.tsdf import TsdfMaps, TsdfView
 from moteslam.slam.registration import localisation
 from moteslam.slam.registration.config import RegistrationConfig, TrackingConfig
 from moteslam.slam.registration.evidence import SLIP, against, nats_for, proved
-from moteslam.slam.registration.information import keep_odometry, least_informed
-from moteslam.slam.registration.localisation import Localiser, match_score
+from moteslam.slam.registration.information import (
+    keep_odometry,
+    least_informed,
+    less_where_unbound,
+    measured_information,
+    residual_variance,
+)
+from moteslam.slam.registration.localisation import Localiser, Located, match_score
 from moteslam.slam.registration.registrar import Registration, register
 from moteslam.slam.registration.search import Window, candidates
 
 Array = NDArray[np.float64]
+Pose = tuple[float, float, float]
 SPREAD = (0.02, 0.02, 0.02)
 HERE = (0.0, 0.0)
 RING = np.array([[0.0, 0.0, 1.0]])
@@ -66,11 +71,8 @@ def test_along_bare_walls_the_odometry_is_kept_and_across_them_the_scan() -> Non
     assert along @ result.information[0, :2, :2] @ along < 0.02 * 2e3
     assert across @ result.information[0, :2, :2] @ across == pytest.approx(1e6)
     np.testing.assert_array_equal(kept(seen, degenerate=0.0).offsets, seen.offsets)
-
-
-def test_where_all_directions_are_informed_the_scan_is_kept() -> None:
-    seen = found((0.03, -0.02, 0.01), 5e5, 1e6, 0.4)
-    np.testing.assert_allclose(kept(seen).offsets, seen.offsets, atol=1e-3)
+    informed = found((0.03, -0.02, 0.01), 5e5, 1e6, heading)  # in all directions
+    np.testing.assert_allclose(kept(informed).offsets, informed.offsets, atol=1e-3)
 
 
 def placed(offset: float, cost: float, known: float) -> Registration:
@@ -138,15 +140,23 @@ def test_walls_prove_that_the_odometry_failed(room: TsdfView) -> None:
     np.testing.assert_array_equal(kept, free)
 
 
-def locate(room: TsdfView, at: tuple[float, float, float], predicted: Array, predictions: Array = ODOMETRY) -> Array:
-    """Where a scan taken there is found to be, from where the odometry puts it."""
+def located(
+    room: TsdfView, at: ArrayLike, predicted: ArrayLike, spread: Pose = SPREAD, *, predictions: Array = ODOMETRY,
+    left: Open = CLOSED, **keys: float,
+) -> tuple[Located, Array]:  # fmt: skip
+    """What is found of a scan taken there, from where the odometry puts it, with an error there; and its pose."""
     points = thinned(room_scan(at)).points
-    result = (
-        localiser()
-        .locate(room, se2.as_pose(predicted), SPREAD, points, HERE, lambda: predictions, measured=True)
-        .fitted
+    found = localiser(**keys).locate(
+        room,
+        se2.as_pose(np.asarray(predicted)),
+        spread,
+        points,
+        HERE,
+        lambda: predictions,
+        measured=left is None,
+        left=left,
     )
-    return se2.compose(predicted, result.offset)
+    return found, np.asarray(se2.compose(np.asarray(predicted, float), found.fitted.offset))
 
 
 def test_a_scan_near_its_prediction_is_found_without_a_search(room: TsdfView, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -155,21 +165,18 @@ def test_a_scan_near_its_prediction_is_found_without_a_search(room: TsdfView, mo
 
     monkeypatch.setattr(localisation, "candidates", search)
     at = (0.3, -0.2, 0.1)
-    assert np.abs(locate(room, at, np.add(at, (0.03, -0.02, 0.02))) - at).max() < 0.003
+    assert np.abs(located(room, at, np.add(at, (0.03, -0.02, 0.02)))[1] - at).max() < 0.003
     with pytest.raises(AssertionError, match="a search"):
-        locate(room, at, np.add(at, (0.9, -0.6, 0.8)))
+        located(room, at, np.add(at, (0.9, -0.6, 0.8)))
 
 
 def test_a_scan_is_found_where_the_same_velocity_would_put_it(room: TsdfView) -> None:
     """Odometry that misses 0.9 m and half a radian, and no relocation window to look in."""
     at, stood = (0.7, 0.5, 0.5), (0.0, 0.0, 0.0)
-    points = thinned(room_scan(at)).points
-    narrow = localiser(relocation_distance=0.0, relocation_rotation=0.0)
+    narrow = {"relocation_distance": 0.0, "relocation_rotation": 0.0}
     predictions = np.stack((np.zeros(3), se2.between(stood, np.array(at) + 0.02)))
-    with_velocity = narrow.locate(room, stood, SPREAD, points, HERE, lambda: predictions, measured=True).fitted.offset
-    without = narrow.locate(room, stood, SPREAD, points, HERE, lambda: ODOMETRY, measured=True).fitted.offset
-    assert np.abs(np.subtract(with_velocity, at)).max() < 0.005
-    assert np.abs(np.subtract(without, at)).max() > 0.1
+    assert np.abs(located(room, at, stood, predictions=predictions, **narrow)[1] - at).max() < 0.005
+    assert np.abs(located(room, at, stood, **narrow)[1] - at).max() > 0.1
 
 
 def test_rays_through_a_surface_lower_the_match_score_and_can_lose_a_scan() -> None:
@@ -185,13 +192,10 @@ def test_rays_through_a_surface_lower_the_match_score_and_can_lose_a_scan() -> N
 def test_places_that_look_alike_are_rivals_by_what_their_offsets_cost(room: TsdfView) -> None:
     """A room looks the same from the other side; seen from a right angle to both, neither is likelier."""
     at = np.array((0.3, -0.2, 0.1))
-    points, other = thinned(room_scan(at)).points, se2.wrap(at * (-1, -1, 1) + (0.0, 0.0, np.pi))
-    spread = (0.4, 0.4, 1.5)
+    other, spread = se2.wrap(at * (-1, -1, 1) + (0.0, 0.0, np.pi)), (0.4, 0.4, 1.5)
     for lean in (0.0, 0.2):
-        predicted = (0.0, 0.0, float(at[2]) + np.pi / 2 - lean)
-        located = localiser().locate(room, predicted, spread, points, HERE, lambda: ODOMETRY, measured=True)
-        fitted, rivals = located.fitted, located.rivals
-        here = se2.compose(predicted, fitted.offset)
+        found, here = located(room, at, (0.0, 0.0, float(at[2]) + np.pi / 2 - lean), spread)
+        rivals = found.rivals
         places = se2.compose(here, rivals.offsets)
         expected = other if abs(se2.wrap(here[2] - at[2])) < 1 else at
         assert len(rivals.offsets) == 1
@@ -206,14 +210,9 @@ def test_places_that_look_alike_are_rivals_by_what_their_offsets_cost(room: Tsdf
 
 def test_a_place_that_looks_like_no_other_has_no_rivals(room: TsdfView) -> None:
     at = np.array((0.3, -0.2, 0.1))
-    points = thinned(room_scan(at)).points
-    predicted = se2.as_pose(at + 0.3)
-    fitted, _, rivals, _ = localiser().locate(
-        room, predicted, (0.3, 0.3, 0.3), points, HERE, lambda: ODOMETRY, measured=True
-    )
-    np.testing.assert_allclose(se2.between(se2.compose(predicted, fitted.offset), at), 0.0, atol=0.005)
-    assert not len(rivals.offsets)
-    assert not len(rivals.log_odds(0.03))
+    found, here = located(room, at, at + 0.3, (0.3, 0.3, 0.3))
+    np.testing.assert_allclose(se2.between(here, at), 0.0, atol=0.005)
+    assert len(found.rivals.offsets) == len(found.rivals.log_odds(0.03)) == 0
 
 
 @pytest.mark.parametrize(("heading", "decided"), [(0.6, True), (1.5, False)])
@@ -222,24 +221,21 @@ def test_after_a_lapse_a_scan_decides_where_the_room_looks_the_same_from_no_like
 ) -> None:
     """It looks the same from the other side, which is as likely where the robot may have turned any way."""
     at = np.array((0.3, -0.2, 0.1))
-    points, left = thinned(room_scan(at)).points, Open(1.0, heading, 1.0)
-    predicted = (0.0, 0.0, 0.1 + (0.0 if decided else np.pi / 2))
-    located = localiser().locate(
-        room, predicted, (1.0, 1.0, heading), points, HERE, lambda: ODOMETRY, measured=False, left=left
-    )
-    assert located.decided == decided
+    predicted, left = (0.0, 0.0, 0.1 + (0.0 if decided else np.pi / 2)), Open(1.0, heading, 1.0)
+    found, here = located(room, at, predicted, (1.0, 1.0, heading), left=left)
+    assert found.decided == decided
     if decided:
-        np.testing.assert_allclose(se2.between(se2.compose(predicted, located.fitted.offset), at), 0.0, atol=0.01)
+        np.testing.assert_allclose(se2.between(here, at), 0.0, atol=0.01)
 
 
 def test_after_a_lapse_a_scan_of_a_round_room_leaves_the_robot_where_it_was_predicted(room: TsdfView) -> None:
     angles = np.linspace(0, 2 * np.pi, 200, endpoint=False)
     points = (0.7 * np.column_stack((np.cos(angles), np.sin(angles)))).astype(np.float32)
-    located = localiser().locate(
+    found = localiser().locate(
         room, (0.5, 0.0, 0.0), (1, 1, 1), points, HERE, lambda: ODOMETRY, measured=False, left=Open(1.0, 1.0, 1.0)
     )
-    assert not located.decided
-    assert located.fitted.offset == (0.0, 0.0, 0.0)
+    assert not found.decided
+    assert found.fitted.offset == (0.0, 0.0, 0.0)
 
 
 def test_a_window_holds_the_places_within_its_deviations_and_few_others():
@@ -272,3 +268,69 @@ def test_a_place_at_the_far_end_of_a_window_is_found():
     (best,) = candidates(maps.of(0), predicted, np.ones(3), points, window, 1, TrackingConfig())
     assert (np.abs(best - truth) < (0.15, 0.15, 0.03)).all()
     assert np.hypot(*window.half[:2]) < 1.5 < np.hypot(*truth[:2])
+
+
+CONFIG = RegistrationConfig()
+ANGLES = np.linspace(0, 2 * np.pi, 100, endpoint=False)
+CIRCLE = np.column_stack((np.cos(ANGLES), np.sin(ANGLES)))
+"""Points 1 m from the robot."""
+
+
+def registration(
+    information: NDArray[np.float64],
+    likelihood: float,
+    points: NDArray[np.float64] = CIRCLE,
+    offset: tuple[float, ...] = (0, 0, 0),
+) -> Registration:
+    none, offsets = np.zeros(1), np.array([offset], float)
+    means = np.array([[*points.mean(axis=0), np.square(points).sum(axis=1).mean()]])
+    return Registration(offsets, information[None], none, none + 100, none + likelihood, none, offsets, none, means)
+
+
+def between_walls(heading: float, ratio: float) -> NDArray[np.float64]:
+    """Between walls at this heading, with ``ratio`` of the information along them to that across."""
+    c, s = np.cos(heading), np.sin(heading)
+    turn = np.array(((c, -s, 0.0), (s, c, 0.0), (0.0, 0.0, 1.0)))
+    return np.asarray(turn @ np.diag((ratio * 1e6, 1e6, 1e6)) @ turn.T)
+
+
+def in_a_tank(centre: tuple[float, float], noise: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """The information of 100 endpoints on a circle of 4 m about a centre, in the robot's frame, with ``noise`` of their
+    normals; and the endpoints."""
+    points = 4 * CIRCLE + centre
+    slopes = np.random.default_rng(1).normal(0, noise, 100)
+    normals = 1e2 * (CIRCLE + slopes[:, None] * CIRCLE[:, ::-1] * (-1, 1))
+    rows = np.column_stack((normals, normals[:, 1] * points[:, 0] - normals[:, 0] * points[:, 1]))
+    return np.asarray(rows.T @ rows), points
+
+
+@pytest.mark.parametrize("heading", [0.0, 0.7, -2.0])
+@pytest.mark.parametrize(("ratio", "likelihood"), [(0.001, 0.9), (0.03, 0.5), (0.5, 0.9)])
+def test_along_bare_walls_a_step_is_as_uncertain_as_the_errors_of_the_map_make_it(
+    heading: float, ratio: float, likelihood: float
+) -> None:
+    found = registration(between_walls(heading, ratio), likelihood)
+    measured = measured_information(found, 0, CONFIG, 10.0)
+    less = less_where_unbound(measured, found, 0, CONFIG)
+    variance = residual_variance(likelihood, CONFIG)
+    error = CONFIG.degenerate * variance / ratio
+    along = np.array((np.cos(heading), np.sin(heading), 0.0))
+    expected = np.linalg.inv(measured) + error**2 * np.outer(along, along)
+    np.testing.assert_allclose(np.linalg.inv(less), expected, rtol=1e-5, atol=1e-12)
+
+
+@pytest.mark.parametrize("centre", [(0.0, 0.0), (-2.0, 1.0)])
+def test_in_a_round_room_a_turn_about_its_centre_is_not_measured(centre: tuple[float, float]) -> None:
+    information, points = in_a_tank(centre, 0.05)
+    found = registration(information, 0.8, points)
+    less = less_where_unbound(measured_information(found, 0, CONFIG, 10.0), found, 0, CONFIG)
+    about = np.array((centre[1], -centre[0], 1.0))
+    values, vectors = np.linalg.eigh(less)
+    assert abs(values[0]) < 1e-3
+    assert abs(vectors[:, 0] @ about) > 0.99 * np.linalg.norm(about)
+    assert values[1] > 1e3  # the distances to the wall are
+
+    turned = 0.02 * about + (0.01, -0.01, 0.0)  # the odometry says that it did not turn
+    kept = keep_odometry(registration(information, 0.8, points, tuple(turned)), np.full(3, 0.02), CONFIG)
+    np.testing.assert_allclose(kept.offsets[0], (0.01, -0.01, 0.0), atol=2e-3)
+    assert np.linalg.eigvalsh(kept.information[0])[0] > -1e-3
