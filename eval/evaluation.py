@@ -13,7 +13,7 @@ import numpy as np
 from moteslam.errors import InputError
 from moteslam.eval.metrics.association import MAX_DIFFERENCE
 from moteslam.eval.metrics.ate import AteResult, absolute_trajectory_error, position_error
-from moteslam.eval.metrics.doubts import ClockOffset, clock_offset, doubts, few_matched, in_words, on_another_clock
+from moteslam.eval.metrics.doubts import clock_offset, doubts, few_matched, in_words, on_another_clock
 from moteslam.eval.metrics.evidence import FINAL, Evidence, oriented
 from moteslam.eval.metrics.registry import Value, measure
 from moteslam.eval.metrics.relations import (
@@ -40,19 +40,14 @@ from moteslam.slam.inputs.scans import Scans
 Reference = Trajectory | Relations | Positions
 Issues = tuple[Issue, ...]
 
+QUESTION = "are these of the same drive, on the same clock?"
 ACCURACY_OF_MAPS = ("map_precision", "map_recall", "map_f1", "map_distance", "map_free_iou", "map_known")
 """Metrics that compare a map with the true one."""
 
 
 @dataclass(frozen=True, eq=False)
 class Evaluation:
-    """How a trajectory does.
-
-    Attributes:
-        figures: fit for JSON; what is doubtful in the comparison is in ``warnings``.
-        errors: by stamp, fit for JSON.
-        result: that both are of.
-    """
+    """How a trajectory does: figures, with what is doubtful in ``warnings``, and errors by stamp, both fit for JSON."""
 
     figures: dict[str, Any]
     errors: dict[str, Any]
@@ -131,10 +126,11 @@ def _against_trajectory(
         return absolute_trajectory_error(moved, reference, align=align, scale=scale, max_difference=apart)
 
     ate = _on_one_clock(lambda: score(estimate), estimate, reference)
-    issues = (*doubts(estimate, reference, ate), *_few(ate, estimate, len(reference), "poses"))
+    matched = len(ate.stamps), min(len(estimate), len(reference))
+    issues = (*doubts(estimate, reference, ate), *few_matched(*matched, "poses", QUESTION))
     if align and (offset := clock_offset(estimate, reference)) is not None:
         after = score(replace(estimate, stamps=estimate.stamps + offset.seconds))
-        issues += _of_clocks(replace(offset, rmse=after.rmse, before=ate.rmse))
+        issues += (Issue("clocks-differ", in_words(replace(offset, rmse=after.rmse, before=ate.rmse))),)
     return ate, issues
 
 
@@ -152,12 +148,12 @@ def _against_positions(
         there,
         measured_at,
     )
-    issues = _few(ate, estimate, len(positions), "positions")
+    issues = few_matched(len(ate.stamps), min(len(estimate), len(positions)), "positions", QUESTION)
     if robot is None:
         text = "the positions are the lidar's, whose place on the robot only the recording says: taken for its origin"
         issues = (Issue("unknown-mount", text), *issues)
     if align and (offset := clock_offset(there, measured_at)) is not None:
-        issues += _of_clocks(offset)
+        issues += (Issue("clocks-differ", in_words(offset)),)
     return ate, issues
 
 
@@ -167,15 +163,6 @@ def _on_one_clock(score: Callable[[], AteResult], estimate: Trajectory, referenc
         return score()
     except InputError as error:
         raise on_another_clock(error, clock_offset(estimate, reference)) from None
-
-
-def _few(ate: AteResult, estimate: Trajectory, references: int, what: str) -> Issues:
-    question = f"are these {'' if what == 'poses' else 'of '}the same drive, on the same clock?"
-    return few_matched(len(ate.stamps), min(len(estimate), references), what, question)
-
-
-def _of_clocks(offset: ClockOffset) -> Issues:
-    return (Issue("clocks-differ", in_words(offset)),)
 
 
 def _against_relations(

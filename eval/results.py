@@ -207,14 +207,7 @@ def write_json(path: Path, value: Mapping[str, Any]) -> None:
 
 @dataclass(frozen=True)
 class ResultFolder:
-    """What ``metrics.json`` and ``run.json`` of a result folder say.
-
-    Attributes:
-        values: of the metrics, those that are not absent.
-        units: of these.
-        absent: why the others are.
-        run: ``run.json``.
-    """
+    """What ``metrics.json`` says of each metric, its value and unit or why it is absent, and ``run.json``."""
 
     values: dict[str, float]
     units: dict[str, str]

@@ -113,7 +113,6 @@ def values_of(runs: Runs, metric: str) -> dict[tuple[Any, ...], float | None]:
 
 
 def _lines(first: str, compared: dict[str, dict[str, Any]], form: str) -> Iterator[str]:
-
     if form == "text":
         for name, each in compared.items():
             yield f"{with_unit(name)}, against {literal(first)}"

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from moteslam.eval.cli.text import bold
 from moteslam.eval.tables import aligned, literal
 from moteslam.robot.values import counted
 
@@ -109,7 +109,8 @@ def _relations(row: Row) -> Iterator[str]:
         values = (f"{along['mean']:.4f} +- {along['std']:.4f}", f"{turn['mean']:.3f} +- {turn['std']:.3f}")
         lines.append((name, str(along["count"]), *values))
     yield aligned(lines)
-    yield bold(f"{row['used']} of {row['total']} relations used, {row['interpolated']} of them between poses")
+    used = f"{row['used']} of {row['total']} relations used, {row['interpolated']} of them between poses"
+    yield f"\x1b[1m{used}\x1b[0m" if sys.stdout.isatty() else used
 
 
 def _residuals(rows: Sequence[Row]) -> str:

@@ -15,13 +15,12 @@ import typer
 
 from moteslam.errors import ExistsError, MoteslamError, MoteslamWarning, OutputError
 from moteslam.eval.cli import (
+    catalogue,
     compare,
     convert,
     demo,
     evaluate,
     inspect,
-    metrics,
-    platforms,
     replay,
     report,
     scenarios,
@@ -73,7 +72,7 @@ def _root(
 
 for command in (
     *(demo.demo, simulate.simulate, replay.replay, evaluate.evaluate),
-    *(compare.compare, report.report, inspect.inspect, convert.convert, platforms.platforms, metrics.metrics),
+    *(compare.compare, report.report, inspect.inspect, convert.convert, catalogue.platforms, catalogue.metrics),
 ):
     app.command()(command)
 app.add_typer(scenarios.app, name="scenarios")

@@ -187,11 +187,7 @@ def _topics(given: Iterable[str]) -> Topics:
 
 
 def with_options(**groups: type[Any]) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Give a command the options of some groups after its own; it gets each group as one argument.
-
-    Args:
-        groups: the name of the argument, and a dataclass whose fields are options: ``run=SlamOptions``.
-    """
+    """Give a command the options of dataclasses after its own; it gets each as one argument: ``run=SlamOptions``."""
     shared = {name: _parameters(group) for name, group in groups.items()}
 
     def extended(command: Callable[..., None]) -> Callable[..., None]:

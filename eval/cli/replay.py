@@ -98,9 +98,7 @@ def replay(
 def _checked(recording: Recording, side: Literal["lidar", "odometry"] | None) -> tuple[Recording, tuple[Issue, ...]]:
     """The recording as SLAM is to take it in, and what of it is not as stated.
 
-    Args:
-        recording: as it was read.
-        side: what is mended; None: nothing but headings that are of no use.
+    Without a side to mend, headings that are of no use are mended alone.
     """
     from moteslam.robot.values import Issue
     from moteslam.slam.calibration.calibrate import PAIRS, calibrate

@@ -52,14 +52,8 @@ def run_into(
 ) -> Run:
     """Run SLAM over a recording and fill a result folder, which exists.
 
-    Args:
-        folder: of the result.
-        recording: what the sensors saw.
-        config, options: how it is run: seed, device, figures.
-        truth: what to score it with.
-        true_map: likewise, trinary, in the frame of the truth.
-        about: more for ``run.json``.
-        issues: found before the run; those of the recording and of SLAM follow.
+    It is scored with the truth, and its map with the true one, trinary and in the frame of the truth. ``about`` goes
+    into ``run.json``; ``issues`` were found before the run, those of the recording and of SLAM follow.
     """
     from moteslam.kernels import runtime
 

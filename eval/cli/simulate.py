@@ -159,7 +159,6 @@ def _lines(found: dict[str, Any], out: Path, file_format: str) -> Iterator[str]:
 
 
 def _batch_lines(made: list[dict[str, Any]], out: Path) -> Iterator[str]:
-
     rows = [("scenario", "seed", "distance [m]", "time [s]", "end")]
     for one in made:
         rows.append(
@@ -178,13 +177,9 @@ def scenario_of(
     settings: Sequence[str] = (),
     duration: float | None = None,
 ) -> Scenario:
-    """The scenario of a name, ``random-corridors`` the building of that seed; errors name the option.
+    """``load_scenario`` with ``random-corridors`` as the building of that seed; the drive ends after ``duration`` [s].
 
-    Args:
-        name: of a bundled one, ``random-corridors``, or a path.
-        seed: of it.
-        platform, noise, settings: over the scenario's own, as in ``load_scenario``.
-        duration: the drive ends after this time [s], if not before.
+    Errors name the option.
     """
     from moteslam.sim.scenario import load_scenario
     from moteslam.sim.world.random_corridors import NAME as RANDOM_CORRIDORS

@@ -276,7 +276,7 @@ def diff(
     Examples:
       moteslam sweep diff mine.sweep published.csv
     """  # noqa: D301
-    from moteslam.eval.sweep.export import differences, read_table
+    from moteslam.eval.sweep.tables import differences, read_table
 
     first, second = read_table(file), read_table(other)
     common = first.keys() & second.keys()
@@ -316,8 +316,8 @@ def export(
       moteslam sweep export particles.sweep --out particles.csv
       moteslam sweep export particles.sweep --out particles.parquet
     """  # noqa: D301
-    from moteslam.eval.sweep.export import as_csv, write_parquet
     from moteslam.eval.sweep.store import opened
+    from moteslam.eval.sweep.tables import as_csv, write_parquet
     from moteslam.robot.files import write_atomically
 
     options.expect_new(out, ".csv", ".parquet", force=force)

@@ -56,11 +56,6 @@ def _stdout_named() -> Iterator[None]:
         raise OutputError(f"cannot be written: {error.strerror or error}", file=STDOUT) from error
 
 
-def bold(text: str) -> str:
-    """Text in bold where stdout is a terminal; as it is in a pipe."""
-    return f"\x1b[1m{text}\x1b[0m" if sys.stdout.isatty() else text
-
-
 def note(text: object) -> None:
     """A line about the run, on stderr: a warning or an error."""
     sys.stderr.write(f"moteslam: {literal(text)}\n")
@@ -76,10 +71,7 @@ def warn(issues: Iterable[Issue]) -> None:
 def progress_bar(what: str, total: float, unit: str = "") -> Iterator[Callable[[float], None]]:
     """A bar with rate and remaining time, if stderr is a terminal; what is yielded is called with how much is done.
 
-    Args:
-        what: is being done.
-        total: how much there is to do.
-        unit: of the total, ``scans``; empty shows a percentage alone.
+    Without a unit of the total, such as ``scans``, it shows a percentage alone.
     """
     if not sys.stderr.isatty():
         yield lambda _done: check_interrupt()

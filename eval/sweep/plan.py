@@ -94,9 +94,7 @@ class PlannedRun(Section):
 def plan(spec: SweepSpec, *, check: bool = True) -> list[PlannedRun]:
     """All runs of a sweep, those of one case together.
 
-    Args:
-        spec: of the sweep.
-        check: refuse what scenario, robot or configuration would refuse; where they are not on this computer, do not.
+    What scenario, robot or configuration would refuse is refused, unless they are not on this computer (``check``).
     """
     if spec.recordings and (others := [key for key in spec.vary if not key.startswith("slam.")]):
         raise ConfigError("of a scenario, expected slam. keys alone where recordings are replayed", field=others[0])

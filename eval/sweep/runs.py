@@ -11,8 +11,8 @@ from typing import Any
 from moteslam.eval.metrics.catalogue import COSTS
 from moteslam.eval.metrics.evidence import FINAL, Cost, Evidence
 from moteslam.eval.metrics.registry import Value, measure
-from moteslam.eval.metrics.relations import Relations
-from moteslam.eval.scores import evidence_of, reference_file, relations_beside, true_map_beside, truth_file
+from moteslam.eval.metrics.relations import Relations, is_relations, read_relations
+from moteslam.eval.scores import beside, evidence_of, true_map_beside, truth_file
 from moteslam.eval.sweep.external import Command, estimate
 from moteslam.eval.sweep.plan import PlannedRun
 from moteslam.robot.raster import Raster
@@ -52,9 +52,11 @@ def load_case(run: PlannedRun) -> Case:
     from moteslam.robot.formats import open_recording
 
     path = Path(run.recording)
-    file = reference_file(path) or truth_file(path)
+    file = beside(path, "{}.reference.tum") or truth_file(path)
     truth = None if file is None else read_tum(file)
-    return Case(open_recording(path), truth, None if truth is None else true_map_beside(path), relations_beside(path))
+    pairs = beside(path, "{}.relations")
+    relations = None if pairs is None or not is_relations(pairs) else read_relations(pairs)
+    return Case(open_recording(path), truth, None if truth is None else true_map_beside(path), relations)
 
 
 _latest: dict[Any, Case] = {}
@@ -62,11 +64,7 @@ _latest: dict[Any, Case] = {}
 
 
 def make(table: dict[str, Any], *, timed: bool = False) -> dict[str, Any]:
-    """Make a run.
-
-    Args:
-        table: the run, as ``PlannedRun.as_dict`` gave it.
-        timed: measure time and memory, of a process that has done nothing else.
+    """Make a run, given as ``PlannedRun.as_dict``; time and memory are those of a process that did nothing else.
 
     Returns:
         ``values`` of all metrics, scans and distance, each with ``value`` and ``unit`` or ``absent``; and ``issues``.

@@ -8,6 +8,7 @@ from os import PathLike
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
+import numpy as np
 from pydantic import BeforeValidator, Discriminator, Field, Tag, field_validator, model_validator
 
 from moteslam.errors import ConfigError, InputError
@@ -45,14 +46,9 @@ class Range(Section):
 
     def values(self) -> list[int] | list[float]:
         """The numbers; whole ones as such, for keys that take no others."""
-        shares = [k / (self.steps - 1) for k in range(self.steps)]
-        if self.spacing == "factor":
-            numbers = [self.first * (self.last / self.first) ** share for share in shares]
-        else:
-            numbers = [self.first + (self.last - self.first) * share for share in shares]
-        values = [float(f"{number:.12g}") for number in numbers]
-        whole = all(value.is_integer() for value in values)
-        return [int(value) for value in values] if whole else values
+        spaced = np.geomspace if self.spacing == "factor" else np.linspace
+        values = [float(f"{number:.12g}") for number in spaced(self.first, self.last, self.steps)]
+        return [int(value) for value in values] if all(value.is_integer() for value in values) else values
 
 
 Values = Annotated[

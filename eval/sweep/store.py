@@ -70,14 +70,8 @@ class Row:
 
 
 class Store:
-    """An open file of a sweep; see ``opened``.
-
-    Attributes:
-        path: of the file.
-        spec: the specification of the sweep, as JSON.
-        part: which part of the sweep it holds, such as ``2/8``.
-        digest: what identifies all runs of the sweep (see ``plan.digest``); empty where it was not recorded.
-        environment: of the computer that made the file; empty where it was not recorded.
+    """An open file of a sweep, or of a part such as ``2/8``: its specification as JSON, the digest of all of its runs,
+    and the versions and hardware of the computer that made it, empty where these were not recorded.
     """
 
     def __init__(self, path: Path, connection: sqlite3.Connection) -> None:

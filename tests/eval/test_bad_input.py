@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import resource
 import signal
 import subprocess
 import sys
@@ -56,24 +55,6 @@ def test_a_name_that_is_no_text(tmp_path: Path) -> None:
 def test_literal_leaves_words_alone() -> None:
     assert literal("Zürich 東京 [x] $a$ \\d") == "Zürich 東京 [x] $a$ \\d"
     assert literal("a\u202eb\u2028\x9b") == "a\\u202eb\\u2028\\x9b"
-
-
-@pytest.mark.slow
-def test_a_full_disk(tmp_path: Path) -> None:
-    """A limit on the size of files stands for the full disk."""
-    done = subprocess.run(
-        [sys.executable, "-m", "moteslam", "simulate", "corridor", "--out", "robot"],
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        check=False,
-        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, 100_000)),
-    )
-    assert done.returncode == 2
-    assert done.stderr.startswith("moteslam: ")
-    assert "cannot be written: File too large" in done.stderr
-    assert done.stderr.count("\n") == 1
-    assert not list(tmp_path.iterdir())
 
 
 STOPPED = "moteslam: interrupted, nothing was left behind\n"

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-import numpy as np
 import pytest
 from command_lines import refused
 from converted import WRITTEN, assert_held, name_of, to, with_every_stream
@@ -72,20 +71,6 @@ def test_a_truth_stays_where_it_is_and_is_named(simulated_folder: Path, tmp_path
     assert json.loads(capsys.readouterr().out)["truth"] == str(truth)
     assert truth.read_bytes() == before
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.bag", "b.bag"]
-
-
-def test_a_part_of_it(drives: dict[str, Path], drive: Recording, tmp_path: Path) -> None:
-    part = ("--start", "0.2", "--end", "0.8", "--every", "3", "--streams", "lidar, odometry")
-    assert convert(drives["bag"], tmp_path / "a.toml", *part) == 0
-    back = open_recording(tmp_path / "a.toml")
-    assert drive.lidar is not None
-    assert drive.encoders is not None
-    assert back.lidar is not None
-    first = min(drive.lidar.stamps[0], drive.encoders.stamps[0], drive.imu.stamps[0] if drive.imu else np.inf)
-    inside = (drive.lidar.stamps >= first + 0.2) & (drive.lidar.stamps <= first + 0.8)
-    np.testing.assert_array_equal(back.lidar.stamps, drive.lidar.stamps[inside][::3])
-    assert back.odometry is not None
-    assert (back.encoders, back.imu) == (None, None)
 
 
 def test_a_topic_of_a_bag(drives: dict[str, Path], tmp_path: Path, capsys) -> None:

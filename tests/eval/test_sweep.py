@@ -18,11 +18,10 @@ from made_sweeps import recorded, swept
 from moteslam.errors import ConfigError, InputError, OutputError
 from moteslam.eval.cli import main
 from moteslam.eval.metrics.catalogue import COSTS
-from moteslam.eval.sweep.export import as_csv
 from moteslam.eval.sweep.plan import PlannedRun, plan, shard
 from moteslam.eval.sweep.spec import numbers, read_spec
 from moteslam.eval.sweep.store import WHOLE, Row, begin, create, merge, opened
-from moteslam.eval.sweep.tables import summaries
+from moteslam.eval.sweep.tables import as_csv, summaries
 from moteslam.eval.sweep.workers import make_all, make_all_on
 
 SPEC = """

@@ -1,4 +1,4 @@
-"""``moteslam platforms``: the robots that come with the package."""
+"""``moteslam platforms``, the robots that come with the package, and ``moteslam metrics``, what runs are scored by."""
 
 from __future__ import annotations
 
@@ -51,10 +51,10 @@ def platforms(
         }
         for each, robot in ((each, load_platform(each)) for each in bundled_platforms())
     }
-    answer(found, _lines(found), as_json=as_json)
+    answer(found, _platform_lines(found), as_json=as_json)
 
 
-def _lines(found: dict[str, dict[str, Any]]) -> Iterator[str]:
+def _platform_lines(found: dict[str, dict[str, Any]]) -> Iterator[str]:
     from moteslam.robot.platform import field_of_view
 
     rows = [("robot", "beams", "field of view", "rate", "range", "top speed", "what it is")]
@@ -71,3 +71,41 @@ def _lines(found: dict[str, dict[str, Any]]) -> Iterator[str]:
             )
         )
     yield aligned(rows)
+
+
+def metrics(as_json: options.Json = False) -> None:
+    """List the metrics: unit, what they measure, where they are defined.
+
+    Metrics of trajectories are measured of the final and the online one and of dead reckoning, and named by it:
+    final.ate. Relative errors are to be had over any length, time or number of poses: rpe_2.5m, rpe_5s,
+    rpe_10frames_rotation.
+
+    \b
+    Examples:
+      moteslam metrics
+      moteslam metrics --json
+    """  # noqa: D301
+    from moteslam.eval.metrics.registry import METRICS
+
+    found = {
+        name: {
+            "of": "run" if one.of_trajectory is None else "trajectory",
+            "unit": one.unit,
+            "better": one.better,
+            "costly": one.costly,
+            "meaning": one.meaning,
+            "source": one.source,
+        }
+        for name, one in METRICS.items()
+    }
+    answer(found, _metric_lines(found), as_json=as_json)
+
+
+def _metric_lines(found: dict[str, dict[str, Any]]) -> Iterator[str]:
+    for title, of in (("of each trajectory", "trajectory"), ("of a run", "run")):
+        rows = [("", "unit", "better", "", "")]
+        for name, one in found.items():
+            if one["of"] == of:
+                source = one["source"] + "; costly" * one["costly"]
+                rows.append((name, one["unit"], one["better"] or "", one["meaning"], source))
+        yield from (title, aligned(rows), "")
