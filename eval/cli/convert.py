@@ -52,13 +52,16 @@ def convert(
     from moteslam.robot.trajectories import is_trajectory, trajectory_format_to_write
 
     found: dict[str, Any]
-    if is_trajectory(path) or _stands_for_trajectory(out, to):
+    kind, problem = None, ""
+    try:
+        name, kind = trajectory_format_to_write(out, to)
+    except (ConfigError, OutputError) as error:
+        problem = error.problem
+    if kind is not None or is_trajectory(path):
         if part.given:
             raise ConfigError("of a recording, expected none for a trajectory", field=f"--{next(iter(part.given))}")
-        try:
-            name, kind = trajectory_format_to_write(out, to)
-        except (ConfigError, OutputError) as error:
-            raise ConfigError(f"{path} is a trajectory: {error.problem}", field="--to") from error
+        if kind is None:
+            raise ConfigError(f"{path} is a trajectory: {problem}", field="--to")
         with staged_file(out, force=force, keep=path) as file:
             trajectory, issues = _read(path)
             kind.write(file, trajectory)
@@ -94,17 +97,6 @@ def _lines(found: dict[str, Any], path: Path) -> Iterator[str]:
     yield f"wrote {literal(found['out'])}, {found['format']}"
     if found.get("truth") is not None:
         yield f"the truth stays where it is: moteslam evaluate TRAJECTORY {literal(found['truth'])}"
-
-
-def _stands_for_trajectory(out: Path, to: str | None) -> bool:
-    """Whether the format that is named, or that the ending of OUT stands for, is one of trajectories."""
-    from moteslam.robot.trajectories import trajectory_format_to_write
-
-    try:
-        trajectory_format_to_write(out, to)
-    except (ConfigError, OutputError):
-        return False
-    return True
 
 
 def _read(path: Path) -> tuple[Trajectory, tuple[Issue, ...]]:

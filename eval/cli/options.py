@@ -64,14 +64,17 @@ Settings = Annotated[
 
 @contextmanager
 def named(option: str | None = None, /, **by_field: str) -> Iterator[None]:
-    """Errors of the block that name no file name an option: that of their field, else the one given for all."""
+    """Errors of the block that name no file name an option: that of their field, else the one given for all.
+
+    In it ``{}`` stands for the field.
+    """
     try:
         yield
     except MoteslamError as error:
         flag = by_field.get(error.field or "", option)
         if flag is None or error.file is not None:
             raise
-        raise type(error)(error.problem, field=flag) from error
+        raise type(error)(error.problem, field=flag.format(error.field)) from error
 
 
 @contextmanager
@@ -122,14 +125,8 @@ class SlamOptions:
         from moteslam.slam.settings import DEFAULT_PRESET, resolve_config
 
         preset = DEFAULT_PRESET if self.preset is None else self.preset
-        try:
+        with named("--set {}", **{"settings": "--set", repr(preset)[1:-1]: "--preset {}"}):
             config = resolve_config(preset, self.settings or [], self.config)
-        except ConfigError as error:
-            if error.file is not None or not error.field:
-                raise
-            option = "--preset" if error.field == repr(preset)[1:-1] else "--set"
-            field = option if error.field == "settings" else f"{option} {error.field}"
-            raise ConfigError(error.problem, field=field) from error
         if self.print_config:
             answer(config.model_dump(mode="json"), [config.to_toml().rstrip("\n")], as_json=self.as_json)
             raise typer.Exit

@@ -6,7 +6,6 @@ import json
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from math import isfinite
 from typing import TYPE_CHECKING, Any
 
 from moteslam.errors import OutputError
@@ -21,10 +20,10 @@ STDOUT = "stdout"
 
 
 def answer(found: Any, lines: Iterable[str], *, as_json: bool) -> None:
-    """The result of a command on stdout: as JSON, or as lines for people."""
+    """The result of a command on stdout: lines for people, or JSON, where numbers that are not finite become null."""
     if as_json:
-        say_json(found)
-        return
+        finite = json.loads(json.dumps(found), parse_constant=lambda _: None)
+        lines = [json.dumps(finite, indent=2)]
     for line in lines:
         say(line)
 
@@ -33,11 +32,6 @@ def say(text: str = "") -> None:
     """A line of the result, on stdout."""
     with _stdout_named():
         sys.stdout.write(text + "\n")
-
-
-def say_json(value: Any) -> None:
-    """The result as JSON on stdout; numbers that are not finite become null."""
-    say(json.dumps(_plain(value), indent=2, allow_nan=False))
 
 
 def flush() -> None:
@@ -107,12 +101,3 @@ def simulation_bar() -> Iterator[Callable[[str, float], None]]:
     """A bar for a simulation's progress: first the drive, then the lidar."""
     with progress_bar("simulation", 2.0) as update:
         yield lambda what, share: update(share + (1.0 if what == "lidar" else 0.0))
-
-
-def _plain(value: Any) -> Any:
-    """The value with strings that JSON readers accept and without infinities."""
-    if isinstance(value, dict):
-        return {str(key): _plain(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
-    return None if isinstance(value, float) and not isfinite(value) else value
