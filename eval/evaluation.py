@@ -1,18 +1,16 @@
-"""A trajectory scored: against another one, relations or positions, or by the scans of its recording."""
+"""A trajectory scored: against another one or relations, or by the scans of its recording."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import isnan
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from moteslam.errors import InputError
 from moteslam.eval.metrics.association import MAX_DIFFERENCE
-from moteslam.eval.metrics.ate import AteResult, absolute_trajectory_error, position_error
+from moteslam.eval.metrics.ate import AteResult, absolute_trajectory_error
 from moteslam.eval.metrics.doubts import clock_offset, doubts, few_matched, in_words, on_another_clock
 from moteslam.eval.metrics.evidence import FINAL, Evidence, oriented
 from moteslam.eval.metrics.registry import Value, measure
@@ -28,19 +26,14 @@ from moteslam.eval.metrics.residuals import ResidualResult, scan_residuals
 from moteslam.eval.metrics.rpe import Unit, relative_pose_error
 from moteslam.eval.metrics.space import in_plane, spatial
 from moteslam.robot.formats.map_server import read_map
-from moteslam.robot.platform import Platform
 from moteslam.robot.recording import Recording
-from moteslam.robot.se2 import compose
 from moteslam.robot.trajectories import read_trajectory
-from moteslam.robot.trajectories.columns import is_positions, read_positions
-from moteslam.robot.trajectory import TILT, Positions, Trajectory, tilt_of
+from moteslam.robot.trajectory import TILT, Trajectory, tilt_of
 from moteslam.robot.values import Issue
 from moteslam.slam.inputs.scans import Scans
 
-Reference = Trajectory | Relations | Positions
-Issues = tuple[Issue, ...]
+Reference = Trajectory | Relations
 
-QUESTION = "are these of the same drive, on the same clock?"
 ACCURACY_OF_MAPS = ("map_precision", "map_recall", "map_f1", "map_distance", "map_free_iou", "map_known")
 """Metrics that compare a map with the true one."""
 
@@ -55,17 +48,14 @@ class Evaluation:
 
 
 def read_reference(path: Path) -> Reference:
-    """What to score by: relations, positions or a trajectory, by the content of a file."""
-    if is_relations(path):
-        return read_relations(path)
-    return read_positions(path) if is_positions(path) else read_trajectory(path)
+    """What to score by: relations or a trajectory, by the content of a file."""
+    return read_relations(path) if is_relations(path) else read_trajectory(path)
 
 
 def against(
     estimate: Trajectory,
     reference: Reference,
     *,
-    robot: Platform | None = None,
     align: bool = True,
     scale: bool = False,
     delta: float = 1.0,
@@ -74,11 +64,10 @@ def against(
     max_difference: float | None = None,
     interpolate: bool = True,
 ) -> Evaluation:
-    """Score a trajectory by a reference of any kind; arguments that are not of its kind change nothing.
+    """Score a trajectory by another one or by relations; arguments that are not of that kind change nothing.
 
     Args:
         estimate, reference: what is scored, and by what.
-        robot: whose lidar's positions were measured; at the robot's origin where it is not known, which a warning says.
         align, scale: of the absolute error, as in ``absolute_trajectory_error``.
         delta, unit, all_pairs: of the relative error, as in ``relative_pose_error``; an estimate that is shorter than
             ``delta`` has none, which a warning says.
@@ -89,80 +78,38 @@ def against(
         tolerance = TOLERANCE if max_difference is None else max_difference
         return _against_relations(estimate, reference, tolerance, interpolate=interpolate)
     apart = MAX_DIFFERENCE if max_difference is None else max_difference
-    about: dict[str, Any]
-    if isinstance(reference, Positions):
-        kind = "positions"
-        ate, issues = _against_positions(estimate, reference, robot, apart, align=align, scale=scale)
-        about = {"ate": {name: value for name, value in ate.as_dict().items() if name != "rotation_deg"}}
-    else:
-        kind = "trajectory"
-        ate, issues = _against_trajectory(estimate, reference, apart, align=align, scale=scale)
-        rpe = None
-        try:
-            rpe = relative_pose_error(
-                estimate,
-                reference,
-                delta=delta,
-                unit=unit,
-                all_pairs=all_pairs,
-                max_difference=apart,
-            ).as_dict()
-        except InputError as error:
-            if error.field != "pairs":
-                raise
-            issues += (Issue("no-relative-error", f"no relative error: {error.problem}"),)
-        about = {"oriented": ate.rotation is not None, "ate": ate.as_dict(), "rpe": rpe}
-    figures = {"kind": kind, "aligned": align, "scaled": align and scale, **about}
-    errors = {"stamps": ate.stamps.tolist(), "translation_m": ate.errors.tolist()}
-    if kind == "trajectory":
-        errors["rotation_rad"] = None if ate.rotation_errors is None else ate.rotation_errors.tolist()
-    return Evaluation(figures | {"warnings": [issue.as_dict() for issue in issues]}, errors, ate)
-
-
-def _against_trajectory(
-    estimate: Trajectory, reference: Trajectory, apart: float, *, align: bool, scale: bool
-) -> tuple[AteResult, Issues]:
-    def score(moved: Trajectory) -> AteResult:
-        return absolute_trajectory_error(moved, reference, align=align, scale=scale, max_difference=apart)
-
-    ate = _on_one_clock(lambda: score(estimate), estimate, reference)
-    matched = len(ate.stamps), min(len(estimate), len(reference))
-    issues = (*doubts(estimate, reference, ate), *few_matched(*matched, "poses", QUESTION))
-    if align and (offset := clock_offset(estimate, reference)) is not None:
-        after = score(replace(estimate, stamps=estimate.stamps + offset.seconds))
-        issues += (Issue("clocks-differ", in_words(replace(offset, rmse=after.rmse, before=ate.rmse))),)
-    return ate, issues
-
-
-def _against_positions(
-    estimate: Trajectory, positions: Positions, robot: Platform | None, apart: float, *, align: bool, scale: bool
-) -> tuple[AteResult, Issues]:
-    mount = (0.0, 0.0, 0.0) if robot is None else robot.lidar.pose
-    if not estimate.oriented and any(mount):
-        raise InputError("an estimate without orientation, expected headings: the lidar is not at the robot's origin")
-    heads = np.column_stack((positions.points, np.zeros(len(positions))))
-    measured_at = Trajectory(positions.stamps, heads, oriented=False)
-    there = replace(estimate, poses=compose(estimate.poses, mount), space=None)
-    ate = _on_one_clock(
-        lambda: position_error(estimate, positions, mount=mount, align=align, scale=scale, max_difference=apart),
-        there,
-        measured_at,
-    )
-    issues = few_matched(len(ate.stamps), min(len(estimate), len(positions)), "positions", QUESTION)
-    if robot is None:
-        text = "the positions are the lidar's, whose place on the robot only the recording says: taken for its origin"
-        issues = (Issue("unknown-mount", text), *issues)
-    if align and (offset := clock_offset(there, measured_at)) is not None:
-        issues += (Issue("clocks-differ", in_words(offset)),)
-    return ate, issues
-
-
-def _on_one_clock(score: Callable[[], AteResult], estimate: Trajectory, reference: Trajectory) -> AteResult:
-    """The score; where that fails the error says whether the clocks differ."""
     try:
-        return score()
+        ate = absolute_trajectory_error(estimate, reference, align=align, scale=scale, max_difference=apart)
     except InputError as error:
         raise on_another_clock(error, clock_offset(estimate, reference)) from None
+    issues = doubts(estimate, reference, ate)
+    question = "are these the same drive, on the same clock?"
+    issues += few_matched(len(ate.stamps), min(len(estimate), len(reference)), "poses", question)
+    if align and (offset := clock_offset(estimate, reference)) is not None:
+        moved = replace(estimate, stamps=estimate.stamps + offset.seconds)
+        after = absolute_trajectory_error(moved, reference, scale=scale, max_difference=apart)
+        issues += (Issue("clocks-differ", in_words(replace(offset, rmse=after.rmse, before=ate.rmse))),)
+    rpe = None
+    try:
+        rpe = relative_pose_error(
+            estimate, reference, delta=delta, unit=unit, all_pairs=all_pairs, max_difference=apart
+        ).as_dict()
+    except InputError as error:
+        if error.field != "pairs":
+            raise
+        issues += (Issue("no-relative-error", f"no relative error: {error.problem}"),)
+    figures = {
+        "kind": "trajectory",
+        "aligned": align,
+        "scaled": align and scale,
+        "oriented": ate.rotation is not None,
+        "ate": ate.as_dict(),
+        "rpe": rpe,
+        "warnings": [issue.as_dict() for issue in issues],
+    }
+    turns = None if ate.rotation_errors is None else ate.rotation_errors.tolist()
+    errors = {"stamps": ate.stamps.tolist(), "translation_m": ate.errors.tolist(), "rotation_rad": turns}
+    return Evaluation(figures, errors, ate)
 
 
 def _against_relations(
@@ -202,7 +149,7 @@ def measured(
 
     Args:
         estimate: the trajectory.
-        reference: a trajectory, relations or positions; by the last no metric is measured.
+        reference: a trajectory or relations.
         recording: of its drive.
         occupancy, true_map: map_server ``.yaml`` files of its map, in the frame of the estimate, and of the true one.
         names: of the metrics; with a true map its accuracy is measured, too.

@@ -1,4 +1,4 @@
-"""``moteslam evaluate``: trajectories against another one, relations or positions, or by the scans of a recording."""
+"""``moteslam evaluate``: trajectories against another one or relations, or by the scans of a recording."""
 
 from __future__ import annotations
 
@@ -15,8 +15,7 @@ from moteslam.eval.cli.text import answer, note, warn
 NEEDED = {
     "a recording": ("sequence", "platform"),
     "a reference": ("plot", "max_difference", "time_offset"),
-    "a reference trajectory or positions": ("no_align", "scale"),
-    "a reference trajectory": ("delta", "unit", "all_pairs", "loops", "map"),
+    "a reference trajectory": ("no_align", "scale", "delta", "unit", "all_pairs", "loops", "map"),
     "a .relations reference": ("no_interpolate",),
     "a --map": ("true_map",),
 }
@@ -30,7 +29,7 @@ def evaluate(
         typer.Argument(
             metavar="EST... [REF]",
             help="Trajectories to score (TUM, KITTI, CSV, g2o, BAG:TOPIC); last of several the reference, also "
-            ".relations or positions.",
+            ".relations.",
         ),
     ],
     recording: Annotated[
@@ -86,8 +85,7 @@ def evaluate(
     interpolated at the stamps of the other; where they have as many, each takes the nearest stamp. Motion out of x and
     y is compared in space, a reference without orientation by positions and distances. A trajectory in a ROS bag is
     BAG:TOPIC or BAG:tf:PARENT:CHILD. Relations are interpolated between poses; clear relations are those whose stamps
-    each belong to exactly one pose. Against measured positions of the lidar (lines P t x y), the absolute error of its
-    position; where it stands on the robot, --recording says.
+    each belong to exactly one pose.
 
     With --recording, the residuals of every EST: the distances of endpoints to the lines of scans less than 2 m of
     path away.
@@ -153,7 +151,6 @@ def evaluate(
                 compared = against(
                     one,
                     truth,
-                    robot=None if opened is None else opened.platform,
                     align=not no_align,
                     scale=scale,
                     delta=delta,
@@ -206,7 +203,6 @@ def evaluate(
 def _refuse_options(context: typer.Context, paths: list[Path], recording: Path | None, map_file: Path | None) -> None:
     """Refuse what does not go together, also what was given with the value that it has by default."""
     from moteslam.eval.metrics.relations import is_relations
-    from moteslam.robot.trajectories.columns import is_positions
 
     sources = {name: context.get_parameter_source(name) for name in context.params}
     given = {name.removesuffix("_file") for name, source in sources.items() if source and source.name == "COMMANDLINE"}
@@ -224,9 +220,7 @@ def _refuse_options(context: typer.Context, paths: list[Path], recording: Path |
     there = {"a recording"} if recording is not None else set()
     there |= {"a --map"} if map_file is not None else set()
     if len(paths) > 1:
-        relations, positions = is_relations(paths[-1]), is_positions(paths[-1])
-        there |= {"a reference", "a .relations reference" if relations else "a reference trajectory or positions"}
-        there |= set() if relations or positions else {"a reference trajectory"}
+        there |= {"a reference", "a .relations reference" if is_relations(paths[-1]) else "a reference trajectory"}
     own = {"a recording": "a --recording", "a --map": "the map that it is compared with"}
     for needed, names in NEEDED.items():
         if needed not in there and (without := next((name for name in names if name in given), None)):

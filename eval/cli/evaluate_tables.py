@@ -21,9 +21,6 @@ def lines_of(rows: Sequence[Row], more: Mapping[str, Any]) -> Iterator[str]:
     if kind == "trajectory" and len(rows) > 1:
         yield f"against {reference}"
         yield _comparison(rows)
-    elif kind == "positions":
-        yield f"positions of the lidar against {reference}"
-        yield aligned([("estimate", *HEAD), *((row["estimate"], *_errors(row)[0]) for row in rows)])
     elif kind is not None:
         for row in rows:
             yield f"{literal(row['estimate'])} against {reference}"

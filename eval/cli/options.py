@@ -152,8 +152,7 @@ class RecordingOptions:
 
     def open(self, path: Path) -> Recording:
         """The part of the recording at a path that the options ask for."""
-        from moteslam.robot.cut import Cut, cut
-        from moteslam.robot.formats import open_recording
+        from moteslam.robot.formats import Cut, cut, open_recording
 
         streams = tuple(name.strip() for name in self.streams.split(",")) if self.streams is not None else ()
         with named(start="--start", end="--end", every="--every", streams="--streams"):

@@ -10,13 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.errors import InputError
-from moteslam.eval.metrics.association import MAX_DIFFERENCE, Matched, covered, from_to, match
+from moteslam.eval.metrics.association import MAX_DIFFERENCE, Matched, match
 from moteslam.eval.metrics.space import angles, laid, planar, upright
 from moteslam.eval.statistics import Statistics
-from moteslam.robot import se2
 from moteslam.robot.se2 import IDENTITY, Poses, compose, inverse, umeyama, umeyama_scale, wrap
-from moteslam.robot.trajectory import Positions, Space, Trajectory
-from moteslam.robot.values import Summarised, counted, expect_type
+from moteslam.robot.trajectory import Space, Trajectory
+from moteslam.robot.values import Summarised, counted
 
 STANDING = 0.01
 """A reference whose positions are within this root mean square distance of their mean [m] stands still."""
@@ -132,44 +131,6 @@ def absolute_trajectory_error(
     if matched.space is not None:
         return _in_space(matched, align=align, from_start=from_start, scale=scale)
     return _in_plane(matched, align=align, from_start=from_start, scale=scale)
-
-
-def position_error(
-    estimate: Trajectory,
-    positions: Positions,
-    *,
-    mount: tuple[float, float, float] = (0.0, 0.0, 0.0),
-    align: bool = True,
-    scale: bool = False,
-    max_difference: float = MAX_DIFFERENCE,
-) -> AteResult:
-    """The absolute trajectory error of a point of the robot against its measured positions, without headings.
-
-    The estimate is interpolated at the stamps of the positions.
-
-    Args:
-        estimate: poses of the robot.
-        positions: measured, of a point that stands on it.
-        mount: pose of that point in the robot's frame, as a lidar's [m, rad].
-        align, scale: as of ``absolute_trajectory_error``.
-        max_difference: a position before or after the estimate by no more than this belongs to its end [s].
-
-    Raises:
-        InputError: no poses or positions, or none of them between two poses at most a second apart.
-    """
-    expect_type(estimate, Trajectory, "estimate", "read_tum(path) reads one")
-    expect_type(positions, Positions, "positions", "read_positions(path) reads some")
-    if not len(estimate) or not len(positions):
-        raise InputError("no poses or no positions, expected at least one of each")
-    keep = covered(positions.stamps, estimate.stamps, max_difference)
-    if not keep.any():
-        raise InputError(
-            f"no stamps in common: the estimate covers {from_to(estimate.stamps)}, the positions "
-            f"{from_to(positions.stamps)}, expected positions between its poses"
-        )
-    stamps, measured = positions.stamps[keep], np.column_stack((positions.points[keep], np.zeros(keep.sum())))
-    points = np.asarray(compose(se2.interpolate(estimate.stamps, estimate.poses, stamps), mount))
-    return _in_plane(Matched(stamps, points, measured, oriented=False), align=align, from_start=False, scale=scale)
 
 
 def _in_plane(matched: Matched, *, align: bool, from_start: bool, scale: bool) -> AteResult:

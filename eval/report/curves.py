@@ -151,7 +151,7 @@ def draw_comparison(
 ) -> None:
     """Errors over time and paths, after alignment; against relations, the share of them below each error.
 
-    Against positions there are no errors of the heading.
+    Against positions alone there are no errors of the heading.
 
     Args:
         path: of the PNG.

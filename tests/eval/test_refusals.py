@@ -90,9 +90,8 @@ LINES = {
     ],
     "evaluate good.tum ": [
         ("", f"'{TRACKS}': one file, expected trajectories and, last, their reference"),
-        ("some.relations --no-align", "'--no-align': given without a reference trajectory or positions"),
+        ("some.relations --no-align", "'--no-align': given without a reference trajectory"),
         ("--recording any.log --delta 1.0", "'--delta': given without a reference trajectory, "),
-        ("measured.txt --unit s", "'--unit': given without a reference trajectory, "),
         ("truth.tum --no-interpolate", "'--no-interpolate': given without a .relations reference"),
         ("--recording any.log --max-difference 0.1", "'--max-difference': given without a reference, "),
         ("truth.tum --sequence 20", "'--sequence': given without a recording"),
@@ -154,7 +153,6 @@ def here(simulated_folder: Path, scenario_file: Path, tmp_path_factory: pytest.T
         "bad.tum": "some words\n",
         "early.tum": "-1 0 0 0 0 0 0 1\n1 0 0 0 0 0 0 1\n",
         "some.relations": "1 2 1 0 0 0 0 0\n",
-        "measured.txt": "P 1000 1 0\nP 2000 2 0\n",
         "spec.toml": 'scenarios = ["corridor"]\n',
         "empty.sweep": "",
         "x.csv": "a,b\n1,2\n",
