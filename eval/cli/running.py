@@ -10,7 +10,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from moteslam.eval.cli.evaluate_tables import loop_lines
+from moteslam.eval.cli.evaluate import loop_lines
 from moteslam.eval.cli.text import answer, progress_bar, warn
 from moteslam.eval.metrics.evidence import DEAD_RECKONING, FINAL, ONLINE
 from moteslam.eval.report.stages import Snapshots, TextureStages
