@@ -74,7 +74,7 @@ def named(option: str | None = None, /, **by_field: str) -> Iterator[None]:
         flag = by_field.get(error.field or "", option)
         if flag is None or error.file is not None:
             raise
-        raise type(error)(error.problem, field=flag.format(error.field)) from error
+        raise type(error)(error.problem, field=flag.replace("{}", str(error.field))) from error
 
 
 @contextmanager

@@ -185,7 +185,9 @@ def scenario_of(
     from moteslam.sim.world.random_corridors import NAME as RANDOM_CORRIDORS
 
     numbered = f"{name}-{seed or 0}" if name == RANDOM_CORRIDORS else name
-    flags = {"settings": "--set"} | ({} if platform is None else {"platform": "--platform", platform: "--platform"})
+    flags = {"settings": "--set"}
+    if platform is not None:
+        flags |= dict.fromkeys(("platform", platform), f"--platform {platform}")
     with options.named(**flags):
         loaded = load_scenario(numbered, platform=platform, noise=noise, settings=settings)
     if duration is None:

@@ -42,7 +42,7 @@ LINES = {
         ("corridor --out robot", "robot: exists already; name a new folder, or replace it with --force\n"),
     ],
     "simulate room.toml --out new/and/x ": [
-        ("--platform nobody", "--platform: no robot of this name, expected one of lms200, rplidar_a1, "),
+        ("--platform nobody", "--platform nobody: no robot of this name, expected one of lms200, rplidar_a1, "),
         ("--platform part.toml", "part.toml: length, width, "),
         ("--noise loud", "'--noise': 'loud' is not one of"),
         ("--platform plain.toml --noise as_recorded", "room.toml: noise_class: as_recorded, expected "),
