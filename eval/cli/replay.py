@@ -74,15 +74,15 @@ def replay(
     if out is None:
         raise typer.BadParameter("missing, expected a folder for the result", param_hint="'--out'")
 
-    from moteslam.eval.cli.running import run_into, say_run
+    from moteslam.eval.cli.running import run_into, run_lines
     from moteslam.eval.scores import true_map_beside
     from moteslam.robot.files import result_folder
 
-    recording, found = _checked(part.open(path), calibrate)
+    recording, not_as_stated = _checked(part.open(path), calibrate)
     truth, issues = (None, ()) if recording.lidar is None else _truth_beside(path, recording.lidar.stamps)
     cut = {name: value for name, value in part.given.items() if name not in ("sequence", "platform")}
     with result_folder(out, force=run.force, keep=path) as folder:
-        done = run_into(
+        found = run_into(
             folder,
             recording,
             config,
@@ -90,9 +90,10 @@ def replay(
             truth=truth,
             true_map=None if truth is None else true_map_beside(path),
             about={"path": str(path), **cut, **({} if calibrate is None else {"calibrate": calibrate})},
-            issues=(*found, *issues),
+            issues=(*not_as_stated, *issues),
         )
-    say_run(done, out, f"{recording.name}: {done.estimate.trajectory_final.length:.1f} m", as_json=run.as_json)
+    found = {"out": str(out), **found}
+    answer(found, run_lines(found, f"{recording.name}: {found['distance_m']:.1f} m"), as_json=run.as_json)
 
 
 def _checked(recording: Recording, side: Literal["lidar", "odometry"] | None) -> tuple[Recording, tuple[Issue, ...]]:

@@ -5,13 +5,12 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from moteslam.eval.cli.evaluate import loop_lines
-from moteslam.eval.cli.text import answer, progress_bar, warn
+from moteslam.eval.cli.text import progress_bar, warn
 from moteslam.eval.metrics.evidence import DEAD_RECKONING, FINAL, ONLINE
 from moteslam.eval.report.stages import Snapshots, TextureStages
 from moteslam.eval.results import write_results
@@ -30,15 +29,6 @@ if TYPE_CHECKING:
     from moteslam.eval.cli.options import SlamOptions
 
 
-@dataclass(frozen=True)
-class Run:
-    """A run that is done: its estimate, its figures as of ``metrics.json``, and all issues of recording and run."""
-
-    estimate: Estimate
-    figures: Figures
-    issues: tuple[Issue, ...]
-
-
 def run_into(
     folder: Path,
     recording: Recording,
@@ -49,8 +39,8 @@ def run_into(
     true_map: Raster | None = None,
     about: dict[str, Any] | None = None,
     issues: tuple[Issue, ...] = (),
-) -> Run:
-    """Run SLAM over a recording and fill a result folder, which exists.
+) -> Figures:
+    """Run SLAM over a recording and fill a result folder, which exists; what is printed of it.
 
     It is scored with the truth, and its map with the true one, trinary and in the frame of the truth. ``about`` goes
     into ``run.json``; ``issues`` were found before the run, those of the recording and of SLAM follow.
@@ -91,7 +81,20 @@ def run_into(
             "threads": device.threads,
         },
     )
-    return Run(estimate, found, issues)
+    return described(estimate, found, issues)
+
+
+def described(estimate: Estimate, figures: Figures, issues: tuple[Issue, ...] = ()) -> Figures:
+    """The figures of ``metrics.json``, and what else is printed of a run."""
+    return {
+        "recording": estimate.name,
+        "seed": estimate.seed,
+        "first_stamp": float(estimate.trajectory.stamps[0]),
+        "most_particles": int(estimate.diagnostics["particles"].max()),
+        "filter_and_back_end_seconds": estimate.seconds,
+        "warnings": [issue.as_dict() for issue in issues],
+        **figures,
+    }
 
 
 def _coloured(estimate: Estimate, recording: Recording) -> tuple[Estimate, list[tuple[float, TextureMap]]]:
@@ -111,33 +114,20 @@ def _coloured(estimate: Estimate, recording: Recording) -> tuple[Estimate, list[
     return estimate, stages.kept if estimate.texture is not None else []
 
 
-def say_run(run: Run, out: Path, driven: str, *, as_json: bool) -> None:
-    """Print a run: what was driven, how many scans and particles, where the robot was lost, and the scores."""
-    found = {
-        "out": str(out),
-        "recording": run.estimate.name,
-        "seed": run.estimate.seed,
-        "filter_and_back_end_seconds": run.estimate.seconds,
-        "warnings": [issue.as_dict() for issue in run.issues],
-        **run.figures,
-    }
-    answer(found, _lines(run, out, driven), as_json=as_json)
-
-
-def _lines(run: Run, out: Path, driven: str) -> Iterator[str]:
-    estimate, stamps, figures = run.estimate, run.estimate.trajectory.stamps, run.figures
-    counts, lost = estimate.diagnostics["particles"], figures["localisation"]
-    particles = counted(int(counts.max()), "particle")
-    if counts.min() < counts.max():
-        particles = f"{counts.mean():.0f} of {particles} in the mean"
-    scans = f"{counted(len(stamps), 'scan')}, {particles}, {1000 * estimate.seconds / len(stamps):.1f} ms a scan"
-    yield f"{literal(driven)} in {stamps[-1] - stamps[0]:.0f} s, {scans}"
+def run_lines(found: Figures, driven: str) -> Iterator[str]:
+    """What was driven, how many scans and particles, where the robot was lost, and the scores."""
+    particles, lost = counted(found["most_particles"], "particle"), found["localisation"]
+    if found["mean_particles"] < found["most_particles"]:
+        particles = f"{found['mean_particles']:.0f} of {particles} in the mean"
+    pace = 1000 * found["filter_and_back_end_seconds"] / found["scans"]
+    scans = f"{counted(found['scans'], 'scan')}, {particles}, {pace:.1f} ms a scan"
+    yield f"{literal(driven)} in {found['duration_s']:.0f} s, {scans}"
     if lost["first_lost_stamp"] is not None:
-        after = lost["first_lost_stamp"] - stamps[0]
+        after = lost["first_lost_stamp"] - found["first_stamp"]
         yield f"lost at {counted(lost['states']['lost'], 'scan')}, first after {after:.1f} s: see diagnostics.csv"
-    if number(figures, "final.ate") is not None:
-        yield from score_lines(figures)
-    yield f"result in {literal(out)}"
+    if number(found, "final.ate") is not None:
+        yield from score_lines(found)
+    yield f"result in {literal(found['out'])}"
 
 
 def score_lines(figures: Figures) -> Iterator[str]:

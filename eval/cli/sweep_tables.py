@@ -51,9 +51,8 @@ def _measured(runs: list[Row], wanted: list[str] | None, file: Path) -> list[str
     if not there:
         return wanted or ["final.ate"]
     if wanted is None:
-        return (
-            ["final.ate"] if "final.ate" in there else [name for name in there if name not in ("scans", "distance")][:1]
-        )
+        others = [name for name in there if name not in ("scans", "distance")]
+        return ["final.ate"] if "final.ate" in there else others[:1]
     for name in wanted:
         if name not in there:
             alike = [one for one in there if one.endswith(f".{name}")] or there

@@ -11,7 +11,7 @@ import pytest
 from loop_candidates import candidate
 
 from moteslam.errors import InputError
-from moteslam.eval.cli.running import Run, say_run, score_lines
+from moteslam.eval.cli.running import described, run_lines, score_lines
 from moteslam.eval.results import write_results
 from moteslam.eval.run_tables import (
     DIAGNOSTICS_COLUMNS,
@@ -127,7 +127,7 @@ def test_a_broken_table_of_diagnostics_is_refused_with_its_line(tmp_path: Path, 
     assert (caught.value.file, caught.value.line, caught.value.field) == (str(file), line, field)
 
 
-def test_states_in_the_figures_and_in_a_line(lost: Estimate, run, simulation, tmp_path: Path, capsys):
+def test_states_in_the_figures_and_in_a_line(lost: Estimate, run, simulation, tmp_path: Path):
     figures = write_results(tmp_path, lost, simulation.truth, figures=False)
     found = json.loads((tmp_path / "metrics.json").read_text())["localisation"]
     assert found["states"] == {"sure": len(lost.trajectory) - 3, "doubtful": 1, "lost": 2}
@@ -135,10 +135,10 @@ def test_states_in_the_figures_and_in_a_line(lost: Estimate, run, simulation, tm
     assert found["compared"]["wrong"] == 0
     assert figures["metrics"]["lost_precision"]["value"] == 0
     seconds = lost.trajectory.stamps[5] - lost.trajectory.stamps[0]
-    say_run(Run(lost, figures, ()), tmp_path, "room", as_json=False)
-    assert f"lost at 2 scans, first after {seconds:.1f} s: see diagnostics.csv\n" in capsys.readouterr().out
-    say_run(Run(run[0], score_estimate(run[0]), ()), tmp_path, "room", as_json=False)
-    assert "lost" not in capsys.readouterr().out
+    lines = list(run_lines({"out": "x", **described(lost, figures)}, "room"))
+    assert lines[1] == f"lost at 2 scans, first after {seconds:.1f} s: see diagnostics.csv"
+    found = {"out": "x", **described(run[0], score_estimate(run[0]))}
+    assert not any("lost" in line for line in run_lines(found, "room"))
 
 
 def test_a_run_that_looks_for_loops_has_its_ledger(run, simulation, tmp_path: Path) -> None:
