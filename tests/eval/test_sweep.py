@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -359,11 +360,22 @@ def test_a_value_that_is_absent_is_recorded_with_its_reason(tmp_path: Path) -> N
     assert (summary.values["final.rpe_1m"].absent, summary.values["final.rpe_1m"].median) == (1, None)
 
 
-def test_the_guides_specification_is_what_it_says(tmp_path: Path) -> None:
-    page = (Path(__file__).parents[2] / "docs/guide/sweeps.md").read_text(encoding="utf-8")
-    block = page.partition("```toml\n")[2].partition("```")[0]
-    assert "# 160 runs" in page
-    assert len(planned(tmp_path, block)) == 160
+def test_the_specifications_of_the_documentation_are_what_they_say(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sweeps, external = ((ROOT / f"docs/guide/{page}.md").read_text(encoding="utf-8") for page in ("sweeps", "external"))
+    assert "# 160 runs" in sweeps
+    assert len(planned(tmp_path, sweeps.partition("```toml\n")[2].partition("```")[0])) == 160
+    for text in re.findall(r"```toml\n(.*?)```", external, re.S):
+        given = re.sub(r"^version = .*$", 'version = "1"', text, flags=re.M)
+        runs = planned(tmp_path, f'{HERE}seeds = "0"\n{given}')
+        assert [run.version for run in runs] == ["1"]
+    (tmp_path / "dpkg-query").write_text("#!/bin/sh\necho 1:2.5.8\n", encoding="utf-8")
+    (tmp_path / "dpkg-query").chmod(0o755)
+    monkeypatch.setenv("PATH", str(tmp_path), prepend=":")
+    runs = plan(read_spec(ROOT / "docs/examples/mrpt.toml"))
+    assert len(runs) == 2 * 5 * 4
+    assert {run.version for run in runs if run.configuration == "icp"} == {"1:2.5.8"}
 
 
 ANYONES = {
