@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from math import isnan
+from math import inf, isnan
 from pathlib import Path
 from typing import Any
 
 from moteslam.errors import InputError
 from moteslam.eval.metrics.association import MAX_DIFFERENCE
 from moteslam.eval.metrics.ate import AteResult, absolute_trajectory_error
-from moteslam.eval.metrics.doubts import clock_offset, doubts, few_matched, in_words, on_another_clock
+from moteslam.eval.metrics.doubts import clock_offset, doubts, few_matched, in_words, lever_arm, on_another_clock
 from moteslam.eval.metrics.evidence import FINAL, Evidence, oriented
 from moteslam.eval.metrics.registry import Value, measure
 from moteslam.eval.metrics.relations import (
@@ -85,10 +85,8 @@ def against(
     issues = doubts(estimate, reference, ate)
     question = "are these the same drive, on the same clock?"
     issues += few_matched(len(ate.stamps), min(len(estimate), len(reference)), "poses", question)
-    if align and (offset := clock_offset(estimate, reference)) is not None:
-        moved = replace(estimate, stamps=estimate.stamps + offset.seconds)
-        after = absolute_trajectory_error(moved, reference, scale=scale, max_difference=apart)
-        issues += (Issue("clocks-differ", in_words(replace(offset, rmse=after.rmse, before=ate.rmse))),)
+    if align:
+        issues += _explained(estimate, reference, ate, scale=scale, max_difference=apart)
     rpe = None
     try:
         rpe = relative_pose_error(
@@ -122,6 +120,22 @@ def _against_relations(
         "rotation_rad": result.rotation_errors.tolist(),
     }
     return Evaluation({"kind": "relations", **result.as_dict()}, errors, result)
+
+
+def _explained(
+    estimate: Trajectory, reference: Trajectory, ate: AteResult, *, scale: bool, max_difference: float
+) -> tuple[Issue, ...]:
+    """The issue that an offset of the clocks, or one on the robot, explains the error, whichever leaves less of it."""
+    arm, after = lever_arm(ate), inf
+    if (offset := clock_offset(estimate, reference)) is not None:
+        moved = replace(estimate, stamps=estimate.stamps + offset.seconds)
+        after = absolute_trajectory_error(moved, reference, scale=scale, max_difference=max_difference).rmse
+    if arm is not None and arm.rmse < after:
+        text = f"an offset of x {arm.x:.3f} m, y {arm.y:.3f} m on the robot explains the ATE but for {arm.rmse:.4f} m: "
+        return (Issue("lever-arm", f"{text}the two are paths of different points of it, of lidar and base, say"),)
+    if offset is None:
+        return ()
+    return (Issue("clocks-differ", in_words(replace(offset, rmse=after, before=ate.rmse))),)
 
 
 def under_recording(estimate: Trajectory, recording: Recording, *, scans: Scans | None = None) -> Evaluation:

@@ -35,8 +35,8 @@ OFFSET = 0.1
 """Prior standard deviation of a common offset of the ranges [m]; it would pass for a scale of the angles."""
 ANGLE_FLOOR = 0.0015
 """The standard deviation of that scale is no smaller."""
-AGREES = 0.6
-"""Turns of scans and odometry that correlate less are not of the same motion."""
+AGREES, AGREES_LOGGED = 0.6, 0.35
+"""Turns of scans and odometry that correlate less are not of the same motion: with clocks to be found, and without."""
 BETTER, EVIDENCE = 0.4, 60.0
 """Odometry is read in another way where that costs less than this share, and over all pairs less by this much."""
 UNFIT = 7.0
@@ -52,8 +52,6 @@ LATE, LATE_WHEELS = 0.16, 0.25
 """Clocks that differ by less are taken for one [s]: wheels without a gyro turn before the robot does, by 0.1 s."""
 DRIFT = 1e-3
 """Likewise [s/s]."""
-PLACE_BY_WHEELS = 0.02
-"""Added to the deviations of the mount's place, since such wheels slip aside in turns [m]."""
 MOVES = 0.05
 """The direction of a path is taken over this distance [m]."""
 FORMS = ("stated", "turns", "y", "path")
@@ -132,15 +130,11 @@ def _calibrate(recording: Recording, lidar: LidarStream, pairs: int) -> Calibrat
     best = clocks._replace(values=clocks.values.copy())
     wheels_alone = recording.encoders is not None and recording.imu is None and not logged
     shared = logged or not clocks_differ(clocks, float(np.ptp(lidar.stamps)), wheels_alone=wheels_alone)
-    if shared and not logged:
+    if shared and not logged and not wheels_alone:  # the body follows such wheels late, as by another clock
         best = fit(scans.pairs, at, (0.0, 0.0), shared=True)
     start = clocks.values[Parameter.OFFSET] + clocks.values[Parameter.DRIFT] * (scans.first.min() - clocks.middle)
     if not shared and abs(start) < (LATE_WHEELS if wheels_alone else LATE):  # one clock when the recording began
         best.values[Parameter.OFFSET] -= start
-    if wheels_alone:
-        for each in (best, clocks):
-            place = each.deviations[: Parameter.YAW]
-            place[:] = np.hypot(place, PLACE_BY_WHEELS)
     fits = read is not None and min(best.cost, clocks.cost) < UNFIT
     clocks_or_none = None if logged else clocks
     return Calibration(
@@ -213,10 +207,8 @@ def _read(
     for form in FORMS if poses else FORMS[:1]:
         read = in_form(path, form)
         headings = np.unwrap(read.poses[:, 2])
-        offset, drift, correlation = clock(scans.pairs, read.stamps, headings)
-        if logged:
-            offset = drift = 0.0
-        if abs(correlation) < AGREES:
+        offset, drift, correlation = clock(scans.pairs, read.stamps, headings, shared=logged)
+        if abs(correlation) < (AGREES_LOGGED if logged else AGREES):
             continue
         pairs, mirrored = scans.pairs, correlation < 0
         if mirrored:
@@ -319,7 +311,10 @@ class _RegisteredPairs:
 
 
 def _pairs(lidar: LidarStream, odometry: Array, count: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Pairs of scans all over a recording, half of them evenly in time, half by the distance of the odometry."""
+    """Pairs of scans all over a recording: a third of them evenly by scans, by the way, and by turns of the odometry.
+
+    Those by odometry begin a scan after the step that they are chosen by, or before: its noise is in none of them.
+    """
     stamps, n = lidar.stamps, len(lidar)
     motion, seconds = np.abs(se2.between(odometry[:-1], odometry[1:])), np.diff(stamps)
     size = np.hypot(motion[:, 0], motion[:, 1]) / MOTION[0] + motion[:, 2] / MOTION[1]
@@ -329,10 +324,13 @@ def _pairs(lidar: LidarStream, odometry: Array, count: int) -> tuple[NDArray[np.
         usual = float(np.median(size[moving]))
         rate = float(np.median(size[moving] / np.maximum(seconds[moving], 1e-3)))
         span = min(max(1 / rate, SHORTEST), LONGEST)
-    way = np.concatenate(([0.0], np.cumsum(np.minimum(size, 5 * usual))))
-    evenly = (np.arange(count // 2) + 0.5) / (count // 2)
-    by_way = np.interp(evenly * way[-1], way, np.arange(n))
-    first = np.unique(np.concatenate((by_way, evenly * (n - 1))).astype(np.intp))
+    evenly = (np.arange(count // 3) + 0.5) / (count // 3)
+    beside = np.where(np.arange(count // 3) % 2, 1, -1)
+    begins = [evenly * (n - 1)]
+    for step in (np.minimum(size, 5 * usual), np.minimum(motion[:, 2], np.pi / 4)):
+        way = np.concatenate(([0.0], np.cumsum(step)))
+        begins.append(np.interp(evenly * way[-1], way, np.arange(n)) + beside)
+    first = np.unique(np.clip(np.concatenate(begins), 0, n - 1).astype(np.intp))
     last = np.maximum(np.searchsorted(stamps, stamps[first] + span), first + 1)
     first, last = first[last < n], last[last < n]
     apart = stamps[last] - stamps[first]

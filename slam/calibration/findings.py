@@ -164,7 +164,8 @@ def calibrated(recording: Recording, calibration: Calibration, side: Side) -> Re
     mirrored = c.mirrored and c.fits
     c = replace(c, mirrored=mirrored)
     if mirrored and not lidar_is_wrong:  # the mount was found in the mirror
-        c = replace(c, mirrored=False, fit=c.fit._replace(values=c.fit.values * (1, -1, -1, 1, 1, 1, 1)))
+        signs = [-1 if k in (Parameter.Y, Parameter.YAW) else 1 for k in Parameter]
+        c = replace(c, mirrored=False, fit=c.fit._replace(values=c.fit.values * signs))
     certain = {figure.name.split(" ")[0] for figure in _figures(c, recording) if figure.certain}
     right = _lidar(lidar, c, certain)
     x, y, yaw = _mount(c, recording, certain)
@@ -201,8 +202,9 @@ def with_form(recording: Recording, form: str) -> Recording:
 
 def _figures(c: Calibration, recording: Recording) -> tuple[Figure, ...]:
     mount = recording.platform.lidar
-    x, y, yaw, lengths, ratio, *_ = c.fit.values.tolist()
-    about_x, about_y, about_yaw, about_lengths, about_ratio, *_ = c.fit.deviations.tolist()
+    x, y, yaw, lengths, turns_over_scans, *_ = c.fit.values.tolist()
+    about_x, about_y, about_yaw, about_lengths, about_turns, *_ = c.fit.deviations.tolist()
+    ratio, about_ratio = 1 / turns_over_scans, about_turns / turns_over_scans**2
     clocks = c.clocks or c.fit
     angles_differ = abs(c.angle_scale - 1) > max(ANGLES, SIGMAS * c.angle_deviation)
     least = [PLACE, PLACE, YAW + (abs(c.angle_scale - 1) * _span(recording.lidar) if angles_differ else 0.0)]
