@@ -225,7 +225,7 @@ def write_ucsd(folder: str | PathLike[str], recording: Recording, *, sequence: s
     No return is written as ``range_max + 1`` and a reading that says nothing as 0.001 m (as NaN where that is not
     below ``range_min``). So ``read_ucsd`` gives the same recording back, bit for bit: float32 ranges, float64
     stamps. The same recording gives the same bytes. Streams without readings are left out, and so are odometry poses,
-    which have no place in this layout; images are written by `moteslam.sim.sensors.image_files`.
+    which have no place in this layout; images are written by `moteslam.sim.sensors.rgbd`.
 
     Args:
         folder: an existing folder.

@@ -209,7 +209,7 @@ def test_a_description_without_a_stream_is_none(tmp_path: Path) -> None:
         read_csv_log(path)
 
 
-@pytest.mark.parametrize("line", ["2,1,1", "2,1,x,1", ",1,1,1", "nan,1,1,1"])
+@pytest.mark.parametrize("line", ["2,1,1", "2,1,x,1", ",1,1,1", "nan,1,1,1", "2,1,1,1,5", "2,1,1,1,5,"])
 def test_a_broken_line_is_dropped_counted_and_named(tmp_path: Path, line: str) -> None:
     path = write(tmp_path, scans=f"{SCANS.replace('nan', '7')}{line}\n2,4,5,6\n")
     np.testing.assert_array_equal(lidar_of(path).ranges[3], np.float32([4, 5, 6]))

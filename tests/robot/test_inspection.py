@@ -1,16 +1,19 @@
 """What an inspection reports."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from moteslam.errors import InputError
 from moteslam.robot.formats import open_recording
 from moteslam.robot.inspection import inspect_recording
 from moteslam.robot.platforms import CARMEN, UCSD
 from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream, OdometryStream, Recording
 from moteslam.robot.sensor_reports import LidarReport
+from moteslam.slam.run import SlamSession
 
 
 def scans(stamps: np.ndarray, **changes: object) -> LidarStream:
@@ -115,13 +118,36 @@ def test_a_real_log_with_equal_stamps(data_folder: Path) -> None:
     assert report.lidar.no_return == pytest.approx(0.0489, abs=1e-4)
 
 
-@pytest.mark.parametrize(("seconds", "metres", "is_told"), [(1, 1, False), (1000, 1, True), (1, 1000, True)])
-def test_an_odometry_in_other_units_is_told(seconds: float, metres: float, is_told: bool) -> None:
+@pytest.mark.parametrize(
+    ("seconds", "metres", "rates", "ranges", "code"),
+    [
+        (1, 1, 1, 1, None),
+        (1000, 1, 1, 1, "implausible-speed"),
+        (1, 1000, 1, 1, "odometry-units"),
+        (1, 1, 57.3, 1, "gyro-units"),
+        (1, 1, 1, 1000, "range-units"),
+    ],
+)
+def test_figures_in_other_units_are_told_and_give_no_map(
+    seconds: float, metres: float, rates: float, ranges: float, code: str | None
+) -> None:
     stamps = seconds * np.arange(50) / 10
-    poses = metres * np.column_stack((0.05 * np.arange(50), np.zeros((50, 2))))
-    recording = Recording("x", CARMEN, lidar=scans(stamps), odometry=OdometryStream(stamps, poses))
-    codes = [problem.code for problem in inspect_recording(recording).problems]
-    assert ("implausible-speed" in codes) == is_told
+    lidar = scans(stamps)
+    recording = Recording(
+        "x",
+        CARMEN,
+        lidar=replace(lidar, ranges=ranges * lidar.ranges[:], range_max=100.0 * ranges),
+        odometry=OdometryStream(stamps, metres * np.column_stack((0.05 * np.arange(50), np.zeros((50, 2))))),
+        imu=ImuStream(stamps, np.full((50, 3), 0.5 * rates), np.zeros((50, 3))),
+    )
+    codes = {"implausible-speed", "odometry-units", "gyro-units", "range-units"}
+    found = [problem.code for problem in inspect_recording(recording).problems if problem.code in codes]
+    assert found == ([code] if code else [])
+    if code is None or code == "implausible-speed":
+        SlamSession(recording)
+    else:
+        with pytest.raises(InputError):
+            SlamSession(recording)
 
 
 RNG = np.random.default_rng(1)

@@ -311,6 +311,14 @@ def test_of_static_transforms_the_last_counts(tmp_path: Path, topic: str, x: flo
     assert codes(recording) == [code]
 
 
+def test_a_transform_without_a_turn_is_told(tmp_path: Path) -> None:
+    mount = placed(0, "base_link", "laser", (0.1, 0.0, 0.0))
+    mount.values["transforms"][0]["transform"]["rotation"]["w"] = 0.0
+    recording = open_recording(make_bag(tmp_path, [mount, scan(0, [1.0, 2.0])]))
+    assert (recording.platform.lidar.x, recording.platform.lidar.yaw) == (pytest.approx(0.1), 0.0)
+    assert codes(recording) == ["mount-unturned"]
+
+
 def test_of_two_parents_the_one_that_leads_to_the_base_counts(tmp_path: Path) -> None:
     events = [placed(index, "camera", "laser", (9.0, 0.0, 0.0)) for index in range(5)]
     events += [placed(0, "base_link", "laser", (0.2, 0.0, 0.0)), placed(0, "odom", "base_link"), scan(0, [1.0, 2.0])]
