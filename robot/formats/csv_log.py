@@ -153,7 +153,7 @@ class CsvDescription(Section):
 
     @model_validator(mode="after")
     def _has_a_stream(self) -> CsvDescription:
-        if all(getattr(self, name) is None for name in STREAMS):
+        if not any(getattr(self, name) for name in STREAMS):
             raise ValueError(f"no stream, expected a table [{'], ['.join(STREAMS)}]")
         return self
 
@@ -240,9 +240,10 @@ class _Reader:
         angular = np.stack([found.get(f"imu.{key}_rate", np.zeros(len(stamps))) for key in rates], axis=-1)
         linear = np.tile(AT_REST, (len(stamps), 1))
         if along:
-            linear = np.stack([found[f"imu.acceleration.{axis}"] for axis in "xyz"], axis=-1)
-            linear = linear * G[table.acceleration_unit]
-        angular = angular * RADIANS[table.rate_unit.removesuffix("/s")]
+            linear = G[table.acceleration_unit] * np.stack(
+                [found[f"imu.acceleration.{axis}"] for axis in "xyz"], axis=-1
+            )
+        angular *= RADIANS[table.rate_unit.removesuffix("/s")]
         return imu_stream(file, (str(table.stamp),) * 2, stamps, angular, linear, self.issues)
 
     def _columns(
