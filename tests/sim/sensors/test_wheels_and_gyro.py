@@ -8,15 +8,17 @@ from sim_drives import steady
 from ucsd_robot import ENCODERS, IMU, WHEELS
 
 from moteslam.robot.noise import EncoderNoise, ImuNoise
+from moteslam.robot.platforms import UCSD
 from moteslam.sim.robot.drive import Drive
-from moteslam.sim.sensors.encoders import simulate_encoders
-from moteslam.sim.sensors.imu import simulate_imu
+from moteslam.sim.sensors.wheels_and_gyro import simulate_encoders, simulate_imu
 
 
 def travel(drive: Drive, seed: int = 0, **errors: Any) -> np.ndarray:
     """The travel [n, 4] [m] of the FR, FL, RR, RL wheel between readings as counted, with these errors alone."""
     noise, span = EncoderNoise(**errors), (0.0, float(drive.stamps[-1]))
-    stream = simulate_encoders(drive, WHEELS, ENCODERS, noise, 1.0, span, np.random.default_rng(seed))
+    stream = simulate_encoders(
+        drive, UCSD, noise, 1.0, span, np.random.default_rng(seed), effects=np.random.default_rng(0)
+    )
     return stream.counts[1:] * WHEELS.metres_per_count
 
 

@@ -8,8 +8,7 @@ from moteslam.robot.formats.map_server import FREE, OCCUPIED, UNKNOWN
 from moteslam.robot.raster import Raster
 from moteslam.sim.world.layout import Doorway, Layout, Recess, Room, RoomDoorway, Wall
 from moteslam.sim.world.pieces import Box, Pillar, Shelf
-from moteslam.sim.world.true_map import true_map
-from moteslam.sim.world.world import World
+from moteslam.sim.world.world import World, true_map
 
 
 def total(segments: np.ndarray) -> float:
