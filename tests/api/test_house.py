@@ -95,6 +95,12 @@ def assert_no_circle(graph: dict[str, set[str]] | dict[str, frozenset[str]]) -> 
         pytest.fail(" <- ".join(error.args[1]))
 
 
+def test_the_robot_is_few_files_that_need_few_others():
+    graph = {module(file): {name for name in imported(file) if ".robot" in name} for file in files("robot")}
+    assert len(graph) <= 38
+    assert sum(map(len, graph.values())) <= 164
+
+
 @pytest.mark.parametrize("package", QUIET)
 def test_no_message_names_an_option_of_the_command_line(package: str):
     for file in files(package):

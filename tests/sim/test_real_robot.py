@@ -55,9 +55,12 @@ def effective_track(encoders: EncoderStream, imu: ImuStream) -> tuple[float, flo
     return track, float((difference - turn * track).std())
 
 
-def test_the_gyro_steady() -> None:
+def test_the_imu_steady() -> None:
     for seed in SEEDS:
         stream = imu(steady(900.0), seed)
+        mean, spread = stream.linear_acceleration_g.mean(0), stream.linear_acceleration_g.std(0)
+        assert mean == pytest.approx((0, 0, 1), abs=0.04)
+        assert all(within(value, 0.0002, 0.0013) for value in spread)
         yaw_rate = stream.angular_velocity[:, 2]
         assert within(yaw_rate.std(), 0.0038, 0.0045)
         # a mean over 900 s: over a few seconds of rest the noise alone moves it by about 1 degree a minute

@@ -69,6 +69,7 @@ def test_the_scale_error_is_one_factor_a_recording() -> None:
     turning = steady(1.0, turn_rate=1.0)
     rates = np.array([angular_velocity(turning, seed, gyro_scale_error=0.02)[:, 2] for seed in range(200)])
     assert np.ptp(rates, axis=1).max() < 1e-9
+    assert rates.mean() == pytest.approx(1.0, abs=0.01)
     assert (rates[:, 0] - 1).std() == pytest.approx(0.02, rel=0.15)
     assert not angular_velocity(steady(1.0), gyro_scale_error=0.02).any()
 
