@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.errors import InputError
 from moteslam.robot import se2
-from moteslam.robot.recording import LidarStream, Recording, chosen
+from moteslam.robot.recording import LidarStream, Recording
 from moteslam.robot.values import expect_type
 from moteslam.slam.calibration.hand_eye import CLOCKS, Fit, Pairs, Parameter, Path, clock, covariances, fit
 from moteslam.slam.calibration.scan_pairs import Beams, Motions, refine, register
 from moteslam.slam.inputs.config import SyncConfig
 from moteslam.slam.inputs.odometry_path import OdometryPath, odometry_path
-from moteslam.slam.inputs.synchronise import sweep_seconds
+from moteslam.slam.inputs.synchronise import in_order, sweep_seconds
 
 Array = NDArray[np.float64]
 
@@ -97,25 +97,23 @@ def calibrate(recording: Recording, *, pairs: int = PAIRS) -> Calibration | None
         None if too few scans can be registered, the robot hardly turns, or there is no odometry.
     """
     expect_type(recording, Recording, "recording", "open_recording(path) reads one")
-    lidar = _in_order(recording.lidar)
+    lidar = recording.lidar
     if lidar is None or len(lidar) < FEWEST or lidar.ranges.shape[1] < FEWEST or lidar.interlace > 1:
         return None
     try:
         with np.errstate(all="ignore"):
-            return _calibrate(recording, lidar, pairs)
+            return _calibrate(recording, in_order(lidar), pairs)
     except (InputError, np.linalg.LinAlgError):  # encoders without wheels; values that are not finite
         return None
 
 
 def _calibrate(recording: Recording, lidar: LidarStream, pairs: int) -> Calibration | None:
-    path = _path(recording, lidar)
+    poses, logged = lidar.odometry, lidar.odometry is not None
+    path = odometry_path(recording, SyncConfig()) if poses is None else OdometryPath(lidar.stamps, poses)
     if path is None:
         return None
     scans = _RegisteredPairs(recording, lidar, path, pairs)
-    if not scans.enough(GOOD / 2):
-        return None
-    logged = lidar.odometry is not None
-    if scans.pairs.motions[:, 2].std() < TURNING:
+    if not scans.enough(GOOD / 2) or scans.pairs.motions[:, 2].std() < TURNING:
         return None
     read = _read(scans, path, logged=logged, poses=logged or recording.encoders is None)
     form, mirrored, correlation, (offset, drift) = read or ("stated", False, 0.0, (0.0, 0.0))
@@ -127,13 +125,16 @@ def _calibrate(recording: Recording, lidar: LidarStream, pairs: int) -> Calibrat
     if not scans.enough(GOOD):
         return None
     clocks = fit(scans.pairs, at, (offset, drift), shared=logged)
-    best = clocks._replace(values=clocks.values.copy())
     wheels_alone = recording.encoders is not None and recording.imu is None and not logged
     shared = logged or not clocks_differ(clocks, float(np.ptp(lidar.stamps)), wheels_alone=wheels_alone)
-    if shared and not logged and not wheels_alone:  # the body follows such wheels late, as by another clock
-        best = fit(scans.pairs, at, (0.0, 0.0), shared=True)
     start = clocks.values[Parameter.OFFSET] + clocks.values[Parameter.DRIFT] * (scans.first.min() - clocks.middle)
-    if not shared and abs(start) < (LATE_WHEELS if wheels_alone else LATE):  # one clock when the recording began
+    began_as_one = abs(start) < (LATE_WHEELS if wheels_alone else LATE)
+    if wheels_alone and began_as_one:  # the body follows its wheels late, and in turns aside, by about the same time
+        clocks = fit(scans.pairs, at, (offset, drift), shared=False, slip=max(-start, 0.0))
+    best = clocks._replace(values=clocks.values.copy())
+    if shared and not logged and not wheels_alone:
+        best = fit(scans.pairs, at, (0.0, 0.0), shared=True)
+    if not shared and began_as_one:
         best.values[Parameter.OFFSET] -= start
     fits = read is not None and min(best.cost, clocks.cost) < UNFIT
     clocks_or_none = None if logged else clocks
@@ -177,25 +178,6 @@ def _along(poses: Array) -> Array:
     step = np.diff(poses[first, :2], axis=0)
     middle = (first[1:] + first[:-1]) / 2
     return np.interp(np.arange(len(poses)), middle, np.unwrap(np.arctan2(step[:, 1], step[:, 0])))
-
-
-def _in_order(lidar: LidarStream | None) -> LidarStream | None:
-    if lidar is None or lidar.sequence is None:
-        return lidar
-    order = np.argsort(lidar.sequence, kind="stable")
-    return replace(
-        lidar,
-        stamps=np.maximum.accumulate(lidar.stamps[order]),
-        ranges=chosen(lidar.ranges, order),
-        odometry=None if lidar.odometry is None else lidar.odometry[order],
-        sequence=None,
-    )
-
-
-def _path(recording: Recording, lidar: LidarStream) -> OdometryPath | None:
-    if lidar.odometry is not None:
-        return OdometryPath(lidar.stamps, lidar.odometry)
-    return odometry_path(recording, SyncConfig())
 
 
 def _read(
@@ -243,10 +225,9 @@ class _RegisteredPairs:
         ranges = np.asarray(lidar.ranges[scans], np.float64)[:, beams] if len(scans) else np.zeros((0, len(beams)))
         ranges[~np.isfinite(ranges)] = np.nan
         self._ranges = ranges[np.searchsorted(scans, before)], ranges[np.searchsorted(scans, after)]
-        starts = np.stack([np.tile((0.0, 0.0, turn), (len(before), 1)) for turn in TURNS])
         self._found: Motions | None = None
         if len(before) >= FEWEST:
-            self._found = register(*self._ranges, self._beams, self._seconds, starts)
+            self._found = register(*self._ranges, self._beams, self._seconds, TURNS)
 
     def enough(self, share: float) -> bool:
         """Whether enough pairs are registered, and this share of all."""

@@ -23,7 +23,7 @@ FLOOR = np.array([0.004, 0.004, 0.003, 0.007, 0.01, 0.0, 0.01, 0.0])
 """Standard deviations are no smaller: what the model leaves out, slip and the shape of walls."""
 ODOMETRY = (0.005, 0.03, 0.01, 0.1)
 """Deviation of its lengths [m], per metre, of its turns [rad], per radian: those of `CalibrationConfig`."""
-PRIOR = np.array([1.0, 1.0, 1.0, 0.3, 0.3, 0.05, 1.0, 0.01])
+PRIOR = np.array([1.0, 1.0, 1.0, 0.3, 0.3, 0.03, 1.0, 0.01])
 """Standard deviations about where the fit begins, the mount about none."""
 DEGENERATE = 0.2
 """A direction that scans measure by less than this share of the other they do not measure."""
@@ -96,9 +96,9 @@ class Fit(NamedTuple):
     cost: float
     middle: float
 
-    def expected(self, first: Array, last: Array, path: Path, turns: Array | None = None) -> Array:
-        """The lidar's motions [k, 3] between times [k]; lengths go along turns [k], if these are given."""
-        return _expected(self.values, first, last, self.middle, path, turns)
+    def expected(self, first: Array, last: Array, path: Path) -> Array:
+        """The lidar's motions [k, 3] between times [k]."""
+        return _expected(self.values, first, last, self.middle, path)
 
 
 def covariances(information: Array, deviation: Array) -> Array:
@@ -142,7 +142,7 @@ def clock(pairs: Pairs, stamps: Array, headings: Array, *, shared: bool) -> tupl
     return found
 
 
-def fit(pairs: Pairs, path: Path, clocks: tuple[float, float], *, shared: bool) -> Fit:
+def fit(pairs: Pairs, path: Path, clocks: tuple[float, float], *, shared: bool, slip: float = 0.0) -> Fit:
     """Fit a lidar to odometry: iterated weighted least squares, with the deviations of a clustered sandwich.
 
     Turns by odometry are regressed on those by scans, which are far better: the other way round their noise would pass
@@ -150,6 +150,7 @@ def fit(pairs: Pairs, path: Path, clocks: tuple[float, float], *, shared: bool) 
 
     Args:
         shared: the two are on one clock; then these are not estimated.
+        slip: that is expected [s].
     """
 
     def residuals(p: Array) -> Array:
@@ -158,7 +159,7 @@ def fit(pairs: Pairs, path: Path, clocks: tuple[float, float], *, shared: bool) 
         apart[:, 2] = p[Parameter.TURNS] * se2.wrap(apart[:, 2])  # of turns by odometry
         return apart
 
-    p = np.array([0.0, 0.0, 0.0, 1.0, 1.0, 0.0, *clocks])
+    p = np.array([0.0, 0.0, 0.0, 1.0, 1.0, slip, *clocks])
     stated = _expected(p, pairs.first, pairs.last, pairs.middle, path)
     p[Parameter.YAW], p[Parameter.LENGTHS] = _direction(pairs, stated)
     per_length, per_turn = np.hypot(stated[:, 0], stated[:, 1]), np.abs(pairs.motions[:, 2])
@@ -198,6 +199,7 @@ def fit(pairs: Pairs, path: Path, clocks: tuple[float, float], *, shared: bool) 
 
 
 def _expected(p: Array, first: Array, last: Array, middle: float, path: Path, turns: Array | None = None) -> Array:
+    """The lidar's motions [k, 3] between times [k]; lengths go along turns [k], if these are given."""
     began, ended = (path(time + p[Parameter.OFFSET] + p[Parameter.DRIFT] * (time - middle)) for time in (first, last))
     motion = np.asarray(se2.between(began, ended))
     turn = motion[:, 2] / p[Parameter.TURNS]
