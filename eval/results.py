@@ -12,10 +12,10 @@ from dataclasses import dataclass
 from importlib.metadata import version
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
-from pydantic import BaseModel, RootModel, ValidationError
+from pydantic import BaseModel, TypeAdapter, ValidationError
 
 from moteslam.errors import InputError
 from moteslam.eval.metrics.evidence import DEAD_RECKONING, FINAL, ONLINE, Evidence
@@ -25,7 +25,7 @@ from moteslam.robot.files import make_folder, read_text, write_atomically
 from moteslam.robot.raster import Raster, write_map_arrays
 from moteslam.robot.recording import Recording
 from moteslam.robot.se2 import Poses, between, compose
-from moteslam.robot.tables import Model, first_complaint
+from moteslam.robot.tables import first_complaint
 from moteslam.robot.trajectories.g2o import write_g2o
 from moteslam.robot.trajectories.text import write_tum
 from moteslam.robot.trajectory import Trajectory
@@ -40,6 +40,7 @@ PACKAGES = ("moteslam", "taichi", "numpy")
 """Whose versions are recorded."""
 MAX_BYTES = 50_000_000
 """No file of a result folder that is read here is larger."""
+T = TypeVar("T")
 GRAPH_COMMENTS = (
     "pose graph of moteslam: final poses, and the relative poses that were measured, with their information",
     "edges between consecutive ids are the chain, all others loops that were accepted",
@@ -225,10 +226,6 @@ class _Scores(BaseModel):
     metrics: dict[str, _Score]
 
 
-class _Run(RootModel[dict[str, Any]]):
-    pass
-
-
 def is_result_folder(folder: Path) -> bool:
     """Whether a folder holds the two files that ``read_result_folder`` reads."""
     return all((folder / name).is_file() for name in ("metrics.json", "run.json"))
@@ -236,7 +233,8 @@ def is_result_folder(folder: Path) -> bool:
 
 def read_result_folder(folder: Path) -> ResultFolder:
     """Read the two files, as ``write_results`` writes them."""
-    scores, run = _read(_Scores, folder / "metrics.json").metrics, _read(_Run, folder / "run.json").root
+    scores = _read(_Scores, folder / "metrics.json").metrics
+    run = _read(dict[str, Any], folder / "run.json")
     there = {name: one for name, one in scores.items() if one.value is not None}
     return ResultFolder(
         {name: one.value for name, one in there.items() if one.value is not None},
@@ -246,9 +244,9 @@ def read_result_folder(folder: Path) -> ResultFolder:
     )
 
 
-def _read(model: type[Model], file: Path) -> Model:
+def _read(kind: type[T], file: Path) -> T:
     try:
-        return model.model_validate_json(read_text(file, "a file of a result folder", limit=MAX_BYTES))
+        return TypeAdapter(kind).validate_json(read_text(file, "a file of a result folder", limit=MAX_BYTES))
     except ValidationError as error:
         field, problem = first_complaint(error)
         raise InputError(problem, file=file, field=field or None) from error

@@ -45,7 +45,7 @@ LINES = {
         ("--platform nobody", "--platform nobody: no robot of this name, expected one of lms200, rplidar_a1, "),
         ("--platform part.toml", "part.toml: length, width, "),
         ("--noise loud", "'--noise': 'loud' is not one of"),
-        ("--platform plain.toml --noise as_recorded", "room.toml: noise_class: as_recorded, expected "),
+        ("--platform plain.toml --noise as_recorded", "room.toml: noise_class: "),
         ("--set noise.lidar.dropout=2", "room.toml: noise.lidar.dropout: "),
         ("--set noise.lidar.dropout", "--set: expected key=value, found 'noise.lidar.dropout'"),
         ("--set platform.lidar.rate=100", "room.toml: platform.lidar.time_increment: 1081 beams take 0.01875 s"),
