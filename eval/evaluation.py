@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 
 from moteslam.errors import ConfigError, InputError
-from moteslam.eval.metrics.association import MAX_DIFFERENCE
+from moteslam.eval.metrics.association import MAX_DIFFERENCE, oriented
 from moteslam.eval.metrics.ate import AteResult, absolute_trajectory_error, position_error
 from moteslam.eval.metrics.doubts import clock_offset, doubts, few_matched, in_words, on_another_clock
-from moteslam.eval.metrics.evidence import FINAL, Evidence, oriented
+from moteslam.eval.metrics.evidence import FINAL, Evidence
 from moteslam.eval.metrics.registry import Value, measure
 from moteslam.eval.metrics.relations import (
     TOLERANCE,

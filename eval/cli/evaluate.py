@@ -118,7 +118,7 @@ def evaluate(
     """  # noqa: D301
     from moteslam.eval.cli.evaluate_tables import say_evaluations
     from moteslam.eval.evaluation import against, measured, read_reference, under_recording
-    from moteslam.eval.metrics.evidence import oriented
+    from moteslam.eval.metrics.association import oriented
     from moteslam.eval.metrics.loops import score_loops
     from moteslam.eval.metrics.relations import is_relations
     from moteslam.eval.run_tables import read_loops

@@ -101,8 +101,7 @@ def animate(
       moteslam scenarios animate corridor --duration 60 --speed 5 --fps 25 --out corridor.mp4
     """  # noqa: D301
     from moteslam.eval.cli.simulate import Wanted, named_in_errors
-    from moteslam.eval.report.animation import Pace, film
-    from moteslam.eval.report.video import check_film, write_film
+    from moteslam.eval.report.film import Pace, check_film, film, write_film
     from moteslam.robot.files import folder_for
     from moteslam.sim.simulate import simulate
     from moteslam.slam.run import SlamSession

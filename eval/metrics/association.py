@@ -14,10 +14,11 @@ from moteslam.robot import se2
 from moteslam.robot.recording import LidarStream, Recording, nearest_stamp
 from moteslam.robot.se2 import Poses
 from moteslam.robot.trajectory import Space, Trajectory
-from moteslam.robot.values import Summarised, counted, expect_type
+from moteslam.robot.values import counted, expect_type
 from moteslam.slam.inputs.synchronise import require_lidar
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
 
 MAX_DIFFERENCE = 0.01
 """Stamps further apart than this [s] do not belong together, as evo has it."""
@@ -25,15 +26,11 @@ MAX_GAP = 1.0
 """Poses further apart than this [s] are not interpolated between."""
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class Matched(Summarised):
-    """Poses of two trajectories that belong together.
+@dataclass(frozen=True, eq=False)
+class Matched:
+    """Poses [n, 3] of two trajectories that belong together, at stamps [n] of one of the two [s].
 
-    Attributes:
-        stamps: [n] of the estimate, or of the reference where the estimate is interpolated [s].
-        estimate, reference: [n, 3] poses.
-        oriented: whether both have headings.
-        space: the same poses in space, where they must be compared there.
+    ``space`` has the same poses in space, where they must be compared there.
     """
 
     stamps: Array
@@ -41,9 +38,6 @@ class Matched(Summarised):
     reference: Poses
     oriented: bool = True
     space: tuple[Space, Space] | None = None
-
-    def __len__(self) -> int:
-        return len(self.stamps)
 
 
 def match(
@@ -53,17 +47,12 @@ def match(
     max_difference: float = MAX_DIFFERENCE,
     interpolate: bool | None = None,
 ) -> Matched:
-    """Pair the poses of two trajectories.
+    """Pair the poses of two trajectories, in rising order of stamps.
 
     By nearest stamp, each pose of the shorter trajectory takes the pose of the longer one nearest in time, at most
-    ``max_difference`` away (evo's rule). Interpolated, the one is evaluated at the stamps of the other, wherever two of
-    its poses at most ``MAX_GAP`` apart enclose the stamp or one lies within ``max_difference``.
-
-    Args:
-        estimate, reference: in rising order of stamps.
-        max_difference: between stamps that belong together [s].
-        interpolate: the reference (True) or neither (False); by default the one with more poses, and neither where
-            they have as many, most of them at the same stamps.
+    ``max_difference`` [s] away (evo's rule). Interpolated, the one is evaluated at the stamps of the other, see
+    ``covered``: the reference (True), neither (False), by default the one with more poses, and neither where they have
+    as many, most of them at the same stamps.
 
     Raises:
         InputError: a trajectory is empty, or no pose has a partner.
@@ -116,26 +105,32 @@ def _at(trajectory: Trajectory, stamps: Array, index: NDArray[Any] | None, space
     return poses, space_at(trajectory, stamps) if space else None
 
 
-def within(stamps: Array, among: Array, max_difference: float) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+def oriented(*trajectories: Trajectory, field: str | None = None) -> tuple[Trajectory, ...]:
+    """The trajectories; ``InputError`` of the field if one of them has no headings."""
+    if not all(trajectory.oriented for trajectory in trajectories):
+        raise InputError("a trajectory without orientation, expected headings", field=field)
+    return trajectories
+
+
+def within(stamps: Array, among: Array, max_difference: float) -> tuple[Indices, Indices]:
     """Indices [k] of stamps [n] and of the nearest to each among others [m, rising] within ``max_difference`` [s].
 
     Of two equally near the earlier is taken, and of equal stamps the last, as evo does.
     """
     nearest = nearest_stamp(among, stamps, side="right")
-    found = np.flatnonzero(np.abs(among[nearest] - stamps) <= max_difference)
-    return found, nearest[found]
+    near = np.flatnonzero(np.abs(among[nearest] - stamps) <= max_difference)
+    return near, nearest[near]
 
 
 def covered(stamps: Array, reference: Array, max_difference: float = MAX_DIFFERENCE) -> NDArray[np.bool_]:
-    """Which stamps [n] a reference [m] can be interpolated at.
+    """Which stamps [...] a reference [m] can be interpolated at.
 
     Those that two of its stamps at most ``MAX_GAP`` apart enclose, and those within ``max_difference`` of one [s].
     """
     if not len(reference):
-        return np.zeros(len(stamps), np.bool_)
+        return np.zeros(np.shape(stamps), np.bool_)
     after = np.searchsorted(reference, stamps, side="left")
-    last = len(reference) - 1
-    upper, lower = reference[np.minimum(after, last)], reference[np.maximum(after - 1, 0)]
+    upper, lower = reference[np.minimum(after, len(reference) - 1)], reference[np.maximum(after - 1, 0)]
     enclosed = (lower <= stamps) & (stamps <= upper) & (upper - lower <= MAX_GAP)
     near = np.minimum(np.abs(upper - stamps), np.abs(stamps - lower)) <= max_difference
     return np.asarray(enclosed | near)
@@ -146,35 +141,26 @@ def from_to(stamps: Array) -> str:
     return f"{stamps[0]:.3f} to {stamps[-1]:.3f} s"
 
 
-def placed_scans(recording: Recording, trajectory: Trajectory) -> tuple[LidarStream, NDArray[np.intp], Poses]:
+def placed_scans(recording: Recording, trajectory: Trajectory) -> tuple[LidarStream, Indices, Poses]:
     """The lidar of a recording, the indices [k] of its scans that have a pose, and the poses [k, 3].
-
-    Raises:
-        InputError: something of another type, no scans, poses that are not finite, or fewer than two scans with one.
-    """
-    expect_type(recording, Recording, "recording", "open_recording(path) reads one")
-    expect_type(trajectory, Trajectory, "trajectory", "read_trajectory(path) reads one")
-    lidar = require_lidar(recording)
-    if not np.isfinite(trajectory.poses).all():
-        raise InputError("poses that are not finite, expected x, y and theta", field="trajectory")
-    return lidar, *poses_of_scans(lidar.stamps, trajectory)
-
-
-def poses_of_scans(stamps: Array, trajectory: Trajectory) -> tuple[NDArray[np.intp], Poses]:
-    """The scans that have a pose: their indices [k] among the stamps [n] of all, and the poses [k, 3].
 
     Where the trajectory has a pose for every scan, in order, these are taken; else poses are interpolated at the scans'
     stamps: if it has more poses than there are scans wherever it covers them, if not at the scans within
     ``MAX_DIFFERENCE`` of a pose.
 
     Raises:
-        InputError: a trajectory without poses, or fewer than two scans with one.
+        InputError: no scans, or fewer than two with a pose; poses that are not finite.
     """
+    expect_type(recording, Recording, "recording", "open_recording(path) reads one")
+    expect_type(trajectory, Trajectory, "trajectory", "read_trajectory(path) reads one")
+    lidar = require_lidar(recording)
     if not len(trajectory):
         raise InputError("a trajectory without poses, expected one for every scan", field="trajectory")
-    times = trajectory.stamps
+    if not np.isfinite(trajectory.poses).all():
+        raise InputError("poses that are not finite, expected x, y and theta", field="trajectory")
+    stamps, times = lidar.stamps, trajectory.stamps
     if len(times) == len(stamps) and np.abs(times - stamps).max() <= MAX_DIFFERENCE:
-        return np.arange(len(stamps)), trajectory.poses  # scans that share a stamp keep a pose of their own
+        return lidar, np.arange(len(stamps)), trajectory.poses  # scans that share a stamp keep a pose of their own
     if len(times) > len(stamps):
         index = np.flatnonzero(covered(stamps, times))
     else:
@@ -185,7 +171,7 @@ def poses_of_scans(stamps: Array, trajectory: Trajectory) -> tuple[NDArray[np.in
             f"{from_to(stamps)}, the trajectory {from_to(times)}",
             field="trajectory",
         )
-    return index, se2.interpolate(times, trajectory.poses, stamps[index])
+    return lidar, index, se2.interpolate(times, trajectory.poses, stamps[index])
 
 
 def travelled(poses: Poses) -> tuple[Array, Array]:
@@ -196,6 +182,6 @@ def travelled(poses: Poses) -> tuple[Array, Array]:
     return path, turned
 
 
-def evenly(some: NDArray[np.intp], most: int) -> NDArray[np.intp]:
+def evenly(some: Indices, most: int) -> Indices:
     """Those [n], or ``most`` of them where there are more: evenly spread, the first and the last among them."""
     return some if len(some) <= most else some[np.linspace(0, len(some) - 1, most).round().astype(np.intp)]

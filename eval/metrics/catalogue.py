@@ -10,11 +10,10 @@ import numpy as np
 
 from moteslam.errors import ConfigError, InputError
 from moteslam.eval.metrics.ate import PoseErrors, absolute_trajectory_error
-from moteslam.eval.metrics.consistency import share_within_spread
-from moteslam.eval.metrics.evidence import FINAL, ONLINE, Cost, Evidence, Track, needed, oriented
-from moteslam.eval.metrics.rpe import Unit
+from moteslam.eval.metrics.evidence import FINAL, Cost, Evidence, Track, needed
+from moteslam.eval.metrics.residuals import scan_residuals
+from moteslam.eval.metrics.rpe import Unit, drift, loop_closing_error, relative_pose_error
 from moteslam.eval.statistics import Better, Statistics
-from moteslam.robot.se2 import between, compose, inverse
 from moteslam.slam.filter.certainty import LocalisationState
 
 Found = float | None | tuple[float | None, Mapping[str, Any]]
@@ -59,12 +58,14 @@ class Metric:
 def relative_error(delta: float, unit: Unit, *, rotation: bool = False) -> Metric:
     """The relative error over a distance [m], a time [s], or a number of poses."""
     over = {"m": f"{delta:g} m of path", "s": f"{delta:g} s", "frames": f"{delta:g} poses"}[unit]
-
-    if rotation:
-        meaning = f"RMSE of the rotation between poses {over} apart."
-        return Metric("deg", meaning, STURM, lambda track: _rotation(track.rpe(delta, unit)))
-    meaning = f"RMSE of the motion between poses {over} apart."
-    return Metric("m", meaning, STURM, lambda track: _translation(track.rpe(delta, unit)))
+    meaning = f"RMSE of the {'rotation' if rotation else 'motion'} between poses {over} apart."
+    figure = _rotation if rotation else _translation
+    return Metric(
+        "deg" if rotation else "m",
+        meaning,
+        STURM,
+        lambda track: figure(track.once(relative_pose_error, delta=delta, unit=unit)),
+    )
 
 
 def _translation(errors: PoseErrors) -> Found:
@@ -106,15 +107,6 @@ def _nees(run: Evidence) -> Found:
 def _within_95(run: Evidence) -> Found:
     found = run.localisation.as_dict()["nees"]
     return None if found is None else float(found["within_95"])
-
-
-def _within_spread(run: Evidence) -> float:
-    known = needed(run.certainty, "spread of the particles")
-    spread, updated = needed(known.spread, "spread of the particles"), known.updated > 0
-    poses, truth = oriented(run.track(ONLINE).trajectory, needed(run.truth, "truth"))
-    true = truth.at(poses.stamps).poses
-    laid = compose(compose(true[0], inverse(poses.poses[0])), poses.poses)
-    return share_within_spread(np.asarray(between(true, laid))[updated], spread)
 
 
 def _of_map(name: str, meaning: str, unit: str = "", better: Better = "higher") -> Metric:
@@ -163,13 +155,13 @@ BUNDLED = {
         "m",
         "RMSE of the positions after an alignment that fits the scale, too: ranges or wheels may be off.",
         STURM,
-        lambda track: absolute_trajectory_error(_moved(track).trajectory, track.truth, scale=True).rmse,
+        lambda track: _moved(track).once(absolute_trajectory_error, scale=True).rmse,
     ),
     "ate_from_start": Metric(
         "m",
         "RMSE of the positions where the first poses are laid on each other.",
         STURM,
-        lambda track: absolute_trajectory_error(track.trajectory, track.truth, from_start=True).rmse,
+        lambda track: track.once(absolute_trajectory_error, from_start=True).rmse,
     ),
     "heading": Metric(
         "deg", "RMSE of the headings after rigid alignment.", STURM, lambda track: _rotation(_moved(track).ate)
@@ -184,43 +176,43 @@ BUNDLED = {
         "m/m",
         "Error of the position per metre of path, mean over parts of 5 to 100 m.",
         GEIGER,
-        lambda track: float(track.drift.translation.mean()),
+        lambda track: float(track.once(drift).translation.mean()),
     ),
     "drift_rotation": Metric(
         "deg/m",
         "Error of the heading per metre of path, mean over parts of 5 to 100 m.",
         GEIGER,
-        lambda track: _degrees(track.drift.rotation.mean()),
+        lambda track: _degrees(track.once(drift).rotation.mean()),
     ),
     "loop_closing": Metric(
         "m",
         "RMSE of where a place lies when the robot comes back to it, seen from the first visit.",
         OURS,
-        lambda track: track.returns.translation.rmse,
+        lambda track: track.once(loop_closing_error).rmse,
     ),
     "loop_closing_rotation": Metric(
         "deg",
         "RMSE of the heading when the robot comes back to a place, seen from the first visit.",
         OURS,
-        lambda track: _degrees(needed(track.returns.rotation, "orientation").rmse),
+        lambda track: _degrees(needed(track.once(loop_closing_error).rotation, "orientation").rmse),
     ),
     "relations": Metric(
         "m",
         "Mean error of the translation of hand-checked relations.",
         KUEMMERLE,
-        lambda track: track.relations.all.translation.mean,
+        lambda track: track.relations.translation.mean,
     ),
     "relations_rotation": Metric(
         "deg",
         "Mean error of the rotation of hand-checked relations.",
         KUEMMERLE,
-        lambda track: track.relations.all.rotation.mean,
+        lambda track: needed(track.relations.rotation_deg, "orientation").mean,
     ),
     "residual": Metric(
         "m",
         "Median distance of endpoints to the lines of scans less than 2 m of path away; no truth needed.",
         "Censi 2008",
-        lambda track: track.residuals.median,
+        lambda track: scan_residuals(*track.under_scans(), scans=track.run.scans).median,
         costly=True,
     ),
     "map_cells": _consistency("cells", "", "Cells of 5 cm that hold an endpoint: fewer are sharper"),
@@ -277,7 +269,7 @@ BUNDLED = {
     ),
     "within_spread": _share(
         "Share of the updates at which the true pose, anchored at the start, lies in the particles' 95 % ellipsoid.",
-        _within_spread,
+        lambda run: run.within_spread,
     ),
     "effective_particles": Metric(
         "",

@@ -50,10 +50,6 @@ class NeesResult(Summarised):
         """Where the mean of a consistent filter lies in 95 of 100 runs."""
         return nees_interval(self.effective)
 
-    def _summary(self) -> str:
-        low, high = self.interval
-        return f"{counted(len(self.nees), 'pose')}, NEES {self.mean:.2f}, expected {low:.2f} to {high:.2f}"
-
 
 def nees_interval(count: float) -> tuple[float, float]:
     """Where the mean NEES of ``count`` independent poses of a consistent filter lies in 95 of 100 runs (Bar-Shalom, Li
@@ -65,16 +61,11 @@ def nees_interval(count: float) -> tuple[float, float]:
 
 
 def nees_from_start(trajectory: Trajectory, covariances: Array, truth: Trajectory) -> NeesResult:
-    """The NEES of a trajectory whose covariances are those of poses relative to the first.
+    """The NEES of a trajectory [n] whose covariances [n, 3, 3] (x, y [m], theta [rad]) are relative to the first pose.
 
     Estimate and truth are laid on each other at the first pose that the truth covers, whose covariance is taken as the
     origin's; no later pose is used for the alignment, as it would hide what drifts. Poses before the covariances have
     rank three are left out.
-
-    Args:
-        trajectory: [n] poses.
-        covariances: [n, 3, 3] of them, in the robot's frame (x, y [m], theta [rad]).
-        truth: on their clock.
 
     Raises:
         InputError: of the field ``covariances``: another shape, one that is not positive semi-definite, or none of rank
@@ -92,14 +83,13 @@ def nees_from_start(trajectory: Trajectory, covariances: Array, truth: Trajector
     eigenvalues = np.linalg.eigvalsh(given)
     if not (np.isfinite(given).all() and (eigenvalues > -1e-12).all()):
         raise InputError("one that is not positive semi-definite", field="covariances")
-    true = se2.interpolate(truth.stamps, truth.poses, stamps)
-    estimated = trajectory.poses[there]
+    true, estimated = se2.interpolate(truth.stamps, truth.poses, stamps), trajectory.poses[there]
     errors = se2.between(se2.between(true[0], true), se2.between(estimated[0], estimated))
     ranked = eigenvalues[:, 0] > 0
     ranked[0] = False  # laid on the truth
     if not ranked.any():
         raise InputError("no covariance of rank three", field="covariances")
-    errors, given = np.asarray(errors)[ranked], given[ranked]
+    errors, given = errors[ranked], given[ranked]
     return NeesResult(stamps[ranked], errors, squared_errors(errors, given), _effective(given))
 
 

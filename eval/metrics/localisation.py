@@ -6,7 +6,7 @@ from which that map was made (``docs/theory/am-i-lost.md``).
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -29,8 +29,6 @@ Flags = NDArray[np.bool_]
 
 MAX_SCANS, MAX_AROUND = 5000, 60
 """At most this many scans are scored, each by at most this many poses of the map around it, evenly chosen."""
-AT_ONCE = 256
-"""Scans whose distances to all poses of the map are held at once."""
 CHI_SQUARED_95 = 7.815
 """The squared error of three normal variables, in variances, is below this in 95 % of cases."""
 ROUNDS = 8
@@ -97,9 +95,6 @@ class LocalisationResult(Summarised):
             "doubtful_or_lost": doubtful,
         }
 
-    def _summary(self) -> str:
-        return f"{counted(len(self.stamps), 'scan')}, {int(self.wrong.sum())} wrong, {int(self.states.sum())} doubted"
-
 
 def state_counts(states: Array | NDArray[np.int64]) -> dict[str, int]:
     """How many scans are in each state, by its name in small letters."""
@@ -143,130 +138,81 @@ def score_localisation(
     there = np.flatnonzero(covered(trajectory.stamps, truth.stamps))
     estimated = trajectory.poses[there]
     true = se2.interpolate(truth.stamps, truth.poses, trajectory.stamps[there]) if len(there) else estimated
-    updates = np.flatnonzero(updated > 0)
-    numbers = np.full(n, -1)
-    numbers[updates] = np.arange(len(updates))
-    chosen, errors, effects = _errors(estimated, true, numbers[there], corrections)
-    if not len(chosen):
+    numbers = np.where(updated > 0, np.cumsum(updated > 0) - 1, -1)[there]  # of each update among all, -1 of the others
+    to_score = np.isin(np.arange(len(there)), evenly(np.arange(len(there)), MAX_SCANS))
+    updates = np.flatnonzero(numbers >= 0)
+    counts = np.searchsorted(updates, np.arange(len(there)))  # of the updates before each scan
+    epochs = np.searchsorted([correction.scan for correction in corrections], np.arange(len(there)), side="left")
+    scored: list[tuple[int, NDArray[np.intp], Poses]] = []  # scan, updates around it, and where the map has them
+    astray, known = np.zeros(len(there), np.bool_), 0  # updates from before the robot went astray; 0 where it did not
+    for epoch in np.unique(epochs).tolist():
+        mapped = _mapped(estimated, numbers, corrections[epoch - 1]) if epoch else estimated
+        scans = np.flatnonzero((epochs == epoch) & (counts > 0))
+        jumps = _jumps(estimated, true, mapped, scans, updates[counts[scans] - 1])
+        for scan, before, jump in zip(scans.tolist(), counts[scans].tolist(), jumps.tolist(), strict=True):
+            earlier = updates[:before]
+            near = _near(estimated[scan], mapped[earlier]) | _near(true[scan], true[earlier])
+            if known and (around := earlier[:known][near[:known]]).size:
+                off, _ = _differences(estimated[scan], true[scan], mapped[around], true[around])
+                if not _beyond(off.mean(axis=0)[None], LOST_DISTANCE, LOST_ROTATION)[0]:
+                    known = 0
+            elif not known and jump:
+                known = before
+            astray[scan] = known > 0
+            if to_score[scan] and near.any():
+                around = evenly(earlier[near], MAX_AROUND)
+                scored.append((scan, around, mapped[around]))
+    if not scored:
         raise InputError("it covers no scan with a map around it, expected two updates or more", field="truth")
+    chosen = np.array([scan for scan, _, _ in scored])
+    counts = np.array([len(around) for _, around, _ in scored])
+    around, each, begins = (
+        np.concatenate([around for _, around, _ in scored]),
+        np.repeat(chosen, counts),
+        counts.cumsum(),
+    )
+    off, relative = _differences(estimated[each], true[each], np.concatenate([at for *_, at in scored]), true[around])
+    errors = np.add.reduceat(off, begins - counts) / counts[:, None]
+    effects = np.eye(3) - np.add.reduceat(_seen_from(relative), begins - counts) / counts[:, None, None]
     offset = _frame_offset(errors, effects)
     errors = errors - effects @ offset
     scans = there[chosen]
     if not (np.linalg.eigvalsh(covariances[scans]) > 0).all():
         raise InputError("a covariance that is not positive definite", field="covariances")
     nees = squared_errors(errors, covariances[scans])
-    astray = _astray(estimated, true, numbers[there], corrections)[chosen]
-    return LocalisationResult(trajectory.stamps[scans], errors, nees, states[scans].astype(np.int64), offset, astray)
+    known_states = states[scans].astype(np.int64)
+    return LocalisationResult(trajectory.stamps[scans], errors, nees, known_states, offset, astray[chosen])
 
 
-def _errors(
-    estimated: Poses, true: Poses, numbers: NDArray[np.intp], corrections: Sequence[Correction]
-) -> tuple[NDArray[np.intp], Array, Array]:
-    """The scans [k] with a map around them, their errors [k, 3], and how an offset of the frame moves these [k, 3, 3].
-
-    Args:
-        estimated, true: [n, 3] poses.
-        numbers: [n] of those whose scans went into the map among all updates; -1 of the others.
-        corrections: see ``score_localisation``.
-    """
-    parts = [(np.empty(0, np.intp), np.empty((0, 3)), np.empty((0, 3, 3)))]
-    updates = np.flatnonzero(numbers >= 0)
-    for mapped, of_epoch in _epochs(estimated, evenly(np.arange(len(estimated)), MAX_SCANS), numbers, corrections):
-        for first in range(0, len(of_epoch), AT_ONCE):
-            scans = of_epoch[first : first + AT_ONCE]
-            before = updates[updates < scans[-1]]
-            near = _near(estimated[scans], mapped[before]) | _near(true[scans], true[before])
-            which, around = np.nonzero(near & (before < scans[:, None]))
-            parts.append(_mean_errors(estimated, true, mapped, scans, which, before[around]))
-    chosen, errors, effects = zip(*parts, strict=True)
-    return np.concatenate(chosen), np.concatenate(errors), np.concatenate(effects)
+def _mapped(estimated: Poses, numbers: NDArray[np.intp], correction: Correction) -> Poses:
+    """Where the map has the poses [n, 3] after a correction: ``numbers`` [n] of the updates, -1 of other scans."""
+    corrected = (numbers >= 0) & (numbers < len(correction.path))
+    return np.where(corrected[:, None], correction.path[np.where(corrected, numbers, 0)], estimated)
 
 
-def _epochs(
-    estimated: Poses, scans: NDArray[np.intp], numbers: NDArray[np.intp], corrections: Sequence[Correction]
-) -> Iterator[tuple[Poses, NDArray[np.intp]]]:
-    """Where the map has the poses [n, 3] after each correction, and which of the scans come then: see ``_errors``."""
-    after = np.searchsorted([correction.scan for correction in corrections], scans, side="left")
-    for epoch in np.unique(after).tolist():
-        yield _mapped(estimated, numbers, corrections[epoch - 1] if epoch else None), scans[after == epoch]
+def _jumps(
+    estimated: Poses, true: Poses, mapped: Poses, scans: NDArray[np.intp], updates: NDArray[np.intp]
+) -> NDArray[np.bool_]:
+    """[k] whether the robot has moved by more than it thinks, by more than drift, from updates [k] to scans [k]."""
+    moved, thought = se2.between(true[updates], true[scans]), se2.between(mapped[updates], estimated[scans])
+    distance = np.hypot(moved[:, 0], moved[:, 1]) - np.hypot(thought[:, 0], thought[:, 1])
+    return (distance > ASTRAY_DISTANCE) | (np.abs(moved[:, 2]) - np.abs(thought[:, 2]) > ASTRAY_ROTATION)
 
 
-def _astray(estimated: Poses, true: Poses, numbers: NDArray[np.intp], corrections: Sequence[Correction]) -> Flags:
-    """[n] whether the robot is elsewhere than it thinks: see ``LocalisationResult``; arguments as of ``_errors``."""
-    astray = np.zeros(len(estimated), np.bool_)
-    updates = np.flatnonzero(numbers >= 0)
-    known = 0  # updates before the robot went astray; 0 where it did not
-    for mapped, of_epoch in _epochs(estimated, np.arange(len(estimated)), numbers, corrections):
-        count = np.searchsorted(updates, of_epoch)  # of the updates before each scan
-        of_epoch, count = of_epoch[count > 0], count[count > 0]
-        last = updates[count - 1]
-        moved, thought = se2.between(true[last], true[of_epoch]), se2.between(mapped[last], estimated[of_epoch])
-        distance = np.hypot(moved[:, 0], moved[:, 1]) - np.hypot(thought[:, 0], thought[:, 1])
-        jumps = (distance > ASTRAY_DISTANCE) | (np.abs(moved[:, 2]) - np.abs(thought[:, 2]) > ASTRAY_ROTATION)
-        for scan, before, jump in zip(of_epoch, count.tolist(), jumps.tolist(), strict=True):
-            if known:
-                around, here = updates[:known], scan[None]
-                around = around[(_near(estimated[here], mapped[around]) | _near(true[here], true[around]))[0]]
-                relative = se2.between(true[around], true[scan])
-                off = se2.between(relative, se2.between(mapped[around], estimated[scan]))
-                if len(off) and not _beyond(off.mean(axis=0)[None], LOST_DISTANCE, LOST_ROTATION)[0]:
-                    known = 0
-            elif jump:
-                known = before
-            astray[scan] = known > 0
-    return astray
+def _differences(estimated: Poses, true: Poses, mapped_around: Poses, true_around: Poses) -> tuple[Array, Poses]:
+    """Estimated poses seen from the true ones, both relative to poses [k, 3] around, and the true relative ones."""
+    relative = se2.between(true_around, true)
+    return se2.between(relative, se2.between(mapped_around, estimated)), relative
+
+
+def _near(pose: Poses, others: Poses) -> Flags:
+    """[m] whether other poses [m, 3] are within ``NEIGHBOURHOOD`` of a pose [3]."""
+    return np.asarray(np.square(others[:, 0] - pose[0]) + np.square(others[:, 1] - pose[1]) <= NEIGHBOURHOOD**2)
 
 
 def _beyond(errors: Array, distance: float, rotation: float) -> Flags:
     """[n] whether errors [n, 3] are larger than a distance [m] or a rotation [rad]."""
     return np.asarray((np.hypot(errors[:, 0], errors[:, 1]) > distance) | (np.abs(errors[:, 2]) > rotation))
-
-
-def _near(some: Poses, others: Poses) -> Flags:
-    """[k, m] whether poses [k, 3] are within ``NEIGHBOURHOOD`` of others [m, 3]."""
-    squares = np.square(some[:, None, 0] - others[:, 0])
-    squares += np.square(some[:, None, 1] - others[:, 1])
-    return squares <= NEIGHBOURHOOD**2
-
-
-def _mean_errors(
-    estimated: Poses,
-    true: Poses,
-    mapped: Poses,
-    scans: NDArray[np.intp],
-    which: NDArray[np.intp],
-    around: NDArray[np.intp],
-) -> tuple[NDArray[np.intp], Array, Array]:
-    """The scans that have a map around them, their errors and their effects: see ``_errors``.
-
-    Args:
-        estimated, true: [n, 3] poses.
-        mapped: [n, 3] where the map has them.
-        scans: [k] of the poses, in order.
-        which: [p] of the scans, in order, for each pair of a scan and a pose of the map around it.
-        around: [p] these poses.
-    """
-    counts = np.bincount(which, minlength=len(scans))
-    scans, counts = scans[counts > 0], counts[counts > 0]
-    if not len(scans):
-        return scans, np.empty((0, 3)), np.empty((0, 3, 3))
-    begins = np.cumsum(counts) - counts
-    pairs = zip(begins.tolist(), counts.tolist(), strict=True)
-    around = around[np.concatenate([begin + evenly(np.arange(count), MAX_AROUND) for begin, count in pairs])]
-    counts = np.minimum(counts, MAX_AROUND)
-    begins, each = np.cumsum(counts) - counts, np.repeat(scans, counts)
-    relative = se2.between(true[around], true[each])
-    off = se2.between(relative, se2.between(mapped[around], estimated[each]))
-    effects = np.eye(3) - np.add.reduceat(_seen_from(relative), begins) / counts[:, None, None]
-    return scans, np.add.reduceat(off, begins) / counts[:, None], effects
-
-
-def _mapped(estimated: Poses, numbers: NDArray[np.intp], correction: Correction | None) -> Poses:
-    """Where the map has the poses [n, 3] after a correction: see ``_errors``."""
-    if correction is None:
-        return estimated
-    corrected = (numbers >= 0) & (numbers < len(correction.path))
-    return np.where(corrected[:, None], correction.path[np.where(corrected, numbers, 0)], estimated)
 
 
 def _seen_from(relative: Poses) -> Array:

@@ -12,7 +12,7 @@ from moteslam.robot import se2
 from moteslam.robot.formats.map_server import FREE, OCCUPIED, UNKNOWN
 from moteslam.robot.raster import Raster
 from moteslam.robot.se2 import IDENTITY, Poses
-from moteslam.robot.values import Summarised, expect_type
+from moteslam.robot.values import expect_type
 
 Array = NDArray[np.float64]
 
@@ -23,8 +23,8 @@ FARTHEST = 1.0
 """A wall cell counts as at most this far from the nearest one of the other map [m]."""
 
 
-@dataclass(frozen=True, repr=False)
-class MapAccuracy(Summarised):
+@dataclass(frozen=True)
+class MapAccuracy:
     """A map against the true map.
 
     Attributes:
@@ -48,9 +48,6 @@ class MapAccuracy(Summarised):
     walls: int
     surface: int
 
-    def _summary(self) -> str:
-        return f"F1 {self.f1:.3f}, walls off by {1000 * self.distance:.0f} mm, free space IoU {self.free_iou:.3f}"
-
 
 def map_accuracy(
     estimate: Raster, truth: Raster, *, transform: Poses = IDENTITY, seen: Array | None = None
@@ -73,9 +70,7 @@ def map_accuracy(
         if raster.values.ndim != 2 or not np.isin(raster.values, (FREE, OCCUPIED, UNKNOWN)).all():
             raise InputError("values beside free, occupied and unknown, expected a trinary map", field=name)
     everywhere = surface_of(truth)
-    surface = everywhere
-    if seen is not None and len(surface):
-        surface = surface[_distances(surface, seen) <= REACH]
+    surface = everywhere if seen is None else everywhere[_distances(everywhere, seen) <= REACH]
     walls = se2.transform_points(transform, estimate.centres(np.argwhere(estimate.values == OCCUPIED)))
     for points, name in ((walls, "estimate"), (surface, "truth")):
         if not len(points):
@@ -111,7 +106,6 @@ def _distances(points: Array, others: Array) -> Array:
     """Of points [n, 2] to the nearest of others [m, 2], at most ``FARTHEST``: [n] [m]."""
     from scipy.spatial import cKDTree
 
-    if not len(others):
+    if not len(points) or not len(others):
         return np.full(len(points), FARTHEST)
-    found = cKDTree(others).query(points, distance_upper_bound=FARTHEST)[0]
-    return np.minimum(found, FARTHEST)
+    return np.minimum(cKDTree(others).query(points, distance_upper_bound=FARTHEST)[0], FARTHEST)

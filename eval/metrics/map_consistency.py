@@ -14,7 +14,7 @@ from moteslam.robot import se2
 from moteslam.robot.raster import cells_of, mean_cells
 from moteslam.robot.recording import LidarStream, Recording
 from moteslam.robot.trajectory import Trajectory
-from moteslam.robot.values import Summarised, counted
+from moteslam.robot.values import counted
 from moteslam.slam.inputs.scans import Scans
 from moteslam.slam.inputs.synchronise import synchronise
 
@@ -44,8 +44,8 @@ AROUND, FEWEST = 0.15, 10
 this many."""
 
 
-@dataclass(frozen=True, repr=False)
-class MapConsistency(Summarised):
+@dataclass(frozen=True)
+class MapConsistency:
     """The sharpness of the map that the scans draw.
 
     Attributes:
@@ -71,17 +71,9 @@ class MapConsistency(Summarised):
     twice: float | None
     scans: int
 
-    def _summary(self) -> str:
-        return f"{self.cells_per_metre:.1f} cells per metre of wall, walls {1000 * self.thickness:.0f} mm thick"
-
 
 def map_consistency(recording: Recording, trajectory: Trajectory, *, scans: Scans | None = None) -> MapConsistency:
-    """Score a trajectory by the map that the scans of its recording draw under it.
-
-    Args:
-        recording: with a lidar.
-        trajectory: of the robot, on the recording's clock; which poses are taken: ``poses_of_scans``.
-        scans: the recording's as ``synchronise(recording)`` gives them; made here by default.
+    """Score a trajectory by the map that the scans of its recording draw under it; arguments as of ``scan_residuals``.
 
     Raises:
         InputError: no scans, fewer than two of them with a pose, or none that sees what another one saw.

@@ -17,6 +17,7 @@ from moteslam.robot.trajectory import (
     interpolated,
     normal_of,
     quaternions_of,
+    rotations_of,
     tilt_of,
 )
 
@@ -33,23 +34,17 @@ def spatial(trajectory: Trajectory) -> Space:
     """The poses of a trajectory in space; of one in the plane upright at height 0."""
     if trajectory.space is not None:
         return trajectory.space
-    cos, sin = np.cos(trajectory.poses[:, 2]), np.sin(trajectory.poses[:, 2])
-    rotations = np.zeros((len(trajectory), 3, 3))
-    rotations[:, 0, 0] = rotations[:, 1, 1] = cos
-    rotations[:, 1, 0], rotations[:, 0, 1] = sin, -sin
-    rotations[:, 2, 2] = 1.0
-    return Space(np.column_stack((trajectory.poses[:, :2], np.zeros(len(trajectory)))), rotations)
+    x, y, heading = trajectory.poses.T
+    zeros = np.zeros_like(x)
+    quaternions = np.stack((zeros, zeros, np.sin(heading / 2), np.cos(heading / 2)), axis=-1)
+    return Space(np.stack((x, y, zeros), axis=-1), rotations_of(quaternions))
 
 
 def space_at(trajectory: Trajectory, stamps: Array) -> Space:
     """The poses in space interpolated at other stamps [m], held beyond the ends."""
     space = spatial(trajectory)
     where, turns = interpolated(trajectory.stamps, space.positions, quaternions_of(space.rotations), stamps)
-    w, vector = turns[:, 3], turns[:, :3]
-    cross = np.zeros((len(turns), 3, 3))
-    cross[:, [2, 0, 1], [1, 2, 0]], cross[:, [1, 2, 0], [2, 0, 1]] = vector, -vector
-    rotations = np.eye(3) + 2 * (w[:, None, None] * cross + cross @ cross)
-    return Space(where, rotations)
+    return Space(where, rotations_of(turns))
 
 
 def laid(source: Array, target: Array, *, scale: bool = False) -> tuple[Array, Array, float]:
@@ -57,12 +52,17 @@ def laid(source: Array, target: Array, *, scale: bool = False) -> tuple[Array, A
     if max(np.abs(source).max(), np.abs(target).max()) > FARTHEST:  # their squares overflow
         raise InputError(f"positions beyond {FARTHEST:g} m, expected metres")
     centre, goal = source.mean(axis=0), target.mean(axis=0)
-    u, size, v = np.linalg.svd((target - goal).T @ (source - centre) / len(source))
-    mirror = np.array((1.0, 1.0, np.sign(np.linalg.det(u) * np.linalg.det(v))))
-    rotation = u * mirror @ v
+    rotation, size = nearest_rotation((target - goal).T @ (source - centre) / len(source))
     variance = float(np.square(source - centre).sum(axis=1).mean())
-    factor = float((size * mirror).sum()) / variance if scale and variance > 0 else 1.0
+    factor = size / variance if scale and variance > 0 else 1.0
     return rotation, goal - factor * rotation @ centre, factor
+
+
+def nearest_rotation(matrix: Array) -> tuple[Array, float]:
+    """The rotation R [3, 3] for which trace(R^T M) is the largest, and that trace."""
+    u, size, v = np.linalg.svd(matrix)
+    mirror = np.array((1.0, 1.0, np.sign(np.linalg.det(u) * np.linalg.det(v))))
+    return u * mirror @ v, float((size * mirror).sum())
 
 
 def angles(rotations: Array) -> Array:
@@ -71,21 +71,20 @@ def angles(rotations: Array) -> Array:
     return np.asarray(2 * np.arctan2(np.linalg.norm(quaternions[:, :3], axis=1), np.abs(quaternions[:, 3])))
 
 
+def heading_of(rotations: Array) -> Array:
+    """The angle about z [...] that is nearest to rotation matrices [..., 3, 3]."""
+    return wrap(np.arctan2(rotations[..., 1, 0] - rotations[..., 0, 1], rotations[..., 0, 0] + rotations[..., 1, 1]))
+
+
 def upright(positions: Array) -> Array:
     """The rotation [3, 3], the smallest, that turns the plane of a path [n, 3] into that of x and y."""
-    normal = normal_of(positions)
-    axis, cos = np.array((normal[1], -normal[0], 0.0)), float(normal[2])
-    if (sin := float(np.linalg.norm(axis))) < 1e-12:
-        return np.eye(3)
-    x, y, z = axis / sin
-    cross = np.array(((0, -z, y), (z, 0, -x), (-y, x, 0)))
-    return np.asarray(np.eye(3) + sin * cross + (1 - cos) * cross @ cross)
+    x, y, z = normal_of(positions)  # z from 0 to 1
+    return np.asarray(rotations_of(np.array(((y, -x, 0.0, 1.0 + z),)))[0])
 
 
 def planar(space: Space, turn: Array, first: Array) -> Array:
     """The poses [n, 3] in the plane that a rotation turns into x and y; headings since that of ``first``."""
-    rotations = turn @ space.rotations @ (turn @ first).T
-    headings = wrap(np.arctan2(rotations[:, 1, 0] - rotations[:, 0, 1], rotations[:, 0, 0] + rotations[:, 1, 1]))
+    headings = heading_of(turn @ space.rotations @ (turn @ first).T)
     return np.column_stack(((space.positions @ turn.T)[:, :2], headings))
 
 
@@ -98,11 +97,12 @@ def in_plane(
         estimate, reference: of which one moves in another plane.
         rotation, translation: that lay the estimate on the reference.
     """
-    on = spatial(reference)
-    laid_on = Space(spatial(estimate).positions @ rotation.T + translation, rotation @ spatial(estimate).rotations)
+    there, on = spatial(estimate), spatial(reference)
     turn = upright(on.positions)
-    found = []
-    for trajectory, space in ((estimate, laid_on), (reference, on)):
-        turned = Space(space.positions @ turn.T, turn @ space.rotations)
-        found.append(replace(trajectory, poses=planar(space, turn, on.rotations[0]), space=turned))
-    return found[0], found[1]
+
+    def turned(trajectory: Trajectory, space: Space) -> Trajectory:
+        poses = planar(space, turn, on.rotations[0])
+        return replace(trajectory, poses=poses, space=Space(space.positions @ turn.T, turn @ space.rotations))
+
+    laid_on = Space(there.positions @ rotation.T + translation, rotation @ there.rotations)
+    return turned(estimate, laid_on), turned(reference, on)

@@ -7,9 +7,10 @@ import hashlib
 import json
 import re
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from datetime import UTC, datetime
+from importlib.metadata import distribution
 from importlib.resources import files
-from importlib.util import find_spec
 from math import isfinite
 from pathlib import Path
 from typing import Any
@@ -52,12 +53,11 @@ def page(
         material: what was run.
         title: of the page.
         metrics: names; none for those that the specifications name, else the usual ones.
-        baseline: name of the configuration that the others are compared with; None for the first.
+        baseline: the configuration that the others are compared with, by default the first.
         progress: called with how many runs were read.
 
     Raises:
         ConfigError: an unknown metric or baseline.
-        InputError: a result folder that is damaged.
     """
     runs, names = material.runs, _metrics(material, metrics)
     by_configuration = charts.grouped(runs, lambda run: run.configuration)
@@ -65,17 +65,16 @@ def page(
         expected = ", ".join(map(repr, list(by_configuration)[:8]))
         raise ConfigError(f"{baseline!r}, expected one of {expected}", field="--baseline")
     first = baseline or next(iter(by_configuration))
-    units, meanings = {}, {}
+    units, meanings = dict.fromkeys(names, ""), dict.fromkeys(names, "")
     for name in names:
-        try:
-            known = metric(name)
-            units[name], meanings[name] = material.units.get(name) or known.unit, known.meaning
-        except ConfigError:  # of a plug-in that is not here
-            units[name], meanings[name] = material.units.get(name, ""), ""
-    played = {id(run): number for number, run in enumerate(run for run in runs if run.folder is not None)}
-    budget = Budget.of(max(len(played), 1))
+        with suppress(ConfigError):  # of a plug-in that is not here
+            units[name], meanings[name] = metric(name).unit, metric(name).meaning
+        units[name] = material.units.get(name) or units[name]
+    player_of: dict[int, int | None] = {}
     players: list[tuple[str, Markup]] = []
-    for run in runs:
+    budget = Budget.of(max(sum(run.folder is not None for run in runs), 1))
+    for number, run in enumerate(runs):
+        player_of[number] = None if run.folder is None else len(players)
         if run.folder is not None:
             players.append((f"{run.configuration}: {run.name}", data_block(playable(run.folder, budget))))
             progress(len(players))
@@ -110,7 +109,7 @@ def page(
             "baseline": first,
             "pairs": {name: _pairs(by_configuration, first, name) for name in names} if several else {},
             "failures": [run for run in runs if run.status != "ok"],
-            "player_of": {number: played.get(id(run)) for number, run in enumerate(runs)},
+            "player_of": player_of,
             "players": players,
             "charts": data_block(drawn),
             "has_curves": any(each["curves"] for each in drawn),
@@ -129,11 +128,8 @@ def data_block(value: Any) -> Markup:
 def _render(context: dict[str, Any]) -> str:
     assets = files("moteslam.eval.page")
     style, *own = (assets.joinpath(name).read_text(encoding="utf-8") for name in ("page.css", "player.js", "page.js"))
-    plotly = find_spec("plotly")  # its script: the package is not imported
-    assert plotly is not None
-    assert plotly.origin is not None
-    script = Path(plotly.origin).parent / "package_data" / "plotly.min.js"
-    scripts = [script.read_text(encoding="utf-8"), *own]
+    plotly = distribution("plotly").locate_file("plotly/package_data/plotly.min.js")  # the package is not imported
+    scripts = [Path(str(plotly)).read_text(encoding="utf-8"), *own]
     environment = Environment(
         loader=BaseLoader(),
         autoescape=True,
@@ -149,15 +145,9 @@ def _render(context: dict[str, Any]) -> str:
         "lines": lambda text: Markup("\n").join(escape(literal(line)) for line in text.splitlines()),
         "key": lambda value: "" if value is None else repr(value),  # by which a cell is sorted
     }
-    policy = "; ".join(
-        (
-            "default-src 'none'",
-            f"script-src {' '.join(map(_hash, scripts))}",
-            f"style-src {_hash(style)} {_hash('')}",
-            "img-src data: blob:",
-            "base-uri 'none'",
-            "form-action 'none'",
-        )
+    policy = (
+        f"default-src 'none'; script-src {' '.join(map(_hash, scripts))}; style-src {_hash(style)} {_hash('')}; "
+        "img-src data: blob:; base-uri 'none'; form-action 'none'"
     )
     context["no_styles"] = STYLE_OF_MAPS.findall(scripts[0])
     template = environment.from_string(assets.joinpath("page.html").read_text(encoding="utf-8"))

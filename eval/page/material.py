@@ -33,12 +33,10 @@ class ReportRun:
         place: scenario or recording.
         platform, noise, seed: of it; empty where they are the scenario's own or not known.
         duration: at which the drive was cut [s], if it was.
-        configuration: its name, with what varies.
+        configuration, base: its name, with what varies and without.
         varied: keys that vary, and their values.
-        base: the configuration without what varies.
-        status, error: as of a row of a sweep.
+        status, error, absent: as of a row of a sweep.
         values: by metric; absent ones are left out.
-        absent: why, by metric.
         succeeded: whether all limits were kept.
         folder: of its result, if it has one.
     """

@@ -1,4 +1,4 @@
-"""The map and the coloured floor at stages of a run, kept and drawn side by side; the coloured floor as files."""
+"""The map and the coloured floor at stages of a run, kept and drawn side by side."""
 
 from __future__ import annotations
 
@@ -13,8 +13,6 @@ from numpy.typing import NDArray
 
 from moteslam.eval.report import style
 from moteslam.eval.report.maps import draw_map, map_corners
-from moteslam.robot.formats.map_arrays import MapArrays
-from moteslam.robot.formats.map_server import write_picture
 from moteslam.robot.raster import Raster
 from moteslam.robot.trajectory import Trajectory
 from moteslam.slam.run import SlamSession
@@ -23,7 +21,6 @@ from moteslam.slam.texture.floor_map import TextureMap, TextureMapper
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 STAGES = 6
 """Of a run."""
@@ -42,12 +39,7 @@ class Snapshot:
 
 @dataclass(eq=False)
 class Snapshots:
-    """Watches a session and keeps its map after each sixth of the scans.
-
-    Attributes:
-        session: what is watched.
-        kept: the maps so far.
-    """
+    """Watches a session and keeps its map after each sixth of the scans."""
 
     session: SlamSession
     kept: list[Snapshot] = field(default_factory=list)
@@ -62,12 +54,7 @@ class Snapshots:
 
 @dataclass(eq=False)
 class TextureStages:
-    """Watches the colouring and keeps the map at six moments, evenly over the run.
-
-    Attributes:
-        begin, end: of the run [s].
-        kept: stamp and map so far.
-    """
+    """Watches the colouring and keeps the coloured floor, with its stamp, at six moments from begin to end [s]."""
 
     begin: float
     end: float
@@ -84,28 +71,8 @@ class TextureStages:
 
 def with_opacity(texture: TextureMap) -> NDArray[np.uint8]:
     """The map as colours [H, W, 4]: red, green, blue, and an opacity of 0 where nothing is known; row 0 smallest y."""
-    opacity = np.where(texture.known, 255, 0).astype(np.uint8)
-    colours = np.where(texture.known[..., None], texture.values, 255).astype(np.uint8)
-    return np.dstack((colours, opacity))
-
-
-def write_texture(path: str | PathLike[str], texture: TextureMap) -> None:
-    """Write the map as a PNG, a pixel a cell, transparent where nothing is known, and where it lies as ``.yaml``.
-
-    Raises:
-        OutputError: one of them cannot be written.
-    """
-    write_picture(path, Raster(with_opacity(texture), texture.cell_size, texture.origin), {"frames": texture.frames})
-
-
-def texture_arrays(texture: TextureMap) -> MapArrays:
-    """The coloured floor as it goes into ``texture.npz``: colours, and of how many points each is the mean."""
-    return MapArrays(
-        kind="texture",
-        arrays={"colours": texture.values, "points": texture.points},
-        cell_size=texture.cell_size,
-        origin=texture.origin,
-    )
+    known = texture.known[..., None]
+    return np.concatenate((np.where(known, texture.values, 255), np.where(known, 255, 0)), axis=-1).astype(np.uint8)
 
 
 def draw_over_time(
@@ -120,15 +87,11 @@ def draw_over_time(
         title: over the figure.
     """
     points = np.concatenate([trajectory.poses[:, :2], map_corners(snapshots[-1].map)])
-    with _panels(path, len(snapshots), points, width=11.0, columns=(6, 3), title=title) as (figure, panels):
+    with _panels(path, len(snapshots), points, width=11.0, columns=(6, 3), title=title) as panels:
         for axes, snapshot in zip(panels, snapshots, strict=True):
-            until = trajectory.poses[: snapshot.index + 1]
             draw_map(axes, snapshot.map)
-            axes.plot(until[:, 0], until[:, 1], color=style.SLAM, lw=1.1, label=style.ONLINE)
-            style.mark_start(axes, until)
-            style.mark_ends(axes, (until, style.SLAM), label="robot")
+            _draw_path(axes, trajectory.poses[: snapshot.index + 1], style.ONLINE, "robot")
             axes.set_title(f"{snapshot.stamp - trajectory.stamps[0]:.0f} s")
-        style.legend_below(figure, panels[0])
 
 
 def draw_texture_over_time(
@@ -151,26 +114,25 @@ def draw_texture_over_time(
     belief = np.tanh(occupancy.values / 2)
     dark = np.zeros((*belief.shape, 4))
     dark[..., 3] = np.where(belief > 0, 0.8 * belief, 0.0)
-    known = [texture.extent for _, texture in stages]
-    corners = np.array([(e[0], e[2]) for e in known] + [(e[1], e[3]) for e in known])
-    points = np.concatenate((trajectory.poses[:, :2], corners))
-    with _panels(path, len(stages) + 1, points, width=13.0, columns=(7, 4), title=title) as (figure, panels):
+    corners = [np.reshape(texture.extent, (2, 2)).T for _, texture in stages]
+    points = np.concatenate((trajectory.poses[:, :2], *corners))
+    with _panels(path, len(stages) + 1, points, width=13.0, columns=(7, 4), title=title) as panels:
         draw_map(panels[0], occupancy)
-        panels[0].plot(*trajectory.poses[:, :2].T, color=style.SLAM, lw=1.0, label="SLAM")
-        style.mark_start(panels[0], trajectory.poses)
-        style.mark_ends(panels[0], (trajectory.poses, style.SLAM))
+        _draw_path(panels[0], trajectory.poses, "SLAM", "end")
         panels[0].set_title("the map")
-        for axes, (stamp, texture), extent in zip(panels[1:], stages, known, strict=True):
-            style.show_unknown(axes)
-            axes.imshow(with_opacity(texture), origin="lower", extent=extent, interpolation="antialiased")
-            axes.imshow(dark, origin="lower", extent=occupancy.extent, interpolation="antialiased")
-            until = trajectory.poses[trajectory.stamps <= stamp]
-            axes.plot(until[:, 0], until[:, 1], color=style.SLAM, lw=0.8)
-            style.mark_start(axes, trajectory.poses)
-            if len(until):
-                style.mark_ends(axes, (until, style.SLAM), label="robot")
+        for axes, (stamp, texture) in zip(panels[1:], stages, strict=True):
+            axes.set_facecolor(style.UNKNOWN)
+            for picture, extent in ((with_opacity(texture), texture.extent), (dark, occupancy.extent)):
+                axes.imshow(picture, origin="lower", extent=extent, interpolation="antialiased")
+            until = max(1, int(np.searchsorted(trajectory.stamps, stamp, side="right")))
+            _draw_path(axes, trajectory.poses[:until], "SLAM", "robot")
             axes.set_title(f"{stamp - trajectory.stamps[0]:.0f} s")
-        style.legend_below(figure, *panels[:2])
+
+
+def _draw_path(axes: Axes, poses: NDArray[np.float64], name: str, end: str) -> None:
+    axes.plot(*poses[:, :2].T, color=style.SLAM, lw=1.0, label=name)
+    style.mark_start(axes, poses)
+    style.mark_ends(axes, (poses, style.SLAM), label=end)
 
 
 @contextmanager
@@ -182,8 +144,8 @@ def _panels(
     width: float,
     columns: tuple[int, int],
     title: str,
-) -> Iterator[tuple[Figure, list[Axes]]]:
-    """A figure of floor plans that share their limits, and their axes.
+) -> Iterator[list[Axes]]:
+    """The axes of a figure of floor plans that share their limits.
 
     Args:
         path: of the PNG.
@@ -197,17 +159,11 @@ def _panels(
     across = min(count, columns[0] if high > 2 * wide else 2 if high < 0.3 * wide else columns[1])
     rows = -(-count // across)
     panel_height = min(max(width / across * high / wide, 0.7), 8.0)
-    with style.saved_figure(path, size=(width, rows * (panel_height + 0.25) + 0.9)) as figure:
+    with style.saved_figure(path, size=(width, rows * (panel_height + 0.25) + 0.9), title=title) as figure:
         grid = figure.subplots(rows, across, sharex=True, sharey=True, squeeze=False)
-        panels = list(grid.flat)
-        for axes in panels[:count]:
-            style.plan(axes, labels=False)
-        for axes in panels[count:]:
-            axes.set_visible(False)
-        yield figure, panels[:count]
-        style.show_everything(panels[0], points, margin=0.5)
-        for axes in grid[-1]:
-            axes.set_xlabel("x [m]")
-        for axes in grid[:, 0]:
-            axes.set_ylabel("y [m]")
-        style.heading(figure, title)
+        for place, axes in enumerate(grid.flat):
+            style.plan(axes)
+            axes.label_outer()
+            axes.set_visible(place < count)
+        style.show_everything(grid[0, 0], points)
+        yield list(grid.flat)[:count]

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from moteslam.eval.report.style import DEAD_RECKONING, SLAM, heading, saved_figure
+from moteslam.eval.report.style import DEAD_RECKONING, SLAM, saved_figure
 from moteslam.robot.inspection import GAP, REPORTED_GAP, Inspection, stream_stamps
 from moteslam.robot.recording import CHUNK, measured
 from moteslam.robot.sensor_reports import SCANS, yaw_rates
@@ -28,16 +28,7 @@ RANGE_BINS = 80
 
 
 def draw_streams(path: str | PathLike[str], recording: Recording, found: Inspection) -> None:
-    """Draw what a recording's streams cover, their rates, the yaw rates they measure, and the ranges, over time.
-
-    Args:
-        path: of the PNG.
-        recording: any with a reading; all its ranges are read.
-        found: its inspection.
-
-    Raises:
-        OutputError: it cannot be written.
-    """
+    """Draw what a recording's streams cover, their rates, the yaw rates they measure, and all its ranges, over time."""
     stamps = {name: some for name, some in stream_stamps(recording).items() if len(some)}
     first = min(float(some[0]) for some in stamps.values())
     last = max(float(some[-1]) for some in stamps.values())
@@ -46,14 +37,16 @@ def draw_streams(path: str | PathLike[str], recording: Recording, found: Inspect
     rates = yaw_rates(recording)
     lidar = recording.lidar if recording.lidar is not None and recording.lidar.ranges.size else None
     heights = [0.35 * len(stamps) + 0.3, 1.4, *([1.6] if rates else []), *([2.0, 1.0] if lidar is not None else [])]
-    with saved_figure(path, size=(10.0, sum(heights) + 0.5 * len(heights) + 0.6)) as figure:
-        heading(figure, f"{recording.name}: {span:.0f} s from {first:.3f} s on")
+    title = f"{recording.name}: {span:.0f} s from {first:.3f} s on"
+    since = {name: some - first for name, some in stamps.items()}
+    with saved_figure(path, size=(10.0, sum(heights) + 0.5 * len(heights) + 0.6), title=title) as figure:
         panels = list(figure.subplots(len(heights), 1, sharex=True, squeeze=False, height_ratios=heights)[:, 0])
         panels[0].set_xlim(-0.01 * span, 1.01 * span)
-        _draw_cover(panels.pop(0), {name: some - first for name, some in stamps.items()}, colours)
-        _draw_rates(panels.pop(0), {name: some - first for name, some in stamps.items()}, colours, span)
+        panels[-1].set_xlabel("time since the first stamp [s]")
+        _draw_cover(panels[0], since, colours)
+        _draw_rates(panels[1], since, colours, span)
         if rates:
-            axes = panels.pop(0)
+            axes = panels[2]
             late = {clock.name: f"\n{1000 * clock.offset:+.0f} ms to {clock.reference}" for clock in found.clocks}
             times = np.linspace(first, last, 4 * BINS)
             for width, (name, rate) in zip(np.linspace(2.2, 0.8, len(rates)), rates.items(), strict=True):
@@ -63,9 +56,7 @@ def draw_streams(path: str | PathLike[str], recording: Recording, found: Inspect
             axes.set_ylabel("yaw rate [rad/s]")
             _legend(axes)
         if lidar is not None:
-            _draw_ranges(panels.pop(0), panels[-1], lidar, first, span)
-            panels.pop()
-        figure.axes[len(heights) - 1].set_xlabel("time since the first stamp [s]")
+            _draw_ranges(panels[-2], panels[-1], lidar, first, span)
 
 
 def _draw_cover(axes: Axes, stamps: dict[str, Array], colours: dict[str, str]) -> None:
@@ -116,15 +107,11 @@ def _draw_ranges(above: Axes, below: Axes, lidar: LidarStream, first: float, spa
     without, invalid = np.zeros(bins), np.zeros(bins)
     for start in range(0, len(lidar), CHUNK):
         ranges = lidar.ranges[start : start + CHUNK]
-        times = np.repeat(lidar.stamps[start : start + CHUNK] - first, ranges.shape[1])
-        column = np.clip((times / span * bins).astype(int), 0, bins - 1)
-        flat = ranges.ravel()
-        good = np.isfinite(flat) & (flat <= limit)
-        row = np.clip((flat[good] / limit * RANGE_BINS).astype(int), 0, RANGE_BINS - 1)
-        np.add.at(counts, (row, column[good]), 1)
-        meant = measured(ranges, lidar.interlace).ravel()
-        for total, chosen in ((beams, meant), (without, np.isinf(flat)), (invalid, np.isnan(flat) & meant)):
-            total += np.bincount(column, weights=chosen, minlength=bins)
+        times = np.repeat(lidar.stamps[start : start + CHUNK, None] - first, ranges.shape[1], axis=1)
+        meant, good = measured(ranges, lidar.interlace), np.isfinite(ranges)
+        counts += np.histogram2d(ranges[good], times[good], (RANGE_BINS, bins), ((0, limit), (0, span)))[0]
+        for total, chosen in ((beams, meant), (without, np.isinf(ranges)), (invalid, np.isnan(ranges) & meant)):
+            total += np.histogram(times[chosen], edges)[0]
     share = np.divide(counts, beams, out=np.zeros_like(counts), where=beams > 0)
     shown = _shown_in(edges, lidar.stamps - first, beams > 0)
     share = np.where(shown >= 0, share[:, shown], 0.0)

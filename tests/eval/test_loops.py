@@ -70,8 +70,8 @@ def test_a_loop_is_false_beyond_30_cm_or_3_degrees() -> None:
     _, truth = rounds()
     offs = ((0.0, 0.0, 0.0), (0.2, 0.2, 0.05), (0.25, 0.25, 0.0), (0.31, 0.0, 0.0), (0.0, 0.0, 0.053), (0, 0, -0.053))
     result = score_loops([loop(truth, 2, 33, off) for off in offs], truth)
-    assert (result.accepted, result.false, result.precision) == (6, 4, pytest.approx(2 / 6))
-    assert result.translation_errors == pytest.approx([np.hypot(*off[:2]) for off in offs])
+    assert (result.pairs, result.false, result.precision) == (6, 4, pytest.approx(2 / 6))
+    assert result.errors == pytest.approx([np.hypot(*off[:2]) for off in offs])
     assert result.rotation_errors == pytest.approx([abs(off[2]) for off in offs])
     written = result.as_dict()
     assert written["translation_m"]["max"] == pytest.approx(np.hypot(0.25, 0.25))
@@ -82,7 +82,7 @@ def test_the_rotation_error_is_wrapped_and_candidates_not_accepted_do_not_count(
     _, truth = rounds()
     far = [loop(truth, 2, 33, (9.0, 0, 0), verdict) for verdict in ("weak", "ambiguous", "outside", "contradicted")]
     result = score_loops([loop(truth, 2, 33, (0.0, 0.0, 2 * np.pi)), *far], truth)
-    assert (result.accepted, result.precision) == (1, 1.0)
+    assert (result.pairs, result.precision) == (1, 1.0)
 
 
 def test_loops_that_the_final_path_overruled_are_counted_apart() -> None:
@@ -90,7 +90,7 @@ def test_loops_that_the_final_path_overruled_are_counted_apart() -> None:
     _, truth = rounds()
     overruled = [loop(truth, 2, 33, off, "overruled") for off in ((0.4, 0, 0), (0, 0, 0.06), (0.25, 0, 0))]
     result = score_loops([loop(truth, 2, 33), *overruled], truth)
-    assert (result.accepted, result.false, result.overruled, result.overruled_false) == (1, 0, 3, 2)
+    assert (result.pairs, result.false, result.overruled, result.overruled_false) == (1, 0, 3, 2)
     assert result.as_dict()["overruled_false"] == 2
 
 

@@ -14,11 +14,10 @@ from matplotlib.figure import Figure
 from moteslam.errors import OutputError
 from moteslam.eval.metrics.ate import absolute_trajectory_error
 from moteslam.eval.report import curves, maps
-from moteslam.eval.report.maps import write_map_server
 from moteslam.eval.report.particles import Cloud, draw_particles
 from moteslam.eval.report.stages import draw_over_time
 from moteslam.eval.report.style import broken, saved_figure
-from moteslam.eval.results import from_same_start
+from moteslam.eval.results import from_same_start, write_map_files
 from moteslam.robot.formats.map_server import FREE, OCCUPIED, UNKNOWN, map_image, trinary
 from moteslam.robot.platforms import UCSD
 from moteslam.robot.raster import Raster
@@ -48,7 +47,7 @@ def test_the_top_of_a_picture_is_the_largest_y(occupancy: Raster) -> None:
 
 
 def test_map_server_files_read_back(occupancy: Raster, tmp_path: Path) -> None:
-    write_map_server(tmp_path / "map.pgm", occupancy)
+    write_map_files(tmp_path, occupancy)
     assert (tmp_path / "map.pgm").read_bytes() == b"P5\n3 2\n255\n" + bytes([205, 205, 254, 0, 254, 205])
     assert opened(tmp_path / "map.pgm").tolist() == [[205, 205, 254], [0, 254, 205]]
     about = yaml.safe_load((tmp_path / "map.yaml").read_text())
@@ -126,20 +125,11 @@ def test_many_updates_are_drawn_as_their_range_and_running_median(tmp_path: Path
         tmp_path / "a.png", np.arange(5000.0), n_eff, n_eff < 30, particles=np.full(5000, 100.0)
     )
     (axes,) = drawn[0].axes
-    assert legend_of(drawn[0])[:2] == ["effective particles: range in 21 s", "running median over 200 s"]
+    assert legend_of(drawn[0])[:2] == ["effective particles: range in 20 updates", "running median over 200 updates"]
     trend = axes.lines[0].get_ydata()
     assert len(trend) == curves.WINDOWS
     assert abs(trend - 60).max() < 15
     assert np.ptp(axes.collections[0].get_paths()[0].vertices[:, 1]) == pytest.approx(80, abs=1)
-
-
-def test_windows_without_updates_are_left_empty() -> None:
-    time = np.array([0.0, 1.0, 100.0])
-    middle, low, high = curves.ranges(time, np.array([1.0, 2.0, 3.0]))
-    assert len(middle) == curves.WINDOWS
-    assert np.isfinite(low).sum() == np.isfinite(high).sum() == 3
-    median = curves.running_median(time, np.array([1.0, 2.0, 3.0]), np.array([0.5, 50.0, 100.0]), 4.0)
-    np.testing.assert_array_equal(median, [1.5, np.nan, 3.0])
 
 
 def test_snapshots_are_taken_at_each_sixth(run) -> None:

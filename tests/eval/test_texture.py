@@ -13,8 +13,10 @@ from parts.floor_colours import registration, score_texture
 
 from moteslam.errors import InputError
 from moteslam.eval.cli.main import run as main
-from moteslam.eval.report.stages import with_opacity, write_texture
+from moteslam.eval.report.stages import with_opacity
+from moteslam.eval.results import write_map_files
 from moteslam.robot.formats.map_arrays import read_map_arrays
+from moteslam.robot.raster import Raster
 from moteslam.slam.texture.floor_map import TextureMap
 
 SCENARIO = """
@@ -74,7 +76,7 @@ def test_the_picture_has_the_largest_y_on_top(tmp_path: Path) -> None:
     assert colours[0, 0].tolist() == [255, 0, 0, 255]
     assert colours[2, 1].tolist() == [0, 0, 255, 255]
     assert (colours[..., 3] > 0).sum() == 2
-    write_texture(tmp_path / "texture.png", texture)
+    write_map_files(tmp_path, Raster(np.ones((1, 1), np.float32), 0.5, (0.0, 0.0, 0.0)), texture)
     file = cv2.imread(str(tmp_path / "texture.png"), cv2.IMREAD_UNCHANGED)
     assert file[2, 0].tolist() == [0, 0, 255, 255]
     assert "origin: [-1.0, 2.5, 0.0]" in (tmp_path / "texture.yaml").read_text()

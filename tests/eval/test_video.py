@@ -10,8 +10,7 @@ import pytest
 from PIL import Image
 
 from moteslam.errors import ConfigError, OutputError
-from moteslam.eval.report.animation import MAX_FRAMES, Pace
-from moteslam.eval.report.video import CODECS, video_codec, write_film
+from moteslam.eval.report.film import CODECS, MAX_FRAMES, Pace, video_codec, write_film
 
 SHADES = (20, 120, 240)
 FRAMES = [np.full((61, 81, 3), (shade, shade, 40), np.uint8) for shade in SHADES]

@@ -1,17 +1,26 @@
-"""The frames of a film of a run: the robot, its beams and particles, and the map as it grows."""
+"""A film of a run: the robot, its beams and particles, and the map as it grows; as GIF, WebP or MP4."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import io
+import os
+import tempfile
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
+from itertools import chain
+from os import PathLike
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from moteslam.errors import ConfigError
+from moteslam.errors import ConfigError, OutputError
 from moteslam.eval.report import style
+from moteslam.eval.report.maps import draw_map
 from moteslam.robot import se2
+from moteslam.robot.files import write_atomically
 from moteslam.robot.pictures import PictureStyle
 from moteslam.sim.sensors.clock import EPOCH
 from moteslam.sim.simulate import Simulation
@@ -22,6 +31,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 Array = NDArray[np.float64]
+Frame = NDArray[np.uint8]
+"""[height, width, 3]: red, green, blue."""
 
 MAX_FPS = 50.0
 """Frames a second. Browsers slow GIFs down that have more."""
@@ -43,16 +54,17 @@ LEFT, RIGHT, BELOW, ABOVE = 0.75, 0.3, 1.35, 0.4
 """Beside the plan, below it (the legend) and above it (the caption) [inch]."""
 NAME_SHOWN = 30
 """Characters of the scenario's name that the caption holds at most."""
+CODECS = {"avc1": "H.264", "vp09": "VP9", "av01": "AV1"}
+"""What browsers play in an MP4, by four-letter code, in the order in which they are tried. Most builds of OpenCV lack
+an encoder for H.264, which players outside browsers know best."""
+WEBP_QUALITY = 80
+GIF_TICK = 0.01
+"""Frames of a GIF last whole multiples of this [s]."""
 
 
 @dataclass(frozen=True)
 class Pace:
-    """How fast a film goes.
-
-    Attributes:
-        fps: frames a second.
-        speed: seconds of the run in a second of the film: 1 is real time.
-    """
+    """How fast a film goes: frames a second, and seconds of the run in a second of the film (1 is real time)."""
 
     fps: float
     speed: float
@@ -90,13 +102,11 @@ class Pace:
         return f"{self.speed:g} × real time, {self.fps:g} frames/s"
 
 
-def film(
-    simulation: Simulation, session: SlamSession, pace: Pace
-) -> Iterator[tuple[Update, tuple[NDArray[np.uint8], ...]]]:
+def film(simulation: Simulation, session: SlamSession, pace: Pace) -> Iterator[tuple[Update, tuple[Frame, ...]]]:
     """Run a session over a simulation and film it, in SLAM's own frame: the robot starts at the origin.
 
     Yields:
-        each update, and the frames [height, width, 3] (RGB) that show it: mostly one or none.
+        each update, and the frames that show it: mostly one or none.
     """
     import matplotlib
     from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -105,8 +115,8 @@ def film(
     lidar = simulation.recording.lidar
     assert lidar is not None
     start = simulation.truth.at(lidar.stamps[:1]).poses[0]
-    walls = _seen_from(start, simulation.world.segments.reshape(-1, 2))
-    extent = np.ptp(walls, axis=0) + 2.0
+    walls = _seen_from(start, simulation.world.segments.reshape(-1, 2, 2))
+    extent = np.ptp(walls.reshape(-1, 2), axis=0) + 2.0
     width, height = extent * (np.array(PLAN) / extent).min()
     width, height = max(float(width), NARROWEST) + LEFT + RIGHT, max(float(height), 1.0) + BELOW + ABOVE
     shown = np.bincount(pace.moments(lidar.stamps), minlength=len(lidar))
@@ -123,14 +133,10 @@ def film(
                 yield update, ()
                 continue
             axes.clear()
-            axes.set_facecolor(str(STYLE.map_unknown))
-            occupancy = session.map
-            grey = style.map_greys(occupancy.values)
-            look: dict[str, Any] = {"cmap": "gray", "vmin": 0, "vmax": 1, "origin": "lower"}
-            axes.imshow(grey, extent=occupancy.extent, zorder=0, interpolation="nearest", **look)
-            _draw(axes, simulation, start, update, np.array(path))
+            draw_map(axes, session.map)
+            _draw(axes, simulation, start, walls, update, np.array(path))
             style.plan(axes)
-            style.show_everything(axes, walls)
+            style.show_everything(axes, walls, margin=1.0)
             if not figure.legends:
                 handles, labels = axes.get_legend_handles_labels()
                 columns = 4 if width > 8 else 3
@@ -143,14 +149,13 @@ def film(
             yield update, (np.asarray(canvas.buffer_rgba())[..., :3].copy(),) * int(shown[update.index])
 
 
-def _draw(axes: Axes, simulation: Simulation, start: Array, update: Update, path: Array) -> None:
+def _draw(axes: Axes, simulation: Simulation, start: Array, walls: Array, update: Update, path: Array) -> None:
     """What there is at the moment of an update, and SLAM's path so far [k, 3]; ``start`` is the true pose at first."""
     from matplotlib.collections import LineCollection
     from matplotlib.patches import Polygon
 
     lidar, platform, tracks = simulation.recording.lidar, simulation.recording.platform, simulation.tracks
     assert lidar is not None
-    walls = _seen_from(start, simulation.world.segments.reshape(-1, 2)).reshape(-1, 2, 2)
     look: dict[str, Any] = {"linewidths": 0.7, "alpha": 0.6, "label": "true walls"}
     axes.add_collection(LineCollection(list(walls), colors=style.TRUTH, **look))
     ranges = lidar.ranges[update.index]
@@ -165,20 +170,115 @@ def _draw(axes: Axes, simulation: Simulation, start: Array, update: Update, path
     axes.plot(*path[:, :2].T, color=style.SLAM, lw=1.2, label=style.ONLINE)
     if tracks is not None:
         row = int(np.clip(round((update.stamp - EPOCH) * tracks.rate), 0, len(tracks.people) - 1))
-        people = _seen_from(start, tracks.people[row])
-        leaves = _seen_from(start, tracks.lines[row].reshape(-1, 2).astype(np.float64)).reshape(-1, 2, 2)
-        if len(people):
+        if len(people := _seen_from(start, tracks.people[row])):
             axes.plot(*people.T, color=PERSON, ls="", marker="o", ms=4, label="people")
-        for i, leaf in enumerate(leaves):
+        for i, leaf in enumerate(_seen_from(start, tracks.lines[row].reshape(-1, 2, 2))):
             axes.plot(*leaf.T, color=DOOR, lw=2.0, label=None if i else "doors")
     axes.plot(*update.poses[:, :2].T, color=style.PARTICLE, ls="", marker=".", ms=3, zorder=6, label="particles")
     half = np.array((platform.length, platform.width)) / 2
-    corners = np.column_stack((np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) * half, np.zeros(4)))
-    axes.add_patch(Polygon(se2.compose(update.pose, corners)[:, :2], facecolor="black", zorder=5, label="robot"))
+    corners = se2.transform_points(update.pose, np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) * half)
+    axes.add_patch(Polygon(corners, facecolor="black", zorder=5, label="robot"))
 
 
 def _seen_from(start: Array, points: Array) -> Array:
-    """Points [n, 2] of the world as SLAM's frame has them, whose origin is a pose [3] of the world."""
-    x, y, theta = start
-    cos, sin = np.cos(theta), np.sin(theta)
-    return np.asarray((points - (x, y)) @ np.array([(cos, -sin), (sin, cos)]))
+    """Points [..., 2] of the world as SLAM's frame has them, whose origin is a pose [3] of the world."""
+    return se2.transform_points(se2.inverse(start), points)
+
+
+def check_film(path: str | PathLike[str]) -> None:
+    """Check that a film of this name can be written, before it is made.
+
+    Raises:
+        OutputError: another ending than .gif, .webp and .mp4, or no encoder for it.
+    """
+    from PIL import features
+
+    kind = Path(path).suffix.lower()
+    if kind not in (".gif", ".webp", ".mp4"):
+        raise OutputError("expected a name that ends in .gif, .webp or .mp4", file=path)
+    if kind == ".webp" and not features.check("webp"):
+        raise OutputError("Pillow here writes no WebP, expected .gif or .mp4", file=path)
+    if kind == ".mp4" and video_codec() is None:
+        known = ", ".join(CODECS.values())
+        raise OutputError(f"OpenCV here has no encoder that browsers play ({known}), expected .webp or .gif", file=path)
+
+
+def write_film(path: str | PathLike[str], frames: Iterable[Frame], *, fps: float = 15.0) -> None:
+    """Write frames, all of one size, one at least, as a GIF, WebP or MP4, by the name's ending, as they come.
+
+    Raises:
+        OutputError: see :func:`check_film`, or it cannot be written.
+    """
+    check_film(path)
+    kind = Path(path).suffix.lower()
+    write_atomically(path, _mp4(frames, fps, video_codec() or "") if kind == ".mp4" else _animated(kind, frames, fps))
+
+
+def _animated(kind: str, frames: Iterable[Frame], fps: float) -> bytes:
+    """A GIF or WebP that repeats for ever."""
+    from PIL import Image
+
+    # an octree keeps the colours of thin lines, which a median cut would take for those of their neighbours
+    colours: dict[str, Any] = {"colors": 128, "method": Image.Quantize.FASTOCTREE, "dither": Image.Dither.NONE}
+
+    def quantised() -> Iterator[Image.Image]:
+        for i, frame in enumerate(frames):
+            image = Image.fromarray(frame).quantize(**colours)
+            ticks = round((i + 1) / fps / GIF_TICK) - round(i / fps / GIF_TICK)
+            image.info["duration"] = round(1000 * GIF_TICK * ticks)
+            yield image
+
+    images: Iterator[Image.Image] = quantised() if kind == ".gif" else map(Image.fromarray, frames)
+    look = {"optimize": False} if kind == ".gif" else {"duration": 1000 / fps, "quality": WEBP_QUALITY}
+    content = io.BytesIO()
+    next(images).save(content, kind[1:], save_all=True, append_images=images, loop=0, **look)
+    return content.getvalue()
+
+
+def video_codec() -> str | None:
+    """The first of ``CODECS`` that OpenCV encodes and reads back; None if it does with none of them."""
+    import cv2
+
+    grey = [np.full((64, 64, 3), shade, np.uint8) for shade in (60, 120, 180)]
+    for codec in CODECS:
+        with tempfile.TemporaryDirectory(prefix="moteslam-") as folder, _stderr_discarded():
+            file = Path(folder) / "film.mp4"
+            file.write_bytes(_mp4(grey, 15.0, codec))
+            reader = cv2.VideoCapture(str(file))
+            readable = all(reader.read()[0] for _ in grey)
+            reader.release()
+        if readable:
+            return codec
+    return None
+
+
+def _mp4(frames: Iterable[Frame], fps: float, codec: str) -> bytes:
+    """An MP4; empty where OpenCV lacks the encoder."""
+    import cv2
+
+    frames = iter(frames)
+    first = next(frames)
+    height, width = (size - size % 2 for size in first.shape[:2])  # of 4:2:0 colours: two by two pixels share one
+    with tempfile.TemporaryDirectory(prefix="moteslam-") as folder:
+        file = Path(folder) / "film.mp4"
+        with _stderr_discarded():
+            writer = cv2.VideoWriter(str(file), cv2.CAP_FFMPEG, cv2.VideoWriter.fourcc(*codec), fps, (width, height))
+        if not writer.isOpened():
+            return b""
+        for frame in chain((first,), frames):
+            writer.write(np.ascontiguousarray(frame[:height, :width, ::-1]))
+        writer.release()
+        return file.read_bytes()
+
+
+@contextmanager
+def _stderr_discarded() -> Iterator[None]:
+    """Send what libraries write to stderr nowhere: FFmpeg reports every encoder that is missing."""
+    kept, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+    try:
+        os.dup2(nowhere, 2)
+        yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
+        os.close(nowhere)
