@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from moteslam.errors import ConfigError, InputError
-from moteslam.eval.metrics.association import MAX_DIFFERENCE, oriented
+from moteslam.eval.metrics.association import MAX_DIFFERENCE, in_plane, oriented, spatial
 from moteslam.eval.metrics.ate import AteResult, absolute_trajectory_error, position_error
 from moteslam.eval.metrics.doubts import clock_offset, doubts, few_matched, in_words, on_another_clock
 from moteslam.eval.metrics.evidence import FINAL, Evidence
@@ -26,7 +26,6 @@ from moteslam.eval.metrics.relations import (
 )
 from moteslam.eval.metrics.residuals import ResidualResult, scan_residuals
 from moteslam.eval.metrics.rpe import RpeResult, relative_pose_error
-from moteslam.eval.metrics.space import in_plane, spatial
 from moteslam.robot.formats.map_server import read_map
 from moteslam.robot.platform import Platform
 from moteslam.robot.recording import Recording

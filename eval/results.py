@@ -33,7 +33,7 @@ from moteslam.robot.values import expect_type, processor_count
 from moteslam.slam.estimate import Estimate
 
 if TYPE_CHECKING:
-    from moteslam.eval.report.stages import Snapshot
+    from moteslam.eval.report.maps import Snapshot
     from moteslam.slam.texture.floor_map import TextureMap
 
 PACKAGES = ("moteslam", "taichi", "numpy")
@@ -79,7 +79,7 @@ def write_results(
         InputError: the truth has no stamps in common with the run; nothing is written then.
         OutputError: a file cannot be written.
     """
-    from moteslam.eval.report.stages import draw_texture_over_time
+    from moteslam.eval.report.maps import draw_texture_over_time
 
     expect_type(estimate, Estimate, "estimate", "run_slam(recording) makes one")
     folder = Path(folder)
@@ -136,7 +136,7 @@ def write_map_files(folder: Path, occupancy: Raster, texture: TextureMap | None 
     write_map(folder / "map.pgm", Raster(trinary(occupancy.values), **cells))
     write_map_arrays(folder / "map.npz", MapArrays(kind="log_odds", arrays={"log_odds": occupancy.values}, **cells))
     if texture is not None:
-        from moteslam.eval.report.stages import with_opacity
+        from moteslam.eval.report.maps import with_opacity
 
         cells = {"cell_size": texture.cell_size, "origin": texture.origin}
         write_picture(folder / "texture.png", Raster(with_opacity(texture), **cells), {"frames": texture.frames})
@@ -156,7 +156,7 @@ def draw_figures(
     Raises:
         OutputError: one cannot be written.
     """
-    from moteslam.eval.report import curves, maps, particles, stages
+    from moteslam.eval.report import curves, maps, particles
 
     name, truth = estimate.name, run.truth
     maps.draw_trajectories(
@@ -168,7 +168,7 @@ def draw_figures(
         title=f"{name}: the map and the paths on it",
     )
     if snapshots:
-        stages.draw_over_time(
+        maps.draw_over_time(
             folder / "over_time.png",
             snapshots,
             trajectory=estimate.trajectory,

@@ -10,8 +10,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.errors import InputError
-from moteslam.eval.metrics.association import MAX_DIFFERENCE, Matched, covered, from_to, match
-from moteslam.eval.metrics.space import angles, heading_of, laid, nearest_rotation, planar, upright
+from moteslam.eval.metrics.association import (
+    MAX_DIFFERENCE,
+    Matched,
+    angles,
+    covered,
+    from_to,
+    heading_of,
+    laid,
+    match,
+    nearest_rotation,
+    planar,
+    upright,
+)
 from moteslam.eval.statistics import Statistics
 from moteslam.robot import se2
 from moteslam.robot.se2 import IDENTITY, Poses, compose, inverse, umeyama, umeyama_scale, wrap

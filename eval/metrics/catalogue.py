@@ -123,6 +123,11 @@ def _share(meaning: str, value: Callable[[Evidence], float | None]) -> Metric:
     return Metric("", meaning, OURS, of_run=value, better="higher")
 
 
+def _of_filter(meaning: str, value: Callable[[Evidence], Found], source: str = BAR_SHALOM) -> Metric:
+    """A figure of which neither higher nor lower values are better."""
+    return Metric("", meaning, source, of_run=value, better=None)
+
+
 def _cost(unit: str, meaning: str, value: Callable[[Cost, Evidence], float | None], better: Better = "lower") -> Metric:
     def of_run(run: Evidence) -> float | None:
         return value(needed(run.cost, "time was measured"), run)
@@ -238,45 +243,27 @@ BUNDLED = {
     ),
     "map_free_iou": _of_map("free_iou", "Intersection over union of free space, among the cells that both maps know."),
     "map_known": _of_map("known", "Share of the true free space that the map knows."),
-    "nees": Metric(
-        "",
-        "Mean NEES of the online poses relative to the map around the robot; 3 if the covariances are right.",
-        BAR_SHALOM,
-        of_run=_nees,
-        better=None,
+    "nees": _of_filter(
+        "Mean NEES of the online poses relative to the map around the robot; 3 if the covariances are right.", _nees
     ),
-    "nees_within_95": Metric(
-        "",
-        "Share of these poses within their 95 % ellipsoid; 0.95 is right.",
-        BAR_SHALOM,
-        of_run=_within_95,
-        better=None,
-    ),
-    "nees_from_start": Metric(
-        "",
+    "nees_within_95": _of_filter("Share of these poses within their 95 % ellipsoid; 0.95 is right.", _within_95),
+    "nees_from_start": _of_filter(
         "Mean NEES of the online poses anchored at the start; 3 if the covariances are right and hold what has "
         "drifted.",
-        BAR_SHALOM,
-        of_run=lambda run: run.nees_from_start.mean,
-        better=None,
+        lambda run: run.nees_from_start.mean,
     ),
-    "nees_end": Metric(
-        "",
+    "nees_end": _of_filter(
         "NEES of the last online pose, anchored at the start: in 95 of 100 runs from 0.22 to 9.35.",
-        BAR_SHALOM,
-        of_run=lambda run: run.nees_from_start.end,
-        better=None,
+        lambda run: run.nees_from_start.end,
     ),
     "within_spread": _share(
         "Share of the updates at which the true pose, anchored at the start, lies in the particles' 95 % ellipsoid.",
         lambda run: run.within_spread,
     ),
-    "effective_particles": Metric(
-        "",
+    "effective_particles": _of_filter(
         "Mean effective number of particles over the scans.",
+        lambda run: float(needed(run.certainty, "diagnostics").effective.mean()),
         "Thrun, Burgard and Fox 2005",
-        of_run=lambda run: float(needed(run.certainty, "diagnostics").effective.mean()),
-        better=None,
     ),
     "lost_precision": _share(
         "Share of the scans called lost whose pose is wrong.",

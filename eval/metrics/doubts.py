@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.errors import InputError
+from moteslam.eval.metrics.association import in_space, spatial
 from moteslam.eval.metrics.ate import AteResult
-from moteslam.eval.metrics.space import in_space, spatial
 from moteslam.robot.se2 import transform_points, umeyama
 from moteslam.robot.trajectory import FARTHEST, TILT, Trajectory, tilt_of
 from moteslam.robot.values import Issue

@@ -13,11 +13,15 @@ from numpy.typing import NDArray
 from moteslam.errors import InputError
 from moteslam.eval.metrics.association import covered, evenly, oriented
 from moteslam.eval.metrics.ate import AteResult, absolute_trajectory_error
-from moteslam.eval.metrics.consistency import NeesResult, nees_from_start, share_within_spread
-from moteslam.eval.metrics.localisation import LocalisationResult, score_localisation
+from moteslam.eval.metrics.localisation import (
+    LocalisationResult,
+    NeesResult,
+    nees_from_start,
+    score_localisation,
+    share_within_spread,
+)
 from moteslam.eval.metrics.loops import LoopResult, score_loops
-from moteslam.eval.metrics.map_accuracy import MapAccuracy, map_accuracy
-from moteslam.eval.metrics.map_consistency import MapConsistency, map_consistency
+from moteslam.eval.metrics.map_quality import MapAccuracy, MapConsistency, map_accuracy, map_consistency
 from moteslam.eval.metrics.relations import RelationResult, Relations, evaluate_relations
 from moteslam.robot import se2
 from moteslam.robot.raster import Raster

@@ -9,9 +9,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.errors import InputError
-from moteslam.eval.metrics.association import MAX_DIFFERENCE, Indices, Matched, evenly, match, oriented, travelled
+from moteslam.eval.metrics.association import (
+    MAX_DIFFERENCE,
+    Indices,
+    Matched,
+    angles,
+    evenly,
+    match,
+    oriented,
+    travelled,
+)
 from moteslam.eval.metrics.ate import PoseErrors
-from moteslam.eval.metrics.space import angles
 from moteslam.robot.se2 import Poses, between
 from moteslam.robot.trajectory import Trajectory
 from moteslam.robot.values import Summarised

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from moteslam.errors import InputError
-from moteslam.eval.metrics.consistency import nees_from_start, nees_interval, share_within_spread
+from moteslam.eval.metrics.localisation import nees_from_start, nees_interval, share_within_spread
 from moteslam.robot import se2
 from moteslam.robot.trajectory import Trajectory
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from moteslam.errors import InputError
-from moteslam.eval.metrics.map_accuracy import FARTHEST, map_accuracy
+from moteslam.eval.metrics.map_quality import FARTHEST, map_accuracy
 from moteslam.robot import se2
 from moteslam.robot.formats.map_server import FREE, OCCUPIED, UNKNOWN
 from moteslam.robot.raster import Raster

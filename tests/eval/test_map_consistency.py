@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from moteslam.errors import InputError
-from moteslam.eval.metrics.map_consistency import MapConsistency, map_consistency
+from moteslam.eval.metrics.map_quality import MapConsistency, map_consistency
 from moteslam.robot.platform import Platform
 from moteslam.robot.recording import LidarStream, OdometryStream, Recording
 from moteslam.robot.trajectory import Trajectory

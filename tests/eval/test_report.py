@@ -14,8 +14,8 @@ from matplotlib.figure import Figure
 from moteslam.errors import OutputError
 from moteslam.eval.metrics.ate import absolute_trajectory_error
 from moteslam.eval.report import curves, maps
+from moteslam.eval.report.maps import draw_over_time
 from moteslam.eval.report.particles import Cloud, draw_particles
-from moteslam.eval.report.stages import draw_over_time
 from moteslam.eval.report.style import broken, saved_figure
 from moteslam.eval.results import from_same_start, write_map_files
 from moteslam.robot.formats.map_server import FREE, OCCUPIED, UNKNOWN, map_image, trinary

@@ -13,7 +13,7 @@ from parts.floor_colours import registration, score_texture
 
 from moteslam.errors import InputError
 from moteslam.eval.cli.main import run as main
-from moteslam.eval.report.stages import with_opacity
+from moteslam.eval.report.maps import with_opacity
 from moteslam.eval.results import write_map_files
 from moteslam.robot.formats.map_arrays import read_map_arrays
 from moteslam.robot.raster import Raster
