@@ -159,17 +159,7 @@ def inspect_recording(recording: Recording, *, deep: bool = False) -> Inspection
 
 def stream_reports(recording: Recording) -> tuple[StreamReport, ...]:
     """The stamps of each stream that has a reading, in the order of `Inspection.streams`."""
-    return tuple(_stream(name, stamps) for name, stamps in stream_stamps(recording).items() if len(stamps))
-
-
-def stream_stamps(recording: Recording) -> dict[str, NDArray[np.float64]]:
-    """The stamps of each stream [s], of a camera those of either image, by their names."""
-    streams = {name: getattr(recording, name) for name in ("lidar", "encoders", "odometry", "imu")}
-    found = {name: stream.stamps for name, stream in streams.items() if stream is not None}
-    if recording.rgbd is not None:
-        found["rgb"] = recording.rgbd.rgb_stamps
-        found["disparity"] = recording.rgbd.disparity_stamps
-    return found
+    return tuple(_stream(name, stamps) for name, stamps in recording.stamps().items() if len(stamps))
 
 
 def _stream(name: str, stamps: NDArray[np.float64]) -> StreamReport:

@@ -322,6 +322,14 @@ class Recording(Summarised):
         """A copy with some of its attributes changed."""
         return replace(self, **changes)
 
+    def stamps(self) -> dict[str, NDArray[np.float64]]:
+        """The stamps of each stream [s], of a camera those of either image, by their names."""
+        streams = {name: getattr(self, name) for name in ("lidar", "encoders", "odometry", "imu")}
+        found = {name: stream.stamps for name, stream in streams.items() if stream is not None}
+        if self.rgbd is not None:
+            found |= {"rgb": self.rgbd.rgb_stamps, "disparity": self.rgbd.disparity_stamps}
+        return found
+
     def _summary(self) -> str:
         streams = [(name, getattr(self, name)) for name in STREAMS]
         parts = [f"{name}: {stream._summary()}" for name, stream in streams if stream is not None]

@@ -14,17 +14,23 @@ camera (``RGB_OFFSET``): what the simulator draws and what the texture mapping u
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.errors import InputError
+from moteslam.robot.files import read_bytes
+from moteslam.robot.pictures import PNG, decode_picture, picture_size
 from moteslam.robot.platform import CameraSpec
 from moteslam.robot.recording import RgbdStream, nearest_stamp
 from moteslam.robot.values import Issue, Summarised, counted, processor_count
+
+T = TypeVar("T", bound=np.generic)
 
 HEIGHT, WIDTH = 480, 640
 """Rows and columns of both images."""
@@ -101,6 +107,8 @@ def optical_rays(*, colour: bool) -> NDArray[np.float64]:
     return np.stack(((columns - cx) / focal, (rows - cy) / focal, np.ones_like(rows)), axis=-1)
 
 
+MAX_BYTES = 16 << 20
+"""A PNG file larger than this is no image of 640 x 480 pixels."""
 LARGEST_GAP = 0.05
 """A colour image further from the disparity image than this [s] shows another view (the real one's cameras lose
 frames of their own, for 0.2 s at a time)."""
@@ -206,25 +214,72 @@ def pairs(
     return kept, nearest[kept], int((~near).sum())
 
 
+def decode_rgb(content: bytes) -> NDArray[np.uint8]:
+    """A colour image [480, 640, 3], red, green, blue, of a PNG or JPEG file; a ValueError where it is none."""
+    return np.ascontiguousarray(_decoded(content, np.uint8, (3, 4))[..., 2::-1])
+
+
+def decode_disparity(content: bytes) -> NDArray[np.uint16]:
+    """An image [480, 640] of 16 bits; a ValueError where it is none."""
+    return np.ascontiguousarray(_decoded(content, np.uint16, (1,))[..., 0])
+
+
+def _decoded(content: bytes, dtype: type, channels: tuple[int, ...]) -> NDArray[Any]:
+    """An image [480, 640, channels]."""
+    import cv2
+
+    size = picture_size(content) if content.startswith((PNG, b"\xff\xd8")) else None
+    if size != (WIDTH, HEIGHT):  # before any memory is taken for it
+        found = "no PNG or JPEG file" if size is None else f"{size[1]} x {size[0]} pixels"
+        raise ValueError(f"{found}, expected {HEIGHT} x {WIDTH}")
+    image = decode_picture(content, cv2.IMREAD_UNCHANGED)
+    if image is None:
+        raise ValueError("cut short or damaged, expected a whole PNG file")
+    image = image.reshape(HEIGHT, WIDTH, -1)
+    if image.dtype != dtype or image.shape[2] not in channels:
+        found = f"{' x '.join(map(str, image.squeeze().shape))} of {8 * image.dtype.itemsize} bits"
+        expected = f"expected {HEIGHT} x {WIDTH} x {channels[0]} of {8 * np.dtype(dtype).itemsize}"
+        raise ValueError(f"{found}, {expected}")
+    return image
+
+
+def rgb_image(stream: RgbdStream, index: int) -> NDArray[np.uint8] | None:
+    """The colour image of a stamp; None where it is missing."""
+    if stream.images is not None:
+        return stream.images.rgb(index)
+    return _read(stream.rgb_files, index, decode_rgb)
+
+
+def disparity_image(stream: RgbdStream, index: int) -> NDArray[np.uint16] | None:
+    """The raw disparities of a stamp; None where they are missing."""
+    if stream.images is not None:
+        return stream.images.disparity(index)
+    return _read(stream.disparity_files, index, decode_disparity)
+
+
+def _read(files: tuple[Path | None, ...], index: int, decode: Callable[[bytes], NDArray[T]]) -> NDArray[T] | None:
+    """The decoded image of a file; None where it is missing."""
+    if not files or (path := files[index]) is None:
+        return None
+    try:
+        return decode(read_bytes(path, "a PNG image", limit=MAX_BYTES))
+    except ValueError as error:
+        raise InputError(str(error), file=path) from error
+
+
 def read_frame(stream: RgbdStream, disparity: int, rgb: int) -> CameraFrame | str | None:
     """The frame of a disparity image and a colour image, by their indices.
 
     Returns:
         None where an image is missing; what is wrong with the first image that cannot be decoded.
     """
-    from moteslam.robot.formats.ucsd_images import read_disparity, read_rgb
-
-    stamps = float(stream.disparity_stamps[disparity]), float(stream.rgb_stamps[rgb])
     try:
-        if stream.images is not None:
-            return CameraFrame(*stamps, stream.images.disparity(disparity), stream.images.rgb(rgb))
-        depth = stream.disparity_files[disparity] if stream.disparity_files else None
-        colour = stream.rgb_files[rgb] if stream.rgb_files else None
-        if depth is None or colour is None:
-            return None
-        return CameraFrame(*stamps, read_disparity(depth), read_rgb(colour))
+        depth, colour = disparity_image(stream, disparity), rgb_image(stream, rgb)
     except InputError as error:
         return str(error)
+    if depth is None or colour is None:
+        return None
+    return CameraFrame(float(stream.disparity_stamps[disparity]), float(stream.rgb_stamps[rgb]), depth, colour)
 
 
 def camera_frames(

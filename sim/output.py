@@ -9,9 +9,9 @@ from pathlib import Path
 import tomli_w
 
 from moteslam.robot.files import make_folder, read_bytes, write_atomically
-from moteslam.robot.formats.carmen_writer import write_carmen
 from moteslam.robot.formats.map_server import write_map, write_picture
 from moteslam.robot.formats.ucsd import write_ucsd
+from moteslam.robot.formats.written import write_carmen
 from moteslam.robot.platforms import write_platform
 from moteslam.robot.trajectories.text import write_tum
 from moteslam.robot.values import expect_type

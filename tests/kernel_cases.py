@@ -23,11 +23,11 @@ Results = dict[str, NDArray[np.generic]]
 
 
 def run_cases(folder: Path, *, arch: str = "cpu", threads: int = 1) -> Results:
-    """The arrays that each kernel computes, by name; ``folder`` takes the cache and the results."""
+    """The arrays that each kernel computes, by name, through a file in a folder."""
     out = folder / f"{arch}-{threads}.npz"
     done = subprocess.run(
         [sys.executable, __file__, arch, str(threads), str(out)],
-        env=os.environ | {"MOTESLAM_CACHE": str(folder / "cache")},
+        env=os.environ | {"OPENBLAS_NUM_THREADS": "1"},
         capture_output=True,
         text=True,
         timeout=600,
@@ -175,7 +175,7 @@ def distance_maps() -> Results:
 
     What the cells hold and how places score comes from float32 places: as real numbers, to be compared as such.
     """
-    from tile_pools import MIDDLE, OPTIONS, frames, room_scan, thinned
+    from tile_pools import MIDDLE, OPTIONS, REGISTRATION, frames, room_scan, thinned
 
     from moteslam.kernels.correlative import MAX_SEARCH_POINTS, search_scans
     from moteslam.kernels.gauss_newton import Kept
@@ -203,11 +203,7 @@ def distance_maps() -> Results:
     queries[:, FRAME], queries[:, PRIOR] = frames(poses), (1e4, 1e4, 1e4, 0.0, 0.0, 0.0)
     found = register_scans(
         tiles, queries, scan.points, (0.1, 0.0), kept=Kept(0.02, 1e-4),
-        options=RegistrationOptions(
-            cell_size=CELL, truncation=0.15, coarse_truncation=0.4, residual=0.01, coarse_residual_factor=2.0,
-            iterations=8, unknown=2.0, outlier=8.0, likelihood_width=2.0, ray_clearance=2.0, ray_weight=4,
-            ray_distance=1 / 3, far=0.3,
-        ),
+        options=RegistrationOptions(**REGISTRATION),  # type: ignore[arg-type]
     )  # fmt: skip
     shifts = 0.06 * np.stack(np.divmod(np.arange(100), 10), axis=1) - 0.3
     scores, chosen = search_scans(
@@ -238,16 +234,11 @@ def floors() -> Results:
     from moteslam.robot import rgbd
     from moteslam.slam.texture.floor_map import calibration
 
-    generator, mount = np.random.default_rng(11), CAMERA
-    rotation, place = rgbd.mount_rotation(mount), np.array((mount.x, mount.y, mount.z))
-    rays = [rgbd.optical_rays(colour=colour) for colour in (True, False)]
-    above = [float((place + rotation @ (rgbd.RGB_OFFSET * colour, 0.0, 0.0))[2]) for colour in (True, False)]
-    seen, below = (
-        view_of(np.concatenate((ray @ rotation.T, ray[..., 2:]), axis=-1), height=height)
-        for ray, height in zip(rays, above, strict=True)
-    )
+    generator, rotation = np.random.default_rng(11), rgbd.mount_rotation(CAMERA)
+    rays = rgbd.optical_rays(colour=False)
+    seen = view_of(np.concatenate((rays @ rotation.T, rays[..., 2:]), axis=-1), height=0.36)
     depth = depth_view_of(
-        below, scale=1.03, offset=3.31, slope=-0.00304, nothing=2047, nearest=0.4, farthest=4.0, grazing=0.05
+        seen, scale=1.03, offset=3.31, slope=-0.00304, nothing=2047, nearest=0.4, farthest=4.0, grazing=0.05
     )
     walls = build_buckets(np.array([(-3, -3, 3, -3), (3, -3, 3, 3), (3, 3, -3, 3), (-3, 3, -3, -3)], np.float64))
     poses = np.array([(0.0, 0.0, 0.1), (0.4, 0.3, 2.2), (1.0, -1.2, -0.7)])
@@ -266,8 +257,8 @@ def floors() -> Results:
     for pose, rgb, raw in zip(poses, images, disparity, strict=True):
         add_frame(
             sums, raw.reshape(rgbd.HEIGHT, -1), rgb.reshape(rgbd.HEIGHT, -1, 3), pose, calibration=calibration(),
-            mount=np.column_stack((rotation, place)), height_limit=0.1, max_depth=5.0, nothing=2047, flat=True,
-            **square,
+            mount=np.column_stack((rotation, (0.18, 0.0, 0.36))), height_limit=0.1, max_depth=5.0, nothing=2047,
+            flat=True, **square,
         )  # fmt: skip
     patch = generator.uniform((0, -2), (3, 2), (3000, 2)).astype(np.float32)
     colours = generator.integers(0, 2**24, len(patch)).astype(np.int32)
@@ -285,7 +276,26 @@ def main() -> None:
     from moteslam.kernels import runtime
 
     runtime.init(arch, int(threads), debug=os.environ.get("MOTESLAM_TEST_DEBUG") == "1")
-    np.savez(out, **compute())
+    results = compute()
+    if threads == "1":
+        before = switches()
+        assert before, "Taichi has threads"
+        compute()
+        assert switches() == before, "on one thread a loop runs where it is launched"
+    np.savez(out, **results)
+
+
+def switches() -> dict[str, int] | bool:
+    """How often each thread but the main one has run, by its number; Linux alone tells."""
+    tasks = Path("/proc/self/task")
+    if not tasks.is_dir():
+        return True
+    counts = {}
+    for task in tasks.iterdir():
+        if task.name != str(os.getpid()):
+            lines = (task / "status").read_text().splitlines()
+            counts[task.name] = sum(int(line.split()[1]) for line in lines if "ctxt_switches" in line)
+    return counts
 
 
 if __name__ == "__main__":

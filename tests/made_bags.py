@@ -9,8 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from moteslam.robot.formats.bags.events import Event, header, transform, turned, vector
-from moteslam.robot.formats.bags.write import write_events
+from moteslam.robot.formats.bags.messages import Event, header, transform, turned, vector, write_events
 
 SECOND = 1_000_000_000
 START = 1_600_000_000 * SECOND

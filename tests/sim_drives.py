@@ -1,6 +1,8 @@
-"""Drives too simple to need physics, for tests of the sensors."""
+"""A drive too simple to need physics, and a small scenario, for tests of the simulator."""
 
 from __future__ import annotations
+
+from typing import Any
 
 import numpy as np
 from ucsd_robot import WHEELS
@@ -20,3 +22,12 @@ def steady(seconds: float, *, speed: float = 0.0, turn_rate: float = 0.0) -> Dri
         wheel_travel=stamps[:, None] * np.array((speed + side, speed - side, speed + side, speed - side)),
         end="arrived",
     )
+
+
+def room_table() -> dict[str, Any]:
+    """A room of 10 m by 8 m with a route across it, as TOML gives it."""
+    return {
+        "world": {"rooms": [{"corner": [0.0, 0.0], "size": [10.0, 8.0]}]},
+        "route": {"waypoints": [[2.0, 2.0], [7.0, 2.0], [7.0, 6.0]]},
+        "drive": {"rest_start": 1.0, "rest_end": 2.0},
+    }

@@ -57,14 +57,6 @@ def test_a_sample_holds_its_bars_and_goes_on_where_it_was(script: str, tmp_path:
     assert again.stdout.startswith("\nrun ")  # the table alone
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("script", sorted(path.name for path in (ROOT / "benchmarks").glob("*.py")))
-def test_an_unknown_option_is_refused(script: str):
-    done = benchmark(script, "--no-such-option")
-    assert done.returncode == 2
-    assert "error: " in done.stderr.splitlines()[-1]
-
-
 @pytest.mark.usefixtures("taichi")
 @pytest.mark.skipif(not any(map(shutil.which, ("gcc", "clang", "cc"))), reason="no C compiler")
 def test_kernels_twins_and_loops_compute_the_same(tmp_path: Path):

@@ -126,8 +126,9 @@ def _read(path: Path) -> tuple[Trajectory, tuple[Issue, ...]]:
     """
     import numpy as np
 
+    from moteslam.robot.formats.bags.files import is_bag
     from moteslam.robot.trajectories import TRAJECTORY_FORMATS, read_trajectory, trajectory_format_of
-    from moteslam.robot.trajectories.bag import is_bag, parts_of
+    from moteslam.robot.trajectories.bag import parts_of
     from moteslam.robot.trajectories.g2o import read_both
     from moteslam.robot.values import Issue, counted
 

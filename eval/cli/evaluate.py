@@ -123,7 +123,7 @@ def evaluate(
     from moteslam.eval.metrics.relations import is_relations
     from moteslam.eval.run_tables import read_loops
     from moteslam.robot.formats import open_recording
-    from moteslam.robot.formats.stamps import MAX_STAMP
+    from moteslam.robot.formats.streams import MAX_STAMP
     from moteslam.robot.trajectories import read_trajectory
     from moteslam.robot.trajectory import Trajectory
     from moteslam.slam.inputs.synchronise import synchronise

@@ -158,7 +158,7 @@ class Wanted:
             ConfigError: an unknown scenario or a broken one, a lidar that does not fit the format, or a wrong option,
                 which is named.
         """
-        from moteslam.robot.formats.carmen_writer import expect_classic_fan
+        from moteslam.robot.formats.written import expect_classic_fan
         from moteslam.sim.scenario import load_scenario, with_camera
         from moteslam.sim.world.random_corridors import NAME as RANDOM_CORRIDORS
 

@@ -14,7 +14,7 @@ from moteslam.errors import InputError
 from moteslam.eval.metrics.association import covered
 from moteslam.eval.metrics.ate import PoseErrors
 from moteslam.robot.files import open_regular
-from moteslam.robot.formats.stamps import MAX_JUMP
+from moteslam.robot.formats.streams import MAX_JUMP
 from moteslam.robot.recording import nearest_stamp
 from moteslam.robot.se2 import Poses, between, wrap
 from moteslam.robot.se2 import interpolate as interpolated

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.eval.report.style import DEAD_RECKONING, SLAM, saved_figure
-from moteslam.robot.inspection import GAP, REPORTED_GAP, Inspection, stream_stamps
+from moteslam.robot.inspection import GAP, REPORTED_GAP, Inspection
 from moteslam.robot.recording import CHUNK, measured
 from moteslam.robot.sensor_reports import SCANS, yaw_rates
 
@@ -29,7 +29,7 @@ RANGE_BINS = 80
 
 def draw_streams(path: str | PathLike[str], recording: Recording, found: Inspection) -> None:
     """Draw what a recording's streams cover, their rates, the yaw rates they measure, and all its ranges, over time."""
-    stamps = {name: some for name, some in stream_stamps(recording).items() if len(some)}
+    stamps = {name: some for name, some in recording.stamps().items() if len(some)}
     first = min(float(some[0]) for some in stamps.values())
     last = max(float(some[-1]) for some in stamps.values())
     span = max(last - first, 1e-3)

@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import Literal
 
 from moteslam.errors import InputError, MoteslamError
-from moteslam.robot.formats.carmen_writer import write_carmen
 from moteslam.robot.formats.map_server import read_map
 from moteslam.robot.formats.ucsd import write_ucsd
+from moteslam.robot.formats.written import write_carmen
 from moteslam.robot.platforms import write_platform
 from moteslam.robot.raster import Raster
 from moteslam.robot.recording import Recording

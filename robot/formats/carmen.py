@@ -12,11 +12,17 @@ from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from moteslam.errors import InputError
+from moteslam.robot import se2
 from moteslam.robot.formats import Format, Robot, expect_no_sequence
 from moteslam.robot.formats.carmen_lines import RAW_LASERS, SHORT_TAILS, CarmenLines, ScanKind, Scans
-from moteslam.robot.formats.carmen_writer import CLASSIC_STEPS, OWN_PARAMETERS, write_log
 from moteslam.robot.formats.lines import TextLines
-from moteslam.robot.formats.streams import Fan, lidar_stream, mount_between, no_return_limit, odometry_stream
+from moteslam.robot.formats.streams import (
+    Fan,
+    lidar_stream,
+    no_return_limit,
+    odometry_stream,
+)
+from moteslam.robot.formats.written import CLASSIC_STEPS, OWN_PARAMETERS, write_carmen
 from moteslam.robot.platform import LidarSpec, Platform
 from moteslam.robot.platforms import CARMEN, GivenRobot
 from moteslam.robot.recording import Recording
@@ -29,6 +35,7 @@ SAME_ANGLE = 1e-4
 """First angles are taken for those of the grid when they are this near [rad]; logs have six digits."""
 _LINE = re.compile(rb"^(?:FLASER|ROBOTLASER1|RAWLASER[1-5]|ODOM|PARAM)\s", re.MULTILINE)
 _LIMITS = ("robot_front_laser_max", "robot_frontlaser_max", "laser_front_max_range", "front_laser_max")
+_SAME = 0.005
 
 
 def is_carmen(path: Path) -> bool:
@@ -96,8 +103,8 @@ def _chosen(path: Path, log: CarmenLines, issues: list[Issue]) -> tuple[ScanKind
     Kinds that together are of one interlaced lidar count as one. Scans of a laser that looks back are left aside
     whatever their number.
     """
-    for line, (count, first) in log.rear.items():
-        text = f"{path.name}: {counted(count, f'{line} scan')} of a rear laser left aside, the first is line {first}"
+    for line, count in log.rear.items():
+        text = f"{path.name}: {counted(count, f'{line} scan')} of a rear laser left aside"
         issues.append(Issue("other-scans", text, count))
     usual: dict[str, ScanKind] = {}
     for kind in sorted(log.scans, key=lambda kind: -len(log.scans[kind])):
@@ -115,8 +122,8 @@ def _chosen(path: Path, log: CarmenLines, issues: list[Issue]) -> tuple[ScanKind
         if other.line == kind.line and len(left) > scans.most_others:
             problem = f"{text} every {other.angle_increment:.4f} rad from {other.angle_min:.4f} rad, expected "
             problem += f"{kind.beams} beams every {kind.angle_increment:.4f} rad from {kind.angle_min:.4f} rad as in "
-            raise InputError(f"{problem}the other {len(scans)}", file=path, line=left.first_line)
-        text = f"{path.name}: {text} left aside, the first is line {left.first_line}"
+            raise InputError(f"{problem}the other {len(scans)}", file=path, line=left.numbers[0])
+        text = f"{path.name}: {text} left aside, the first is line {left.numbers[0]}"
         issues.append(Issue("other-scans", text, len(left)))
     return kind, scans
 
@@ -169,9 +176,8 @@ def _merged(log: dict[ScanKind, Scans], begins: dict[ScanKind, int], interlace: 
         done += len(log[kind])
     order = np.argsort(numbers)
     rows = np.concatenate([np.array(log[kind].rows).reshape(-1, 8) for kind in begins])[order]
-    first = min((log[kind] for kind in begins), key=lambda some: some.first_line)
     flat = array("f", ranges[order].tobytes()), array("d", rows.tobytes()), array("q", np.sort(numbers).tobytes())
-    return Scans(first.first_line, first.stated, *flat, interlace=interlace), beams
+    return Scans(next(log[kind].stated for kind in begins), *flat, interlace=interlace), beams
 
 
 def _platform(path: Path, log: CarmenLines, rows: NDArray[np.float64]) -> Platform:
@@ -185,13 +191,21 @@ def _platform(path: Path, log: CarmenLines, rows: NDArray[np.float64]) -> Platfo
 
 
 def _mount(params: dict[str, float], rows: NDArray[np.float64]) -> LidarSpec:
-    """The lidar's pose on the robot: from parameters; else from logged poses, if they agree at every scan; else 0."""
+    """The lidar's pose on the robot: from parameters; else from logged poses, where 99 % of them agree; else 0."""
     for prefix in ("robot_frontlaser", "frontlaser", "robot_front_laser", "front_laser"):
         if f"{prefix}_offset" in params:
             sideways, turned = (params.get(f"{prefix}_{key}_offset", 0.0) for key in ("side", "angular"))
             more = {field: params[name] for field, name in OWN_PARAMETERS.items() if name in params}
             return LidarSpec(x=params[f"{prefix}_offset"], y=sideways, yaw=turned, **more)
-    return mount_between(rows[:, 3:6], rows[:, :3]) or LidarSpec()
+    if not len(rows):
+        return LidarSpec()
+    mounts = se2.between(rows[:, 3:6], rows[:, :3])
+    middle = np.median(mounts, axis=0)
+    apart = np.abs(np.column_stack((mounts[:, :2] - middle[:2], se2.wrap(mounts[:, 2] - middle[2]))))
+    if np.quantile(apart.max(axis=1), 0.99) >= _SAME:
+        return LidarSpec()
+    x, y, yaw = np.round(middle, 6).tolist()  # logs have six digits
+    return LidarSpec(x=x, y=y, yaw=yaw)
 
 
 FORMAT = Format(
@@ -199,6 +213,6 @@ FORMAT = Format(
     is_folder=False,
     recognise=is_carmen,
     read=read_carmen,
-    write=write_log,
+    write=write_carmen,
     endings=(".log", ".log.gz", ".clf", ".clf.gz"),
 )

@@ -15,13 +15,13 @@ from __future__ import annotations
 
 import math
 from array import array
+from collections import Counter
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from moteslam.robot.formats.carmen_writer import fov_of
 from moteslam.robot.formats.lines import BrokenLines, TextLines
-from moteslam.robot.formats.stamps import MAX_DROPPED, MAX_STAMP
-from moteslam.robot.formats.streams import MAX_PLACE
+from moteslam.robot.formats.streams import MAX_DROPPED, MAX_PLACE, MAX_STAMP
+from moteslam.robot.formats.written import fov_of
 
 FLASER_TAIL, SHORT_TAILS = 9, (6, 7)
 """Words after the ranges: two poses, ipc stamp, host, logger stamp; in logs without stamps or without the logger's."""
@@ -45,7 +45,6 @@ class Scans:
     """The scans of one kind.
 
     Attributes:
-        first_line: number of the line that the first came from.
         stated: the ``maximum_range`` of the first line [m].
         ranges: flat [n * beams] float32 [m].
         rows: flat [n * 8]: laser x y theta, robot x y theta [m, rad], ipc and logger stamp [s]; 0 where not stated.
@@ -53,7 +52,6 @@ class Scans:
         interlace: a scan measures every so manieth beam.
     """
 
-    first_line: int
     stated: float | None
     ranges: array[float] = field(default_factory=lambda: array("f"))
     rows: array[float] = field(default_factory=lambda: array("d"))
@@ -77,7 +75,7 @@ class CarmenLines:
         odometry: flat [n * 5]: x y theta [m, rad], ipc and logger stamp [s].
         params: the numeric parameters, as stated last.
         broken: the laser and odometry lines that could not be used.
-        rear: number of the scans of a laser that looks back, and of the first line, by the kind of line.
+        rear: number of the scans of a laser that looks back, by the kind of line.
         flaser_tail: words after the ranges of the first FLASER line that has a known number of them, and so of all.
     """
 
@@ -86,7 +84,7 @@ class CarmenLines:
         self.odometry = array("d")
         self.params: dict[str, float] = {}
         self.broken = BrokenLines()
-        self.rear: dict[str, tuple[int, int]] = {}
+        self.rear: Counter[str] = Counter()
         self.flaser_tail = 0
         parsers = {"FLASER": self._flaser, "ROBOTLASER1": self._described, "ODOM": self._odom, "PARAM": self._param}
         parsers |= {**dict.fromkeys(RAW_LASERS, self._described), **dict.fromkeys(REAR_LASERS, self._rear)}
@@ -125,7 +123,7 @@ class CarmenLines:
         remissions = _count_at(words, 9 + count, "remissions", least=0)
         after = 10 + count + remissions
         _expect_words(words, after + (3 if is_raw else 14), f"{count} ranges and {remissions} remissions")
-        angle_min, _, step, stated = _finite(words[2:6])
+        angle_min, _, step, stated = _numbers(words[2:6])
         if step <= 0:
             raise ValueError(f"angular resolution {step}, expected more than 0 rad")
         pose = [0.0] * 6 if is_raw else _pose(words[after : after + 6])
@@ -134,17 +132,16 @@ class CarmenLines:
         self._add(kind, number, words[9 : 9 + count], row, stated if stated > 0 else None)
 
     def _add(self, kind: ScanKind, number: int, ranges: list[bytes], row: list[float], stated: float | None) -> None:
-        values = array("f", _numbers(ranges))
+        values = array("f", _numbers(ranges, finite=False))
         if kind not in self.scans and kind.line not in RAW_LASERS:
             self.scans = {other: scans for other, scans in self.scans.items() if other.line not in RAW_LASERS}
-        scans = self.scans.setdefault(kind, Scans(number, stated))
+        scans = self.scans.setdefault(kind, Scans(stated))
         scans.ranges.extend(values)
         scans.rows.extend(row)
         scans.numbers.append(number)
 
     def _rear(self, words: list[bytes], number: int) -> None:
-        count, first = self.rear.get(words[0].decode(), (0, number))
-        self.rear[words[0].decode()] = (count + 1, first)
+        self.rear[words[0].decode()] += 1
 
     def _odom(self, words: list[bytes], number: int) -> None:
         _expect_words(words, 10, "odometry")
@@ -153,7 +150,7 @@ class CarmenLines:
     def _param(self, words: list[bytes], number: int) -> None:
         if len(words) > 2:
             try:
-                self.params[words[1].decode("ascii", "replace")] = _finite(words[2:3])[0]
+                self.params[words[1].decode("ascii", "replace")] = _numbers(words[2:3])[0]
             except ValueError:
                 return  # most parameters of a robot are words
 
@@ -173,7 +170,7 @@ def _count_at(words: list[bytes], at: int, what: str, *, least: int = 1) -> int:
 
 def _pose(words: list[bytes]) -> list[float]:
     """Words as poses x y theta [m, rad], three a pose."""
-    values = _finite(words)
+    values = _numbers(words)
     if any(abs(value) > MAX_PLACE for value in values):
         raise ValueError(f"pose beyond {MAX_PLACE:.0f} m or rad, expected a robot's")
     return values
@@ -181,21 +178,17 @@ def _pose(words: list[bytes]) -> list[float]:
 
 def _stamps(*words: bytes) -> list[float]:
     """The ipc and the logger stamp; the first that is not 0 is what counts, and must be one."""
-    stamps = _finite([*words])
+    stamps = _numbers([*words])
     if abs(stamp := stamps[0] or stamps[1]) > MAX_STAMP:
         raise ValueError(f"stamp {stamp:.6g}, expected seconds below 1e11")
     return stamps
 
 
-def _finite(words: list[bytes]) -> list[float]:
-    values = _numbers(words)
-    if not all(map(math.isfinite, values)):
-        raise ValueError("NaN or infinite pose or stamp, expected finite numbers")
-    return values
-
-
-def _numbers(words: list[bytes]) -> list[float]:
+def _numbers(words: list[bytes], *, finite: bool = True) -> list[float]:
     try:
-        return [float(word) for word in words]
+        values = [float(word) for word in words]
     except ValueError:
         raise ValueError("a word that is no number, expected numbers") from None
+    if finite and not all(map(math.isfinite, values)):
+        raise ValueError("NaN or infinite pose or stamp, expected finite numbers")
+    return values

@@ -2,51 +2,160 @@
 
 from __future__ import annotations
 
+import math
 import tomllib
 from array import array
 from os import PathLike
 from pathlib import Path
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import BeforeValidator, Field, model_validator
 
 from moteslam.errors import ConfigError, InputError
 from moteslam.robot.files import file_within, read_text
 from moteslam.robot.formats import Format, Robot, expect_no_sequence
-from moteslam.robot.formats.csv_model import (
-    METRES,
-    RADIANS,
-    RADIANS_PER_SECOND,
-    RANGE,
-    SECONDS,
-    STREAMS,
-    TWO_WHEELS,
-    Column,
-    CsvDescription,
-    CsvTable,
-    EncoderTable,
-    G,
-    ImuTable,
-    LidarTable,
-    OdometryTable,
-    read_description,
-)
-from moteslam.robot.formats.csv_writer import write_csv
 from moteslam.robot.formats.lines import BrokenLines, TextLines
 from moteslam.robot.formats.streams import Fan, encoder_stream, imu_stream, lidar_stream, odometry_stream
+from moteslam.robot.formats.written import FOUR_WHEELS, write_csv
 from moteslam.robot.platform import MAX_BEAMS, Platform
 from moteslam.robot.platforms import GivenRobot, platform_of, read_platform
 from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream, OdometryStream, Recording
-from moteslam.robot.tables import MAX_BYTES, Table
+from moteslam.robot.tables import MAX_BYTES, Number, Section, Table, read_toml, validated
 from moteslam.robot.values import Issue, counted, shortened
 
 Array = NDArray[np.float64]
 
+SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+METRES = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254}
+RADIANS = {"rad": 1.0, "deg": math.pi / 180}
+G = {"g": 1.0, "m/s^2": 1 / 9.80665}
+"""Units by their names, in those of a recording."""
+
+TWO_WHEELS = ("left", "right")
+STREAMS = ("lidar", "odometry", "encoders", "imu")
+"""The tables of a description that are streams."""
+RANGE = ".."
+"""Between the first and the last column of the ranges."""
 MAX_COUNT = 2**53
 """Ticks stay below it: whole numbers up to there are exact."""
-
 AT_REST = (0.0, 0.0, 1.0)
 """What an accelerometer says of a robot at rest [g]."""
+
+
+def _column(value: Any) -> Any:
+    is_number = isinstance(value, int) and not isinstance(value, bool) and value >= 1
+    if not is_number and not (isinstance(value, str) and value):
+        raise ValueError(f"{shortened(value)}, expected a column: its name in the header, or its number from 1")
+    return value
+
+
+def _given_platform(value: Any) -> Any:
+    if not isinstance(value, str | dict):
+        raise ValueError(f"{shortened(value)}, expected a table, or the name of a platform.toml beside this file")
+    return value
+
+
+Column = Annotated[int | str, BeforeValidator(_column)]
+Triple = tuple[Column, Column, Column]
+Length = Literal["m", "cm", "mm", "in"]
+Angle = Literal["rad", "deg"]
+
+
+class CsvTable(Section):
+    """A CSV file, in the folder of the description or below, plain or gzip, and how it is read.
+
+    Without a header columns are given by number; the delimiter blank stands for any number of blanks and tabs.
+    """
+
+    file: Annotated[str, Field(min_length=1)]
+    delimiter: Literal[",", ";", "|", "\t", " "] = ","
+    header: bool = True
+    stamp: Column
+    stamp_unit: Literal["s", "ms", "us", "ns"] = "s"
+
+
+class LidarTable(CsvTable):
+    """The scans, a line each; in ``ranges`` an empty cell says nothing, ``inf`` is no return.
+
+    Angles are counterclockwise positive; below ``range_min`` [m] a range says nothing, from ``range_max`` [m] on it is
+    no return. ``odometry`` are the columns of x, y and theta of the robot's odometry pose at the scan.
+    """
+
+    ranges: Annotated[str, Field(pattern=r"\.\.")]  # the first and the last column, r0..r359 or 2..361
+    range_unit: Length = "m"
+    angle_min: Number | None = None
+    angle_increment: Number | None = None
+    angle_unit: Angle = "rad"
+    range_min: Annotated[Number, Field(ge=0, le=10_000)] | None = None
+    range_max: Annotated[Number, Field(gt=0, le=10_000)] | None = None
+    odometry: Triple | None = None
+    length_unit: Length = "m"
+
+
+class OdometryTable(CsvTable):
+    """The robot's odometry poses."""
+
+    x: Column
+    y: Column
+    theta: Column
+    length_unit: Length = "m"
+    angle_unit: Angle = "rad"
+
+
+class EncoderTable(CsvTable):
+    """Ticks of two wheels on one axle, or of four: ``running`` counters, or the change since the last reading."""
+
+    left: Column | None = None
+    right: Column | None = None
+    front_right: Column | None = None
+    front_left: Column | None = None
+    rear_right: Column | None = None
+    rear_left: Column | None = None
+    running: bool = True
+
+    @property
+    def wheels(self) -> dict[str, Column]:
+        """The columns by their keys: of two wheels, or of four."""
+        columns = {key: getattr(self, key) for key in (*TWO_WHEELS, *FOUR_WHEELS)}
+        return {key: column for key, column in columns.items() if column is not None}
+
+    @model_validator(mode="after")
+    def _two_or_four(self) -> EncoderTable:
+        if tuple(self.wheels) not in (TWO_WHEELS, FOUR_WHEELS):
+            raise ValueError(
+                "columns of some wheels, expected left and right, or front_right, front_left, rear_right and rear_left"
+            )
+        return self
+
+
+class ImuTable(CsvTable):
+    """The inertial readings, rates counterclockwise positive; the robot is at rest where they say no acceleration."""
+
+    yaw_rate: Column
+    roll_rate: Column | None = None
+    pitch_rate: Column | None = None
+    rate_unit: Literal["rad/s", "deg/s"] = "rad/s"
+    acceleration: Triple | None = None
+    acceleration_unit: Literal["g", "m/s^2"] = "g"
+
+
+class CsvDescription(Section):
+    """A recording in CSV files: its streams and its robot, a table or the name of a ``platform.toml`` beside it."""
+
+    name: str | None = None
+    platform: Annotated[str | Table, BeforeValidator(_given_platform)] = Field(default_factory=dict)
+    lidar: LidarTable | None = None
+    odometry: OdometryTable | None = None
+    encoders: EncoderTable | None = None
+    imu: ImuTable | None = None
+
+    @model_validator(mode="after")
+    def _has_a_stream(self) -> CsvDescription:
+        if all(getattr(self, name) is None for name in STREAMS):
+            raise ValueError(f"no stream, expected a table [{'], ['.join(STREAMS)}]")
+        return self
 
 
 def is_csv_log(path: Path) -> bool:
@@ -63,20 +172,13 @@ def read_csv_log(path: str | PathLike[str], sequence: str | int | None = None, p
     """Read the CSV files that a TOML describes; they lie in its folder or below."""
     expect_no_sequence(path, sequence)
     path = Path(path)
-    description = read_description(path)
+    description = validated(CsvDescription, read_toml(path, "a description of CSV files"), file=path)
     given = GivenRobot.read(platform)
-    robot = given.over(_platform(path, description))
     issues: list[Issue] = []
-    reader = _Reader(path, robot, given.lidar_figures, issues)
-    return Recording(
-        name=description.name or path.stem,
-        platform=robot,
-        lidar=None if description.lidar is None else reader.lidar(description.lidar),
-        encoders=None if description.encoders is None else reader.encoders(description.encoders),
-        odometry=None if description.odometry is None else reader.odometry(description.odometry),
-        imu=None if description.imu is None else reader.imu(description.imu),
-        warnings=tuple(issues),
-    )
+    reader = _Reader(path, given.over(_platform(path, description)), given.lidar_figures, issues)
+    tables = {name: table for name in STREAMS if (table := getattr(description, name)) is not None}
+    streams = {name: getattr(reader, name)(table) for name, table in tables.items()}
+    return Recording(description.name or path.stem, reader.robot, warnings=tuple(issues), **streams)
 
 
 def _platform(path: Path, description: CsvDescription) -> Platform:
@@ -96,10 +198,8 @@ class _Reader:
         self.path, self.robot, self.given, self.issues = path, robot, given, issues
 
     def lidar(self, table: LidarTable) -> LidarStream:
-        columns = {
-            f"lidar.odometry.{key}": column
-            for key, column in zip(("x", "y", "theta"), table.odometry or (), strict=False)
-        }
+        names = zip(("x", "y", "theta"), table.odometry or (), strict=False)
+        columns = {f"lidar.odometry.{key}": column for key, column in names}
         file, stamps, values, ranges = self._columns("lidar", table, columns, table.ranges, METRES[table.range_unit])
         return lidar_stream(
             file,
@@ -142,7 +242,7 @@ class _Reader:
         if along:
             linear = np.stack([found[f"imu.acceleration.{axis}"] for axis in "xyz"], axis=-1)
             linear = linear * G[table.acceleration_unit]
-        angular = angular * RADIANS_PER_SECOND[table.rate_unit]
+        angular = angular * RADIANS[table.rate_unit.removesuffix("/s")]
         return imu_stream(file, (str(table.stamp),) * 2, stamps, angular, linear, self.issues)
 
     def _columns(
@@ -153,11 +253,8 @@ class _Reader:
         Empty lines and comments (``#``) are passed over, broken lines counted; the range of an empty cell is 0.
         """
         file = file_within(self.path.resolve().parent, table.file, file=self.path, field=f"{stream}.file")
-        lines, mark, broken = (
-            TextLines(file),
-            None if table.delimiter == " " else table.delimiter.encode(),
-            BrokenLines(),
-        )
+        lines, broken = TextLines(file), BrokenLines()
+        mark = None if table.delimiter == " " else table.delimiter.encode()
         stripped = ((number, line.strip(b" \r" if mark == b"\t" else None)) for number, line in enumerate(lines, 1))
         rows = (
             (number, [cell.strip().strip(b'"') for cell in line.split(mark)])
@@ -168,10 +265,8 @@ class _Reader:
         header = [cell.decode("utf-8", "replace") for cell in first] if table.header else None
         values, found, count = array("d"), array("f"), 0
         if first:
-            finite = [
-                self._index(name, field, header, file)
-                for field, name in {f"{stream}.stamp": table.stamp, **columns}.items()
-            ]
+            named = {f"{stream}.stamp": table.stamp, **columns}
+            finite = [self._index(name, field, header, file) for field, name in named.items()]
             span = self._span(ranges, header, file) if ranges else range(0)
             last = max(*finite, *span, 0)
             for number, cells in rows:
@@ -200,18 +295,14 @@ class _Reader:
         increment = spec.angle_increment if table.angle_increment is None else table.angle_increment * unit
         range_max = spec.range_max if table.range_max is None else table.range_max
         if angle_min is None or not increment or range_max is None:
-            raise ConfigError(
-                "angle_min, angle_increment (not 0) or range_max missing, expected here or in the platform's lidar",
-                file=self.path,
-                field="lidar",
+            problem = (
+                "angle_min, angle_increment (not 0) or range_max missing, expected here or in the platform's lidar"
             )
+            raise ConfigError(problem, file=self.path, field="lidar")
         range_min = next((limit for limit in (table.range_min, spec.range_min) if limit is not None), 0.0)
         if range_min >= range_max:
-            raise ConfigError(
-                f"{range_min:g} m, expected less than range_max, {range_max:g} m",
-                file=self.path,
-                field="lidar.range_min",
-            )
+            problem = f"{range_min:g} m, expected less than range_max, {range_max:g} m"
+            raise ConfigError(problem, file=self.path, field="lidar.range_min")
         return Fan(angle_min, increment, range_min, range_max)
 
     def _index(self, column: Column, field: str, header: list[str] | None, file: Path) -> int:

@@ -12,7 +12,7 @@ from typing import Any
 
 from moteslam.errors import InputError
 from moteslam.robot.files import open_regular
-from moteslam.robot.formats.stamps import MAX_DROPPED
+from moteslam.robot.formats.streams import MAX_DROPPED
 from moteslam.robot.values import Issue, counted
 
 MAX_TEXT = 1 << 30

@@ -21,8 +21,7 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from moteslam.errors import InputError
-from moteslam.robot.files import write_atomically
-from moteslam.robot.formats.npz import Shape, read_arrays
+from moteslam.robot.files import Shape, read_arrays, write_atomically
 from moteslam.robot.raster import Raster
 from moteslam.robot.values import Summarised, expect_type, frozen, shortened
 

@@ -1,4 +1,7 @@
-"""Streams of what a file says: sorted by their stamps, ranges by their meaning, without what no robot does."""
+"""Streams of what a file says: sorted by their stamps, ranges by their meaning, without what no robot does.
+
+Stamps that go back a little are sorted; absurd ones and those of several clocks are refused.
+"""
 
 from __future__ import annotations
 
@@ -6,17 +9,30 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from moteslam.errors import InputError
-from moteslam.robot import se2
-from moteslam.robot.formats.stamps import MAX_DROPPED, Stamps, stamp_order
-from moteslam.robot.platform import LidarSpec, Platform, too_wide
+from moteslam.robot.platform import Platform, too_wide
 from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream, OdometryStream
 from moteslam.robot.tables import Table
 from moteslam.robot.values import Issue, counted, given_up
 
 Array = NDArray[Any]
+Stamps = NDArray[np.float64]
+
+MAX_STAMP = 1e11
+"""Seconds beyond this (the year 5138) are milliseconds or garbage."""
+MAX_JUMP = 86400.0
+"""A longer silence [s] within a stream is a broken stamp: one day."""
+MAX_SPAN = 10 * 365.25 * 86400.0
+"""A recording longer than this [s] is none: ten years."""
+SET_BACK = 2.0
+"""Readings of a log that are late by less [s] are those of a busy logger, whose processes are up to 1 s apart."""
+FOLLOWING, FEWEST = 10, 3
+"""Readings that all stay behind after a clock was set back; near the end of the recording the second."""
+MAX_DROPPED = 3
+"""Up to this many readings that cannot be are always dropped; more of them only up to a tenth of the stream."""
 
 MAX_RATE = 100.0
 """No robot turns faster [rad/s]: 16 turns a second; common gyros end at 35 rad/s, the largest range sold is 70."""
@@ -26,7 +42,6 @@ MAX_PLACE = 1e7
 """No robot is farther from where it began [m], nor has turned more in all [rad]: a quarter of the globe."""
 SLACK = 1.0
 """Travel [m] that a reading may give beyond that, for stamps jitter: a late one leaves the next no time."""
-_SAME = 0.005
 
 SICK_REACH, SICK_CODES = 80.0, 82.0
 """A SICK LMS reaches the first [m]; its codes for no return and errors, 81.83, 81.91 and the like, end below the
@@ -45,9 +60,21 @@ class Fan(NamedTuple):
     beams: int = 0
     time_increment: float = 0.0
 
-    def over(self, given: Table) -> Fan:
-        """The same with what a caller's ``platform.toml`` puts in place of angles and limits."""
-        return self._replace(**{key: given[key] for key in self._fields[:4] if key in given})
+    def over(self, given: Table, beams: int, *, file: Path, field: str) -> Fan:
+        """The same with what a caller's ``platform.toml`` puts in place of angles and limits; refused where it goes
+        round more than once (first and last beam may be the same direction) or its limits do not fit together.
+        """
+        for increment, where in (
+            (self.angle_increment, field),
+            (given.get("angle_increment", self.angle_increment), "platform.lidar.angle_increment"),
+        ):
+            if (problem := too_wide(beams, increment)) is not None:
+                raise InputError(problem, file=file, field=where)
+        fan = self._replace(**{key: given[key] for key in self._fields[:4] if key in given})
+        if fan.range_min >= fan.range_max:
+            problem = f"{fan.range_min:g} m, expected less than the {fan.range_max:g} m that are its range_max"
+            raise InputError(problem, file=file, field="platform.lidar.range_min")
+        return fan
 
     @property
     def angles(self) -> NDArray[np.float64]:
@@ -63,6 +90,77 @@ class Fan(NamedTuple):
         last = self.angle_min + (self.beams - 1) * self.angle_increment
         step, time = -self.angle_increment, -self.time_increment
         return self._replace(angle_min=last, angle_increment=step, time_increment=time)
+
+
+def clock_cuts(stamps: Stamps, back: float) -> list[int]:
+    """The readings before which a clock was set back by more than ``back`` [s] or, on and on, ahead by more than a day.
+
+    So it is in a log of two runs, of a simulator that was reset, or of a recording that was played in a loop. A few
+    messages that come late, after which the stamps return to where they were, are no such thing.
+    """
+    found, start, last = list[int](), 0, len(stamps) - FEWEST
+    if last <= 0:
+        return found
+    highest = _window(stamps, -np.inf).max(axis=1)
+    lowest = _window(stamps, np.inf).min(axis=1)
+    while start < last and len(found) < 1000:
+        peak = np.maximum.accumulate(stamps[start:last])
+        after = slice(start + 1, last + 1)
+        is_back = (stamps[after] < peak - back) & (highest[after] < peak)
+        at = np.flatnonzero(is_back | (lowest[after] - peak > MAX_JUMP))
+        if not len(at):
+            break
+        start += 1 + int(at[0])
+        found.append(start)
+    return found
+
+
+def _window(stamps: Stamps, beyond: float) -> Stamps:
+    """Each stamp with those that follow [n, FOLLOWING]."""
+    return sliding_window_view(np.concatenate((stamps, np.full(FOLLOWING - 1, beyond))), FOLLOWING)
+
+
+def stamp_order(stamps: Stamps, *, file: Path, field: str) -> tuple[NDArray[np.intp] | None, tuple[Issue, ...]]:
+    """The order [k] that makes stamps [n] [s] rise, None where they do, and an issue of what was done.
+
+    Readings that share a stamp stay in the order they came in. Those with the stamp 0 among others of Unix time, of a
+    driver that was up before its clock, are left out.
+    """
+    bad = ~(np.abs(stamps) <= MAX_STAMP)
+    if bad.any():
+        first = int(np.argmax(bad))
+        problem = f"{stamps[first]:.6g} at reading {first}, expected finite seconds below 1e11"
+        raise InputError(problem, file=file, field=field)
+    issues = []
+    kept = np.arange(len(stamps))
+    unset = (stamps == 0) & (np.min(stamps[stamps != 0], initial=np.inf) > MAX_JUMP) & stamps.any()
+    if 0 < (count := int(unset.sum())) <= max(MAX_DROPPED, len(stamps) // 10):
+        text = f"{file.name}: {field}: {counted(count, 'reading')} with the stamp 0 left out, before the clock was set"
+        issues.append(Issue("unset-stamps", text, count))
+        kept = np.flatnonzero(~unset)
+    used = stamps[kept]
+    if cuts := [at for at in clock_cuts(used, SET_BACK) if used[at] < used[at - 1]]:
+        seconds = used[: cuts[0]].max() - used[cuts[0]]
+        raise InputError(
+            f"the clock goes back by {seconds:.6g} s at reading {kept[cuts[0]]} and goes on from there: several "
+            "recordings in one, expected one; cut the file there",
+            file=file,
+            field=field,
+        )
+    back = int((np.diff(used) < 0).sum())
+    order = kept[np.argsort(used, kind="stable")] if back else kept
+    rising = stamps[order]
+    steps = np.diff(rising)
+    if len(steps) and steps.max() > MAX_JUMP:
+        at = int(np.argmax(steps))
+        problem = f"jump of {steps[at]:.6g} s after {float(rising[at])!r}, expected steps of less than a day"
+        raise InputError(problem, file=file, field=field)
+    if len(steps) and rising[-1] - rising[0] > MAX_SPAN:
+        raise InputError(f"span {rising[-1] - rising[0]:.6g} s, expected less than 10 years", file=file, field=field)
+    if back:
+        text = f"{file.name}: {field}: {back} stamps go back; the readings were sorted by stamp"
+        issues.append(Issue("stamps-go-back", text, back))
+    return (order if issues else None), tuple(issues)
 
 
 def sort_by_stamp(
@@ -103,30 +201,16 @@ def plausible_counts(stamps: Stamps, counts: Array, metres_per_count: float) -> 
     return np.asarray(travel <= SLACK + MAX_SPEED * elapsed)
 
 
-def check_fan(beams: int, increment: float, *, file: Path, field: str) -> None:
-    """Refuse a fan of more than a full turn; first and last beam may be the same direction."""
-    if (problem := too_wide(beams, increment)) is not None:
-        raise InputError(problem, file=file, field=field)
-
-
-def check_figures(beams: int, fan: Fan, *, file: Path) -> None:
-    """Refuse figures of a lidar that a caller's ``platform.toml`` gives in part, and that do not fit together."""
-    check_fan(beams, fan.angle_increment, file=file, field="platform.lidar.angle_increment")
-    if fan.range_min >= fan.range_max:
-        problem = f"{fan.range_min:g} m, expected less than the {fan.range_max:g} m that are its range_max"
-        raise InputError(problem, file=file, field="platform.lidar.range_min")
-
-
 def clean_ranges(ranges: NDArray[np.float32], fan: Fan, issues: list[Issue], head: str) -> NDArray[np.float32]:
     """Ranges [n, beams] [m] as endpoints, no return and invalid.
 
-    At or beyond ``range_max``, and ``+inf``: no return, ``inf``. Below ``range_min`` (lidars put error codes there):
-    invalid, ``nan``. Negative, ``-inf`` and NaN: invalid, and counted in an issue, for no sensor reports them.
+    At or beyond ``range_max``, and ``+inf``: no return, ``inf``. Below ``range_min`` (lidars put error codes there) and
+    0: invalid, ``nan``. Negative, ``-inf`` and NaN: invalid, and counted in an issue, for no sensor reports them.
     """
     clean = ranges.copy()
     garbage = ~(ranges >= 0)
     clean[ranges >= np.float32(fan.range_max)] = np.inf
-    clean[garbage | (ranges < np.float32(fan.range_min))] = np.nan
+    clean[~(ranges > 0) | (ranges < np.float32(fan.range_min))] = np.nan
     if count := int(garbage.sum()):
         found = f"{counted(count, 'range')} in {counted(int(garbage.any(axis=1).sum()), 'scan')}"
         issues.append(Issue("invalid-ranges", f"{head}: {found} left out, NaN or negative", count))
@@ -164,12 +248,6 @@ def no_return_limit(ranges: NDArray[np.float32], stated: float | None) -> float:
     return float(finite[bins == used[code]].min()) if is_spike and (used[:code] > 0).any() else SICK_REACH
 
 
-def no_return_codes(codes: tuple[float, ...], range_max: float, otherwise: float, beams: int) -> NDArray[np.float32]:
-    """What is written for no return, a value a beam [beams] [m]: those of the lidar's codes that read as no return."""
-    usable = [code for code in codes if code >= range_max] or [otherwise]
-    return np.resize(np.asarray(usable, np.float32), beams)
-
-
 def lidar_stream(
     path: Path,
     field: str,
@@ -181,7 +259,6 @@ def lidar_stream(
     given: Table,
     issues: list[Issue],
     odometry: Array | None = None,
-    zero_is_invalid: bool = True,
     interlace: int = 1,
 ) -> LidarStream:
     """The scans of a file: stamps [n] [s] and ranges [n, beams] [m] as reported, in the order of the file.
@@ -191,14 +268,10 @@ def lidar_stream(
     scan, see `LidarStream` on ``interlace``.
     """
     beams = ranges.shape[1]
-    check_fan(beams, fan.angle_increment, file=path, field=f"{field} angular resolution")
-    fan = fan.over(given)
-    check_figures(beams, fan, file=path)
+    fan = fan.over(given, beams, file=path, field=f"{field} angular resolution")
     stamps, (order,) = sort_by_stamp(path, field, stamps, issues, np.arange(len(stamps)))
     sequence = None if odometry is None else _sequence(path, field, odometry, order, issues)
     clean = clean_ranges(ranges[order], fan, issues, f"{path.name}: {field}")
-    if zero_is_invalid:
-        clean[clean == 0] = np.nan
     poses = None if odometry is None else odometry[order]
     step = robot.lidar.time_increment / interlace
     return LidarStream(stamps, given_up(clean), *fan[:4], step, poses, sequence, interlace)
@@ -256,16 +329,3 @@ def imu_stream(
     plausible = plausible_rates(values[0])
     stamps, angular, linear = keep_plausible(path, fields[1], plausible, "beyond 100 rad/s", issues, stamps, *values)
     return ImuStream(stamps, angular.astype(np.float64), linear.astype(np.float64))
-
-
-def mount_between(robot: NDArray[np.float64], laser: NDArray[np.float64]) -> LidarSpec | None:
-    """Where a lidar stands on its robot, by logged poses [n, 3] of both, where 99 % of them agree (5 mm, 0.005 rad)."""
-    if not len(robot):
-        return None
-    mounts = se2.between(robot, laser)
-    middle = np.median(mounts, axis=0)
-    apart = np.abs(np.column_stack((mounts[:, :2] - middle[:2], se2.wrap(mounts[:, 2] - middle[2]))))
-    if np.quantile(apart.max(axis=1), 0.99) >= _SAME:
-        return None
-    x, y, yaw = np.round(middle, 6).tolist()  # logs have six digits
-    return LidarSpec(x=x, y=y, yaw=yaw)

@@ -2,6 +2,9 @@
 
 Arrays, units and bounds: ``docs/reference/formats.md``. Any of the four files may be missing, and so is its stream
 then; what is there must be right.
+
+Images are ``dataRGBD/RGB20/rgb20_K.png`` and ``dataRGBD/Disparity20/disparity20_K.png``: K counts from 1 and belongs to
+the K-th stamp in ``Kinect20.npz``. One that is missing leaves its stamp without an image.
 """
 
 from __future__ import annotations
@@ -15,21 +18,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.errors import ConfigError, InputError
-from moteslam.robot.files import make_folder, write_atomically
+from moteslam.robot.files import make_folder, read_arrays, write_atomically
 from moteslam.robot.formats import Format, Robot
-from moteslam.robot.formats.npz import read_arrays
 from moteslam.robot.formats.streams import (
     Fan,
-    check_fan,
-    check_figures,
     clean_ranges,
     encoder_stream,
     imu_stream,
-    no_return_codes,
     sort_by_stamp,
 )
-from moteslam.robot.formats.ucsd_images import DISPARITY, RGB, find_images
-from moteslam.robot.formats.written import left_out, not_written
+from moteslam.robot.formats.written import SCAN_POSES, no_return_codes, not_written
 from moteslam.robot.platform import LidarSpec, Platform
 from moteslam.robot.platforms import UCSD, GivenRobot, write_platform
 from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream, Recording, RgbdStream
@@ -48,6 +46,9 @@ FAN = 0.01
 
 ONLY = "1"
 """The sequence of a folder that is written for one recording."""
+
+RGB, DISPARITY = "RGB", "Disparity"
+"""The two kinds of images, as the folders name them."""
 
 NO_ECHO = 0.001
 """Written for an invalid reading [m], as the UTM-30LX does."""
@@ -125,13 +126,11 @@ def _lidar(path: Path, platform: Platform, given: Table, issues: list[Issue]) ->
     if range_max <= range_min:
         refuse("range_max", f"more than range_min, {range_min} m")
     beams = len(arrays["ranges"])
-    check_fan(beams, increment, file=path, field="angle_increment")
     last = angle_min + (beams - 1) * increment
     if abs(last - angle_max) > abs(increment):
         text = f"{path.name}: angle_max: {angle_max:.4f} rad, but {beams} beams end at {last:.4f}; the beams are used"
         issues.append(Issue("angle-max", text))
-    fan = Fan(angle_min, increment, range_min, range_max).over(given)
-    check_figures(beams, fan, file=path)
+    fan = Fan(angle_min, increment, range_min, range_max).over(given, beams, file=path, field="angle_increment")
     stamps, (ranges,) = sort_by_stamp(path, "time_stamps", arrays["time_stamps"], issues, arrays["ranges"].T)
     with np.errstate(over="ignore"):  # beyond float32 is infinite: no return
         ranges = np.ascontiguousarray(ranges, np.float32)
@@ -181,6 +180,44 @@ def _rgbd(folder: Path, number: str, issues: list[Issue]) -> RgbdStream | None:
         streams.append((stamps, tuple(images[i] for i in indices) if images else ()))
     (rgb, rgb_files), (disparity, disparity_files) = streams
     return RgbdStream(rgb, disparity, rgb_files, disparity_files)
+
+
+def image_path(folder: Path, kind: str, sequence: str, index: int) -> Path:
+    """Where an image of a kind lies, by its index from 0."""
+    return folder / "dataRGBD" / f"{kind}{sequence}" / f"{kind.lower()}{sequence.lower()}_{index + 1}.png"
+
+
+def find_images(folder: Path, kind: str, sequence: str, count: int, issues: list[Issue]) -> tuple[Path | None, ...]:
+    """The image of each of ``count`` stamps, None where it is missing; empty where there are none at all.
+
+    What is missing or left over is an issue.
+    """
+    place = image_path(folder, kind, sequence, 0).parent
+    if not place.is_dir():
+        if place.parent.is_dir():  # no fault where there are no images at all: they are a download of their own
+            text = f"{place.name}: no such folder, {counted(count, 'image')} missing"
+            issues.append(Issue("images-missing", text, count))
+        return ()
+    pattern = re.compile(rf"{re.escape(place.name.lower())}_(\d{{1,9}})\.png")
+    try:
+        names = [path.name for path in place.iterdir()]
+    except OSError as error:
+        raise InputError(f"{error.strerror}, expected a folder of images", file=place) from error
+    found = {int(match[1]): place / name for name in sorted(names) if (match := pattern.fullmatch(name))}
+    files = tuple(found.get(index) for index in range(1, count + 1))
+    missing, beyond = files.count(None), sum(1 for index in found if not 1 <= index <= count)
+    if missing == count:
+        text = f"{place.name}: {len(found)} images, none of them for one of the {count} stamps"
+        issues.append(Issue("images-missing", text, count))
+        return ()
+    if missing:
+        name = f"{place.name.lower()}_{files.index(None) + 1}.png"
+        text = f"{place.name}: {missing} of {counted(count, 'image')} missing, the first {name}"
+        issues.append(Issue("images-missing", text, missing))
+    if beyond:
+        text = f"{place.name}: {counted(beyond, 'image')} beyond the {counted(count, 'stamp')} left out"
+        issues.append(Issue("images-beyond-stamps", text, beyond))
+    return files
 
 
 def write_ucsd(folder: str | PathLike[str], recording: Recording, *, sequence: str | int) -> None:
@@ -261,15 +298,10 @@ def _write_only(folder: Path, recording: Recording) -> tuple[Issue, ...]:
     expect_type(recording, Recording, "recording", "open_recording(path) reads one")
     make_folder(folder)
     write_ucsd(folder, recording, sequence=ONLY)
-    issues = list(not_written(recording, "a UCSD folder", ("odometry",)))
-    if recording.lidar is not None and recording.lidar.odometry is not None:
-        count = len(recording.lidar)
-        poses = counted(count, "odometry pose") + " of the scans"
-        issues.append(left_out(recording, "a UCSD folder", poses, count))
     rgbd = recording.rgbd
-    if rgbd is not None and (rgbd.rgb_files or rgbd.disparity_files or rgbd.images is not None):
-        issues += not_written(recording, "its file of stamps", ("rgbd",))
-    return tuple(issues)
+    has_images = rgbd is not None and (rgbd.rgb_files or rgbd.disparity_files or rgbd.images is not None)
+    issues = not_written(recording, "a UCSD folder", "odometry", SCAN_POSES)
+    return issues + (not_written(recording, "its file of stamps", "rgbd") if has_images else ())
 
 
 FORMAT = Format(

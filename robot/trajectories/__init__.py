@@ -7,6 +7,7 @@ from pathlib import Path
 
 from moteslam.errors import ConfigError, InputError, OutputError
 from moteslam.robot.files import open_regular
+from moteslam.robot.formats.bags.files import is_bag
 from moteslam.robot.trajectories import bag, g2o, text
 from moteslam.robot.trajectories.rows import TrajectoryFormat, decoded
 from moteslam.robot.trajectory import Trajectory
@@ -46,7 +47,7 @@ def read_trajectory(path: str | PathLike[str]) -> Trajectory:
     if (parts := bag.parts_of(path)) is not None:
         return bag.read_bag(*parts)
     path = Path(path)
-    if bag.is_bag(path):
+    if is_bag(Path(path)):
         raise InputError(bag.without_topic(path), file=path)
     return trajectory_format_of(path).read(path)
 
@@ -76,7 +77,7 @@ def trajectory_format_to_write(path: str | PathLike[str], name: str | None = Non
 
 def is_trajectory(path: str | PathLike[str]) -> bool:
     """Whether a path is a file whose first lines are those of a trajectory, or one within a bag."""
-    if (parts := bag.parts_of(path)) is not None or bag.is_bag(path):
+    if (parts := bag.parts_of(path)) is not None or is_bag(Path(path)):
         return parts is not None
     try:
         trajectory_format_of(path)

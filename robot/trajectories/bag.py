@@ -17,7 +17,7 @@ import numpy as np
 
 from moteslam.errors import InputError
 from moteslam.robot.formats.bags.bag import Bag, Topic
-from moteslam.robot.formats.bags.files import begins_as, is_bag_folder
+from moteslam.robot.formats.bags.files import is_bag
 from moteslam.robot.trajectory import UNIT, Array, Trajectory, interpolated, quaternions_of, rotations_of, trajectory_of
 from moteslam.robot.values import Issue, counted
 
@@ -41,18 +41,9 @@ def parts_of(path: str | PathLike[str]) -> tuple[Path, str] | None:
     """The bag of ``BAG:TOPIC`` and what is named in it; None where a path is not of this form."""
     text = str(path)
     for at in (k for k, letter in enumerate(text) if letter == ":" and 0 < k < len(text) - 1):
-        if is_bag(text[:at]) and not Path(text).exists():
+        if is_bag(Path(text[:at])) and not Path(text).exists():
             return Path(text[:at]), text[at + 1 :]
     return None
-
-
-def is_bag(path: str | PathLike[str]) -> bool:
-    """Whether a path is a bag: a file of ROS 1, MCAP or SQLite, or a folder of ROS 2."""
-    path = Path(path)
-    try:
-        return is_bag_folder(path) if path.is_dir() else path.is_file() and begins_as(path) is not None
-    except (OSError, ValueError):
-        return False
 
 
 def without_topic(bag: Path) -> str:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from moteslam.errors import InputError
 from moteslam.robot.files import open_regular, read_bytes
-from moteslam.robot.formats.stamps import MAX_STAMP
+from moteslam.robot.formats.streams import MAX_STAMP
 from moteslam.robot.trajectory import Positions, Trajectory
 from moteslam.robot.values import Issue, counted
 

@@ -23,7 +23,7 @@ import numpy as np
 from moteslam.errors import InputError
 from moteslam.robot import se2
 from moteslam.robot.files import write_atomically
-from moteslam.robot.formats.stamps import MAX_STAMP
+from moteslam.robot.formats.streams import MAX_STAMP
 from moteslam.robot.trajectories.columns import EUROC, TUM, Columns, columns_of, named, recognise, separator_of, split
 from moteslam.robot.trajectories.rows import (
     TrajectoryFormat,

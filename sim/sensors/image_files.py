@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.errors import OutputError
-from moteslam.robot.formats.ucsd_images import image_path
+from moteslam.robot.formats.ucsd import image_path
 from moteslam.robot.pictures import encode_png
 from moteslam.robot.values import processor_count
 

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.errors import ConfigError
-from moteslam.robot.formats.ucsd_images import DISPARITY, RGB
+from moteslam.robot.formats.ucsd import DISPARITY, RGB
 from moteslam.robot.platform import CameraSettings, CameraSpec
 from moteslam.robot.recording import RgbdStream
 from moteslam.robot.se2 import interpolate

@@ -12,7 +12,7 @@ from command_lines import refused
 
 from moteslam.eval.cli import main
 from moteslam.eval.metrics.ate import absolute_trajectory_error
-from moteslam.robot.formats.carmen_writer import write_carmen
+from moteslam.robot.formats.written import write_carmen
 from moteslam.robot.trajectories.text import read_tum, write_tum
 from moteslam.sim.scenario import load_scenario
 from moteslam.sim.simulate import simulate

@@ -195,8 +195,8 @@ def test_a_folder_around_the_input_and_one_of_others_are_not_replaced(
 
 BREAKS = {
     "ucsd": "moteslam.robot.formats.ucsd._compact",
-    "csv": "moteslam.robot.formats.csv_writer.platform_table",
-    "mcap": "moteslam.robot.formats.bags.write.bytes_of",
+    "csv": "moteslam.robot.formats.written.platform_table",
+    "mcap": "moteslam.robot.formats.bags.write.write_events",
 }
 """What is called in the midst of writing; of a UCSD folder and CSV files after some of them are there."""
 

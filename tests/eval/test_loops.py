@@ -17,7 +17,7 @@ from moteslam.eval.metrics.loops import possible_loops, score_loops
 from moteslam.eval.run_tables import read_loops, write_loops
 from moteslam.robot import se2
 from moteslam.robot.formats import open_recording
-from moteslam.robot.formats.carmen_writer import write_carmen
+from moteslam.robot.formats.written import write_carmen
 from moteslam.robot.platform import Platform
 from moteslam.robot.recording import LidarStream, Recording
 from moteslam.robot.trajectories.text import read_tum, write_tum

@@ -15,7 +15,7 @@ from moteslam.eval.cli import main
 from moteslam.eval.evaluation import under_recording
 from moteslam.eval.metrics import residuals
 from moteslam.robot.formats import open_recording
-from moteslam.robot.formats.carmen_writer import write_carmen
+from moteslam.robot.formats.written import write_carmen
 from moteslam.robot.platform import Platform
 from moteslam.robot.recording import LidarStream, OdometryStream, Recording
 from moteslam.robot.trajectories.text import write_tum

@@ -8,7 +8,6 @@ from kernel_cases import rays_of
 from twins.camera import look
 from ucsd_robot import CAMERA
 
-from moteslam.errors import InputError
 from moteslam.kernels.camera import depth_view_of, render_colour, render_disparity, view_of
 from moteslam.kernels.raycast import build_buckets, cast_rays
 from moteslam.robot import rgbd
@@ -115,25 +114,3 @@ def test_noise_is_added_and_lost_pixels_are_nothing() -> None:
     bottom = slice(9 + 470 * 640, None)
     assert (other[bottom] == plain[bottom] + 3).mean() > 0.99
     assert (other[1000 : 400 * 640] == plain[1000 : 400 * 640]).all()
-
-
-@pytest.mark.usefixtures("taichi")
-def test_bad_input() -> None:
-    seen_from = view(True)
-    cameras, far = reaches(seen_from.bearings, True)
-    floor, noise = np.zeros((4, 4), np.int32), np.zeros(480 * 640 + 2 * 640, np.float32)
-    settings = {"corner": (0.0, 0.0), "cell_size": 0.1, "noise": noise, "starts": [0, 0, 0]}
-    for changes in (
-        {"starts": [0, 0, 1]},
-        {"starts": [0, -1, 0]},
-        {"noise": noise[:-1].copy()},
-        {"cell_size": 0.0},
-    ):
-        with pytest.raises(InputError):
-            render_colour(seen_from, cameras, far, floor, **{**settings, **changes})  # type: ignore[arg-type]
-    with pytest.raises(InputError, match="reaches"):
-        render_colour(seen_from, cameras, far[:, :-1].copy(), floor, **settings)  # type: ignore[arg-type]
-    with pytest.raises(InputError, match="reaches"):
-        render_colour(seen_from, cameras, np.full_like(far, np.nan), floor, **settings)  # type: ignore[arg-type]
-    with pytest.raises(InputError, match="height"):
-        view_of(np.ones((2, 2, 4)), height=0.0)

@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from numpy.typing import ArrayLike, NDArray
-from tile_pools import CELL, MIDDLE, Pool, frames, mapped_room, moved, room_scan, tiles_of
+from tile_pools import CELL, MIDDLE, Pool, frames, mapped_room, moved, room_scan
 from twins import tsdf
 
-from moteslam.errors import InputError
 from moteslam.kernels import correlative
 from moteslam.kernels.correlative import MAX_SEARCH_POINTS, search_scans
 from moteslam.kernels.tiles import CELLS, STEPS
@@ -84,17 +83,6 @@ def test_scores_that_are_laid_out_are_those_of_the_tiles(
     assert len(np.unique(found[0][0])) > 20
 
 
-def test_offsets_on_the_lattice_are_found(room: Pool) -> None:
-    shifts, turns = lattice(10, 0.1), 0.05 * np.arange(-4, 5)
-    for truth in ((0.4, -0.7, 0.1), (-1.0, 0.0, -0.2), (0.0, 0.0, 0.0)):
-        pose = moved(MIDDLE, [-v for v in truth])
-        (scores,), (chosen,) = search(room, [pose], few(room_scan()), turns, shifts)
-        best = int(scores.argmax())
-        found = moved(pose, (*shifts[chosen[best]], turns[best]))
-        assert np.abs(found - MIDDLE)[:2].max() < 0.11  # to a step: the walls lie between two coarse cells
-        assert abs(found[2] - MIDDLE[2]) < 0.051
-
-
 def test_shifts_drift_with_the_turn(room: Pool) -> None:
     """As if each turn were looked for among shifts of its own."""
     shifts, turns, drift = lattice(6, 0.1), np.array((-0.2, 0.1, 0.3)), (2.0, -1.5)
@@ -113,35 +101,3 @@ def test_costs_decide_between_places_that_fit_alike(room: Pool) -> None:
     (scores,), (chosen,) = search(room, [MIDDLE], nothing, (-0.1, 0.0), shifts, shift_costs=costs, turn_costs=(5, 1e30))
     np.testing.assert_allclose(shifts[chosen], [(0.1, 0.1)] * 2)
     assert scores.tolist() == [-5, -100_000_000]
-
-
-def test_the_first_of_equal_places_of_a_block_is_returned(room: Pool) -> None:
-    _, chosen = search(room, [MIDDLE], np.empty((0, 2), np.float32), (-0.1, 0.0), lattice(2, 0.1), blocks=5)
-    assert chosen.tolist() == [[0, 5, 10, 15, 20] * 2]
-
-
-def test_no_turns(room: Pool) -> None:
-    scores, chosen = search(room, [MIDDLE], room_scan()[:5], (), lattice(1, 0.1))
-    assert scores.shape == chosen.shape == (1, 0)
-
-
-@pytest.mark.parametrize(
-    ("change", "field"),
-    [
-        ({"frames": np.ones((2, 4))}, "frames"),
-        ({"points": np.zeros((MAX_SEARCH_POINTS + 1, 2))}, "points"),
-        ({"turn_costs": [-1]}, "turn_costs"),
-        ({"shifts": np.empty((0, 2)), "shift_costs": []}, "blocks"),
-        ({"blocks": 3}, "blocks"),
-        ({"cell_size": -0.05}, "cell_size"),
-        ({"near": 0.0}, "near"),
-    ],
-)
-def test_bad_input_of_the_search(change: dict[str, object], field: str) -> None:
-    arguments: dict[str, object] = {
-        "tiles": tiles_of(np.zeros(CELLS, np.int16), np.zeros((1, 2, 2), np.int32)), "frames": np.ones((1, 4)),
-        "points": [(0.1, 0.1)], "turns": [0.0], "turn_costs": [0.0], "shifts": np.zeros((4, 2)),
-        "shift_costs": np.zeros(4), "blocks": 2, "cell_size": 0.05, "near": 0.5,
-    }  # fmt: skip
-    with pytest.raises(InputError, match=f"^{field}: "):
-        search_scans(**{**arguments, **change})  # type: ignore[arg-type]

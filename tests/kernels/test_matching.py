@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from twins import grids
 
-from moteslam.errors import InputError
 from moteslam.kernels import matching
 from moteslam.kernels.matching import match_poses
 
@@ -28,9 +27,7 @@ def random_case(
     return grid, poses, points
 
 
-@pytest.mark.parametrize("seed", range(2))
-@pytest.mark.parametrize("beams", [0, 1, 57, 600])
-@pytest.mark.parametrize("highest", [1, 3])
+@pytest.mark.parametrize(("beams", "highest"), [(0, 1), (1, 3), (57, 1), (57, 3), (600, 1)])
 @pytest.mark.parametrize(
     ("offsets_xy", "offsets_theta"),
     [
@@ -42,9 +39,9 @@ def random_case(
     ],
 )
 def test_equals_the_twin(
-    seed: int, beams: int, highest: int, offsets_xy: tuple[float, ...], offsets_theta: tuple[float, ...]
+    beams: int, highest: int, offsets_xy: tuple[float, ...], offsets_theta: tuple[float, ...]
 ) -> None:
-    grid, poses, points = random_case(seed, beams=beams, particles=3, highest=highest)
+    grid, poses, points = random_case(beams, beams=beams, particles=3, highest=highest)
     offsets = {"offsets_xy": offsets_xy, "offsets_theta": offsets_theta}
     scores, indices = grids.match_poses(grid, ORIGIN, CELL, poses, points, **offsets)
     found = match_poses(grid, ORIGIN, CELL, poses, points, **offsets)
@@ -55,28 +52,14 @@ def test_equals_the_twin(
     np.testing.assert_array_equal(found.poses, moved)
 
 
-@pytest.mark.parametrize("seed", range(6))
-def test_the_windows_find_what_the_search_of_single_poses_finds(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    grid, poses, points = random_case(seed, beams=300, particles=40)
+def test_the_windows_find_what_the_search_of_single_poses_finds(monkeypatch: pytest.MonkeyPatch) -> None:
+    grid, poses, points = random_case(6, beams=300, particles=200)
     offsets = {"offsets_xy": PAPER, "offsets_theta": PAPER}
     windows = match_poses(grid, ORIGIN, CELL, poses, points, **offsets)
     monkeypatch.setattr(matching, "_match_windows", lambda *_: False)
     singles = match_poses(grid, ORIGIN, CELL, poses, points, **offsets)
     for ours, theirs in zip(windows, singles, strict=True):
         np.testing.assert_array_equal(ours, theirs)
-
-
-def test_a_shifted_and_turned_pose_is_found() -> None:
-    grid, _, points = random_case(4, beams=400, particles=1)
-    truth = np.array((0.02, 0.1, 0.3))
-    grid[:] = 0
-    for col, row in grids.cells_under(ORIGIN, CELL, truth, points):
-        if 0 < row < 60 and 0 < col < 87:
-            grid[row, col] = 1
-    start = truth - (0.1, -0.05, 0.05)
-    found = match_poses(grid, ORIGIN, CELL, [start], points, offsets_xy=PAPER, offsets_theta=PAPER)
-    assert found.indices.tolist() == [[4, 1, 3]]
-    np.testing.assert_allclose(found.poses[0], truth, rtol=0, atol=1e-12)
 
 
 def test_ties_go_to_the_centre_then_to_the_first() -> None:
@@ -100,29 +83,3 @@ def test_particles_far_apart_and_off_the_map() -> None:
     for offsets in (PAPER, (-0.07, 0.0, 0.03)):
         nothing = match_poses(grid, ORIGIN, CELL, beyond, points, offsets_xy=offsets, offsets_theta=(0.0, 0.1))
         assert nothing.scores.tolist() == [0, 0, 0]
-
-
-def test_no_particles() -> None:
-    grid, _, points = random_case(5, beams=5, particles=1)
-    found = match_poses(grid, ORIGIN, CELL, np.empty((0, 3)), points, offsets_xy=PAPER, offsets_theta=PAPER)
-    assert found.poses.shape == found.indices.shape == (0, 3)
-
-
-@pytest.mark.parametrize(
-    ("change", "field"),
-    [
-        ({"offsets_xy": ()}, "offsets_xy"),
-        ({"offsets_theta": ()}, "offsets_xy"),
-        ({"offsets_xy": np.zeros(2000)}, "offsets_xy"),
-        ({"occupied": np.ones((8, 8), np.uint8)}, "occupied"),
-        ({"occupied": np.zeros((8, 12), np.uint8)}, "occupied"),
-        ({"cell_size": -1.0}, "cell_size"),
-    ],
-)
-def test_bad_input(change: dict[str, object], field: str) -> None:
-    arguments: dict[str, object] = {
-        "occupied": np.zeros((8, 8), np.uint8), "origin": (0, 0), "cell_size": 0.1, "poses": [(0, 0, 0)],
-        "points": [(0.1, 0.1)], "offsets_xy": (0.0,), "offsets_theta": (0.0,),
-    }  # fmt: skip
-    with pytest.raises(InputError, match=f"^{field}: "):
-        match_poses(**{**arguments, **change})  # type: ignore[arg-type]

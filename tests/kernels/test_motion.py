@@ -2,13 +2,14 @@
 
 # no `from __future__ import annotations`: Taichi reads the annotations of the kernel below
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 from random_words import philox_words
 from twins.philox import normals
 from twins.philox import philox as twin_words
 
-from moteslam.errors import InputError
 from moteslam.kernels.motion import STREAM, compose, sample_motion, wrap
 from moteslam.kernels.runtime import ti
 from moteslam.kernels.types import F64_1D, F64_2D, kernel
@@ -35,13 +36,6 @@ def test_equals_the_twin(seed: int, step: int, n: int) -> None:
     assert (poses[:, 2] <= np.pi).all()
 
 
-def test_without_noise_every_particle_moves_alike() -> None:
-    poses = random_poses(2, 64)
-    expected = se2.compose(poses, (1.0, 0.5, -2.0))
-    sample_motion(poses, (1.0, 0.5, -2.0), (0, 0, 0), seed=1, step=1)
-    np.testing.assert_allclose(poses, expected, rtol=0, atol=1e-12)
-
-
 @pytest.mark.parametrize(
     ("before", "turn", "after"), [(3.0, 0.5, 3.5 - 2 * np.pi), (np.pi, 0.0, np.pi), (-3.0, -0.5, 2 * np.pi - 3.5)]
 )
@@ -62,31 +56,7 @@ def test_noise_has_the_spread_asked_for() -> None:
     assert (np.abs(correlations) < 5 / np.sqrt(n)).all()
 
 
-def test_steps_and_seeds_differ() -> None:
-    drawn = []
-    for seed, step in ((0, 0), (0, 1), (1, 0), (2**32, 0)):
-        poses = np.zeros((4, 3))
-        sample_motion(poses, (0, 0, 0), (1, 1, 1), seed=seed, step=step)
-        drawn.append(poses.tobytes())
-    assert len(set(drawn)) == 4
-
-
-@pytest.mark.parametrize(
-    ("change", "field"),
-    [
-        ({"seed": -1}, "seed"),
-        ({"seed": 2**64}, "seed"),
-        ({"step": 2**32}, "step"),
-        ({"spread": (1, -1, 1)}, "spread"),
-        ({"poses": np.zeros((8, 3))[::2]}, "poses"),
-    ],
-)
-def test_bad_input(change: dict[str, object], field: str) -> None:
-    given = {"poses": np.zeros((4, 3)), "motion": (0, 0, 0), "spread": (1, 1, 1), "seed": 0, "step": 0}
-    with pytest.raises(InputError, match=f"^{field}: "):
-        sample_motion(**{**given, **change})  # type: ignore[arg-type]
-
-
+Words = tuple[int, ...]
 # Random123 1.14, tests/kat_vectors, philox 4x32 10: counter, key, words
 KNOWN = [
     ((0, 0, 0, 0), (0, 0), (0x6627E8D5, 0xE169C58D, 0xBC57AC4C, 0x9B00DBD8)),
@@ -99,17 +69,10 @@ KNOWN = [
 ]
 
 
-@pytest.mark.parametrize(("counter", "key", "words"), KNOWN)
-def test_published_random_words(counter: tuple[int, ...], key: tuple[int, ...], words: tuple[int, ...]) -> None:
-    assert philox_words([counter], [key]).tolist() == [list(words)]
-    assert twin_words([counter], [key]).tolist() == [list(words)]
-
-
-def test_random_words_equal_the_twins() -> None:
-    generator = np.random.default_rng(0)
-    counters = generator.integers(0, 2**32, (500, 4), dtype=np.uint32)
-    keys = generator.integers(0, 2**32, (500, 2), dtype=np.uint32)
-    np.testing.assert_array_equal(philox_words(counters, keys), twin_words(counters, keys))
+@pytest.mark.parametrize("philox", [philox_words, twin_words])
+def test_published_random_words(philox: Callable[[list[Words], list[Words]], np.ndarray]) -> None:
+    counters, keys, words = zip(*KNOWN, strict=True)
+    np.testing.assert_array_equal(philox(list(counters), list(keys)), words)
 
 
 @kernel

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from moteslam.errors import InputError
 from moteslam.kernels.normals import scan_normals
 
 pytestmark = pytest.mark.usefixtures("taichi")
@@ -48,32 +47,7 @@ def test_most_points_on_no_line_have_none():
     assert (normals(bush) == 0).all(axis=1).mean() > 0.6
 
 
-def test_surfaces_that_are_not_joined_do_not_mix():
-    wall = np.column_stack((np.full(6, 2.0), np.arange(6) * 0.05))
-    joined = np.array([1, 0, 1, 0, 1, 0], np.int32)
-    assert (normals(wall, joined) == 0).all()
-
-
 def test_scans_do_not_mix():
     wall = np.column_stack((np.full(4, 2.0), np.arange(4) * 0.05))
     found = scan_normals(wall, np.ones(4, np.int32), [0, 2, 4], **OPTIONS)
     assert (found == 0).all()
-
-
-def test_no_points_have_no_normals():
-    assert scan_normals(np.zeros((0, 2)), np.zeros(0, np.int32), [0, 0], **OPTIONS).shape == (0, 2)
-
-
-@pytest.mark.parametrize(
-    ("change", "field"),
-    [({"reach": 0.0}, "reach"), ({"noise": -1.0}, "noise"), ({"largest": np.nan}, "largest")],
-)
-def test_numbers_out_of_bounds_are_refused(change: dict[str, float], field: str):
-    with pytest.raises(InputError, match=rf"^{field}: "):
-        normals(np.zeros((3, 2)), **change)
-
-
-@pytest.mark.parametrize("starts", [[], [1, 3], [0, 2], [0, 4], [0, 2, 1, 3]])
-def test_starts_that_do_not_fit_are_refused(starts: list[int]):
-    with pytest.raises(InputError, match=r"^starts: "):
-        scan_normals(np.zeros((3, 2)), np.ones(3, np.int32), starts, **OPTIONS)

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from twins import grids
 
-from moteslam.errors import InputError
 from moteslam.kernels.occupancy import update_grid
 
 pytestmark = pytest.mark.usefixtures("taichi")
@@ -19,9 +18,8 @@ def empty(height: int = 24, width: int = 32) -> tuple[np.ndarray, np.ndarray, np
     return np.zeros(shape, np.int16), np.zeros(shape, np.uint8), np.zeros(shape, np.int32)
 
 
-@pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize(("per_ray", "guard"), [(False, 0), (True, 0), (False, 1), (False, 2)])
-@pytest.mark.parametrize("shape", [(3, 8), (31, 56), (64, 24)])
+@pytest.mark.parametrize(("seed", "shape"), [(0, (3, 8)), (1, (31, 56)), (2, (64, 24))])
 def test_equals_the_twin(seed: int, per_ray: bool, guard: int, shape: tuple[int, int]) -> None:
     generator = np.random.default_rng(seed)
     log_odds, occupied, seen = empty(*shape)
@@ -50,50 +48,3 @@ def test_every_ray_counts_when_asked() -> None:
     log_odds, occupied, seen = empty()
     update_grid(log_odds, occupied, seen, (2, 5), [(4, 5), (4, 5), (6, 5)], **STEP, scan=1, per_ray=True)
     assert log_odds[5, :8].tolist() == [0, 0, -9, -9, 11, -3, 7, 0]
-
-
-def test_log_odds_saturate() -> None:
-    log_odds, occupied, seen = empty()
-    for scan in range(1, 12):
-        update_grid(log_odds, occupied, seen, (2, 5), [(9, 5)], **STEP, scan=scan)
-    assert log_odds[5, 2:11].tolist() == [*[-20] * 7, 20, 0]
-
-
-def test_an_end_in_the_start_cell_is_a_hit() -> None:
-    log_odds, occupied, seen = empty()
-    update_grid(log_odds, occupied, seen, (2, 5), [(2, 5)], **STEP, scan=1)
-    assert log_odds[5, 2] == 7
-    assert np.count_nonzero(log_odds) == 1
-
-
-def test_an_empty_scan_changes_nothing() -> None:
-    log_odds, occupied, seen = empty()
-    update_grid(log_odds, occupied, seen, (2, 5), np.empty((0, 2), np.int32), **STEP, scan=1)
-    assert not log_odds.any()
-
-
-@pytest.mark.parametrize(
-    ("change", "field"),
-    [
-        ({"start": (0, 5)}, "start"),
-        ({"start": (2, 23)}, "start"),
-        ({"ends": [(31, 5)]}, "ends"),
-        ({"ends": [(5, -1)]}, "ends"),
-        ({"ends": [(5, 2**33)]}, "ends"),
-        ({"ends": [(5.0, 6.0)]}, "ends"),
-        ({"hit": -1}, "hit"),
-        ({"scan": 0}, "scan"),
-        ({"scan": 2**31}, "scan"),
-        ({"guard": -1}, "guard"),
-    ],
-)
-def test_bad_input(change: dict[str, object], field: str) -> None:
-    log_odds, occupied, seen = empty()
-    arguments = {"log_odds": log_odds, "occupied": occupied, "seen": seen, "start": (2, 5), "ends": [(9, 9)], **STEP}
-    with pytest.raises(InputError, match=f"^{field}: "):
-        update_grid(**{**arguments, "scan": 1, **change})  # type: ignore[arg-type]
-
-
-def test_columns_come_in_eights() -> None:
-    with pytest.raises(InputError, match="30 columns"):
-        update_grid(*empty(24, 30), (2, 5), [(9, 9)], **STEP, scan=1)

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from twins import rays
 
-from moteslam.errors import InputError
 from moteslam.kernels import buckets as bucketing
 from moteslam.kernels.movers import cast_movers
 from moteslam.kernels.raycast import SegmentBuckets, build_buckets, cast_rays, cast_surfaces, cos_sin
@@ -42,8 +41,7 @@ def assert_equals_the_twin(
     assert (ranges[np.isfinite(ranges)] <= max_range).all()
 
 
-@pytest.mark.parametrize("seed", range(3))
-@pytest.mark.parametrize(("extent", "offset"), [(20.0, -10.0), (100.0, 0.0), (40.0, -7e5)])
+@pytest.mark.parametrize(("seed", "extent", "offset"), [(0, 20.0, -10.0), (1, 100.0, 0.0), (2, 40.0, -7e5)])
 @pytest.mark.parametrize("size", [None, 0.9, 3.0, 200.0])
 def test_equals_the_twin(seed: int, extent: float, offset: float, size: float | None) -> None:
     segments = random_world(seed, walls=120, extent=extent, offset=offset)
@@ -70,24 +68,6 @@ def test_surfaces_are_the_segments_that_rays_end_on() -> None:
     assert np.hypot(*(ends - a - share[:, None] * along).T).max() < 1e-3
 
 
-def test_a_known_room() -> None:
-    room = build_buckets([(0, 0, 10, 0), (10, 0, 10, 6), (10, 6, 0, 6), (0, 6, 0, 0)])
-    ranges = cast_rays(room, [(4.0, 2.0)] * 5, np.radians([0, 90, 180, 270, 45]), max_range=30.0)
-    np.testing.assert_allclose(ranges, [6, 4, 4, 2, 4 * np.sqrt(2)], rtol=2e-6)
-    assert np.isinf(cast_rays(room, [(4.0, 2.0)], [0.0], max_range=5.99)).all()
-    assert np.isfinite(cast_rays(room, [(4.0, 2.0)], [0.0], max_range=6.01)).all()
-
-
-@pytest.mark.parametrize("origin", [(-5.0, 3.0), (14.0, 3.0), (5.0, -4.0), (5.0, 11.0), (-3.0, -3.0)])
-def test_rays_from_outside_enter_the_world(origin: tuple[float, float]) -> None:
-    room = np.array([(0, 0, 10, 0), (10, 0, 10, 6), (10, 6, 0, 6), (0, 6, 0, 0)], np.float64)
-    angle = np.arctan2(3 - origin[1], 5 - origin[0])
-    expected, _ = rays.cast_rays(room, [origin], [angle], max_range=100.0)
-    ranges = cast_rays(build_buckets(room), [origin, origin], [angle, angle + np.pi], max_range=100.0)
-    assert ranges[0] == pytest.approx(expected[0], rel=1e-6)
-    assert np.isinf(ranges[1])
-
-
 def test_far_outside() -> None:
     room = build_buckets([(0, 0, 10, 0), (10, 0, 10, 6)])
     origins = [(-1e6, 3.0), (-1e6, 3.0), (-1e9, 0.0), (-50.0, 3.0)]
@@ -95,10 +75,9 @@ def test_far_outside() -> None:
     np.testing.assert_allclose(ranges, [1_000_010, np.inf, np.inf, 60])
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_no_ray_slips_between_walls_that_touch(seed: int) -> None:
+def test_no_ray_slips_between_walls_that_touch() -> None:
     """A closed ring of 2000 short walls at odd angles: from within, nothing gets out, least of all at the corners."""
-    generator = np.random.default_rng(seed)
+    generator = np.random.default_rng(0)
     turn = np.sort(generator.uniform(0, 2 * np.pi, 2000))
     ring = np.column_stack((np.cos(turn), np.sin(turn))) * generator.uniform(20, 30, 2000)[:, None] + (71.3, -12.9)
     segments = np.hstack((ring, np.roll(ring, -1, axis=0)))
@@ -124,11 +103,6 @@ def test_a_ray_along_a_wall_stops_at_its_end() -> None:
     np.testing.assert_allclose(ranges, [1, 1], rtol=1e-6)
 
 
-def test_nothing_to_cast() -> None:
-    buckets = build_buckets([(0, 0, 1, 0)])
-    assert cast_rays(buckets, np.empty((0, 2)), [], max_range=1.0).shape == (0,)
-
-
 def test_a_huge_world_has_few_buckets() -> None:
     buckets = build_buckets([(0, 0, 9e5, 1), (0, 9e5, 1, 9e5)], size=0.5)
     assert buckets.columns * buckets.rows <= bucketing.MAX_BUCKETS
@@ -139,54 +113,6 @@ def test_a_dense_world_has_small_buckets() -> None:
     sparse = build_buckets(random_world(1, walls=50, extent=100.0))
     dense = build_buckets(random_world(1, walls=5000, extent=100.0))
     assert dense.size < sparse.size <= 4.0
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_every_wall_is_in_every_bucket_it_crosses(seed: int) -> None:
-    segments = random_world(seed, walls=60, extent=30.0, offset=-9.0)
-    buckets = build_buckets(segments, size=1.3)
-    share = np.linspace(0, 1, 2001)[:, None]
-    for segment in segments:
-        at = segment[:2] + share * (segment[2:] - segment[:2]) - buckets.corner
-        col, row = np.floor(at / buckets.size).astype(int).T
-        stored = np.float32(segment - np.tile(buckets.corner, 2))
-        for bucket in np.unique(row * buckets.columns + col):
-            inside = buckets.walls[buckets.starts[bucket] : buckets.starts[bucket + 1]]
-            assert (np.abs(inside - stored) < 1e-4).all(axis=1).any() or (
-                np.abs(inside - np.roll(stored, 2)) < 1e-4
-            ).all(axis=1).any()
-
-
-@pytest.mark.parametrize(
-    ("segments", "message"),
-    [
-        (np.empty((0, 4)), "segments: no segments"),
-        ([(0, 0, 1, 0), (2, 2, 2, 2)], "segments: segment 1 has no length"),
-        ([(0, 0, 1e7, 0)], "segments: 1e.07 m wide"),
-    ],
-)
-def test_bad_segments(segments: object, message: str) -> None:
-    with pytest.raises(InputError, match=f"^{message}"):
-        build_buckets(segments)  # type: ignore[arg-type]
-
-
-@pytest.mark.parametrize("size", [0.0, -1.0, np.nan, np.inf])
-def test_bad_size(size: float) -> None:
-    with pytest.raises(InputError, match=r"^size: "):
-        build_buckets([(0, 0, 1, 0)], size=size)
-
-
-@pytest.mark.parametrize(
-    ("origins", "angles", "max_range", "field"),
-    [
-        ([(0, 0)], [0.0, 1.0], 1.0, "angles"),
-        ([(0, 0)], [0.0], 0.0, "max_range"),
-        ([(0, 0)], [0.0], np.nan, "max_range"),
-    ],
-)
-def test_bad_rays(origins: object, angles: object, max_range: float, field: str) -> None:
-    with pytest.raises(InputError, match=f"^{field}: "):
-        cast_rays(build_buckets([(0, 0, 1, 0)]), origins, angles, max_range=max_range)  # type: ignore[arg-type]
 
 
 @kernel
@@ -273,12 +199,3 @@ def test_a_ray_sees_the_mover_where_it_is_at_its_moment() -> None:
     cast_movers(discs, nothing, RATE, [[5.0, -4.0], [5.0, -4.0]], [np.pi / 2] * 2, [0.05, 0.09], ranges)
     assert ranges[0] == pytest.approx(3.5, abs=1e-5)
     assert np.isinf(ranges[1])
-
-
-def test_shapes_that_do_not_fit_are_refused() -> None:
-    discs, lines = np.zeros((5, 1, 3), np.float32), np.zeros((4, 1, 4), np.float32)
-    ranges = np.zeros(1, np.float32)
-    with pytest.raises(InputError, match="poses of discs"):
-        cast_movers(discs, lines, RATE, [[0.0, 0.0]], [0.0], [0.0], ranges)
-    with pytest.raises(InputError):
-        cast_movers(discs, lines[:1].repeat(5, 0), RATE, [[0.0, 0.0]], [0.0], [0.0, 1.0], ranges)

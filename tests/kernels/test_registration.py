@@ -11,6 +11,7 @@ from tile_pools import (
     CELL,
     COARSE_TRUNCATION,
     MIDDLE,
+    REGISTRATION,
     TRUNCATION,
     Pool,
     frames,
@@ -18,7 +19,6 @@ from tile_pools import (
     moved,
     room_scan,
     thinned,
-    tiles_of,
 )
 from twins import tsdf
 
@@ -28,7 +28,6 @@ from moteslam.kernels.registration import (
     COST,
     CROSSED,
     FAR,
-    FOUND,
     FRAME,
     INFORMATION,
     KNOWN,
@@ -47,14 +46,8 @@ from moteslam.kernels.types import F32_2D, kernel
 
 pytestmark = pytest.mark.usefixtures("taichi")
 
-SD = 0.01
-LOOSER = 1.7
-"""Than ``SD``, on the coarse level."""
-OPTIONS = {
-    "cell_size": CELL, "truncation": TRUNCATION, "coarse_truncation": COARSE_TRUNCATION, "residual": SD,
-    "coarse_residual_factor": LOOSER, "iterations": 8, "unknown": 2.0, "outlier": 8.0, "likelihood_width": 2.5,
-    "ray_clearance": 1.8, "ray_weight": 3, "ray_distance": 0.4, "far": 0.3,
-}  # fmt: skip
+SD, LOOSER = REGISTRATION["residual"], REGISTRATION["coarse_residual_factor"]
+"""Of a residual, and how much larger it is on the coarse level."""
 LOOSE = (1.0, 1.0, 1.0, 0.0, 0.0, 0.0)
 """A prior that is negligible: a metre, a radian."""
 
@@ -70,7 +63,7 @@ def register(
     origin: tuple[float, float] = (0.0, 0.0), coarse: bool = True, **changes: float,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:  # fmt: skip
     asked = queries(poses, np.zeros(3) if starts is None else starts, prior)
-    options = RegistrationOptions(**{**OPTIONS, **changes})  # type: ignore[arg-type]
+    options = RegistrationOptions(**{**REGISTRATION, **changes})  # type: ignore[arg-type]
     found = register_scans(pool.tiles, asked, points, origin, options=options, coarse=coarse)
     return found[:, OFFSET], found
 
@@ -96,14 +89,6 @@ def test_known_offsets_are_found_to_a_millimetre(room: Pool, at: tuple[float, fl
     assert (fits[:, KNOWN] > 0.9 * len(points)).all()
     assert (fits[:, LIKELIHOOD] > 0.97 * fits[:, KNOWN]).all()
     assert (fits[:, CROSSED] == 0).all()
-
-
-def test_each_particle_is_registered_to_its_own_map() -> None:
-    pool = Pool.empty().resampled([0, 0, 0], more_tiles=200)
-    shifts = np.array([(0.0, 0.0, 0.0), (0.06, 0.0, 0.0), (0.0, -0.04, 0.02)])
-    pool.add(MIDDLE + shifts, thinned(room_scan()))
-    offsets, _ = register(pool, [MIDDLE] * 3, thinned(room_scan()).points)
-    np.testing.assert_allclose(offsets, shifts, rtol=0, atol=1e-3)
 
 
 def away_from_seams(pose: NDArray[np.float64], points: NDArray[np.float32], cell: float = CELL) -> NDArray[np.float32]:
@@ -215,12 +200,6 @@ def test_endpoints_off_the_walls_are_counted(room: Pool, far: float) -> None:
     assert 0 < fit[FAR] < 0.5 * fit[KNOWN]
 
 
-def test_no_frames(room: Pool) -> None:
-    offsets, fits = register(room, np.empty((0, 3)), room_scan())
-    assert offsets.shape == (0, 3)
-    assert fits.shape == (0, FOUND)
-
-
 @kernel
 def _keep_in_view(values: F32_2D):
     for i in range(values.shape[0]):
@@ -276,30 +255,9 @@ def test_it_ends_within_the_bounds_of_where_it_would_go(room: Pool) -> None:
     assert left[:, 2].max() < CONVERGED_TURN
 
 
-@pytest.mark.parametrize(
-    ("change", "field"),
-    [
-        ({"tables": np.zeros((2, 2, 2), np.int32)}, "tiles"),  # neither one nor three
-        ({"queries": np.ones((3, 12))}, "queries"),
-        ({"queries": np.zeros((3, 13))}, "queries"),  # a prior of no weight
-        ({"origin": (0, 0, 0)}, "origin"),
-        ({"origin": (0, np.nan)}, "origin"),
-    ],
-)
-def test_bad_input_of_registration(change: dict[str, object], field: str) -> None:
-    arguments: dict[str, object] = {
-        "pool": np.zeros(CELLS, np.int16), "tables": np.zeros((1, 2, 2), np.int32), "queries": np.ones((3, 13)),
-        "points": [(0.1, 0.1)], "origin": (0, 0),
-    }  # fmt: skip
-    options = RegistrationOptions(**OPTIONS)  # type: ignore[arg-type]
-    arguments |= change
-    with pytest.raises(InputError, match=f"^{field}: "):
-        register_scans(tiles_of(arguments.pop("pool"), arguments.pop("tables")), **arguments, options=options)  # type: ignore[arg-type]
-
-
 def test_one_scan_in_plain_numbers_is_a_row_of_many(room: Pool) -> None:
     points, prior = thinned(room_scan((0.2, 0.1, 0.3))).points, (1e3, 2e3, 3e3, 0.01, 0.0, -0.01)
-    options, start = RegistrationOptions(**OPTIONS), (0.02, -0.01, 0.01)  # type: ignore[arg-type]
+    options, start = RegistrationOptions(**REGISTRATION), (0.02, -0.01, 0.01)  # type: ignore[arg-type]
     asked, tiles = queries([moved(MIDDLE, (0.23, 0.08, 0.32))], start, prior), room.tiles
     (many,) = register_scans(tiles, asked, points, (0.1, 0.0), options=options).tolist()
     query = asked[0].tolist()

@@ -6,8 +6,6 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from moteslam.errors import InputError
-from moteslam.kernels.scans import project_scans
 from moteslam.robot.platform import LidarSpec
 from moteslam.robot.recording import LidarStream
 from moteslam.slam.inputs.scans import Scans
@@ -42,28 +40,3 @@ def test_a_block_of_scans_has_the_endpoints_of_each(moved: bool, max_range: floa
         assert block.of(number).shape == expected.shape
         # float32 of up to 30 m
         np.testing.assert_allclose(block.of(number), expected, rtol=0, atol=4e-6)
-
-
-def test_nothing_is_projected_of_nothing() -> None:
-    points, counts = project_scans(np.zeros((0, 4), np.float32), np.ones((4, 2)), (0, 0))
-    assert points.shape == (0, 2)
-    assert counts.shape == (0,)
-    _, counts = project_scans(np.zeros((3, 0), np.float32), np.ones((0, 2)), (0, 0))
-    assert counts.tolist() == [0, 0, 0]
-
-
-@pytest.mark.parametrize(
-    ("change", "field"),
-    [
-        ({"directions": np.ones((3, 2))}, "directions"),
-        ({"sweeps": np.zeros((3, 3))}, "sweeps"),
-        ({"max_range": 0.0}, "max_range"),
-    ],
-)
-def test_bad_input_of_projection(change: dict[str, object], field: str) -> None:
-    arguments: dict[str, object] = {
-        "ranges": np.ones((2, 4), np.float32), "directions": np.ones((4, 2)), "origin": (0, 0),
-        "sweeps": np.zeros((2, 3)), "max_range": 5.0,
-    }  # fmt: skip
-    with pytest.raises(InputError, match=f"^{field}: "):
-        project_scans(**{**arguments, **change})  # type: ignore[arg-type]

@@ -7,8 +7,7 @@ import pytest
 from numpy.typing import NDArray
 from tile_pools import MIDDLE, OPTIONS, frames, room_scan, thinned
 
-from moteslam.kernels.registration import FRAME, PRIOR, QUERY, RegistrationOptions, register_scans
-from moteslam.kernels.tile_store import DeviceTileStore, TileStore, tile_store
+from moteslam.kernels.tile_store import DeviceTileStore, TileStore
 from moteslam.kernels.tiles import CELLS, EMPTY
 from moteslam.kernels.tsdf import IntegrationOptions, integrate_scans
 
@@ -16,11 +15,6 @@ pytestmark = pytest.mark.usefixtures("taichi")
 
 KINDS = [TileStore, DeviceTileStore]
 MAPS = IntegrationOptions(**OPTIONS)  # type: ignore[arg-type]
-REGISTRATION = RegistrationOptions(
-    cell_size=MAPS.cell_size, truncation=MAPS.truncation, coarse_truncation=MAPS.coarse_truncation, residual=0.01,
-    coarse_residual_factor=2.0, iterations=8, unknown=2.0, outlier=8.0, likelihood_width=2.0, ray_clearance=2.0,
-    ray_weight=4, ray_distance=0.3, far=0.3,
-)  # fmt: skip
 
 
 def host(array: object) -> NDArray[np.generic]:
@@ -87,15 +81,6 @@ def test_children_have_their_parents_map_and_nobody_writes_to_anothers(kind: typ
     assert (children[0] != parents[1]).any()
 
 
-def test_scans_are_registered_alike() -> None:
-    queries = np.zeros((3, QUERY))
-    queries[:, FRAME], queries[:, PRIOR] = frames([MIDDLE] * 3), (1e3, 1e3, 1e3, 0.0, 0.0, 0.0)
-    points = thinned(room_scan((0.03, -0.02, 0.01))).points
-    found = [register_scans(mapped(kind).tiles, queries, points, (0.0, 0.0), options=REGISTRATION) for kind in KINDS]
-    np.testing.assert_array_equal(found[1], found[0])
-    assert np.abs(found[0][:, :2] - (0.03, -0.02)).max() < 0.1
-
-
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_store_without_room_says_so_and_keeps_what_it_has(kind: type[TileStore]) -> None:
     store = kind(9, 10, 8)
@@ -104,7 +89,3 @@ def test_a_store_without_room_says_so_and_keeps_what_it_has(kind: type[TileStore
         store.enlarge()
     assert store.capacity > 8
     assert cells(store).any()
-
-
-def test_on_the_processor_maps_are_in_numpys_memory() -> None:
-    assert type(tile_store(2, 3, 4)) is TileStore

@@ -4,12 +4,11 @@
 
 import numpy as np
 import pytest
-from tile_pools import MIDDLE, Pool, room_scan, thinned, tiles_of
+from tile_pools import MIDDLE, Pool, room_scan, thinned
 from twins import tsdf
 
-from moteslam.errors import InputError
 from moteslam.kernels import tiles
-from moteslam.kernels.tiles import CELLS, MAX_WEIGHT, SIDE, STEPS, frames_in_cells
+from moteslam.kernels.tiles import MAX_WEIGHT, SIDE, STEPS
 from moteslam.kernels.types import F32_1D, F32_2D, I16_1D, I32, I32_1D, kernel, template
 
 pytestmark = pytest.mark.usefixtures("taichi")
@@ -73,21 +72,6 @@ def test_interpolation_equals_the_twin_across_the_seams_of_tiles(level: int) -> 
     assert 0.4 < expected[:, 3].mean() < 0.9
 
 
-@pytest.mark.parametrize("particles", [2, 3])
-def test_writing_into_one_particles_map_leaves_the_others_as_they_were(particles: int) -> None:
-    pool = Pool.empty()
-    pool.add([MIDDLE], thinned(room_scan()))
-    pool = pool.resampled([0] * particles)
-    others = [i for i in range(particles) if i != 1]
-    before, tables = pool.all_words(), pool.tables.copy()
-    pool.add([ASIDE], thinned(room_scan((0.3, -0.2, 0.1))), only=1)
-    after = pool.all_words()
-    np.testing.assert_array_equal(after[others], before[others])
-    assert (after[1] != before[1]).any()
-    np.testing.assert_array_equal(pool.tables[others], tables[others])
-    np.testing.assert_array_equal(pool.pool[:CELLS], 0)  # the empty tile stays empty
-
-
 def test_tiles_that_no_particle_writes_to_stay_shared() -> None:
     pool = Pool.empty()
     points = room_scan()
@@ -142,19 +126,3 @@ def test_a_pool_that_is_exhausted_writes_nothing_and_loses_nothing() -> None:
     assert roomy.add(poses, second) is not None
     assert ample.add(poses, second) is not None
     np.testing.assert_array_equal(roomy.all_words(), ample.all_words())
-
-
-def test_without_a_free_tile_nothing_is_done() -> None:
-    pool = Pool.empty(tiles=1)
-    assert pool.add([MIDDLE], thinned(room_scan())) is None
-    assert not pool.tables.any()
-
-
-def test_the_map_of_one_particle_is_a_part_of_the_tables() -> None:
-    tiles = tiles_of(np.zeros(3 * CELLS, np.int16), np.zeros((2, 4, 5), np.int32))
-    assert (tiles.of(1).maps, tiles.of(1).first, tiles.size) == (1, 20, 20)
-
-
-def test_frames_need_a_cell_size() -> None:
-    with pytest.raises(InputError, match=r"^cell_size: "):
-        frames_in_cells(np.zeros((2, 4)), 0.0)

@@ -7,9 +7,8 @@ import pytest
 from tile_pools import CELL, COARSE_TRUNCATION, MIDDLE, OPTIONS, TRUNCATION, Pool, frames, room_scan, thinned
 from twins import tsdf
 
-from moteslam.errors import InputError
 from moteslam.kernels.scans import ThinnedScan, thin_scan
-from moteslam.kernels.tiles import CELLS, STEPS
+from moteslam.kernels.tiles import STEPS
 from moteslam.kernels.tsdf import IntegrationOptions, integrate_scans
 
 pytestmark = pytest.mark.usefixtures("taichi")
@@ -141,28 +140,6 @@ def test_the_coarse_level_follows_a_run_of_short_segments_to_its_end() -> None:
             assert nearest < unit * (0.5 + OPTIONS["coarse_chord"] / 2), (last, k)
 
 
-def test_no_cell_is_updated_where_no_points_are_joined() -> None:
-    scan = ThinnedScan(np.array([(1, -1), (1, 0), (1, 1)], np.float32), np.array((0, 1, 0), np.int32))
-    pool = Pool.empty()
-    pool.add([MIDDLE], scan)
-    rows = np.flatnonzero(pool.tsdf().weights.any(axis=1)) * CELL - MIDDLE[1]
-    assert -0.05 < rows.min() < rows.max() < 1.05
-
-
-def test_the_first_tile_of_the_tables_is_copied_whatever_comes_before_it_in_a_scan() -> None:
-    """All of it in that tile, and nothing joined to the first point: the empty tile stays empty."""
-    pool = Pool.empty(2, rows=1, columns=1, tiles=4)
-    middle = 0.8
-    scan = ThinnedScan(
-        np.array([(0.05, 0.0), (-0.05, -0.02), (-0.05, 0.02)], np.float32), np.array([0, 1, 0], np.int32)
-    )
-    pool.add([(middle, middle, 0.0)] * 2, scan, truncation=0.1, coarse_truncation=0.2)
-    assert (pool.tables > 0).all()
-    assert not pool.pool[:CELLS].any()
-    assert pool.words(0).any()
-    np.testing.assert_array_equal(pool.words(0), pool.words(1))
-
-
 @pytest.mark.parametrize("count", [0, 1])
 def test_scans_of_nothing_and_of_one_endpoint_write_nothing(count: int) -> None:
     scan = thinned(np.ones((count, 2), np.float32))
@@ -193,40 +170,3 @@ def test_points_that_coincide_write_nothing_wrong() -> None:
     double.add([MIDDLE], scan)
     single.add([MIDDLE], ThinnedScan(scan.points[1:], scan.joined[1:]))
     np.testing.assert_array_equal(double.all_words(), single.all_words())
-
-
-@pytest.mark.parametrize(
-    ("change", "field"),
-    [
-        ({"spacing": -1.0}, "spacing"),
-        ({"max_spacing": np.nan}, "max_spacing"),
-        ({"gap": np.inf}, "gap"),
-        ({"gap_from_range": -0.1}, "gap_from_range"),
-    ],
-)
-def test_bad_input_of_thinning(change: dict[str, object], field: str) -> None:
-    arguments: dict[str, object] = {"points": [(1, 1), (1, 2)], "origin": (0, 0), "spacing": 0.02, "gap": 0.3}
-    with pytest.raises(InputError, match=f"^{field}: "):
-        thin_scan(**{**arguments, **change})  # type: ignore[arg-type]
-
-
-@pytest.mark.parametrize(
-    ("change", "field"),
-    [
-        ({"frames": frames([MIDDLE, MIDDLE])}, "frames"),
-        ({"frames": frames([(0.0, 0.0, 0.0)])}, "frames"),  # the scan would leave the tables
-        ({"scans": [ThinnedScan(np.full((2, 2), np.nan, np.float32), np.ones(2, np.int32))]}, "scan"),
-        ({"scans": [ThinnedScan(np.ones((2, 2), np.float32), np.ones(3, np.int32))]}, "scan"),
-        ({"scans": []}, "frames"),
-        ({"cell_size": 0.0}, "cell_size"),
-        ({"coarse_truncation": 9.0}, "frames"),
-    ],
-)
-def test_bad_input_of_integrating(change: dict[str, object], field: str) -> None:
-    pool = Pool.empty()
-    arguments: dict[str, object] = {"frames": frames([MIDDLE]), "scans": [thinned(room_scan())]}
-    options = IntegrationOptions(**{**OPTIONS, **{key: change[key] for key in change if key in OPTIONS}})  # type: ignore[arg-type]
-    arguments |= {key: change[key] for key in change if key not in OPTIONS}
-    with pytest.raises(InputError, match=f"^{field}: "):
-        integrate_scans(pool.store(), **arguments, options=options)  # type: ignore[arg-type]
-    assert not pool.tables.any()

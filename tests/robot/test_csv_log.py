@@ -16,7 +16,7 @@ from issues import messages
 from moteslam.errors import ConfigError, InputError, OutputError
 from moteslam.robot.formats import format_of, open_recording
 from moteslam.robot.formats.csv_log import is_csv_log, read_csv_log
-from moteslam.robot.formats.csv_writer import write_csv
+from moteslam.robot.formats.written import write_csv
 from moteslam.robot.platforms import UCSD
 from moteslam.robot.recording import (
     EncoderStream,

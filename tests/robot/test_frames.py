@@ -12,8 +12,8 @@ import pytest
 from issues import messages
 
 from moteslam.errors import InputError, OutputError
-from moteslam.robot.formats import ucsd_images
-from moteslam.robot.formats.ucsd import read_ucsd, write_ucsd
+from moteslam.robot import rgbd
+from moteslam.robot.formats.ucsd import DISPARITY, RGB, read_ucsd, write_ucsd
 from moteslam.robot.platforms import UCSD
 from moteslam.robot.recording import Recording, RgbdStream
 from moteslam.robot.rgbd import FrameCount, camera_frames, has_images, pairs
@@ -43,7 +43,7 @@ def original(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("recording")
     recording = Recording("x", UCSD, rgbd=RgbdStream(RGB_STAMPS, DISPARITY_STAMPS))
     write_ucsd(folder, recording, sequence=20)
-    for kind, draw in ((ucsd_images.RGB, rgb_image), (ucsd_images.DISPARITY, disparity_image)):
+    for kind, draw in ((RGB, rgb_image), (DISPARITY, disparity_image)):
         image_files.write_images(folder, kind, "20", lambda chosen, draw=draw: np.stack([draw(i) for i in chosen]), N)
     return folder
 
@@ -118,8 +118,8 @@ def folder_instead(path: Path) -> None:
 @pytest.mark.parametrize(
     ("harm", "words"),
     [
-        (lambda path: path.write_bytes(b""), "is empty"),
-        (lambda path: path.write_text("hello" * 100), "not a PNG file"),
+        (lambda path: path.write_bytes(b""), "no PNG"),
+        (lambda path: path.write_text("hello" * 100), "no PNG"),
         (cut, "cut short or damaged"),
         (flip, "cut short or damaged"),
         (grey, "480 x 640 of 8 bits, expected"),
@@ -178,8 +178,8 @@ def test_the_nearest_colour_image_is_paired_if_it_is_near_enough() -> None:
 
 def test_reading_holds_few_frames_at_a_time(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     read = []
-    real = ucsd_images.read_rgb
-    monkeypatch.setattr(ucsd_images, "read_rgb", lambda path: read.append(path) or real(path))
+    real = rgbd.decode_rgb
+    monkeypatch.setattr(rgbd, "decode_rgb", lambda content: read.append(1) or real(content))
     monkeypatch.setattr("moteslam.robot.rgbd.processor_count", lambda: 1)
     recording = read_ucsd(folder)
     assert recording.rgbd is not None
@@ -211,8 +211,9 @@ def test_a_file_that_cannot_be_written_is_told(tmp_path: Path) -> None:
 
 
 def test_read_errors_name_the_file(tmp_path: Path) -> None:
+    missing = RgbdStream(RGB_STAMPS[:1], DISPARITY_STAMPS[:1], (tmp_path / "no.png",))
     with pytest.raises(InputError, match=r"no\.png: No such file or directory, expected a PNG image"):
-        ucsd_images.read_rgb(tmp_path / "no.png")
+        rgbd.rgb_image(missing, 0)
 
 
 def test_images_may_come_from_memory_in_place_of_files() -> None:

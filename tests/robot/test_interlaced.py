@@ -11,7 +11,7 @@ from robot_logs import flaser, robotlaser, write_log
 
 from moteslam.errors import InputError
 from moteslam.robot.formats import open_recording
-from moteslam.robot.formats.carmen_writer import write_carmen
+from moteslam.robot.formats.written import write_carmen
 from moteslam.robot.recording import LidarStream, Recording, measured, phases
 from moteslam.robot.sensor_reports import lidar_report
 from moteslam.slam.inputs.scans import Scans

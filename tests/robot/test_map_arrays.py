@@ -122,7 +122,7 @@ HEADER = {"format": "moteslam-map", "version": 1, "kind": "log_odds", "cell_size
         ({"format": "grid"}, 'header: expected JSON with "format": "moteslam-map"'),
         ({"kind": "grey"}, "header.kind: 'grey', expected one of"),
         ({"kind": ["log_odds"]}, "header.kind: .*expected one of"),
-        ({"kind": "tsdf"}, "distance: missing, expected an array of this name"),
+        ({"kind": "tsdf"}, "distance: missing"),
         ({"cell_size": None}, "header.cell_size: None, expected a positive length"),
         ({"cell_size": 10**400}, "header.cell_size: 10+.*expected a positive length"),
         ({"origin": [0, 0]}, r"header.origin: \(0, 0\), expected three numbers"),

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from issues import messages
 
 from moteslam.errors import InputError
-from moteslam.robot.formats.stamps import SET_BACK, clock_cuts, stamp_order
+from moteslam.robot.formats.streams import SET_BACK, clock_cuts, stamp_order
 
 FILE = Path("folder/file.npz")
 RUN = np.arange(100) / 5 + 1.4e9

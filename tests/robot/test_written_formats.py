@@ -76,7 +76,7 @@ def test_a_ucsd_folder(tmp_path: Path) -> None:
     folder = tmp_path / "new" / "folder"
     assert written("ucsd", folder, FULL) == (
         "full: 4 odometry poses not written, no place in a UCSD folder",
-        "full: 4 odometry poses of the scans not written, no place in a UCSD folder",
+        "full: 4 odometry poses of scans not written, no place in a UCSD folder",
         "full: 8 images not written, no place in its file of stamps",
     )
     back = open_recording(folder)

@@ -1,22 +1,19 @@
-"""Small scenarios that the tests of the simulator share."""
+"""The small scenario that the tests of the simulator share."""
 
 from __future__ import annotations
 
 from typing import Any
 
 import pytest
+from sim_drives import room_table
 
 from moteslam.sim.scenario import Scenario, parse_scenario
 
 
 @pytest.fixture
 def table() -> dict[str, Any]:
-    """A room of 10 m by 8 m with a route across it, as TOML gives it."""
-    return {
-        "world": {"rooms": [{"corner": [0.0, 0.0], "size": [10.0, 8.0]}]},
-        "route": {"waypoints": [[2.0, 2.0], [7.0, 2.0], [7.0, 6.0]]},
-        "drive": {"rest_start": 1.0, "rest_end": 2.0},
-    }
+    """As TOML gives it, to be changed."""
+    return room_table()
 
 
 @pytest.fixture

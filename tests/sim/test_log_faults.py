@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from sim_drives import room_table
 
 from moteslam.errors import ConfigError
 from moteslam.robot import se2
@@ -25,9 +26,9 @@ def fault(kind: str, **keys: Any) -> dict[str, Any]:
     return {"kind": kind, "start": START, "duration": DURATION, **keys}
 
 
-@pytest.fixture
-def plain(table: dict[str, Any], taichi: None) -> Simulation:
-    return run(table)
+@pytest.fixture(scope="module")
+def plain(taichi: None) -> Simulation:
+    return run(room_table())
 
 
 def within(stamps: np.ndarray) -> np.ndarray:

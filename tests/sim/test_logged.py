@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from sim_logs import START, winding
@@ -11,7 +9,6 @@ from ucsd_robot import WHEELS
 
 from moteslam.errors import ConfigError, InputError
 from moteslam.robot import se2
-from moteslam.robot.formats.ucsd import read_ucsd, write_ucsd
 from moteslam.robot.platform import Wheels
 from moteslam.robot.platforms import UCSD
 from moteslam.robot.recording import EncoderStream, LidarStream, Recording
@@ -121,31 +118,6 @@ def test_slam_measures_the_same_at_the_kept_scans(gyro: bool, config: SyncConfig
     assert np.abs(parts[1] - parts[0]).max() < 0.02
 
 
-def test_integrated_counts_of_one_arc_give_its_positions() -> None:
-    stamps = np.arange(0, 20, 0.025)
-    encoders = EncoderStream(stamps, np.tile([18, 14, 18, 14], (len(stamps), 1)))
-    lidar = LidarStream(stamps, np.ones((len(stamps), 3), np.float32), -1.0, 1.0, 0.1, 30.0)
-    dense = with_odometry(Recording("arc", UCSD, lidar=lidar, encoders=encoders))
-    thin = key_scans(dense)
-    found = dead_reckon(thin.replace(lidar=None)).poses
-    np.testing.assert_allclose(found, dead_reckon(dense).poses[indices_of(thin, dense)], atol=1e-9)
-
-
-def test_one_kept_scan_has_no_rates() -> None:
-    thin = key_scans(with_odometry(winding(), gyro=True), distance=1e6, turn=7.0)
-    assert (len(thin.imu), len(thin.lidar)) == (0, 1)
-    np.testing.assert_allclose(dead_reckon(thin).poses, [[0, 0, 0]], atol=1e-15)
-
-
-def test_a_long_interval_is_beyond_int16_and_reads_back_the_same(tmp_path: Path) -> None:
-    thin = key_scans(with_odometry(winding()), distance=5.0, turn=7.0)
-    longer = thin.replace(encoders=EncoderStream(thin.lidar.stamps, thin.encoders.counts * 20))
-    write_ucsd(tmp_path, longer, sequence=20)
-    again = read_ucsd(tmp_path)
-    assert again.encoders.counts.max() > 2**15
-    np.testing.assert_array_equal(again.encoders.counts, longer.encoders.counts)
-
-
 def test_the_noise_of_a_step_is_the_share_of_its_length_and_of_its_turn() -> None:
     drive = arcs(20_001, 300, 340)
     before, after = steps(drive), steps(noisy(drive, 0.1, 0.05))
@@ -192,13 +164,6 @@ def test_what_is_rounded_off_is_carried_on() -> None:
     counted = np.cumsum(result.encoders.counts[1:, 0]) * COUNT
     assert (result.encoders.counts != 1).any()
     assert np.abs(counted - result.odometry.poses[1:, 0]).max() <= 0.51 * COUNT
-
-
-def test_poses_are_those_of_the_counts_where_these_are_fine() -> None:
-    result = noisy(arcs(100, 400_000, 1_000_000, WHEELS.model_copy(update={"metres_per_count": 1e-6})), 0.1, 0.2)
-    assert np.ptp(steps(result)[:, 2]) > 0.5
-    integrated = dead_reckon(result.replace(odometry=None)).poses
-    np.testing.assert_allclose(se2.between(result.odometry.poses, integrated), 0.0, atol=1e-4)
 
 
 @pytest.mark.parametrize("thin", [False, True])

@@ -26,27 +26,3 @@ def cast_rays(
     sine = np.abs(side0 - side1)[rows, nearest] / length[nearest]
     ranges = distance[rows, nearest]
     return np.where(ranges <= max_range, ranges, np.inf), sine
-
-
-def range_in_grid(
-    occupied: NDArray[np.bool_], origin: ArrayLike, cell_size: float, pose: ArrayLike, beam: float, *, max_range: float
-) -> float:
-    """How far a beam gets before it enters an occupied cell: every cell side it crosses, in order."""
-    x, y, theta = np.asarray(pose, np.float64)
-    at = (np.array((x, y)) - np.asarray(origin, np.float64)) / cell_size
-    step = np.array((np.cos(theta + beam), np.sin(theta + beam)))
-    reach = max_range / cell_size
-    crossings = [0.0]
-    for axis in (0, 1):
-        if step[axis] != 0:
-            to = at[axis] + reach * step[axis]
-            sides = np.arange(np.floor(min(at[axis], to)), np.ceil(max(at[axis], to)) + 1)
-            crossings += list((sides - at[axis]) / step[axis])
-    along = np.unique([t for t in crossings if 0 <= t <= reach])
-    middles = np.append((along[1:] + along[:-1]) / 2, along[-1] + 1e-9)
-    cells = np.floor(at + middles[:, None] * step).astype(int)
-    height, width = occupied.shape
-    inside = (cells >= 0).all(axis=1) & (cells[:, 0] < width) & (cells[:, 1] < height)
-    met = np.zeros(len(cells), bool)
-    met[inside] = occupied[cells[inside, 1], cells[inside, 0]]
-    return float(along[met.argmax()] * cell_size) if met.any() else np.inf

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from moteslam.errors import InputError
 from moteslam.robot.files import open_regular, read_yaml
-from moteslam.robot.formats.bags.chunks import (
+from moteslam.robot.formats.bags.records import (
     MAX_CHUNK,
     Channel,
     Mcap,
@@ -42,6 +42,19 @@ def open_files(path: Path, owner: object, issues: list[Issue]) -> list[Storage]:
         return [_open_file(part) for part in _parts(path, issues)]
     with damage_in_one_line(path):
         return _named(path, owner)
+
+
+def is_bag(path: Path, kind: str | None = None) -> bool:
+    """Whether a path is a bag: a file, of a kind if one is named (of SQLite one that has the tables of a bag), or a
+    folder that holds a ``metadata.yaml`` or the parts of a single recording.
+    """
+    try:
+        if path.is_dir():
+            return _has_metadata(path) or bool(_parts(path, []))
+        begins = path.is_file() and begins_as(path)
+        return bool(begins) and kind in (None, begins) and (begins != "db3" or bool(_open_file(path)))
+    except (InputError, OSError, ValueError):
+        return False
 
 
 def begins_as(path: Path) -> str | None:
@@ -89,11 +102,9 @@ class Database(Storage):
                 connection.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchall()
             self.damage = f"the recorder was killed: {beside.name} is read with it"
         with self._opened() as connection:
-            for table in ("topics", "messages"):  # a view or a virtual table would run what the file says
-                (made,) = connection.execute("SELECT sql FROM sqlite_master WHERE name = ?", (table,)).fetchone()
-                hidden = [row[6] for row in connection.execute(f"PRAGMA table_xinfo({table})")]
-                if not str(made)[:20].upper().startswith("CREATE TABLE") or any(hidden):
-                    raise InputError(f"no plain table {table}, expected that of a ROS 2 bag", file=path)
+            query = "SELECT count(*) FROM sqlite_master WHERE type = 'table' AND name IN ('topics', 'messages')"
+            if connection.execute(query).fetchone() != (2,):  # a view would run what the file says
+                raise InputError("no tables topics and messages, expected those of a ROS 2 bag", file=path)
             query = "SELECT id, name, type, serialization_format FROM topics ORDER BY id"
             for number, name, kind, encoding in connection.execute(query):
                 self.channels[number] = Channel(str(name), str(kind).replace("/msg/", "/"), "", str(encoding))
@@ -101,7 +112,6 @@ class Database(Storage):
     @contextmanager
     def _opened(self) -> Iterator[sqlite3.Connection]:
         """The file, read alone; no value in it is longer than a chunk."""
-        open_regular(self._file, "a bag's SQLite file").close()
         uri = f"{self._file.absolute().as_uri()}?mode=ro&immutable=1"
         with damage_in_one_line(self.path), closing(sqlite3.connect(uri, uri=True)) as connection:
             connection.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, MAX_CHUNK)
@@ -145,13 +155,10 @@ def _named(folder: Path, owner: object) -> list[Storage]:
     names = about.get("relative_file_paths")
     if not isinstance(names, list) or not 0 < len(set(map(str, names))) == len(names) <= _MAX_FILES:
         raise InputError("no list of files, expected one", file=path, field="relative_file_paths")
-    files = []
-    for name in map(str, names):
-        file = folder / Path(name).name  # bags before version 4 name it with the folder before it
-        if {"..", ""} & {*name.split("/")} or not file.is_file() or file.resolve().parent != folder.resolve():
-            problem = f"{name[:80]!r}, expected the name of a file in the folder"
-            raise InputError(problem, file=path, field="relative_file_paths")
-        files.append(file)
+    files = [folder / Path(str(name)).name for name in names]  # bags before version 4 have the folder before it
+    if missing := [file for file in files if not file.is_file() or file.resolve().parent != folder.resolve()]:
+        problem = f"{missing[0].name[:80]!r}, expected the name of a file in the folder"
+        raise InputError(problem, file=path, field="relative_file_paths")
     if mode == "file":
         place = _temporary_folder(owner)
         files = [_unpack(file, place / f"{index}_{file.stem}") for index, file in enumerate(files)]
@@ -180,30 +187,16 @@ def _has_metadata(folder: Path) -> bool:
         return False
 
 
-def is_bag_file(path: Path, kind: str | None) -> bool:
-    """Whether a file is of a kind of bag; of SQLite with the tables of a bag, in it or in the ``-wal`` beside it."""
-    if begins_as(path) != kind:
-        return False
-    try:
-        return kind != "db3" or bool(_open_file(path))
-    except InputError:
-        return False
-
-
-def is_bag_folder(folder: Path) -> bool:
-    """Whether a folder holds the ``metadata.yaml`` of a bag, or the parts of a single one."""
-    return _has_metadata(folder) or bool(_parts(folder, []))
-
-
 def _parts(folder: Path, issues: list[Issue]) -> list[Path]:
-    """The parts ``name_0.mcap``, ``name_1.mcap`` of the only recording in a folder, in order; else none."""
+    """The parts ``name_0.mcap``, ``name_1.mcap`` of the only recording in a folder, in order; else an empty list."""
     try:
         files = [file for _, file in zip(range(_MAX_FILES), folder.iterdir(), strict=False) if begins_as(file)]
     except OSError:
         return []
-    found = sorted((int(part["number"]), file) for file in files if (part := _PART.fullmatch(file.name)))
-    names = {(part["stem"], part["ending"]) for file in files if (part := _PART.fullmatch(file.name))}
-    if len(names) != 1 or len(found) < len(files) or not all(is_bag_file(file, begins_as(file)) for file in files):
+    known = [(part, file) for file in files if (part := _PART.fullmatch(file.name))]
+    found = sorted((int(part["number"]), file) for part, file in known)
+    names = {(part["stem"], part["ending"]) for part, _ in known}
+    if len(names) != 1 or len(found) < len(files) or not all(map(is_bag, files)):
         return []
     parts = [file for _, file in found]
     missing = {*range(min(found[-1][0], _MAX_FILES))} - {number for number, _ in found}

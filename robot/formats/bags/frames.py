@@ -8,17 +8,17 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.errors import InputError
-from moteslam.robot.formats.bags.bag import SECOND, Table, Topic, frame_name
+from moteslam.robot.formats.bags.bag import Bag, Table, Topic
+from moteslam.robot.formats.bags.messages import SECOND, frame_name
 from moteslam.robot.formats.streams import MAX_PLACE
 from moteslam.robot.se2 import wrap
-from moteslam.robot.values import Issue
+from moteslam.robot.trajectory import rotations_of
 
 TRANSFORMS = ("tf2_msgs/TFMessage", "tf/tfMessage")
 
@@ -93,11 +93,9 @@ class Frames:
                 if static:
                     edge.pose, edge.static = pose, True
             if (table := self.odometry.get(frames)) is not None:
-                table.stamps.append(each.header.stamp.sec * SECOND + each.header.stamp.nanosec)
-                table.received.append(0)
-                table.order.append(order)
+                stamp = each.header.stamp.sec * SECOND + each.header.stamp.nanosec
+                table.flat.extend((stamp, 0, order, 0, 0, 0, 0, hash(pose), 0))
                 table.numbers.extend(pose)
-                table.marks.append(hash(pose))
 
     def __contains__(self, frame: str) -> bool:
         return any(frame in pair for pair in self._edges)
@@ -114,18 +112,18 @@ class Frames:
 
     def odometry_under(self, frame: str) -> tuple[str, Table] | None:
         """The odometry of transforms whose child carries a frame, else that with most; its child and its transforms."""
-        if not self.odometry:
-            return None
 
         def rank(item: tuple[tuple[str, str], Table]) -> tuple[bool, int]:
             (_, child), table = item
-            return self.place(frame, child) is not None, len(table.stamps)
+            return self.place(frame, child) is not None, len(table)
 
-        (_, child), table = max(self.odometry.items(), key=rank)
-        return child, table
+        best = max(self.odometry.items(), key=rank, default=None)
+        return None if best is None else (best[0][1], best[1])
 
-    def place(self, frame: str, base: str) -> tuple[Matrix, list[_Edge]] | None:
+    def place(self, frame: str, base: str | None) -> tuple[Matrix, list[_Edge]] | None:
         """Where a frame stands in another, and the transforms on the way; None where none connect them."""
+        if base is None:
+            return None
         ours, theirs = self._above(frame), self._above(base)
         shared = base if base in ours else next((name for name in ours if name in theirs), None)
         if shared is None:
@@ -145,49 +143,35 @@ class Frames:
                 if parent in found or not length > _MOVES or not all(abs(value) <= MAX_PLACE for value in edge.pose):
                     continue
                 pose, way = found[below]
-                found[parent] = (_matrix(edge.pose) @ pose, [*way, edge])
+                step = np.eye(4)
+                step[:3, :3] = rotations_of(np.array([edge.pose[3:]]))[0]
+                step[:3, 3] = edge.pose[:3]
+                found[parent] = (step @ pose, [*way, edge])
                 waiting.append(parent)
         return found
 
-
-def lidar_mount(path: Path, topic: str, frame: str, frames: Frames, base: str | None, issues: list[Issue]) -> Mount:
-    """The mount of the lidar whose scans are in a frame; the robot's centre where no transforms lead there."""
-    placed = frames.place(frame, base) if base is not None else None
-    if placed is None:
-        names = base or " or ".join(BASES)
-        text = f"{path.name}: {topic}: no transform from {names} to {frame or 'its frame'}"
-        issues.append(Issue("no-mount", f"{text}; the lidar is taken to stand at the robot's centre"))
-        return Mount()
-    pose, way = placed
-    if any(edge.moves and not edge.static for edge in way):
-        text = f"{path.name}: {topic}: the transforms to {frame} change; the first is taken"
-        issues.append(Issue("mount-moves", text))
-    if any(edge.moves and edge.static for edge in way):
-        text = f"{path.name}: {topic}: a static transform to {frame} was given again, another; the last is taken"
-        issues.append(Issue("mount-corrected", text))
-    rotation = pose[:3, :3]
-    up = float(rotation[2, 2])
-    tilt = math.acos(min(1.0, abs(up)))
-    if tilt > TILTED:
-        problem = f"{frame} is tilted by {math.degrees(tilt):.0f} degrees in {base}, expected a lidar that lies level"
-        raise InputError(problem, file=path, field=topic)
-    if tilt > LEVEL:
-        text = f"{path.name}: {topic}: {frame} is tilted by {math.degrees(tilt):.1f} degrees; its scans count as level"
-        issues.append(Issue("lidar-tilted", text))
-    yaw = float(wrap(math.atan2(rotation[1, 0], rotation[0, 0])))
-    x, y, z = (round(float(value), _DIGITS) for value in pose[:3, 3])
-    return Mount(x, y, z, round(yaw, _DIGITS), upside_down=up < 0)
-
-
-def _matrix(pose: tuple[float, ...]) -> Matrix:
-    """The pose [4, 4] of x, y, z and a quaternion x, y, z, w of any length but 0."""
-    place, turn = np.array(pose[:3]), np.array(pose[3:])
-    x, y, z, w = turn / np.linalg.norm(turn)
-    matrix = np.eye(4)
-    matrix[:3, :3] = (
-        (1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)),
-        (2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)),
-        (2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)),
-    )
-    matrix[:3, 3] = place
-    return matrix
+    def lidar_mount(self, bag: Bag, topic: str, frame: str, base: str | None) -> Mount:
+        """The mount of the lidar whose scans are in a frame; the robot's centre where no transforms lead there."""
+        placed = self.place(frame, base)
+        if placed is None:
+            what = f"no transform from {base or ' or '.join(BASES)} to {frame or 'its frame'}; the lidar is taken to"
+            bag.tell("no-mount", topic, f"{what} stand at the robot's centre")
+            return Mount()
+        pose, way = placed
+        if any(edge.moves and not edge.static for edge in way):
+            bag.tell("mount-moves", topic, f"the transforms to {frame} change; the first is taken")
+        if any(edge.moves and edge.static for edge in way):
+            what = f"a static transform to {frame} was given again, another; the last is taken"
+            bag.tell("mount-corrected", topic, what)
+        rotation = pose[:3, :3]
+        up = float(rotation[2, 2])
+        tilt = math.acos(min(1.0, abs(up)))
+        if tilt > TILTED:
+            problem = f"{frame} is tilted by {math.degrees(tilt):.0f} degrees in {base}, expected a level lidar"
+            raise InputError(problem, file=bag.path, field=topic)
+        if tilt > LEVEL:
+            what = f"{frame} is tilted by {math.degrees(tilt):.1f} degrees; its scans count as level"
+            bag.tell("lidar-tilted", topic, what)
+        yaw = float(wrap(math.atan2(rotation[1, 0], rotation[0, 0])))
+        x, y, z = (round(float(value), _DIGITS) for value in pose[:3, 3])
+        return Mount(x, y, z, round(yaw, _DIGITS), upside_down=up < 0)

@@ -15,13 +15,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.errors import InputError
-from moteslam.robot.formats.bags.bag import Bag, Table, Topic
+from moteslam.robot.formats.bags.bag import Bag, Rows, Table, Topic
 from moteslam.robot.formats.bags.frames import Frames
-from moteslam.robot.formats.bags.times import Times
-from moteslam.robot.pictures import PNG, decode_picture, picture_size
 from moteslam.robot.platform import CameraSpec
 from moteslam.robot.recording import RgbdStream
-from moteslam.robot.rgbd import CENTRE, FOCAL, HEIGHT, RGB_CENTRE, RGB_FOCAL, WIDTH, disparity_of, mount_of
+from moteslam.robot.rgbd import (
+    CENTRE,
+    FOCAL,
+    HEIGHT,
+    RGB_CENTRE,
+    RGB_FOCAL,
+    WIDTH,
+    decode_disparity,
+    decode_rgb,
+    disparity_of,
+    mount_of,
+)
 from moteslam.robot.values import Issue
 
 IMAGE, COMPRESSED_IMAGE, CAMERA_INFO = "sensor_msgs/Image", "sensor_msgs/CompressedImage", "sensor_msgs/CameraInfo"
@@ -42,35 +51,33 @@ class BagImages:
 
     Attributes:
         bag: to read from.
-        colour, depth: the topics.
-        colour_places, depth_places: [m, 4], [n, 4] where the image of each stamp lies.
+        colour, depth: the tables of the topics.
+        colour_rows, depth_rows: [m], [n] the message of each stamp.
     """
 
     bag: Bag
-    colour: Topic
-    depth: Topic
-    colour_places: NDArray[np.int64]
-    depth_places: NDArray[np.int64]
+    colour: Table
+    depth: Table
+    colour_rows: Rows
+    depth_rows: Rows
 
     def rgb(self, index: int) -> NDArray[np.uint8]:
         """The colour image [480, 640, 3] of a stamp."""
-        return self._image(self.colour, self.colour_places, index, _colour_image)
+        return self._image(self.colour, self.colour_rows, index, _colour_image)
 
     def disparity(self, index: int) -> NDArray[np.uint16]:
         """The raw disparities [480, 640] of a stamp; raises as `rgb`."""
-        return disparity_of(self._image(self.depth, self.depth_places, index, _depth_image))
+        return disparity_of(self._image(self.depth, self.depth_rows, index, _depth_image))
 
-    def _image(
-        self, topic: Topic, places: NDArray[np.int64], index: int, decode: Callable[[Any], NDArray[Any]]
-    ) -> NDArray[Any]:
-        (data,) = self.bag.payloads(places[index : index + 1])
+    def _image(self, table: Table, rows: Rows, index: int, decode: Callable[[Any], NDArray[Any]]) -> NDArray[Any]:
+        (message,) = self.bag.messages(table, rows[index : index + 1])
         try:
-            return decode(self.bag.decode(topic, data))
+            return decode(message)
         except ValueError as error:
-            raise InputError(f"image {index}: {error}", file=self.bag.path, field=topic.name) from error
+            raise InputError(f"image {index}: {error}", file=self.bag.path, field=table.topic.name) from error
 
 
-def image_topics(bag: Bag, named: dict[str, Topic], issues: list[Issue]) -> tuple[Topic, Topic] | None:
+def image_topics(bag: Bag, named: dict[str, Topic]) -> tuple[Topic, Topic] | None:
     """The topics of colour and depth images of a Kinect: those named, else the first with intrinsics that agree.
 
     Images that are not read are an issue, with the reason.
@@ -103,7 +110,7 @@ def image_topics(bag: Bag, named: dict[str, Topic], issues: list[Issue]) -> tupl
         return found["rgb"], found["depth"]
     left += [f"{one.name} (no {'depth' if kind == 'rgb' else 'colour'} beside it)" for kind, one in found.items()]
     text = f"{bag.path.name}: images left out: {', '.join(left[:4]) or topics[0].name}"
-    issues.append(Issue("images-left", text, len(topics)))
+    bag.issues.append(Issue("images-left", text, len(topics)))
     return None
 
 
@@ -132,17 +139,15 @@ def _kind_of(image: Any, info: Any) -> tuple[str, str]:
     return kind, ""
 
 
-def rgbd_stream(bag: Bag, tables: tuple[Table, Table], times: Times) -> RgbdStream:
+def rgbd_stream(bag: Bag, colour: Table, depth: Table) -> RgbdStream:
     """The frames of colour and depth images."""
-    (colour, rgb), (depth, disparity) = (times.used(table) for table in tables)
-    topics = tables[0].topic, tables[1].topic
-    images = BagImages(bag, *topics, tables[0].places_of(colour), tables[1].places_of(depth))
-    return RgbdStream(rgb, disparity, images=images)
+    (rgb_rows, rgb), (depth_rows, disparity) = bag.used(colour), bag.used(depth)
+    return RgbdStream(rgb, disparity, images=BagImages(bag, colour, depth, rgb_rows, depth_rows))
 
 
 def camera_mount(table: Table, frames: Frames, base: str | None) -> CameraSpec | None:
     """Where the depth camera stands on the robot; None where no transforms lead there."""
-    placed = frames.place(table.frame(), base) if base is not None else None
+    placed = frames.place(table.frame(), base)
     if placed is None:
         return None
     x, y, z = placed[0][:3, 3].tolist()
@@ -151,10 +156,8 @@ def camera_mount(table: Table, frames: Frames, base: str | None) -> CameraSpec |
 
 
 def _colour_image(image: Any) -> NDArray[np.uint8]:
-    import cv2
-
     if hasattr(image, "format"):
-        return np.ascontiguousarray(_decoded(image.data.tobytes(), cv2.IMREAD_COLOR)[..., ::-1])
+        return decode_rgb(image.data.tobytes())
     if image.encoding not in _COLOURS:
         raise ValueError(f"encoding {image.encoding[:20]!r}, expected colours")
     size, order = _COLOURS[image.encoding]
@@ -163,14 +166,9 @@ def _colour_image(image: Any) -> NDArray[np.uint8]:
 
 def _depth_image(image: Any) -> NDArray[np.float64]:
     """Depths [480, 640] [m]; 0 or NaN where nothing was seen."""
-    import cv2
-
     if hasattr(image, "format"):
         header = _DEPTH_HEADER if "compressedDepth" in image.format else 0
-        pixels = _decoded(image.data.tobytes()[header:], cv2.IMREAD_UNCHANGED)
-        if pixels.dtype != np.uint16 or pixels.ndim != 2:
-            raise ValueError("no depths of 16 bits")
-        return pixels * 0.001
+        return 0.001 * decode_disparity(image.data.tobytes()[header:]).astype(np.float64)
     if image.encoding not in _DEPTHS:
         raise ValueError(f"encoding {image.encoding[:20]!r}, expected depths")
     name, unit = _DEPTHS[image.encoding]
@@ -184,13 +182,3 @@ def _pixels(image: Any, size: int) -> NDArray[np.uint8]:
     if (height, width) != (HEIGHT, WIDTH) or step < WIDTH * size or len(image.data) < step * HEIGHT:
         raise ValueError(f"{height} x {width} pixels, expected {HEIGHT} x {WIDTH}")
     return np.ascontiguousarray(image.data[: step * HEIGHT].reshape(HEIGHT, step)[:, : WIDTH * size])
-
-
-def _decoded(content: bytes, how: int) -> NDArray[Any]:
-    size = picture_size(content) if content.startswith((PNG, b"\xff\xd8")) else None
-    if size != (WIDTH, HEIGHT):  # before any memory is taken for it
-        raise ValueError(f"no PNG or JPEG of {HEIGHT} x {WIDTH} pixels")
-    image = decode_picture(content, how)
-    if image is None:
-        raise ValueError("cut short or damaged")
-    return image

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,9 +12,8 @@ from numpy.typing import NDArray
 
 from moteslam.errors import InputError
 from moteslam.robot import se2
-from moteslam.robot.formats.bags.bag import Table, Topic
+from moteslam.robot.formats.bags.bag import Bag, Table, Topic
 from moteslam.robot.formats.bags.frames import BASES, Frames
-from moteslam.robot.formats.bags.times import Times
 from moteslam.robot.formats.streams import MAX_PLACE, SLACK, keep_plausible, plausible_counts, plausible_rates
 from moteslam.robot.platform import Wheels
 from moteslam.robot.recording import EncoderStream, ImuStream, OdometryStream
@@ -61,9 +59,7 @@ def rates_of(message: Any) -> tuple[float, ...]:
     return values
 
 
-def choose_odometry(
-    path: Path, tables: Sequence[Table], lidar: tuple[str, str], frames: Frames, issues: list[Issue]
-) -> Table | None:
+def choose_odometry(bag: Bag, tables: Sequence[Table], lidar: tuple[str, str], frames: Frames) -> Table | None:
     """The odometry where none is named: of the robot of the lidar's topic and frame, never where it truly was.
 
     ``tables`` are of all odometry of the bag, those with most messages first.
@@ -82,22 +78,22 @@ def choose_odometry(
     def rank(table: Table) -> tuple[bool, bool, bool, int]:
         is_odom = table.frame().rpartition("/")[2].startswith("odom")
         carries = frames.place(frame, table.child) is not None
-        return carries, beside(table.topic.name, topic), is_odom, len(table.stamps)
+        return carries, beside(table.topic.name, topic), is_odom, len(table)
 
     truth = [table for table in tables if is_truth(table)]
     others = [table for table in tables if table not in truth and is_other_robots(table)]
     if truth:
         names = ", ".join(f"{table.topic.name} (in {table.frame() or 'no frame'})" for table in truth[:4])
-        text = f"{path.name}: {names}: where the robot truly was, or an estimate in a map; not used as odometry"
-        issues.append(Issue("truth-left", f"{text} unless it is named", len(truth)))
+        what = "where the robot truly was, or an estimate in a map; not used as odometry unless it is named"
+        bag.tell("truth-left", names, what, len(truth))
     if others:
         names = ", ".join(table.topic.name for table in others[:4])
-        text = f"{path.name}: {names}: of a robot that does not carry the lidar's frame {frame}; left aside"
-        issues.append(Issue("other-robot", text, len(others)))
+        what = f"of a robot that does not carry the lidar's frame {frame}; left aside"
+        bag.tell("other-robot", names, what, len(others))
     candidates = [table for table in tables if table not in truth and table not in others]
     best = max(candidates, key=rank, default=None)
     if best is not None:
-        left_aside(path, "odometry", best.topic, [table.topic for table in candidates if table is not best], issues)
+        left_aside(bag, "odometry", best.topic, [table.topic for table in candidates if table is not best])
     return best
 
 
@@ -107,10 +103,10 @@ def beside(topic: str, lidar: str) -> bool:
     return not ours or not theirs or ours[0] == theirs[0]
 
 
-def odometry_stream(path: Path, table: Table, times: Times, issues: list[Issue]) -> OdometryStream | None:
+def odometry_stream(bag: Bag, table: Table) -> OdometryStream | None:
     """The odometry of messages or transforms, projected to the plane; None where it says no headings at all."""
-    values, name = table.values, f"{path.name}: {table.topic.name}"
-    kept, stamps = times.used(table, np.asarray((np.abs(values) <= MAX_PLACE).all(axis=1)))
+    values, topic = table.values, table.topic
+    kept, stamps = bag.used(table, np.asarray((np.abs(values) <= MAX_PLACE).all(axis=1)))
     places, turns = values[kept, :2], values[kept, 3:]
     lengths = np.linalg.norm(turns, axis=1)
     none = lengths == 0
@@ -118,15 +114,15 @@ def odometry_stream(path: Path, table: Table, times: Times, issues: list[Issue])
     along = _path_headings(places)
     if problem := _no_headings(lengths, headings, along):
         if along is None:
-            text = f"{name}: {problem}, and a path too short to take them from: SLAM goes without this odometry"
-            issues.append(Issue("no-headings", text, len(kept)))
+            what = f"{problem}, and a path too short to take them from: SLAM goes without this odometry"
+            bag.tell("no-headings", topic, what, len(kept))
             return None
-        text = f"{name}: {problem}: the direction of the path is taken, which says nothing of turns on the spot"
-        issues.append(Issue("no-headings", text, len(kept)))
+        what = f"{problem}: the direction of the path is taken, which says nothing of turns on the spot"
+        bag.tell("no-headings", topic, what, len(kept))
         return OdometryStream(stamps, np.column_stack((places, along)))
     if none.any():
-        text = f"{name}: {counted(int(none.sum()), 'pose')} with a quaternion of length 0 dropped"
-        issues.append(Issue("broken-messages", text, int(none.sum())))
+        count = int(none.sum())
+        bag.tell("broken-messages", topic, f"{counted(count, 'pose')} with a quaternion of length 0 dropped", count)
     return OdometryStream(stamps[~none], np.column_stack((places, headings))[~none])
 
 
@@ -165,30 +161,28 @@ def _path_headings(places: NDArray[np.float64]) -> NDArray[np.float64] | None:
     return se2.wrap(np.interp(np.arange(len(places)), known, directions - np.pi * reversals))
 
 
-def imu_stream(
-    path: Path, table: Table, times: Times, frames: Frames, base: str | None, issues: list[Issue]
-) -> ImuStream:
+def imu_stream(bag: Bag, table: Table, frames: Frames, base: str | None) -> ImuStream:
     """The inertial readings in the robot's axes, as far as transforms say how the sensor is turned."""
     values = table.values
-    kept, stamps = times.used(table, plausible_rates(values[:, :3]))
+    kept, stamps = bag.used(table, plausible_rates(values[:, :3]))
     angular, linear = values[kept, :3], values[kept, 3:] / GRAVITY
     frame = table.frame()
-    placed = frames.place(frame, base) if base is not None else None
+    placed = frames.place(frame, base)
     rotation = np.eye(3) if placed is None else placed[0][:3, :3]
     if np.abs(rotation - np.eye(3)).max() > _LEVEL:
         angular, linear = angular @ rotation.T, linear @ rotation.T
         turn = math.degrees(math.acos(min(1.0, max(-1.0, (float(np.trace(rotation)) - 1) / 2))))
-        text = f"{path.name}: {table.topic.name}: {frame} is turned by {turn:.1f} degrees in {base}; its readings are"
-        issues.append(Issue("imu-turned", f"{text} turned into the robot's axes"))
+        what = f"{frame} is turned by {turn:.1f} degrees in {base}; its readings are turned into the robot's axes"
+        bag.tell("imu-turned", table.topic, what)
     return ImuStream(stamps, angular, linear)
 
 
-def left_aside(path: Path, what: str, used: Topic, others: list[Topic], issues: list[Issue]) -> None:
+def left_aside(bag: Bag, what: str, used: Topic, others: list[Topic]) -> None:
     """An issue that names the topics of a kind that are not used, if there are any."""
     if others:
         names = ", ".join(f"{topic.name} ({counted(topic.count, 'message')})" for topic in others[:8])
-        text = f"{path.name}: {what} of {used.name} ({counted(used.count, 'message')}) used; left aside: {names}"
-        issues.append(Issue("topics-left", text, len(others)))
+        used_ones = f"{what} of {used.name} ({counted(used.count, 'message')}) used"
+        bag.issues.append(Issue("topics-left", f"{bag.path.name}: {used_ones}; left aside: {names}", len(others)))
 
 
 class Joints:
@@ -214,26 +208,24 @@ class Joints:
             raise ValueError("no angles")
         return angles
 
-    def encoder_stream(
-        self, path: Path, table: Table, times: Times, wheels: Wheels, issues: list[Issue]
-    ) -> EncoderStream:
+    def encoder_stream(self, bag: Bag, table: Table, wheels: Wheels) -> EncoderStream:
         """The counters of the wheels.
 
         The first reading counts from 0 where the wheels had travelled less than 1 m by then, else it counts nothing:
         joints go on from where they stood. No motion is before the first reading in either case.
         """
         name = table.topic.name
-        if not len(table.stamps):
+        if not len(table):
             names = ", ".join(joint[:40] for joint in next(iter(self._columns), ())[:8]) or "none"
             problem = f"joints {names}, expected angles of wheels with left and right in their names"
-            raise InputError(problem, file=path, field=name)
-        kept, stamps = times.used(table)
+            raise InputError(problem, file=bag.path, field=name)
+        kept, stamps = bag.used(table)
         totals = np.rint(table.values[kept] / angle_of_count(wheels)).astype(np.int64)
         counts = np.diff(totals, axis=0, prepend=0)
         if np.abs(counts[0]).max() * wheels.metres_per_count > SLACK:
             counts[0] = 0
         plausible = plausible_counts(stamps, counts, wheels.metres_per_count)
-        return EncoderStream(*keep_plausible(path, name, plausible, "beyond 100 m/s", issues, stamps, counts))
+        return EncoderStream(*keep_plausible(bag.path, name, plausible, "beyond 100 m/s", bag.issues, stamps, counts))
 
 
 def _wheel_columns(names: tuple[str, ...]) -> list[int]:

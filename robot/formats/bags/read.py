@@ -1,23 +1,29 @@
-"""A recording from a bag: its topics are chosen, gone through once, and made into streams."""
+"""A recording from a bag: its topics are chosen, gone through once, and made into streams.
+
+What this package writes into a bag beside the messages is a ``std_msgs/String`` on one topic, a TOML text: which
+streams the recording had (the others were computed for those who play the bag), its platform, and the scans' figures,
+which ``sensor_msgs/LaserScan`` holds as float32 only.
+"""
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import partial
 from os import PathLike
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+import tomli_w
 from pydantic import ValidationError
 
-from moteslam.errors import InputError
+from moteslam.errors import ConfigError, InputError
 from moteslam.robot.formats import Robot, Topics
 from moteslam.robot.formats.bags.bag import Bag, Table, Topic, is_readable
-from moteslam.robot.formats.bags.frames import TRANSFORMS, Frames, Mount, lidar_mount
+from moteslam.robot.formats.bags.frames import TRANSFORMS, Frames, Mount
 from moteslam.robot.formats.bags.images import COMPRESSED_IMAGE, IMAGE, camera_mount, image_topics, rgbd_stream
-from moteslam.robot.formats.bags.lidars import cloud_scans, merged_scans
-from moteslam.robot.formats.bags.manifest import read_manifest
 from moteslam.robot.formats.bags.motion import (
     IMU,
     JOINT_STATE,
@@ -31,16 +37,22 @@ from moteslam.robot.formats.bags.motion import (
     pose_of,
     rates_of,
 )
-from moteslam.robot.formats.bags.scans import LASER_SCAN, MULTI_ECHO, Scans, figures_of, laser_scans
-from moteslam.robot.formats.bags.times import Times
-from moteslam.robot.formats.streams import check_figures
+from moteslam.robot.formats.bags.scans import (
+    LASER_SCAN,
+    MULTI_ECHO,
+    POINT_CLOUD,
+    Scans,
+    cloud_scans,
+    figures_of,
+    laser_scans,
+    merged_scans,
+)
+from moteslam.robot.formats.streams import Fan
 from moteslam.robot.platform import CameraSpec, LidarSpec, Platform
-from moteslam.robot.platforms import GivenRobot
-from moteslam.robot.recording import ChunkedRanges, LidarStream, Recording
+from moteslam.robot.platforms import GivenRobot, platform_of, platform_table
+from moteslam.robot.recording import STREAMS, ChunkedRanges, LidarStream, Recording
 from moteslam.robot.tables import first_complaint
 from moteslam.robot.values import Issue, counted
-
-POINT_CLOUD = "sensor_msgs/PointCloud2"
 
 KINDS: Mapping[str, tuple[str, ...]] = {
     "lidar": (LASER_SCAN, MULTI_ECHO, POINT_CLOUD),
@@ -61,6 +73,54 @@ MAX_CANDIDATES = 16
 _NOT_LEVEL = ("vertical", "tilt", "nod")
 """In the name of a topic or frame of a lidar that does not scan the plane of the floor."""
 
+MANIFEST = ("/moteslam/recording", "std_msgs/String")
+MAX_LETTERS = 1 << 20
+FIGURES = ("angle_min", "angle_increment", "range_min", "range_max", "time_increment")
+
+
+@dataclass(frozen=True)
+class Manifest:
+    """What a bag says about the recording that it was written from: its streams, robot and figures of the scans."""
+
+    streams: tuple[str, ...]
+    platform: Platform
+    scan: dict[str, Any]
+
+    def sharpened(self, fan: Fan) -> Fan:
+        """The fan with the figures that the messages round, wherever they round to those of the messages."""
+        exact: dict[str, Any] = {name: value for name in FIGURES if isinstance(value := self.scan.get(name), float)}
+        rounded = {name: np.float32(getattr(fan, name)) for name in exact}
+        return fan._replace(**{name: value for name, value in exact.items() if np.float32(value) == rounded[name]})
+
+
+def manifest_of(recording: Recording, *, with_odometry: bool) -> str:
+    """The text for a recording; ``with_odometry`` where that of the bag was not computed."""
+    lidar = recording.lidar
+    has = {name: with_odometry if name == "odometry" else getattr(recording, name) is not None for name in STREAMS}
+    table = {
+        "streams": [name for name in STREAMS if has[name]],
+        "scan": {} if lidar is None else {name: float(getattr(lidar, name)) for name in FIGURES},
+        "platform": platform_table(recording.platform),
+    }
+    return tomli_w.dumps(table)
+
+
+def _read_manifest(bag: Bag) -> Manifest | None:
+    """What a bag says about its recording; None of a bag that this package did not write."""
+    topic = next((topic for topic in bag.of_kind(MANIFEST[1]) if topic.name == MANIFEST[0]), None)
+    if topic is None:
+        return None
+    try:
+        _, _, _, data = next(bag.sweep([topic]))
+        if len(text := bag.decode(topic, data).data) > MAX_LETTERS:
+            raise ValueError(f"{len(text)} letters")
+        table = tomllib.loads(text)
+        streams, scan, robot = table["streams"], dict(table["scan"]), dict(table["platform"])
+        return Manifest(tuple(name for name in STREAMS if name in streams), platform_of(robot, file=bag.path), scan)
+    except (ValueError, TypeError, KeyError, RecursionError, StopIteration, ConfigError) as error:
+        problem = f"{' '.join(str(error).split())[:200]}, expected the description of a recording"
+        raise InputError(problem, file=bag.path, field=MANIFEST[0]) from error
+
 
 def read_bag(
     path: str | PathLike[str],
@@ -75,12 +135,11 @@ def read_bag(
     not read; one that ``topics`` leaves out is read by its types.
     """
     bag = Bag(Path(path))
-    issues = bag.issues
     known = {*TRANSFORMS, *(kind for kinds in KINDS.values() for kind in kinds)}
     for topic in bag.topics:
         if topic.kind in known and topic.count and not is_readable(topic):
-            text = f"{topic.name}: {topic.kind} by another definition than the usual one, left aside"
-            issues.append(Issue("other-definition", f"{bag.path.name}: {text}", topic.count))
+            what = f"{topic.kind} by another definition than the usual one, left aside"
+            bag.tell("other-definition", topic, what, topic.count)
     return _Reading(bag, GivenRobot.read(platform), topics or {}, sequence).recording()
 
 
@@ -93,13 +152,13 @@ class _Reading:
     """
 
     def __init__(self, bag: Bag, given: GivenRobot, topics: Topics, session: str | int | None) -> None:
-        self.bag, self.issues = bag, bag.issues
+        self.bag = bag
         self.given, self.mounts = given.lidars()
         if unknown := [stream for stream in topics if stream not in KINDS]:
             raise InputError(f"{unknown[0]!r}, expected {', '.join(KINDS)}", file=bag.path, field="topics")
         named = {stream: self._named(stream, names) for stream, names in topics.items() if names}
         left = {stream for stream, names in topics.items() if not names}
-        self.manifest = read_manifest(bag)
+        self.manifest = _read_manifest(bag)
         written = self.manifest.streams if self.manifest is not None else ()
         is_computed = self.manifest is not None and "odometry" not in written
 
@@ -114,13 +173,13 @@ class _Reading:
         topic = lidars[0].name if lidars else ""
         imus = sorted(candidates("imu"), key=lambda one: not beside(one.name, topic))
         if imus:
-            left_aside(bag.path, "imu", imus[0], [] if "imu" in named else imus[1:], self.issues)
+            left_aside(bag, "imu", imus[0], [] if "imu" in named else imus[1:])
         self.imu = Table(imus[0], rates_of, 6) if imus else None
         joints = candidates("encoders")[:1] if "encoders" in named or "encoders" in written else []
         self.joints = Joints()
         self.encoders = Table(joints[0], self.joints, 4) if joints else None
         single = {stream: found[0] for stream, found in named.items() if stream != "lidar"}
-        images = None if {"rgb", "depth"} & left else image_topics(bag, single, self.issues)
+        images = None if {"rgb", "depth"} & left else image_topics(bag, single)
         self.images = None if images is None else (Table(images[0]), Table(images[1]))
         odometry = [] if is_computed and "odometry" not in named else candidates("odometry")[:MAX_CANDIDATES]
         odometries = [Table(one, pose_of, 7) for one in odometry]
@@ -129,12 +188,12 @@ class _Reading:
         frame = self.lidars[0].frame() if self.lidars else ""
         self.odometry: Table | None = odometries[0] if "odometry" in named else None
         if self.odometry is None:
-            self.odometry = choose_odometry(bag.path, odometries, (topic, frame), self.frames, self.issues)
+            self.odometry = choose_odometry(bag, odometries, (topic, frame), self.frames)
         edge = self.frames.odometry_under(frame)
         self.base = (self.odometry.child if self.odometry else "") or (edge[0] if edge else self.frames.base())
         if self.odometry is None and edge is not None and not is_computed and "odometry" not in left:
             self.odometry = edge[1]
-        self.times = Times(bag.path, self._tables(self.odometry), session, self.issues)
+        bag.choose_session(self._tables(self.odometry), session)
 
     def _tables(self, odometry: Table | None) -> list[Table]:
         tables = [*self.lidars, odometry, self.imu, self.encoders, *(self.images or ())]
@@ -161,7 +220,7 @@ class _Reading:
             return []
         enough = [topic for topic in topics if topic.count >= MANY * topics[0].count]
         best = min(enough, key=lambda topic: any(word in topic.name.lower() for word in _NOT_LEVEL))
-        left_aside(self.bag.path, "scans", best, [topic for topic in topics if topic is not best], self.issues)
+        left_aside(self.bag, "scans", best, [topic for topic in topics if topic is not best])
         return [best]
 
     def _fill(self, tables: list[Table], lidar: str) -> None:
@@ -175,48 +234,41 @@ class _Reading:
             transforms = [topic for topic in transforms if space(topic.name) in (space(lidar), [])]
         others = {topic: partial(self.frames.add, topic=topic) for topic in transforms}
         if broken := self.bag.fill({table.topic: table for table in tables}, others):
-            text = f"{self.bag.path.name}: transforms: {counted(broken, 'broken message')} dropped"
-            self.issues.append(Issue("broken-messages", text, broken))
+            self.bag.tell("broken-messages", "transforms", f"{counted(broken, 'broken message')} dropped", broken)
 
     def recording(self) -> Recording:
         """The streams, on the robot."""
-        bag, path, issues, times = self.bag, self.bag.path, self.issues, self.times
+        bag, path = self.bag, self.bag.path
         scans, mount = self._scans_and_mount()
         camera = camera_mount(self.images[1], self.frames, self.base) if self.images else None
         robot = self.given.platform or self.given.over(self._stated(scans, mount, camera))
-        lidar = self._lidar(scans, mount, robot) if scans is not None else None
-        odometry, imu, encoders = None, None, None
-        if self.odometry is not None and times.has(self.odometry):
-            odometry = odometry_stream(path, self.odometry, times, issues)
-        if self.imu is not None and times.has(self.imu):
-            imu = imu_stream(path, self.imu, times, self.frames, self.base, issues)
-        if self.encoders is not None and times.has(self.encoders):
+        streams: dict[str, Any] = {"lidar": None if scans is None else self._lidar(scans, mount, robot)}
+        if bag.has(self.odometry):
+            streams["odometry"] = odometry_stream(bag, self.odometry)
+        if bag.has(self.imu):
+            streams["imu"] = imu_stream(bag, self.imu, self.frames, self.base)
+        if bag.has(self.encoders):
             # by the wheels that they were written by, else by those that are given
             wheels = robot.wheels if self.manifest is None else self.manifest.platform.wheels
             if wheels is None:
                 problem = "joints of wheels, expected a platform with [wheels] to count them by"
                 raise InputError(problem, file=path, field=self.encoders.topic.name)
-            encoders = self.joints.encoder_stream(path, self.encoders, times, wheels, issues)
-        if lidar is None and odometry is None and imu is None and encoders is None:
+            streams["encoders"] = self.joints.encoder_stream(bag, self.encoders, wheels)
+        if all(stream is None for stream in streams.values()):
             kinds = ", ".join(sorted({topic.kind[:60] for topic in bag.topics})[:8]) or "no topics"
             raise InputError(f"{kinds}: expected scans, odometry or an IMU", file=path)
-        rgbd = None
         if self.images is not None and robot.camera is not None:
-            rgbd = rgbd_stream(bag, self.images, times)
+            streams["rgbd"] = rgbd_stream(bag, *self.images)
         elif self.images is not None:
             text = f"{path.name}: images left out: no transform to the frame of {self.images[1].topic.name}"
-            issues.append(Issue("images-left", text, 2))
+            bag.issues.append(Issue("images-left", text, 2))
         name = path.resolve().name.removesuffix(path.suffix)
-        streams = {"lidar": lidar, "encoders": encoders, "odometry": odometry, "imu": imu, "rgbd": rgbd}
-        return Recording(name=name, platform=robot, warnings=tuple(issues), **streams)  # type: ignore[arg-type]
+        return Recording(name=name, platform=robot, warnings=tuple(bag.issues), **streams)
 
     def _scans_and_mount(self) -> tuple[Scans | None, Mount]:
         """The scans of the lidar, or of several as one about the robot's centre, and where it stands."""
         scans = [
-            cloud_scans(self.bag, table, self.times)
-            if table.topic.kind == POINT_CLOUD
-            else laser_scans(self.bag, table, self.times, self.issues)
-            for table in self.lidars
+            (cloud_scans if table.topic.kind == POINT_CLOUD else laser_scans)(self.bag, table) for table in self.lidars
         ]
         if not scans:
             return None, Mount()
@@ -229,13 +281,15 @@ class _Reading:
         given, alone = self.mounts.get(scans.topic), len(self.lidars) == 1
         keys = self.given.lidar_figures.keys() if alone else set()
         is_given = given is not None or (alone and self.given.platform is not None) or {"x", "y", "yaw"} <= keys
-        issues: list[Issue] = [] if is_given else self.issues
+        told = len(self.bag.issues)
         try:
-            mount = lidar_mount(self.bag.path, scans.topic, scans.frame, self.frames, self.base, issues)
+            mount = self.frames.lidar_mount(self.bag, scans.topic, scans.frame, self.base)
         except InputError:
             if not is_given:
                 raise
             mount = Mount()
+        if is_given:
+            del self.bag.issues[told:]
         if given is None:
             return mount
         return Mount(given.x, given.y, given.z, given.yaw, mount.upside_down)
@@ -256,11 +310,10 @@ class _Reading:
 
     def _lidar(self, scans: Scans, mount: Mount, robot: Platform) -> LidarStream:
         fan = self.manifest.sharpened(scans.fan) if self.manifest is not None else scans.fan
-        fan = (fan.flipped() if mount.upside_down else fan).over(self.given.lidar_figures)
-        check_figures(fan.beams, fan, file=self.bag.path)
-
-        def load(first: int, last: int) -> NDArray[np.float32]:
-            return scans.cleaned(np.arange(first, last), fan)
-
-        ranges = ChunkedRanges(load, len(scans.stamps), fan.beams)
+        fan = fan.flipped() if mount.upside_down else fan
+        field = f"{scans.topic}: angle_increment"
+        fan = fan.over(self.given.lidar_figures, fan.beams, file=self.bag.path, field=field)
+        ranges = ChunkedRanges(
+            lambda first, last: scans.cleaned(np.arange(first, last), fan), len(scans.stamps), fan.beams
+        )
         return LidarStream(scans.stamps, ranges, *fan[:4], robot.lidar.time_increment)

@@ -1,7 +1,15 @@
-"""Scans of ``sensor_msgs/LaserScan`` and ``MultiEchoLaserScan``: figures on opening, ranges on demand, one fan.
+"""Scans of lidars: figures on opening, ranges on demand, one fan for all scans.
 
-Ranges mean what REP 117 says: positive infinity is no return, negative infinity too near, NaN an error; and what is
-beyond the limits that a message states counts as no return, or invalid (``docs/reference/formats.md``).
+``sensor_msgs/LaserScan`` and ``MultiEchoLaserScan`` mean what REP 117 says: positive infinity is no return, negative
+infinity too near, NaN an error; and what is beyond the limits that a message states counts as no return, or invalid.
+
+Where all points of some clouds (``sensor_msgs/PointCloud2``) lie in one plane of their frame, at directions that are a
+whole number of steps apart, the steps are the beams; a beam without a point says nothing.
+
+Of several lidars a scan of the first is joined with the scan of each other one that is nearest in time; what the robot
+moves in between, at most half the time between two scans, is left out of account. Every endpoint falls into the beam of
+its direction from the robot's centre, and the nearest one in a beam counts. A beam without one has no return if a beam
+of a lidar without return ends in it, put at that lidar's limit; a beam in which nothing falls says nothing.
 """
 
 from __future__ import annotations
@@ -16,14 +24,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.errors import InputError
-from moteslam.robot.formats.bags.bag import Bag, Table
-from moteslam.robot.formats.bags.times import Rows, Times
-from moteslam.robot.formats.stamps import Stamps
-from moteslam.robot.formats.streams import Fan, check_fan, clean_ranges, no_return_limit
-from moteslam.robot.platform import MAX_BEAMS
-from moteslam.robot.values import Issue, counted
+from moteslam.robot.formats.bags.bag import Bag, Rows, Table
+from moteslam.robot.formats.bags.frames import Mount
+from moteslam.robot.formats.streams import SICK_REACH, Fan, Stamps, clean_ranges, no_return_limit
+from moteslam.robot.platform import MAX_BEAMS, too_wide
+from moteslam.robot.recording import nearest_stamp
+from moteslam.robot.values import counted
 
-LASER_SCAN, MULTI_ECHO = "sensor_msgs/LaserScan", "sensor_msgs/MultiEchoLaserScan"
+LASER_SCAN, MULTI_ECHO, POINT_CLOUD = (
+    f"sensor_msgs/{name}" for name in ("LaserScan", "MultiEchoLaserScan", "PointCloud2")
+)
 
 SAMPLE = 64
 """Scans, spread over the bag, that are looked at for the limit where the messages state none."""
@@ -32,6 +42,16 @@ MAX_STEP = 0.01
 FINER = 4
 """Of scans with beams of their own each, the common fan has this many beams for one of theirs: an endpoint lies up to
 an eighth of their step beside its beam."""
+GAP = 1.5
+"""A scan further away in time than this many times between two scans is not joined: that lidar was silent."""
+PLANE = 0.05
+"""Points of a planar lidar lie within this of one height in their frame [m]."""
+_FIT, _ON_STEPS = 0.1, 0.98
+"""How far a direction may lie from a beam's, in steps, and the share of the points that lie so in a regular fan."""
+_NEAREST = 0.05
+"""Points nearer than this [m] are the lidar's own invalid readings, and say nothing of its angles."""
+_SAME = 5e-5
+"""Directions closer than this [rad] are one beam's: coordinates are float32."""
 
 Ranges = NDArray[np.float32]
 Figures = NDArray[np.float64]
@@ -58,9 +78,12 @@ class Scans:
 
     def cleaned(self, indices: Rows, fan: Fan) -> Ranges:
         """The ranges [k, beams] of some scans: endpoints within a fan's limits, ``inf`` and ``nan``."""
-        ranges = clean_ranges(self.load(indices), fan, [], "")
-        ranges[ranges == 0] = np.nan
-        return ranges
+        return clean_ranges(self.load(indices), fan, [], "")
+
+
+def _spread(count: int) -> Rows:
+    """Some of a number of scans, spread over all."""
+    return np.unique(np.linspace(0, count - 1, min(SAMPLE, count)).astype(np.intp))
 
 
 def figures_of(message: Any) -> tuple[float, ...]:
@@ -71,22 +94,22 @@ def figures_of(message: Any) -> tuple[float, ...]:
     return (*angles, message.time_increment, message.range_min, message.range_max, len(message.ranges))
 
 
-def laser_scans(bag: Bag, table: Table, times: Times, issues: list[Issue]) -> Scans:
+def laser_scans(bag: Bag, table: Table) -> Scans:
     """The scans of a topic, each with its angles, on the fan that most of them have or on a finer one."""
-    name, topic = f"{bag.path.name}: {table.topic.name}", table.topic.name
-    kept, stamps = times.used(table)
+    topic = table.topic.name
+    kept, stamps = bag.used(table)
     figures = table.values[kept]
 
     def keep_and_tell(code: str, good: NDArray[np.bool_], what: str) -> None:
         nonlocal kept, stamps, figures
         if left := int((~good).sum()):
-            issues.append(Issue(code, f"{name}: {counted(left, 'scan')} {what} left aside", left))
+            bag.tell(code, topic, f"{counted(left, 'scan')} {what} left aside", left)
             kept, stamps, figures = kept[good], stamps[good], figures[good]
 
     keep_and_tell("empty-scans", figures[:, 6] > 0, "without ranges")
     if not len(kept):
         raise InputError("scans without ranges, expected some", file=bag.path, field=topic)
-    alike, fan = _common_fan(bag.path, topic, figures, issues)
+    alike, fan = _common_fan(bag, topic, figures)
     frame = table.frame(int(kept[int(np.argmax(alike))]))
     steps = _steps(figures)
     turn = np.abs(steps) * (figures[:, 6] - 1) <= 2 * np.pi + np.abs(steps) / 2
@@ -96,35 +119,31 @@ def laser_scans(bag: Bag, table: Table, times: Times, issues: list[Issue]) -> Sc
     is_laid = not alike.all()
     if is_laid:
         fan = fan if 2 * alike.sum() > len(alike) else _finer_fan(figures, fan)
-        check_fan(fan.beams, fan.angle_increment, file=bag.path, field=f"{topic}: angle_increment")
-        text = f"{name}: {counted(int((~alike).sum()), 'scan')} of other beams than most: laid by their angles on "
-        issues.append(Issue("other-scans", f"{text}{fan.beams} beams", int((~alike).sum())))
-    places, steps = table.places_of(kept), _steps(figures)
+        others = int((~alike).sum())
+        what = f"{counted(others, 'scan')} of other beams than most: laid by their angles on {fan.beams} beams"
+        bag.tell("other-scans", topic, what, others)
+    steps = _steps(figures)
 
     def load(indices: Rows) -> Ranges:
         rows = np.full((len(indices), fan.beams), np.nan, np.float32)
-        for row, index, data in zip(rows, indices.tolist(), bag.payloads(places[indices]), strict=True):
-            try:
-                message = bag.decode(table.topic, data)
-            except ValueError as error:
-                raise InputError(f"a scan is broken: {error}", file=bag.path, field=topic) from error
+        for row, index, message in zip(rows, indices.tolist(), bag.messages(table, kept[indices]), strict=True):
             ranges = message.ranges
             if table.topic.kind == MULTI_ECHO:  # the first echo of each beam; one without has no return
                 firsts = [beam.echoes[0] if len(beam.echoes) else np.inf for beam in ranges]
                 ranges = np.array(firsts, np.float32)
             if is_laid:
-                lay(row, ranges, figures[index, 0] + steps[index] * np.arange(len(ranges)), fan)
+                _lay(row, ranges, figures[index, 0] + steps[index] * np.arange(len(ranges)), fan)
             else:
                 row[:] = ranges
         return rows
 
-    scans = _with_limit(bag.path, _with_step(bag.path, Scans(topic, frame, stamps, fan, load), issues), issues)
+    scans = _with_figures_that_can_be(bag, Scans(topic, frame, stamps, fan, load))
     if scans.fan.time_increment >= 0:
         return scans
     return replace(scans, fan=scans.fan.reversed(), load=lambda indices: load(indices)[:, ::-1])
 
 
-def lay(row: Ranges, ranges: Ranges, angles: NDArray[np.float64], fan: Fan) -> None:
+def _lay(row: Ranges, ranges: Ranges, angles: NDArray[np.float64], fan: Fan) -> None:
     """Put the ranges of beams at some angles into the nearest beams of a fan; of two in one the nearer counts."""
     turn = 2 * np.pi / abs(fan.angle_increment)
     steps = (angles - fan.angle_min) / fan.angle_increment
@@ -139,7 +158,7 @@ def _steps(figures: Figures) -> NDArray[np.float64]:
     return np.where(figures[:, 2] == 0, even, figures[:, 2])
 
 
-def _common_fan(path: Path, topic: str, figures: Figures, issues: list[Issue]) -> tuple[NDArray[np.bool_], Fan]:
+def _common_fan(bag: Bag, topic: str, figures: Figures) -> tuple[NDArray[np.bool_], Fan]:
     """Which scans have the fan of most of them, to half a step at both ends, and that."""
     beams = figures[:, 6].astype(np.int64)
     most = int(_most_frequent(figures[:, 6]))
@@ -148,14 +167,15 @@ def _common_fan(path: Path, topic: str, figures: Figures, issues: list[Issue]) -
     if increment == 0 and most > 1:
         increment = (angle_max - angle_min) / (most - 1)
     if increment == 0:
-        raise InputError("angle_increment of 0, expected an angle between beams", file=path, field=topic)
-    check_fan(most, increment, file=path, field=f"{topic}: angle_increment")
+        raise InputError("angle_increment of 0, expected an angle between beams", file=bag.path, field=topic)
+    if (problem := too_wide(most, increment)) is not None:
+        raise InputError(problem, file=bag.path, field=f"{topic}: angle_increment")
     if abs(angle_min) > 4 * np.pi:
-        raise InputError(f"angle_min of {angle_min:.6g}, expected radians", file=path, field=topic)
+        raise InputError(f"angle_min of {angle_min:.6g}, expected radians", file=bag.path, field=topic)
     last = angle_min + (most - 1) * increment
     if abs(last - angle_max) > abs(increment):
-        text = f"{path.name}: {topic}: angle_max of {angle_max:.4f} rad, but {most} beams end at {last:.4f}"
-        issues.append(Issue("angle-max", f"{text}; the beams are used"))
+        what = f"angle_max of {angle_max:.4f} rad, but {most} beams end at {last:.4f}; the beams are used"
+        bag.tell("angle-max", topic, what)
     ends = figures[:, 0] + (beams - 1) * figures[:, 2]
     half = abs(increment) / 2
     alike = same & (np.abs(figures[:, 0] - angle_min) <= half)
@@ -191,25 +211,134 @@ def _most_frequent(values: NDArray[np.float64]) -> float:
     return 0.0 if np.isnan(value) else value
 
 
-def _with_step(path: Path, scans: Scans, issues: list[Issue]) -> Scans:
-    """The scans with a time between beams that can be: of a scan that is over before the next but one begins."""
+def _with_figures_that_can_be(bag: Bag, scans: Scans) -> Scans:
+    """The scans with a time between beams and a limit that can be.
+
+    A scan is over before the next but one begins; else the time is not used. Where the messages state no limit, it is
+    that of a sample of the ranges, as for a log.
+    """
     fan = scans.fan
     period = float(np.median(np.diff(scans.stamps))) if len(scans.stamps) > 1 else np.inf
-    if abs(fan.time_increment) * fan.beams <= 2 * period and abs(fan.time_increment) <= MAX_STEP:
-        return scans
-    text = f"{path.name}: {scans.topic}: time_increment of {fan.time_increment:g} s is more than scans take; not used"
-    issues.append(Issue("time-increment", text))
-    return replace(scans, fan=fan._replace(time_increment=0.0))
+    if abs(fan.time_increment) * fan.beams > 2 * period or abs(fan.time_increment) > MAX_STEP:
+        what = f"time_increment of {fan.time_increment:g} s is more than scans take; not used"
+        bag.tell("time-increment", scans.topic, what)
+        fan = fan._replace(time_increment=0.0)
+    if not fan.range_min < fan.range_max < np.inf:
+        limit = no_return_limit(scans.load(_spread(len(scans.stamps))), None)
+        bag.tell("range-max", scans.topic, f"range_max of {fan.range_max:g} m; {limit:g} m is taken, by the ranges")
+        fan = fan._replace(range_min=0.0 if fan.range_min >= limit else fan.range_min, range_max=limit)
+    return replace(scans, fan=fan)
 
 
-def _with_limit(path: Path, scans: Scans, issues: list[Issue]) -> Scans:
-    """The scans with a limit that can be: where the messages state none, by a sample of the ranges, as for a log."""
-    fan = scans.fan
-    if fan.range_min < fan.range_max < np.inf:
-        return scans
-    chosen = np.unique(np.linspace(0, len(scans.stamps) - 1, min(SAMPLE, len(scans.stamps))).astype(np.intp))
-    limit = no_return_limit(scans.load(chosen), None)
-    text = f"{path.name}: {scans.topic}: range_max of {fan.range_max:g} m; {limit:g} m is taken, by the ranges"
-    issues.append(Issue("range-max", text))
-    least = 0.0 if fan.range_min >= limit else fan.range_min
-    return replace(scans, fan=fan._replace(range_min=least, range_max=limit))
+def cloud_scans(bag: Bag, table: Table) -> Scans:
+    """The scans of a topic of clouds."""
+    kept, stamps = bag.used(table)
+
+    def points_of(cloud: Any) -> NDArray[np.float64]:
+        try:
+            points = _points(cloud)
+        except ValueError as error:
+            raise InputError(f"a cloud is broken: {error}", file=bag.path, field=table.topic.name) from error
+        return points[np.isfinite(points).all(axis=1)]
+
+    def load(indices: Rows) -> Ranges:
+        rows = np.full((len(indices), fan.beams), np.nan, np.float32)
+        for row, cloud in zip(rows, bag.messages(table, kept[indices]), strict=True):
+            x, y, _ = points_of(cloud).T
+            ranges = np.hypot(x, y)
+            _lay(row, ranges[ranges > 0].astype(np.float32), np.arctan2(y, x)[ranges > 0], fan)
+        return rows
+
+    sample = [points_of(cloud) for cloud in bag.messages(table, kept[_spread(len(kept))])]
+    fan = _fan_of_points(bag.path, table.topic.name, np.concatenate(sample))
+    return Scans(table.topic.name, table.frame(int(kept[0])), stamps, fan, load)
+
+
+def _points(cloud: Any) -> NDArray[np.float64]:
+    """The points [n, 3] of a cloud [m]."""
+    height, width, step, row_step = cloud.height, cloud.width, cloud.point_step, cloud.row_step
+    if row_step < width * step or len(cloud.data) < row_step * height:
+        raise ValueError("fewer points than it declares")
+    rows = cloud.data[: row_step * height].reshape(height, row_step)[:, : width * step].reshape(height * width, step)
+    kinds = {7: "f4", 8: "f8"}  # sensor_msgs/PointField
+    fields = {field.name: field for field in cloud.fields if field.datatype in kinds}
+    if not {"x", "y", "z"} <= fields.keys():
+        raise ValueError("no x, y and z of a floating kind")
+    order, places = ">" if cloud.is_bigendian else "<", [fields[name] for name in "xyz"]
+    formats, offsets = [order + kinds[place.datatype] for place in places], [place.offset for place in places]
+    dtype = np.dtype({"names": ["x", "y", "z"], "formats": formats, "offsets": offsets, "itemsize": step})
+    points = np.ascontiguousarray(rows).reshape(-1).view(dtype)
+    return np.column_stack([points[name].astype(np.float64) for name in "xyz"])
+
+
+def _fan_of_points(path: Path, topic: str, points: NDArray[np.float64]) -> Fan:
+    """The fan of the points [n, 3] of some clouds."""
+    points = points[np.hypot(points[:, 0], points[:, 1]) > _NEAREST]
+    if len(points) < 2:
+        raise InputError("no points in its clouds, expected those of a planar lidar", file=path, field=topic)
+    spread = float(np.quantile(np.abs(points[:, 2] - np.median(points[:, 2])), 0.99))
+    if spread > PLANE:
+        problem = f"points up to {spread:.2f} m from a plane, expected those of a planar lidar"
+        raise InputError(problem, file=path, field=topic)
+    angles = np.sort(np.arctan2(points[:, 1], points[:, 0]))
+    starts = np.flatnonzero(np.diff(angles, prepend=-np.inf) > _SAME)
+    directions = np.add.reduceat(angles, starts) / np.diff(starts, append=len(angles))
+    steps = np.diff(directions)
+    if not len(steps):
+        raise InputError("points in one direction, expected a fan", file=path, field=topic)
+    # the common step is the frequent one; refined over the whole fan, from the first direction to the last
+    common = float(np.median(steps[steps < 1.5 * np.quantile(steps, 0.1)]))
+    around = round(2 * np.pi / common)
+    span = float(angles[-1] - angles[0])
+    increment = 2 * np.pi / around if span > 2 * np.pi - 1.5 * common else span / max(1, round(span / common))
+    beams = round(span / increment) + 1
+    off = (angles - angles[0]) / increment
+    regular = float((np.abs(off - np.round(off)) <= _FIT).mean())
+    if regular < _ON_STEPS or beams > MAX_BEAMS:
+        problem = f"directions of {1 - regular:.0%} of the points between beams, expected a regular fan"
+        raise InputError(problem, file=path, field=topic)
+    return Fan(float(angles[0]), increment, 0.0, SICK_REACH, min(beams, around))
+
+
+def merged_scans(path: Path, lidars: list[Scans], mounts: list[Mount]) -> Scans:
+    """The scans of two or more lidars as one fan about the robot's centre; the first sets the stamps."""
+    first = lidars[0]
+    fans = [one.fan.flipped() if mount.upside_down else one.fan for one, mount in zip(lidars, mounts, strict=True)]
+    beams = min(MAX_BEAMS, round(2 * np.pi / min(abs(fan.angle_increment) for fan in fans)))
+    reach = max(fan.range_max + float(np.hypot(mount.x, mount.y)) for fan, mount in zip(fans, mounts, strict=True))
+    whole = Fan(-np.pi + np.pi / beams, 2 * np.pi / beams, 0.0, reach, beams)
+    names = ", ".join(scans.topic for scans in lidars)
+    if len(set(mounts)) < len(mounts):
+        table = f'[lidars."{first.topic}"] with x, y, yaw for each in the platform\'s file'
+        problem = f"two lidars at one place, expected a transform to each, or a table {table}"
+        raise InputError(problem, file=path, field=names)
+
+    def load(indices: Rows) -> Ranges:
+        rows = np.full((len(indices), beams), np.nan, np.float32)
+        for scans, fan, mount in zip(lidars, fans, mounts, strict=True):
+            near = nearest_stamp(scans.stamps, first.stamps[indices])
+            period = float(np.median(np.diff(scans.stamps))) if len(scans.stamps) > 1 else 0.0
+            used = np.flatnonzero(np.abs(scans.stamps[near] - first.stamps[indices]) <= GAP * period)
+            if len(used):
+                rows[used] = _joined(rows[used], scans.cleaned(near[used], fan).astype(np.float64), fan, mount, whole)
+        return rows
+
+    return Scans(names, "", first.stamps, whole, load)
+
+
+def _joined(rows: Ranges, ranges: NDArray[np.float64], fan: Fan, mount: Mount, whole: Fan) -> Ranges:
+    """Rows [k, beams] of the whole fan with the ranges [k, b] of a lidar laid into them; what is nearer stays."""
+    echo = np.isfinite(ranges)
+    placed = np.where(np.isinf(ranges), fan.range_max, ranges)
+    angles = mount.yaw + fan.angles
+    x, y = mount.x + placed * np.cos(angles), mount.y + placed * np.sin(angles)
+    known = np.isfinite(placed)
+    turn = np.mod(np.arctan2(y[known], x[known]) + np.pi, 2 * np.pi)
+    column = np.minimum((turn / whole.angle_increment).astype(np.intp), whole.beams - 1)
+    row = np.broadcast_to(np.arange(len(rows))[:, None], ranges.shape)[known]
+    found = np.where(echo[known], np.hypot(x[known], y[known]), np.inf).astype(np.float32)
+    laid = np.where(np.isnan(rows), np.inf, rows)  # as far as an endpoint goes, what says nothing is beyond reach
+    np.minimum.at(laid, (row, column), found)
+    seen = ~np.isnan(rows)
+    seen[row, column] = True
+    return np.where(seen, laid, np.nan)

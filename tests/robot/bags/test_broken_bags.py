@@ -20,7 +20,7 @@ from parts.mutations import mutated
 
 from moteslam import open_recording
 from moteslam.errors import InputError, MoteslamError
-from moteslam.robot.formats.bags import bag, chunks
+from moteslam.robot.formats.bags import bag, records
 
 FILES = {"bag": "x.bag", "bz2": "x.bag", "lz4": "x.bag", "mcap": "x.mcap", "zstd": "x.mcap", "db3": "x.db3"}
 
@@ -139,8 +139,8 @@ def test_what_cannot_be_read_is_refused(
 def test_nothing_unpacks_to_more_than_it_is_allowed(compression: str) -> None:
     import lz4.frame
 
-    packers = {"bz2": bz2.compress, "lz4": lz4.frame.compress, "zstd": chunks.zstd().compress}
-    assert len(chunks.unpack(packers[compression](bytes(50_000_000)), compression, 1001)) == 1001
+    packers = {"bz2": bz2.compress, "lz4": lz4.frame.compress, "zstd": records.zstd().compress}
+    assert len(records.unpack(packers[compression](bytes(50_000_000)), compression, 1001)) == 1001
 
 
 def test_more_messages_than_any_bag_has_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

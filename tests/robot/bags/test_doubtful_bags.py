@@ -18,8 +18,8 @@ from made_bags import START, drive, imu, make_bag, odometry, placed, scan
 
 from moteslam import open_recording
 from moteslam.errors import ConfigError, InputError
-from moteslam.robot.formats.bags.chunks import zstd
-from moteslam.robot.formats.bags.events import Event, header
+from moteslam.robot.formats.bags.messages import Event, header
+from moteslam.robot.formats.bags.records import zstd
 from moteslam.robot.recording import LidarStream, OdometryStream, Recording
 
 SECOND = 1_000_000_000

@@ -10,7 +10,7 @@ from made_bags import START, drive, make_bag
 
 from moteslam import open_recording
 from moteslam.errors import InputError
-from moteslam.robot.formats.bags.events import Event, header
+from moteslam.robot.formats.bags.messages import Event, header
 from moteslam.robot.formats.bags.motion import angle_of_count
 from moteslam.robot.platforms import bundled_platform
 from moteslam.robot.wheel_odometry import wheel_path

@@ -14,9 +14,8 @@ from hypothesis import strategies as st
 from moteslam import open_recording
 from moteslam.errors import ExistsError, InputError, OutputError
 from moteslam.robot import se2
-from moteslam.robot.formats.bags.events import twists
-from moteslam.robot.formats.bags.times import nanoseconds, seconds
-from moteslam.robot.formats.bags.write import write_mcap, write_rosbag1, write_rosbag2
+from moteslam.robot.formats.bags.messages import nanoseconds, seconds
+from moteslam.robot.formats.bags.write import twists, write_mcap, write_rosbag1, write_rosbag2
 from moteslam.robot.platform import LidarSpec, Platform
 from moteslam.robot.platforms import UCSD
 from moteslam.robot.recording import EncoderStream, ImuStream, LidarStream, OdometryStream, Recording

@@ -29,17 +29,6 @@ def robot_at_the_rate_of_the_tracks(run: Drive) -> np.ndarray:
     return run.poses[::4][: len(run.tracks.people)]
 
 
-def test_people_walk_there_and_back() -> None:
-    run = true_drive(
-        hall(people=[{"waypoints": [[3.0, 0.6], [8.0, 0.6]], "pause": 0.0, "speed": 1.5}], drive={**REST, "speed": 0.3})
-    )
-    x = run.tracks.people[:, 0, 0]
-    assert x.min() < 3.4
-    assert x.max() > 7.6
-    turns = np.diff(np.sign(np.diff(x[::50])))
-    assert (turns != 0).sum() >= 4
-
-
 def test_people_keep_clear_of_walls_robot_and_each_other() -> None:
     crowd = {"crowd": {"count": 5}, "people": [{"waypoints": [[11.0, 2.0], [1.0, 2.0]]}]}
     scenario = hall(**crowd, drive={**REST, "speed": 0.5})
@@ -77,15 +66,17 @@ def test_the_same_seed_the_same_people_and_no_people_the_same_drive() -> None:
 
 
 @pytest.mark.usefixtures("taichi")
-@pytest.mark.parametrize("legs", [True, False])
-def test_beams_see_people_where_they_are_at_the_beams_moment(legs: bool) -> None:
+def test_beams_see_people_where_they_are_at_the_beams_moment() -> None:
     noise = Noise().model_dump()
-    person = {"waypoints": [[6.0, 0.8], [6.0, 3.2]], "speed": 1.4, "legs": legs, "pause": 0.0}
+    people = [
+        {"waypoints": [[x, 0.8], [x, 3.2]], "speed": 1.4, "legs": legs, "pause": 0.0}
+        for x, legs in ((5.0, True), (8.0, False))
+    ]
     commands = {"start": [2.0, 2.0, 0.0], "steps": [{"duration": 4.0}]}
-    scenario = parse_scenario({"world": HALL, "drive": REST, "commands": commands, "people": [person], "noise": noise})
+    scenario = parse_scenario({"world": HALL, "drive": REST, "commands": commands, "people": people, "noise": noise})
     simulation = simulate(scenario)
     lidar, tracks = simulation.recording.lidar, simulation.tracks
-    assert tracks.discs.shape[1] == (2 if legs else 1)
+    assert tracks.discs.shape[1] == 2 + 1
     mount = se2.compose(np.array((2.0, 2.0, 0.0)), scenario.platform.lidar.pose)
     angles = lidar.angles
     ends = mount[:2] + lidar.ranges[..., None] * np.stack((np.cos(angles), np.sin(angles)), axis=-1)
@@ -101,6 +92,7 @@ def test_beams_see_people_where_they_are_at_the_beams_moment(legs: bool) -> None
     late = tracks.discs[np.minimum(i + 10, len(tracks.discs) - 1)]  # 0.1 s later they are elsewhere
     off = np.linalg.norm(ends[scan, beam][:, None] - late[..., :2], axis=-1) - late[..., 2]
     assert np.abs(off).min(axis=1).max() > 0.05
+    assert len(set(np.abs(off).argmin(axis=1).tolist())) == 3
 
 
 DOOR = {"hinge": [7.0, 0.0], "end": [7.0, 4.0], "kind": "slide"}

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from moteslam.errors import ConfigError
-from moteslam.robot.wheel_odometry import wheel_motion
 from moteslam.sim.robot.drive import Drive
 from moteslam.sim.scenario import Scenario, parse_scenario
 from moteslam.sim.simulate import drive_scenario, simulate
@@ -51,34 +50,15 @@ def test_turning_on_the_spot_takes_the_effective_track(table: dict[str, Any], ra
     assert turned == pytest.approx(rate * 10.0, rel=0.06)  # what is lost in starting
 
 
-def test_a_bend_moves_it_as_wheels_on_the_effective_track_would(table: dict[str, Any]) -> None:
-    run = driven(commanded(table, {"duration": 8.0, "speed": 0.8, "turn_rate": 0.6}, start=(5.0, 1.5, 0.0)))
-    distance, turn = wheel_motion(*travel_of_sides(run), track=0.73)
-    assert run.poses[-1, 2] == pytest.approx(turn[-1], rel=0.03)
-    assert run.truth.length == pytest.approx(distance[-1], rel=0.02)
-
-
 def test_against_a_wall_the_robot_stops_and_its_wheels_turn_on(table: dict[str, Any]) -> None:
     run = driven(commanded(table, {"duration": 10.0, "speed": 0.8}, start=(7.0, 4.0, 0.0)))
     assert run.poses[-1, 0] == pytest.approx(10.0 - 0.5842 / 2, abs=0.02)
     pushing = (run.stamps > 6.0) & (run.stamps < 10.0)
     assert np.abs(run.velocities[pushing, :2]).max() < 0.02
-    wheels = np.ptp(run.wheel_travel[pushing], axis=0)
-    assert (wheels > 2.5).all()
-
-
-def test_a_box_too_weak_a_motor_cannot_be_forced(table: dict[str, Any]) -> None:
+    assert (np.ptp(run.wheel_travel[pushing], axis=0) > 2.5).all()
     weak = {**table, "platform": {"base": "ucsd", "body": {"wheel_force": 5.0}}}
     run = driven(commanded(weak, {"duration": 10.0, "speed": 0.8}, start=(7.0, 4.0, 0.0)))
-    pushing = (run.stamps > 6.0) & (run.stamps < 10.0)
-    assert (np.ptp(run.wheel_travel[pushing], axis=0) < 0.3).all()  # the wheels stall too
-
-
-def test_wheels_slip_when_the_body_runs_into_a_corner_at_an_angle(table: dict[str, Any]) -> None:
-    run = driven(commanded(table, {"duration": 10.0, "speed": 0.8}, start=(7.5, 5.5, 0.6)))
-    world = World.of(commanded(table, {"duration": 1.0}, start=(5.0, 4.0, 0.0)).world)
-    assert (world.distance(run.poses[:, :2]) > 0.476 / 2 - 0.03).all()
-    assert run.truth.length < 0.7 * run.wheel_travel[-1].mean()
+    assert (np.ptp(run.wheel_travel[pushing], axis=0) < 0.3).all()  # too weak a motor stalls
 
 
 def test_a_robot_that_gets_stuck_says_where(table: dict[str, Any]) -> None:
@@ -91,13 +71,6 @@ def test_a_robot_that_gets_stuck_says_where(table: dict[str, Any]) -> None:
     with pytest.raises(ConfigError, match=r"the robot got stuck near \(4\.") as caught:
         simulate(stuck)
     assert caught.value.field == "route"
-
-
-def test_the_softest_masses_that_are_taken_stay_put_and_drive(table: dict[str, Any]) -> None:
-    for body in ({"mass": 3.0, "wheel_mass": 0.6}, {"mass": 1000.0}, {"stiffness": 200.0}):
-        run = driven(parse_scenario({**table, "platform": {"base": "ucsd", "body": body}}))
-        assert run.end == "arrived"
-        assert np.hypot(*run.velocities[:, :2].T).max() < 1.1
 
 
 def test_a_wander_keeps_clear_of_the_walls(table: dict[str, Any]) -> None:

@@ -12,10 +12,9 @@ from moteslam.errors import ConfigError
 from moteslam.robot import se2
 from moteslam.robot.noise import Noise
 from moteslam.sim.robot.drive import Drive
-from moteslam.sim.scenario import load_scenario, parse_scenario
+from moteslam.sim.scenario import parse_scenario
 from moteslam.sim.sensors.clock import EPOCH
 from moteslam.sim.simulate import Simulation, simulate, true_drive
-from moteslam.sim.world.world import World
 
 START, DURATION = 4.0, 5.0
 
@@ -110,19 +109,6 @@ def test_carried_to_a_place_it_goes_on_from_the_nearest_of_its_route(table: dict
     assert after[:, 1].min() > 4.5  # never back to where it was lifted
     assert run.end == "arrived"
     assert np.hypot(*(run.poses[-1, :2] - (7.0, 6.0))) < 0.3
-
-
-def test_by_default_it_is_carried_ten_metres_on_or_back() -> None:
-    for start, ahead in ((30.0, True), (117.0, False)):
-        scenario = load_scenario("corridor", settings=[f'faults=[{{kind="carried", start={start}}}]'])
-        run = true_drive(scenario, seed=1)
-        lifted, down = (run.poses[run.stamps >= at][0] for at in (start, start + 15.0))
-        assert 4.0 < np.hypot(*(down - lifted)[:2]) < 10.5
-        facing = np.array((np.cos(lifted[2]), np.sin(lifted[2])))
-        assert (facing @ (down - lifted)[:2] > 0) == ahead
-        world = World.of(scenario.world)
-        assert world.is_free(run.poses[::20, :2], scenario.platform.radius).all()
-        assert run.end == "arrived"
 
 
 def test_a_robot_that_drives_blind_does_the_rest_of_its_commands(table: dict[str, Any]) -> None:

@@ -60,13 +60,6 @@ def test_a_mirror_measures_the_path_to_what_it_shows() -> None:
     assert np.isnan(shiny).mean() == pytest.approx(0.3 * 0.1, abs=0.01)
 
 
-def test_a_plain_world_draws_nothing_at_random() -> None:
-    scene = Scene(World.of(Layout(walls=(Wall(points=((2.0, -9.0), (2.0, 9.0))),))))
-    rng = np.random.default_rng(3)
-    scene.echoes(np.zeros((5, 2)), np.zeros(5), np.zeros(5), rng, max_range=30.0)
-    assert rng.random() == np.random.default_rng(3).random()
-
-
 def test_materials_of_ones_own_and_unknown_ones(table: dict) -> None:
     table["world"]["boxes"] = [{"centre": [8.0, 7.0], "size": [1.0, 1.0], "material": "velvet"}]
     table["world"]["materials"] = {"velvet": {"reach": 3.0}}

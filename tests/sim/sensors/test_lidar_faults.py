@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from sim_drives import room_table
 
 from moteslam.errors import ConfigError
 from moteslam.robot.noise import Noise
@@ -24,9 +25,9 @@ def run(table: dict[str, Any], *faults: dict[str, Any], **changes: Any) -> Simul
     return simulate(parse_scenario({**table, "noise": noise, **changes, "faults": list(faults)}), seed=2)
 
 
-@pytest.fixture
-def plain(table: dict[str, Any], taichi: None) -> Simulation:
-    return run(table)
+@pytest.fixture(scope="module")
+def plain(taichi: None) -> Simulation:
+    return run(room_table())
 
 
 def within(stream: LidarStream, *, margin: float = 0.0) -> np.ndarray:

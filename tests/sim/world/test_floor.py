@@ -77,14 +77,6 @@ def test_a_picture_lies_the_right_way_up(tmp_path: Path) -> None:
     assert seen == [[255, 0, 0], [0, 255, 0], [0, 0, 255], [255, 0, 0], [255, 0, 0]]
 
 
-def test_a_picture_lies_beside_the_scenario(tmp_path: Path, table: dict[str, Any]) -> None:
-    picture(tmp_path / "p.png")
-    floor = {"material": "image", "image": "p.png"}
-    scenario = parse_scenario({**table, "floor": floor}, file=tmp_path / "s.toml")
-    assert scenario.floor.image == str(tmp_path / "p.png")
-    assert scenario.floor.colours_at((0.1, 1.9)).tolist() == [255, 0, 0]
-
-
 def _cut(content: bytes) -> bytes:
     return content[: len(content) // 2]
 

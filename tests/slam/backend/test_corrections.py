@@ -57,13 +57,19 @@ def test_a_correction_leaves_the_known_map_where_it_was():
     np.testing.assert_allclose(se2.between(laid_over(turned, spinning), spinning), 0, atol=1e-5)
 
 
-def test_thinned_endpoints_are_the_first_of_each_scan_and_every_third_after_it():
-    starts = np.array([0, 4, 4, 6], np.int32)
+def test_endpoints_of_some_scans_are_numbered_anew_and_thinned_ones_are_every_third_of_a_scan():
+    starts, owners = np.array([0, 4, 4, 6], np.int32), np.array([0, 0, 0, 0, 2, 2], np.int32)
     points = np.arange(12, dtype=np.float32).reshape(6, 2)
-    thinned = Endpoints(points, points, starts, np.array([0, 0, 0, 0, 2, 2], np.int32)).thinned(3)
-    np.testing.assert_array_equal(thinned.points, points[[0, 3, 4]])
-    np.testing.assert_array_equal(thinned.starts, [0, 2, 2, 3])
-    np.testing.assert_array_equal(thinned.owners, [0, 0, 2])
+    scans = Endpoints(points, -points, starts, owners)
+    assert scans.only(np.arange(3)) is scans
+    for found, which, firsts, whose in (
+        (scans.only(np.array([1, 2])), [4, 5], [0, 0, 2], [1, 1]),
+        (scans.thinned(3), [0, 3, 4], [0, 2, 2, 3], [0, 0, 2]),
+    ):
+        np.testing.assert_array_equal(found.points, points[which])
+        np.testing.assert_array_equal(found.normals, -points[which])
+        np.testing.assert_array_equal(found.starts, firsts)
+        np.testing.assert_array_equal(found.owners, whose)
 
 
 def closing_of(nodes: int, found: tuple[float, float, float]) -> tuple[backend.GraphBackend, LoopClosing]:
@@ -76,18 +82,6 @@ def closing_of(nodes: int, found: tuple[float, float, float]) -> tuple[backend.G
     closing.graph.enter((0, 18), loop(closing.graph, 0, 18, found))
     closing.news.add((0, 18))
     return one, closing
-
-
-def test_endpoints_of_some_scans_are_numbered_anew():
-    starts = np.array([0, 4, 4, 6], np.int32)
-    points = np.arange(12, dtype=np.float32).reshape(6, 2)
-    scans = Endpoints(points, -points, starts, np.array([0, 0, 0, 0, 2, 2], np.int32))
-    some = scans.only(np.array([1, 2]))
-    np.testing.assert_array_equal(some.points, points[4:])
-    np.testing.assert_array_equal(some.normals, -points[4:])
-    np.testing.assert_array_equal(some.starts, [0, 0, 2])
-    np.testing.assert_array_equal(some.owners, [1, 1])
-    assert scans.only(np.arange(3)) is scans
 
 
 @pytest.mark.usefixtures("taichi")

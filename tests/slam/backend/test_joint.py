@@ -1,6 +1,5 @@
 """The joint registration: what a bare corridor does not give, and which step is its prior."""
 
-from dataclasses import replace
 from itertools import pairwise
 from typing import cast
 
@@ -24,6 +23,7 @@ from moteslam.slam.registration.config import RegistrationConfig
 pytestmark = pytest.mark.usefixtures("taichi")
 
 Array = NDArray[np.float64]
+Step = tuple[float, float, float]
 BEAMS = np.radians(np.arange(-90, 91, 1.0))
 FREE = GraphConfig(registration=RegistrationConfig(degenerate=0.0))
 """Without offsets along the least informed directions."""
@@ -63,6 +63,35 @@ def moved_along(config: GraphConfig, deviation: float = 0.05) -> float:
     return float(register_jointly(Endpoints.of(scans), poses, chain, config)[-1, 0] - poses[-1, 0])
 
 
+def room() -> Array:
+    """Endpoints [n, 2] on the walls of a room of 12 m by 8 m."""
+    share = np.linspace(0, 1, 80, endpoint=False)[:, None]
+    corners = np.array([[-6.0, -4.0], [6.0, -4.0], [6.0, 4.0], [-6.0, 4.0], [-6.0, -4.0]])
+    return np.vstack([a + share * (b - a) for a, b in pairwise(corners)])
+
+
+class Driven:
+    """Nodes and their chain, as key scans come in."""
+
+    def __init__(self, points: NDArray[np.float32]) -> None:
+        self.nodes, self.keys = Nodes(GraphConfig()), 0
+        self.nodes.add(self._key((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), points))
+        self.chain = Chain(self.nodes, GraphConfig())
+
+    def on(self, odometry: float, points: NDArray[np.float32], *, filtered: float | None = None) -> None:
+        """As far ahead by the odometry and by the filter."""
+        self.keys += 1
+        ahead = odometry if filtered is None else filtered
+        if self.nodes.add(self._key((odometry, 0.0, 0.0), (ahead, 0.0, 0.0), points)):
+            self.chain.add()
+
+    def _key(self, odometry: Step, motion: Step, points: NDArray[np.float32]) -> KeyScan:
+        moved = np.array(odometry), np.array(motion)
+        return KeyScan(
+            self.keys, 0.1 * self.keys, points, np.zeros(2), np.zeros(3), moved[0], measured=True, motion=moved[1]
+        )
+
+
 def test_between_bare_walls_the_chain_says_how_far_the_robot_came():
     """The errors of the normals pull along the walls; that pull has an unknown offset, and the chain none."""
     assert abs(moved_along(GraphConfig())) < 0.03
@@ -74,14 +103,11 @@ def test_between_bare_walls_the_chain_says_how_far_the_robot_came():
 def test_scans_that_are_not_free_stay_where_they_are():
     """Three scans of a path through a room are off; one of them is free, then all three, then none."""
     rng = np.random.default_rng(3)
-    t = np.linspace(0, 1, 80, endpoint=False)[:, None]
-    corners = np.array([[-6.0, -4.0], [6.0, -4.0], [6.0, 4.0], [-6.0, 4.0], [-6.0, -4.0]])
-    room = np.vstack([a + t * (b - a) for a, b in pairwise(corners)])
     true = np.column_stack((np.linspace(0, 3, 7), np.zeros((7, 2))))
     true[1:, 2] = rng.uniform(-0.2, 0.2, 6)
     inverses = np.asarray(se2.between(true, np.zeros(3)))
     scans = [
-        thin(se2.transform_points(inverse, room).astype(np.float32), np.zeros(2), GraphConfig().thinning)
+        thin(se2.transform_points(inverse, room()).astype(np.float32), np.zeros(2), GraphConfig().thinning)
         for inverse in inverses
     ]
     chain = cast(Chain, Given(np.asarray(se2.between(true[:-1], true[1:])), (0.1, 0.1, 0.1)))
@@ -94,22 +120,12 @@ def test_scans_that_are_not_free_stay_where_they_are():
         np.testing.assert_allclose(found[which], true[which], atol=0.012 if free == [3] else 0.005)
 
 
-def node(index: int, odometry: tuple[float, float, float], points: NDArray[np.float32]) -> KeyScan:
-    motion = np.array(odometry)
-    return KeyScan(index, 0.1 * index, points, np.zeros(2), np.zeros(3), motion, measured=True, motion=motion)
-
-
 def test_a_registration_far_from_the_odometry_is_no_prior():
-    """A room of 12 m by 8 m, seen every 0.6 m, where one registration found a place half a metre farther."""
-    t = np.linspace(0, 1, 80, endpoint=False)[:, None]
-    corners = np.array([[-6.0, -4.0], [6.0, -4.0], [6.0, 4.0], [-6.0, 4.0], [-6.0, -4.0]])
-    room = np.vstack([a + t * (b - a) for a, b in pairwise(corners)])
-    nodes = Nodes(GraphConfig())
-    nodes.add(node(0, (0.0, 0.0, 0.0), room.astype(np.float32)))
-    chain = Chain(nodes, GraphConfig())
+    """A room, seen every 0.6 m, where one registration found a place half a metre farther."""
+    drive = Driven(room().astype(np.float32))
     for k in range(1, 7):
-        if nodes.add(node(k, (0.6, 0.0, 0.0), (room - (0.6 * k, 0.0)).astype(np.float32))):
-            chain.add()
+        drive.on(0.6, (room() - (0.6 * k, 0.0)).astype(np.float32))
+    chain = drive.chain
     driven = np.column_stack((0.6 * np.arange(6), np.zeros((6, 2))))
     steps, covariance, _ = chain.prior(driven)
     np.testing.assert_array_equal(steps, chain.steps)
@@ -132,13 +148,11 @@ def test_a_registration_far_from_the_odometry_is_no_prior():
 
 def test_a_path_that_contradicts_a_step_is_its_own_prior_there():
     """The wheels did not count on one step of seven; what the path has in its place is held loosely."""
-    nodes = Nodes(GraphConfig())
     rng = np.random.default_rng(3)
-    nodes.add(node(0, (0.0, 0.0, 0.0), scan_between_walls(rng).points))
-    chain = Chain(nodes, GraphConfig())
+    drive = Driven(scan_between_walls(rng).points)
     for k in range(1, 8):
-        if nodes.add(node(k, (0.0 if k == 4 else 0.6, 0.0, 0.0), scan_between_walls(rng).points)):
-            chain.add()
+        drive.on(0.0 if k == 4 else 0.6, scan_between_walls(rng).points)
+    chain = drive.chain
     counted = np.vstack((np.zeros(3), se2.accumulate(chain.steps)))
     steps, covariance, _ = chain.prior(counted)
     lacking = int(np.argmin(steps[:, 0]))
@@ -157,24 +171,14 @@ def test_a_path_that_contradicts_a_step_is_its_own_prior_there():
 def test_a_step_that_the_odometry_leaves_open_is_the_filters_and_scans_without_points_are_no_nodes():
     """After twelve metres without a point the filter's search decides, after half a metre the odometry."""
     rng = np.random.default_rng(3)
-    nodes = Nodes(GraphConfig())
-    nodes.add(node(0, (0.0, 0.0, 0.0), scan_between_walls(rng).points))
-    chain = Chain(nodes, GraphConfig())
-    k = 0
-
-    def drive(odometry: float, filtered: float, points: NDArray[np.float32]) -> None:
-        nonlocal k
-        k += 1
-        key = replace(node(k, (odometry, 0.0, 0.0), points), motion=np.array((filtered, 0.0, 0.0)))
-        if nodes.add(key):
-            chain.add()
-
-    drive(0.6, 0.6, scan_between_walls(rng).points)
+    drive = Driven(scan_between_walls(rng).points)
+    drive.on(0.6, scan_between_walls(rng).points)
     for _ in range(23):
-        drive(0.5, 0.5, np.zeros((0, 2), np.float32))
-    drive(0.5, -1.5, scan_between_walls(rng).points)
+        drive.on(0.5, np.zeros((0, 2), np.float32))
+    drive.on(0.5, scan_between_walls(rng).points, filtered=-1.5)
     for _ in range(2):
-        drive(0.6, 0.6, scan_between_walls(rng).points)
+        drive.on(0.6, scan_between_walls(rng).points)
+    chain = drive.chain
     np.testing.assert_allclose(chain.steps[:, 0], (0.6, 10.0, 0.6), atol=0.05)
     assert chain.covariance[1, 0, 0] > 0.3
     path = np.vstack((np.zeros(3), se2.accumulate(chain.steps)))
@@ -184,9 +188,10 @@ def test_a_step_that_the_odometry_leaves_open_is_the_filters_and_scans_without_p
 def test_a_loop_between_bare_walls_keeps_the_prediction_along_them_and_binds_less_there():
     """All nodes are where they say: what the endpoints find along the walls is the error of their normals."""
     rng = np.random.default_rng(3)
-    nodes = Nodes(GraphConfig())
-    for k in range(14):
-        nodes.add(node(k, (0.0 if k == 0 else 0.5, 0.0, 0.0), scan_between_walls(rng).points))
+    drive = Driven(scan_between_walls(rng).points)
+    for _ in range(13):
+        drive.on(0.5, scan_between_walls(rng).points)
+    nodes = drive.nodes
     submaps = Submaps(nodes, GraphConfig())
     submaps.follow(np.tile((0.5, 0.0, 0.0), (len(nodes) - 1, 1)))
     covariance = np.diag(np.square((0.5, 0.5, 0.06))) / 9

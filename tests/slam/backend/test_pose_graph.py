@@ -153,28 +153,33 @@ def test_a_loop_makes_both_its_ends_surer():
     assert after[5] < 0.1 * before[5]
 
 
+NODES = 80
+
+
+def closing_of(covariance: np.ndarray, poses: np.ndarray) -> LoopClosing:
+    """Of a graph of nodes at these poses [n, 3], half a metre of path apart, with one relative covariance [3, 3]."""
+    loops: dict[tuple[int, int], Loop] = {}
+    graph = SimpleNamespace(
+        nodes=None, loops=loops, submaps=SimpleNamespace(path=0.5 * np.arange(NODES)), poses=poses, driven=0.5 * NODES,
+        relative=lambda *_: np.tile(covariance, (NODES, 1, 1)), enter=loops.__setitem__, solve=lambda: None,
+        misfit=lambda *_: 0.0,
+    )  # fmt: skip
+    return LoopClosing(cast(LoopGraph, graph), GraphConfig())
+
+
 @pytest.mark.parametrize(("heading", "half"), [(0.01, np.hypot(0.03, 0.06)), (0.4, np.hypot(1.2, 0.06)), (2.0, np.pi)])
 def test_a_loop_is_searched_for_in_all_headings_that_the_covariance_allows(
     heading: float, half: float, monkeypatch: pytest.MonkeyPatch
 ):
     """After a step whose turn is doubtful the true place may be turned by a radian."""
-    nodes = 80
-    covariance = np.tile(np.diag((0.09, 0.09, heading**2)), (nodes, 1, 1))
-    graph = SimpleNamespace(
-        nodes=None,
-        loops={},
-        submaps=SimpleNamespace(path=0.5 * np.arange(nodes)),
-        poses=np.zeros((nodes, 3)),
-        relative=lambda _: covariance,
-    )
-    closing = LoopClosing(cast(LoopGraph, graph), GraphConfig())
+    closing = closing_of(np.diag((0.09, 0.09, heading**2)), np.zeros((NODES, 3)))
     windows: list[np.ndarray] = []
 
     def match(submap: int, query: int, predicted: np.ndarray, covariance: np.ndarray) -> None:
         windows.append(closing._search.window(covariance).half)
 
     monkeypatch.setattr(closing._search, "match", match)
-    closing._look_for(nodes - 1)
+    closing._look_for(NODES - 1)
     np.testing.assert_allclose(windows[0], (np.hypot(0.9, 0.5), np.hypot(0.9, 0.5), half))
 
 
@@ -185,20 +190,12 @@ def test_a_loop_is_searched_for_where_the_covariance_reaches(
     x: float, y: float, searched: bool, monkeypatch: pytest.MonkeyPatch
 ):
     """Known to a metre across, and to four along: not on the leg beside, and not beyond the end of what is open."""
-    nodes = 80
-    poses = np.zeros((nodes, 3))
+    poses = np.zeros((NODES, 3))
     poses[-1] = x, y, np.pi / 2
     # in the frame of the node that is looked for, which is turned by a right angle
-    graph = SimpleNamespace(
-        nodes=None,
-        loops={},
-        submaps=SimpleNamespace(path=0.5 * np.arange(nodes)),
-        poses=poses,
-        relative=lambda _: np.tile(np.diag((1.0, 16.0, 0.01)), (nodes, 1, 1)),
-    )
-    closing, tried = LoopClosing(cast(LoopGraph, graph), GraphConfig()), []
+    closing, tried = closing_of(np.diag((1.0, 16.0, 0.01)), poses), []
     monkeypatch.setattr(closing, "_try", lambda submap, *_: tried.append(submap) or [])
-    closing._look_for(nodes - 1)
+    closing._look_for(NODES - 1)
     assert bool(tried) == searched
 
 
@@ -214,22 +211,11 @@ def test_a_loop_is_searched_for_where_the_covariance_reaches(
 )
 def test_a_place_in_another_submap_is_a_rival(share: float, known: float, x: float, deviation: float, verdict: str):
     """Two equal corridors, each driven once: in the submap of one the other is no rival."""
-    nodes, one, other = 80, 0, 30
-    loops: dict[tuple[int, int], Loop] = {}
-    graph = SimpleNamespace(
-        nodes=None,
-        loops=loops,
-        submaps=SimpleNamespace(path=0.5 * np.arange(nodes)),
-        poses=np.zeros((nodes, 3)),
-        driven=0.5 * nodes,
-        relative=lambda *_: np.tile(np.diag((deviation**2, deviation**2, 1e-4)), (nodes, 1, 1)),
-        enter=loops.__setitem__,
-        solve=lambda: None,
-        misfit=lambda *_: 0.0,
-    )
-    graph.poses[1:other, 1] = 50.0
-    graph.poses[other + 1 : -1, 1] = 50.0
-    closing = LoopClosing(cast(LoopGraph, graph), GraphConfig())
+    one, other = 0, 30
+    poses = np.zeros((NODES, 3))
+    poses[1:-1, 1] = 50.0
+    poses[other, 1] = 0.0
+    closing = closing_of(np.diag((deviation**2, deviation**2, 1e-4)), poses)
 
     def match(submap: int, query: int, predicted: np.ndarray, covariance: np.ndarray) -> Loop:
         found, at = (np.array((x, 0.0, 0.0)), (share, known)) if submap == other else (np.zeros(3), (0.8, 1.0))
@@ -240,12 +226,12 @@ def test_a_place_in_another_submap_is_a_rival(share: float, known: float, x: flo
         return Loop(candidate, np.eye(3))
 
     closing._search.match = match  # type: ignore[method-assign]
-    closing._look_for(nodes - 1)
-    assert loops[one, nodes - 1].candidate.verdict == verdict
+    closing._look_for(NODES - 1)
+    assert closing.graph.loops[one, NODES - 1].candidate.verdict == verdict
 
 
 def test_a_wider_window_is_searched_in_coarser_steps():
-    search = LoopClosing(cast(LoopGraph, SimpleNamespace(nodes=None, submaps=None)), GraphConfig())._search
+    search = closing_of(np.eye(3), np.zeros((NODES, 3)))._search
     places = [search.window(np.diag((d * d, d * d, 0.01))).places for d in (1.0, 3.0, 10.0)]
     assert places[0] < places[1] < 500_000
     # a hundred times the area of the first one

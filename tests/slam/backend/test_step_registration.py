@@ -13,21 +13,10 @@ from moteslam.slam.registration.registrar import Registration
 
 pytestmark = pytest.mark.usefixtures("taichi")
 
-WALLS = np.array(
-    [
-        [[-9, -2], [-9, 1]],
-        [[-9, 1], [-4, 1]],
-        [[-4, 1], [-4, 6]],
-        [[-4, 6], [7, 6]],
-        [[7, 6], [7, 3.5]],
-        [[7, 3.5], [4, 3.5]],
-        [[4, 3.5], [4, -3]],
-        [[4, -3], [-1, -3]],
-        [[-1, -3], [-1, -2]],
-        [[-1, -2], [-9, -2]],
-    ],
-    float,
+CORNERS = np.array(
+    [(-9, -2), (-9, 1), (-4, 1), (-4, 6), (7, 6), (7, 3.5), (4, 3.5), (4, -3), (-1, -3), (-1, -2)], float
 )
+WALLS = np.stack((CORNERS, np.roll(CORNERS, -1, axis=0)), axis=1)
 TRUE_STEP = np.array([0.6, 0.1, -0.4])
 
 

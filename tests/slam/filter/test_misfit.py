@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from moteslam.slam.filter.certainty import NEIGHBOURHOOD, LocalisationState
 from moteslam.slam.filter.misfit import DOUBTFUL_DROP, LEAST_SPREAD, LOST_DROP, Misfit
@@ -29,56 +30,34 @@ class Drive:
         return states
 
 
-def test_scores_that_hardly_change_are_sure():
+FIT, DOUBTFUL_DROPPED, LOST_DROPPED = (10, 1.0), (STEP, 1.0 - 1.1 * DOUBTFUL_BELOW), (STEP, 1.0 - 1.1 * LOST_BELOW)
+"""Distances [m], and the scores on them."""
+NEAR, BEYOND = (NEIGHBOURHOOD - STEP, 0.85), (1 + STEP, 0.85)
+"""While something around is from before the drop; and as far again as nothing is."""
+VARIED = [(STEP, score) for _ in range(100) for score in (1.1, 0.9)]
+"""With a standard deviation of 0.1."""
+
+
+@pytest.mark.parametrize(
+    ("legs", "states"),
+    [
+        ([(8, 1.0), (8, 1.0 - 0.9 * DOUBTFUL_BELOW), (8, 1.1)], [SURE] * 3),
+        ([(3, score) for score in np.arange(1.0, 0.3, -0.05)], [SURE] * 14),
+        ([*VARIED, (STEP, 1.0 - 1.5 * LOST_BELOW), (STEP, 1.0 - 1.2 * LOST_DROP * 0.1)], [SURE, DOUBTFUL, LOST]),
+        ([FIT, DOUBTFUL_DROPPED, (NEIGHBOURHOOD, 1.0), (1, 1.0)], [SURE, DOUBTFUL, DOUBTFUL, SURE]),
+        ([FIT, LOST_DROPPED, NEAR, BEYOND], [SURE, LOST, LOST, SURE]),
+        ([FIT, LOST_DROPPED, (-9, 0.85)], [SURE, LOST, LOST]),
+        ([FIT, LOST_DROPPED, (-9, 1.0)], [SURE, LOST, SURE]),
+    ],
+    ids=[
+        "hardly changed", "changed little by little", "varied before", "a small drop, until the map around is new",
+        "a large one, until nothing around is from before", "and back among old scans", "which fit again",
+    ],
+)  # fmt: skip
+def test_states_at_the_ends_of_the_last_legs(legs: list[tuple[float, float]], states: list[LocalisationState]):
     drive = Drive()
-    assert set(drive.on(8, 1.0) + drive.on(8, 1.0 - 0.9 * DOUBTFUL_BELOW) + drive.on(8, 1.1)) == {SURE}
-
-
-def test_a_slow_change_is_no_misfit():
-    drive = Drive()
-    assert {s for score in np.arange(1.0, 0.3, -0.05) for s in drive.on(3, score)} == {SURE}
-
-
-def test_where_scores_vary_a_larger_drop_is_needed():
-    """Every other scan scores 0.2 less: the standard deviation is 0.1, so that 0.5 more is doubtful, and no more."""
-    drive = Drive()
-    for _ in range(100):
-        drive.on(STEP, 1.1)
-        drive.on(STEP, 0.9)
-    assert drive.misfit.state is SURE
-    assert drive.on(STEP, 1.0 - 1.5 * LOST_BELOW) == [DOUBTFUL]
-    assert drive.on(STEP, 1.0 - 1.2 * LOST_DROP * 0.1) == [LOST]
-
-
-def test_a_small_drop_is_doubtful_until_the_map_around_is_new():
-    drive = Drive()
-    drive.on(10, 1.0)
-    states = drive.on(STEP, 1.0 - 1.1 * DOUBTFUL_BELOW) + drive.on(NEIGHBOURHOOD + 1, 1.0)
-    assert states[0] is DOUBTFUL
-    assert states[round(NEIGHBOURHOOD / STEP)] is DOUBTFUL
-    assert states[-1] is SURE
-
-
-def test_a_lost_robot_is_lost_until_nothing_around_it_is_from_before():
-    drive = Drive()
-    drive.on(10, 1.0)
-    states = drive.on(STEP, 1.0 - 1.1 * LOST_BELOW) + drive.on(NEIGHBOURHOOD + 1, 0.85)
-    assert states[0] is states[round(NEIGHBOURHOOD / STEP) - 1] is LOST
-    assert states[-1] is SURE
-
-
-def test_a_lost_robot_that_stays_among_the_old_scans_stays_lost():
-    drive = Drive()
-    drive.on(10, 1.0)
-    assert set(drive.on(STEP, 1.0 - 1.1 * LOST_BELOW) + drive.on(9, 0.85, back=True)) == {LOST}
-
-
-def test_scans_that_fit_as_before_end_it():
-    """One scan was spoilt; all others fit as they did, among the old scans."""
-    drive = Drive()
-    drive.on(10, 1.0)
-    assert drive.on(STEP, 1.0 - 1.1 * LOST_BELOW) == [LOST]
-    assert drive.on(9, 1.0, back=True)[-1] is SURE
+    found = [drive.on(abs(distance), score, back=distance < 0)[-1] for distance, score in legs]
+    assert found[-len(states) :] == states
 
 
 def test_scans_that_are_left_out_do_not_lower_the_bar():

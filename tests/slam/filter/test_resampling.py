@@ -6,8 +6,6 @@ import numpy as np
 import pytest
 from slam_rooms import circled_room
 
-from moteslam.errors import ConfigError
-from moteslam.slam.filter.history import History
 from moteslam.slam.filter.resampling import (
     SCHEMES,
     Draws,
@@ -69,12 +67,6 @@ def test_equal_weights_keep_every_particle(scheme: str, n: int):
     np.testing.assert_array_equal(resample(scheme, np.full(n, 1 / n), generator_for(0, 0)), np.arange(n))
 
 
-def test_a_scheme_that_is_none_is_refused_by_its_key():
-    assert resolve_config("paper", ["resampling=residual"]).resampling == "residual"
-    with pytest.raises(ConfigError, match="resampling"):
-        resolve_config("paper", ["resampling=branching"])
-
-
 def test_every_purpose_has_random_numbers_of_its_own():
     first = {purpose: generator_for(3, 4, purpose).random(50) for purpose in Draws}
     assert len(np.unique(np.concatenate(list(first.values())))) == 50 * len(Draws)
@@ -121,15 +113,6 @@ def test_particles_without_weight_do_not_count():
     poses = np.vstack((np.full((10, 3), 0.02), np.random.default_rng(0).uniform(-3, 3, (90, 3))))
     weights = np.repeat((0.1, 0.0), (10, 90))
     assert particle_number(poses, weights, KLD, 1000, seed=0, step=0) == KLD.least
-
-
-def test_paths_follow_parents_through_a_changing_number():
-    history = History()
-    history.append(np.arange(12.0).reshape(4, 3), np.array([1, 3]))
-    history.append(np.arange(6.0).reshape(2, 3) + 20, np.array([0, 1, 1]))
-    history.append(np.arange(9.0).reshape(3, 3) + 40, None)
-    assert history.particles == 3
-    np.testing.assert_array_equal(history.paths(np.arange(3))[..., 0], [[3, 20, 40], [9, 23, 43], [9, 23, 46]])
 
 
 @pytest.mark.usefixtures("taichi")

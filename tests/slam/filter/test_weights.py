@@ -1,4 +1,4 @@
-"""Weights, resampling and the paths that follow from it."""
+"""Weights, the paths that follow from resampling, and when an update is due."""
 
 from __future__ import annotations
 
@@ -6,16 +6,8 @@ import numpy as np
 import pytest
 
 from moteslam.slam.filter.history import History
-from moteslam.slam.filter.resampling import generator_for, systematic
 from moteslam.slam.filter.update_policy import Travelled, UpdateConfig, update_due
 from moteslam.slam.filter.weights import Weights
-
-
-def test_uniform_weights():
-    weights = Weights.uniform(8)
-    assert weights.values == pytest.approx(1 / 8)
-    assert weights.effective_number == pytest.approx(8)
-    assert weights.best == 0
 
 
 def test_times_is_bayes_and_stays_normalised():
@@ -39,54 +31,21 @@ def test_many_small_likelihoods_do_not_underflow():
     assert weights.values.sum() == pytest.approx(1)
 
 
-def test_systematic_resampling_draws_each_floor_or_ceil_times():
-    generator = generator_for(1, 2)
-    for _ in range(50):
-        weights = generator.dirichlet(np.full(40, 0.3))
-        parents = systematic(weights, generator)
-        counts = np.bincount(parents, minlength=40)
-        assert (np.diff(parents) >= 0).all()
-        assert (counts >= np.floor(40 * weights - 1e-9)).all()
-        assert (counts <= np.ceil(40 * weights + 1e-9)).all()
-
-
-def test_systematic_resampling_is_unbiased():
-    weights = np.array([0.05, 0.15, 0.8])
-    counts = np.zeros(3)
-    for step in range(4000):
-        counts += np.bincount(systematic(weights, generator_for(7, step)), minlength=3)
-    assert counts / counts.sum() == pytest.approx(weights, abs=0.01)
-
-
-def test_random_numbers_depend_on_seed_and_step_alone():
-    assert generator_for(0, 5).random() == generator_for(0, 5).random()
-    assert generator_for(0, 5).random() != generator_for(0, 6).random()
-    assert generator_for(0, 5).random() != generator_for(1, 5).random()
-
-
-def test_paths_follow_the_parents():
+def test_paths_follow_the_parents_through_a_changing_number():
     history = History()
-    history.append(np.array([[0, 0, 0], [1, 0, 0]], float), np.array([1, 1]))
-    history.append(np.array([[2, 0, 0], [3, 0, 0]], float), None)
-    history.append(np.array([[4, 0, 0], [5, 0, 0]], float), np.array([0, 0]))
-    np.testing.assert_array_equal(history.paths(np.array([0, 1]))[..., 0], [[1, 2, 4], [1, 3, 5]])
+    history.append(np.arange(12.0).reshape(4, 3), np.array([1, 3]))
+    history.append(np.arange(6.0).reshape(2, 3) + 20)
+    np.testing.assert_array_equal(history.paths(np.arange(2))[..., 0], [[3, 20], [9, 23]])
+    history.resampled(np.array([0, 1, 1]))  # as well after an update as with it, and without effect on its own paths
+    np.testing.assert_array_equal(history.paths(np.arange(2))[..., 0], [[3, 20], [9, 23]])
+    history.append(np.arange(9.0).reshape(3, 3) + 40, np.array([2, 2, 2]))
+    assert history.particles == 3
+    all_, paths = np.arange(3), [[3, 20, 40], [9, 23, 43], [9, 23, 46]]
+    np.testing.assert_array_equal(history.paths(all_)[..., 0], paths)
+    np.testing.assert_array_equal(history.ancestors(all_), [[1, 0, 0], [3, 1, 1], [3, 1, 2]])
     for first in range(4):
-        np.testing.assert_array_equal(history.path(1, first), history.path(1)[first:])
-        np.testing.assert_array_equal(
-            history.ancestors(np.array([0, 1]), first), history.ancestors(np.array([0, 1]))[:, first:]
-        )
-
-
-def test_parents_may_be_recorded_after_an_update():
-    poses = np.array([[0, 0, 0], [1, 0, 0]], float)
-    at_once, later = History(), History()
-    at_once.append(poses, np.array([1, 1]))
-    later.append(poses, None)
-    later.resampled(np.array([1, 1]))
-    for history in (at_once, later):
-        history.append(poses + 2, None)
-    np.testing.assert_array_equal(later.paths(np.array([0, 1]))[..., 0], [[1, 2], [1, 3]])
-    np.testing.assert_array_equal(later.paths(np.array([0, 1])), at_once.paths(np.array([0, 1])))
+        np.testing.assert_array_equal(history.path(1, first)[:, 0], paths[1][first:])
+        np.testing.assert_array_equal(history.ancestors(all_, first), history.ancestors(all_)[:, first:])
 
 
 def test_the_last_step_is_from_the_parent():
@@ -96,13 +55,6 @@ def test_the_last_step_is_from_the_parent():
     history.resampled(np.array([1, 1]))
     history.append(np.array([[5.0, 1.0, np.pi / 2], [5.0, 2.0, np.pi / 2]]))
     np.testing.assert_allclose(history.step(0), [1.0, 0.0, 0.0], atol=1e-12)
-
-
-def test_the_last_updates_own_parents_do_not_change_its_paths():
-    history = History()
-    history.append(np.array([[0, 0, 0], [1, 0, 0]], float), None)
-    history.resampled(np.array([1, 1]))
-    np.testing.assert_array_equal(history.paths(np.array([0]))[0, :, 0], [0])
 
 
 def test_log_likelihoods_multiply_as_likelihoods_do():
@@ -140,8 +92,3 @@ def test_the_larger_of_odometry_and_tracked_motion_counts() -> None:
     assert update_due(POLICY, Travelled(0.0, 0.0, 0.0), (0.0, 0.0, -0.2))
     assert update_due(POLICY, Travelled(0.1, 0.0, 0.0), (0.0, 0.0, 0.0))
     assert not update_due(POLICY, Travelled(0.09, 0.19, 0.0), (0.05, 0.0, 0.19))
-
-
-def test_what_was_travelled_adds_up() -> None:
-    travelled = Travelled(0.0, 0.0, 0.0).plus(0.5, 0.1, 0.5).plus(0.0, 0.1, 0.5)
-    assert travelled == pytest.approx((0.5, 0.2, 1.0))

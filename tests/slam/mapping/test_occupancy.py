@@ -33,14 +33,6 @@ def test_one_scan_marks_endpoints_and_the_way_to_them():
     assert grid.occupied.sum() == 2
 
 
-def test_log_odds_stop_at_the_limit():
-    grid = OccupancyGrid(MapConfig(cell_size=0.1, limit=3))
-    for _ in range(10):
-        grid.add_scan((0.05, 0.05), np.array([[1.05, 0.05]]))
-    assert value(grid, 1.05, 0.05) == pytest.approx(3, abs=UNIT)
-    assert value(grid, 0.55, 0.05) == pytest.approx(-3, abs=UNIT)
-
-
 @pytest.mark.parametrize("target", [(100.05, 3.05), (-100.05, 3.05), (3.05, 100.05), (-7.05, -100.05)])
 def test_growing_keeps_what_is_there(target: tuple[float, float]):
     grid = OccupancyGrid(MapConfig(cell_size=0.1))
@@ -54,13 +46,6 @@ def test_growing_keeps_what_is_there(target: tuple[float, float]):
     assert grid.log_odds.astype(int).sum() == before + round(np.log(4) / UNIT)
     assert not grid.occupied[[0, -1]].any()
     assert not grid.occupied[:, [0, -1]].any()
-
-
-def test_a_scan_that_sees_nothing_changes_nothing():
-    grid = OccupancyGrid(MapConfig())
-    grid.add_scan((0.0, 0.0), np.zeros((0, 2)))
-    assert not grid.log_odds.any()
-    assert grid.snapshot().values.size >= 1
 
 
 def test_a_snapshot_is_cut_to_what_was_seen_and_stays_in_place():

@@ -72,18 +72,6 @@ def test_a_pool_that_grows_loses_nothing(monkeypatch: pytest.MonkeyPatch):
         assert cells(maps, particle) == cells(expected, particle)
 
 
-def test_resampling_gives_every_particle_its_parents_map():
-    maps = mapped(np.array([(0.0, 0.0, 0.0), (0.1, 0.0, 0.0), (0.0, 0.2, 0.1)]), 3)
-    parents = [cells(maps, particle) for particle in range(3)]
-    assert parents[0] != parents[1] != parents[2]
-    maps.resample(np.array([2, 2, 0, 1, 2]))
-    assert len(maps) == 5
-    assert [cells(maps, particle) for particle in range(5)] == [parents[i] for i in (2, 2, 0, 1, 2)]
-    maps.integrate(np.array([(0.05 * k, 0.0, 0.0) for k in range(5)]), thinned(room_scan()[100:200]))
-    children = [cells(maps, particle) for particle in range(5)]
-    assert all(children[i] != children[j] for i in range(5) for j in range(i))
-
-
 def test_memory_is_that_of_tiles_and_tables_and_does_not_grow_where_nothing_new_is_seen():
     poses = np.random.default_rng(4).normal(0, (0.05, 0.05, 0.02), (20, 3))
     maps = mapped(poses, 20)
@@ -113,15 +101,6 @@ def test_scans_are_found_in_the_maps_they_were_written_to():
     start = truth[1] + np.array((0.3, -0.4, 0.0))
     (best,) = candidates(maps.of(1), start, spread, scan.points, window, 1, TrackingConfig())
     np.testing.assert_allclose(best[:2], (-0.3, 0.4), atol=0.11)
-
-
-@pytest.mark.parametrize("points", [0, 1])
-def test_a_scan_without_a_surface_changes_nothing(points: int):
-    maps = mapped()
-    seen = cells(maps)
-    maps.integrate(np.array([[500.0, 0.0, 0.0]]), thinned(np.ones((points, 2))))
-    assert cells(maps) == seen
-    assert maps.memory == mapped().memory
 
 
 def test_a_truncation_beyond_the_coarse_one_stays_within_the_tables():

@@ -77,10 +77,3 @@ def test_in_a_round_room_a_turn_about_its_centre_is_not_measured(centre: tuple[f
     kept = keep_odometry(registration(information, 0.8, points, tuple(turned)), np.full(3, 0.02), CONFIG)
     np.testing.assert_allclose(kept.offsets[0], (0.01, -0.01, 0.0), atol=2e-3)
     assert np.linalg.eigvalsh(kept.information[0])[0] > -1e-3
-
-
-def test_it_can_be_switched_off() -> None:
-    found = registration(between_walls(0.3, 0.01), 0.5)
-    config = CONFIG.model_copy(update={"degenerate": 0.0})
-    measured = measured_information(found, 0, config, 10.0)
-    np.testing.assert_array_equal(less_where_unbound(measured, found, 0, config), measured)

@@ -4,22 +4,23 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from tile_pools import room_scan, thinned
 
 from moteslam.robot import se2
-from moteslam.slam.inputs.lapses import Open
+from moteslam.slam.inputs.lapses import CLOSED, Open
 from moteslam.slam.mapping.config import TsdfConfig
 from moteslam.slam.mapping.tsdf import TsdfMaps, TsdfView
 from moteslam.slam.registration import localisation
 from moteslam.slam.registration.config import RegistrationConfig, TrackingConfig
 from moteslam.slam.registration.evidence import SLIP, against, nats_for, proved
 from moteslam.slam.registration.information import keep_odometry, least_informed
-from moteslam.slam.registration.localisation import Localiser, match_score
+from moteslam.slam.registration.localisation import Localiser, Located, match_score
 from moteslam.slam.registration.registrar import Registration, register
 from moteslam.slam.registration.search import Window, candidates
 
 Array = NDArray[np.float64]
+Pose = tuple[float, float, float]
 SPREAD = (0.02, 0.02, 0.02)
 HERE = (0.0, 0.0)
 RING = np.array([[0.0, 0.0, 1.0]])
@@ -66,11 +67,8 @@ def test_along_bare_walls_the_odometry_is_kept_and_across_them_the_scan() -> Non
     assert along @ result.information[0, :2, :2] @ along < 0.02 * 2e3
     assert across @ result.information[0, :2, :2] @ across == pytest.approx(1e6)
     np.testing.assert_array_equal(kept(seen, degenerate=0.0).offsets, seen.offsets)
-
-
-def test_where_all_directions_are_informed_the_scan_is_kept() -> None:
-    seen = found((0.03, -0.02, 0.01), 5e5, 1e6, 0.4)
-    np.testing.assert_allclose(kept(seen).offsets, seen.offsets, atol=1e-3)
+    informed = found((0.03, -0.02, 0.01), 5e5, 1e6, heading)  # in all directions
+    np.testing.assert_allclose(kept(informed).offsets, informed.offsets, atol=1e-3)
 
 
 def placed(offset: float, cost: float, known: float) -> Registration:
@@ -138,15 +136,23 @@ def test_walls_prove_that_the_odometry_failed(room: TsdfView) -> None:
     np.testing.assert_array_equal(kept, free)
 
 
-def locate(room: TsdfView, at: tuple[float, float, float], predicted: Array, predictions: Array = ODOMETRY) -> Array:
-    """Where a scan taken there is found to be, from where the odometry puts it."""
+def located(
+    room: TsdfView, at: ArrayLike, predicted: ArrayLike, spread: Pose = SPREAD, *, predictions: Array = ODOMETRY,
+    left: Open = CLOSED, **keys: float,
+) -> tuple[Located, Array]:  # fmt: skip
+    """What is found of a scan taken there, from where the odometry puts it, with an error there; and its pose."""
     points = thinned(room_scan(at)).points
-    result = (
-        localiser()
-        .locate(room, se2.as_pose(predicted), SPREAD, points, HERE, lambda: predictions, measured=True)
-        .fitted
+    found = localiser(**keys).locate(
+        room,
+        se2.as_pose(np.asarray(predicted)),
+        spread,
+        points,
+        HERE,
+        lambda: predictions,
+        measured=left is None,
+        left=left,
     )
-    return se2.compose(predicted, result.offset)
+    return found, np.asarray(se2.compose(np.asarray(predicted, float), found.fitted.offset))
 
 
 def test_a_scan_near_its_prediction_is_found_without_a_search(room: TsdfView, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -155,21 +161,18 @@ def test_a_scan_near_its_prediction_is_found_without_a_search(room: TsdfView, mo
 
     monkeypatch.setattr(localisation, "candidates", search)
     at = (0.3, -0.2, 0.1)
-    assert np.abs(locate(room, at, np.add(at, (0.03, -0.02, 0.02))) - at).max() < 0.003
+    assert np.abs(located(room, at, np.add(at, (0.03, -0.02, 0.02)))[1] - at).max() < 0.003
     with pytest.raises(AssertionError, match="a search"):
-        locate(room, at, np.add(at, (0.9, -0.6, 0.8)))
+        located(room, at, np.add(at, (0.9, -0.6, 0.8)))
 
 
 def test_a_scan_is_found_where_the_same_velocity_would_put_it(room: TsdfView) -> None:
     """Odometry that misses 0.9 m and half a radian, and no relocation window to look in."""
     at, stood = (0.7, 0.5, 0.5), (0.0, 0.0, 0.0)
-    points = thinned(room_scan(at)).points
-    narrow = localiser(relocation_distance=0.0, relocation_rotation=0.0)
+    narrow = {"relocation_distance": 0.0, "relocation_rotation": 0.0}
     predictions = np.stack((np.zeros(3), se2.between(stood, np.array(at) + 0.02)))
-    with_velocity = narrow.locate(room, stood, SPREAD, points, HERE, lambda: predictions, measured=True).fitted.offset
-    without = narrow.locate(room, stood, SPREAD, points, HERE, lambda: ODOMETRY, measured=True).fitted.offset
-    assert np.abs(np.subtract(with_velocity, at)).max() < 0.005
-    assert np.abs(np.subtract(without, at)).max() > 0.1
+    assert np.abs(located(room, at, stood, predictions=predictions, **narrow)[1] - at).max() < 0.005
+    assert np.abs(located(room, at, stood, **narrow)[1] - at).max() > 0.1
 
 
 def test_rays_through_a_surface_lower_the_match_score_and_can_lose_a_scan() -> None:
@@ -185,13 +188,10 @@ def test_rays_through_a_surface_lower_the_match_score_and_can_lose_a_scan() -> N
 def test_places_that_look_alike_are_rivals_by_what_their_offsets_cost(room: TsdfView) -> None:
     """A room looks the same from the other side; seen from a right angle to both, neither is likelier."""
     at = np.array((0.3, -0.2, 0.1))
-    points, other = thinned(room_scan(at)).points, se2.wrap(at * (-1, -1, 1) + (0.0, 0.0, np.pi))
-    spread = (0.4, 0.4, 1.5)
+    other, spread = se2.wrap(at * (-1, -1, 1) + (0.0, 0.0, np.pi)), (0.4, 0.4, 1.5)
     for lean in (0.0, 0.2):
-        predicted = (0.0, 0.0, float(at[2]) + np.pi / 2 - lean)
-        located = localiser().locate(room, predicted, spread, points, HERE, lambda: ODOMETRY, measured=True)
-        fitted, rivals = located.fitted, located.rivals
-        here = se2.compose(predicted, fitted.offset)
+        found, here = located(room, at, (0.0, 0.0, float(at[2]) + np.pi / 2 - lean), spread)
+        rivals = found.rivals
         places = se2.compose(here, rivals.offsets)
         expected = other if abs(se2.wrap(here[2] - at[2])) < 1 else at
         assert len(rivals.offsets) == 1
@@ -206,14 +206,9 @@ def test_places_that_look_alike_are_rivals_by_what_their_offsets_cost(room: Tsdf
 
 def test_a_place_that_looks_like_no_other_has_no_rivals(room: TsdfView) -> None:
     at = np.array((0.3, -0.2, 0.1))
-    points = thinned(room_scan(at)).points
-    predicted = se2.as_pose(at + 0.3)
-    fitted, _, rivals, _ = localiser().locate(
-        room, predicted, (0.3, 0.3, 0.3), points, HERE, lambda: ODOMETRY, measured=True
-    )
-    np.testing.assert_allclose(se2.between(se2.compose(predicted, fitted.offset), at), 0.0, atol=0.005)
-    assert not len(rivals.offsets)
-    assert not len(rivals.log_odds(0.03))
+    found, here = located(room, at, at + 0.3, (0.3, 0.3, 0.3))
+    np.testing.assert_allclose(se2.between(here, at), 0.0, atol=0.005)
+    assert len(found.rivals.offsets) == len(found.rivals.log_odds(0.03)) == 0
 
 
 @pytest.mark.parametrize(("heading", "decided"), [(0.6, True), (1.5, False)])
@@ -222,24 +217,21 @@ def test_after_a_lapse_a_scan_decides_where_the_room_looks_the_same_from_no_like
 ) -> None:
     """It looks the same from the other side, which is as likely where the robot may have turned any way."""
     at = np.array((0.3, -0.2, 0.1))
-    points, left = thinned(room_scan(at)).points, Open(1.0, heading, 1.0)
-    predicted = (0.0, 0.0, 0.1 + (0.0 if decided else np.pi / 2))
-    located = localiser().locate(
-        room, predicted, (1.0, 1.0, heading), points, HERE, lambda: ODOMETRY, measured=False, left=left
-    )
-    assert located.decided == decided
+    predicted, left = (0.0, 0.0, 0.1 + (0.0 if decided else np.pi / 2)), Open(1.0, heading, 1.0)
+    found, here = located(room, at, predicted, (1.0, 1.0, heading), left=left)
+    assert found.decided == decided
     if decided:
-        np.testing.assert_allclose(se2.between(se2.compose(predicted, located.fitted.offset), at), 0.0, atol=0.01)
+        np.testing.assert_allclose(se2.between(here, at), 0.0, atol=0.01)
 
 
 def test_after_a_lapse_a_scan_of_a_round_room_leaves_the_robot_where_it_was_predicted(room: TsdfView) -> None:
     angles = np.linspace(0, 2 * np.pi, 200, endpoint=False)
     points = (0.7 * np.column_stack((np.cos(angles), np.sin(angles)))).astype(np.float32)
-    located = localiser().locate(
+    found = localiser().locate(
         room, (0.5, 0.0, 0.0), (1, 1, 1), points, HERE, lambda: ODOMETRY, measured=False, left=Open(1.0, 1.0, 1.0)
     )
-    assert not located.decided
-    assert located.fitted.offset == (0.0, 0.0, 0.0)
+    assert not found.decided
+    assert found.fitted.offset == (0.0, 0.0, 0.0)
 
 
 def test_a_window_holds_the_places_within_its_deviations_and_few_others():

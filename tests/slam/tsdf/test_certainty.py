@@ -20,7 +20,7 @@ from moteslam.slam.filter.covariance import as_array, largest_deviation, symmetr
 from moteslam.slam.mapping.config import LOST_DISTANCE
 from moteslam.slam.registration.config import RegistrationConfig
 from moteslam.slam.registration.registrar import prior_spread
-from moteslam.slam.run import SlamSession, run_slam
+from moteslam.slam.run import run_slam
 from moteslam.slam.settings import resolve_config
 from moteslam.slam.tsdf.doubt import ScanFit
 from moteslam.slam.tsdf.motion import STILL, step_motion
@@ -71,17 +71,6 @@ def test_a_robot_that_is_carried_into_another_room_is_soon_lost(preset: str, wit
     assert (states[60 + within :] == LOST).all()
     if preset == "default":
         assert (states[60 : 60 + within] >= DOUBTFUL).all()
-
-
-@pytest.mark.usefixtures("taichi")
-def test_an_update_has_what_the_estimate_keeps():
-    session = SlamSession(circled_room(scans=20)[0], resolve_config("default", METHODS["default"]), seed=0)
-    updates = list(session)
-    estimate = session.estimate()
-    np.testing.assert_array_equal([u.covariance for u in updates], estimate.covariances)
-    np.testing.assert_array_equal([u.degenerate for u in updates], estimate.diagnostics["degenerate"])
-    np.testing.assert_array_equal([u.state for u in updates], estimate.diagnostics["state"])
-    assert all(isinstance(u.state, LocalisationState) for u in updates)
 
 
 def test_without_scans_and_odometry_the_robot_is_soon_lost():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -17,10 +18,10 @@ from moteslam.robot.recording import Recording, RgbdStream
 from moteslam.sim.scenario import load_scenario, with_camera
 from moteslam.sim.simulate import Simulation, simulate
 from moteslam.slam.estimate import Estimate
-from moteslam.slam.inputs.floor_views import FloorView, FloorViews
+from moteslam.slam.inputs.floor_views import FloorViews
 from moteslam.slam.inputs.synchronise import synchronise
 from moteslam.slam.run import run_slam
-from moteslam.slam.settings import load_preset, preset_names, resolve_config
+from moteslam.slam.settings import resolve_config
 from moteslam.slam.texture.config import TextureConfig
 from moteslam.slam.tsdf import filter as tsdf_filter
 from moteslam.slam.tsdf.config import ColourConfig, TsdfFilterConfig
@@ -59,11 +60,6 @@ def same(a: Estimate, b: Estimate) -> bool:
         left.poses.tobytes() == right.poses.tobytes()
         for left, right in ((a.trajectory, b.trajectory), (a.trajectory_final, b.trajectory_final))
     )
-
-
-def test_off_unless_it_is_asked_for() -> None:
-    configs = [load_preset(name) for name in preset_names()]
-    assert not any(config.colours.enabled for config in configs if isinstance(config, TsdfFilterConfig))
 
 
 def test_a_scan_gets_the_newest_frame_and_each_frame_is_used_once(room: tuple[Simulation, Recording]) -> None:
@@ -142,28 +138,19 @@ def test_the_odometrys_error_is_spread_over_the_motion(room: tuple[Simulation, R
     np.testing.assert_allclose(view.corrected(odometry, odometry, 1.0).place, view.place, atol=1e-12)
 
 
-def walked(room: tuple[Simulation, Recording]) -> tuple[FloorTracker, FloorView, np.ndarray, np.ndarray]:
-    """A tracker taken along the true path with four particles whose paths lie apart; the last view and poses there."""
+def test_the_floor_measures_each_particles_offset_wherever_its_path_lies(
+    room: tuple[Simulation, Recording],
+) -> None:
     simulation, recording = room
     assert recording.lidar is not None
     apart = np.array([(0.0, 0.0, 0.0), (3.0, 1.0, 0.5), (-2.0, 0.4, -2.0), (40.0, 50.0, 3.0)])
     tracker, views = FloorTracker(ColourConfig(map_length=0.5), TextureConfig()), views_of(recording)
-    kept = None
     for index in range(40, 230, 8):
-        view = views.at(index, OLDEST)
-        if view is None:
-            continue
-        pose = simulation.truth.at(recording.lidar.stamps[index : index + 1]).poses[0]
-        kept = view, se2.compose(apart, pose)
-        tracker.add(*kept, 0, 0.12)
-    assert kept is not None
-    return tracker, *kept, apart
-
-
-def test_the_floor_measures_each_particles_offset_wherever_its_path_lies(
-    room: tuple[Simulation, Recording],
-) -> None:
-    tracker, view, poses, _ = walked(room)
+        seen = views.at(index, OLDEST)
+        if seen is not None:
+            pose = simulation.truth.at(recording.lidar.stamps[index : index + 1]).poses[0]
+            view, poses = seen, se2.compose(apart, pose)
+            tracker.add(view, poses, 0, 0.12)
     off = np.array([(0.0, 0.0, 0.0), (0.03, -0.02, 0.0), (-0.02, 0.0, 0.0), (0.0, 0.025, 0.0)])
     fit = tracker.fit(view, se2.compose(poses, off), 0)
     assert fit is not None
@@ -174,27 +161,19 @@ def test_the_floor_measures_each_particles_offset_wherever_its_path_lies(
     worse = tracker.fit(view, se2.compose(poses, off), 1)  # searched around another one: the same is found
     assert worse is not None
     np.testing.assert_allclose(worse.offsets, fit.offsets, atol=0.003)
-
-
-def test_resampling_takes_the_anchors_along(room: tuple[Simulation, Recording]) -> None:
-    tracker, view, poses, _ = walked(room)
-    parents = np.array([3, 3, 1])
-    tracker.resample(parents)
-    fit = tracker.fit(view, poses[parents], 0)
-    assert fit is not None
-    np.testing.assert_allclose(fit.offsets, 0.0, atol=0.01)
-
-
-def test_a_floor_that_is_not_known_or_all_alike_measures_nothing(room: tuple[Simulation, Recording]) -> None:
-    tracker, view, poses, _ = walked(room)
-    assert tracker.fit(view, se2.compose(poses, (5.0, 5.0, 0.0)), 0) is None
-    assert FloorTracker(ColourConfig(), TextureConfig()).fit(view, poses, 0) is None
-    blank = replace(view, frame=replace(view.frame, rgb=np.full_like(view.frame.rgb, 128)))
-    plain = FloorTracker(ColourConfig(), TextureConfig())
-    plain.add(blank, poses, 0, 0.0)
-    assert plain.fit(blank, poses, 0) is None
+    assert tracker.fit(view, se2.compose(poses, (5.0, 5.0, 0.0)), 0) is None  # where no floor is known
     nothing = replace(view, frame=replace(view.frame, disparity=np.full_like(view.frame.disparity, 2047)))
     assert tracker.fit(nothing, poses, 0) is None
+    parents = np.array([3, 3, 1])
+    tracker.resample(parents)
+    children = tracker.fit(view, poses[parents], 0)
+    assert children is not None
+    np.testing.assert_allclose(children.offsets, 0.0, atol=0.01)
+    blank = replace(view, frame=replace(view.frame, rgb=np.full_like(view.frame.rgb, 128)))
+    plain = FloorTracker(ColourConfig(), TextureConfig())
+    assert plain.fit(blank, poses, 0) is None
+    plain.add(blank, poses, 0, 0.0)
+    assert plain.fit(blank, poses, 0) is None  # of one colour
 
 
 def test_colours_take_part_and_nothing_is_lost_by_them(
@@ -238,47 +217,54 @@ def test_the_same_seed_gives_the_same_bytes_and_frames_are_read_at_updates_alone
     assert 10 < len(asked) == len(set(asked)) <= estimate.diagnostics["updated"].sum()
 
 
-@pytest.mark.parametrize("lost", ["camera", "images"])
-def test_without_a_camera_or_images_one_line_says_so_and_the_bytes_are_as_without(
-    room: tuple[Simulation, Recording], without: Estimate, lost: str
-) -> None:
-    recording = room[0].recording  # stamps of a camera, and no images
-    if lost == "camera":
-        recording = room[1].replace(platform=recording.platform.model_copy(update={"camera": None}))
-    blind = run_slam(recording, CONFIG, seed=3)
-    lines = [line for line in messages(blind.warnings) if "colours" in line]
-    assert len(lines) == 1
-    assert lost in lines[0]
-    assert same(blind, without)
+def without_camera(recording: Recording, folder: Path) -> Recording:
+    return recording.replace(platform=recording.platform.model_copy(update={"camera": None}))
 
 
-def test_frames_that_are_missing_or_unreadable_are_counted(
-    room: tuple[Simulation, Recording], without: Estimate, tmp_path: Path
-) -> None:
-    stream = room[0].recording.rgbd
+def without_images(recording: Recording, folder: Path) -> Recording:
+    """Stamps of a camera alone."""
+    assert recording.rgbd is not None
+    return recording.replace(rgbd=replace(recording.rgbd, images=None))
+
+
+def of_broken_files(recording: Recording, folder: Path) -> Recording:
+    stream = recording.rgbd
     assert stream is not None
-    broken = tmp_path / "broken.png"
+    broken = folder / "broken.png"
     broken.write_bytes(b"no image")
     colours = tuple(None if k % 2 else broken for k in range(len(stream.rgb_stamps)))
     disparities = tuple(broken if k % 3 else None for k in range(len(stream.disparity_stamps)))
-    files = replace(stream, rgb_files=colours, disparity_files=disparities)
-    recording = room[1].replace(rgbd=files)
-    done = run_slam(recording, CONFIG, seed=3)
-    lines = [line for line in messages(done.warnings) if "colours" in line]
-    assert "frames left out, an image of theirs is missing" in lines[0]
-    assert "frames left out, unreadable; the first: " in lines[1]
-    assert "broken.png" in lines[1]
-    assert "no new frame at" in lines[-1]
-    assert same(done, without)
+    return recording.replace(rgbd=replace(stream, images=None, rgb_files=colours, disparity_files=disparities))
 
 
-def test_late_frames_are_not_used(room: tuple[Simulation, Recording], without: Estimate) -> None:
-    recording = room[1]
+def of_late_frames(recording: Recording, folder: Path) -> Recording:
     stream = recording.rgbd
     assert stream is not None
     late = replace(stream, rgb_stamps=stream.rgb_stamps + 60.0, disparity_stamps=stream.disparity_stamps + 60.0)
-    done = run_slam(recording.replace(rgbd=late), CONFIG, seed=3)
-    assert any("colours: no new frame at" in line for line in messages(done.warnings))
+    return recording.replace(rgbd=late)
+
+
+@pytest.mark.parametrize(
+    ("lose", "told"),
+    [
+        (without_camera, ["camera"]),
+        (without_images, ["images"]),
+        (of_broken_files, ["image of theirs is missing", "broken.png", "no new frame at"]),
+        (of_late_frames, ["no new frame at"]),
+    ],
+)
+def test_without_frames_lines_say_so_and_the_bytes_are_as_without(
+    room: tuple[Simulation, Recording],
+    without: Estimate,
+    tmp_path: Path,
+    lose: Callable[[Recording, Path], Recording],
+    told: list[str],
+) -> None:
+    done = run_slam(lose(room[1], tmp_path), CONFIG, seed=3)
+    lines = [line for line in messages(done.warnings) if "colours" in line]
+    assert len(lines) == len(told)
+    for line, part in zip(lines, told, strict=True):
+        assert part in line
     assert same(done, without)
 
 

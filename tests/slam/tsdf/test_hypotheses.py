@@ -53,6 +53,7 @@ def test_particles_are_divided_among_rival_places_by_their_odds_and_the_best_one
     chosen = [int((found == place).all(axis=1).sum()) for place in (np.zeros(3), *RIVALS.offsets)]
     assert chosen == [16, 8, 4]
     np.testing.assert_array_equal(found[9], 0.0)
+    np.testing.assert_array_equal(divide(particles_at(np.zeros((4, 3))), Rivals(), SHARE), np.zeros((4, 3)))
 
 
 def test_a_place_where_a_particle_is_already_gets_none_and_those_away_stay():
@@ -61,17 +62,9 @@ def test_a_place_where_a_particle_is_already_gets_none_and_those_away_stay():
     found = divide(particles_at(poses), RIVALS, SHARE)
     np.testing.assert_array_equal(found[5:], 0.0)
     assert set(found[:5, 1].tolist()) == {0.0, -2.6}
-
-
-def test_without_rivals_all_look_where_the_tracked_motion_leads():
-    np.testing.assert_array_equal(divide(particles_at(np.zeros((4, 3))), Rivals(), SHARE), np.zeros((4, 3)))
-
-
-def test_a_place_turned_by_a_whole_circle_is_the_same():
-    poses = np.zeros((6, 3))
-    poses[3:] = (0.0, 0.0, 3.12)
-    found = divide(particles_at(poses), Rivals(np.array([(0.0, 0.0, -3.12)]), np.zeros(1), np.zeros(1)), SHARE)
-    np.testing.assert_array_equal(found, 0.0)
+    poses[5:] = (0.0, 0.0, 3.12)  # but for a whole circle the place of the rival
+    alike = Rivals(np.array([(0.0, 0.0, -3.12)]), np.zeros(1), np.zeros(1))
+    np.testing.assert_array_equal(divide(particles_at(poses), alike, SHARE), 0.0)
 
 
 @pytest.mark.parametrize(("weight", "alone"), [(0.0005, True), (0.005, False)])
@@ -109,17 +102,9 @@ def test_a_particle_that_looks_elsewhere_begins_at_its_place_whatever_the_odomet
     at, odometry = np.array((0.5, 0.3, 0.6)), np.array((0.3, 0.1, 0.1))
     since = MotionSinceUpdate(tracked=at, odometry=odometry, travelled=Travelled(0.6, 0.6, 1.0))
     offset = np.array((0.1, -0.2, 0.05))
-    found = propose(
-        particles,
-        since,
-        thinned(room_scan(at)),
-        np.zeros(2),
-        ProposalConfig(),
-        RegistrationConfig(),
-        TrackingConfig(),
-        measured=True,
-        places=np.stack((np.zeros(3), offset)),
-    )
+    configs = (ProposalConfig(), RegistrationConfig(), TrackingConfig())
+    places = np.stack((np.zeros(3), offset))
+    found = propose(particles, since, thinned(room_scan(at)), np.zeros(2), *configs, measured=True, places=places)
     start = se2.compose(found.predicted, se2.between(odometry, at))
     np.testing.assert_allclose(start, (at, se2.compose(at, offset)), atol=1e-12)
     np.testing.assert_allclose(found.means[0], at, atol=0.01)
@@ -229,13 +214,9 @@ def test_key_scans_wait_until_the_particles_are_settled_and_come_in_order(monkey
     steps = se2.between(np.array([key.pose for key in backend.keys[4:8]]), [key.pose for key in backend.keys[5:9]])
     np.testing.assert_allclose(steps, [key.motion for key in backend.keys[5:9]], atol=1e-12)
     assert np.isfinite(session.estimate().trajectory_final.poses).all()
-
-
-def test_key_scans_that_wait_at_the_end_are_given_too(monkeypatch: pytest.MonkeyPatch):
-    backend = Watched()
-    _, given = run(monkeypatch, backend, open_at=range(5, 10_000))
+    _, given = run(monkeypatch, backend := Watched(), open_at=range(5, 10_000))
     assert set(given[4:]) == {4}
-    assert len(backend.keys) == len(given)
+    assert len(backend.keys) == len(given)  # those that wait at the end are given too
 
 
 def test_a_correction_by_a_scan_that_has_waited_moves_those_after_it(monkeypatch: pytest.MonkeyPatch):
@@ -261,19 +242,3 @@ def test_an_estimate_while_key_scans_wait_has_all_poses(monkeypatch: pytest.Monk
             final = session.estimate().trajectory_final
     assert len(final) == 51
     np.testing.assert_allclose(final.poses[-1], session.estimate().trajectory_final.poses[50], atol=0.02)
-
-
-def test_paths_follow_the_parents_that_resampling_chose():
-    particles = Particles(3, TsdfConfig())
-    particles.start(thinned(room_scan()))
-    first, second = np.array([(1.0, 0, 0), (2.0, 0, 0), (3.0, 0, 0)]), np.array([(4.0, 0, 0), (5.0, 0, 0), (6.0, 0, 0)])
-    particles.move_to(first)
-    particles.weights = Weights(np.log([0.1, 0.3, 0.6]))
-    particles.resample(np.array([1, 2, 2]))
-    np.testing.assert_array_equal(particles.poses, first[[1, 2, 2]])
-    np.testing.assert_allclose(particles.weights.values, 1 / 3)
-    assert particles.best in (1, 2)  # both descend from the heaviest
-    particles.move_to(second)
-    np.testing.assert_array_equal(
-        particles.history.paths(np.arange(3))[..., 0], [(0.0, 2.0, 4.0), (0.0, 3.0, 5.0), (0.0, 3.0, 6.0)]
-    )

@@ -1,7 +1,7 @@
-"""Files of chunks of messages, read in bounds: ROS 1 (wiki.ros.org/Bags/Format/2.0) and MCAP (mcap.dev/spec).
+"""Files of messages, gone through record by record: ROS 1 (wiki.ros.org/Bags/Format/2.0) and MCAP (mcap.dev/spec).
 
 The readers of rosbags sort messages by the time of reception, which mixes the runs of a recording whose clock was set
-back, and need an index at the end. Here files are gone through record by record, and messages come in file order.
+back, and need an index at the end. Here messages come in the order of the file, and no chunk is larger than it says.
 """
 
 from __future__ import annotations
@@ -40,16 +40,6 @@ class Channel(NamedTuple):
     kind: str
     digest: str
     encoding: str
-
-
-class Chunk(NamedTuple):
-    """A part of a file in which messages lie: first byte, bytes there, compression, bytes unpacked, channels."""
-
-    position: int
-    stored: int
-    compression: str
-    size: int
-    channels: set[int]
 
 
 class Storage(ABC):
@@ -117,47 +107,52 @@ def unpack(data: bytes, compression: str, limit: int) -> bytes:
     return data[:limit]
 
 
-class _Chunked(Storage):
+class Chunk(NamedTuple):
+    """A part of a file in which messages lie: first byte, bytes there, compression, bytes unpacked, and the number of
+    messages of each channel.
+    """
+
+    position: int
+    stored: int
+    compression: str
+    size: int
+    counts: Counter[int]
+
+
+class Chunked(Storage):
     """A file of records, some of which are chunks of further records; the latest chunk is kept unpacked."""
 
     def __init__(self, path: Path) -> None:
         super().__init__(path)
         self.size = path.stat().st_size
-        self.counts: Counter[int] = Counter()
         self.chunks: list[Chunk] = []
         self._kept: tuple[int, bytes] = (-1, b"")
         with path.open("rb") as file:
             read = _reader(file)
             self._go_through(read)
-            known = self.counts.keys() <= self.channels.keys()
+            known = self.totals().keys() <= self.channels.keys()
             for number, chunk in enumerate(self.chunks):
-                if chunk.channels and known:
+                if chunk.counts and known:
                     continue
                 try:
-                    data = self._unpacked(read, number)
-                    self._find_channels(data)
-                    counts = Counter(channel for channel, *_ in self._messages_in(data))
-                except (ValueError, KeyError, EOFError, OSError, RuntimeError, struct.error, InputError):
+                    counts = Counter(channel for channel, *_ in self._messages_in(self._unpacked(read, number)))
+                except Exception:
                     if not number:
                         raise
                     self.damage = self.damage or "a chunk is damaged"
                     del self.chunks[number:]
                     break
-                if not chunk.channels:
-                    self.counts += counts
-                    chunk.channels.update(counts)
+                chunk.counts.update(() if chunk.counts else counts)
 
     @abstractmethod
     def _go_through(self, read: Read) -> None:
-        """Find the channels, the chunks and, by their indices, which channels these hold."""
-
-    @abstractmethod
-    def _find_channels(self, data: bytes) -> None:
-        """Find the channels in an unpacked chunk."""
+        """Find the chunks and, by their indices, which channels these hold."""
 
     @abstractmethod
     def _messages_in(self, data: bytes) -> Iterator[tuple[int, int, int, int]]:
-        """Channel, time of reception [ns], first byte and bytes of the messages in an unpacked chunk."""
+        """Channel, time of reception [ns], first byte and bytes of the messages in an unpacked chunk; its channels are
+        taken on the way.
+        """
 
     def _unpacked(self, read: Read, number: int) -> bytes:
         """A chunk by its number; never more than it declares, however far it would unpack."""
@@ -174,13 +169,16 @@ class _Chunked(Storage):
 
     def totals(self) -> Mapping[int, int]:
         """See `Storage`."""
-        return self.counts
+        total: Counter[int] = Counter()
+        for chunk in self.chunks:
+            total.update(chunk.counts)
+        return total
 
     def messages(self, channels: Collection[int]) -> Iterator[Message]:
         """See `Storage`."""
         with damage_in_one_line(self.path), self.path.open("rb") as file:
             for number, chunk in enumerate(self.chunks):
-                if not chunk.channels.isdisjoint(channels):
+                if not chunk.counts.keys().isdisjoint(channels):
                     data = self._unpacked(_reader(file), number)
                     for channel, received, begin, size in self._messages_in(data):
                         if channel in channels:
@@ -189,9 +187,8 @@ class _Chunked(Storage):
     def payloads(self, places: Collection[Place]) -> Iterator[bytes]:
         """See `Storage`."""
         with damage_in_one_line(self.path), self.path.open("rb") as file:
-            read = _reader(file)
             for number, begin, size in places:
-                yield self._unpacked(read, number)[begin : begin + size]
+                yield self._unpacked(_reader(file), number)[begin : begin + size]
 
 
 def _reader(file: IO[bytes]) -> Read:
@@ -202,11 +199,15 @@ def _reader(file: IO[bytes]) -> Read:
     return read
 
 
+def _within(data: bytes) -> Read:
+    return lambda position, count: data[position : position + count]
+
+
 def _u32(data: bytes) -> int:
     return int.from_bytes(data, "little")
 
 
-class Rosbag1(_Chunked):
+class Rosbag1(Chunked):
     """A ROS 1 bag of version 2.0."""
 
     def _go_through(self, read: Read) -> None:
@@ -222,38 +223,31 @@ class Rosbag1(_Chunked):
                 if fields.get("encryptor"):
                     raise InputError("encrypted, expected a plain bag", file=self.path)
             elif operation == 4:
-                channel, count = _u32(fields["conn"]), _u32(fields["count"])
-                self.chunks[-1].channels.add(channel)
-                self.counts[channel] += count
+                self.chunks[-1].counts[_u32(fields["conn"])] += _u32(fields["count"])
             elif operation == 5:
-                self.chunks.append(Chunk(begin, size, fields["compression"].decode(), _u32(fields["size"]), set()))
+                compression, unpacked = fields["compression"].decode(), _u32(fields["size"])
+                self.chunks.append(Chunk(begin, size, compression, unpacked, Counter()))
                 if not size:  # the one that the recorder was writing: its messages follow, unpacked
-                    self.chunks[-1] = Chunk(begin, self.size - begin, "none", self.size - begin, set())
+                    self.chunks[-1] = Chunk(begin, self.size - begin, "none", self.size - begin, Counter())
                     break
             elif operation == 7:
                 self._take(fields, read(begin, size))
         if end != self.size or not is_closed:
             self.damage = "it was not closed, or it is damaged"
 
-    def _find_channels(self, data: bytes) -> None:
+    def _messages_in(self, data: bytes) -> Iterator[tuple[int, int, int, int]]:
         for operation, fields, begin, size in _ros1_records(_within(data), 0, len(data)):
             if operation == 7:
                 self._take(fields, data[begin : begin + size])
-
-    def _messages_in(self, data: bytes) -> Iterator[tuple[int, int, int, int]]:
-        for operation, fields, begin, size in _ros1_records(_within(data), 0, len(data)):
-            if operation == 2:
+            elif operation == 2:
                 seconds, nanoseconds = struct.unpack("<II", fields["time"])
                 yield _u32(fields["conn"]), seconds * 10**9 + nanoseconds, begin, size
 
     def _take(self, fields: dict[str, bytes], data: bytes) -> None:
-        about = _ros1_fields(data)
-        channel = Channel(fields["topic"].decode(), about["type"].decode(), about["md5sum"].decode(), "ros1")
-        self.channels.setdefault(_u32(fields["conn"]), channel)
-
-
-def _within(data: bytes) -> Read:
-    return lambda position, count: data[position : position + count]
+        if (number := _u32(fields["conn"])) not in self.channels:
+            about = _ros1_fields(data)
+            topic, kind, digest = fields["topic"], about["type"], about["md5sum"]
+            self.channels[number] = Channel(topic.decode(), kind.decode(), digest.decode(), "ros1")
 
 
 def _ros1_records(read: Read, at: int, end: int) -> Iterator[tuple[int, dict[str, bytes], int, int]]:
@@ -285,11 +279,11 @@ def _ros1_fields(header: bytes) -> dict[str, bytes]:
     return found
 
 
-class Mcap(_Chunked):
+class Mcap(Chunked):
     """An MCAP file; a message outside of chunks is one of its own."""
 
     def _go_through(self, read: Read) -> None:
-        loose: dict[int, set[int]] = {}
+        loose: dict[int, Counter[int]] = {}
         self._schemas: dict[int, str] = {}
         self.damage = "it was not closed"
         for operation, begin, size in _mcap_records(read, 8, self.size):
@@ -299,26 +293,22 @@ class Mcap(_Chunked):
                 self._take(operation, read(begin, size))
             elif operation == 5 and size >= 22:
                 (channel,) = struct.unpack("<H", read(begin, 2))
-                self.chunks.append(Chunk(begin - 9, size + 9, "", size + 9, loose.setdefault(channel, {channel})))
-                self.counts[channel] += 1
+                counts = loose.setdefault(channel, Counter({channel: 1}))
+                self.chunks.append(Chunk(begin - 9, size + 9, "", size + 9, counts))
             elif operation == 6:
                 head = read(begin, 100)
                 compression, at = _text(head, 28)
                 unpacked, stored = struct.unpack_from("<Q", head, 16)[0], struct.unpack_from("<Q", head, at)[0]
-                self.chunks.append(Chunk(begin + at + 8, stored, compression, unpacked, set()))
+                self.chunks.append(Chunk(begin + at + 8, stored, compression, unpacked, Counter()))
             elif operation == 7 and self.chunks:
                 channel, count = struct.unpack("<HI", read(begin, 6))
-                self.chunks[-1].channels.add(channel)
-                self.counts[channel] += count // 16
-
-    def _find_channels(self, data: bytes) -> None:
-        for operation, begin, size in _mcap_records(_within(data), 0, len(data)):
-            if operation in (3, 4):
-                self._take(operation, data[begin : begin + size])
+                self.chunks[-1].counts[channel] += count // 16
 
     def _messages_in(self, data: bytes) -> Iterator[tuple[int, int, int, int]]:
         for operation, begin, size in _mcap_records(_within(data), 0, len(data)):
-            if operation == 5 and size >= 22:
+            if operation in (3, 4):
+                self._take(operation, data[begin : begin + size])
+            elif operation == 5 and size >= 22:
                 channel, _, received, _ = struct.unpack_from("<HIQQ", data, begin)
                 yield channel, received, begin + 22, size - 22
 
