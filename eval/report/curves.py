@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from moteslam.eval.metrics.association import evenly
 from moteslam.eval.metrics.ate import AteResult
 from moteslam.eval.metrics.relations import RelationResult
 from moteslam.eval.metrics.residuals import ResidualResult
@@ -100,7 +101,7 @@ def draw_effective_particles(
             axes.plot(*broken(time, n_eff), color=style.SLAM, lw=0.8, label="effective particles")
         else:
             windows = np.array_split(np.arange(n), WINDOWS)
-            middle = np.array([window[len(window) // 2] for window in windows])
+            middle = evenly(np.arange(n), WINDOWS)
             at, low = broken(time[middle], np.array([n_eff[window].min() for window in windows]))
             _, high = broken(time[middle], np.array([n_eff[window].max() for window in windows]))
             label = f"effective particles: range in {n // WINDOWS} updates"

@@ -1,4 +1,4 @@
-"""Covariances and states against the truth: errors relative to the map around the robot, NEES, precision and recall."""
+"""Covariances and states against the truth, relative to the map around the robot, and anchored at the start."""
 
 from __future__ import annotations
 
@@ -6,7 +6,14 @@ import numpy as np
 import pytest
 
 from moteslam.errors import InputError
-from moteslam.eval.metrics.localisation import CHI_SQUARED_95, LocalisationResult, score_localisation
+from moteslam.eval.metrics.localisation import (
+    CHI_SQUARED_95,
+    LocalisationResult,
+    nees_from_start,
+    nees_interval,
+    score_localisation,
+    share_within_spread,
+)
 from moteslam.robot import se2
 from moteslam.robot.trajectory import Trajectory
 from moteslam.slam.estimate import Correction
@@ -153,3 +160,79 @@ def test_what_does_not_fit_is_refused():
     for truth, updated in ((later, np.ones(3)), (path, np.zeros(3))):
         with pytest.raises(InputError, match="truth: it covers no scan with a map around it, expected two updates"):
             score_localisation(path, np.tile(COVARIANCE, (3, 1, 1)), np.zeros(3), updated, truth)
+
+
+STEP, NOISE = np.array([0.2, 0.0, 0.02]), np.diag((1e-4, 1e-4, 1e-6))
+RUNS, STEPS = 100, 300
+
+
+def dead_reckoned(seed: int) -> tuple[Trajectory, np.ndarray, Trajectory]:
+    """An odometry with noise, the covariances that follow from it, and the truth, which starts elsewhere."""
+    rng = np.random.default_rng(seed)
+    steps = np.tile(STEP, (STEPS, 1))
+    noisy = steps + rng.multivariate_normal(np.zeros(3), NOISE, STEPS)
+    true = np.vstack((np.zeros(3), se2.accumulate(steps)))
+    estimated = np.vstack((np.zeros(3), se2.accumulate(noisy)))
+    c, s = np.cos(STEP[2]), np.sin(STEP[2])
+    back = np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]])  # from the frame before the step to that after it
+    moved = back @ np.array([[1, 0, -STEP[1]], [0, 1, STEP[0]], [0, 0, 1]])
+    covariances = np.zeros((STEPS + 1, 3, 3))
+    for k in range(STEPS):
+        covariances[k + 1] = moved @ covariances[k] @ moved.T + back @ NOISE @ back.T
+    stamps = 0.1 * np.arange(STEPS + 1)
+    elsewhere = se2.compose((4.0, -7.0, 2.0), true)
+    return Trajectory(stamps, estimated), covariances, Trajectory(stamps, elsewhere)
+
+
+def test_of_100_runs_of_a_consistent_filter_95_lie_in_the_interval() -> None:
+    results = [nees_from_start(*dead_reckoned(seed)) for seed in range(RUNS)]
+    low, high = nees_interval(1)
+    assert (low, high) == pytest.approx((0.2158, 9.3484), abs=1e-4)
+    ends = np.array([result.end for result in results])
+    assert 90 <= ((low < ends) & (ends < high)).sum() <= 99
+    assert 90 <= sum(result.interval[0] < result.mean < result.interval[1] for result in results) <= 99
+    # the ends of the runs are independent of each other
+    low, high = nees_interval(RUNS)
+    assert low < ends.mean() < high
+
+
+@pytest.mark.parametrize("factor", [0.25, 4.0])
+def test_covariances_that_are_wrong_are_noticed(factor: float) -> None:
+    ends = []
+    for seed in range(RUNS):
+        estimate, covariances, truth = dead_reckoned(seed)
+        ends.append(nees_from_start(estimate, factor * covariances, truth).end)
+    low, high = nees_interval(RUNS)
+    assert not low < np.mean(ends) < high
+
+
+def test_the_error_is_seen_from_the_start() -> None:
+    """Half a metre at the first pose is no error: estimate and truth are laid on each other there."""
+    estimate, covariances, truth = dead_reckoned(0)
+    moved = Trajectory(estimate.stamps, se2.compose((0.5, 0.3, -1.0), estimate.poses))
+    kept = nees_from_start(estimate, covariances, truth)
+    np.testing.assert_allclose(nees_from_start(moved, covariances, truth).nees, kept.nees)
+
+
+def test_covariances_that_do_not_fit_are_refused() -> None:
+    estimate, covariances, truth = dead_reckoned(0)
+    later = Trajectory(truth.stamps + 1e6, truth.poses)
+    for given, against, problem in (
+        (covariances[:3], truth, r"^covariances: \[3, 3, 3\], expected one of each of 301"),
+        (-covariances, truth, "^covariances: one that is not positive"),
+        (0 * covariances, truth, "^covariances: no covariance of rank three"),
+        (covariances, later, "^truth: it covers 0 poses"),
+    ):
+        with pytest.raises(InputError, match=problem):
+            nees_from_start(estimate, given, against)
+
+
+def test_the_share_within_the_spread() -> None:
+    rng = np.random.default_rng(0)
+    deviations = np.tile((0.02, 0.01, 0.005), (4000, 1))
+    errors = rng.normal(size=(4000, 3)) * deviations
+    assert share_within_spread(errors, deviations) == pytest.approx(0.95, abs=0.015)
+    assert share_within_spread(3 * errors, deviations) < 0.6
+    assert share_within_spread(np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0]]), np.zeros((2, 3))) == 0.5
+    with pytest.raises(InputError, match="deviations"):
+        share_within_spread(errors, deviations[:3])
