@@ -1,4 +1,4 @@
-"""Scores of coloured floors, their picture, and a whole run from a simulated camera to the result folder."""
+"""The picture of a coloured floor, and a whole run from a simulated camera to the result folder."""
 
 from __future__ import annotations
 
@@ -9,9 +9,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from parts.floor_colours import registration, score_texture
 
-from moteslam.errors import InputError
 from moteslam.eval.cli.main import run as main
 from moteslam.eval.report.maps import with_opacity
 from moteslam.eval.results import write_map_files
@@ -36,35 +34,6 @@ rest_end = 0.5
 rate = 5.0
 gap = 0.0
 """
-
-
-def test_errors_are_measured_against_the_best_single_colour() -> None:
-    rng = np.random.default_rng(0)
-    truth = rng.integers(0, 256, (60, 50, 3))
-    where = rng.random((60, 50)) < 0.5
-    exact = score_texture(truth, truth, where)
-    assert (exact.error, exact.share, exact.cells) == (0.0, 0.0, where.sum())
-    flat = np.broadcast_to(np.median(truth[where], axis=0), truth.shape)
-    assert score_texture(flat, truth, where).share == pytest.approx(1.0)
-    off = np.clip(truth + 10, 0, 300)
-    assert score_texture(off, truth, where).error == pytest.approx(10)
-    wrong = np.where(where[..., None], truth, 0)
-    assert score_texture(wrong, truth, where).error == 0
-
-
-def test_registration_finds_the_shift() -> None:
-    truth = np.random.default_rng(0).integers(0, 256, (60, 50, 3))
-    where = np.ones((60, 50), bool)
-    for across, up in ((0, 0), (2, 0), (-1, 3)):
-        assert registration(np.roll(truth, (up, across), axis=(0, 1)), truth, where) == (across, up)
-
-
-def test_pictures_that_do_not_fit_are_refused() -> None:
-    picture = np.zeros((4, 5, 3))
-    with pytest.raises(InputError, match="expected the same cells"):
-        score_texture(picture, picture[1:], np.ones((4, 5)))
-    with pytest.raises(InputError, match="no cell has a colour"):
-        score_texture(picture, picture, np.zeros((4, 5)))
 
 
 def test_the_picture_has_the_largest_y_on_top(tmp_path: Path) -> None:
