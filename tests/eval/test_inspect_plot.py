@@ -53,11 +53,8 @@ def lidar(stamps: np.ndarray, ranges: np.ndarray) -> LidarStream:
     return LidarStream(stamps, ranges.astype(np.float32), -1.0, 0.05, 0.1, 30.0)
 
 
-FEW_OR_NEARLY_ALL = [some for n in (1, 5) for some in combinations(STREAMS, n)]
-
-
 @pytest.mark.slow
-@pytest.mark.parametrize("names", FEW_OR_NEARLY_ALL, ids="-".join)
+@pytest.mark.parametrize("names", [*combinations(STREAMS, 1), STREAMS], ids="-".join)
 def test_any_streams_without_the_others(names: tuple[str, ...], tmp_path: Path, drawn: list[Figure]) -> None:
     part = WHOLE.replace(**{name: None for name in STREAMS if name not in names})
     figure = drawn_of(part, tmp_path, drawn)

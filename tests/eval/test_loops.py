@@ -82,20 +82,14 @@ def test_a_loop_is_false_beyond_30_cm_or_3_degrees() -> None:
     assert written["rotation_deg"]["max"] == pytest.approx(np.rad2deg(0.053))
 
 
-def test_the_rotation_error_is_wrapped_and_candidates_not_accepted_do_not_count() -> None:
+def test_only_accepted_loops_count_and_overruled_ones_are_counted_apart() -> None:
+    """The latter were edges of the graph; that they are no longer accepted does not make the others right."""
     _, truth = rounds()
     far = [loop(truth, 2, 33, (9.0, 0, 0), verdict) for verdict in ("weak", "ambiguous", "outside", "contradicted")]
-    result = score_loops([loop(truth, 2, 33, (0.0, 0.0, 2 * np.pi)), *far], truth)
-    assert (result.pairs, result.precision) == (1, 1.0)
-
-
-def test_loops_that_the_final_path_overruled_are_counted_apart() -> None:
-    """They were edges of the graph; that they are no longer accepted does not make the others right."""
-    _, truth = rounds()
     overruled = [loop(truth, 2, 33, off, "overruled") for off in ((0.4, 0, 0), (0, 0, 0.06), (0.25, 0, 0))]
-    result = score_loops([loop(truth, 2, 33), *overruled], truth)
-    assert (result.pairs, result.false, result.overruled, result.overruled_false) == (1, 0, 3, 2)
-    assert result.as_dict()["overruled_false"] == 2
+    result = score_loops([loop(truth, 2, 33, (0.0, 0.0, 2 * np.pi)), *far, *overruled], truth)  # an angle is wrapped
+    assert (result.pairs, result.precision) == (1, 1.0)
+    assert (result.false, result.overruled, result.overruled_false) == (0, 3, 2)
 
 
 def test_without_an_accepted_loop_there_is_no_precision() -> None:
@@ -148,7 +142,7 @@ def test_possible_loops_are_those_that_plain_numpy_finds() -> None:
     assert min(found.later) > 25
 
 
-def test_from_the_other_side_half_of_the_endpoints_are_not_shared() -> None:
+def test_from_the_other_side_half_of_the_endpoints_are_not_shared(monkeypatch: pytest.MonkeyPatch) -> None:
     """The same round, driven back: a lidar that looks ahead sees the other half of the room."""
     there = np.arange(0.0, 2 * np.pi, 0.2)
     angles = np.concatenate((there, there[-1] - 0.2 - there))
@@ -156,6 +150,9 @@ def test_from_the_other_side_half_of_the_endpoints_are_not_shared() -> None:
     back = possible_loops(*drive(angles, heading))
     ahead = possible_loops(*rounds())
     assert len(back.later) < 0.1 * len(ahead.later)
+    monkeypatch.setattr(metric, "MAX_KEY_SCANS", 21)
+    few = possible_loops(*rounds())
+    assert 0 < len(np.unique((few.earlier, few.later))) <= 21
 
 
 def test_a_loop_binds_the_scans_of_some_metres() -> None:
@@ -192,23 +189,13 @@ def test_dense_recordings_and_truths_are_measured_at_the_same_key_scans() -> Non
     assert score_loops(found, truth.at(stamps), sparse).recall == pytest.approx(one.recall, abs=0.05)
 
 
-def test_of_a_long_drive_a_bounded_number_of_key_scans_is_looked_at(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(("seen", "last"), [(0, None), (40, 39)])
+def test_scans_without_endpoints_have_no_possible_loop(seen: int, last: int | None) -> None:
     recording, truth = rounds()
-    monkeypatch.setattr(metric, "MAX_KEY_SCANS", 21)
-    found = possible_loops(recording, truth)
-    assert 0 < len(np.unique((found.earlier, found.later))) <= 21
-
-
-def test_scans_without_endpoints_have_no_possible_loop() -> None:
-    recording, truth = rounds()
-    assert recording.lidar is not None
-    everywhere = np.full_like(recording.lidar.ranges, np.inf)
-    blind = recording.replace(lidar=LidarStream(**{**vars(recording.lidar), "ranges": everywhere}))
-    assert not len(possible_loops(blind, truth).later)
-    seen = recording.lidar.ranges.copy()
-    seen[40:] = np.inf
-    half = recording.replace(lidar=LidarStream(**{**vars(recording.lidar), "ranges": seen}))
-    assert max(possible_loops(half, truth).later) == 39
+    ranges = np.array(recording.lidar.ranges)  # type: ignore[union-attr]
+    ranges[seen:] = np.inf
+    blind = recording.replace(lidar=replace(recording.lidar, ranges=ranges))  # type: ignore[type-var]
+    assert max(possible_loops(blind, truth).later, default=None) == last
 
 
 @pytest.fixture

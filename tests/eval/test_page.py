@@ -161,8 +161,8 @@ def test_a_report_of_the_command_line(tmp_path: Path, monkeypatch: pytest.Monkey
     monkeypatch.chdir(tmp_path)
     sweep(Path("s.sweep"))
     assert main.run(["report", "s.sweep", "--json"]) == 0
-    said = json.loads(capsys.readouterr().out)
-    assert said == {"file": "report.html", "bytes": Path("report.html").stat().st_size, "runs": 58}
+    size = Path("report.html").stat().st_size
+    assert json.loads(capsys.readouterr().out) == {"file": "report.html", "bytes": size, "runs": 58}
     assert main.run(["report", "s.sweep", "--force", "--title", "again"]) == 0
     assert "<title>again</title>" in Path("report.html").read_text(encoding="utf-8")
 
