@@ -109,7 +109,7 @@ def animate(
     check_film(out)
     options.expect_new(out, force=force)
     with _options_named():
-        Pace(fps, 1.0 if speed is None else speed)  # before the simulation, whose duration is not known yet
+        Pace.of(0.0, fps=fps, speed=speed)  # before the simulation, whose duration is not known yet
     config = options.SlamOptions(preset=preset, settings=settings).resolved()
     chosen = Wanted(scenario, platform=platform, noise=noise).load(seed)
     if duration is not None:

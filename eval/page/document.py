@@ -96,16 +96,9 @@ def page(
             "names": names,
             "units": units,
             "meanings": meanings,
-            "counts": {
-                "runs": len(runs),
-                "configurations": len(by_configuration),
-                "places": len({run.place for run in runs}),
-                "seeds": len({run.seed for run in runs}),
-                "failed": sum(run.status != "ok" for run in runs),
-                "success": _success(runs),
-            },
-            "configurations": _rows(runs, names),
-            "places": _places(runs, names),
+            "runs": runs,
+            "configurations": by_configuration,
+            "places": charts.grouped(runs, lambda run: ", ".join(filter(None, (run.place, run.platform, run.noise)))),
             "baseline": first,
             "pairs": {name: _pairs(by_configuration, first, name) for name in names} if several else {},
             "failures": [run for run in runs if run.status != "ok"],
@@ -144,6 +137,10 @@ def _render(context: dict[str, Any]) -> str:
         "share": _share,
         "lines": lambda text: Markup("\n").join(escape(literal(line)) for line in text.splitlines()),
         "key": lambda value: "" if value is None else repr(value),  # by which a cell is sorted
+        "success": lambda runs: Proportion(sum(run.succeeded for run in runs), len(runs)),
+        "summary": charts.summary_of,
+        "by_configuration": lambda runs: charts.grouped(runs, lambda run: run.configuration),
+        "s": lambda count: "" if count == 1 else "s",
     }
     policy = (
         f"default-src 'none'; script-src {' '.join(map(_hash, scripts))}; style-src {_hash(style)} {_hash('')}; "
@@ -173,29 +170,6 @@ def _metrics(material: Material, wanted: Sequence[str]) -> list[str]:
     return list(dict.fromkeys(found or having or material.wanted or ["final.ate"]))[
         : max(MOST_METRICS, len(set(material.wanted)))
     ]
-
-
-def _success(runs: Sequence[ReportRun]) -> Proportion:
-    return Proportion(sum(run.succeeded for run in runs), len(runs))
-
-
-def _rows(runs: Sequence[ReportRun], names: Sequence[str]) -> list[dict[str, Any]]:
-    """A row a configuration, over all that it was run on."""
-    return [
-        {
-            "name": name,
-            "runs": len(members),
-            "success": _success(members),
-            "values": [charts.summary_of(members, each) for each in names],
-        }
-        for name, members in charts.grouped(runs, lambda run: run.configuration).items()
-    ]
-
-
-def _places(runs: Sequence[ReportRun], names: Sequence[str]) -> list[tuple[str, list[dict[str, Any]]]]:
-    """For each scenario with robot and noise a row a configuration; nothing where there is but one of them."""
-    groups = charts.grouped(runs, lambda run: ", ".join(filter(None, (run.place, run.platform, run.noise))))
-    return [(place, _rows(members, names)) for place, members in groups.items()] if len(groups) > 1 else []
 
 
 def _pairs(groups: dict[str, list[ReportRun]], baseline: str, name: str) -> list[tuple[str, Comparison]]:

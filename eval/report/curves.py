@@ -82,17 +82,10 @@ def _draw_errors(distance: Axes, angle: Axes | None, lines: Sequence[Line], *, l
 def draw_effective_particles(
     path: str | PathLike[str], stamps: Array, n_eff: Array, resampled: Array, *, particles: Array, title: str = ""
 ) -> None:
-    """The effective number of particles over time, how many there are where that changes, and the resamplings.
+    """The effective number of particles before resampling at updates [n] of the filter with stamps [s], how many
+    particles there are where that changes, and where the filter resampled (not 0).
 
     Of more than ``SINGLE_VALUES`` updates, the range in windows and a running median are drawn.
-
-    Args:
-        path: of the PNG.
-        stamps: [n] of the updates of the filter [s].
-        n_eff: [n] before resampling, from 1.
-        resampled: [n], not 0 where the filter resampled.
-        particles: [n] how many there are.
-        title: over the figure.
     """
     time, when, most, n = stamps - stamps[0], np.asarray(resampled, bool), int(particles.max()), len(stamps)
     with style.saved_figure(path, size=(10.0, 3.6), title=title) as figure:
@@ -125,12 +118,7 @@ def draw_comparison(
 ) -> None:
     """Errors over time and paths, after alignment; against relations, the share of them below each error.
 
-    Against positions there are no errors of the heading.
-
-    Args:
-        path: of the PNG.
-        results: by the name of the trajectory, at least one, all of one kind.
-        title: over the figure.
+    Of trajectories by name, one at least, all of one kind. Against positions there are no errors of the heading.
     """
     shown = dict(zip(_short(list(results)), results.values(), strict=True))
     against = {name: result for name, result in shown.items() if isinstance(result, AteResult)}
@@ -149,8 +137,8 @@ def _draw_errors_and_paths(path: str | PathLike[str], results: Mapping[str, AteR
     ]
     with style.saved_figure(path, size=(12.0, 5.5), title=title, columns=(1, 1)) as figure:
         grid = figure.add_gridspec(2, 2, width_ratios=(1.2, 1.0))
-        plan = figure.add_subplot(grid[:, 1])
         distance = figure.add_subplot(grid[0, 0] if has_heading else grid[:, 0])
+        plan = figure.add_subplot(grid[:, 1])
         angle = figure.add_subplot(grid[1, 0], sharex=distance) if has_heading else None
         _draw_errors(distance, angle, lines)
         plan.plot(*first[:, :2].T, label="reference", **style.TRUTH_BAND)

@@ -69,12 +69,6 @@ class Pace:
     fps: float
     speed: float
 
-    def __post_init__(self) -> None:
-        if not 1 <= self.fps <= MAX_FPS:
-            raise ConfigError(f"{self.fps:g}, expected 1 to {MAX_FPS:g} frames a second", field="fps")
-        if not 0.1 <= self.speed <= MAX_SPEED:
-            raise ConfigError(f"{self.speed:g}, expected 0.1 to {MAX_SPEED:g} times real time", field="speed")
-
     @classmethod
     def of(cls, duration: float, *, fps: float = 15.0, speed: float | None = None) -> Pace:
         """The pace of a film of a run of this duration [s]; without a speed it takes at most ``USUAL_LENGTH``.
@@ -84,11 +78,14 @@ class Pace:
         """
         if speed is None:
             speed = next((speed for speed in SPEEDS if duration / speed <= USUAL_LENGTH), SPEEDS[-1])
-        pace = cls(fps, speed)
+        if not 1 <= fps <= MAX_FPS:
+            raise ConfigError(f"{fps:g}, expected 1 to {MAX_FPS:g} frames a second", field="fps")
+        if not 0.1 <= speed <= MAX_SPEED:
+            raise ConfigError(f"{speed:g}, expected 0.1 to {MAX_SPEED:g} times real time", field="speed")
         if duration * fps / speed > MAX_FRAMES:
             found = f"{duration:.0f} s at {fps:g} frames a second and {speed:g} times real time"
             raise ConfigError(f"{found}, expected a speed for at most {MAX_FRAMES} frames", field="speed")
-        return pace
+        return cls(fps, speed)
 
     def moments(self, stamps: Array) -> NDArray[np.int64]:
         """For each frame [k] the index of the last scan before it, of scans with these stamps [n] [s].

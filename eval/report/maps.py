@@ -88,12 +88,7 @@ def draw_dead_reckoning(
 ) -> None:
     """Dead reckoning, with the scans where it would put them (figures 5 and 6): their walls drift apart.
 
-    Args:
-        path: of the PNG.
-        trajectory: of dead reckoning; at every scan where there are scans.
-        recording: whose scans are drawn; None, or one without, draws the path alone.
-        truth: in the frame of dead reckoning: both start at the same pose.
-        title: over the figure.
+    Scans are drawn where the trajectory has a pose for each. The truth starts at the same pose as dead reckoning.
     """
     walls = np.zeros((0, 2))
     if recording is not None and recording.lidar is not None and len(recording.lidar) == len(trajectory):
@@ -219,13 +214,9 @@ def with_opacity(texture: TextureMap) -> NDArray[np.uint8]:
 def draw_over_time(
     path: str | PathLike[str], snapshots: Sequence[Snapshot], *, trajectory: Trajectory, title: str = ""
 ) -> None:
-    """The trajectory and the map at stages of the run (figures 1 and 2 of the paper), all at one scale.
+    """The map at stages of the run, one at least, and the trajectory, as it was known at each scan, until then.
 
-    Args:
-        path: of the PNG.
-        snapshots: of the map, at least one.
-        trajectory: as it was known at each scan.
-        title: over the figure.
+    All at one scale: figures 1 and 2 of the paper.
     """
     points = np.concatenate([trajectory.poses[:, :2], map_corners(snapshots[-1].map)])
     with _panels(path, len(snapshots), points, width=11.0, columns=(6, 3), title=title) as panels:
@@ -245,12 +236,8 @@ def draw_texture_over_time(
 ) -> None:
     """The map and, beside it, the coloured floor at stages of the run (figures 3 and 4 of the paper).
 
-    Args:
-        path: of the PNG.
-        stages: stamp [s] and coloured floor, at least one.
-        occupancy: the map, drawn in the first panel and, its walls alone, over the colours.
-        trajectory: along which the floor was coloured.
-        title: over the figure.
+    The stages have a stamp [s] each; over their colours are the walls of the map, and the trajectory along which the
+    floor was coloured until then.
     """
     belief = np.tanh(occupancy.values / 2)
     dark = np.zeros((*belief.shape, 4))
@@ -286,15 +273,9 @@ def _panels(
     columns: tuple[int, int],
     title: str,
 ) -> Iterator[list[Axes]]:
-    """The axes of a figure of floor plans that share their limits.
+    """The axes of a figure of this width [inch] with that many floor plans, all of which show points [n, 2] [m].
 
-    Args:
-        path: of the PNG.
-        count: of the plans.
-        points: [n, 2] that all of them show [m].
-        width: of the figure [inch].
-        columns: of plans at most, where they are high, and where they are not; 2 of wide ones.
-        title: over the figure.
+    ``columns`` are as many plans as stand side by side where they are high, and where they are not; 2 of wide ones do.
     """
     wide, high = np.ptp(points, axis=0) + 1.0
     across = min(count, columns[0] if high > 2 * wide else 2 if high < 0.3 * wide else columns[1])

@@ -219,10 +219,11 @@ def _draw_labels(axes: Axes, labels: Sequence[Label], scale: float) -> None:
     from matplotlib.quiver import Quiver
 
     lines = [np.asarray(line.get_xydata()) for line in axes.lines]
-    areas = [collection for collection in axes.collections if not isinstance(collection, Quiver)]  # beside the route
-    lines += [np.asarray(path.vertices) for collection in areas for path in collection.get_paths()]
+    arrows = [each for each in axes.collections if isinstance(each, Quiver)]
+    areas = [each for each in axes.collections if each not in arrows]
+    lines += [np.asarray(path.vertices) for each in areas for path in each.get_paths()]
     sampled = [along(line, FONT_SIZE / 3 / scale)[0] for line in lines if len(line) > 1]
-    drawn = np.concatenate([np.zeros((0, 2)), *sampled])
+    drawn = np.concatenate([np.zeros((0, 2)), *sampled, *(each.XY for each in arrows)])
     low, high = np.transpose((axes.get_xlim(), axes.get_ylim()))
     centres, sizes = np.zeros((0, 2)), np.zeros((0, 2))
     for label in labels:

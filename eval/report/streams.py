@@ -56,7 +56,7 @@ def draw_streams(path: str | PathLike[str], recording: Recording, found: Inspect
             axes.set_ylabel("yaw rate [rad/s]")
             _legend(axes)
         if lidar is not None:
-            _draw_ranges(panels[-2], panels[-1], lidar, first, span)
+            _draw_ranges(panels[-2], panels[-1], lidar, first)
 
 
 def _draw_cover(axes: Axes, stamps: dict[str, Array], colours: dict[str, str]) -> None:
@@ -98,49 +98,37 @@ def _draw_rates(axes: Axes, stamps: dict[str, Array], colours: dict[str, str], s
     _legend(axes)
 
 
-def _draw_ranges(above: Axes, below: Axes, lidar: LidarStream, first: float, span: float) -> None:
-    """How many ranges of each length there are over time, and the shares of those that are no endpoints."""
-    bins = min(BINS, len(lidar))
-    edges = np.linspace(0.0, span, bins + 1)
-    limit = _longest(lidar)
-    counts, beams = np.zeros((RANGE_BINS, bins)), np.zeros(bins)
-    without, invalid = np.zeros(bins), np.zeros(bins)
-    for start in range(0, len(lidar), CHUNK):
+def _draw_ranges(above: Axes, below: Axes, lidar: LidarStream, first: float) -> None:
+    """How many ranges of each length there are over time, and the shares of those that are no endpoints.
+
+    A column is a group of scans, up to the next group; between two groups with a gap between them it is empty.
+    """
+    times, gaps, limit, count = lidar.stamps - first, _gaps(lidar.stamps), _longest(lidar), len(lidar)
+    begins = np.union1d(np.linspace(0, count, min(BINS, count), endpoint=False).astype(np.intp), gaps + 1)
+    columns, lengths = np.arange(len(begins) + 1), np.linspace(0, limit, RANGE_BINS + 1)
+    ranges_seen, beams = np.zeros((RANGE_BINS, len(begins))), np.zeros(len(begins))
+    without, invalid = np.zeros(len(begins)), np.zeros(len(begins))
+    for start in range(0, count, CHUNK):
         ranges = lidar.ranges[start : start + CHUNK]
-        times = np.repeat(lidar.stamps[start : start + CHUNK, None] - first, ranges.shape[1], axis=1)
+        column = np.searchsorted(begins, np.arange(start, start + len(ranges)), side="right") - 1
+        column = np.repeat(column[:, None], ranges.shape[1], axis=1)
         meant, good = measured(ranges, lidar.interlace), np.isfinite(ranges)
-        counts += np.histogram2d(ranges[good], times[good], (RANGE_BINS, bins), ((0, limit), (0, span)))[0]
+        ranges_seen += np.histogram2d(ranges[good], column[good], (lengths, columns))[0]
         for total, chosen in ((beams, meant), (without, np.isinf(ranges)), (invalid, np.isnan(ranges) & meant)):
-            total += np.histogram(times[chosen], edges)[0]
-    share = np.divide(counts, beams, out=np.zeros_like(counts), where=beams > 0)
-    shown = _shown_in(edges, lidar.stamps - first, beams > 0)
-    share = np.where(shown >= 0, share[:, shown], 0.0)
-    above.pcolormesh(edges, np.linspace(0, limit, RANGE_BINS + 1), np.sqrt(share), cmap="Greys", rasterized=True)
+            total += np.histogram(column[chosen], columns)[0]
+    after = np.flatnonzero(np.isin(begins, gaps + 1))
+    edges = np.insert(np.append(times[begins], times[-1]), after, times[begins[after] - 1])
+    shares = np.insert(ranges_seen / np.maximum(beams, 1), after, 0.0, axis=1)
+    above.pcolormesh(edges, lengths, np.sqrt(shares), cmap="Greys", rasterized=True)
     above.set_ylabel("range [m]")
     above.set_title("ranges; dark: many beams of that range", loc="left")
     for total, colour, label in ((without, SLAM, "no return"), (invalid, DEAD_RECKONING, "invalid")):
-        percent = np.divide(100 * total, beams, out=np.full(bins, np.nan), where=beams > 0)
-        percent = np.where(shown >= 0, percent[shown], np.nan)
-        label = f"{label}, {100 * total.sum() / beams.sum():.2g} %"
+        percent = np.insert(100 * total / np.maximum(beams, 1), after, np.nan)
+        label = f"{label}, {100 * total.sum() / max(beams.sum(), 1):.2g} %"
         below.plot((edges[1:] + edges[:-1]) / 2, percent, color=colour, label=label, lw=1.2)
     below.set_ylabel("beams [%]")
     below.set_ylim(bottom=0)
     _legend(below)
-
-
-def _shown_in(edges: Array, stamps: Array, has_scans: NDArray[np.bool_]) -> NDArray[np.intp]:
-    """Of which column each column of a picture shows the scans: its own, else the last one's before it; -1 in a gap.
-
-    Args:
-        edges: [n + 1] of the columns [s].
-        stamps: [k] of the scans [s].
-        has_scans: [n] whether a scan falls into a column.
-    """
-    columns = np.arange(len(has_scans))
-    shown = np.maximum.accumulate(np.where(has_scans, columns, -1))
-    before = np.searchsorted(stamps, edges[:-1], side="right") - 1  # the last scan before a column without one
-    in_gap = np.isin(before, _gaps(stamps)) | (before < 0) | (before >= len(stamps) - 1)
-    return np.where(has_scans | ~in_gap, shown, -1)
 
 
 def _longest(lidar: LidarStream) -> float:

@@ -44,17 +44,10 @@ def draw_sweep(
     column: str,
     label: str | None = None,
 ) -> None:
-    """Medians over a column with bars for their 95 % bootstrap intervals, a panel a metric.
+    """Medians over a column of ``GroupSummary.about`` with bars for their 95 % bootstrap intervals, a panel a metric.
 
     A median that is infinite, since half of the runs failed, is an open marker beyond the others. Bars end at the edge
-    where they go on to infinity.
-
-    Args:
-        path: of the PNG.
-        groups: of a sweep, with all of the metrics.
-        metrics: names.
-        column: of ``GroupSummary.about``, such as a key that varies; groups without it are left out.
-        label: of the axis, by default the name of the column.
+    where they go on to infinity. Groups without the column are left out.
     """
     shown = [group for group in groups if column in group.about]
     places = places_of([group.about[column] for group in shown])
