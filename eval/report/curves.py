@@ -6,7 +6,7 @@ import os
 from collections.abc import Mapping, Sequence
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,9 +17,6 @@ from moteslam.eval.metrics.relations import RelationResult
 from moteslam.eval.metrics.residuals import ResidualResult
 from moteslam.eval.report import style
 from moteslam.eval.report.style import broken, curve_axes, line_look
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 Array = NDArray[np.float64]
 Line = tuple[str, AteResult, dict[str, Any]]
@@ -64,7 +61,9 @@ def draw_error(
         _draw_errors(distance, angle, lines, logarithmic=max(rmse) > FAR_APART * min(rmse))
 
 
-def _draw_errors(distance: Axes, angle: Axes | None, lines: Sequence[Line], *, logarithmic: bool = False) -> None:
+def _draw_errors(
+    distance: style.Axes, angle: style.Axes | None, lines: Sequence[Line], *, logarithmic: bool = False
+) -> None:
     start = min(float(errors.stamps[0]) for _, errors, _ in lines)
     for label, errors, look in lines:
         time = errors.stamps - start

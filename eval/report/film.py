@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from itertools import chain
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,9 +26,6 @@ from moteslam.sim.sensors.clock import EPOCH
 from moteslam.sim.simulate import Simulation
 from moteslam.slam.run import SlamSession
 from moteslam.slam.scan_records import Update
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 Array = NDArray[np.float64]
 Frame = NDArray[np.uint8]
@@ -146,7 +143,7 @@ def film(simulation: Simulation, session: SlamSession, pace: Pace) -> Iterator[t
             yield update, (np.asarray(canvas.buffer_rgba())[..., :3].copy(),) * int(shown[update.index])
 
 
-def _draw(axes: Axes, simulation: Simulation, start: Array, walls: Array, update: Update, path: Array) -> None:
+def _draw(axes: style.Axes, simulation: Simulation, start: Array, walls: Array, update: Update, path: Array) -> None:
     """What there is at the moment of an update, and SLAM's path so far [k, 3]; ``start`` is the true pose at first."""
     from matplotlib.collections import LineCollection
     from matplotlib.patches import Polygon

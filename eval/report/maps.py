@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from os import PathLike
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,9 +23,6 @@ from moteslam.slam.run import SlamSession
 from moteslam.slam.scan_records import Update
 from moteslam.slam.texture.floor_map import TextureMap, TextureMapper
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
 Array = NDArray[np.float64]
 
 SCANS_DRAWN, BEAMS_DRAWN = 400, 180
@@ -38,7 +35,7 @@ REJECTED_DRAWN = ("overruled", "contradicted", "ambiguous")
 """Verdicts of the rejected candidates that are drawn: a place was found there. The others are counted alone."""
 
 
-def draw_map(axes: Axes, occupancy: Raster) -> None:
+def draw_map(axes: style.Axes, occupancy: Raster) -> None:
     """The map: white where free, a light grey where unknown and beyond, dark where occupied."""
     axes.set_facecolor(style.UNKNOWN)
     look: dict[str, Any] = {"cmap": "gray", "vmin": 0, "vmax": 1, "interpolation": "antialiased"}
@@ -257,7 +254,7 @@ def draw_texture_over_time(
             axes.set_title(f"{stamp - trajectory.stamps[0]:.0f} s")
 
 
-def _draw_path(axes: Axes, poses: NDArray[np.float64], name: str, end: str) -> None:
+def _draw_path(axes: style.Axes, poses: NDArray[np.float64], name: str, end: str) -> None:
     axes.plot(*poses[:, :2].T, color=style.SLAM, lw=1.0, label=name)
     style.mark_start(axes, poses)
     style.mark_ends(axes, (poses, style.SLAM), label=end)
@@ -272,7 +269,7 @@ def _panels(
     width: float,
     columns: tuple[int, int],
     title: str,
-) -> Iterator[list[Axes]]:
+) -> Iterator[list[style.Axes]]:
     """The axes of a figure of this width [inch] with that many floor plans, all of which show points [n, 2] [m].
 
     ``columns`` are as many plans as stand side by side where they are high, and where they are not; 2 of wide ones do.

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 from os import PathLike
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,9 +14,6 @@ from moteslam.eval.report import style
 from moteslam.eval.report.style import STEPS, broken
 from moteslam.robot.se2 import between, compose
 from moteslam.slam.estimate import Estimate
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 Array = NDArray[np.float64]
 
@@ -113,7 +109,7 @@ def magnification(largest: float, size: float) -> int:
     return max(int(step) for step in STEPS if step == 1 or 1 < step <= min(limit, 5000))
 
 
-def _draw_plan(axes: Axes, cloud: Cloud, drawn: NDArray[np.int64]) -> None:
+def _draw_plan(axes: style.Axes, cloud: Cloud, drawn: NDArray[np.int64]) -> None:
     """The mean path, and around it the survivors' paths and the spread of all particles, magnified."""
     from matplotlib.collections import EllipseCollection, LineCollection
 
@@ -141,7 +137,7 @@ def _draw_plan(axes: Axes, cloud: Cloud, drawn: NDArray[np.int64]) -> None:
     style.show_everything(axes, paths[..., :2], *around, margin=0.03 * size + 0.1)
 
 
-def _draw_deviations(axes: Axes, cloud: Cloud, drawn: NDArray[np.int64], column: int) -> None:
+def _draw_deviations(axes: style.Axes, cloud: Cloud, drawn: NDArray[np.int64], column: int) -> None:
     """One component of the deviations over time: of the survivors' paths, and the standard deviation of all."""
     from matplotlib.collections import LineCollection
 
@@ -165,7 +161,7 @@ def _draw_deviations(axes: Axes, cloud: Cloud, drawn: NDArray[np.int64], column:
     style.curve_axes(axes, label)
 
 
-def _draw_ancestors(axes: Axes, cloud: Cloud) -> None:
+def _draw_ancestors(axes: style.Axes, cloud: Cloud) -> None:
     """How many ancestors the survivors have at each update, and where lineages part."""
     counts, partings, count = cloud.ancestor_counts, cloud.partings, len(cloud.paths)
     axes.plot(cloud.time, counts, color="black", lw=1.0, drawstyle="steps-post")

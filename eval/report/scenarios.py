@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from os import PathLike
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,9 +16,6 @@ from moteslam.sim.scenario import Scenario
 from moteslam.sim.world.layout import Layout
 from moteslam.sim.world.true_map import true_map
 from moteslam.sim.world.world import World
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 Array = NDArray[np.float64]
 
@@ -81,7 +78,7 @@ def draw_scenario(path: str | PathLike[str], scenario: Scenario, *, driven: Arra
         _draw_labels(axes, labels, scale)
 
 
-def _draw_unreached(axes: Axes, world: World, start: Array) -> None:
+def _draw_unreached(axes: style.Axes, world: World, start: Array) -> None:
     """Fill all but what can be reached from the robot's start."""
     from matplotlib.colors import ListedColormap
 
@@ -92,7 +89,7 @@ def _draw_unreached(axes: Axes, world: World, start: Array) -> None:
     axes.plot([], [], "s", mfc=FREE_SPACE, mec="0.6", ms=8, label="free space")
 
 
-def _draw_slippery(axes: Axes, layout: Layout) -> list[Label]:
+def _draw_slippery(axes: style.Axes, layout: Layout) -> list[Label]:
     """Patches of slippery floor; their labels."""
     from matplotlib.patches import Rectangle
 
@@ -104,7 +101,7 @@ def _draw_slippery(axes: Axes, layout: Layout) -> list[Label]:
     return labels
 
 
-def _draw_furniture(axes: Axes, layout: Layout) -> None:
+def _draw_furniture(axes: style.Axes, layout: Layout) -> None:
     """The areas that pieces take on the floor, a colour a kind."""
     from matplotlib.collections import PolyCollection
 
@@ -121,7 +118,7 @@ def _draw_furniture(axes: Axes, layout: Layout) -> None:
             axes.add_collection(PolyCollection(areas, facecolors=colour, label=f"{kind} ({len(areas)})", **look))
 
 
-def _draw_walls(axes: Axes, world: World) -> None:
+def _draw_walls(axes: style.Axes, world: World) -> None:
     """Walls and outlines of what stands, a colour a material."""
     from matplotlib.collections import LineCollection
 
@@ -135,7 +132,7 @@ def _draw_walls(axes: Axes, world: World) -> None:
             axes.add_collection(LineCollection(lines, colors=colour, linewidths=1.0 if plain else 2.2, label=label))
 
 
-def _draw_route(axes: Axes, scenario: Scenario, line: Array | None, scale: float, name: str) -> list[Label]:
+def _draw_route(axes: style.Axes, scenario: Scenario, line: Array | None, scale: float, name: str) -> list[Label]:
     """The route with arrows, its start and its goal; their labels."""
     start = scenario.start
     style.mark_start(axes, start[None])
@@ -172,7 +169,7 @@ def along(line: Array, spacing: float) -> tuple[Array, Array]:
     return line[leg] + (at - travelled[leg])[:, None] * directions, directions
 
 
-def _draw_people(axes: Axes, scenario: Scenario) -> list[Label]:
+def _draw_people(axes: style.Axes, scenario: Scenario) -> list[Label]:
     """Where people start and walk; their labels."""
     labels = []
     for i, person in enumerate(scenario.people):
@@ -187,7 +184,7 @@ def _draw_people(axes: Axes, scenario: Scenario) -> list[Label]:
     return labels
 
 
-def _draw_doors(axes: Axes, scenario: Scenario) -> list[Label]:
+def _draw_doors(axes: style.Axes, scenario: Scenario) -> list[Label]:
     """The leaves of doors, shut and open; their labels."""
     labels = []
     for i, door in enumerate(scenario.doors):
@@ -209,7 +206,7 @@ def _opening(door: Door) -> Array:
     return np.concatenate((hinge + arc, hinge[None]))
 
 
-def _draw_labels(axes: Axes, labels: Sequence[Label], scale: float) -> None:
+def _draw_labels(axes: style.Axes, labels: Sequence[Label], scale: float) -> None:
     """Write labels beside their places on a plan of this scale [inch/m], with a rim that keeps them legible on lines.
 
     Each is where it covers no label before it, is inside the axes, and covers the least of what is drawn; of such

@@ -3,20 +3,15 @@
 from __future__ import annotations
 
 from os import PathLike
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from moteslam.eval.report.style import DEAD_RECKONING, SLAM, saved_figure
+from moteslam.eval.report import style
+from moteslam.eval.report.style import DEAD_RECKONING, SLAM
 from moteslam.robot.inspection import GAP, REPORTED_GAP, Inspection
-from moteslam.robot.recording import CHUNK, measured
+from moteslam.robot.recording import CHUNK, LidarStream, Recording, measured
 from moteslam.robot.sensor_reports import SCANS, yaw_rates
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
-    from moteslam.robot.recording import LidarStream, Recording
 
 Array = NDArray[np.float64]
 
@@ -39,7 +34,7 @@ def draw_streams(path: str | PathLike[str], recording: Recording, found: Inspect
     heights = [0.35 * len(stamps) + 0.3, 1.4, *([1.6] if rates else []), *([2.0, 1.0] if lidar is not None else [])]
     title = f"{recording.name}: {span:.0f} s from {first:.3f} s on"
     since = {name: some - first for name, some in stamps.items()}
-    with saved_figure(path, size=(10.0, sum(heights) + 0.5 * len(heights) + 0.6), title=title) as figure:
+    with style.saved_figure(path, size=(10.0, sum(heights) + 0.5 * len(heights) + 0.6), title=title) as figure:
         panels = list(figure.subplots(len(heights), 1, sharex=True, squeeze=False, height_ratios=heights)[:, 0])
         panels[0].set_xlim(-0.01 * span, 1.01 * span)
         panels[-1].set_xlabel("time since the first stamp [s]")
@@ -59,7 +54,7 @@ def draw_streams(path: str | PathLike[str], recording: Recording, found: Inspect
             _draw_ranges(panels[-2], panels[-1], lidar, first)
 
 
-def _draw_cover(axes: Axes, stamps: dict[str, Array], colours: dict[str, str]) -> None:
+def _draw_cover(axes: style.Axes, stamps: dict[str, Array], colours: dict[str, str]) -> None:
     """A bar for what each stream covers, in black where it has a gap."""
     for row, (name, some) in enumerate(stamps.items()):
         steps = np.diff(some)
@@ -82,7 +77,7 @@ def _gaps(stamps: Array) -> NDArray[np.intp]:
     return np.flatnonzero(steps > longest)
 
 
-def _draw_rates(axes: Axes, stamps: dict[str, Array], colours: dict[str, str], span: float) -> None:
+def _draw_rates(axes: style.Axes, stamps: dict[str, Array], colours: dict[str, str], span: float) -> None:
     means = [len(some) / span for some in stamps.values()]
     for width, (name, some) in zip(np.linspace(3.0, 1.0, len(stamps)), stamps.items(), strict=True):
         # from its first to its last reading: a bin that is half empty is no change of the rate
@@ -98,7 +93,7 @@ def _draw_rates(axes: Axes, stamps: dict[str, Array], colours: dict[str, str], s
     _legend(axes)
 
 
-def _draw_ranges(above: Axes, below: Axes, lidar: LidarStream, first: float) -> None:
+def _draw_ranges(above: style.Axes, below: style.Axes, lidar: LidarStream, first: float) -> None:
     """How many ranges of each length there are over time, and the shares of those that are no endpoints.
 
     A column is a group of scans, up to the next group; between two groups with a gap between them it is empty.
@@ -138,6 +133,6 @@ def _longest(lidar: LidarStream) -> float:
     return float(np.quantile(endpoints, 0.995)) * 1.05 if len(endpoints) else lidar.range_max
 
 
-def _legend(axes: Axes) -> None:
+def _legend(axes: style.Axes) -> None:
     """Beside the panel, over no data."""
     axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))

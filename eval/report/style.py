@@ -21,8 +21,10 @@ from moteslam.robot.files import write_atomically
 from moteslam.robot.pictures import STYLE
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
+    import matplotlib.axes
     from matplotlib.figure import Figure
+
+    Axes = matplotlib.axes.Axes  # of annotations here and in the files beside this one
 
 Array = NDArray[np.float64]
 

@@ -5,16 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from math import isfinite, log10
 from os import PathLike
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from moteslam.eval.metrics.registry import metric
 from moteslam.eval.report import style
 from moteslam.eval.sweep.tables import GroupSummary, better, varying
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 FAR_APART, FAR_APART_BELOW = 12.0, 5.0
 """Values of which one is this many times another have a logarithmic axis, if all are above 0; so have those below."""
@@ -109,7 +106,7 @@ def far_apart(values: Sequence[float], factor: float = FAR_APART) -> bool:
     return len(values) > 0 and min(values) > 0 and max(values) >= factor * min(values)
 
 
-def _draw(axes: Axes, lines: Sequence[Line], name: str, places: dict[Any, float]) -> None:
+def _draw(axes: style.Axes, lines: Sequence[Line], name: str, places: dict[Any, float]) -> None:
     summaries = [group.values[name] for line in lines for group in line.groups]
     ends = [value for one in summaries for value in (one.median, one.low, one.high)]
     finite = [value for value in ends if value is not None and isfinite(value)]
