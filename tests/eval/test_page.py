@@ -94,13 +94,15 @@ def test_particles_are_written_and_read(result: Path, run) -> None:
     np.testing.assert_allclose(decoded(shown["paths"][0][0])[-1], estimate.particle_paths[0, -1, 0], atol=1e-3)
 
 
-def test_damaged_particles_name_their_file(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("stamps", "value", "problem"), [((1.0, 0.0), 0.0, "stamps: stamps go back"), ((0.0, 1.0), np.nan, "paths: ")]
+)
+def test_damaged_particles_name_their_file(
+    tmp_path: Path, stamps: tuple[float, float], value: float, problem: str
+) -> None:
     file = tmp_path / "particles.npz"
-    np.savez(file, stamps=[1.0, 0.0], paths=np.zeros((2, 2, 3)), spread=np.zeros((2, 3)))
-    with pytest.raises(InputError, match=r"particles\.npz: stamps: stamps go back"):
-        read_particles(file)
-    np.savez(file, stamps=[0.0, 1.0], paths=np.full((2, 2, 3), np.nan), spread=np.zeros((2, 3)))
-    with pytest.raises(InputError, match=r"particles\.npz: paths: expected finite"):
+    np.savez(file, stamps=stamps, paths=np.full((2, 2, 3), value), spread=np.zeros((2, 3)))
+    with pytest.raises(InputError, match=rf"particles\.npz: {problem}"):
         read_particles(file)
 
 

@@ -61,21 +61,16 @@ def ranges_of(recording: Recording) -> np.ndarray:
     return np.array(recording.lidar.ranges)  # type: ignore[union-attr]
 
 
-def test_a_wall_without_noise_has_no_residuals() -> None:
+def test_without_noise_there_are_no_residuals_else_the_median_is_087_of_it() -> None:
     result = scan_residuals(*along_wall(20))
     assert result.quantile_90 < 1e-6
     assert (result.beyond_3_cm, result.no_return, result.matched) == (0.0, 0.0, 20)
     assert np.array_equal(result.stamps, np.arange(0, 20, 2) * 0.1)
-    assert len(result.medians) == 10
-    assert result.endpoints == 10 * len(BEAMS)
-
-
-def test_the_median_is_087_of_the_noise() -> None:
-    sigma = 0.005
-    result = scan_residuals(*along_wall(200, noise=sigma))
-    assert result.median == pytest.approx(0.87 * sigma, rel=0.04)
-    assert result.quantile_90 == pytest.approx(0.87 / 0.6745 * 1.645 * sigma, rel=0.04)
-    assert scan_residuals(*along_wall(200, noise=4 * sigma)).beyond_3_cm > 0.2
+    assert (len(result.medians), result.endpoints) == (10, 10 * len(BEAMS))
+    noisy = scan_residuals(*along_wall(200, noise=0.005))
+    assert noisy.median == pytest.approx(0.87 * 0.005, rel=0.04)
+    assert noisy.quantile_90 == pytest.approx(0.87 / 0.6745 * 1.645 * 0.005, rel=0.04)
+    assert scan_residuals(*along_wall(200, noise=0.02)).beyond_3_cm > 0.2
 
 
 @pytest.mark.parametrize(("off", "beyond"), [(0.04, 1.0), (0.02, 0.0)])
@@ -232,7 +227,6 @@ def test_scans_without_endpoints_are_no_fault() -> None:
     ranges = ranges_of(recording)
     ranges[2:4] = np.inf
     evaluated = under_recording(truth, seen(recording, ranges))
-    assert np.isnan(evaluated.result.medians).tolist() == [False, True, False]
     assert [median is None for median in evaluated.errors["median_m"]] == [False, True, False]
     assert evaluated.result.endpoints == 2 * len(BEAMS)
 
@@ -273,17 +267,3 @@ def test_the_command_scores_by_scans_and_reference(folder: Path, capsys: pytest.
         assert len(row["errors"]["translation_m"]) == 30
     assert main.run(["evaluate", "part.tum", "--recording", "wall.log"]) == 0
     assert "warning: part.tum: 10 of 30 scans or poses have a partner" in capsys.readouterr().err
-
-
-@pytest.mark.slow
-def test_a_real_log(data_folder: Path) -> None:
-    """MIT CSAIL under a pose graph's trajectory; 9 mm under SLAM's own."""
-    recording = open_recording(data_folder / "csail" / "csail.log.gz")
-    reference = read_tum(data_folder / "csail" / "csail.reference.tum")
-    result = scan_residuals(recording, reference)
-    assert 0.012 < result.median < 0.019
-    assert 0.035 < result.quantile_90 < 0.06
-    assert result.no_return == pytest.approx(0.028, abs=0.001)
-    assert result.unseen < 0.1
-    poses = reference.poses + np.random.default_rng(1).normal(0.0, 0.05, reference.poses.shape) * (1, 1, 0)
-    assert scan_residuals(recording, Trajectory(reference.stamps, poses)).median > 1.5 * result.median
