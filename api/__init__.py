@@ -33,11 +33,10 @@ PUBLIC = {
     "moteslam.robot.cut": ("Cut", "cut"),
     "moteslam.robot.formats.written": ("write_carmen", "write_csv"),
     "moteslam.robot.formats.ucsd": ("write_ucsd",),
-    "moteslam.robot.formats.map_arrays": ("MapArrays", "read_map_arrays", "write_map_arrays"),
-    "moteslam.robot.formats.map_server": ("occupancy_of", "read_map", "read_occupancy", "write_map", "write_occupancy"),
+    "moteslam.robot.formats.map_server": ("read_map", "read_occupancy", "write_map"),
     "moteslam.robot.inspection": ("inspect_recording",),
     "moteslam.robot.values": ("Issue",),
-    "moteslam.robot.raster": ("Raster",),
+    "moteslam.robot.raster": ("MapArrays", "Raster", "read_map_arrays", "write_map_arrays"),
     "moteslam.robot.trajectory": ("PoseGraph", "Trajectory"),
     "moteslam.robot.trajectories": ("read_trajectory", "write_trajectory"),
     "moteslam.robot.trajectories.text": (

@@ -31,7 +31,7 @@ from moteslam.robot.platform import Platform
 from moteslam.robot.recording import Recording
 from moteslam.robot.se2 import compose
 from moteslam.robot.trajectories import read_trajectory
-from moteslam.robot.trajectories.rows import is_positions, read_positions
+from moteslam.robot.trajectories.columns import is_positions, read_positions
 from moteslam.robot.trajectory import TILT, Positions, Trajectory, tilt_of
 from moteslam.robot.values import Issue
 from moteslam.slam.inputs.scans import Scans

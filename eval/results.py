@@ -20,10 +20,9 @@ from moteslam.eval.metrics.evidence import DEAD_RECKONING, FINAL, ONLINE, Eviden
 from moteslam.eval.run_tables import loop_counts, write_diagnostics, write_loops, write_particles
 from moteslam.eval.scores import Figures, evidence_of, figures_of, looks_for_loops
 from moteslam.robot.files import make_folder, read_text, write_atomically
-from moteslam.robot.formats.map_arrays import MapArrays, write_map_arrays
 from moteslam.robot.formats.map_server import map_image, trinary, write_map, write_picture
 from moteslam.robot.pictures import encode_png
-from moteslam.robot.raster import Raster
+from moteslam.robot.raster import MapArrays, Raster, write_map_arrays
 from moteslam.robot.recording import Recording
 from moteslam.robot.se2 import Poses, between, compose
 from moteslam.robot.trajectories.g2o import write_g2o

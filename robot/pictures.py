@@ -1,7 +1,4 @@
-"""Pictures in files: their size before anything is unpacked, decoding without the decoder's own messages, encoding.
-
-Netpbm (P2, P3 as text, P5, P6 as bytes; pgm(5), ppm(5)) is read here: OpenCV does not scale by a file's largest value.
-"""
+"""Pictures in files: their size before anything is unpacked, decoding without the decoder's own messages, encoding."""
 
 from __future__ import annotations
 
@@ -18,11 +15,10 @@ from numpy.typing import NDArray
 PNG = b"\x89PNG\r\n\x1a\n"
 """What a PNG begins with."""
 FULL = 65535
-"""What the largest value of a Netpbm file becomes."""
+"""What the largest value of a channel becomes."""
 
-_CHANNELS = {b"P2": 1, b"P3": 3, b"P5": 1, b"P6": 3}
-_GAP = rb"(?:[ \t\n\v\f\r]|#[^\n\r]*[\n\r])"
-_HEADER = re.compile(rb"P[2356]" + 3 * (_GAP + rb"+(\d{1,9})") + _GAP)
+_GAP = rb"(?:[ \t\n\v\f\r]|#[^\n\r]*[\n\r])+"
+_NETPBM = re.compile(rb"P[2356]" + 3 * (_GAP + rb"(\d{1,9})"))
 _LONGEST_HEADER = 1 << 16
 
 
@@ -30,7 +26,7 @@ def picture_size(data: bytes) -> tuple[int, int] | None:
     """Width and height that the header of a picture declares; None where the data are no picture known here."""
     if data.startswith(PNG) and len(data) >= 24:
         return int.from_bytes(data[16:20]), int.from_bytes(data[20:24])
-    if header := _HEADER.match(data[:_LONGEST_HEADER]):
+    if header := _NETPBM.match(data[:_LONGEST_HEADER]):
         return int(header[1]), int(header[2])
     from PIL import Image, UnidentifiedImageError
 
@@ -84,48 +80,22 @@ def decode_channels(data: bytes) -> NDArray[np.uint16] | None:
     """All channels of a picture as the file has them, with 65535 for the largest value of a channel.
 
     [H, W, C]: grey, or red, green and blue, or these and opacity; None where the data are no picture, cut short or
-    damaged, or hold no whole numbers of up to 16 bits.
+    damaged, or hold no whole numbers of up to 16 bits; nor are Netpbm files read whose largest value is neither 255 nor
+    65535, since OpenCV does not scale by it.
     """
     import cv2
 
-    if data[:2] in _CHANNELS:
-        return _decode_netpbm(data)
-    image = decode_picture(data, cv2.IMREAD_UNCHANGED)
+    header = _NETPBM.match(data[:_LONGEST_HEADER])
+    if header is not None and int(header[3]) not in (255, FULL):
+        return None
+    end = b"\n" if data[:2] in (b"P2", b"P3") else b""  # OpenCV wants it behind the last number of a text
+    image = decode_picture(data + end, cv2.IMREAD_UNCHANGED)
     if image is None or image.dtype not in (np.uint8, np.uint16):
         return None
     image = image if image.ndim == 3 else image[:, :, None]
     order = [0, 1, 2, 3] if image.shape[2] == 1 else [2, 1, 0, 3]  # OpenCV has blue first
     image = image[:, :, order[: image.shape[2]]]
     return image if image.dtype == np.uint16 else image * np.uint16(FULL // 255)
-
-
-def _decode_netpbm(data: bytes) -> NDArray[np.uint16] | None:
-    """The values [H, W, C] of a Netpbm picture, scaled so that the largest that the file may have becomes 65535.
-
-    Nothing is allocated for more numbers than the data can hold.
-    """
-    header = _HEADER.match(data[:_LONGEST_HEADER])
-    if header is None:
-        return None
-    columns, rows, largest = (int(number) for number in header.groups())
-    plain, channels = data[:2] in (b"P2", b"P3"), _CHANNELS[data[:2]]
-    count, size = columns * rows * channels, 2 if largest > 255 else 1
-    if not (count and 0 < largest <= FULL) or len(data) - header.end() < (2 * count - 1 if plain else count * size):
-        return None
-    if plain:
-        body = re.sub(rb"#[^\n\r]*", b"", data[header.end() :])
-        with warnings.catch_warnings():
-            warnings.simplefilter("error", DeprecationWarning)  # of what is no number
-            try:
-                values = np.fromstring(body.decode("latin-1"), np.float64, count=count, sep=" ")
-            except (DeprecationWarning, ValueError):
-                return None
-        if len(values) < count or not ((values >= 0) & (values < 1e9) & (values == np.floor(values))).all():
-            return None
-    else:
-        values = np.frombuffer(data, ">u2" if size == 2 else np.uint8, count, header.end()).astype(np.float64)
-    scaled = np.floor((2 * np.minimum(values, largest) * FULL + largest) / (2 * largest))  # to the nearest
-    return np.asarray(scaled, np.uint16).reshape(rows, columns, channels)
 
 
 def encode_png(image: NDArray[Any], *, fast: bool = False) -> bytes:

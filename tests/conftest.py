@@ -1,7 +1,5 @@
 """What every test may use: the real recordings, and Taichi set up once a process."""
 
-from __future__ import annotations
-
 import os
 import signal
 from collections.abc import Iterator

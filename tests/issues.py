@@ -1,7 +1,5 @@
 """The lines that issues print."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 
 from moteslam.robot.values import Issue

@@ -5,8 +5,6 @@ file is that process: ``kernel_cases.py ARCH THREADS RESULTS.npz``. The inputs a
 parallel works for 10 ms or so: in less, one thread is done before another has woken.
 """
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

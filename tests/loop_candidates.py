@@ -1,7 +1,5 @@
 """Loop candidates for tests."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import ArrayLike
 

@@ -1,6 +1,6 @@
-"""How map_server reads and saves a cell, in plain Python: a pixel at a time, from the rules alone.
+"""How nav2's map_server reads a cell, in plain Python: a pixel at a time, from the rules alone.
 
-nav2's (Foxy to Jazzy) sees channels of 16 bits, and opacity as one of them; ROS 1's (Noetic) sees bytes.
+It sees channels of 16 bits, and opacity as one of them.
 """
 
 from __future__ import annotations
@@ -48,25 +48,6 @@ def nav2_cell(pixel: Pixel, largest: int, says: Meaning) -> int:
     return round((occupancy - says.free) / (says.occupied - says.free) * 100.0)
 
 
-def ros1_cell(pixel: Pixel, says: Meaning) -> int:
-    """The occupancy that ROS 1's map_server publishes of a pixel of bytes, -1 or 0 to 100."""
-    averaged = pixel if says.mode == "trinary" else pixel[:3]
-    grey = sum(averaged) / len(averaged)
-    if says.negate:
-        grey = 255 - grey
-    if says.mode == "raw":
-        return int(grey) if int(grey) <= 100 else -1
-    occupancy = (255 - grey) / 255.0
-    if occupancy > says.occupied:
-        return 100
-    if occupancy < says.free:
-        return 0
-    opacity = 1 if len(pixel) == 1 else pixel[-1]  # of three channels that is blue
-    if says.mode == "trinary" or opacity < 1 or says.occupied == says.free:
-        return -1
-    return int(1 + 98 * ((occupancy - says.free) / (says.occupied - says.free)))
-
-
 def trinary_cell(pixel: Pixel, largest: int, says: Meaning) -> int:
     """Free (0), occupied (1) or unknown (-1): what is beyond the thresholds, of the mode raw as map_saver has it."""
     if says.mode == "raw":
@@ -83,17 +64,3 @@ def trinary_cell(pixel: Pixel, largest: int, says: Meaning) -> int:
     if occupancy > says.occupied:
         return 1
     return 0 if occupancy < says.free else -1
-
-
-def saved_cell(percent: int, says: Meaning) -> Pixel:
-    """The pixel that map_saver writes for an occupancy, which nav2 reads with ``negate: 0``."""
-    known = 0 <= percent <= 100
-    if says.mode == "raw":
-        return (percent if known else 255,)
-    if says.mode == "scale":
-        return (round((100 - percent) / 100 * 255),) if known else (128, 128, 128, 0)
-    if not known:
-        return (205,)
-    if percent <= round(100 * says.free):
-        return (254,)
-    return (0,) if percent >= round(100 * says.occupied) else (205,)

@@ -1,7 +1,5 @@
 """The generator of random words as kernels call it, launched from tests."""
 
-# no `from __future__ import annotations`: Taichi reads the annotations of the kernel below
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 

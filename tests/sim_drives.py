@@ -1,7 +1,5 @@
 """A drive too simple to need physics, and a small scenario, for tests of the simulator."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A recorded drive too simple to need a simulation, for tests of what is made of recordings."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -1,7 +1,5 @@
 """Recordings with a fault put in: wheels that stop counting, odometry that jumps, scans that see nothing."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

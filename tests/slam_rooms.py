@@ -1,7 +1,5 @@
 """Recordings of a robot in a room small enough to reason about, for tests of the filters."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np

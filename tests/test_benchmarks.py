@@ -1,7 +1,5 @@
 """The scripts in ``benchmarks/``: samples of them, and that kernels, plain C loops and twins do the same work."""
 
-from __future__ import annotations
-
 import csv
 import shutil
 import subprocess

@@ -1,7 +1,5 @@
 """Mutated inputs for every reader; ``benchmarks/fuzz.py`` makes a hundred thousand of them."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """From a scenario or a real log to scores: what the project is for, end to end."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """The parts of the UCSD robot, which has them all."""
 
-from __future__ import annotations
-
 from moteslam.robot.platforms import UCSD
 
 assert UCSD.wheels is not None

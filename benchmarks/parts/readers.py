@@ -98,7 +98,7 @@ def _trajectories() -> Iterator[Reader]:
     from moteslam.eval.evaluation import against_trajectory
     from moteslam.eval.metrics.relations import read_relations
     from moteslam.robot.trajectories import TRAJECTORY_FORMATS, read_trajectory
-    from moteslam.robot.trajectories.rows import read_positions
+    from moteslam.robot.trajectories.columns import read_positions
 
     stamps = np.arange(9) / 2
     path = Trajectory(stamps, np.column_stack((stamps, np.sin(stamps), 0.1 * stamps)))
@@ -138,8 +138,8 @@ def _write_bag_of_poses(path: Path) -> None:
 
 
 def _maps() -> Iterator[Reader]:
-    from moteslam.robot.formats.map_arrays import MapArrays, read_map_arrays, write_map_arrays
     from moteslam.robot.formats.map_server import read_map, write_map
+    from moteslam.robot.raster import MapArrays, read_map_arrays, write_map_arrays
 
     values = np.random.default_rng(3).integers(-1, 2, (11, 17)).astype(np.int8)
     files = _made("map.pgm", write_map, Raster(values, 0.05, (1.0, -2.0, 0.3)))

@@ -129,13 +129,14 @@ def _read(path: Path) -> tuple[Trajectory, tuple[Issue, ...]]:
     from moteslam.robot.formats.bags.files import is_bag
     from moteslam.robot.trajectories import TRAJECTORY_FORMATS, read_trajectory, trajectory_format_of
     from moteslam.robot.trajectories.bag import parts_of
-    from moteslam.robot.trajectories.g2o import read_both
+    from moteslam.robot.trajectories.g2o import read_g2o, vertices_of
     from moteslam.robot.values import Issue, counted
 
     if parts_of(path) is not None or is_bag(path) or trajectory_format_of(path) is not TRAJECTORY_FORMATS["g2o"]:
         trajectory, edges = read_trajectory(path), 0
     else:
-        graph, trajectory = read_both(path)
+        graph = read_g2o(path)
+        trajectory = vertices_of(path, graph)
         edges = len(graph.first)
     issues = trajectory.warnings
     if trajectory.space is not None:

@@ -255,7 +255,7 @@ def _refuse_options(context: typer.Context, paths: list[Path], recording: Path |
 def _kinds(reference: Path) -> set[str]:
     """What a reference is, in the words of ``NEEDED``."""
     from moteslam.eval.metrics.relations import is_relations
-    from moteslam.robot.trajectories.rows import is_positions
+    from moteslam.robot.trajectories.columns import is_positions
 
     if is_relations(reference):
         return {"a reference", "a .relations reference"}

@@ -18,7 +18,7 @@ from moteslam.robot.formats.streams import MAX_JUMP
 from moteslam.robot.recording import nearest_stamp
 from moteslam.robot.se2 import Poses, between, wrap
 from moteslam.robot.se2 import interpolate as interpolated
-from moteslam.robot.trajectories.rows import data_lines, finite_numbers
+from moteslam.robot.trajectories.columns import data_lines, finite_numbers
 from moteslam.robot.trajectory import Trajectory
 from moteslam.robot.values import Summarised, expect_type
 

@@ -99,6 +99,7 @@ def _draw_ranges(above: style.Axes, below: style.Axes, lidar: LidarStream, first
     A column is a group of scans, up to the next group; between two groups with a gap between them it is empty.
     """
     times, gaps, limit, count = lidar.stamps - first, _gaps(lidar.stamps), _longest(lidar), len(lidar)
+    gaps = gaps[np.diff(times)[gaps] > times[-1] / BINS]  # shorter ones are no wider than a column
     begins = np.union1d(np.linspace(0, count, min(BINS, count), endpoint=False).astype(np.intp), gaps + 1)
     columns, lengths = np.arange(len(begins) + 1), np.linspace(0, limit, RANGE_BINS + 1)
     ranges_seen, beams = np.zeros((RANGE_BINS, len(begins))), np.zeros(len(begins))

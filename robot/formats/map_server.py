@@ -2,8 +2,8 @@
 
 A raster has row 0 at the smallest y, an image at the largest: it is flipped here, at the file, and nowhere else.
 
-Occupancies are -1 (unknown) or 0 to 100 %, as in nav_msgs/OccupancyGrid. Source: how ROS 1's map_server (Noetic) and
-nav2's (Foxy to Jazzy) read and save maps; where they differ: ``docs/reference/formats.md``.
+Occupancies are -1 (unknown) or 0 to 100 %, as in nav_msgs/OccupancyGrid. Source: how nav2's map_server (Foxy to Jazzy)
+reads maps, in the modes trinary, scale and raw, and how map_saver writes them, in the mode trinary.
 """
 
 from __future__ import annotations
@@ -13,12 +13,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path, PureWindowsPath
-from typing import Any, Literal, get_args
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from moteslam.errors import ConfigError, InputError, MoteslamWarning, OutputError
+from moteslam.errors import InputError, MoteslamWarning, OutputError
 from moteslam.robot.files import read_bytes, read_yaml, write_atomically
 from moteslam.robot.pictures import FULL, decode_channels, encode_png, picture_size
 from moteslam.robot.raster import Raster
@@ -31,8 +31,6 @@ OCCUPIED_THRESHOLD, FREE_THRESHOLD = 0.65, 0.196
 UNKNOWN_PERCENT, FREE_PERCENT, OCCUPIED_PERCENT = -1, 0, 100
 FREE_GREY, OCCUPIED_GREY, UNKNOWN_GREY = 254, 0, 205
 """The greys that map_saver writes for them in the mode trinary."""
-RAW_UNKNOWN, SCALE_UNKNOWN = 255, 128
-"""The greys that it writes for what is unknown in the others; transparent in the mode scale."""
 
 MAX_IMAGE_BYTES = 256_000_000
 MAX_YAML_BYTES = 100_000
@@ -45,9 +43,7 @@ _BAND = 1 << 20
 """Pixels that are worked on at once."""
 
 Percent = NDArray[np.int8]
-Rules = Literal["nav2", "ros1"]
-Mode = Literal["trinary", "scale", "raw"]
-MODES: tuple[Mode, ...] = get_args(Mode)
+MODES = ("trinary", "scale", "raw")
 
 
 @dataclass(frozen=True)
@@ -57,7 +53,7 @@ class MapFile:
     image: Path
     resolution: float  # side of a cell [m]
     origin: tuple[float, float, float]  # x, y [m] and yaw [rad] of the lower left corner of the image
-    mode: Mode
+    mode: str
     negate: bool  # white is occupied
     occupied: float
     free: float
@@ -75,103 +71,44 @@ def read_map(path: str | PathLike[str]) -> Raster:
     about, pixels = _read(Path(path))
     percent = _occupancies(pixels, about, between=False)
     if about.mode == "raw":
-        percent = _decided(percent, about.occupied, about.free)
+        beyond = np.where(percent >= round(100 * about.occupied), OCCUPIED_PERCENT, UNKNOWN_PERCENT)
+        known = np.where(percent <= round(100 * about.free), FREE_PERCENT, beyond)
+        percent = np.where(percent >= 0, known, UNKNOWN_PERCENT)
     known = np.where(percent == OCCUPIED_PERCENT, OCCUPIED, FREE)
     return _raster(np.where(percent == UNKNOWN_PERCENT, UNKNOWN, known), about)
 
 
-def read_occupancy(path: str | PathLike[str], *, rules: Rules = "nav2") -> Raster:
-    """Read a map as map_server publishes it, an occupancy a cell.
+def read_occupancy(path: str | PathLike[str]) -> Raster:
+    """Read a map as map_server publishes it: values [H, W] int8 of 0 (free) to 100 (occupied), -1 unknown.
 
-    Values [H, W] int8 are 0 (free) to 100 (occupied), -1 unknown; ``rules`` those of ``nav2``, or of ``ros1``, whose
-    map_server differs in details. Raises as `read_map`, and a ConfigError for other rules.
+    Raises as `read_map`.
     """
-    if rules not in get_args(Rules):
-        raise ConfigError(f"{rules!r}, expected nav2 or ros1", field="rules")
     about, pixels = _read(Path(path))
-    return _raster(_occupancies(pixels, about, rules), about)
+    return _raster(_occupancies(pixels, about), about)
 
 
-def write_map(path: str | PathLike[str], raster: Raster, *, mode: Mode = "trinary", negate: bool = False) -> None:
-    """Write a trinary map: values [H, W] of `FREE`, `OCCUPIED` or `UNKNOWN`; else as `write_occupancy`."""
-    known = np.where(raster.values == OCCUPIED, OCCUPIED_PERCENT, FREE_PERCENT)
-    percent = np.where(raster.values == UNKNOWN, UNKNOWN_PERCENT, known).astype(np.int8)
-    write_occupancy(path, Raster(percent, raster.cell_size, raster.origin), mode=mode, negate=negate)
-
-
-def write_occupancy(
-    path: str | PathLike[str],
-    raster: Raster,
-    *,
-    mode: Mode = "raw",
-    negate: bool = False,
-    thresholds: tuple[float, float] = (OCCUPIED_THRESHOLD, FREE_THRESHOLD),
-) -> None:
-    """Write a map of occupancies as map_saver does: the image, and beside it the YAML file.
-
-    They are whole, -1 (unknown) or 0 to 100 [H, W]. In the mode ``raw`` they read back the same, in the mode ``scale``
-    with the thresholds 1 and 0; in the mode ``trinary`` at least the first threshold is occupied and at most the second
-    free. With ``negate`` white is occupied; not in the mode ``raw``, which nav2 reads without and ROS 1 with it.
+def write_map(path: str | PathLike[str], raster: Raster) -> None:
+    """Write a map as map_saver does: the image, and beside it the YAML file.
 
     Raises:
-        ConfigError: another mode, or thresholds the wrong way round.
-        InputError: other values, or ``negate`` in the mode ``raw``.
-        OutputError: another ending, unknown cells of the mode ``scale`` in a ``.pgm``, which has no transparency, or
-            a file that cannot be written.
+        InputError: other values [H, W] than `FREE`, `OCCUPIED` and `UNKNOWN`.
+        OutputError: another ending, or a file that cannot be written.
     """
     expect_type(raster, Raster, "raster")
-    path, (occupied, free) = Path(path), thresholds
-    if mode not in MODES:
-        raise ConfigError(f"{mode!r}, expected {', '.join(MODES)}", field="mode")
-    if not 0 <= free <= occupied <= 1:
-        raise ConfigError(f"{thresholds!r}, expected occupied and free, the larger first, 0 to 1", field="thresholds")
-    values = raster.values
-    if values.ndim != 2 or values.dtype.kind not in "iu" or not ((values >= -1) & (values <= 100)).all():
-        problem = f"{values.dtype}{list(values.shape)}, expected whole values of -1 to 100 [H, W]"
+    path, values = Path(path), raster.values
+    greys = {UNKNOWN: UNKNOWN_GREY, FREE: FREE_GREY, OCCUPIED: OCCUPIED_GREY}
+    if values.ndim != 2 or not np.isin(values, list(greys)).all():
+        problem = f"{values.dtype}{list(values.shape)}, expected free, occupied and unknown cells [H, W]"
         raise InputError(problem, field="raster")
     if path.suffix not in (".pgm", ".png"):
         raise OutputError("expected a name that ends in .pgm or .png", file=path)
-    percent = values.astype(np.int8)[::-1]
-    is_known = percent >= 0
-    if mode == "raw":
-        if negate:
-            raise InputError("true with the mode raw, expected false: map_servers differ in it", field="negate")
-        image = np.where(is_known, percent, RAW_UNKNOWN).astype(np.uint8)
-    elif mode == "trinary":
-        greys = {UNKNOWN_PERCENT: UNKNOWN_GREY, FREE_PERCENT: FREE_GREY, OCCUPIED_PERCENT: OCCUPIED_GREY}
-        decided = _decided(percent, occupied, free)
-        image = np.select([decided == value for value in greys], list(greys.values())).astype(np.uint8)
-        image = 255 - image if negate else image
-        occupied, free = OCCUPIED_THRESHOLD, FREE_THRESHOLD  # the greys are map_saver's own, whatever decided
-    else:
-        bright = percent if negate else 100 - percent.astype(np.int16)
-        image = np.where(is_known, np.rint(bright / 100 * 255), SCALE_UNKNOWN).astype(np.uint8)
-        if not is_known.all():
-            image = np.dstack((image, image, image, np.where(is_known, 255, 0).astype(np.uint8)))
-    if path.suffix == ".png":
-        write_atomically(path, encode_png(image))
-    elif image.ndim == 3:
-        raise OutputError("has no transparency for the unknown cells of the mode scale, expected a .png", file=path)
-    else:
-        rows, columns = image.shape
-        write_atomically(path, f"P5\n{columns} {rows}\n255\n".encode() + image.tobytes())
-    about = {"negate": int(negate), "occupied_thresh": float(occupied), "free_thresh": float(free)}
-    _write_yaml(path, raster, {"mode": mode}, about)
-
-
-def occupancy_of(log_odds: Raster) -> Raster:
-    """A map of log-odds [H, W], above 0 occupied, as occupancies [H, W]: whole percent, -1 where they are 0.
-
-    Raises:
-        InputError: values that are no floats [H, W].
-    """
-    expect_type(log_odds, Raster, "log_odds")
-    values = log_odds.values
-    if values.ndim != 2 or values.dtype.kind != "f":
-        raise InputError(f"{values.dtype}{list(values.shape)}, expected floats [H, W]", field="log_odds")
-    percent = np.rint(50 * (1 + np.tanh(values / 2)))  # 100 / (1 + exp(-l)), which cannot overflow
-    known = np.isfinite(values) & (values != 0)
-    return Raster(np.where(known, percent, UNKNOWN_PERCENT).astype(np.int8), log_odds.cell_size, log_odds.origin)
+    image = np.select([values[::-1] == value for value in greys], list(greys.values())).astype(np.uint8)
+    rows, columns = image.shape
+    is_png = path.suffix == ".png"
+    content = encode_png(image) if is_png else f"P5\n{columns} {rows}\n255\n".encode() + image.tobytes()
+    write_atomically(path, content)
+    about = {"negate": 0, "occupied_thresh": OCCUPIED_THRESHOLD, "free_thresh": FREE_THRESHOLD}
+    _write_yaml(path, raster, {"mode": "trinary"}, about)
 
 
 def write_picture(path: str | PathLike[str], raster: Raster, about: Mapping[str, Any] | None = None) -> None:
@@ -212,7 +149,8 @@ def _read(path: Path) -> tuple[MapFile, NDArray[np.uint16]]:
         raise InputError(problem, file=path, field="resolution")
     pixels = decode_channels(content) if columns * rows else None
     if pixels is None:
-        raise InputError("not readable as an image, expected a complete pgm or png map", file=about.image)
+        problem = "not readable as an image, expected a whole png map, or a pgm of 255 or 65535 greys"
+        raise InputError(problem, file=about.image)
     _warn_of_thresholds(path, about, pixels)
     return about, pixels
 
@@ -269,35 +207,29 @@ def _image(name: object, path: Path) -> Path:
     return image
 
 
-def _occupancies(pixels: NDArray[np.uint16], about: MapFile, rules: Rules = "nav2", *, between: bool = True) -> Percent:
+def _occupancies(pixels: NDArray[np.uint16], about: MapFile, *, between: bool = True) -> Percent:
     """The occupancies [H, W] of pixels [H, W, C] of 65535; ``between`` the thresholds the mode scale may say more."""
     flat, found = pixels.reshape(-1, pixels.shape[2]), np.empty(pixels.shape[0] * pixels.shape[1], np.int8)
     for start in range(0, len(flat), _BAND):
-        found[start : start + _BAND] = _of(flat[start : start + _BAND], about, rules == "ros1", between)
+        found[start : start + _BAND] = _of(flat[start : start + _BAND], about, between)
     return found.reshape(pixels.shape[:2])
 
 
-def _of(pixels: NDArray[np.uint16], about: MapFile, ros1: bool, between: bool) -> Percent:
+def _of(pixels: NDArray[np.uint16], about: MapFile, between: bool) -> Percent:
     """The occupancies [n] of pixels [n, C]."""
-    values, full = (pixels >> 8, 255) if ros1 else (pixels, FULL)
-    colours = values if about.mode == "trinary" else values[:, :3]
+    colours = pixels if about.mode == "trinary" else pixels[:, :3]
     shade = colours.sum(axis=1, dtype=np.float64) / colours.shape[1]
-    if ros1 and about.negate:
-        shade = full - shade
     if about.mode == "raw":
-        whole = np.floor(shade if ros1 else 255 * (shade / full) + 0.5)
+        whole = np.floor(255 * (shade / FULL) + 0.5)
         return np.where(whole <= OCCUPIED_PERCENT, whole, UNKNOWN_PERCENT).astype(np.int8)
-    probability = (full - shade) / full if ros1 else shade / full if about.negate else 1.0 - shade / full
+    probability = shade / FULL if about.negate else 1.0 - shade / FULL
     inner = np.full(len(pixels), float(UNKNOWN_PERCENT))
     width = about.occupied - about.free
     if about.mode == "scale" and between and width > 0:
-        ratio = (probability - about.free) / width
-        inner = np.floor(1 + 98 * ratio) if ros1 else np.rint(100.0 * ratio)
-        if ros1 and pixels.shape[1] > 1:  # its last channel stands for opacity, also where it is blue
-            inner[values[:, -1] == 0] = UNKNOWN_PERCENT
+        inner = np.rint(100.0 * (probability - about.free) / width)
     found = np.where(probability < about.free, FREE_PERCENT, inner)
     found[probability > about.occupied] = OCCUPIED_PERCENT
-    if about.mode == "scale" and pixels.shape[1] == 4 and not ros1:
+    if about.mode == "scale" and pixels.shape[1] == 4:
         found[pixels[:, 3] < FULL] = UNKNOWN_PERCENT
     return found.astype(np.int8)
 
@@ -321,13 +253,6 @@ def _warn_of_thresholds(path: Path, about: MapFile, pixels: NDArray[np.uint16]) 
         cells = f"{counts[UNKNOWN_GREY]} of {counts.sum()} cells count as known, so map_known is too high"
         mend = "" if read else ": free_thresh: 0.196 would leave them unknown"
         warnings.warn(MoteslamWarning(f"{path}: {what} {why}; {cells}{mend}"), stacklevel=4)
-
-
-def _decided(percent: Percent, occupied: float, free: float) -> Percent:
-    """Occupancies [...] as map_saver decides them by two thresholds: free, occupied or unknown."""
-    beyond = np.where(percent >= round(100 * occupied), OCCUPIED_PERCENT, UNKNOWN_PERCENT)
-    known = np.where(percent <= round(100 * free), FREE_PERCENT, beyond)
-    return np.where(percent >= 0, known, UNKNOWN_PERCENT).astype(np.int8)
 
 
 def _write_yaml(image: Path, raster: Raster, before: dict[str, Any], after: Mapping[str, Any]) -> None:

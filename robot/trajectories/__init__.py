@@ -9,7 +9,8 @@ from moteslam.errors import ConfigError, InputError, OutputError
 from moteslam.robot.files import open_regular
 from moteslam.robot.formats.bags.files import is_bag
 from moteslam.robot.trajectories import bag, g2o, text
-from moteslam.robot.trajectories.rows import TrajectoryFormat, decoded
+from moteslam.robot.trajectories.columns import decoded
+from moteslam.robot.trajectories.text import TrajectoryFormat
 from moteslam.robot.trajectory import Trajectory
 
 __all__ = [

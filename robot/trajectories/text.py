@@ -13,7 +13,8 @@ numbers, and nothing in a file says which: as evo does, the axes are taken as th
 from __future__ import annotations
 
 from array import array
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from fractions import Fraction
 from os import PathLike
 from pathlib import Path
@@ -24,18 +25,22 @@ from moteslam.errors import InputError
 from moteslam.robot import se2
 from moteslam.robot.files import write_atomically
 from moteslam.robot.formats.streams import MAX_STAMP
-from moteslam.robot.trajectories.columns import EUROC, TUM, Columns, columns_of, named, recognise, separator_of, split
-from moteslam.robot.trajectories.rows import (
-    TrajectoryFormat,
+from moteslam.robot.trajectories.columns import (
+    EUROC,
+    TUM,
+    Columns,
     all_lines,
+    columns_of,
     data_lines,
     finite_numbers,
+    is_table,
+    named,
     seconds,
-    stamps_beside,
-    times_file,
+    separator_of,
+    split,
 )
 from moteslam.robot.trajectory import UNIT, Array, Trajectory, quaternion_of_yaw, quaternions_of, trajectory_of
-from moteslam.robot.values import Issue, expect_type
+from moteslam.robot.values import Issue, counted, expect_type
 
 EUROC_HEADER = "#timestamp [ns],p_RS_R_x [m],p_RS_R_y [m],p_RS_R_z [m],q_RS_w [],q_RS_x [],q_RS_y [],q_RS_z []"
 MAX_TURN = 6.3
@@ -43,6 +48,26 @@ MAX_TURN = 6.3
 KITTI = "r11 r12 r13 x r21 r22 r23 y r31 r32 r33 z"
 ROBOT_FROM_CAMERA = np.array([(0.0, 0.0, 1.0), (-1.0, 0.0, 0.0), (0.0, -1.0, 0.0)])
 """Turns a camera's axes (right, down, ahead) to a robot's (ahead, left, up)."""
+
+
+@dataclass(frozen=True)
+class TrajectoryFormat:
+    """How a trajectory is stored, in lines of text.
+
+    Attributes:
+        name: what it is called, and what its lines are.
+        recognise: ``recognise(comments, line)``: whether a file is of this format, by the comments that it begins with
+            (``#``, with their line ends) and its first line that is none; must not raise for any other.
+        read: ``read(path)``.
+        write: ``write(path, trajectory)`` writes a file that reads back the same, but for what the format cannot hold.
+        endings: of the names of its files, by which one to be written is known.
+    """
+
+    name: str
+    recognise: Callable[[str, str], bool]
+    read: Callable[[Path], Trajectory]
+    write: Callable[[Path, Trajectory], None]
+    endings: tuple[str, ...]
 
 
 def read_tum(path: str | PathLike[str]) -> Trajectory:
@@ -176,6 +201,29 @@ def _of_angles(roll: Array, pitch: Array, yaw: Array) -> Array:
     return np.column_stack((i * b * c - a * j * k, a * j * c + i * b * k, a * b * k - i * j * c, a * b * c + i * j * k))
 
 
+def times_file(path: Path) -> Path:
+    """The file beside a trajectory that has its stamps: ``NAME.times.txt`` beside ``NAME.kitti``."""
+    return path.with_name(f"{path.stem}.times.txt")
+
+
+def stamps_beside(path: Path, count: int) -> tuple[Array, tuple[Issue, ...]]:
+    """The stamps [count] [s] of a trajectory without any: ``NAME.times.txt``, ``times.txt``, else one a second."""
+    for file in (times_file(path), path.with_name("times.txt")):
+        if file.exists():
+            words, lines = [], []
+            for number, line in data_lines(file, "times [s]"):
+                if len(line.split()) != 1 or finite_numbers([line]) is None:
+                    raise InputError("expected a finite number [s]", file=file, line=number)
+                words.append(line)
+                lines.append(number)
+            stamps, issues = seconds(words, file, lines)
+            if len(stamps) != count:
+                raise InputError(f"{counted(len(stamps), 'time')}, expected {count}, one a pose", file=file)
+            return stamps, issues
+    text = f"{path}: has no stamps, and no {times_file(path).name} or times.txt lies beside it; taken as one a second"
+    return np.arange(count, dtype=np.float64), (Issue("no-stamps", text, count),)
+
+
 def read_kitti(path: str | PathLike[str], *, camera_axes: bool = False) -> Trajectory:
     """Read a KITTI trajectory, projected to the plane.
 
@@ -251,14 +299,8 @@ def _is_kitti(comments: str, line: str) -> bool:
     return row is not None and len(row) == 12
 
 
-TUM_FORMAT = TrajectoryFormat(
-    f"TUM ({TUM})", lambda comments, line: recognise(comments, line) == "tum", read_tum, write_tum, (".tum",)
-)
+TUM_FORMAT = TrajectoryFormat(f"TUM ({TUM})", is_table, read_tum, write_tum, (".tum",))
 EUROC_FORMAT = TrajectoryFormat(
-    f"CSV with named columns or EuRoC's ({EUROC})",
-    lambda comments, line: recognise(comments, line) == "euroc",
-    read_euroc,
-    write_euroc,
-    (".csv",),
+    f"CSV with named columns or EuRoC's ({EUROC})", is_table, read_euroc, write_euroc, (".csv",)
 )
 KITTI_FORMAT = TrajectoryFormat(f"KITTI ({KITTI})", _is_kitti, read_kitti, write_kitti, (".kitti",))

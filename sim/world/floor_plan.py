@@ -12,9 +12,8 @@ from pydantic import Field
 
 from moteslam.errors import InputError
 from moteslam.robot.files import is_archive
-from moteslam.robot.formats.map_arrays import read_map_arrays
 from moteslam.robot.formats.map_server import FREE, MAX_EXTENT, MAX_PIXELS, OCCUPIED, read_map, trinary
-from moteslam.robot.raster import Raster
+from moteslam.robot.raster import Raster, read_map_arrays
 from moteslam.robot.tables import Section
 from moteslam.sim.world.pieces import Segments
 

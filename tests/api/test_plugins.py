@@ -1,7 +1,5 @@
 """Filters, back ends, formats and metrics from outside the package, by the recipe in CONTRIBUTING.md."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

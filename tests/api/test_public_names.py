@@ -1,15 +1,19 @@
-"""The package's root: every public name is there, and importing it costs nothing."""
-
-from __future__ import annotations
+"""The package's root: public names, errors of one line, and values of a wrong type."""
 
 import json
 import subprocess
 import sys
+from collections.abc import Callable
 from importlib.metadata import version
+from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 
 import moteslam
+from moteslam import Platform, Recording, Trajectory
+from moteslam.errors import BackendError, ConfigError, InputError, MoteslamError, OutputError
 
 HEAVY = ("taichi", "numpy", "scipy", "matplotlib", "pymunk", "shapely", "cv2", "pydantic", "typer", "rich")
 
@@ -40,3 +44,70 @@ def test_an_unknown_name_is_an_attribute_error_that_names_it():
 
 def test_the_version_is_that_of_the_installed_package():
     assert moteslam.__version__ == version("moteslam")
+
+
+@pytest.mark.parametrize(
+    ("error", "line"),
+    [
+        (MoteslamError("no poses"), "no poses"),
+        (InputError("no poses", file=Path("run/a.tum")), "run/a.tum: no poses"),
+        (InputError("expected 8 numbers", file="a.tum", line=3), "a.tum:3: expected 8 numbers"),
+        (InputError("expected 8 numbers", line=3), "line 3: expected 8 numbers"),
+        (ConfigError("0, expected 1 or more", field="particles"), "particles: 0, expected 1 or more"),
+        (BackendError("no CUDA", file="c.toml", field="arch"), "c.toml: arch: no CUDA"),
+        (OutputError("a\nb\u2028c", file="x\ry.bag"), "x\\ny.bag: a\\nb\\nc"),
+    ],
+)
+def test_an_error_is_one_line_of_file_field_and_problem(error: MoteslamError, line: str):
+    assert str(error) == line
+    assert isinstance(error, MoteslamError)
+
+
+def test_the_parts_of_an_error_can_be_asked_for():
+    error = InputError("no ranges", file=Path("Hokuyo20.npz"), field="ranges", line=7)
+    assert (error.problem, error.file, error.field, error.line) == ("no ranges", "Hokuyo20.npz", "ranges", 7)
+
+
+PATH = Trajectory(np.arange(3.0), np.zeros((3, 3)))
+EMPTY = Recording("empty", Platform())
+
+
+@pytest.mark.parametrize(
+    ("call", "parameter"),
+    [
+        (lambda: moteslam.run_slam("log"), "recording"),
+        (lambda: moteslam.run_slam(EMPTY, seed=1.5), "seed"),
+        (lambda: moteslam.run_slam(EMPTY, "paper"), "config"),
+        (lambda: moteslam.write_carmen("x.log", PATH), "recording"),
+        (lambda: moteslam.simulate("corridor"), "scenario"),
+        (lambda: moteslam.write_simulation("x", PATH), "simulation"),
+        (lambda: moteslam.write_results("x", PATH), "estimate"),
+        (lambda: moteslam.score_estimate(PATH, PATH), "estimate"),
+        (lambda: moteslam.absolute_trajectory_error("a.tum", PATH), "estimate"),
+        (lambda: moteslam.relative_pose_error(PATH, np.zeros((3, 3))), "reference"),
+        (lambda: moteslam.write_tum("x.tum", np.zeros((3, 3))), "trajectory"),
+        (lambda: moteslam.resolve_config("paper", "particles=3"), "settings"),
+        (lambda: Recording("x", Platform(), lidar="l"), "lidar"),
+        (lambda: Trajectory([1.0, 0.0], np.zeros((2, 3))), "stamps"),
+        (lambda: Trajectory([0.0, 1.0], [[0, 0], [0]]), None),
+    ],
+)
+def test_the_line_names_the_parameter(
+    call: Callable[[], Any], parameter: str | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(MoteslamError) as caught:
+        call()
+    assert caught.value.field == parameter
+    assert "\n" not in str(caught.value)
+    assert not list(tmp_path.iterdir())
+
+
+def test_results_and_simulations_make_their_folder(tmp_path: Path, taichi: None):
+    scenario = moteslam.load_scenario("corridor").model_copy(update={"duration": 12.0})
+    simulation = moteslam.simulate(scenario)
+    moteslam.write_simulation(tmp_path / "a" / "recording", simulation)
+    estimate = moteslam.run_slam(simulation.recording, moteslam.resolve_config("paper", ["particles=3"]))
+    moteslam.write_results(tmp_path / "b" / "result", estimate, simulation.truth, figures=False)
+    assert moteslam.read_tum(tmp_path / "b" / "result" / "truth.tum").poses.shape == simulation.truth.poses.shape
+    assert moteslam.open_recording(tmp_path / "a" / "recording").lidar is not None

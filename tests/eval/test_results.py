@@ -14,7 +14,7 @@ from moteslam.errors import InputError
 from moteslam.eval.results import draw_figures, hardware, read_result_folder, write_results
 from moteslam.eval.scores import evidence_of, number, score_estimate
 from moteslam.robot import se2
-from moteslam.robot.formats.map_arrays import read_map_arrays
+from moteslam.robot.raster import read_map_arrays
 from moteslam.robot.trajectories.g2o import read_g2o
 from moteslam.robot.trajectories.text import read_tum
 from moteslam.robot.trajectory import Trajectory

@@ -13,8 +13,7 @@ import pytest
 from moteslam.eval.cli.main import run as main
 from moteslam.eval.report.maps import with_opacity
 from moteslam.eval.results import write_map_files
-from moteslam.robot.formats.map_arrays import read_map_arrays
-from moteslam.robot.raster import Raster
+from moteslam.robot.raster import Raster, read_map_arrays
 from moteslam.slam.texture.floor_map import TextureMap
 
 SCENARIO = """

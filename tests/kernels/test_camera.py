@@ -1,7 +1,5 @@
 """What the camera sees: the kernel against rays followed one by one, floor and walls, colours and disparities."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from kernel_cases import rays_of

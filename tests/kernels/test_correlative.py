@@ -1,7 +1,5 @@
 """Searching for scans in signed-distance maps: against the twin, and in a room."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from numpy.typing import ArrayLike, NDArray

@@ -4,8 +4,6 @@ Both backends run with ``fast_math`` off, so that sums and products are rounded 
 What may differ is the last bits of sin, cos, log and square root, and of products that a backend fuses with a sum.
 """
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The search against its twin, on each of its paths."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from twins import grids

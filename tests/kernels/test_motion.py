@@ -1,7 +1,5 @@
 """Sampled motion and its random words against their twins, published answers, and the laws of the distribution."""
 
-# no `from __future__ import annotations`: Taichi reads the annotations of the kernel below
-
 from collections.abc import Callable
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The grid update against its twin, cell by cell."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from twins import grids

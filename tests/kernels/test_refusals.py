@@ -1,7 +1,5 @@
 """What kernels refuse, by the argument's name: arrays read beyond their ends, numbers without a meaning."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Registering scans to signed-distance maps: against the twins, and in a room."""
 
-# no `from __future__ import annotations`: Taichi reads the annotations of the kernel below
-
 from itertools import pairwise
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The seam to Taichi: quiet, offline, once a process, with a cache folder of its own. Each case in a new process."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Colours into cells: the kernel against its twin, in any order, on any number of threads."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from twins.camera import add_frame as twin

@@ -1,7 +1,5 @@
 """Every kernel computes the same bytes on one thread and on more than there are cores."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from kernel_cases import run_cases

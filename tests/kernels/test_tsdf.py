@@ -1,7 +1,5 @@
 """Thinning scans and integrating them into signed-distance maps, against the twins."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from tile_pools import CELL, COARSE_TRUNCATION, MIDDLE, OPTIONS, TRUNCATION, Pool, frames, room_scan, thinned

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from moteslam.errors import InputError
-from moteslam.robot.formats.map_arrays import ARRAYS, MapArrays, read_map_arrays, write_map_arrays
+from moteslam.robot.raster import ARRAYS, MapArrays, read_map_arrays, write_map_arrays
 
 SIZES = st.tuples(st.integers(1, 6), st.integers(1, 6))
 PLACES = st.floats(-1e6, 1e6, allow_subnormal=False)

@@ -139,6 +139,7 @@ def test_an_image_below_the_file_or_named_in_full_is_read(tmp_path: Path) -> Non
         b"P5\n2 2\n255\n\0\0\0",
         b"P5\n2 2\n0\n\0\0\0\0",
         b"P5\n2 2\n65536\n" + bytes(8),
+        b"P5 # 7\n2 2 #\n100\n" + bytes(4),
         b"P5\n2 0\n255\n",
         b"P2\n2 2\n255\n1 2 3",
         b"P2\n2 2\n255\n1 2 3 x",
@@ -153,18 +154,9 @@ def test_an_image_below_the_file_or_named_in_full_is_read(tmp_path: Path) -> Non
 def test_a_broken_image_is_refused(tmp_path: Path, content: bytes) -> None:
     path = written(tmp_path)
     (tmp_path / "m.png").write_bytes(content)
-    with pytest.raises(InputError, match=r"m\.png: not readable as an image, expected a complete pgm or png map"):
+    with pytest.raises(InputError) as caught:
         read_map(path)
-
-
-def test_the_text_of_an_image_may_be_long(tmp_path: Path) -> None:
-    """Taken apart in pieces: 400 000 numbers of one to three digits."""
-    path = written(tmp_path, mode="raw")
-    values = np.random.default_rng(0).integers(0, 256, (1000, 400))
-    body = "\n".join(" ".join(map(str, row)) for row in values.tolist())
-    (tmp_path / "m.png").write_text(f"P2\n400 1000\n255\n{body}\n")
-    expected = np.where(values <= 100, values, -1)[::-1]
-    np.testing.assert_array_equal(read_occupancy(path).values, expected)
+    assert caught.value.file == str(tmp_path / "m.png")
 
 
 def test_an_outsized_image_is_refused_before_it_is_unpacked(tmp_path: Path) -> None:

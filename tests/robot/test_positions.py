@@ -9,7 +9,7 @@ import pytest
 
 from moteslam.errors import InputError
 from moteslam.eval.metrics.ate import position_error
-from moteslam.robot.trajectories.rows import is_positions, read_positions
+from moteslam.robot.trajectories.columns import is_positions, read_positions
 from moteslam.robot.trajectory import Positions, Trajectory
 
 

@@ -1,7 +1,5 @@
 """The small scenario that the tests of the simulator share."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest

@@ -1,7 +1,5 @@
 """The worlds for loop closing: where a known place is met again, and which places look alike."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.spatial import cKDTree

@@ -4,8 +4,6 @@ The room is bare and the robot rests before and after a short drive, so that all
 three standard deviations of what was drawn, or as said.
 """
 
-from __future__ import annotations
-
 from functools import cache
 from pathlib import Path
 
@@ -110,7 +108,10 @@ def test_the_scan_is_that_of_the_data_sheet(run: Run) -> None:
     assert (found.range_min, found.range_max) == (scan.range_min, scan.range_max)
     assert found.turns == ("clockwise" if scan.angle_increment < 0 else "counterclockwise")
     assert scan.range_min <= found.nearest < found.farthest <= scan.range_max
-    assert run.rate("lidar") == pytest.approx(scan.rate, rel=3 * run.platform.noise.lidar.clock.rate_error + 0.005)
+    noise = run.platform.noise.lidar
+    assert run.rate("lidar") == pytest.approx(scan.rate, rel=3 * noise.clock.rate_error + 0.005)
+    assert found.resolution == pytest.approx(noise.resolution, rel=0.01)
+    assert found.invalid == pytest.approx(noise.dropout, abs=3 * np.sqrt(noise.dropout / run.lidar.ranges.size))
 
 
 def test_beams_look_where_the_data_sheet_says(run: Run) -> None:
@@ -126,12 +127,6 @@ def test_beams_look_where_the_data_sheet_says(run: Run) -> None:
     # the mean of that many readings; half a step more where a small noise always rounds the same way
     tolerance = 4 * spread[within] / np.sqrt(len(run.resting)) + noise.resolution / 2
     assert (np.abs(seen - true[within]) < tolerance).mean() > 0.99
-
-
-def test_resolution_and_dropouts(run: Run) -> None:
-    noise, found = run.platform.noise.lidar, run.found.lidar
-    assert found.resolution == pytest.approx(noise.resolution, rel=0.01)
-    assert found.invalid == pytest.approx(noise.dropout, abs=3 * np.sqrt(noise.dropout / run.lidar.ranges.size))
 
 
 def test_range_noise_grows_as_configured(run: Run) -> None:

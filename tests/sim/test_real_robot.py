@@ -3,8 +3,6 @@
 The figures are those of the UCSD recordings (docs/reference/scenarios.md tables them).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Files that a scenario names: in its folder or below; and with a simulation on disk they are in its folder."""
 
-from __future__ import annotations
-
 import shutil
 from importlib import resources
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Complete simulations: reproducible, consistent with their truth, and the same when read back from disk."""
 
-from __future__ import annotations
-
 import dataclasses
 from pathlib import Path
 

@@ -4,8 +4,6 @@ A recording is cut at several scans: what is left is what has arrived when the l
 odometry has given its next reading. The online poses up to then are the same bytes as those of the complete recording.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from dataclasses import fields, replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Presets, overrides, and one-line refusals."""
 
-from __future__ import annotations
-
 import math
 import tomllib
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Recordings with missing, failing and jumping odometry, and with scans that see nothing: the filter finds back."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 

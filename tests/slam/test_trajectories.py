@@ -1,7 +1,5 @@
 """The two trajectories of a run: online, as known at every scan, and final, as known at the end."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import pairwise
 
@@ -19,17 +17,25 @@ from moteslam.slam.settings import resolve_config
 pytestmark = pytest.mark.usefixtures("taichi")
 
 
-def finished(*settings: str) -> tuple[Estimate, np.ndarray]:
+SPARSE = ("particles=20", "update.distance=0.3", "update.rotation=10")
+
+
+@pytest.fixture(scope="module")
+def finished(taichi: None) -> tuple[Estimate, np.ndarray]:
     """The paper's filter in a room, with updates 0.3 m apart, and the indices of the scans that it was updated with."""
-    recording, _ = circled_room(scans=60)
-    sparse = ("particles=20", "update.distance=0.3", "update.rotation=10")
-    session = SlamSession(recording, resolve_config("paper", [*sparse, *settings]), seed=0)
-    updates = [update.index for update in session if update.updated]
-    return session.estimate(), np.array(updates)
+    session = SlamSession(circled_room(scans=60)[0], resolve_config("paper", SPARSE), seed=0)
+    updates = list(session)
+    estimate = session.estimate()
+    assert [update.index for update in updates] == list(range(60))
+    np.testing.assert_array_equal(estimate.trajectory.poses, [update.pose for update in updates])
+    return estimate, np.array([update.index for update in updates if update.updated])
 
 
-def test_the_final_trajectory_is_one_particles_path_and_the_online_one_is_not():
-    estimate, updates = finished()
+def test_the_final_trajectory_is_one_particles_path_and_the_online_one_is_not(
+    finished: tuple[Estimate, np.ndarray],
+):
+    estimate, updates = finished
+    assert estimate.particle_paths.shape == (20, len(updates), 3)
     np.testing.assert_array_equal(estimate.particle_stamps, estimate.trajectory.stamps[updates])
 
     def from_nearest_path(poses: np.ndarray) -> float:
@@ -41,8 +47,8 @@ def test_the_final_trajectory_is_one_particles_path_and_the_online_one_is_not():
     np.testing.assert_allclose(estimate.trajectory_final.poses[updates[-1]], estimate.trajectory.poses[updates[-1]])
 
 
-def test_between_updates_the_misfit_of_motion_and_path_is_spread_evenly():
-    estimate, updates = finished()
+def test_between_updates_the_misfit_of_motion_and_path_is_spread_evenly(finished: tuple[Estimate, np.ndarray]):
+    estimate, updates = finished
     # the paper's filter moves by odometry alone between updates
     odometry, final = estimate.dead_reckoning.poses, estimate.trajectory_final.poses
     off = se2.wrap(np.diff(final[:, 2]) - np.diff(odometry[:, 2]))
@@ -54,13 +60,13 @@ def test_between_updates_the_misfit_of_motion_and_path_is_spread_evenly():
     assert largest > 0.01
 
 
-def test_an_estimate_has_the_order_of_the_recording_where_its_stamps_are_wrong():
+def test_an_estimate_has_the_order_of_the_recording_where_its_stamps_are_wrong(finished: tuple[Estimate, np.ndarray]):
     """Each fifth scan has the stamp of three scans before: the same poses, each at its own stamp."""
     recording, _ = circled_room(scans=60)
-    settings = resolve_config("paper", ["particles=20", "update.distance=0.3", "update.rotation=10"])
+    settings = resolve_config("paper", SPARSE)
     lidar = recording.lidar
     assert lidar is not None
-    poses = finished()[0].dead_reckoning.poses
+    poses = finished[0].dead_reckoning.poses
     lidar = replace(lidar, odometry=poses)
     right = run_slam(replace(recording, lidar=lidar, encoders=None, imu=None), settings)
     wrong = lidar.stamps.copy()

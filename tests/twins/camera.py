@@ -1,7 +1,5 @@
 """The Kinect in NumPy, float64: from the formulas as they are published, pixel by pixel, sharing nothing with ours."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 

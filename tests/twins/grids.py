@@ -1,7 +1,5 @@
 """The grid kernels in plain Python and NumPy: update and matching."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from itertools import product
 

@@ -1,7 +1,5 @@
 """Philox 4x32-10 and the normals drawn from it, in NumPy."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 

@@ -1,7 +1,5 @@
 """Ray casting in NumPy, float64: every ray against every segment, and cell by cell through a grid."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 

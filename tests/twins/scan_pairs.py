@@ -1,7 +1,5 @@
 """Endpoints held to other scans' surfaces, in plain Python, float64."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -1,4 +1,4 @@
-"""g2o files: pose graphs that read back, those of space in the plane, and lines that are refused."""
+"""g2o files: pose graphs that read back, and lines that are refused."""
 
 from __future__ import annotations
 
@@ -68,37 +68,6 @@ def test_vertices_in_any_order_are_sorted_and_edges_keep_their_direction(tmp_pat
     assert graph.fixed.tolist() == [0, 2]
 
 
-def test_poses_of_space_are_projected_with_the_information_about_the_plane(tmp_path: Path) -> None:
-    upper = " ".join(map(str, range(1, 22)))  # row by row: 1..6, 7..11, 12..15, 16..18, 19..20, 21
-    (tmp_path / "g.g2o").write_text(
-        "VERTEX_SE3:QUAT 0 1 2 9 0 0 0 1\nVERTEX_SE3:QUAT 1 1 3 9 0 0 0.7071068 0.7071068\n"
-        f"EDGE_SE3:QUAT 0 1 0 1 0 0 0 0.7071068 0.7071068 {upper}\n"
-    )
-    graph = read_g2o(tmp_path / "g.g2o")
-    np.testing.assert_allclose(graph.poses, [[1, 2, 0], [1, 3, np.pi / 2]])
-    np.testing.assert_allclose(graph.relative, [[0, 1, np.pi / 2]])
-    # x with x, y and half the heading: 1, 2, 6; y: 7, 11; half the heading: 21
-    np.testing.assert_allclose(graph.information, [[[1, 2, 3], [2, 7, 5.5], [3, 5.5, 5.25]]])
-
-
-def test_the_error_of_an_edge_is_the_same_in_space(tmp_path: Path) -> None:
-    """What SE3 weighs of a planar error is, for small angles, what the projected information weighs of it."""
-    from scipy.spatial.transform import Rotation
-
-    generator = np.random.default_rng(3)
-    half = generator.normal(size=(6, 6))
-    information = half @ half.T
-    upper = " ".join(map(repr, information[np.triu_indices(6)].tolist()))
-    (tmp_path / "g.g2o").write_text(
-        f"VERTEX_SE3:QUAT 0 0 0 0 0 0 0 1\nVERTEX_SE3:QUAT 1 1 0 0 0 0 0 1\nEDGE_SE3:QUAT 0 1 1 0 0 0 0 0 1 {upper}\n"
-    )
-    found = read_g2o(tmp_path / "g.g2o")
-    error = 1e-4 * generator.normal(size=3)
-    quaternion = Rotation.from_euler("z", error[2]).as_quat()
-    in_space = np.r_[error[:2], 0, quaternion[:3]]
-    assert error @ found.information[0] @ error == pytest.approx(in_space @ information @ in_space, rel=1e-7)
-
-
 def test_what_is_no_pose_is_passed_over_with_a_count(tmp_path: Path) -> None:
     (tmp_path / "g.g2o").write_text("VERTEX_SE2 0 0 0 0\nVERTEX_XY 1 0 0\nVERTEX_XY 2 0 0\nEDGE_SE2_XY 0 1 0 0 1 0 1\n")
     with pytest.warns(MoteslamWarning, match=r"3 lines passed over, of no pose or edge: VERTEX_XY \(2\), EDGE_SE2_XY"):
@@ -128,7 +97,7 @@ VERTEX = "VERTEX_SE2 0 0 0 0\nVERTEX_SE2 1 1 0 0\n"
         (VERTEX + f"VERTEX_SE2 {2**63} 0 0 0\n", 3),
         (VERTEX + f"VERTEX_SE2 {'9' * 5000} 0 0 0\n", 3),
         (VERTEX + "VERTEX_SE2 1 0 0 0\n", 3),
-        (VERTEX + "VERTEX_SE3:QUAT 2 0 0 0 0 0 0 0\n", 3),
+        (VERTEX + "VERTEX_SE3:QUAT 2 0 0 0 0 0 0 1\n", 3),
         (VERTEX + "EDGE_SE2 0 1 0 0 0 1 0 0 1 0\n", 3),
         (VERTEX + f"EDGE_SE2 0 0 0 0 0 {INFORMATION}\n", 3),
         (VERTEX + f"EDGE_SE2 0 5 0 0 0 {INFORMATION}\n", 3),

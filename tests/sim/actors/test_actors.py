@@ -1,7 +1,5 @@
 """People and doors: where beams see them, whom they run into, and that the robot minds them."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The robot in the physics engine: it goes where its wheels and the walls let it, not where it was commanded."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

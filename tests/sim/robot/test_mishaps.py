@@ -1,7 +1,5 @@
 """Wheels that spin while the robot stands, a robot that is carried: what is true, and what the sensors make of it."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

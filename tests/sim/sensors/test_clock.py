@@ -1,7 +1,5 @@
 """When sensors read, how the host stamps them, and what arrives: lost messages, dead sensors, wrong clocks."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A cart in the lidar's view and a lidar mounted aslant: what the beams measure, when, and nothing else."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

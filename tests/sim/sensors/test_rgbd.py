@@ -1,7 +1,5 @@
 """The simulated Kinect: when it fires, what it sees, and how it is written."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

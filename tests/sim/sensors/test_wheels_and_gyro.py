@@ -1,7 +1,5 @@
 """What wheel counters and gyro add to the truth, one error at a time: each as large as it is configured."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

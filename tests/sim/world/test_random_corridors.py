@@ -1,7 +1,5 @@
 """Random buildings: connected, drivable, all different, and no ray through a wall of theirs."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What a layout becomes: segments, solids, free space, and its true map at any resolution."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

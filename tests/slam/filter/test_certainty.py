@@ -1,7 +1,5 @@
 """States by standard deviations, and the certainty of particles."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """When scans stop fitting the map, and when that is over."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """The map that grows with the robot."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

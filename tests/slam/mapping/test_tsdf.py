@@ -1,7 +1,5 @@
 """The maps of all particles: growing, sharing, and refusing to take all memory."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from slam_rooms import circled_room

@@ -1,7 +1,5 @@
 """Systematic errors of odometry: estimated from registered scans, and removed."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from numpy.typing import NDArray

@@ -1,7 +1,5 @@
 """The paper's filter a step at a time: what it reports, whom a particle descends from, where the map's rays start."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

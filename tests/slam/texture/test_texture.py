@@ -1,7 +1,5 @@
 """The coloured map of the floor against the true floor: colours, place, and what becomes of bad input."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

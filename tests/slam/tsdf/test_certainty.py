@@ -1,7 +1,5 @@
 """How sure the filters are: in a calm room, along a bare corridor, after being carried off, without odometry."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -87,20 +85,24 @@ def test_without_scans_and_odometry_the_robot_is_soon_lost():
     assert math.sqrt(value[0]) > LOST_DISTANCE
 
 
+def registered(covariance: PoseCovariance, information: np.ndarray, likelihood: float, spread: float) -> None:
+    """A robot that stands registers a scan."""
+    fit = Fit(symmetric(information), likelihood, (spread,) * 3, FITS)
+    covariance.step(step_motion(STILL, STILL, 0.1, measured=True), STILL, fit)
+
+
 def test_a_registration_leaves_the_error_of_its_weighted_mean():
     """After one registration the error is A e + (1 - A) r, with the prior's share A as ``register`` weighs it."""
     config = RegistrationConfig()
     covariance = PoseCovariance(config)
     step = (0.3, 0.1, 0.2)
     information = np.array([[4e4, 1e3, 5e3], [1e3, 2e3, -4e2], [5e3, -4e2, 6e4]])
-    spread = (0.03, 0.03, 0.05)
+    spread = 0.03
     covariance.step(step_motion(step, step, 0.1, measured=True), step, None)
     before = as_array(covariance._pose)
-    covariance.step(
-        step_motion(STILL, STILL, 0.1, measured=True), STILL, Fit(symmetric(information), 0.8, spread, FITS)
-    )
+    registered(covariance, information, 0.8, spread)
     scale = config.likelihood_width**2 * (1 / 0.8**2 - 1) * CORRELATION
-    prior = config.prior_weight * np.diag(1 / np.square(spread))
+    prior = config.prior_weight * np.eye(3) / spread**2
     share = np.linalg.inv(information + prior) @ prior
     rest = np.eye(3) - share
     expected = share @ before @ share.T + rest @ (scale * np.linalg.inv(information)) @ rest.T
@@ -117,16 +119,7 @@ def test_the_degenerate_direction_is_that_of_least_information():
         along, across = np.array([np.cos(angle), np.sin(angle)]), np.array([-np.sin(angle), np.cos(angle)])
         information = np.diag([0.0, 0.0, 1e6])
         information[:2, :2] = 10.0 * np.outer(along, along) + 1e6 * np.outer(across, across)
-        covariance.step(
-            step_motion(STILL, STILL, 0.1, measured=True),
-            STILL,
-            Fit(symmetric(information), 0.9, (0.01, 0.01, 0.01), FITS),
-        )
+        registered(covariance, information, 0.9, 0.01)
         assert covariance.degenerate == pytest.approx(angle, abs=1e-6)
-        information[:2, :2] += 1e6 * np.outer(along, along)
-        covariance.step(
-            step_motion(STILL, STILL, 0.1, measured=True),
-            STILL,
-            Fit(symmetric(information), 0.9, (0.01, 0.01, 0.01), FITS),
-        )
+        registered(covariance, information + 1e6 * np.pad(np.outer(along, along), (0, 1)), 0.9, 0.01)
         assert math.isnan(covariance.degenerate)

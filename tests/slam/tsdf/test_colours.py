@@ -1,21 +1,19 @@
 """Colours of the floor in the weights: which frame a scan gets, what it measures, and what becomes of lost ones."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from issues import messages
-from slam_cameras import tiled_room, with_images
 
 from moteslam.eval.metrics.ate import absolute_trajectory_error
 from moteslam.robot import se2
 from moteslam.robot.recording import Recording, RgbdStream
-from moteslam.sim.scenario import load_scenario, with_camera
+from moteslam.sim.scenario import load_scenario, parse_scenario, with_camera
+from moteslam.sim.sensors.rgbd import CameraFrames
 from moteslam.sim.simulate import Simulation, simulate
 from moteslam.slam.estimate import Estimate
 from moteslam.slam.inputs.floor_views import FloorViews
@@ -34,6 +32,47 @@ QUICK = ["particles=6", "texture.enabled=false"]
 CONFIG = resolve_config("default", ["colours.enabled=true", *QUICK])
 assert isinstance(CONFIG, TsdfFilterConfig)
 OLDEST = CONFIG.colours.largest_age
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """A simulated camera's images, drawn when they are asked for; ``asked`` notes the colour images."""
+
+    frames: CameraFrames
+    asked: list[int]
+
+    def rgb(self, index: int) -> np.ndarray:
+        self.asked.append(index)
+        return self.frames.draw_rgb(np.array([index]))[0]
+
+    def disparity(self, index: int) -> np.ndarray:
+        return self.frames.draw_disparity(np.array([index]))[0]
+
+
+def tiled_room(**changes: Any) -> tuple[Simulation, Recording]:
+    """Eight seconds in a curve through a room of tiles, and the recording with images that are drawn when asked for."""
+    scenario = {
+        "duration": 8.0,
+        "world": {
+            "rooms": [{"corner": [0.0, 0.0], "size": [9.0, 7.0]}],
+            "boxes": [{"centre": [6.0, 2.0], "size": [0.8, 0.6]}],
+        },
+        "commands": {"start": [2.0, 2.0, 0.3], "steps": [{"duration": 6.5, "speed": 0.6, "turn_rate": 0.3}]},
+        "drive": {"rest_start": 0.5, "rest_end": 0.5},
+        "floor": {"seed": 2},
+        "camera": {},
+        **changes,
+    }
+    simulation = simulate(parse_scenario(scenario), 1)
+    return simulation, with_images(simulation)
+
+
+def with_images(simulation: Simulation) -> Recording:
+    """A simulation's recording with images that are drawn when they are asked for."""
+    stream, frames = simulation.recording.rgbd, simulation.frames
+    assert stream is not None
+    assert frames is not None
+    return simulation.recording.replace(rgbd=replace(stream, images=Drawn(frames, [])))
 
 
 def views_of(recording: Recording) -> FloorViews:
@@ -113,17 +152,6 @@ def test_which_frame_a_scan_gets_does_not_depend_on_images_that_come_later(room:
         assert handed_out(arrived, range(40, 40 + scans)) == complete[:scans]
 
 
-def test_a_frame_is_placed_where_the_robot_was(room: tuple[Simulation, Recording]) -> None:
-    simulation, recording = room
-    assert recording.lidar is not None
-    views = views_of(recording)
-    for index in range(60, 260, 20):
-        view = views.at(index, OLDEST)
-        if view is not None:
-            then, now = simulation.truth.at(np.array([view.frame.rgb_stamp, recording.lidar.stamps[index]])).poses
-            np.testing.assert_allclose(view.place, se2.between(now, then), atol=0.01)
-
-
 def test_the_odometrys_error_is_spread_over_the_motion(room: tuple[Simulation, Recording]) -> None:
     views = views_of(room[1])
     view = next(view for view in (views.at(k, OLDEST) for k in range(10, 40)) if view is not None)
@@ -143,13 +171,15 @@ def test_the_floor_measures_each_particles_offset_wherever_its_path_lies(
 ) -> None:
     simulation, recording = room
     assert recording.lidar is not None
+    stamps = recording.lidar.stamps
     apart = np.array([(0.0, 0.0, 0.0), (3.0, 1.0, 0.5), (-2.0, 0.4, -2.0), (40.0, 50.0, 3.0)])
     tracker, views = FloorTracker(ColourConfig(map_length=0.5), TextureConfig()), views_of(recording)
     for index in range(40, 230, 8):
         seen = views.at(index, OLDEST)
         if seen is not None:
-            pose = simulation.truth.at(recording.lidar.stamps[index : index + 1]).poses[0]
-            view, poses = seen, se2.compose(apart, pose)
+            then, now = simulation.truth.at(np.array([seen.frame.rgb_stamp, stamps[index]])).poses
+            np.testing.assert_allclose(seen.place, se2.between(now, then), atol=0.01)
+            view, poses = seen, se2.compose(apart, now)
             tracker.add(view, poses, 0, 0.12)
     off = np.array([(0.0, 0.0, 0.0), (0.03, -0.02, 0.0), (-0.02, 0.0, 0.0), (0.0, 0.025, 0.0)])
     fit = tracker.fit(view, se2.compose(poses, off), 0)
@@ -179,6 +209,7 @@ def test_the_floor_measures_each_particles_offset_wherever_its_path_lies(
 def test_colours_take_part_and_nothing_is_lost_by_them(
     room: tuple[Simulation, Recording], estimate: Estimate, without: Estimate
 ) -> None:
+    assert not TsdfFilterConfig().colours.enabled
     assert not same(estimate, without)
     errors = [absolute_trajectory_error(e.trajectory_final, room[0].truth).rmse for e in (estimate, without)]
     assert errors[0] < max(1.2 * errors[1], 0.02)

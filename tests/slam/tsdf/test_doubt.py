@@ -1,7 +1,5 @@
 """When scans contradict the map, and when that is taken for a robot that is lost."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

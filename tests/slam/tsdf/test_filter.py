@@ -1,7 +1,5 @@
 """The TSDF filter a step at a time: weights and score are those of its proposals, the odometry is calibrated."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Several hypotheses: particles at every place that a search cannot tell apart, and what waits until one is left."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

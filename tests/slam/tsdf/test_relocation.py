@@ -1,7 +1,5 @@
 """A robot that is carried elsewhere while it sees nothing: lost, and found again in its own map."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import pairwise
 
