@@ -153,13 +153,8 @@ def position_error(
 ) -> AteResult:
     """The absolute trajectory error of a point of the robot against its measured positions, without headings.
 
-    The estimate is interpolated at the stamps of the positions.
-
-    Args:
-        estimate, positions: of the robot, and of a point that stands on it.
-        mount: pose of that point in the robot's frame, as a lidar's [m, rad].
-        align, scale: as of ``absolute_trajectory_error``.
-        max_difference: a position before or after the estimate by no more than this belongs to its end [s].
+    The point stands at a pose ``mount`` in the robot's frame [m, rad]. The estimate is interpolated at the stamps of
+    the positions; one before or after it by no more than ``max_difference`` [s] belongs to its end.
 
     Raises:
         InputError: no poses or positions, or none of them between two poses at most a second apart.

@@ -51,12 +51,8 @@ FEW = 0.5
 
 @dataclass(frozen=True)
 class ClockOffset:
-    """An offset that fits much better than none.
-
-    Attributes:
-        seconds: to add to the estimate's stamps [s].
-        rmse: distance to the reference with it, after alignment [m].
-        before: the same without it; None where the two have no time in common.
+    """An offset to add to the estimate's stamps [s] that fits much better than none, the RMSE after alignment with it
+    [m], and the one before, without it: None where the two have no time in common.
     """
 
     seconds: float

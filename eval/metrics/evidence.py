@@ -78,14 +78,9 @@ class Evidence:
 
     Attributes:
         trajectories: the estimates by name; ``FINAL`` is the one that the map was drawn along.
-        truth: on the clock of the recording.
-        relations: of the recording.
-        occupancy: the map, trinary.
-        true_map: in the frame of the truth, trinary.
-        recording: what the sensors saw.
-        certainty: of the online trajectory.
+        truth, relations: on the clock of the recording.
+        occupancy, true_map: trinary, the latter in the frame of the truth.
         loops: the candidates of the back end; None where it looks for none.
-        cost: of the run.
     """
 
     trajectories: Mapping[str, Trajectory]

@@ -41,10 +41,9 @@ class LocalisationResult(Summarised):
     """Covariances and states against the truth.
 
     Attributes:
-        stamps: [n] of the scans that were scored [s]: all that have a map around them, at most ``MAX_SCANS``.
+        stamps, states: [n] of the scans that were scored: all that have a map around them, at most ``MAX_SCANS``.
         errors: [n, 3] of the online poses relative to the map around the robot, in its frame (x, y [m], theta).
         nees: [n] normalised estimation error squared, e^T C^-1 e: 3 in the mean if the covariances C are right.
-        states: [n] as the filter had them, ``LocalisationState``.
         offset: [3] of the robot's frame that was taken out, the same for all scans: the lidar stands elsewhere than the
             recording states.
         astray: [n] whether it is elsewhere than it thinks: since a step that was off by more than drift, until it is

@@ -116,8 +116,7 @@ def score_loops(
     Args:
         loops: the candidates, whatever became of them.
         truth: on the clock of the recording; accepted loops outside of it are left out.
-        recording: whose endpoints show which loops are possible; without it there is no recall.
-        scans: the recording's as ``synchronise(recording)`` gives them; made here by default.
+        recording, scans: as of ``scan_residuals``; their endpoints show which loops are possible: no recall without.
 
     Raises:
         InputError: something of another type, a truth without poses, or a recording without scans.

@@ -27,13 +27,9 @@ RPE = re.compile(r"rpe_(?P<delta>[0-9]+(?:\.[0-9]+)?)(?P<unit>m|s|frames)(?P<rot
 
 @dataclass(frozen=True)
 class Value:
-    """The value of a metric: a finite number, or why there is none.
+    """The value of a metric: a finite number, or the reason why there is none.
 
-    Attributes:
-        number: in the unit.
-        unit: as of ``Metric``.
-        reason: why there is no number.
-        more: further figures of the same errors, such as their ``median``, ``max`` and ``count``.
+    ``more`` has further figures of the same errors, such as their ``median``, ``max`` and ``count``.
     """
 
     number: float | None

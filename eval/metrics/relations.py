@@ -147,13 +147,7 @@ def evaluate_relations(
     A log may repeat a stamp for distinct scans, and then it is unknown which of them a relation meant. The *clear*
     relations are those whose two stamps each belong to exactly one pose of the trajectory. Of several poses with one
     stamp the first stands for it. A stamp between two poses at most ``MAX_GAP`` apart has the pose interpolated there,
-    unless ``interpolate`` is false.
-
-    Args:
-        trajectory: a pose at every scan; equal stamps are distinct poses.
-        relations: of the same log, on the same clock.
-        interpolate: use relations whose stamps lie between poses, too.
-        tolerance: between the stamps of a relation and of its pose [s].
+    unless ``interpolate`` is false. The stamps of a relation and of its pose are at most ``tolerance`` apart [s].
 
     Raises:
         InputError: no relation can be used.

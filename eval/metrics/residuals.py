@@ -47,17 +47,14 @@ class ResidualResult(Summarised):
     """The residuals of a recording's scans under a trajectory.
 
     Attributes:
-        median: of the residuals [m].
-        quantile_90: nine of ten residuals are below it [m].
-        beyond_3_cm: share of the residuals above 3 cm.
+        median, quantile_90, beyond_3_cm: of the residuals [m], [m], and the share of those above 3 cm.
         unseen: share of the endpoints compared that have no residual against any other scan.
         no_return: share of all beams of the recording without a return (``inf``); those without a usable reading
             (``nan``) are not among them.
-        residuals: how many there are.
-        endpoints: how many endpoints were compared.
+        residuals, endpoints: how many there are, and how many endpoints were compared.
         matched: how many scans have a pose.
-        stamps: [n] of the scans whose endpoints were compared [s].
-        medians: [n] median residual of each of them [m]; NaN for a scan without any.
+        stamps, medians: [n] of the scans whose endpoints were compared [s], and their median residuals [m]; NaN for a
+            scan without any.
     """
 
     median: float

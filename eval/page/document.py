@@ -47,17 +47,11 @@ def page(
     baseline: str | None = None,
     progress: Callable[[float], None] = lambda _read: None,
 ) -> str:
-    """The report.
+    """The report, as HTML.
 
-    Args:
-        material: what was run.
-        title: of the page.
-        metrics: names; none for those that the specifications name, else the usual ones.
-        baseline: the configuration that the others are compared with, by default the first.
-        progress: called with how many runs were read.
-
-    Raises:
-        ConfigError: an unknown metric or baseline.
+    Without metrics it has those that the specifications name, else the usual ones; without a baseline the others are
+    compared with the first configuration. ``progress`` is called with how many runs were read. ``ConfigError``: an
+    unknown metric or baseline.
     """
     runs, names = material.runs, _metrics(material, metrics)
     by_configuration = charts.grouped(runs, lambda run: run.configuration)

@@ -38,13 +38,7 @@ CLOUDS, LARGEST_CLOUD = 400_000, 60_000
 
 @dataclass(frozen=True)
 class Budget:
-    """How much of each run the page holds.
-
-    Attributes:
-        steps: poses.
-        picture: bytes of its map, and of its texture.
-        particles: numbers for its particles.
-    """
+    """How much of each run the page holds: poses, bytes of its map and its texture each, numbers for its particles."""
 
     steps: int
     picture: int

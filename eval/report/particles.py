@@ -29,15 +29,9 @@ COMPONENTS = (("along [cm]", 100.0), ("across [cm]", 100.0), ("heading [deg]", 1
 
 @dataclass(frozen=True, eq=False)
 class Cloud:
-    """The particles of a run. The survivors are those of the last update.
+    """The particles of a run: stamps [u], paths [K, u, 3], ancestors [K, u] and spread [u, 3] as of ``Estimate``.
 
-    Attributes:
-        stamps: [u] of the updates of the filter [s].
-        paths: [K, u, 3] of the survivors.
-        ancestors: [K, u] index of each path's particle among those of every update.
-        spread: [u, 3] standard deviation of all particles after every update: along and across the heading [m], and of
-            the heading [rad].
-        best: index of the best particle among the survivors.
+    The survivors are those of the last update, whose paths these are; ``best`` is the index of the best one.
     """
 
     stamps: Array
