@@ -24,7 +24,7 @@ from moteslam.eval.metrics.registry import chosen, metric
 from moteslam.eval.page import charts
 from moteslam.eval.page.material import Material, ReportRun
 from moteslam.eval.page.player import Budget, playable
-from moteslam.eval.statistics import Comparison, Proportion, compare
+from moteslam.eval.statistics import Population, Proportion, compare
 from moteslam.eval.sweep.tables import better
 from moteslam.robot.values import interval
 
@@ -81,7 +81,14 @@ def page(
         }
         for name in names
     ]
-    several = len(by_configuration) > 1
+    others = [_population(name, members) for name, members in by_configuration.items() if name != first]
+    reference = _population(first, by_configuration[first])
+    pairs = {
+        name: [
+            (other.name, compare(reference.values(name), other.values(name), better=better(name))) for other in others
+        ]
+        for name in names
+    }
     return _render(
         {
             "title": title,
@@ -94,7 +101,7 @@ def page(
             "configurations": by_configuration,
             "places": charts.grouped(runs, lambda run: ", ".join(filter(None, (run.place, run.platform, run.noise)))),
             "baseline": first,
-            "pairs": {name: _pairs(by_configuration, first, name) for name in names} if several else {},
+            "pairs": pairs if others else {},
             "failures": [run for run in runs if run.status != "ok"],
             "player_of": player_of,
             "players": players,
@@ -166,18 +173,8 @@ def _metrics(material: Material, wanted: Sequence[str]) -> list[str]:
     ]
 
 
-def _pairs(groups: dict[str, list[ReportRun]], baseline: str, name: str) -> list[tuple[str, Comparison]]:
-    """Each other configuration compared with the baseline."""
-    values = {
-        configuration: {
-            run.case: run.values.get(name) if run.status == "ok" else None
-            for run in members
-            if run.status != "ok" or name in run.values
-        }
-        for configuration, members in groups.items()
-    }
-    first = values.pop(baseline)
-    return [(other, compare(first, each, better=better(name))) for other, each in values.items()]
+def _population(name: str, runs: Sequence[ReportRun]) -> Population:
+    return Population(name, {run.case: run.values if run.status == "ok" else None for run in runs})
 
 
 def _number(value: float | None) -> str:
