@@ -72,24 +72,22 @@ def match(
         raise InputError("a trajectory without poses, expected at least one in each")
     space = in_space(estimate, reference)
     dense = _denser(estimate, reference, max_difference) if interpolate is None else reference if interpolate else None
+    which: list[Indices | None]  # poses of estimate and reference; None where they are interpolated
     if dense is not None:
         sparse = estimate if dense is reference else reference
-        keep = covered(sparse.stamps, dense.stamps, max_difference)
-        stamps = sparse.stamps[keep]
-        pair = [_at(sparse, stamps, keep, space), _at(dense, stamps, None, space)]
-        there, true = pair if dense is reference else reversed(pair)
+        keep = np.flatnonzero(covered(sparse.stamps, dense.stamps, max_difference))
+        stamps, which = sparse.stamps[keep], [keep, None] if dense is reference else [None, keep]
     else:
-        if len(reference) < len(estimate):
-            in_reference, in_estimate = within(reference.stamps, estimate.stamps, max_difference)
-        else:
-            in_estimate, in_reference = within(estimate.stamps, reference.stamps, max_difference)
-        stamps = estimate.stamps[in_estimate]
-        there, true = _at(estimate, stamps, in_estimate, space), _at(reference, stamps, in_reference, space)
+        shorter, longer = sorted((estimate, reference), key=len)
+        pair = within(shorter.stamps, longer.stamps, max_difference)
+        which = [*(pair if shorter is estimate else pair[::-1])]
+        stamps = estimate.stamps[which[0]]
     if not len(stamps):
         raise InputError(
             f"no stamps in common: the estimate covers {from_to(estimate.stamps)}, the reference "
             f"{from_to(reference.stamps)}, expected stamps within {max_difference:g} s of each other"
         )
+    there, true = (_at(one, stamps, index, space) for one, index in zip((estimate, reference), which, strict=True))
     spaces = None if there[1] is None or true[1] is None else (there[1], true[1])
     return Matched(stamps, there[0], true[0], estimate.oriented and reference.oriented, spaces)
 

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from moteslam.eval.literal import literal
 from moteslam.robot.files import write_atomically
 from moteslam.robot.pictures import STYLE
 
@@ -70,7 +71,7 @@ def saved_figure(
         for axes in figure.axes:
             if axes.get_legend() is None:
                 for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
-                    shown.setdefault(printable(label), handle)
+                    shown.setdefault(literal(label), handle)
         if shown:
             ncols = columns[0] if size[0] > 7 else columns[1]
             legend = figure.legend(list(shown.values()), list(shown), loc="outside lower center", ncols=ncols)
@@ -111,13 +112,8 @@ def saved_plan(
 
 def shortened(text: str, longest: int) -> str:
     """Printable text of at most this number of characters."""
-    text = printable(text)
+    text = literal(text)
     return text if len(text) <= longest else f"{text[: longest - 1]}…"
-
-
-def printable(text: str) -> str:
-    """Text with the bytes of a file name that are no text as escapes."""
-    return text.encode(errors="surrogateescape").decode(errors="backslashreplace")
 
 
 def map_greys(log_odds: NDArray[np.float32]) -> Array:

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from moteslam.eval.literal import literal
 from moteslam.eval.metrics.registry import metric
 from moteslam.eval.report import style
 from moteslam.eval.sweep.tables import GroupSummary, better, varying
@@ -53,7 +54,7 @@ def draw_sweep(
         panels = figure.subplots(1, len(metrics), squeeze=False)[0]
         for axes, name in zip(panels, metrics, strict=True):
             _draw(axes, lines, name, places)
-            axes.set_xlabel(style.printable(column if label is None else label), parse_math=False)
+            axes.set_xlabel(literal(column if label is None else label), parse_math=False)
         panels[0].errorbar([], [], yerr=[], color="0.4", ls="", capsize=3.5, label="95 % interval of the median")
 
 
