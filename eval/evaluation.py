@@ -1,4 +1,4 @@
-"""A trajectory scored: against another one, relations or positions, or by the scans of its recording."""
+"""A trajectory scored: against another one or relations, or by the scans of its recording."""
 
 from __future__ import annotations
 
@@ -8,11 +8,9 @@ from math import isnan
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from moteslam.errors import ConfigError, InputError
 from moteslam.eval.metrics.association import MAX_DIFFERENCE, in_plane, oriented, spatial
-from moteslam.eval.metrics.ate import AteResult, absolute_trajectory_error, position_error
+from moteslam.eval.metrics.ate import AteResult, absolute_trajectory_error
 from moteslam.eval.metrics.doubts import clock_offset, doubts, few_matched, in_words, on_another_clock
 from moteslam.eval.metrics.evidence import FINAL, Evidence
 from moteslam.eval.metrics.registry import Value, measure
@@ -27,16 +25,13 @@ from moteslam.eval.metrics.relations import (
 from moteslam.eval.metrics.residuals import ResidualResult, scan_residuals
 from moteslam.eval.metrics.rpe import RpeResult, relative_pose_error
 from moteslam.robot.formats.map_server import read_map
-from moteslam.robot.platform import Platform
 from moteslam.robot.recording import Recording
-from moteslam.robot.se2 import compose
 from moteslam.robot.trajectories import read_trajectory
-from moteslam.robot.trajectories.columns import is_positions, read_positions
-from moteslam.robot.trajectory import TILT, Positions, Trajectory, tilt_of
+from moteslam.robot.trajectory import TILT, Trajectory, tilt_of
 from moteslam.robot.values import Issue
 from moteslam.slam.inputs.scans import Scans
 
-Reference = Trajectory | Relations | Positions
+Reference = Trajectory | Relations
 
 ACCURACY_OF_MAPS = ("map_precision", "map_recall", "map_f1", "map_distance", "map_free_iou", "map_known")
 """Metrics that compare a map with the true one."""
@@ -58,21 +53,18 @@ class Evaluation:
 
 
 def read_reference(path: Path) -> Reference:
-    """What to score by: relations, positions or a trajectory, by the content of a file.
+    """What to score by: relations or a trajectory, by the content of a file.
 
     Raises:
         InputError: it is none of them, or broken.
     """
-    if is_relations(path):
-        return read_relations(path)
-    return read_positions(path) if is_positions(path) else read_trajectory(path)
+    return read_relations(path) if is_relations(path) else read_trajectory(path)
 
 
 def against(
     estimate: Trajectory,
     reference: Reference,
     *,
-    robot: Platform | None = None,
     align: bool = True,
     scale: bool = False,
     delta: float = 1.0,
@@ -84,10 +76,16 @@ def against(
     """Score a trajectory by a reference of any kind; arguments that are not of its kind change nothing."""
     if isinstance(reference, Relations):
         return against_relations(estimate, reference, interpolate=interpolate, max_difference=max_difference)
-    laid: dict[str, Any] = {"align": align, "scale": scale, "max_difference": max_difference}
-    if isinstance(reference, Positions):
-        return against_positions(estimate, reference, robot=robot, **laid)
-    return against_trajectory(estimate, reference, delta=delta, unit=unit, all_pairs=all_pairs, **laid)
+    return against_trajectory(
+        estimate,
+        reference,
+        align=align,
+        scale=scale,
+        delta=delta,
+        unit=unit,
+        all_pairs=all_pairs,
+        max_difference=max_difference,
+    )
 
 
 def against_trajectory(
@@ -167,49 +165,6 @@ def against_relations(
     return Evaluation({"kind": "relations", **result.as_dict()}, errors, result)
 
 
-def against_positions(
-    estimate: Trajectory,
-    positions: Positions,
-    *,
-    robot: Platform | None = None,
-    align: bool = True,
-    scale: bool = False,
-    max_difference: float | None = None,
-) -> Evaluation:
-    """Score a trajectory by measured positions of the lidar; arguments and errors as in ``position_error``.
-
-    Args:
-        estimate, positions, align, scale, max_difference: as there.
-        robot: that the lidar stands on; at its origin where it is not known, which a warning says.
-    """
-    apart = MAX_DIFFERENCE if max_difference is None else max_difference
-    mount = (0.0, 0.0, 0.0) if robot is None else robot.lidar.pose
-    if not estimate.oriented and any(mount):
-        raise InputError("an estimate without orientation, expected headings: the lidar is not at the robot's origin")
-    heads = np.column_stack((positions.points, np.zeros(len(positions))))
-    measured_at = Trajectory(positions.stamps, heads, oriented=False)
-    there = replace(estimate, poses=compose(estimate.poses, mount), space=None)
-    try:
-        ate = position_error(estimate, positions, mount=mount, align=align, scale=scale, max_difference=apart)
-    except InputError as error:
-        raise on_another_clock(error, clock_offset(there, measured_at)) from None
-    question = "are these of the same drive, on the same clock?"
-    issues = few_matched(len(ate.stamps), min(len(estimate), len(positions)), "positions", question)
-    if robot is None:
-        text = "the positions are the lidar's, whose place on the robot only the recording says: taken for its origin"
-        issues = (Issue("unknown-mount", text), *issues)
-    if align and (offset := clock_offset(there, measured_at)) is not None:
-        issues += (Issue("clocks-differ", in_words(offset)),)
-    figures = {
-        "kind": "positions",
-        "aligned": align,
-        "scaled": align and scale,
-        "ate": {name: value for name, value in ate.as_dict().items() if name != "rotation_deg"},
-        "warnings": [issue.as_dict() for issue in issues],
-    }
-    return Evaluation(figures, {"stamps": ate.stamps.tolist(), "translation_m": ate.errors.tolist()}, ate)
-
-
 def under_recording(estimate: Trajectory, recording: Recording, *, scans: Scans | None = None) -> Evaluation:
     """Score a trajectory by the scans of its recording; arguments and errors as in ``scan_residuals``."""
     oriented(estimate)
@@ -235,7 +190,7 @@ def measured(
 
     Args:
         estimate: the trajectory.
-        reference: a trajectory, relations or positions; by the last no metric is measured.
+        reference: a trajectory or relations.
         recording: of its drive.
         occupancy, true_map: map_server ``.yaml`` files of its map, in the frame of the estimate, and of the true one.
         names: of the metrics; with a true map its accuracy is measured, too.

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import secrets
 import stat
 import tempfile
@@ -327,10 +326,3 @@ def _folder_beside(path: Path) -> Iterator[Path]:
             raise type(error)(error.problem, file=file, field=error.field, line=error.line) from error
         except OSError as error:
             raise OutputError(f"cannot be written: {error.strerror or error}", file=path) from error
-
-
-def umask() -> int:
-    """The permissions that files of this process do without."""
-    mask = os.umask(0o022)
-    os.umask(mask)
-    return mask

@@ -1,4 +1,4 @@
-"""Trajectories, measured positions and pose graphs; poses in space and what is left of them in the plane.
+"""Trajectories and pose graphs; poses in space and what is left of them in the plane.
 
 Their files: ``moteslam.robot.trajectories``.
 """
@@ -68,7 +68,14 @@ class Trajectory(Summarised):
     warnings: tuple[Issue, ...] = ()
 
     def __post_init__(self) -> None:
-        _freeze(self, "poses", 3)
+        stamps, poses = frozen(self.stamps, np.float64), frozen(self.poses, np.float64)
+        if stamps.ndim != 1 or poses.shape != (len(stamps), 3):
+            found = f"stamps {list(stamps.shape)} and poses {list(poses.shape)}"
+            raise InputError(f"{found}, expected [n] and [n, 3]", field="poses")
+        if (np.diff(stamps) < 0).any():
+            raise InputError("stamps go back, expected rising seconds", field="stamps")
+        object.__setattr__(self, "stamps", stamps)
+        object.__setattr__(self, "poses", poses)
 
     def __len__(self) -> int:
         return len(self.stamps)
@@ -84,40 +91,6 @@ class Trajectory(Summarised):
 
     def _summary(self) -> str:
         return f"{counted(len(self), 'pose')}, {span(self.stamps)}, {self.length:.1f} m"
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class Positions(Summarised):
-    """Where a point of a robot was over time, without a heading: a truth of cameras and total stations.
-
-    Attributes:
-        stamps: [n] float64 [s], not decreasing.
-        points: [n, 2] float64: x, y [m].
-    """
-
-    stamps: NDArray[np.float64]
-    points: NDArray[np.float64]
-
-    def __post_init__(self) -> None:
-        _freeze(self, "points", 2)
-
-    def __len__(self) -> int:
-        return len(self.stamps)
-
-    def _summary(self) -> str:
-        return f"{counted(len(self), 'position')}, {span(self.stamps)}"
-
-
-def _freeze(self: Trajectory | Positions, name: str, columns: int) -> None:
-    """Make stamps [n] and the values [n, columns] of a name read-only; refuse others."""
-    stamps, values = frozen(self.stamps, np.float64), frozen(getattr(self, name), np.float64)
-    if stamps.ndim != 1 or values.shape != (len(stamps), columns):
-        found = f"stamps {list(stamps.shape)} and {name} {list(values.shape)}"
-        raise InputError(f"{found}, expected [n] and [n, {columns}]", field=name)
-    if (np.diff(stamps) < 0).any():
-        raise InputError("stamps go back, expected rising seconds", field="stamps")
-    object.__setattr__(self, "stamps", stamps)
-    object.__setattr__(self, name, values)
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)

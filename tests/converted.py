@@ -34,7 +34,7 @@ def assert_held(form: str, recording: Recording, back: Recording) -> None:
 
 def with_every_stream(recording: Recording, seconds: float = 1.0) -> Recording:
     """The beginning of a simulated recording, with the odometry of its wheels as a stream of its own."""
-    from moteslam.robot.cut import Cut, cut
+    from moteslam.robot.formats import Cut, cut
     from moteslam.sim.logged import with_odometry
 
     return cut(recording.replace(odometry=with_odometry(recording, gyro=True).odometry), Cut(end=seconds))

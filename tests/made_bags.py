@@ -70,7 +70,6 @@ def scan(
         "range_min": 0.1,
         "range_max": 10.0,
         "ranges": rows,
-        "intensities": np.empty(0, np.float32),
         **figures,
     }
     return Event(START + round(time * SECOND), topic, "sensor_msgs/LaserScan", values)
@@ -80,9 +79,8 @@ def odometry(time: float, pose: tuple[float, float, float], *, topic: str = "/od
     """An odometry pose."""
     x, y, yaw = pose
     stamp = START + round(time * SECOND)
-    twist = {"twist": {"linear": vector(0, 0, 0), "angular": vector(0, 0, 0)}, "covariance": np.zeros(36)}
-    placed = {"pose": {"position": vector(x, y, 0), "orientation": turned(yaw)}, "covariance": np.zeros(36)}
-    values = {"header": header(stamp, "odom"), "child_frame_id": child, "pose": placed, "twist": twist}
+    placed = {"pose": {"position": vector(x, y, 0), "orientation": turned(yaw)}}
+    values = {"header": header(stamp, "odom"), "child_frame_id": child, "pose": placed}
     return Event(stamp, topic, "nav_msgs/Odometry", values)
 
 
@@ -92,11 +90,8 @@ def imu(time: float, rates: tuple[float, float, float], *, frame: str = "imu", t
     values = {
         "header": header(stamp, frame),
         "orientation": turned(0.0),
-        "orientation_covariance": np.zeros(9),
         "angular_velocity": vector(*rates),
-        "angular_velocity_covariance": np.zeros(9),
         "linear_acceleration": vector(0.0, 0.0, 9.80665),
-        "linear_acceleration_covariance": np.zeros(9),
     }
     return Event(stamp, topic, "sensor_msgs/Imu", values)
 

@@ -7,6 +7,8 @@ import numpy as np
 from moteslam.robot import se2
 from moteslam.robot.platforms import CARMEN
 from moteslam.robot.recording import LidarStream, Recording
+from moteslam.sim.scenario import parse_scenario
+from moteslam.sim.simulate import Simulation, simulate
 
 STEP = np.radians(1.5)
 ANGLES = np.radians(np.arange(-135, 135, 1.5))
@@ -43,6 +45,22 @@ def carried_into_another_room(*, scans: int = 120, at: int = 60) -> Recording:
     other = seen_from(true, [*pairwise(corners), (corners[-1], corners[0])])
     ranges = np.where(np.arange(scans)[:, None] < at, recording.lidar.ranges, other)
     return recorded(ranges, true)
+
+
+def tiled_room(**camera: float) -> Simulation:
+    """Eight seconds in a curve through a room with a floor of tiles, with such a camera."""
+    scenario = {
+        "duration": 8.0,
+        "world": {
+            "rooms": [{"corner": [0.0, 0.0], "size": [9.0, 7.0]}],
+            "boxes": [{"centre": [6.0, 2.0], "size": [0.8, 0.6]}],
+        },
+        "commands": {"start": [2.0, 2.0, 0.3], "steps": [{"duration": 6.5, "speed": 0.6, "turn_rate": 0.3}]},
+        "drive": {"rest_start": 0.5, "rest_end": 0.5},
+        "floor": {"seed": 2},
+        "camera": camera,
+    }
+    return simulate(parse_scenario(scenario), 1)
 
 
 def seen_from(poses: np.ndarray, walls: list[tuple[tuple[float, float], tuple[float, float]]]) -> np.ndarray:

@@ -69,19 +69,6 @@ def test_the_default_preset_follows_key_scans(data_folder: Path):
     assert absolute_trajectory_error(estimate.trajectory, reference).translation.rmse < 0.09
 
 
-def test_a_recording_written_and_read_back_gives_the_same_bytes(tmp_path: Path):
-    simulation = short("corridor", 25, seed=4)
-    write_simulation(tmp_path, simulation)
-    from_disk, from_memory = (
-        run_slam(recording, load_preset("paper"), seed=1)
-        for recording in (open_recording(tmp_path), simulation.recording)
-    )
-    assert from_disk.trajectory.poses.tobytes() == from_memory.trajectory.poses.tobytes()
-    assert from_disk.trajectory.stamps.tobytes() == from_memory.trajectory.stamps.tobytes()
-    assert from_disk.trajectory_final.poses.tobytes() == from_memory.trajectory_final.poses.tobytes()
-    assert from_disk.map.values.tobytes() == from_memory.map.values.tobytes()
-
-
 @pytest.mark.parametrize("preset", ["paper", "default"])
 def test_one_thread_and_two_give_the_same_bytes(tmp_path: Path, preset: str):
     write_simulation(tmp_path, short("office", 25, seed=2))

@@ -98,7 +98,6 @@ def _trajectories() -> Iterator[Reader]:
     from moteslam.eval.evaluation import against_trajectory
     from moteslam.eval.metrics.relations import read_relations
     from moteslam.robot.trajectories import TRAJECTORY_FORMATS, read_trajectory
-    from moteslam.robot.trajectories.columns import read_positions
 
     stamps = np.arange(9) / 2
     path = Trajectory(stamps, np.column_stack((stamps, np.sin(stamps), 0.1 * stamps)))
@@ -114,8 +113,6 @@ def _trajectories() -> Iterator[Reader]:
         "bag topics", _made("p.bag", _write_bag_of_poses), "p.bag",
         lambda file: [read_trajectory(f"{file}:{name}") for name in ("/pose", "tf:map:base")],
     )  # fmt: skip
-    places = "".join(f"P {100 * k} {k} {2 * k}.5\n" for k in range(9))
-    yield Reader("positions", {"p.txt": places.encode()}, "p.txt", read_positions)
     lines = "".join(f"{k}.5 {k + 1}.5 0.5 0.1 0 0 0 0.2\n" for k in range(8))
     yield Reader("relations", {"a.relations": lines.encode()}, "a.relations", read_relations)
 

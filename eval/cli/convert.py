@@ -127,8 +127,7 @@ def _read(path: Path) -> tuple[Trajectory, tuple[Issue, ...]]:
     import numpy as np
 
     from moteslam.robot.formats.bags.files import is_bag
-    from moteslam.robot.trajectories import TRAJECTORY_FORMATS, read_trajectory, trajectory_format_of
-    from moteslam.robot.trajectories.bag import parts_of
+    from moteslam.robot.trajectories import TRAJECTORY_FORMATS, parts_of, read_trajectory, trajectory_format_of
     from moteslam.robot.trajectories.g2o import read_g2o, vertices_of
     from moteslam.robot.values import Issue, counted
 

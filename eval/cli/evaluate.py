@@ -1,4 +1,4 @@
-"""``moteslam evaluate``: trajectories against another one, relations or positions, or by the scans of a recording."""
+"""``moteslam evaluate``: trajectories against another one or relations, or by the scans of a recording."""
 
 from __future__ import annotations
 
@@ -20,8 +20,7 @@ if TYPE_CHECKING:
 NEEDED = {
     **dict.fromkeys(("sequence", "platform"), "a recording"),
     **dict.fromkeys(("plot", "max_difference", "time_offset"), "a reference"),
-    **dict.fromkeys(("no_align", "scale"), "a reference trajectory or positions"),
-    **dict.fromkeys(("delta", "unit", "all_pairs", "loops"), "a reference trajectory"),
+    **dict.fromkeys(("no_align", "scale", "delta", "unit", "all_pairs", "loops"), "a reference trajectory"),
     "no_interpolate": "a .relations reference",
     "map_file": "a reference trajectory",
     "true_map": "a --map",
@@ -36,7 +35,7 @@ def evaluate(
         typer.Argument(
             metavar="EST... [REF]",
             help="Trajectories to score (TUM, KITTI, CSV, g2o, BAG:TOPIC); last of several the reference, also "
-            ".relations or positions.",
+            ".relations.",
         ),
     ],
     recording: Annotated[
@@ -92,8 +91,7 @@ def evaluate(
     interpolated at the stamps of the other; where they have as many, each takes the nearest stamp. Motion out of x and
     y is compared in space, a reference without orientation by positions and distances. A trajectory in a ROS bag is
     BAG:TOPIC or BAG:tf:PARENT:CHILD. Relations are interpolated between poses; clear relations are those whose stamps
-    each belong to exactly one pose. Against measured positions of the lidar (lines P t x y), the absolute error of its
-    position; where it stands on the robot, --recording says.
+    each belong to exactly one pose.
 
     With --recording, the residuals of every EST: the distances of endpoints to the lines of scans less than 2 m of
     path away.
@@ -153,7 +151,6 @@ def evaluate(
                 compared[name] = against(
                     one,
                     truth,
-                    robot=None if opened is None else opened.platform,
                     align=not no_align,
                     scale=scale,
                     delta=delta,
@@ -255,9 +252,7 @@ def _refuse_options(context: typer.Context, paths: list[Path], recording: Path |
 def _kinds(reference: Path) -> set[str]:
     """What a reference is, in the words of ``NEEDED``."""
     from moteslam.eval.metrics.relations import is_relations
-    from moteslam.robot.trajectories.columns import is_positions
 
     if is_relations(reference):
         return {"a reference", "a .relations reference"}
-    trajectory = set() if is_positions(reference) else {"a reference trajectory"}
-    return {"a reference", "a reference trajectory or positions", *trajectory}
+    return {"a reference", "a reference trajectory"}

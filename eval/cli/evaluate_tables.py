@@ -18,9 +18,6 @@ def say_evaluations(rows: Sequence[Row], more: Mapping[str, Any]) -> None:
     for row in rows:
         _warn_and_head(row, alone=len(rows) == 1)
     kind, reference = rows[0].get("kind"), literal(rows[0].get("reference"))
-    if kind == "positions":
-        say(f"positions of the lidar against {reference}")
-        say(_position_table(rows))
     if kind == "trajectory" and len(rows) > 1:
         say(f"against {reference}")
         say(_comparison_table(rows))
@@ -80,14 +77,6 @@ def _trajectory_table(row: Row) -> str:
             if (found := error[what]) is not None:
                 lines.append((f"{name} [{unit}]", str(found["count"]), *_shown(found, digits)))
     return table(lines, right=range(1, 7))
-
-
-def _position_table(rows: Sequence[Row]) -> str:
-    lines: list[tuple[str, ...]] = [("estimate", "error", "count", "RMSE", "mean", "median", "std", "max")]
-    for row in rows:
-        found = row["ate"]["translation_m"]
-        lines.append((literal(row["estimate"]), f"{_ate_name(row)} [m]", str(found["count"]), *_shown(found, 4)))
-    return table(lines, right=range(2, 8))
 
 
 def _shown(found: Row, digits: int) -> list[str]:

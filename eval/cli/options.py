@@ -160,8 +160,7 @@ class RecordingOptions:
             InputError: it cannot be read, or nothing is left of it.
             ConfigError: an option that is wrong; it is named.
         """
-        from moteslam.robot.cut import Cut, cut
-        from moteslam.robot.formats import open_recording
+        from moteslam.robot.formats import Cut, cut, open_recording
 
         try:
             streams = tuple(name.strip() for name in self.streams.split(",")) if self.streams is not None else ()

@@ -14,8 +14,6 @@ from moteslam.eval.metrics.association import (
     MAX_DIFFERENCE,
     Matched,
     angles,
-    covered,
-    from_to,
     heading_of,
     laid,
     match,
@@ -24,10 +22,9 @@ from moteslam.eval.metrics.association import (
     upright,
 )
 from moteslam.eval.statistics import Statistics
-from moteslam.robot import se2
 from moteslam.robot.se2 import IDENTITY, Poses, compose, inverse, umeyama, umeyama_scale, wrap
-from moteslam.robot.trajectory import Positions, Space, Trajectory
-from moteslam.robot.values import Summarised, counted, expect_type
+from moteslam.robot.trajectory import Space, Trajectory
+from moteslam.robot.values import Summarised, counted
 
 Array = NDArray[np.float64]
 
@@ -140,38 +137,6 @@ def absolute_trajectory_error(
     matched = match(estimate, reference, max_difference=max_difference, interpolate=interpolate)
     compare = _in_plane if matched.space is None else _in_space
     return compare(matched, align=align, from_start=from_start, scale=scale)
-
-
-def position_error(
-    estimate: Trajectory,
-    positions: Positions,
-    *,
-    mount: tuple[float, float, float] = (0.0, 0.0, 0.0),
-    align: bool = True,
-    scale: bool = False,
-    max_difference: float = MAX_DIFFERENCE,
-) -> AteResult:
-    """The absolute trajectory error of a point of the robot against its measured positions, without headings.
-
-    The point stands at a pose ``mount`` in the robot's frame [m, rad]. The estimate is interpolated at the stamps of
-    the positions; one before or after it by no more than ``max_difference`` [s] belongs to its end.
-
-    Raises:
-        InputError: no poses or positions, or none of them between two poses at most a second apart.
-    """
-    expect_type(estimate, Trajectory, "estimate", "read_tum(path) reads one")
-    expect_type(positions, Positions, "positions", "read_positions(path) reads some")
-    if not len(estimate) or not len(positions):
-        raise InputError("no poses or no positions, expected at least one of each")
-    keep = covered(positions.stamps, estimate.stamps, max_difference)
-    if not keep.any():
-        raise InputError(
-            f"no stamps in common: the estimate covers {from_to(estimate.stamps)}, the positions "
-            f"{from_to(positions.stamps)}, expected positions between its poses"
-        )
-    stamps, measured = positions.stamps[keep], np.column_stack((positions.points[keep], np.zeros(keep.sum())))
-    points = np.asarray(compose(se2.interpolate(estimate.stamps, estimate.poses, stamps), mount))
-    return _in_plane(Matched(stamps, points, measured, oriented=False), align=align, from_start=False, scale=scale)
 
 
 def _in_plane(matched: Matched, *, align: bool, from_start: bool, scale: bool) -> AteResult:

@@ -117,7 +117,7 @@ def draw_comparison(
 ) -> None:
     """Errors over time and paths, after alignment; against relations, the share of them below each error.
 
-    Of trajectories by name, one at least, all of one kind. Against positions there are no errors of the heading.
+    Of trajectories by name, one at least, all of one kind. Against positions alone there are no errors of the heading.
     """
     shown = dict(zip(_short(list(results)), results.values(), strict=True))
     against = {name: result for name, result in shown.items() if isinstance(result, AteResult)}

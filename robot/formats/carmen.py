@@ -14,8 +14,7 @@ from pydantic import ValidationError
 from moteslam.errors import InputError
 from moteslam.robot import se2
 from moteslam.robot.formats import Format, Robot, expect_no_sequence
-from moteslam.robot.formats.carmen_lines import RAW_LASERS, SHORT_TAILS, CarmenLines, ScanKind, Scans
-from moteslam.robot.formats.lines import TextLines
+from moteslam.robot.formats.lines import RAW_LASERS, SHORT_TAILS, CarmenLines, ScanKind, Scans, TextLines
 from moteslam.robot.formats.streams import (
     Fan,
     lidar_stream,

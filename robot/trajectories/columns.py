@@ -12,16 +12,14 @@ import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from math import isfinite
-from os import PathLike
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.errors import InputError
-from moteslam.robot.files import open_regular, read_bytes
+from moteslam.robot.files import read_bytes
 from moteslam.robot.formats.streams import MAX_STAMP
-from moteslam.robot.trajectory import Positions
 from moteslam.robot.values import Issue
 
 MAX_BYTES = 500_000_000
@@ -128,38 +126,6 @@ def seconds(
         text = f"{path}: stamps {step:.3g} s apart: if they are in another unit, times and rates are wrong"
         issues += (Issue("stamps-unlikely", text, len(values)),)
     return values, issues
-
-
-def is_positions(path: str | PathLike[str]) -> bool:
-    """Whether the first line of a file that is neither empty nor a comment is ``P`` and three words."""
-    try:
-        with open_regular(path, "positions") as file:
-            head = file.read(_HEAD)
-    except (InputError, OSError):
-        return False
-    lines = (line.split() for line in head.split(b"\n"))
-    first = next((words for words in lines if words and not words[0].startswith(b"#")), [])
-    return len(first) == 4 and first[0] == b"P"
-
-
-def read_positions(path: str | PathLike[str]) -> Positions:
-    """Read ``P t x y`` lines: milliseconds and millimetres (C. Brenner's LEGO robot); other kinds are passed over."""
-    path = Path(path)
-    rows: list[list[float]] = []
-    for number, line in data_lines(path, "positions"):
-        kind, *words = line.split()
-        if kind != "P":
-            continue
-        row = finite_numbers(words)
-        if row is None or len(row) != 3:
-            raise InputError("expected 3 finite numbers after P: t [ms], x and y [mm]", file=path, line=number)
-        if rows and row[0] < rows[-1][0]:
-            raise InputError("stamp before the one above it, expected rising stamps", file=path, line=number)
-        rows.append(row)
-    if not rows:
-        raise InputError("no positions, expected lines: P t x y", file=path)
-    table = 0.001 * np.array(rows)
-    return Positions(table[:, 0], table[:, 1:])
 
 
 @dataclass(frozen=True)

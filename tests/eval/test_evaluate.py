@@ -10,12 +10,10 @@ import numpy as np
 import pytest
 from command_lines import refused
 from matplotlib.figure import Figure
-from robot_logs import flaser, write_log
 
 from moteslam.eval.cli import main, text
 from moteslam.robot.formats.map_server import FREE, OCCUPIED, UNKNOWN, write_map
 from moteslam.robot.raster import Raster
-from moteslam.robot.se2 import compose
 from moteslam.robot.trajectories import write_trajectory
 from moteslam.robot.trajectories.text import read_tum, write_tum
 from moteslam.robot.trajectory import Trajectory
@@ -34,9 +32,6 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     (tmp_path / "some.relations").write_text(
         "1 2 1 0 0 0 0 0\n1.05 2.05 1 0 0 0 0 0\n5 90 1 0 0 0 0 0\n", encoding="utf-8"
     )
-    points = compose(truth, (0.03, 0.0, 0.0))[:, :2]  # of a lidar before the axle, larger by a tenth, turned
-    rows = zip(1000 * stamps, *(1100 * np.stack((points[:, 1], -points[:, 0]))), strict=True)
-    (tmp_path / "measured.txt").write_text("".join(f"P {t:.0f} {x:.6f} {y:.6f}\n" for t, x, y in rows))
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
@@ -150,8 +145,8 @@ def test_the_scale_is_fitted_where_it_is_asked_for(
     assert not any("scale" in label for label in rigid)
 
 
-RECORDING, RELATIONS, POSITIONS, TRUTH = (
-    ["good.tum", *rest] for rest in (["--recording", "any.log"], ["some.relations"], ["measured.txt"], ["truth.tum"])
+RECORDING, RELATIONS, TRUTH = (
+    ["good.tum", *rest] for rest in (["--recording", "any.log"], ["some.relations"], ["truth.tum"])
 )
 
 
@@ -159,10 +154,10 @@ RECORDING, RELATIONS, POSITIONS, TRUTH = (
     ("paths", "option", "needed"),
     [
         (["good.tum"], [], "one file, expected trajectories and, last, their reference"),
-        (RELATIONS, ["--no-align"], "a reference trajectory or positions"),
-        (RECORDING, ["--scale"], "a reference trajectory or positions"),
+        (RELATIONS, ["--no-align"], "a reference trajectory"),
+        (RECORDING, ["--scale"], "a reference trajectory"),
         (RECORDING, ["--delta", "1.0"], "a reference trajectory, "),
-        (POSITIONS, ["--unit", "s"], "a reference trajectory, "),
+        (RECORDING, ["--unit", "s"], "a reference trajectory, "),
         (RELATIONS, ["--all-pairs"], "a reference trajectory, "),
         (RECORDING, ["--loops", "loops.csv"], "a reference trajectory, "),
         (TRUTH, ["--no-interpolate"], "a .relations reference"),
@@ -186,35 +181,6 @@ def test_what_does_not_go_together_is_refused_in_a_line(
     line = refused(capsys, "evaluate", *paths, *option)
     assert needed in line
     assert not option or option[0] in line or needed.endswith(": ")
-
-
-def test_measured_positions_are_a_reference(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    row = json.loads(said(capsys, "truth.tum", "measured.txt", "--scale", "--json"))
-    assert row["kind"] == "positions"
-    assert row["ate"]["scale"] == pytest.approx(1.1, abs=0.005)
-    assert 0.005 < row["ate"]["translation_m"]["rmse"] < 0.03  # of the point 3 cm ahead, taken for the axle
-    assert "rotation_deg" not in row["ate"]
-    assert [issue["code"] for issue in row["warnings"]] == ["unknown-mount"]
-    lines = said(capsys, "good.tum", "poor.tum", "measured.txt").splitlines()
-    assert lines[0] == "positions of the lidar against measured.txt"
-    assert [line.split()[0] for line in lines[2:]] == ["good.tum", "poor.tum"]
-
-
-def test_the_lidar_whose_positions_were_measured_stands_where_the_recording_says(
-    folder: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    scans = [flaser([1.0 + 0.01 * k] * 180, stamp=0.1 * k, robot=(k, 0, 0)) for k in range(100)]
-    write_log(folder / "robot.log", ["PARAM robot_frontlaser_offset 0.03 h 0", *scans])
-    row = json.loads(said(capsys, "truth.tum", "measured.txt", "--scale", "--recording", "robot.log", "--json"))
-    assert row["ate"]["translation_m"]["rmse"] == pytest.approx(0, abs=1e-4)
-    assert row["warnings"] == []
-
-
-def test_positions_are_drawn_without_headings(
-    folder: Path, capsys: pytest.CaptureFixture[str], drawn: list[Figure]
-) -> None:
-    said(capsys, "good.tum", "measured.txt", "--plot", "p.png")
-    assert len(drawn[0].axes) == 2
 
 
 def a_room(shift: float = 0.0) -> Raster:

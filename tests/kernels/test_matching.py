@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from twins import grids
 
-from moteslam.kernels import matching
 from moteslam.kernels.matching import match_poses
 
 pytestmark = pytest.mark.usefixtures("taichi")
@@ -48,16 +47,6 @@ def test_equals_the_twin(
     i, j, k = found.indices.T
     moved = poses + np.column_stack((np.take(offsets_xy, i), np.take(offsets_xy, j), np.take(offsets_theta, k)))
     np.testing.assert_array_equal(found.poses, moved)
-
-
-def test_the_windows_find_what_the_search_of_single_poses_finds(monkeypatch: pytest.MonkeyPatch) -> None:
-    grid, poses, points = random_case(6, beams=300, particles=200)
-    offsets = {"offsets_xy": PAPER, "offsets_theta": PAPER}
-    windows = match_poses(grid, ORIGIN, CELL, poses, points, **offsets)
-    monkeypatch.setattr(matching, "_match_windows", lambda *_: False)
-    singles = match_poses(grid, ORIGIN, CELL, poses, points, **offsets)
-    for ours, theirs in zip(windows, singles, strict=True):
-        np.testing.assert_array_equal(ours, theirs)
 
 
 def test_ties_go_to_the_centre_then_to_the_first() -> None:

@@ -34,15 +34,6 @@ def test_equals_the_twin(seed: int, step: int, n: int) -> None:
     assert (poses[:, 2] <= np.pi).all()
 
 
-@pytest.mark.parametrize(
-    ("before", "turn", "after"), [(3.0, 0.5, 3.5 - 2 * np.pi), (np.pi, 0.0, np.pi), (-3.0, -0.5, 2 * np.pi - 3.5)]
-)
-def test_headings_wrap(before: float, turn: float, after: float) -> None:
-    poses = np.array([[0.0, 0.0, before]])
-    sample_motion(poses, (0, 0, turn), (0, 0, 0), seed=0, step=0)
-    assert poses[0, 2] == pytest.approx(after, abs=1e-14)
-
-
 def test_noise_has_the_spread_asked_for() -> None:
     n, spread = 20_000, np.array((0.1, 0.02, 0.3))
     poses = np.zeros((n, 3))

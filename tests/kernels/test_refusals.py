@@ -120,100 +120,91 @@ CALLS: dict[Callable[..., object], dict[str, Any]] = {
     },
 }  # fmt: skip
 """Arguments that are taken."""
-REFUSED: dict[Callable[..., object], list[tuple[str, dict[str, Any]]]] = {
-    checked: [
-        ("array", {"array": bad})
-        for bad in (None, [(0, 0)], np.zeros((3, 2)), PAIRS[:, :1].copy(), PAIRS[0], np.zeros((2, 3), F).T, READ_ONLY)
-    ],
-    update_grid: [
-        ("start", {"start": (0, 5)}), ("start", {"start": (2, 23)}), ("ends", {"ends": [(31, 5)]}),
-        ("ends", {"ends": [(5, -1)]}), ("ends", {"ends": [(5, 2**33)]}), ("ends", {"ends": [(5.0, 6.0)]}),
-        ("hit", {"hit": -1}), ("scan", {"scan": 0}), ("scan", {"scan": 2**31}), ("guard", {"guard": -1}),
-        ("occupied", {key: np.zeros((24, 30), dtype) for key, dtype in
-                      (("log_odds", np.int16), ("occupied", np.uint8), ("seen", np.int32))}),
-    ],
-    match_poses: [
-        ("offsets_xy", {"offsets_xy": ()}), ("offsets_xy", {"offsets_theta": ()}),
-        ("offsets_xy", {"offsets_xy": np.zeros(2000)}), ("occupied", {"occupied": np.ones((8, 8), np.uint8)}),
-        ("occupied", {"occupied": np.zeros((8, 12), np.uint8)}), ("cell_size", {"cell_size": -1.0}),
-    ],
-    sample_motion: [
-        ("seed", {"seed": -1}), ("seed", {"seed": 2**64}), ("step", {"step": 2**32}),
-        ("spread", {"spread": (1, -1, 1)}), ("poses", {"poses": np.zeros((8, 3))[::2]}),
-    ],
-    scan_normals: [
-        ("reach", {"reach": 0.0}), ("noise", {"noise": -1.0}), ("largest", {"largest": np.nan}),
-        *(("starts", {"starts": starts}) for starts in ([], [1, 3], [0, 2], [0, 4], [0, 2, 1, 3])),
-    ],
-    build_buckets: [
-        ("segments", {"segments": np.empty((0, 4))}), ("segments", {"segments": [(0, 0, 1, 0), (2, 2, 2, 2)]}),
-        ("segments", {"segments": [(0, 0, 1e7, 0)]}), *(("size", {"size": bad}) for bad in (0.0, -1.0, np.nan, np.inf)),
-    ],
-    cast_rays: [
-        ("angles", {"angles": [0.0, 1.0]}), ("max_range", {"max_range": 0.0}), ("max_range", {"max_range": np.nan}),
-    ],
-    cast_movers: [("lines", {"lines": np.zeros((4, 1, 4), F)}), ("times", {"times": [0.0, 1.0]})],
-    project_scans: [
-        ("directions", {"directions": np.ones((3, 2))}), ("sweeps", {"sweeps": np.zeros((3, 3))}),
-        ("max_range", {"max_range": 0.0}),
-    ],
-    thin_scan: [
-        ("spacing", {"spacing": -1.0}), ("max_spacing", {"max_spacing": np.nan}), ("gap", {"gap": np.inf}),
-        ("gap_from_range", {"gap_from_range": -0.1}), *(("points", {"points": bad}) for bad in ([(0, np.nan)], [0, 0])),
-    ],
-    frames_in_cells: [("cell_size", {"cell_size": 0.0})],
-    integrated: [
-        ("frames", {"frames": frames([MIDDLE, MIDDLE])}), ("frames", {"frames": frames([(0.0, 0.0, 0.0)])}),
-        ("scan", {"scans": [ThinnedScan(np.full((2, 2), np.nan, F), np.ones(2, np.int32))]}),
-        ("scan", {"scans": [ThinnedScan(np.ones((2, 2), F), np.ones(3, np.int32))]}), ("frames", {"scans": []}),
-        ("cell_size", {"cell_size": 0.0}), ("frames", {"coarse_truncation": 9.0}),
-    ],
-    search_scans: [
-        ("frames", {"frames": np.ones((2, 4))}), ("points", {"points": np.zeros((MAX_SEARCH_POINTS + 1, 2))}),
-        ("turn_costs", {"turn_costs": [-1]}), ("blocks", {"shifts": np.empty((0, 2)), "shift_costs": []}),
-        ("blocks", {"blocks": 3}), ("cell_size", {"cell_size": -0.05}), ("near", {"near": 0.0}),
-    ],
-    register_scans: [
-        ("tiles", {"tiles": TWO_TABLES}), ("queries", {"queries": np.ones((3, 12))}),
-        ("queries", {"queries": np.zeros((3, 13))}), ("origin", {"origin": (0, 0, 0)}),
-        ("origin", {"origin": (0, np.nan)}),
-    ],
-    register_scan: [
-        ("query", {"query": QUERY[:-1]}), ("query", {"query": [*QUERY[:7], 0.0, *QUERY[8:]]}),
-        ("query", {"query": [np.nan, *QUERY[1:]]}), ("origin", {"origin": (np.inf, 0.0)}),
-    ],
-    match_endpoints: [
-        *(("partners", {"partners": np.array(bad, np.int32)}) for bad in
-          ([(0,) * (MAX_PARTNERS + 1)] * 2, [(2, 2, 2)] * 2, [(1, 0, -1)] * 2, [(-1, 1, 0)] * 2)),
-        ("owners", {"owners": np.full(4, 2, np.int32)}), ("reach", {"reach": 0.0}), ("reach", {"reach": np.nan}),
-    ],
-    accumulate: [
-        ("matches", {"matches": np.full((4, 3), 4, np.int32)}), ("matches", {"matches": np.zeros((3, 3), np.int32)}),
-        ("starts", {"starts": np.zeros(3, np.int32)}), ("scale", {"scale": 0.0}),
-    ],
-    rendered: [
-        ("starts", {"starts": [1]}), ("starts", {"starts": [-1]}), ("starts", {"noise": np.zeros(11, F)}),
-        ("floor", {"cell_size": 0.0}), ("reaches", {"reaches": np.ones((1, 1), F)}), ("height", {"height": 0.0}),
-    ],
-    add_frame: [
-        ("mount", {"height_limit": 0.4, "flat": True}), ("calibration", {"calibration": np.zeros(10)}),
-        ("cell_size", {"cell_size": 0.0}), ("cell_size", {"max_depth": np.inf}),
-    ],
-    match_colours: [("limit", {"limit": 0}), ("limit", {"cell_size": 0.0})],
+BAD: dict[Callable[..., object], dict[str, list[Any]]] = {
+    checked: {
+        "array": [None, [(0, 0)], np.zeros((3, 2)), PAIRS[:, :1].copy(), PAIRS[0], np.zeros((2, 3), F).T, READ_ONLY]
+    },
+    update_grid: {
+        "start": [(0, 5), (2, 23)], "ends": [[(31, 5)], [(5, -1)], [(5, 2**33)], [(5.0, 6.0)]], "hit": [-1],
+        "scan": [0, 2**31], "guard": [-1],
+    },
+    match_poses: {
+        "offsets_xy": [(), np.zeros(2000)], "cell_size": [-1.0],
+        "occupied": [np.ones((8, 8), np.uint8), np.zeros((8, 12), np.uint8)],
+    },
+    sample_motion: {"seed": [-1, 2**64], "step": [2**32], "spread": [(1, -1, 1)], "poses": [np.zeros((8, 3))[::2]]},
+    scan_normals: {
+        "starts": [[], [1, 3], [0, 2], [0, 4], [0, 2, 1, 3]], "reach": [0.0], "noise": [-1.0], "largest": [np.nan]
+    },
+    build_buckets: {
+        "segments": [np.empty((0, 4)), [(0, 0, 1, 0), (2, 2, 2, 2)], [(0, 0, 1e7, 0)]],
+        "size": [0.0, -1.0, np.nan, np.inf],
+    },
+    cast_rays: {"angles": [[0.0, 1.0]], "max_range": [0.0, np.nan]},
+    cast_movers: {"lines": [np.zeros((4, 1, 4), F)], "times": [[0.0, 1.0]]},
+    project_scans: {"directions": [np.ones((3, 2))], "sweeps": [np.zeros((3, 3))], "max_range": [0.0]},
+    thin_scan: {
+        "points": [[(0, np.nan)], [0, 0]], "spacing": [-1.0], "max_spacing": [np.nan], "gap": [np.inf],
+        "gap_from_range": [-0.1],
+    },
+    frames_in_cells: {"cell_size": [0.0]},
+    integrated: {"frames": [frames([MIDDLE, MIDDLE]), frames([(0.0, 0.0, 0.0)])], "cell_size": [0.0]},
+    search_scans: {
+        "frames": [np.ones((2, 4))], "points": [np.zeros((MAX_SEARCH_POINTS + 1, 2))], "turn_costs": [[-1]],
+        "blocks": [3], "cell_size": [-0.05], "near": [0.0],
+    },
+    register_scans: {
+        "tiles": [TWO_TABLES], "queries": [np.ones((3, 12)), np.zeros((3, 13))], "origin": [(0, 0, 0), (0, np.nan)]
+    },
+    register_scan: {
+        "query": [QUERY[:-1], [*QUERY[:7], 0.0, *QUERY[8:]], [np.nan, *QUERY[1:]]], "origin": [(np.inf, 0.0)]
+    },
+    match_endpoints: {
+        "owners": [np.full(4, 2, np.int32)], "reach": [0.0, np.nan],
+        "partners": [
+            np.array(bad, np.int32) for bad in
+            ([(0,) * (MAX_PARTNERS + 1)] * 2, [(2, 2, 2)] * 2, [(1, 0, -1)] * 2, [(-1, 1, 0)] * 2)
+        ],
+    },
+    accumulate: {
+        "matches": [np.full((4, 3), 4, np.int32), np.zeros((3, 3), np.int32)], "starts": [np.zeros(3, np.int32)],
+        "scale": [0.0],
+    },
+    rendered: {"starts": [[1], [-1]], "reaches": [np.ones((1, 1), F)], "height": [0.0]},
+    add_frame: {"calibration": [np.zeros(10)], "cell_size": [0.0]},
+    match_colours: {"limit": [0]},
 }  # fmt: skip
+"""Of each argument, which the refusal names."""
+NARROW = {key: np.zeros((24, 30), dtype) for key, dtype in
+          (("log_odds", np.int16), ("occupied", np.uint8), ("seen", np.int32))}  # fmt: skip
+TOGETHER: list[tuple[Callable[..., object], dict[str, Any], str]] = [
+    (update_grid, NARROW, "occupied"),
+    (match_poses, {"offsets_theta": ()}, "offsets_xy"),
+    (integrated, {"scans": [ThinnedScan(np.full((2, 2), np.nan, F), np.ones(2, np.int32))]}, "scan"),
+    (integrated, {"scans": [ThinnedScan(np.ones((2, 2), F), np.ones(3, np.int32))]}, "scan"),
+    (integrated, {"scans": []}, "frames"),
+    (integrated, {"coarse_truncation": 9.0}, "frames"),
+    (search_scans, {"shifts": np.empty((0, 2)), "shift_costs": []}, "blocks"),
+    (rendered, {"noise": np.zeros(11, F)}, "starts"),
+    (rendered, {"cell_size": 0.0}, "floor"),
+    (add_frame, {"height_limit": 0.4, "flat": True}, "mount"),
+    (add_frame, {"max_depth": np.inf}, "cell_size"),
+    (match_colours, {"cell_size": 0.0}, "limit"),
+]
+"""Arguments that do not go together, or whose refusal names another one."""
 
 
-@pytest.mark.parametrize("call", REFUSED, ids=lambda call: call.__name__)
+@pytest.mark.parametrize("call", CALLS, ids=lambda call: call.__name__)
 def test_refused(call: Callable[..., object]) -> None:
-    for field, changes in REFUSED[call]:
+    alone = [({name: value}, name) for name, values in BAD[call].items() for value in values]
+    for changes, field in alone + [(changes, field) for each, changes, field in TOGETHER if each is call]:
         with pytest.raises(InputError) as caught:
             call(**CALLS[call] | changes)
         assert caught.value.field == field, changes
+    if CALLS[call]:
+        call(**CALLS[call])
 
 
-def test_what_is_not_refused_is_taken_as_it_is() -> None:
-    for call, arguments in CALLS.items():
-        if arguments:
-            call(**arguments)
+def test_arrays_that_are_taken_are_not_copied() -> None:
     assert check_array("ends", PAIRS, np.float32, (3, 2), written=True) is PAIRS
     assert as_finite("ends", PAIRS, np.float32, (None, None)) is PAIRS

@@ -73,18 +73,6 @@ def test_interpolation_equals_the_twin_across_the_seams_of_tiles(level: int) -> 
     assert 0.4 < expected[:, 3].mean() < 0.9
 
 
-def test_tiles_that_no_particle_writes_to_stay_shared() -> None:
-    pool = Pool.empty()
-    points = room_scan()
-    pool.add([MIDDLE], thinned(points))
-    pool = pool.resampled([0, 0])
-    tables = pool.tables.copy()
-    pool.add([MIDDLE] * 2, thinned(points[170:190]))  # one wall alone, straight ahead
-    same = pool.tables == tables
-    assert 0.5 < same[tables != 0].mean() < 1
-    assert (pool.tables[0][~same[0]] != pool.tables[1][~same[0]]).all()
-
-
 def test_each_of_many_particles_writes_what_it_would_write_alone() -> None:
     scans = [thinned(room_scan((0.02 * k, 0.01, 0.0))) for k in range(3)]
     poses = MIDDLE + np.random.default_rng(1).normal(0, (0.05, 0.05, 0.03), (20, 3))
@@ -195,13 +183,3 @@ def test_children_have_their_parents_map_and_nobody_writes_to_anothers(kind: typ
     children = cells(store)
     assert (children[0] != children[1]).any()
     assert (children[0] != parents[1]).any()
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_a_store_without_room_says_so_and_keeps_what_it_has(kind: type[TileStore]) -> None:
-    store = kind(9, 10, 8)
-    while not integrate_scans(store, frames([MIDDLE]), [thinned(room_scan())], options=MAPS):
-        assert not cells(store).any()
-        store.enlarge()
-    assert store.capacity > 8
-    assert cells(store).any()

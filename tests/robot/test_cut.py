@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from moteslam.errors import ConfigError, InputError
-from moteslam.robot.cut import Cut, cut
+from moteslam.robot.formats import Cut, cut
 from moteslam.robot.platform import Platform
 from moteslam.robot.recording import (
     ChunkedRanges,

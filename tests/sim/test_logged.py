@@ -52,25 +52,6 @@ def noisy(recording: Recording, distance: float, rotation: float, seed: int = 3)
     return with_odometry_noise(recording, distance=distance, rotation=rotation, rng=np.random.default_rng(seed))
 
 
-def test_a_straight_drive_and_a_turn_on_the_spot_are_exact() -> None:
-    wheels = WHEELS.model_copy(update={"metres_per_count": 0.01, "effective_track": 0.5})
-    counts = np.array([[7, 7, 7, 7], [10, 10, 10, 10], [25, -25, 25, -25], [10, 10, 10, 10]])
-    robot = UCSD.model_copy(update={"wheels": wheels})
-    poses = with_odometry(Recording("x", robot, encoders=EncoderStream(np.arange(4.0), counts))).odometry.poses
-    np.testing.assert_allclose(poses[:3], [[0, 0, 0], [0.1, 0, 0], [0.1, 0, 1.0]], atol=1e-15)
-    np.testing.assert_allclose(poses[3], [0.1 + 0.1 * np.cos(1), 0.1 * np.sin(1), 1.0], atol=1e-15)
-
-
-@pytest.mark.parametrize("gyro", [False, True])
-def test_logged_poses_are_what_slam_integrates_from_the_streams(gyro: bool) -> None:
-    dense = winding()
-    logged = with_odometry(dense, gyro=gyro)
-    expected = dead_reckon(dense if gyro else dense.replace(imu=None))
-    assert dead_reckon(logged).poses.tobytes() == expected.poses.tobytes()
-    streams = logged.replace(odometry=None, lidar=winding().lidar)  # as a UCSD folder keeps it
-    assert dead_reckon(streams).poses.tobytes() == expected.poses.tobytes()
-
-
 def test_a_scan_is_kept_once_the_odometry_has_moved_or_turned_enough() -> None:
     drive = scans_at([[x / 4, 0, 0] for x in range(14)])
     assert kept(drive) == [0, 3, 6, 9, 12]

@@ -1,29 +1,119 @@
-"""The filters in a room small enough to reason about."""
+"""The filters in a room small enough to reason about, and the two trajectories of a run: online, and final."""
 
 from dataclasses import replace
+from itertools import pairwise
 
+import cv2
 import numpy as np
 import pytest
+from slam_faults import blind
 from slam_rooms import circled_room
 
 from moteslam.errors import ConfigError, InputError
-from moteslam.robot.recording import LidarStream
+from moteslam.robot import se2
+from moteslam.robot.raster import Raster
+from moteslam.slam.estimate import LONGEST, Estimate, preview_png
 from moteslam.slam.mapping.config import TsdfConfig
 from moteslam.slam.run import SlamSession, run_slam
-from moteslam.slam.settings import load_preset, resolve_config
+from moteslam.slam.settings import resolve_config
 from moteslam.slam.tsdf.particles import Particles
 
 pytestmark = pytest.mark.usefixtures("taichi")
 
 
-def test_the_filter_finds_its_way_where_dead_reckoning_drifts():
-    recording, true = circled_room()
-    estimate = run_slam(recording, load_preset("paper"), seed=3)
-    error = np.hypot(*(estimate.trajectory.poses - true)[:, :2].T)
-    drift = np.hypot(*(estimate.dead_reckoning.poses - true)[:, :2].T)
-    assert error.max() < 0.12
-    assert drift.max() > 0.15
-    assert np.hypot(*(estimate.trajectory_final.poses - true)[:, :2].T).max() < 0.12
+Finished = tuple[Estimate, np.ndarray]
+SPARSE = ("particles=20", "update.distance=0.3", "update.rotation=10")
+
+
+@pytest.fixture(scope="module")
+def finished(taichi: None) -> Finished:
+    """The paper's filter in a room, with updates 0.3 m apart, and the indices of the scans that it was updated with."""
+    session = SlamSession(circled_room(scans=60)[0], resolve_config("paper", SPARSE), seed=0)
+    updates = list(session)
+    estimate = session.estimate()
+    assert [update.index for update in updates] == list(range(60))
+    np.testing.assert_array_equal(estimate.trajectory.poses, [update.pose for update in updates])
+    return estimate, np.array([update.index for update in updates if update.updated])
+
+
+def test_the_final_trajectory_is_one_particles_path_and_the_online_one_is_not(
+    finished: Finished,
+):
+    estimate, updates = finished
+    assert estimate.particle_paths.shape == (20, len(updates), 3)
+    np.testing.assert_array_equal(estimate.particle_stamps, estimate.trajectory.stamps[updates])
+
+    def from_nearest_path(poses: np.ndarray) -> float:
+        """How far the poses at the updates are from those of the particle's path that is nearest to them."""
+        return float(np.abs(se2.between(estimate.particle_paths, poses[updates])).max(axis=(1, 2)).min())
+
+    assert from_nearest_path(estimate.trajectory_final.poses) < 1e-9
+    assert from_nearest_path(estimate.trajectory.poses) > 0.01
+    np.testing.assert_allclose(estimate.trajectory_final.poses[updates[-1]], estimate.trajectory.poses[updates[-1]])
+
+
+def test_between_updates_the_misfit_of_motion_and_path_is_spread_evenly(finished: Finished):
+    estimate, updates = finished
+    # the paper's filter moves by odometry alone between updates
+    odometry, final = estimate.dead_reckoning.poses, estimate.trajectory_final.poses
+    off = se2.wrap(np.diff(final[:, 2]) - np.diff(odometry[:, 2]))
+    largest = 0.0
+    for before, after in pairwise(updates):
+        assert after - before > 2
+        np.testing.assert_allclose(off[before:after], off[before:after].mean(), atol=1e-9)
+        largest = max(largest, abs(off[before:after].sum()))
+    assert largest > 0.01
+
+
+def test_an_estimate_has_the_order_of_the_recording_where_its_stamps_are_wrong(finished: Finished):
+    """Each fifth scan has the stamp of three scans before: the same poses, each at its own stamp."""
+    recording, _ = circled_room(scans=60)
+    settings = resolve_config("paper", SPARSE)
+    lidar = recording.lidar
+    assert lidar is not None
+    poses = finished[0].dead_reckoning.poses
+    lidar = replace(lidar, odometry=poses)
+    right = run_slam(replace(recording, lidar=lidar, encoders=None, imu=None), settings)
+    wrong = lidar.stamps.copy()
+    wrong[5::5] -= 3.5 * np.diff(lidar.stamps)[0]
+    order = np.argsort(wrong)
+    shuffled = replace(
+        lidar, stamps=wrong[order], ranges=lidar.ranges[order], odometry=poses[order], sequence=order.astype(np.int64)
+    )
+    found = run_slam(replace(recording, lidar=shuffled, encoders=None, imu=None), settings)
+    np.testing.assert_array_equal(found.trajectory.stamps, wrong[order])
+    for name in ("trajectory", "trajectory_final", "dead_reckoning"):
+        np.testing.assert_array_equal(getattr(found, name).poses, getattr(right, name).poses[order])
+    np.testing.assert_array_equal(found.diagnostics["updated"], right.diagnostics["updated"][order])
+    np.testing.assert_array_equal(found.covariances, right.covariances[order])
+    updated = np.flatnonzero(right.diagnostics["updated"])
+    np.testing.assert_array_equal(found.particle_stamps, np.sort(wrong[updated]))
+
+
+@pytest.mark.parametrize(("rows", "columns"), [(40, 60), (1300, 2600)])
+def test_in_a_preview_the_largest_y_is_on_top_and_walls_stay(rows: int, columns: int) -> None:
+    """Free space with a wall along its top, and a path along its bottom, in a picture of what is known."""
+    log_odds = np.zeros((rows + 100, columns + 100), np.float32)
+    log_odds[50:-50, 50:-50] = -9
+    log_odds[-51, 50:-50] = 9
+    path = np.array([(1.5, 4.5, 0.0), (1.5 + 0.05 * columns, 4.5, 0.0)])
+    png = preview_png(Raster(log_odds, 0.05, (-1.0, 2.0, 0.0)), path)
+    image = cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_COLOR)[..., ::-1].astype(int)
+    height, width = image.shape[:2]
+    assert LONGEST / 2 <= max(height, width) <= LONGEST
+    assert width / height == pytest.approx((columns + 20) / (rows + 20), rel=0.05)
+    dark, blue = image.max(axis=2) < 60, (abs(image - (0x00, 0x72, 0xB2)) < 40).all(axis=2)
+    assert dark[: height // 2, width // 2].any()
+    assert not dark[height // 2 :, width // 2].any()
+    assert blue[height // 2 :, width // 2].any()
+    assert not blue[: height // 2].any()
+
+
+@pytest.mark.parametrize("place", [(0.0, 0.0), (1e4, -1e4)])
+def test_a_preview_of_a_robot_that_never_moved_and_knows_nothing(place: tuple[float, float]) -> None:
+    assert preview_png(Raster(np.zeros((10, 10), np.float32), 0.05), np.array([(*place, 0.0)] * 2)).startswith(
+        b"\x89PNG"
+    )
 
 
 def test_the_preset_defaults_online_pose_is_the_mean_of_the_best_particles_mode():
@@ -53,26 +143,18 @@ def test_the_same_seed_gives_the_same_bytes_and_another_seed_others():
 
 
 def test_scans_that_see_nothing_leave_the_robot_to_its_odometry():
-    recording, _ = circled_room(scans=30)
-    lidar = recording.lidar
-    blind = LidarStream(
-        lidar.stamps, np.full_like(lidar.ranges, np.inf), lidar.angle_min, lidar.angle_increment, 0.1, 30.0,
-        odometry=lidar.odometry,
-    )  # fmt: skip
-    estimate = run_slam(recording.replace(lidar=blind), resolve_config("paper", ["particles=30"]))
+    dark = blind(circled_room(scans=30)[0], 0.0, np.inf)
+    estimate = run_slam(dark, resolve_config("paper", ["particles=30"]))
     assert np.abs(estimate.trajectory.poses - estimate.dead_reckoning.poses).max() < 0.5
     assert np.isfinite(estimate.trajectory.poses).all()
 
 
 def test_particles_spread_by_a_share_of_the_odometrys_error():
-    recording, _ = circled_room(scans=40)
-    lidar = recording.lidar
-    assert lidar is not None
-    blind = recording.replace(lidar=replace(lidar, ranges=np.full_like(lidar.ranges, np.inf)))
+    dark = blind(circled_room(scans=40)[0], 0.0, np.inf)
 
     def spread(*settings: str) -> float:
         still = ("proposal.rotation=0", "proposal.rotation_from_rotation=0")
-        *_, last = SlamSession(blind, resolve_config("default", [*still, *settings]), seed=1)
+        *_, last = SlamSession(dark, resolve_config("default", [*still, *settings]), seed=1)
         return float(np.linalg.norm(last.poses[:, :2].std(axis=0)))
 
     full = spread("proposal.sampled_share=1")

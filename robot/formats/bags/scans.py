@@ -3,9 +3,6 @@
 ``sensor_msgs/LaserScan`` and ``MultiEchoLaserScan`` mean what REP 117 says: positive infinity is no return, negative
 infinity too near, NaN an error; and what is beyond the limits that a message states counts as no return, or invalid.
 
-Where all points of some clouds (``sensor_msgs/PointCloud2``) lie in one plane of their frame, at directions that are a
-whole number of steps apart, the steps are the beams; a beam without a point says nothing.
-
 Of several lidars a scan of the first is joined with the scan of each other one that is nearest in time; what the robot
 moves in between, at most half the time between two scans, is left out of account. Every endpoint falls into the beam of
 its direction from the robot's centre, and the nearest one in a beam counts. A beam without one has no return if a beam
@@ -26,14 +23,12 @@ from numpy.typing import NDArray
 from moteslam.errors import InputError
 from moteslam.robot.formats.bags.bag import Bag, Rows, Table
 from moteslam.robot.formats.bags.frames import Mount
-from moteslam.robot.formats.streams import SICK_REACH, Fan, Stamps, clean_ranges, no_return_limit
+from moteslam.robot.formats.streams import Fan, Stamps, clean_ranges, no_return_limit
 from moteslam.robot.platform import MAX_BEAMS, too_wide
 from moteslam.robot.recording import nearest_stamp
 from moteslam.robot.values import counted
 
-LASER_SCAN, MULTI_ECHO, POINT_CLOUD = (
-    f"sensor_msgs/{name}" for name in ("LaserScan", "MultiEchoLaserScan", "PointCloud2")
-)
+LASER_SCAN, MULTI_ECHO = "sensor_msgs/LaserScan", "sensor_msgs/MultiEchoLaserScan"
 
 SAMPLE = 64
 """Scans, spread over the bag, that are looked at for the limit where the messages state none."""
@@ -44,14 +39,6 @@ FINER = 4
 an eighth of their step beside its beam."""
 GAP = 1.5
 """A scan further away in time than this many times between two scans is not joined: that lidar was silent."""
-PLANE = 0.05
-"""Points of a planar lidar lie within this of one height in their frame [m]."""
-_FIT, _ON_STEPS = 0.1, 0.98
-"""How far a direction may lie from a beam's, in steps, and the share of the points that lie so in a regular fan."""
-_NEAREST = 0.05
-"""Points nearer than this [m] are the lidar's own invalid readings, and say nothing of its angles."""
-_SAME = 5e-5
-"""Directions closer than this [rad] are one beam's: coordinates are float32."""
 
 Ranges = NDArray[np.float32]
 Figures = NDArray[np.float64]
@@ -79,11 +66,6 @@ class Scans:
     def cleaned(self, indices: Rows, fan: Fan) -> Ranges:
         """The ranges [k, beams] of some scans: endpoints within a fan's limits, ``inf`` and ``nan``."""
         return clean_ranges(self.load(indices), fan, [], "")
-
-
-def _spread(count: int) -> Rows:
-    """Some of a number of scans, spread over all."""
-    return np.unique(np.linspace(0, count - 1, min(SAMPLE, count)).astype(np.intp))
 
 
 def figures_of(message: Any) -> tuple[float, ...]:
@@ -224,80 +206,12 @@ def _with_figures_that_can_be(bag: Bag, scans: Scans) -> Scans:
         bag.tell("time-increment", scans.topic, what)
         fan = fan._replace(time_increment=0.0)
     if not fan.range_min < fan.range_max < np.inf:
-        limit = no_return_limit(scans.load(_spread(len(scans.stamps))), None)
+        count = len(scans.stamps)
+        sample = np.unique(np.linspace(0, count - 1, min(SAMPLE, count)).astype(np.intp))
+        limit = no_return_limit(scans.load(sample), None)
         bag.tell("range-max", scans.topic, f"range_max of {fan.range_max:g} m; {limit:g} m is taken, by the ranges")
         fan = fan._replace(range_min=0.0 if fan.range_min >= limit else fan.range_min, range_max=limit)
     return replace(scans, fan=fan)
-
-
-def cloud_scans(bag: Bag, table: Table) -> Scans:
-    """The scans of a topic of clouds."""
-    kept, stamps = bag.used(table)
-
-    def points_of(cloud: Any) -> NDArray[np.float64]:
-        try:
-            points = _points(cloud)
-        except ValueError as error:
-            raise InputError(f"a cloud is broken: {error}", file=bag.path, field=table.topic.name) from error
-        return points[np.isfinite(points).all(axis=1)]
-
-    def load(indices: Rows) -> Ranges:
-        rows = np.full((len(indices), fan.beams), np.nan, np.float32)
-        for row, cloud in zip(rows, bag.messages(table, kept[indices]), strict=True):
-            x, y, _ = points_of(cloud).T
-            ranges = np.hypot(x, y)
-            _lay(row, ranges[ranges > 0].astype(np.float32), np.arctan2(y, x)[ranges > 0], fan)
-        return rows
-
-    sample = [points_of(cloud) for cloud in bag.messages(table, kept[_spread(len(kept))])]
-    fan = _fan_of_points(bag.path, table.topic.name, np.concatenate(sample))
-    return Scans(table.topic.name, table.frame(int(kept[0])), stamps, fan, load)
-
-
-def _points(cloud: Any) -> NDArray[np.float64]:
-    """The points [n, 3] of a cloud [m]."""
-    height, width, step, row_step = cloud.height, cloud.width, cloud.point_step, cloud.row_step
-    if row_step < width * step or len(cloud.data) < row_step * height:
-        raise ValueError("fewer points than it declares")
-    rows = cloud.data[: row_step * height].reshape(height, row_step)[:, : width * step].reshape(height * width, step)
-    kinds = {7: "f4", 8: "f8"}  # sensor_msgs/PointField
-    fields = {field.name: field for field in cloud.fields if field.datatype in kinds}
-    if not {"x", "y", "z"} <= fields.keys():
-        raise ValueError("no x, y and z of a floating kind")
-    order, places = ">" if cloud.is_bigendian else "<", [fields[name] for name in "xyz"]
-    formats, offsets = [order + kinds[place.datatype] for place in places], [place.offset for place in places]
-    dtype = np.dtype({"names": ["x", "y", "z"], "formats": formats, "offsets": offsets, "itemsize": step})
-    points = np.ascontiguousarray(rows).reshape(-1).view(dtype)
-    return np.column_stack([points[name].astype(np.float64) for name in "xyz"])
-
-
-def _fan_of_points(path: Path, topic: str, points: NDArray[np.float64]) -> Fan:
-    """The fan of the points [n, 3] of some clouds."""
-    points = points[np.hypot(points[:, 0], points[:, 1]) > _NEAREST]
-    if len(points) < 2:
-        raise InputError("no points in its clouds, expected those of a planar lidar", file=path, field=topic)
-    spread = float(np.quantile(np.abs(points[:, 2] - np.median(points[:, 2])), 0.99))
-    if spread > PLANE:
-        problem = f"points up to {spread:.2f} m from a plane, expected those of a planar lidar"
-        raise InputError(problem, file=path, field=topic)
-    angles = np.sort(np.arctan2(points[:, 1], points[:, 0]))
-    starts = np.flatnonzero(np.diff(angles, prepend=-np.inf) > _SAME)
-    directions = np.add.reduceat(angles, starts) / np.diff(starts, append=len(angles))
-    steps = np.diff(directions)
-    if not len(steps):
-        raise InputError("points in one direction, expected a fan", file=path, field=topic)
-    # the common step is the frequent one; refined over the whole fan, from the first direction to the last
-    common = float(np.median(steps[steps < 1.5 * np.quantile(steps, 0.1)]))
-    around = round(2 * np.pi / common)
-    span = float(angles[-1] - angles[0])
-    increment = 2 * np.pi / around if span > 2 * np.pi - 1.5 * common else span / max(1, round(span / common))
-    beams = round(span / increment) + 1
-    off = (angles - angles[0]) / increment
-    regular = float((np.abs(off - np.round(off)) <= _FIT).mean())
-    if regular < _ON_STEPS or beams > MAX_BEAMS:
-        problem = f"directions of {1 - regular:.0%} of the points between beams, expected a regular fan"
-        raise InputError(problem, file=path, field=topic)
-    return Fan(float(angles[0]), increment, 0.0, SICK_REACH, min(beams, around))
 
 
 def merged_scans(path: Path, lidars: list[Scans], mounts: list[Mount]) -> Scans:

@@ -3,24 +3,31 @@
 Frames are ``odom``, ``base_link``, ``laser`` and the optical frames of the camera, topics those that navigation
 stacks subscribe to by default. Depths are whole millimetres, as REP 118 has them in 16 bits: nearer than 0.6 m, where a
 step of the raw disparity is less than one, a disparity reads back as one of those within a millimetre.
+
+Beside the messages stands a ``std_msgs/String``, a TOML text: which streams the recording had (the others were computed
+for those who play the bag), its platform, and the scans' figures, which ``sensor_msgs/LaserScan`` holds as float32.
 """
 
 from __future__ import annotations
 
 import heapq
-import shutil
 import sqlite3
 import tempfile
+import tomllib
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import tomli_w
 from numpy.typing import NDArray
 
-from moteslam.errors import ExistsError, InputError, OutputError
+from moteslam.errors import ConfigError, InputError, OutputError
 from moteslam.robot import rgbd, se2
-from moteslam.robot.files import umask
+from moteslam.robot.files import make_folder
+from moteslam.robot.formats.bags.bag import Bag
 from moteslam.robot.formats.bags.frames import TRANSFORMS
 from moteslam.robot.formats.bags.images import CAMERA_INFO, COMPRESSED_IMAGE
 from moteslam.robot.formats.bags.messages import (
@@ -35,12 +42,13 @@ from moteslam.robot.formats.bags.messages import (
     write_events,
 )
 from moteslam.robot.formats.bags.motion import GRAVITY, IMU, JOINT_STATE, ODOMETRY, angle_of_count
-from moteslam.robot.formats.bags.read import MANIFEST, manifest_of
 from moteslam.robot.formats.bags.scans import LASER_SCAN
+from moteslam.robot.formats.streams import Fan
 from moteslam.robot.formats.written import SCAN_POSES, WrittenOdometry, not_written, odometry_of
 from moteslam.robot.pictures import encode_png
-from moteslam.robot.platform import CameraSpec
-from moteslam.robot.recording import CHUNK, LidarStream, OdometryStream, Recording, RgbdStream
+from moteslam.robot.platform import CameraSpec, Platform
+from moteslam.robot.platforms import platform_of, platform_table
+from moteslam.robot.recording import CHUNK, STREAMS, LidarStream, OdometryStream, Recording, RgbdStream
 from moteslam.robot.values import Issue, counted, expect_type
 
 ODOM, BASE, LASER = "odom", "base_link", "laser"
@@ -57,47 +65,98 @@ _METADATA_VERSION = 8
 """Of ``metadata.yaml``: ROS 2 Iron writes it, and releases from Humble on read it."""
 
 
+MANIFEST = ("/moteslam/recording", "std_msgs/String")
+MAX_LETTERS = 1 << 20
+FIGURES = ("angle_min", "angle_increment", "range_min", "range_max", "time_increment")
+
+
+@dataclass(frozen=True)
+class Manifest:
+    """What a bag says about the recording that it was written from: its streams, robot and figures of the scans."""
+
+    streams: tuple[str, ...]
+    platform: Platform
+    scan: dict[str, Any]
+
+    def sharpened(self, fan: Fan) -> Fan:
+        """The fan with the figures that the messages round, wherever they round to those of the messages."""
+        exact: dict[str, Any] = {name: value for name in FIGURES if isinstance(value := self.scan.get(name), float)}
+        rounded = {name: np.float32(getattr(fan, name)) for name in exact}
+        return fan._replace(**{name: value for name, value in exact.items() if np.float32(value) == rounded[name]})
+
+
+def manifest_of(recording: Recording, *, with_odometry: bool) -> str:
+    """The text for a recording; ``with_odometry`` where that of the bag was not computed."""
+    lidar = recording.lidar
+    has = {name: with_odometry if name == "odometry" else getattr(recording, name) is not None for name in STREAMS}
+    table = {
+        "streams": [name for name in STREAMS if has[name]],
+        "scan": {} if lidar is None else {name: float(getattr(lidar, name)) for name in FIGURES},
+        "platform": platform_table(recording.platform),
+    }
+    return tomli_w.dumps(table)
+
+
+def read_manifest(bag: Bag) -> Manifest | None:
+    """What a bag says about its recording; None of a bag that this package did not write."""
+    topic = next((topic for topic in bag.of_kind(MANIFEST[1]) if topic.name == MANIFEST[0]), None)
+    if topic is None:
+        return None
+    try:
+        _, _, _, data = next(bag.sweep([topic]))
+        if len(text := bag.decode(topic, data).data) > MAX_LETTERS:
+            raise ValueError(f"{len(text)} letters")
+        table = tomllib.loads(text)
+        streams, scan, robot = table["streams"], dict(table["scan"]), dict(table["platform"])
+        return Manifest(tuple(name for name in STREAMS if name in streams), platform_of(robot, file=bag.path), scan)
+    except (ValueError, TypeError, KeyError, RecursionError, StopIteration, ConfigError) as error:
+        problem = f"{' '.join(str(error).split())[:200]}, expected the description of a recording"
+        raise InputError(problem, file=bag.path, field=MANIFEST[0]) from error
+
+
 def write_rosbag1(path: str | PathLike[str], recording: Recording) -> tuple[Issue, ...]:
-    """Write a recording as a ROS 1 ``.bag``; topics and what comes back equal: ``docs/reference/formats.md``.
+    """Write a recording as a new ROS 1 ``.bag``; topics and what comes back equal: ``docs/reference/formats.md``.
 
     The same recording gives the same bytes. What the bag does not hold is an issue each.
     """
 
-    def write(place: Path, events: Iterator[Event]) -> Path:
+    def write(events: Iterator[Event]) -> None:
         from rosbags.rosbag1 import Writer
 
-        with Writer(place / "written.bag") as writer:
+        with Writer(path) as writer:
             write_events(writer, events, ros1=True)
-        return place / "written.bag"
 
     return _written(Path(path), recording, write)
 
 
 def write_mcap(path: str | PathLike[str], recording: Recording) -> tuple[Issue, ...]:
-    """Write a recording as a single ``.mcap`` file of ROS 2; else as `write_rosbag1`."""
-    return _written(
-        Path(path), recording, lambda place, events: _ros2(place / "written", "MCAP", events) / "written.mcap"
-    )
+    """Write a recording as a single new ``.mcap`` file of ROS 2; else as `write_rosbag1`."""
+    return _written(Path(path), recording, lambda events: _ros2("MCAP", {"written.mcap": Path(path)}, events))
 
 
 def write_rosbag2(path: str | PathLike[str], recording: Recording) -> tuple[Issue, ...]:
-    """Write a recording as a ROS 2 bag: a folder with ``metadata.yaml`` and a SQLite file; else as `write_rosbag1`."""
-    path = Path(path)
-    if (path / "metadata.yaml").exists():
-        raise ExistsError("holds a bag already, expected a new folder", file=path)
-    return _written(path, recording, lambda place, events: _ros2(place / "recording", "SQLITE3", events))
+    """Write a recording as a ROS 2 bag: a new or empty folder of a SQLite file, ``metadata.yaml``; else as
+    `write_rosbag1`.
+    """
+    make_folder(path)
+    names = {name: Path(path) / name for name in ("recording.db3", "metadata.yaml")}
+    return _written(Path(path), recording, lambda events: _ros2("SQLITE3", names, events))
 
 
-def _ros2(folder: Path, storage: str, events: Iterator[Event]) -> Path:
+def _ros2(storage: str, names: dict[str, Path], events: Iterator[Event]) -> None:
+    """Write a folder, as rosbags does, beside those places that some of its files are moved to."""
     from rosbags.rosbag2 import StoragePlugin, Writer
 
-    with Writer(folder, version=_METADATA_VERSION, storage_plugin=StoragePlugin[storage]) as writer:
-        write_events(writer, events, ros1=False)
-    return folder
+    first, target = next(iter(names.items()))
+    with tempfile.TemporaryDirectory(prefix=".moteslam-", dir=target.absolute().parent) as place:
+        folder = Path(place) / Path(first).stem
+        with Writer(folder, version=_METADATA_VERSION, storage_plugin=StoragePlugin[storage]) as writer:
+            write_events(writer, events, ros1=False)
+        for name, target in names.items():
+            (folder / name).replace(target)
 
 
-def _written(path: Path, recording: Recording, write: Callable[[Path, Iterator[Event]], Path]) -> tuple[Issue, ...]:
-    """Write into a temporary folder beside the target, and put it in its place when it is whole."""
+def _written(path: Path, recording: Recording, write: Callable[[Iterator[Event]], None]) -> tuple[Issue, ...]:
     expect_type(recording, Recording, "recording", "open_recording(path) reads one")
     for name, stamps in recording.stamps().items():
         if len(stamps) and not (stamps[0] >= 0 and stamps[-1] < LATEST - 1):
@@ -106,15 +165,8 @@ def _written(path: Path, recording: Recording, write: Callable[[Path, Iterator[E
             raise InputError(problem, file=recording.name, field=name)
     odometry, missing = odometry_of(recording), list[int]()
     try:
-        with tempfile.TemporaryDirectory(prefix=".moteslam-", dir=path.absolute().parent) as place:
-            made = write(Path(place), events_of(recording, odometry, missing))
-            made.chmod((0o777 if made.is_dir() else 0o666) & ~umask())
-            if made.is_dir() and path.is_dir():
-                for file in sorted(made.iterdir(), key=lambda file: file.suffix == ".yaml"):  # the metadata last
-                    file.replace(path / file.name)
-            else:
-                made.replace(path)
-    except (OSError, sqlite3.Error, shutil.Error) as error:
+        write(events_of(recording, odometry, missing))
+    except (OSError, sqlite3.Error) as error:
         raise OutputError(f"cannot be written: {getattr(error, 'strerror', None) or error}", file=path) from error
     return (*odometry.issues, *_left_out(recording, len(missing)))
 

@@ -1,4 +1,4 @@
-"""Lidars that give clouds, and several lidars as one."""
+"""Several lidars as one."""
 
 from __future__ import annotations
 
@@ -115,72 +115,3 @@ def test_lidars_without_transforms_are_not_merged(tmp_path: Path) -> None:
     events = [scan(0, [1.0, 2.0], topic=topic) for topic in ("/front", "/back")]
     with pytest.raises(InputError, match="/front, /back: two lidars at one place, expected a transform to each"):
         open_recording(make_bag(tmp_path, events), topics={"lidar": ("/front", "/back")})
-
-
-def cloud(time: float, points: np.ndarray, *, names: str = "xyz", kind: int = 7, big: bool = False) -> Event:
-    """A cloud of points [n, 3]."""
-    stamp = START + round(time * 1e9)
-    dtype = np.dtype(f"{'>' if big else '<'}{ {7: 'f4', 8: 'f8', 5: 'i4'}[kind] }")
-    data = np.frombuffer(np.ascontiguousarray(points, dtype).tobytes(), np.uint8)
-    fields = [
-        {"name": name, "offset": index * dtype.itemsize, "datatype": kind, "count": 1}
-        for index, name in enumerate(names)
-    ]
-    values = {
-        "header": header(stamp, "laser"),
-        "height": 1,
-        "width": len(points),
-        "fields": fields,
-        "is_bigendian": big,
-        "point_step": 3 * dtype.itemsize,
-        "row_step": 3 * dtype.itemsize * len(points),
-        "data": data,
-        "is_dense": True,
-    }
-    return Event(stamp, "/cloud", "sensor_msgs/PointCloud2", values)
-
-
-def fan_points(ranges: np.ndarray, first: float, step: float, height: float = 0.0) -> np.ndarray:
-    angles = first + step * np.arange(len(ranges))
-    return np.column_stack((ranges * np.cos(angles), ranges * np.sin(angles), np.full(len(ranges), height)))
-
-
-@pytest.mark.parametrize(
-    ("beams", "first", "step"), [(1081, -2.35619449, 0.00436332), (360, -math.pi, 2 * math.pi / 360)]
-)
-@pytest.mark.parametrize(("kind", "big"), [(7, False), (8, True)])
-def test_a_planar_cloud_is_a_scan(tmp_path: Path, beams: int, first: float, step: float, kind: int, big: bool) -> None:
-    random = np.random.default_rng(4)
-    ranges = random.uniform(0.3, 20.0, (30, beams))
-    seen = random.uniform(size=ranges.shape) < 0.8
-    seen[:, 0] = True
-    events = [
-        cloud(0.1 * i, fan_points(r, first, step, 0.02)[s], kind=kind, big=big)
-        for i, (r, s) in enumerate(zip(ranges, seen, strict=True))
-    ]
-    lidar = lidar_of(make_bag(tmp_path, events))
-    assert lidar.ranges.shape == (30, beams)
-    np.testing.assert_allclose(lidar.angles, first + step * np.arange(beams), atol=0.02 * step)
-    np.testing.assert_array_equal(np.isfinite(lidar.ranges[:]), seen)
-    np.testing.assert_allclose(lidar.ranges[:][seen], ranges[seen], rtol=1e-6)
-
-
-@pytest.mark.parametrize(
-    ("event", "changes"),
-    [
-        (cloud(0, np.random.default_rng(0).uniform(-1, 1, (500, 3))), {}),
-        (cloud(0, np.random.default_rng(0).uniform(-1, 1, (500, 3)) * (1, 1, 0)), {}),
-        (cloud(0, np.full((5, 3), np.nan)), {}),
-        (cloud(0, np.tile((1.0, 2.0, 0.0), (5, 1))), {}),
-        (cloud(0, np.ones((5, 3)), names="abc"), {}),
-        (cloud(0, np.ones((5, 3)), kind=5), {}),
-        (cloud(0, np.ones((5, 3))), {"point_step": 8, "row_step": 40}),
-        (cloud(0, np.ones((5, 3))), {"width": 1000, "row_step": 12000}),
-        (cloud(0, np.ones((5, 3))), {"height": 2**31, "width": 2**31}),
-    ],
-)
-def test_clouds_of_other_sensors_are_refused(tmp_path: Path, event: Event, changes: dict[str, int]) -> None:
-    event.values.update(changes)
-    with pytest.raises(InputError) as caught:
-        open_recording(make_bag(tmp_path, [event]))
-    assert caught.value.field == "/cloud"

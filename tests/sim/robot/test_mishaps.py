@@ -109,6 +109,15 @@ def test_carried_to_a_place_it_goes_on_from_the_nearest_of_its_route(table: dict
     assert np.hypot(*(run.poses[-1, :2] - (7.0, 6.0))) < 0.3
 
 
+@pytest.mark.parametrize(("start", "there"), [(4.0, (7.0, 6.0)), (8.5, (2.0, 2.0))])
+def test_by_default_it_is_carried_ten_metres_on_or_back_or_to_an_end(
+    table: dict[str, Any], start: float, there: tuple[float, float]
+) -> None:
+    run = driven(table, mishap("carried", start=start))
+    np.testing.assert_allclose(run.poses[run.stamps >= start + DURATION][0, :2], there, atol=0.1)
+    assert run.end == "arrived"
+
+
 def test_a_robot_that_drives_blind_does_the_rest_of_its_commands(table: dict[str, Any]) -> None:
     task = {key: value for key, value in table.items() if key != "route"}
     task["commands"] = {"start": [2.0, 2.0, 0.0], "steps": [{"duration": 4.0, "speed": 0.5}]}

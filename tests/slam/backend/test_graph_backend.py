@@ -175,15 +175,6 @@ def test_an_estimate_in_the_middle_of_a_run_changes_nothing(doors: Case, behind:
     np.testing.assert_array_equal(session.estimate().trajectory_final.poses, behind.trajectory_final.poses)
 
 
-def test_a_run_of_two_scans_has_nothing_to_correct(doors: Case):
-    session = SlamSession(doors.recording, resolve_config("default"))
-    for _ in zip(session, range(2), strict=False):
-        pass
-    estimated = session.estimate()
-    assert estimated.loops == ()
-    assert len(estimated.trajectory_final) >= 2
-
-
 @pytest.mark.slow
 def test_after_an_outage_a_second_hypothesis_finds_the_way():
     """Three corridors look alike where the lidar is back; a niche in one of them shows which, ten metres on."""
@@ -226,17 +217,3 @@ def test_a_large_building_comes_out_straight(data_folder: Path):
 
     assert rmse() <= 0.12
     assert rmse("backend.method=none") > 0.5
-
-
-@pytest.mark.slow
-def test_rounds_without_end_add_no_nodes():
-    scenario = load_scenario("loop", platform="lms200", settings=["route.laps=3", "duration=400"])
-    driven = simulate(scenario, seed=207)
-    errors = []
-    for settings in (["backend.crowd=2"], ["backend.method=none"]):
-        session = SlamSession(driven.recording, resolve_config("default", settings))
-        list(session)
-        errors.append(absolute_trajectory_error(session.estimate().trajectory_final, driven.truth).rmse)
-        if settings == ["backend.crowd=2"]:
-            assert len(session._backend._nodes) < 0.5 * driven.truth.length / 0.5  # type: ignore[attr-defined]
-    assert errors[0] < 1.2 * errors[1]

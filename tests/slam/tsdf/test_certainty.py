@@ -36,7 +36,11 @@ def estimated(recording, preset: str = "default") -> Estimate:
 @pytest.mark.parametrize("preset", METHODS)
 @pytest.mark.usefixtures("taichi")
 def test_a_robot_in_a_calm_room_is_sure_and_its_covariances_are_positive(preset: str):
-    estimate = estimated(circled_room()[0], preset)
+    recording, true = circled_room()
+    estimate = estimated(recording, preset)
+    paths = (estimate.trajectory, estimate.trajectory_final, estimate.dead_reckoning)
+    online, final, drift = (np.hypot(*(path.poses - true)[:, :2].T).max() for path in paths)
+    assert max(online, final) < 0.12 < 0.15 < drift
     assert (estimate.diagnostics["state"] == SURE).all()
     assert estimate.covariances.shape == (120, 3, 3)
     np.testing.assert_array_equal(estimate.covariances, estimate.covariances.transpose(0, 2, 1))

@@ -1,19 +1,20 @@
 """Colours of the floor in the weights: which frame a scan gets, what it measures, and what becomes of lost ones."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from issues import messages
+from parts.runs import Drawn
+from slam_rooms import tiled_room
 
 from moteslam.eval.metrics.ate import absolute_trajectory_error
 from moteslam.robot import se2
 from moteslam.robot.recording import Recording, RgbdStream
-from moteslam.sim.scenario import load_scenario, parse_scenario, with_camera
-from moteslam.sim.sensors.rgbd import CameraFrames
+from moteslam.sim.scenario import load_scenario, with_camera
 from moteslam.sim.simulate import Simulation, simulate
 from moteslam.slam.estimate import Estimate
 from moteslam.slam.inputs.floor_views import FloorViews
@@ -31,40 +32,8 @@ pytestmark = pytest.mark.usefixtures("taichi")
 QUICK = ["particles=6", "texture.enabled=false"]
 CONFIG = resolve_config("default", ["colours.enabled=true", *QUICK])
 assert isinstance(CONFIG, TsdfFilterConfig)
+Room = tuple[Simulation, Recording]
 OLDEST = CONFIG.colours.largest_age
-
-
-@dataclass(frozen=True)
-class Drawn:
-    """A simulated camera's images, drawn when they are asked for; ``asked`` notes the colour images."""
-
-    frames: CameraFrames
-    asked: list[int]
-
-    def rgb(self, index: int) -> np.ndarray:
-        self.asked.append(index)
-        return self.frames.draw_rgb(np.array([index]))[0]
-
-    def disparity(self, index: int) -> np.ndarray:
-        return self.frames.draw_disparity(np.array([index]))[0]
-
-
-def tiled_room(**changes: Any) -> tuple[Simulation, Recording]:
-    """Eight seconds in a curve through a room of tiles, and the recording with images that are drawn when asked for."""
-    scenario = {
-        "duration": 8.0,
-        "world": {
-            "rooms": [{"corner": [0.0, 0.0], "size": [9.0, 7.0]}],
-            "boxes": [{"centre": [6.0, 2.0], "size": [0.8, 0.6]}],
-        },
-        "commands": {"start": [2.0, 2.0, 0.3], "steps": [{"duration": 6.5, "speed": 0.6, "turn_rate": 0.3}]},
-        "drive": {"rest_start": 0.5, "rest_end": 0.5},
-        "floor": {"seed": 2},
-        "camera": {},
-        **changes,
-    }
-    simulation = simulate(parse_scenario(scenario), 1)
-    return simulation, with_images(simulation)
 
 
 def with_images(simulation: Simulation) -> Recording:
@@ -72,7 +41,7 @@ def with_images(simulation: Simulation) -> Recording:
     stream, frames = simulation.recording.rgbd, simulation.frames
     assert stream is not None
     assert frames is not None
-    return simulation.recording.replace(rgbd=replace(stream, images=Drawn(frames, [])))
+    return simulation.recording.replace(rgbd=replace(stream, images=Drawn(frames)))
 
 
 def views_of(recording: Recording) -> FloorViews:
@@ -80,17 +49,18 @@ def views_of(recording: Recording) -> FloorViews:
 
 
 @pytest.fixture(scope="module")
-def room(taichi: None) -> tuple[Simulation, Recording]:
-    return tiled_room()
+def room(taichi: None) -> Room:
+    simulation = tiled_room()
+    return simulation, with_images(simulation)
 
 
 @pytest.fixture(scope="module")
-def estimate(room: tuple[Simulation, Recording]) -> Estimate:
+def estimate(room: Room) -> Estimate:
     return run_slam(room[1], CONFIG, seed=3)
 
 
 @pytest.fixture(scope="module")
-def without(room: tuple[Simulation, Recording]) -> Estimate:
+def without(room: Room) -> Estimate:
     return run_slam(room[1], resolve_config("default", QUICK), seed=3)
 
 
@@ -101,7 +71,7 @@ def same(a: Estimate, b: Estimate) -> bool:
     )
 
 
-def test_a_scan_gets_the_newest_frame_and_each_frame_is_used_once(room: tuple[Simulation, Recording]) -> None:
+def test_a_scan_gets_the_newest_frame_and_each_frame_is_used_once(room: Room) -> None:
     recording = room[1]
     assert recording.lidar is not None
     views = views_of(recording)
@@ -130,7 +100,7 @@ class Blank:
         return np.zeros((480, 640), np.uint16)
 
 
-def test_which_frame_a_scan_gets_does_not_depend_on_images_that_come_later(room: tuple[Simulation, Recording]) -> None:
+def test_which_frame_a_scan_gets_does_not_depend_on_images_that_come_later(room: Room) -> None:
     recording, inputs = room[1], synchronise(room[1])
     lidar, rgbd = recording.lidar, recording.rgbd
     # colours at odd times: the nearest ones come before a disparity image or after it
@@ -152,7 +122,7 @@ def test_which_frame_a_scan_gets_does_not_depend_on_images_that_come_later(room:
         assert handed_out(arrived, range(40, 40 + scans)) == complete[:scans]
 
 
-def test_the_odometrys_error_is_spread_over_the_motion(room: tuple[Simulation, Recording]) -> None:
+def test_the_odometrys_error_is_spread_over_the_motion(room: Room) -> None:
     views = views_of(room[1])
     view = next(view for view in (views.at(k, OLDEST) for k in range(10, 40)) if view is not None)
     odometry, moved = np.array((0.1, 0.0, 0.02)), np.array((0.08, 0.01, 0.03))  # in five times the age of the frame
@@ -167,7 +137,7 @@ def test_the_odometrys_error_is_spread_over_the_motion(room: tuple[Simulation, R
 
 
 def test_the_floor_measures_each_particles_offset_wherever_its_path_lies(
-    room: tuple[Simulation, Recording],
+    room: Room,
 ) -> None:
     simulation, recording = room
     assert recording.lidar is not None
@@ -206,9 +176,7 @@ def test_the_floor_measures_each_particles_offset_wherever_its_path_lies(
     assert plain.fit(blank, poses, 0) is None  # of one colour
 
 
-def test_colours_take_part_and_nothing_is_lost_by_them(
-    room: tuple[Simulation, Recording], estimate: Estimate, without: Estimate
-) -> None:
+def test_colours_take_part_and_nothing_is_lost_by_them(room: Room, estimate: Estimate, without: Estimate) -> None:
     assert not TsdfFilterConfig().colours.enabled
     assert not same(estimate, without)
     errors = [absolute_trajectory_error(e.trajectory_final, room[0].truth).rmse for e in (estimate, without)]
@@ -217,7 +185,7 @@ def test_colours_take_part_and_nothing_is_lost_by_them(
 
 
 def test_all_of_the_odometrys_error_is_drawn_where_colours_weigh_the_particles(
-    room: tuple[Simulation, Recording], monkeypatch: pytest.MonkeyPatch
+    room: Room, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     fit, sample = FloorTracker.fit, tsdf_filter.sample
     weighed, shares = [False], {True: set[float](), False: set[float]()}
@@ -239,12 +207,12 @@ def test_all_of_the_odometrys_error_is_drawn_where_colours_weigh_the_particles(
 
 
 def test_the_same_seed_gives_the_same_bytes_and_frames_are_read_at_updates_alone(
-    room: tuple[Simulation, Recording], estimate: Estimate
+    room: Room, estimate: Estimate, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    recording = with_images(room[0])
-    assert recording.rgbd is not None
-    assert same(run_slam(recording, CONFIG, seed=3), estimate)
-    asked = recording.rgbd.images.asked  # type: ignore[union-attr]
+    asked: list[int] = []
+    draw = Drawn.rgb
+    monkeypatch.setattr(Drawn, "rgb", lambda self, index: asked.append(index) or draw(self, index))
+    assert same(run_slam(room[1], CONFIG, seed=3), estimate)
     assert 10 < len(asked) == len(set(asked)) <= estimate.diagnostics["updated"].sum()
 
 
@@ -285,7 +253,7 @@ def of_late_frames(recording: Recording, folder: Path) -> Recording:
     ],
 )
 def test_without_frames_lines_say_so_and_the_bytes_are_as_without(
-    room: tuple[Simulation, Recording],
+    room: Room,
     without: Estimate,
     tmp_path: Path,
     lose: Callable[[Recording, Path], Recording],

@@ -10,6 +10,7 @@ from tile_pools import room_scan, thinned
 
 from moteslam.robot import se2
 from moteslam.slam.backend.protocol import KeyScan
+from moteslam.slam.filter.protocol import StepResult
 from moteslam.slam.filter.update_policy import Travelled
 from moteslam.slam.filter.weights import Weights
 from moteslam.slam.inputs.step import Step
@@ -108,29 +109,31 @@ def test_a_particle_that_looks_elsewhere_begins_at_its_place_whatever_the_odomet
     np.testing.assert_allclose(found.means[0], at, atol=0.01)
 
 
+def filter_of(*settings: str) -> TsdfFilter:
+    config = resolve_config("default", ["particles=12", *settings])
+    assert isinstance(config, TsdfFilterConfig)
+    return TsdfFilter(config, 0)
+
+
+def stepped(tsdf: TsdfFilter, index: int, ahead: float, points: NDArray[np.float32]) -> StepResult:
+    return tsdf.step(Step(index, 0.1 * index, 0.1, np.array((ahead, 0.0, 0.0)), True, points, np.zeros(2)))
+
+
 def test_a_scan_after_an_outage_is_no_slip_of_the_wheels_but_does_not_weigh_as_measured_motion():
     """A hundred scans without points, 0.1 m each to and fro; then the robot is 0.6 m off: all particles fit alike."""
-    config = resolve_config("default", ["particles=12", "calibration.enabled=false"])
-    assert isinstance(config, TsdfFilterConfig)
-    tsdf, origin = TsdfFilter(config, 0), np.zeros(2)
-
-    def scan(index: int, motion: tuple[float, float, float], points: NDArray[np.float32]) -> None:
-        tsdf.step(Step(index, 0.1 * index, 0.1, np.array(motion), True, points, origin))
-
-    scan(0, (0.0, 0.0, 0.0), room_scan())
+    tsdf = filter_of("calibration.enabled=false")
+    stepped(tsdf, 0, 0.0, room_scan())
     for k in range(1, 101):
-        scan(k, (0.1 if k % 2 else -0.1, 0.0, 0.0), room_scan()[:0])
+        stepped(tsdf, k, 0.1 if k % 2 else -0.1, room_scan()[:0])
     at = np.array((0.4, 0.45, 0.01))
-    scan(101, (0.1, 0.0, 0.0), room_scan(at))
+    stepped(tsdf, 101, 0.1, room_scan(at))
     assert tsdf.weights.effective_number > 6
     np.testing.assert_allclose(tsdf.poses[tsdf.best_particle], at, atol=0.002)
 
 
 def test_rivals_divide_the_particles_even_where_no_update_is_due(monkeypatch: pytest.MonkeyPatch):
-    config = resolve_config("default", ["particles=12"])
-    assert isinstance(config, TsdfFilterConfig)
-    tsdf, origin = TsdfFilter(config, 0), np.zeros(2)
-    tsdf.step(Step(0, 0.0, 0.0, np.zeros(3), True, room_scan(), origin))
+    tsdf = filter_of()
+    stepped(tsdf, 0, 0.0, room_scan())
     locate = Localiser.locate
 
     def with_rival(self: Localiser, *arguments: Any, **keys: Any) -> Located:
@@ -138,8 +141,7 @@ def test_rivals_divide_the_particles_even_where_no_update_is_due(monkeypatch: py
         return found._replace(rivals=Rivals(np.array([(0.0, 0.0, np.pi)]), np.zeros(1), np.zeros(1)))
 
     monkeypatch.setattr(Localiser, "locate", with_rival)
-    result = tsdf.step(Step(1, 0.1, 0.1, np.zeros(3), True, room_scan(), origin))
-    assert result.updated
+    assert stepped(tsdf, 1, 0.0, room_scan()).updated
     assert not tsdf.settled
     assert int((np.abs(tsdf.poses[:, 2]) > 3).sum()) == 6
 
