@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moteslam.errors import InputError
-from moteslam.eval.metrics.association import in_space, spatial
+from moteslam.eval.metrics.association import evenly, in_space, spatial
 from moteslam.eval.metrics.ate import AteResult
 from moteslam.robot.se2 import transform_points, umeyama
 from moteslam.robot.trajectory import FARTHEST, TILT, Trajectory, tilt_of
@@ -198,7 +198,7 @@ class _Search:
             at = np.linspace(times[0], times[-1], FINE)
             after = np.clip(np.searchsorted(times, at), 1, len(times) - 1)
             self.at = at[times[after] - times[after - 1] < DENSE]
-            self.there = np.column_stack([np.interp(self.at, times, column) for column in goal.T])
+            self.there = _at(self.at, times, goal)
 
     def errors(self, offsets: Array, most: int) -> Array:
         """``rmse`` [k] of offsets [k]."""
@@ -209,13 +209,12 @@ class _Search:
 
         NaN where too little of the shorter drive is left, or what is left stands still.
         """
-        chosen = np.unique(np.linspace(0, len(self.at) - 1, min(most, len(self.at))).astype(np.intp))
-        keep = chosen[
-            self._inside(self.at[chosen], offset) & self._inside(self.at[chosen], offset if also is None else also)
-        ]
+        keep = evenly(np.arange(len(self.at)), most)
+        for each in (offset, also):
+            keep = keep if each is None else keep[self._inside(self.at[keep], each)]
         if len(keep) < LEAST or np.ptp(self.at[keep]) < OVERLAP * self.shorter:
             return float("nan")
-        a, b = self._at(self.at[keep] - offset), self.there[keep]
+        a, b = _at(self.at[keep] - offset, self.stamps, self.positions), self.there[keep]
         a, b = a - a.mean(axis=0), b - b.mean(axis=0)
         if np.linalg.norm(b.std(axis=0)) < 0.5 * self.spread:
             return float("nan")
@@ -231,10 +230,9 @@ class _Search:
         begin = np.linspace(self.times[0], self.times[-1] - window, 1200)
         inside = [self._inside(at, one) for at in (begin, begin + window) for one in (offset, also)]
         begin = begin[np.logical_and.reduce(inside)]
-        true = np.column_stack([np.interp(begin + window, self.times, column) for column in self.goal.T])
-        true -= np.column_stack([np.interp(begin, self.times, column) for column in self.goal.T])
-        there = self._at(begin + window - offset) - self._at(begin - offset)
-        off = np.linalg.norm(true, axis=1) - np.linalg.norm(there, axis=1)
+        drives = ((begin, self.times, self.goal), (begin - offset, self.stamps, self.positions))
+        moved = [_at(at + window, *drive) - _at(at, *drive) for at, *drive in drives]
+        off = np.subtract(*(np.linalg.norm(one, axis=1) for one in moved))
         return float(np.sqrt(np.square(off).mean())) if len(off) else float("nan")
 
     def common(self, offset: float) -> float:
@@ -245,5 +243,7 @@ class _Search:
     def _inside(self, times: Array, offset: float) -> NDArray[np.bool_]:
         return np.asarray((times - offset >= self.stamps[0]) & (times - offset <= self.stamps[-1]))
 
-    def _at(self, stamps: Array) -> Array:
-        return np.column_stack([np.interp(stamps, self.stamps, column) for column in self.positions.T])
+
+def _at(times: Array, stamps: Array, positions: Array) -> Array:
+    """Positions [k, d] at times [k] of a drive through positions [n, d] at stamps [n]."""
+    return np.column_stack([np.interp(times, stamps, column) for column in positions.T])
